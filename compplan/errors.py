@@ -1,0 +1,96 @@
+"""Every exception that compplan raises on purpose.
+
+A message is a sentence that says what is wrong, what is allowed, where, and what to do next. The command line prints it
+as one line and leaves with the exit status of the class; nothing else decides an exit status.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class CompplanError(Exception):
+    """Stand above every exception of this package, so that a caller may catch them all."""
+
+    exit_status = 1
+
+
+class InputError(CompplanError):
+    """Tell that an input file, a table, a key or an argument is not what it has to be.
+
+    Args:
+        message: What is wrong and what is expected.
+        file: The file at fault; its path leads the line.
+        where: A line number (counted from 1), or the dotted key of a TOML file.
+    """
+
+    exit_status = 2
+
+    def __init__(self, message: str, *, file: str | Path | None = None, where: int | str | None = None) -> None:
+        self.message = message
+        self.file = None if file is None else str(file)
+        self.where = where
+        prefix = "".join(f"{part}: " for part in (self._location(),) if part)
+        super().__init__(prefix + message)
+
+    def _location(self) -> str:
+        if self.file is None:
+            return "" if self.where is None else str(self.where)
+        if self.where is None:
+            return self.file
+        separator = ":" if isinstance(self.where, int) else ": "
+        return f"{self.file}{separator}{self.where}"
+
+
+class ShapeError(CompplanError):
+    """Tell that an array does not have the shape that a function states."""
+
+
+class UnknownNameError(InputError):
+    """Tell that a name does not exist, and list the names there are.
+
+    Args:
+        kind: What is named, such as "frame" or "joint".
+        name: The name that was asked for.
+        choices: The names there are.
+        file: The file that holds the name.
+        where: Line or key in that file.
+    """
+
+    def __init__(
+        self,
+        kind: str,
+        name: str,
+        choices: list[str],
+        *,
+        file: str | Path | None = None,
+        where: int | str | None = None,
+    ) -> None:
+        self.name = name
+        self.choices = choices
+        super().__init__(f"no {kind} named {name!r}, choose from {choices}", file=file, where=where)
+
+
+class InfeasibleError(CompplanError):
+    """Tell that the request is sound but has no solution, and which waypoints and limits stop it.
+
+    Args:
+        message: What has no solution and what to do next.
+        waypoints: Indices of the waypoints that fail, counted from 0.
+        limits: Names of the limits that stop them.
+    """
+
+    exit_status = 3
+
+    def __init__(self, message: str, *, waypoints: list[int] | None = None, limits: list[str] | None = None) -> None:
+        self.waypoints = waypoints or []
+        self.limits = limits or []
+        super().__init__(message)
+
+
+class ConvergenceError(CompplanError):
+    """Tell that an iteration did not reach its tolerance; carries the last residual for inspection."""
+
+    def __init__(self, message: str, *, residual: float) -> None:
+        self.residual = residual
+        super().__init__(message)
