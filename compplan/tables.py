@@ -14,13 +14,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv as pa_csv
 from numpy.typing import NDArray
 
-from compplan.errors import InputError
+from compplan.errors import InputError, ShapeError
 
 Array = NDArray[np.float64]
 
@@ -122,6 +121,7 @@ class Table:
     def numbered(self, name: str) -> list[str]:
         """Return the keys of a numbered column in order: `table.numbered("q#")` is ["q1", "q2", ...].
 
+
         Raises:
             InputError: If a number between the first and the last is left out.
         """
@@ -156,6 +156,7 @@ def read_table(path: str | Path, columns: Sequence[Column], *, unknown: str = "r
         path: The file.
         columns: The columns that the table may have.
         unknown: "refuse" columns that are not in `columns`, or "note" them in `Table.notes`.
+
     Returns:
         The table in SI.
     Raises:
@@ -304,6 +305,7 @@ def _parse_number(path: Path, title: str, text: str, line: int) -> float:
 def read_text(path: str | Path) -> str:
     """Read a text file as UTF-8, or as Latin-1 where it is not UTF-8.
 
+
     Raises:
         InputError: If there is no such file, or it is a folder or a binary file.
     """
@@ -325,6 +327,7 @@ def read_text(path: str | Path) -> str:
 @contextmanager
 def replace_file(path: str | Path) -> Iterator[Path]:
     """Give a temporary path beside `path` and rename it to `path` at the end; on an exception nothing is left.
+
 
     Raises:
         InputError: If the folder cannot be written.
@@ -349,6 +352,7 @@ def replace_file(path: str | Path) -> Iterator[Path]:
 def write_text(path: str | Path, text: str, *, encoding: str = "utf-8", newline: str = "\n") -> None:
     """Write a text file whole or not at all; lines end as `newline` says.
 
+
     Raises:
         InputError: If the folder cannot be written.
     """
@@ -363,21 +367,28 @@ def write_table(path: str | Path, columns: Mapping[str, object], *, decimals: in
         path: The file.
         columns: Values by column name, already in the unit that the name carries (see `to_unit`). Shape (n,) each.
         decimals: Digits after the point that numbers are rounded to. NaN is written as an empty field.
+
     Raises:
         InputError: If the folder cannot be written.
+        ShapeError: If the columns differ in length.
     """
-    arrays = []
-    for values in columns.values():
-        array = np.asarray(values)
-        if np.issubdtype(array.dtype, np.floating):
-            arrays.append(pa.array(np.round(array, decimals) + 0.0, from_pandas=True))
-        else:
-            arrays.append(pa.array(array.tolist()))
-    table = pa.Table.from_arrays(arrays, names=list(columns))
-    with replace_file(path) as part:
-        pa_csv.write_csv(table, part, pa_csv.WriteOptions(include_header=False, quoting_style="needed"))
-        body = part.read_bytes()
-        part.write_bytes((",".join(columns) + "\n").encode() + body)
+    cells = [_format_cells(np.asarray(values), decimals) for values in columns.values()]
+    lengths = {name: len(column) for name, column in zip(columns, cells, strict=True)}
+    if len(set(lengths.values())) > 1:
+        raise ShapeError(f"table columns differ in length: {lengths}")
+    body = "\n".join(map(",".join, zip(*cells, strict=True)))
+    write_text(path, ",".join(columns) + "\n" + (body + "\n" if body else ""))
+
+
+def _format_cells(values: NDArray[Any], decimals: int) -> list[str]:
+    """Return one column as text."""
+    if values.dtype.kind == "f":
+        rounded = (np.round(values, decimals) + 0.0).tolist()  # + 0.0 makes -0 a 0
+        return ["" if value != value else f"{value:.15g}" for value in rounded]
+    if values.dtype.kind == "b":
+        return [str(int(value)) for value in values.tolist()]
+    texts = [str(value) for value in values.tolist()]
+    return ['"' + text.replace('"', '""') + '"' if set(text) & set('",\n\r') else text for text in texts]
 
 
 def to_unit(values: Array, header: str) -> Array:

@@ -31,6 +31,7 @@ Words = Annotated[tuple[str, ...], Field(strict=False)]
 def read_toml(path: str | Path) -> dict[str, Any]:
     """Read a TOML file as plain tables.
 
+
     Raises:
         InputError: If the file is missing, or is not TOML (with the line).
     """
@@ -57,6 +58,7 @@ def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path
         data: The table as `tomllib` gives it.
         file: File that the table stands in, for messages.
         key: Dotted key of the table in that file, for messages.
+
     Raises:
         InputError: With the dotted key, if a key is unknown, missing, or has a wrong value.
     """
@@ -65,11 +67,14 @@ def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path
     except ValidationError as error:
         details = error.errors()[0]
         keys, holder = _walk(details, model)
-        raise InputError(_say(details, holder), file=file, where=_join(keys, key)) from None
+        if details["type"] in ("union_tag_invalid", "union_tag_not_found"):
+            keys.append(str(details["ctx"]["discriminator"]).strip("'"))
+        raise InputError(_say(details, holder), file=file, where=_join(keys, key) or None) from None
 
 
 def read_toml_model(model: type[Model], path: str | Path) -> Model:
     """Read a TOML file into a model.
+
 
     Raises:
         InputError: As `read_toml` and `check_table` do.
@@ -79,6 +84,7 @@ def read_toml_model(model: type[Model], path: str | Path) -> Model:
 
 def _walk(details: ErrorDetails, model: type[BaseModel]) -> tuple[list[str | int], Any]:
     """Follow the location of a fault through the models.
+
 
     Returns:
         The keys on the way, without the tags of tagged unions, and the model that holds the last key (or None).
@@ -122,13 +128,17 @@ def _say(details: ErrorDetails, holder: Any) -> str:
     """Return the sentence for one fault."""
     kind, given, context = details["type"], details.get("input"), details.get("ctx", {})
     if kind == "extra_forbidden":
-        return "unknown key" if holder is None else f"unknown key, choose from {list(holder.model_fields)}"
+        if holder is None:
+            return "unknown key"
+        return f"unknown key, choose from {[field.alias or name for name, field in holder.model_fields.items()]}"
     if kind == "missing":
         return "missing key"
     if kind == "union_tag_not_found":
-        return f"missing key {context.get('discriminator', '')}".rstrip()
+        return "missing key"
     if kind == "union_tag_invalid":
-        return f"{context.get('discriminator')} is {context.get('tag')!r}, choose from {context.get('expected_tags')}"
+        return f"is {context.get('tag')!r}, choose from {context.get('expected_tags')}"
+    if kind == "model_type":
+        return f"is {given!r}, must be a table"
     if kind == "literal_error":
         return f"is {given!r}, choose from {context.get('expected')}"
     if kind == "value_error":

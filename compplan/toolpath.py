@@ -18,6 +18,8 @@ WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 WRENCH_HEADERS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 #: Greatest extent of a toolpath that is taken for true. [m]
 WIDEST = 100.0
+#: Greatest number of waypoints that a division may make.
+MOST_WAYPOINTS = 5_000_000
 #: Greatest departure of |(i, j, k)| from 1 that is taken for rounding.
 AXIS_ROUNDING = 1e-3
 
@@ -43,6 +45,7 @@ class Toolpath:
         wrench: Predicted wrench of the environment on the tool, at the tip, or None. Shape (n, 6). [N, N m]
         frame: Frame of position, axis and wrench: "part" or "base".
         source: File or generator that it came from, for messages.
+
     Raises:
         ShapeError: If an array does not have the shape above.
     """
@@ -99,6 +102,7 @@ def check_toolpath(toolpath: Toolpath, *, file: str | Path | None = None, table:
         toolpath: The toolpath.
         file: File to name in messages; default: its source.
         table: Table that it was read from, for the lines in messages.
+
     Raises:
         InputError: If it has no or one waypoint, zero length, a value that is not finite, a feed of 0 on a cutting
             move, a negative feed, a tool axis that is no unit vector, or an absurd extent.
@@ -150,6 +154,7 @@ def _blame_unit(table: Table | None) -> str:
 def toolpath_from_table(table: Table) -> Toolpath:
     """Return the toolpath that a table holds: x y z, i j k, feed, rapid, wrench; forces alone mean no moments.
 
+
     Raises:
         InputError: As `check_toolpath` says, with file and line.
     """
@@ -181,6 +186,7 @@ def read_toolpath(path: str | Path, **options: float | str) -> Toolpath:
     Args:
         path: The file; its suffix says what it is.
         options: What the reader of a CAM file takes besides, see `compplan.cam`.
+
     Returns:
         The toolpath in the part frame.
     Raises:
@@ -196,6 +202,7 @@ def read_toolpath(path: str | Path, **options: float | str) -> Toolpath:
 
 def write_toolpath(toolpath: Toolpath, path: str | Path) -> None:
     """Write a toolpath as CSV: x_mm y_mm z_mm i j k feed_mm_s rapid, and the wrench where there is one.
+
 
     Raises:
         InputError: If the folder cannot be written.
@@ -234,8 +241,9 @@ def select_waypoints(toolpath: Toolpath, index: NDArray[np.int64]) -> Toolpath:
 
 
 def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = np.inf) -> Toolpath:
-    """Divide moves so that no step is longer than `max_step` and no tool axis turns by more than `max_turn` in a step.
+    """Divide cutting moves so that no step is longer than `max_step` and no axis turns by more than `max_turn` in one.
 
+    Rapid moves stay whole.
     Every waypoint stays, so corners stay sharp; waypoints in between lie on the straight move, the tool axis turns
     along the great circle, the wrench goes over linearly, feed and rapid are those of the move.
 
@@ -243,15 +251,18 @@ def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = 
         toolpath: The toolpath.
         max_step: Longest step. [m]
         max_turn: Greatest turn of the tool axis in a step. [rad]
+
     Raises:
         InputError: If a step limit is not positive.
     """
     if not (max_step > 0.0 and max_turn > 0.0):
         raise InputError(f"step limits are {max_step * 1e3:g} mm and {np.degrees(max_turn):g} deg, must be greater than 0")
     turn = np.arccos(np.clip(np.sum(toolpath.axis[:-1] * toolpath.axis[1:], axis=1), -1.0, 1.0))
-    pieces = np.maximum(np.ceil(np.maximum(toolpath.steps / max_step, turn / max_turn) - 1e-9), 1).astype(np.int64)
-    if pieces.sum() > 20_000_000:
-        raise InputError(f"a step of {max_step * 1e3:g} mm makes {pieces.sum()} waypoints, at most 20000000 are allowed")
+    wanted = np.where(toolpath.rapid[1:], 1.0, np.ceil(np.maximum(toolpath.steps / max_step, turn / max_turn) - 1e-9))
+    pieces = np.maximum(wanted, 1.0).astype(np.int64)
+    if pieces.sum() > MOST_WAYPOINTS:
+        message = f"a step of {max_step * 1e3:g} mm makes {pieces.sum()} waypoints, at most {MOST_WAYPOINTS} are allowed"
+        raise InputError(message, file=toolpath.source or None)
     move = np.repeat(np.arange(len(pieces)), pieces)  # the move that each new waypoint ends in
     first = np.concatenate([[0], np.cumsum(pieces)[:-1]])
     share = (np.arange(pieces.sum()) - first[move] + 1.0) / pieces[move]

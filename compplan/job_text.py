@@ -1,0 +1,110 @@
+"""The commented job that `compplan init` writes; every key of `compplan.job` stands in it."""
+
+JOB_TEXT = """\
+# A compplan job. Lengths in mm, angles in deg, forces in N: the unit is in the name of each key.
+# Lines that begin with a single # before a key show its default or an alternative. Unknown keys are refused.
+
+schema = 1
+name = "My part"
+robot = "staubli_tx200"             # a folder in robots/, or a path to one (relative to this file)
+
+# The toolpath is a file, relative to this one: .csv, or CAM: .nc .gcode .tap .ngc (G-code), .apt .cls (APT)
+# toolpath = "part.nc"
+# or it is computed:
+[toolpath]
+generator = "isf_cone"              # circle | spiral | isf_cone
+diameter_mm = 40.0                  # isf_cone: upper rim
+depth_mm = 15.0
+wall_angle_deg = 45.0               # against the horizontal
+pitch_mm = 1.0                      # depth of one turn
+path = "helical"                    # helical | z_level
+# radius_mm = 10.0                  # circle; further: turns (negative: clockwise), centre_mm, plane = "xy" | "xz" | "yz",
+                                    #   start_deg
+# outer_radius_mm = 250.0           # spiral; further: inner_radius_mm, and turns or length_mm, centre_mm
+feed_mm_s = 20.0                    # or duration_s = 100.0
+step_mm = 1.0                       # distance of waypoints, or waypoints = 1000, or rate_hz = 100.0
+axis = [0.0, 0.0, 1.0]              # tool axis, tip to spindle, part axes
+approach_mm = 20.0                  # height of the rapid approach and retract; 0: none
+
+[part]                              # pose of the part frame, seen from the robot base
+position_mm = [1500.0, 0.0, 183.0]
+rotation_deg = [0.0, 0.0, 0.0]      # rotation vector
+
+# [tool]                            # in place of the robot folder's TCP and tool mass: from flange frame to TCP frame
+# position_mm = [0.0, 0.0, 150.0]
+# rotation_deg = [0.0, 0.0, 0.0]
+# mass_kg = 5.0
+# centre_of_mass_mm = [0.0, 0.0, 60.0]  # flange frame
+
+[process]                           # what the environment does to the tool, at the tip
+model = "isf"                       # columns | constant | milling | isf | file
+axial_N = 1200.0                    # isf: along the tool axis towards the spindle, at the end of the path
+lateral_N = 400.0                   # isf: away from the wall that is formed
+drag_N = 0.0                        # isf: against the travel
+start_share = 0.4                   # isf: share of these forces at the start; they grow linearly along the path
+wall_side = "right"                 # isf: side of the wall, seen down the tool axis along the travel
+ramp_mm = 20.0                      # all but columns: the wrench grows from 0 over this length after contact
+ramp_out_mm = 0.0                   # ... and falls to 0 over this length before the tool leaves
+# model = "columns"                 # fx_N .. mz_Nm of the toolpath file, part axes
+# required = true                   # columns: refuse a file without them
+# model = "constant"
+# force_N = [0.0, 0.0, -600.0]
+# moment_Nm = [0.0, 0.0, 0.0]
+# frame = "part"                    # constant, file: part | base | tool (TCP frame) | path (x travel, z tool axis)
+# during_rapid = false              # constant: acts in rapid moves too (a dead weight)
+# model = "milling"                 # mean force of a revolution, clockwise spindle
+# depth_mm = 2.0                    # axial depth of cut
+# width_mm = 6.0                    # radial width of cut
+# diameter_mm = 12.0
+# spindle_rpm = 8000.0
+# kc_N_mm2 = 800.0                  # specific cutting force
+# radial_ratio = 0.4                # radial and axial force as shares of the tangential one; axial > 0: towards spindle
+# axial_ratio = 0.0
+# material_side = "right"           # right: climb milling
+# model = "file"                    # CSV: fx_N .. mz_Nm, a row a waypoint, or with s_mm, the length cut so far
+# file = "wrench.csv"
+
+[plan]
+strategy = "nlp"                    # none | mirror | iterated_mirror | nlp
+rotate_about_tool_axis = true       # the redundant degree of freedom is free
+configuration = "auto"              # or { shoulder = "front", elbow = "up", wrist = "noflip" }, any of them
+# start_deg = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]   # start near these joint positions (prismatic joints in mm)
+max_correction_mm = 10.0
+tolerance_mm = 0.1                  # in-tolerance verdicts and shares refer to it
+tool_x = [1.0, 0.0, 0.0]            # part axes: where the TCP frame's x points when rotation about the axis is not free
+
+[output]
+programs = ["val3"]                 # krl | val3 | fanuc_ls | rapid | csv
+# max_points_per_file = 5000        # programs are cut into files; left out: what each controller takes
+
+[sampling]                          # how cutting moves are divided; left out: CAM files at 1 mm, others not at all
+# max_step_mm = 1.0
+# max_turn_deg = 1.0                # turn of the tool axis in a step
+
+[cam]                               # what a CAM file does not say by itself
+# unit = "mm"                       # mm | inch, for files that do not say
+chord_tolerance_mm = 0.001          # greatest distance between an arc and its chords
+# arc_centres = "incremental"       # G-code I J K: incremental | absolute, for files that do not say
+circle_sense = "auto"               # APT CIRCLE: auto | right_hand | left_hand about its axis
+
+[feed]
+# constant_mm_s = 10.0              # in place of the toolpath's own feed
+
+[limits]
+velocity_scale = 1.0                # share of the robot's joint rates that the plan may use
+acceleration_scale = 1.0
+
+[posture]
+# preset = "..."                    # what the redundant degree of freedom is used for
+# weights = { }                     # weights of its criteria
+lead_deg = 0.0                      # how far the tool axis may lean along the travel
+lean_deg = 0.0                      # ... and across it
+
+[noise]                             # Monte Carlo; see the documentation of compplan montecarlo
+
+# [collision]                       # meshes that the arm keeps clear of, relative to this file
+# part = "part.stl"
+# fixture = "fixture.stl"
+# tool = "tool.stl"
+# clearance_mm = 5.0
+"""
