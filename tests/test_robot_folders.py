@@ -143,9 +143,9 @@ def test_the_tool_frame_has_its_z_axis_out_of_the_flange(name: str) -> None:
     out_of_flange = place(model, q, f"link_{model.nq}").rotation @ last_axis.S[3:].ravel()
     tool_z = place(model, q, "tool0").rotation[:, 2]
     assert abs(tool_z @ out_of_flange) == pytest.approx(1.0)
-    last_link = place(model, q, f"link_{model.nq}")
+    last_link = place(model, q, f"link_{model.nq}")  # of two robots the origin lies in the flange: take the centre of mass
     body = last_link.act(model.inertias[model.nq].lever) if name in ("fanuc_m10ia", "ur10") else last_link.translation
-    assert tool_z @ (place(model, q, "flange").translation - body) > 0.005  # those two have the joint's origin in the flange
+    assert tool_z @ (place(model, q, "flange").translation - body) > 0.005
 
 
 def test_the_tx200_stands_where_the_paper_puts_it_with_its_tool_upright() -> None:
