@@ -143,7 +143,7 @@ def test_the_tool_frame_has_its_z_axis_out_of_the_flange(name: str) -> None:
     out_of_flange = place(model, q, f"link_{model.nq}").rotation @ last_axis.S[3:].ravel()
     tool_z = place(model, q, "tool0").rotation[:, 2]
     assert abs(tool_z @ out_of_flange) == pytest.approx(1.0)
-    last_link = place(model, q, f"link_{model.nq}")  # of two robots the origin lies in the flange: take the centre of mass
+    last_link = place(model, q, f"link_{model.nq}")  # Fanuc, UR: in the flange itself
     body = last_link.act(model.inertias[model.nq].lever) if name in ("fanuc_m10ia", "ur10") else last_link.translation
     assert tool_z @ (place(model, q, "flange").translation - body) > 0.005
 
