@@ -1,0 +1,39 @@
+"""Pages and pictures: what was computed, shown so that an engineer can judge it."""
+
+from compplan.report.page import (
+    Cell,
+    Chart,
+    Column,
+    Columns,
+    Fold,
+    PageTable,
+    Picture,
+    Provenance,
+    Section,
+    render_page,
+    write_page,
+)
+from compplan.report.provenance import describe_robot
+from compplan.report.robot_scene import draw_robot, frame_scene, locate_links, place_shapes
+from compplan.report.thinning import thin_path, thin_rows
+
+__all__ = [
+    "Cell",
+    "Chart",
+    "Column",
+    "Columns",
+    "Fold",
+    "PageTable",
+    "Picture",
+    "Provenance",
+    "Section",
+    "describe_robot",
+    "draw_robot",
+    "frame_scene",
+    "locate_links",
+    "place_shapes",
+    "render_page",
+    "thin_path",
+    "thin_rows",
+    "write_page",
+]

@@ -1,0 +1,260 @@
+"""The frame of every page: one HTML file that opens without a network, readable on paper, in light and in dark.
+
+A page has a title, a lede (the answer in a sentence or three), sections made of blocks, and its provenance. Blocks are
+paragraphs (str), tables, charts and pictures.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import compplan
+from compplan.report.style import build_template, format_number
+from compplan.tables import write_text
+
+TEMPLATES = Path(__file__).parent / "templates"
+
+
+@dataclass(frozen=True)
+class Column:
+    """Head a column: its title, the unit of its numbers, and how many significant digits they show."""
+
+    title: str
+    unit: str = ""
+    digits: int = 3
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Hold a value with a tone: "good", "bad", "assumed", "muted", "strong" or "" (plain)."""
+
+    value: str | float | int | None
+    tone: str = ""
+
+
+@dataclass(frozen=True)
+class PageTable:
+    """Show rows of values under columns with units.
+
+    Args:
+        columns: One head a column.
+        rows: Values, or cells, row by row; None shows as a dash.
+        caption: What the table says, in a sentence.
+        scroll: Show at most so many rows at once, the rest by scrolling; 0 shows all.
+    """
+
+    columns: Sequence[Column]
+    rows: Sequence[Sequence[Cell | str | float | int | None]]
+    caption: str = ""
+    scroll: int = 0
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Show a plotly figure.
+
+    Args:
+        figure: The figure; its template is replaced by the page's.
+        caption: What to see in it, in a sentence.
+        height: Height on the page. [px]
+        linked_scenes: Whether turning one 3D scene turns the others.
+    """
+
+    figure: Any
+    caption: str = ""
+    height: int = 380
+    linked_scenes: bool = False
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Show a PNG picture, kept inside the page.
+
+    Args:
+        png: The bytes of the picture.
+        caption: What to see in it.
+        description: What is said to those who cannot see it; default: the caption.
+    """
+
+    png: bytes
+    caption: str = ""
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Set blocks side by side where the page is wide enough, one group a column.
+
+    Args:
+        groups: The blocks of each column.
+        widths: Share of the width that each column takes; equal if left out.
+    """
+
+    groups: Sequence[Sequence[Block]]
+    widths: Sequence[float] = ()
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Hide blocks behind a line that unfolds on a click (and is unfolded on paper)."""
+
+    summary: str
+    blocks: Sequence[Block]
+
+
+Block = str | PageTable | Chart | Picture | Columns | Fold
+
+
+@dataclass(frozen=True)
+class Section:
+    """Group blocks under a title, with a sentence that says what they show."""
+
+    title: str
+    blocks: Sequence[Block]
+    lede: str = ""
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Say what a page was made from: facts in rows of (what, value), and everything that was assumed.
+
+    Args:
+        facts: Rows of name and value, such as ("robot", "kuka_kr270").
+        assumptions: Sentences, each an assumed number or choice.
+    """
+
+    facts: Sequence[tuple[str, str]] = ()
+    assumptions: Sequence[str] = field(default=())
+
+
+def write_page(
+    file: str | Path,
+    title: str,
+    lede: str | Sequence[str],
+    sections: Sequence[Section],
+    *,
+    kind: str = "",
+    warning: str = "",
+    provenance: Provenance | None = None,
+) -> None:
+    """Write a page as one self-contained HTML file.
+
+    Args:
+        file: The file; replaced if it exists, never left half-written.
+        title: Title of the page.
+        lede: What the page says, in one sentence or several; several stand as a numbered list.
+        sections: The sections.
+        kind: Small line above the title, such as "Plan".
+        warning: Sentence that stands in a frame above everything, such as why a plan is infeasible.
+        provenance: What the page was made from.
+    """
+    write_text(file, render_page(title, lede, sections, kind=kind, warning=warning, provenance=provenance))
+
+
+def render_page(
+    title: str,
+    lede: str | Sequence[str],
+    sections: Sequence[Section],
+    *,
+    kind: str = "",
+    warning: str = "",
+    provenance: Provenance | None = None,
+) -> str:
+    """Return the HTML of a page; arguments as for `write_page`."""
+    charts: list[dict[str, Any]] = []
+    parts = [
+        {"title": section.title, "lede": section.lede, "blocks": [_describe(block, charts) for block in section.blocks]}
+        for section in sections
+    ]
+    payload = {"charts": charts, "themes": {theme: build_template(theme) for theme in ("light", "dark")}}
+    return str(
+        _environment()
+        .get_template("page.html.j2")
+        .render(
+            title=title,
+            ledes=[lede] if isinstance(lede, str) else list(lede),
+            kind=kind,
+            warning=warning,
+            sections=parts,
+            provenance=provenance,
+            version=compplan.__version__,
+            css=(TEMPLATES / "page.css").read_text(encoding="utf-8"),
+            script=(TEMPLATES / "page.js").read_text(encoding="utf-8"),
+            plotly=_plotly_script() if charts else "",
+            payload=json.dumps(payload, separators=(",", ":"), allow_nan=False).replace("</", "<\\/"),
+        )
+    )
+
+
+@cache
+def _environment() -> Any:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    return Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+@cache
+def _plotly_script() -> str:
+    from plotly.offline import get_plotlyjs
+
+    return str(get_plotlyjs())
+
+
+def _describe(block: Block, charts: list[dict[str, Any]]) -> dict[str, Any]:
+    """Turn a block into what the template shows; charts go into a list of their own."""
+    if isinstance(block, str):
+        return {"kind": "text", "text": block}
+    if isinstance(block, Chart):
+        figure = json.loads(block.figure.to_json())
+        figure["layout"].pop("template", None)
+        charts.append({"data": figure["data"], "layout": figure["layout"], "linked": block.linked_scenes})
+        return {"kind": "chart", "number": len(charts) - 1, "caption": block.caption, "height": block.height}
+    if isinstance(block, PageTable):
+        return _describe_table(block)
+    if isinstance(block, Picture):
+        data = base64.b64encode(block.png).decode("ascii")
+        return {"kind": "picture", "data": data, "caption": block.caption, "alt": block.description or block.caption}
+    if isinstance(block, Fold):
+        return {"kind": "fold", "summary": block.summary, "blocks": [_describe(item, charts) for item in block.blocks]}
+    widths = block.widths or [1.0] * len(block.groups)
+    groups = [[_describe(item, charts) for item in group] for group in block.groups]
+    return {"kind": "columns", "groups": groups, "template": " ".join(f"minmax(0, {width:g}fr)" for width in widths)}
+
+
+def _describe_table(table: PageTable) -> dict[str, Any]:
+    rows = []
+    numeric = [True] * len(table.columns)
+    for row in table.rows:
+        cells = []
+        for index, (value, column) in enumerate(zip(row, table.columns, strict=True)):
+            cell = value if isinstance(value, Cell) else Cell(value)
+            if isinstance(cell.value, str):
+                numeric[index] = False
+            cells.append({"text": _show(cell.value, column.digits), "tone": cell.tone})
+        rows.append(cells)
+    heads = [
+        {"title": column.title, "unit": column.unit, "numeric": numeric[index]}
+        for index, column in enumerate(table.columns)
+    ]
+    scroll = table.scroll if 0 < table.scroll < len(rows) else 0
+    return {"kind": "table", "heads": heads, "rows": rows, "caption": table.caption, "scroll": scroll}
+
+
+def _show(value: str | float | int | None, digits: int) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, str):
+        return value
+    return format_number(value if isinstance(value, int) else float(value), digits)

@@ -1,0 +1,47 @@
+"""What a page says about where its numbers come from."""
+
+from __future__ import annotations
+
+from compplan.report.page import Provenance
+from compplan.robot import Robot
+
+GRADE_MEANING = {
+    "identified": "identified on this machine",
+    "literature": "from the literature, not from the machine in front of you",
+    "scaled": "scaled from a similar machine, not measured",
+    "placeholder": "placeholder, not to be relied on",
+}
+#: Words in a source that mean that nobody measured the number.
+DOUBTFUL = ("assumed", "unverified", "placeholder", "estimated", "scaled", "from memory")
+
+
+def describe_robot(
+    robot: Robot, facts: list[tuple[str, str]] | None = None, assumptions: list[str] | None = None
+) -> Provenance:
+    """Describe a robot for the foot of a page: grade, sources, and which of them are assumed.
+
+    Args:
+        robot: The robot.
+        facts: Further facts, placed before the robot's.
+        assumptions: Further assumptions, placed after the robot's.
+    """
+    rows = [*(facts or []), ("robot", robot.name), ("grade", f"{robot.grade}: {GRADE_MEANING[robot.grade]}")]
+    rows += [(f"source of {name}", text) for name, text in robot.sources.items()]
+    rows.append(("elastic model", _elastic_model(robot)))
+    if robot.gravity is None:
+        rows.append(("gravity", "no gravity load in the model: deflection counts from the arm that hangs under its own weight"))
+    if robot.effects:
+        rows.append(("effects", ", ".join(sorted({str(effect.get("effect", "?")) for effect in robot.effects}))))
+    doubtful = [f"{name}: {text}" for name, text in robot.sources.items() if any(word in text.lower() for word in DOUBTFUL)]
+    return Provenance(rows, [*doubtful, *(assumptions or [])])
+
+
+def _elastic_model(robot: Robot) -> str:
+    if not robot.springs and not robot.link_elasticities:
+        return "rigid"
+    parts = []
+    if robot.springs:
+        parts.append(f"{len(robot.springs)} springs ({', '.join(spring.name for spring in robot.springs)})")
+    if robot.link_elasticities:
+        parts.append(f"6x6 elasticity of {', '.join(block.link for block in robot.link_elasticities)}")
+    return "; ".join(parts)

@@ -1,0 +1,287 @@
+"""Draw a robot from the shapes of its URDF: boxes, cylinders, spheres, and meshes where their files are at hand.
+
+`place_shapes` gives triangles in the robot base frame; `draw_robot` turns them into plotly traces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from compplan.errors import ShapeError
+from compplan.robot import Array, Joint, Robot
+
+UNPAINTED = (0.62, 0.65, 0.68, 1.0)
+#: Least distance from flange to TCP that is drawn as a rod where the URDF shows no tool. [m]
+SHORTEST_ROD = 0.01
+#: Where the light comes from, base axes, and the share of light without a direction.
+LIGHT = np.array([0.35, -0.5, 0.79])
+AMBIENT = 0.45
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Triangles of one visual in the robot base frame.
+
+    Attributes:
+        link: Link that it belongs to.
+        vertices: Shape (v, 3). [m]
+        faces: Corners of each triangle. Shape (f, 3).
+        colour: Red, green, blue, opacity, each from 0 to 1.
+    """
+
+    link: str
+    vertices: Array
+    faces: NDArray[np.int_]
+    colour: tuple[float, float, float, float]
+
+
+def locate_links(robot: Robot, q: Array) -> dict[str, Array]:
+    """Locate every link of the URDF at a pose; joints beside the chain stand at zero.
+
+    Args:
+        robot: The robot.
+        q: Joint positions. Shape (nq,). [rad or m]
+
+    Returns:
+        Pose of each link's frame in the robot base frame, by the link's name. Shape (4, 4) each. [m]
+
+    Raises:
+        ShapeError: If q does not have the shape above.
+    """
+    q = np.asarray(q, float)
+    if q.shape != (robot.nq,):
+        raise ShapeError(f"q has shape {q.shape}, expected ({robot.nq},)")
+    value = dict(zip(robot.joint_names, q, strict=True))
+    poses = {robot.base: np.eye(4)}
+    for joint in robot.joints:
+        position = value.get(joint.name, 0.0)
+        if joint.mimic is not None:
+            position = joint.mimic.multiplier * value[joint.mimic.joint] + joint.mimic.offset
+        poses[joint.child] = poses[joint.parent] @ joint.placement @ _motion(joint, position)
+    _locate_beside(robot, poses)
+    return poses
+
+
+def place_shapes(robot: Robot, q: Array) -> list[Shape]:
+    """Build the triangles of a robot at a pose.
+
+    A tool that a job mounts takes the place of the folder's tool: what the URDF hangs on the flange is then left out, and
+    a rod from flange to tool centre point is drawn.
+
+    Args:
+        robot: The robot.
+        q: Joint positions. Shape (nq,). [rad or m]
+
+    Returns:
+        One entry a visual; visuals whose mesh file is missing are left out.
+
+    Raises:
+        ShapeError: If q does not have the shape above.
+    """
+    root = ElementTree.fromstring(robot.urdf)
+    paints = {
+        element.attrib["name"]: _colour(element) for element in root.findall("material") if "name" in element.attrib
+    }
+    poses = locate_links(robot, q)
+    shapes = []
+    for link in root.findall("link"):
+        name = link.attrib["name"]
+        for visual in link.findall("visual") if name in poses else ():
+            triangles = _triangulate(visual.find("geometry"), robot.folder)
+            if triangles is None:
+                continue
+            pose = poses[name] @ _origin(visual.find("origin"))
+            vertices = triangles[0] @ pose[:3, :3].T + pose[:3, 3]
+            shapes.append(Shape(name, vertices, triangles[1], _paint_of(visual, paints)))
+    rod = _rod(robot, poses, {shape.link for shape in shapes})
+    return shapes if rod is None else [*shapes, rod]
+
+
+def draw_robot(
+    robot: Robot, q: Array, *, opacity: float = 1.0, scene: str = "scene", name: str | None = None
+) -> list[Any]:
+    """Draw a robot as plotly traces, in millimetres.
+
+    Args:
+        robot: The robot.
+        q: Joint positions. Shape (nq,). [rad or m]
+        opacity: From 0 (invisible) to 1.
+        scene: The scene of the figure that the traces belong to.
+        name: What hovering shows; default: the robot's name.
+    """
+    import plotly.graph_objects as go
+
+    shapes = place_shapes(robot, q)
+    if not shapes:
+        return []
+    vertices, faces = _join(shapes)
+    x, y, z = (1e3 * vertices).astype(np.float32).T
+    i, j, k = faces.astype(np.int32).T
+    mesh = go.Mesh3d(
+        x=x, y=y, z=z, i=i, j=j, k=k,
+        facecolor=[f"rgb({red},{green},{blue})" for red, green, blue in np.round(255 * shade_faces(shapes)).astype(int)],
+        opacity=opacity,
+        lighting={"ambient": 1.0, "diffuse": 0.0, "specular": 0.0, "fresnel": 0.0},
+        name=name or robot.name,
+        hoverinfo="name",
+        scene=scene,
+    )  # fmt: skip
+    return [mesh]
+
+
+def shade_faces(shapes: list[Shape]) -> Array:
+    """Shade the faces of shapes as a light from above, front and left does. Shape (f, 3), from 0 to 1."""
+    colours = []
+    for shape in shapes:
+        corner = shape.vertices[shape.faces]
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+        light = AMBIENT + (1 - AMBIENT) * (0.5 + 0.5 * normal @ LIGHT)
+        colours.append(np.clip(np.asarray(shape.colour[:3]) * light[:, None] + 0.06 * light[:, None], 0, 1))
+    return np.vstack(colours)
+
+
+def frame_scene(points: Array, *, margin: float = 0.03, zoom: float = 0.85) -> dict[str, Any]:
+    """Build the plotly scene that shows points with one scale on all axes.
+
+    Args:
+        points: What has to be seen. Shape (n, 3). [mm]
+        margin: Free room around it, as a share of its largest extent.
+        zoom: Distance of the eye; larger shows more around.
+    """
+    low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+    room = margin * max(float((high - low).max()), 1e-6)
+    size = high - low + 2 * room
+    ratio = size / size.max()
+    eye = np.array([0.58, -0.70, 0.42]) * zoom * float(np.linalg.norm(ratio))
+    axes = {
+        f"{axis}axis": {
+            "title": {"text": f"{axis}, mm"},
+            "range": [float(low[k] - room), float(high[k] + room)],
+            "nticks": max(2, round(6 * float(ratio[k]))),
+        }
+        for k, axis in enumerate("xyz")
+    }
+    return {
+        **axes,
+        "aspectmode": "manual",
+        "aspectratio": dict(zip("xyz", (float(value) for value in ratio), strict=True)),
+        "camera": {"eye": dict(zip("xyz", (float(value) for value in eye), strict=True)), "projection": {"type": "orthographic"}},
+    }
+
+
+def _join(shapes: list[Shape]) -> tuple[Array, NDArray[np.int_]]:
+    starts = np.cumsum([0, *(len(shape.vertices) for shape in shapes[:-1])])
+    faces = [shape.faces + start for shape, start in zip(shapes, starts, strict=True)]
+    return np.vstack([shape.vertices for shape in shapes]), np.vstack(faces)
+
+
+def _motion(joint: Joint, position: float) -> Array:
+    pose = np.eye(4)
+    if joint.kind == "prismatic":
+        pose[:3, 3] = joint.axis * position
+    elif joint.kind == "revolute":
+        pose[:3, :3] = Rotation.from_rotvec(joint.axis * position).as_matrix()
+    return pose
+
+
+def _locate_beside(robot: Robot, poses: dict[str, Array]) -> None:
+    """Add the links that hang beside the chain; behind the flange only where the folder's own tool is mounted."""
+    elements = ElementTree.fromstring(robot.urdf).findall("joint")
+    mounted = robot.tcp == "tool_tcp"
+    while True:
+        added = False
+        for element in elements:
+            parent, child = element.find("parent"), element.find("child")
+            if parent is None or child is None:
+                continue
+            above, below = parent.attrib["link"], child.attrib["link"]
+            if below in poses or above not in poses or (mounted and above == robot.flange):
+                continue
+            poses[below] = poses[above] @ _origin(element.find("origin"))
+            added = True
+        if not added:
+            return
+
+
+def _numbers(element: ElementTree.Element | None, key: str, default: str) -> list[float]:
+    return [float(value) for value in (default if element is None else element.attrib.get(key, default)).split()]
+
+
+def _origin(element: ElementTree.Element | None) -> Array:
+    pose = np.eye(4)
+    pose[:3, 3] = _numbers(element, "xyz", "0 0 0")
+    pose[:3, :3] = Rotation.from_euler("xyz", _numbers(element, "rpy", "0 0 0")).as_matrix()
+    return pose
+
+
+def _colour(element: ElementTree.Element) -> tuple[float, float, float, float]:
+    colour = element.find("color")
+    if colour is None:
+        return UNPAINTED
+    red, green, blue, alpha = _numbers(colour, "rgba", "0.6 0.6 0.6 1")
+    return red, green, blue, alpha
+
+
+def _paint_of(
+    visual: ElementTree.Element, paints: dict[str, tuple[float, float, float, float]]
+) -> tuple[float, float, float, float]:
+    material = visual.find("material")
+    if material is None:
+        return UNPAINTED
+    if material.find("color") is not None:
+        return _colour(material)
+    return paints.get(material.attrib.get("name", ""), UNPAINTED)
+
+
+def _triangulate(geometry: ElementTree.Element | None, folder: Path | None) -> tuple[Array, NDArray[np.int_]] | None:
+    import trimesh
+
+    if geometry is None or not len(geometry):
+        return None
+    form = geometry[0]
+    if form.tag == "box":
+        mesh = trimesh.creation.box(_numbers(form, "size", "0.1 0.1 0.1"))
+    elif form.tag == "cylinder":
+        mesh = trimesh.creation.cylinder(float(form.attrib["radius"]), float(form.attrib["length"]), sections=28)
+    elif form.tag == "sphere":
+        mesh = trimesh.creation.icosphere(subdivisions=2, radius=float(form.attrib["radius"]))
+    else:
+        file = _mesh_file(form.attrib.get("filename", ""), folder)
+        if file is None:
+            return None
+        mesh = trimesh.load(file, force="mesh")
+        mesh.apply_scale(_numbers(form, "scale", "1 1 1"))
+    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)
+
+
+def _mesh_file(name: str, folder: Path | None) -> Path | None:
+    """Find a mesh file beside the URDF; a package:// address is looked for by its tail."""
+    tail = Path(name.split("://", 1)[-1])
+    if folder is None or not name:
+        return None
+    candidates = [folder / tail, folder / Path(*tail.parts[1:]), folder / "meshes" / tail.name]
+    return next((file for file in candidates if file.is_file()), None)
+
+
+def _rod(robot: Robot, poses: dict[str, Array], drawn: set[str]) -> Shape | None:
+    """Draw a thin rod from flange to TCP where nothing else shows the tool."""
+    import trimesh
+
+    behind, links = False, []
+    for joint in robot.joints:
+        behind = behind or joint.parent == robot.flange
+        if behind:
+            links.append(joint.child)
+    start, end = poses[robot.flange][:3, 3], poses[robot.tcp][:3, 3]
+    if drawn & set(links) or np.linalg.norm(end - start) < SHORTEST_ROD:
+        return None
+    mesh = trimesh.creation.cylinder(radius=0.02, segment=[start, end], sections=20)
+    return Shape(robot.tcp, np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int), (0.55, 0.57, 0.6, 1.0))

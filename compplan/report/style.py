@@ -1,0 +1,109 @@
+"""How pages look: one palette, one number format, one plotly template for light and one for dark paper."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+#: Colours that read on light and on dark paper.
+BEFORE = "#d1603d"
+AFTER = "#2b86a8"
+TOLERANCE = "#8a8f3a"
+LIMIT = "#c2382e"
+NEUTRAL = "#8b929b"
+#: One colour per category: strategies, runs, joints.
+CATEGORIES = ("#2b86a8", "#d1603d", "#6a8f3c", "#8e6bb0", "#c79a2b", "#4a6fb5", "#b0557e", "#5aa09a", "#8a6d55", "#7d8590")
+#: Small to large, for quantities that are best at zero.
+SEQUENTIAL = ((0.0, "#2f7fb5"), (0.3, "#6fae8f"), (0.55, "#dfb441"), (0.8, "#d1603d"), (1.0, "#8f1d2c"))
+#: Minus to plus, for quantities with a sign.
+DIVERGING = ((0.0, "#2b6ca8"), (0.25, "#7fb0cf"), (0.5, "#d8d8d2"), (0.75, "#e39a72"), (1.0, "#b03a24"))
+
+FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", "Noto Sans", sans-serif'
+PAPER = {"light": "#ffffff", "dark": "#16191d"}
+INK = {"light": "#1d2329", "dark": "#dfe4ea"}
+GRID = {"light": "#e4e7ea", "dark": "#2c3238"}
+LINE = {"light": "#aab1b9", "dark": "#59626c"}
+
+
+def format_number(value: float, digits: int = 3) -> str:
+    """Write a number with so many significant digits, without needless zeros after the point, thousands apart.
+
+    Args:
+        value: The number; NaN becomes a dash.
+        digits: Significant digits; integers keep all of theirs.
+    """
+    if isinstance(value, int):
+        return f"{value:,}".replace(",", "\u202f")
+    if math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    if value == 0:
+        return "0"
+    magnitude = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if magnitude < -5 or magnitude > 8:
+        return f"{value:.{digits - 1}e}".replace("-", "−")
+    text = f"{value:,.{max(digits - 1 - magnitude, 0)}f}".replace(",", "\u202f")
+    return text.replace("-", "−")
+
+
+def format_length(metres: float, digits: int = 3) -> str:
+    """Write a length in the unit that suits it: um below 0.1 mm, mm otherwise.
+
+    Args:
+        metres: The length. [m]
+        digits: Significant digits.
+    """
+    if math.isnan(metres):
+        return "–"
+    if abs(metres) < 1e-10:
+        return "0 µm" if metres == 0 else "below 0.001 µm" if abs(metres) < 1e-9 else "0.001 µm"
+    if abs(metres) < 1e-4:
+        return f"{format_number(metres * 1e6, digits)} µm"
+    return f"{format_number(metres * 1e3, digits)} mm"
+
+
+def build_template(theme: str) -> dict[str, Any]:
+    """Build the plotly template of a theme, as plain data.
+
+    Args:
+        theme: "light" or "dark".
+    """
+    axis = {
+        "gridcolor": GRID[theme],
+        "linecolor": LINE[theme],
+        "zerolinecolor": GRID[theme],
+        "tickcolor": LINE[theme],
+        "ticks": "outside",
+        "ticklen": 4,
+        "showline": True,
+        "zeroline": False,
+        "title": {"font": {"size": 13}, "standoff": 8},
+        "automargin": True,
+    }
+    space = {
+        "backgroundcolor": "rgba(0,0,0,0)",
+        "gridcolor": GRID[theme],
+        "linecolor": LINE[theme],
+        "zerolinecolor": GRID[theme],
+        "showbackground": False,
+        "title": {"font": {"size": 12}},
+        "tickfont": {"size": 10},
+    }
+    layout = {
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "font": {"family": FONT, "size": 12.5, "color": INK[theme]},
+        "colorway": list(CATEGORIES),
+        "margin": {"l": 64, "r": 24, "t": 36, "b": 48},
+        "hoverlabel": {"bgcolor": PAPER[theme], "bordercolor": LINE[theme], "font": {"family": FONT, "color": INK[theme]}},
+        "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom", "bgcolor": "rgba(0,0,0,0)"},
+        "xaxis": axis,
+        "yaxis": axis,
+        "scene": {"xaxis": space, "yaxis": space, "zaxis": space},
+        "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": LINE[theme], "activecolor": INK[theme]},
+        "coloraxis": {"colorbar": {"outlinewidth": 0, "thickness": 12}},
+        "updatemenudefaults": {"bgcolor": PAPER[theme], "bordercolor": LINE[theme]},
+        "annotationdefaults": {"font": {"color": INK[theme]}, "arrowcolor": LINE[theme]},
+    }
+    return {"layout": layout}
