@@ -34,7 +34,8 @@ def hollow_beam_compliance(
         axis: Direction from the clamped to the free end in the free end's frame: x y z -x -y -z.
 
     Returns:
-        Rows tx ty tz rx ry rz, columns fx fy fz mx my mz, axes of the free end's frame. Shape (6, 6). [m, rad per N, N m]
+        Rows tx ty tz rx ry rz, columns fx fy fz mx my mz, axes of the free end's frame. Shape (6, 6).
+        [m, rad per N, N m]
 
     Raises:
         ValueError: If a dimension or a modulus is not positive, or the axis is not known.
@@ -45,7 +46,8 @@ def hollow_beam_compliance(
         raise ValueError(f"no beam axis {axis!r}, choose from {sorted(_ROTATIONS)}")
     area = math.pi / 4 * (outer_diameter**2 - inner_diameter**2)
     inertia = math.pi / 64 * (outer_diameter**4 - inner_diameter**4)
-    bend, slope, couple = length**3 / (3 * young * inertia), length / (young * inertia), length**2 / (2 * young * inertia)
+    slope = length / (young * inertia)
+    bend, couple = length**2 * slope / 3, length * slope / 2
     compliance = np.diag([bend, bend, length / (young * area), slope, slope, length / (2 * shear * inertia)])
     compliance[0, 4] = compliance[4, 0] = couple
     compliance[1, 3] = compliance[3, 1] = -couple

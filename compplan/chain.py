@@ -1,13 +1,15 @@
 """The elastic chain: a robot as a row of one-degree-of-freedom elements, evaluated for many poses at once.
 
 Every commanded joint, every spring and every elementary motion of an elastic link is one element: a constant placement,
-then a rotation or translation along a constant axis [virtual joint method, Salisbury1980]. Positions of commanded joints
-are `q`, those of elastic elements `theta`. All quantities are in base axes and SI.
+then a rotation or translation along a constant axis [virtual joint method, Salisbury1980]. Positions of commanded
+joints are `q`, those of elastic elements `theta`. All quantities are in base axes and SI.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +17,7 @@ from numpy.typing import NDArray
 
 from compplan.errors import ShapeError
 from compplan.robot import Array, Joint, Robot
+from compplan.sweep import CHUNK, Program, Walk, compile_chain, element_loads, joint_turns, walk_chain
 
 ELASTIC_AXES = {
     "tx": (True, (1.0, 0.0, 0.0)),
@@ -30,7 +33,8 @@ ELASTIC_AXES = {
 class Chain:
     """Elements from the base to the TCP, m of them, with the masses they carry.
 
-    Placements, axes, masses and compliances may have leading batch axes: one set of parameters a pose.
+    Placements, axes, masses and compliances may have a leading batch axis: one set of parameters a pose. The arrays of
+    a chain are not changed in place: `dataclasses.replace` makes a new chain.
 
     Attributes:
         names: Name of each element: a joint's name, or "joint.axis" / "link.axis" of an elastic one. Length m.
@@ -93,6 +97,31 @@ class Chain:
         return tuple(self.names[element] for element in self.spring_elements)
 
 
+    @cached_property
+    def program(self) -> Program:
+        """The chain prepared for walking."""
+        return compile_chain(self)
+
+    @property
+    def batched(self) -> bool:
+        """Tell whether the chain holds one set of parameters a pose."""
+        return any(getattr(self, name).ndim > own and len(getattr(self, name)) > 1 for name, own in _OWN_AXES.items())
+
+    def take(self, rows: slice) -> Chain:
+        """Take the parameter sets of some poses; a chain with one set for all poses returns itself."""
+        if not self.batched:
+            return self
+        fields = {name: getattr(self, name) for name in _OWN_AXES}
+        cut = {k: v[rows] for k, v in fields.items() if v.ndim > _OWN_AXES[k] and len(v) > 1}
+        return replace(self, **cut)
+
+
+_OWN_AXES = {
+    "rotation": 3, "position": 2, "axis": 2, "q_offset": 1, "tcp_rotation": 2, "tcp_position": 1,
+    "mass": 1, "centre": 2, "compliance": 2,
+}  # fmt: skip
+
+
 class Frames(NamedTuple):
     """Where a chain stands; n poses.
 
@@ -114,8 +143,8 @@ class Frames(NamedTuple):
 def build_chain(robot: Robot, *, gravity: bool = True) -> Chain:
     """Build the elastic chain of a robot.
 
-    Springs act after the motion of their joint in the order they are listed; the 6x6 elasticity of a link acts at its far
-    end, tx ty tz rx ry rz in this order.
+    Springs act after the motion of their joint in the order they are listed; the 6x6 elasticity of a link acts at its
+    far end, tx ty tz rx ry rz in this order.
 
     Args:
         robot: The robot.
@@ -140,7 +169,7 @@ def build_chain(robot: Robot, *, gravity: bool = True) -> Chain:
             far_end = np.eye(4) if following is None else following.placement
             builder.move(far_end)
             builder.add_link(block.link, block.compliance)
-            builder.move(np.linalg.inv(far_end))
+            builder.move(np.asarray(np.linalg.inv(far_end), float))
     return builder.finish(robot, gravity)
 
 
@@ -160,43 +189,40 @@ def locate_frames(chain: Chain, q: Array, theta: Array | None = None) -> Frames:
         raise ShapeError(f"q has shape {q.shape}, expected (n, {chain.nq})")
     if theta is not None and theta.shape != (len(q), chain.n_springs):
         raise ShapeError(f"theta has shape {theta.shape}, expected ({len(q)}, {chain.n_springs})")
-    n, m = len(q), len(chain.names)
-    axes, origins = np.empty((n, m, 3)), np.empty((n, m, 3))
-    centres = np.empty((n, len(chain.body_element), 3))
-    rotation, position = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))
-    _place_bodies(chain, -1, rotation, position, centres)
-    for k in range(m):
-        position = position + np.einsum("nij,...j->ni", rotation, chain.position[..., k, :])
-        rotation = rotation @ chain.rotation[..., k, :, :]
-        axis = np.broadcast_to(chain.axis[..., k, :], (n, 3))
-        axes[:, k], origins[:, k] = np.einsum("nij,nj->ni", rotation, axis), position
-        value = _coordinate(chain, k, q, theta)
-        if value is not None:
-            if chain.translates[k]:
-                position = position + axes[:, k] * value[:, None]
-            else:
-                rotation = rotation @ rotate_about(axis, value)
-        _place_bodies(chain, k, rotation, position, centres)
-    tcp_position = position + np.einsum("nij,...j->ni", rotation, chain.tcp_position)
-    return Frames(axes, origins, rotation @ chain.tcp_rotation, tcp_position, centres)
+    frames, parts = empty_frames(chain, len(q)), chunks(len(q))
+    for rows in parts:
+        part = chain.take(rows)
+        turns = joint_turns(part.program, np.ascontiguousarray(q[rows].T))
+        elastic = None if theta is None else list(np.ascontiguousarray(theta[rows].T))
+        fill_frames(frames, rows, walk_chain(part.program, turns, elastic))
+    return frames
 
 
-def rotate_about(axis: Array, angle: Array) -> Array:
-    """Build rotation matrices from unit axes and angles (Rodrigues). Shapes (n, 3), (n,) [rad] -> (n, 3, 3)."""
-    sine, cosine = np.sin(angle), np.cos(angle)
-    x, y, z = axis[:, 0], axis[:, 1], axis[:, 2]
-    versine = 1 - cosine
-    matrix = np.empty((len(angle), 3, 3))
-    matrix[:, 0, 0] = cosine + x * x * versine
-    matrix[:, 1, 1] = cosine + y * y * versine
-    matrix[:, 2, 2] = cosine + z * z * versine
-    matrix[:, 0, 1] = x * y * versine - z * sine
-    matrix[:, 1, 0] = x * y * versine + z * sine
-    matrix[:, 0, 2] = x * z * versine + y * sine
-    matrix[:, 2, 0] = x * z * versine - y * sine
-    matrix[:, 1, 2] = y * z * versine - x * sine
-    matrix[:, 2, 1] = y * z * versine + x * sine
-    return matrix
+def chunks(n: int) -> Iterator[slice]:
+    """Cut n poses into pieces that stay in the cache."""
+    return (slice(start, min(start + CHUNK, n)) for start in range(0, n, CHUNK))
+
+
+def empty_frames(chain: Chain, n: int) -> Frames:
+    """Make room for the frames of n poses: poses first to the reader, components first in memory."""
+    m, b = len(chain.names), len(chain.body_element)
+
+    def room(*shape: int) -> Array:
+        return np.moveaxis(np.empty((*shape, n)), -1, 0)
+
+    return Frames(room(m, 3), room(m, 3), room(3, 3), room(3), room(b, 3))
+
+
+def fill_frames(frames: Frames, rows: slice, walk: Walk) -> None:
+    """Write a walk into the rows of frames that `empty_frames` made."""
+    for k, (axis, origin) in enumerate(zip(walk.axis, walk.origin, strict=True)):
+        frames.axis[rows, k] = axis.T
+        frames.origin[rows, k] = origin.T
+    for i, column in enumerate(walk.columns):
+        frames.tcp_rotation[rows, :, i] = column.T
+    frames.tcp_position[rows] = walk.position.T
+    for b, centre in enumerate(walk.centre):
+        frames.centre[rows, b] = centre.T
 
 
 def jacobian(chain: Chain, frames: Frames) -> Array:
@@ -209,12 +235,17 @@ def jacobian(chain: Chain, frames: Frames) -> Array:
     Returns:
         Linear rows first, base axes. Shape (n, 6, m). [m/rad, rad/rad or m/m, 0]
     """
-    lever = frames.tcp_position[:, None, :] - frames.origin
-    columns = np.concatenate([np.cross(frames.axis, lever), frames.axis], axis=-1)
-    if chain.translates.any():
-        sliding = frames.axis[:, chain.translates]
-        columns[:, chain.translates] = np.concatenate([sliding, np.zeros_like(sliding)], axis=-1)
-    return np.swapaxes(columns, 1, 2)
+    n, m = frames.axis.shape[:2]
+    columns = np.empty((6, m, n))
+    for rows in chunks(n):
+        axis = np.moveaxis(frames.axis[rows], 0, -1)
+        lever = np.moveaxis(frames.tcp_position[rows, None] - frames.origin[rows], 0, -1)
+        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            np.subtract(axis[:, j] * lever[:, k], axis[:, k] * lever[:, j], out=columns[i, :, rows])
+            columns[3 + i, :, rows] = axis[:, i]
+        for element in np.flatnonzero(chain.translates):
+            columns[:3, element, rows], columns[3:, element, rows] = axis[element], 0.0
+    return np.moveaxis(columns, -1, 0)
 
 
 def joint_jacobian(chain: Chain, frames: Frames) -> Array:
@@ -241,25 +272,34 @@ def gravity_torque(chain: Chain, frames: Frames) -> Array:
     n, m = frames.axis.shape[:2]
     if not chain.gravity.any() or not len(chain.body_element):
         return np.zeros((n, m))
-    weight = chain.mass[..., None] * chain.gravity
-    moment = np.cross(frames.centre, weight)
-    beyond = chain.body_element[:, None] >= np.arange(m)[None, :]
-    total = np.einsum("bm,...bi->...mi", beyond, weight)
-    total_moment = np.einsum("bm,nbi->nmi", beyond, moment)
-    load = total_moment - np.cross(frames.origin, total)
-    load[:, chain.translates] = np.broadcast_to(total, load.shape)[:, chain.translates]
-    return np.asarray(np.einsum("nmi,nmi->nm", frames.axis, load))
+    return load_elements(chain, frames, np.zeros((1, 6)))
 
 
-def _coordinate(chain: Chain, k: int, q: Array, theta: Array | None) -> Array | None:
-    if chain.q_index[k] >= 0:
-        return np.asarray(chain.multiplier[k] * q[:, chain.q_index[k]] + chain.q_offset[..., k])
-    return None if theta is None else theta[:, chain.theta_index[k]]
+def load_elements(chain: Chain, frames: Frames, wrench: Array) -> Array:
+    """Compute the load of wrench and weights on every element: J^T w + tau_g.
 
+    Args:
+        chain: The chain.
+        frames: Its frames at n poses.
+        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6) or (1, 6). [N, N m]
 
-def _place_bodies(chain: Chain, element: int, rotation: Array, position: Array, centres: Array) -> None:
-    for b in np.flatnonzero(chain.body_element == element):
-        centres[:, b] = position + np.einsum("nij,...j->ni", rotation, chain.centre[..., b, :])
+    Returns:
+        Shape (n, m). [N m or N]
+    """
+    n, m = frames.axis.shape[:2]
+    loads = np.empty((m, n))
+    for rows in chunks(n):
+        walk = Walk(
+            [frames.axis[rows, k].T for k in range(m)],
+            [frames.origin[rows, k].T for k in range(m)],
+            [],
+            frames.tcp_position[rows].T,
+            [frames.centre[rows, b].T for b in range(frames.centre.shape[1])],
+        )
+        force = (wrench if len(wrench) == 1 else wrench[rows]).T
+        for k, load in enumerate(element_loads(chain.take(rows).program, walk, force[:3], force[3:], range(m))):
+            loads[k, rows] = load
+    return loads.T
 
 
 def _spring_axis(axis: str, joint: Joint) -> tuple[bool, Array]:

@@ -1,7 +1,7 @@
 """Elastostatics: where a chain stands under load, and how it yields.
 
-A wrench is what the environment does to the tool, at the TCP, in base axes, force first. Equilibrium is taken in the loaded
-state with finite rotations: theta = C (J(q, theta)^T w + tau_gravity(q, theta)).
+A wrench is what the environment does to the tool, at the TCP, in base axes, force first. Equilibrium is taken in the
+loaded state with finite rotations: theta = C (J(q, theta)^T w + tau_gravity(q, theta)).
 """
 
 from __future__ import annotations
@@ -10,9 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from compplan.chain import Chain, Frames, gravity_torque, jacobian, locate_frames
+from compplan.chain import Chain, Frames, chunks, empty_frames, fill_frames, jacobian, load_elements, locate_frames
 from compplan.errors import ConvergenceError, ShapeError
 from compplan.robot import Array
+from compplan.sweep import Walk, apply_compliance, element_loads, joint_turns, walk_chain
 
 MAX_ITERATIONS = 200
 
@@ -51,7 +52,8 @@ def solve_equilibrium(
     Args:
         chain: The chain.
         q: Joint positions. Shape (n, nq). [rad or m]
-        wrench: Wrench of the environment on the tool at the TCP, base axes; none if left out. Shape (n, 6) or (6,). [N, N m]
+        wrench: Wrench of the environment on the tool at the TCP, base axes; none if left out.
+            Shape (n, 6) or (6,). [N, N m]
         tolerance: Largest change of an elastic coordinate in the last iteration. [rad or m]
         torque_bias: Further load on each elastic coordinate. Shape (n, s). [N m or N]
 
@@ -63,39 +65,66 @@ def solve_equilibrium(
     load = _wrench_rows(wrench, len(q))
     if not chain.n_springs:
         return LoadedPose(np.zeros((len(q), 0)), locate_frames(chain, q), np.zeros((len(q), 0)))
-    theta, elements = np.zeros((len(q), chain.n_springs)), chain.spring_elements
-    change = np.inf
+    bias = None if torque_bias is None else np.broadcast_to(torque_bias, (len(q), chain.n_springs))
+    frames, theta, torque = empty_frames(chain, len(q)), *(np.empty((chain.n_springs, len(q))).T for _ in range(2))
+    for rows in chunks(len(q)):
+        part = chain.take(rows)
+        extra = None if bias is None else list(np.ascontiguousarray(bias[rows].T))
+        columns = np.ascontiguousarray((load[:1] if _one_row(load) else load[rows]).T)
+        solution = _iterate(part, np.ascontiguousarray(q[rows].T), columns, extra, tolerance)
+        fill_frames(frames, rows, solution.walk)
+        for j, (coordinate, moment) in enumerate(zip(solution.theta, solution.torque, strict=True)):
+            theta[rows, j], torque[rows, j] = coordinate, moment
+    return LoadedPose(theta, frames, torque)
+
+
+class _Solution(NamedTuple):
+    """Equilibrium of a piece, components first."""
+
+    theta: list[Array]
+    torque: list[Array]
+    walk: Walk
+
+
+def _iterate(chain: Chain, q: Array, wrench: Array, bias: list[Array] | None, tolerance: float) -> _Solution:
+    """Iterate theta <- C (J^T w + tau_g) until the geometric series of the changes falls below the tolerance."""
+    program, elements = chain.program, [int(k) for k in chain.spring_elements]
+    turns = joint_turns(program, q)
+    theta: list[Array] | None = None
+    change = previous = np.inf
     for _ in range(MAX_ITERATIONS):
-        frames = locate_frames(chain, q, theta)
-        torque = spring_torque(chain, frames, load)[:, elements]
-        if torque_bias is not None:
-            torque = torque + torque_bias
-        if change < tolerance:
-            return LoadedPose(theta, frames, torque)
-        update = np.einsum("...ij,nj->ni", chain.compliance, torque)
-        change = float(np.abs(update - theta).max(initial=0.0))
+        walk = walk_chain(program, turns, theta, bodies=bool(program.weights))
+        torque = element_loads(program, walk, wrench[:3], wrench[3:], elements)
+        if bias is not None:
+            torque = [a + b for a, b in zip(torque, bias, strict=True)]
+        update = apply_compliance(program, torque)
+        before = [np.zeros(1)] * len(update) if theta is None else theta
+        change = max(float(np.abs(a - b).max(initial=0.0)) for a, b in zip(update, before, strict=True))
         theta = update
+        ratio = min(change / previous, 1.0) if np.isfinite(previous) and previous > 0 else 1.0
+        if change < tolerance or (ratio < 0.5 and change * ratio < 0.5 * tolerance):
+            return _Solution(theta, torque, walk_chain(program, turns, theta))
         if not np.isfinite(change):
             break
-    raise ConvergenceError(
-        f"equilibrium did not settle, last change {change:.3g} rad; the load is near or beyond buckling", residual=change
-    )
+        previous = change
+    message = f"equilibrium did not settle, last change {change:.3g} rad; the load is near or beyond buckling"
+    raise ConvergenceError(message, residual=change)
+
+
+def _one_row(load: Array) -> bool:
+    return load.strides[0] == 0
 
 
 def spring_torque(chain: Chain, frames: Frames, wrench: Array) -> Array:
     """Compute the load of wrench and weights on every element: J^T w + tau_g. Shape (n, m). [N m or N]"""
-    force, moment = wrench[:, None, :3], wrench[:, None, 3:]
-    load = moment + np.cross(frames.tcp_position[:, None, :] - frames.origin, force)
-    if chain.translates.any():
-        load[:, chain.translates] = force
-    return np.asarray(np.einsum("nmi,nmi->nm", frames.axis, load)) + gravity_torque(chain, frames)
+    return load_elements(chain, frames, np.asarray(wrench, float))
 
 
 def cartesian_compliance(chain: Chain, q: Array, theta: Array | None = None) -> Array:
     """Compute the compliance of the TCP, J C J^T, at a pose (loaded if theta is given).
 
-    Valid for a small change of the wrench where the stiffness by the change of the Jacobian is negligible [Salisbury1980];
-    `loaded_compliance` holds without that condition.
+    Valid for a small change of the wrench where the stiffness by the change of the Jacobian is negligible
+    [Salisbury1980]; `loaded_compliance` holds without that condition.
 
     Args:
         chain: The chain.
@@ -105,9 +134,19 @@ def cartesian_compliance(chain: Chain, q: Array, theta: Array | None = None) -> 
     Returns:
         Rows tx ty tz rx ry rz, columns fx fy fz mx my mz, base axes. Shape (n, 6, 6).
     """
-    frames = locate_frames(chain, np.atleast_2d(q), theta)
-    columns = jacobian(chain, frames)[:, :, chain.spring_elements]
-    return np.asarray(columns @ chain.compliance @ np.swapaxes(columns, 1, 2))
+    q = np.atleast_2d(np.asarray(q, float))
+    result = np.empty((6, 6, len(q)))
+    for rows in chunks(len(q)):
+        part = chain.take(rows)
+        frames = locate_frames(part, q[rows], None if theta is None else theta[rows])
+        columns = np.moveaxis(jacobian(part, frames), 0, -1)[:, part.spring_elements]
+        bent = np.empty_like(columns)
+        for i in range(6):
+            for j, displacement in enumerate(apply_compliance(part.program, columns[i])):
+                bent[i, j] = displacement
+            for k in range(i + 1):
+                result[i, k, rows] = result[k, i, rows] = np.einsum("sn,sn->n", bent[i], columns[k])
+    return np.moveaxis(result, -1, 0)
 
 
 def loaded_compliance(chain: Chain, q: Array, wrench: Array) -> Array:
@@ -133,7 +172,11 @@ def loaded_compliance(chain: Chain, q: Array, wrench: Array) -> Array:
 
 
 def load_hessian(chain: Chain, q: Array, theta: Array, wrench: Array) -> Array:
-    """Differentiate the load on the elastic coordinates: H = d(J^T w + tau_g)/dtheta, by central differences.
+    """Differentiate the load on the elastic coordinates: H = d(J^T w + tau_g)/dtheta.
+
+    With F the forces beyond an element, S = sum r w^T over them (r from the element's origin) and u = S a - tr(S) a:
+    H_ij = a_i . u_j where j is nearer to the tip, a_j . (u_i + a_i x m) where it is not, m being the moment on the
+    tool; of a translation u = a x F.
 
     Args:
         chain: The chain.
@@ -144,16 +187,41 @@ def load_hessian(chain: Chain, q: Array, theta: Array, wrench: Array) -> Array:
     Returns:
         Shape (n, s, s). [N m/rad and kin]
     """
-    n, s, step = len(q), chain.n_springs, 1e-5
+    n, s = len(q), chain.n_springs
     hessian = np.empty((n, s, s))
-    for j in range(s):
-        sides = []
-        for sign in (1, -1):
-            moved = theta.copy()
-            moved[:, j] += sign * step
-            sides.append(spring_torque(chain, locate_frames(chain, q, moved), wrench)[:, chain.spring_elements])
-        hessian[:, :, j] = (sides[0] - sides[1]) / (2 * step)
+    elements, load = chain.spring_elements, _wrench_rows(wrench, n)
+    turning = ~chain.translates[elements]
+    nearer = np.triu(np.ones((s, s), bool), 1)
+    for rows in chunks(n):
+        part = chain.take(rows)
+        frames = locate_frames(part, q[rows], theta[rows])
+        axis = frames.axis[:, elements]
+        pull = _pull_of_loads(part, frames, load[rows])
+        swing = pull + np.where(turning[:, None], np.cross(axis, load[rows, None, 3:]), 0.0)
+        outward = np.einsum("nic,njc->nij", axis, pull) * turning[:, None]
+        inward = np.einsum("njc,nic->nij", axis, swing) * turning[None, :]
+        hessian[rows] = np.where(nearer, outward, inward)
     return hessian
+
+
+def _pull_of_loads(chain: Chain, frames: Frames, wrench: Array) -> Array:
+    """Compute u of every spring for `load_hessian`. Shape (n, s, 3). [N m or N]"""
+    elements, n = chain.spring_elements, len(wrench)
+    weight = np.broadcast_to(np.asarray(chain.mass)[..., None] * chain.gravity, (n, frames.centre.shape[1], 3))
+    points = np.concatenate([frames.tcp_position[:, None], frames.centre], axis=1)
+    forces = np.concatenate([wrench[:, None, :3], weight], axis=1)
+    last = np.r_[len(chain.names), chain.body_element]
+    result = np.empty((n, len(elements), 3))
+    for j, element in enumerate(elements):
+        beyond, axis = last >= element, frames.axis[:, element]
+        force, lever = forces[:, beyond], points[:, beyond] - frames.origin[:, None, element]
+        if chain.translates[element]:
+            result[:, j] = np.cross(axis, force.sum(axis=1))
+        else:
+            along = np.einsum("nbi,ni->nb", force, axis)
+            trace = np.einsum("nbi,nbi->n", lever, force)
+            result[:, j] = np.einsum("nbi,nb->ni", lever, along) - trace[:, None] * axis
+    return result
 
 
 def _wrench_rows(wrench: Array | None, n: int) -> Array:
