@@ -1,7 +1,8 @@
-"""The chain's kinematics and loaded equilibrium as CasADi expressions, for the planner.
+"""The chain's kinematics and loaded equilibrium as CasADi expressions.
 
 The PyPI wheel of Pinocchio has no CasADi interface, so the elements of `compplan.chain` are written out symbolically
-(Rodrigues for revolute axes). Deflections are eliminated inside the expression by a fixed number of equilibrium steps.
+(Rodrigues for revolute axes). Deflections are eliminated inside the expression by as many equilibrium steps as robot and
+load need.
 """
 
 from __future__ import annotations
@@ -9,9 +10,14 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from compplan.chain import Chain
+from compplan.chain import Chain, locate_frames
+from compplan.elastic import spring_torque
+from compplan.errors import ConvergenceError
+from compplan.robot import Array
 
-EQUILIBRIUM_STEPS = 3
+MAX_STEPS = 60
+#: Poses that the number of equilibrium steps is counted on.
+SAMPLES = 200
 
 
 def build_pose_function(chain: Chain) -> ca.Function:
@@ -21,11 +27,11 @@ def build_pose_function(chain: Chain) -> ca.Function:
     return ca.Function("pose", [q], [position, rotation], ["q"], ["position", "rotation"])
 
 
-def build_loaded_pose_function(chain: Chain, steps: int = EQUILIBRIUM_STEPS) -> ca.Function:
+def build_loaded_pose_function(chain: Chain, steps: int) -> ca.Function:
     """Build the loaded forward kinematics with the deflections eliminated.
 
-    theta_0 = 0, theta_{i+1} = C (J(q, theta_i)^T w + tau_g(q, theta_i)); three steps reach 1e-12 rad for the stiffness of
-    real robots under process loads.
+    theta_0 = 0, theta_{i+1} = C (J(q, theta_i)^T w + tau_g(q, theta_i)). Every step shrinks the remainder by the share of
+    the buckling load that acts; `count_equilibrium_steps` counts the steps that a robot and its load need.
 
     Args:
         chain: The chain.
@@ -36,14 +42,48 @@ def build_loaded_pose_function(chain: Chain, steps: int = EQUILIBRIUM_STEPS) -> 
         theta (s) [rad or m]), base frame.
     """
     q, wrench = ca.SX.sym("q", chain.nq), ca.SX.sym("wrench", 6)
-    theta = ca.SX.zeros(chain.n_springs)
-    for _ in range(steps if chain.n_springs else 0):
-        torque = _spring_torque(chain, q, theta, wrench)
-        theta = ca.mtimes(ca.DM(chain.compliance), torque)
+    theta = ca.SX.sym("theta", chain.n_springs)
     position, rotation, _ = _locate(chain, q, theta)
+    arrive = ca.Function("arrive", [q, theta], [position, rotation])
+    elastic = ca.MX.zeros(chain.n_springs)
+    joints, load = ca.MX.sym("q", chain.nq), ca.MX.sym("wrench", 6)
+    if chain.n_springs:
+        torque = _spring_torque(chain, q, theta, wrench)
+        step = ca.Function("step", [q, theta, wrench], [ca.mtimes(ca.DM(chain.compliance), torque)])
+        for _ in range(steps):
+            elastic = step(joints, elastic, load)
+    outputs = [*arrive(joints, elastic), elastic]
     return ca.Function(
-        "loaded_pose", [q, wrench], [position, rotation, theta], ["q", "wrench"], ["position", "rotation", "theta"]
+        "loaded_pose", [joints, load], outputs, ["q", "wrench"], ["position", "rotation", "theta"]
     )
+
+
+def count_equilibrium_steps(chain: Chain, q: Array, wrench: Array, *, tolerance: float = 1e-12) -> int:
+    """Count the equilibrium steps after which the elastic coordinates of a robot under a load stand still.
+
+    Args:
+        chain: The chain.
+        q: Joint positions that occur; at most SAMPLES of them, spread evenly, are looked at. Shape (n, nq). [rad or m]
+        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
+        tolerance: Greatest change of an elastic coordinate in the last step. [rad or m]
+
+    Raises:
+        ConvergenceError: If they do not stand still after MAX_STEPS steps, as near the buckling load.
+    """
+    if not chain.n_springs:
+        return 0
+    rows = np.unique(np.linspace(0, len(q) - 1, min(len(q), SAMPLES)).astype(int))
+    q, wrench = q[rows], wrench[rows]
+    theta = np.zeros((len(q), chain.n_springs))
+    change = np.inf
+    for steps in range(1, MAX_STEPS + 1):
+        torque = spring_torque(chain, locate_frames(chain, q, theta), wrench)[:, chain.spring_elements]
+        update = torque @ chain.compliance.T
+        change = float(np.abs(update - theta).max())
+        theta = update
+        if change < tolerance:
+            return steps
+    raise ConvergenceError(f"equilibrium needs more than {MAX_STEPS} steps, last change {change:.3g} rad", residual=change)
 
 
 def _locate(chain: Chain, q: ca.SX, theta: ca.SX | None) -> tuple[ca.SX, ca.SX, dict[str, list[ca.SX]]]:
@@ -58,9 +98,11 @@ def _locate(chain: Chain, q: ca.SX, theta: ca.SX | None) -> tuple[ca.SX, ca.SX, 
         axis = _apply(rotation, chain.axis[k])
         parts["axis"].append(axis)
         parts["origin"].append(position)
-        value = None if theta is None else theta[int(chain.theta_index[k])]
+        value = None
         if chain.q_index[k] >= 0:
             value = float(chain.multiplier[k]) * q[int(chain.q_index[k])] + float(chain.q_offset[k])
+        elif theta is not None:
+            value = theta[int(chain.theta_index[k])]
         if value is not None:
             if chain.translates[k]:
                 position = position + axis * value
