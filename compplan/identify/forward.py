@@ -1,0 +1,222 @@
+"""What the model says about measured rows, and how that changes with the parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from compplan.chain import Frames, jacobian, locate_frames
+from compplan.elastic import spring_torque
+from compplan.errors import ConvergenceError
+from compplan.identify.observations import Observations
+from compplan.identify.parameters import AXES, Parameter, Structure
+from compplan.robot import Array
+
+EQUILIBRIUM_TOLERANCE = 1e-12
+MAX_ITERATIONS = 100
+
+
+@dataclass(frozen=True)
+class Registration:
+    """Frames of a campaign: which are free, and where they stand.
+
+    Attributes:
+        base: Whether the pose of the robot base in the measuring frame is free.
+        tool: Whether the pose of the measured targets in the TCP frame is free.
+        T_measure_base: Pose of the robot base seen from the measuring frame. Shape (4, 4). [m]
+        T_tcp_target: Pose of each measured target in the TCP frame. Shape (k, 4, 4). [m]
+    """
+
+    base: bool = False
+    tool: bool = False
+    T_measure_base: Array = field(default_factory=lambda: np.eye(4))
+    T_tcp_target: Array = field(default_factory=lambda: np.eye(4)[None])
+
+    def parameters(self, orientation: bool) -> tuple[Parameter, ...]:
+        """List the frame parameters: changes of pose, small against the frames that stand here."""
+        free = [Parameter(f"base.{a}", "base", *_unit(a)) for a in AXES] if self.base else []
+        if self.tool:
+            count = len(self.T_tcp_target)
+            for k in range(count):
+                label = "tool" if count == 1 else f"tool#{k + 1}"
+                free += [Parameter(f"{label}.{a}", "tool", *_unit(a)) for a in (AXES if orientation else AXES[:3])]
+        return tuple(free)
+
+    def moved(self, change: Array, orientation: bool) -> Registration:
+        """Move the frames by a step of their parameters."""
+        base, tools, used = self.T_measure_base, self.T_tcp_target.copy(), 0
+        if self.base:
+            base, used = _turn(change[:6]) @ base, 6
+        if self.tool:
+            size = 6 if orientation else 3
+            for k in range(len(tools)):
+                step = np.zeros(6)
+                step[:size] = change[used : used + size]
+                moved = _turn(np.r_[np.zeros(3), step[3:]])[:3, :3]
+                tools[k, :3, :3] = moved @ tools[k, :3, :3]
+                tools[k, :3, 3] += step[:3]
+                used += size
+        return replace(self, T_measure_base=base, T_tcp_target=tools)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the model says about n rows.
+
+    Attributes:
+        position: Measured point, measuring frame. Shape (n, 3). [m]
+        rotation: Measured orientation, measuring frame. Shape (n, 3, 3).
+        theta: Elastic coordinates. Shape (n, s). [rad or m]
+        torque: Load on each elastic coordinate. Shape (n, s). [N m or N]
+        frames: Frames of the loaded chain, base frame.
+    """
+
+    position: Array
+    rotation: Array
+    theta: Array
+    torque: Array
+    frames: Frames
+
+
+def predict_rows(
+    structure: Structure,
+    values: Array,
+    observations: Observations,
+    registration: Registration,
+    start: Array | None = None,
+) -> Prediction:
+    """Predict what is measured, in exact loaded equilibrium: theta = C(p) tau(q, theta) + shift(p).
+
+    Args:
+        structure: Robot and free parameters.
+        values: Values of the parameters. Shape (p,).
+        observations: The measured rows; only their q, wrench, mode and target are used.
+        registration: Frames of the campaign.
+        start: Elastic coordinates to start from. Shape (n, s).
+
+    Raises:
+        ConvergenceError: If the equilibrium does not settle.
+    """
+    chain, compliance, shift = structure.chain, structure.compliance(values), structure.shift(values)
+    n, s = len(observations), chain.n_springs
+    free = ~(observations.link_side[:, None] & chain.actuator[None, :])
+    theta = np.broadcast_to(shift, (n, s)) * free if start is None else start
+    change = np.inf
+    for _ in range(MAX_ITERATIONS):
+        frames = locate_frames(chain, observations.q, theta if s else None)
+        torque = spring_torque(chain, frames, observations.wrench)[:, chain.spring_elements]
+        if change < EQUILIBRIUM_TOLERANCE:
+            break
+        update = (torque @ compliance) * free + shift
+        change = float(np.abs(update - theta).max(initial=0.0))
+        theta = update
+        if not np.isfinite(change):
+            break
+    else:
+        change = np.inf
+    if not np.isfinite(change):
+        raise ConvergenceError("equilibrium did not settle while identifying; a load is near buckling", residual=change)
+    offset = registration.T_tcp_target[observations.target]
+    R, p = registration.T_measure_base[:3, :3], registration.T_measure_base[:3, 3]
+    lever = np.einsum("nij,nj->ni", frames.tcp_rotation, offset[:, :3, 3])
+    return Prediction(
+        position=(frames.tcp_position + lever) @ R.T + p,
+        rotation=R @ frames.tcp_rotation @ offset[:, :3, :3],
+        theta=theta,
+        torque=torque,
+        frames=frames,
+    )
+
+
+def sensitivities(
+    structure: Structure, observations: Observations, registration: Registration, prediction: Prediction
+) -> Array:
+    """Differentiate the measured pose with respect to every parameter, frames last.
+
+    dx/dc_k = J E_k tau, geometry: dx/dg = J e; the change of tau with theta is left out (it is of the order of load by
+    buckling load), which changes the steps of Gauss-Newton but not where a consistent fit ends.
+
+    Returns:
+        Linear rows first, measuring axes. Shape (n, 6, p + frame parameters).
+    """
+    chain = structure.chain
+    R = registration.T_measure_base[:3, :3]
+    lever = prediction.position - (prediction.frames.tcp_position @ R.T + registration.T_measure_base[:3, 3])
+    columns = jacobian(chain, prediction.frames)[:, :, chain.spring_elements]
+    free = ~(observations.link_side[:, None] & chain.actuator[None, :])
+    turned = np.empty_like(columns)
+    turned[:, 3:] = np.einsum("ij,njs->nis", R, columns[:, 3:])
+    turned[:, :3] = np.einsum("ij,njs->nis", R, columns[:, :3]) + np.cross(turned[:, 3:], lever[:, :, None], axis=1)
+    turned *= free[:, None, :]
+    parts = [_elastic_columns(structure, columns=turned, torque=prediction.torque)]
+    parts += _frame_columns(observations, registration, prediction, R)
+    return np.concatenate(parts, axis=2)
+
+
+def pose_residuals(observations: Observations, prediction: Prediction) -> Array:
+    """Take measured minus predicted: position, then rotation vector, measuring axes. Shape (n, 6). [m, rad]"""
+    residual = np.full((len(observations), 6), np.nan)
+    residual[:, :3] = observations.position - prediction.position
+    if observations.rotation is not None:
+        known = np.isfinite(observations.rotation).all(axis=(1, 2))
+        turn = observations.rotation[known] @ np.swapaxes(prediction.rotation[known], 1, 2)
+        residual[known, 3:] = Rotation.from_matrix(turn).as_rotvec()
+    return residual
+
+
+def _elastic_columns(structure: Structure, columns: Array, torque: Array) -> Array:
+    result = np.zeros((len(columns), 6, len(structure.parameters)))
+    entries = [(k, *e) for k, p in enumerate(structure.parameters) for e in p.entries]
+    if entries:
+        k, i, j, coefficient = (np.array(column) for column in zip(*entries, strict=True))
+        pushed = columns[:, :, i] * torque[:, None, j]
+        pushed += np.where(i == j, 0.0, 1.0) * columns[:, :, j] * torque[:, None, i]
+        mixing = np.zeros((len(k), result.shape[2]))
+        mixing[np.arange(len(k)), k] = coefficient
+        result = pushed @ mixing
+    for k, parameter in enumerate(structure.parameters):
+        if parameter.shift >= 0:
+            result[:, :, k] += columns[:, :, parameter.shift]
+    return result
+
+
+def _frame_columns(
+    observations: Observations, registration: Registration, prediction: Prediction, R: Array
+) -> list[Array]:
+    n, parts = len(observations), []
+    if registration.base:
+        base = np.zeros((n, 6, 6))
+        base[:] = np.eye(6)
+        base[:, :3, 3:] = -_skew(prediction.position)
+        parts.append(base)
+    if registration.tool:
+        size = 6 if observations.rotation is not None else 3
+        turned = R @ prediction.frames.tcp_rotation
+        for k in range(len(registration.T_tcp_target)):
+            tool = np.zeros((n, 6, size))
+            own = observations.target == k
+            tool[own, :3, :3] = turned[own]
+            if size == 6:
+                tool[own, 3:, 3:] = turned[own]
+            parts.append(tool)
+    return parts
+
+
+def _skew(vectors: Array) -> Array:
+    matrix = np.zeros((len(vectors), 3, 3))
+    x, y, z = vectors.T
+    matrix[:, 0, 1], matrix[:, 0, 2], matrix[:, 1, 2] = -z, y, -x
+    return matrix - np.swapaxes(matrix, 1, 2)
+
+
+def _turn(change: Array) -> Array:
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_rotvec(change[3:]).as_matrix()
+    pose[:3, 3] = change[:3]
+    return pose
+
+
+def _unit(axis: str) -> tuple[str, float, float]:
+    return ("m", 0.0, 1e-3) if axis.startswith("t") else ("rad", 0.0, 1e-3)

@@ -1,0 +1,194 @@
+"""What a set of poses and loads can tell, what it can tell together only, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.identify.forward import Prediction
+from compplan.identify.observations import Observations
+from compplan.identify.parameters import Parameter, Structure
+from compplan.robot import Array
+
+#: A direction whose standard error is more than this many typical sizes is called unidentifiable.
+LIMIT = 10.0
+#: Squared singular value of the column-scaled system below which a direction is singular, whatever the noise.
+SINGULAR = 1e-12
+#: Held at its nominal value first: what is refinement rather than the joints and frames themselves.
+PREFERENCE = {"link": 0, "extra": 1, "geometry": 2, "spring": 3, "tool": 4, "base": 5}
+
+
+@dataclass(frozen=True)
+class Inseparable:
+    """Parameters that the data cannot tell, alone or apart from others.
+
+    Attributes:
+        held: The parameter that is held at its nominal value.
+        together_with: Parameters that move the measured pose in the same way; empty if it cannot be told at all.
+        reason: Why, in a sentence.
+    """
+
+    held: str
+    together_with: tuple[str, ...]
+    reason: str
+
+    @property
+    def sentence(self) -> str:
+        """Say it in one sentence."""
+        if not self.together_with:
+            return f"{self.held} cannot be told at all: {self.reason}"
+        return f"{self.held} cannot be told apart from {' and '.join(self.together_with)}: {self.reason}"
+
+
+def find_free(information: Array, parameters: Sequence[Parameter]) -> NDArray[np.bool_]:
+    """Find a largest set of parameters that the data tell apart; the rest has to be held.
+
+    Args:
+        information: Information matrix A^T W A. Shape (p, p). [per unit squared]
+        parameters: The parameters, with their typical sizes.
+
+    Returns:
+        Mask of the parameters that can be free. Shape (p,).
+    """
+    sizes = np.array([parameter.size for parameter in parameters])
+    scaled = information * np.outer(sizes, sizes)
+    strength = np.sqrt(np.diag(scaled))
+    free = strength * LIMIT > 1
+    rank = np.array([_preference(parameter) for parameter in parameters])
+    while free.any():
+        index = np.flatnonzero(free)
+        block = scaled[np.ix_(index, index)]
+        norm = strength[index]
+        value, vector = np.linalg.eigh(block / np.outer(norm, norm))
+        direction = vector[:, 0]
+        if value[0] > SINGULAR:
+            value, vector = np.linalg.eigh(block)
+            if value[0] * LIMIT**2 > 1:
+                break
+            direction = vector[:, 0]
+        weight = np.abs(direction)
+        suspects = np.flatnonzero(weight > 0.5 * weight.max())
+        free[index[min(suspects, key=lambda k: (rank[index[k]], -weight[k]))]] = False
+    return free
+
+
+def explain_held(
+    structure: Structure,
+    observations: Observations,
+    prediction: Prediction,
+    information: Array,
+    parameters: Sequence[Parameter],
+    free: NDArray[np.bool_],
+) -> tuple[Inseparable, ...]:
+    """Name every parameter that is held, what it cannot be told apart from, and why.
+
+    Args:
+        structure: Robot and parameters.
+        observations: The measured rows.
+        prediction: What the model says about them.
+        information: Information matrix. Shape (p, p).
+        parameters: All parameters, frames included.
+        free: Which of them are free. Shape (p,).
+    """
+    sizes = np.array([parameter.size for parameter in parameters])
+    scaled = information * np.outer(sizes, sizes)
+    strength = np.sqrt(np.diag(scaled))
+    index, found = np.flatnonzero(free), []
+    for k in np.flatnonzero(~free):
+        mates: list[int] = []
+        if strength[k] * LIMIT > 1 and len(index):
+            share = np.linalg.lstsq(scaled[np.ix_(index, index)], scaled[index, k], rcond=None)[0]
+            part = np.abs(share) * strength[index]
+            mates = [int(index[j]) for j in np.argsort(-part) if part[j] > 0.1 * max(strength[k], part.max())][:6]
+        names = tuple(parameters[j].name for j in mates)
+        if mates:
+            reason = _why_together(structure, observations, prediction, [parameters[j] for j in (int(k), *mates)])
+        else:
+            reason = _why_never(structure, observations, prediction, parameters[k])
+        found.append(Inseparable(parameters[k].name, names, reason))
+    return tuple(found)
+
+
+def condition_number(information: Array, free: NDArray[np.bool_]) -> float:
+    """Compute the condition number of the column-scaled system of the free parameters."""
+    index = np.flatnonzero(free)
+    if not len(index):
+        return float("nan")
+    block = information[np.ix_(index, index)]
+    norm = np.sqrt(np.diag(block))
+    value = np.linalg.eigvalsh(block / np.outer(norm, norm))
+    return float(np.sqrt(value[-1] / max(value[0], 1e-300)))
+
+
+def loads_are_vertical(observations: Observations) -> bool:
+    """Tell whether every external load is a vertical force without a moment (the frame's z being vertical)."""
+    load = observations.wrench
+    across = np.abs(load[:, [0, 1, 3, 4, 5]]).max(initial=0.0)
+    return bool(across < 1e-9 * max(np.abs(load[:, 2]).max(initial=0.0), 1e-300))
+
+
+def _preference(parameter: Parameter) -> int:
+    own = parameter.kind == "spring" and "." not in parameter.name
+    return PREFERENCE["extra" if parameter.kind == "spring" and not own else parameter.kind]
+
+
+def _why_never(structure: Structure, observations: Observations, prediction: Prediction, parameter: Parameter) -> str:
+    load, gravity = observations.wrench, structure.chain.gravity.any() and structure.chain.mass.any()
+    if parameter.kind in ("geometry", "base", "tool"):
+        return "these poses do not show it"
+    if not np.abs(load).max(initial=0.0) > 0 and not gravity:
+        return "no row carries a load, and the model has no gravity"
+    elastic = sorted({index for i, j, _ in parameter.entries for index in (i, j)})
+    torque = np.abs(prediction.torque[:, elastic]).max(initial=0.0)
+    frames = prediction.frames
+    element = structure.chain.spring_elements[elastic[0]]
+    axis, lever = frames.axis[:, element], frames.tcp_position - frames.origin[:, element]
+    reach = max(float(np.linalg.norm(lever, axis=1).max()), 0.1)
+    possible = float(np.linalg.norm(load[:, :3], axis=1).max(initial=0.0)) * reach
+    if torque < 1e-6 * max(possible, 1.0):
+        if not np.abs(load).max(initial=0.0) > 0:
+            return "the weight of the links never acts about its axis, and no row carries another load"
+        upright = np.abs(np.abs(axis[:, 2]) - 1).max() < 1e-9
+        if loads_are_vertical(observations) and upright:
+            return "its axis is vertical and all loads are vertical; add loads to the side"
+        if not np.abs(load[:, 3:]).max(initial=0.0) > 0:
+            return "every force passes through its axis or along it; add a lever or a moment about its axis"
+        return "the load never acts about its axis"
+    if observations.rotation is None and parameter.kind == "spring":
+        return "its motion hardly moves the measured point, and orientation was not measured; measure a point off its axis"
+    return f"the load about it, at most {torque:.3g} {'N' if parameter.unit == 'm/N' else 'N m'}, is too small for this noise"
+
+
+def _why_together(
+    structure: Structure, observations: Observations, prediction: Prediction, parameters: Sequence[Parameter]
+) -> str:
+    kinds = {parameter.kind for parameter in parameters}
+    if len(parameters) == 2 and _same_axis(structure, prediction, parameters):
+        return "both turn about (or slide along) the same axis under the same load, so only their sum acts"
+    if kinds & {"base", "tool", "geometry"} and kinds <= {"base", "tool", "geometry"}:
+        return "they are the same rigid motion of the measured point"
+    if kinds & {"base", "tool", "geometry"}:
+        return "under these loads the bending looks like an error of frame or geometry; measure each pose with several loads"
+    if loads_are_vertical(observations):
+        return "all loads are vertical, and then they act in proportion; add loads to the side and moments"
+    if structure.chain.gravity.any() and not np.abs(observations.wrench).max(initial=0.0) > 0:
+        return "own weight is the only load, and under it they act in proportion; add external loads"
+    if observations.rotation is None:
+        return "they move the measured point in proportion; measure orientation or several points of the tool"
+    return "they move the tool in proportion at these poses and loads; add poses and load directions"
+
+
+def _same_axis(structure: Structure, prediction: Prediction, parameters: Sequence[Parameter]) -> bool:
+    if any(len(p.entries) != 1 or p.entries[0][0] != p.entries[0][1] for p in parameters):
+        return False
+    chain, frames = structure.chain, prediction.frames
+    first, second = (chain.spring_elements[parameter.entries[0][0]] for parameter in parameters)
+    if chain.translates[first] != chain.translates[second]:
+        return False
+    apart = frames.origin[:, first] - frames.origin[:, second]
+    parallel = np.linalg.norm(np.cross(frames.axis[:, first], frames.axis[:, second]), axis=1).max() < 1e-3
+    coincident = np.linalg.norm(np.cross(frames.axis[:, first], apart), axis=1).max() < 1e-3
+    return bool(parallel and (chain.translates[first] or coincident))
