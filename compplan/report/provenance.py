@@ -29,11 +29,15 @@ def describe_robot(
     rows += [(f"source of {name}", text) for name, text in robot.sources.items()]
     rows.append(("elastic model", _elastic_model(robot)))
     if robot.gravity is None:
-        rows.append(("gravity", "no gravity load in the model: deflection counts from the arm that hangs under its own weight"))
+        rows.append(("gravity", "not in the model: deflection counts from the arm that hangs under its own weight"))
     if robot.effects:
         rows.append(("effects", ", ".join(sorted({str(effect.get("effect", "?")) for effect in robot.effects}))))
-    doubtful = [f"{name}: {text}" for name, text in robot.sources.items() if any(word in text.lower() for word in DOUBTFUL)]
-    return Provenance(rows, [*doubtful, *(assumptions or [])])
+    return Provenance(rows, [*list_doubts(robot), *(assumptions or [])])
+
+
+def list_doubts(robot: Robot) -> list[str]:
+    """List the sources of a robot that say that a number was not measured."""
+    return [f"{name}: {text}" for name, text in robot.sources.items() if any(word in text.lower() for word in DOUBTFUL)]
 
 
 def _elastic_model(robot: Robot) -> str:

@@ -23,6 +23,8 @@ SHORTEST_ROD = 0.01
 #: Where the light comes from, base axes, and the share of light without a direction.
 LIGHT = np.array([0.35, -0.5, 0.79])
 AMBIENT = 0.45
+#: Where a scene is looked at from, base axes.
+EYE = np.array([0.58, -0.70, 0.42])
 
 
 @dataclass(frozen=True)
@@ -72,8 +74,8 @@ def locate_links(robot: Robot, q: Array) -> dict[str, Array]:
 def place_shapes(robot: Robot, q: Array) -> list[Shape]:
     """Build the triangles of a robot at a pose.
 
-    A tool that a job mounts takes the place of the folder's tool: what the URDF hangs on the flange is then left out, and
-    a rod from flange to tool centre point is drawn.
+    A tool that a job mounts takes the place of the folder's tool: what the URDF hangs on the flange is then left out,
+    and a rod from flange to tool centre point is drawn.
 
     Args:
         robot: The robot.
@@ -123,10 +125,11 @@ def draw_robot(
         return []
     vertices, faces = _join(shapes)
     x, y, z = (1e3 * vertices).astype(np.float32).T
+    paint = np.round(255 * shade_faces(shapes)).astype(int)
     i, j, k = faces.astype(np.int32).T
     mesh = go.Mesh3d(
         x=x, y=y, z=z, i=i, j=j, k=k,
-        facecolor=[f"rgb({red},{green},{blue})" for red, green, blue in np.round(255 * shade_faces(shapes)).astype(int)],
+        facecolor=[f"rgb({red},{green},{blue})" for red, green, blue in paint],
         opacity=opacity,
         lighting={"ambient": 1.0, "diffuse": 0.0, "specular": 0.0, "fresnel": 0.0},
         name=name or robot.name,
@@ -148,7 +151,7 @@ def shade_faces(shapes: list[Shape]) -> Array:
     return np.vstack(colours)
 
 
-def frame_scene(points: Array, *, margin: float = 0.03, zoom: float = 0.85) -> dict[str, Any]:
+def frame_scene(points: Array, *, margin: float = 0.03, zoom: float = 0.62) -> dict[str, Any]:
     """Build the plotly scene that shows points with one scale on all axes.
 
     Args:
@@ -160,7 +163,7 @@ def frame_scene(points: Array, *, margin: float = 0.03, zoom: float = 0.85) -> d
     room = margin * max(float((high - low).max()), 1e-6)
     size = high - low + 2 * room
     ratio = size / size.max()
-    eye = np.array([0.58, -0.70, 0.42]) * zoom * float(np.linalg.norm(ratio))
+    eye = EYE * zoom * float(np.linalg.norm(ratio))
     axes = {
         f"{axis}axis": {
             "title": {"text": f"{axis}, mm"},
@@ -172,8 +175,8 @@ def frame_scene(points: Array, *, margin: float = 0.03, zoom: float = 0.85) -> d
     return {
         **axes,
         "aspectmode": "manual",
-        "aspectratio": dict(zip("xyz", (float(value) for value in ratio), strict=True)),
-        "camera": {"eye": dict(zip("xyz", (float(value) for value in eye), strict=True)), "projection": {"type": "orthographic"}},
+        "aspectratio": dict(zip("xyz", ratio.tolist(), strict=True)),
+        "camera": {"eye": dict(zip("xyz", eye.tolist(), strict=True)), "projection": {"type": "orthographic"}},
     }
 
 

@@ -12,7 +12,9 @@ TOLERANCE = "#8a8f3a"
 LIMIT = "#c2382e"
 NEUTRAL = "#8b929b"
 #: One colour per category: strategies, runs, joints.
-CATEGORIES = ("#2b86a8", "#d1603d", "#6a8f3c", "#8e6bb0", "#c79a2b", "#4a6fb5", "#b0557e", "#5aa09a", "#8a6d55", "#7d8590")
+CATEGORIES = (
+    "#2b86a8", "#d1603d", "#6a8f3c", "#8e6bb0", "#c79a2b", "#4a6fb5", "#b0557e", "#5aa09a", "#8a6d55", "#7d8590",
+)  # fmt: skip
 #: Small to large, for quantities that are best at zero.
 SEQUENTIAL = ((0.0, "#2f7fb5"), (0.3, "#6fae8f"), (0.55, "#dfb441"), (0.8, "#d1603d"), (1.0, "#8f1d2c"))
 #: Minus to plus, for quantities with a sign.
@@ -22,11 +24,12 @@ FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", "Noto Sa
 PAPER = {"light": "#ffffff", "dark": "#16191d"}
 INK = {"light": "#1d2329", "dark": "#dfe4ea"}
 GRID = {"light": "#e4e7ea", "dark": "#2c3238"}
+SPACE_GRID = {"light": "#ccd2d8", "dark": "#3b434b"}
 LINE = {"light": "#aab1b9", "dark": "#59626c"}
 
 
 def format_number(value: float, digits: int = 3) -> str:
-    """Write a number with so many significant digits, without needless zeros after the point, thousands apart.
+    """Write a number with so many significant digits, thousands apart.
 
     Args:
         value: The number; NaN becomes a dash.
@@ -47,8 +50,13 @@ def format_number(value: float, digits: int = 3) -> str:
     return text.replace("-", "−")
 
 
+def format_set_value(value: float) -> str:
+    """Write a number that someone has set, such as a tolerance: as short as it was given."""
+    return f"{value:.6g}".replace("-", "−")
+
+
 def format_length(metres: float, digits: int = 3) -> str:
-    """Write a length in the unit that suits it: um below 0.1 mm, mm otherwise.
+    """Write a measured or computed length in the unit that suits it: um below 0.1 mm, mm otherwise.
 
     Args:
         metres: The length. [m]
@@ -56,11 +64,33 @@ def format_length(metres: float, digits: int = 3) -> str:
     """
     if math.isnan(metres):
         return "–"
-    if abs(metres) < 1e-10:
-        return "0 µm" if metres == 0 else "below 0.001 µm" if abs(metres) < 1e-9 else "0.001 µm"
+    if 0 < abs(metres) < 1e-9:
+        return "less than 0.001 µm"
     if abs(metres) < 1e-4:
         return f"{format_number(metres * 1e6, digits)} µm"
     return f"{format_number(metres * 1e3, digits)} mm"
+
+
+def format_angle(radians: float, digits: int = 3) -> str:
+    """Write an angle in the unit that suits it: urad below 0.01 deg, deg otherwise.
+
+    Args:
+        radians: The angle. [rad]
+        digits: Significant digits.
+    """
+    if 0 < abs(radians) < 1e-9:
+        return "less than 0.001 µrad"
+    if abs(radians) < math.radians(0.01):
+        return f"{format_number(radians * 1e6, digits)} µrad"
+    return f"{format_number(math.degrees(radians), digits)} deg"
+
+
+def name_decade(power: int) -> str:
+    """Name a power of ten of a metre, as axes do: -6 is "1 µm", -3 is "1 mm"."""
+    for unit, start in (("nm", -9), ("µm", -6), ("mm", -3)):
+        if power < start + 3:
+            return f"{10 ** (power - start):g} {unit}"
+    return f"{10**power:g} m"
 
 
 def build_template(theme: str) -> dict[str, Any]:
@@ -83,7 +113,7 @@ def build_template(theme: str) -> dict[str, Any]:
     }
     space = {
         "backgroundcolor": "rgba(0,0,0,0)",
-        "gridcolor": GRID[theme],
+        "gridcolor": SPACE_GRID[theme],
         "linecolor": LINE[theme],
         "zerolinecolor": GRID[theme],
         "showbackground": False,
@@ -96,8 +126,19 @@ def build_template(theme: str) -> dict[str, Any]:
         "font": {"family": FONT, "size": 12.5, "color": INK[theme]},
         "colorway": list(CATEGORIES),
         "margin": {"l": 64, "r": 24, "t": 36, "b": 48},
-        "hoverlabel": {"bgcolor": PAPER[theme], "bordercolor": LINE[theme], "font": {"family": FONT, "color": INK[theme]}},
-        "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom", "bgcolor": "rgba(0,0,0,0)"},
+        "hoverlabel": {
+            "bgcolor": PAPER[theme],
+            "bordercolor": LINE[theme],
+            "font": {"family": FONT, "color": INK[theme]},
+        },
+        "legend": {
+            "orientation": "h",
+            "x": 0,
+            "xanchor": "left",
+            "y": 1.02,
+            "yanchor": "bottom",
+            "bgcolor": "rgba(0,0,0,0)",
+        },
         "xaxis": axis,
         "yaxis": axis,
         "scene": {"xaxis": space, "yaxis": space, "zaxis": space},

@@ -1,0 +1,259 @@
+"""Charts of quantities along a path: deviation, joints against limits, rates, corrections, wrench, feed.
+
+Every chart has the path length in mm as its horizontal axis and shows waypoint and time when hovered. Long paths are
+thinned for drawing; peaks stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.report.style import CATEGORIES, LIMIT, NEUTRAL, TOLERANCE, format_number, name_decade
+from compplan.report.thinning import thin_rows
+from compplan.robot import Array
+
+#: About how many rows of a chart are drawn.
+ROWS = 1600
+#: Deviations below this are drawn at it, where the axis is logarithmic. [m]
+FLOOR = 1e-9
+
+
+@dataclass(frozen=True)
+class Stations:
+    """Where the waypoints of a path are, for horizontal axes and for hovering.
+
+    Attributes:
+        length: Path length up to each waypoint. Shape (n,). [m]
+        time: Time of each waypoint. Shape (n,). [s]
+        marked: Waypoints to mark, such as infeasible ones.
+        shaded: Intervals of path length to shade, such as rapid moves. Shape (k, 2). [m]
+    """
+
+    length: Array
+    time: Array
+    marked: NDArray[np.int_]
+    shaded: Array
+
+    def hover(self, rows: NDArray[np.int_]) -> Array:
+        """Waypoint and time of rows, as plotly's custom data. Shape (k, 2)."""
+        return np.column_stack([rows, self.time[rows]]).astype(np.float32)
+
+
+def find_spans(flags: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Find the runs of true values: first and last row of each. Shape (k, 2)."""
+    edges = np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8))
+    return np.column_stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1])
+
+
+def draw_lines(
+    stations: Stations,
+    series: Mapping[str, Array],
+    unit: str,
+    *,
+    title: str,
+    colours: Sequence[str] = CATEGORIES,
+    log: bool = False,
+    limit: tuple[float, str] | None = None,
+    zero: bool = False,
+) -> Any:
+    """Draw series along the path on one axis.
+
+    Args:
+        stations: Where the waypoints are.
+        series: Values by name, already in the unit shown. Shape (n,) each.
+        unit: The unit shown.
+        title: Title of the vertical axis, without unit.
+        colours: One a series.
+        log: Whether the axis is logarithmic; the unit is then mm.
+        limit: A level to mark by a dashed line, and what it is called.
+        zero: Whether the axis starts at zero.
+    """
+    import plotly.graph_objects as go
+
+    figure = go.Figure()
+    add_lines(figure, stations, series, unit, colours=colours)
+    figure.update_xaxes(title_text="path length, mm", range=_length_range(stations))
+    figure.update_yaxes(title_text=f"{title}, {unit}")
+    if log:
+        _use_decades(figure, [values for values in series.values()], title)
+    if zero:
+        figure.update_yaxes(rangemode="tozero")
+    if limit is not None:
+        figure.add_hline(y=limit[0], line={"color": TOLERANCE, "width": 1.4, "dash": "dash"})
+        figure.add_annotation(
+            x=1, xref="paper", xanchor="right", y=np.log10(limit[0]) if log else limit[0], yanchor="bottom",
+            text=limit[1], showarrow=False, font={"size": 11.5, "color": TOLERANCE},
+        )  # fmt: skip
+    shade_spans(figure, stations)
+    mark_waypoints(figure, stations)
+    figure.update_layout(hovermode="x unified" if len(series) > 1 else "closest")
+    return figure
+
+
+def add_lines(
+    figure: Any,
+    stations: Stations,
+    series: Mapping[str, Array],
+    unit: str,
+    *,
+    colours: Sequence[str] = CATEGORIES,
+    row: int | None = None,
+    col: int | None = None,
+    legend: bool = True,
+) -> None:
+    """Add series along the path to a figure, thinned, with waypoint and time on hovering."""
+    import plotly.graph_objects as go
+
+    rows = thin_rows(list(series.values()), ROWS)
+    for number, (name, values) in enumerate(series.items()):
+        line = go.Scatter(
+            x=(1e3 * stations.length[rows]).astype(np.float32),
+            y=values[rows].astype(np.float32),
+            customdata=stations.hover(rows),
+            name=name,
+            mode="lines",
+            line={"color": colours[number % len(colours)], "width": 1.6},
+            hovertemplate=f"%{{y:.4g}} {unit} (waypoint %{{customdata[0]:.0f}}, %{{customdata[1]:.2f}} s)",
+            showlegend=legend and len(series) > 1,
+        )
+        figure.add_trace(line, row=row, col=col)
+
+
+def shade_spans(figure: Any, stations: Stations, *, row: int | None = None, col: int | None = None) -> None:
+    """Shade the intervals that the stations name."""
+    for start, end in 1e3 * stations.shaded:
+        figure.add_vrect(x0=start, x1=end, fillcolor=NEUTRAL, opacity=0.14, line_width=0, row=row, col=col)
+
+
+def mark_waypoints(figure: Any, stations: Stations, *, row: int | None = None, col: int | None = None) -> None:
+    """Mark the waypoints that the stations name by red bands, neighbours joined."""
+    flags = np.zeros(len(stations.length), bool)
+    flags[stations.marked] = True
+    total = max(1e3 * float(stations.length[-1]), 1e-9)
+    for first, last in find_spans(flags)[:60]:
+        start, end = 1e3 * stations.length[first], 1e3 * stations.length[last]
+        room = max(0.0015 * total - (end - start), 0) / 2
+        figure.add_vrect(x0=start - room, x1=end + room, fillcolor=LIMIT, opacity=0.28, line_width=0, row=row, col=col)
+
+
+def draw_joints(stations: Stations, q: Array, lower: Array, upper: Array, names: Sequence[str], slides: Array) -> Any:
+    """Draw each joint's position between its limits, one small chart a joint.
+
+    Args:
+        stations: Where the waypoints are.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        lower: Lower limits. Shape (nq,). [rad or m]
+        upper: Upper limits. Shape (nq,). [rad or m]
+        names: Names of the joints.
+        slides: Which joints are prismatic. Shape (nq,).
+    """
+    from plotly.subplots import make_subplots
+
+    scale = np.where(slides, 1e3, 180 / np.pi)
+    units = ["mm" if slide else "deg" for slide in slides]
+    low, high = lower * scale, upper * scale
+    titles = [_joint_title(*item) for item in zip(names, (q * scale).T, low, high, units, strict=True)]
+    columns = 3
+    lines = -(-len(names) // columns)
+    figure = make_subplots(
+        rows=lines, cols=columns, subplot_titles=titles, horizontal_spacing=0.075, vertical_spacing=0.2 / lines + 0.04
+    )
+    for k, unit in enumerate(units):
+        row, col = k // columns + 1, k % columns + 1
+        add_lines(figure, stations, {names[k]: q[:, k] * scale[k]}, unit, row=row, col=col, colours=CATEGORIES[:1])
+        bottom, top = _joint_range(q[:, k] * scale[k], float(low[k]), float(high[k]))
+        figure.update_yaxes(range=[bottom, top], title_text=unit if col == 1 else None, nticks=6, row=row, col=col)
+        figure.update_xaxes(range=_length_range(stations), nticks=5, row=row, col=col)
+        for start, end in ((bottom, float(low[k])), (float(high[k]), top)):
+            if np.isfinite(start) and np.isfinite(end) and end > start:
+                figure.add_hrect(y0=start, y1=end, fillcolor=LIMIT, opacity=0.16, line_width=0, row=row, col=col)
+        mark_waypoints(figure, stations, row=row, col=col)
+    for k in range(max(len(names) - columns, 0), len(names)):
+        figure.update_xaxes(title_text="path length, mm", row=k // columns + 1, col=k % columns + 1)
+    figure.update_annotations(font_size=12.5)
+    figure.update_layout(showlegend=False, margin={"t": 44})
+    return figure
+
+
+def draw_shares(stations: Stations, shares: Mapping[str, tuple[Array, Sequence[str]]]) -> Any:
+    """Draw rates as shares of their limits, one chart a rate, one line a joint.
+
+    Args:
+        stations: Where the waypoints are.
+        shares: By rate ("velocity"): share of each joint's limit, shape (n, nq), 1 = at the limit; and the joints' names.
+    """
+    from plotly.subplots import make_subplots
+
+    figure = make_subplots(rows=len(shares), cols=1, shared_xaxes=True, vertical_spacing=0.08)
+    for row, (title, (share, names)) in enumerate(shares.items(), start=1):
+        series = {name: 100 * share[:, k] for k, name in enumerate(names)}
+        add_lines(figure, stations, series, "%", row=row, col=1, legend=row == 1)
+        top = max(110.0, 105 * float(np.nanmax(share, initial=0)))
+        figure.update_yaxes(title_text=f"{title}, % of limit", range=[0, top], row=row, col=1)
+        figure.add_hrect(y0=100, y1=top, fillcolor=LIMIT, opacity=0.16, line_width=0, row=row, col=1)
+        mark_waypoints(figure, stations, row=row, col=1)
+    figure.update_xaxes(range=_length_range(stations))
+    figure.update_xaxes(title_text="path length, mm", row=len(shares), col=1)
+    return figure
+
+
+def draw_wrench(stations: Stations, wrench: Array) -> Any:
+    """Draw the force on the tool, and its moment where there is one.
+
+    Args:
+        stations: Where the waypoints are.
+        wrench: Wrench of the environment on the tool at the tip, base axes. Shape (n, 6). [N, N m]
+    """
+    from plotly.subplots import make_subplots
+
+    force = {f"f{axis}": wrench[:, k] for k, axis in enumerate("xyz")}
+    if not np.abs(wrench[:, 3:]).max() > 1e-9:
+        return draw_lines(stations, force, "N", title="force on the tool, base axes")
+    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.08)
+    add_lines(figure, stations, force, "N", row=1, col=1)
+    moment = {f"m{axis}": wrench[:, 3 + k] for k, axis in enumerate("xyz")}
+    add_lines(figure, stations, moment, "N m", row=2, col=1, colours=CATEGORIES[3:6])
+    figure.update_yaxes(title_text="force, N", row=1, col=1)
+    figure.update_yaxes(title_text="moment, N m", row=2, col=1)
+    figure.update_xaxes(range=_length_range(stations))
+    figure.update_xaxes(title_text="path length, mm", row=2, col=1)
+    return figure
+
+
+def _use_decades(figure: Any, lengths: Sequence[Array], title: str) -> None:
+    """Make the vertical axis logarithmic over lengths in mm, its ticks named nm, um, mm."""
+    known = np.concatenate([values[np.isfinite(values) & (values > 0)] for values in lengths])
+    low, high = (np.log10(known.min()), np.log10(known.max())) if len(known) else (-6.0, 0.0)
+    powers = range(int(np.floor(low)) - 1, int(np.ceil(high)) + 2)
+    figure.update_yaxes(
+        type="log",
+        title_text=title,
+        tickvals=[10.0**power for power in powers],
+        ticktext=[name_decade(power - 3) for power in powers],
+    )
+
+
+def _length_range(stations: Stations) -> list[float]:
+    end = 1e3 * float(stations.length[-1])
+    return [-0.005 * end, 1.005 * end]
+
+
+def _joint_title(name: str, values: Array, low: float, high: float, unit: str) -> str:
+    reach = f"{format_number(float(values.min()))} to {format_number(float(values.max()))} {unit}"
+    if not (np.isfinite(low) or np.isfinite(high)):
+        return f"<b>{name}</b>  {reach}, no limits"
+    margin = float(min(values.min() - low, high - values.max()))
+    return f"<b>{name}</b>  {reach}, {format_number(margin)} {unit} left"
+
+
+def _joint_range(values: Array, low: float, high: float) -> tuple[float, float]:
+    """Show the whole range of a joint with both limit bands, or the values where there are no limits."""
+    bottom = min(low if np.isfinite(low) else np.inf, float(values.min()))
+    top = max(high if np.isfinite(high) else -np.inf, float(values.max()))
+    room = 0.07 * max(top - bottom, 1e-6)
+    return bottom - room, top + room

@@ -1,0 +1,143 @@
+"""The path in 3D: where it lies in the cell, and how far the tool strays from it before and after."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from compplan.errors import ShapeError
+from compplan.report.robot_scene import draw_robot, frame_scene, place_shapes
+from compplan.report.style import AFTER, NEUTRAL, SEQUENTIAL, format_length, name_decade
+from compplan.report.thinning import thin_path
+from compplan.robot import Array, Robot
+
+#: About how many points of a path are drawn in a scene.
+POINTS = 3500
+#: The largest deviation is drawn about this long, as a share of the extent of the path.
+DRAWN_SHARE = 0.09
+#: Decades of deviation that the colours span at most.
+DECADES = 5.0
+
+
+def draw_cell(robot: Robot, q: Array, path: Array, *, start: int = 0) -> Any:
+    """Draw the robot at one waypoint, and its path.
+
+    Args:
+        robot: The robot.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        path: Nominal path of the tool tip, base frame. Shape (n, 3). [m]
+        start: The waypoint that the robot is drawn at.
+    """
+    import plotly.graph_objects as go
+
+    rows = thin_path(path, path, POINTS)
+    points = 1e3 * path[rows]
+    figure = go.Figure(draw_robot(robot, q[start]))
+    figure.add_trace(_line(points, {"color": AFTER, "width": 7}, "path of the tool tip", hover=False))
+    shapes = place_shapes(robot, q[start])
+    figure.update_layout(
+        scene=frame_scene(np.vstack([points, *(1e3 * shape.vertices for shape in shapes)])),
+        margin={"l": 0, "r": 0, "t": 0, "b": 0},
+        showlegend=False,
+    )
+    return figure
+
+
+def draw_deviation_paths(path: Array, before: Array, after: Array, *, names: tuple[str, str] = ("before", "after")) -> Any:
+    """Draw the path twice, with the deviation before and after as colour and, magnified, as shape.
+
+    Args:
+        path: Nominal path of the tool tip, base frame. Shape (n, 3). [m]
+        before: Deviation (attained - nominal) without correction. Shape (n, 3). [m]
+        after: Deviation with correction. Shape (n, 3). [m]
+        names: What the two are called.
+
+    Raises:
+        ShapeError: If the three do not have one shape.
+    """
+    from plotly.subplots import make_subplots
+
+    if not path.shape == before.shape == after.shape:
+        raise ShapeError(f"path, before and after have shapes {path.shape}, {before.shape}, {after.shape}, expected one")
+    sizes = [np.linalg.norm(deviation, axis=1) for deviation in (before, after)]
+    rows = thin_path(path, np.column_stack([before, *sizes]), POINTS)
+    factor = choose_magnification(path, before)
+    figure = make_subplots(
+        rows=1, cols=2, specs=[[{"type": "scene"}, {"type": "scene"}]], horizontal_spacing=0.01,
+        subplot_titles=[f"{name}: up to {format_length(float(size.max()))}" for name, size in zip(names, sizes, strict=True)],
+    )  # fmt: skip
+    nominal = 1e3 * path[rows]
+    shown = [nominal]
+    for number, (deviation, size) in enumerate(zip((before, after), sizes, strict=True), start=1):
+        attained = nominal + 1e3 * factor * deviation[rows]
+        shown.append(attained)
+        grey = _line(nominal, {"color": NEUTRAL, "width": 2}, "nominal", hover=False)
+        figure.add_trace(grey, row=1, col=number)
+        level = np.log10(np.maximum(size[rows], 1e-9))
+        line = {"color": level.astype(np.float32), "coloraxis": "coloraxis", "width": 6}
+        custom = np.column_stack([rows, 1e3 * size[rows]]).astype(np.float32)
+        trace = _line(attained, line, names[number - 1], custom=custom)
+        figure.add_trace(trace, row=1, col=number)
+    scene = frame_scene(np.vstack(shown), margin=0.02, zoom=0.64)
+    top = float(np.log10(max(float(sizes[0].max()), float(sizes[1].max()), 1e-9)))
+    bottom = max(float(np.log10(max(min(float(size.min()) for size in sizes), 1e-9))), top - DECADES)
+    figure.update_layout(
+        scene=scene,
+        scene2=scene,
+        coloraxis=_log_colours(min(bottom, top - 1.0), top),
+        margin={"l": 0, "r": 0, "t": 30, "b": 0},
+        showlegend=False,
+    )
+    return figure
+
+
+def choose_magnification(path: Array, deviation: Array) -> float:
+    """Choose 1, 2 or 5 times a power of ten so that the largest deviation is seen beside the path.
+
+    Args:
+        path: Shape (n, 3). [m]
+        deviation: Shape (n, 3). [m]
+    """
+    largest = float(np.linalg.norm(deviation, axis=1).max(initial=0))
+    extent = float(np.ptp(path, axis=0).max())
+    if largest < 1e-12 or extent == 0:
+        return 1.0
+    wanted = max(DRAWN_SHARE * extent / largest, 1.0)
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(max(step for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9)) * power)
+
+
+def describe_magnification(path: Array, deviation: Array) -> str:
+    """Say by how much the drawn deviation is magnified."""
+    factor = choose_magnification(path, deviation)
+    return "to scale" if factor == 1 else f"magnified {factor:g} times"
+
+
+def _line(points: Array, line: dict[str, Any], name: str, *, hover: bool = True, custom: Array | None = None) -> Any:
+    import plotly.graph_objects as go
+
+    x, y, z = points.astype(np.float32).T
+    text = "waypoint %{customdata[0]:.0f}: %{customdata[1]:.4g} mm" if custom is not None else "%{x:.1f}, %{y:.1f}, %{z:.1f} mm"
+    trace = go.Scatter3d(x=x, y=y, z=z, mode="lines", line=line, name=name, customdata=custom)
+    return trace.update(hovertemplate=text) if hover else trace.update(hoverinfo="skip")
+
+
+def _log_colours(bottom: float, top: float) -> dict[str, Any]:
+    """Colour by the logarithm of a length in m, with ticks at whole decades."""
+    ticks = list(range(int(np.ceil(bottom)), int(np.floor(top)) + 1))
+    return {
+        "colorscale": [list(stop) for stop in SEQUENTIAL],
+        "cmin": bottom,
+        "cmax": top,
+        "colorbar": {
+            "title": {"text": "deviation", "side": "top"},
+            "tickvals": ticks,
+            "ticktext": [name_decade(tick) for tick in ticks],
+            "len": 0.8,
+            "thickness": 12,
+            "outlinewidth": 0,
+        },
+    }
+
+

@@ -1,0 +1,353 @@
+"""The page of a plan: what it reaches in a sentence, then the path, the joints, the corrections and the feed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.report.along_path import (
+    FLOOR,
+    Stations,
+    draw_joints,
+    draw_lines,
+    draw_shares,
+    draw_wrench,
+    find_spans,
+)
+from compplan.report.page import Block, Cell, Chart, Column, Columns, Fold, PageTable, Section, write_page
+from compplan.report.path_scene import describe_magnification, draw_cell, draw_deviation_paths
+from compplan.report.provenance import GRADE_MEANING, describe_robot
+from compplan.report.style import AFTER, BEFORE, CATEGORIES, format_angle, format_length, format_number, format_set_value
+from compplan.robot import Array, Robot
+
+#: The feed counts as lowered below this share of the programmed one.
+LOWERED = 0.995
+#: Waypoints and stretches that a table lists at most.
+LISTED = 40
+
+
+@dataclass(frozen=True)
+class PlanView:
+    """What the page of a plan shows, waypoint by waypoint; n waypoints, nq joints, base frame.
+
+    Attributes:
+        title: Name of the job.
+        robot: The robot, with the tool that the job mounts.
+        strategy: How the corrections were found.
+        status: "solved" or "infeasible".
+        nominal: Wanted tool tip. Shape (n, 3). [m]
+        rapid: Moves that are not compensated. Shape (n,).
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        time: Time of each waypoint. Shape (n,). [s]
+        before: Deviation of the tip without correction. Shape (n, 3). [m]
+        after: Deviation of the tip as planned. Shape (n, 3). [m]
+        tilt_before: Angle between wanted and attained tool axis without correction, or None. Shape (n,). [rad]
+        tilt_after: The same as planned, or None. Shape (n,). [rad]
+        correction: Unloaded tip of the command minus nominal. Shape (n, 3). [m]
+        wrench: Predicted wrench of the environment on the tool at the tip. Shape (n, 6). [N, N m]
+        velocity: Joint velocities. Shape (n, nq). [rad/s or m/s]
+        acceleration: Joint accelerations. Shape (n, nq). [rad/s^2 or m/s^2]
+        feed_wanted: Programmed feed; NaN where there is none. Shape (n,). [m/s]
+        feed: Feed as planned. Shape (n,). [m/s]
+        tolerance: Greatest deviation that counts as within tolerance. [m]
+        max_correction: Greatest correction allowed. [m]
+        failures: Waypoints that fail, each with the limit that stops it.
+        judge: Who computed the deviations.
+        facts: Rows of name and value for the foot of the page.
+        notes: Warnings of the plan, one sentence each.
+        assumptions: What was assumed, one sentence each.
+        extra: Further sections, such as the map of postures.
+    """
+
+    title: str
+    robot: Robot
+    strategy: str
+    status: str
+    nominal: Array
+    rapid: NDArray[np.bool_]
+    q: Array
+    time: Array
+    before: Array
+    after: Array
+    correction: Array
+    wrench: Array
+    velocity: Array
+    acceleration: Array
+    feed_wanted: Array
+    feed: Array
+    tolerance: float
+    max_correction: float
+    tilt_before: Array | None = None
+    tilt_after: Array | None = None
+    failures: Mapping[int, str] = field(default_factory=dict)
+    judge: str = ""
+    facts: Sequence[tuple[str, str]] = ()
+    notes: Sequence[str] = ()
+    assumptions: Sequence[str] = ()
+    extra: Sequence[Section] = ()
+
+    @cached_property
+    def cut(self) -> NDArray[np.bool_]:
+        """Waypoints that are compensated and judged. Shape (n,)."""
+        return ~self.rapid if (~self.rapid).any() else np.ones(len(self.rapid), bool)
+
+    @cached_property
+    def length(self) -> Array:
+        """Path length up to each waypoint. Shape (n,). [m]"""
+        steps = np.linalg.norm(np.diff(self.nominal, axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    @cached_property
+    def stations(self) -> Stations:
+        """Where the waypoints are, for the charts."""
+        spans = find_spans(self.rapid)
+        spans = np.column_stack([np.maximum(spans[:, 0] - 1, 0), spans[:, 1]]).astype(int)
+        return Stations(self.length, self.time, np.array(sorted(self.failures), int), self.length[spans].reshape(-1, 2))
+
+    @cached_property
+    def lowered(self) -> NDArray[np.bool_]:
+        """Waypoints whose feed had to be lowered. Shape (n,)."""
+        return self.cut & (self.feed < LOWERED * self.feed_wanted)
+
+
+def write_view(view: PlanView, file: Path) -> None:
+    """Write the page of a plan.
+
+    Args:
+        view: What it shows.
+        file: The HTML file.
+    """
+    sections = [
+        _overview(view),
+        _deviation(view),
+        _joints(view),
+        _corrections(view),
+        _feed(view),
+        *view.extra,
+    ]
+    facts = [("strategy", view.strategy), ("deviation computed by", view.judge or "–"), *view.facts]
+    write_page(
+        file,
+        view.title,
+        summarise_plan(view),
+        [section for section in sections if section.blocks],
+        kind=f"Path plan, {view.robot.name}",
+        warning=_warn(view),
+        provenance=describe_robot(view.robot, facts, list(view.assumptions)),
+    )
+
+
+def summarise_plan(view: PlanView) -> str:
+    """Say in a sentence or two what the plan reaches."""
+    before, after = (np.linalg.norm(side, axis=1)[view.cut] for side in (view.before, view.after))
+    verb = "keeps" if view.status != "infeasible" else "is a compromise that keeps"
+    text = f"The plan {verb} the loaded tool within {format_length(float(after.max()))} of the path"
+    if before.max() > 0 and view.strategy != "none":
+        text += f"; uncorrected it strays up to {format_length(float(before.max()))}"
+        ratio = float(before.max() / max(after.max(), 1e-12))
+        text += f", {format_number(ratio, 2)} times as far" if 1.5 < ratio < 1e5 else ""
+    share = float((after <= view.tolerance).mean())
+    text += f". {_percent(share)} of the cut is within the tolerance of {_set_length(view.tolerance)}"
+    text += f", and the whole path takes {format_set_value(round(float(view.time[-1]), 1))} s."
+    if view.lowered.any():
+        text += f" The feed is lowered on {_percent(float(view.lowered.sum() / view.cut.sum()))} of the waypoints."
+    return f"{text} The robot model is graded {view.robot.grade} ({GRADE_MEANING[view.robot.grade]})."
+
+
+def _warn(view: PlanView) -> str:
+    parts = []
+    if view.status == "infeasible":
+        limits = ", ".join(sorted(set(view.failures.values()))) or "limits"
+        count = f"{len(view.failures)} of {len(view.nominal)} waypoints fail ({limits}); " if view.failures else ""
+        parts.append(f"Infeasible: {count}this is the best compromise, not a program to run.")
+    return " ".join([*parts, *view.notes])
+
+
+def _set_length(metres: float) -> str:
+    return f"{format_set_value(1e3 * metres)} mm"
+
+
+def _percent(share: float) -> str:
+    if 0 < share < 1:
+        share = min(max(share, 0.001), 0.999)
+    return f"{format_set_value(float(f'{100 * share:.3g}'))} %"
+
+
+def _overview(view: PlanView) -> Section:
+    start = int(np.flatnonzero(view.cut)[0])
+    cell = Chart(
+        draw_cell(view.robot, view.q, view.nominal, start=start),
+        "The robot at the first waypoint of the cut, drawn from its URDF shapes, and the path of the tool tip.",
+        height=430,
+    )
+    return Section("What it reaches", [Columns([[_key_figures(view)], [cell]], (0.5, 0.5))])
+
+
+def _key_figures(view: PlanView) -> PageTable:
+    rows: list[list[Cell | str | float | int | None]] = []
+    cut = view.cut
+    before, after = (np.linalg.norm(side, axis=1)[cut] for side in (view.before, view.after))
+    for name, reduce in (("rms", lambda size: np.sqrt(np.mean(size**2))), ("mean", np.mean), ("largest", np.max)):
+        rows.append([f"deviation, {name}", *(_length_cell(float(reduce(size))) for size in (before, after))])
+    shares = [Cell(_percent(float((size <= view.tolerance).mean()))) for size in (before, after)]
+    rows.append([f"within {_set_length(view.tolerance)}", *shares])
+    if view.tilt_before is not None and view.tilt_after is not None:
+        tilts = [float(tilt[cut].max()) for tilt in (view.tilt_before, view.tilt_after)]
+        rows.append(["tool axis off by up to", *(Cell(format_angle(tilt)) for tilt in tilts)])
+    correction = float(np.linalg.norm(view.correction, axis=1)[cut].max())
+    rows.append(["largest correction", None, Cell(f"{format_length(correction)} of {_set_length(view.max_correction)}")])
+    rows.append(["smallest joint margin", None, Cell(_tightest(view))])
+    for name, rates, limits in _rates(view):
+        share = np.abs(rates) / limits
+        joint = view.robot.joint_names[int(np.argmax(share.max(axis=0)))]
+        rows.append([f"{name} used", None, Cell(f"{_percent(float(share.max()))} ({joint})")])
+    rows.append(["waypoints", None, Cell(f"{format_number(len(cut))}")])
+    rows.append(["path length", None, Cell(f"{format_number(1e3 * float(view.length[-1]), 4)} mm")])
+    rows.append(["time", None, Cell(f"{format_number(float(view.time[-1]), 4)} s")])
+    return PageTable([Column(""), Column("uncorrected"), Column("planned")], rows)
+
+
+def _length_cell(value: float) -> Cell:
+    return Cell(format_length(value), "strong")
+
+
+def _tightest(view: PlanView) -> str:
+    margin = np.minimum(view.q - view.robot.lower, view.robot.upper - view.q).min(axis=0)
+    scale = np.where(view.robot.prismatic, 1e3, 180 / np.pi)
+    share = margin / np.where(view.robot.prismatic, 1.0, np.pi)
+    if not np.isfinite(share).any():
+        return "no limits"
+    k = int(np.argmin(share))
+    return f"{format_number(float(margin[k] * scale[k]))} {'mm' if view.robot.prismatic[k] else 'deg'} ({view.robot.joint_names[k]})"
+
+
+def _rates(view: PlanView) -> list[tuple[str, Array, Array]]:
+    pairs = [
+        ("velocity", view.velocity, view.robot.velocity_limits),
+        ("acceleration", view.acceleration, view.robot.acceleration_limits),
+    ]
+    return [(name, rates, limits) for name, rates, limits in pairs if np.isfinite(limits).any()]
+
+
+def _deviation(view: PlanView) -> Section:
+    before, after = (np.linalg.norm(side, axis=1) for side in (view.before, view.after))
+    names = ("uncorrected", "planned")
+    cut = np.flatnonzero(view.cut)
+    drawn = draw_deviation_paths(view.nominal[cut], view.before[cut], view.after[cut], names=names)
+    magnified = describe_magnification(view.nominal[cut], view.before[cut])
+    scene = Chart(
+        drawn,
+        f"Grey: the wanted path. Coloured: where the loaded tip goes, its deviation {magnified}. Both use one colour "
+        "scale, which is logarithmic; turning one turns the other.",
+        height=440,
+        linked_scenes=True,
+    )
+    judged = np.where(view.cut, 1.0, np.nan)
+    line = draw_lines(
+        view.stations,
+        {name: 1e3 * np.maximum(size, FLOOR) * judged for name, size in zip(names, (before, after), strict=True)},
+        "mm",
+        title="deviation",
+        colours=(BEFORE, AFTER),
+        log=True,
+        limit=(1e3 * view.tolerance, f"tolerance {_set_length(view.tolerance)}"),
+    )
+    shaded = " Grey bands are rapid moves, which are not compensated." if len(view.stations.shaded) else ""
+    marked = " Red bands mark waypoints that fail." if view.failures else ""
+    caption = f"Distance of the loaded tool tip from the path, logarithmic.{shaded}{marked}"
+    blocks: list[Block] = [scene, Chart(line, caption, height=340)]
+    if view.failures:
+        blocks.append(_failure_table(view, after))
+    return Section("Deviation", blocks, "How far the loaded tool tip is from where the toolpath wants it.")
+
+
+def _failure_table(view: PlanView, after: Array) -> PageTable:
+    failed = np.array(sorted(view.failures))
+    reasons = np.array([view.failures[i] for i in failed.tolist()])
+    first = np.flatnonzero(np.r_[True, (np.diff(failed) > 1) | (reasons[1:] != reasons[:-1])])
+    last = np.r_[first[1:] - 1, len(failed) - 1]
+    rows = []
+    for a, b, reason in zip(failed[first].tolist(), failed[last].tolist(), reasons[first].tolist(), strict=True):
+        reach = [1e3 * float(view.length[a]), 1e3 * float(view.length[b])]
+        rows.append([a, b, *reach, reason, Cell(1e3 * float(after[a : b + 1].max()), "bad")])
+    more = f" The first {LISTED} of {len(rows)} stretches." if len(rows) > LISTED else ""
+    columns = [
+        Column("from waypoint"), Column("to"), Column("from", "mm", 4), Column("to", "mm", 4),
+        Column("stopped by"), Column("deviation left", "mm"),
+    ]  # fmt: skip
+    return PageTable(columns, rows[:LISTED], f"Waypoints that fail and the limit that stops them.{more}", scroll=12)
+
+
+def _joints(view: PlanView) -> Section:
+    robot = view.robot
+    lines = -(-robot.nq // 3)
+    figure = draw_joints(view.stations, view.q, robot.lower, robot.upper, robot.joint_names, robot.prismatic)
+    return Section(
+        "Joints",
+        [Chart(figure, "Commanded joint positions; red is beyond the limit.", height=60 + 205 * lines)],
+        "Each chart spans the whole range of its joint.",
+    )
+
+
+def _corrections(view: PlanView) -> Section:
+    size = np.linalg.norm(view.correction, axis=1)
+    series = {f"d{axis}": 1e3 * view.correction[:, k] for k, axis in enumerate("xyz")} | {"distance": 1e3 * size}
+    near = size.max() > 0.5 * view.max_correction
+    limit = (1e3 * view.max_correction, f"limit {_set_length(view.max_correction)}") if near else None
+    colours = (*CATEGORIES[:3], CATEGORIES[9])
+    chart = draw_lines(view.stations, series, "mm", title="correction", colours=colours, limit=limit)
+    blocks: list[Block] = [Chart(chart, "Commanded (unloaded) tip minus wanted tip, base axes.", height=320)]
+    if np.abs(view.wrench).max() > 0:
+        tall = 440 if np.abs(view.wrench[:, 3:]).max() > 1e-9 else 300
+        caption = "Predicted wrench of the environment on the tool at its tip, base axes."
+        blocks.append(Chart(draw_wrench(view.stations, view.wrench), caption, height=tall))
+    return Section("Corrections and forces", blocks)
+
+
+def _feed(view: PlanView) -> Section:
+    wanted = np.where(view.cut, view.feed_wanted, np.nan)
+    series = {"programmed": 1e3 * wanted, "planned": 1e3 * view.feed}
+    chart = draw_lines(view.stations, series, "mm/s", title="feed", colours=(BEFORE, AFTER), zero=True)
+    blocks: list[Block] = [Chart(chart, "Feed of the tool tip along the path.", height=280)]
+    rates = {name: (np.abs(values) / limits, view.robot.joint_names) for name, values, limits in _rates(view)}
+    if rates:
+        caption = "How much of its limits each joint uses; red is beyond the limit."
+        blocks.append(Chart(draw_shares(view.stations, rates), caption, height=60 + 220 * len(rates)))
+    clock = draw_lines(view.stations, {"time": view.time}, "s", title="time", zero=True, colours=CATEGORIES[9:])
+    blocks.append(Fold("Time along the path", [Chart(clock, "", height=240)]))
+    if view.lowered.any():
+        blocks.append(_lowered_table(view))
+    lede = "The programmed feed holds all along the cut."
+    if view.lowered.any():
+        lede = "The feed is lowered where joint limits need it."
+    return Section("Feed and rates", blocks, lede)
+
+
+def _lowered_table(view: PlanView) -> PageTable:
+    spans = find_spans(view.lowered)
+    depth = np.array([(view.feed[a : b + 1] / view.feed_wanted[a : b + 1]).min() for a, b in spans])
+    rows = []
+    for a, b in spans[np.sort(np.argsort(depth)[:LISTED])]:
+        slowest = a + int(np.argmin(view.feed[a : b + 1] / view.feed_wanted[a : b + 1]))
+        lowest = [1e3 * float(view.feed_wanted[slowest]), 1e3 * float(view.feed[slowest])]
+        rows.append([int(a), int(b), 1e3 * float(view.length[a]), 1e3 * float(view.length[b]), *lowest, _busiest(view, slowest)])
+    columns = [
+        Column("from waypoint"), Column("to"), Column("from", "mm", 4), Column("to", "mm", 4),
+        Column("programmed", "mm/s"), Column("lowest", "mm/s"), Column("busiest there"),
+    ]  # fmt: skip
+    more = f" The {LISTED} deepest of {len(spans)} stretches." if len(spans) > LISTED else ""
+    return PageTable(columns, rows, f"Where the feed is lowered.{more}", scroll=12)
+
+
+def _busiest(view: PlanView, row: int) -> str:
+    best = (0.0, "–")
+    for name, rates, limits in _rates(view):
+        near = np.abs(rates[max(row - 3, 0) : row + 4]) / limits
+        k = int(np.argmax(near.max(axis=0)))
+        best = max(best, (float(near.max()), f"{name} of {view.robot.joint_names[k]} ({_percent(float(near.max()))})"))
+    return best[1]
