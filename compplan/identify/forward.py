@@ -156,7 +156,7 @@ def sensitivities(
 
 
 def pose_residuals(observations: Observations, prediction: Prediction) -> Array:
-    """Take measured minus predicted: position, then rotation vector, measuring axes. Shape (n, 6). [m, rad]"""
+    """Take measured minus predicted, position then rotation vector, measuring axes; [m, rad]. Shape (n, 6)."""
     residual = np.full((len(observations), 6), np.nan)
     residual[:, :3] = observations.position - prediction.position
     if observations.rotation is not None:
@@ -185,7 +185,8 @@ def _elastic_columns(structure: Structure, columns: Array, torque: Array) -> Arr
 def _frame_columns(
     observations: Observations, registration: Registration, prediction: Prediction, R: Array
 ) -> list[Array]:
-    n, parts = len(observations), []
+    n = len(observations)
+    parts: list[Array] = []
     if registration.base:
         base = np.zeros((n, 6, 6))
         base[:] = np.eye(6)
@@ -196,7 +197,7 @@ def _frame_columns(
         turned = R @ prediction.frames.tcp_rotation
         for k in range(len(registration.T_tcp_target)):
             tool = np.zeros((n, 6, size))
-            own = observations.target == k
+            own = np.flatnonzero(observations.target == k)
             tool[own, :3, :3] = turned[own]
             if size == 6:
                 tool[own, 3:, 3:] = turned[own]

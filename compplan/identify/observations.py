@@ -24,7 +24,7 @@ class Observations:
     """Measured rows, SI. NaN is a missing value.
 
     Attributes:
-        q: Commanded joint positions; motor-side readings, or link-side readings where `link_side`. Shape (n, nq). [rad, m]
+        q: Commanded joint positions; motor-side readings, or link-side ones where `link_side`. Shape (n, nq). [rad, m]
         wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
         position: Measured point. Shape (n, 3). [m]
         rotation: Measured orientation of the TCP frame as matrices, or None. Shape (n, 3, 3).

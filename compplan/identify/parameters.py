@@ -1,6 +1,7 @@
 """What is identified: compliances, geometry and frames as one vector of named parameters.
 
-Compliance enters linearly, C(p) = C_nominal + sum_k (p_k - nominal_k) E_k, and geometry as constant elastic coordinates.
+Compliance enters linearly, C(p) = C_nominal + sum_k (p_k - nominal_k) E_k, and geometry as constant elastic
+coordinates.
 """
 
 from __future__ import annotations
@@ -9,7 +10,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compplan.chain import Chain, build_chain
 from compplan.errors import InputError, UnknownNameError
@@ -112,8 +112,8 @@ def build_structure(
 
     Args:
         robot: The nominal robot.
-        springs: Names of the springs to identify ("joint_3", "joint_3.rx"); left out: every spring of the robot, those in
-            `add` included.
+        springs: Names of the springs to identify ("joint_3", "joint_3.rx"); left out: every spring of the robot,
+            those in `add` included.
         add: Springs that the robot does not have yet.
         links: Terms of the 6x6 elasticities of links that are free: "diagonal" (6 each), "beam" (diagonal and the four
             couplings of bending, 10 each), "full" (21 each), "scale" (one factor each); None for none.
@@ -204,7 +204,7 @@ def _slides(robot: Robot, spring: Spring) -> bool:
 
 
 def _count_twins(names: Sequence[str]) -> list[str]:
-    """Number names that occur more than once: link_2, link_2 -> link_2#1, link_2#2."""
+    """Tell names apart that occur more than once: link_2, link_2 -> link_2#1, link_2#2."""
     seen: dict[str, int] = {}
     result = []
     for name in names:
@@ -214,7 +214,7 @@ def _count_twins(names: Sequence[str]) -> list[str]:
 
 
 def _coordinates(robot: Robot) -> tuple[list[int], list[int]]:
-    """Find the elastic coordinate of each spring, and the first one of each link block, as `build_chain` counts them."""
+    """Find the elastic coordinate of each spring and the first one of each link block, as `build_chain` counts."""
     spring_index, link_index = [-1] * len(robot.springs), [-1] * len(robot.link_elasticities)
     count = 0
     for joint in robot.joints:
@@ -232,7 +232,8 @@ def _coordinates(robot: Robot) -> tuple[list[int], list[int]]:
 def _link_parameters(name: str, block: LinkElasticity, first: int, terms: str) -> list[Parameter]:
     matrix = block.compliance
     if terms == "scale":
-        entries = tuple((first + i, first + j, matrix[i, j]) for i in range(6) for j in range(i, 6) if matrix[i, j] != 0)
+        upper = [(i, j) for i in range(6) for j in range(i, 6) if matrix[i, j] != 0]
+        entries = tuple((first + i, first + j, float(matrix[i, j])) for i, j in upper)
         return [Parameter(f"{name}.scale", "link", "1", 1.0, 1.0, entries)]
     pairs = [(i, i) for i in range(6)]
     if terms == "beam":
@@ -252,7 +253,7 @@ def _link_parameters(name: str, block: LinkElasticity, first: int, terms: str) -
 
 
 def _geometry_springs(robot: Robot, geometry: str) -> list[Spring]:
-    """Place rigid elements whose constant coordinates stand for geometry: joint zeros, and the origin of the next joint."""
+    """Place rigid elements whose constant coordinates stand for joint zeros and the origin of the next joint."""
     if geometry == "none":
         return []
     found = [Spring(joint.name, "own", 0.0) for joint in robot.actuated]

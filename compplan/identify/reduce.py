@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from compplan.chain import build_chain
 from compplan.elastic import solve_equilibrium
@@ -82,11 +83,10 @@ def reduce_model(
     compliance = np.where(estimate.free, estimate.model_values, 0.0)
     fitted = tuple(replace(s, compliance=float(max(c, 0.0))) for s, c in zip(springs, compliance, strict=True))
     turn = np.einsum("nij,nkj->nik", loaded.rotation, bare.rotation)
-    small = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], axis=1)
     return ReducedModel(
         robot=replace(reduced, springs=fitted, sources={**full.sources, "compliance": f"reduced model of {full.name}"}),
         compliance=compliance,
         estimate=estimate,
-        residual=estimate.residuals,
-        deflection=np.hstack([loaded.position - bare.position, 0.5 * small]),
+        residual=estimate.residuals[:, :6],
+        deflection=np.hstack([loaded.position - bare.position, Rotation.from_matrix(turn).as_rotvec()]),
     )

@@ -97,7 +97,7 @@ def explain_held(
     scaled = information * np.outer(sizes, sizes)
     strength = np.sqrt(np.diag(scaled))
     index, found = np.flatnonzero(free), []
-    for k in np.flatnonzero(~free):
+    for k in (int(index_held) for index_held in np.flatnonzero(~free)):
         mates: list[int] = []
         if strength[k] * LIMIT > 1 and len(index):
             share = np.linalg.lstsq(scaled[np.ix_(index, index)], scaled[index, k], rcond=None)[0]
@@ -105,7 +105,7 @@ def explain_held(
             mates = [int(index[j]) for j in np.argsort(-part) if part[j] > 0.1 * max(strength[k], part.max())][:6]
         names = tuple(parameters[j].name for j in mates)
         if mates:
-            reason = _why_together(structure, observations, prediction, [parameters[j] for j in (int(k), *mates)])
+            reason = _why_together(structure, observations, prediction, [parameters[j] for j in (k, *mates)])
         else:
             reason = _why_never(structure, observations, prediction, parameters[k])
         found.append(Inseparable(parameters[k].name, names, reason))
@@ -158,8 +158,9 @@ def _why_never(structure: Structure, observations: Observations, prediction: Pre
             return "every force passes through its axis or along it; add a lever or a moment about its axis"
         return "the load never acts about its axis"
     if observations.rotation is None and parameter.kind == "spring":
-        return "its motion hardly moves the measured point, and orientation was not measured; measure a point off its axis"
-    return f"the load about it, at most {torque:.3g} {'N' if parameter.unit == 'm/N' else 'N m'}, is too small for this noise"
+        return "its motion hardly moves the measured point; measure orientation, or a point off its axis"
+    unit = "N" if parameter.unit == "m/N" else "N m"
+    return f"the load about it, at most {torque:.3g} {unit}, is too small for this noise"
 
 
 def _why_together(
@@ -171,7 +172,7 @@ def _why_together(
     if kinds & {"base", "tool", "geometry"} and kinds <= {"base", "tool", "geometry"}:
         return "they are the same rigid motion of the measured point"
     if kinds & {"base", "tool", "geometry"}:
-        return "under these loads the bending looks like an error of frame or geometry; measure each pose with several loads"
+        return "these loads make bending look like an error of frame or geometry; load each pose in several ways"
     if loads_are_vertical(observations):
         return "all loads are vertical, and then they act in proportion; add loads to the side and moments"
     if structure.chain.gravity.any() and not np.abs(observations.wrench).max(initial=0.0) > 0:

@@ -33,14 +33,13 @@ def neighbours_agree(q: Array, residual: Array) -> bool:
     return bool(product.sum() > AGREEMENT_SCORE * np.sqrt((product**2).sum() + 1e-300))
 
 
-def cluster_covariance(q: Array, residual: Array, columns: Array, parameters: int) -> Array | None:
+def cluster_covariance(q: Array, residual: Array, columns: Array) -> Array | None:
     """Compute the covariance from groups of neighbouring poses that share their errors [LiangZeger1986].
 
     Args:
         q: Joint positions. Shape (n, nq). [rad or m]
         residual: Weighted residuals. Shape (n, m).
         columns: Weighted derivatives. Shape (n, m, p).
-        parameters: Number of parameters p.
 
     Returns:
         Shape (p, p), or None where there are too few poses to form groups.
@@ -49,7 +48,7 @@ def cluster_covariance(q: Array, residual: Array, columns: Array, parameters: in
     if count <= 10:
         return None
     label = cluster_poses(q, count)
-    score = np.zeros((count, parameters))
+    score = np.zeros((count, columns.shape[2]))
     np.add.at(score, label, np.einsum("nmp,nm->np", columns, residual))
     bread = np.linalg.pinv(np.einsum("nmp,nmr->pr", columns, columns), hermitian=True)
     return np.asarray(count / (count - 1) * bread @ (score.T @ score) @ bread)

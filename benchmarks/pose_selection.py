@@ -1,0 +1,44 @@
+"""Compare D-optimal poses with random ones and with the dexterous zones of Dumas: predicted standard errors, three robots.
+
+Run: python benchmarks/pose_selection.py
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from compplan.identify.parameters import build_structure, own_springs
+from compplan.identify.pose_choice import (
+    choose_poses,
+    compare_with_random,
+    dexterous_candidates,
+    draw_candidates,
+    weigh_candidates,
+)
+from compplan.robot import load_robot
+
+ROBOTS = ("kuka_kr270", "staubli_tx200", "kuka_kr240")
+POSES, CANDIDATES = 20, 1500
+
+
+def main() -> None:
+    for name in ROBOTS:
+        robot = load_robot(name)
+        candidates = draw_candidates(robot, CANDIDATES, seed=1)
+        information = weigh_candidates(build_structure(robot, add=own_springs(robot)), candidates)
+        random = compare_with_random(information, POSES, seed=2)
+        best = information.standard_errors(choose_poses(information, POSES, limits=random))
+        zone = compare_with_random(information, POSES, seed=3, allowed=dexterous_candidates(robot, candidates))
+        print(f"\n{name}: {POSES} poses of {CANDIDATES}, 1 kN on a 0.3 m lever; standard errors in 1e-9 rad/(N m)")
+        print(f"{'parameter':<14}{'D-optimal':>10}{'random':>10}{'zones':>10}{'D/random':>10}")
+        for k, parameter in enumerate(information.parameters):
+            row = np.array([best[k], random[k], zone[k]]) * 1e9
+            print(f"{parameter.name:<14}{row[0]:>10.3f}{row[1]:>10.3f}{row[2]:>10.3f}{best[k] / random[k]:>10.2f}")
+        geometric = np.exp([np.mean(np.log(errors)) for errors in (best, random, zone)])
+        scaled = geometric * 1e9
+        ratio = geometric[0] / geometric[1]
+        print(f"{'geometric mean':<14}{scaled[0]:>10.3f}{scaled[1]:>10.3f}{scaled[2]:>10.3f}{ratio:>10.2f}")
+
+
+if __name__ == "__main__":
+    main()

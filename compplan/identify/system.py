@@ -1,0 +1,160 @@
+"""The linearised problem of an identification: residuals, derivatives, weights and what they leave over."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.encoders import actuator_selection
+from compplan.identify.forward import Prediction, Registration, pose_residuals, sensitivities
+from compplan.identify.observations import Observations
+from compplan.identify.parameters import Structure
+from compplan.identify.robust import robust_scale
+from compplan.robot import Array
+
+POSITION, ORIENTATION, ENCODERS = 0, 1, 2
+#: The residuals never say less than this share of the stated noise: simulated data may hold none.
+LEAST_NOISE = 1e-6
+
+
+class System(NamedTuple):
+    """Residuals and derivatives at one state; m components a row: 6 of the pose, then the encoders.
+
+    Attributes:
+        residual: Measured minus predicted, zero where nothing was measured. Shape (n, m).
+        columns: Derivatives of the prediction. Shape (n, m, p).
+        sigma: Stated standard deviation, infinite where nothing was measured. Shape (n, m).
+        block: Position, orientation or encoders. Shape (m,).
+    """
+
+    residual: Array
+    columns: Array
+    sigma: Array
+    block: NDArray[np.int_]
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Tell what was measured. Shape (n, m)."""
+        return np.isfinite(self.sigma)
+
+    def whitener(self, noise: Array) -> Array:
+        """Take one over the standard deviation, zero where nothing was measured. Shape (n, m)."""
+        return 1.0 / (self.sigma * noise[self.block])
+
+    def distance(self, noise: Array) -> Array:
+        """Measure how far rows lie from the model, in standard deviations. Shape (n,)."""
+        return np.asarray(np.linalg.norm(self.residual * self.whitener(noise), axis=1))
+
+
+def linearise(
+    structure: Structure, observations: Observations, frames: Registration, prediction: Prediction, values: Array
+) -> System:
+    """Build the linearised problem at a state."""
+    residual = pose_residuals(observations, prediction)
+    columns = sensitivities(structure, observations, frames, prediction)
+    n = len(observations)
+    sigma = np.repeat(np.column_stack([observations.sigma_position, observations.sigma_rotation]), 3, axis=1)
+    block = np.repeat([POSITION, ORIENTATION], 3)
+    if observations.encoder is not None:
+        extra, slopes = _encoder_rows(structure, observations, prediction, values)
+        slopes = np.concatenate([slopes, np.zeros((n, slopes.shape[1], columns.shape[2] - slopes.shape[2]))], axis=2)
+        residual, columns = np.hstack([residual, extra]), np.concatenate([columns, slopes], axis=1)
+        sigma = np.hstack([sigma, np.full(extra.shape, observations.sigma_encoder)])
+        block = np.r_[block, np.full(extra.shape[1], ENCODERS)]
+    missing = ~np.isfinite(residual)
+    return System(np.where(missing, 0.0, residual), columns, np.where(missing, np.inf, sigma), block)
+
+
+def weigh(system: System, whitener: Array, group: NDArray[np.int_] | None) -> tuple[Array, Array]:
+    """Weigh the system; with groups, take off each group's weighted mean first. Shapes (n, m), (n, m, p)."""
+    residual, columns = system.residual, system.columns
+    if group is not None:
+        power = whitener**2
+        total = np.zeros((int(group.max()) + 1, power.shape[1]))
+        np.add.at(total, group, power)
+        share = power / np.where(total > 0, total, 1.0)[group]
+        mean, mean_columns = np.zeros_like(total), np.zeros((*total.shape, columns.shape[2]))
+        np.add.at(mean, group, share * residual)
+        np.add.at(mean_columns, group, share[..., None] * columns)
+        residual, columns = residual - mean[group], columns - mean_columns[group]
+    return residual * whitener, columns * whitener[..., None]
+
+
+def information(system: System, whitener: Array, group: NDArray[np.int_] | None) -> Array:
+    """Build the information matrix A^T W A. Shape (p, p)."""
+    flat = weigh(system, whitener, group)[1].reshape(-1, system.columns.shape[2])
+    return np.asarray(flat.T @ flat)
+
+
+def invert(matrix: Array) -> Array:
+    """Invert an information matrix whose parameters differ by orders of magnitude."""
+    norms = np.sqrt(np.diag(matrix))
+    return np.asarray(np.linalg.inv(matrix / np.outer(norms, norms)) / np.outer(norms, norms))
+
+
+def count_used(system: System, whitener: Array, group: NDArray[np.int_] | None, free: NDArray[np.bool_]) -> Array:
+    """Count the measured numbers of each block that the fit uses up: the trace of the hat matrix. Shape (3,)."""
+    columns = weigh(system, whitener, group)[1][:, :, free]
+    flat = columns.reshape(-1, columns.shape[2])
+    inverse = invert(flat.T @ flat)
+    used = np.zeros(3)
+    for block in range(3):
+        part = columns[:, system.block == block].reshape(-1, columns.shape[2])
+        used[block] = np.sum((part.T @ part) * inverse)
+        if group is not None:
+            known = system.known[:, system.block == block]
+            used[block] += sum(len(np.unique(group[known[:, c]])) for c in range(known.shape[1]))
+    return used
+
+
+def estimate_noise(
+    system: System, noise: Array, free: NDArray[np.bool_], group: NDArray[np.int_] | None, loss: str
+) -> Array:
+    """Estimate how large the noise is against the stated one, for position, orientation and encoders apart.
+
+    Variance components: residual sum of squares of a block over what the fit leaves of it. Robust losses take the
+    median size of the residuals instead.
+
+    Args:
+        system: The linearised problem.
+        noise: Estimate before. Shape (3,).
+        free: Which parameters are estimated. Shape (p,).
+        group: Number of the pose of each row, for differences; None for absolute poses. Shape (n,).
+        loss: "least_squares", "huber" or "tukey".
+    """
+    result, whitener = noise.copy(), system.whitener(noise)
+    used = count_used(system, whitener, group, free)
+    residual = weigh(system, whitener, group)[0]
+    for block in range(3):
+        columns = system.block == block
+        known = system.known[:, columns]
+        spare = known.sum() - used[block]
+        if not known.any():
+            continue
+        if loss == "least_squares":
+            factor = np.sqrt((residual[:, columns] ** 2).sum() / max(spare, 1.0))
+        else:
+            rows = known.all(axis=1)
+            size = np.linalg.norm(residual[rows][:, columns], axis=1)
+            factor = robust_scale(size, int(columns.sum())) / np.sqrt(max(spare / known.sum(), 0.02))
+        result[block] = max(noise[block] * factor, LEAST_NOISE)
+    return result
+
+
+def _encoder_rows(
+    structure: Structure, observations: Observations, prediction: Prediction, values: Array
+) -> tuple[Array, Array]:
+    """Compare link-side minus motor-side readings with what the gears yield [Klimchik2018, eqs. 7-8]."""
+    chain = structure.chain
+    assert observations.encoder is not None
+    deflection = prediction.torque @ structure.compliance(values)
+    seen = actuator_selection(chain)
+    expected = np.where(seen.any(axis=1), deflection @ seen.T, np.nan)
+    slopes = np.zeros((*observations.encoder.shape, len(structure.parameters)))
+    for k, parameter in enumerate(structure.parameters):
+        for i, j, coefficient in parameter.entries:
+            if i == j:
+                slopes[:, :, k] += coefficient * prediction.torque[:, [i]] * seen[:, i]
+    return observations.encoder - expected, slopes
