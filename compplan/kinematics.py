@@ -1,8 +1,8 @@
 """The chain's kinematics and loaded equilibrium as CasADi expressions.
 
 The PyPI wheel of Pinocchio has no CasADi interface, so the elements of `compplan.chain` are written out symbolically
-(Rodrigues for revolute axes). Deflections are eliminated inside the expression by as many equilibrium steps as robot and
-load need.
+(Rodrigues for revolute axes). Deflections are eliminated inside the expression by as many equilibrium steps as robot
+and load need.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ def build_pose_function(chain: Chain) -> ca.Function:
 def build_loaded_pose_function(chain: Chain, steps: int) -> ca.Function:
     """Build the loaded forward kinematics with the deflections eliminated.
 
-    theta_0 = 0, theta_{i+1} = C (J(q, theta_i)^T w + tau_g(q, theta_i)). Every step shrinks the remainder by the share of
-    the buckling load that acts; `count_equilibrium_steps` counts the steps that a robot and its load need.
+    theta_0 = 0, theta_{i+1} = C (J(q, theta_i)^T w + tau_g(q, theta_i)). Every step shrinks the remainder by the share
+    of the buckling load that acts; `count_equilibrium_steps` counts the steps that a robot and its load need.
 
     Args:
         chain: The chain.
@@ -83,7 +83,8 @@ def count_equilibrium_steps(chain: Chain, q: Array, wrench: Array, *, tolerance:
         theta = update
         if change < tolerance:
             return steps
-    raise ConvergenceError(f"equilibrium needs more than {MAX_STEPS} steps, last change {change:.3g} rad", residual=change)
+    message = f"equilibrium needs more than {MAX_STEPS} steps, last change {change:.3g} rad"
+    raise ConvergenceError(message, residual=change)
 
 
 def _locate(chain: Chain, q: ca.SX, theta: ca.SX | None) -> tuple[ca.SX, ca.SX, dict[str, list[ca.SX]]]:

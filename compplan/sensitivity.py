@@ -92,8 +92,8 @@ def loaded_jacobian(chain: Chain, frames: Frames, wrench: Array) -> Array:
 def load_derivative(chain: Chain, frames: Frames, wrench: Array) -> Array:
     """Differentiate the load on every element with respect to the motion of every element, in closed form.
 
-    An element k feels tau_k = a_k . sum_b (r_b - o_k) x f_b + a_k . m over the loads beyond it: the wrench (f, m) at the
-    TCP and the weights. Element j turns or shifts everything beyond it while the loads keep their base axes.
+    An element k feels tau_k = a_k . sum_b (r_b - o_k) x f_b + a_k . m over the loads beyond it: the wrench (f, m)
+    at the TCP and the weights. Element j turns or shifts everything beyond it while the loads keep their base axes.
 
     Args:
         chain: The chain.
@@ -129,7 +129,7 @@ def chunk_rows(n: int, chain: Chain) -> Iterator[slice]:
 
 
 def _loads_beyond(chain: Chain, frames: Frames, wrench: Array) -> tuple[Array, Array, Array]:
-    """Sum the loads beyond each element: force (n, m, 3), moment about its origin (n, m, 3), sum of l f^T (n, m, 3, 3)."""
+    """Sum the loads beyond each element: force (n, m, 3), moment at its origin (n, m, 3), sum of l f^T (n, m, 3, 3)."""
     lever = frames.tcp_position[:, None, :] - frames.origin
     force = np.broadcast_to(wrench[:, None, :3], lever.shape)
     moment = wrench[:, None, 3:] + np.cross(lever, force)
