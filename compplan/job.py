@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, PrivateAttr, field_validator
 from scipy.spatial.transform import Rotation
 
+from compplan.cam.options import CamTable
 from compplan.errors import InputError
 from compplan.generators import GENERATORS, CircleTable, ConeTable, SpiralTable, generate_toolpath
 from compplan.process import ColumnsProcess, Process, predict_wrench
@@ -107,15 +108,6 @@ class SamplingTable(StrictTable):
 
     max_step_mm: float | None = Field(None, gt=0.0)
     max_turn_deg: float | None = Field(None, gt=0.0)
-
-
-class CamTable(StrictTable):
-    """[cam]: what a CAM file does not say by itself."""
-
-    unit: Literal["mm", "inch"] | None = None
-    chord_tolerance_mm: float = Field(0.001, gt=0.0)
-    arc_centres: Literal["incremental", "absolute"] | None = None
-    circle_sense: Literal["auto", "right_hand", "left_hand"] = "auto"
 
 
 class FeedTable(StrictTable):
@@ -253,8 +245,8 @@ def load_toolpath(job: Job) -> Toolpath:
     path = job.folder / job.toolpath
     if not path.is_file():
         raise InputError(f"no toolpath file {path}", file=job.file, where="toolpath")
-    options = {key: value for key, value in job.cam.model_dump().items() if value is not None}
-    return read_toolpath(path, **options)
+    feed = None if job.feed.constant_mm_s is None else job.feed.constant_mm_s * 1e-3
+    return read_toolpath(path, cam=job.cam, feed=feed)
 
 
 def load_nominal(job: Job) -> Toolpath:

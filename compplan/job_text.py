@@ -84,7 +84,9 @@ programs = ["val3"]                 # krl | val3 | fanuc_ls | rapid | csv
 [cam]                               # what a CAM file does not say by itself
 # unit = "mm"                       # mm | inch, for files that do not say
 chord_tolerance_mm = 0.001          # greatest distance between an arc and its chords
-# arc_centres = "incremental"       # G-code I J K: incremental | absolute, for files that do not say
+# arc_centres = "incremental"       # G-code I J K: incremental | absolute | reversed, for files that do not say
+rotary = "head"                     # A B C words turn the head | table | ignore
+cycles = "skip"                     # drilling cycles: skip | expand into cutting moves
 circle_sense = "auto"               # APT CIRCLE: auto | right_hand | left_hand about its axis
 
 [feed]

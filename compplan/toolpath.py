@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from compplan.errors import InputError, ShapeError
 from compplan.tables import Array, Column, NDArray, Table, read_table, to_unit, write_table
+
+if TYPE_CHECKING:
+    from compplan.cam.options import CamTable
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 WRENCH_HEADERS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
@@ -95,13 +98,16 @@ def measure_length(toolpath: Toolpath) -> float:
     return toolpath.cutting_length
 
 
-def check_toolpath(toolpath: Toolpath, *, file: str | Path | None = None, table: Table | None = None) -> Toolpath:
+def check_toolpath(
+    toolpath: Toolpath, *, file: str | Path | None = None, table: Table | None = None, need_feed: bool = True
+) -> Toolpath:
     """Return the toolpath if a robot can follow it.
 
     Args:
         toolpath: The toolpath.
         file: File to name in messages; default: its source.
         table: Table that it was read from, for the lines in messages.
+        need_feed: Whether cutting moves need a feed.
 
     Raises:
         InputError: If it has no or one waypoint, zero length, a value that is not finite, a feed of 0 on a cutting
@@ -134,7 +140,7 @@ def check_toolpath(toolpath: Toolpath, *, file: str | Path | None = None, table:
         refuse(f"tool axis (i, j, k) has length {norms[crooked[0]]:.6g}, expected 1", int(crooked[0]))
     cutting = ~toolpath.rapid.copy()
     cutting[0] = False
-    still = np.flatnonzero((cutting & (toolpath.feed == 0.0)) | (toolpath.feed < 0.0))
+    still = np.flatnonzero((cutting & need_feed & (toolpath.feed == 0.0)) | (toolpath.feed < 0.0))
     if len(still):
         feed = toolpath.feed[still[0]] * 1e3
         refuse(f"feed is {feed:g} mm/s, expected more than 0 on a cutting move", int(still[0]))
@@ -151,7 +157,7 @@ def _blame_unit(table: Table | None) -> str:
     return hints.get(unit, f", at most {WIDEST:.0f} m are allowed")
 
 
-def toolpath_from_table(table: Table) -> Toolpath:
+def toolpath_from_table(table: Table, *, feed: float | None = None) -> Toolpath:
     """Return the toolpath that a table holds: x y z, i j k, feed, rapid, wrench; forces alone mean no moments.
 
 
@@ -165,39 +171,45 @@ def toolpath_from_table(table: Table) -> Toolpath:
     odd = np.flatnonzero((rapid != 0.0) & (rapid != 1.0))
     if len(odd):
         raise table.error(f"rapid is {rapid[odd[0]]:g}, expected 0 or 1", int(odd[0]))
-    if "feed" not in table and not rapid[1:].all():
+    if "feed" not in table and feed is None and not rapid[1:].all():
         raise table.error("missing column feed_mm_s: cutting moves need a feed")
-    feed = table.values["feed"] if "feed" in table else np.zeros(n)
-    unknown = np.isnan(feed)
+    feeds = table.values["feed"] if "feed" in table and feed is None else np.where(rapid == 1.0, 0.0, feed or 0.0)
+    unknown = np.isnan(feeds)
     empty = np.flatnonzero(unknown & (rapid == 0.0))
     if len(empty):
         raise table.error(f"column '{table.headers['feed']}' is empty here; cutting moves need a feed", int(empty[0]))
-    feed = np.where(unknown, 0.0, feed)
+    feeds = np.where(unknown, 0.0, feeds)
     wrench = None
     if "fx" in table or "mx" in table:
         wrench = np.column_stack([table.values[key] if key in table else np.zeros(n) for key in WRENCH])
-    toolpath = Toolpath(position, axis, feed, rapid == 1.0, wrench, "part", str(table.file))
+    toolpath = Toolpath(position, axis, feeds, rapid == 1.0, wrench, "part", str(table.file))
     return check_toolpath(toolpath, table=table)
 
 
-def read_toolpath(path: str | Path, **options: float | str) -> Toolpath:
-    """Read a toolpath: a CSV table, or a CAM file (.nc .gcode .tap .ngc .apt .cls).
+def read_toolpath(path: str | Path, *, cam: CamTable | None = None, feed: float | None = None) -> Toolpath:
+    """Read a toolpath: a CSV table, or a CAM file (G-code .nc .gcode .tap .ngc, APT .apt .cls).
 
     Args:
         path: The file; its suffix says what it is.
-        options: What the reader of a CAM file takes besides, see `compplan.cam`.
+        cam: What a CAM file does not say by itself.
+        feed: Feed of cutting moves in place of the file's own. [m/s]
 
     Returns:
         The toolpath in the part frame.
+
     Raises:
         InputError: With file and line, if the file is not what it has to be.
     """
     path = Path(path)
     if path.suffix.lower() == ".csv":
-        return toolpath_from_table(read_table(path, COLUMNS))
+        return toolpath_from_table(read_table(path, COLUMNS), feed=feed)
     from compplan.cam import read_cam  # the readers build toolpaths: imported where a CAM file is met
 
-    return read_cam(path, **options).toolpath
+    return check_toolpath(_set_feed(read_cam(path, cam).toolpath, feed))
+
+
+def _set_feed(toolpath: Toolpath, feed: float | None) -> Toolpath:
+    return toolpath if feed is None else replace(toolpath, feed=np.where(toolpath.rapid, toolpath.feed, feed))
 
 
 def write_toolpath(toolpath: Toolpath, path: str | Path) -> None:

@@ -1,0 +1,64 @@
+"""`compplan convert`: a CAM file becomes a toolpath table."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from compplan.cam import CamFacts, read_cam
+from compplan.cam.options import CamTable
+from compplan.tomlfile import check_table
+from compplan.toolpath import check_toolpath, resample_toolpath, write_toolpath
+
+CHOICES = {
+    "unit": ["mm", "inch"], "arc_centres": ["incremental", "absolute", "reversed"],
+    "circle_sense": ["auto", "right_hand", "left_hand"], "rotary": ["head", "table", "ignore"], "cycles": ["skip", "expand"],
+}
+
+
+@click.command()
+@click.argument("camfile", type=click.Path(path_type=Path))
+@click.option("--out", "out", type=click.Path(path_type=Path), required=True, help="The toolpath table to write (CSV).")
+@click.option("--unit", type=click.Choice(CHOICES["unit"]), help="Unit of a file that does not state one.")
+@click.option("--chord-tolerance-mm", type=float, help="Greatest distance between an arc and its chords (0.001).")
+@click.option("--max-step-mm", type=float, help="Divide cutting moves that are longer.")
+@click.option("--arc-centres", type=click.Choice(CHOICES["arc_centres"]), help="How I J K count in G-code.")
+@click.option("--circle-sense", type=click.Choice(CHOICES["circle_sense"]), help="Sense of an APT CIRCLE about its axis.")
+@click.option("--rotary", type=click.Choice(CHOICES["rotary"]), help="What A B C words turn.")
+@click.option("--cycles", type=click.Choice(CHOICES["cycles"]), help="Whether drilling cycles are cut.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def command(camfile: Path, out: Path, max_step_mm: float | None, as_json: bool, **options: Any) -> None:
+    """Convert CAMFILE (G-code or APT) to a toolpath table, and say what was read."""
+    cam = read_cam(camfile, check_table(CamTable, {key: value for key, value in options.items() if value is not None}))
+    toolpath = cam.toolpath
+    if max_step_mm is not None:
+        toolpath = resample_toolpath(toolpath, max_step_mm * 1e-3)
+    write_toolpath(check_toolpath(toolpath, need_feed=False), out)
+    if as_json:
+        click.echo(json.dumps({"schema": 1, "out": str(out), **dataclasses.asdict(cam.facts), "waypoints": len(toolpath)}))
+        return
+    for line in describe_facts(dataclasses.replace(cam.facts, waypoints=len(toolpath))):
+        click.echo(line)
+    click.echo(f"wrote {out}")
+
+
+def describe_facts(facts: CamFacts) -> list[str]:
+    """Return the facts about a CAM file as lines for people."""
+    lines = [
+        f"{facts.file}: {facts.kind}, {facts.lines} lines, unit {facts.unit}",
+        f"cutting moves   {facts.cutting_moves}, {facts.cutting_length_mm:.3f} mm",
+        f"arcs            {facts.arcs} ({facts.full_circles} full circles, {facts.helical_arcs} helical), "
+        f"{facts.arc_length_mm:.3f} mm",
+        f"rapid moves     {facts.rapid_moves}",
+        f"waypoints       {facts.waypoints}",
+    ]
+    if facts.box_mm is not None:
+        sides = zip("xyz", *facts.box_mm, strict=True)
+        lines.append("box [mm]        " + ", ".join(f"{name} {low:.3f} to {high:.3f}" for name, low, high in sides))
+    if facts.cycles:
+        lines.append(f"drilled holes   {facts.cycles}")
+    return lines + [f"note: {note}" for note in facts.notes]
