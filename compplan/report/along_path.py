@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.report.style import CATEGORIES, LIMIT, NEUTRAL, TOLERANCE, format_number, name_decade
+from compplan.report.style import CATEGORIES, LIMIT, NEUTRAL, TOLERANCE, format_number, mark_decades
 from compplan.report.thinning import thin_rows
 from compplan.robot import Array
 
@@ -80,7 +80,7 @@ def draw_lines(
     figure.update_xaxes(title_text="path length, mm", range=_length_range(stations))
     figure.update_yaxes(title_text=f"{title}, {unit}")
     if log:
-        _use_decades(figure, [values for values in series.values()], title)
+        _use_decades(figure, list(series.values()), title)
     if zero:
         figure.update_yaxes(rangemode="tozero")
     if limit is not None:
@@ -141,7 +141,9 @@ def mark_waypoints(figure: Any, stations: Stations, *, row: int | None = None, c
         figure.add_vrect(x0=start - room, x1=end + room, fillcolor=LIMIT, opacity=0.28, line_width=0, row=row, col=col)
 
 
-def draw_joints(stations: Stations, q: Array, lower: Array, upper: Array, names: Sequence[str], slides: Array) -> Any:
+def draw_joints(
+    stations: Stations, q: Array, lower: Array, upper: Array, names: Sequence[str], slides: NDArray[np.bool_]
+) -> Any:
     """Draw each joint's position between its limits, one small chart a joint.
 
     Args:
@@ -161,7 +163,7 @@ def draw_joints(stations: Stations, q: Array, lower: Array, upper: Array, names:
     columns = 3
     lines = -(-len(names) // columns)
     figure = make_subplots(
-        rows=lines, cols=columns, subplot_titles=titles, horizontal_spacing=0.075, vertical_spacing=0.2 / lines + 0.04
+        rows=lines, cols=columns, subplot_titles=titles, horizontal_spacing=0.075, vertical_spacing=0.26 / lines + 0.04
     )
     for k, unit in enumerate(units):
         row, col = k // columns + 1, k % columns + 1
@@ -176,7 +178,7 @@ def draw_joints(stations: Stations, q: Array, lower: Array, upper: Array, names:
     for k in range(max(len(names) - columns, 0), len(names)):
         figure.update_xaxes(title_text="path length, mm", row=k // columns + 1, col=k % columns + 1)
     figure.update_annotations(font_size=12.5)
-    figure.update_layout(showlegend=False, margin={"t": 44})
+    figure.update_layout(showlegend=False, margin={"t": 52})
     return figure
 
 
@@ -185,7 +187,7 @@ def draw_shares(stations: Stations, shares: Mapping[str, tuple[Array, Sequence[s
 
     Args:
         stations: Where the waypoints are.
-        shares: By rate ("velocity"): share of each joint's limit, shape (n, nq), 1 = at the limit; and the joints' names.
+        shares: By rate ("velocity"): share of each joint's limit, shape (n, nq), 1 at the limit; and the joints' names.
     """
     from plotly.subplots import make_subplots
 
@@ -228,14 +230,9 @@ def draw_wrench(stations: Stations, wrench: Array) -> Any:
 def _use_decades(figure: Any, lengths: Sequence[Array], title: str) -> None:
     """Make the vertical axis logarithmic over lengths in mm, its ticks named nm, um, mm."""
     known = np.concatenate([values[np.isfinite(values) & (values > 0)] for values in lengths])
-    low, high = (np.log10(known.min()), np.log10(known.max())) if len(known) else (-6.0, 0.0)
-    powers = range(int(np.floor(low)) - 1, int(np.ceil(high)) + 2)
-    figure.update_yaxes(
-        type="log",
-        title_text=title,
-        tickvals=[10.0**power for power in powers],
-        ticktext=[name_decade(power - 3) for power in powers],
-    )
+    low, high = (float(known.min()), float(known.max())) if len(known) else (1e-6, 1.0)
+    ticks, names = mark_decades(1e-3 * low, 1e-3 * high)
+    figure.update_yaxes(type="log", title_text=title, tickvals=[1e3 * tick for tick in ticks], ticktext=names)
 
 
 def _length_range(stations: Stations) -> list[float]:
@@ -244,11 +241,10 @@ def _length_range(stations: Stations) -> list[float]:
 
 
 def _joint_title(name: str, values: Array, low: float, high: float, unit: str) -> str:
-    reach = f"{format_number(float(values.min()))} to {format_number(float(values.max()))} {unit}"
-    if not (np.isfinite(low) or np.isfinite(high)):
-        return f"<b>{name}</b>  {reach}, no limits"
+    text = f"{format_number(float(values.min()))} to {format_number(float(values.max()))} {unit}"
     margin = float(min(values.min() - low, high - values.max()))
-    return f"<b>{name}</b>  {reach}, {format_number(margin)} {unit} left"
+    text += f", {format_number(margin)} left" if np.isfinite(margin) else ", no limits"
+    return f'<b>{name}</b><br><span style="font-size: 11px">{text}</span>'
 
 
 def _joint_range(values: Array, low: float, high: float) -> tuple[float, float]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from compplan.errors import ShapeError
 from compplan.report.robot_scene import draw_robot, frame_scene, place_shapes
-from compplan.report.style import AFTER, NEUTRAL, SEQUENTIAL, format_length, name_decade
+from compplan.report.style import AFTER, NEUTRAL, SEQUENTIAL, format_length, mark_decades
 from compplan.report.thinning import thin_path
 from compplan.robot import Array, Robot
 
@@ -44,7 +44,9 @@ def draw_cell(robot: Robot, q: Array, path: Array, *, start: int = 0) -> Any:
     return figure
 
 
-def draw_deviation_paths(path: Array, before: Array, after: Array, *, names: tuple[str, str] = ("before", "after")) -> Any:
+def draw_deviation_paths(
+    path: Array, before: Array, after: Array, *, names: tuple[str, str] = ("before", "after")
+) -> Any:
     """Draw the path twice, with the deviation before and after as colour and, magnified, as shape.
 
     Args:
@@ -59,14 +61,14 @@ def draw_deviation_paths(path: Array, before: Array, after: Array, *, names: tup
     from plotly.subplots import make_subplots
 
     if not path.shape == before.shape == after.shape:
-        raise ShapeError(f"path, before and after have shapes {path.shape}, {before.shape}, {after.shape}, expected one")
+        shapes = [array.shape for array in (path, before, after)]
+        raise ShapeError(f"path, before and after have shapes {shapes}, expected one and the same")
     sizes = [np.linalg.norm(deviation, axis=1) for deviation in (before, after)]
     rows = thin_path(path, np.column_stack([before, *sizes]), POINTS)
     factor = choose_magnification(path, before)
-    figure = make_subplots(
-        rows=1, cols=2, specs=[[{"type": "scene"}, {"type": "scene"}]], horizontal_spacing=0.01,
-        subplot_titles=[f"{name}: up to {format_length(float(size.max()))}" for name, size in zip(names, sizes, strict=True)],
-    )  # fmt: skip
+    titles = [f"{name}: up to {format_length(float(size.max()))}" for name, size in zip(names, sizes, strict=True)]
+    specs = [[{"type": "scene"}, {"type": "scene"}]]
+    figure = make_subplots(rows=1, cols=2, specs=specs, horizontal_spacing=0.01, subplot_titles=titles)
     nominal = 1e3 * path[rows]
     shown = [nominal]
     for number, (deviation, size) in enumerate(zip((before, after), sizes, strict=True), start=1):
@@ -76,7 +78,7 @@ def draw_deviation_paths(path: Array, before: Array, after: Array, *, names: tup
         figure.add_trace(grey, row=1, col=number)
         level = np.log10(np.maximum(size[rows], 1e-9))
         line = {"color": level.astype(np.float32), "coloraxis": "coloraxis", "width": 6}
-        custom = np.column_stack([rows, 1e3 * size[rows]]).astype(np.float32)
+        custom = np.column_stack([rows, 1e3 * size[rows]])
         trace = _line(attained, line, names[number - 1], custom=custom)
         figure.add_trace(trace, row=1, col=number)
     scene = frame_scene(np.vstack(shown), margin=0.02, zoom=0.64)
@@ -118,22 +120,26 @@ def _line(points: Array, line: dict[str, Any], name: str, *, hover: bool = True,
     import plotly.graph_objects as go
 
     x, y, z = points.astype(np.float32).T
-    text = "waypoint %{customdata[0]:.0f}: %{customdata[1]:.4g} mm" if custom is not None else "%{x:.1f}, %{y:.1f}, %{z:.1f} mm"
+    text = "waypoint %{customdata[0]:.0f}: %{customdata[1]:.4g} mm"
+    if custom is None:
+        text = "%{x:.1f}, %{y:.1f}, %{z:.1f} mm"
+    else:
+        custom = custom.astype(np.float32)
     trace = go.Scatter3d(x=x, y=y, z=z, mode="lines", line=line, name=name, customdata=custom)
     return trace.update(hovertemplate=text) if hover else trace.update(hoverinfo="skip")
 
 
 def _log_colours(bottom: float, top: float) -> dict[str, Any]:
     """Colour by the logarithm of a length in m, with ticks at whole decades."""
-    ticks = list(range(int(np.ceil(bottom)), int(np.floor(top)) + 1))
+    ticks, names = mark_decades(10**bottom, 10**top)
     return {
         "colorscale": [list(stop) for stop in SEQUENTIAL],
         "cmin": bottom,
         "cmax": top,
         "colorbar": {
             "title": {"text": "deviation", "side": "top"},
-            "tickvals": ticks,
-            "ticktext": [name_decade(tick) for tick in ticks],
+            "tickvals": [float(np.log10(tick)) for tick in ticks],
+            "ticktext": names,
             "len": 0.8,
             "thickness": 12,
             "outlinewidth": 0,

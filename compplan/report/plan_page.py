@@ -22,7 +22,16 @@ from compplan.report.along_path import (
 from compplan.report.page import Block, Cell, Chart, Column, Columns, Fold, PageTable, Section, write_page
 from compplan.report.path_scene import describe_magnification, draw_cell, draw_deviation_paths
 from compplan.report.provenance import GRADE_MEANING, describe_robot
-from compplan.report.style import AFTER, BEFORE, CATEGORIES, format_angle, format_length, format_number, format_set_value
+from compplan.report.style import (
+    AFTER,
+    BEFORE,
+    CATEGORIES,
+    format_angle,
+    format_length,
+    format_number,
+    format_percent,
+    format_set_value,
+)
 from compplan.robot import Array, Robot
 
 #: The feed counts as lowered below this share of the programmed one.
@@ -98,7 +107,7 @@ class PlanView:
 
     @cached_property
     def length(self) -> Array:
-        """Path length up to each waypoint. Shape (n,). [m]"""
+        """Path length up to each waypoint, rapid moves included [m]. Shape (n,)."""
         steps = np.linalg.norm(np.diff(self.nominal, axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
@@ -152,10 +161,11 @@ def summarise_plan(view: PlanView) -> str:
         ratio = float(before.max() / max(after.max(), 1e-12))
         text += f", {format_number(ratio, 2)} times as far" if 1.5 < ratio < 1e5 else ""
     share = float((after <= view.tolerance).mean())
-    text += f". {_percent(share)} of the cut is within the tolerance of {_set_length(view.tolerance)}"
+    text += f". {format_percent(share)} of the cut is within the tolerance of {_set_length(view.tolerance)}"
     text += f", and the whole path takes {format_set_value(round(float(view.time[-1]), 1))} s."
     if view.lowered.any():
-        text += f" The feed is lowered on {_percent(float(view.lowered.sum() / view.cut.sum()))} of the waypoints."
+        lowered = format_percent(float(view.lowered.sum() / view.cut.sum()))
+        text += f" The feed is lowered on {lowered} of the waypoints."
     return f"{text} The robot model is graded {view.robot.grade} ({GRADE_MEANING[view.robot.grade]})."
 
 
@@ -172,18 +182,12 @@ def _set_length(metres: float) -> str:
     return f"{format_set_value(1e3 * metres)} mm"
 
 
-def _percent(share: float) -> str:
-    if 0 < share < 1:
-        share = min(max(share, 0.001), 0.999)
-    return f"{format_set_value(float(f'{100 * share:.3g}'))} %"
-
-
 def _overview(view: PlanView) -> Section:
     start = int(np.flatnonzero(view.cut)[0])
     cell = Chart(
         draw_cell(view.robot, view.q, view.nominal, start=start),
         "The robot at the first waypoint of the cut, drawn from its URDF shapes, and the path of the tool tip.",
-        height=430,
+        height=400,
     )
     return Section("What it reaches", [Columns([[_key_figures(view)], [cell]], (0.5, 0.5))])
 
@@ -194,18 +198,19 @@ def _key_figures(view: PlanView) -> PageTable:
     before, after = (np.linalg.norm(side, axis=1)[cut] for side in (view.before, view.after))
     for name, reduce in (("rms", lambda size: np.sqrt(np.mean(size**2))), ("mean", np.mean), ("largest", np.max)):
         rows.append([f"deviation, {name}", *(_length_cell(float(reduce(size))) for size in (before, after))])
-    shares = [Cell(_percent(float((size <= view.tolerance).mean()))) for size in (before, after)]
+    shares = [Cell(format_percent(float((size <= view.tolerance).mean()))) for size in (before, after)]
     rows.append([f"within {_set_length(view.tolerance)}", *shares])
     if view.tilt_before is not None and view.tilt_after is not None:
         tilts = [float(tilt[cut].max()) for tilt in (view.tilt_before, view.tilt_after)]
         rows.append(["tool axis off by up to", *(Cell(format_angle(tilt)) for tilt in tilts)])
     correction = float(np.linalg.norm(view.correction, axis=1)[cut].max())
-    rows.append(["largest correction", None, Cell(f"{format_length(correction)} of {_set_length(view.max_correction)}")])
+    allowed = f"{format_length(correction)} of {_set_length(view.max_correction)}"
+    rows.append(["largest correction", None, Cell(allowed)])
     rows.append(["smallest joint margin", None, Cell(_tightest(view))])
     for name, rates, limits in _rates(view):
         share = np.abs(rates) / limits
         joint = view.robot.joint_names[int(np.argmax(share.max(axis=0)))]
-        rows.append([f"{name} used", None, Cell(f"{_percent(float(share.max()))} ({joint})")])
+        rows.append([f"{name} used", None, Cell(f"{format_percent(float(share.max()))} ({joint})")])
     rows.append(["waypoints", None, Cell(f"{format_number(len(cut))}")])
     rows.append(["path length", None, Cell(f"{format_number(1e3 * float(view.length[-1]), 4)} mm")])
     rows.append(["time", None, Cell(f"{format_number(float(view.time[-1]), 4)} s")])
@@ -223,7 +228,8 @@ def _tightest(view: PlanView) -> str:
     if not np.isfinite(share).any():
         return "no limits"
     k = int(np.argmin(share))
-    return f"{format_number(float(margin[k] * scale[k]))} {'mm' if view.robot.prismatic[k] else 'deg'} ({view.robot.joint_names[k]})"
+    unit = "mm" if view.robot.prismatic[k] else "deg"
+    return f"{format_number(float(margin[k] * scale[k]))} {unit} ({view.robot.joint_names[k]})"
 
 
 def _rates(view: PlanView) -> list[tuple[str, Array, Array]]:
@@ -271,7 +277,7 @@ def _failure_table(view: PlanView, after: Array) -> PageTable:
     reasons = np.array([view.failures[i] for i in failed.tolist()])
     first = np.flatnonzero(np.r_[True, (np.diff(failed) > 1) | (reasons[1:] != reasons[:-1])])
     last = np.r_[first[1:] - 1, len(failed) - 1]
-    rows = []
+    rows: list[list[Cell | str | float | int | None]] = []
     for a, b, reason in zip(failed[first].tolist(), failed[last].tolist(), reasons[first].tolist(), strict=True):
         reach = [1e3 * float(view.length[a]), 1e3 * float(view.length[b])]
         rows.append([a, b, *reach, reason, Cell(1e3 * float(after[a : b + 1].max()), "bad")])
@@ -289,7 +295,7 @@ def _joints(view: PlanView) -> Section:
     figure = draw_joints(view.stations, view.q, robot.lower, robot.upper, robot.joint_names, robot.prismatic)
     return Section(
         "Joints",
-        [Chart(figure, "Commanded joint positions; red is beyond the limit.", height=60 + 205 * lines)],
+        [Chart(figure, "Commanded joint positions; red is beyond the limit.", height=60 + 215 * lines)],
         "Each chart spans the whole range of its joint.",
     )
 
@@ -331,11 +337,12 @@ def _feed(view: PlanView) -> Section:
 def _lowered_table(view: PlanView) -> PageTable:
     spans = find_spans(view.lowered)
     depth = np.array([(view.feed[a : b + 1] / view.feed_wanted[a : b + 1]).min() for a, b in spans])
-    rows = []
+    rows: list[list[Cell | str | float | int | None]] = []
     for a, b in spans[np.sort(np.argsort(depth)[:LISTED])]:
         slowest = a + int(np.argmin(view.feed[a : b + 1] / view.feed_wanted[a : b + 1]))
+        reach = [1e3 * float(view.length[a]), 1e3 * float(view.length[b])]
         lowest = [1e3 * float(view.feed_wanted[slowest]), 1e3 * float(view.feed[slowest])]
-        rows.append([int(a), int(b), 1e3 * float(view.length[a]), 1e3 * float(view.length[b]), *lowest, _busiest(view, slowest)])
+        rows.append([int(a), int(b), *reach, *lowest, _busiest(view, slowest)])
     columns = [
         Column("from waypoint"), Column("to"), Column("from", "mm", 4), Column("to", "mm", 4),
         Column("programmed", "mm/s"), Column("lowest", "mm/s"), Column("busiest there"),
@@ -345,9 +352,11 @@ def _lowered_table(view: PlanView) -> PageTable:
 
 
 def _busiest(view: PlanView, row: int) -> str:
-    best = (0.0, "–")
+    best, said = 0.0, "–"
     for name, rates, limits in _rates(view):
         near = np.abs(rates[max(row - 3, 0) : row + 4]) / limits
         k = int(np.argmax(near.max(axis=0)))
-        best = max(best, (float(near.max()), f"{name} of {view.robot.joint_names[k]} ({_percent(float(near.max()))})"))
-    return best[1]
+        if near.max() > best:
+            best = float(near.max())
+            said = f"{name} of {view.robot.joint_names[k]} ({format_percent(best)})"
+    return said

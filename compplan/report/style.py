@@ -64,8 +64,8 @@ def format_length(metres: float, digits: int = 3) -> str:
     """
     if math.isnan(metres):
         return "–"
-    if 0 < abs(metres) < 1e-9:
-        return "less than 0.001 µm"
+    if 0 < abs(metres) < 1e-8:
+        return "below 0.01 µm"
     if abs(metres) < 1e-4:
         return f"{format_number(metres * 1e6, digits)} µm"
     return f"{format_number(metres * 1e3, digits)} mm"
@@ -78,19 +78,43 @@ def format_angle(radians: float, digits: int = 3) -> str:
         radians: The angle. [rad]
         digits: Significant digits.
     """
-    if 0 < abs(radians) < 1e-9:
-        return "less than 0.001 µrad"
+    if 0 < abs(radians) < 1e-8:
+        return "below 0.01 µrad"
     if abs(radians) < math.radians(0.01):
         return f"{format_number(radians * 1e6, digits)} µrad"
     return f"{format_number(math.degrees(radians), digits)} deg"
 
 
-def name_decade(power: int) -> str:
-    """Name a power of ten of a metre, as axes do: -6 is "1 µm", -3 is "1 mm"."""
-    for unit, start in (("nm", -9), ("µm", -6), ("mm", -3)):
-        if power < start + 3:
-            return f"{10 ** (power - start):g} {unit}"
-    return f"{10**power:g} m"
+def format_percent(share: float) -> str:
+    """Write a share as percent; what is neither none nor all never reads as 0 or 100."""
+    if math.isnan(share):
+        return "–"
+    if 0 < share < 1e-4:
+        return "below 0.01 %"
+    if 0.999 < share < 1:
+        return "above 99.9 %"
+    return f"{format_set_value(float(f'{100 * share:.3g}'))} %"
+
+
+def name_length(metres: float) -> str:
+    """Name a round length as axes do: 1e-6 is "1 µm", 0.2 is "200 mm"."""
+    for unit, size in (("nm", 1e-9), ("µm", 1e-6)):
+        if metres < 999 * size:
+            return f"{metres / size:.6g} {unit}"
+    return f"{metres * 1e3:.6g} mm"
+
+
+def mark_decades(low: float, high: float) -> tuple[list[float], list[str]]:
+    """Choose round lengths for a logarithmic axis, and their names; 1, 2, 5 where it spans less than two decades.
+
+    Args:
+        low: Smallest length. [m]
+        high: Largest length. [m]
+    """
+    steps = (1, 2, 5) if high < 100 * low else (1,)
+    powers = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)) + 1)
+    lengths = [step * 10.0**power for power in powers for step in steps]
+    return lengths, [name_length(length) for length in lengths]
 
 
 def build_template(theme: str) -> dict[str, Any]:

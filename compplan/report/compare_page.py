@@ -1,0 +1,194 @@
+"""The page that sets strategies side by side: a table of strategy and cell, bars, and the deviation along the path."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.report.along_path import FLOOR, Stations, draw_lines, find_spans
+from compplan.report.page import Cell, Chart, Column, Fold, PageTable, Section, write_page
+from compplan.report.provenance import GRADE_MEANING, describe_robot
+from compplan.report.style import CATEGORIES, TOLERANCE, format_length, format_percent, format_set_value, mark_decades
+from compplan.robot import Array, Robot
+
+#: What the cell is called in which the plan's model is the truth.
+SAME_MODEL = "as modelled"
+
+
+@dataclass(frozen=True)
+class CompareView:
+    """What the page of a comparison shows; n waypoints, base frame.
+
+    Attributes:
+        title: Name of the job.
+        robot: The robot, with the tool that the job mounts.
+        nominal: Wanted tool tip. Shape (n, 3). [m]
+        time: Time of each waypoint. Shape (n,). [s]
+        cut: Waypoints that are judged. Shape (n,).
+        deviation: By cell and strategy, distance of the loaded tip from the path; the first cell is the plan's own
+            model. Shape (n,) each. [m]
+        tolerance: Greatest deviation that counts as within tolerance. [m]
+        judge: Who computed the deviations.
+        facts: Rows of name and value for the foot of the page.
+        notes: Warnings, one sentence each.
+        assumptions: What was assumed, one sentence each.
+    """
+
+    title: str
+    robot: Robot
+    nominal: Array
+    time: Array
+    cut: NDArray[np.bool_]
+    deviation: Mapping[str, Mapping[str, Array]]
+    tolerance: float
+    judge: str = ""
+    facts: Sequence[tuple[str, str]] = ()
+    notes: Sequence[str] = ()
+    assumptions: Sequence[str] = ()
+
+    @property
+    def strategies(self) -> list[str]:
+        """Names of the strategies, in the order given."""
+        return list(next(iter(self.deviation.values())))
+
+    def rms(self, cell: str, strategy: str) -> float:
+        """Root mean square of the deviation over the cut [m]."""
+        return float(np.sqrt(np.mean(self.deviation[cell][strategy][self.cut] ** 2)))
+
+    def largest(self, cell: str, strategy: str) -> float:
+        """Largest deviation over the cut [m]."""
+        return float(self.deviation[cell][strategy][self.cut].max())
+
+
+def write_comparison(view: CompareView, file: Path) -> None:
+    """Write the page of a comparison.
+
+    Args:
+        view: What it shows.
+        file: The HTML file.
+    """
+    facts = [("deviation computed by", view.judge or "–"), *view.facts]
+    write_page(
+        file,
+        view.title,
+        summarise_comparison(view),
+        [_figures(view), _along(view)],
+        kind=f"Strategies compared, {view.robot.name}",
+        warning=" ".join(view.notes),
+        provenance=describe_robot(view.robot, facts, list(view.assumptions)),
+    )
+
+
+def summarise_comparison(view: CompareView) -> str:
+    """Say in two sentences which strategy comes closest, in the modelled cell and where the model is wrong."""
+    own, *wrong = list(view.deviation)
+    best = min(view.strategies, key=lambda name: view.rms(own, name))
+    text = f"Where the robot is {own}, {best} comes closest: {format_length(view.rms(own, best))} rms"
+    if "none" in view.strategies and best != "none":
+        text += f", against {format_length(view.rms(own, 'none'))} without correction"
+    text += "."
+    if wrong:
+        worst = {name: max(view.rms(cell, name) for cell in wrong) for name in view.strategies}
+        closest = min(worst, key=lambda name: worst[name])
+        equals = [name for name in view.strategies if worst[name] <= 1.02 * worst[closest]]
+        text += f" Where the model is wrong ({', '.join(wrong)}), {_join_names(equals)} "
+        text += f"{'comes' if len(equals) == 1 else 'come'} closest, with up to {format_length(worst[closest])} rms."
+    return f"{text} The robot model is graded {view.robot.grade} ({GRADE_MEANING[view.robot.grade]})."
+
+
+def _join_names(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _figures(view: CompareView) -> Section:
+    height = 90 + (34 + 16 * len(view.strategies)) * len(view.deviation)
+    caption = "Bars: rms deviation; ticks: largest deviation. Logarithmic."
+    chart = Chart(_bars(view), caption, height=height)
+    return Section("Strategies and cells", [_matrix(view), chart, Fold("All figures", [_long_table(view)])])
+
+
+def _is_closest(view: CompareView, cell: str, strategy: str) -> bool:
+    return view.rms(cell, strategy) <= 1.02 * min(view.rms(cell, name) for name in view.strategies)
+
+
+def _matrix(view: CompareView) -> PageTable:
+    rows: list[list[Cell | str | float | int | None]] = []
+    for name in view.strategies:
+        row: list[Cell | str | float | int | None] = [Cell(name, "strong")]
+        for cell in view.deviation:
+            text = f"{format_length(view.rms(cell, name))}  ({format_length(view.largest(cell, name))})"
+            row.append(Cell(text, "good" if _is_closest(view, cell, name) else ""))
+        rows.append(row)
+    columns = [Column("strategy"), *(Column(cell) for cell in view.deviation)]
+    caption = "Deviation of the loaded tool tip from the path: rms (largest); the closest of each cell is green."
+    return PageTable(columns, rows, caption)
+
+
+def _long_table(view: CompareView) -> PageTable:
+    rows: list[list[Cell | str | float | int | None]] = []
+    for cell, results in view.deviation.items():
+        for name in results:
+            size = results[name][view.cut]
+            left = view.rms(cell, name) / view.rms(cell, "none") if "none" in results else float("nan")
+            lengths = [format_length(value) for value in (view.rms(cell, name), float(size.mean()), float(size.max()))]
+            within = format_percent(float((size <= view.tolerance).mean()))
+            rows.append([cell, name, *lengths, format_percent(left), within])
+    within = f"within {format_set_value(1e3 * view.tolerance)} mm"
+    titles = ("cell", "strategy", "rms", "mean", "largest", "of uncorrected", within)
+    return PageTable([Column(title) for title in titles], rows)
+
+
+def _bars(view: CompareView) -> Any:
+    import plotly.graph_objects as go
+
+    figure = go.Figure()
+    cells = list(view.deviation)
+    low = max(min(view.rms(cell, name) for cell in cells for name in view.strategies), FLOOR)
+    high = max(view.largest(cell, name) for cell in cells for name in view.strategies)
+    low = 10.0 ** np.floor(np.log10(low) - 0.3)
+    for number, name in enumerate(view.strategies):
+        rms = [1e3 * max(view.rms(cell, name), FLOOR) for cell in cells]
+        largest = [1e3 * max(view.largest(cell, name), FLOOR) for cell in cells]
+        colour = CATEGORIES[number % len(CATEGORIES)]
+        ticks = {
+            "type": "data",
+            "array": [most - mean for most, mean in zip(largest, rms, strict=True)],
+            "arrayminus": [0.0] * len(rms),
+            "thickness": 1.2,
+            "width": 4,
+            "color": colour,
+        }
+        figure.add_bar(
+            y=cells, x=rms, name=name, orientation="h", marker_color=colour, error_x=ticks, customdata=largest,
+            hovertemplate="%{x:.3g} mm rms, %{customdata:.3g} mm at most",
+        )  # fmt: skip
+    ends = [float(np.log10(1e3 * low)), float(np.log10(1e3 * max(high, 2 * low))) + 0.08]
+    marks, names = mark_decades(low, max(high, 2 * low))
+    figure.update_xaxes(
+        type="log", range=ends, title_text="deviation", tickvals=[1e3 * mark for mark in marks], ticktext=names
+    )
+    figure.update_yaxes(autorange="reversed")
+    figure.add_vline(x=1e3 * view.tolerance, line={"color": TOLERANCE, "width": 1.4, "dash": "dash"})
+    figure.update_layout(barmode="group", bargap=0.28, legend={"traceorder": "normal"})
+    return figure
+
+
+def _along(view: CompareView) -> Section:
+    steps = np.linalg.norm(np.diff(view.nominal, axis=0), axis=1)
+    length = np.concatenate([[0.0], np.cumsum(steps)])
+    spans = find_spans(~view.cut)
+    shaded = length[np.column_stack([np.maximum(spans[:, 0] - 1, 0), spans[:, 1]]).astype(int)].reshape(-1, 2)
+    stations = Stations(length, view.time, np.zeros(0, int), shaded)
+    judged = np.where(view.cut, 1.0, np.nan)
+    charts = []
+    for cell, results in view.deviation.items():
+        series = {name: 1e3 * np.maximum(size, FLOOR) * judged for name, size in results.items()}
+        limit = (1e3 * view.tolerance, f"tolerance {format_set_value(1e3 * view.tolerance)} mm")
+        figure = draw_lines(stations, series, "mm", title="deviation", log=True, limit=limit)
+        charts.append(Chart(figure, f"Cell: {cell}.", height=300))
+    return Section("Along the path", charts, "Distance of the loaded tool tip from the path, logarithmic.")
