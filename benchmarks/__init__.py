@@ -1,0 +1,1 @@
+"""Studies that judge compplan from outside."""

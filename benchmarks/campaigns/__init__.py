@@ -1,0 +1,1 @@
+"""Simulated measurement campaigns with known effects, made by MuJoCo and independent of the product."""

@@ -1,0 +1,230 @@
+"""Nominal robots of the campaigns: five robots from published figures, with masses and tools drawn at random.
+
+Geometry, limits and joint compliances are those of the papers and descriptions that `SOURCES` names; masses and centres
+of mass are assumed. A robot is drawn anew for every campaign, so that no two campaigns share masses or tool.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.campaigns.description import RobotDescription, Segment, Spring
+
+HALF_TURN = 1.570796327
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Template:
+    """Published figures of one robot.
+
+    Args:
+        name: Name of the robot.
+        origins: Origin of every revolute joint in its parent link, then of the flange. [m]
+        turns: Roll, pitch, yaw of these origins, where not zero, by index. [rad]
+        axes: Axis of every joint.
+        limits_deg: Position limits. [deg]
+        velocity_deg_s: Velocity limits. [deg/s]
+        compliance: Compliance of every joint, 0 where it is taken as rigid. [rad/(N m)]
+        masses: Mass and centre of every moving link, as assumed. [kg, m]
+        region_deg: Where campaigns place the joints. [deg]
+        max_force: Largest force that campaigns apply. [N]
+        tool_z: Direction of the tool in the flange frame: "x" or "z".
+        home_deg: A posture in the middle of the workspace. [deg]
+    """
+
+    name: str
+    origins: tuple[Vector, ...]
+    turns: dict[int, Vector]
+    axes: tuple[Vector, ...]
+    limits_deg: tuple[tuple[float, float], ...]
+    velocity_deg_s: tuple[float, ...]
+    compliance: tuple[float, ...]
+    masses: tuple[tuple[float, Vector], ...]
+    region_deg: tuple[tuple[float, float], ...]
+    max_force: float
+    tool_z: str
+    home_deg: tuple[float, ...]
+
+
+X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+NX, NY, NZ = (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)
+O = (0.0, 0.0, 0.0)
+
+SOURCES = {
+    "kr270_like": "paper tables of Mamedov 2018",
+    "kr240_like": "paper tables of Dumas 2011; lengths of the series assumed",
+    "tx200_like": "paper table of Johra 2022",
+    "kr120_like": "published machine data; compliances assumed from the KR270's pattern",
+    "m10ia_like": "published URDF; compliances of Singh 2021",
+}
+
+TEMPLATES: tuple[Template, ...] = (
+    Template(
+        "kr270_like",
+        ((0, 0, 0.675), (0.35, 0, 0), (0, 0, 1.15), (1.2, 0, -0.041), O, O, (0.24, 0, 0)),
+        {2: (0.0, -HALF_TURN, 0.0)},
+        (Z, Y, NY, X, Y, X),
+        ((-179, 179), (-50, 90), (-155, 120), (-350, 350), (-122, 122), (-350, 350)),
+        (105, 101, 107, 122, 113, 175),
+        (5.6e-7, 3.0e-7, 4.3e-7, 2.8e-6, 3.2e-6, 2.1e-6),
+        (
+            (330, (0.12, -0.02, -0.1)),
+            (190, (0.01, -0.1, 0.48)),
+            (230, (0.22, 0.03, 0.02)),
+            (48, (-0.42, 0, 0)),
+            (32, (0.03, 0, 0)),
+            (14, (0.19, 0, 0)),
+        ),
+        ((-132, 132), (-43, 72), (-142, -23), (-170, 170), (-107, 107), (-182, 182)),
+        1500.0,
+        "x",
+        (0, 20, -100, 0, 30, 0),
+    ),
+    Template(
+        "kr240_like",
+        ((0, 0, 0.75), (0.35, 0, 0), (1.25, 0, 0), (1.1, 0, -0.055), O, O, (0.23, 0, 0)),
+        {2: (0.0, -HALF_TURN, 0.0)},
+        (Z, NY, NY, X, Y, X),
+        ((-185, 185), (0, 146), (-245, 29), (-350, 350), (-125, 125), (-350, 350)),
+        (105, 107, 114, 136, 129, 206),
+        (2.63e-7, 1.52e-7, 2.56e-7, 1.79e-6, 1.52e-6, 2.13e-6),
+        (
+            (340, (0.13, 0.02, -0.12)),
+            (185, (0.52, -0.1, 0.01)),
+            (215, (0.2, 0.02, 0.02)),
+            (46, (-0.4, 0, 0)),
+            (30, (0.03, 0, 0)),
+            (12, (0.18, 0, 0)),
+        ),
+        ((-132, 132), (25, 124), (-229, -100), (-173, 173), (-108, 108), (-182, 182)),
+        1500.0,
+        "x",
+        (0, 70, -165, 0, 30, 0),
+    ),
+    Template(
+        "tx200_like",
+        ((0, 0, 0.642), (0.25, 0, 0), (0, 0, 0.95), (0, 0, 0.8), O, O, (0, 0, 0.194)),
+        {},
+        (Z, Y, Y, Z, Y, Z),
+        ((-180, 180), (-120, 120), (-140, 145), (-270, 270), (-120, 120), (-270, 270)),
+        (160, 160, 160, 260, 260, 400),
+        (4.310344828e-7, 5.681818182e-7, 4.901960784e-7, 1.111111111e-5, 5e-5, 0.0),
+        (
+            (260, (0.1, 0, -0.12)),
+            (140, (0, 0.1, 0.4)),
+            (130, (0.02, 0, 0.12)),
+            (40, (0, 0, -0.3)),
+            (18, (0, 0, 0.02)),
+            (6, (0, 0, 0.17)),
+        ),
+        ((-132, 132), (-18, 79), (10, 130), (-153, 153), (-103, 103), (-172, 172)),
+        900.0,
+        "z",
+        (0, 40, 70, 0, 45, 0),
+    ),
+    Template(
+        "kr120_like",
+        ((0, 0, 0.55), (0.73, 0, 0), (1.35, 0, 0), (1.82, 0, 0.115), O, O, (0.215, 0, 0)),
+        {},
+        (NZ, Y, Y, NX, Y, NX),
+        ((-185, 185), (-140, -5), (-120, 168), (-350, 350), (-125, 125), (-350, 350)),
+        (105, 101, 110, 190, 180, 260),
+        (4.7e-7, 3.3e-7, 3.3e-7, 2.93e-6, 3.28e-6, 2.34e-6),
+        (
+            (380, (0.3, 0.02, -0.1)),
+            (240, (0.6, 0.12, 0.0)),
+            (260, (0.35, 0.02, 0.08)),
+            (52, (-0.6, 0, 0)),
+            (30, (0.03, 0, 0)),
+            (12, (0.16, 0, 0)),
+        ),
+        ((-132, 132), (-118, -38), (35, 125), (-170, 170), (-108, 108), (-180, 180)),
+        1100.0,
+        "x",
+        (0, -75, 85, 0, 40, 0),
+    ),
+    Template(
+        "m10ia_like",
+        ((0, 0, 0.45), (0.15, 0, 0), (0, 0, 0.6), (0, 0, 0.2), (0.64, 0, 0), (0.1, 0, 0), O),
+        {},
+        (Z, Y, NY, NX, NY, NX),
+        ((-179.9, 179.9), (-89.9, 159.9), (-179.9, 264.1), (-189.6, 189.6), (-189.6, 189.6), (-359.8, 359.8)),
+        (210, 190, 210, 400, 400, 600),
+        (1.2e-6, 1.1e-6, 1.3e-6, 2.2e-5, 2.56e-5, 3.3e-5),
+        (
+            (36, (0.05, 0.0, -0.08)),
+            (18, (0.0, -0.08, 0.3)),
+            (24, (0.03, 0.02, 0.15)),
+            (9, (0.3, 0, 0)),
+            (4, (0.03, 0, 0)),
+            (1, (0.0, 0, 0)),
+        ),
+        ((-130, 130), (-25, 75), (-60, 40), (-165, 165), (-105, 105), (-180, 180)),
+        200.0,
+        "x",
+        (0, 20, -15, 0, 45, 0),
+    ),
+)
+
+
+def draw_robot(rng: np.random.Generator, *, rail: bool = False, name: str | None = None) -> tuple[RobotDescription, Template]:
+    """Draw a nominal robot: one of the templates with masses, centres and tool of its own.
+
+    Args:
+        rng: Source of randomness.
+        rail: Whether it rides on a rail, which is then its first joint.
+        name: Template to take; drawn if None.
+    """
+    template = next((t for t in TEMPLATES if t.name == name), None) or TEMPLATES[int(rng.integers(len(TEMPLATES)))]
+    small = template.name == "m10ia_like"
+    total = sum(m for m, _ in template.masses)
+    base_mass = round(float(rng.uniform(0.25, 0.4) * total))
+    segments = [Segment("base_fixed", "fixed", "base_link", O, mass=base_mass, com=(-0.02, 0.0, 0.2))]
+    springs: list[Spring] = []
+    if rail:
+        height = round(float(rng.uniform(0.3, 0.6)), 3)
+        segments.append(
+            Segment(
+                "rail", "prismatic", "carriage", (0.0, 0.0, height), axis=Y, lower=-3.0, upper=3.0, velocity=1.5,
+                effort=20000.0, mass=round(0.5 * total), com=(0.0, 0.0, -0.1),
+            )
+        )
+        if rng.random() < 0.5:
+            springs.append(Spring("rail", "own", float(rng.uniform(0.5e-8, 2e-8)), actuator=True))
+    for j, axis in enumerate(template.axes):
+        mass, com = template.masses[j]
+        mass = round(mass * float(rng.uniform(0.8, 1.2)), 1)
+        centre = tuple(round(float(c + 0.1 * abs(c) * rng.normal()), 3) for c in com)
+        low, high = np.deg2rad(template.limits_deg[j])
+        origin = tuple(float(v) for v in template.origins[j])
+        segments.append(
+            Segment(
+                f"joint_{j + 1}", "revolute", f"link_{j + 1}", origin, template.turns.get(j, O), axis, float(low), float(high),  # type: ignore[arg-type]
+                float(np.deg2rad(template.velocity_deg_s[j])), 200.0 if small else 9000.0, mass, centre,  # type: ignore[arg-type]
+            )
+        )
+        if template.compliance[j] > 0.0:
+            springs.append(Spring(f"joint_{j + 1}", "own", template.compliance[j], actuator=True))
+    return _with_tool(rng, template, segments, springs, small), template
+
+
+def _with_tool(
+    rng: np.random.Generator, template: Template, segments: list[Segment], springs: list[Spring], small: bool
+) -> RobotDescription:
+    """Put flange, tool and TCP at the end of the chain."""
+    scale = 0.4 if small else 1.0
+    reach, aside = float(rng.uniform(0.08, 0.35)) * scale, float(rng.uniform(-0.2, 0.2)) * scale
+    if rng.random() < 0.15:
+        reach, aside = 0.0, 0.0
+    reach, aside = round(reach, 4), round(aside, 4)
+    mass = round(float(rng.uniform(3, 8) if small else rng.uniform(12, 40)), 1)
+    offset = (reach, 0.0, aside) if template.tool_z == "x" else (aside, 0.0, reach)
+    com = tuple(round(0.5 * v + 0.02 * float(rng.normal()) * scale, 3) for v in offset)
+    flange = tuple(float(v) for v in template.origins[6])
+    turn = (0.0, HALF_TURN, 0.0) if template.tool_z == "x" else O
+    segments.append(Segment("tool_mount", "fixed", "tool", flange, mass=mass, com=com))  # type: ignore[arg-type]
+    segments.append(Segment("tool_tip", "fixed", "tool0", offset, turn))
+    return RobotDescription(template.name, tuple(segments), tuple(springs), (0.0, 0.0, -9.81))
