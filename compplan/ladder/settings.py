@@ -1,0 +1,80 @@
+"""What the choice of a posture may vary, and what it is chosen for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from compplan.costs import Measure, Uncertainty
+
+if TYPE_CHECKING:
+    from compplan.job import Job
+
+
+@dataclass(frozen=True)
+class PostureSettings:
+    """What the search may vary and what it weighs.
+
+    Attributes:
+        free_spin: Whether the rotation about the tool axis is free.
+        configuration: Words that the configuration has to have, such as {"elbow": "up"}; none: all are free.
+        start: Joint positions to start near, or None. [rad or m]
+        preset: "accurate", "smooth" or "fast".
+        weights: Weights in place of the preset's, see `compplan.costs.Weights`.
+        measure: What sensitivity means: "expected" (root mean square) or "p95".
+        uncertainty: How well wrench, compliance and joint zeros are known.
+        spin_step: Step of the grid of rotations about the tool axis. [rad]
+        lead: How far the tool axis may lean along the travel. [rad]
+        lean: How far it may lean across the travel. [rad]
+        held_steps: Grid positions of each extra axis (a rail).
+        stations: Waypoints that the graph is built at, at most; those between follow.
+        reconfigure: Whether the arm may change its configuration in rapid moves away from the part.
+        least_dexterity: Postures below this inverse condition number are refused.
+        limit_margin: Distance to a joint limit below which a posture costs. [rad or m]
+        limit_room: Distance to a joint limit below which a posture is refused: room for the correction. [rad or m]
+        most_step: Greatest motion of a joint between neighbouring waypoints of a cut. [rad or m]
+    """
+
+    free_spin: bool = True
+    configuration: dict[str, str] = field(default_factory=dict)
+    start: tuple[float, ...] | None = None
+    preset: str = "accurate"
+    weights: dict[str, float] = field(default_factory=dict)
+    measure: Measure = "expected"
+    uncertainty: Uncertainty = Uncertainty()
+    spin_step: float = float(np.radians(5.0))
+    lead: float = 0.0
+    lean: float = 0.0
+    held_steps: int = 9
+    stations: int = 160
+    reconfigure: bool = True
+    least_dexterity: float = 0.0
+    limit_margin: float = float(np.radians(10.0))
+    limit_room: float = float(np.radians(0.2))
+    most_step: float = float(np.radians(20.0))
+
+
+def read_settings(job: Job) -> PostureSettings:
+    """Take the settings from a job's tables [plan] and [posture]."""
+    words = job.plan.configuration.model_dump(exclude_none=True)
+    words.pop("start_deg", None)
+    table = job.posture
+    return PostureSettings(
+        free_spin=job.plan.rotate_about_tool_axis,
+        configuration=words,
+        start=job.plan.start,
+        preset=table.preset,
+        weights=dict(table.weights),
+        measure=table.measure,
+        uncertainty=Uncertainty(
+            table.wrench_uncertainty, table.compliance_uncertainty, float(np.radians(table.joint_zero_uncertainty_deg))
+        ),
+        spin_step=float(np.radians(table.spin_step_deg)),
+        lead=float(np.radians(table.lead_deg)),
+        lean=float(np.radians(table.lean_deg)),
+        reconfigure=table.reconfigure == "rapid",
+        least_dexterity=table.least_dexterity,
+        limit_margin=float(np.radians(table.limit_margin_deg)),
+    )
