@@ -145,5 +145,3 @@ def _log_colours(bottom: float, top: float) -> dict[str, Any]:
             "outlinewidth": 0,
         },
     }
-
-

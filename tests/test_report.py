@@ -1,0 +1,317 @@
+"""Pages: self-contained, thin, honest about limits; robots drawn where they stand."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+
+from compplan.chain import build_chain, locate_frames
+from compplan.elastic import solve_equilibrium
+from compplan.errors import ShapeError
+from compplan.report import (
+    Cell,
+    Chart,
+    Column,
+    PageTable,
+    Section,
+    describe_robot,
+    locate_links,
+    place_shapes,
+    render_page,
+    thin_path,
+    thin_rows,
+    write_page,
+)
+from compplan.report.along_path import find_spans
+from compplan.report.compare_page import CompareView, summarise_comparison, write_comparison
+from compplan.report.path_scene import choose_magnification
+from compplan.report.plan_page import PlanView, summarise_plan, write_view
+from compplan.report.robot_picture import project_points, save_robot_picture
+from compplan.report.robot_scene import draw_robot, shade_faces
+from compplan.report.style import format_angle, format_length, format_number, format_percent, mark_decades
+from compplan.robot import load_robot, robot_folders
+
+ROBOTS = sorted(robot_folders())
+
+
+def make_view(n: int = 400, name: str = "kuka_kr270") -> PlanView:
+    """Bend a real robot along a path in joint space; the corrections leave a ten-thousandth."""
+    robot = load_robot(name)
+    chain = build_chain(robot)
+    angle = np.linspace(0, 2 * np.pi, n)
+    q = np.tile([0.2, 0.6, -1.6, 0.1, 1.0, 0.3], (n, 1))
+    q[:, 0] += 0.1 * np.sin(angle)
+    q[:, 1] += 0.1 * np.cos(angle)
+    nominal = locate_frames(chain, q).tcp_position
+    wrench = np.tile([440.0, 1370.0, -635.0, 0.0, 0.0, 0.0], (n, 1))
+    before = solve_equilibrium(chain, q, wrench).position - nominal
+    time = np.linspace(0.0, 60.0, n)
+    velocity = np.gradient(q, time, axis=0)
+    rapid = np.arange(n) < n // 20
+    return PlanView(
+        title="Circle <test>", robot=robot, strategy="nlp", status="solved", nominal=nominal, rapid=rapid, q=q,
+        time=time, before=before, after=1e-4 * before, correction=-before, wrench=wrench, velocity=velocity,
+        acceleration=np.gradient(velocity, time, axis=0), feed_wanted=np.full(n, 0.05), feed=np.full(n, 0.05),
+        tolerance=1e-4, max_correction=1e-2,
+    )  # fmt: skip
+
+
+def page_data(html: str) -> dict[str, list[dict[str, object]]]:
+    """Read the charts back out of a page."""
+    found = re.search(r'<script type="application/json" id="page-data">(.*?)</script>', html, re.S)
+    assert found
+    return json.loads(found.group(1))
+
+
+def own_part(html: str) -> str:
+    """Return a page without plotly's script."""
+    return re.sub(r"<script>(?:(?!</script>).){1000000,}</script>", "", html, flags=re.S)
+
+
+def test_a_page_asks_the_network_for_nothing() -> None:
+    chart = Chart(go.Figure(go.Scatter(y=[1, 2])), "A line.")
+    html = own_part(render_page("Title", "Lede.", [Section("Part", [chart, chart])]))
+    assert not re.search(r'(src|href)\s*=\s*"(?!#|data:)', html)
+    assert not re.search(r"@import|url\(|https?://|fetch\(|XMLHttpRequest", html)
+
+
+def test_plotly_is_inlined_once_and_only_where_there_are_charts() -> None:
+    chart = Chart(go.Figure(go.Scatter(y=[1, 2])))
+    many, none = (render_page("T", "L", [Section("S", blocks)]) for blocks in ([chart, chart, chart], ["Text."]))
+    assert 4e6 < len(many) < 6e6
+    assert len(none) < 30_000
+    assert len(page_data(many)["charts"]) == 3
+
+
+def test_text_from_outside_cannot_become_markup() -> None:
+    evil = "<script>alert(1)</script>"
+    chart = Chart(go.Figure(go.Scatter(y=[1], name=evil)), evil)
+    html = own_part(render_page(evil, evil, [Section(evil, [evil, PageTable([Column(evil)], [[evil]]), chart])]))
+    assert evil not in html
+    assert page_data(html)["charts"][0]["data"][0]["name"] == evil  # type: ignore[index]
+
+
+def test_a_table_shows_units_dashes_and_tones() -> None:
+    table = PageTable([Column("joint"), Column("margin", "deg")], [["q1", Cell(1.2345, "assumed")], ["q2", None]])
+    html = render_page("T", "L", [Section("S", [table])])
+    assert '<span class="unit">deg</span>' in html
+    assert "1.23</td>" in html
+    assert "assumed" in html
+    assert "–</td>" in html
+
+
+def test_the_foot_names_grade_sources_and_what_was_assumed() -> None:
+    robot = load_robot("kuka_kr270")
+    html = render_page("T", "L", [], provenance=describe_robot(robot, assumptions=["force level assumed"]))
+    assert "literature" in html
+    assert "Mamedov 2018" in html
+    assert "Assumed, not measured" in html
+    assert "force level assumed" in html
+    assert any("masses" in line for line in describe_robot(robot).assumptions)
+
+
+def test_a_page_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    write_page(tmp_path / "page.html", "T", ["One.", "Two."], [])
+    before = (tmp_path / "page.html").read_text()
+    with pytest.raises(ValueError, match="zip"):
+        write_page(tmp_path / "page.html", "T", "L", [Section("S", [PageTable([Column("a")], [["x", "y"]])])])
+    assert (tmp_path / "page.html").read_text() == before
+    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.0123456, "0.0123"), (12345.6, "12\u202f346"), (0, "0"), (-1.5, "−1.50"), (7, "7")]
+)
+def test_numbers_show_their_significant_digits(value: float, text: str) -> None:
+    assert format_number(value) == text
+
+
+def test_lengths_angles_and_shares_choose_their_unit() -> None:
+    assert format_length(1.234e-6) == "1.23 µm"
+    assert format_length(1.234e-3) == "1.23 mm"
+    assert format_length(1e-12) == "below 0.01 µm"
+    assert format_angle(1e-6) == "1.00 µrad"
+    assert format_angle(np.pi) == "180 deg"
+    assert format_percent(0.99999) == "above 99.9 %"
+    assert format_percent(1.0) == "100 %"
+    assert mark_decades(1e-6, 1e-3)[1][1:5] == ["1 µm", "10 µm", "100 µm", "1 mm"]
+
+
+def test_thinning_keeps_the_ends_and_every_extreme() -> None:
+    rng = np.random.default_rng(3)
+    signals = rng.normal(size=(50_000, 3)).cumsum(axis=0)
+    signals[31_234, 1] = 1e4
+    signals[77, 2] = -1e4
+    rows = thin_rows(signals, 1000)
+    assert len(rows) < 1010
+    assert {0, 49_999, 31_234, 77} <= set(rows.tolist())
+    assert np.array_equal(signals[rows].max(axis=0), signals.max(axis=0))
+    assert np.array_equal(signals[rows].min(axis=0), signals.min(axis=0))
+
+
+def test_thinning_passes_over_missing_values_and_leaves_short_signals_alone() -> None:
+    signal = np.full(5000, np.nan)
+    signal[4321] = 1.0
+    assert 4321 in thin_rows(signal, 100)
+    assert np.array_equal(thin_rows(np.arange(10.0), 100), np.arange(10))
+
+
+def test_a_thinned_path_keeps_points_all_along_it() -> None:
+    path = np.column_stack([np.linspace(0, 1, 9000) ** 3, np.zeros(9000), np.zeros(9000)])
+    rows = thin_path(path, np.ones(9000), 300)
+    assert np.diff(path[rows, 0]).max() < 0.03
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_every_robot_is_drawn_where_the_chain_says_it_stands(name: str) -> None:
+    robot = load_robot(name)
+    rng = np.random.default_rng(5)
+    q = np.clip(rng.uniform(-1, 1, robot.nq), np.maximum(robot.lower, -3), np.minimum(robot.upper, 3))
+    frames = locate_frames(build_chain(robot), q[None])
+    pose = locate_links(robot, q)[robot.tcp]
+    assert np.allclose(pose[:3, 3], frames.tcp_position[0], atol=1e-12)
+    assert np.allclose(pose[:3, :3], frames.tcp_rotation[0], atol=1e-12)
+    shapes = place_shapes(robot, q)
+    assert len({shape.link for shape in shapes}) >= 5
+    near = min(np.linalg.norm(shape.vertices - pose[:3, 3], axis=1).min() for shape in shapes)
+    assert near < 0.3
+    assert all(0 <= value <= 1 for value in shade_faces(shapes).ravel())
+
+
+def test_the_tool_of_a_job_takes_the_place_of_the_folders_tool() -> None:
+    robot = load_robot("staubli_tx200")
+    pose = np.eye(4)
+    pose[:3, 3] = [0.1, 0.0, 0.2]
+    mounted = robot.with_tool(pose)
+    q = np.zeros(robot.nq)
+    shapes = place_shapes(mounted, q)
+    assert "tool0" in {shape.link for shape in place_shapes(robot, q)}
+    assert "tool0" not in {shape.link for shape in shapes}
+    tip = locate_links(mounted, q)[mounted.tcp][:3, 3]
+    assert np.linalg.norm(shapes[-1].vertices - tip, axis=1).min() < 0.03
+
+
+def test_a_wrong_number_of_joints_is_refused() -> None:
+    with pytest.raises(ShapeError, match=r"q has shape \(5,\), expected \(6,\)"):
+        draw_robot(load_robot("kuka_kr270"), np.zeros(5))
+
+
+def test_mesh_visuals_are_drawn_where_their_file_is_at_hand(tmp_path: Path) -> None:
+    import trimesh
+
+    trimesh.creation.box((0.2, 0.2, 0.2)).export(tmp_path / "part.stl")
+    robot = load_robot("kuka_kr270")
+    box = '<box size="0.84 0.8 0.06"/>'
+    urdf = robot.urdf.replace(f"<visual><origin xyz=\"0 0 0.03\"/><geometry>{box}", "<visual><geometry>"
+                              '<mesh filename="package://any/part.stl" scale="2 2 2"/>')  # fmt: skip
+    assert urdf != robot.urdf
+    here = place_shapes(replace(robot, urdf=urdf, folder=tmp_path), np.zeros(6))
+    gone = place_shapes(replace(robot, urdf=urdf, folder=tmp_path / "nowhere"), np.zeros(6))
+    assert len(here) == len(gone) + 1
+    assert np.allclose(np.ptp(here[0].vertices, axis=0), 0.4)
+
+
+def test_a_still_picture_shows_robot_and_path(tmp_path: Path) -> None:
+    from matplotlib.image import imread
+
+    view = make_view(60)
+    file = tmp_path / "robot.png"
+    size = 1e3 * np.linalg.norm(view.before, axis=1)
+    save_robot_picture(view.robot, view.q[0], file, path=view.nominal, value=size, label="mm", width=300, height=200)
+    picture = imread(file)
+    assert picture.shape[:2] == (200, 300)
+    assert 0.05 < (picture[..., :3].min(axis=2) < 0.95).mean() < 0.9
+    assert project_points(np.array([[0.0, 0.0, 1.0]]))[0, 1] > 0
+
+
+def test_the_page_of_a_plan_says_what_it_reaches(tmp_path: Path) -> None:
+    view = make_view()
+    write_view(view, tmp_path / "report.html")
+    html = (tmp_path / "report.html").read_text()
+    size = np.linalg.norm(view.before, axis=1)[view.cut]
+    assert format_length(float(size.max())) in summarise_plan(view)
+    assert format_length(1e-4 * float(size.max())) in summarise_plan(view)
+    assert "Circle &lt;test&gt;" in html
+    assert "Infeasible" not in own_part(html)
+    assert len(page_data(html)["charts"]) >= 7
+
+
+def test_deviations_on_rapid_moves_count_for_nothing() -> None:
+    view = make_view()
+    wild = view.after.copy()
+    wild[view.rapid] = 1.0
+    assert summarise_plan(replace(view, after=wild)) == summarise_plan(view)
+
+
+def test_an_infeasible_plan_says_so_first_and_lists_its_waypoints(tmp_path: Path) -> None:
+    failures = {**dict.fromkeys(range(100, 121), "position limit of joint_5"), 200: "correction limit"}
+    view = replace(make_view(), status="infeasible", failures=failures)
+    write_view(view, tmp_path / "report.html")
+    html = own_part((tmp_path / "report.html").read_text())
+    assert "Infeasible: 22 of 400 waypoints fail (correction limit, position limit of joint_5)" in html
+    rows = re.findall(r"<tr><td[^>]*>(\d+)</td><td[^>]*>(\d+)</td>", html)
+    assert rows == [("100", "120"), ("200", "200")]
+
+
+def test_a_lowered_feed_is_named_with_its_place_and_the_busiest_joint(tmp_path: Path) -> None:
+    view = make_view()
+    feed = view.feed.copy()
+    feed[150:170] = 0.02
+    velocity = view.velocity.copy()
+    velocity[150:170, 3] = view.robot.velocity_limits[3]
+    write_view(replace(view, feed=feed, velocity=velocity), tmp_path / "report.html")
+    html = own_part((tmp_path / "report.html").read_text())
+    assert "The feed is lowered where joint limits need it." in html
+    assert "velocity of joint_4 (100 %)" in html
+    assert re.search(r">150</td><td[^>]*>169</td>", html)
+
+
+def test_the_page_of_fifty_thousand_waypoints_stays_small_and_keeps_its_peak(tmp_path: Path) -> None:
+    view = make_view(50_000)
+    after = view.after.copy()
+    after[23_456] = [0.0, 0.0, 2e-4]
+    write_view(replace(view, after=after), tmp_path / "report.html")
+    file = tmp_path / "report.html"
+    assert file.stat().st_size < 6e6
+    chart = page_data(file.read_text())["charts"][2]
+    planned = chart["data"][1]["y"]  # type: ignore[index]
+    import base64
+
+    values = np.frombuffer(base64.b64decode(planned["bdata"]), planned["dtype"])
+    assert np.nanmax(values) == pytest.approx(0.2, rel=1e-6)
+
+
+def test_magnification_shows_the_deviation_without_hiding_the_path() -> None:
+    path = np.random.default_rng(1).uniform(size=(50, 3))
+    for size in (1e-7, 3e-4, 0.5):
+        deviation = np.full((50, 3), size / np.sqrt(3))
+        factor = choose_magnification(path, deviation)
+        assert factor >= 1
+        assert factor == 1 or 0.03 < factor * size < 0.1
+
+
+def test_spans_of_flags_are_found() -> None:
+    assert find_spans(np.array([1, 1, 0, 0, 1], bool)).tolist() == [[0, 1], [4, 4]]
+    assert find_spans(np.zeros(3, bool)).shape == (0, 2)
+
+
+def test_the_page_of_a_comparison_names_the_closest_strategy_in_each_cell(tmp_path: Path) -> None:
+    view = make_view(200)
+    size = np.linalg.norm(view.before, axis=1)
+    cells = {
+        "as modelled": {"none": size, "mirror": 0.01 * size, "nlp": 1e-5 * size},
+        "compliance x 1.2": {"none": 1.2 * size, "mirror": 0.19 * size, "nlp": 0.2 * size},
+    }
+    comparison = CompareView("Job", view.robot, view.nominal, view.time, view.cut, cells, 1e-4)
+    text = summarise_comparison(comparison)
+    assert "nlp comes closest" in text
+    assert "(compliance x 1.2), mirror comes closest" in text
+    write_comparison(comparison, tmp_path / "report.html")
+    html = own_part((tmp_path / "report.html").read_text())
+    assert html.count('<td class=" good">') == 2
