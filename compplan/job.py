@@ -111,9 +111,12 @@ class SamplingTable(StrictTable):
 
 
 class FeedTable(StrictTable):
-    """[feed]: the feed of cutting moves in place of the toolpath's own."""
+    """[feed]: the feed of cutting moves in place of the toolpath's own, and what may slow it down."""
 
     constant_mm_s: float | None = Field(None, gt=0.0)
+    mode: Literal["programmed", "constant"] = "programmed"
+    corner_tolerance_mm: float = Field(0.0, ge=0.0)
+    torque_limits: bool = False
 
 
 class LimitsTable(StrictTable):
@@ -126,10 +129,32 @@ class LimitsTable(StrictTable):
 class PostureTable(StrictTable):
     """[posture]: what the redundant degree of freedom is used for, and how far the tool axis may lean."""
 
-    preset: str | None = None
+    preset: Literal["accurate", "smooth", "fast"] = "accurate"
     weights: dict[str, float] = Field(default_factory=dict)
+    measure: Literal["expected", "p95"] = "expected"
+    wrench_uncertainty: float = Field(0.1, ge=0.0)
+    compliance_uncertainty: float = Field(0.1, ge=0.0)
+    joint_zero_uncertainty_deg: float = Field(0.0, ge=0.0)
+    spin_step_deg: float = Field(5.0, ge=0.5, le=90.0)
     lead_deg: float = Field(0.0, ge=0.0, le=90.0)
     lean_deg: float = Field(0.0, ge=0.0, le=90.0)
+    limit_margin_deg: float = Field(10.0, gt=0.0)
+    least_dexterity: float = Field(0.0, ge=0.0, lt=1.0)
+    reconfigure: Literal["rapid", "never"] = "rapid"
+
+
+Range = Annotated[tuple[float, float], Field(strict=False)]
+
+
+class PlaceTable(StrictTable):
+    """[place]: where `compplan place` may put the part, seen from the robot base; left out: around the job's place."""
+
+    x_mm: Range | None = None
+    y_mm: Range | None = None
+    z_mm: Range | None = None
+    base_height_mm: Range = (0.0, 0.0)
+    step_mm: float = Field(100.0, gt=0.0)
+    turn_deg: Numbers = (0.0,)
 
 
 class NoiseTable(StrictTable):
@@ -142,7 +167,10 @@ class CollisionTable(StrictTable):
     part: str | None = None
     fixture: str | None = None
     tool: str | None = None
+    unit: Literal["mm", "m", "inch"] = "mm"
     clearance_mm: float = Field(5.0, ge=0.0)
+    tip_zone_mm: float = Field(30.0, ge=0.0)
+    self_collision: bool = True
 
 
 class Job(StrictTable):
@@ -162,6 +190,7 @@ class Job(StrictTable):
     feed: FeedTable = FeedTable()
     limits: LimitsTable = LimitsTable()
     posture: PostureTable = PostureTable()
+    place: PlaceTable = PlaceTable()
     noise: NoiseTable = NoiseTable()
     collision: CollisionTable | None = None
     _file: Path = PrivateAttr(default=Path())

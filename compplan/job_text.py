@@ -91,16 +91,36 @@ circle_sense = "auto"               # APT CIRCLE: auto | right_hand | left_hand 
 
 [feed]
 # constant_mm_s = 10.0              # in place of the toolpath's own feed
+mode = "programmed"                 # programmed: an upper bound | constant: one feed for the whole cut
+corner_tolerance_mm = 0.0           # corners may be rounded by this much, so that the feed need not drop to zero there
+torque_limits = false               # keep the joint torques (inertia, weight, wrench) within the URDF's efforts
 
 [limits]
 velocity_scale = 1.0                # share of the robot's joint rates that the plan may use
 acceleration_scale = 1.0
 
-[posture]
-# preset = "..."                    # what the redundant degree of freedom is used for
-# weights = { }                     # weights of its criteria
+[posture]                           # configuration, rotation about the tool axis and extra axes are chosen for this
+preset = "accurate"                 # accurate (least remaining deviation) | smooth (little motion) | fast
+# weights = { motion = 1e-5 }       # in place of the preset's, in mm^2 of squared sensitivity: sensitivity, deviation
+                                    #   (per mm^2), limits, dexterity (per unit), motion (per rad^2), time (per s)
+measure = "expected"                # remaining deviation: expected (root mean square) | p95
+wrench_uncertainty = 0.1            # assumed: relative error of each component of the wrench, one standard deviation
+compliance_uncertainty = 0.1        # assumed: relative error of each elastic coordinate
+joint_zero_uncertainty_deg = 0.0    # assumed: error of each joint's zero
+spin_step_deg = 5.0                 # grid of rotations about the tool axis, refined afterwards
 lead_deg = 0.0                      # how far the tool axis may lean along the travel
 lean_deg = 0.0                      # ... and across it
+limit_margin_deg = 10.0             # joint limits cost from this distance on
+least_dexterity = 0.0               # refuse postures below this inverse condition number (0: singular, 1: best)
+reconfigure = "rapid"               # configuration may change in rapid moves away from the part: rapid | never
+
+[place]                             # compplan place: where the part may stand; left out: 500 mm around its place
+# x_mm = [1000.0, 2000.0]
+# y_mm = [-500.0, 500.0]
+# z_mm = [0.0, 500.0]
+base_height_mm = [0.0, 0.0]         # how far the robot base may be raised
+step_mm = 100.0                     # of the grid, refined afterwards
+turn_deg = [0.0]                    # turns of the part about the vertical through its origin
 
 [noise]                             # Monte Carlo; see the documentation of compplan montecarlo
 
@@ -108,5 +128,8 @@ lean_deg = 0.0                      # ... and across it
 # part = "part.stl"
 # fixture = "fixture.stl"
 # tool = "tool.stl"
-# clearance_mm = 5.0
+# unit = "mm"                       # of the meshes: mm | m | inch
+# clearance_mm = 5.0                # least distance that is allowed
+# tip_zone_mm = 30.0                # the tool within this distance of its tip may touch the part
+# self_collision = true             # keep the arm clear of itself too
 """
