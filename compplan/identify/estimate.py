@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 from scipy.stats import norm, t
 
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
-from compplan.identify.forward import Prediction, Registration, predict_rows
+from compplan.identify.forward import KNOWN_FRAMES, Prediction, frame_parameters, move_frames, predict_rows
 from compplan.identify.observations import Observations
 from compplan.identify.parameters import Parameter, Structure
 from compplan.identify.robust import check_loss, loss_weights
 from compplan.identify.separability import Inseparable, condition_number, explain_held, find_free
 from compplan.identify.spread import cluster_covariance, neighbours_agree
 from compplan.identify.system import System, count_used, estimate_noise, information, invert, linearise, weigh
+from compplan.registration import Registration
 from compplan.robot import Array
 
 REFERENCES = ("absolute", "difference")
@@ -101,7 +102,7 @@ def estimate_parameters(
     Args:
         structure: Robot and free parameters.
         observations: The measured rows.
-        registration: Frames of the campaign, with which of them are free; measuring frame = base frame if left out.
+        registration: Frames of the campaign; its `parts` are fitted along. Base frame and TCP if left out.
         loss: "least_squares", "huber" or "tukey" (both 95 % efficient).
         reference: "absolute": poses as they were measured. "difference": rows of the same commanded pose are compared
             with each other only, so that errors of geometry and frames there drop out [Klimchik2018, eqs. 4-6].
@@ -116,15 +117,15 @@ def estimate_parameters(
     check_loss(loss)
     if reference not in REFERENCES:
         raise UnknownNameError("reference", reference, list(REFERENCES))
-    start = Registration() if registration is None else registration
+    start = KNOWN_FRAMES if registration is None else registration
     group = pose_groups(observations) if reference == "difference" else None
-    parameters = (*structure.parameters, *start.parameters(observations.rotation is not None))
+    parameters = (*structure.parameters, *frame_parameters(start, observations.rotation is not None))
     prediction = predict_rows(structure, structure.nominal, observations, start)
     system = linearise(structure, observations, start, prediction, structure.nominal)
     matrix = information(system, system.whitener(np.ones(3)), group)
     free = find_free(matrix, parameters)
     held = explain_held(structure, observations, prediction, matrix, parameters, free)
-    if not free.any():
+    if parameters and not free.any():
         raise InputError(f"nothing can be identified: {'; '.join(item.sentence for item in held[:3])}")
     if system.known.sum() <= free.sum():
         raise InputError(
@@ -185,7 +186,8 @@ def _iterate(
         step[free] = inverse @ (flat.T @ residual.ravel())
         values, frames, prediction = _advance(structure, observations, values, frames, step, prediction)
         system = linearise(structure, observations, frames, prediction, values)
-        size = float(np.max(np.abs(step[free]) / (1e-9 * sizes + 1e-4 * np.sqrt(np.diag(inverse)))))
+        strides = np.abs(step[free]) / (1e-9 * sizes + 1e-4 * np.sqrt(np.diag(inverse)))
+        size = float(strides.max(initial=0.0))
         if size < 1 or (count > 8 and size < 1e3 and size > 0.5 * previous):
             if sigma == "residuals":
                 noise = estimate_noise(system, noise, free, group, loss)
@@ -204,7 +206,7 @@ def _advance(
 ) -> tuple[Array, Registration, Prediction]:
     """Go along a step, halved until the loaded robot stands."""
     for _ in range(12):
-        moved = frames.moved(step[len(values) :], observations.rotation is not None)
+        moved = move_frames(frames, step[len(values) :], observations.rotation is not None)
         try:
             ahead = predict_rows(structure, values + step[: len(values)], observations, moved, prediction.theta)
             return values + step[: len(values)], moved, ahead

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,54 +11,46 @@ from compplan.chain import Frames, jacobian, locate_frames
 from compplan.elastic import spring_torque
 from compplan.errors import ConvergenceError
 from compplan.identify.observations import Observations
-from compplan.identify.parameters import AXES, Parameter, Structure
+from compplan.identify.parameters import AXES, TYPICAL_SIZE, Parameter, Structure
+from compplan.registration import Registration
 from compplan.robot import Array
 
 EQUILIBRIUM_TOLERANCE = 1e-12
 MAX_ITERATIONS = 100
 
 
-@dataclass(frozen=True)
-class Registration:
-    """Frames of a campaign: which are free, and where they stand.
+#: The measuring frame is the robot base frame, the target the TCP, and neither is fitted.
+KNOWN_FRAMES = Registration(np.eye(4), np.eye(4)[None], ("",), ())
 
-    Attributes:
-        base: Whether the pose of the robot base in the measuring frame is free.
-        tool: Whether the pose of the measured targets in the TCP frame is free.
-        T_measure_base: Pose of the robot base seen from the measuring frame. Shape (4, 4). [m]
-        T_tcp_target: Pose of each measured target in the TCP frame. Shape (k, 4, 4). [m]
+
+def frame_parameters(registration: Registration, orientation: bool) -> tuple[Parameter, ...]:
+    """List the parameters of the frames that are fitted: small changes of pose against where they stand.
+
+    Args:
+        registration: Frames of the campaign; its `parts` are fitted.
+        orientation: Whether orientation is measured; without it a tool is a point.
     """
+    free = [_frame_parameter("base", "base", axis) for axis in AXES] if "base" in registration.parts else []
+    if "tool" in registration.parts:
+        for label in _tool_labels(registration):
+            free += [_frame_parameter(label, "tool", axis) for axis in (AXES if orientation else AXES[:3])]
+    return tuple(free)
 
-    base: bool = False
-    tool: bool = False
-    T_measure_base: Array = field(default_factory=lambda: np.eye(4))
-    T_tcp_target: Array = field(default_factory=lambda: np.eye(4)[None])
 
-    def parameters(self, orientation: bool) -> tuple[Parameter, ...]:
-        """List the frame parameters: changes of pose, small against the frames that stand here."""
-        free = [Parameter(f"base.{a}", "base", *_unit(a)) for a in AXES] if self.base else []
-        if self.tool:
-            count = len(self.T_tcp_target)
-            for k in range(count):
-                label = "tool" if count == 1 else f"tool#{k + 1}"
-                free += [Parameter(f"{label}.{a}", "tool", *_unit(a)) for a in (AXES if orientation else AXES[:3])]
-        return tuple(free)
-
-    def moved(self, change: Array, orientation: bool) -> Registration:
-        """Move the frames by a step of their parameters."""
-        base, tools, used = self.T_measure_base, self.T_tcp_target.copy(), 0
-        if self.base:
-            base, used = _turn(change[:6]) @ base, 6
-        if self.tool:
-            size = 6 if orientation else 3
-            for k in range(len(tools)):
-                step = np.zeros(6)
-                step[:size] = change[used : used + size]
-                moved = _turn(np.r_[np.zeros(3), step[3:]])[:3, :3]
-                tools[k, :3, :3] = moved @ tools[k, :3, :3]
-                tools[k, :3, 3] += step[:3]
-                used += size
-        return replace(self, T_measure_base=base, T_tcp_target=tools)
+def move_frames(registration: Registration, change: Array, orientation: bool) -> Registration:
+    """Move the fitted frames by a step of their parameters; a tool turns about its own origin, in TCP axes."""
+    base, tools, used = registration.base, registration.tool.copy(), 0
+    if "base" in registration.parts:
+        base, used = _turn(change[:6]) @ base, 6
+    if "tool" in registration.parts:
+        size = 6 if orientation else 3
+        for tool in tools:
+            step = np.zeros(6)
+            step[:size] = change[used : used + size]
+            tool[:3, :3] = _turn(step)[:3, :3] @ tool[:3, :3]
+            tool[:3, 3] += step[:3]
+            used += size
+    return replace(registration, base=base, tool=tools)
 
 
 @dataclass(frozen=True)
@@ -118,8 +110,8 @@ def predict_rows(
         change = np.inf
     if not np.isfinite(change):
         raise ConvergenceError("equilibrium did not settle while identifying; a load is near buckling", residual=change)
-    offset = registration.T_tcp_target[observations.target]
-    R, p = registration.T_measure_base[:3, :3], registration.T_measure_base[:3, 3]
+    offset = registration.tool[observations.target]
+    R, p = registration.base[:3, :3], registration.base[:3, 3]
     lever = np.einsum("nij,nj->ni", frames.tcp_rotation, offset[:, :3, 3])
     return Prediction(
         position=(frames.tcp_position + lever) @ R.T + p,
@@ -142,8 +134,8 @@ def sensitivities(
         Linear rows first, measuring axes. Shape (n, 6, p + frame parameters).
     """
     chain = structure.chain
-    R = registration.T_measure_base[:3, :3]
-    lever = prediction.position - (prediction.frames.tcp_position @ R.T + registration.T_measure_base[:3, 3])
+    R = registration.base[:3, :3]
+    lever = prediction.position - (prediction.frames.tcp_position @ R.T + registration.base[:3, 3])
     columns = jacobian(chain, prediction.frames)[:, :, chain.spring_elements]
     free = ~(observations.link_side[:, None] & chain.actuator[None, :])
     turned = np.empty_like(columns)
@@ -176,9 +168,9 @@ def _elastic_columns(structure: Structure, columns: Array, torque: Array) -> Arr
         mixing = np.zeros((len(k), result.shape[2]))
         mixing[np.arange(len(k)), k] = coefficient
         result = pushed @ mixing
-    for k, parameter in enumerate(structure.parameters):
+    for number, parameter in enumerate(structure.parameters):
         if parameter.shift >= 0:
-            result[:, :, k] += columns[:, :, parameter.shift]
+            result[:, :, number] += columns[:, :, parameter.shift]
     return result
 
 
@@ -187,17 +179,17 @@ def _frame_columns(
 ) -> list[Array]:
     n = len(observations)
     parts: list[Array] = []
-    if registration.base:
+    if "base" in registration.parts:
         base = np.zeros((n, 6, 6))
         base[:] = np.eye(6)
         base[:, :3, 3:] = -_skew(prediction.position)
         parts.append(base)
-    if registration.tool:
+    if "tool" in registration.parts:
         size = 6 if observations.rotation is not None else 3
         turned = R @ prediction.frames.tcp_rotation
-        for k in range(len(registration.T_tcp_target)):
+        for number in range(len(registration.tool)):
             tool = np.zeros((n, 6, size))
-            own = np.flatnonzero(observations.target == k)
+            own = np.flatnonzero(observations.target == number)
             tool[own, :3, :3] = turned[own]
             if size == 6:
                 tool[own, 3:, 3:] = turned[own]
@@ -219,5 +211,12 @@ def _turn(change: Array) -> Array:
     return pose
 
 
-def _unit(axis: str) -> tuple[str, float, float]:
-    return ("m", 0.0, 1e-3) if axis.startswith("t") else ("rad", 0.0, 1e-3)
+def _frame_parameter(label: str, kind: str, axis: str) -> Parameter:
+    unit = "m" if axis.startswith("t") else "rad"
+    return Parameter(f"{label}.{axis}", kind, unit, 0.0, TYPICAL_SIZE[unit])
+
+
+def _tool_labels(registration: Registration) -> list[str]:
+    if len(registration.tool) == 1:
+        return ["tool"]
+    return [f"tool({label or number})" for number, label in enumerate(registration.targets, 1)]

@@ -30,7 +30,8 @@ class Parameter:
 
     Attributes:
         name: "joint_3" (own axis), "joint_3.rx", "link_2.tx*ry" (off-diagonal), "joint_3.offset", "base.tx", ...
-        kind: "spring", "link", "geometry", "base" or "tool".
+        kind: "joint" (a spring about or along a joint's own axis), "spring" (any other), "link", "geometry", "base" or
+            "tool".
         unit: rad/(N m), m/N, rad/N, m, rad, or 1 for a factor.
         nominal: Value in the model before. [unit]
         size: Typical size, by which near-singular directions are judged. [unit]
@@ -55,11 +56,15 @@ class Structure:
         robot: The robot, with a spring of compliance zero where one is to be identified.
         chain: Its elastic chain.
         parameters: Compliance and geometry parameters. Length p.
+        spring_labels: Name of each spring of `robot`, "" where it only stands for geometry.
+        link_coordinates: First elastic coordinate of each link elasticity of `robot`.
     """
 
     robot: Robot
     chain: Chain
     parameters: tuple[Parameter, ...]
+    spring_labels: tuple[str, ...]
+    link_coordinates: tuple[int, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -143,15 +148,19 @@ def build_structure(
         if name in wanted:
             unit = "m/N" if _slides(robot, spring) else "rad/(N m)"
             size = spring.compliance or TYPICAL_SIZE[unit]
-            free.append(Parameter(name, "spring", unit, spring.compliance, size, ((index, index, 1.0),)))
+            kind = "joint" if _is_own(robot, spring) else "spring"
+            free.append(Parameter(name, kind, unit, spring.compliance, size, ((index, index, 1.0),)))
     if links is not None:
+        if -1 in link_index:
+            raise InputError("the elasticity of the base link cannot be identified; give its joint springs")
         names = _count_twins([block.link for block in elastic.link_elasticities])
         for name, block, first in zip(names, elastic.link_elasticities, link_index, strict=True):
             free.extend(_link_parameters(name, block, first, links))
     for spring, index in zip(geometric, spring_index[len(elastic.springs) :], strict=True):
         unit = "m" if _slides(robot, spring) else "rad"
         free.append(Parameter(_geometry_name(spring), "geometry", unit, 0.0, TYPICAL_SIZE[unit], shift=index))
-    return Structure(extended, build_chain(extended), tuple(free))
+    labels = (*present, *("" for _ in geometric))
+    return Structure(extended, build_chain(extended), tuple(free), labels, tuple(link_index))
 
 
 def own_springs(robot: Robot) -> tuple[Spring, ...]:
@@ -224,8 +233,6 @@ def _coordinates(robot: Robot) -> tuple[list[int], list[int]]:
         for k, block in enumerate(robot.link_elasticities):
             if block.link == joint.child:
                 link_index[k], count = count, count + 6
-    if -1 in spring_index or -1 in link_index:
-        raise InputError("the elasticity of the base link itself cannot be identified; give its joint springs")
     return spring_index, link_index
 
 

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from compplan.chain import build_chain, locate_frames
 from compplan.errors import InputError
-from compplan.identify.forward import Registration, predict_rows, sensitivities
+from compplan.identify.forward import KNOWN_FRAMES, frame_parameters, predict_rows, sensitivities
 from compplan.identify.observations import Observations, make_observations
 from compplan.identify.parameters import Parameter, Structure
 from compplan.identify.separability import find_free
 from compplan.identify.system import invert
 from compplan.quality import find_characteristic_length, quality_of_poses
+from compplan.registration import Registration
 from compplan.robot import Array, Robot
 
 MAX_SWEEPS = 30
@@ -137,12 +138,12 @@ def weigh_candidates(
     n = len(candidates)
     blank = np.broadcast_to(np.eye(3), (n, 3, 3)) if orientation else None
     rows: Observations = make_observations(candidates.q, candidates.wrench, np.zeros((n, 3)), blank)
-    frames = Registration() if registration is None else registration
+    frames = KNOWN_FRAMES if registration is None else registration
     prediction = predict_rows(structure, structure.nominal, rows, frames)
     columns = sensitivities(structure, rows, frames, prediction)
     sigma = np.repeat([sigma_position, sigma_rotation], 3)
     used = slice(0, 6 if orientation else 3)
-    parameters = (*structure.parameters, *frames.parameters(orientation))
+    parameters = (*structure.parameters, *frame_parameters(frames, orientation))
     white = columns[:, used] / sigma[used, None]
     flat = white.reshape(-1, white.shape[2])
     free = find_free(flat.T @ flat, parameters)
@@ -183,7 +184,8 @@ def choose_poses(
     sizes = np.array([parameter.size for parameter in information.parameters])
     bound = None if limits is None else (LIMIT_MARGIN * np.asarray(limits) / sizes) ** 2
     # A weak prior of ten typical sizes makes the first choices well defined.
-    matrix, chosen = 1e-2 * np.eye(rows.shape[2]), np.zeros(len(pool), bool)
+    matrix = 1e-2 * np.eye(rows.shape[2])
+    chosen = np.zeros(len(pool), bool)
     for _ in range(count):
         best = int(np.argmax(np.where(chosen, -np.inf, _gains(rows, matrix, None))))
         chosen[best] = True

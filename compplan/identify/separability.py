@@ -18,7 +18,7 @@ LIMIT = 10.0
 #: Squared singular value of the column-scaled system below which a direction is singular, whatever the noise.
 SINGULAR = 1e-12
 #: Held at its nominal value first: what is refinement rather than the joints and frames themselves.
-PREFERENCE = {"link": 0, "extra": 1, "geometry": 2, "spring": 3, "tool": 4, "base": 5}
+PREFERENCE = {"link": 0, "spring": 1, "geometry": 2, "joint": 3, "tool": 4, "base": 5}
 
 
 @dataclass(frozen=True)
@@ -56,8 +56,8 @@ def find_free(information: Array, parameters: Sequence[Parameter]) -> NDArray[np
     sizes = np.array([parameter.size for parameter in parameters])
     scaled = information * np.outer(sizes, sizes)
     strength = np.sqrt(np.diag(scaled))
-    free = strength * LIMIT > 1
-    rank = np.array([_preference(parameter) for parameter in parameters])
+    free: NDArray[np.bool_] = strength * LIMIT > 1
+    rank = [PREFERENCE[parameter.kind] for parameter in parameters]
     while free.any():
         index = np.flatnonzero(free)
         block = scaled[np.ix_(index, index)]
@@ -130,11 +130,6 @@ def loads_are_vertical(observations: Observations) -> bool:
     return bool(across < 1e-9 * max(np.abs(load[:, 2]).max(initial=0.0), 1e-300))
 
 
-def _preference(parameter: Parameter) -> int:
-    own = parameter.kind == "spring" and "." not in parameter.name
-    return PREFERENCE["extra" if parameter.kind == "spring" and not own else parameter.kind]
-
-
 def _why_never(structure: Structure, observations: Observations, prediction: Prediction, parameter: Parameter) -> str:
     load, gravity = observations.wrench, structure.chain.gravity.any() and structure.chain.mass.any()
     if parameter.kind in ("geometry", "base", "tool"):
@@ -157,7 +152,7 @@ def _why_never(structure: Structure, observations: Observations, prediction: Pre
         if not np.abs(load[:, 3:]).max(initial=0.0) > 0:
             return "every force passes through its axis or along it; add a lever or a moment about its axis"
         return "the load never acts about its axis"
-    if observations.rotation is None and parameter.kind == "spring":
+    if observations.rotation is None and parameter.kind in ("joint", "spring"):
         return "its motion hardly moves the measured point; measure orientation, or a point off its axis"
     unit = "N" if parameter.unit == "m/N" else "N m"
     return f"the load about it, at most {torque:.3g} {unit}, is too small for this noise"

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.encoders import actuator_selection
-from compplan.identify.forward import Prediction, Registration, pose_residuals, sensitivities
+from compplan.identify.forward import Prediction, pose_residuals, sensitivities
 from compplan.identify.observations import Observations
 from compplan.identify.parameters import Structure
 from compplan.identify.robust import robust_scale
+from compplan.registration import Registration
 from compplan.robot import Array
 
 POSITION, ORIENTATION, ENCODERS = 0, 1, 2

@@ -1,0 +1,175 @@
+"""Let the structure of the model grow: a spring is added where it earns its place on poses it never saw [Johra2022].
+
+A model is tested, the candidate that shrinks the held-out gap most is added, the model is fitted anew, and so on until no
+candidate gains more than the scatter of the gain from pose to pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.identify.estimate import Estimate, estimate_parameters, pose_groups
+from compplan.identify.heldout import distance_rms, gain_score, leave_out
+from compplan.identify.observations import Observations
+from compplan.identify.parameters import Parameter, Structure
+from compplan.identify.separability import find_free
+from compplan.identify.system import invert, linearise, weigh
+from compplan.registration import Registration
+from compplan.robot import Array
+
+#: Standard errors by which a candidate has to shrink the held-out score; about one in 700 by chance for each.
+GAIN_LIMIT = 3.0
+MAX_ADDED = 12
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One candidate in one round of refinement.
+
+    Attributes:
+        name: Name of the parameter.
+        value: Value it would take, added to the present model. [unit of the parameter]
+        standard_error: Its standard error. [unit of the parameter]
+        held_out_rms: Held-out rms distance with it. [m]
+        gain: Mean gain of the held-out score over its standard error.
+        told: Whether the data tell it apart from the present parameters at all.
+    """
+
+    name: str
+    value: float
+    standard_error: float
+    held_out_rms: float
+    gain: float
+    told: bool = True
+
+
+@dataclass(frozen=True)
+class RefinementRound:
+    """One test of the model.
+
+    Attributes:
+        held_out_rms: Held-out rms distance of the model that was tested. [m]
+        candidates: What was tried, best first.
+        added: Name of the parameter that was added, or "" where none earned its place.
+    """
+
+    held_out_rms: float
+    candidates: tuple[Candidate, ...]
+    added: str
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """A model that grew.
+
+    Attributes:
+        names: Names of the parameters in the final model.
+        estimate: Its fit.
+        rounds: What was tried, in order.
+    """
+
+    names: tuple[str, ...]
+    estimate: Estimate
+    rounds: tuple[RefinementRound, ...]
+
+
+def refine_structure(
+    structure: Structure,
+    start: Sequence[str],
+    observations: Observations,
+    *,
+    registration: Registration | None = None,
+    loss: str = "least_squares",
+    reference: str = "absolute",
+    most: int = MAX_ADDED,
+) -> Refinement:
+    """Grow a model from `start` towards the parameters of a structure, as far as each one earns its place.
+
+    Args:
+        structure: Robot with every parameter that may be free, candidates included.
+        start: Names of the parameters that are free from the beginning.
+        observations: The measured rows.
+        registration: Frames of the campaign; its `parts` are fitted along.
+        loss: "least_squares", "huber" or "tukey".
+        reference: "absolute" or "difference".
+        most: Most parameters to add.
+    """
+    names, rounds = list(start), []
+    while True:
+        present = estimate_parameters(
+            structure.select(names), observations, registration=registration, loss=loss, reference=reference
+        )
+        tested = probe_model(structure, present, observations, difference=reference == "difference")
+        earns = [c for c in tested.candidates if c.gain > GAIN_LIMIT and (c.value > 0 or c.name in _signed(structure))]
+        if not earns or len(rounds) >= most:
+            rounds.append(tested)
+            return Refinement(tuple(names), present, tuple(rounds))
+        rounds.append(replace(tested, added=earns[0].name))
+        names.append(earns[0].name)
+
+
+def probe_model(
+    structure: Structure, present: Estimate, observations: Observations, *, difference: bool = False
+) -> RefinementRound:
+    """Test a fitted model against every parameter of a structure that it leaves out.
+
+    Args:
+        structure: Robot with every parameter that may be free.
+        present: Fit of some of them.
+        observations: The measured rows.
+        difference: Whether rows of a pose are compared with each other only.
+    """
+    values, names = structure.nominal, list(structure.names)
+    places = [names.index(name) for name in present.structure.names]
+    values[places] = present.model_values
+    system = linearise(structure, observations, present.registration, present.prediction, values)
+    frames = present.parameters[len(present.model_values) :]
+    parameters = (*structure.parameters, *frames)
+    base = np.zeros(len(parameters), bool)
+    base[places] = present.free[: len(places)]
+    base[len(names) :] = present.free[len(places) :]
+    before = leave_out(system, observations, present, base, difference=difference)
+    rows = present.weights > 0
+    group = pose_groups(observations) if difference else None
+    whitener = system.whitener(present.noise) * np.sqrt(present.weights)[:, None]
+    residual, columns = weigh(system, whitener, group)
+    flat = columns.reshape(-1, len(parameters))
+    matrix, side = flat.T @ flat, flat.T @ residual.ravel()
+    found = []
+    for k in np.flatnonzero(~base[: len(names)] & ~np.isin(np.arange(len(names)), places)):
+        free = base.copy()
+        free[k] = True
+        if not _tellable(matrix, parameters, free, int(k)):
+            found.append(Candidate(names[k], 0.0, 0.0, distance_rms(before.residual, rows), 0.0, told=False))
+            continue
+        inverse = invert(matrix[np.ix_(free, free)])
+        place = int(np.flatnonzero(free).searchsorted(k))
+        after = leave_out(system, observations, present, free, difference=difference)
+        found.append(
+            Candidate(
+                name=names[k],
+                value=float(values[k] + inverse[place] @ side[free]),
+                standard_error=float(np.sqrt(inverse[place, place])),
+                held_out_rms=distance_rms(after.residual, rows),
+                gain=gain_score(before.score, after.score),
+            )
+        )
+    ranked = sorted(found, key=lambda candidate: -candidate.gain)
+    best_first = sorted(ranked, key=lambda c: c.held_out_rms if c.gain > GAIN_LIMIT else np.inf)
+    return RefinementRound(distance_rms(before.residual, rows), tuple(best_first), "")
+
+
+def _tellable(matrix: Array, parameters: Sequence[Parameter], free: NDArray[np.bool_], k: int) -> bool:
+    """Tell whether the data tell a candidate apart from the present parameters."""
+    index = np.flatnonzero(free)
+    told = find_free(matrix[np.ix_(index, index)], [parameters[j] for j in index])
+    return bool(told[index.searchsorted(k)] and told.sum() == len(index))
+
+
+def _signed(structure: Structure) -> set[str]:
+    """List the parameters that may be negative: geometry, and couplings inside a link."""
+    return {p.name for p in structure.parameters if p.kind == "geometry" or p.unit == "rad/N" or "*" in p.name}
