@@ -1,0 +1,41 @@
+"""`compplan predict`: what the measuring instrument should see of a campaign."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+import numpy as np
+
+from compplan.measurements import read_campaign
+from compplan.predict import folder_registration, predict_campaign, write_prediction
+from compplan.registration import parse_parts
+from compplan.robot import load_robot
+
+
+@click.command("predict")
+@click.argument("measurements", type=click.Path(path_type=Path))
+@click.option("--robot", "robot_name", required=True, help="Robot folder, or name of a shipped robot.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="CSV file to write.")
+@click.option("--register", default=None, help="Fit these frames to the campaign first: base, tool or base,tool.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def command(measurements: Path, robot_name: str, out: Path, register: str | None, as_json: bool) -> None:
+    """Predict what the instrument should see in every row of MEASUREMENTS, if the robot folder were the whole truth."""
+    parts = parse_parts(register)
+    robot = load_robot(robot_name)
+    campaign = read_campaign(measurements, robot)
+    prediction = predict_campaign(robot, campaign, register=parts, registration=folder_registration(robot))
+    write_prediction(prediction, out)
+    distance = np.linalg.norm(campaign.position - prediction.position, axis=1) * 1e3
+    distance = distance[np.isfinite(distance)]
+    summary = {
+        "rows": len(campaign),
+        "rms_mm": float(np.sqrt(np.mean(distance**2))) if len(distance) else None,
+        "median_mm": float(np.median(distance)) if len(distance) else None,
+        "registered": list(parts),
+    }
+    if as_json:
+        click.echo(json.dumps(summary))
+    elif len(distance):
+        click.echo(f"{len(campaign)} rows; measured positions differ by {summary['rms_mm']:.3f} mm rms")

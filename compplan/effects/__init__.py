@@ -1,0 +1,166 @@
+"""Effects: what may be wrong with a robot, its instrument and its sensors, one file each.
+
+Each file of an effect holds `name`, and three verbs:
+
+    signatures(at)          the places and forms in which a campaign could show the effect, to first order
+    apply(scene, effect)    the exact forward model
+    fold(robot, effect)     the robot with the effect in URDF and springs, or None where they cannot say it
+
+To simulate any mixture of effects exactly (virtual cell, identification, diagnosis, prediction alike):
+
+    scene    = stage_scene(robot, campaign)                  compplan.effects.scene
+    scene    = apply_effects(scene, robot_effects(robot))    effects of the folder's effects.toml, or your own
+    attained = attain_scene(scene)                           attained.position, .rotation, .link, .motor
+
+An effect is `Effect(name, joint, axis, parameters)`; parameters are SI, their keys end in the unit. For rows that are
+commands rather than measurements build a campaign with `command_campaign(q, wrench, time=..., on_path=True)`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from compplan.effects import (
+    backlash,
+    base_compliance,
+    base_frame,
+    frame_shift,
+    gravity_compensator,
+    gravity_sag,
+    joint_coupling,
+    joint_offset,
+    joint_stiffness,
+    link_compliance,
+    link_geometry,
+    payload,
+    stiffness_nonlinearity,
+    thermal_drift,
+    time_skew,
+    tool_frame,
+    tool_shift,
+    tracking_lag,
+    transmission_error,
+    wrench_bias,
+    wrench_scale,
+)
+from compplan.effects.scene import Attained, Scene, attain_scene, stage_scene
+from compplan.effects.signature import Effect, Signature
+from compplan.errors import InputError, UnknownNameError
+from compplan.measurements import Campaign
+from compplan.robot import Array, Robot
+
+#: Every effect of the vocabulary, by name. A new effect is one new file and one line here.
+EFFECTS: dict[str, ModuleType] = {
+    module.name: module
+    for module in (
+        joint_stiffness,
+        link_compliance,
+        base_compliance,
+        stiffness_nonlinearity,
+        gravity_sag,
+        payload,
+        gravity_compensator,
+        joint_offset,
+        link_geometry,
+        tool_frame,
+        base_frame,
+        backlash,
+        transmission_error,
+        thermal_drift,
+        wrench_bias,
+        wrench_scale,
+        tracking_lag,
+        frame_shift,
+        tool_shift,
+        joint_coupling,
+        time_skew,
+    )
+}
+#: The order in which effects enter a scene: what changes the robot first, what needs its poses later.
+ORDER = {name: number for number, name in enumerate(EFFECTS)}
+
+__all__ = [
+    "EFFECTS", "Attained", "Effect", "Scene", "Signature", "apply_effects", "attain_scene", "command_campaign",
+    "fold_effects", "robot_effects", "stage_scene",
+]  # fmt: skip
+
+
+def apply_effects(scene: Scene, effects: Iterable[Effect]) -> Scene:
+    """Put effects into a scene, exactly, in the order of the vocabulary.
+
+    Args:
+        scene: The scene.
+        effects: The effects; several of one name and place add up.
+
+    """
+    for effect in sorted(effects, key=lambda e: ORDER[e.name]):
+        scene = EFFECTS[effect.name].apply(scene, effect)
+    return scene
+
+
+def robot_effects(robot: Robot) -> tuple[Effect, ...]:
+    """Return the effects of a robot folder's effects.toml.
+
+    Raises:
+        InputError: If a table names no effect of the vocabulary or no joint of the robot.
+
+    """
+    file = None if robot.folder is None else robot.folder / "effects.toml"
+    effects = []
+    for number, table in enumerate(robot.effects):
+        where = f"effect[{number}]"
+        name = str(table.get("effect", ""))
+        if name not in EFFECTS:
+            raise UnknownNameError("effect", name, list(EFFECTS), file=file, where=f"{where}.effect")
+        joint = table.get("joint")
+        if joint is not None and joint not in robot.joint_names:
+            raise UnknownNameError("joint", str(joint), list(robot.joint_names), file=file, where=f"{where}.joint")
+        parameters = table.get("parameters")
+        if not isinstance(parameters, Mapping):
+            raise InputError("expected a table of parameters", file=file, where=f"{where}.parameters")
+        effects.append(Effect(name, joint, table.get("axis"), dict(parameters)))
+    return tuple(effects)
+
+
+def fold_effects(robot: Robot, effects: Iterable[Effect]) -> Robot:
+    """Write effects into a robot: into URDF and springs where they can say it, into its effects otherwise.
+
+    Args:
+        robot: The nominal robot; effects that it has already stay.
+        effects: The effects to add.
+
+    """
+    tables: list[dict[str, Any]] = [dict(table) for table in robot.effects]
+    for effect in sorted(effects, key=lambda e: ORDER[e.name]):
+        folded = EFFECTS[effect.name].fold(robot, effect)
+        if folded is None:
+            tables.append(effect.to_table())
+        else:
+            robot = folded
+    return replace(robot, effects=tuple(tables))
+
+
+def command_campaign(
+    q: Array, wrench: Array | None = None, *, time: Array | None = None, on_path: bool = True,
+    temperature: Array | None = None,
+) -> Campaign:  # fmt: skip
+    """Make a campaign of rows that are commanded rather than measured.
+
+    Args:
+        q: Joint positions. Shape (n, nq). [rad or m]
+        wrench: Wrench of the environment on the tool, base axes; none if left out. Shape (n, 6). [N, N m]
+        time: Seconds since the beginning; effects of motion need it. Shape (n,). [s]
+        on_path: Whether the rows are passed in motion or stood at.
+        temperature: Temperature of the structure. Shape (n,). [C]
+
+    """
+    q = np.atleast_2d(np.asarray(q, float))
+    load = np.zeros((len(q), 6)) if wrench is None else np.broadcast_to(np.asarray(wrench, float), (len(q), 6))
+    run = np.array(["path" if on_path else "static"] * len(q), dtype=np.str_)
+    nowhere = np.full((len(q), 3), np.nan)
+    return Campaign(run=run, q=q, wrench=load, position=nowhere, time=time, temperature=temperature)

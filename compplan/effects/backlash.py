@@ -1,0 +1,61 @@
+"""backlash: lost motion; the position depends on the direction of the joint's last move."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.effects.linearization import Linearization
+from compplan.effects.scene import Scene
+from compplan.effects.signature import Effect, Signature
+from compplan.robot import Array, Robot
+
+name = "backlash"
+#: Assumed: full width of a worn gear's lost motion, rad or m.
+SCALE = {"revolute": 2e-4, "prismatic": 1e-4}
+
+
+def signatures(at: Linearization) -> Iterable[Signature]:
+    """Offer every joint that was approached from both sides. Positive where the link lags behind its reading."""
+    free = ~at.campaign.link_controlled
+    for index, joint in enumerate(at.robot.actuated):
+        direction = at.campaign.approach[:, index] * free
+        if not ((direction > 0).any() and (direction < 0).any()):
+            continue
+        key = "width_m" if joint.kind == "prismatic" else "width_rad"
+        encoder = np.zeros((len(direction), at.robot.nq, 1))
+        encoder[:, index, 0] = -0.5 * direction
+        twist = at.motion[:, :, index, None] * (-0.5 * direction)[:, None, None]
+        scale = np.array([SCALE[joint.kind]])
+        yield Signature(name, joint.name, None, "", (key,), scale, twist, encoder, positive=True)
+
+
+def apply(scene: Scene, effect: Effect) -> Scene:
+    """Let the link lag behind its reading by half the width, on either side."""
+    index = scene.joint_index(effect.joint)
+    drive = scene.drive.copy()
+    width = float(next(iter(effect.parameters.values())))
+    drive[:, index] += lost_motion(np.nan_to_num(scene.campaign.q[:, index]), width, scene.campaign.run_index)
+    return replace(scene, drive=drive)
+
+
+def lost_motion(reading: Array, width: float, run: Array) -> Array:
+    """Return link minus reading of a joint with play; each run begins in the middle of the play. Shape (n,). [rad or m].
+
+    A negative width (the link ahead of its reading) mirrors the positive one.
+    """
+    half = 0.5 * abs(width)
+    follower, result, last = 0.0, [], -1
+    for value, label in zip(reading.tolist(), run.tolist(), strict=True):
+        if label != last:
+            follower, last = value, label
+        follower = min(max(follower, value - half), value + half)
+        result.append(follower - value)
+    return np.sign(width) * np.array(result)
+
+
+def fold(robot: Robot, effect: Effect) -> Robot | None:
+    """URDF and springs cannot say it."""
+    return None

@@ -1,0 +1,41 @@
+"""base_frame: measurement frame and robot base are misaligned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.effects.linearization import AXES, Linearization
+from compplan.effects.scene import Scene
+from compplan.effects.signature import Effect, Signature
+from compplan.effects.tool_frame import KEYS, twist_values
+from compplan.robot import Array, Robot
+
+name = "base_frame"
+#: Assumed: an instrument set up over a few target points.
+SCALE = np.array([1e-3, 1e-3, 1e-3, 5e-4, 5e-4, 5e-4])
+
+
+def base_twists(at: Linearization) -> Array:
+    """Return the motion of the target per motion of the base frame along and about its own axes. Shape (n, 6, 6)."""
+    return np.stack([at.twist("base", axis) for axis in AXES], axis=-1)
+
+
+def signatures(at: Linearization) -> Iterable[Signature]:
+    """Offer the whole frame, its origin alone, and its directions alone."""
+    twist = base_twists(at)
+    yield Signature(name, None, None, "frame", KEYS, SCALE, twist)
+    yield Signature(name, None, None, "origin", KEYS[:3], SCALE[:3], twist[:, :, :3])
+    yield Signature(name, None, None, "directions", KEYS[3:], SCALE[3:], twist[:, :, 3:])
+
+
+def apply(scene: Scene, effect: Effect) -> Scene:
+    """Move everything in the measurement frame."""
+    return replace(scene, base_twist=scene.base_twist + twist_values(effect))
+
+
+def fold(robot: Robot, effect: Effect) -> Robot | None:
+    """It is no property of the robot."""
+    return None

@@ -1,0 +1,47 @@
+"""frame_shift: base or measuring instrument moved during the campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.effects.base_frame import SCALE, base_twists
+from compplan.effects.linearization import Linearization
+from compplan.effects.scene import Scene
+from compplan.effects.signature import Effect, Signature
+from compplan.effects.tool_frame import KEYS, twist_values
+from compplan.robot import Array, Robot
+
+name = "frame_shift"
+
+
+def signatures(at: Linearization) -> Iterable[Signature]:
+    """Offer a shift at the beginning of every run but the first; `shift_at` offers other rows."""
+    for row in np.flatnonzero(np.diff(at.campaign.run_index) > 0) + 1:
+        yield from shift_at(at, int(row))
+
+
+def shift_at(at: Linearization, row: int) -> Iterable[Signature]:
+    """Offer a shift just before a row: of the whole frame, or of its origin alone."""
+    twist = base_twists(at) * since(at.scene, row)[:, None, None]
+    yield Signature(name, None, None, f"frame {row}", KEYS, SCALE, twist, fixed={"row": row})
+    yield Signature(name, None, None, f"origin {row}", KEYS[:3], SCALE[:3], twist[:, :, :3], fixed={"row": row})
+
+
+def since(scene: Scene, row: int) -> Array:
+    """Return 1 from a row on and 0 before; 1 everywhere in a later campaign. Shape (n,)."""
+    rows = np.arange(len(scene.campaign))
+    return np.ones(len(rows)) if scene.later else (rows >= row).astype(float)
+
+
+def apply(scene: Scene, effect: Effect) -> Scene:
+    """Move everything in the measurement frame from the row on."""
+    step = since(scene, int(effect.parameters["row"]))[:, None] * twist_values(effect)
+    return replace(scene, base_twist=scene.base_twist + step)
+
+
+def fold(robot: Robot, effect: Effect) -> Robot | None:
+    """It is no property of the robot."""
+    return None

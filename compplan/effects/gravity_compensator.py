@@ -1,0 +1,64 @@
+"""gravity_compensator: a balancing spring or cylinder loads a joint."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.effects.linearization import Linearization
+from compplan.effects.scene import Scene
+from compplan.effects.signature import Effect, Signature
+from compplan.robot import Array, Robot
+
+name = "gravity_compensator"
+#: Assumed: a balancer of a heavy robot.
+SCALE = 1000.0
+FORMS = {
+    "sine": ("sine_Nm", "cosine_Nm"),
+    "sine+constant": ("sine_Nm", "cosine_Nm", "constant_Nm"),
+    "two harmonics": ("sine_Nm", "cosine_Nm", "constant_Nm", "sine_2_Nm", "cosine_2_Nm"),
+}
+
+
+def shapes(angle: Array) -> dict[str, Array]:
+    """Return the shapes over the joint's angle that the load is made of."""
+    return {
+        "sine_Nm": np.sin(angle),
+        "cosine_Nm": np.cos(angle),
+        "constant_Nm": np.ones_like(angle),
+        "sine_2_Nm": np.sin(2 * angle),
+        "cosine_2_Nm": np.cos(2 * angle),
+    }
+
+
+def signatures(at: Linearization) -> Iterable[Signature]:
+    """Offer every revolute joint with a spring of its own."""
+    motor_side = ~at.campaign.link_controlled
+    for index, spring in at.own.items():
+        joint = at.robot.actuated[index]
+        if spring.compliance <= 0 or joint.kind != "revolute":
+            continue
+        parts = shapes(np.nan_to_num(at.campaign.q[:, index]))
+        for form, keys in FORMS.items():
+            bent = spring.compliance * np.stack([parts[key] * motor_side for key in keys], axis=-1)
+            encoder = np.zeros((len(bent), at.robot.nq, len(keys)))
+            if spring.actuator:
+                encoder[:, index] = bent
+            twist = at.motion[:, :, index, None] * bent[:, None]
+            yield Signature(name, joint.name, None, form, keys, np.full(len(keys), SCALE), twist, encoder)
+
+
+def apply(scene: Scene, effect: Effect) -> Scene:
+    """Load the joint's spring."""
+    index = scene.joint_index(effect.joint)
+    parts = shapes(np.nan_to_num(scene.campaign.q[:, index]))
+    load = scene.joint_load.copy()
+    load[:, index] += sum(float(value) * parts[key] for key, value in effect.parameters.items() if key in parts)
+    return replace(scene, joint_load=load)
+
+
+def fold(robot: Robot, effect: Effect) -> Robot | None:
+    """URDF and springs cannot say it."""
+    return None

@@ -1,0 +1,67 @@
+"""gravity_sag: link weights load the springs and the model leaves them out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.chain import gravity_torque
+from compplan.effects.folding import add_own_compliance
+from compplan.effects.joint_stiffness import RIGID_SCALE
+from compplan.effects.linearization import Linearization, gravity_of
+from compplan.effects.scene import STANDARD_GRAVITY, Scene
+from compplan.effects.signature import Effect, Signature
+from compplan.robot import Robot
+
+name = "gravity_sag"
+SHARE = "gravity_m_s2"
+
+
+def signatures(at: Linearization) -> Iterable[Signature]:
+    """Offer gravity where the model has none; on a rigid robot without varying load, joints that bend under weight."""
+    if not at.robot.bodies:
+        return
+    if at.robot.gravity is None and at.attained.chain.n_springs:
+        chain = at.attained.chain
+        elements = chain.spring_elements
+        loads = gravity_torque(replace(chain, gravity=gravity_of(at.robot)), at.attained.frames)[:, elements, None]
+        twist, encoder = at.load_response(loads / STANDARD_GRAVITY)
+        yield Signature(name, None, None, "", (SHARE,), np.array([STANDARD_GRAVITY]), twist, encoder, positive=True)
+    if not at.campaign.load_varies and not any(s.compliance > 0 for s in at.own.values()):
+        yield from _bending_joints(at)
+
+
+def _bending_joints(at: Linearization) -> Iterable[Signature]:
+    """One compliance per joint that its weights load."""
+    loads = at.own_weight_load
+    joints = [k for k in range(at.robot.nq) if np.abs(loads[:, k]).max(initial=0.0) > 1e-3]
+    if not joints:
+        return
+    twist = np.stack([at.motion[:, :, k] * loads[:, None, k] for k in joints], axis=-1)
+    encoder = np.zeros((len(loads), at.robot.nq, len(joints)))
+    for column, k in enumerate(joints):
+        encoder[:, k, column] = loads[:, k]
+    names = [at.robot.joint_names[k] for k in joints]
+    keys = tuple(f"compliance_rad_per_Nm#{column}" for column in range(len(joints)))
+    # assumed: small robots bend more, so that a load of 1 N m turns a joint by ten times the scale of a medium robot
+    scale = np.array([10 * RIGID_SCALE[at.robot.actuated[k].kind] for k in joints])
+    yield Signature(name, None, None, "joints", keys, scale, twist, encoder, {"joints": names})
+
+
+def apply(scene: Scene, effect: Effect) -> Scene:
+    """Let the weights load the springs."""
+    return replace(scene, robot=fold(scene.robot, effect))
+
+
+def fold(robot: Robot, effect: Effect) -> Robot:
+    """Write gravity, and the compliances of a rigid robot."""
+    values = effect.parameters
+    if SHARE in values:
+        old = np.zeros(3) if robot.gravity is None else robot.gravity
+        return replace(robot, gravity=old + np.array([0.0, 0.0, -float(values[SHARE])]))
+    robot = replace(robot, gravity=gravity_of(robot))
+    for joint, compliance in zip(values["joints"], values["compliance_rad_per_Nm"], strict=True):
+        robot = add_own_compliance(robot, str(joint), float(compliance))
+    return robot

@@ -1,0 +1,49 @@
+"""joint_coupling: a reading contains another joint's motion, or counts against the model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.effects.linearization import Linearization
+from compplan.effects.scene import Scene
+from compplan.effects.signature import Effect, Signature
+from compplan.robot import Robot
+
+name = "joint_coupling"
+#: Assumed: a gear that drags its neighbour by a thousandth.
+SCALE = 1e-3
+
+
+def signatures(at: Linearization) -> Iterable[Signature]:
+    """Offer every pair of joints of the same kind: the true position contains a share of another joint's reading."""
+    q = np.nan_to_num(at.campaign.q)
+    for index, joint in enumerate(at.robot.actuated):
+        for other, source in enumerate(at.robot.actuated):
+            if other == index or source.kind != joint.kind or float(np.ptp(q[:, other])) < 0.05:
+                continue
+            twist = at.motion[:, :, index, None] * q[:, None, other, None]
+            fixed = {"other": source.name}
+            yield Signature(
+                name, joint.name, None, f"of {source.name}", ("ratio",), np.array([SCALE]), twist, fixed=fixed
+            )
+
+
+def apply(scene: Scene, effect: Effect) -> Scene:
+    """Add the other joint's share; or count the joint backwards; or move its zero far."""
+    index, values = scene.joint_index(effect.joint), effect.parameters
+    q = np.nan_to_num(scene.campaign.q)
+    zero = scene.zero.copy()
+    if "other" in values:
+        zero[:, index] += float(values["ratio"]) * q[:, scene.joint_index(values["other"])]
+    if values.get("reversed", False):
+        zero[:, index] -= 2.0 * q[:, index]
+    zero[:, index] += float(values.get("zero_rad", values.get("zero_m", 0.0)))
+    return replace(scene, zero=zero)
+
+
+def fold(robot: Robot, effect: Effect) -> Robot | None:
+    """URDF and springs cannot say it; mimic joints could, but the controller's counting is no property of the arm."""
+    return None

@@ -1,0 +1,50 @@
+"""joint_stiffness: a joint's compliance differs from the model's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.effects.folding import add_own_compliance
+from compplan.effects.linearization import Linearization
+from compplan.effects.scene import Scene
+from compplan.effects.signature import Effect, Signature
+from compplan.robot import Robot
+
+name = "joint_stiffness"
+#: Assumed: half of the modelled compliance; of a joint that the model holds rigid, that of a medium robot's joint.
+RELATIVE_SCALE = 0.5
+RIGID_SCALE = {"revolute": 1e-6, "prismatic": 1e-7}
+
+
+def compliance_key(kind: str) -> str:
+    """Return the key of a compliance with its unit."""
+    return "compliance_change_m_per_N" if kind == "prismatic" else "compliance_change_rad_per_Nm"
+
+
+def signatures(at: Linearization) -> Iterable[Signature]:
+    """Offer every joint whose spring is loaded; joints without a spring only where the external load varies."""
+    motor_side = ~at.campaign.link_controlled[:, None]
+    for index, joint in enumerate(at.robot.actuated):
+        nominal = at.own[index].compliance if index in at.own else 0.0
+        if nominal <= 0.0 and not at.campaign.load_varies:
+            continue
+        scale = RELATIVE_SCALE * nominal if nominal > 0 else RIGID_SCALE[joint.kind]
+        load = at.own_load[:, index, None] * motor_side
+        encoder = np.zeros((len(load), at.robot.nq, 1))
+        if index not in at.own or at.own[index].actuator:
+            encoder[:, index] = load
+        twist = at.motion[:, :, index, None] * load[:, None]
+        yield Signature(name, joint.name, None, "", (compliance_key(joint.kind),), np.array([scale]), twist, encoder)
+
+
+def apply(scene: Scene, effect: Effect) -> Scene:
+    """Change the compliance about the joint's own axis."""
+    return replace(scene, robot=fold(scene.robot, effect))
+
+
+def fold(robot: Robot, effect: Effect) -> Robot:
+    """Write the compliance into the joint's spring."""
+    return add_own_compliance(robot, str(effect.joint), float(next(iter(effect.parameters.values()))))

@@ -1,0 +1,252 @@
+"""A scene and how it yields: Jacobians and loads at every place where an effect may sit.
+
+Effects compose their signatures from these few arrays. Springs of zero compliance at every joint and axis give the axes,
+origins and loads; all of it is taken in the loaded state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from compplan.chain import Chain, Frames, build_chain, load_elements, locate_frames
+from compplan.effects.scene import (
+    STANDARD_GRAVITY,
+    Attained,
+    OwnSpring,
+    Scene,
+    base_moment,
+    own_springs,
+    spring_coordinates,
+)
+from compplan.measurements import Campaign
+from compplan.robot import Array, Robot, Spring
+
+AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
+
+
+@dataclass(frozen=True, eq=False)
+class Linearization:
+    """A scene, what it comes to, and its first derivatives; n rows.
+
+    Attributes:
+        scene: The scene.
+        attained: What it comes to.
+        point: Target in the base frame. Shape (n, 3). [m]
+        motion: Motion of the target per motion of each commanded joint. Shape (n, 6, nq).
+        elements: Number in `axis`, `origin` and `load` of joint j's axis a: `elements[joint, "rx"]`; of the base: "base".
+        axis: Axes, base axes. Shape (n, e, 3).
+        origin: Their origins, base frame. Shape (n, e, 3). [m]
+        load: Load of wrench and weights on each. Shape (n, e). [N m or N]
+        weight_load: Load of the links' weights alone, whether or not the robot models them. Shape (n, e). [N m or N]
+        own: The spring about each joint's own axis.
+
+    """
+
+    scene: Scene
+    attained: Attained
+    point: Array
+    motion: Array
+    elements: dict[tuple[str, str], int]
+    axis: Array
+    origin: Array
+    load: Array
+    weight_load: Array
+    own: dict[int, OwnSpring]
+
+    @property
+    def robot(self) -> Robot:
+        """The robot of the scene."""
+        return self.scene.robot
+
+    @property
+    def campaign(self) -> Campaign:
+        """The rows of the scene."""
+        return self.scene.campaign
+
+    def twist(self, joint: str, axis: str) -> Array:
+        """Return the motion of the target per unit motion about or along an axis of a joint's child frame. Shape (n, 6)."""
+        k = self.elements[joint, axis]
+        return unit_twist(self.axis[:, k], self.origin[:, k], self.point, axis[0] == "t")
+
+    def parent_twist(self, joint: str, axis: str) -> Array:
+        """Return the motion of the target per unit motion of a joint's origin, axes of its parent link. Shape (n, 6)."""
+        previous = self.before[joint]
+        k = self.elements[previous, axis]
+        at = self.elements[joint, "rx"]
+        return unit_twist(self.axis[:, k], self.origin[:, at], self.point, axis[0] == "t")
+
+    def joint_load(self, joint: str, axis: str) -> Array:
+        """Return the load about or along an axis of a joint's child frame. Shape (n,). [N m or N]."""
+        return np.asarray(self.load[:, self.elements[joint, axis]])
+
+    @cached_property
+    def before(self) -> dict[str, str]:
+        """Name of the joint before each joint of the chain; the first follows "base"."""
+        names = ["base", *(joint.name for joint in self.robot.joints)]
+        return dict(zip(names[1:], names[:-1], strict=True))
+
+    @cached_property
+    def own_load(self) -> Array:
+        """Load on each commanded joint about its own axis. Shape (n, nq). [N m or N]."""
+        joints = self.attained.chain.joint_elements
+        return np.asarray(load_elements(self.attained.chain, self.attained.frames, self.attained.wrench)[:, joints])
+
+    @cached_property
+    def own_weight_load(self) -> Array:
+        """Load of the links' weights on each commanded joint. Shape (n, nq). [N m or N]."""
+        chain = replace(self.attained.chain, gravity=gravity_of(self.robot))
+        return np.asarray(load_elements(chain, self.attained.frames, np.zeros((1, 6)))[:, chain.joint_elements])
+
+    @cached_property
+    def yielding(self) -> Array:
+        """Motion of the target per load on each elastic coordinate: J C. Shape (n, 6, s)."""
+        chain, frames = self.attained.chain, self.attained.frames
+        columns = [
+            unit_twist(frames.axis[:, k], frames.origin[:, k], self.point, bool(chain.translates[k]))
+            for k in chain.spring_elements
+        ]
+        if not columns:
+            return np.zeros((len(self.point), 6, 0))
+        return np.asarray(np.stack(columns, axis=-1) @ chain.compliance)
+
+    @cached_property
+    def spring_jacobian(self) -> Array:
+        """Motion of the TCP per motion of each elastic coordinate. Shape (n, 6, s)."""
+        chain, frames = self.attained.chain, self.attained.frames
+        columns = [
+            unit_twist(frames.axis[:, k], frames.origin[:, k], frames.tcp_position, bool(chain.translates[k]))
+            for k in chain.spring_elements
+        ]
+        return np.stack(columns, axis=-1) if columns else np.zeros((len(self.point), 6, 0))
+
+    @cached_property
+    def encoder_of_coordinate(self) -> Array:
+        """Change of every link-side reading per elastic coordinate. Shape (nq, s)."""
+        matrix = np.zeros((self.robot.nq, self.attained.chain.n_springs))
+        for spring in self.own.values():
+            if spring.actuator:
+                matrix[spring.joint, spring.coordinate] = spring.sign
+        return matrix
+
+    def load_response(self, loads: Array) -> tuple[Array, Array]:
+        """Return motion of the target and change of the link-side readings under loads on the elastic coordinates.
+
+        Args:
+            loads: Loads on the coordinates, k sets. Shape (n, s, k).
+
+        """
+        twist = self.yielding @ loads
+        theta = self.attained.chain.compliance @ loads
+        return twist, self.encoder_of_coordinate @ theta
+
+    def wrench_response(self, wrench: Array) -> tuple[Array, Array]:
+        """Return motion of the target and change of the link-side readings under wrenches at the TCP, k sets (n, 6, k)."""
+        return self.load_response(np.swapaxes(self.spring_jacobian, 1, 2) @ wrench)
+
+
+def linearize_scene(scene: Scene, attained: Attained) -> Linearization:
+    """Take Jacobians and loads of a scene.
+
+    Args:
+        scene: The scene.
+        attained: What it comes to.
+
+    """
+    robot = scene.robot
+    probed = replace(robot, springs=(*robot.springs, *_probes(robot)))
+    chain = build_chain(probed)
+    coordinates = spring_coordinates(probed)
+    theta = np.zeros((len(attained.q), chain.n_springs))
+    for old, new in _shared_coordinates(robot, probed):
+        theta[:, new] = attained.theta[:, old]
+    if scene.growth.any():
+        segment = np.searchsorted(chain.joint_elements, np.arange(len(chain.names)))
+        chain = replace(chain, position=chain.position * (1.0 + scene.growth)[:, segment, None])
+    frames = locate_frames(chain, attained.q, theta)
+    load = load_elements(chain, frames, attained.wrench)
+    weights = load_elements(replace(chain, gravity=gravity_of(robot)), frames, np.zeros((1, 6)))
+    elements, picked = {}, []
+    for number, spring in enumerate(probed.springs[len(robot.springs) :]):
+        elements[spring.joint, spring.axis] = number
+        picked.append(int(chain.spring_elements[coordinates[len(robot.springs) + number]]))
+    axis, origin = frames.axis[:, picked], frames.origin[:, picked]
+    count = len(picked)
+    for number, name in enumerate(AXES):
+        elements["base", name] = count + number
+    n = len(attained.q)
+    eye = np.broadcast_to(np.r_[np.eye(3), np.eye(3)], (n, 6, 3))
+    motion = np.stack(
+        [
+            unit_twist(attained.frames.axis[:, k], attained.frames.origin[:, k], attained.target, bool(chain_slides))
+            for k, chain_slides in zip(
+                attained.chain.joint_elements, attained.chain.translates[attained.chain.joint_elements], strict=True
+            )
+        ],
+        axis=-1,
+    )
+    motion = _with_mimics(attained, motion)
+    return Linearization(
+        scene=scene,
+        attained=attained,
+        point=attained.target,
+        motion=motion,
+        elements=elements,
+        axis=np.concatenate([axis, eye], axis=1),
+        origin=np.concatenate([origin, np.zeros((n, 6, 3))], axis=1),
+        load=np.concatenate([load[:, picked], _base_load(chain, frames, attained.wrench)], axis=1),
+        weight_load=np.concatenate(
+            [weights[:, picked], _base_load(replace(chain, gravity=gravity_of(robot)), frames, np.zeros((n, 6)))], axis=1
+        ),
+        own=own_springs(robot),
+    )
+
+
+def gravity_of(robot: Robot) -> Array:
+    """Return the robot's gravity, or standard gravity along -z of the base where the model has none. Shape (3,). [m/s^2]."""
+    return np.array([0.0, 0.0, -STANDARD_GRAVITY]) if robot.gravity is None else robot.gravity
+
+
+def unit_twist(axis: Array, origin: Array, point: Array, slides: bool) -> Array:
+    """Return the motion of a point per unit motion about (or along) an axis. Shapes (n, 3) -> (n, 6)."""
+    if slides:
+        return np.concatenate([axis, np.zeros_like(axis)], axis=1)
+    return np.concatenate([np.cross(axis, point - origin), axis], axis=1)
+
+
+def _with_mimics(attained: Attained, motion: Array) -> Array:
+    """Add the motion of joints that follow others."""
+    chain, frames = attained.chain, attained.frames
+    if (chain.q_index >= 0).sum() == chain.nq:
+        return motion
+    total = np.zeros_like(motion)
+    for k in np.flatnonzero(chain.q_index >= 0):
+        twist = unit_twist(frames.axis[:, k], frames.origin[:, k], attained.target, bool(chain.translates[k]))
+        total[:, :, chain.q_index[k]] += chain.multiplier[k] * twist
+    return total
+
+
+def _probes(robot: Robot) -> list[Spring]:
+    return [Spring(joint.name, axis, 0.0) for joint in robot.joints for axis in AXES]
+
+
+def _shared_coordinates(robot: Robot, probed: Robot) -> list[tuple[int, int]]:
+    """Pair the elastic coordinates of a robot with those of the robot that carries probes."""
+    pairs, old, new = [], 0, 0
+    for joint in robot.joints:
+        for count, following in (
+            (sum(spring.joint == joint.name for spring in robot.springs), len(AXES)),
+            (6 * sum(block.link == joint.child for block in robot.link_elasticities), 0),
+        ):
+            pairs += [(old + k, new + k) for k in range(count)]
+            old, new = old + count, new + count + following
+    return pairs
+
+
+def _base_load(chain: Chain, frames: Frames, wrench: Array) -> Array:
+    """Return the loads on the base frame: force along and moment about its axes. Shape (n, 6). [N, N m]."""
+    moment = base_moment(frames, chain, wrench)
+    force = wrench[:, :3] + chain.mass.sum() * chain.gravity
+    return np.concatenate([force, moment], axis=1)

@@ -1,0 +1,52 @@
+"""link_geometry: a length or an axis direction in a joint's <origin> differs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.effects.folding import shift_origin
+from compplan.effects.linearization import AXES, Linearization
+from compplan.effects.scene import Scene
+from compplan.effects.signature import Effect, Signature
+from compplan.robot import Joint, Robot
+
+name = "link_geometry"
+#: Assumed: lengths to half a millimetre, directions to half a milliradian.
+SCALE = {"t": 5e-4, "r": 5e-4}
+UNIT = {"t": "m", "r": "rad"}
+
+
+def signatures(at: Linearization) -> Iterable[Signature]:
+    """Offer each axis of each moving joint's origin, and all of a joint together.
+
+    Axes are those of the parent link, as in the URDF. A turn about the joint's own axis is an offset of its zero.
+    """
+    for joint in at.robot.actuated:
+        twists = {axis: at.parent_twist(joint.name, axis) for axis in AXES if not _own(joint, axis)}
+        for axis, twist in twists.items():
+            key = f"{axis}_{UNIT[axis[0]]}"
+            yield Signature(name, joint.name, axis, "", (key,), np.array([SCALE[axis[0]]]), twist[:, :, None])
+        keys = tuple(f"{axis}_{UNIT[axis[0]]}" for axis in twists)
+        scale = np.array([SCALE[axis[0]] for axis in twists])
+        yield Signature(name, joint.name, None, "all", keys, scale, np.stack(list(twists.values()), axis=-1))
+
+
+def _own(joint: Joint, axis: str) -> bool:
+    """Tell whether a parent axis is (nearly) the joint's own, about or along which it moves."""
+    if (joint.kind == "prismatic") != (axis[0] == "t"):
+        return False
+    return abs(float((joint.placement[:3, :3] @ joint.axis)["xyz".index(axis[1])])) > 0.9
+
+
+def apply(scene: Scene, effect: Effect) -> Scene:
+    """Move the joint's origin."""
+    return replace(scene, robot=fold(scene.robot, effect))
+
+
+def fold(robot: Robot, effect: Effect) -> Robot:
+    """Write the step into the joint's origin."""
+    step = np.array([float(effect.parameters.get(f"{axis}_{UNIT[axis[0]]}", 0.0)) for axis in AXES])
+    return shift_origin(robot, str(effect.joint), step)

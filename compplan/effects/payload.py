@@ -1,0 +1,46 @@
+"""payload: the mass of tool or payload, or its centre, differs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.effects.folding import add_payload
+from compplan.effects.linearization import Linearization
+from compplan.effects.scene import Scene, payload_wrench
+from compplan.effects.signature import Effect, Signature
+from compplan.robot import Array, Robot
+
+name = "payload"
+KEYS = ("mass_kg", "first_moment_kg_m#0", "first_moment_kg_m#1", "first_moment_kg_m#2")
+#: Assumed: a tenth of a heavy robot's payload, a quarter of a metre off.
+SCALE = np.array([20.0, 5.0, 5.0, 5.0])
+
+
+def signatures(at: Linearization) -> Iterable[Signature]:
+    """Offer a further mass on the flange, alone or with its centre, where springs can feel it."""
+    if not at.attained.chain.n_springs:
+        return
+    wrench = np.stack([payload_wrench(at.robot, at.attained.frames, unit) for unit in np.eye(4)], axis=-1)
+    twist, encoder = at.wrench_response(wrench)
+    yield Signature(name, None, None, "", KEYS, SCALE, twist, encoder)
+
+
+def payload_values(effect: Effect) -> Array:
+    """Return mass and first moments about the flange. Shape (4,). [kg, kg m]."""
+    return np.array([effect.parameters["mass_kg"], *effect.parameters["first_moment_kg_m"]], float)
+
+
+def apply(scene: Scene, effect: Effect) -> Scene:
+    """Hang the mass on the flange."""
+    folded = fold(scene.robot, effect)
+    if folded is not None:
+        return replace(scene, robot=folded)
+    return replace(scene, payload=scene.payload + payload_values(effect))
+
+
+def fold(robot: Robot, effect: Effect) -> Robot | None:
+    """Write the mass into the flange link, where the robot models gravity."""
+    return add_payload(robot, payload_values(effect))

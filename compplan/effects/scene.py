@@ -1,0 +1,334 @@
+"""A scene: a robot at the rows of a campaign, with everything that effects have changed about it.
+
+Effects write into a scene one after the other; `attain_scene` then solves the loaded equilibrium exactly and tells what
+instrument and encoders should see. Between the reading q of a joint and its true position stand, in this order,
+
+    q_link = q + drive (between motor-side and link-side encoder: backlash, gear error, lag, nonlinear and linear spring)
+    q_true = q_link + zero (what both encoders cannot see: an offset of the zero, a coupling that is left out)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from compplan.chain import Chain, Frames, build_chain
+from compplan.elastic import solve_equilibrium
+from compplan.measurements import Campaign
+from compplan.registration import Registration
+from compplan.robot import Array, Robot
+
+STANDARD_GRAVITY = 9.81
+#: Elastic coordinates are settled to this; a nanometre at two metres.
+TOLERANCE = 1e-9
+LAW_PASSES = 3
+
+#: Deflection beyond the linear one as a function of the load on a joint's own spring. [N m -> rad, N -> m]
+Law = Callable[[Array], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A robot at n rows; nq joints.
+
+    Attributes:
+        robot: The robot; effects that a URDF and springs can say are in it.
+        campaign: Joints, loads, order and times of the rows. Its measured positions are not used.
+        later: Whether the rows belong to a later campaign than the one that the effects were found in.
+        zero: True minus link-side position of each joint. Shape (n, nq). [rad or m]
+        drive: Link-side minus motor-side position of each joint, elastic part left out. Shape (n, nq). [rad or m]
+        wrench: Wrench that really acts at the TCP, base axes. Shape (n, 6). [N, N m]
+        joint_load: Further load on each joint's own spring. Shape (n, nq). [N m or N]
+        laws: Nonlinear deflections: joint index and law.
+        growth: Relative growth of the placements before each joint, and behind the last. Shape (n, nq + 1).
+        base_twist: Motion of the robot in the measurement frame, base axes about the base origin. Shape (n, 6). [m, rad]
+        tool_twist: Motion of the target on the tool, TCP axes. Shape (n, 6). [m, rad]
+        payload: Mass and first moments about the flange that the model lacks, flange axes. Shape (4,). [kg, kg m]
+        tilt: Compliance of the base about the base axes where no joint can carry it. Shape (3,). [rad/(N m)]
+        encoder: What link-side encoders report beyond the truth. Shape (n, nq). [rad or m]
+        registration: Frames fitted to the campaign, or None.
+
+    """
+
+    robot: Robot
+    campaign: Campaign
+    later: bool
+    zero: Array
+    drive: Array
+    wrench: Array
+    joint_load: Array
+    laws: tuple[tuple[int, Law], ...]
+    growth: Array
+    base_twist: Array
+    tool_twist: Array
+    payload: Array
+    tilt: Array
+    encoder: Array
+    registration: Registration | None = None
+
+    def joint_index(self, joint: str | None) -> int:
+        """Return the number of a commanded joint, counted from 0."""
+        return self.robot.joint_names.index(str(joint))
+
+
+class Attained(NamedTuple):
+    """What a scene comes to; n rows.
+
+    Attributes:
+        position: Target as the instrument should see it. Shape (n, 3). [m]
+        rotation: Orientation as the instrument should see it. Shape (n, 3, 3).
+        link: Link-side readings. Shape (n, nq). [rad or m]
+        motor: Motor-side readings. Shape (n, nq). [rad or m]
+        q: True joint positions, springs left out. Shape (n, nq). [rad or m]
+        theta: Elastic coordinates of the chain. Shape (n, s). [rad or m]
+        wrench: Wrench at the TCP, weights of an unmodelled payload included. Shape (n, 6). [N, N m]
+        chain: The chain that was solved.
+        frames: Its loaded frames, base axes.
+        target: Target in the base frame, before registration and base motion. Shape (n, 3). [m]
+
+    """
+
+    position: Array
+    rotation: Array
+    link: Array
+    motor: Array
+    q: Array
+    theta: Array
+    wrench: Array
+    chain: Chain
+    frames: Frames
+    target: Array
+
+
+def stage_scene(
+    robot: Robot, campaign: Campaign, *, registration: Registration | None = None, later: bool = False
+) -> Scene:
+    """Put a robot at the rows of a campaign, with no effect yet.
+
+    Args:
+        robot: The robot.
+        campaign: The rows.
+        registration: Frames fitted to the campaign; none if the instrument stands in the robot's base frame.
+        later: Whether the effects to come were found in an earlier campaign: shifts have then happened for every row.
+
+    """
+    n, nq = len(campaign), robot.nq
+
+    def nothing(columns: int) -> Array:
+        return np.zeros((n, columns))
+
+    return Scene(
+        robot=robot,
+        campaign=campaign,
+        later=later,
+        zero=nothing(nq),
+        drive=nothing(nq),
+        wrench=np.nan_to_num(campaign.wrench),
+        joint_load=nothing(nq),
+        laws=(),
+        growth=nothing(nq + 1),
+        base_twist=nothing(6),
+        tool_twist=nothing(6),
+        payload=np.zeros(4),
+        tilt=np.zeros(3),
+        encoder=nothing(nq),
+        registration=registration,
+    )
+
+
+def attain_scene(scene: Scene) -> Attained:
+    """Solve the loaded equilibrium of a scene and tell what instrument and encoders should see.
+
+    Args:
+        scene: The scene.
+
+    Raises:
+        ConvergenceError: If the robot buckles under the load.
+
+    """
+    campaign, robot = scene.campaign, scene.robot
+    chain = scene_chain(scene)
+    springs = own_springs(robot)
+    motor_side = ~campaign.link_controlled[:, None]
+    drive = np.where(motor_side, scene.drive, 0.0)
+    bias = _spring_load(scene, chain, springs)
+    q_reading = np.nan_to_num(campaign.q)
+    wrench, bent = scene.wrench, np.zeros_like(drive)
+    for repeat in range(LAW_PASSES if scene.laws or scene.payload.any() else 1):
+        q = q_reading + drive + bent + scene.zero
+        loaded = solve_equilibrium(chain, q, wrench, tolerance=TOLERANCE, torque_bias=bias)
+        if repeat == LAW_PASSES - 1:
+            break
+        if scene.payload.any():
+            wrench = scene.wrench + payload_wrench(robot, loaded.frames, scene.payload)
+        bent = np.where(motor_side, _bend(scene, springs, loaded.torque), 0.0)
+    link = drive + bent + own_deflection(springs, loaded.theta, robot.nq)
+    return _observe(scene, chain, loaded.frames, q, loaded.theta, wrench, link)
+
+
+def _observe(
+    scene: Scene, chain: Chain, frames: Frames, q: Array, theta: Array, wrench: Array, lift: Array
+) -> Attained:
+    """Pass a loaded pose through tool, base and registration to the instrument, and through the encoders."""
+    campaign, registration = scene.campaign, scene.registration
+    position, rotation = frames.tcp_position, frames.tcp_rotation
+    position = position + np.einsum("nij,nj->ni", rotation, scene.tool_twist[:, :3])
+    rotation = rotation @ Rotation.from_rotvec(scene.tool_twist[:, 3:]).as_matrix()
+    if registration is not None:
+        tool = registration.tool[campaign.target_index]
+        position = position + np.einsum("nij,nj->ni", rotation, tool[:, :3, 3])
+        rotation = rotation @ tool[:, :3, :3]
+    target = position
+    twist = scene.base_twist + _tilt(scene, frames, wrench)
+    turn = Rotation.from_rotvec(twist[:, 3:]).as_matrix()
+    position = np.einsum("nij,nj->ni", turn, position) + twist[:, :3]
+    rotation = turn @ rotation
+    if registration is not None:
+        base = registration.base
+        position, rotation = position @ base[:3, :3].T + base[:3, 3], base[:3, :3] @ rotation
+    reading, linked = np.nan_to_num(campaign.q), campaign.link_controlled[:, None]
+    link = np.where(linked, reading, reading + lift + scene.encoder)
+    motor = np.where(linked, reading - lift, reading)
+    return Attained(position, rotation, link, motor, q, theta, wrench, chain, frames, target)
+
+
+def scene_chain(scene: Scene) -> Chain:
+    """Build the chain of a scene: links grown row by row, actuator springs locked where link-side readings control."""
+    chain = build_chain(scene.robot)
+    if scene.growth.any():
+        segment = np.searchsorted(chain.joint_elements, np.arange(len(chain.names)))
+        factor = 1.0 + scene.growth
+        chain = replace(
+            chain,
+            position=chain.position * factor[:, segment, None],
+            tcp_position=chain.tcp_position * factor[:, -1, None],
+        )
+    if scene.campaign.link_controlled.any() and chain.actuator.any():
+        locked = scene.campaign.link_controlled[:, None] & chain.actuator
+        keep = ~(locked[:, :, None] | locked[:, None, :])
+        chain = replace(chain, compliance=chain.compliance * keep)
+    return chain
+
+
+class OwnSpring(NamedTuple):
+    """The spring about a joint's own axis: commanded joint, elastic coordinate, spring in the list, sign, compliance."""
+
+    joint: int
+    coordinate: int
+    spring: int
+    sign: float
+    compliance: float
+    actuator: bool
+
+
+def own_springs(robot: Robot) -> dict[int, OwnSpring]:
+    """Find the spring about each joint's own axis: `axis = "own"`, or a spring axis that is parallel to the joint's.
+
+    Springs that are shifted away from the joint are not its own. Returns one spring per commanded joint that has one.
+    """
+    found: dict[int, OwnSpring] = {}
+    joints = {joint.name: joint for joint in robot.joints}
+    for number, (spring, coordinate) in enumerate(zip(robot.springs, spring_coordinates(robot), strict=True)):
+        joint = joints[spring.joint]
+        if not joint.actuated:
+            continue
+        sign = own_sign(joint.axis, spring.axis, joint.kind == "prismatic")
+        index = robot.joint_names.index(joint.name)
+        if sign and index not in found and not np.any(spring.offset):
+            found[index] = OwnSpring(index, coordinate, number, sign, spring.compliance, spring.actuator)
+    return found
+
+
+def own_sign(joint_axis: Array, axis: str, slides: bool) -> float:
+    """Return 1 or -1 where a spring axis is parallel to the joint's axis and of its kind, otherwise 0."""
+    if axis == "own":
+        return 1.0
+    if slides != axis.startswith("t"):
+        return 0.0
+    cosine = float(joint_axis["xyz".index(axis[1])])
+    return float(np.sign(cosine)) if abs(cosine) > 1 - 1e-6 else 0.0
+
+
+def spring_coordinates(robot: Robot) -> list[int]:
+    """Return the elastic coordinate of every spring, in the order of `robot.springs`, as `build_chain` numbers them."""
+    coordinates, count = {}, 0
+    for joint in robot.joints:
+        for number, spring in enumerate(robot.springs):
+            if spring.joint == joint.name:
+                coordinates[number] = count
+                count += 1
+        count += 6 * sum(block.link == joint.child for block in robot.link_elasticities)
+    return [coordinates[number] for number in range(len(robot.springs))]
+
+
+def own_deflection(springs: dict[int, OwnSpring], theta: Array, nq: int) -> Array:
+    """Return the deflection of every joint that its encoders see. Shape (n, nq). [rad or m]."""
+    result = np.zeros((len(theta), nq))
+    for index, spring in springs.items():
+        if spring.actuator:
+            result[:, index] = spring.sign * theta[:, spring.coordinate]
+    return result
+
+
+def payload_wrench(robot: Robot, frames: Frames, payload: Array) -> Array:
+    """Return the weight of a mass that hangs on the flange, as a wrench at the TCP, base axes. Shape (n, 6). [N, N m].
+
+    Args:
+        robot: The robot; its flange and gravity.
+        frames: Loaded frames.
+        payload: Mass and first moments about the flange, flange axes. Shape (4,). [kg, kg m]
+
+    """
+    gravity = np.array([0.0, 0.0, -STANDARD_GRAVITY]) if robot.gravity is None else robot.gravity
+    T_flange_tcp = flange_to_tcp(robot)
+    R_base_flange = frames.tcp_rotation @ T_flange_tcp[:3, :3].T
+    arm = payload[1:] - payload[0] * T_flange_tcp[:3, 3]
+    moment = np.cross(np.einsum("nij,j->ni", R_base_flange, arm), gravity)
+    return np.concatenate([np.broadcast_to(payload[0] * gravity, moment.shape), moment], axis=1)
+
+
+def flange_to_tcp(robot: Robot) -> Array:
+    """Return the pose of the TCP in the flange frame. Shape (4, 4). [m]."""
+    pose, beyond = np.eye(4), robot.flange == robot.base
+    for joint in robot.joints:
+        if beyond:
+            pose = pose @ joint.placement
+        beyond = beyond or joint.child == robot.flange
+    return pose
+
+
+def base_moment(frames: Frames, chain: Chain, wrench: Array) -> Array:
+    """Return the moment of all loads about the base origin, base axes. Shape (n, 3). [N m]."""
+    moment = wrench[:, 3:] + np.cross(frames.tcp_position, wrench[:, :3])
+    if chain.gravity.any() and len(chain.body_element):
+        moment = moment + np.cross(frames.centre, np.asarray(chain.mass)[..., None] * chain.gravity).sum(1)
+    return np.asarray(moment)
+
+
+def _tilt(scene: Scene, frames: Frames, wrench: Array) -> Array:
+    twist = np.zeros((len(wrench), 6))
+    if scene.tilt.any():
+        twist[:, 3:] = scene.tilt * base_moment(frames, build_chain(scene.robot), wrench)
+    return twist
+
+
+def _bend(scene: Scene, springs: dict[int, OwnSpring], torque: Array) -> Array:
+    bent = np.zeros_like(scene.drive)
+    for index, law in scene.laws:
+        if index in springs:
+            spring = springs[index]
+            bent[:, index] += law(spring.sign * torque[:, spring.coordinate])
+    return bent
+
+
+def _spring_load(scene: Scene, chain: Chain, springs: dict[int, OwnSpring]) -> Array | None:
+    if not scene.joint_load.any():
+        return None
+    bias = np.zeros((len(scene.campaign), chain.n_springs))
+    for index, spring in springs.items():
+        bias[:, spring.coordinate] = spring.sign * scene.joint_load[:, index]
+    return bias

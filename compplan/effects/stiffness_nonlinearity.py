@@ -1,0 +1,87 @@
+"""stiffness_nonlinearity: a joint's deflection is not proportional to its torque (hardening, softening, a soft zone)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.effects.linearization import Linearization
+from compplan.effects.scene import Law, Scene
+from compplan.effects.signature import Effect, Signature
+from compplan.robot import Array, Robot
+
+name = "stiffness_nonlinearity"
+#: Assumed: the deflection at a large load changes by a third.
+SCALE = 0.3
+#: Soft zones that are tried, as shares of a large load.
+ZONES = (0.05, 0.12, 0.25, 0.5)
+LINEAR, QUADRATIC, CUBIC, SOFT, BENT = (
+    "linear_ratio", "quadratic_ratio", "cubic_ratio", "soft_zone_ratio", "saturating_ratio",
+)  # fmt: skip
+FORMS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("quadratic", (QUADRATIC,)),
+    ("cubic", (CUBIC,)),
+    ("linear+quadratic", (LINEAR, QUADRATIC)),
+    ("linear+cubic", (LINEAR, CUBIC)),
+)
+
+
+def shapes(load: Array, reference: float, zone: float) -> dict[str, Array]:
+    """Return the shapes that the deflection is made of, in units of load; all are odd.
+
+    linear t, quadratic t |t|/t_ref, cubic t^3/t_ref^2, soft zone clip(t, -z, z), saturating t u/(1 + u) with u = (t/z)^2.
+    """
+    u = (load / zone) ** 2 if zone > 0 else np.zeros_like(load)
+    return {
+        LINEAR: load,
+        QUADRATIC: load * np.abs(load) / reference,
+        CUBIC: load**3 / reference**2,
+        SOFT: np.clip(load, -zone, zone),
+        BENT: load * u / (1.0 + u),
+    }
+
+
+def signatures(at: Linearization) -> Iterable[Signature]:
+    """Offer every joint with a spring of its own, in several shapes, with and without a change of the linear part."""
+    motor_side = ~at.campaign.link_controlled
+    for index, spring in at.own.items():
+        load = at.own_load[:, index]
+        reference = float(np.percentile(np.abs(load), 98))
+        if spring.compliance <= 0 or reference <= 1e-6:
+            continue
+        joint = at.robot.actuated[index].name
+        forms: list[tuple[str, tuple[str, ...], float]] = [(form, keys, 0.0) for form, keys in FORMS]
+        for share in ZONES:
+            for key in (SOFT, BENT):
+                forms += [(f"{key} {share}", (key,), share * reference), (f"linear+{key} {share}", (LINEAR, key), share * reference)]
+        for form, keys, zone in forms:
+            parts = shapes(load, reference, zone)
+            bent = spring.compliance * np.stack([parts[key] * motor_side for key in keys], axis=-1)
+            encoder = np.zeros((len(load), at.robot.nq, len(keys)))
+            if spring.actuator:
+                encoder[:, index] = bent
+            fixed = {"compliance": spring.compliance, "reference_load": reference, "zone_load": zone}
+            scale = np.array([SCALE * (reference / zone if key == SOFT else 1.0) for key in keys])
+            twist = at.motion[:, :, index, None] * bent[:, None]
+            yield Signature(name, joint, None, form, keys, scale, twist, encoder, fixed)
+
+
+def apply(scene: Scene, effect: Effect) -> Scene:
+    """Add the deflection beyond the linear one."""
+    values = effect.parameters
+    ratios = {key: float(values[key]) for key in (LINEAR, QUADRATIC, CUBIC, SOFT, BENT) if key in values}
+    compliance, reference, zone = (float(values[key]) for key in ("compliance", "reference_load", "zone_load"))
+
+    def law(load: Array) -> Array:
+        parts = shapes(load, reference, zone)
+        return np.asarray(compliance * sum((ratio * parts[key] for key, ratio in ratios.items()), np.zeros_like(load)))
+
+    laws: tuple[tuple[int, Law], ...] = (*scene.laws, (scene.joint_index(effect.joint), law))
+    return replace(scene, laws=laws)
+
+
+def fold(robot: Robot, effect: Effect) -> Robot | None:
+    """URDF and springs cannot say it."""
+    return None

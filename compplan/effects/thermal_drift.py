@@ -1,0 +1,90 @@
+"""thermal_drift: links grow as the robot warms up (since the first row)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from compplan.effects.linearization import Linearization
+from compplan.effects.scene import Scene
+from compplan.effects.signature import Effect, Signature
+from compplan.measurements import Campaign
+from compplan.robot import Array, Robot
+
+name = "thermal_drift"
+#: Assumed: the expansion of steel and aluminium; where no temperature is known, the same over ten kelvin.
+SCALE_PER_K, SCALE = 1.5e-5, 1.5e-4
+TIME_CONSTANTS = (900.0, 1800.0, 3000.0, 5000.0, 10000.0)
+
+
+def signatures(at: Linearization) -> Iterable[Signature]:
+    """Offer a growth of all links alike, and link by link, with the temperature or, without one, with time."""
+    arms = segments(at)
+    for label, warming, fixed, key, scale in _warmings(at.campaign):
+        if float(np.ptp(warming)) * scale < 1e-6:
+            continue
+        twist = np.zeros((len(arms), 6, arms.shape[1]))
+        twist[:, :3] = np.swapaxes(arms, 1, 2) * warming[:, None, None]
+        alike = twist.sum(axis=-1, keepdims=True)
+        yield Signature(name, None, None, f"alike{label}", (key,), np.array([scale]), alike, fixed=fixed, positive=True)
+        keys = tuple(f"segment_{key}#{k}" for k in range(arms.shape[1]))
+        yield Signature(name, None, None, f"links{label}", keys, np.full(len(keys), scale), twist, fixed=fixed)
+
+
+def segments(at: Linearization) -> Array:
+    """Return the placement before each joint and behind the last, base axes. Shape (n, nq + 1, 3). [m]."""
+    frames, joints = at.attained.frames, at.attained.chain.joint_elements
+    points = [np.zeros((len(at.point), 3)), *(frames.origin[:, k] for k in joints), frames.tcp_position]
+    return np.diff(np.stack(points, axis=1), axis=1)
+
+
+def _warmings(campaign: Campaign) -> list[tuple[str, Array, dict[str, Any], str, float]]:
+    """Return the courses of the warm-up that the log allows: label, course, settings, key, scale."""
+    if campaign.warming is not None:
+        fixed = {"reference_temperature_C": campaign.reference_temperature}
+        return [("", campaign.warming, fixed, "growth_per_K", SCALE_PER_K)]
+    if campaign.time is None:
+        return []
+    return [
+        (f" {tau:.0f} s", warm_up(campaign, tau), {"time_constant_s": tau}, "growth_ratio", SCALE)
+        for tau in TIME_CONSTANTS
+    ]
+
+
+def warm_up(campaign: Campaign, time_constant: float) -> Array:
+    """Return 1 - exp(-t/tau) since the beginning. Shape (n,)."""
+    if campaign.time is None:
+        return np.zeros(len(campaign))
+    return np.asarray(1.0 - np.exp(-np.maximum(np.nan_to_num(campaign.time), 0.0) / time_constant))
+
+
+def apply(scene: Scene, effect: Effect) -> Scene:
+    """Let the placements grow."""
+    values, campaign = effect.parameters, scene.campaign
+    if "time_constant_s" in values:
+        course, key = warm_up(campaign, float(values["time_constant_s"])), "growth_ratio"
+    elif campaign.temperature is None:
+        return scene
+    else:
+        course, key = _since_reference(campaign, float(values["reference_temperature_C"])), "growth_per_K"
+    sizes = np.zeros(scene.growth.shape[1])
+    if key in values:
+        sizes = sizes + float(values[key])
+    if f"segment_{key}" in values:
+        sizes = sizes + np.array(values[f"segment_{key}"], float)
+    return replace(scene, growth=scene.growth + course[:, None] * sizes)
+
+
+def _since_reference(campaign: Campaign, reference: float) -> Array:
+    warming = campaign.warming
+    if warming is None:
+        return np.zeros(len(campaign))
+    return np.asarray(warming + campaign.reference_temperature - reference)
+
+
+def fold(robot: Robot, effect: Effect) -> Robot | None:
+    """URDF and springs cannot say it."""
+    return None

@@ -1,0 +1,86 @@
+"""time_skew: joint readings and positions were not taken at the same instant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.effects.linearization import Linearization
+from compplan.effects.scene import Scene
+from compplan.effects.signature import Effect, Signature
+from compplan.measurements import Campaign
+from compplan.robot import Array, Robot
+
+name = "time_skew"
+#: Assumed: a few milliseconds between clocks; readings stale by a part in ten thousand of the move.
+SKEW_SCALE, STALE_SCALE = 0.01, 2e-4
+
+
+def signatures(at: Linearization) -> Iterable[Signature]:
+    """Offer a skew on paths, encoder clocks that differ, and readings logged before the arm stood still."""
+    campaign = at.campaign
+    if np.abs(campaign.speed).max(initial=0.0) > 1e-6:
+        twist = -np.einsum("nij,nj->ni", at.motion, campaign.speed)[:, :, None]
+        yield Signature(name, None, None, "skew", ("skew_s",), np.array([SKEW_SCALE]), twist)
+        if campaign.link is not None:
+            encoder = campaign.speed[:, :, None]
+            nothing = np.zeros((len(campaign), 6, 1))
+            yield Signature(
+                name, None, None, "encoder skew", ("encoder_skew_s",), np.array([SKEW_SCALE]), nothing, encoder
+            )
+    move = static_move(campaign)
+    if (np.abs(move).max(axis=0, initial=0.0) > 1e-3).any():
+        twist = np.einsum("nij,nj->ni", at.motion, move)[:, :, None]
+        yield Signature(name, None, None, "stale", ("stale_ratio",), np.array([STALE_SCALE]), twist)
+
+
+def static_move(campaign: Campaign) -> Array:
+    """Return the last move of each joint at settled poses, zero on paths. Shape (n, nq). [rad or m].
+
+    Only joints that took part in the move to this stay count: a joint that rested has nothing left to settle.
+    """
+    stay = campaign.stay
+    start = np.r_[True, np.diff(stay) > 0]
+    source = np.maximum.accumulate(np.where(start, np.arange(len(stay)), 0))
+    moves = np.diff(np.nan_to_num(campaign.q), axis=0, prepend=np.nan_to_num(campaign.q[:1]))
+    moves[np.r_[True, np.diff(campaign.run_index) > 0]] = 0.0
+    return np.asarray(np.where(campaign.on_path[:, None], 0.0, moves[source]))
+
+
+def apply(scene: Scene, effect: Effect) -> Scene:
+    """Take the joints where they stood when the position was taken."""
+    campaign, values = scene.campaign, effect.parameters
+    zero, encoder = scene.zero.copy(), scene.encoder
+    if "skew_s" in values:
+        zero += _earlier(campaign, float(values["skew_s"]))
+    if "stale_ratio" in values:
+        zero += float(values["stale_ratio"]) * static_move(campaign)
+    if "encoder_skew_s" in values:
+        encoder = encoder + float(values["encoder_skew_s"]) * campaign.speed
+    return replace(scene, zero=zero, encoder=encoder)
+
+
+def _earlier(campaign: Campaign, skew: float) -> Array:
+    """Return the joints a time earlier minus the joints now, on paths. Shape (n, nq). [rad or m]."""
+    change = np.zeros_like(campaign.q)
+    if campaign.time is None:
+        return change
+    for number in np.unique(campaign.run_index[campaign.on_path]):
+        rows = np.flatnonzero(campaign.run_index == number)
+        t, q = campaign.time[rows], campaign.q[rows]
+        if len(rows) < 3 or not (np.diff(t) > 0).all():
+            continue
+        at = t - skew
+        inside = np.column_stack([np.interp(at, t, column) for column in q.T])
+        slope = campaign.speed[rows]
+        before, after = (at < t[0])[:, None], (at > t[-1])[:, None]
+        inside = np.where(before, q[0] + (at - t[0])[:, None] * slope[0], inside)
+        change[rows] = np.where(after, q[-1] + (at - t[-1])[:, None] * slope[-1], inside) - q
+    return change
+
+
+def fold(robot: Robot, effect: Effect) -> Robot | None:
+    """It is no property of the robot."""
+    return None

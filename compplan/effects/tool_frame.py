@@ -1,0 +1,57 @@
+"""tool_frame: the offset of the TCP on the flange differs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from compplan.effects.folding import change_joint
+from compplan.effects.linearization import Linearization
+from compplan.effects.scene import Scene
+from compplan.effects.signature import Effect, Signature
+from compplan.robot import Array, Robot
+
+name = "tool_frame"
+#: Assumed: a TCP taught by touching a tip.
+SCALE = np.array([1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3])
+KEYS = ("tx_m", "ty_m", "tz_m", "rx_rad", "ry_rad", "rz_rad")
+
+
+def tool_twists(at: Linearization) -> Array:
+    """Return the motion of the target per motion of the TCP frame along and about its own axes. Shape (n, 6, 6)."""
+    R = at.attained.frames.tcp_rotation
+    arm = at.point - at.attained.frames.tcp_position
+    twist = np.zeros((len(R), 6, 6))
+    twist[:, :3, :3] = R
+    twist[:, 3:, 3:] = R
+    twist[:, :3, 3:] = np.cross(np.swapaxes(R, 1, 2), arm[:, None, :]).swapaxes(1, 2)
+    return twist
+
+
+def signatures(at: Linearization) -> Iterable[Signature]:
+    """Offer an offset of the TCP, and one with a turn where orientation or an offset target shows it."""
+    twist = tool_twists(at)
+    yield Signature(name, None, None, "offset", KEYS[:3], SCALE[:3], twist[:, :, :3])
+    if at.campaign.rotation is not None or np.abs(twist[:, :3, 3:]).max(initial=0.0) > 1e-6:
+        yield Signature(name, None, None, "offset+turn", KEYS, SCALE, twist)
+
+
+def twist_values(effect: Effect) -> Array:
+    """Return the step of a frame. Shape (6,). [m, rad]."""
+    return np.array([float(effect.parameters.get(key, 0.0)) for key in KEYS])
+
+
+def apply(scene: Scene, effect: Effect) -> Scene:
+    """Move the TCP frame."""
+    return replace(scene, robot=fold(scene.robot, effect))
+
+
+def fold(robot: Robot, effect: Effect) -> Robot:
+    """Write the step into the last joint of the chain, which carries the TCP frame."""
+    step, last, move = twist_values(effect), robot.joints[-1], np.eye(4)
+    move[:3, 3] = step[:3]
+    move[:3, :3] = Rotation.from_rotvec(step[3:]).as_matrix()
+    return change_joint(robot, last.name, placement=last.placement @ move)

@@ -1,0 +1,42 @@
+"""tool_shift: tool or target moved on the flange during the campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.effects.frame_shift import since
+from compplan.effects.linearization import Linearization
+from compplan.effects.scene import Scene
+from compplan.effects.signature import Effect, Signature
+from compplan.effects.tool_frame import KEYS, SCALE, tool_twists, twist_values
+from compplan.robot import Robot
+
+name = "tool_shift"
+
+
+def signatures(at: Linearization) -> Iterable[Signature]:
+    """Offer a shift at the beginning of every run but the first; `shift_at` offers other rows."""
+    for row in np.flatnonzero(np.diff(at.campaign.run_index) > 0) + 1:
+        yield from shift_at(at, int(row))
+
+
+def shift_at(at: Linearization, row: int) -> Iterable[Signature]:
+    """Offer a shift just before a row: an offset, or one with a turn where orientation or an offset target shows it."""
+    twist = tool_twists(at) * since(at.scene, row)[:, None, None]
+    yield Signature(name, None, None, f"offset {row}", KEYS[:3], SCALE[:3], twist[:, :, :3], fixed={"row": row})
+    if at.campaign.rotation is not None or np.abs(twist[:, :3, 3:]).max(initial=0.0) > 1e-6:
+        yield Signature(name, None, None, f"offset+turn {row}", KEYS, SCALE, twist, fixed={"row": row})
+
+
+def apply(scene: Scene, effect: Effect) -> Scene:
+    """Move the target on the tool from the row on."""
+    step = since(scene, int(effect.parameters["row"]))[:, None] * twist_values(effect)
+    return replace(scene, tool_twist=scene.tool_twist + step)
+
+
+def fold(robot: Robot, effect: Effect) -> Robot | None:
+    """It stays in effects.toml, with the row."""
+    return None

@@ -1,0 +1,117 @@
+"""transmission_error: an error periodic in a joint's angle, or a bump at one angle.
+
+Two models: waves of given cycles per turn, and a cubic B-spline over the visited angles, which is zero beyond them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from compplan.effects.linearization import Linearization
+from compplan.effects.scene import Scene
+from compplan.effects.signature import Effect, Signature
+from compplan.robot import Array, Robot
+
+name = "transmission_error"
+#: Assumed: a tenth of a milliradian at the link.
+SCALE = {"revolute": 1e-4, "prismatic": 1e-4}
+HARMONICS = 6
+SPLINE_SPACING = np.deg2rad(10.0)
+MAX_SPLINES = 30
+
+
+def signatures(at: Linearization) -> Iterable[Signature]:
+    """Offer each of the first harmonics of every joint; `waves_at` and `spline_at` offer others."""
+    for index, joint in enumerate(at.robot.actuated):
+        spread = float(np.ptp(at.campaign.q[:, index]))
+        if spread < 0.1:
+            continue
+        for harmonic in range(1, HARMONICS + 1):
+            cycles = float(harmonic) if joint.kind == "revolute" else harmonic / (2.0 * max(spread, 0.1))
+            yield waves_at(at, index, [cycles])
+
+
+def waves(angle: Array, cycles: Sequence[float], slides: bool) -> Array:
+    """Return sine and cosine of every wave, side by side. Shape (n, 2 k)."""
+    phase = angle[:, None] * np.asarray(cycles) * (2 * np.pi if slides else 1.0)
+    return np.stack([np.sin(phase), np.cos(phase)], axis=-1).reshape(len(angle), -1)
+
+
+def waves_at(at: Linearization, index: int, cycles: Sequence[float], form: str | None = None) -> Signature:
+    """Offer waves of given cycles per turn (per metre of a sliding joint)."""
+    joint = at.robot.actuated[index]
+    slides = joint.kind == "prismatic"
+    unit = "m" if slides else "rad"
+    keys = tuple(f"{part}_{unit}#{k}" for k in range(len(cycles)) for part in ("sine", "cosine"))
+    shape = waves(np.nan_to_num(at.campaign.q[:, index]), cycles, slides)
+    fixed = {"cycles_per_m" if slides else "cycles_per_turn": [float(c) for c in cycles]}
+    label = form if form is not None else "waves " + " ".join(f"{c:.4g}" for c in cycles)
+    return _signature(at, index, label, keys, shape, fixed)
+
+
+def spline_knots(low: float, high: float, spacing: float = SPLINE_SPACING) -> Array:
+    """Place the knots of a cubic spline that ends at zero at both ends of the visited range."""
+    count = int(np.clip(np.ceil((high - low) / spacing), 5, MAX_SPLINES))
+    return np.linspace(low, high, count + 1)
+
+
+def spline_basis(angle: Array, knots: Array) -> Array:
+    """Return cubic B-splines on the knots, zero beyond them. Shape (n, knots - 4)."""
+    basis = BSpline.design_matrix(np.clip(angle, knots[3], np.nextafter(knots[-4], -np.inf)), knots, 3).toarray()
+    return np.asarray(np.where((angle[:, None] >= knots[3]) & (angle[:, None] <= knots[-4]), basis, 0.0))
+
+
+def spline_at(at: Linearization, index: int, spacing: float = SPLINE_SPACING) -> Signature:
+    """Offer a spline over the visited angles of a joint, mean and slope left to offset and geometry."""
+    joint = at.robot.actuated[index]
+    angle = np.nan_to_num(at.campaign.q[:, index])
+    inner = spline_knots(float(angle.min()) - 1e-9, float(angle.max()) + 1e-9, spacing)
+    step = inner[1] - inner[0]
+    knots = np.r_[inner[0] - step * np.arange(3, 0, -1), inner, inner[-1] + step * np.arange(1, 4)]
+    shape = spline_basis(angle, knots)
+    unit = "m" if joint.kind == "prismatic" else "rad"
+    keys = tuple(f"spline_{unit}#{k}" for k in range(shape.shape[1]))
+    fixed = {"knots_m" if joint.kind == "prismatic" else "knots_rad": [float(k) for k in knots]}
+    return _signature(at, index, "spline", keys, shape, fixed)
+
+
+def _signature(
+    at: Linearization, index: int, form: str, keys: tuple[str, ...], shape: Array, fixed: dict[str, list[float]]
+) -> Signature:
+    joint = at.robot.actuated[index]
+    shape = shape * ~at.campaign.link_controlled[:, None]
+    encoder = np.zeros((len(shape), at.robot.nq, shape.shape[1]))
+    encoder[:, index] = shape
+    twist = at.motion[:, :, index, None] * shape[:, None]
+    return Signature(name, joint.name, None, form, keys, np.full(len(keys), SCALE[joint.kind]), twist, encoder, fixed)
+
+
+def error_at(effect: Effect, angle: Array) -> Array:
+    """Return the transmission error at given positions of the joint. Shape (n,). [rad or m]."""
+    values, total = effect.parameters, np.zeros(len(angle))
+    for unit, cycles in (("rad", "cycles_per_turn"), ("m", "cycles_per_m")):
+        if cycles in values:
+            shape = waves(angle, values[cycles], unit == "m")
+            weights = np.column_stack([values[f"sine_{unit}"], values[f"cosine_{unit}"]]).reshape(-1)
+            total = total + shape @ weights
+        if f"spline_{unit}" in values:
+            shape = spline_basis(angle, np.array(values[f"knots_{unit}"], float))
+            total = total + shape @ np.array(values[f"spline_{unit}"], float)
+    return total
+
+
+def apply(scene: Scene, effect: Effect) -> Scene:
+    """Add the error between motor and link."""
+    index = scene.joint_index(effect.joint)
+    drive = scene.drive.copy()
+    drive[:, index] += error_at(effect, np.nan_to_num(scene.campaign.q[:, index]))
+    return replace(scene, drive=drive)
+
+
+def fold(robot: Robot, effect: Effect) -> Robot | None:
+    """URDF and springs cannot say it."""
+    return None

@@ -1,0 +1,56 @@
+"""wrench_bias: the force sensor reads with a constant offset, in sensor (TCP) or in base axes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.chain import build_chain, locate_frames
+from compplan.effects.linearization import Linearization
+from compplan.effects.scene import Scene
+from compplan.effects.signature import Effect, Signature
+from compplan.robot import Array, Robot
+
+name = "wrench_bias"
+KEYS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+#: Assumed: a tool whose weight was not tared.
+SCALE = np.array([50.0, 50.0, 50.0, 10.0, 10.0, 10.0])
+
+
+def signatures(at: Linearization) -> Iterable[Signature]:
+    """Offer an offset of force and moment, or of the force alone, in base axes and in those of the TCP."""
+    if not at.campaign.load_varies or not at.attained.chain.n_springs:
+        return
+    n = len(at.point)
+    base = np.broadcast_to(-np.eye(6), (n, 6, 6))
+    R = at.attained.frames.tcp_rotation
+    sensor = np.zeros((n, 6, 6))
+    sensor[:, :3, :3] = sensor[:, 3:, 3:] = -R
+    for axes, wrench in (("base", base), ("sensor", sensor)):
+        twist, encoder = at.wrench_response(wrench)
+        fixed = {"axes": axes}
+        yield Signature(name, None, None, axes, KEYS, SCALE, twist, encoder, fixed)
+        yield Signature(
+            name, None, None, f"{axes}, force", KEYS[:3], SCALE[:3], twist[:, :, :3], encoder[:, :, :3], fixed
+        )
+
+
+def apply(scene: Scene, effect: Effect) -> Scene:
+    """Take the offset off what the sensor reports."""
+    bias = np.array([float(effect.parameters.get(key, 0.0)) for key in KEYS])
+    return replace(scene, wrench=scene.wrench - _in_base_axes(scene, bias, str(effect.parameters["axes"])))
+
+
+def _in_base_axes(scene: Scene, bias: Array, axes: str) -> Array:
+    if axes == "base":
+        return np.broadcast_to(bias, scene.wrench.shape)
+    q = np.nan_to_num(scene.campaign.q) + scene.zero + scene.drive
+    R = locate_frames(build_chain(scene.robot), q).tcp_rotation
+    return np.concatenate([R @ bias[:3], R @ bias[3:]], axis=1)
+
+
+def fold(robot: Robot, effect: Effect) -> Robot | None:
+    """It is no property of the robot."""
+    return None
