@@ -37,7 +37,7 @@ class Curve:
     grid: Array
 
     def lengths(self) -> Array:
-        """Return the length of the curve up to each parameter of the grid. Shape (m,). [m]"""
+        """Return the length of the curve up to each parameter of the grid. Shape (m,) [m]."""
         steps = np.linalg.norm(np.diff(self.point(self.grid), axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
@@ -52,6 +52,7 @@ class Pace:
         step: Distance along the curve between waypoints; rounded so that the last waypoint is the end. [m]
         waypoints: Number of waypoints.
         rate: Waypoints a second. [Hz]
+
 
     Raises:
         InputError: If not exactly one of each group is given, or one is not positive.
@@ -90,7 +91,8 @@ def walk_curve(curve: Curve, pace: Pace, *, axis: tuple[float, float, float] = U
         curve: The curve, part frame.
         pace: Feed and density.
         axis: Tool axis, tip to spindle, part axes; normalised here.
-        approach: Height above the ends, along the tool axis, that a rapid move comes from and goes back to; 0: none. [m]
+        approach: Height above the ends, along the tool axis, that rapid moves come from and go to; 0: none. [m]
+
 
     Returns:
         The toolpath in the part frame.
@@ -174,6 +176,7 @@ def generate_spiral(
         axis: Tool axis, part axes.
         approach: Height of approach and retract, see `walk_curve`. [m]
 
+
     Raises:
         InputError: If not exactly one of turns and length is given, or no spiral has this length.
     """
@@ -222,6 +225,7 @@ def generate_cone(
         axis: Tool axis, part axes.
         approach: Height of approach and retract, see `walk_curve`. [m]
 
+
     Raises:
         InputError: If the cone closes above its depth.
     """
@@ -257,13 +261,13 @@ def generate_cone(
 class GeneratorTable(StrictTable):
     """Keys that every generator has in a job."""
 
-    feed_mm_s: float | None = Field(None, gt=0.0)
-    duration_s: float | None = Field(None, gt=0.0)
-    step_mm: float | None = Field(None, gt=0.0)
-    waypoints: int | None = Field(None, ge=2)
-    rate_hz: float | None = Field(None, gt=0.0)
+    feed_mm_s: float | None = Field(default=None, gt=0.0)
+    duration_s: float | None = Field(default=None, gt=0.0)
+    step_mm: float | None = Field(default=None, gt=0.0)
+    waypoints: int | None = Field(default=None, ge=2)
+    rate_hz: float | None = Field(default=None, gt=0.0)
     axis: Vector3 = UP
-    approach_mm: float = Field(0.0, ge=0.0)
+    approach_mm: float = Field(default=0.0, ge=0.0)
 
     @model_validator(mode="after")
     def _check(self) -> GeneratorTable:
@@ -298,9 +302,9 @@ class SpiralTable(GeneratorTable):
 
     generator: Literal["spiral"]
     outer_radius_mm: float = Field(gt=0.0)
-    inner_radius_mm: float = Field(0.0, ge=0.0)
-    turns: float | None = Field(None, gt=0.0)
-    length_mm: float | None = Field(None, gt=0.0)
+    inner_radius_mm: float = Field(default=0.0, ge=0.0)
+    turns: float | None = Field(default=None, gt=0.0)
+    length_mm: float | None = Field(default=None, gt=0.0)
     centre_mm: Vector3 = (0.0, 0.0, 0.0)
 
 
@@ -325,7 +329,6 @@ def _metres(vector_mm: tuple[float, float, float]) -> tuple[float, float, float]
 
 def generate_toolpath(table: GeneratorTable) -> Toolpath:
     """Generate the toolpath that a job's [toolpath] table describes.
-
 
     Raises:
         InputError: If the parameters contradict each other.

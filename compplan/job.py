@@ -27,7 +27,7 @@ CAM_STEP = 1e-3
 
 
 def make_pose(position_mm: Vector3, rotation_deg: Vector3) -> Array:
-    """Return the pose of a frame from its origin [mm] and its rotation vector [deg]. Shape (4, 4). [m]"""
+    """Return the pose of a frame from its origin [mm] and its rotation vector [deg]. Shape (4, 4) [m]."""
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_rotvec(np.radians(rotation_deg)).as_matrix()
     pose[:3, 3] = np.asarray(position_mm) * 1e-3
@@ -46,12 +46,12 @@ class ToolTable(StrictTable):
 
     position_mm: Vector3 = (0.0, 0.0, 0.0)
     rotation_deg: Vector3 = (0.0, 0.0, 0.0)
-    mass_kg: float | None = Field(None, ge=0.0)
+    mass_kg: float | None = Field(default=None, ge=0.0)
     centre_of_mass_mm: Vector3 = (0.0, 0.0, 0.0)
 
     @property
     def T_flange_tcp(self) -> Array:
-        """Pose of the TCP frame seen from the flange. Shape (4, 4). [m]"""
+        """Pose of the TCP frame seen from the flange. Shape (4, 4) [m]."""
         return make_pose(self.position_mm, self.rotation_deg)
 
 
@@ -79,8 +79,8 @@ class PlanTable(StrictTable):
     rotate_about_tool_axis: bool = True
     configuration: Annotated[Configuration, BeforeValidator(_expand_auto)] = Configuration()
     start_deg: Numbers | None = None
-    max_correction_mm: float = Field(10.0, gt=0.0)
-    tolerance_mm: float = Field(0.1, gt=0.0)
+    max_correction_mm: float = Field(default=10.0, gt=0.0)
+    tolerance_mm: float = Field(default=0.1, gt=0.0)
     tool_x: Vector3 = (1.0, 0.0, 0.0)
 
     @field_validator("tool_x")
@@ -100,30 +100,30 @@ class OutputTable(StrictTable):
     """[output]: native programs, and how they are cut up."""
 
     programs: Annotated[tuple[Literal["krl", "val3", "fanuc_ls", "rapid", "csv"], ...], Field(strict=False)] = ()
-    max_points_per_file: int | None = Field(None, ge=2)
+    max_points_per_file: int | None = Field(default=None, ge=2)
 
 
 class SamplingTable(StrictTable):
     """[sampling]: how moves are divided before planning; CAM files 1 mm where nothing is said, others not at all."""
 
-    max_step_mm: float | None = Field(None, gt=0.0)
-    max_turn_deg: float | None = Field(None, gt=0.0)
+    max_step_mm: float | None = Field(default=None, gt=0.0)
+    max_turn_deg: float | None = Field(default=None, gt=0.0)
 
 
 class FeedTable(StrictTable):
     """[feed]: the feed of cutting moves in place of the toolpath's own, and what may slow it down."""
 
-    constant_mm_s: float | None = Field(None, gt=0.0)
+    constant_mm_s: float | None = Field(default=None, gt=0.0)
     mode: Literal["programmed", "constant"] = "programmed"
-    corner_tolerance_mm: float = Field(0.0, ge=0.0)
+    corner_tolerance_mm: float = Field(default=0.0, ge=0.0)
     torque_limits: bool = False
 
 
 class LimitsTable(StrictTable):
     """[limits]: shares of the robot's rates that the plan may use."""
 
-    velocity_scale: float = Field(1.0, gt=0.0, le=1.0)
-    acceleration_scale: float = Field(1.0, gt=0.0, le=1.0)
+    velocity_scale: float = Field(default=1.0, gt=0.0, le=1.0)
+    acceleration_scale: float = Field(default=1.0, gt=0.0, le=1.0)
 
 
 class PostureTable(StrictTable):
@@ -132,14 +132,14 @@ class PostureTable(StrictTable):
     preset: Literal["accurate", "smooth", "fast"] = "accurate"
     weights: dict[str, float] = Field(default_factory=dict)
     measure: Literal["expected", "p95"] = "expected"
-    wrench_uncertainty: float = Field(0.1, ge=0.0)
-    compliance_uncertainty: float = Field(0.1, ge=0.0)
-    joint_zero_uncertainty_deg: float = Field(0.0, ge=0.0)
-    spin_step_deg: float = Field(5.0, ge=0.5, le=90.0)
-    lead_deg: float = Field(0.0, ge=0.0, le=90.0)
-    lean_deg: float = Field(0.0, ge=0.0, le=90.0)
-    limit_margin_deg: float = Field(10.0, gt=0.0)
-    least_dexterity: float = Field(0.0, ge=0.0, lt=1.0)
+    wrench_uncertainty: float = Field(default=0.1, ge=0.0)
+    compliance_uncertainty: float = Field(default=0.1, ge=0.0)
+    joint_zero_uncertainty_deg: float = Field(default=0.0, ge=0.0)
+    spin_step_deg: float = Field(default=5.0, ge=0.5, le=90.0)
+    lead_deg: float = Field(default=0.0, ge=0.0, le=90.0)
+    lean_deg: float = Field(default=0.0, ge=0.0, le=90.0)
+    limit_margin_deg: float = Field(default=10.0, gt=0.0)
+    least_dexterity: float = Field(default=0.0, ge=0.0, lt=1.0)
     reconfigure: Literal["rapid", "never"] = "rapid"
 
 
@@ -153,7 +153,7 @@ class PlaceTable(StrictTable):
     y_mm: Range | None = None
     z_mm: Range | None = None
     base_height_mm: Range = (0.0, 0.0)
-    step_mm: float = Field(100.0, gt=0.0)
+    step_mm: float = Field(default=100.0, gt=0.0)
     turn_deg: Numbers = (0.0,)
 
 
@@ -168,8 +168,8 @@ class CollisionTable(StrictTable):
     fixture: str | None = None
     tool: str | None = None
     unit: Literal["mm", "m", "inch"] = "mm"
-    clearance_mm: float = Field(5.0, ge=0.0)
-    tip_zone_mm: float = Field(30.0, ge=0.0)
+    clearance_mm: float = Field(default=5.0, ge=0.0)
+    tip_zone_mm: float = Field(default=30.0, ge=0.0)
     self_collision: bool = True
 
 
@@ -214,7 +214,7 @@ class Job(StrictTable):
 
     @property
     def T_base_part(self) -> Array:
-        """Pose of the part frame seen from the robot base. Shape (4, 4). [m]"""
+        """Pose of the part frame seen from the robot base. Shape (4, 4) [m]."""
         return make_pose(self.part.position_mm, self.part.rotation_deg)
 
     @property
@@ -230,6 +230,7 @@ def check_job(data: dict[str, Any], file: str | Path = Path()) -> Job:
     Args:
         data: The tables, as `tomllib` gives them.
         file: File they come from, or would stand in.
+
 
     Raises:
         InputError: With file and key.
@@ -252,7 +253,6 @@ def check_job(data: dict[str, Any], file: str | Path = Path()) -> Job:
 def load_job(path: str | Path) -> Job:
     """Read a job file.
 
-
     Raises:
         InputError: With file and line, or file and key, if it is not what it has to be.
     """
@@ -261,7 +261,6 @@ def load_job(path: str | Path) -> Job:
 
 def load_toolpath(job: Job) -> Toolpath:
     """Return the job's toolpath as it is programmed, in the part frame.
-
 
     Raises:
         InputError: If the toolpath file is not what it has to be.
@@ -280,7 +279,6 @@ def load_toolpath(job: Job) -> Toolpath:
 
 def load_nominal(job: Job) -> Toolpath:
     """Return what the plan has to reach: the job's toolpath, divided, in the base frame, with the predicted wrench.
-
 
     Raises:
         InputError: If toolpath or process are not what they have to be.

@@ -18,8 +18,8 @@ depth_mm = 15.0
 wall_angle_deg = 45.0               # against the horizontal
 pitch_mm = 1.0                      # depth of one turn
 path = "helical"                    # helical | z_level
-# radius_mm = 10.0                  # circle; further: turns (negative: clockwise), centre_mm, plane = "xy" | "xz" | "yz",
-                                    #   start_deg
+# radius_mm = 10.0                  # circle; further: turns (negative: clockwise), centre_mm, start_deg,
+                                    #   plane = "xy" | "xz" | "yz"
 # outer_radius_mm = 250.0           # spiral; further: inner_radius_mm, and turns or length_mm, centre_mm
 feed_mm_s = 20.0                    # or duration_s = 100.0
 step_mm = 1.0                       # distance of waypoints, or waypoints = 1000, or rate_hz = 100.0

@@ -27,8 +27,8 @@ class ContactTable(StrictTable):
     before the tool leaves.
     """
 
-    ramp_mm: float = Field(0.0, ge=0.0)
-    ramp_out_mm: float = Field(0.0, ge=0.0)
+    ramp_mm: float = Field(default=0.0, ge=0.0)
+    ramp_out_mm: float = Field(default=0.0, ge=0.0)
 
 
 class ColumnsProcess(StrictTable):
@@ -57,7 +57,7 @@ class MillingProcess(ContactTable):
     diameter_mm: float = Field(gt=0.0)
     spindle_rpm: float = Field(gt=0.0)
     kc_N_mm2: float = Field(gt=0.0)
-    radial_ratio: float = Field(0.4, ge=0.0)
+    radial_ratio: float = Field(default=0.4, ge=0.0)
     axial_ratio: float = 0.0
     material_side: Literal["left", "right"] = "right"
 
@@ -79,9 +79,9 @@ class IsfProcess(ContactTable):
 
     model: Literal["isf"]
     axial_N: float = Field(ge=0.0)
-    lateral_N: float = Field(0.0, ge=0.0)
-    drag_N: float = Field(0.0, ge=0.0)
-    start_share: float = Field(0.3, ge=0.0, le=1.0)
+    lateral_N: float = Field(default=0.0, ge=0.0)
+    drag_N: float = Field(default=0.0, ge=0.0)
+    start_share: float = Field(default=0.3, ge=0.0, le=1.0)
     wall_side: Literal["left", "right"] = "right"
 
 
@@ -121,8 +121,10 @@ def predict_wrench(
         tool_x: Where the x axis of the TCP frame points, base axes, for wrenches in the tool frame. Shape (3,).
         folder: Folder that a file name of the model is relative to.
 
+
     Returns:
         The wrench at the tip, base axes, force first. Shape (n, 6). [N, N m]
+
     Raises:
         InputError: If the toolpath has no wrench columns, or a wrench file does not fit the toolpath.
     """
@@ -142,9 +144,10 @@ def predict_wrench(
     elif isinstance(process, FileProcess):
         wrench = _read_wrench(process, nominal, folder or Path())
         wrench = _turn(wrench, _axes(process.frame, nominal, rotations, tool_x))
+    elif isinstance(process, IsfProcess):
+        wrench = _turn(isf_wrench(process, nominal), path_axes(nominal))
     else:
-        local = isf_wrench(process, nominal) if isinstance(process, IsfProcess) else milling_wrench(process, nominal.feed)
-        wrench = _turn(local, path_axes(nominal))
+        wrench = _turn(milling_wrench(process, nominal.feed), path_axes(nominal))
     return wrench * contact_share(nominal, process.ramp_mm * 1e-3, process.ramp_out_mm * 1e-3)[:, None]
 
 
@@ -208,6 +211,7 @@ def contact_share(nominal: Toolpath, ramp: float, ramp_out: float = 0.0) -> Arra
         ramp: Length over which the wrench grows after contact. [m]
         ramp_out: Length over which it falls before the tool leaves. [m]
 
+
     Returns:
         Share between 0 and 1. Shape (n,).
     """
@@ -225,12 +229,12 @@ def contact_share(nominal: Toolpath, ramp: float, ramp_out: float = 0.0) -> Arra
 
 
 def cutting_progress(nominal: Toolpath) -> Array:
-    """Return the length cut so far at every waypoint, rapid moves not counted. Shape (n,). [m]"""
+    """Return the length cut so far at every waypoint, rapid moves not counted. Shape (n,) [m]."""
     return np.concatenate([[0.0], np.cumsum(np.where(nominal.rapid[1:], 0.0, nominal.steps))])
 
 
 def isf_wrench(process: IsfProcess, nominal: Toolpath) -> Array:
-    """Return the wrench of incremental sheet forming, path axes, contact aside. Shape (n, 6). [N, N m]"""
+    """Return the wrench of incremental sheet forming, path axes, contact aside. Shape (n, 6) [N, N m]."""
     progress = cutting_progress(nominal)
     level = process.start_share + (1.0 - process.start_share) * progress / max(progress[-1], 1e-300)
     side = 1.0 if process.wall_side == "right" else -1.0
@@ -248,6 +252,7 @@ def milling_wrench(process: MillingProcess, feed: Array) -> Array:
     Args:
         process: Parameters; `material_side` right with M3 is climb milling.
         feed: Feed. Shape (n,). [m/s]
+
 
     Returns:
         Shape (n, 6). [N, N m]

@@ -1,4 +1,4 @@
-"""Tables at the edge: CSV files whose column names carry units, as SI arrays, and files that appear whole or not at all.
+"""Tables at the edge: CSV files whose column names carry units, as SI arrays, and files that appear whole or never.
 
 A reader states the columns it knows as `Column`s; `read_table` answers with SI arrays by key, or with one sentence that
 names file and line. `write_table` is the way back. Everything that compplan writes goes through `replace_file`.
@@ -115,12 +115,11 @@ class Table:
         return key in self.headers
 
     def stack(self, keys: Sequence[str]) -> Array:
-        """Return several number columns side by side. Shape (n, len(keys)). [SI]"""
+        """Return several number columns side by side. Shape (n, len(keys)) [SI]."""
         return np.column_stack([self.values[key] for key in keys]) if keys else np.empty((len(self), 0))
 
     def numbered(self, name: str) -> list[str]:
         """Return the keys of a numbered column in order: `table.numbered("q#")` is ["q1", "q2", ...].
-
 
         Raises:
             InputError: If a number between the first and the last is left out.
@@ -157,8 +156,10 @@ def read_table(path: str | Path, columns: Sequence[Column], *, unknown: str = "r
         columns: The columns that the table may have.
         unknown: "refuse" columns that are not in `columns`, or "note" them in `Table.notes`.
 
+
     Returns:
         The table in SI.
+
     Raises:
         InputError: With file and line, if the file cannot be read, a required column is missing, a column occurs twice
             or has no or a wrong unit, a row has too few or too many fields, a field is not a finite number, or a field
@@ -230,7 +231,8 @@ def _match_columns(
         column, unit, key = found
         if key in matched:
             other = header[matched[key][0]]
-            message = f"column '{title}' occurs twice" if other == title else f"columns '{other}' and '{title}' say the same"
+            twice = f"column '{title}' occurs twice"
+            message = twice if other == title else f"columns '{other}' and '{title}' say the same"
             raise InputError(f"{message}; keep one of them", file=path, where=line)
         matched[key] = (index, column, unit)
     return matched, notes
@@ -287,10 +289,12 @@ def _parse_numbers(path: Path, title: str, fields: Sequence[str], lines: NDArray
     try:
         numbers = np.array([field or "nan" for field in fields], dtype=np.str_).astype(np.float64)
     except ValueError:
-        numbers = np.array([_parse_number(path, title, text, int(line)) for text, line in zip(fields, lines, strict=True)])
+        rows = zip(fields, lines.tolist(), strict=True)
+        numbers = np.array([_parse_number(path, title, text, line) for text, line in rows])
     if np.isinf(numbers).any():
         row = int(np.flatnonzero(np.isinf(numbers))[0])
-        raise InputError(f"column '{title}' is infinite here; expected a finite number", file=path, where=int(lines[row]))
+        message = f"column '{title}' is infinite here; expected a finite number"
+        raise InputError(message, file=path, where=int(lines[row]))
     return numbers if len(numbers) else np.empty(0)
 
 
@@ -304,7 +308,6 @@ def _parse_number(path: Path, title: str, text: str, line: int) -> float:
 
 def read_text(path: str | Path) -> str:
     """Read a text file as UTF-8, or as Latin-1 where it is not UTF-8.
-
 
     Raises:
         InputError: If there is no such file, or it is a folder or a binary file.
@@ -328,7 +331,6 @@ def read_text(path: str | Path) -> str:
 def replace_file(path: str | Path) -> Iterator[Path]:
     """Give a temporary path beside `path` and rename it to `path` at the end; on an exception nothing is left.
 
-
     Raises:
         InputError: If the folder cannot be written.
     """
@@ -343,7 +345,7 @@ def replace_file(path: str | Path) -> Iterator[Path]:
         yield Path(name)
         umask = os.umask(0)
         os.umask(umask)
-        os.chmod(name, 0o666 & ~umask)
+        Path(name).chmod(0o666 & ~umask)
         os.replace(name, path)
     finally:
         Path(name).unlink(missing_ok=True)
@@ -351,7 +353,6 @@ def replace_file(path: str | Path) -> Iterator[Path]:
 
 def write_text(path: str | Path, text: str, *, encoding: str = "utf-8", newline: str = "\n") -> None:
     """Write a text file whole or not at all; lines end as `newline` says.
-
 
     Raises:
         InputError: If the folder cannot be written.
@@ -367,6 +368,7 @@ def write_table(path: str | Path, columns: Mapping[str, object], *, decimals: in
         path: The file.
         columns: Values by column name, already in the unit that the name carries (see `to_unit`). Shape (n,) each.
         decimals: Digits after the point that numbers are rounded to. NaN is written as an empty field.
+
 
     Raises:
         InputError: If the folder cannot be written.
@@ -392,6 +394,6 @@ def _format_cells(values: NDArray[Any], decimals: int) -> list[str]:
 
 
 def to_unit(values: Array, header: str) -> Array:
-    """Return SI values in the unit that a column name carries: to_unit(position_m, "x_mm") is in millimetres."""
+    """Return SI values in the unit that a column name carries, such as millimetres for "x_mm"."""
     _, unit = split_unit(header)
     return np.asarray(values, dtype=np.float64) / (UNITS[unit][1] if unit else 1.0)

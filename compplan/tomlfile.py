@@ -31,7 +31,6 @@ Words = Annotated[tuple[str, ...], Field(strict=False)]
 def read_toml(path: str | Path) -> dict[str, Any]:
     """Read a TOML file as plain tables.
 
-
     Raises:
         InputError: If the file is missing, or is not TOML (with the line).
     """
@@ -59,6 +58,7 @@ def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path
         file: File that the table stands in, for messages.
         key: Dotted key of the table in that file, for messages.
 
+
     Raises:
         InputError: With the dotted key, if a key is unknown, missing, or has a wrong value.
     """
@@ -75,7 +75,6 @@ def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path
 def read_toml_model(model: type[Model], path: str | Path) -> Model:
     """Read a TOML file into a model.
 
-
     Raises:
         InputError: As `read_toml` and `check_table` do.
     """
@@ -84,7 +83,6 @@ def read_toml_model(model: type[Model], path: str | Path) -> Model:
 
 def _walk(details: ErrorDetails, model: type[BaseModel]) -> tuple[list[str | int], Any]:
     """Follow the location of a fault through the models.
-
 
     Returns:
         The keys on the way, without the tags of tagged unions, and the model that holds the last key (or None).

@@ -49,6 +49,7 @@ class Toolpath:
         frame: Frame of position, axis and wrench: "part" or "base".
         source: File or generator that it came from, for messages.
 
+
     Raises:
         ShapeError: If an array does not have the shape above.
     """
@@ -79,22 +80,22 @@ class Toolpath:
 
     @property
     def steps(self) -> Array:
-        """Distance from each waypoint to the next. Shape (n - 1,). [m]"""
+        """Distance from each waypoint to the next. Shape (n - 1,) [m]."""
         return np.linalg.norm(np.diff(self.position, axis=0), axis=1)
 
     @property
     def arc_length(self) -> Array:
-        """Distance travelled up to each waypoint, rapid moves included. Shape (n,). [m]"""
+        """Distance travelled up to each waypoint, rapid moves included. Shape (n,) [m]."""
         return np.concatenate([[0.0], np.cumsum(self.steps)])
 
     @property
     def cutting_length(self) -> float:
-        """Length of the moves that are not rapid. [m]"""
+        """Length of the moves that are not rapid [m]."""
         return float(self.steps[~self.rapid[1:]].sum())
 
 
 def measure_length(toolpath: Toolpath) -> float:
-    """Return the length of the moves that are not rapid. [m]"""
+    """Return the length of the moves that are not rapid [m]."""
     return toolpath.cutting_length
 
 
@@ -108,6 +109,7 @@ def check_toolpath(
         file: File to name in messages; default: its source.
         table: Table that it was read from, for the lines in messages.
         need_feed: Whether cutting moves need a feed.
+
 
     Raises:
         InputError: If it has no or one waypoint, zero length, a value that is not finite, a feed of 0 on a cutting
@@ -160,7 +162,6 @@ def _blame_unit(table: Table | None) -> str:
 def toolpath_from_table(table: Table, *, feed: float | None = None) -> Toolpath:
     """Return the toolpath that a table holds: x y z, i j k, feed, rapid, wrench; forces alone mean no moments.
 
-
     Raises:
         InputError: As `check_toolpath` says, with file and line.
     """
@@ -194,6 +195,7 @@ def read_toolpath(path: str | Path, *, cam: CamTable | None = None, feed: float 
         cam: What a CAM file does not say by itself.
         feed: Feed of cutting moves in place of the file's own. [m/s]
 
+
     Returns:
         The toolpath in the part frame.
 
@@ -214,7 +216,6 @@ def _set_feed(toolpath: Toolpath, feed: float | None) -> Toolpath:
 
 def write_toolpath(toolpath: Toolpath, path: str | Path) -> None:
     """Write a toolpath as CSV: x_mm y_mm z_mm i j k feed_mm_s rapid, and the wrench where there is one.
-
 
     Raises:
         InputError: If the folder cannot be written.
@@ -264,16 +265,18 @@ def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = 
         max_step: Longest step. [m]
         max_turn: Greatest turn of the tool axis in a step. [rad]
 
+
     Raises:
         InputError: If a step limit is not positive.
     """
     if not (max_step > 0.0 and max_turn > 0.0):
-        raise InputError(f"step limits are {max_step * 1e3:g} mm and {np.degrees(max_turn):g} deg, must be greater than 0")
+        limits = f"{max_step * 1e3:g} mm and {np.degrees(max_turn):g} deg"
+        raise InputError(f"step limits are {limits}, must be greater than 0")
     turn = np.arccos(np.clip(np.sum(toolpath.axis[:-1] * toolpath.axis[1:], axis=1), -1.0, 1.0))
     wanted = np.where(toolpath.rapid[1:], 1.0, np.ceil(np.maximum(toolpath.steps / max_step, turn / max_turn) - 1e-9))
     pieces = np.maximum(wanted, 1.0).astype(np.int64)
     if pieces.sum() > MOST_WAYPOINTS:
-        message = f"a step of {max_step * 1e3:g} mm makes {pieces.sum()} waypoints, at most {MOST_WAYPOINTS} are allowed"
+        message = f"a step of {max_step * 1e3:g} mm makes {pieces.sum()} waypoints, allowed are {MOST_WAYPOINTS}"
         raise InputError(message, file=toolpath.source or None)
     move = np.repeat(np.arange(len(pieces)), pieces)  # the move that each new waypoint ends in
     first = np.concatenate([[0], np.cumsum(pieces)[:-1]])

@@ -24,6 +24,7 @@ def read_cam(path: str | Path, options: CamTable | None = None) -> CamFile:
         path: The file; its suffix says whether it is G-code or APT.
         options: What the file does not say by itself.
 
+
     Raises:
         InputError: With file and line, if the file is not what it has to be.
     """
@@ -33,4 +34,5 @@ def read_cam(path: str | Path, options: CamTable | None = None) -> CamFile:
         known = " ".join((".csv", *GCODE_SUFFIXES, *APT_SUFFIXES))
         raise InputError(f"unknown kind of toolpath file '{path.suffix}', choose from {known}", file=path)
     text = read_text(path)
-    return read_gcode(text, path, options or CamTable()) if suffix in GCODE_SUFFIXES else read_apt(text, path, options or CamTable())
+    read = read_gcode if suffix in GCODE_SUFFIXES else read_apt
+    return read(text, path, options or CamTable())

@@ -1,4 +1,4 @@
-"""APT cutter location files (ISO 4343): GOTO and arcs in their dialects, feeds and units; what the tool does, not how."""
+"""APT cutter location files (ISO 4343): GOTO and arcs in their dialects, feeds and units."""
 
 from __future__ import annotations
 
@@ -23,15 +23,16 @@ REFUSED = {
     "GO": "part programs", "HELIX": "helix records",
 }
 SILENT = {
-    "PARTNO", "PPRINT", "MACHIN", "TOOL PATH", "TLDATA", "LOADTL", "LOAD", "SELECT", "COOLNT", "CUTTER", "INTOL", "TOLER",
-    "OUTTOL", "PAINT", "DISPLAY", "END-OF-PATH", "FINI", "TPRINT", "INSERT", "DELAY", "DWELL", "OPSTOP", "STOP", "PREFUN",
-    "AUXFUN", "SEQNO", "REWIND", "MULTAX", "END", "LEADER", "CLEARP", "REMARK", "TITLES", "CLDIST", "PROBE", "CLRSRF",
-    "OPSKIP", "TLCOMP", "CUTCOM", "ARCSLP", "LINTOL", "MAXDPM", "MAXANG", "DISPLY", "PROGRAM", "SPINDL",
+    "PARTNO", "PPRINT", "MACHIN", "TOOL PATH", "TLDATA", "LOADTL", "LOAD", "SELECT", "COOLNT", "CUTTER", "INTOL",
+    "TOLER", "OUTTOL", "PAINT", "DISPLAY", "END-OF-PATH", "FINI", "TPRINT", "INSERT", "DELAY", "DWELL", "OPSTOP",
+    "STOP", "PREFUN", "AUXFUN", "SEQNO", "REWIND", "MULTAX", "END", "LEADER", "CLEARP", "REMARK", "TITLES", "CLDIST",
+    "PROBE", "CLRSRF", "OPSKIP", "TLCOMP", "CUTCOM", "ARCSLP", "LINTOL", "MAXDPM", "MAXANG", "DISPLY", "PROGRAM", "SPINDL",
 }
 PLAIN_TEXT = ("PARTNO", "PPRINT", "REMARK", "INSERT", "TPRINT", "TITLES", "TOOL PATH", "LETTER")
 #: mm/s for one unit of feed; None: a revolution of the spindle.
 FEED_UNITS = {
-    "MMPM": 1.0 / 60.0, "MMPMIN": 1.0 / 60.0, "MPM": 1000.0 / 60.0, "MMPS": 1.0, "IPM": INCH / 60.0, "FPM": 12 * INCH / 60.0,
+    "MMPM": 1.0 / 60.0, "MMPMIN": 1.0 / 60.0, "MPM": 1000.0 / 60.0, "MMPS": 1.0, "IPM": INCH / 60.0,
+    "FPM": 12 * INCH / 60.0,
 }
 REVOLUTION_UNITS = {"MMPR": 1.0, "IPR": INCH, "PERREV": None, "UPR": None}
 CLOCKWISE = {"CLW", "CLOCKWISE", "CW"}
@@ -52,6 +53,7 @@ def read_apt(text: str, file: Path, options: CamTable) -> CamFile:
         file: Its name, for messages.
         options: What the file does not say by itself.
 
+
     Raises:
         InputError: With file and line, if an arc is off its circle, or the file holds what is not read here: splines,
             macros, repeated or transformed paths, part programs whose geometry is not resolved.
@@ -62,7 +64,8 @@ def read_apt(text: str, file: Path, options: CamTable) -> CamFile:
     if options.circle_sense == "auto" and backwards >= FEWEST_VOTES and backwards > 4 * forwards:
         reader = _Reader(file, options, flipped=True)
         reader.run(text)
-        reader.log.note("arcs run against the usual sense of their axis: only so they leave the moves before them smoothly", 1)
+        note = "arcs run against the usual sense of their axis: only so they leave the moves before them smoothly"
+        reader.log.note(note, 1)
     if reader.log.counts["cutting_moves"] == 0:
         raise InputError("no cutting move (GOTO without RAPID) in this file", file=file, where=1)
     return reader.log.finish(file, "apt", reader.unit or "not stated", len(text.splitlines()))
@@ -110,7 +113,7 @@ class _Reader:
     def run(self, text: str) -> None:
         """Read every record."""
         for self.line, record in split_records(text):
-            major, slash, minor = record.partition("/")
+            major, _, minor = record.partition("/")
             major = re.sub(r"^N?\d+\s+", "", major.strip().upper())
             if major.startswith(PLAIN_TEXT):
                 self.nx = self.nx or major.startswith("TOOL PATH")
@@ -184,7 +187,7 @@ class _Reader:
         """Return tip and tool axis of a record; the axis stays where it is not given."""
         if len(numbers) not in (2, 3, 6) and len(numbers) < 6:
             raise self.error(f"{len(numbers)} numbers, expected x, y, z or x, y, z, i, j, k")
-        x, y, z = (numbers + [self.log.position[2] / self.scale])[:3] if len(numbers) == 2 else numbers[:3]
+        x, y, z = [*numbers, self.log.position[2] / self.scale][:3]
         axis = self._axis(numbers[3:6]) if len(numbers) >= 6 else self.log.axis
         return (x * self.scale, y * self.scale, z * self.scale), axis
 
@@ -275,7 +278,10 @@ class _Reader:
 
     def _note_arc(self, words: str) -> None:
         """Keep an arc record until the GOTO that ends it."""
-        if "(" in words or re.match(r"\s*[XYZIJKR]\s*,", words):
+        if re.match(r"\s*[XYZIJKR]\s*,", words):
+            self._cut_lettered(words)
+            return
+        if "(" in words:
             raise self.error(f"arc record {words[:40]!r} is not read, expected x, y, z, i, j, k, r")
         angle = re.search(r"ANGLE\s*,\s*([-+.\d]+)", words)
         times = re.search(r"TIMES\s*,\s*([\d.]+)", words)
@@ -287,11 +293,28 @@ class _Reader:
         clockwise = bool(found & CLOCKWISE) or (not found & ANTICLOCKWISE and (self.nx or len(numbers) >= 11))
         if self.options.circle_sense != "auto":
             clockwise = self.options.circle_sense == "left_hand"
-        turns = int(float(times.group(1))) if times else int(np.ceil(abs(float(angle.group(1))) / 360.0 - 1e-6)) if angle else 1
+        turns = int(float(times.group(1))) if times else 1
+        if angle:
+            turns = int(np.ceil(abs(float(angle.group(1))) / 360.0 - 1e-6))
         self.arc = {
             "centre": np.array(numbers[:3]) * self.scale, "normal": np.array(self._axis(numbers[3:6])),
             "right_hand": clockwise == self.flipped, "turns": max(1, turns),
         }
+
+    def _cut_lettered(self, words: str) -> None:
+        """Cut along CIRCLE/X,x,Y,y,Z,z,I,i,J,j,K,k[,CCLW]: end, and centre seen from the start, clockwise if not said."""
+        pairs = re.findall(r"([XYZIJK])\s*,\s*([-+]?(?:\d+\.?\d*|\.\d+))", words)
+        values = {letter: float(number) * self.scale for letter, number in pairs}
+        if not values.keys() & set("IJK"):
+            raise self.error(f"arc record {words[:40]!r} has no centre, expected I, i, J, j, K, k")
+        start = np.array(self.log.position)
+        x, y, z = (values.get(letter, old) for letter, old in zip("XYZ", start.tolist(), strict=True))
+        centre = start + [values.get(letter, 0.0) for letter in "IJK"]
+        anticlockwise = bool(set(re.findall(r"[A-Z]+", words)) & ANTICLOCKWISE)
+        record: dict[str, object] = {
+            "centre": centre, "normal": np.array(self.log.axis), "right_hand": anticlockwise, "turns": 1,
+        }
+        self._cut_arc(record, start, (x, y, z), self.log.axis)
 
     def _follow_circle(self, words: str) -> None:
         """Read TLON,GOFWD/(CIRCLE/x,y,z,r),ON,(LINE/x,y,z,x,y,z): the line ends where the arc ends (CATIA)."""

@@ -21,14 +21,16 @@ REFUSED = {
     5.2: "NURBS", 6.2: "NURBS", 7.0: "lathe diameters", 12.0: "pocket cycles",
     13.0: "pocket cycles", 16.0: "polar coordinates", 32.0: "threading", 33.0: "threading", 33.1: "rigid tapping",
     34.0: "threading", 51.0: "scaling", 51.1: "mirroring", 65.0: "macro calls", 66.0: "modal macro calls",
-    68.0: "coordinate rotation", 68.1: "coordinate rotation", 68.2: "tilted work planes", 107.0: "cylindrical interpolation",
-    112.0: "polar interpolation", 12.1: "polar interpolation", 7.1: "cylindrical interpolation",
+    68.0: "coordinate rotation", 68.1: "coordinate rotation", 68.2: "tilted work planes",
+    107.0: "cylindrical interpolation", 112.0: "polar interpolation",
+    12.1: "polar interpolation", 7.1: "cylindrical interpolation",
 }
 CYCLES = {73.0, 74.0, 76.0, *(float(number) for number in range(81, 90))}
 #: Codes that say nothing about the programmed path.
 SILENT = {4.0, 9.0, 15.0, 40.0, 49.0, 50.0, 50.1, 61.0, 61.1, 64.0, 67.0, 69.0, 80.0, 94.0, 96.0, 97.0}
 NOTED = {
-    10.0: "G10 offsets are not read", 41.0: "cutter compensation (G41, G42) is not applied: the path is taken as programmed",
+    10.0: "G10 offsets are not read",
+    41.0: "cutter compensation (G41, G42) is not applied: the path is taken as programmed",
     43.0: "tool length compensation (G43) is not applied: the path is that of the tool tip",
     54.0: "work offsets (G54 ..) are not known: all coordinates are taken in one frame",
 }
@@ -46,6 +48,7 @@ def read_gcode(text: str, file: Path, options: CamTable) -> CamFile:
         text: The program.
         file: Its file, for messages.
         options: What the program does not say by itself.
+
 
     Raises:
         InputError: With file and line, if the program has an arc without centre or off its circle, or uses what is not
@@ -108,9 +111,9 @@ class _Reader:
         """Deal with text that is no word; return whether the words of the line are to be read all the same."""
         line = re.sub(r"^N\d+\s*", "", line)
         if CONVERSATIONAL.match(line):
-            raise self.error(f"conversational block {line[:40]!r}; post-process the program to ISO G-code (G0 G1 G2 G3)")
+            raise self.error(f"conversational block {line[:40]!r}; post-process the program to ISO G-code (G0 to G3)")
         if "#" in rest or "[" in rest or re.search(r"\bR\d+\s*=|=\s*[A-Z(]", line):
-            raise self.error(f"expression {line[:40]!r} is not read, only numbers are; write the program out in the CAM system")
+            raise self.error(f"expression {line[:40]!r} is not read, only numbers are; write the program out")
         if CONTROL.match(line):
             raise self.error(f"program control {line[:40]!r} is not read; write the program out in the CAM system")
         if TIP_CONTROL.search(line):
@@ -269,8 +272,8 @@ class _Reader:
         state.turn(values)
         if any(state.rotary) and not state.tip_control:
             note = (
-                f"rotary words without tool centre point control: X Y Z are read as the tip in the part frame, A B C as "
-                f"axes of the {self.options.rotary}"
+                "rotary words without tool centre point control: X Y Z are read as the tip in the part frame, "
+                f"A B C as axes of the {self.options.rotary}"
             )
             self.log.note(note, self.line)
         return state.rotary_axis(self.options.rotary, 1.0)

@@ -128,7 +128,7 @@ class State:
         return self.feed / 60.0
 
     def centre(self, start: Array, values: Mapping[str, float], plane: list[int]) -> Array:
-        """Return the centre of an arc from I J K, as they count in this program. Shape (3,). [mm]"""
+        """Return the centre of an arc from I J K, as they count in this program. Shape (3,) [mm]."""
         centre = start.copy()
         for axis in plane:
             letter = ("I", "J", "K")[axis]

@@ -15,6 +15,10 @@ from compplan.toolpath import Toolpath
 #: Moves shorter than this do not count as moves. [mm]
 STILL = 1e-9
 Point = tuple[float, float, float]
+COUNTERS = (
+    "cutting_moves", "rapid_moves", "arcs", "full_circles", "helical_arcs", "unmoved_blocks", "rotary_only_moves",
+    "cycles",
+)
 
 
 @dataclass(frozen=True)
@@ -179,9 +183,3 @@ class MoveLog:
                 waypoints=len(table), notes=notes, **facts
             ),
         )
-
-
-COUNTERS = (
-    "cutting_moves", "rapid_moves", "arcs", "full_circles", "helical_arcs", "unmoved_blocks", "rotary_only_moves",
-    "cycles",
-)

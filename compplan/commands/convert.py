@@ -16,7 +16,8 @@ from compplan.toolpath import check_toolpath, resample_toolpath, write_toolpath
 
 CHOICES = {
     "unit": ["mm", "inch"], "arc_centres": ["incremental", "absolute", "reversed"],
-    "circle_sense": ["auto", "right_hand", "left_hand"], "rotary": ["head", "table", "ignore"], "cycles": ["skip", "expand"],
+    "circle_sense": ["auto", "right_hand", "left_hand"], "rotary": ["head", "table", "ignore"],
+    "cycles": ["skip", "expand"],
 }
 
 
@@ -27,7 +28,7 @@ CHOICES = {
 @click.option("--chord-tolerance-mm", type=float, help="Greatest distance between an arc and its chords (0.001).")
 @click.option("--max-step-mm", type=float, help="Divide cutting moves that are longer.")
 @click.option("--arc-centres", type=click.Choice(CHOICES["arc_centres"]), help="How I J K count in G-code.")
-@click.option("--circle-sense", type=click.Choice(CHOICES["circle_sense"]), help="Sense of an APT CIRCLE about its axis.")
+@click.option("--circle-sense", type=click.Choice(CHOICES["circle_sense"]), help="Sense of an APT CIRCLE.")
 @click.option("--rotary", type=click.Choice(CHOICES["rotary"]), help="What A B C words turn.")
 @click.option("--cycles", type=click.Choice(CHOICES["cycles"]), help="Whether drilling cycles are cut.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
@@ -39,7 +40,8 @@ def command(camfile: Path, out: Path, max_step_mm: float | None, as_json: bool, 
         toolpath = resample_toolpath(toolpath, max_step_mm * 1e-3)
     write_toolpath(check_toolpath(toolpath, need_feed=False), out)
     if as_json:
-        click.echo(json.dumps({"schema": 1, "out": str(out), **dataclasses.asdict(cam.facts), "waypoints": len(toolpath)}))
+        facts = {**dataclasses.asdict(cam.facts), "waypoints": len(toolpath)}
+        click.echo(json.dumps({"schema": 1, "out": str(out), **facts}))
         return
     for line in describe_facts(dataclasses.replace(cam.facts, waypoints=len(toolpath))):
         click.echo(line)
