@@ -15,6 +15,8 @@ from compplan.errors import ConvergenceError
 from compplan.robot import Array, Joint, Robot
 
 MAX_ITERATIONS = 60
+#: Poses nearer than this start from where the last two lead. [rad or m]
+NEIGHBOUR = 0.02
 
 
 @dataclass(frozen=True)
@@ -120,9 +122,11 @@ def judge_pose(
     data = judge.model.createData()
     position, rotation = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
     thetas = np.zeros((len(q), len(judge.elastic)))
-    theta = np.zeros(len(judge.elastic))
+    theta = before = np.zeros(len(judge.elastic))
+    rigid = q @ judge.commanded.T + judge.shift
     for i in range(len(q)):
-        theta = _settle(judge, data, judge.commanded @ q[i] + judge.shift, load[i], theta, tolerance)
+        start = 2 * theta - before if i and np.abs(q[i] - q[i - 1]).max() < NEIGHBOUR else theta
+        before, theta = theta, _settle(judge, data, rigid[i], load[i], start, tolerance)
         placement = data.oMf[judge.tcp]
         position[i], rotation[i], thetas[i] = placement.translation, placement.rotation, theta
     return position, rotation, thetas
@@ -130,22 +134,21 @@ def judge_pose(
 
 def _settle(judge: Judge, data: pin.Data, rigid: Array, wrench: Array, theta: Array, tolerance: float) -> Array:
     """Iterate theta <- C tau(theta) until the step vanishes."""
-    step = np.inf
+    model, configuration, elastic = judge.model, rigid.copy(), judge.elastic
+    step, world = np.inf, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     for _ in range(MAX_ITERATIONS):
-        configuration = rigid.copy()
-        configuration[judge.elastic] += theta
-        columns = pin.computeFrameJacobian(
-            judge.model, data, configuration, judge.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        )[:, judge.elastic]
-        if step < tolerance:
-            pin.framesForwardKinematics(judge.model, data, configuration)
-            return theta
-        torque = columns.T @ wrench
+        configuration[elastic] = rigid[elastic] + theta
+        torque = pin.computeFrameJacobian(model, data, configuration, judge.tcp, world).T[elastic] @ wrench
         if judge.weighs:
-            torque -= pin.computeGeneralizedGravity(judge.model, data, configuration)[judge.elastic]
+            torque -= pin.computeGeneralizedGravity(model, data, configuration)[elastic]
         update = judge.compliance @ torque
         step = float(np.abs(update - theta).max(initial=0.0))
         theta = update
+        if step < tolerance:
+            configuration[elastic] = rigid[elastic] + theta
+            pin.forwardKinematics(model, data, configuration)
+            pin.updateFramePlacement(model, data, judge.tcp)
+            return theta
     raise ConvergenceError(f"equilibrium did not settle, last step {step:.3g} rad", residual=step)
 
 
