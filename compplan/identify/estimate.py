@@ -15,7 +15,7 @@ from compplan.identify.parameters import Parameter, Structure
 from compplan.identify.robust import check_loss, loss_weights
 from compplan.identify.separability import Inseparable, condition_number, explain_held, find_free
 from compplan.identify.spread import cluster_covariance, neighbours_agree
-from compplan.identify.system import System, count_used, estimate_noise, information, invert, linearise, weigh
+from compplan.identify.system import System, count_used, estimate_noise, information, invert, linearise, stack, weigh
 from compplan.registration import Registration
 from compplan.robot import Array
 
@@ -180,13 +180,13 @@ def _iterate(
             noise = estimate_noise(system, noise, free, group, loss)
         weights = loss_weights(loss, system.distance(noise), system.known.sum(axis=1))[0]
         residual, columns = weigh(system, system.whitener(noise) * np.sqrt(weights)[:, None], group)
-        flat = columns[:, :, free].reshape(-1, int(free.sum()))
+        flat = stack(columns[:, :, free])
         inverse = invert(flat.T @ flat)
         step = np.zeros(len(free))
         step[free] = inverse @ (flat.T @ residual.ravel())
         values, frames, prediction = _advance(structure, observations, values, frames, step, prediction)
         system = linearise(structure, observations, frames, prediction, values)
-        strides = np.abs(step[free]) / (1e-9 * sizes + 1e-4 * np.sqrt(np.diag(inverse)))
+        strides = np.abs(step[free]) / (1e-9 * sizes + 1e-3 * np.sqrt(np.diag(inverse)))
         size = float(strides.max(initial=0.0))
         if size < 1 or (count > 8 and size < 1e3 and size > 0.5 * previous):
             if sigma == "residuals":

@@ -38,16 +38,17 @@ def frame_parameters(registration: Registration, orientation: bool) -> tuple[Par
 
 
 def move_frames(registration: Registration, change: Array, orientation: bool) -> Registration:
-    """Move the fitted frames by a step of their parameters; a tool turns about its own origin, in TCP axes."""
-    base, tools, used = registration.base, registration.tool.copy(), 0
+    """Move the fitted frames by a step: each turns about its own origin, in measuring axes and in TCP axes."""
+    base, tools, used = registration.base.copy(), registration.tool.copy(), 0
     if "base" in registration.parts:
-        base, used = _turn(change[:6]) @ base, 6
+        base[:3, :3], used = _rotation(change[3:6]) @ base[:3, :3], 6
+        base[:3, 3] += change[:3]
     if "tool" in registration.parts:
         size = 6 if orientation else 3
         for tool in tools:
             step = np.zeros(6)
             step[:size] = change[used : used + size]
-            tool[:3, :3] = _turn(step)[:3, :3] @ tool[:3, :3]
+            tool[:3, :3] = _rotation(step[3:]) @ tool[:3, :3]
             tool[:3, 3] += step[:3]
             used += size
     return replace(registration, base=base, tool=tools)
@@ -182,7 +183,7 @@ def _frame_columns(
     if "base" in registration.parts:
         base = np.zeros((n, 6, 6))
         base[:] = np.eye(6)
-        base[:, :3, 3:] = -_skew(prediction.position)
+        base[:, :3, 3:] = -_skew(prediction.position - registration.base[:3, 3])
         parts.append(base)
     if "tool" in registration.parts:
         size = 6 if observations.rotation is not None else 3
@@ -204,11 +205,8 @@ def _skew(vectors: Array) -> Array:
     return matrix - np.swapaxes(matrix, 1, 2)
 
 
-def _turn(change: Array) -> Array:
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_rotvec(change[3:]).as_matrix()
-    pose[:3, 3] = change[:3]
-    return pose
+def _rotation(vector: Array) -> Array:
+    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
 
 
 def _frame_parameter(label: str, kind: str, axis: str) -> Parameter:

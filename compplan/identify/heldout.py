@@ -29,7 +29,7 @@ class HeldOut:
 
 
 def make_folds(observations: Observations, folds: int = FOLDS) -> NDArray[np.int_]:
-    """Cut the poses into blocks in the order in which they were measured; rows of one pose stay together. Shape (n,)."""
+    """Cut the poses into blocks, in the order of measuring; rows of one pose stay together. Shape (n,)."""
     group = visited_poses(observations)
     first = np.full(int(group.max(initial=-1)) + 1, len(group))
     np.minimum.at(first, group, np.arange(len(group)))

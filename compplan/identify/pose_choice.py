@@ -198,7 +198,7 @@ def choose_poses(
 def dexterous_candidates(robot: Robot, candidates: PoseCandidates, share: float = 0.25) -> NDArray[np.int_]:
     """Find the candidates in the most dexterous postures, as Dumas' zones choose them [Dumas2011, Table I].
 
-    The inverse condition number is that of the Jacobian over the characteristic length that makes the best posture best.
+    The Jacobian is taken over the length that makes the best of them most isotropic.
 
     Args:
         robot: The robot.

@@ -1,7 +1,7 @@
 """Let the structure of the model grow: a spring is added where it earns its place on poses it never saw [Johra2022].
 
-A model is tested, the candidate that shrinks the held-out gap most is added, the model is fitted anew, and so on until no
-candidate gains more than the scatter of the gain from pose to pose.
+A model is tested, the candidate that shrinks the held-out gap most is added, the model is fitted anew, and so on until
+no candidate gains more than the scatter of the gain from pose to pose.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from compplan.identify.heldout import distance_rms, gain_score, leave_out
 from compplan.identify.observations import Observations
 from compplan.identify.parameters import Parameter, Structure
 from compplan.identify.separability import find_free
-from compplan.identify.system import invert, linearise, weigh
+from compplan.identify.system import invert, linearise, stack, weigh
 from compplan.registration import Registration
 from compplan.robot import Array
 
@@ -98,7 +98,8 @@ def refine_structure(
         reference: "absolute" or "difference".
         most: Most parameters to add.
     """
-    names, rounds = list(start), []
+    names: list[str] = list(start)
+    rounds: list[RefinementRound] = []
     while True:
         present = estimate_parameters(
             structure.select(names), observations, registration=registration, loss=loss, reference=reference
@@ -137,13 +138,13 @@ def probe_model(
     group = pose_groups(observations) if difference else None
     whitener = system.whitener(present.noise) * np.sqrt(present.weights)[:, None]
     residual, columns = weigh(system, whitener, group)
-    flat = columns.reshape(-1, len(parameters))
+    flat = stack(columns)
     matrix, side = flat.T @ flat, flat.T @ residual.ravel()
     found = []
-    for k in np.flatnonzero(~base[: len(names)] & ~np.isin(np.arange(len(names)), places)):
+    for k in (k for k in range(len(names)) if k not in places):
         free = base.copy()
         free[k] = True
-        if not _tellable(matrix, parameters, free, int(k)):
+        if not _tellable(matrix, parameters, free, k):
             found.append(Candidate(names[k], 0.0, 0.0, distance_rms(before.residual, rows), 0.0, told=False))
             continue
         inverse = invert(matrix[np.ix_(free, free)])
@@ -166,7 +167,7 @@ def probe_model(
 def _tellable(matrix: Array, parameters: Sequence[Parameter], free: NDArray[np.bool_], k: int) -> bool:
     """Tell whether the data tell a candidate apart from the present parameters."""
     index = np.flatnonzero(free)
-    told = find_free(matrix[np.ix_(index, index)], [parameters[j] for j in index])
+    told = find_free(matrix[np.ix_(index, index)], [parameters[int(j)] for j in index])
     return bool(told[index.searchsorted(k)] and told.sum() == len(index))
 
 

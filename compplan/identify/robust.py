@@ -40,8 +40,8 @@ def loss_weights(loss: str, distance: Array, count: Array) -> tuple[Array, Array
     """
     if check_loss(loss) == "least_squares":
         return np.ones_like(distance), np.zeros_like(distance)
-    tuning = np.array([tuning_constant(loss, int(m)) if m else 1.0 for m in range(int(count.max(initial=1)) + 1)])
-    c = tuning[count.astype(int)]
+    counts, place = np.unique(count, return_inverse=True)
+    c = np.array([tuning_constant(loss, int(m)) if m else 1.0 for m in counts])[place.ravel()]
     if loss == "huber":
         far = distance > c
         safe = np.where(far, distance, 1.0)

@@ -17,8 +17,10 @@ from compplan.robot import Array
 LIMIT = 10.0
 #: Squared singular value of the column-scaled system below which a direction is singular, whatever the noise.
 SINGULAR = 1e-12
+#: Share of a direction from which a parameter may be the one that is held.
+SHARE = 0.2
 #: Held at its nominal value first: what is refinement rather than the joints and frames themselves.
-PREFERENCE = {"link": 0, "spring": 1, "geometry": 2, "joint": 3, "tool": 4, "base": 5}
+PREFERENCE = {"link": 0, "spring": 1, "geometry": 2, "offset": 3, "joint": 4, "tool": 5, "base": 6}
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ def find_free(information: Array, parameters: Sequence[Parameter]) -> NDArray[np
     scaled = information * np.outer(sizes, sizes)
     strength = np.sqrt(np.diag(scaled))
     free: NDArray[np.bool_] = strength * LIMIT > 1
-    rank = [PREFERENCE[parameter.kind] for parameter in parameters]
+    rank = [PREFERENCE["offset" if parameter.name.endswith(".offset") else parameter.kind] for parameter in parameters]
     while free.any():
         index = np.flatnonzero(free)
         block = scaled[np.ix_(index, index)]
@@ -70,7 +72,7 @@ def find_free(information: Array, parameters: Sequence[Parameter]) -> NDArray[np
                 break
             direction = vector[:, 0]
         weight = np.abs(direction)
-        suspects = np.flatnonzero(weight > 0.5 * weight.max())
+        suspects = np.flatnonzero(weight > SHARE * weight.max())
         free[index[min(suspects, key=lambda k: (rank[index[k]], -weight[k]))]] = False
     return free
 
@@ -102,7 +104,7 @@ def explain_held(
         if strength[k] * LIMIT > 1 and len(index):
             share = np.linalg.lstsq(scaled[np.ix_(index, index)], scaled[index, k], rcond=None)[0]
             part = np.abs(share) * strength[index]
-            mates = [int(index[j]) for j in np.argsort(-part) if part[j] > 0.1 * max(strength[k], part.max())][:6]
+            mates = [int(index[j]) for j in np.argsort(-part) if part[j] > SHARE * max(strength[k], part.max())][:6]
         names = tuple(parameters[j].name for j in mates)
         if mates:
             reason = _why_together(structure, observations, prediction, [parameters[j] for j in (k, *mates)])

@@ -83,9 +83,15 @@ def weigh(system: System, whitener: Array, group: NDArray[np.int_] | None) -> tu
     return residual * whitener, columns * whitener[..., None]
 
 
+def stack(columns: Array) -> Array:
+    """Put the components of all rows under one another. Shape (n, m, p) -> (n m, p)."""
+    n, m, p = columns.shape
+    return np.reshape(columns, (n * m, p))
+
+
 def information(system: System, whitener: Array, group: NDArray[np.int_] | None) -> Array:
     """Build the information matrix A^T W A. Shape (p, p)."""
-    flat = weigh(system, whitener, group)[1].reshape(-1, system.columns.shape[2])
+    flat = stack(weigh(system, whitener, group)[1])
     return np.asarray(flat.T @ flat)
 
 
@@ -98,11 +104,11 @@ def invert(matrix: Array) -> Array:
 def count_used(system: System, whitener: Array, group: NDArray[np.int_] | None, free: NDArray[np.bool_]) -> Array:
     """Count the measured numbers of each block that the fit uses up: the trace of the hat matrix. Shape (3,)."""
     columns = weigh(system, whitener, group)[1][:, :, free]
-    flat = columns.reshape(-1, columns.shape[2])
+    flat = stack(columns)
     inverse = invert(flat.T @ flat)
     used = np.zeros(3)
     for block in range(3):
-        part = columns[:, system.block == block].reshape(-1, columns.shape[2])
+        part = stack(columns[:, system.block == block])
         used[block] = np.sum((part.T @ part) * inverse)
         if group is not None:
             known = system.known[:, system.block == block]

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from compplan.effects.folding import shift_origin, shift_zero
 from compplan.identify.estimate import Estimate
 from compplan.identify.parameters import AXES, Structure
-from compplan.robot import Array, Joint, LinkElasticity, Robot, Spring
+from compplan.robot import Array, LinkElasticity, Robot, Spring
 
 
 def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> tuple[Robot, tuple[str, ...]]:
@@ -41,13 +42,12 @@ def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> tuple[Robo
     if any(parameter.kind == "link" for parameter in structure.parameters):
         links, more = _update_links(structure, values)
         notes += more
-    joints = _update_joints(robot.joints, {p.name: v for p, v in zip(structure.parameters, values, strict=True)})
+    moved = _update_geometry(robot, named)
     sources = {**robot.sources, "compliance": source}
     if any(parameter.kind == "geometry" for parameter in structure.parameters):
         sources["geometry"] = f"{robot.sources.get('geometry', 'URDF')}; corrected: {source}"
     updated = replace(
-        robot,
-        joints=joints,
+        moved,
         springs=tuple(springs),
         link_elasticities=tuple(links),
         sources=sources,
@@ -63,7 +63,7 @@ def _update_links(structure: Structure, values: Array) -> tuple[list[LinkElastic
         value, vector = np.linalg.eigh(_scaled(own))
         if value[0] < -1e-12:
             own = _scaled((vector * np.maximum(value, 0.0)) @ vector.T, back=True)
-            notes.append(f"the 6x6 compliance of {block.link} came out with a negative eigenvalue; it is written without")
+            notes.append(f"the 6x6 of {block.link} came out with a negative eigenvalue; it is written without")
         links.append(replace(block, compliance=0.5 * (own + own.T)))
     return links, notes
 
@@ -74,29 +74,17 @@ def _scaled(matrix: Array, *, back: bool = False) -> Array:
     return matrix / np.outer(scale, scale) if back else matrix * np.outer(scale, scale)
 
 
-def _update_joints(joints: tuple[Joint, ...], values: Mapping[str, float]) -> tuple[Joint, ...]:
-    """Turn joint zeros and changes of origin into placements.
+def _update_geometry(robot: Robot, values: Mapping[str, float]) -> Robot:
+    """Put joint zeros and changes of origin into the placements of the joints.
 
-    An origin changes as the elements act: Tx Ty Tz Rx Ry Rz at the old origin, in the axes of the link before. A zero is
-    off by an angle (or a length) about the joint's own axis.
+    The elements of an origin act as Tx Ty Tz Rx Ry Rz at the old origin, in the axes of the link before.
     """
-    result = list(joints)
-    for k, joint in enumerate(joints):
-        offset = values.get(f"{joint.name}.offset", 0.0)
-        placement = joint.placement
-        if k > 0:
-            change = np.array([values.get(f"{joints[k - 1].name}.end.{axis}", 0.0) for axis in AXES])
-            if change.any():
-                turn = Rotation.from_euler("XYZ", change[3:]).as_matrix()
-                placement = placement.copy()
-                placement[:3, :3] = turn @ placement[:3, :3]
-                placement[:3, 3] += change[:3]
-        if offset:
-            own = np.eye(4)
-            if joint.kind == "prismatic":
-                own[:3, 3] = offset * joint.axis
-            else:
-                own[:3, :3] = Rotation.from_rotvec(offset * joint.axis).as_matrix()
-            placement = placement @ own
-        result[k] = replace(joint, placement=placement)
-    return tuple(result)
+    for before, joint in zip((None, *robot.joints), robot.joints, strict=False):
+        if before is not None:
+            step = np.array([values.get(f"{before.name}.end.{axis}", 0.0) for axis in AXES])
+            if step.any():
+                step[3:] = Rotation.from_euler("XYZ", step[3:]).as_rotvec()
+                robot = shift_origin(robot, joint.name, step)
+        if values.get(f"{joint.name}.offset"):
+            robot = shift_zero(robot, joint.name, values[f"{joint.name}.offset"])
+    return robot

@@ -1,0 +1,160 @@
+"""Identify a robot from a measurement log: frames, geometry where it errs, compliances, and how far the gap shrinks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from compplan.identify.estimate import Estimate
+from compplan.identify.gap import Gap, measure_gap, tell_inliers
+from compplan.identify.observations import Observations
+from compplan.identify.parameters import Structure
+from compplan.identify.problem import IdentifyOptions, IdentifyProblem, check_options, choose_geometry, choose_reference
+from compplan.identify.reading import observe_campaign, place_frames
+from compplan.identify.refine import Refinement, refine_structure
+from compplan.identify.update import update_robot
+from compplan.measurements import Campaign
+from compplan.registration import Registration
+from compplan.robot import Robot
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What came out of a campaign.
+
+    Attributes:
+        robot: The updated robot.
+        nominal: The robot before.
+        estimate: Fit of every parameter that was considered, candidates included, and what cannot be told.
+        kept: Fit that the updated robot holds: candidates that earned their place, none below zero.
+        refinement: How the structure grew.
+        geometry: "none", "offsets" or "all": what was fitted along.
+        reference: "absolute" or "difference".
+        gap: How far the model lies from the measurements, before and after.
+        registration: Frames of the campaign.
+        observations: Rows that were used.
+        outliers: Rows of the log that count as gross outliers, counted from 0.
+        notes: Sentences for the reader.
+    """
+
+    robot: Robot
+    nominal: Robot
+    estimate: Estimate
+    kept: Estimate
+    refinement: Refinement
+    geometry: str
+    reference: str
+    gap: Gap
+    registration: Registration
+    observations: Observations
+    outliers: tuple[int, ...]
+    notes: tuple[str, ...]
+
+
+def identify_campaign(robot: Robot, campaign: Campaign, options: IdentifyOptions | None = None) -> Identification:
+    """Identify a robot from a campaign.
+
+    Frames are fitted first (to unloaded poses where there are enough), then along with everything else, so that the
+    intervals carry what the frames leave open. Geometry and candidate springs enter as far as they earn their place on
+    held-out poses.
+
+    Args:
+        robot: The nominal robot.
+        campaign: The measurement log.
+        options: What is fitted, and how.
+
+    Raises:
+        InputError: If the log holds too little, or an option names something that does not exist.
+    """
+    chosen = IdentifyOptions() if options is None else options
+    check_options(chosen)
+    frames = place_frames(robot, campaign, chosen.register)
+    observations, notes = observe_campaign(robot, campaign, frames)
+    problem, more = choose_reference(choose_geometry(IdentifyProblem(robot, chosen, observations, frames)))
+    structure = problem.structure()
+    estimate = problem.fit(structure)
+    told = {name for name, free in zip(estimate.names, estimate.free, strict=True) if free}
+    grown = problem.structure(extras=True) if chosen.stepwise else structure
+    hidden = set(structure.names) - told
+    refinement = refine_structure(
+        grown.select([name for name in grown.names if name not in hidden]),
+        [name for name in problem.demanded(structure) if name in told],
+        observations,
+        registration=problem.frames,
+        loss=chosen.loss,
+        reference=problem.reference,
+    )
+    kept = _drop_negative(problem, grown, refinement)
+    source = f"identified from {campaign.file.name if campaign.file else 'measurements'}, {len(observations)} rows"
+    updated, unwritten = update_robot(robot, kept, source=source)
+    return Identification(
+        robot=updated,
+        nominal=robot,
+        estimate=estimate,
+        kept=kept,
+        refinement=refinement,
+        geometry=problem.geometry,
+        reference=problem.reference,
+        gap=measure_gap(replace(problem, frames=frames, reference="absolute"), grown, kept),
+        registration=kept.registration,
+        observations=observations,
+        outliers=tuple(int(row) for row in observations.row[~tell_inliers(kept)]),
+        notes=(*notes, *more, *_say_negative(estimate), *unwritten),
+    )
+
+
+def _drop_negative(problem: IdentifyProblem, structure: Structure, refinement: Refinement) -> Estimate:
+    """Fit again without springs that came out below zero, until none does."""
+    names, estimate = list(refinement.names), refinement.estimate
+    while True:
+        below = [
+            (value / max(error, 1e-300), name)
+            for name, value, error, parameter in zip(
+                estimate.structure.names,
+                estimate.model_values,
+                estimate.standard_errors,
+                estimate.structure.parameters,
+                strict=False,
+            )
+            if value < 0 and parameter.kind in ("joint", "spring")
+        ]
+        if not below:
+            return estimate
+        name = min(below)[1]
+        names.remove(name)
+        kept = structure.select(names)
+        estimate = problem.fit(_make_rigid(kept, structure, [n for n in refinement.names if n not in names]))
+
+
+def _make_rigid(kept: Structure, structure: Structure, names: Sequence[str]) -> Structure:
+    """Set the compliance of some springs that are not free to zero."""
+    matrix = kept.chain.compliance.copy()
+    for parameter in structure.parameters:
+        if parameter.name in names:
+            for i, j, _ in parameter.entries:
+                matrix[i, j] = matrix[j, i] = 0.0
+    springs = tuple(
+        replace(spring, compliance=0.0) if label in names else spring
+        for spring, label in zip(kept.robot.springs, kept.spring_labels, strict=True)
+    )
+    return replace(
+        kept, chain=replace(kept.chain, compliance=matrix), robot=replace(kept.robot, springs=springs)
+    )
+
+
+def _say_negative(estimate: Estimate) -> list[str]:
+    """Warn of compliances that are below zero beyond doubt: something else than bending moves the tool there."""
+    high = estimate.intervals()[:, 1]
+    names = [
+        parameter.name
+        for parameter, top, free in zip(estimate.parameters, high, estimate.free, strict=True)
+        if free and top < 0 and parameter.kind in ("joint", "spring")
+    ]
+    if not names:
+        return []
+    return [
+        f"the compliance of {', '.join(names)} comes out below zero beyond its interval, which no spring can do:"
+        " something that the model lacks acts like it; compplan diagnose looks for it"
+    ]
+
+

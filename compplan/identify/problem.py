@@ -1,0 +1,165 @@
+"""What is to be fitted to a campaign: options, the structure they ask for, and how much geometry goes along."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compplan.errors import InputError, UnknownNameError
+from compplan.identify.estimate import REFERENCES, Estimate, estimate_parameters, pose_groups
+from compplan.identify.heldout import gain_score, leave_out, linearise_at
+from compplan.identify.observations import Observations
+from compplan.identify.parameters import GEOMETRY, Structure, build_structure, candidate_springs, own_springs
+from compplan.identify.refine import GAIN_LIMIT
+from compplan.identify.robust import check_loss
+from compplan.registration import Registration
+from compplan.robot import SPRING_AXES, Array, Robot, Spring
+
+#: Poses compared with themselves have to be this much quieter than absolute ones before differences are preferred.
+QUIETER = 1.5
+#: Fewest poses from which geometry is fitted.
+GEOMETRY_POSES = 30
+
+
+@dataclass(frozen=True)
+class IdentifyOptions:
+    """What `identify_campaign` fits, and how.
+
+    Attributes:
+        register: Frames to fit first: "base", "tool".
+        springs: Springs to identify: None for those of the robot and, as candidates, an own spring for each joint that
+            has none; otherwise their names.
+        add: Springs ("joint_3.rx") that the model is given besides.
+        stepwise: Whether springs about every other axis are candidates too.
+        links: Terms of the 6x6 elasticities of links: None, "scale", "diagonal", "beam" or "full".
+        geometry: "none", "offsets", "all", or "auto": as much as earns its place on held-out poses.
+        reference: "absolute", "difference", or "auto": differences where geometry errs and poses have several loads.
+        loss: "least_squares", "huber" or "tukey".
+    """
+
+    register: tuple[str, ...] = ()
+    springs: tuple[str, ...] | None = None
+    add: tuple[str, ...] = ()
+    stepwise: bool = False
+    links: str | None = None
+    geometry: str = "auto"
+    reference: str = "auto"
+    loss: str = "tukey"
+
+
+@dataclass(frozen=True)
+class IdentifyProblem:
+    """Everything that the fits of one campaign share."""
+
+    robot: Robot
+    options: IdentifyOptions
+    observations: Observations
+    frames: Registration
+    geometry: str = "none"
+    reference: str = "absolute"
+
+    def structure(self, *, extras: bool = False) -> Structure:
+        """Build the structure of everything that is considered; `extras` are candidates of the stepwise refinement."""
+        options, robot = self.options, self.robot
+        demanded = tuple(read_spring(robot, name) for name in options.add)
+        own = () if options.springs is not None else own_springs(replace(robot, springs=(*robot.springs, *demanded)))
+        present = replace(robot, springs=(*robot.springs, *demanded, *own))
+        more = candidate_springs(present) if extras else ()
+        springs = None
+        if options.springs is not None:
+            springs = (*options.springs, *(s.name for s in (*demanded, *more)))
+        return build_structure(
+            robot, springs=springs, add=(*demanded, *own, *more), links=options.links, geometry=self.geometry
+        )
+
+    def demanded(self, structure: Structure) -> list[str]:
+        """List the parameters that need not earn their place: those of the nominal model, and what was asked for."""
+        asked = {spring.name for spring in self.robot.springs} | set(self.options.add) | set(self.options.springs or ())
+        return [p.name for p in structure.parameters if p.name in asked or p.kind not in ("joint", "spring")]
+
+    def fit(self, structure: Structure) -> Estimate:
+        """Fit a structure."""
+        return estimate_parameters(
+            structure,
+            self.observations,
+            registration=self.frames,
+            loss=self.options.loss,
+            reference=self.reference,
+        )
+
+
+def read_spring(robot: Robot, name: str) -> Spring:
+    """Read "joint_3.rx" or "joint_3" (own axis) as a spring of compliance zero.
+
+    Raises:
+        UnknownNameError: If the robot has no such joint, or there is no such axis.
+    """
+    joint, _, axis = name.rpartition(".") if name.rpartition(".")[2] in SPRING_AXES else (name, "", "own")
+    joints = {entry.name: entry for entry in robot.joints}
+    if joint not in joints:
+        raise UnknownNameError("joint", joint, list(joints))
+    if axis == "own" and joints[joint].kind == "fixed":
+        raise InputError(f"fixed joint {joint!r} has no own axis, name one such as {joint}.rx")
+    return Spring(joint, axis, 0.0, actuator=axis == "own")
+
+
+def check_options(options: IdentifyOptions) -> None:
+    """Refuse choices that do not exist.
+
+    Raises:
+        UnknownNameError: If a loss, a geometry or a reference does not exist.
+    """
+    check_loss(options.loss)
+    if options.geometry not in (*GEOMETRY, "auto"):
+        raise UnknownNameError("choice of geometry", options.geometry, [*GEOMETRY, "auto"])
+    if options.reference not in (*REFERENCES, "auto"):
+        raise UnknownNameError("reference", options.reference, [*REFERENCES, "auto"])
+
+
+def choose_geometry(problem: IdentifyProblem) -> IdentifyProblem:
+    """Fit as much geometry as earns its place on held-out poses."""
+    wanted = problem.options.geometry
+    if wanted != "auto" or problem.options.reference == "difference":
+        return replace(problem, geometry="none" if wanted == "auto" else wanted)
+    if len(np.unique(np.round(problem.observations.q, 4), axis=0)) < GEOMETRY_POSES:
+        return problem
+    best, score = problem, _held_out_score(problem)
+    for level in GEOMETRY[1:]:
+        richer = replace(problem, geometry=level)
+        after = _held_out_score(richer)
+        if gain_score(score, after) > GAIN_LIMIT:
+            best, score = richer, after
+    return best
+
+
+def _held_out_score(problem: IdentifyProblem) -> Array:
+    estimate = problem.fit(problem.structure())
+    system = linearise_at(estimate, problem.observations)
+    unit = replace(estimate, noise=np.ones(3))
+    return leave_out(system, problem.observations, unit, estimate.free).score
+
+
+def choose_reference(problem: IdentifyProblem) -> tuple[IdentifyProblem, list[str]]:
+    """Compare poses with themselves under other loads where geometry errs more than that costs."""
+    wanted, group = problem.options.reference, pose_groups(problem.observations)
+    differences = replace(
+        problem, reference="difference", geometry="none", frames=replace(problem.frames, parts=())
+    )
+    if wanted != "auto":
+        return (differences if wanted == "difference" else problem), []
+    loads = np.round(problem.observations.wrench, 1)
+    several = [len(np.unique(loads[group == k], axis=0)) > 1 for k in range(int(group.max()) + 1)]
+    if np.mean(np.asarray(several)[group]) < 0.5:
+        return problem, []
+    try:
+        absolute, relative = problem.fit(problem.structure()), differences.fit(differences.structure())
+    except InputError:
+        return problem, []
+    ratio = float(absolute.noise[0] / relative.noise[0])
+    if ratio < QUIETER:
+        return problem, []
+    return differences, [
+        f"poses are compared with themselves under other loads: absolute positions scatter {ratio:.1f} times as much,"
+        " so geometry errs; compplan diagnose looks for the reason"
+    ]
