@@ -48,7 +48,12 @@ def test_the_generator_shares_no_code_with_the_product() -> None:
 @pytest.mark.parametrize("rail", [False, True])
 def test_the_equilibrium_is_the_one_of_mujoco_statics(rail: bool) -> None:
     scenario, rows, _ = _small_setting(rail=rail)
-    springs = (*scenario.springs, Spring("base_fixed", "rx", 2e-8), Spring("joint_2", "tx", 1e-8), Spring("joint_3", "rx", 4e-7))
+    springs = (
+        *scenario.springs,
+        Spring("base_fixed", "rx", 2e-8),
+        Spring("joint_2", "tx", 1e-8),
+        Spring("joint_3", "rx", 4e-7),
+    )
     model = ElasticModel(scenario.description, springs)
     compliance = np.array([s.compliance for s in springs])
     solved = model.solve(rows.q, rows.wrench, lambda tau: tau * compliance)
@@ -60,7 +65,9 @@ def test_the_equilibrium_is_the_one_of_mujoco_statics(rail: bool) -> None:
         mujoco.mj_forward(mj, data)
         applied = np.zeros(mj.nv)
         tip = solved.position[k].reshape(3, 1)
-        mujoco.mj_applyFT(mj, data, rows.wrench[k, :3].reshape(3, 1), rows.wrench[k, 3:].reshape(3, 1), tip, mj.nbody - 1, applied)
+        mujoco.mj_applyFT(
+            mj, data, rows.wrench[k, :3].reshape(3, 1), rows.wrench[k, 3:].reshape(3, 1), tip, mj.nbody - 1, applied
+        )
         left = data.qfrc_passive + applied - data.qfrc_bias
         assert np.max(np.abs(left[model.spring_ids])) < 1e-6 * max(1.0, np.max(np.abs(data.qfrc_bias)))
         np.testing.assert_allclose(data.xpos[-1], solved.position[k], atol=1e-12)
@@ -194,7 +201,9 @@ def test_a_rail_is_the_first_joint_and_is_logged_in_mm(tmp_path: Path) -> None:
     for seed in range(20, 60):
         campaign = draw_campaign(seed, "none", "clean")
         if campaign.nominal.joint_names[0] == "rail" and not campaign.design.si_units:
-            header = (campaign.write(tmp_path / "rail") / "measurements.csv").read_text(encoding="utf-8").splitlines()[0]
+            header = (
+                (campaign.write(tmp_path / "rail") / "measurements.csv").read_text(encoding="utf-8").splitlines()[0]
+            )
             assert "q1_mm" in header and "q7_deg" in header
             return
     pytest.fail("no robot on a rail among forty campaigns")

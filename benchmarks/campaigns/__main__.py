@@ -9,7 +9,9 @@ import click
 
 from benchmarks.campaigns.draw import DIFFICULTIES, KINDS, draw_campaign
 
-MIX = ("single",) * 8 + ("double",) * 4 + ("triple",) * 2 + ("unknown",) * 3 + ("none",) * 2 + ("indistinguishable",) * 2
+MIX = (
+    ("single",) * 8 + ("double",) * 4 + ("triple",) * 2 + ("unknown",) * 3 + ("none",) * 2 + ("indistinguishable",) * 2
+)
 
 
 @click.command()

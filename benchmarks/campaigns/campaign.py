@@ -13,8 +13,7 @@ import numpy as np
 from benchmarks.campaigns.description import Array, RobotDescription, write_robot_folder
 from benchmarks.campaigns.designs import Design
 from benchmarks.campaigns.recording import Recording, write_log
-from benchmarks.campaigns.simulate import Reading, predict_rows
-from benchmarks.campaigns.simulate import Rows, Scenario
+from benchmarks.campaigns.simulate import Reading, Rows, Scenario, predict_rows
 from benchmarks.campaigns.templates import SOURCES
 
 

@@ -245,7 +245,8 @@ def write_robot_folder(description: RobotDescription, folder: Path, sources: dic
         if s.mass > 0.0:
             i = 0.03 * s.mass
             lines.append(
-                f'  <link name="{s.child}"><inertial><origin xyz="{_text(s.com)}" rpy="0 0 0"/><mass value="{s.mass:.10g}"/>'
+                f'  <link name="{s.child}"><inertial><origin xyz="{_text(s.com)}" rpy="0 0 0"/>'
+                f'<mass value="{s.mass:.10g}"/>'
                 f'<inertia ixx="{i:.6g}" ixy="0" ixz="0" iyy="{i:.6g}" iyz="0" izz="{i:.6g}"/></inertial></link>'
             )
         else:

@@ -104,7 +104,7 @@ def draw_design(rng: np.random.Generator, difficulty: str, template: Template) -
 
 
 def _handicap(rng: np.random.Generator, design: Design) -> tuple[Design, list[str]]:
-    names = []
+    names: list[str] = []
     if rng.random() < 0.2:
         design, names = replace(design, static_visits=(35,), repeats=0.0), [*names, "35 poses"]
     if rng.random() < 0.2:
@@ -222,7 +222,12 @@ def _draw_poses(rng: np.random.Generator, model: ElasticModel, count: int, low: 
         found = np.vstack([found, q[clear]])
         if len(found) >= count:
             break
-    return np.round(np.rad2deg(found[:count]), 6) * np.pi / 180.0
+    return _logged(found[:count])
+
+
+def _logged(q: Array) -> Array:
+    """Round readings to what a controller logs."""
+    return np.asarray(np.deg2rad(np.round(np.rad2deg(q), 6)), dtype=float)
 
 
 def _static_run(
@@ -280,7 +285,7 @@ def draw_load(rng: np.random.Generator, template: Template, kind: str) -> Array:
     moment = np.zeros(3)
     if rng.random() < 0.4:
         moment = np.cross(rng.normal(size=3) * 0.15, force) * (0.5 if template.max_force < 500 else 1.0)
-    return np.round(np.r_[force, moment], 3)
+    return np.asarray(np.round(np.r_[force, moment], 3), dtype=float)
 
 
 def _path_run(
@@ -315,7 +320,7 @@ def _path_run(
             wrench[:, :3] = (force * ramp * ripple)[:, None] * push
         if design.loads == "one":
             wrench = -wrench
-        return np.round(np.rad2deg(q), 6) * np.pi / 180.0, wrench + np.array(design.preload), time
+        return _logged(q), wrench + np.array(design.preload), time
     return None
 
 

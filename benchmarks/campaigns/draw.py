@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from benchmarks.campaigns.campaign import Campaign, gap_figures, gap_of, log_figures, rms
+from benchmarks.campaigns.campaign import Campaign, gap_figures, gap_of, log_figures, register_gap, rms
 from benchmarks.campaigns.description import Array, RobotDescription, Spring
 from benchmarks.campaigns.designs import Design, draw_design, later_design, plan_rows, pose_ranges
 from benchmarks.campaigns.effects import Effect, apply_effect
@@ -17,12 +18,13 @@ from benchmarks.campaigns.signatures import (
     Observer,
     Signature,
     acceptable_rivals,
+    best_pair_share,
     list_signatures,
     observe,
     rank_rivals,
     registered_share,
 )
-from benchmarks.campaigns.simulate import Rows, Scenario, nominal_scenario, predict_rows, simulate_rows
+from benchmarks.campaigns.simulate import Reading, Rows, Scenario, nominal_scenario, predict_rows, simulate_rows
 from benchmarks.campaigns.templates import draw_robot
 from benchmarks.campaigns.unknowns import MEANING, PATH_ONLY, apply_unknown, draw_unknown
 
@@ -48,9 +50,10 @@ LIMITS = {
     "time_skew": (0.12, 0.12),
     "creep": (0.0, 1.5),
     "hose_pull": (0.0, 600.0),
+    "force_cross_talk": (0.0, 0.3),
 }
 SMALL_ROBOT_FACTOR = {"base_compliance": 15.0, "link_compliance": 10.0, "wrench_bias": 0.15, "gravity_compensator": 0.1}
-SAME_PLACE = (
+SAME_PLACE: tuple[tuple[str, dict[str, str]], ...] = (
     ("joint_offset", {}),
     ("base_compliance", {}),
     ("link_geometry", {}),
@@ -81,6 +84,11 @@ class Setting:
     rows: Rows
     design: Design
     true_springs: tuple[dict[str, Any], ...] = ()
+
+    @cached_property
+    def expected(self) -> Reading:
+        """What the nominal robot does."""
+        return simulate_rows(self.nominal, self.rows)
 
     def gap(self, effects: list[Effect]) -> Array:
         """Return the gap of effects together. Shape (n, 3). [m]"""
@@ -126,7 +134,7 @@ def draw_names(rng: np.random.Generator, kind: str, effects: list[str] | None) -
     """Draw the names of a campaign's effects and what its design has to be for them."""
     if effects is not None:
         return list(effects), {}
-    single = [n for n in VOCABULARY]
+    single = list(VOCABULARY)
     joined = [n for n in VOCABULARY if n not in ("joint_coupling", "gravity_sag")]
     if kind == "none":
         return [], {}
@@ -203,8 +211,7 @@ def _fit_robot(
     if wants_path and not design.paths:
         design = replace(design, paths=("circle", "spiral"))
     if "thermal_drift" in names:
-        rise, tau, wobble, period = design.warm_up
-        design = replace(design, warm_up=(float(rng.uniform(6.0, 20.0)), tau, wobble, period))
+        design = replace(design, warm_up=(float(rng.uniform(6.0, 20.0)), *design.warm_up[1:]))
     if wants_load and design.loads == "none":
         design = replace(design, loads="all")
     facts: dict[str, Any] = {"gravity": True, "extra_springs": [], "sag_compensated_by_controller": False}
@@ -219,7 +226,7 @@ def _fit_robot(
     if rng.random() < 0.25:
         springs = [_named_axis(robot, s) for s in springs]
     gravity = robot.gravity
-    heavy = {"payload", "gravity_compensator", "creep", "torque_sided_play"}
+    heavy = {"payload", "gravity_compensator", "creep", "load_dependent_backlash"}
     if "gravity_sag" in names:
         gravity = None
         facts["gravity"] = False
@@ -231,7 +238,9 @@ def _fit_robot(
         facts.update(gravity=False, sag_compensated_by_controller=True)
     robot = replace(robot, springs=tuple(springs), gravity=gravity)
     if facts.get("rigid"):
-        facts["true_springs"] = [{"joint": s.joint, "compliance": s.compliance} for s in robot.springs if s.axis == "own"]
+        facts["true_springs"] = [
+            {"joint": s.joint, "compliance": s.compliance} for s in robot.springs if s.axis == "own"
+        ]
         robot = replace(robot, springs=())
     return robot, design, facts
 
@@ -280,16 +289,18 @@ def _draw_scaled(rng: np.random.Generator, setting: Setting, name: str, difficul
     seen = setting.rows.is_path if name in NEEDS_PATH or name in PATH_ONLY else ~setting.rows.is_path
     if name == "gravity_sag":
         effect = replace(effect, params={"springs": list(setting.true_springs)})
+    # an effect outside the vocabulary has to show beyond what frames take up
+    shown = (lambda g: g) if effect.known else (lambda g: register_gap(g, setting.expected))
     gap = setting.gap([effect])
     if name not in UNSCALED:
         for _ in range(4):
-            size = rms(gap[seen])
+            size = rms(shown(gap)[seen])
             if size <= 1e-12:
                 raise LookupError(f"{name} does not show in this campaign")
             effect = effect.scaled(float(np.clip(target / size, 1e-3, 1e3)))
             effect = _clipped(effect, setting.nominal.description.name)
             gap = setting.gap([effect])
-    if rms(gap[seen]) < 0.8 * low * setting.design.sigma:
+    if rms(shown(gap)[seen]) < 0.8 * low * setting.design.sigma:
         raise LookupError(f"{name} cannot be made large enough in this campaign")
     return effect, gap
 
@@ -348,13 +359,14 @@ def _describe_effect(effect: Effect, setting: Setting, watch: Observer, signatur
     }
     if not effect.known:
         entry.update(in_vocabulary=False, meaning=MEANING[effect.name])
+        entry["two_effects_r2"] = best_pair_share(deviation, signatures)
     return entry
 
 
 def _check_entries(kind: str, entries: list[dict[str, Any]]) -> None:
     """Refuse a campaign that is not of its kind."""
     for entry in entries:
-        if "meaning" in entry and entry["nearest_rivals"][0]["r2"] > 0.85:
+        if "meaning" in entry and (entry["nearest_rivals"][0]["r2"] > 0.85 or entry["two_effects_r2"] > 0.93):
             raise LookupError("an effect of the vocabulary explains the unknown one")
     if kind == "indistinguishable" and not entries[0]["acceptable"]:
         raise LookupError("the effect can be told apart")
@@ -365,11 +377,16 @@ def _expected_status(kind: str) -> str:
 
 
 def _describe_background(effect: Effect, setting: Setting) -> dict[str, Any]:
-    entry = {"effect": effect.name, "joint": effect.joint, "axis": effect.axis, "size": effect.size, "unit": effect.unit}
+    entry = {
+        "effect": effect.name,
+        "joint": effect.joint,
+        "axis": effect.axis,
+        "size": effect.size,
+        "unit": effect.unit,
+    }
     return {**entry, "params": effect.params, "gap_rms_mm": rms(setting.gap([effect])) * 1e3}
 
 
 def _warm_up(design: Design) -> dict[str, float]:
     rise, tau, wobble, period = design.warm_up
     return {"start_K": design.start_rise, "rise_K": rise, "tau_s": tau, "wobble_K": wobble, "period_s": period}
-

@@ -1,8 +1,8 @@
 """Exact static equilibrium of an elastic serial robot, with MuJoCo as the rigid-body engine.
 
 Motors and springs are joints of a MuJoCo model that is built from the robot's description: on every body first the
-motor, then its springs in the order listed. MuJoCo moves the bodies; the equilibrium theta = f(tau(q, theta)) of all rows
-is then sought by a fixed point of the springs' laws, which contracts because springs are stiff against the load.
+motor, then its springs in the order listed. MuJoCo moves the bodies; the equilibrium theta = f(tau(q, theta)) of all
+rows is then sought by a fixed point of the springs' laws, which contracts as springs are stiff against the load.
 """
 
 from __future__ import annotations
@@ -181,9 +181,8 @@ def _spring_joint(segment: Segment, k: int, spring: Spring) -> str:
         hinge = code == 1
     kind = "hinge" if hinge else "slide"
     stiffness = 1.0 / spring.compliance if spring.compliance > 0.0 else 0.0
-    return (
-        f'<joint name="spring:{k}" type="{kind}" axis="{_row(axis)}" pos="{_row(spring.offset)}" stiffness="{stiffness!r}" armature="1"/>'
-    )
+    place = f'axis="{_row(axis)}" pos="{_row(spring.offset)}"'
+    return f'<joint name="spring:{k}" type="{kind}" {place} stiffness="{stiffness!r}" armature="1"/>'
 
 
 def _row(values: tuple[float, ...]) -> str:

@@ -68,7 +68,9 @@ def record_readings(
     outliers = np.flatnonzero(rng.random(n) < design.outliers)
     outliers = outliers[: int(0.02 * n)]
     jump = rng.normal(size=(len(outliers), 3))
-    jump *= (np.exp(rng.uniform(np.log(10.0), np.log(100.0), len(outliers))) * design.sigma / np.linalg.norm(jump, axis=1))[:, None]
+    jump *= (
+        np.exp(rng.uniform(np.log(10.0), np.log(100.0), len(outliers))) * design.sigma / np.linalg.norm(jump, axis=1)
+    )[:, None]
     position[outliers] += jump
     shaken = np.array([design.force_noise] * 3 + [design.moment_noise] * 3)
     wrench = truth.wrench + rng.normal(size=(n, 6)) * shaken
@@ -103,7 +105,9 @@ def write_log(recording: Recording, design: Design, robot: RobotDescription, pat
     def joints(values: Array, suffix: str, digits: int) -> None:
         for j, kind in enumerate(kinds):
             factor = 1.0 if si else (180.0 / np.pi if kind == "revolute" else 1e3)
-            unit = {(True, True): "rad", (False, True): "deg", (True, False): "m", (False, False): "mm"}[(si, kind == "revolute")]
+            unit = {(True, True): "rad", (False, True): "deg", (True, False): "m", (False, False): "mm"}[
+                (si, kind == "revolute")
+            ]
             table[f"q{j + 1}{suffix}_{unit}"] = _column(values[:, j] * factor, digits + 2 * si)
 
     joints(rows.q, "", 7)
@@ -112,7 +116,9 @@ def write_log(recording: Recording, design: Design, robot: RobotDescription, pat
             table[name] = _column(recording.wrench[:, k], 2 if k < 3 else 3)
     length, angle = (1.0, 1.0) if si else (1e3, 180.0 / np.pi)
     for k, name in enumerate("xyz"):
-        table[f"{name}_{'m' if si else 'mm'}"] = _column(recording.position[:, k] * length, 7 if si else 4, recording.empty[:, k])
+        table[f"{name}_{'m' if si else 'mm'}"] = _column(
+            recording.position[:, k] * length, 7 if si else 4, recording.empty[:, k]
+        )
     if design.orientation:
         for k, name in enumerate("xyz"):
             values = recording.rotation_vector[:, k] * angle
@@ -122,7 +128,9 @@ def write_log(recording: Recording, design: Design, robot: RobotDescription, pat
     if design.temperature:
         table["temperature_C"] = _column(recording.temperature, 2, recording.empty[:, 6])
     if design.sigma_column:
-        table["sigma_m" if si else "sigma_mm"] = [f"{design.sigma * length:.7f}" if si else f"{design.sigma * length:.4f}"] * n
+        table["sigma_m" if si else "sigma_mm"] = [
+            f"{design.sigma * length:.7f}" if si else f"{design.sigma * length:.4f}"
+        ] * n
     part = path.with_suffix(".part")
     with part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")

@@ -225,9 +225,18 @@ def draw_background(rng: np.random.Generator, nominal: Scenario, rows: Rows, des
         found.append(Effect("link_geometry", joint, None, 3e-5, "m and rad", {"direction": direction}))
         waves = [[1.0, int(rng.choice([1, 2])), float(rng.uniform(0, 6.28))]]
         found.append(
-            Effect("transmission_error", joint, None, float(rng.uniform(0.3, 1.0)) * 2e-5, "rad, amplitude", {"shape": "waves", "waves": waves})
+            Effect(
+                "transmission_error",
+                joint,
+                None,
+                float(rng.uniform(0.3, 1.0)) * 2e-5,
+                "rad, amplitude",
+                {"shape": "waves", "waves": waves},
+            )
         )
-        found.append(Effect("backlash", joint, None, float(rng.uniform(0.2, 1.0)) * 2e-5, "rad, full width", {"start": -0.5}))
+        found.append(
+            Effect("backlash", joint, None, float(rng.uniform(0.2, 1.0)) * 2e-5, "rad, full width", {"start": -0.5})
+        )
     stiffest = 0.1 * float(np.median(nominal.compliance[nominal.compliance > 0.0])) if len(nominal.springs) else 2e-8
     for joint in arm[:3]:
         bend = _draw_link_compliance(rng, nominal, [joint])
@@ -237,5 +246,7 @@ def draw_background(rng: np.random.Generator, nominal: Scenario, rows: Rows, des
         found.append(Effect("link_compliance", joint, bend.axis, small, bend.unit))
     weights = [1.0] * (len(robot.joint_names) + 1)
     span = max(1.0, float(np.ptp(rows.rise)))
-    found.append(Effect("thermal_drift", None, None, float(rng.uniform(1e-6, 3e-5)) / span, "1/K", {"weights": weights}))
+    found.append(
+        Effect("thermal_drift", None, None, float(rng.uniform(1e-6, 3e-5)) / span, "1/K", {"weights": weights})
+    )
     return found

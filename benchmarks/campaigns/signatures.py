@@ -1,14 +1,15 @@
 """Which other effects could produce the same deviation: the geometry of signature spaces.
 
-The signature of an effect is what the simulated readings do when its parameters leave zero, by finite differences around
-the nominal robot. An alternative whose signatures span nearly all of a true effect's deviation cannot be told from it.
+The signature of an effect is what the simulated readings do when its parameters leave zero, by finite differences
+around the nominal robot. An alternative whose signatures span nearly all of a true effect's deviation cannot be told
+from it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -59,7 +60,7 @@ class Observer:
     sigma_rotation: float | None
 
     def deviation(self, truth: Scenario) -> Array:
-        """Return truth minus what the nominal robot predicts from the reported wrench, chosen rows. Shape (n_values,)."""
+        """Return truth minus what the nominal robot predicts from the reported wrench. Shape (n_values,)."""
         real = simulate_rows(truth, self.rows, self.select)
         model = self.expected
         if truth.sensor:
@@ -98,7 +99,7 @@ class Observer:
 
 
 def observe(nominal: Scenario, rows: Rows, sigma: float, sigma_rotation: float | None, seed: int = 0) -> Observer:
-    """Choose rows of a campaign, all static ones and every eighth path sample as far as they fit, and return their observer."""
+    """Choose rows of a campaign, static ones and every eighth path sample, and return their observer."""
     chosen = np.flatnonzero(~rows.is_path | (np.arange(len(rows.q)) % 8 == 0))
     if len(chosen) > ROWS:
         chosen = np.sort(np.random.default_rng(seed).choice(chosen, ROWS, replace=False))
@@ -128,7 +129,7 @@ def _spring_signatures(watch: Observer) -> Iterator[Signature]:
     nominal, description = watch.nominal, watch.nominal.description
 
     def of(effect: Effect) -> Array:
-        return watch.slope(lambda s: apply_effect(effect, s), effect.size)[:, None]
+        return watch.slope(partial(apply_effect, effect), effect.size)[:, None]
 
     for joint in description.joint_names:
         own = nominal.own_springs(joint)
@@ -180,7 +181,7 @@ def _geometry_signatures(watch: Observer) -> Iterator[Signature]:
         for k in range(6):
             direction = [float(k == i) for i in range(6)]
             effect = Effect(name, joint, size=1e-6, params={"direction": direction})
-            columns.append(watch.slope(lambda s, e=effect: apply_effect(e, s), 1e-6))
+            columns.append(watch.slope(partial(apply_effect, effect), 1e-6))
         return np.stack(columns, axis=1)
 
     for joint in description.joint_names:
@@ -189,7 +190,7 @@ def _geometry_signatures(watch: Observer) -> Iterator[Signature]:
             yield Signature("link_geometry", joint, axis, columns[:, [k]])
         segment = description.segments[description.index_of(joint)]
         if segment.kind == "revolute":
-            own = watch.slope(lambda s, e=Effect("joint_offset", joint, size=1e-6): apply_effect(e, s), 1e-6)
+            own = watch.slope(partial(apply_effect, Effect("joint_offset", joint, size=1e-6)), 1e-6)
             flat = columns[:, 3:] - np.outer(own, own @ columns[:, 3:]) / (own @ own)
             u, size, _ = np.linalg.svd(flat, full_matrices=False)
             columns = np.hstack([columns[:, :3], u[:, :2] * size[:2]])
@@ -199,7 +200,7 @@ def _geometry_signatures(watch: Observer) -> Iterator[Signature]:
     yield Signature("tool_frame", None, None, tool if watch.sigma_rotation is not None else tool[:, :3])
     weights = [1.0] * (len(description.joint_names) + 1)
     heat = Effect("thermal_drift", size=1e-6, params={"weights": weights})
-    yield Signature("thermal_drift", None, None, watch.slope(lambda s: apply_effect(heat, s), 1e-6)[:, None])
+    yield Signature("thermal_drift", None, None, watch.slope(partial(apply_effect, heat), 1e-6)[:, None])
 
 
 def _sensor_signatures(watch: Observer) -> Iterator[Signature]:
@@ -210,10 +211,10 @@ def _sensor_signatures(watch: Observer) -> Iterator[Signature]:
         for k in range(6):
             direction = [float(k == i) for i in range(6)]
             effect = Effect("wrench_bias", size=0.1, params={"direction": direction, "axes": axes})
-            columns.append(watch.slope(lambda s, e=effect: apply_effect(e, s), 0.1))
+            columns.append(watch.slope(partial(apply_effect, effect), 0.1))
         yield Signature("wrench_bias", None, None, np.stack(columns, axis=1))
     gain = Effect("wrench_scale", size=1e-3)
-    yield Signature("wrench_scale", None, None, watch.slope(lambda s: apply_effect(gain, s), 1e-3)[:, None])
+    yield Signature("wrench_scale", None, None, watch.slope(partial(apply_effect, gain), 1e-3)[:, None])
 
 
 def _motion_signatures(watch: Observer) -> Iterator[Signature]:
@@ -223,13 +224,17 @@ def _motion_signatures(watch: Observer) -> Iterator[Signature]:
     everything = np.zeros(len(watch.select) * (3 if watch.sigma_rotation is None else 6))
     skew = everything.copy()
     for j, joint in enumerate(names):
-        zero = watch.slope(lambda s, e=Effect("joint_offset", joint, size=1e-6): apply_effect(e, s), 1e-6)
+        zero = watch.slope(partial(apply_effect, Effect("joint_offset", joint, size=1e-6)), 1e-6)
         yield Signature("joint_offset", joint, None, zero[:, None])
         q = rows.q[:, j]
         lost = [(play(q, 1e-4, start) - q) / 1e-4 for start in (-0.5, 0.5)]
         for move in lost:
             yield Signature("backlash", joint, None, watch.times(zero, move)[:, None])
-        scale = 1.0 if watch.nominal.description.segments[watch.nominal.description.index_of(joint)].kind == "revolute" else 60.0
+        scale = (
+            1.0
+            if watch.nominal.description.segments[watch.nominal.description.index_of(joint)].kind == "revolute"
+            else 60.0
+        )
         for n in (1.0, 2.0):
             waves = [watch.times(zero, f(n * scale * q)) for f in (np.cos, np.sin)]
             yield Signature("transmission_error", joint, None, np.stack(waves, axis=1))
@@ -251,7 +256,7 @@ def _motion_signatures(watch: Observer) -> Iterator[Signature]:
 
 
 def orthonormal_basis(columns: Array) -> Array:
-    """Return an orthonormal basis of the span of the columns, negligible directions left out. Shape (n_values, rank)."""
+    """Return an orthonormal basis of what columns span, negligible directions left out. Shape (n_values, rank)."""
     norms = np.linalg.norm(columns, axis=0)
     usable = columns[:, norms > 1e-12 * max(1.0, float(norms.max(initial=0.0)))]
     if usable.shape[1] == 0:
@@ -274,8 +279,8 @@ def rank_rivals(
 ) -> list[dict[str, Any]]:
     """Rank the alternatives to an effect by how much of its deviation they can produce.
 
-    The shares are those of what a registration (base and tool fitted) leaves, `r2`, and of the whole deviation, `r2_raw`.
-    Where a registration leaves next to nothing of an effect, `r2` is the share of the whole.
+    The shares are those of what a registration (base and tool fitted) leaves, `r2`, and of the whole deviation,
+    `r2_raw`. Where a registration leaves next to nothing of an effect, `r2` is the share of the whole.
 
     Args:
         effect: The true effect.
@@ -323,6 +328,27 @@ def registered_share(deviation: Array, signatures: list[Signature]) -> float:
     """Return the share of a deviation's energy that fitting base and tool frames leaves."""
     fitted = np.hstack([s.columns for s in signatures if s.effect in ("base_frame", "tool_frame")])
     return 1.0 - explained_share(deviation, fitted)
+
+
+def best_pair_share(deviation: Array, signatures: list[Signature]) -> float:
+    """Return the share of a registered deviation that two effects, found one after the other, explain."""
+    basis = orthonormal_basis(np.hstack([s.columns for s in signatures if s.effect in ("base_frame", "tool_frame")]))
+    left = deviation - basis @ (basis.T @ deviation)
+    energy = float(left @ left)
+    for _ in range(2):
+        best, part = 0.0, np.zeros_like(left)
+        for s in signatures:
+            columns = s.columns - basis @ (basis.T @ s.columns)
+            kept = np.linalg.norm(columns, axis=0) > 1e-4 * np.linalg.norm(s.columns, axis=0)
+            span = orthonormal_basis(columns[:, kept])
+            share = float(np.sum((span.T @ left) ** 2))
+            if share > best:
+                best, part = share, span
+        if best == 0.0:
+            break
+        basis = np.hstack([basis, part])
+        left = left - part @ (part.T @ left)
+    return 1.0 - float(left @ left) / energy
 
 
 def acceptable_rivals(rivals: list[dict[str, Any]], energy: float) -> list[dict[str, Any]]:

@@ -84,9 +84,7 @@ class Scenario:
 
     def add_spring(self, spring: Spring) -> Scenario:
         """Return the scenario with one spring more, after those that its joint has already."""
-        return replace(
-            self, springs=(*self.springs, spring), compliance=np.append(self.compliance, spring.compliance)
-        )
+        return replace(self, springs=(*self.springs, spring), compliance=np.append(self.compliance, spring.compliance))
 
 
 @dataclass(frozen=True)
@@ -180,7 +178,13 @@ def simulate_rows(scenario: Scenario, rows: Rows, select: np.ndarray | None = No
         seen = seen + (change(rows, rows.q) - rows.q)
     q = q + seen
     some = Rows(
-        rows.run[pick], rows.is_path[pick], rows.time[pick], rows.q[pick], rows.wrench[pick], rows.rise[pick], rows.later
+        rows.run[pick],
+        rows.is_path[pick],
+        rows.time[pick],
+        rows.q[pick],
+        rows.wrench[pick],
+        rows.rise[pick],
+        rows.later,
     )
     q, seen, wrench = q[pick], seen[pick], some.wrench
     growth = None

@@ -51,7 +51,7 @@ class Template:
 
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 NX, NY, NZ = (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)
-O = (0.0, 0.0, 0.0)
+ZERO = (0.0, 0.0, 0.0)
 
 SOURCES = {
     "kr270_like": "paper tables of Mamedov 2018",
@@ -64,7 +64,7 @@ SOURCES = {
 TEMPLATES: tuple[Template, ...] = (
     Template(
         "kr270_like",
-        ((0, 0, 0.675), (0.35, 0, 0), (0, 0, 1.15), (1.2, 0, -0.041), O, O, (0.24, 0, 0)),
+        ((0, 0, 0.675), (0.35, 0, 0), (0, 0, 1.15), (1.2, 0, -0.041), ZERO, ZERO, (0.24, 0, 0)),
         {2: (0.0, -HALF_TURN, 0.0)},
         (Z, Y, NY, X, Y, X),
         ((-179, 179), (-50, 90), (-155, 120), (-350, 350), (-122, 122), (-350, 350)),
@@ -85,7 +85,7 @@ TEMPLATES: tuple[Template, ...] = (
     ),
     Template(
         "kr240_like",
-        ((0, 0, 0.75), (0.35, 0, 0), (1.25, 0, 0), (1.1, 0, -0.055), O, O, (0.23, 0, 0)),
+        ((0, 0, 0.75), (0.35, 0, 0), (1.25, 0, 0), (1.1, 0, -0.055), ZERO, ZERO, (0.23, 0, 0)),
         {2: (0.0, -HALF_TURN, 0.0)},
         (Z, NY, NY, X, Y, X),
         ((-185, 185), (0, 146), (-245, 29), (-350, 350), (-125, 125), (-350, 350)),
@@ -106,7 +106,7 @@ TEMPLATES: tuple[Template, ...] = (
     ),
     Template(
         "tx200_like",
-        ((0, 0, 0.642), (0.25, 0, 0), (0, 0, 0.95), (0, 0, 0.8), O, O, (0, 0, 0.194)),
+        ((0, 0, 0.642), (0.25, 0, 0), (0, 0, 0.95), (0, 0, 0.8), ZERO, ZERO, (0, 0, 0.194)),
         {},
         (Z, Y, Y, Z, Y, Z),
         ((-180, 180), (-120, 120), (-140, 145), (-270, 270), (-120, 120), (-270, 270)),
@@ -127,7 +127,7 @@ TEMPLATES: tuple[Template, ...] = (
     ),
     Template(
         "kr120_like",
-        ((0, 0, 0.55), (0.73, 0, 0), (1.35, 0, 0), (1.82, 0, 0.115), O, O, (0.215, 0, 0)),
+        ((0, 0, 0.55), (0.73, 0, 0), (1.35, 0, 0), (1.82, 0, 0.115), ZERO, ZERO, (0.215, 0, 0)),
         {},
         (NZ, Y, Y, NX, Y, NX),
         ((-185, 185), (-140, -5), (-120, 168), (-350, 350), (-125, 125), (-350, 350)),
@@ -148,7 +148,7 @@ TEMPLATES: tuple[Template, ...] = (
     ),
     Template(
         "m10ia_like",
-        ((0, 0, 0.45), (0.15, 0, 0), (0, 0, 0.6), (0, 0, 0.2), (0.64, 0, 0), (0.1, 0, 0), O),
+        ((0, 0, 0.45), (0.15, 0, 0), (0, 0, 0.6), (0, 0, 0.2), (0.64, 0, 0), (0.1, 0, 0), ZERO),
         {},
         (Z, Y, NY, NX, NY, NX),
         ((-179.9, 179.9), (-89.9, 159.9), (-179.9, 264.1), (-189.6, 189.6), (-189.6, 189.6), (-359.8, 359.8)),
@@ -170,7 +170,9 @@ TEMPLATES: tuple[Template, ...] = (
 )
 
 
-def draw_robot(rng: np.random.Generator, *, rail: bool = False, name: str | None = None) -> tuple[RobotDescription, Template]:
+def draw_robot(
+    rng: np.random.Generator, *, rail: bool = False, name: str | None = None
+) -> tuple[RobotDescription, Template]:
     """Draw a nominal robot: one of the templates with masses, centres and tool of its own.
 
     Args:
@@ -182,14 +184,23 @@ def draw_robot(rng: np.random.Generator, *, rail: bool = False, name: str | None
     small = template.name == "m10ia_like"
     total = sum(m for m, _ in template.masses)
     base_mass = round(float(rng.uniform(0.25, 0.4) * total))
-    segments = [Segment("base_fixed", "fixed", "base_link", O, mass=base_mass, com=(-0.02, 0.0, 0.2))]
+    segments = [Segment("base_fixed", "fixed", "base_link", ZERO, mass=base_mass, com=(-0.02, 0.0, 0.2))]
     springs: list[Spring] = []
     if rail:
         height = round(float(rng.uniform(0.3, 0.6)), 3)
         segments.append(
             Segment(
-                "rail", "prismatic", "carriage", (0.0, 0.0, height), axis=Y, lower=-3.0, upper=3.0, velocity=1.5,
-                effort=20000.0, mass=round(0.5 * total), com=(0.0, 0.0, -0.1),
+                "rail",
+                "prismatic",
+                "carriage",
+                (0.0, 0.0, height),
+                axis=Y,
+                lower=-3.0,
+                upper=3.0,
+                velocity=1.5,
+                effort=20000.0,
+                mass=round(0.5 * total),
+                com=(0.0, 0.0, -0.1),
             )
         )
         if rng.random() < 0.5:
@@ -197,13 +208,23 @@ def draw_robot(rng: np.random.Generator, *, rail: bool = False, name: str | None
     for j, axis in enumerate(template.axes):
         mass, com = template.masses[j]
         mass = round(mass * float(rng.uniform(0.8, 1.2)), 1)
-        centre = tuple(round(float(c + 0.1 * abs(c) * rng.normal()), 3) for c in com)
+        cx, cy, cz = (round(float(c + 0.1 * abs(c) * rng.normal()), 3) for c in com)
         low, high = np.deg2rad(template.limits_deg[j])
-        origin = tuple(float(v) for v in template.origins[j])
+        x, y, z = template.origins[j]
         segments.append(
             Segment(
-                f"joint_{j + 1}", "revolute", f"link_{j + 1}", origin, template.turns.get(j, O), axis, float(low), float(high),  # type: ignore[arg-type]
-                float(np.deg2rad(template.velocity_deg_s[j])), 200.0 if small else 9000.0, mass, centre,  # type: ignore[arg-type]
+                f"joint_{j + 1}",
+                "revolute",
+                f"link_{j + 1}",
+                (float(x), float(y), float(z)),
+                template.turns.get(j, ZERO),
+                axis,
+                float(low),
+                float(high),
+                float(np.deg2rad(template.velocity_deg_s[j])),
+                200.0 if small else 9000.0,
+                mass,
+                (cx, cy, cz),
             )
         )
         if template.compliance[j] > 0.0:
@@ -222,9 +243,9 @@ def _with_tool(
     reach, aside = round(reach, 4), round(aside, 4)
     mass = round(float(rng.uniform(3, 8) if small else rng.uniform(12, 40)), 1)
     offset = (reach, 0.0, aside) if template.tool_z == "x" else (aside, 0.0, reach)
-    com = tuple(round(0.5 * v + 0.02 * float(rng.normal()) * scale, 3) for v in offset)
-    flange = tuple(float(v) for v in template.origins[6])
-    turn = (0.0, HALF_TURN, 0.0) if template.tool_z == "x" else O
-    segments.append(Segment("tool_mount", "fixed", "tool", flange, mass=mass, com=com))  # type: ignore[arg-type]
+    cx, cy, cz = (round(0.5 * v + 0.02 * float(rng.normal()) * scale, 3) for v in offset)
+    x, y, z = (float(v) for v in template.origins[6])
+    turn = (0.0, HALF_TURN, 0.0) if template.tool_z == "x" else ZERO
+    segments.append(Segment("tool_mount", "fixed", "tool", (x, y, z), mass=mass, com=(cx, cy, cz)))
     segments.append(Segment("tool_tip", "fixed", "tool0", offset, turn))
     return RobotDescription(template.name, tuple(segments), tuple(springs), (0.0, 0.0, -9.81))

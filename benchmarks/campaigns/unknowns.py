@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.campaigns.description import Array, Spring, rotation_from_rpy
-from benchmarks.campaigns.effects import Apply, Effect, joint_index
-from benchmarks.campaigns.simulate import Rows, Scenario, rotation_step
+from benchmarks.campaigns.effects import Apply, Effect, joint_index, play
+from benchmarks.campaigns.simulate import Rows, Scenario, rotation_step, simulate_rows
 
 # What each effect is, and whether it shows in path runs alone.
 MEANING = {
@@ -21,7 +21,7 @@ MEANING = {
     "force_cross_talk": "forces along one axis of the sensor show up along another",
     "creep": "a joint creeps under its load, with a time constant of minutes, and recovers",
     "path_vibration": "the arm swings at a resonance while it moves along a path",
-    "torque_sided_play": "a gear's lost motion is taken to the side that the torque pushes it to",
+    "load_dependent_backlash": "a gear lags behind by an amount that grows with the torque on it",
     "settling_foundation": "the foundation settles: the base tilts with the square root of time",
     "elastic_cross_coupling": "the torque on one joint bends the joint before it",
     "sun_on_link": "one-sided warming bends a link as time goes on",
@@ -46,8 +46,14 @@ def draw_unknown(rng: np.random.Generator, name: str, scenario: Scenario, rows: 
     station = [float(v) for v in rng.uniform(-1.0, 1.0, 3) * [4.0, 4.0, 0.3] + [0.0, 0.0, 1.2]]
     phase = float(rng.uniform(0.0, 6.28))
     if name == "hose_pull":
-        anchor = [float(v) for v in rng.uniform(-0.4, 0.4, 3) + [0.0, 0.0, 2.0]]
-        return Effect(name, size=100.0, unit="N/m", params={"anchor_m": anchor, "slack_m": float(rng.uniform(0.4, 1.0))}, known=False)
+        anchor = [float(v) for v in rng.uniform(-0.4, 0.4, 3) + np.array([0.0, 0.0, 2.0])]
+        return Effect(
+            name,
+            size=100.0,
+            unit="N/m",
+            params={"anchor_m": anchor, "slack_m": float(rng.uniform(0.4, 1.0))},
+            known=False,
+        )
     if name == "stick_scatter":
         return Effect(name, joint, None, 1e-4, "rad", {"seed": int(rng.integers(2**31))}, known=False)
     if name == "loose_flange":
@@ -64,20 +70,31 @@ def draw_unknown(rng: np.random.Generator, name: str, scenario: Scenario, rows: 
         np.fill_diagonal(matrix, 0.0)
         return Effect(name, None, None, 0.02, "1", {"matrix": matrix.tolist()}, known=False)
     if name == "creep":
-        return Effect(name, str(rng.choice(big)), None, 0.3, "1", {"tau_s": float(rng.uniform(60.0, 600.0))}, known=False)
+        return Effect(
+            name, str(rng.choice(big)), None, 0.3, "1", {"tau_s": float(rng.uniform(60.0, 600.0))}, known=False
+        )
     if name == "path_vibration":
         params = {"frequency_Hz": float(rng.uniform(0.4, 3.0)), "along": along, "phase_rad": phase}
         return Effect(name, None, None, 1e-4, "m", params, known=False)
-    if name == "torque_sided_play":
-        torque = float(rng.uniform(30.0, 150.0)) * (0.1 if "m10ia" in scenario.description.name else 1.0)
-        return Effect(name, str(rng.choice(big)), None, 1e-4, "rad", {"torque_Nm": torque}, known=False)
+    if name == "load_dependent_backlash":
+        chosen = str(rng.choice(big))
+        load = simulate_rows(scenario, rows).load[:, scenario.own_springs(chosen)[0]]
+        torque = float(np.sqrt(np.mean(load**2))) + 1e-6
+        return Effect(name, chosen, None, 1e-4, "rad, full width", {"torque_Nm": torque}, known=False)
     if name == "settling_foundation":
         return Effect(name, None, None, 1e-4, "rad", {"about": along, "seconds": float(rows.time[-1])}, known=False)
     if name == "elastic_cross_coupling":
         k = int(rng.integers(1, len(big)))
-        return Effect(name, big[k], None, 1e-7, "rad/(N m)", {"bends": big[k - 1] if rng.random() < 0.5 else arm[3]}, known=False)
+        return Effect(
+            name, big[k], None, 1e-7, "rad/(N m)", {"bends": big[k - 1] if rng.random() < 0.5 else arm[3]}, known=False
+        )
     if name == "sun_on_link":
-        params = {"about": along, "tau_s": float(rng.uniform(1500.0, 5000.0)), "phase_rad": phase, "sway": float(rng.uniform(0.5, 1.5))}
+        params = {
+            "about": along,
+            "tau_s": float(rng.uniform(1500.0, 5000.0)),
+            "phase_rad": phase,
+            "sway": float(rng.uniform(0.5, 1.5)),
+        }
         return Effect(name, str(rng.choice(arm[1:4])), None, 1e-4, "rad", params, known=False)
     return Effect(name, joint, None, 1e-4, "rad", {"speed_rad_s": float(rng.uniform(0.003, 0.02))}, known=False)
 
@@ -116,7 +133,7 @@ def _stick_scatter(e: Effect, s: Scenario) -> Scenario:
 
 def _loose_flange(e: Effect, s: Scenario) -> Scenario:
     """The tilt is worked out on the moment about the flange and turns the tool about it."""
-    tool = [seg for seg in s.description.segments if seg.child == "tool"][0]
+    tool = next(seg for seg in s.description.segments if seg.child == "tool")
     tip = np.array(s.description.segments[-1].xyz)
     gravity = np.zeros(3) if s.description.gravity is None else np.array(s.description.gravity)
 
@@ -214,13 +231,15 @@ def _path_vibration(e: Effect, s: Scenario) -> Scenario:
     return replace(s, instrument=(*s.instrument, see))
 
 
-def _torque_sided_play(e: Effect, s: Scenario) -> Scenario:
+def _load_dependent_backlash(e: Effect, s: Scenario) -> Scenario:
+    """Lost motion as wide as the square of the torque says, half of it on either side."""
     j = joint_index(s.description, e.joint)
     k = s.own_springs(str(e.joint))[0]
 
     def shift(rows: Rows, load: Array) -> Array:
+        side = (play(rows.q[:, j], 1e-4, -0.5) - rows.q[:, j]) / 1e-4
         delta = np.zeros_like(rows.q)
-        delta[:, j] = 0.5 * e.size * np.clip(load[:, k] / e.params["torque_Nm"], -1.0, 1.0)
+        delta[:, j] = e.size * side * (load[:, k] / e.params["torque_Nm"]) ** 2
         return delta
 
     return replace(s, after=(*s.after, shift))
@@ -289,7 +308,7 @@ APPLY_UNKNOWN: dict[str, Apply] = {
     "force_cross_talk": _force_cross_talk,
     "creep": _creep,
     "path_vibration": _path_vibration,
-    "torque_sided_play": _torque_sided_play,
+    "load_dependent_backlash": _load_dependent_backlash,
     "settling_foundation": _settling_foundation,
     "elastic_cross_coupling": _elastic_cross_coupling,
     "sun_on_link": _sun_on_link,
