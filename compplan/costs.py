@@ -1,7 +1,7 @@
 """What a posture costs: how far the tool would miss, and how well the robot stands.
 
-The cost that matters is the sensitivity: what is left of the deviation after compensation, because wrench, compliance and
-joint zeros are known only so well. To first order, with theta = C tau the elastic coordinates under the load,
+The cost that matters is the sensitivity: what is left of the deviation after compensation, because wrench, compliance
+and joint zeros are known only so well. To first order, with theta = C tau the elastic coordinates under the load,
 
     remaining deviation = J (e_c * theta) + J C J^T (e_w * w) + J_q e_q,
 
@@ -37,6 +37,7 @@ class Uncertainty:
         wrench: Relative error of each component of the wrench, part axes.
         compliance: Relative error of each elastic coordinate.
         joint_zero: Error of each joint's zero (geometry). [rad, or m for a prismatic joint]
+
     """
 
     wrench: float = 0.1
@@ -51,10 +52,12 @@ class Weights:
     Attributes:
         sensitivity: Per mm^2 of remaining deviation, mean square along the cut (or squared 95 % value).
         deviation: Per mm^2 of deviation before compensation, mean square along the cut.
-        limits: Per unit of nearness to joint limits: 1 at a limit, 0 from the margin on, squared and summed over joints.
+        limits: Per unit of nearness to joint limits: 1 at a limit, 0 from the margin on, squared, summed over joints.
         dexterity: Per unit of (0.1 / inverse condition number)^2, mean along the path.
-        motion: Per rad^2 of joint motion: integral of |dq/dsigma|^2, sigma from 0 to 1 along the path (1 m counts as 1 rad).
+        motion: Per rad^2 of joint motion: integral of |dq/dsigma|^2, sigma from 0 to 1 along the path; 1 m counts as
+            1 rad.
         time: Per second of motion.
+
     """
 
     sensitivity: float = 1.0
@@ -65,8 +68,8 @@ class Weights:
     time: float = 0.0
 
 
-#: Presets. `sensitivity` and `deviation` count as they stand; the others are shares of the least squared sensitivity that
-#: any posture along the path has, so that a preset means the same for a light and for a heavy cut.
+#: Presets. `sensitivity` and `deviation` count as they stand; the others are shares of the least squared sensitivity
+#: that any posture along the path has, so that a preset means the same for a light and for a heavy cut.
 PRESETS: dict[str, Weights] = {
     "accurate": Weights(limits=0.02, dexterity=0.0005, motion=0.0005),
     "smooth": Weights(limits=0.2, dexterity=0.02, motion=0.2),
@@ -83,6 +86,7 @@ class NodeCosts(NamedTuple):
         deviation: Deviation of the tool tip before compensation. Shape (n,). [m]
         limits: Nearness to joint limits, see `measure_limits`. Shape (n,).
         dexterity: Inverse Frobenius condition number of the length-normalised Jacobian, 0 singular to 1. Shape (n,).
+
     """
 
     sensitivity: Array
@@ -102,6 +106,7 @@ def choose_weights(preset: str, level: float, own: dict[str, float] | None = Non
     Raises:
         UnknownNameError: If preset or a name in `own` does not exist.
         InputError: If a weight is negative.
+
     """
     if preset not in PRESETS:
         raise UnknownNameError("preset", preset, list(PRESETS))
@@ -141,8 +146,8 @@ def measure_nodes(
         measure: Root of the expected square, or the 95 % value.
         axes: Axes in whose components the wrench errs, as columns in base axes. Shape (3, 3); base axes if left out.
         margin: Distance to a limit from which on it does not count. [rad or m]
-        length: Length that makes translations and rotations comparable; a tenth of nothing: `natural_length` if left
-            out. [m]
+        length: Length that makes translations and rotations comparable; `natural_length` if left out. [m]
+
     """
     known = uncertainty or Uncertainty()
     n = len(q)
@@ -165,7 +170,7 @@ def measure_nodes(
 def error_columns(
     chain: Chain, q: Array, wrench: Array, uncertainty: Uncertainty, axes: Array | None = None
 ) -> Array:
-    """Return the deviation that one standard deviation of each error leaves. Shape (n, 3, errors). [m]
+    """Return the deviation that one standard deviation of each error leaves: shape (n, 3, errors) [m].
 
     The errors are those of the elastic coordinates, of the six components of the wrench, and of the joint zeros.
     """
@@ -176,7 +181,7 @@ def error_columns(
 def _error_columns(
     chain: Chain, frames: Frames, columns: Array, wrench: Array, known: Uncertainty, axes: Array | None
 ) -> tuple[Array, Array]:
-    """Return the error columns and the deflection of the tip. Shapes (n, 3, errors), (n, 3). [m]"""
+    """Return the error columns and the deflection of the tip: shapes (n, 3, errors), (n, 3) [m]."""
     springs = chain.spring_elements
     elastic = np.ascontiguousarray(columns[:, :, springs])
     torque = load_elements(chain, frames, wrench)[:, springs]
@@ -201,12 +206,13 @@ def measure_limits(q: Array, lower: Array, upper: Array, margin: float) -> Array
 def measure_dexterity(joint_columns: Array, length: float) -> Array:
     """Return the inverse Frobenius condition number of the length-normalised Jacobian [Dumas2011].
 
-    1 / kappa = n / sqrt(tr(N N^T) tr((N N^T)^-1)), N the Jacobian with its linear rows divided by the length: 1 where the
-    tool moves equally well in all directions, 0 at a singularity. A redundant arm counts all its joints.
+    1 / kappa = 6 / sqrt(tr(N N^T) tr((N N^T)^-1)), N the Jacobian with its linear rows divided by the length: 1 where
+    the tool moves equally well in all directions, 0 at a singularity. A redundant arm counts all its joints.
 
     Args:
         joint_columns: Jacobian of the commanded joints. Shape (n, 6, nq).
         length: Characteristic length. [m]
+
     """
     scaled = joint_columns.copy()
     scaled[:, :3] /= length
@@ -218,7 +224,7 @@ def measure_dexterity(joint_columns: Array, length: float) -> Array:
 
 
 def natural_length(chain: Chain, limits: tuple[Array, Array]) -> float:
-    """Return the length that balances the linear and the angular rows of the Jacobian over the joint ranges. [m]"""
+    """Return the length that balances linear and angular rows of the Jacobian over the joint ranges [m]."""
     lower, upper = (np.clip(limit, -np.pi, np.pi) for limit in limits)
     q = lower + (upper - lower) * np.random.default_rng(0).random((64, chain.nq))
     columns = joint_jacobian(chain, locate_frames(chain, q))

@@ -23,6 +23,8 @@ from compplan.toolpath import Toolpath, select_waypoints
 
 #: Why a node cannot be used.
 USABLE, OUT_OF_REACH, JOINT_LIMIT, SINGULAR, COLLISION, NOT_WANTED = range(6)
+#: Coarse step of the rotation where extra axes or leans vary too. [rad]
+FEW_SPINS = float(np.radians(10.0))
 REASONS = ("usable", "out of reach", "joint limit", "singular", "collision", "configuration not wanted")
 
 
@@ -31,13 +33,14 @@ class Options:
     """What may vary at one waypoint, g combinations.
 
     Attributes:
-        spin: Rotation about the tool axis, tip to spindle, counted from the posture with x along `tool_x`. Shape (k, g) or
-            (1, g). [rad]
+        spin: Rotation about the tool axis, tip to spindle, counted from the posture with x along `tool_x`.
+            Shape (k, g) or (1, g). [rad]
         held: Positions of the extra axes. Shape (k, g, h) or (1, g, h). [m or rad]
         lead: Lean of the tool axis along the travel. Shape (k, g) or (1, g). [rad]
         lean: Lean of the tool axis across the travel. Shape (k, g) or (1, g). [rad]
         neighbours: Options that a step may come from, -1 where there is none. Shape (g, w).
         shape: Grid shape behind g: spins, positions of extra axes, leans.
+
     """
 
     spin: Array
@@ -61,6 +64,7 @@ class Lattice:
         limits: Nearness to joint limits. Shape (k, g, b).
         dexterity: Shape (k, g, b).
         reason: Index into `REASONS`. Shape (k, g, b).
+
     """
 
     stations: NDArray[np.int_]
@@ -97,7 +101,9 @@ def pick_stations(nominal: Toolpath, count: int) -> NDArray[np.int_]:
 
 def build_options(arm: Arm, settings: PostureSettings) -> Options:
     """Build the grid of options that holds for every station."""
-    count = max(1, round(2 * np.pi / settings.spin_step)) if settings.free_spin else 1
+    varies = bool(len(arm.held)) or settings.lead > 0 or settings.lean > 0
+    step = max(settings.spin_step, FEW_SPINS) if varies else settings.spin_step
+    count = max(1, round(2 * np.pi / step)) if settings.free_spin else 1
     spins = np.arange(count) * 2 * np.pi / count
     robot = arm.robot
     ranges = []
@@ -127,8 +133,8 @@ def orient_tool(
 ) -> Array:
     """Return the orientation of the TCP frame at some waypoints, z out of the tool.
 
-    The tool axis leans forward by `lead` along the travel and by `lean` to the left of it, then the tool turns about its
-    own axis by `spin`, right-handed about the direction from tip to spindle.
+    The tool axis leans forward by `lead` along the travel and by `lean` to the left of it, then the tool turns about
+    its own axis by `spin`, right-handed about the direction from tip to spindle.
 
     Args:
         nominal: The toolpath in the base frame.
@@ -140,6 +146,7 @@ def orient_tool(
 
     Returns:
         Shape (k, ..., 3, 3), columns in base axes.
+
     """
     upright = tool_axes(nominal, tool_x)[rows]
     shape = np.broadcast_shapes(spin.shape, lead.shape, lean.shape)
@@ -169,6 +176,7 @@ def fill_lattice(
         options: What varies.
         settings: What the search weighs.
         axes: Axes in whose components the wrench errs, as columns. Shape (3, 3).
+
     """
     path = select_waypoints(nominal, stations)
     k, g = len(stations), options.spin.shape[1]

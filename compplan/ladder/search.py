@@ -2,7 +2,8 @@
 
 The cost of a way is a sum over its nodes and edges:
 
-    sum_i omega_i (w_s s_i^2 + w_d d_i^2 + w_l l_i + w_k (0.1 / kappa_i^-1)^2) + sum_i (w_m |dq_i|^2 / dsigma_i + w_t t_i),
+    sum_i omega_i (w_s s_i^2 + w_d d_i^2 + w_l l_i + w_k (0.1 / kappa_i^-1)^2)
+        + sum_i (w_m |dq_i|^2 / dsigma_i + w_t t_i),
 
 omega the share of the cut (for the first two) or of the path, dsigma the share of the path of an edge, t its time: as
 programmed, or as long as the slowest joint takes.
@@ -11,6 +12,7 @@ programmed, or as long as the slowest joint takes.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +38,7 @@ class Rungs:
         feed_time: Programmed time of each edge. Shape (k - 1,). [s]
         most_motion: Greatest motion of a joint on each edge; infinite where the arm may change its configuration.
             Shape (k - 1,). [rad]
+
     """
 
     cut_share: Array
@@ -54,6 +57,7 @@ class Line:
         slot: Slot at each station. Shape (k,).
         q: Joint positions at each station, full turns counted. Shape (k, nq). [rad or m]
         cost: Total cost. [mm^2]
+
     """
 
     option: NDArray[np.int_]
@@ -73,6 +77,7 @@ def measure_rungs(
         most_step: Greatest motion of a joint between neighbouring waypoints. [rad]
         reconfigure: Whether rapid moves away from the part may change the configuration.
         edge_limit: Greatest motion of a joint between stations. [rad]
+
     """
     cut = np.concatenate([[0.0], np.cumsum(np.where(nominal.rapid[1:], 0.0, nominal.steps))])
     between = np.diff(cut[stations])
@@ -96,7 +101,7 @@ def measure_rungs(
 
 
 def cost_nodes(lattice: Lattice, rungs: Rungs, weights: Weights) -> Array:
-    """Cost every node, infinite where it cannot be used. Shape (k, g, b). [mm^2]"""
+    """Cost every node, infinite where it cannot be used: shape (k, g, b) [mm^2]."""
     cut, path = rungs.cut_share[:, None, None], rungs.path_share[:, None, None]
     cost = cut * 1e6 * (weights.sensitivity * lattice.sensitivity**2 + weights.deviation * lattice.deviation**2)
     cost = cost + path * weights.limits * lattice.limits
@@ -105,7 +110,9 @@ def cost_nodes(lattice: Lattice, rungs: Rungs, weights: Weights) -> Array:
     return np.where(lattice.usable, np.nan_to_num(cost, nan=np.inf), np.inf)
 
 
-def search_line(lattice: Lattice, rungs: Rungs, weights: Weights, robot: Robot, *, start: Array | None = None) -> Line:
+def search_line(
+    lattice: Lattice, rungs: Rungs, weights: Weights, robot: Robot, *, start: Array | None = None
+) -> Line:
     """Find the cheapest way through the graph.
 
     Joints that may turn more than once around are first taken modulo a full turn; where no way fits between their limits
@@ -120,6 +127,7 @@ def search_line(lattice: Lattice, rungs: Rungs, weights: Weights, robot: Robot, 
 
     Raises:
         InfeasibleError: If no way leads through, with the waypoint at which it ends and what stands there.
+
     """
     cost = cost_nodes(lattice, rungs, weights)
     if start is not None:
@@ -259,7 +267,7 @@ def _free_moves(nominal: Toolpath, stations: NDArray[np.int_]) -> NDArray[np.boo
     touches[:-1] |= ~nominal.rapid[1:]
     touches[0] = not nominal.rapid[1] if len(nominal) > 1 else True
     free = np.empty(len(stations) - 1, bool)
-    for i, (a, b) in enumerate(zip(stations[:-1], stations[1:], strict=True)):
+    for i, (a, b) in enumerate(pairwise(stations)):
         free[i] = nominal.rapid[a + 1 : b + 1].all() and not touches[a] and not touches[b]
     return free
 

@@ -35,6 +35,7 @@ class PostureSettings:
         limit_margin: Distance to a joint limit below which a posture costs. [rad or m]
         limit_room: Distance to a joint limit below which a posture is refused: room for the correction. [rad or m]
         most_step: Greatest motion of a joint between neighbouring waypoints of a cut. [rad or m]
+
     """
 
     free_spin: bool = True
@@ -43,7 +44,7 @@ class PostureSettings:
     preset: str = "accurate"
     weights: dict[str, float] = field(default_factory=dict)
     measure: Measure = "expected"
-    uncertainty: Uncertainty = Uncertainty()
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
     spin_step: float = float(np.radians(5.0))
     lead: float = 0.0
     lean: float = 0.0
@@ -52,7 +53,7 @@ class PostureSettings:
     reconfigure: bool = True
     least_dexterity: float = 0.0
     limit_margin: float = float(np.radians(10.0))
-    limit_room: float = float(np.radians(0.2))
+    limit_room: float = float(np.radians(1.0))
     most_step: float = float(np.radians(20.0))
 
 

@@ -1,0 +1,1 @@
+"""The ladder graph: configuration, rotation about the tool axis, extra axes and lean along a path."""

@@ -1,0 +1,90 @@
+"""From the stations to every waypoint: spin, extra axes and leans go over linearly, the configuration follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.ik import Arm, pose_error, refine_ik, solve_branches
+from compplan.ladder.lattice import Options, orient_tool
+from compplan.robot import Array
+from compplan.toolpath import Toolpath
+
+#: A waypoint of the same configuration lies this near to the straight line between its stations. [rad]
+NEAR = 0.3
+#: A waypoint is reached where it misses the pose by less. [m and rad]
+REACHED = 1e-6
+
+
+@dataclass(frozen=True)
+class Trace:
+    """How the robot stands at every waypoint, unloaded.
+
+    Attributes:
+        q: Joint positions. Shape (n, nq). [rad or m]
+        rotation: Orientation of the TCP frame, z out of the tool. Shape (n, 3, 3).
+        spin: Rotation about the tool axis, counted on through full turns. Shape (n,). [rad]
+        lead: Shape (n,). [rad]
+        lean: Shape (n,). [rad]
+        missed: Whether the posture could not be followed from station to station. Shape (n,).
+
+    """
+
+    q: Array
+    rotation: Array
+    spin: Array
+    lead: Array
+    lean: Array
+    missed: NDArray[np.bool_]
+
+
+def trace_line(
+    arm: Arm, nominal: Toolpath, tool_x: Array, stations: NDArray[np.int_], options: Options, choice: NDArray[np.int_],
+    q: Array, *, most_step: float,
+) -> Trace:  # fmt: skip
+    """Follow a line of the graph at every waypoint.
+
+    Args:
+        arm: The arm.
+        nominal: Toolpath in the base frame.
+        tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
+        stations: Waypoint of each station. Shape (k,).
+        options: What varies.
+        choice: Option at each station. Shape (k,).
+        q: Joint positions at each station. Shape (k, nq). [rad or m]
+        most_step: Greatest motion of a joint between neighbouring waypoints of a cut. [rad]
+
+    """
+    n = len(nominal)
+    rows = np.arange(n)
+    spin_at, lead_at, lean_at = (_take(v, choice) for v in (options.spin, options.lead, options.lean))
+    spin = np.interp(rows, stations, np.unwrap(spin_at))
+    lead, lean = np.interp(rows, stations, lead_at), np.interp(rows, stations, lean_at)
+    between = np.stack([np.interp(rows, stations, q[:, j]) for j in range(q.shape[1])], axis=1)
+    rotation = orient_tool(nominal, tool_x, rows, spin, lead, lean)
+    branches = solve_branches(arm, nominal.position, rotation, between[:, arm.held])
+    away = branches - between[:, None]
+    turn = np.where(arm.robot.prismatic, np.inf, 2 * np.pi)
+    with np.errstate(invalid="ignore"):
+        branches = branches - np.where(np.isfinite(turn), turn * np.round(away / (2 * np.pi)), 0.0)
+    distance = np.nan_to_num(np.abs(branches - between[:, None]).max(axis=2), nan=np.inf)
+    nearest = distance.argmin(axis=1)
+    followed = branches[rows, nearest]
+    lost = distance[rows, nearest] > NEAR
+    if lost.any():
+        followed[lost] = refine_ik(arm, between[lost], nominal.position[lost], rotation[lost])
+        error = pose_error(arm.chain, followed[lost], nominal.position[lost], rotation[lost])
+        lost[lost] = np.abs(error).max(axis=1) > REACHED
+    robot = arm.robot
+    outside = ((followed < robot.lower) | (followed > robot.upper)).any(axis=1)
+    torn = np.zeros(n, bool)
+    torn[1:] = np.abs(np.diff(followed, axis=0)).max(axis=1) > most_step
+    torn &= ~nominal.rapid
+    return Trace(followed, rotation, spin, lead, lean, lost | outside | torn)
+
+
+def _take(values: Array, choice: NDArray[np.int_]) -> Array:
+    wide = np.broadcast_to(values, (len(choice), values.shape[1]))
+    return wide[np.arange(len(choice)), choice]
