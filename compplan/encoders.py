@@ -1,5 +1,4 @@
-"""Double encoders: the motor side and the link side of a joint, and what a controller attains with the feedback of
-each.
+"""Double encoders: both sides of a joint, and what a controller attains with the feedback of each.
 
 The motor-side (primary) encoder reads the commanded element of a joint; the link-side (secondary) one reads it plus the
 elastic coordinates that lie between the two (`Spring.actuator`). Everything else that bends is seen by neither

@@ -1,0 +1,57 @@
+"""`compplan map`: deflection, stiffness and dexterity over a horizontal and a vertical plane."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+import numpy as np
+
+from compplan.errors import InputError
+from compplan.map_report import MapSettings, map_robot, write_map
+from compplan.reach import POSTURES
+from compplan.robot import load_robot
+
+
+@click.command()
+@click.argument("robot")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
+@click.option("--posture", type=click.Choice(POSTURES), default="down", show_default=True,
+              help="How the tool points; straight: wrist joints at zero.")  # fmt: skip
+@click.option("--force", nargs=3, type=float, default=(0.0, 0.0, 1000.0), show_default=True,
+              help="Force on the tool, base axes. [N]")  # fmt: skip
+@click.option("--moment", nargs=3, type=float, default=(0.0, 0.0, 0.0), show_default=True,
+              help="Moment on the tool at the TCP, base axes. [Nm]")  # fmt: skip
+@click.option("--height-mm", type=float, default=500.0, show_default=True, help="Height of the horizontal plane.")
+@click.option("--azimuth-deg", type=float, default=0.0, show_default=True, help="Direction of the vertical plane.")
+@click.option("--points", type=click.IntRange(5, 1000), default=100, show_default=True, help="Points along each side.")
+@click.option("--reduced", help="Robot folder of a reduced model to compare with; by default it is fitted.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def command(
+    robot: str,
+    out: Path,
+    posture: str,
+    force: tuple[float, float, float],
+    moment: tuple[float, float, float],
+    height_mm: float,
+    azimuth_deg: float,
+    points: int,
+    reduced: str | None,
+    as_json: bool,
+) -> None:
+    """Draw how far ROBOT yields: under the worst unit force and under a given wrench, over two planes."""
+    wrench = np.array([*force, *moment])
+    if not np.isfinite([*wrench, height_mm, azimuth_deg]).all():
+        raise InputError("force, moment, height and azimuth are finite numbers")
+    settings = MapSettings(
+        posture=posture, wrench=wrench, height=height_mm * 1e-3, azimuth=float(np.radians(azimuth_deg)), points=points
+    )
+    result = map_robot(load_robot(robot), settings, None if reduced is None else load_robot(reduced))
+    write_map(result, out)
+    if as_json:
+        click.echo(json.dumps(result.summary()))
+        return
+    for line in result.lines():
+        click.echo(line)
+    click.echo(f"wrote {out / 'map.json'}, {out / 'report.html'}")
