@@ -70,6 +70,8 @@ def identify_campaign(robot: Robot, campaign: Campaign, options: IdentifyOptions
     check_options(chosen)
     frames = place_frames(robot, campaign, chosen.register)
     observations, notes = observe_campaign(robot, campaign, frames)
+    if observations.encoder is not None or len(set(observations.link_side.tolist())) > 1:
+        chosen = replace(chosen, link_side=True)
     problem, more = choose_reference(choose_geometry(IdentifyProblem(robot, chosen, observations, frames)))
     structure = problem.structure()
     estimate = problem.fit(structure)

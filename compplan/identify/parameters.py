@@ -132,14 +132,11 @@ def build_structure(
     if geometry not in GEOMETRY:
         raise UnknownNameError("choice of geometry", geometry, list(GEOMETRY))
     elastic = replace(robot, springs=(*robot.springs, *add))
-    wanted = [spring.name for spring in elastic.springs] if springs is None else list(springs)
-    present = [spring.name for spring in elastic.springs]
+    present = _count_twins([label_spring(spring) for spring in elastic.springs])
+    wanted = present if springs is None else list(springs)
     for name in wanted:
         if name not in present:
             raise UnknownNameError("spring", name, present)
-    if len(set(present)) != len(present):
-        present = _count_twins(present)
-        wanted = present if springs is None else wanted
     geometric = _geometry_springs(robot, geometry)
     extended = replace(elastic, springs=(*elastic.springs, *geometric))
     spring_index, link_index = _coordinates(extended)
@@ -165,11 +162,20 @@ def build_structure(
 
 def own_springs(robot: Robot) -> tuple[Spring, ...]:
     """List a spring of compliance zero about (or along) the own axis of every commanded joint that has none yet."""
-    return tuple(
-        Spring(joint.name, "own", 0.0, actuator=True)
-        for joint in robot.actuated
-        if not any(s.joint == joint.name and _is_own(robot, s) for s in robot.springs)
-    )
+    own = [spring for spring in robot.springs if _is_own(robot, spring)]
+    taken = {spring.joint for spring in own if spring.actuator or spring.axis != "own"}
+    return tuple(Spring(joint.name, "own", 0.0, actuator=True) for joint in robot.actuated if joint.name not in taken)
+
+
+def label_spring(spring: Spring) -> str:
+    """Name a spring; one about a joint's own axis that the link-side encoder does not see is "joint_3.link"."""
+    return f"{spring.joint}.link" if spring.axis == "own" and not spring.actuator else spring.name
+
+
+def link_springs(robot: Robot) -> tuple[Spring, ...]:
+    """List an own-axis spring of compliance zero beyond each joint's link-side encoder [Klimchik2018, eq. 5]."""
+    taken = {spring.joint for spring in robot.springs if _is_own(robot, spring) and not spring.actuator}
+    return tuple(Spring(j.name, "own", 0.0, actuator=False) for j in robot.actuated if j.name not in taken)
 
 
 def candidate_springs(robot: Robot, axes: Sequence[str] = ("rx", "ry", "rz")) -> tuple[Spring, ...]:
@@ -181,7 +187,7 @@ def candidate_springs(robot: Robot, axes: Sequence[str] = ("rx", "ry", "rz")) ->
     """
     taken = {(spring.joint, spring.axis) for spring in robot.springs}
     own = {spring.joint for spring in robot.springs if _is_own(robot, spring)}
-    found = []
+    found: list[Spring] = []
     first = robot.joints[0]
     for joint in robot.joints:
         if joint.kind == "fixed" and joint is not first:

@@ -10,7 +10,15 @@ from compplan.errors import InputError, UnknownNameError
 from compplan.identify.estimate import REFERENCES, Estimate, estimate_parameters, pose_groups
 from compplan.identify.heldout import gain_score, leave_out, linearise_at
 from compplan.identify.observations import Observations
-from compplan.identify.parameters import GEOMETRY, Structure, build_structure, candidate_springs, own_springs
+from compplan.identify.parameters import (
+    GEOMETRY,
+    Structure,
+    build_structure,
+    candidate_springs,
+    label_spring,
+    link_springs,
+    own_springs,
+)
 from compplan.identify.refine import GAIN_LIMIT
 from compplan.identify.robust import check_loss
 from compplan.registration import Registration
@@ -31,6 +39,7 @@ class IdentifyOptions:
         springs: Springs to identify: None for those of the robot and, as candidates, an own spring for each joint that
             has none; otherwise their names.
         add: Springs ("joint_3.rx") that the model is given besides.
+        link_side: Whether own-axis springs beyond the link-side encoders are candidates too (double encoders).
         stepwise: Whether springs about every other axis are candidates too.
         links: Terms of the 6x6 elasticities of links: None, "scale", "diagonal", "beam" or "full".
         geometry: "none", "offsets", "all", or "auto": as much as earns its place on held-out poses.
@@ -41,6 +50,7 @@ class IdentifyOptions:
     register: tuple[str, ...] = ()
     springs: tuple[str, ...] | None = None
     add: tuple[str, ...] = ()
+    link_side: bool = False
     stepwise: bool = False
     links: str | None = None
     geometry: str = "auto"
@@ -61,21 +71,12 @@ class IdentifyProblem:
 
     def structure(self, *, extras: bool = False) -> Structure:
         """Build the structure of everything that is considered; `extras` are candidates of the stepwise refinement."""
-        options, robot = self.options, self.robot
-        demanded = tuple(read_spring(robot, name) for name in options.add)
-        own = () if options.springs is not None else own_springs(replace(robot, springs=(*robot.springs, *demanded)))
-        present = replace(robot, springs=(*robot.springs, *demanded, *own))
-        more = candidate_springs(present) if extras else ()
-        springs = None
-        if options.springs is not None:
-            springs = (*options.springs, *(s.name for s in (*demanded, *more)))
-        return build_structure(
-            robot, springs=springs, add=(*demanded, *own, *more), links=options.links, geometry=self.geometry
-        )
+        return build_considered(self.robot, self.options, self.geometry, extras=extras)
 
     def demanded(self, structure: Structure) -> list[str]:
         """List the parameters that need not earn their place: those of the nominal model, and what was asked for."""
-        asked = {spring.name for spring in self.robot.springs} | set(self.options.add) | set(self.options.springs or ())
+        asked = {label_spring(spring) for spring in self.robot.springs}
+        asked |= {*self.options.add, *(self.options.springs or ())}
         return [p.name for p in structure.parameters if p.name in asked or p.kind not in ("joint", "spring")]
 
     def fit(self, structure: Structure) -> Estimate:
@@ -87,6 +88,28 @@ class IdentifyProblem:
             loss=self.options.loss,
             reference=self.reference,
         )
+
+
+def build_considered(robot: Robot, options: IdentifyOptions, geometry: str, *, extras: bool = False) -> Structure:
+    """Build the structure of everything that the options ask for.
+
+    Args:
+        robot: The nominal robot.
+        options: What is to be identified.
+        geometry: "none", "offsets" or "all".
+        extras: Whether springs about every further axis are in it too.
+    """
+    demanded = tuple(read_spring(robot, name) for name in options.add)
+    own = () if options.springs is not None else own_springs(replace(robot, springs=(*robot.springs, *demanded)))
+    present = replace(robot, springs=(*robot.springs, *demanded, *own))
+    beyond = link_springs(present) if options.link_side else ()
+    more = candidate_springs(present) if extras else ()
+    springs = None
+    if options.springs is not None:
+        springs = (*options.springs, *(label_spring(spring) for spring in (*demanded, *beyond, *more)))
+    return build_structure(
+        robot, springs=springs, add=(*demanded, *own, *beyond, *more), links=options.links, geometry=geometry
+    )
 
 
 def read_spring(robot: Robot, name: str) -> Spring:

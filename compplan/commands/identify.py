@@ -1,0 +1,101 @@
+"""`compplan identify`: compliances of a robot from a measurement log, or the poses from which to measure them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from compplan.errors import InputError
+from compplan.identify.campaign import identify_campaign
+from compplan.identify.output import describe_identification, write_identification
+from compplan.identify.parameters import GEOMETRY, LINK_TERMS
+from compplan.identify.plan_campaign import CampaignPlan, describe_campaign_plan, plan_campaign, write_campaign_plan
+from compplan.identify.problem import IdentifyOptions
+from compplan.identify.robust import LOSSES
+from compplan.measurements import read_campaign
+from compplan.registration import parse_parts
+from compplan.robot import load_robot
+
+
+@click.command()
+@click.argument("measurements", type=click.Path(path_type=Path), required=False)
+@click.option("--robot", "robot_name", required=True, help="Robot folder, or name of a shipped robot.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder to write.")
+@click.option("--register", help='Frames that are unknown: "base", "tool" or "base,tool".')
+@click.option("--springs", help="Springs to identify, by name; default: those of the robot and one a joint.")
+@click.option("--add", help='Springs that the robot lacks and gets, such as "joint_3.rx,base_joint.ry".')
+@click.option("--stepwise", is_flag=True, help="Try a spring about every axis; keep those that earn their place.")
+@click.option("--links", type=click.Choice(LINK_TERMS), help="Terms of the links' 6x6 elasticities to identify.")
+@click.option("--geometry", type=click.Choice([*GEOMETRY, "auto"]), default="auto", help="Geometry fitted along.")
+@click.option("--reference", type=click.Choice(["absolute", "difference", "auto"]), default="auto",
+              help="Absolute positions, or each pose against itself under other loads.")  # fmt: skip
+@click.option("--loss", type=click.Choice(LOSSES), default="tukey", help="How rows far from the model count.")
+@click.option("--choose-poses", type=int, metavar="N", help="Instead: choose N poses and loads to measure.")
+@click.option("--force-N", "force", type=float, default=1000.0, help="Force of the chosen loads (1000).")
+@click.option("--lever-mm", "lever", type=float, default=300.0, help="Lever of the chosen loads (300).")
+@click.option("--seed", type=int, default=0, help="Seed of the candidates to choose from (0).")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def command(
+    measurements: Path | None,
+    robot_name: str,
+    out: Path,
+    register: str | None,
+    springs: str | None,
+    add: str | None,
+    stepwise: bool,
+    links: str | None,
+    geometry: str,
+    reference: str,
+    loss: str,
+    choose_poses: int | None,
+    force: float,
+    lever: float,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Identify the compliances of ROBOT from MEASUREMENTS (a measurement log), with 95 % intervals.
+
+    Writes DIR/robot (the updated robot folder) and DIR/identify.json. With --choose-poses N it writes DIR/poses.csv: the
+    N poses and loads that tell the most.
+    """
+    robot = load_robot(robot_name)
+    options = IdentifyOptions(
+        register=parse_parts(register),
+        springs=None if springs is None else _split(springs),
+        add=_split(add or ""),
+        stepwise=stepwise,
+        links=links,
+        geometry=geometry,
+        reference=reference,
+        loss=loss,
+    )
+    if choose_poses is not None:
+        _choose(
+            plan_campaign(robot, options, choose_poses, force=force, lever=lever * 1e-3, seed=seed), out, as_json=as_json
+        )
+        return
+    if measurements is None:
+        raise InputError("no measurement log is given; name one, or ask for poses to measure with --choose-poses N")
+    summary = write_identification(identify_campaign(robot, read_campaign(measurements, robot), options), out)
+    if as_json:
+        click.echo(json.dumps(summary))
+        return
+    for line in describe_identification(summary):
+        click.echo(line)
+    click.echo(f"wrote {out / 'robot'} and {out / 'identify.json'}")
+
+
+def _choose(plan: CampaignPlan, out: Path, *, as_json: bool) -> None:
+    summary = write_campaign_plan(plan, out)
+    if as_json:
+        click.echo(json.dumps(summary))
+        return
+    for line in describe_campaign_plan(summary):
+        click.echo(line)
+    click.echo(f"wrote {out / 'poses.csv'}")
+
+
+def _split(text: str) -> tuple[str, ...]:
+    return tuple(part.strip() for part in text.split(",") if part.strip())

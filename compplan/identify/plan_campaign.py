@@ -1,0 +1,132 @@
+"""Plan a campaign: which poses and loads to measure, and what standard errors they promise."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compplan.errors import InputError
+from compplan.identify.forward import KNOWN_FRAMES
+from compplan.identify.output import SHOWN
+from compplan.identify.pose_choice import (
+    PoseCandidates,
+    PoseInformation,
+    choose_poses,
+    compare_with_random,
+    draw_candidates,
+    weigh_candidates,
+)
+from compplan.identify.problem import IdentifyOptions, build_considered
+from compplan.robot import Array, Robot
+from compplan.tables import to_unit, write_table, write_text
+
+CANDIDATES = 2000
+
+
+@dataclass(frozen=True)
+class CampaignPlan:
+    """Poses and loads to measure.
+
+    Attributes:
+        robot: The robot.
+        poses: The chosen poses and loads.
+        information: What every candidate tells.
+        promised: Predicted standard errors of the chosen poses. Shape (p,).
+        random: Those of as many random poses. Shape (p,).
+    """
+
+    robot: Robot
+    poses: PoseCandidates
+    information: PoseInformation
+    promised: Array
+    random: Array
+
+
+def plan_campaign(
+    robot: Robot, options: IdentifyOptions, count: int, *, force: float, lever: float, seed: int = 0
+) -> CampaignPlan:
+    """Choose the poses and loads that tell the most about what `options` ask for.
+
+    Args:
+        robot: The robot.
+        options: Parameters to identify; frames to be registered count.
+        count: Number of poses.
+        force: Size of the force. [N]
+        lever: Distance of its point of attack from the TCP. [m]
+        seed: Seed of the candidates.
+
+    Raises:
+        InputError: If there are too few poses for the parameters, or the force is not above zero.
+    """
+    if not (np.isfinite(force) and force > 0 and np.isfinite(lever) and lever >= 0):
+        given = f"force {force:g} N on a lever of {lever * 1e3:g} mm"
+        raise InputError(f"{given}, expected a force above 0 and a lever from 0")
+    candidates = draw_candidates(robot, max(CANDIDATES, 2 * count), force=force, lever=lever, seed=seed)
+    structure = build_considered(robot, options, "none" if options.geometry == "auto" else options.geometry)
+    frames = replace(KNOWN_FRAMES, parts=options.register)
+    information = weigh_candidates(structure, candidates, registration=frames)
+    if 6 * count <= len(information.parameters):
+        least = len(information.parameters) // 6 + 1
+        raise InputError(f"{count} poses for {len(information.parameters)} parameters, expected at least {least}")
+    limits = compare_with_random(information, count, seed=seed + 1)
+    chosen = choose_poses(information, count, limits=limits)
+    return CampaignPlan(
+        robot=robot,
+        poses=PoseCandidates(candidates.q[chosen], candidates.wrench[chosen]),
+        information=information,
+        promised=information.standard_errors(chosen),
+        random=limits,
+    )
+
+
+def write_campaign_plan(plan: CampaignPlan, out: Path) -> dict[str, Any]:
+    """Write poses.csv (columns of a measurement log that is yet to be measured) and poses.json.
+
+    Args:
+        plan: The plan.
+        out: Folder to write into; made if needed.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    columns: dict[str, object] = {"run": np.array(["static_1"] * len(plan.poses))}
+    for k, slides in enumerate(plan.robot.prismatic, 1):
+        header = f"q{k}_mm" if slides else f"q{k}_deg"
+        columns[header] = to_unit(plan.poses.q[:, k - 1], header)
+    for k, header in enumerate(("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")):
+        columns[header] = plan.poses.wrench[:, k]
+    write_table(out / "poses.csv", columns, decimals=6)
+    entries = []
+    for parameter, promised, random in zip(plan.information.parameters, plan.promised, plan.random, strict=True):
+        unit, factor = SHOWN[parameter.unit]
+        entries.append(
+            {
+                "name": parameter.name,
+                "unit": unit,
+                "standard_error": float(f"{promised * factor:.6g}"),
+                "standard_error_of_random_poses": float(f"{random * factor:.6g}"),
+            }
+        )
+    ratio = float(np.exp(np.mean(np.log(plan.promised / plan.random))))
+    summary = {
+        "schema": 1,
+        "robot": plan.robot.name,
+        "poses": len(plan.poses),
+        "ratio_to_random": float(f"{ratio:.4g}"),
+        "parameters": entries,
+        "assumed": "0.04 mm and 0.05 mrad standard deviation per axis of position and orientation",
+    }
+    write_text(out / "poses.json", json.dumps(summary, indent=1) + "\n")
+    return summary
+
+
+def describe_campaign_plan(summary: dict[str, Any]) -> list[str]:
+    """Say in lines for people what the chosen poses promise."""
+    lines = [f"{summary['robot']}: {summary['poses']} poses; assumed: {summary['assumed']}"]
+    lines.append(f"{'parameter':<26}{'unit':<12}{'standard error':>16}{'random poses':>14}")
+    for entry in summary["parameters"]:
+        name, unit, promised = entry["name"], entry["unit"], entry["standard_error"]
+        lines.append(f"{name:<26}{unit:<12}{promised:>16.4g}{entry['standard_error_of_random_poses']:>14.4g}")
+    return [*lines, f"geometric mean of the standard errors: {summary['ratio_to_random']:.2f} of random poses"]

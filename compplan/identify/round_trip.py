@@ -1,0 +1,162 @@
+"""Check that stated intervals hold: inject compliances, simulate a noisy campaign, identify, and look inside.
+
+The campaign is simulated in exact equilibrium with tracker noise of 15 um + 6 um/m (see `simulate_observations`). What
+the poses cannot tell is held at its nominal value, in the truth too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.stats import binomtest
+
+from compplan.errors import UnknownNameError
+from compplan.identify.estimate import Estimate, estimate_parameters
+from compplan.identify.forward import KNOWN_FRAMES, predict_rows
+from compplan.identify.observations import Observations, simulate_observations
+from compplan.identify.parameters import Structure, build_structure, link_springs, own_springs
+from compplan.identify.pose_choice import draw_candidates
+from compplan.robot import Array, Body, LinkElasticity, Robot, Spring
+
+#: Models of a round trip: what is soft, how it is loaded, and what is unknown besides.
+MODELS = ("joints", "extra springs", "base plate", "links", "gravity", "double encoders", "frames", "differences")
+#: Assumed where a robot has none: a mass on every moving link, and the 6x6 of a slender link.
+ASSUMED_MASS = 60.0
+ASSUMED_LINK = np.diag([5e-9, 5e-9, 1e-9, 5e-8, 5e-8, 1e-7])
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+@dataclass(frozen=True)
+class RoundTrip:
+    """One repeat.
+
+    Attributes:
+        estimate: The fit.
+        truth: True values of its parameters, frames left out. Shape (p,).
+        inside: Whether the stated 95 % interval holds, of the parameters that were free. Shape (k,).
+    """
+
+    estimate: Estimate
+    truth: Array
+    inside: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Share of the stated intervals that hold.
+
+    Attributes:
+        inside: Intervals that held.
+        count: Intervals in all.
+        p_value: Of a two-sided binomial test against the stated level.
+    """
+
+    inside: int
+    count: int
+    p_value: float
+
+    @property
+    def share(self) -> float:
+        """Share that held."""
+        return self.inside / self.count
+
+
+def run_round_trip(robot: Robot, model: str, seed: int, *, poses: int = 30, loss: str = "least_squares") -> RoundTrip:
+    """Inject, simulate and identify once.
+
+    Args:
+        robot: The robot.
+        model: One of `MODELS`.
+        seed: Seed of poses, loads, truth and noise.
+        poses: Number of poses; two loads each for differences, four modes each for double encoders.
+        loss: "least_squares", "huber" or "tukey".
+
+    Raises:
+        UnknownNameError: If there is no such model.
+    """
+    if model not in MODELS:
+        raise UnknownNameError("model", model, list(MODELS))
+    rng = np.random.default_rng(seed)
+    structure = _build(robot, model)
+    q, wrench, link_side = _load(structure.robot, model, poses, rng)
+    frames = replace(KNOWN_FRAMES, parts=("base", "tool")) if model == "frames" else KNOWN_FRAMES
+    reference = "difference" if model == "differences" else "absolute"
+    blank = simulate_observations(structure.robot, q, wrench, link_side=link_side)
+    first = estimate_parameters(structure, blank, registration=frames, reference=reference, sigma="stated")
+    told = first.free[: len(structure.parameters)]
+    truth = np.where(told, structure.nominal * rng.uniform(0.5, 1.8, len(told)), structure.nominal)
+    rows = _simulate(structure, truth, blank, model, rng)
+    estimate = estimate_parameters(structure, rows, registration=frames, loss=loss, reference=reference)
+    low, high = estimate.intervals().T
+    free = np.flatnonzero(estimate.free[: len(truth)])
+    inside = (low[free] <= truth[free]) & (truth[free] <= high[free])
+    return RoundTrip(estimate, truth, inside)
+
+
+def measure_coverage(trips: Sequence[RoundTrip], level: float = 0.95) -> Coverage:
+    """Count the intervals that hold, pooled over repeats and parameters."""
+    held = np.concatenate([trip.inside for trip in trips])
+    test = binomtest(int(held.sum()), len(held), level)
+    return Coverage(int(held.sum()), len(held), float(test.pvalue))
+
+
+def _build(robot: Robot, model: str) -> Structure:
+    """Give a robot the springs, links and masses of a model, with values that are not zero."""
+    rigid = [replace(spring, compliance=spring.compliance or 1e-6) for spring in own_springs(robot)]
+    soft = replace(robot, springs=(*robot.springs, *rigid), effects=())
+    first, moving = soft.joints[0], soft.actuated
+    if model == "extra springs":
+        extra = [Spring(moving[k].name, axis, 4e-7) for k, axis in ((1, "rx"), (2, "rx"), (3, "ry"))]
+        taken = {(spring.joint, spring.axis) for spring in soft.springs}
+        soft = replace(soft, springs=(*soft.springs, *(s for s in extra if (s.joint, s.axis) not in taken)))
+    if model == "base plate":
+        plate = [Spring(first.name, axis, 1e-7) for axis in ("rx", "ry", "rz")]
+        taken = {(spring.joint, spring.axis) for spring in soft.springs}
+        soft = replace(soft, springs=(*(s for s in plate if (s.joint, s.axis) not in taken), *soft.springs))
+    if model == "links" and not soft.link_elasticities:
+        blocks = tuple(LinkElasticity(joint.child, ASSUMED_LINK.copy()) for joint in moving[1:4])
+        soft = replace(soft, link_elasticities=blocks)
+    if model == "gravity":
+        bodies = soft.bodies or tuple(Body(joint.child, ASSUMED_MASS, np.array([0.1, 0.05, 0.2])) for joint in moving)
+        soft = replace(soft, gravity=GRAVITY, bodies=bodies)
+    if model == "double encoders":
+        beyond = [replace(spring, compliance=2e-7) for spring in link_springs(soft)]
+        soft = replace(soft, springs=(*soft.springs, *beyond))
+    return build_structure(soft, links="diagonal" if model == "links" else None)
+
+
+def _load(
+    robot: Robot, model: str, poses: int, rng: np.random.Generator
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    seed = int(rng.integers(2**31))
+    count = max(poses, 60) if model in ("links", "frames") else poses
+    force = 100.0 if robot.name in ("ur10", "fanuc_m10ia") else 1000.0
+    drawn = draw_candidates(robot, count, force=force, seed=seed)
+    q, wrench, nothing = drawn.q, drawn.wrench, np.zeros_like(drawn.wrench)
+    if model in ("frames", "differences"):
+        return np.vstack([q, q]), np.vstack([wrench, nothing]), np.zeros(2 * len(q), bool)
+    if model == "double encoders":
+        modes = np.repeat([False, False, True, True], len(q))
+        return np.vstack([q] * 4), np.vstack([nothing, wrench, wrench, nothing]), modes
+    return q, wrench, np.zeros(len(q), bool)
+
+
+def _simulate(
+    structure: Structure, truth: Array, blank: Observations, model: str, rng: np.random.Generator
+) -> Observations:
+    """Measure the true robot in exact equilibrium, with noise, and with small unknown frames where these are fitted."""
+    frames = KNOWN_FRAMES
+    if model == "frames":
+        base, tool = np.eye(4), np.eye(4)
+        for pose in (base, tool):
+            pose[:3, :3] = Rotation.from_rotvec(rng.normal(0, 2e-3, 3)).as_matrix()
+            pose[:3, 3] = rng.normal(0, 2e-3, 3)
+        frames = replace(KNOWN_FRAMES, base=base, tool=tool[None])
+    seen = predict_rows(structure, truth, blank, frames)
+    turn = Rotation.from_rotvec(blank.sigma_rotation[:, None] * rng.standard_normal(seen.position.shape)).as_matrix()
+    noisy = seen.position + blank.sigma_position[:, None] * rng.standard_normal(seen.position.shape)
+    return replace(blank, position=noisy, rotation=turn @ seen.rotation)
