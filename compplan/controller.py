@@ -129,7 +129,7 @@ def from_controller(controller: Controller, joints: Array) -> Array:
 
 
 def rates_to_controller(controller: Controller, rates: Array) -> Array:
-    """Return joint rate limits as the controller counts, coupling aside. Shape (nq,). [rad/s or m/s] -> [deg/s or mm/s]."""
+    """Return joint rate limits in the units of the controller, coupling aside. Shape (nq,)."""
     return np.where(controller.prismatic, np.asarray(rates) * 1e3, np.degrees(rates))
 
 

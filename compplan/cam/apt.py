@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from compplan.cam.arcs import arc_about, fits_circle
-from compplan.cam.moves import CamFile, MoveLog, Point
+from compplan.cam.arcs import Arc, Point, arc_about, combine, cross, dot, fits_circle
+from compplan.cam.moves import CamFile, MoveLog
 from compplan.cam.options import CamTable
 from compplan.errors import InputError
-from compplan.tables import Array
 
 INCH = 25.4
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?")
@@ -26,7 +25,8 @@ SILENT = {
     "PARTNO", "PPRINT", "MACHIN", "TOOL PATH", "TLDATA", "LOADTL", "LOAD", "SELECT", "COOLNT", "CUTTER", "INTOL",
     "TOLER", "OUTTOL", "PAINT", "DISPLAY", "END-OF-PATH", "FINI", "TPRINT", "INSERT", "DELAY", "DWELL", "OPSTOP",
     "STOP", "PREFUN", "AUXFUN", "SEQNO", "REWIND", "MULTAX", "END", "LEADER", "CLEARP", "REMARK", "TITLES", "CLDIST",
-    "PROBE", "CLRSRF", "OPSKIP", "TLCOMP", "CUTCOM", "ARCSLP", "LINTOL", "MAXDPM", "MAXANG", "DISPLY", "PROGRAM", "SPINDL",
+    "PROBE", "CLRSRF", "OPSKIP", "TLCOMP", "CUTCOM", "ARCSLP", "LINTOL", "MAXDPM", "MAXANG", "DISPLY", "PROGRAM",
+    "SPINDL",
 }
 PLAIN_TEXT = ("PARTNO", "PPRINT", "REMARK", "INSERT", "TPRINT", "TITLES", "TOOL PATH", "LETTER")
 #: mm/s for one unit of feed; None: a revolution of the spindle.
@@ -88,6 +88,16 @@ def split_records(text: str) -> Iterator[tuple[int, str]]:
         yield first, pending.strip()
 
 
+@dataclass(frozen=True)
+class Pending:
+    """Hold an arc record until the point that ends it: a point of its axis [mm], the axis, its sense and its turns."""
+
+    centre: Point
+    normal: Point
+    right_hand: bool
+    turns: int = 1
+
+
 class _Reader:
     """Follow a file record by record."""
 
@@ -101,9 +111,9 @@ class _Reader:
         self.revolution_feed: float | None = None
         self.spindle = 0.0
         self.rapid = self.cycle = self.placed = self.nx = False
-        self.arc: dict[str, object] | None = None
-        self.direction: Array | None = None
-        self.before: Array | None = None
+        self.arc: Pending | None = None
+        self.direction: Point | None = None
+        self.before: Point | None = None
         self.frames: set[str] = set()
         self.votes = [0, 0]
 
@@ -147,7 +157,7 @@ class _Reader:
         elif major in ("CIRCLE", "MOVARC", "ARC"):
             self._note_arc(minor.upper())
         elif major == "INDIRV":
-            self.direction = np.array(self._numbers(minor)[:3])
+            self.direction = self._axis(self._numbers(minor)[:3])
         elif "GOFWD" in major:
             self._follow_circle(minor.upper())
         elif major.startswith("CYCLE"):
@@ -178,7 +188,7 @@ class _Reader:
         return [float(number.upper().replace("D", "E")) for number in NUMBER.findall(minor)]
 
     def _axis(self, vector: list[float]) -> Point:
-        length = float(np.linalg.norm(vector))
+        length = math.hypot(*vector)
         if len(vector) != 3 or not 1e-3 < length < 1e3:
             raise self.error(f"tool axis {vector} is no direction")
         return vector[0] / length, vector[1] / length, vector[2] / length
@@ -194,8 +204,9 @@ class _Reader:
     def _shift(self, numbers: list[float]) -> None:
         if len(numbers) not in (1, 3):
             raise self.error(f"{len(numbers)} numbers, expected dx, dy, dz or a distance along the tool axis")
-        step = np.array(numbers) if len(numbers) == 3 else numbers[0] * np.array(self.log.axis)
-        self._goto((np.array(self.log.position) / self.scale + step).tolist())
+        axis = self.log.axis
+        step = (numbers[0], numbers[1], numbers[2]) if len(numbers) == 3 else combine(numbers[0], axis, 0.0, axis)
+        self._goto(list(combine(1.0 / self.scale, self.log.position, 1.0, step)))
 
     def _set_unit(self, words: str) -> None:
         unit = "inch" if words.startswith("IN") else "mm" if words.startswith(("MM", "MILLI")) else ""
@@ -253,7 +264,7 @@ class _Reader:
     def _goto(self, numbers: list[float]) -> None:
         """Move to a point: rapidly, above a hole, along a pending arc, or straight."""
         point, axis = self._point(numbers)
-        start = np.array(self.log.position)
+        start = self.log.position
         rapid, self.rapid = self.rapid, False
         arc, self.arc = self.arc, None
         if self.cycle:
@@ -272,9 +283,8 @@ class _Reader:
         else:
             self.log.line(point, self._speed(), axis)
         self.placed = True
-        step = np.array(point) - start
-        length = float(np.linalg.norm(step))
-        self.before = step / length if length > 1e-6 and not rapid else None
+        length = math.dist(point, start)
+        self.before = combine(1.0 / length, point, -1.0 / length, start) if length > 1e-6 and not rapid else None
 
     def _note_arc(self, words: str) -> None:
         """Keep an arc record until the GOTO that ends it."""
@@ -295,26 +305,21 @@ class _Reader:
             clockwise = self.options.circle_sense == "left_hand"
         turns = int(float(times.group(1))) if times else 1
         if angle:
-            turns = int(np.ceil(abs(float(angle.group(1))) / 360.0 - 1e-6))
-        self.arc = {
-            "centre": np.array(numbers[:3]) * self.scale, "normal": np.array(self._axis(numbers[3:6])),
-            "right_hand": clockwise == self.flipped, "turns": max(1, turns),
-        }
+            turns = math.ceil(abs(float(angle.group(1))) / 360.0 - 1e-6)
+        self.arc = Pending(self._scaled(numbers), self._axis(numbers[3:6]), clockwise == self.flipped, max(1, turns))
 
     def _cut_lettered(self, words: str) -> None:
-        """Cut along CIRCLE/X,x,Y,y,Z,z,I,i,J,j,K,k[,CCLW]: end, and centre seen from the start, clockwise if not said."""
+        """Cut along CIRCLE/X,x,Y,y,Z,z,I,i,J,j,K,k[,CCLW]: end and centre from the start; clockwise."""
         pairs = re.findall(r"([XYZIJK])\s*,\s*([-+]?(?:\d+\.?\d*|\.\d+))", words)
         values = {letter: float(number) * self.scale for letter, number in pairs}
         if not values.keys() & set("IJK"):
             raise self.error(f"arc record {words[:40]!r} has no centre, expected I, i, J, j, K, k")
-        start = np.array(self.log.position)
-        x, y, z = (values.get(letter, old) for letter, old in zip("XYZ", start.tolist(), strict=True))
-        centre = start + [values.get(letter, 0.0) for letter in "IJK"]
+        start = self.log.position
+        x, y, z = (values.get(letter, old) for letter, old in zip("XYZ", start, strict=True))
+        offset = (values.get("I", 0.0), values.get("J", 0.0), values.get("K", 0.0))
         anticlockwise = bool(set(re.findall(r"[A-Z]+", words)) & ANTICLOCKWISE)
-        record: dict[str, object] = {
-            "centre": centre, "normal": np.array(self.log.axis), "right_hand": anticlockwise, "turns": 1,
-        }
-        self._cut_arc(record, start, (x, y, z), self.log.axis)
+        pending = Pending(combine(1.0, start, 1.0, offset), self.log.axis, anticlockwise)
+        self._cut_arc(pending, start, (x, y, z), self.log.axis)
 
     def _follow_circle(self, words: str) -> None:
         """Read TLON,GOFWD/(CIRCLE/x,y,z,r),ON,(LINE/x,y,z,x,y,z): the line ends where the arc ends (CATIA)."""
@@ -325,24 +330,33 @@ class _Reader:
         if len(centre) < 4 or len(last) < 3 or self.direction is None:
             message = f"motion {words[:40]!r} is not read, expected INDIRV and GOFWD/(CIRCLE/x,y,z,r),ON,(LINE/..)"
             raise self.error(message)
-        start, middle, normal = np.array(self.log.position), np.array(centre[:3]) * self.scale, np.array(self.log.axis)
-        right_hand = float(np.cross(normal, start - middle) @ self.direction) > 0.0
-        point = tuple((np.array(last[-3:]) * self.scale).tolist())
-        arc: dict[str, object] = {"centre": middle, "normal": normal, "right_hand": right_hand, "turns": 1}
-        self._cut_arc(arc, start, (point[0], point[1], point[2]), self.log.axis)
+        start, middle, normal = self.log.position, self._scaled(centre), self.log.axis
+        right_hand = dot(cross(normal, combine(1.0, start, -1.0, middle)), self.direction) > 0.0
+        self._cut_arc(Pending(middle, normal, right_hand), start, self._scaled(last[-3:]), normal)
 
-    def _cut_arc(self, record: dict[str, object], start: Array, end: Point, axis: Point) -> None:
-        arc = arc_about(start, np.array(end), **record)  # type: ignore[arg-type]
-        if arc.radius <= 1e-9 or not fits_circle(arc.radius, arc.end_radius):
+    def _scaled(self, numbers: list[float]) -> Point:
+        """Return the first three numbers as a point in millimetres."""
+        return numbers[0] * self.scale, numbers[1] * self.scale, numbers[2] * self.scale
+
+    def _cut_arc(self, pending: Pending, start: Point, end: Point, axis: Point) -> None:
+        """Cut along an arc, and keep how it leaves for the arc after it."""
+        arc = arc_about(
+            start, end, pending.centre, pending.normal, right_hand=pending.right_hand, turns=pending.turns
+        )
+        if not fits_circle(arc.radius, arc.end_radius):
             message = f"arc starts {arc.radius:.4f} mm from its axis and ends {arc.end_radius:.4f} mm from it"
             raise self.error(f"{message}, expected the same radius")
-        tangent = np.cross(arc.normal, arc.first) * np.sign(arc.sweep)
-        if self.before is not None and abs(float(tangent @ self.before)) > 0.99:
-            self.votes[0 if float(tangent @ self.before) > 0.0 else 1] += 1
+        self._vote(arc)
         self.log.arc(arc, end, self._speed())
         if max(abs(one - other) for one, other in zip(axis, self.log.axis, strict=True)) > 1e-6:
             self.log.note("the tool axis turns at the end of an arc, not along it", self.line)
             self.log.line(end, self._speed(), axis)
-        last = np.array(end) - arc.centre - arc.rise * arc.normal
-        leaving = np.cross(arc.normal, last) * np.sign(arc.sweep)
-        self.before = leaving / max(float(np.linalg.norm(leaving)), 1e-300)
+        self.before = arc.tangent(arc.sweep)
+
+    def _vote(self, arc: Arc) -> None:
+        """Count whether an arc goes on from the move before it, or turns back on it."""
+        if self.before is None:
+            return
+        along = dot(arc.tangent(0.0), self.before)
+        if abs(along) > 0.99:
+            self.votes[0 if along > 0.0 else 1] += 1

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
-from compplan.cam.arcs import arc_about, centre_from_radius, fits_circle
+from compplan.cam.arcs import Point, arc_about, centre_from_radius, combine, cross, dot, fits_circle
 from compplan.cam.gcode_cycles import run_cycle
-from compplan.cam.gcode_state import AXES, PLANE_NORMALS, State
+from compplan.cam.gcode_state import AXES, PLANE_AXES, PLANE_NORMALS, State
 from compplan.cam.gcode_words import CONTROL, CONVERSATIONAL, TIP_CONTROL, split_words, strip_comments
-from compplan.cam.moves import CamFile, MoveLog, Point
+from compplan.cam.moves import CamFile, MoveLog
 from compplan.cam.options import CamTable
 from compplan.errors import InputError
 
@@ -241,8 +240,8 @@ class _Reader:
         if state.motion == 1.0:
             state.note_start(self.log, self.line)
             before = self.log.axis
-            pieces = 1 if axis is None else int(np.ceil(np.degrees(_angle(before, axis)) / TURN_STEP - 1e-9)) or 1
-            feed = self._feed(float(np.linalg.norm(np.subtract(target, self.log.position))))
+            pieces = 1 if axis is None else math.ceil(math.degrees(_angle(before, axis)) / TURN_STEP - 1e-9) or 1
+            feed = self._feed(math.dist(target, self.log.position))
             if axis is None or pieces == 1:
                 self.log.line(target, feed, axis)
             else:
@@ -256,10 +255,10 @@ class _Reader:
     def _turning_line(self, target: Point, feed: float, pieces: int) -> None:
         """Cut to a point while the rotary axes turn evenly: one move, in pieces."""
         state, log = self.state, self.log
-        start, counts = np.array(log.position), dict(log.counts)
+        start, counts = log.position, dict(log.counts)
         for piece in range(1, pieces + 1):
             share = piece / pieces
-            point = target if piece == pieces else tuple((start + share * (np.array(target) - start)).tolist())
+            point = target if piece == pieces else combine(1.0 - share, start, share, target)
             log.line(point, feed, state.rotary_axis(self.options.rotary, share))
         for name in ("cutting_moves", "rotary_only_moves"):
             log.counts[name] = min(log.counts[name], counts[name] + 1)
@@ -300,16 +299,15 @@ class _Reader:
         state = self.state
         state.note_start(self.log, self.line)
         normal = PLANE_NORMALS[state.plane]
-        plane = [axis for axis in range(3) if axis != int(np.argmax(normal))]
-        target = state.target(values, range(3))
-        start, end = np.array(state.position), np.array(target)
+        plane = PLANE_AXES[state.plane]
+        target, start = state.target(values, range(3)), state.position
         right_hand = state.motion == 3.0
         letters = [letter for letter in (("I", "J", "K")[axis] for axis in plane) if letter in values]
         if "R" in values:
             radius = values["R"] * state.scale
-            found = centre_from_radius(start, end, normal, radius, right_hand=right_hand)
+            found = centre_from_radius(start, target, normal, radius, right_hand=right_hand)
             if found is None:
-                chord = float(np.linalg.norm((end - start)[plane]))
+                chord = math.dist([start[axis] for axis in plane], [target[axis] for axis in plane])
                 message = f"arc of radius R {radius:g} mm cannot join ends that are {chord:g} mm apart"
                 raise self.error(f"{message}, expected 0 < distance <= {2 * abs(radius):g} mm")
             centre = found
@@ -319,8 +317,8 @@ class _Reader:
             names = " ".join(("I", "J", "K")[axis] for axis in plane)
             raise self.error(f"arc has neither a centre ({names}) nor a radius (R)")
         turns = int(values["P"]) if values.get("P", 1.0) >= 1.0 and "P" in values else 1
-        arc = arc_about(start, end, centre, normal, right_hand=right_hand, turns=turns)
-        if arc.radius <= 1e-9 or not fits_circle(arc.radius, arc.end_radius):
+        arc = arc_about(start, target, centre, normal, right_hand=right_hand, turns=turns)
+        if not fits_circle(arc.radius, arc.end_radius):
             message = f"arc starts {arc.radius:.4f} mm from its centre and ends {arc.end_radius:.4f} mm from it"
             hint = "expected the same radius; I J K may count otherwise (option arc_centres)"
             raise _OffCircleError(f"{message}, {hint}", file=self.file, where=self.line)
@@ -335,7 +333,7 @@ OFFSETS = {52.0, 92.0, 92.1, 92.2, 92.3}
 
 
 def _angle(before: Point, after: Point) -> float:
-    return float(np.arctan2(np.linalg.norm(np.cross(before, after)), np.dot(before, after)))
+    return math.atan2(math.hypot(*cross(before, after)), dot(before, after))
 
 
 def _setter(**changes: object) -> Callable[[State], None]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from compplan.cam.arcs import Point
 from compplan.cam.gcode_state import State
-from compplan.cam.moves import MoveLog, Point
+from compplan.cam.moves import MoveLog
 
 
 def run_cycle(

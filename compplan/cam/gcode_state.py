@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.cam.moves import MoveLog, Point
-from compplan.tables import Array
+from compplan.cam.arcs import Point
+from compplan.cam.moves import MoveLog
 
 AXES = "XYZ"
-PLANE_NORMALS = {17: np.array([0.0, 0.0, 1.0]), 18: np.array([0.0, 1.0, 0.0]), 19: np.array([1.0, 0.0, 0.0])}
+PLANE_NORMALS = {17: (0.0, 0.0, 1.0), 18: (0.0, 1.0, 0.0), 19: (1.0, 0.0, 0.0)}
+PLANE_AXES = {17: (0, 1), 18: (0, 2), 19: (1, 2)}
 
 
 @dataclass
@@ -127,9 +128,9 @@ class State:
             return self.feed * self.spindle / 60.0 if self.spindle > 0.0 else None
         return self.feed / 60.0
 
-    def centre(self, start: Array, values: Mapping[str, float], plane: list[int]) -> Array:
-        """Return the centre of an arc from I J K, as they count in this program. Shape (3,) [mm]."""
-        centre = start.copy()
+    def centre(self, start: Point, values: Mapping[str, float], plane: tuple[int, int]) -> Point:
+        """Return the centre of an arc from I J K, as they count in this program [mm]."""
+        centre = list(start)
         for axis in plane:
             letter = ("I", "J", "K")[axis]
             if self.centres == "absolute":
@@ -138,7 +139,7 @@ class State:
             else:
                 sign = -1.0 if self.centres == "reversed" else 1.0
                 centre[axis] += sign * values.get(letter, 0.0) * self.scale
-        return centre
+        return centre[0], centre[1], centre[2]
 
     def turn(self, values: Mapping[str, float]) -> None:
         """Take the rotary words of a block [deg]."""

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from compplan.cam.arcs import Arc
+from compplan.cam.arcs import Arc, Point, sample_arcs
 from compplan.tables import Array
 from compplan.toolpath import Toolpath
 
 #: Moves shorter than this do not count as moves. [mm]
 STILL = 1e-9
-Point = tuple[float, float, float]
 COUNTERS = (
     "cutting_moves", "rapid_moves", "arcs", "full_circles", "helical_arcs", "unmoved_blocks", "rotary_only_moves",
     "cycles",
@@ -90,7 +90,7 @@ class MoveLog:
     arc_length: float = 0.0
     notes: dict[str, tuple[int, int]] = field(default_factory=dict)
     _rows: list[tuple[float, ...]] = field(default_factory=list)
-    _chunks: list[Array] = field(default_factory=list)
+    _arcs: dict[int, Arc] = field(default_factory=dict)
 
     def place(self, point: Point, axis: Point | None = None) -> None:
         """Take the tool to a point without a move: where nothing is known of what was before."""
@@ -125,15 +125,11 @@ class MoveLog:
     def arc(self, arc: Arc, end: Point, feed: float) -> None:
         """Cut along an arc that ends at a point; the tool axis stays."""
         self._start()
-        points = arc.sample(self.chord)
-        points[-1] = end
-        rows = np.empty((len(points), 8))
-        rows[:, :3], rows[:, 3:6], rows[:, 6], rows[:, 7] = points, self.axis, feed, 0.0
-        self._flush()
-        self._chunks.append(rows)
+        self._arcs[len(self._rows)] = arc
+        self._rows.append((*end, *self.axis, feed, 0.0))
         self.counts["cutting_moves"] += 1
         self.counts["arcs"] += 1
-        self.counts["full_circles"] += int(abs(arc.sweep) > 2.0 * np.pi - 1e-9)
+        self.counts["full_circles"] += int(abs(arc.sweep) > 2.0 * math.pi - 1e-9)
         self.counts["helical_arcs"] += int(abs(arc.rise) > STILL)
         self.length += arc.length
         self.arc_length += arc.length
@@ -146,22 +142,33 @@ class MoveLog:
 
     @property
     def _started(self) -> bool:
-        return bool(self._rows or self._chunks)
+        return bool(self._rows)
 
     def _start(self) -> None:
         """Put down where the first cut begins."""
         if not self._started:
             self._rows.append((*self.position, *self.axis, 0.0, 1.0))
 
-    def _flush(self) -> None:
-        if self._rows:
-            self._chunks.append(np.array(self._rows))
-            self._rows.clear()
+    def _tabulate(self) -> Array:
+        """Return the rows, arcs as their chords. Shape (n, 8)."""
+        table = np.array(self._rows, dtype=np.float64).reshape(-1, 8)
+        points, number = sample_arcs(list(self._arcs.values()), self.chord)
+        if not len(points):
+            return table
+        ends = np.array(list(self._arcs), dtype=np.int64)
+        repeats = np.ones(len(table), dtype=np.int64)
+        repeats[ends] = number
+        full = np.repeat(table, repeats, axis=0)
+        last = np.cumsum(repeats)[ends] - 1  # the end of each arc stays as it was programmed
+        chords = np.repeat(np.isin(np.arange(len(table)), ends), repeats)
+        programmed = full[last, :3].copy()
+        full[chords, :3] = points
+        full[last, :3] = programmed
+        return full
 
     def finish(self, file: Path, kind: str, unit: str, lines: int) -> CamFile:
         """Return toolpath and facts."""
-        self._flush()
-        table = np.vstack(self._chunks) if self._chunks else np.empty((0, 8))
+        table = self._tabulate()
         rapid = table[:, 7] == 1.0
         toolpath = Toolpath(table[:, :3] * 1e-3, table[:, 3:6], table[:, 6] * 1e-3, rapid, None, "part", str(file))
         moved = np.concatenate([[False], np.any(np.abs(np.diff(table[:, :3], axis=0)) > STILL, axis=1)])[: len(table)]
