@@ -53,7 +53,6 @@ class Pace:
         waypoints: Number of waypoints.
         rate: Waypoints a second. [Hz]
 
-
     Raises:
         InputError: If not exactly one of each group is given, or one is not positive.
     """
@@ -92,7 +91,6 @@ def walk_curve(curve: Curve, pace: Pace, *, axis: tuple[float, float, float] = U
         pace: Feed and density.
         axis: Tool axis, tip to spindle, part axes; normalised here.
         approach: Height above the ends, along the tool axis, that rapid moves come from and go to; 0: none. [m]
-
 
     Returns:
         The toolpath in the part frame.
@@ -176,7 +174,6 @@ def generate_spiral(
         axis: Tool axis, part axes.
         approach: Height of approach and retract, see `walk_curve`. [m]
 
-
     Raises:
         InputError: If not exactly one of turns and length is given, or no spiral has this length.
     """
@@ -224,7 +221,6 @@ def generate_cone(
         levels: Circles at constant depth joined by straight steps down the wall (z-level), else one helix.
         axis: Tool axis, part axes.
         approach: Height of approach and retract, see `walk_curve`. [m]
-
 
     Raises:
         InputError: If the cone closes above its depth.

@@ -121,7 +121,6 @@ def predict_wrench(
         tool_x: Where the x axis of the TCP frame points, base axes, for wrenches in the tool frame. Shape (3,).
         folder: Folder that a file name of the model is relative to.
 
-
     Returns:
         The wrench at the tip, base axes, force first. Shape (n, 6). [N, N m]
 
@@ -211,7 +210,6 @@ def contact_share(nominal: Toolpath, ramp: float, ramp_out: float = 0.0) -> Arra
         ramp: Length over which the wrench grows after contact. [m]
         ramp_out: Length over which it falls before the tool leaves. [m]
 
-
     Returns:
         Share between 0 and 1. Shape (n,).
     """
@@ -252,7 +250,6 @@ def milling_wrench(process: MillingProcess, feed: Array) -> Array:
     Args:
         process: Parameters; `material_side` right with M3 is climb milling.
         feed: Feed. Shape (n,). [m/s]
-
 
     Returns:
         Shape (n, 6). [N, N m]

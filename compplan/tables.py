@@ -156,7 +156,6 @@ def read_table(path: str | Path, columns: Sequence[Column], *, unknown: str = "r
         columns: The columns that the table may have.
         unknown: "refuse" columns that are not in `columns`, or "note" them in `Table.notes`.
 
-
     Returns:
         The table in SI.
 
@@ -368,7 +367,6 @@ def write_table(path: str | Path, columns: Mapping[str, object], *, decimals: in
         path: The file.
         columns: Values by column name, already in the unit that the name carries (see `to_unit`). Shape (n,) each.
         decimals: Digits after the point that numbers are rounded to. NaN is written as an empty field.
-
 
     Raises:
         InputError: If the folder cannot be written.

@@ -58,7 +58,6 @@ def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path
         file: File that the table stands in, for messages.
         key: Dotted key of the table in that file, for messages.
 
-
     Raises:
         InputError: With the dotted key, if a key is unknown, missing, or has a wrong value.
     """

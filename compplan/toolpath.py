@@ -49,7 +49,6 @@ class Toolpath:
         frame: Frame of position, axis and wrench: "part" or "base".
         source: File or generator that it came from, for messages.
 
-
     Raises:
         ShapeError: If an array does not have the shape above.
     """
@@ -109,7 +108,6 @@ def check_toolpath(
         file: File to name in messages; default: its source.
         table: Table that it was read from, for the lines in messages.
         need_feed: Whether cutting moves need a feed.
-
 
     Raises:
         InputError: If it has no or one waypoint, zero length, a value that is not finite, a feed of 0 on a cutting
@@ -195,7 +193,6 @@ def read_toolpath(path: str | Path, *, cam: CamTable | None = None, feed: float 
         cam: What a CAM file does not say by itself.
         feed: Feed of cutting moves in place of the file's own. [m/s]
 
-
     Returns:
         The toolpath in the part frame.
 
@@ -264,7 +261,6 @@ def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = 
         toolpath: The toolpath.
         max_step: Longest step. [m]
         max_turn: Greatest turn of the tool axis in a step. [rad]
-
 
     Raises:
         InputError: If a step limit is not positive.

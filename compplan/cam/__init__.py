@@ -24,7 +24,6 @@ def read_cam(path: str | Path, options: CamTable | None = None) -> CamFile:
         path: The file; its suffix says whether it is G-code or APT.
         options: What the file does not say by itself.
 
-
     Raises:
         InputError: With file and line, if the file is not what it has to be.
     """

@@ -53,7 +53,6 @@ def read_apt(text: str, file: Path, options: CamTable) -> CamFile:
         file: Its name, for messages.
         options: What the file does not say by itself.
 
-
     Raises:
         InputError: With file and line, if an arc is off its circle, or the file holds what is not read here: splines,
             macros, repeated or transformed paths, part programs whose geometry is not resolved.

@@ -48,7 +48,6 @@ def read_gcode(text: str, file: Path, options: CamTable) -> CamFile:
         file: Its file, for messages.
         options: What the program does not say by itself.
 
-
     Raises:
         InputError: With file and line, if the program has an arc without centre or off its circle, or uses what is not
             read here: expressions, subprograms, splines, rotated or scaled coordinates, conversational blocks.

@@ -34,7 +34,6 @@ def write_program(program: Program, language: str, folder: str | Path, *, most: 
         folder: Folder to write to; made if needed.
         most: Greatest number of points in a file; left out: what the controller takes.
 
-
     Returns:
         The files written.
 

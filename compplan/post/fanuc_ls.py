@@ -26,7 +26,6 @@ def write_fanuc_ls(program: Program, folder: Path, most: int | None = None) -> l
         folder: Folder to write to.
         most: Greatest number of positions in a program.
 
-
     Raises:
         InputError: If the robot has more than six rotating joints, or a feed above 2000 mm/s.
     """

@@ -39,7 +39,6 @@ def write_krl(program: Program, folder: Path, most: int | None = None) -> list[P
         folder: Folder to write to.
         most: Greatest number of points in a file.
 
-
     Raises:
         InputError: If the joints have other names.
     """

@@ -99,7 +99,6 @@ def build_program(
         time: Time at each waypoint, or None. Shape (n,). [s]
         comments: Lines for the head of every file.
 
-
     Raises:
         InputError: If controller.toml or controller.urdf of the robot's folder is not what it has to be.
     """
@@ -195,7 +194,6 @@ def euler_angles(rotation: Array, order: str) -> Array:
     Args:
         rotation: Rotations. Shape (n, 3, 3).
         order: Order of the axes, as scipy counts.
-
 
     Returns:
         Shape (n, 3). [deg]

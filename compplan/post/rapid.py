@@ -30,7 +30,6 @@ def write_rapid(program: Program, folder: Path, most: int | None = None) -> list
         folder: Folder to write to.
         most: Greatest number of points in a module.
 
-
     Raises:
         InputError: If the robot has more than six rotating or six sliding joints.
     """

@@ -31,7 +31,6 @@ def write_val3(program: Program, folder: Path, most: int | None = None) -> list[
         folder: Folder that the project folder is written to.
         most: Greatest number of points in an array.
 
-
     Raises:
         InputError: If the robot has not six rotating joints.
     """

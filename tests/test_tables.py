@@ -1,0 +1,119 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compplan.errors import InputError, ShapeError
+from compplan.tables import Column, read_table, replace_file, split_unit, to_unit, write_table, write_text
+
+COLUMNS = (
+    Column("run", "text"),
+    *(Column(name, "length", required=True) for name in "xy"),
+    Column("q#", ("angle", "length")),
+    Column("q#_link", ("angle", "length")),
+    *(Column(name, "force", group="force", missing=True) for name in ("fx", "fy")),
+    Column("sigma", "length", key="sigma_position"),
+    Column("sigma", "angle", key="sigma_angle"),
+)
+
+
+def read(tmp_path: Path, text: str, **options: str):
+    file = tmp_path / "table.csv"
+    file.write_text(text, encoding="utf-8")
+    return read_table(file, COLUMNS, **options)
+
+
+def test_units_in_column_names_lead_to_si(tmp_path: Path) -> None:
+    table = read(tmp_path, "run,x_mm,y_m,q1_deg,q2_mm,q1_link_rad,sigma_mm,sigma_deg\nstatic,1500,2,180,250,1,0.1,90\n")
+    assert table.values["x"] == pytest.approx([1.5])
+    assert table.values["y"] == pytest.approx([2.0])
+    assert table.stack(table.numbered("q#")) == pytest.approx(np.array([[np.pi, 0.25]]))
+    assert table.numbered("q#_link") == ["q1_link"]
+    assert table.values["sigma_position"] == pytest.approx([1e-4])
+    assert table.values["sigma_angle"] == pytest.approx([np.pi / 2])
+    assert table.text["run"].tolist() == ["static"]
+    assert (table.units["q2"], table.headers["q2"]) == ("mm", "q2_mm")
+
+
+def test_blank_lines_comments_and_a_byte_order_mark_are_read_past(tmp_path: Path) -> None:
+    table = read(tmp_path, "\ufeff# made by hand\nx_mm,y_mm\n\n1,2\n# note\n3,4\n")
+    assert table.values["x"] == pytest.approx([1e-3, 3e-3])
+    assert table.lines.tolist() == [4, 6]
+
+
+def test_an_empty_field_is_a_missing_value_where_that_is_allowed(tmp_path: Path) -> None:
+    table = read(tmp_path, "x_mm,y_mm,fx_N,fy_N\n1,2,,nan\n")
+    assert np.isnan(table.values["fx"]).all() and np.isnan(table.values["fy"]).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("", r"table.csv:1: the file is empty"),
+        ("x_mm\n1\n", r"table.csv:1: missing column y_mm or y_m; the columns are \['x_mm'\]"),
+        ("x_mm,y_mm\n1,2\n3\n", r"table.csv:3: row has 1 fields, the header has 2"),
+        ("x_mm,y_mm\n1,two\n", r"table.csv:2: column 'y_mm' holds 'two', expected a number"),
+        ("x_mm,y_mm\n1,2\n,2\n", r"table.csv:3: column 'x_mm' is empty \(or NaN\) here"),
+        ("x_mm,y_mm\n1,inf\n", r"table.csv:2: column 'y_mm' is infinite"),
+        ("x_mm,y_mm,x_mm\n1,2,3\n", r"table.csv:1: column 'x_mm' occurs twice"),
+        ("x_mm,y_mm,x_m\n1,2,3\n", r"columns 'x_mm' and 'x_m' say the same"),
+        ("x,y_mm\n1,2\n", r"column 'x' has no unit; name it x_mm or x_m"),
+        ("x_deg,y_mm\n1,2\n", r"column 'x_deg' has the unit deg; name it x_mm"),
+        ("x_mm,y_mm,w\n1,2,3\n", r"no column named 'w', choose from"),
+        ("x_mm,y_mm,fx_N\n1,2,3\n", r"missing column fy_N or fy_kN; fx_N, fy_N stand together"),
+        ("x_mm;y_mm\n1;2\n", r"separated by ';'"),
+    ],
+)
+def test_each_mistake_in_a_table_has_its_sentence(tmp_path: Path, text: str, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        read(tmp_path, text)
+
+
+def test_numbered_columns_must_not_leave_one_out(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="missing column q2: the columns q# count from 1"):
+        read(tmp_path, "x_mm,y_mm,q1_deg,q3_deg\n1,2,3,4\n").numbered("q#")
+
+
+def test_unknown_columns_may_be_noted_instead(tmp_path: Path) -> None:
+    assert read(tmp_path, "x_mm,y_mm,w\n1,2,3\n", unknown="note").notes == ("column 'w' is not read",)
+
+
+def test_missing_and_binary_files_have_their_sentence(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="nowhere.csv: no such file"):
+        read_table(tmp_path / "nowhere.csv", COLUMNS)
+    (tmp_path / "binary.csv").write_bytes(b"x\0y")
+    with pytest.raises(InputError, match="binary file"):
+        read_table(tmp_path / "binary.csv", COLUMNS)
+
+
+def test_a_table_comes_back_as_it_was_written(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    x, y = rng.normal(size=(2, 200))
+    write_table(tmp_path / "t.csv", {"x_mm": to_unit(x, "x_mm"), "y_m": y, "run": ['a,"b"'] * 200})
+    table = read_table(tmp_path / "t.csv", COLUMNS)
+    assert np.abs(table.values["x"] - x).max() < 1e-12
+    assert np.abs(table.values["y"] - y).max() < 1e-9
+    assert table.text["run"][0] == 'a,"b"'
+
+
+def test_columns_of_different_length_are_not_written(tmp_path: Path) -> None:
+    with pytest.raises(ShapeError):
+        write_table(tmp_path / "t.csv", {"x_mm": np.zeros(2), "y_mm": np.zeros(3)})
+    assert not list(tmp_path.iterdir())
+
+
+def test_nothing_is_left_when_writing_fails(tmp_path: Path) -> None:
+    write_text(tmp_path / "kept.txt", "old")
+    with pytest.raises(RuntimeError), replace_file(tmp_path / "kept.txt") as part:
+        part.write_text("half")
+        raise RuntimeError
+    assert [path.name for path in tmp_path.iterdir()] == ["kept.txt"]
+    assert (tmp_path / "kept.txt").read_text() == "old"
+
+
+def test_the_longest_unit_of_a_name_counts() -> None:
+    assert split_unit("feed_mm_s") == ("feed", "mm_s")
+    assert split_unit("q1_link_deg") == ("q1_link", "deg")
+    assert split_unit("rapid") == ("rapid", "")
