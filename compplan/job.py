@@ -139,7 +139,7 @@ class PostureTable(StrictTable):
     lead_deg: float = Field(default=0.0, ge=0.0, le=90.0)
     lean_deg: float = Field(default=0.0, ge=0.0, le=90.0)
     limit_margin_deg: float = Field(default=10.0, gt=0.0)
-    least_dexterity: float = Field(default=0.0, ge=0.0, lt=1.0)
+    singularity_margin: float = Field(default=0.03, ge=0.0, lt=1.0)
     reconfigure: Literal["rapid", "never"] = "rapid"
 
 
@@ -230,7 +230,6 @@ def check_job(data: dict[str, Any], file: str | Path = Path()) -> Job:
     Args:
         data: The tables, as `tomllib` gives them.
         file: File they come from, or would stand in.
-
 
     Raises:
         InputError: With file and key.
