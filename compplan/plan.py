@@ -1,0 +1,329 @@
+"""The plan: from a job, or from a robot and a path, to corrected joint positions, timed and judged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.cell import JUDGE, build_cell
+from compplan.chain import build_chain
+from compplan.errors import InputError
+from compplan.evaluate import Evaluation, Margins, evaluate_run, measure_margins
+from compplan.ik import build_arm, pose_error, refine_ik
+from compplan.job import Job, load_nominal
+from compplan.posture import Wish, choose_posture
+from compplan.process import tool_axes
+from compplan.robot import Array, Robot, load_robot
+from compplan.strategies import command_path
+from compplan.task import Command, PlanTask
+from compplan.timing import Timing, time_command
+from compplan.toolpath import Toolpath, check_toolpath
+
+#: Height of the approach and of the retract along the tool axis, where the toolpath has none of its own. [m]
+APPROACH = 0.05
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """What a plan may do, as the tables [plan] and [limits] of a job say it.
+
+    Attributes:
+        strategy: none, mirror, iterated_mirror or nlp.
+        spin_free: Whether the tool may rotate about its axis.
+        wish: What is said about the posture.
+        max_correction: Greatest distance of the unloaded tip from the path. [m]
+        tolerance: Greatest deviation that counts as within tolerance. [m]
+        tool_x: Where the TCP frame's x points, base axes. Shape (3,).
+        velocity_scale: Share of the robot's velocity limits that may be used.
+        acceleration_scale: Share of the robot's acceleration limits that may be used.
+    """
+
+    strategy: str = "nlp"
+    spin_free: bool = True
+    wish: Wish = Wish()
+    max_correction: float = 0.010
+    tolerance: float = 1e-4
+    tool_x: tuple[float, float, float] | Array = (1.0, 0.0, 0.0)
+    velocity_scale: float = 1.0
+    acceleration_scale: float = 1.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A plan, with everything that it was made from.
+
+    Attributes:
+        name: Name of the job.
+        task: Robot, nominal path, predicted wrench, posture, limits.
+        strategy: How the command was found.
+        command: Joint positions, status, failures, what the solver said.
+        timing: Times, joint rates and feeds of the command.
+        before: The uncorrected command (`task.q_start`) in the cell as modelled.
+        after: The command in the cell as modelled.
+        margins: Distance of the command from its limits.
+        approach: Joint positions before the first waypoint, where the toolpath has no rapid start. Shape (0 or 1, nq).
+        retract: Joint positions after the last waypoint, where the toolpath does not end in a rapid. Shape (0 or 1, nq).
+        judge: Who computed `before` and `after`.
+        notes: Warnings, one sentence each.
+        job: The job, or None.
+    """
+
+    name: str
+    task: PlanTask
+    strategy: str
+    command: Command
+    timing: Timing
+    before: Evaluation
+    after: Evaluation
+    margins: Margins
+    approach: Array
+    retract: Array
+    judge: str = JUDGE
+    notes: tuple[str, ...] = ()
+    job: Job | None = None
+
+    @property
+    def robot(self) -> Robot:
+        """The robot model with its tool."""
+        return self.task.robot
+
+    @property
+    def q(self) -> Array:
+        """Commanded joint positions. Shape (n, nq). [rad or m]"""
+        return self.command.q
+
+    @property
+    def status(self) -> str:
+        """Tell "solved" or "infeasible"."""
+        return self.command.status
+
+    @cached_property
+    def correction(self) -> Array:
+        """Unloaded tip of the command minus nominal. Shape (n, 3). [m]"""
+        from compplan.chain import locate_frames
+
+        return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
+
+    def explain_failures(self) -> str:
+        """Say in a sentence which waypoints fail and which limits stop them; empty where none fails."""
+        if not self.command.failures:
+            return ""
+        failures = self.command.failures
+        limits = sorted({name for text in failures.values() for name in text.split(", ")})
+        first = min(failures)
+        length = self.task.nominal.arc_length[first] * 1e3
+        spans = ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in group_waypoints(sorted(failures)))
+        return (
+            f"{len(failures)} of {len(self.task)} waypoints cannot be reached within the limits "
+            f"({'; '.join(limits)}), the first is waypoint {first} (s = {length:.1f} mm); waypoints {spans}"
+        )
+
+
+def plan_job(job: Job) -> Plan:
+    """Plan a job.
+
+    Raises:
+        InputError: If the job, or a file that it names, is not what it has to be, or the part is out of reach.
+    """
+    try:
+        robot = job_robot(job)
+        plan = plan_compensation(robot, load_nominal(job), options_of(job), name=job.name or job.file.stem)
+    except InputError as error:
+        if error.file is None and job.file.name:
+            raise type(error)(*_again(error), file=job.file, where=error.where) from None
+        raise
+    return replace(plan, job=job)
+
+
+def plan_compensation(robot: Robot, nominal: Toolpath, options: PlanOptions | None = None, *, name: str = "path") -> Plan:
+    """Plan a path: choose the posture, compensate, time, and judge in the cell as modelled.
+
+    Args:
+        robot: The robot with its tool.
+        nominal: The path with its predicted wrench, base frame.
+        options: What the plan may do.
+        name: Name of the plan.
+
+    Raises:
+        InputError: If the path cannot be followed, or no waypoint is within reach.
+    """
+    options = options or PlanOptions()
+    task = build_task(robot, nominal, options)
+    return plan_task(task, options.strategy, name=name)
+
+
+def plan_task(task: PlanTask, strategy: str, *, name: str = "path") -> Plan:
+    """Let one strategy command a task; time and judge its command."""
+    command = command_path(task, strategy)
+    timing = time_command(task, command.q)
+    cell = build_cell(task.robot)
+    after = evaluate_run(task, command.q, cell)
+    before = after if command.q is task.q_start else evaluate_run(task, task.q_start, cell)
+    approach, retract = _approach(task, command.q, 0), _approach(task, command.q, len(task) - 1)
+    return Plan(
+        name=name,
+        task=task,
+        strategy=strategy,
+        command=command,
+        timing=timing,
+        before=before,
+        after=after,
+        margins=measure_margins(task, command.q, timing),
+        approach=approach,
+        retract=retract,
+        notes=_notes(task, timing),
+    )
+
+
+def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions) -> PlanTask:
+    """Prepare what a strategy is told: posture, orientation, wrench at contact, times and limits.
+
+    Raises:
+        InputError: If the path cannot be followed, or no waypoint is within reach.
+    """
+    nominal = check_toolpath(nominal)
+    rotation = tool_axes(nominal, np.asarray(options.tool_x, float))
+    chain = build_chain(robot)
+    equations = 5 if options.spin_free else 6
+    if chain.nq < equations:
+        raise InputError(f"robot {robot.name!r} has {chain.nq} joints, a tool position and direction needs {equations}")
+    posture = choose_posture(robot, nominal.position, rotation, options.wish)
+    wrench, compensated = load_contacts(nominal)
+    return PlanTask(
+        robot=robot,
+        chain=chain,
+        nominal=nominal,
+        rotation=rotation,
+        wrench=wrench,
+        compensated=compensated,
+        q_start=posture.q,
+        configuration=posture.configuration,
+        missed=posture.missed,
+        step_time=programmed_times(nominal),
+        velocity_limits=robot.velocity_limits * options.velocity_scale,
+        acceleration_limits=robot.acceleration_limits * options.acceleration_scale,
+        max_correction=options.max_correction,
+        tolerance=options.tolerance,
+        spin_free=options.spin_free,
+    )
+
+
+def load_contacts(nominal: Toolpath) -> tuple[Array, NDArray[np.bool_]]:
+    """Give each point of contact the wrench of the cut that begins there, so that the correction ramps in before it.
+
+    Returns:
+        Wrench to plan with, shape (n, 6) [N, N m], and which waypoints are compensated, shape (n,).
+    """
+    rapid = nominal.rapid.copy()
+    wrench = np.zeros((len(nominal), 6)) if nominal.wrench is None else nominal.wrench.copy()
+    contact = np.flatnonzero(rapid[:-1] & ~rapid[1:])
+    wrench[contact] = wrench[contact + 1]
+    compensated = ~rapid
+    compensated[contact] = True
+    return wrench, compensated
+
+
+def programmed_times(nominal: Toolpath) -> Array:
+    """Return the time of every move at the programmed feed; rapid moves count at the median feed. Shape (n - 1,). [s]"""
+    feed, cutting = nominal.feed[1:], ~nominal.rapid[1:]
+    typical = float(np.median(feed[cutting & (feed > 0)])) if (cutting & (feed > 0)).any() else 0.1
+    return np.asarray(nominal.steps / np.where(cutting & (feed > 0), feed, typical))
+
+
+def job_robot(job: Job) -> Robot:
+    """Load the robot of a job, with the tool that the job mounts."""
+    try:
+        robot = load_robot(job.robot, relative_to=job.folder)
+    except InputError as error:
+        if error.file is None:
+            raise type(error)(*_again(error), file=job.file, where="robot") from None
+        raise
+    if job.tool is None:
+        return robot
+    centre = np.asarray(job.tool.centre_of_mass_mm) * 1e-3
+    return robot.with_tool(job.tool.T_flange_tcp, job.tool.mass_kg or 0.0, centre)
+
+
+def options_of(job: Job) -> PlanOptions:
+    """Return what a job says about its plan, in SI."""
+    table, words = job.plan, job.plan.configuration
+    start = None if table.start is None else np.asarray(table.start, float)
+    robot = job_robot(job) if start is not None else None
+    if start is not None and robot is not None and len(start) == robot.nq:
+        start = np.where(robot.prismatic, start * 1e-3, np.radians(start))
+    return PlanOptions(
+        strategy=table.strategy,
+        spin_free=table.rotate_about_tool_axis,
+        wish=Wish(words.shoulder, words.elbow, words.wrist, start),
+        max_correction=table.max_correction_mm * 1e-3,
+        tolerance=table.tolerance_mm * 1e-3,
+        tool_x=job.tool_x_base,
+        velocity_scale=job.limits.velocity_scale,
+        acceleration_scale=job.limits.acceleration_scale,
+    )
+
+
+def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
+    """Group waypoints into spans (first, last)."""
+    breaks = [0, *(k for k in range(1, len(waypoints)) if waypoints[k] != waypoints[k - 1] + 1), len(waypoints)]
+    return [(waypoints[a], waypoints[b - 1]) for a, b in zip(breaks[:-1], breaks[1:], strict=True) if b > a]
+
+
+def _approach(task: PlanTask, q: Array, end: int) -> Array:
+    """Put the unloaded tool above the first or last waypoint, where the toolpath does not come there in a rapid."""
+    nothing = np.zeros((0, q.shape[1]))
+    if task.nominal.rapid[end] or not task.compensated[end]:
+        return nothing
+    position = task.position[end : end + 1] + APPROACH * task.nominal.axis[end : end + 1]
+    arm, rotation = build_arm(task.robot), task.rotation[end : end + 1]
+    if task.spin_free:
+        from compplan.chain import locate_frames
+
+        x = locate_frames(task.chain, q[end : end + 1]).tcp_rotation[:, :, 0]
+        rotation = tool_axes(replace(task.nominal, **_one_row(task.nominal, end)), x[0])
+    above = refine_ik(arm, q[end : end + 1], position, rotation, iterations=30)
+    reached = np.abs(pose_error(arm.chain, above, position, rotation)).max() < 1e-6
+    inside = ((above >= task.robot.lower) & (above <= task.robot.upper)).all()
+    return above if reached and inside else nothing
+
+
+def _one_row(nominal: Toolpath, row: int) -> dict[str, Array]:
+    names = ("position", "axis", "feed", "rapid")
+    return {name: getattr(nominal, name)[row : row + 1] for name in names} | {"wrench": None}  # type: ignore[dict-item]
+
+
+def _notes(task: PlanTask, timing: Timing) -> tuple[str, ...]:
+    """Say where the feed had to be lowered, and by which joint; where the arm swings over."""
+    notes = []
+    lowered = np.flatnonzero(timing.lowered & task.compensated)
+    if len(lowered):
+        spans = group_waypoints(lowered.tolist())
+        longest = max(spans, key=lambda span: span[1] - span[0])
+        least = lowered[timing.share[lowered].argmin()]
+        joint = timing.limiting[least]
+        cause = "rate limits" if joint < 0 else (
+            f"the {'velocity' if timing.by_velocity[least] else 'acceleration'} limit of {task.robot.joint_names[joint]}"
+        )
+        notes.append(
+            f"The feed is lowered at {len(lowered)} waypoints in {len(spans)} spans (longest {longest[0]} to {longest[1]}), "
+            f"down to {100 * timing.share[least]:.3g} % at waypoint {least} by {cause}."
+        )
+    swings = np.abs(np.diff(task.q_start, axis=0)).max(axis=1) > 0.5
+    for waypoint in (np.flatnonzero(swings & ~task.nominal.rapid[1:]) + 1)[:3].tolist():
+        notes.append(f"The posture swings by more than 29 deg in the move to waypoint {waypoint}: near a singularity.")
+    if not np.isfinite(task.robot.acceleration_limits).any():
+        notes.append("The robot folder states no acceleration limits: times and feeds follow from velocity limits alone.")
+    return tuple(notes)
+
+
+def _again(error: InputError) -> tuple[object, ...]:
+    """Return the arguments that make the error again."""
+    from compplan.errors import UnknownNameError
+
+    if isinstance(error, UnknownNameError):
+        kind = error.message.split()[1]
+        return (kind, error.name, error.choices)
+    return (error.message,)

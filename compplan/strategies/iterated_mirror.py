@@ -1,0 +1,22 @@
+"""Iterated mirror compensation: mirror again and again, until the model predicts no deviation."""
+
+from __future__ import annotations
+
+from compplan.strategies.limits import judge_limits
+from compplan.strategies.mirror import mirror_deviation
+from compplan.task import Command, PlanTask
+
+MOST_PASSES = 20
+#: Deviation that counts as none. [m]
+SETTLED = 1e-9
+
+
+def command_path(task: PlanTask) -> Command:
+    """Mirror the predicted deviation until it vanishes; the last command stands where it does not."""
+    q, position, rotation = task.q_start, task.position, task.rotation
+    passes = 0
+    for passes in range(1, MOST_PASSES + 1):
+        q, position, rotation, deviation = mirror_deviation(task, q, position, rotation)
+        if deviation < SETTLED:
+            break
+    return judge_limits(task, q, {"passes": passes})
