@@ -54,6 +54,8 @@ class Weights:
         deviation: Per mm^2 of deviation before compensation, mean square along the cut.
         limits: Per unit of nearness to joint limits: 1 at a limit, 0 from the margin on, squared, summed over joints.
         dexterity: Per unit of (0.1 / inverse condition number)^2, mean along the path.
+        singularity: Per unit of (margin / inverse condition number - 1)^2 below the singularity margin, mean along
+            the path.
         motion: Per rad^2 of joint motion: integral of |dq/dsigma|^2, sigma from 0 to 1 along the path; 1 m counts as
             1 rad.
         time: Per second of motion.
@@ -64,6 +66,7 @@ class Weights:
     deviation: float = 0.0
     limits: float = 0.0
     dexterity: float = 0.0
+    singularity: float = 0.0
     motion: float = 0.0
     time: float = 0.0
 
@@ -71,11 +74,11 @@ class Weights:
 #: Presets. `sensitivity` and `deviation` count as they stand; the others are shares of the least squared sensitivity
 #: that any posture along the path has, so that a preset means the same for a light and for a heavy cut.
 PRESETS: dict[str, Weights] = {
-    "accurate": Weights(limits=0.02, dexterity=0.0005, motion=0.0005),
-    "smooth": Weights(limits=0.2, dexterity=0.02, motion=0.2),
-    "fast": Weights(limits=0.1, dexterity=0.02, motion=0.01, time=0.2),
+    "accurate": Weights(limits=0.02, dexterity=0.0005, singularity=10.0, motion=0.0005),
+    "smooth": Weights(limits=0.2, dexterity=0.02, singularity=10.0, motion=0.2),
+    "fast": Weights(limits=0.1, dexterity=0.02, singularity=10.0, motion=0.01, time=0.2),
 }
-RELATIVE = ("limits", "dexterity", "motion", "time")
+RELATIVE = ("limits", "dexterity", "singularity", "motion", "time")
 
 
 class NodeCosts(NamedTuple):

@@ -102,7 +102,7 @@ acceleration_scale = 1.0
 [posture]                           # configuration, rotation about the tool axis and extra axes are chosen for this
 preset = "accurate"                 # accurate (least remaining deviation) | smooth (little motion) | fast
 # weights = { motion = 1e-5 }       # in place of the preset's, in mm^2 of squared sensitivity: sensitivity, deviation
-                                    #   (per mm^2), limits, dexterity, singularity (per unit), motion (per rad^2), time (per s)
+                                    #   (per mm^2), limits, dexterity, singularity (per unit), motion (rad^2), time (s)
 measure = "expected"                # remaining deviation: expected (root mean square) | p95
 wrench_uncertainty = 0.1            # assumed: relative error of each component of the wrench, one standard deviation
 compliance_uncertainty = 0.1        # assumed: relative error of each elastic coordinate
@@ -111,7 +111,7 @@ spin_step_deg = 5.0                 # grid of rotations about the tool axis, ref
 lead_deg = 0.0                      # how far the tool axis may lean along the travel
 lean_deg = 0.0                      # ... and across it
 limit_margin_deg = 10.0             # joint limits cost from this distance on
-singularity_margin = 0.03           # inverse condition number (0: singular, 1: best) below which a posture costs steeply
+singularity_margin = 0.03           # inverse condition number (0: singular, 1: best) that costs steeply from here down
 reconfigure = "rapid"               # configuration may change in rapid moves away from the part: rapid | never
 
 [place]                             # compplan place: where the part may stand; left out: 500 mm around its place

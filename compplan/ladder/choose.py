@@ -19,7 +19,6 @@ from compplan.ik import CONFIGURATIONS, Arm, build_arm
 from compplan.ladder.lattice import (
     COLLISION,
     NOT_WANTED,
-    USABLE,
     Lattice,
     Options,
     build_options,
@@ -110,7 +109,7 @@ def choose_stance(
     kind = "clearance" if clearance is not None and not stance.missed.any() else "continuity"
     raise InfeasibleError(
         f"the posture cannot be followed at {len(bad)} waypoints, first at waypoint {bad[0]}: "
-        f"{'the arm comes too near' if kind == 'clearance' else 'the joints would have to jump or leave their limits'}; "
+        f"{'the arm comes too near' if kind == 'clearance' else 'joints would have to jump or leave their limits'}; "
         "move the part, free the rotation, or divide the path more finely there",
         waypoints=[int(w) for w in bad], limits=[kind],
     )  # fmt: skip
@@ -137,7 +136,7 @@ def _choose_at(task: Task, stations: NDArray[np.int_]) -> tuple[Stance, NDArray[
         fine, chosen = coarse, line
     trace = trace_line(
         task.arm, task.nominal, task.tool_x, stations, fine.options, chosen.option, chosen.q,
-        most_step=settings.most_step,
+        most_step=settings.most_step, free_spin=settings.free_spin,
     )  # fmt: skip
     trace = _allow_changes(trace, task.nominal, settings)
     distance = None
@@ -186,7 +185,7 @@ def _search_clear(task: Task, lattice: Lattice, rungs: Rungs, weights: Weights) 
         checked[rows, line.option, line.slot] = True
         suspects = np.zeros_like(checked)
         suspects[rows[near], :, line.slot[near]] = True
-        suspects &= ~checked & (reason == USABLE)
+        suspects &= ~checked & lattice.usable
         node = np.nonzero(suspects)
         hits = task.clearance(lattice.q[node], lattice.stations[node[0]]) < task.least_clearance
         checked |= suspects
@@ -233,7 +232,7 @@ def _refine_options(task: Task, coarse: Options, line: Line) -> Options | None:
 def _keep_slot(lattice: Lattice, line: Line) -> Lattice:
     """Keep only the configuration that the coarse line has at each station."""
     other = np.arange(lattice.reason.shape[2])[None, :] != line.slot[:, None]
-    reason = np.where((lattice.reason == USABLE) & other[:, None, :], NOT_WANTED, lattice.reason).astype(np.int8)
+    reason = np.where(lattice.usable & other[:, None, :], NOT_WANTED, lattice.reason).astype(np.int8)
     return replace(lattice, reason=reason)
 
 

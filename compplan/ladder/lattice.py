@@ -75,11 +75,12 @@ class Lattice:
     limits: Array
     dexterity: Array
     reason: NDArray[np.int8]
+    singularity_margin: float
 
     @property
     def usable(self) -> NDArray[np.bool_]:
-        """Tell which nodes may be used. Shape (k, g, b)."""
-        return self.reason == USABLE
+        """Tell which nodes may be used; singular ones may, at a cost. Shape (k, g, b)."""
+        return (self.reason == USABLE) | (self.reason == SINGULAR)
 
 
 def pick_stations(nominal: Toolpath, count: int) -> NDArray[np.int_]:
@@ -202,8 +203,8 @@ def fill_lattice(
     )  # fmt: skip
     for name, array in values.items():
         array[rows] = getattr(nodes, name)
-    reason[(reason == USABLE) & (values["dexterity"] < settings.least_dexterity)] = SINGULAR
-    return Lattice(stations, options, q, reason=reason, **values)
+    reason[(reason == USABLE) & (values["dexterity"] < settings.singularity_margin)] = SINGULAR
+    return Lattice(stations, options, q, reason=reason, singularity_margin=settings.singularity_margin, **values)
 
 
 def _spread(frames: Array, shape: tuple[int, ...]) -> Array:

@@ -2,11 +2,12 @@
 
 The cost of a way is a sum over its nodes and edges:
 
-    sum_i omega_i (w_s s_i^2 + w_d d_i^2 + w_l l_i + w_k (0.1 / kappa_i^-1)^2)
+    sum_i omega_i (w_s s_i^2 + w_d d_i^2 + w_l l_i + w_k (0.1 / k_i)^2 + w_g max(0, k_0 / k_i - 1)^2)
         + sum_i (w_m |dq_i|^2 / dsigma_i + w_t t_i),
 
-omega the share of the cut (for the first two) or of the path, dsigma the share of the path of an edge, t its time: as
-programmed, or as long as the slowest joint takes.
+k the inverse condition number, omega the share of the cut (for the first two) or of the path, dsigma the share of the
+path of an edge, t its time: as programmed, or as long as the slowest joint takes. A change of configuration within the
+cut passes a singularity and costs w_g once.
 """
 
 from __future__ import annotations
@@ -107,6 +108,9 @@ def cost_nodes(lattice: Lattice, rungs: Rungs, weights: Weights) -> Array:
     cost = cost + path * weights.limits * lattice.limits
     if weights.dexterity > 0:
         cost = cost + path * weights.dexterity * (0.1 / np.maximum(lattice.dexterity, 1e-3)) ** 2
+    if weights.singularity > 0:
+        short = lattice.singularity_margin / np.maximum(lattice.dexterity, 1e-3) - 1.0
+        cost = cost + path * weights.singularity * np.maximum(short, 0.0) ** 2
     return np.where(lattice.usable, np.nan_to_num(cost, nan=np.inf), np.inf)
 
 
@@ -115,8 +119,8 @@ def search_line(
 ) -> Line:
     """Find the cheapest way through the graph.
 
-    Joints that may turn more than once around are first taken modulo a full turn; where no way fits between their limits
-    so, every full turn becomes a slot of its own.
+    Joints that may turn more than once around are first taken modulo a full turn; where no way fits between their
+    limits so, every full turn becomes a slot of its own.
 
     Args:
         lattice: The nodes.
@@ -196,7 +200,7 @@ def _step(
                     np.maximum(most, step, out=most)
                 if weights.time > 0:
                     np.maximum(time, step / robot.velocity_limits[j], out=time)
-            edge = weights.motion * motion / sigma
+            edge = weights.motion * motion / sigma + (0.0 if free or s % 8 == t % 8 else weights.singularity)
             if weights.time > 0:
                 edge += weights.time * np.maximum(time, rungs.feed_time[i - 1])
             if free:

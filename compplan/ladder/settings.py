@@ -31,7 +31,7 @@ class PostureSettings:
         held_steps: Grid positions of each extra axis (a rail).
         stations: Waypoints that the graph is built at, at most; those between follow.
         reconfigure: Whether the arm may change its configuration in rapid moves away from the part.
-        least_dexterity: Postures below this inverse condition number are refused.
+        singularity_margin: Inverse condition number below which a posture counts as singular and costs steeply.
         limit_margin: Distance to a joint limit below which a posture costs. [rad or m]
         limit_room: Distance to a joint limit below which a posture is refused: room for the correction. [rad or m]
         most_step: Greatest motion of a joint between neighbouring waypoints of a cut. [rad or m]
@@ -51,7 +51,7 @@ class PostureSettings:
     held_steps: int = 9
     stations: int = 160
     reconfigure: bool = True
-    least_dexterity: float = 0.0
+    singularity_margin: float = 0.03
     limit_margin: float = float(np.radians(10.0))
     limit_room: float = float(np.radians(1.0))
     most_step: float = float(np.radians(20.0))
@@ -76,6 +76,6 @@ def read_settings(job: Job) -> PostureSettings:
         lead=float(np.radians(table.lead_deg)),
         lean=float(np.radians(table.lean_deg)),
         reconfigure=table.reconfigure == "rapid",
-        least_dexterity=table.least_dexterity,
+        singularity_margin=table.singularity_margin,
         limit_margin=float(np.radians(table.limit_margin_deg)),
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.chain import joint_jacobian, locate_frames
 from compplan.ik import Arm, pose_error, refine_ik, solve_branches
 from compplan.ladder.lattice import Options, orient_tool
 from compplan.robot import Array
@@ -42,7 +43,7 @@ class Trace:
 
 def trace_line(
     arm: Arm, nominal: Toolpath, tool_x: Array, stations: NDArray[np.int_], options: Options, choice: NDArray[np.int_],
-    q: Array, *, most_step: float,
+    q: Array, *, most_step: float, free_spin: bool = True,
 ) -> Trace:  # fmt: skip
     """Follow a line of the graph at every waypoint.
 
@@ -55,6 +56,7 @@ def trace_line(
         choice: Option at each station. Shape (k,).
         q: Joint positions at each station. Shape (k, nq). [rad or m]
         most_step: Greatest motion of a joint between neighbouring waypoints of a cut. [rad]
+        free_spin: Whether the rotation about the tool axis may give way where the line passes a singularity.
 
     """
     n = len(nominal)
@@ -64,6 +66,7 @@ def trace_line(
     lead, lean = np.interp(rows, stations, lead_at), np.interp(rows, stations, lean_at)
     between = np.stack([np.interp(rows, stations, q[:, j]) for j in range(q.shape[1])], axis=1)
     rotation = orient_tool(nominal, tool_x, rows, spin, lead, lean)
+    upright = rotation
     branches = solve_branches(arm, nominal.position, rotation, between[:, arm.held])
     away = branches - between[:, None]
     turn = np.where(arm.robot.prismatic, np.inf, 2 * np.pi)
@@ -77,12 +80,59 @@ def trace_line(
         followed[lost] = refine_ik(arm, between[lost], nominal.position[lost], rotation[lost])
         error = pose_error(arm.chain, followed[lost], nominal.position[lost], rotation[lost])
         lost[lost] = np.abs(error).max(axis=1) > REACHED
-    robot = arm.robot
-    outside = ((followed < robot.lower) | (followed > robot.upper)).any(axis=1)
-    torn = np.zeros(n, bool)
-    torn[1:] = np.abs(np.diff(followed, axis=0)).max(axis=1) > most_step
-    torn &= ~nominal.rapid
+    torn = _find_torn(followed, nominal, most_step)
+    if free_spin and (lost | torn).any():
+        stretch = _whole_stretches(lost | torn, stations)
+        followed[stretch], reached = _pass_through(arm, between[stretch], nominal.position[stretch], rotation[stretch])
+        lost[stretch] = ~reached
+        torn = _find_torn(followed, nominal, most_step)
+        rotation = np.array(rotation)
+        rotation[stretch] = locate_frames(arm.chain, followed[stretch]).tcp_rotation
+        turned = np.swapaxes(upright[stretch], 1, 2) @ rotation[stretch]
+        spin[stretch] -= np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
+    outside = ((followed < arm.robot.lower) | (followed > arm.robot.upper)).any(axis=1)
     return Trace(followed, rotation, spin, lead, lean, lost | outside | torn)
+
+
+def _find_torn(q: Array, nominal: Toolpath, most_step: float) -> NDArray[np.bool_]:
+    """Tell which waypoints of a cut a joint would have to jump to."""
+    torn = np.zeros(len(q), bool)
+    torn[1:] = np.abs(np.diff(q, axis=0)).max(axis=1) > most_step
+    return torn & ~nominal.rapid
+
+
+def _whole_stretches(marked: NDArray[np.bool_], stations: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Return all waypoints strictly between the stations around marked ones; marked stations take both sides."""
+    chosen = np.zeros(len(marked), bool)
+    for w in np.flatnonzero(marked):
+        before, after = np.searchsorted(stations, w, side="left") - 1, np.searchsorted(stations, w, side="right")
+        low = stations[max(before, 0)] + (before >= 0)
+        high = stations[min(after, len(stations) - 1)] - (after < len(stations))
+        chosen[low : high + 1] = True
+    return np.flatnonzero(chosen)
+
+
+def _pass_through(arm: Arm, q: Array, position: Array, rotation: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Put the tool's tip and axis right from nearby, with least joint motion; the rotation about the axis gives way.
+
+    Returns:
+        Joint positions and whether tip and axis are right.
+
+    """
+    q = q.copy()
+    for _ in range(20):
+        frames = locate_frames(arm.chain, q)
+        cross = np.cross(frames.tcp_rotation[:, :, 2], rotation[:, :, 2])
+        across = rotation[:, :, :2]
+        error = np.concatenate([position - frames.tcp_position, np.einsum("nij,ni->nj", across, cross)], axis=1)
+        if np.abs(error).max() < 1e-10:
+            break
+        columns = joint_jacobian(arm.chain, frames)[:, :, arm.arm]
+        task = np.concatenate([columns[:, :3], np.swapaxes(across, 1, 2) @ columns[:, 3:]], axis=1)
+        gram = task @ np.swapaxes(task, 1, 2) + 1e-10 * np.eye(5)
+        step = (np.swapaxes(task, 1, 2) @ np.linalg.solve(gram, error[..., None]))[..., 0]
+        q[:, arm.arm] += step * np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
+    return q, np.abs(error).max(axis=1) < REACHED
 
 
 def _take(values: Array, choice: NDArray[np.int_]) -> Array:
