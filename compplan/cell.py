@@ -32,6 +32,7 @@ class Cell:
         name: What it is called in tables; says in what it differs from the planner's model.
         robot: The robot that stands in it, with its tool.
         judge: That robot as a Pinocchio model.
+
     """
 
     name: str
@@ -45,6 +46,7 @@ class CellRun(NamedTuple):
     Attributes:
         position: Attained tip. Shape (n, 3). [m]
         rotation: Attained orientation of the TCP frame. Shape (n, 3, 3).
+
     """
 
     position: Array
@@ -69,7 +71,8 @@ def run_cell(cell: Cell, q: Array, wrench: Array, step_time: Array | None = None
         cell: The cell.
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         wrench: Wrench of the environment on the tool at the tip, base axes. Shape (n, 6). [N, N m]
-        step_time: Time from each waypoint to the next, for effects of motion; one second if left out. Shape (n - 1,). [s]
+        step_time: Time from each waypoint to the next, for effects of motion; 1 s if left out. Shape (n - 1,). [s]
+
     """
     position, rotation, _ = judge_pose(cell.judge, q, wrench, TOLERANCE)
     if not cell.robot.effects:

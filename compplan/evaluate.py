@@ -28,6 +28,7 @@ class Evaluation:
         deviation: Attained minus nominal tip. Shape (n, 3). [m]
         tilt: Angle between attained and nominal tool axis. Shape (n,). [rad]
         cut: Waypoints that are compensated and judged. Shape (n,).
+
     """
 
     cell: str
@@ -39,27 +40,27 @@ class Evaluation:
 
     @cached_property
     def distance(self) -> Array:
-        """Distance of the attained tip from the nominal one. Shape (n,). [m]"""
+        """Distance of the attained tip from the nominal one. Shape (n,). [m]."""
         return np.asarray(np.linalg.norm(self.deviation, axis=1))
 
     @property
     def rms_deviation(self) -> float:
-        """Root mean square distance over the cut. [m]"""
+        """Root mean square distance over the cut. [m]."""
         return float(np.sqrt(np.mean(self.distance[self.cut] ** 2)))
 
     @property
     def mean_deviation(self) -> float:
-        """Mean distance over the cut. [m]"""
+        """Mean distance over the cut. [m]."""
         return float(self.distance[self.cut].mean())
 
     @property
     def max_deviation(self) -> float:
-        """Greatest distance over the cut. [m]"""
+        """Greatest distance over the cut. [m]."""
         return float(self.distance[self.cut].max())
 
     @property
     def max_tilt(self) -> float:
-        """Greatest angle between attained and nominal tool axis over the cut. [rad]"""
+        """Greatest angle between attained and nominal tool axis over the cut. [rad]."""
         return float(self.tilt[self.cut].max())
 
     def share_within(self, tolerance: float) -> float:
@@ -76,6 +77,7 @@ class Margins(NamedTuple):
         velocity_ratio: Greatest joint velocity against its limit.
         acceleration_ratio: Greatest joint acceleration against its limit.
         max_correction: Greatest correction in the cut. [m]
+
     """
 
     position: float
@@ -92,6 +94,7 @@ def evaluate_run(task: PlanTask, q: Array, cell: Cell) -> Evaluation:
         task: The task; its predicted wrench acts.
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         cell: The cell.
+
     """
     run = run_cell(cell, q, task.wrench, task.step_time)
     cosine = np.einsum("ni,ni->n", run.rotation[:, :, 2], task.rotation[:, :, 2])
@@ -117,9 +120,8 @@ def path_accuracy(nominal: Array, attained: Array) -> float:
 
     Raises:
         ShapeError: If the arrays do not belong together.
+
     """
     if attained.ndim != 3 or attained.shape[1:] != nominal.shape:
         raise ShapeError(f"attained has shape {attained.shape}, expected (repetitions, {len(nominal)}, 3)")
     return float(np.linalg.norm(attained.mean(axis=0) - nominal, axis=1).max())
-
-

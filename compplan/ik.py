@@ -45,6 +45,7 @@ class Arm:
         exact: Whether the closed form is that of the true geometry.
         base_turn: Orientation of the TCP at zero joint positions, which EAIK does not take. Shape (3, 3).
         front: +1 or -1: which side of the first axis counts as the front.
+
     """
 
     robot: Robot
@@ -94,6 +95,7 @@ def solve_branches(arm: Arm, position: Array, rotation: Array, held: Array | Non
 
     Raises:
         ShapeError: If the arrays do not belong together.
+
     """
     n = len(position)
     if position.shape != (n, 3) or rotation.shape != (n, 3, 3):
@@ -146,6 +148,7 @@ def refine_ik(arm: Arm, q: Array, position: Array, rotation: Array, *, iteration
 
     Returns:
         Joint positions; check with `pose_error` what they reach. Shape (n, nq). [rad or m]
+
     """
     q = np.array(q)
     damping = np.full(len(q), 1e-9)
@@ -190,6 +193,7 @@ def snap_geometry(axes: Array, origins: Array) -> tuple[Array, Array]:
 
     Returns:
         Axes and points of the snapped arm.
+
     """
     axes, origins = axes.copy(), origins.copy()
     for j in range(1, 6):

@@ -40,6 +40,7 @@ def build_loaded_pose_function(chain: Chain, steps: int) -> ca.Function:
     Returns:
         Function (q (nq) [rad or m], wrench (6) [N, N m], base axes, at the TCP) -> (position (3) [m], rotation (3, 3),
         theta (s) [rad or m]), base frame.
+
     """
     q, wrench = ca.SX.sym("q", chain.nq), ca.SX.sym("wrench", 6)
     theta = ca.SX.sym("theta", chain.n_springs)
@@ -53,9 +54,7 @@ def build_loaded_pose_function(chain: Chain, steps: int) -> ca.Function:
         for _ in range(steps):
             elastic = step(joints, elastic, load)
     outputs = [*arrive(joints, elastic), elastic]
-    return ca.Function(
-        "loaded_pose", [joints, load], outputs, ["q", "wrench"], ["position", "rotation", "theta"]
-    )
+    return ca.Function("loaded_pose", [joints, load], outputs, ["q", "wrench"], ["position", "rotation", "theta"])
 
 
 def count_equilibrium_steps(chain: Chain, q: Array, wrench: Array, *, tolerance: float = 1e-12) -> int:
@@ -69,6 +68,7 @@ def count_equilibrium_steps(chain: Chain, q: Array, wrench: Array, *, tolerance:
 
     Raises:
         ConvergenceError: If they do not stand still after MAX_STEPS steps, as near the buckling load.
+
     """
     if not chain.n_springs:
         return 0

@@ -8,10 +8,11 @@ Variables are the commanded joint positions at every waypoint (and slacks where 
                 q_min <= q <= q_max,  |p_unloaded(q) - p_nominal| <= c
                 |q_{i+1} - q_i| <= v_max dt + s,  |acceleration| <= a_max + s
 
-The loaded pose is the unloaded one (CasADi kinematics) with a deflection that is exact at the point of linearisation and
-carries its exact first derivative: p(q) = p_r(q) + R_r(q) (d + D (q - q_0)). Solving, linearising again at the solution
-and solving again is Newton's method on the exact equilibrium, and costs the same for six springs as for forty.
-Rows that cannot become active are left out; `Rows` says which are in. The Hessian is that of the objective (Gauss-Newton).
+The loaded pose is the unloaded one (CasADi kinematics) with a deflection that is exact at the point of linearisation
+and carries its exact first derivative: p(q) = p_r(q) + R_r(q) (d + D (q - q_0)). Solving, linearising again at the
+solution and solving again is Newton's method on the exact equilibrium, and costs the same for six springs as for forty.
+Rows that cannot become active are left out; `Rows` says which are in. The Hessian is that of the objective
+(Gauss-Newton).
 """
 
 from __future__ import annotations
@@ -67,10 +68,10 @@ class PathProblem:
     Attributes:
         chain: The elastic chain with the tool.
         position: Wanted tool tip. Shape (n, 3). [m]
-        rotation: Wanted orientation of the TCP frame; its z (out of the tool) is binding, its x only where spin is not
-            free. Shape (n, 3, 3).
+        rotation: Wanted orientation of the TCP frame; its z (out of the tool) is binding, its x only where the spin is
+            not free. Shape (n, 3, 3).
         wrench: Wrench of the environment on the tool at the TCP. Shape (n, 6). [N, N m]
-        compensated: Waypoints where the loaded tool is to stand on the path; at the others the unloaded one. Shape (n,).
+        compensated: Waypoints where the loaded tool is to stand on the path, at the others the unloaded. Shape (n,).
         q_start: Posture that the plan keeps near. Shape (n, nq). [rad or m]
         step_time: Time from each waypoint to the next at the programmed feed. Shape (n - 1,). [s]
         lower: Lower position limits. Shape (nq,). [rad or m]
@@ -79,6 +80,7 @@ class PathProblem:
         acceleration_limits: Acceleration limits. Shape (nq,). [rad/s^2 or m/s^2]
         max_correction: Greatest distance of the unloaded tip from the path. [m]
         spin_free: Whether the rotation about the tool axis is free.
+
     """
 
     chain: Chain
@@ -125,6 +127,7 @@ class Rows:
         released: Waypoints whose pose equations may be missed, at a cost. Shape (r,).
         velocity: Pairs (waypoint i, joint) whose step from i to i + 1 is limited. Shape (v, 2).
         acceleration: Pairs (waypoint i, joint) whose change of velocity at i is limited. Shape (a, 2).
+
     """
 
     bounded: NDArray[np.bool_]
@@ -151,6 +154,7 @@ class Nlp:
         lower_g: Lower bounds of the constraints.
         upper_g: Upper bounds of the constraints.
         extra: Number of slack variables after the joint positions.
+
     """
 
     problem: PathProblem
@@ -174,6 +178,7 @@ class NlpSolution(NamedTuple):
         violation: Greatest violation of the constraints. [m or rad]
         residual: Missed pose equations of the released waypoints. Shape (r, equations). [m, rad]
         excess: Missed rate rows, velocity before acceleration. Shape (v + a,). [rad or m, rad/s or m/s]
+
     """
 
     q: Array
@@ -195,6 +200,7 @@ def build_nlp(problem: PathProblem, rows: Rows) -> Nlp:
 
     Returns:
         The program; `solve_nlp` solves it around any point of linearisation.
+
     """
     n, nq = problem.q_start.shape
     rates, bound = rate_matrix(problem, rows)
@@ -235,6 +241,7 @@ def solve_nlp(nlp: Nlp, q: Array, attained: AttainedPose, *, bounded: NDArray[np
         q: Where the deflections are linearised, and where the solver starts. Shape (n, nq). [rad or m]
         attained: Loaded pose and its derivative there.
         bounded: Joint positions that are bounded, in place of those of the rows. Shape (n, nq).
+
     """
     problem, rows = nlp.problem, nlp.rows
     n, nq = q.shape
@@ -314,6 +321,7 @@ def rate_matrix(problem: PathProblem, rows: Rows) -> tuple[sparse.csc_matrix, Ar
     Returns:
         Matrix on the joint positions in the order of the variables, shape (v + a, n nq), and bounds, shape (v + a,).
         [rad or m, rad/s or m/s]
+
     """
     n, nq = problem.q_start.shape
     h = np.maximum(problem.step_time, 1e-9)
@@ -323,7 +331,11 @@ def rate_matrix(problem: PathProblem, rows: Rows) -> tuple[sparse.csc_matrix, Ar
     blocks = [(count, i * nq + j, -np.ones(len(i))), (count, (i + 1) * nq + j, np.ones(len(i)))]
     later = len(i) + np.arange(len(k))
     before, after = 1.0 / h[k - 1], 1.0 / h[np.minimum(k, n - 2)]
-    blocks += [(later, (k - 1) * nq + m, before), (later, k * nq + m, -before - after), (later, (k + 1) * nq + m, after)]
+    blocks += [
+        (later, (k - 1) * nq + m, before),
+        (later, k * nq + m, -before - after),
+        (later, (k + 1) * nq + m, after),
+    ]
     row, column, value = (np.concatenate(part) for part in zip(*blocks, strict=True))
     bound = np.r_[problem.velocity_limits[j] * h[i], problem.acceleration_limits[m] * 0.5 * (h[k - 1] + h[k])]
     return sparse.csc_matrix((value, (row, column)), shape=(len(bound), n * nq)), bound
@@ -346,14 +358,14 @@ def _pose_rows(problem: PathProblem, rows: Rows, joints: ca.MX, slack: ca.MX, da
     columns = ca.vec(_differentiate(residual).map(n)(joints, data))
     derivative = ca.MX(_block_pattern(np.arange(n) * size, size, nq, n), columns)
     places = (rows.released[:, None] * size + np.arange(size)).ravel()
-    missed = sparse.csc_matrix((-np.ones(len(places)), (places, np.arange(len(places)))), shape=(n * size, slack.numel()))
+    missed = sparse.csc_matrix(
+        (-np.ones(len(places)), (places, np.arange(len(places)))), shape=(n * size, slack.numel())
+    )
     zeros = np.zeros(n * size)
     return _Part(value + ca.mtimes(ca.DM(missed), slack), ca.horzcat(derivative, ca.DM(missed)), zeros, zeros)
 
 
-def _correction_rows(
-    problem: PathProblem, rows: Rows, joints: ca.MX, slack: ca.MX, data: ca.MX, limit: ca.MX
-) -> _Part:
+def _correction_rows(problem: PathProblem, rows: Rows, joints: ca.MX, slack: ca.MX, data: ca.MX, limit: ca.MX) -> _Part:
     """Build the correction limit at some waypoints."""
     nq, n = joints.shape
     count, chosen = len(rows.limited), rows.limited.tolist()
@@ -443,7 +455,7 @@ def _objective_hessian(
     slack = sparse.diags(np.r_[np.full(misses, RELEASE_WEIGHT), np.zeros(rates)], shape=(misses + rates,) * 2)
     full = sparse.triu(2.0 * sparse.block_diag([joints, slack])).tocsc()
     full.sort_indices()
-    pattern = ca.Sparsity(*full.shape, full.indptr.tolist(), full.indices.tolist())
+    pattern = ca.Sparsity(full.shape[0], full.shape[1], full.indptr.tolist(), full.indices.tolist())
     scale, multipliers = ca.MX.sym("scale"), ca.MX.sym("multipliers", rows)
     names = ["x", "p", "lam_f", "lam_g"]
     value = scale * ca.MX(ca.DM(pattern, full.data))

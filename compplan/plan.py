@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import itertools
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.cell import JUDGE, build_cell
-from compplan.chain import build_chain
-from compplan.errors import InputError
+from compplan.chain import build_chain, locate_frames
+from compplan.errors import InputError, UnknownNameError
 from compplan.evaluate import Evaluation, Margins, evaluate_run, measure_margins
 from compplan.ik import build_arm, pose_error, refine_ik
 from compplan.job import Job, load_nominal
@@ -20,10 +22,12 @@ from compplan.robot import Array, Robot, load_robot
 from compplan.strategies import command_path
 from compplan.task import Command, PlanTask
 from compplan.timing import Timing, time_command
-from compplan.toolpath import Toolpath, check_toolpath
+from compplan.toolpath import Toolpath, check_toolpath, select_waypoints
 
 #: Height of the approach and of the retract along the tool axis, where the toolpath has none of its own. [m]
 APPROACH = 0.05
+#: A joint that moves more than this between two waypoints of a cut swings over. [rad or m]
+SWING = 0.5
 
 
 @dataclass(frozen=True)
@@ -39,11 +43,12 @@ class PlanOptions:
         tool_x: Where the TCP frame's x points, base axes. Shape (3,).
         velocity_scale: Share of the robot's velocity limits that may be used.
         acceleration_scale: Share of the robot's acceleration limits that may be used.
+
     """
 
     strategy: str = "nlp"
     spin_free: bool = True
-    wish: Wish = Wish()
+    wish: Wish = field(default_factory=Wish)
     max_correction: float = 0.010
     tolerance: float = 1e-4
     tool_x: tuple[float, float, float] | Array = (1.0, 0.0, 0.0)
@@ -65,10 +70,11 @@ class Plan:
         after: The command in the cell as modelled.
         margins: Distance of the command from its limits.
         approach: Joint positions before the first waypoint, where the toolpath has no rapid start. Shape (0 or 1, nq).
-        retract: Joint positions after the last waypoint, where the toolpath does not end in a rapid. Shape (0 or 1, nq).
+        retract: Joint positions after the last waypoint, where the toolpath ends in a cut. Shape (0 or 1, nq).
         judge: Who computed `before` and `after`.
         notes: Warnings, one sentence each.
         job: The job, or None.
+
     """
 
     name: str
@@ -92,7 +98,7 @@ class Plan:
 
     @property
     def q(self) -> Array:
-        """Commanded joint positions. Shape (n, nq). [rad or m]"""
+        """Commanded joint positions. Shape (n, nq). [rad or m]."""
         return self.command.q
 
     @property
@@ -102,9 +108,7 @@ class Plan:
 
     @cached_property
     def correction(self) -> Array:
-        """Unloaded tip of the command minus nominal. Shape (n, 3). [m]"""
-        from compplan.chain import locate_frames
-
+        """Unloaded tip of the command minus nominal. Shape (n, 3). [m]."""
         return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
 
     def explain_failures(self) -> str:
@@ -127,18 +131,27 @@ def plan_job(job: Job) -> Plan:
 
     Raises:
         InputError: If the job, or a file that it names, is not what it has to be, or the part is out of reach.
+
     """
-    try:
-        robot = job_robot(job)
-        plan = plan_compensation(robot, load_nominal(job), options_of(job), name=job.name or job.file.stem)
-    except InputError as error:
-        if error.file is None and job.file.name:
-            raise type(error)(*_again(error), file=job.file, where=error.where) from None
-        raise
-    return replace(plan, job=job)
+    robot, nominal, options = prepare_job(job)
+    task = build_task(robot, nominal, options, file=job.file)
+    return replace(plan_task(task, options.strategy, name=job.name or job.file.stem), job=job)
 
 
-def plan_compensation(robot: Robot, nominal: Toolpath, options: PlanOptions | None = None, *, name: str = "path") -> Plan:
+def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
+    """Load what a job refers to: the robot with its tool, the nominal path with its wrench, and what the plan may do.
+
+    Raises:
+        InputError: If a file that the job names is not what it has to be.
+
+    """
+    robot = job_robot(job)
+    return robot, load_nominal(job), read_options(job, robot)
+
+
+def plan_compensation(
+    robot: Robot, nominal: Toolpath, options: PlanOptions | None = None, *, name: str = "path"
+) -> Plan:
     """Plan a path: choose the posture, compensate, time, and judge in the cell as modelled.
 
     Args:
@@ -149,6 +162,7 @@ def plan_compensation(robot: Robot, nominal: Toolpath, options: PlanOptions | No
 
     Raises:
         InputError: If the path cannot be followed, or no waypoint is within reach.
+
     """
     options = options or PlanOptions()
     task = build_task(robot, nominal, options)
@@ -178,19 +192,30 @@ def plan_task(task: PlanTask, strategy: str, *, name: str = "path") -> Plan:
     )
 
 
-def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions) -> PlanTask:
+def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: Path | None = None) -> PlanTask:
     """Prepare what a strategy is told: posture, orientation, wrench at contact, times and limits.
+
+    Args:
+        robot: The robot with its tool.
+        nominal: The path with its predicted wrench, base frame.
+        options: What the plan may do.
+        file: File to name in messages.
 
     Raises:
         InputError: If the path cannot be followed, or no waypoint is within reach.
+
     """
-    nominal = check_toolpath(nominal)
+    nominal = check_toolpath(nominal, file=file)
     rotation = tool_axes(nominal, np.asarray(options.tool_x, float))
     chain = build_chain(robot)
     equations = 5 if options.spin_free else 6
     if chain.nq < equations:
-        raise InputError(f"robot {robot.name!r} has {chain.nq} joints, a tool position and direction needs {equations}")
-    posture = choose_posture(robot, nominal.position, rotation, options.wish)
+        message = f"robot {robot.name!r} has {chain.nq} joints, a tool position and direction needs {equations}"
+        raise InputError(message, file=file, where="robot" if file else None)
+    try:
+        posture = choose_posture(robot, nominal.position, rotation, options.wish)
+    except InputError as error:
+        raise InputError(error.message, file=file, where=error.where if file else None) from None
     wrench, compensated = load_contacts(nominal)
     return PlanTask(
         robot=robot,
@@ -216,6 +241,7 @@ def load_contacts(nominal: Toolpath) -> tuple[Array, NDArray[np.bool_]]:
 
     Returns:
         Wrench to plan with, shape (n, 6) [N, N m], and which waypoints are compensated, shape (n,).
+
     """
     rapid = nominal.rapid.copy()
     wrench = np.zeros((len(nominal), 6)) if nominal.wrench is None else nominal.wrench.copy()
@@ -227,7 +253,7 @@ def load_contacts(nominal: Toolpath) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def programmed_times(nominal: Toolpath) -> Array:
-    """Return the time of every move at the programmed feed; rapid moves count at the median feed. Shape (n - 1,). [s]"""
+    """Return the time of every move at the programmed feed, of rapid moves at the median feed; (n - 1,) [s]."""
     feed, cutting = nominal.feed[1:], ~nominal.rapid[1:]
     typical = float(np.median(feed[cutting & (feed > 0)])) if (cutting & (feed > 0)).any() else 0.1
     return np.asarray(nominal.steps / np.where(cutting & (feed > 0), feed, typical))
@@ -237,22 +263,19 @@ def job_robot(job: Job) -> Robot:
     """Load the robot of a job, with the tool that the job mounts."""
     try:
         robot = load_robot(job.robot, relative_to=job.folder)
-    except InputError as error:
-        if error.file is None:
-            raise type(error)(*_again(error), file=job.file, where="robot") from None
-        raise
+    except UnknownNameError as error:
+        raise UnknownNameError("robot", error.name, error.choices, file=job.file, where="robot") from None
     if job.tool is None:
         return robot
     centre = np.asarray(job.tool.centre_of_mass_mm) * 1e-3
     return robot.with_tool(job.tool.T_flange_tcp, job.tool.mass_kg or 0.0, centre)
 
 
-def options_of(job: Job) -> PlanOptions:
+def read_options(job: Job, robot: Robot) -> PlanOptions:
     """Return what a job says about its plan, in SI."""
     table, words = job.plan, job.plan.configuration
     start = None if table.start is None else np.asarray(table.start, float)
-    robot = job_robot(job) if start is not None else None
-    if start is not None and robot is not None and len(start) == robot.nq:
+    if start is not None and len(start) == robot.nq:
         start = np.where(robot.prismatic, start * 1e-3, np.radians(start))
     return PlanOptions(
         strategy=table.strategy,
@@ -269,61 +292,60 @@ def options_of(job: Job) -> PlanOptions:
 def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
     """Group waypoints into spans (first, last)."""
     breaks = [0, *(k for k in range(1, len(waypoints)) if waypoints[k] != waypoints[k - 1] + 1), len(waypoints)]
-    return [(waypoints[a], waypoints[b - 1]) for a, b in zip(breaks[:-1], breaks[1:], strict=True) if b > a]
+    return [(waypoints[a], waypoints[b - 1]) for a, b in itertools.pairwise(breaks) if b > a]
 
 
 def _approach(task: PlanTask, q: Array, end: int) -> Array:
     """Put the unloaded tool above the first or last waypoint, where the toolpath does not come there in a rapid."""
     nothing = np.zeros((0, q.shape[1]))
-    if task.nominal.rapid[end] or not task.compensated[end]:
+    if task.nominal.rapid[end]:
         return nothing
-    position = task.position[end : end + 1] + APPROACH * task.nominal.axis[end : end + 1]
-    arm, rotation = build_arm(task.robot), task.rotation[end : end + 1]
+    row, arm = slice(end, end + 1), build_arm(task.robot)
+    position = task.position[row] + APPROACH * task.nominal.axis[row]
+    rotation = task.rotation[row]
     if task.spin_free:
-        from compplan.chain import locate_frames
-
-        x = locate_frames(task.chain, q[end : end + 1]).tcp_rotation[:, :, 0]
-        rotation = tool_axes(replace(task.nominal, **_one_row(task.nominal, end)), x[0])
-    above = refine_ik(arm, q[end : end + 1], position, rotation, iterations=30)
+        x = locate_frames(task.chain, q[row]).tcp_rotation[0, :, 0]
+        rotation = tool_axes(select_waypoints(task.nominal, np.array([end])), x)
+    above = refine_ik(arm, q[row], position, rotation, iterations=30)
     reached = np.abs(pose_error(arm.chain, above, position, rotation)).max() < 1e-6
     inside = ((above >= task.robot.lower) & (above <= task.robot.upper)).all()
     return above if reached and inside else nothing
 
 
-def _one_row(nominal: Toolpath, row: int) -> dict[str, Array]:
-    names = ("position", "axis", "feed", "rapid")
-    return {name: getattr(nominal, name)[row : row + 1] for name in names} | {"wrench": None}  # type: ignore[dict-item]
-
-
 def _notes(task: PlanTask, timing: Timing) -> tuple[str, ...]:
     """Say where the feed had to be lowered, and by which joint; where the arm swings over."""
     notes = []
-    lowered = np.flatnonzero(timing.lowered & task.compensated)
-    if len(lowered):
-        spans = group_waypoints(lowered.tolist())
-        longest = max(spans, key=lambda span: span[1] - span[0])
-        least = lowered[timing.share[lowered].argmin()]
-        joint = timing.limiting[least]
-        cause = "rate limits" if joint < 0 else (
-            f"the {'velocity' if timing.by_velocity[least] else 'acceleration'} limit of {task.robot.joint_names[joint]}"
-        )
+    spans = find_slow_spans(task, timing)
+    if spans:
+        count = sum(last - first + 1 for first, last in spans)
+        rows = np.concatenate([np.arange(first, last + 1) for first, last in spans])
+        least = rows[timing.share[rows].argmin()]
+        listed = ", ".join(f"{first}-{last}" for first, last in spans[:5]) + (", ..." if len(spans) > 5 else "")
         notes.append(
-            f"The feed is lowered at {len(lowered)} waypoints in {len(spans)} spans (longest {longest[0]} to {longest[1]}), "
-            f"down to {100 * timing.share[least]:.3g} % at waypoint {least} by {cause}."
+            f"The feed is lowered at {count} waypoints ({listed}), down to {100 * timing.share[least]:.3g} % "
+            f"at waypoint {least} by {_name_cause(task, timing, int(least))}."
         )
-    swings = np.abs(np.diff(task.q_start, axis=0)).max(axis=1) > 0.5
-    for waypoint in (np.flatnonzero(swings & ~task.nominal.rapid[1:]) + 1)[:3].tolist():
-        notes.append(f"The posture swings by more than 29 deg in the move to waypoint {waypoint}: near a singularity.")
+    swings = (np.abs(np.diff(task.q_start, axis=0)).max(axis=1) > SWING) & ~task.nominal.rapid[1:]
+    for waypoint in (np.flatnonzero(swings) + 1)[:3].tolist():
+        notes.append(f"The posture swings over in the move to waypoint {waypoint}: near a singularity.")
     if not np.isfinite(task.robot.acceleration_limits).any():
-        notes.append("The robot folder states no acceleration limits: times and feeds follow from velocity limits alone.")
+        notes.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
     return tuple(notes)
 
 
-def _again(error: InputError) -> tuple[object, ...]:
-    """Return the arguments that make the error again."""
-    from compplan.errors import UnknownNameError
+def find_slow_spans(task: PlanTask, timing: Timing) -> list[tuple[int, int]]:
+    """Find spans of waypoints where limits lower the feed, starts and stops left out."""
+    lowered = timing.lowered & ~task.nominal.rapid
+    starts = np.flatnonzero(task.nominal.rapid)
+    ends = {0, len(task) - 1, *(starts - 1).tolist(), *starts.tolist(), *(starts + 1).tolist(), 1}
+    spans = group_waypoints(np.flatnonzero(lowered).tolist())
+    return [span for span in spans if span[0] not in ends and span[1] not in ends]
 
-    if isinstance(error, UnknownNameError):
-        kind = error.message.split()[1]
-        return (kind, error.name, error.choices)
-    return (error.message,)
+
+def _name_cause(task: PlanTask, timing: Timing, waypoint: int) -> str:
+    near = slice(max(waypoint - 1, 0), waypoint + 2)
+    joint = timing.limiting[near][timing.limiting[near] >= 0]
+    if not len(joint):
+        return "rate limits nearby"
+    kind = "velocity" if timing.by_velocity[waypoint] else "acceleration"
+    return f"the {kind} limit of {task.robot.joint_names[joint[0]]}"

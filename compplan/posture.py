@@ -31,6 +31,7 @@ class Wish(NamedTuple):
         elbow: "up", "down" or None.
         wrist: "noflip", "flip" or None.
         start: Joint positions to start near, or None. Shape (nq,). [rad or m]
+
     """
 
     shoulder: str | None = None
@@ -53,6 +54,7 @@ class Posture(NamedTuple):
         missed: Waypoints that the arm does not reach in this configuration within its limits; q is then the nearest
             that was found. Shape (n,).
         cost: Cost of the choice, smaller is better.
+
     """
 
     q: Array
@@ -75,6 +77,7 @@ def choose_posture(robot: Robot, position: Array, rotation: Array, wish: Wish | 
 
     Raises:
         InputError: If the wanted start lies outside the joint limits, or if no waypoint is reached at all.
+
     """
     wish = wish or Wish()
     _check_start(robot, wish.start)
@@ -170,8 +173,10 @@ def _fill_missed(arm: Arm, q: Array, reached: NDArray[np.bool_], position: Array
     if not len(missing):
         return q
     rows = np.flatnonzero(reached)
-    nearest = rows[np.abs(missing[:, None] - rows[None, :]).argmin(axis=1)] if len(missing) * len(rows) < 5e7 else (
-        rows[np.clip(np.searchsorted(rows, missing), 0, len(rows) - 1)]
+    nearest = (
+        rows[np.abs(missing[:, None] - rows[None, :]).argmin(axis=1)]
+        if len(missing) * len(rows) < 5e7
+        else (rows[np.clip(np.searchsorted(rows, missing), 0, len(rows) - 1)])
     )
     filled = np.clip(q[nearest], arm.robot.lower, arm.robot.upper)
     filled = refine_ik(arm, filled, position[missing], rotation[missing], iterations=25)
@@ -232,7 +237,7 @@ def _explain_reach(arm: Arm, position: Array, rotation: Array, held: Array, wish
     q[:, arm.held] = held[sample]
     first = locate_frames(arm.chain, q).origin[:, arm.chain.joint_elements[arm.arm[0]]]
     distance = float(np.linalg.norm(position[sample] - first, axis=1).min())
-    where = f"its nearest waypoint lies {distance:.2f} m from the first axis, the stretched arm reaches {_reach(arm):.2f} m"
+    where = (
+        f"its nearest waypoint is {distance:.2f} m from the first axis, the stretched arm {_reach(arm):.2f} m long"
+    )
     return f"the part is out of reach in position or orientation of the tool: {where}; move [part] or turn the tool"
-
-

@@ -27,6 +27,7 @@ class AttainedPose(NamedTuple):
         position: Attained TCP, base frame. Shape (n, 3). [m]
         rotation: Attained orientation of the TCP, base frame. Shape (n, 3, 3).
         jacobian: Twist of the attained TCP per commanded joint motion, linear rows first, base axes. Shape (n, 6, nq).
+
     """
 
     position: Array
@@ -45,6 +46,7 @@ def attain_pose(chain: Chain, q: Array, wrench: Array | None, *, tolerance: floa
 
     Raises:
         ConvergenceError: If a load is near or beyond buckling.
+
     """
     n = len(q)
     load = np.zeros((n, 6)) if wrench is None else wrench
@@ -77,6 +79,7 @@ def loaded_jacobian(chain: Chain, frames: Frames, wrench: Array) -> Array:
 
     Returns:
         Linear rows first, base axes. Shape (n, 6, nq).
+
     """
     columns = jacobian(chain, frames)
     driven = _driven_columns(chain, columns)
@@ -102,6 +105,7 @@ def load_derivative(chain: Chain, frames: Frames, wrench: Array) -> Array:
 
     Returns:
         d tau_k / d x_j. Shape (n, m, m).
+
     """
     m = len(chain.names)
     axis, slides = frames.axis, chain.translates

@@ -1,7 +1,7 @@
 """What a compensation strategy is told: the robot model, the nominal path, the predicted wrench, the limits.
 
-Every strategy gets the same task and answers with a `Command`. `attain` is the one place where the planner's model of the
-robot predicts where the loaded tool goes; effects of the robot's folder (effects.toml) enter there and nowhere else.
+Every strategy gets the same task and answers with a `Command`. `attain` is the one place where the planner's model of
+the robot predicts where the loaded tool goes; effects of the robot's folder (effects.toml) enter there alone.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class PlanTask:
         chain: Its elastic chain.
         nominal: The path to reach, base frame.
         rotation: Wanted orientation of the TCP frame, x as the job points it. Shape (n, 3, 3).
-        wrench: Predicted wrench at the tip; at a waypoint of contact that of the cut that begins. Shape (n, 6). [N, N m]
+        wrench: Predicted wrench at the tip; at a point of contact that of the cut that begins. Shape (n, 6). [N, N m]
         compensated: Waypoints of the cut, points of contact included; the others are rapid. Shape (n,).
         q_start: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
         configuration: Shoulder, elbow and wrist of q_start.
@@ -43,6 +43,7 @@ class PlanTask:
         max_correction: Greatest distance of the unloaded tip from the path. [m]
         tolerance: Greatest deviation of the loaded tip that counts as on the path. [m]
         spin_free: Whether the rotation about the tool axis is free.
+
     """
 
     robot: Robot
@@ -66,7 +67,7 @@ class PlanTask:
 
     @property
     def position(self) -> Array:
-        """Wanted tool tip. Shape (n, 3). [m]"""
+        """Wanted tool tip. Shape (n, 3). [m]."""
         return self.nominal.position
 
     @property
@@ -100,6 +101,7 @@ class Command:
         solve_time: Wall time in the solver. [s]
         solutions: What the solver answered, pass by pass (strategy nlp).
         facts: Further numbers worth keeping.
+
     """
 
     q: Array
@@ -116,6 +118,7 @@ def attain(task: PlanTask, q: Array) -> AttainedPose:
     Args:
         task: The task.
         q: Commanded joint positions. Shape (n, nq). [rad or m]
+
     """
     loaded = attain_pose(task.chain, q, task.wrench)
     if not task.robot.effects:

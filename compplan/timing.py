@@ -1,7 +1,7 @@
-"""When the robot is where: the fastest run along the commanded path that keeps the programmed feed and the rate limits.
+"""When the robot is where: the fastest run along the commanded path within the programmed feed and the rate limits.
 
-Cuts are timed by TOPP-RA [Pham2018]: joint velocity and acceleration limits, the programmed feed as the upper bound, from
-rest to rest. Rapid moves are joint moves from rest to rest: every joint takes the time of the slowest one.
+Cuts are timed by TOPP-RA [Pham2018]: joint velocity and acceleration limits, the programmed feed as the upper bound,
+from rest to rest. Rapid moves are joint moves from rest to rest: every joint takes the time of the slowest one.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ class Timing:
         by_velocity: Whether that limit is the velocity's. Shape (n,).
         velocity_ratio: Greatest joint velocity against its limit.
         acceleration_ratio: Greatest joint acceleration against its limit; 0 where no limit is known.
+
     """
 
     time: Array
@@ -66,6 +67,7 @@ def time_command(task: PlanTask, q: Array) -> Timing:
 
     Raises:
         ConvergenceError: If no run keeps the limits.
+
     """
     n, nq = q.shape
     step = np.zeros(n)
@@ -108,6 +110,7 @@ def time_cut(
 
     Returns:
         Joint motion per programmed time, its derivative (k, nq), share of the programmed feed and its rate (k,).
+
     """
     if len(along) < 3:
         along, q = _subdivide(along, q)
@@ -130,6 +133,7 @@ def time_rapids(distance: Array, velocity_limits: Array, acceleration_limits: Ar
 
     Returns:
         Time of each move. Shape (k,). [s]
+
     """
     assumed = np.where(np.isfinite(velocity_limits), velocity_limits / FULL_SPEED_AFTER, NO_LIMIT)
     push = np.where(np.isfinite(acceleration_limits), acceleration_limits, assumed)
@@ -149,12 +153,17 @@ def _run_toppra(along: Array, rate: Array, change: Array, velocity: Array, accel
     path = _Path(along, rate, change)
     wide = np.column_stack([-np.r_[velocity, 1.0], np.r_[velocity, 1.0]])
     push = np.column_stack([-np.r_[acceleration, NO_LIMIT], np.r_[acceleration, NO_LIMIT]])
-    for scheme in (toppra.constraint.DiscretizationType.Interpolation, toppra.constraint.DiscretizationType.Collocation):
+    for scheme in (
+        toppra.constraint.DiscretizationType.Interpolation,
+        toppra.constraint.DiscretizationType.Collocation,
+    ):
         rules = [
             constraint.JointVelocityConstraint(wide),
             constraint.JointAccelerationConstraint(push, discretization_scheme=scheme),
         ]
-        solver = algorithm.TOPPRA(rules, path, gridpoints=along, solver_wrapper="seidel", parametrizer="ParametrizeSpline")
+        solver = algorithm.TOPPRA(
+            rules, path, gridpoints=along, solver_wrapper="seidel", parametrizer="ParametrizeSpline"
+        )
         push_along, speed, _ = solver.compute_parameterization(0.0, 0.0)
         if speed is not None and np.isfinite(speed).all():
             return np.asarray(speed).ravel(), np.r_[np.asarray(push_along).ravel(), 0.0]
@@ -190,7 +199,7 @@ def _cutting_runs(rapid: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 
 def _parameter_steps(task: PlanTask, q: Array, start: int, end: int) -> Array:
-    """Return programmed times of the moves of a cut; a move without length (the tool turns) takes what its joints need."""
+    """Return programmed times of the moves of a cut; a move without length (a turn) takes what its joints need."""
     steps = task.step_time[start:end]
     need = (np.abs(np.diff(q[start : end + 1], axis=0)) / task.velocity_limits).max(axis=1)
     still = task.nominal.steps[start:end] <= 0

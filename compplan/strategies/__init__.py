@@ -1,7 +1,7 @@
 """Compensation strategies, one file each.
 
-Each file holds `command_path(task) -> Command`: from the task (robot model, nominal path, predicted wrench, limits) to the
-joint positions that are sent. A new strategy is one new file and one line here.
+Each file holds `command_path(task) -> Command`: from the task (robot model, nominal path, predicted wrench, limits) to
+the joint positions that are sent. A new strategy is one new file and one line here.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ def command_path(task: PlanTask, strategy: str) -> Command:
 
     Raises:
         UnknownNameError: If there is no such strategy.
+
     """
     if strategy not in STRATEGIES:
         raise UnknownNameError("strategy", strategy, list(STRATEGIES))

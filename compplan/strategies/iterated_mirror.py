@@ -14,9 +14,8 @@ SETTLED = 1e-9
 def command_path(task: PlanTask) -> Command:
     """Mirror the predicted deviation until it vanishes; the last command stands where it does not."""
     q, position, rotation = task.q_start, task.position, task.rotation
-    passes = 0
-    for passes in range(1, MOST_PASSES + 1):
+    passes, deviation = 0, float("inf")
+    while deviation >= SETTLED and passes < MOST_PASSES:
         q, position, rotation, deviation = mirror_deviation(task, q, position, rotation)
-        if deviation < SETTLED:
-            break
+        passes += 1
     return judge_limits(task, q, {"passes": passes})

@@ -28,7 +28,7 @@ def judge_limits(task: PlanTask, q: Array, facts: Mapping[str, Any] | None = Non
 
 
 def measure_correction(task: PlanTask, q: Array) -> Array:
-    """Return the distance of the unloaded tip from the path. Shape (n,). [m]"""
+    """Return the distance of the unloaded tip from the path. Shape (n,). [m]."""
     tip = np.empty((len(q), 3))
     for start in range(0, len(q), 4096):
         rows = slice(start, start + 4096)

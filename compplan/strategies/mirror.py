@@ -1,7 +1,8 @@
 """Mirror compensation: the predicted deviation is mirrored at the nominal path, once.
 
-The command's pose is the nominal one less the deviation that the model predicts for the uncorrected command. What is left
-falls with the square of the force: the deflection is computed at the nominal pose, but happens at the corrected one.
+The command's pose is the nominal one less the deviation that the model predicts for the uncorrected command. What is
+left falls with the square of the force: the deflection is computed at the nominal pose and happens at the corrected
+one.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ def mirror_deviation(task: PlanTask, q: Array, position: Array, rotation: Array)
 
     Returns:
         New joint positions, commanded positions and orientations, and the greatest deviation that was mirrored. [m]
+
     """
     attained = attain(task, q)
     moved = task.compensated[:, None]

@@ -1,9 +1,9 @@
 """Compensation by one nonlinear program over the whole path: exact where it can be, within all limits, and smooth.
 
 Passes of Newton's method: the deflections are linearised where the last pass stood, and `compplan.nlp` solves for all
-waypoints at once. A first pass knows the pose equations alone; rows of limits enter where a pass leaves a limit. There the
-pose equations are released, at a high cost, until a pass shows that they can be kept; where they cannot, the waypoint
-fails, and the command is the best compromise within the limits.
+waypoints at once. A first pass knows the pose equations alone; rows of limits enter where a pass leaves a limit. There
+the pose equations are released, at a high cost, until a pass shows that they can be kept; where they cannot, the
+waypoint fails, and the command is the best compromise within the limits.
 """
 
 from __future__ import annotations
@@ -63,16 +63,17 @@ def command_path(task: PlanTask) -> Command:
         if settled and missed.max() < NEARLY:
             break
     q = _polish(task, problem, state, attained)
-    failing = _find_failing(task, problem, q)
-    failures = name_failures(task, q, failing)
-    status = "infeasible" if failures or judge_limits(task, q).failures.keys() - set(np.flatnonzero(task.missed)) else "solved"
+    missed = _size(pose_equations(problem, q, attain(task, q)))
+    failures = name_failures(task, q, np.flatnonzero(missed > KEPT))
+    left = judge_limits(replace(task, missed=np.zeros_like(task.missed)), q)
+    failures |= left.failures
     facts = {"passes": len(state.solutions), "rate_rows": len(state.rows.velocity) + len(state.rows.acceleration)}
     spent = sum(solution.time for solution in state.solutions)
-    return Command(q, status, failures, spent, state.solutions, facts)
+    return Command(q, "infeasible" if failures else "solved", failures, spent, state.solutions, facts)
 
 
 def pose_equations(problem: PathProblem, q: Array, attained: AttainedPose) -> Array:
-    """Tell by how much joint positions miss the pose equations: tip, tool axis (and spin). Shape (n, 5 or 6). [m, rad]"""
+    """Tell by how much joint positions miss the pose equations: tip, tool axis (and spin); (n, 5 or 6) [m, rad]."""
     position, rotation = _reached(problem, q, attained)[:2]
     missed = [position - problem.position]
     x, y = problem.rotation[:, :, 0], problem.rotation[:, :, 1]
@@ -92,7 +93,11 @@ def _first_rows(task: PlanTask) -> Rows:
 def _solve_pass(task: PlanTask, problem: PathProblem, state: _State) -> _State:
     """Linearise, solve, and release everything where the solver finds no way."""
     attained = attain(task, state.q)
-    nlp = state.nlp if state.nlp is not None and state.rows.same_program(state.nlp.rows) else build_nlp(problem, state.rows)
+    nlp = (
+        state.nlp
+        if state.nlp is not None and state.rows.same_program(state.nlp.rows)
+        else build_nlp(problem, state.rows)
+    )
     solution = solve_nlp(nlp, state.q, attained, bounded=state.rows.bounded)
     solutions = (*state.solutions, solution)
     if solution.success or len(state.rows.released) == len(state.q):
@@ -111,7 +116,7 @@ def _review(task: PlanTask, problem: PathProblem, state: _State) -> tuple[Rows, 
     too_far[rows.limited] = False
     bounded = rows.bounded | _widen(outside)
     limited = np.union1d(rows.limited, np.flatnonzero(_widen(too_far) & problem.compensated)).astype(int)
-    new = np.flatnonzero(_widen(outside.any(axis=1)) | _widen(too_far))
+    new = np.flatnonzero(_widen(np.asarray(outside.any(axis=1))) | _widen(too_far))
     kept = rows.released[_size(last.residual) <= KEPT] if len(rows.released) else rows.released
     released = np.setdiff1d(np.union1d(rows.released, new), kept).astype(int)
     rows = replace(rows, bounded=bounded, limited=limited, released=released)
@@ -125,7 +130,7 @@ def _review(task: PlanTask, problem: PathProblem, state: _State) -> tuple[Rows, 
 
 
 def find_fast_rows(problem: PathProblem, q: Array) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Find pairs (waypoint, joint) that exceed a velocity or acceleration limit at the programmed feed, with neighbours."""
+    """Find pairs (waypoint, joint) beyond a velocity or acceleration limit at the programmed feed, and neighbours."""
     within = problem.compensated[1:] & problem.compensated[:-1] & (problem.step_time > 0)
     h = np.maximum(problem.step_time, 1e-9)
     velocity = np.diff(q, axis=0) / h[:, None]
@@ -134,37 +139,32 @@ def find_fast_rows(problem: PathProblem, q: Array) -> tuple[NDArray[np.int_], ND
     hard = (np.abs(acceleration) > problem.acceleration_limits) & (within[1:] & within[:-1])[:, None]
     fast = _widen(fast) & within[:, None]
     hard = _widen(hard) & (within[1:] & within[:-1])[:, None]
-    return np.argwhere(fast), np.argwhere(hard) + [1, 0]
+    return np.argwhere(fast), np.argwhere(hard) + np.array([1, 0])
 
 
 def _polish(task: PlanTask, problem: PathProblem, state: _State, attained: AttainedPose) -> Array:
     """Bring the pose equations down to nothing by least-norm Newton steps of the joints that stand off their limits."""
-    q, busy = state.q, np.ones(len(state.q), bool)
-    busy[state.rows.released] = False
+    q, held = state.q, state.rows.released
     for _ in range(6):
         missed = pose_equations(problem, q, attained)
-        chosen = np.flatnonzero(busy & (_size(missed) > EXACT))
-        if not len(chosen):
+        size = _size(missed)
+        size[held] = 0.0
+        busy = np.flatnonzero(size > EXACT)
+        if not len(busy):
             break
-        columns = _equation_columns(problem, q, attained, chosen)
-        free = (q[chosen] > problem.lower + 1e-7) & (q[chosen] < problem.upper - 1e-7)
+        columns = _equation_columns(problem, q, attained, busy)
+        free = (q[busy] > problem.lower + 1e-7) & (q[busy] < problem.upper - 1e-7)
         columns = columns * free[:, None, :]
         normal = columns @ np.swapaxes(columns, 1, 2) + 1e-14 * np.eye(columns.shape[1])
-        step = np.swapaxes(columns, 1, 2) @ np.linalg.solve(normal, missed[chosen, :, None])
-        moved = q.copy()
-        moved[chosen] = np.clip(q[chosen] - step[..., 0], problem.lower, problem.upper)
-        trial = attain(task, moved)
-        better = _size(pose_equations(problem, moved, trial)) <= np.maximum(_size(missed), EXACT)
-        q = np.where(better[:, None], moved, q)
-        attained = attained if not better.any() else AttainedPose(
-            *(np.where(better.reshape(-1, *[1] * (old.ndim - 1)), new, old) for new, old in zip(trial, attained, strict=True))
-        )
+        step = np.swapaxes(columns, 1, 2) @ np.linalg.solve(normal, missed[busy, :, None])
+        trial = q.copy()
+        trial[busy] = np.clip(q[busy] - step[..., 0], problem.lower, problem.upper)
+        reached = attain(task, trial)
+        worse = np.flatnonzero(_size(pose_equations(problem, trial, reached)) > np.maximum(size, EXACT))
+        held = np.union1d(held, worse).astype(int)
+        trial[worse] = q[worse]
+        q, attained = trial, reached if not len(worse) else attain(task, trial)
     return q
-
-
-def _find_failing(task: PlanTask, problem: PathProblem, q: Array) -> NDArray[np.int_]:
-    """Find the waypoints where the pose equations are missed."""
-    return np.flatnonzero(_size(pose_equations(problem, q, attain(task, q))) > KEPT)
 
 
 def _equation_columns(problem: PathProblem, q: Array, attained: AttainedPose, chosen: NDArray[np.int_]) -> Array:

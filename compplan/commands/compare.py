@@ -1,0 +1,53 @@
+"""`compplan compare`: every strategy side by side, in the cell as modelled and in cells that differ."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from compplan.compare import Comparison
+
+
+@click.command()
+@click.argument("job", type=click.Path(path_type=Path))
+@click.option("--out", "folder", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary (compare.json) to stdout.")
+def command(job: Path, folder: Path, as_json: bool) -> None:
+    """Compare every strategy on JOB: write compare.json and report.html."""
+    from compplan.commands.progress import show_progress
+    from compplan.compare import compare_job
+    from compplan.job import load_job
+    from compplan.outputs import summarise_comparison, write_comparison
+
+    checked = load_job(job)
+    with show_progress() as announce:
+        comparison = compare_job(checked, announce=announce)
+        announce("write: compare.json, report.html")
+        files = write_comparison(comparison, folder)
+    if as_json:
+        click.echo(json.dumps(summarise_comparison(comparison), indent=2))
+        return
+    print_table(comparison)
+    click.echo(f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}")
+
+
+def print_table(comparison: Comparison) -> None:
+    """Print rms and greatest deviation of every strategy in every cell."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=f"{comparison.name}: deviation of the loaded tool, rms / greatest [mm]")
+    table.add_column("strategy")
+    for cell in comparison.cells:
+        table.add_column(cell.name, justify="right")
+    for strategy, command in comparison.commands.items():
+        runs = [comparison.evaluations[cell.name][strategy] for cell in comparison.cells]
+        figures = [f"{run.rms_deviation * 1e3:.4g} / {run.max_deviation * 1e3:.4g}" for run in runs]
+        table.add_row(strategy if command.status == "solved" else f"{strategy} (infeasible)", *figures)
+    console = Console(width=max(80, 26 * (1 + len(comparison.cells))))
+    console.print(table)
+    console.print(f"judge: {comparison.judge}; robot model graded {comparison.task.robot.grade}")

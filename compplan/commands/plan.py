@@ -1,0 +1,44 @@
+"""`compplan plan`: from a job to a corrected robot program."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from compplan.errors import InfeasibleError
+
+
+@click.command()
+@click.argument("job", type=click.Path(path_type=Path))
+@click.option("--out", "folder", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary (plan.json) to stdout.")
+def command(job: Path, folder: Path, as_json: bool) -> None:
+    """Plan JOB: write plan.json, joints.csv, report.html and native programs."""
+    from compplan.commands.progress import show_progress
+    from compplan.job import load_job
+    from compplan.outputs import summarise_plan, write_plan
+    from compplan.plan import plan_job
+
+    checked = load_job(job)
+    with show_progress() as announce:
+        announce("plan: posture, compensation, timing, virtual cell")
+        plan = plan_job(checked)
+        announce("write: programs, joints.csv, report.html")
+        files = write_plan(plan, folder)
+    if as_json:
+        click.echo(json.dumps(summarise_plan(plan), indent=2))
+    else:
+        before, after = plan.before.max_deviation * 1e3, plan.after.max_deviation * 1e3
+        click.echo(f"{plan.name}: {plan.status}, {len(plan.task)} waypoints, {plan.timing.time[-1]:.1f} s")
+        click.echo(f"greatest deviation {before:.4g} mm uncorrected, {after:.4g} mm planned ({plan.judge})")
+        click.echo(f"robot {plan.robot.name}: model graded {plan.robot.grade}")
+        for note in plan.notes:
+            click.echo(note)
+        click.echo(f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}")
+    if plan.status == "infeasible":
+        failing = sorted(plan.command.failures)
+        limits = sorted(set(plan.command.failures.values()))
+        message = f"{plan.explain_failures()}; the best compromise is written, marked infeasible"
+        raise InfeasibleError(message, waypoints=failing, limits=limits)
