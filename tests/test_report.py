@@ -38,6 +38,24 @@ from compplan.report.style import format_angle, format_length, format_number, fo
 from compplan.robot import load_robot, robot_folders
 
 ROBOTS = sorted(robot_folders())
+JOB = """\
+# A small circle. Assumed: where the
+# part stands. Nothing else.
+schema = 1
+name = "Small circle"
+robot = "kuka_kr270"
+[toolpath]
+generator = "circle"
+radius_mm = 30.0
+feed_mm_s = 20.0
+waypoints = 60
+[part]
+position_mm = [1700.0, 0.0, 900.0]
+[process]
+model = "constant"
+force_N = [300.0, 0.0, -600.0]  # assumed
+frame = "base"
+"""
 
 
 def make_view(n: int = 400, name: str = "kuka_kr270") -> PlanView:
@@ -133,14 +151,14 @@ def test_numbers_show_their_significant_digits(value: float, text: str) -> None:
 
 
 def test_lengths_angles_and_shares_choose_their_unit() -> None:
-    assert format_length(1.234e-6) == "1.23 µm"
-    assert format_length(1.234e-3) == "1.23 mm"
-    assert format_length(1e-12) == "below 0.01 µm"
-    assert format_angle(1e-6) == "1.00 µrad"
-    assert format_angle(np.pi) == "180 deg"
-    assert format_percent(0.99999) == "above 99.9 %"
-    assert format_percent(1.0) == "100 %"
-    assert mark_decades(1e-6, 1e-3)[1][1:5] == ["1 µm", "10 µm", "100 µm", "1 mm"]
+    assert format_length(1.234e-6) == "1.23\u00a0µm"
+    assert format_length(1.234e-3) == "1.23\u00a0mm"
+    assert format_length(1e-12) == "below 0.01\u00a0µm"
+    assert format_angle(1e-6) == "1.00\u00a0µrad"
+    assert format_angle(np.pi) == "180\u00a0deg"
+    assert format_percent(0.99999) == "above 99.9\u00a0%"
+    assert format_percent(1.0) == "100\u00a0%"
+    assert mark_decades(1e-6, 1e-3)[1][1:5] == ["1\u00a0µm", "10\u00a0µm", "100\u00a0µm", "1\u00a0mm"]
 
 
 def test_thinning_keeps_the_ends_and_every_extreme() -> None:
@@ -242,6 +260,21 @@ def test_the_page_of_a_plan_says_what_it_reaches(tmp_path: Path) -> None:
     assert len(page_data(html)["charts"]) >= 7
 
 
+def test_a_real_plan_gets_its_page_with_what_its_job_assumes(tmp_path: Path) -> None:
+    from compplan.job import load_job
+    from compplan.plan import plan_job
+    from compplan.report import write_plan_report
+
+    (tmp_path / "job.toml").write_text(JOB)
+    plan = plan_job(load_job(tmp_path / "job.toml"))
+    html = own_part(write_plan_report(plan, tmp_path / "out").read_text())
+    assert "keeps the loaded tool within 0.01\u00a0µm of the path" in html
+    assert format_length(plan.before.max_deviation) in html
+    assert "job: Assumed: where the part stands." in html
+    assert "job: force_N: assumed" in html
+    assert f"<dd>{plan.judge}</dd>" in html
+
+
 def test_deviations_on_rapid_moves_count_for_nothing() -> None:
     view = make_view()
     wild = view.after.copy()
@@ -268,7 +301,7 @@ def test_a_lowered_feed_is_named_with_its_place_and_the_busiest_joint(tmp_path: 
     write_view(replace(view, feed=feed, velocity=velocity), tmp_path / "report.html")
     html = own_part((tmp_path / "report.html").read_text())
     assert "The feed is lowered where joint limits need it." in html
-    assert "velocity of joint_4 (100 %)" in html
+    assert "velocity of joint_4 (100\u00a0%)" in html
     assert re.search(r">150</td><td[^>]*>169</td>", html)
 
 

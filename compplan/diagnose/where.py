@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from compplan.chain import build_chain, locate_frames
 from compplan.diagnose.pattern_fit import Cell, PatternFit, Share, find_interval
 from compplan.diagnose.patterns import BASE, FACTORS, NOWHERE, TOOL, build_nuisance, build_patterns
+from compplan.diagnose.traces import Trace, trace_cells
 from compplan.errors import ShapeError
 from compplan.measurements import Campaign
 from compplan.registration import Registration
@@ -52,6 +53,7 @@ class Split:
         by_load: One entry a level of external force.
         by_approach: By joint: how far the point moves when the joint's last move turns round.
         by_region: One entry a region of the workspace.
+        traces: Errors that the carrying joints would have to make, over what they depend on; for pictures.
     """
 
     rms: float
@@ -67,6 +69,7 @@ class Split:
     by_load: list[dict[str, Any]]
     by_approach: dict[str, dict[str, float]]
     by_region: list[dict[str, Any]]
+    traces: tuple[Trace, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return what stands under `where` in diagnosis.json."""
@@ -123,7 +126,8 @@ def split_deviation(
     draws = rng.multinomial(blocks, np.full(blocks, 1 / blocks), size=DRAWS).astype(float)
     taken, left = campaign.q[rows], deviation[rows]
     patterns = build_patterns(robot, campaign, np.nan_to_num(deviation), rows, registration)
-    fit = PatternFit(patterns, build_nuisance(robot, campaign, rows, registration), left, block)
+    nuisance = build_nuisance(robot, campaign, rows, registration)
+    fit = PatternFit(patterns, nuisance, left, block)
     cells = fit.select()
     total = float((left**2).sum(1).mean())
     noise_share = float(np.clip(noise**2 / max(total, 1e-300), 0, 1))
@@ -150,6 +154,7 @@ def split_deviation(
         by_load=_split_load(table, campaign, rows),
         by_approach=_split_approach(fit, robot),
         by_region=_split_region(table, frames.tcp_position),
+        traces=trace_cells(patterns, nuisance, left, cells, robot.joint_names, taken),
     )
 
 

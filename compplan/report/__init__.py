@@ -13,7 +13,9 @@ from compplan.report.page import (
     render_page,
     write_page,
 )
-from compplan.report.provenance import describe_robot
+from compplan.report.plan_report import write_plan_report
+from compplan.report.provenance import describe_grade, describe_robot
+from compplan.report.robot_picture import save_robot_picture
 from compplan.report.robot_scene import draw_robot, frame_scene, locate_links, place_shapes
 from compplan.report.thinning import thin_path, thin_rows
 
@@ -27,13 +29,16 @@ __all__ = [
     "Picture",
     "Provenance",
     "Section",
+    "describe_grade",
     "describe_robot",
     "draw_robot",
     "frame_scene",
     "locate_links",
     "place_shapes",
     "render_page",
+    "save_robot_picture",
     "thin_path",
     "thin_rows",
     "write_page",
+    "write_plan_report",
 ]

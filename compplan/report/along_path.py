@@ -20,7 +20,7 @@ from compplan.robot import Array
 #: About how many rows of a chart are drawn.
 ROWS = 1600
 #: Deviations below this are drawn at it, where the axis is logarithmic. [m]
-FLOOR = 1e-9
+FLOOR = 1e-8
 
 
 @dataclass(frozen=True)

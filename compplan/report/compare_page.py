@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from compplan.report.along_path import FLOOR, Stations, draw_lines, find_spans
 from compplan.report.page import Cell, Chart, Column, Fold, PageTable, Section, write_page
-from compplan.report.provenance import GRADE_MEANING, describe_robot
+from compplan.report.provenance import describe_grade, describe_robot
 from compplan.report.style import CATEGORIES, TOLERANCE, format_length, format_percent, format_set_value, mark_decades
 from compplan.robot import Array, Robot
 
@@ -79,7 +79,7 @@ def write_comparison(view: CompareView, file: Path) -> None:
         summarise_comparison(view),
         [_figures(view), _along(view)],
         kind=f"Strategies compared, {view.robot.name}",
-        warning=" ".join(view.notes),
+        notes=view.notes,
         provenance=describe_robot(view.robot, facts, list(view.assumptions)),
     )
 
@@ -98,7 +98,7 @@ def summarise_comparison(view: CompareView) -> str:
         equals = [name for name in view.strategies if worst[name] <= 1.02 * worst[closest]]
         text += f" Where the model is wrong ({', '.join(wrong)}), {_join_names(equals)} "
         text += f"{'comes' if len(equals) == 1 else 'come'} closest, with up to {format_length(worst[closest])} rms."
-    return f"{text} The robot model is graded {view.robot.grade} ({GRADE_MEANING[view.robot.grade]})."
+    return f"{text} {describe_grade(view.robot)}"
 
 
 def _join_names(names: list[str]) -> str:

@@ -141,6 +141,7 @@ def write_page(
     *,
     kind: str = "",
     warning: str = "",
+    notes: Sequence[str] = (),
     provenance: Provenance | None = None,
 ) -> None:
     """Write a page as one self-contained HTML file.
@@ -152,9 +153,11 @@ def write_page(
         sections: The sections.
         kind: Small line above the title, such as "Plan".
         warning: Sentence that stands in a frame above everything, such as why a plan is infeasible.
+        notes: Sentences to know before the rest is read.
         provenance: What the page was made from.
     """
-    write_text(file, render_page(title, lede, sections, kind=kind, warning=warning, provenance=provenance))
+    html = render_page(title, lede, sections, kind=kind, warning=warning, notes=notes, provenance=provenance)
+    write_text(file, html)
 
 
 def render_page(
@@ -164,6 +167,7 @@ def render_page(
     *,
     kind: str = "",
     warning: str = "",
+    notes: Sequence[str] = (),
     provenance: Provenance | None = None,
 ) -> str:
     """Return the HTML of a page; arguments as for `write_page`."""
@@ -181,6 +185,7 @@ def render_page(
             ledes=[lede] if isinstance(lede, str) else list(lede),
             kind=kind,
             warning=warning,
+            notes=list(notes),
             sections=parts,
             provenance=provenance,
             version=compplan.__version__,

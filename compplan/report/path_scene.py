@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from compplan.errors import ShapeError
+from compplan.report.along_path import FLOOR
 from compplan.report.robot_scene import draw_robot, frame_scene, place_shapes
 from compplan.report.style import AFTER, NEUTRAL, SEQUENTIAL, format_length, mark_decades
 from compplan.report.thinning import thin_path
@@ -66,7 +67,7 @@ def draw_deviation_paths(
     sizes = [np.linalg.norm(deviation, axis=1) for deviation in (before, after)]
     rows = thin_path(path, np.column_stack([before, *sizes]), POINTS)
     factor = choose_magnification(path, before)
-    titles = [f"{name}: up to {format_length(float(size.max()))}" for name, size in zip(names, sizes, strict=True)]
+    titles = [f"{name}: largest {format_length(float(size.max()))}" for name, size in zip(names, sizes, strict=True)]
     specs = [[{"type": "scene"}, {"type": "scene"}]]
     figure = make_subplots(rows=1, cols=2, specs=specs, horizontal_spacing=0.01, subplot_titles=titles)
     nominal = 1e3 * path[rows]
@@ -76,14 +77,14 @@ def draw_deviation_paths(
         shown.append(attained)
         grey = _line(nominal, {"color": NEUTRAL, "width": 2}, "nominal", hover=False)
         figure.add_trace(grey, row=1, col=number)
-        level = np.log10(np.maximum(size[rows], 1e-9))
+        level = np.log10(np.maximum(size[rows], FLOOR))
         line = {"color": level.astype(np.float32), "coloraxis": "coloraxis", "width": 6}
         custom = np.column_stack([rows, 1e3 * size[rows]])
         trace = _line(attained, line, names[number - 1], custom=custom)
         figure.add_trace(trace, row=1, col=number)
-    scene = frame_scene(np.vstack(shown), margin=0.02, zoom=0.64)
-    top = float(np.log10(max(float(sizes[0].max()), float(sizes[1].max()), 1e-9)))
-    bottom = max(float(np.log10(max(min(float(size.min()) for size in sizes), 1e-9))), top - DECADES)
+    scene = frame_scene(np.vstack(shown), margin=0.02)
+    top = float(np.log10(max(float(sizes[0].max()), float(sizes[1].max()), FLOOR)))
+    bottom = max(float(np.log10(max(min(float(size.min()) for size in sizes), FLOOR))), top - DECADES)
     figure.update_layout(
         scene=scene,
         scene2=scene,

@@ -21,12 +21,13 @@ from compplan.report.along_path import (
 )
 from compplan.report.page import Block, Cell, Chart, Column, Columns, Fold, PageTable, Section, write_page
 from compplan.report.path_scene import describe_magnification, draw_cell, draw_deviation_paths
-from compplan.report.provenance import GRADE_MEANING, describe_robot
+from compplan.report.provenance import describe_grade, describe_robot
 from compplan.report.style import (
     AFTER,
     BEFORE,
     CATEGORIES,
     format_angle,
+    format_bound,
     format_length,
     format_number,
     format_percent,
@@ -65,6 +66,9 @@ class PlanView:
         feed: Feed as planned. Shape (n,). [m/s]
         tolerance: Greatest deviation that counts as within tolerance. [m]
         max_correction: Greatest correction allowed. [m]
+        velocity_limits: Limits that the plan kept; the robot's if left out. Shape (nq,). [rad/s or m/s]
+        acceleration_limits: The same. Shape (nq,). [rad/s^2 or m/s^2]
+        slowed: Waypoints whose feed had to be lowered; found from the feeds if left out. Shape (n,).
         failures: Waypoints that fail, each with the limit that stops it.
         judge: Who computed the deviations.
         facts: Rows of name and value for the foot of the page.
@@ -91,6 +95,9 @@ class PlanView:
     feed: Array
     tolerance: float
     max_correction: float
+    velocity_limits: Array | None = None
+    acceleration_limits: Array | None = None
+    slowed: NDArray[np.bool_] | None = None
     tilt_before: Array | None = None
     tilt_after: Array | None = None
     failures: Mapping[int, str] = field(default_factory=dict)
@@ -121,7 +128,7 @@ class PlanView:
     @cached_property
     def lowered(self) -> NDArray[np.bool_]:
         """Waypoints whose feed had to be lowered. Shape (n,)."""
-        return self.cut & (self.feed < LOWERED * self.feed_wanted)
+        return self.cut & (self.feed < LOWERED * self.feed_wanted if self.slowed is None else self.slowed)
 
 
 def write_view(view: PlanView, file: Path) -> None:
@@ -147,6 +154,7 @@ def write_view(view: PlanView, file: Path) -> None:
         [section for section in sections if section.blocks],
         kind=f"Path plan, {view.robot.name}",
         warning=_warn(view),
+        notes=view.notes,
         provenance=describe_robot(view.robot, facts, list(view.assumptions)),
     )
 
@@ -155,31 +163,29 @@ def summarise_plan(view: PlanView) -> str:
     """Say in a sentence or two what the plan reaches."""
     before, after = (np.linalg.norm(side, axis=1)[view.cut] for side in (view.before, view.after))
     verb = "keeps" if view.status != "infeasible" else "is a compromise that keeps"
-    text = f"The plan {verb} the loaded tool within {format_length(float(after.max()))} of the path"
+    text = f"The plan {verb} the loaded tool within {format_bound(float(after.max()))} of the path"
     if before.max() > 0 and view.strategy != "none":
         text += f"; uncorrected it strays up to {format_length(float(before.max()))}"
         ratio = float(before.max() / max(after.max(), 1e-12))
         text += f", {format_number(ratio, 2)} times as far" if 1.5 < ratio < 1e5 else ""
     share = float((after <= view.tolerance).mean())
     text += f". {format_percent(share)} of the cut is within the tolerance of {_set_length(view.tolerance)}"
-    text += f", and the whole path takes {format_set_value(round(float(view.time[-1]), 1))} s."
-    if view.lowered.any():
-        lowered = format_percent(float(view.lowered.sum() / view.cut.sum()))
-        text += f" The feed is lowered on {lowered} of the waypoints."
-    return f"{text} The robot model is graded {view.robot.grade} ({GRADE_MEANING[view.robot.grade]})."
+    text += f", and the whole path takes {format_set_value(round(float(view.time[-1]), 1))}\u00a0s."
+    if view.lowered.any() and not view.notes:
+        text += f" The feed is lowered at {view.lowered.sum()} of {view.cut.sum()} waypoints."
+    return f"{text} {describe_grade(view.robot)}"
 
 
 def _warn(view: PlanView) -> str:
-    parts = []
-    if view.status == "infeasible":
-        limits = ", ".join(sorted(set(view.failures.values()))) or "limits"
-        count = f"{len(view.failures)} of {len(view.nominal)} waypoints fail ({limits}); " if view.failures else ""
-        parts.append(f"Infeasible: {count}this is the best compromise, not a program to run.")
-    return " ".join([*parts, *view.notes])
+    if view.status != "infeasible":
+        return ""
+    limits = ", ".join(sorted(set(view.failures.values()))) or "limits"
+    count = f"{len(view.failures)} of {len(view.nominal)} waypoints fail ({limits}); " if view.failures else ""
+    return f"Infeasible: {count}this is the best compromise, not a program to run."
 
 
 def _set_length(metres: float) -> str:
-    return f"{format_set_value(1e3 * metres)} mm"
+    return f"{format_set_value(1e3 * metres)}\u00a0mm"
 
 
 def _overview(view: PlanView) -> Section:
@@ -233,10 +239,10 @@ def _tightest(view: PlanView) -> str:
 
 
 def _rates(view: PlanView) -> list[tuple[str, Array, Array]]:
-    pairs = [
-        ("velocity", view.velocity, view.robot.velocity_limits),
-        ("acceleration", view.acceleration, view.robot.acceleration_limits),
-    ]
+    robot = view.robot
+    speeds = robot.velocity_limits if view.velocity_limits is None else view.velocity_limits
+    pushes = robot.acceleration_limits if view.acceleration_limits is None else view.acceleration_limits
+    pairs = [("velocity", view.velocity, speeds), ("acceleration", view.acceleration, pushes)]
     return [(name, rates, limits) for name, rates, limits in pairs if np.isfinite(limits).any()]
 
 
@@ -265,7 +271,8 @@ def _deviation(view: PlanView) -> Section:
     )
     shaded = " Grey bands are rapid moves, which are not compensated." if len(view.stations.shaded) else ""
     marked = " Red bands mark waypoints that fail." if view.failures else ""
-    caption = f"Distance of the loaded tool tip from the path, logarithmic.{shaded}{marked}"
+    floor = f" What is below {format_bound(0.0)} is drawn there." if after[view.cut].min() < FLOOR else ""
+    caption = f"Distance of the loaded tool tip from the path, logarithmic.{floor}{shaded}{marked}"
     blocks: list[Block] = [scene, Chart(line, caption, height=340)]
     if view.failures:
         blocks.append(_failure_table(view, after))

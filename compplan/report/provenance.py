@@ -7,12 +7,17 @@ from compplan.robot import Robot
 
 GRADE_MEANING = {
     "identified": "identified on this machine",
-    "literature": "from the literature, not from the machine in front of you",
+    "literature": "taken from papers, not from the machine in front of you",
     "scaled": "scaled from a similar machine, not measured",
     "placeholder": "placeholder, not to be relied on",
 }
 #: Words in a source that mean that nobody measured the number.
 DOUBTFUL = ("assumed", "unverified", "placeholder", "estimated", "scaled", "from memory")
+
+
+def describe_grade(robot: Robot) -> str:
+    """Say in a sentence how far the numbers of a robot can be trusted."""
+    return f"The robot model has the grade {robot.grade}: {GRADE_MEANING[robot.grade]}."
 
 
 def describe_robot(

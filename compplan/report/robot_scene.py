@@ -24,7 +24,7 @@ SHORTEST_ROD = 0.01
 LIGHT = np.array([0.35, -0.5, 0.79])
 AMBIENT = 0.45
 #: Where a scene is looked at from, base axes.
-EYE = np.array([0.58, -0.70, 0.42])
+EYE = np.array([1.16, -1.40, 0.84])
 
 
 @dataclass(frozen=True)
@@ -151,24 +151,23 @@ def shade_faces(shapes: list[Shape]) -> Array:
     return np.vstack(colours)
 
 
-def frame_scene(points: Array, *, margin: float = 0.03, zoom: float = 0.62) -> dict[str, Any]:
+def frame_scene(points: Array, *, margin: float = 0.03, size: float = 2.1) -> dict[str, Any]:
     """Build the plotly scene that shows points with one scale on all axes.
 
     Args:
         points: What has to be seen. Shape (n, 3). [mm]
         margin: Free room around it, as a share of its largest extent.
-        zoom: Distance of the eye; larger shows more around.
+        size: How large the scene is drawn, whatever its proportions.
     """
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     room = margin * max(float((high - low).max()), 1e-6)
-    size = high - low + 2 * room
-    ratio = size / size.max()
-    eye = EYE * zoom * float(np.linalg.norm(ratio))
+    extent = high - low + 2 * room
+    ratio = size * extent / float(np.linalg.norm(extent))
     axes = {
         f"{axis}axis": {
             "title": {"text": f"{axis}, mm"},
             "range": [float(low[k] - room), float(high[k] + room)],
-            "nticks": max(2, round(6 * float(ratio[k]))),
+            "nticks": max(2, round(6 * float(ratio[k] / ratio.max()))),
         }
         for k, axis in enumerate("xyz")
     }
@@ -176,7 +175,7 @@ def frame_scene(points: Array, *, margin: float = 0.03, zoom: float = 0.62) -> d
         **axes,
         "aspectmode": "manual",
         "aspectratio": dict(zip("xyz", ratio.tolist(), strict=True)),
-        "camera": {"eye": dict(zip("xyz", eye.tolist(), strict=True)), "projection": {"type": "orthographic"}},
+        "camera": {"eye": dict(zip("xyz", EYE.tolist(), strict=True)), "projection": {"type": "orthographic"}},
     }
 
 

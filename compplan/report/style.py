@@ -65,10 +65,15 @@ def format_length(metres: float, digits: int = 3) -> str:
     if math.isnan(metres):
         return "–"
     if 0 < abs(metres) < 1e-8:
-        return "below 0.01 µm"
+        return "below 0.01\u00a0µm"
     if abs(metres) < 1e-4:
-        return f"{format_number(metres * 1e6, digits)} µm"
-    return f"{format_number(metres * 1e3, digits)} mm"
+        return f"{format_number(metres * 1e6, digits)}\u00a0µm"
+    return f"{format_number(metres * 1e3, digits)}\u00a0mm"
+
+
+def format_bound(metres: float) -> str:
+    """Write a length that something stays within: `format_length`, or 0.01 um where it is smaller."""
+    return "0.01\u00a0µm" if metres < 1e-8 else format_length(metres)
 
 
 def format_angle(radians: float, digits: int = 3) -> str:
@@ -79,10 +84,10 @@ def format_angle(radians: float, digits: int = 3) -> str:
         digits: Significant digits.
     """
     if 0 < abs(radians) < 1e-8:
-        return "below 0.01 µrad"
+        return "below 0.01\u00a0µrad"
     if abs(radians) < math.radians(0.01):
-        return f"{format_number(radians * 1e6, digits)} µrad"
-    return f"{format_number(math.degrees(radians), digits)} deg"
+        return f"{format_number(radians * 1e6, digits)}\u00a0µrad"
+    return f"{format_number(math.degrees(radians), digits)}\u00a0deg"
 
 
 def format_percent(share: float) -> str:
@@ -90,18 +95,18 @@ def format_percent(share: float) -> str:
     if math.isnan(share):
         return "–"
     if 0 < share < 1e-4:
-        return "below 0.01 %"
+        return "below 0.01\u00a0%"
     if 0.999 < share < 1:
-        return "above 99.9 %"
-    return f"{format_set_value(float(f'{100 * share:.3g}'))} %"
+        return "above 99.9\u00a0%"
+    return f"{format_set_value(float(f'{100 * share:.3g}'))}\u00a0%"
 
 
 def name_length(metres: float) -> str:
     """Name a round length as axes do: 1e-6 is "1 µm", 0.2 is "200 mm"."""
     for unit, size in (("nm", 1e-9), ("µm", 1e-6)):
         if metres < 999 * size:
-            return f"{metres / size:.6g} {unit}"
-    return f"{metres * 1e3:.6g} mm"
+            return f"{metres / size:.6g}\u00a0{unit}"
+    return f"{metres * 1e3:.6g}\u00a0mm"
 
 
 def mark_decades(low: float, high: float) -> tuple[list[float], list[str]]:

@@ -1,0 +1,103 @@
+"""From a plan to its page."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from compplan.report.page import Section
+from compplan.report.plan_page import PlanView, write_view
+
+if TYPE_CHECKING:
+    from compplan.job import Job
+    from compplan.plan import Plan
+
+
+def write_plan_report(plan: Plan, out: str | Path, *, extra: Sequence[Section] = ()) -> Path:
+    """Write the page of a plan: report.html in a folder.
+
+    Args:
+        plan: The plan.
+        out: The folder.
+        extra: Further sections, such as the map of postures; they stand last.
+
+    Returns:
+        The file written.
+
+    Raises:
+        InputError: If the folder cannot be written.
+    """
+    file = Path(out) / "report.html"
+    write_view(view_plan(plan, extra), file)
+    return file
+
+
+def view_plan(plan: Plan, extra: Sequence[Section] = ()) -> PlanView:
+    """Collect what the page of a plan shows."""
+    task, timing = plan.task, plan.timing
+    cutting = task.compensated & ~task.nominal.rapid
+    return PlanView(
+        title=plan.name,
+        robot=plan.robot,
+        strategy=plan.strategy,
+        status=plan.status,
+        nominal=task.position,
+        rapid=~task.compensated,
+        q=plan.q,
+        time=timing.time,
+        before=plan.before.deviation,
+        after=plan.after.deviation,
+        correction=plan.correction,
+        wrench=task.wrench,
+        velocity=timing.velocity,
+        acceleration=timing.acceleration,
+        feed_wanted=np.where(cutting, task.nominal.feed, np.nan),
+        feed=timing.feed,
+        tolerance=task.tolerance,
+        max_correction=task.max_correction,
+        velocity_limits=task.velocity_limits,
+        acceleration_limits=task.acceleration_limits,
+        slowed=timing.lowered,
+        tilt_before=plan.before.tilt,
+        tilt_after=plan.after.tilt,
+        failures=plan.command.failures,
+        judge=plan.judge,
+        facts=_list_facts(plan),
+        notes=plan.notes,
+        assumptions=list_assumptions(plan.job),
+        extra=extra,
+    )
+
+
+def list_assumptions(job: Job | None) -> list[str]:
+    """List what a job assumes rather than knows: comments in the job file that say so."""
+    if job is None or not job.file.is_file():
+        return []
+    blocks, open_block = [""], False
+    for line in job.file.read_text(encoding="utf-8").splitlines():
+        code, mark, comment = line.partition("#")
+        if mark and not code.strip() and open_block:
+            blocks[-1] += f" {comment.strip()}"
+        elif mark:
+            key = code.partition("=")[0].strip()
+            blocks.append(f"{key}: {comment.strip()}" if key else comment.strip())
+        open_block = bool(mark) and not code.strip()
+    sentences = (sentence.strip() for block in blocks for sentence in re.split(r"(?<=\.)\s+(?=[A-Z])", block))
+    return [f"job: {sentence}" for sentence in sentences if "assumed" in sentence.lower()]
+
+
+def _list_facts(plan: Plan) -> list[tuple[str, str]]:
+    facts = []
+    if plan.job is not None:
+        facts.append(("job", str(plan.job.file)))
+    facts.append(("toolpath", plan.task.nominal.source or "given in memory"))
+    words = ", ".join(f"{name} {word}" for name, word in plan.task.configuration.items())
+    if words:
+        facts.append(("configuration", words))
+    facts.append(("rotation about the tool axis", "free" if plan.task.spin_free else "fixed by the job"))
+    facts.append(("time in the solver", f"{plan.command.solve_time:.3g} s"))
+    return facts
