@@ -60,6 +60,7 @@ class Controller:
         matrix: sign and coupling together. Shape (nq, nq).
         zero: What it counts at q = 0. Shape (nq,). [deg or mm]
         words: Its configuration words by name.
+
     """
 
     name: str
@@ -86,6 +87,7 @@ def load_controller(robot: Robot) -> Controller:
 
     Raises:
         InputError: If the file is not what it has to be, or does not fit the robot.
+
     """
     if robot.folder is None or not (robot.folder / "controller.toml").is_file():
         return plain_controller(robot)
@@ -145,6 +147,7 @@ def locate_link(robot: Robot, q: Array, link: str) -> Array:
 
     Raises:
         InputError: If the chain has no such link.
+
     """
     pose = np.tile(np.eye(4), (len(q), 1, 1))
     if link == robot.base:
@@ -202,6 +205,7 @@ def believed_robot(robot: Robot) -> Robot:
 
     Raises:
         InputError: If controller.urdf is no XML or lacks a joint of the chain.
+
     """
     if robot.folder is None or not (robot.folder / "controller.urdf").is_file():
         return robot

@@ -30,6 +30,7 @@ class Curve:
         point: Position at parameter u, 0 <= u <= end. (n,) -> (n, 3) [m]
         end: Greatest parameter.
         grid: Parameters, 0 and end among them, close enough that chords between them tell the length. Shape (m,).
+
     """
 
     point: Callable[[Array], Array]
@@ -55,6 +56,7 @@ class Pace:
 
     Raises:
         InputError: If not exactly one of each group is given, or one is not positive.
+
     """
 
     feed: float | None = None
@@ -94,6 +96,7 @@ def walk_curve(curve: Curve, pace: Pace, *, axis: tuple[float, float, float] = U
 
     Returns:
         The toolpath in the part frame.
+
     """
     lengths = curve.lengths()
     feed, count = pace.resolve(float(lengths[-1]))
@@ -135,6 +138,7 @@ def generate_circle(
         start: Angle of the first waypoint from the first axis of the plane. [rad]
         axis: Tool axis, part axes.
         approach: Height of approach and retract, see `walk_curve`. [m]
+
     """
     first, second = PLANES[plane]
     sense = np.sign(turns)
@@ -176,6 +180,7 @@ def generate_spiral(
 
     Raises:
         InputError: If not exactly one of turns and length is given, or no spiral has this length.
+
     """
     if (turns is None) == (length is None):
         raise InputError("both or none of turns and length are given, expected exactly one")
@@ -224,6 +229,7 @@ def generate_cone(
 
     Raises:
         InputError: If the cone closes above its depth.
+
     """
     radius = 0.5 * diameter
     lowest = radius - depth / np.tan(wall_angle)
@@ -328,6 +334,7 @@ def generate_toolpath(table: GeneratorTable) -> Toolpath:
 
     Raises:
         InputError: If the parameters contradict each other.
+
     """
     pace, approach = table.pace(), table.approach_mm * 1e-3
     if isinstance(table, CircleTable):

@@ -233,6 +233,7 @@ def check_job(data: dict[str, Any], file: str | Path = Path()) -> Job:
 
     Raises:
         InputError: With file and key.
+
     """
     data = dict(data)
     table = data.get("toolpath")
@@ -254,6 +255,7 @@ def load_job(path: str | Path) -> Job:
 
     Raises:
         InputError: With file and line, or file and key, if it is not what it has to be.
+
     """
     return check_job(read_toml(path), path)
 
@@ -263,6 +265,7 @@ def load_toolpath(job: Job) -> Toolpath:
 
     Raises:
         InputError: If the toolpath file is not what it has to be.
+
     """
     if not isinstance(job.toolpath, str):
         try:
@@ -281,6 +284,7 @@ def load_nominal(job: Job) -> Toolpath:
 
     Raises:
         InputError: If toolpath or process are not what they have to be.
+
     """
     toolpath = load_toolpath(job)
     if job.feed.constant_mm_s is not None:

@@ -126,6 +126,7 @@ def predict_wrench(
 
     Raises:
         InputError: If the toolpath has no wrench columns, or a wrench file does not fit the toolpath.
+
     """
     rotations = np.eye(3) if R_base_part is None else R_base_part
     if isinstance(process, ColumnsProcess):
@@ -212,6 +213,7 @@ def contact_share(nominal: Toolpath, ramp: float, ramp_out: float = 0.0) -> Arra
 
     Returns:
         Share between 0 and 1. Shape (n,).
+
     """
     length, n = nominal.arc_length, len(nominal)
     share = np.where(nominal.rapid, 0.0, 1.0)
@@ -253,6 +255,7 @@ def milling_wrench(process: MillingProcess, feed: Array) -> Array:
 
     Returns:
         Shape (n, 6). [N, N m]
+
     """
     radius = 0.5 * process.diameter_mm
     inner = float(np.arcsin(np.clip(process.width_mm / radius - 1.0, -1.0, 1.0)))

@@ -59,6 +59,7 @@ class Column:
         group: Columns of one group stand together: all of them or none.
         key: Key in the table that is read; default: the name. Columns of the same name need different keys
             (sigma_mm and sigma_deg).
+
     """
 
     name: str
@@ -98,6 +99,7 @@ class Table:
         units: Unit in the file by key, "" where there is none.
         lines: Line of the file that each row stands in, counted from 1. Shape (n,).
         notes: What was read past, one sentence each.
+
     """
 
     file: Path
@@ -123,6 +125,7 @@ class Table:
 
         Raises:
             InputError: If a number between the first and the last is left out.
+
         """
         pattern = re.compile(re.escape(name).replace(r"\#", "#").replace("#", r"(\d+)") + "$")
         found = {int(match.group(1)): key for key in self.headers if (match := pattern.match(key))}
@@ -163,6 +166,7 @@ def read_table(path: str | Path, columns: Sequence[Column], *, unknown: str = "r
         InputError: With file and line, if the file cannot be read, a required column is missing, a column occurs twice
             or has no or a wrong unit, a row has too few or too many fields, a field is not a finite number, or a field
             is empty where no value may be missing.
+
     """
     path = Path(path)
     header_line, header, rows, lines = _read_rows(path)
@@ -310,6 +314,7 @@ def read_text(path: str | Path) -> str:
 
     Raises:
         InputError: If there is no such file, or it is a folder or a binary file.
+
     """
     path = Path(path)
     try:
@@ -332,6 +337,7 @@ def replace_file(path: str | Path) -> Iterator[Path]:
 
     Raises:
         InputError: If the folder cannot be written.
+
     """
     path = Path(path)
     try:
@@ -355,6 +361,7 @@ def write_text(path: str | Path, text: str, *, encoding: str = "utf-8", newline:
 
     Raises:
         InputError: If the folder cannot be written.
+
     """
     with replace_file(path) as part:
         part.write_bytes(text.replace("\n", newline).encode(encoding))
@@ -371,6 +378,7 @@ def write_table(path: str | Path, columns: Mapping[str, object], *, decimals: in
     Raises:
         InputError: If the folder cannot be written.
         ShapeError: If the columns differ in length.
+
     """
     cells = [_format_cells(np.asarray(values), decimals) for values in columns.values()]
     lengths = {name: len(column) for name, column in zip(columns, cells, strict=True)}

@@ -33,6 +33,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
     Raises:
         InputError: If the file is missing, or is not TOML (with the line).
+
     """
     text = read_text(path)
     try:
@@ -60,6 +61,7 @@ def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path
 
     Raises:
         InputError: With the dotted key, if a key is unknown, missing, or has a wrong value.
+
     """
     try:
         return model.model_validate(dict(data))
@@ -76,6 +78,7 @@ def read_toml_model(model: type[Model], path: str | Path) -> Model:
 
     Raises:
         InputError: As `read_toml` and `check_table` do.
+
     """
     return check_table(model, read_toml(path), file=path)
 
@@ -85,6 +88,7 @@ def _walk(details: ErrorDetails, model: type[BaseModel]) -> tuple[list[str | int
 
     Returns:
         The keys on the way, without the tags of tagged unions, and the model that holds the last key (or None).
+
     """
     keys: list[str | int] = []
     current: Any = model

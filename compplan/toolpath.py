@@ -51,6 +51,7 @@ class Toolpath:
 
     Raises:
         ShapeError: If an array does not have the shape above.
+
     """
 
     position: Array
@@ -112,6 +113,7 @@ def check_toolpath(
     Raises:
         InputError: If it has no or one waypoint, zero length, a value that is not finite, a feed of 0 on a cutting
             move, a negative feed, a tool axis that is no unit vector, or an absurd extent.
+
     """
     file = file or (table.file if table is not None else None) or toolpath.source or None
 
@@ -162,6 +164,7 @@ def toolpath_from_table(table: Table, *, feed: float | None = None) -> Toolpath:
 
     Raises:
         InputError: As `check_toolpath` says, with file and line.
+
     """
     n = len(table)
     position = table.stack(("x", "y", "z"))
@@ -198,6 +201,7 @@ def read_toolpath(path: str | Path, *, cam: CamTable | None = None, feed: float 
 
     Raises:
         InputError: With file and line, if the file is not what it has to be.
+
     """
     path = Path(path)
     if path.suffix.lower() == ".csv":
@@ -216,6 +220,7 @@ def write_toolpath(toolpath: Toolpath, path: str | Path) -> None:
 
     Raises:
         InputError: If the folder cannot be written.
+
     """
     columns: dict[str, object] = {}
     for index, name in enumerate(("x_mm", "y_mm", "z_mm")):
@@ -234,6 +239,7 @@ def place_toolpath(toolpath: Toolpath, T_base_part: Array) -> Toolpath:
     Args:
         toolpath: The toolpath, part frame.
         T_base_part: Pose of the part frame seen from the base frame. Shape (4, 4). [m]
+
     """
     rotation = T_base_part[:3, :3]
     wrench = toolpath.wrench
@@ -264,6 +270,7 @@ def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = 
 
     Raises:
         InputError: If a step limit is not positive.
+
     """
     if not (max_step > 0.0 and max_turn > 0.0):
         limits = f"{max_step * 1e3:g} mm and {np.degrees(max_turn):g} deg"

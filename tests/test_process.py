@@ -111,7 +111,8 @@ def test_milling_forces_agree_with_a_sum_over_teeth_positions() -> None:
 
 
 def test_the_side_of_the_material_mirrors_the_cut() -> None:
-    left, right = (milling_wrench(milling(width_mm=3.0, material_side=side), np.array([0.02]))[0] for side in ("left", "right"))
+    sides = (milling(width_mm=3.0, material_side=side) for side in ("left", "right"))
+    left, right = (milling_wrench(process, np.array([0.02]))[0] for process in sides)
     assert left[1] > 0 and right[1] > 0  # a clockwise tool is pushed to its left either way
     assert left[0] < 0 < right[0]  # up milling is held back, climb milling is drawn on
 

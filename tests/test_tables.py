@@ -72,7 +72,7 @@ def test_each_mistake_in_a_table_has_its_sentence(tmp_path: Path, text: str, sen
 
 
 def test_numbered_columns_must_not_leave_one_out(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="missing column q2: the columns q# count from 1"):
+    with pytest.raises(InputError, match=r"missing column q2: the columns q# count from 1"):
         read(tmp_path, "x_mm,y_mm,q1_deg,q3_deg\n1,2,3,4\n").numbered("q#")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from compplan.cam.apt import read_apt
@@ -11,7 +12,7 @@ from compplan.cam.options import CamTable
 from compplan.errors import InputError
 from compplan.tables import read_text
 
-GCODE_SUFFIXES = (".nc", ".gcode", ".tap", ".ngc", ".cnc", ".ncc", ".mpf", ".iso", ".eia")
+GCODE_SUFFIXES = (".nc", ".gcode", ".tap", ".ngc", ".cnc", ".ncc", ".mpf", ".spf", ".iso", ".eia", ".h")
 APT_SUFFIXES = (".apt", ".cls", ".cl", ".ncl", ".clsf", ".aptsource", ".cldata")
 
 __all__ = ["CamFacts", "CamFile", "CamTable", "read_cam"]
@@ -21,17 +22,22 @@ def read_cam(path: str | Path, options: CamTable | None = None) -> CamFile:
     """Read a CAM file.
 
     Args:
-        path: The file; its suffix says whether it is G-code or APT.
+        path: The file; its suffix says whether it is G-code or APT, or its text where the suffix is unknown.
         options: What the file does not say by itself.
 
     Raises:
         InputError: With file and line, if the file is not what it has to be.
+
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix not in GCODE_SUFFIXES + APT_SUFFIXES:
+    text = read_text(path)
+    is_apt, is_gcode = suffix in APT_SUFFIXES, suffix in GCODE_SUFFIXES
+    if not (is_apt or is_gcode):
+        is_apt = re.search(r"^\s*GOTO\s*/", text, re.MULTILINE) is not None
+        is_gcode = re.search(r"^\s*(N\d+\s*)?G\d", text, re.MULTILINE | re.IGNORECASE) is not None
+    if not (is_apt or is_gcode):
         known = " ".join((".csv", *GCODE_SUFFIXES, *APT_SUFFIXES))
         raise InputError(f"unknown kind of toolpath file '{path.suffix}', choose from {known}", file=path)
-    text = read_text(path)
-    read = read_gcode if suffix in GCODE_SUFFIXES else read_apt
+    read = read_apt if is_apt else read_gcode
     return read(text, path, options or CamTable())

@@ -56,6 +56,7 @@ def read_apt(text: str, file: Path, options: CamTable) -> CamFile:
     Raises:
         InputError: With file and line, if an arc is off its circle, or the file holds what is not read here: splines,
             macros, repeated or transformed paths, part programs whose geometry is not resolved.
+
     """
     reader = _Reader(file, options, flipped=False)
     reader.run(text)

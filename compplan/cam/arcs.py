@@ -33,6 +33,7 @@ class Arc:
         end_radius: Radius at the end: that of the start but for rounding. [mm]
         sweep: Angle, signed. [rad]
         rise: Travel along the normal. [mm]
+
     """
 
     centre: Point
@@ -90,6 +91,7 @@ def arc_about(start: Point, end: Point, centre: Point, normal: Point, *, right_h
         normal: Direction of the axis, unit vector.
         right_hand: Whether the arc turns about `normal` by the right hand, else against it.
         turns: 1 for less than a turn or a full circle; each further one adds a full turn.
+
     """
     travel, arm = combine(1.0, end, -1.0, start), combine(1.0, start, -1.0, centre)
     rise = dot(travel, normal)
@@ -116,6 +118,7 @@ def centre_from_radius(start: Point, end: Point, normal: Point, radius: float, *
         normal: Unit normal of the plane.
         radius: Radius; negative: the longer of the two arcs. [mm]
         right_hand: Whether the arc turns about `normal` by the right hand.
+
     """
     travel = combine(1.0, end, -1.0, start)
     across = combine(1.0, travel, -dot(travel, normal), normal)
@@ -140,6 +143,7 @@ def sample_arcs(arcs: Sequence[Arc], chord: float) -> tuple[Array, NDArray[np.in
 
     Returns:
         Points, shape (m, 3) [mm], and their number for each arc, shape (len(arcs),).
+
     """
     if not arcs:
         return np.empty((0, 3)), np.empty(0, dtype=np.int64)

@@ -51,6 +51,7 @@ def read_gcode(text: str, file: Path, options: CamTable) -> CamFile:
     Raises:
         InputError: With file and line, if the program has an arc without centre or off its circle, or uses what is not
             read here: expressions, subprograms, splines, rotated or scaled coordinates, conversational blocks.
+
     """
     readings = CENTRE_READINGS if options.arc_centres is None else (options.arc_centres,)
     first_fault: _OffCircleError | None = None
@@ -203,7 +204,12 @@ class _Reader:
         state, named = self.state, [axis for axis in range(3) if AXES[axis] in values]
         if code in OFFSETS:
             if code == 92.0:
+                before, cutting = state.position, state.moved
                 state.set_origin({axis: values[AXES[axis]] for axis in named})
+                if not cutting:
+                    self.log.shift(combine(1.0, state.position, -1.0, before))
+                elif state.position != before:
+                    self.log.rapid(state.position)
             elif code == 52.0:
                 state.set_shift({axis: values[AXES[axis]] for axis in named})
             else:

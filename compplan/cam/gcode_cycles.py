@@ -25,6 +25,7 @@ def run_cycle(
         log: Log of the moves.
         expand: Whether holes are cut.
         line: Line of the block.
+
     """
     for letter in "RZ":
         if letter in values:

@@ -157,6 +157,7 @@ class State:
         Args:
             kind: "head" or "table".
             share: How much of the turn is done, 0 to 1.
+
         """
         angles = np.array(self.rotary_before) * (1.0 - share) + np.array(self.rotary) * share
         sign = -1.0 if kind == "table" else 1.0

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from compplan.cam.arcs import Arc, Point, sample_arcs
+from compplan.cam.arcs import Arc, Point, combine, sample_arcs
 from compplan.tables import Array
 from compplan.toolpath import Toolpath
 
@@ -45,6 +45,7 @@ class CamFacts:
         cycles: Canned or drilling cycles, holes counted.
         waypoints: Rows of the toolpath.
         notes: What was assumed or read past, with the line where it first occurs.
+
     """
 
     file: str
@@ -80,6 +81,7 @@ class MoveLog:
 
     Args:
         chord: Greatest distance between an arc and its chords. [mm]
+
     """
 
     chord: float
@@ -95,6 +97,11 @@ class MoveLog:
     def place(self, point: Point, axis: Point | None = None) -> None:
         """Take the tool to a point without a move: where nothing is known of what was before."""
         self.position, self.axis = point, axis or self.axis
+
+    def shift(self, step: Point) -> None:
+        """Move everything so far: the origin turns out to be elsewhere."""
+        self._rows = [(x + step[0], y + step[1], z + step[2], *rest) for x, y, z, *rest in self._rows]
+        self.position = combine(1.0, self.position, 1.0, step)
 
     def rapid(self, point: Point, axis: Point | None = None) -> None:
         """Move rapidly to a point."""

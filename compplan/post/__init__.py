@@ -40,6 +40,7 @@ def write_program(program: Program, language: str, folder: str | Path, *, most: 
     Raises:
         UnknownNameError: If there is no such language.
         InputError: If the program does not fit the language, or the folder cannot be written.
+
     """
     if language not in WRITERS:
         raise UnknownNameError("program language", language, list(WRITERS))

@@ -28,6 +28,7 @@ def write_fanuc_ls(program: Program, folder: Path, most: int | None = None) -> l
 
     Raises:
         InputError: If the robot has more than six rotating joints, or a feed above 2000 mm/s.
+
     """
     turning = [index for index, slides in enumerate(program.prismatic) if not slides]
     sliding = [index for index, slides in enumerate(program.prismatic) if slides]

@@ -17,6 +17,7 @@ def write_joint_csv(program: Program, folder: Path, most: int | None = None) -> 
         program: The program.
         folder: Folder to write to.
         most: Not used: a table is not cut.
+
     """
     columns: dict[str, object] = {}
     if program.time is not None:

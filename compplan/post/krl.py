@@ -41,6 +41,7 @@ def write_krl(program: Program, folder: Path, most: int | None = None) -> list[P
 
     Raises:
         InputError: If the joints have other names.
+
     """
     order_joints(program, ARM, "KRL")
     name = short_name(program.name, LONGEST_NAME)

@@ -47,6 +47,7 @@ class Program:
         robot: Name of the robot.
         controller: What controller it is.
         comments: Lines for the head of every file.
+
     """
 
     name: str
@@ -101,6 +102,7 @@ def build_program(
 
     Raises:
         InputError: If controller.toml or controller.urdf of the robot's folder is not what it has to be.
+
     """
     controller, believed = load_controller(robot), believed_robot(robot)
     tip = locate_link(believed, q, robot.tcp)
@@ -136,6 +138,7 @@ def split_parts(count: int, most: int) -> list[slice]:
 
     Raises:
         InputError: If `most` is less than 1.
+
     """
     if most < 1:
         raise InputError(f"max_points_per_file is {most}, expected at least 1")
@@ -155,6 +158,7 @@ def order_joints(program: Program, wanted: Sequence[str], language: str) -> list
 
     Raises:
         InputError: If the controller has no such joint.
+
     """
     missing = [name for name in wanted if name not in program.joint_names]
     if missing:
@@ -197,6 +201,7 @@ def euler_angles(rotation: Array, order: str) -> Array:
 
     Returns:
         Shape (n, 3). [deg]
+
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)

@@ -32,6 +32,7 @@ def write_rapid(program: Program, folder: Path, most: int | None = None) -> list
 
     Raises:
         InputError: If the robot has more than six rotating or six sliding joints.
+
     """
     turning, sliding = np.flatnonzero(~program.prismatic), np.flatnonzero(program.prismatic)
     if len(turning) > 6 or len(sliding) > 6:

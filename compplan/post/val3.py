@@ -33,6 +33,7 @@ def write_val3(program: Program, folder: Path, most: int | None = None) -> list[
 
     Raises:
         InputError: If the robot has not six rotating joints.
+
     """
     if program.joints.shape[1] != 6 or program.prismatic.any():
         message = f"VAL3 programs are written for six rotating joints, this robot has {list(program.joint_names)}"

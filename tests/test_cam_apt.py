@@ -1,0 +1,157 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compplan.cam import CamFile, CamTable, read_cam
+from compplan.errors import InputError
+
+
+@pytest.fixture
+def read(tmp_path: Path):
+    def read_text(text: str, suffix: str = ".apt", **options: object) -> CamFile:
+        file = tmp_path / f"part{suffix}"
+        file.write_bytes(text.encode("latin-1"))
+        return read_cam(file, CamTable.model_validate(options))
+
+    return read_text
+
+
+def ends(cam: CamFile) -> list[list[float]]:
+    return (cam.toolpath.position * 1e3).round(6).tolist()
+
+
+def test_points_feeds_and_rapids_are_read(read) -> None:
+    head = "PARTNO / K\xe4fer\nUNITS / MM\nFROM / 0, 0, 9\n"
+    cam = read(head + "RAPID\nGOTO / 1, 2, 3\nFEDRAT / 60, MMPM\nGOTO / 4, 2, 3\nFINI\n")
+    assert ends(cam) == [[1, 2, 3], [4, 2, 3]]
+    assert cam.toolpath.rapid.tolist() == [True, False]
+    assert cam.toolpath.feed[-1] == pytest.approx(1e-3)
+
+
+def test_rapid_lasts_one_move(read) -> None:
+    cam = read("UNITS/MM\nFEDRAT/60\nRAPID\nGOTO/0,0,0\nRAPID\nGOTO/1,0,0\nGOTO/2,0,0\nGOTO/3,0,0\n")
+    assert cam.toolpath.rapid.tolist() == [True, True, False, False]
+
+
+def test_the_tool_axis_stays_until_another_is_given(read) -> None:
+    cam = read("UNITS/MM\nMULTAX/ON\nFEDRAT/60\nGOTO/0,0,0,0,3,4\nGOTO/1,0,0\nGOTO/2,0,0,1,0,0\n")
+    assert cam.toolpath.axis == pytest.approx(np.array([[0, 0.6, 0.8], [0, 0.6, 0.8], [1, 0, 0]]))
+
+
+def test_continued_records_and_comments_are_joined(read) -> None:
+    assert ends(read("UNITS/MM $$ metric\nFEDRAT/60\nGOTO/0,0,0\nGOTO/ 1.0, $\n  2.0, 3.0\n$$ end\n"))[-1] == [1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("feed", "expected"),
+    [("FEDRAT/60,MMPM", 1.0), ("FEDRAT/MMPM,60", 1.0), ("FEDRAT/60", 1.0), ("FEDRAT/60,PERMIN", 1.0),
+     ("FEDRAT/IPM,60", 25.4), ("SPINDL/600,CLW\nFEDRAT/0.1,MMPR", 1.0), ("SPINDL/600\nFEDRAT/PERREV,0.1", 1.0)],
+)  # fmt: skip
+def test_feeds_in_every_unit(read, feed: str, expected: float) -> None:
+    cam = read(f"UNITS/MM\n{feed}\nGOTO/0,0,0\nGOTO/1,0,0\n")
+    assert cam.toolpath.feed[-1] * 1e3 == pytest.approx(expected)
+
+
+def test_inches_are_stated_or_follow_from_the_feed(read) -> None:
+    assert ends(read("UNITS/INCHES\nFEDRAT/1\nGOTO/0,0,0\nGOTO/1,0,0\n"))[-1] == [25.4, 0, 0]
+    cam = read("FEDRAT/IPM,1\nGOTO/0,0,0\nGOTO/1,0,0\n")
+    assert ends(cam)[-1] == [25.4, 0, 0] and "inch is taken from it" in cam.facts.notes[0]
+
+
+ARC = "UNITS/MM\nFEDRAT/60\nGOTO/20,0,0\n{}\nGOTO/10,10,0\n"
+
+
+@pytest.mark.parametrize(
+    ("record", "quarter_turns"),
+    [
+        ("CIRCLE/10,0,0,0,0,1,10", 1),
+        ("CIRCLE/10,0,0,0,0,-1,10", 3),
+        ("CIRCLE/10,0,0,0,0,1,10,CLW", 3),
+        ("CIRCLE/10,0,0,0,0,1,10,CLOCKWISE", 3),
+        ("CIRCLE/10,0,0,0,0,1,10,CCLW", 1),
+        ("CIRCLE/10,0,0,0,0,1,10,0.06,0.5,20,0", 3),
+        ("CIRCLE/10,0,0,0,0,-1,10,0.06,0.5,20,0", 1),
+        ("CIRCLE/10,0,0,0,0,-1,10,0.06,0.5,20,0,TIMES,2", 5),
+        ("MOVARC/10,0,0,0,0,1,10,ANGLE,90", 1),
+        ("MOVARC/ CENTER,10,0,0,AXIS,0,0,1,RADIUS,10", 1),
+    ],
+)
+def test_arcs_turn_in_the_sense_of_their_dialect(read, record: str, quarter_turns: int) -> None:
+    cam = read(ARC.format(record))
+    assert cam.facts.arcs == 1
+    assert cam.facts.cutting_length_mm == pytest.approx(quarter_turns * 5 * np.pi)
+
+
+def test_the_sense_of_arcs_may_be_demanded(read) -> None:
+    cam = read(ARC.format("CIRCLE/10,0,0,0,0,1,10"), circle_sense="left_hand")
+    assert cam.facts.cutting_length_mm == pytest.approx(15 * np.pi)
+
+
+def test_arcs_that_would_all_turn_back_are_turned_round(read) -> None:
+    lines, x = ["UNITS/MM", "FEDRAT/60", "GOTO/0,0,0"], 0
+    for _ in range(4):  # straight up, a half circle to the right, straight down, one to the left
+        lines += [f"GOTO/{x},10,0", f"CIRCLE/{x + 1},10,0,0,0,1,1", f"GOTO/{x + 2},10,0", f"GOTO/{x + 2},0,0"]
+        lines += [f"CIRCLE/{x + 3},0,0,0,0,-1,1", f"GOTO/{x + 4},0,0"]
+        x += 4
+    cam = read("\n".join(lines))
+    assert cam.toolpath.position[:, 1].max() * 1e3 == pytest.approx(11)
+    assert "arcs run against the usual sense" in cam.facts.notes[-1]
+
+
+def test_an_arc_about_a_tilted_axis_stays_in_its_plane(read) -> None:
+    cam = read("UNITS/MM\nFEDRAT/60\nGOTO/0,10,0,1,0,0\nCIRCLE/0,0,0,1,0,0,10\nGOTO/0,0,10\n")
+    assert cam.facts.cutting_length_mm == pytest.approx(5 * np.pi)
+    assert np.abs(cam.toolpath.position[:, 0]).max() < 1e-12
+    assert cam.toolpath.axis[-1].tolist() == [1, 0, 0]
+
+
+def test_arcs_with_a_start_direction_and_arcs_by_letters(read) -> None:
+    head = "UNITS/MM\nFEDRAT/60\nGOTO/20,0,0\nINDIRV/0,-1,0\n"
+    catia = "TLON,GOFWD/ (CIRCLE/ 10,0,0,$\n 10.0),ON,(LINE/ 10,0,0,$\n10,10,0)\n"
+    assert read(head + catia).facts.cutting_length_mm == pytest.approx(15 * np.pi)
+    letters = "UNITS/MM\nFEDRAT/60\nGOTO/20,0,0\nCIRCLE/X,10,Y,10,I,-10,J,0{}\n"
+    assert read(letters.format("")).facts.cutting_length_mm == pytest.approx(15 * np.pi)
+    assert read(letters.format(",CCLW")).facts.cutting_length_mm == pytest.approx(5 * np.pi)
+
+
+def test_holes_of_a_cycle_are_no_cutting_moves(read) -> None:
+    holes = "CYCLE/DRILL,5\nGOTO/2,0,0\nGOTO/3,0,0\nCYCLE/OFF\n"
+    cam = read(f"UNITS/MM\nFEDRAT/60\nGOTO/0,0,0\nGOTO/1,0,0\n{holes}GOTO/3,1,0\n")
+    assert (cam.facts.cutting_moves, cam.facts.cycles, cam.facts.cutting_length_mm) == (2, 2, 2)
+    assert "drilling cycles are left out" in cam.facts.notes[-1]
+
+
+def test_vendor_records_are_read_past_with_a_note(read) -> None:
+    cam = read("UNITS/MM\nFEDRAT/60,MMPM\nWPLANE/XY\nGOTO/0,0,0\nTLCOMP/ON\nGOTO/1,0,0\nGOHOME/Z\n")
+    assert cam.facts.cutting_moves == 1
+    assert [note.split(": ")[1][:13] for note in cam.facts.notes] == [
+        "record WPLANE", "the first GOT", "cutter compen", "GOHOME is lef",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("UNITS/MM\nGOTO/0,0,0\nNURBS/3,4", r":3: NURBS \(NURBS\) is not read"),
+        ("L1 = LINE/0,0,1,1", r":1: part program statement"),
+        ("UNITS/MM\nCOPY/1,TRANSL", r":2: COPY \(repeated paths\)"),
+        ("UNITS/FEET", r":1: unit 'FEET', choose from MM, INCHES"),
+        ("GOTO/1", r":1: 1 numbers, expected x, y, z"),
+        ("GOTO/0,0,0,0,0,0", r":1: tool axis \[0.0, 0.0, 0.0\] is no direction"),
+        (ARC.format("CIRCLE/10,0,0,0,0,1"[:-4]), r":4: arc record with 5 numbers|:4: arc record with"),
+        (ARC.format("CIRCLE/11,0,0,0,0,1,10"), r":5: arc starts 9.0000 mm from its axis and ends 10.0499"),
+        ("PARTNO/X\nFINI", r":1: no cutting move"),
+        ("MODE/INCR", r":1: MODE/INCR"),
+    ],
+)
+def test_what_is_not_read_is_refused_with_its_line(read, text: str, sentence: str) -> None:
+    with pytest.raises(InputError, match=f"part.apt({sentence})"):
+        read(text)
+
+
+def test_a_file_of_unknown_suffix_is_read_as_what_its_text_says(read) -> None:
+    assert read("UNITS/MM\nGOTO/0,0,0\nGOTO/1,0,0\n", ".txt").facts.kind == "apt"
+    assert read("N1 G21 G0 X0 Y0 Z0\nN2 G1 X1 F9\n", ".txt").facts.kind == "gcode"

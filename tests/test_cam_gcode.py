@@ -1,0 +1,276 @@
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from compplan.cam import CamFile, CamTable, read_cam
+from compplan.cli import main
+from compplan.errors import InputError
+from compplan.toolpath import read_toolpath
+
+SHIPPED = Path(__file__).parent.parent / "paths" / "jsdc.gcode"
+
+
+@pytest.fixture
+def read(tmp_path: Path):
+    def read_text(text: str, **options: object) -> CamFile:
+        file = tmp_path / "part.nc"
+        file.write_bytes(text.encode("latin-1"))
+        return read_cam(file, CamTable.model_validate(options))
+
+    return read_text
+
+
+def ends(cam: CamFile) -> list[list[float]]:
+    return (cam.toolpath.position * 1e3).round(6).tolist()
+
+
+def test_the_shipped_engraving_has_the_facts_that_another_interpreter_found() -> None:
+    facts = read_cam(SHIPPED).facts
+    assert (facts.cutting_moves, facts.rapid_moves, facts.unmoved_blocks, facts.unit) == (2376, 1, 5, "mm")
+    assert facts.cutting_length_mm == pytest.approx(661.800463, rel=1e-7)
+    assert np.array(facts.box_mm) == pytest.approx(np.array([[0, -58.1149, -1], [102.3526, 0, 1]]))
+
+
+def test_words_are_modal_and_need_no_spaces(read) -> None:
+    cam = read("N10 G21G90\nn20 g0x1y2z3\nG01X4.F60(feed)\nY-.5;end\n\n%\n")
+    assert ends(cam) == [[1, 2, 3], [4, 2, 3], [4, -0.5, 3]]
+    assert cam.toolpath.feed.tolist() == pytest.approx([0, 1e-3, 1e-3])
+    assert cam.toolpath.rapid.tolist() == [True, False, False]
+
+
+def test_inches_scale_lengths_and_feeds(read) -> None:
+    for words in ("G20", "G70"):
+        cam = read(f"{words}\nG0 X0 Y0 Z0\nG1 X1 F60\n")
+        assert ends(cam)[-1] == [25.4, 0, 0]
+        assert cam.toolpath.feed[-1] == pytest.approx(0.0254)
+
+
+def test_a_unit_that_is_not_stated_is_assumed_and_noted(read) -> None:
+    assert ends(read("G1 X1 F60\n", unit="inch"))[-1] == [25.4, 0, 0]
+    cam = read("G1 X1 F60\n")
+    assert ends(cam)[-1] == [1, 0, 0]
+    assert "line 1: no unit is stated (G20, G21): mm is assumed" in cam.facts.notes
+
+
+def test_incremental_moves_count_from_where_the_tool_is(read) -> None:
+    assert ends(read("G21 G0 X1 Y1 Z0\nG91 G1 X2 F10\nX2\nG90 X0\n")) == [[1, 1, 0], [3, 1, 0], [5, 1, 0], [0, 1, 0]]
+
+
+@pytest.mark.parametrize(
+    ("plane", "text", "length"),
+    [
+        ("G17", "G0 X0 Y20 Z0\nG2 X20 Y0 I0 J-20 F9", 10 * np.pi),
+        ("G18", "G0 X0 Y0 Z20\nG2 X20 Z0 I0 K-20 F9", 30 * np.pi),
+        ("G18", "G0 X0 Y0 Z20\nG3 X20 Z0 I0 K-20 F9", 10 * np.pi),
+        ("G19", "G0 X0 Y0 Z20\nG2 Y20 Z0 J0 K-20 F9", 10 * np.pi),
+        ("G17", "G0 X10 Y0 Z0\nG3 I-10 F9", 20 * np.pi),
+        ("G17", "G0 X10 Y0 Z0\nG3 X10 Y0 I-10 J0 P2 F9", 40 * np.pi),
+        ("G17", "G0 X10 Y0 Z0\nG3 X0 Y10 Z4 I-10 F9", np.hypot(5 * np.pi, 4)),
+        ("G17", "G0 X10 Y0 Z0\nG3 X0 Y10 R10 F9", 5 * np.pi),
+        ("G17", "G0 X10 Y0 Z0\nG3 X0 Y10 R-10 F9", 15 * np.pi),
+        ("G17", "G0 X10 Y0 Z0\nG2 X0 Y10 R10 F9", 5 * np.pi),
+    ],
+)
+def test_arcs_have_their_length_in_every_plane_and_form(read, plane: str, text: str, length: float) -> None:
+    cam = read(f"G21 {plane}\n{text}\n")
+    assert cam.facts.arcs == 1
+    assert cam.facts.cutting_length_mm == pytest.approx(length)
+    assert cam.toolpath.cutting_length * 1e3 == pytest.approx(length, rel=1e-4)
+
+
+def test_a_clockwise_arc_bends_to_the_right(read) -> None:
+    right = read("G21 G0 X0 Y0 Z0\nG1 Y1 F9\nG2 X1 Y2 I1 J0\n")
+    left = read("G21 G0 X0 Y0 Z0\nG1 Y1 F9\nG3 X-1 Y2 I-1 J0\n")
+    assert right.facts.cutting_length_mm == pytest.approx(1 + np.pi / 2)
+    assert left.facts.cutting_length_mm == pytest.approx(1 + np.pi / 2)
+
+
+@given(
+    st.floats(0.5, 200), st.floats(-np.pi, np.pi), st.floats(0.05, 6.2), st.booleans(), st.floats(-3, 3),
+    st.floats(1e-4, 0.05),
+)
+@settings(max_examples=60, deadline=None)
+def test_chords_keep_to_the_arc_and_hold_its_extremes(
+    radius: float, start: float, sweep: float, counter: bool, rise: float, chord: float
+) -> None:
+    from compplan.cam.arcs import arc_about, sample_arcs
+
+    sense = 1 if counter else -1
+    first = (radius * np.cos(start), radius * np.sin(start), 0.0)
+    last = (radius * np.cos(start + sense * sweep), radius * np.sin(start + sense * sweep), rise)
+    arc = arc_about(first, last, (0.0, 0.0, 7.0), (0.0, 0.0, 1.0), right_hand=counter)
+    points, counts = sample_arcs([arc, arc], chord)
+    assert counts[0] == counts[1] and points[: counts[0]] == pytest.approx(points[counts[0] :])
+    points = np.vstack([first, points[: counts[0]]])
+    assert arc.sweep == pytest.approx(sense * sweep)
+    assert points[-1] == pytest.approx(last, abs=1e-9)
+    assert np.hypot(*points[:, :2].T) == pytest.approx(radius)
+    middle = 0.5 * (points[1:] + points[:-1])
+    assert radius - np.hypot(*middle[:, :2].T).min() <= chord * (1 + 1e-6)
+    dense = start + sense * np.linspace(0, sweep, 20_001)
+    assert points[:, 0].max() == pytest.approx(np.max(radius * np.cos(dense)), abs=1e-5)
+    assert points[:, 1].min() == pytest.approx(np.min(radius * np.sin(dense)), abs=1e-5)
+
+
+def test_arc_centres_may_be_absolute_as_the_program_says(read) -> None:
+    cam = read("G21 G90.1\nG0 X20 Y0 Z0\nG3 X10 Y10 I10 J0 F9\n")
+    assert cam.facts.cutting_length_mm == pytest.approx(5 * np.pi)
+    assert not cam.facts.notes
+
+
+@pytest.mark.parametrize(("centre", "meaning"), [("I10 J0", "absolute"), ("I10 J-0", "absolute"), ("I5 J0", "")])
+def test_arc_centres_are_read_as_every_arc_of_the_file_demands(read, centre: str, meaning: str) -> None:
+    text = f"G21 G0 X20 Y0 Z0\nG3 X10 Y10 {centre} F9\n"
+    if meaning:
+        assert meaning in read(text).facts.notes[0]
+    else:
+        with pytest.raises(InputError, match=r"part.nc:2: arc starts 5.0000 mm from its centre and ends"):
+            read(text)
+
+
+def test_reversed_arc_centres_are_told_and_may_be_demanded(read) -> None:
+    text = "G21 G0 X30 Y0 Z0\nG3 X20 Y10 I10 J0 F9\n"
+    assert "from the centre to the start" in read(text).facts.notes[0]
+    with pytest.raises(InputError, match="option arc_centres"):
+        read(text, arc_centres="incremental")
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("G21 G0 X0 Y0 Z0\nG2 X1 F9", r":2: arc has neither a centre \(I J\) nor a radius \(R\)"),
+        ("G21 G18 G0 X0 Y0 Z0\nG2 X1 F9", r":2: arc has neither a centre \(I K\)"),
+        ("G21 G0 X0 Y0 Z0\nG2 X10 R2 F9", r":2: arc of radius R 2 mm cannot join ends that are 10 mm apart"),
+        ("G1 X#100", r":1: expression 'G1 X#100' is not read"),
+        ("G1 X[1+2]", r":1: expression"),
+        ("#1=5", r":1: expression"),
+        ("O100 SUB", r":1: program control"),
+        ("IF R1>5 GOTOF A", r":1: program control"),
+        ("G21\nM98 P100", r":2: subprogram call M98"),
+        ("G65 P9000", r":1: G65 \(macro calls\) is not read"),
+        ("G68 R30", r":1: G68 \(coordinate rotation\)"),
+        ("G51 X2", r":1: G51 \(scaling\)"),
+        ("G16", r":1: G16 \(polar coordinates\)"),
+        ("G5 X1 Y1 I1 J1 P1 Q1", r":1: G5 \(splines\)"),
+        ("G6.2 P3", r":1: G6.2 \(NURBS\)"),
+        ("G71 P1 Q2", r":1: G71 as a lathe cycle"),
+        ("0 BEGIN PGM 1 MM", r":1: conversational block"),
+        ("5 L X+10 Y+2 R0 FMAX", r":1: conversational block"),
+        ("G1 X--5 F1", r":1: cannot read 'X--5'"),
+    ],
+)
+def test_what_is_not_read_is_refused_with_its_line(read, text: str, sentence: str) -> None:
+    with pytest.raises(InputError, match=f"part.nc{sentence}"):
+        read(text)
+
+
+def test_a_comment_that_is_never_closed_ends_with_its_line(read) -> None:
+    assert ends(read("G21 G0 X0 Y0 Z0 (open\nG1 X1 (a) Y2 F9 ;(b\n"))[-1] == [1, 2, 0]
+
+
+def test_reading_stops_at_the_end_of_the_program(read) -> None:
+    for end in ("M30", "M2", "%"):
+        assert read(f"%\nG21 G0 X0 Y0 Z0\nG1 X1 F9\n{end}\nG1 X100\n").facts.cutting_moves == 1
+
+
+def test_vendor_records_are_read_past_with_a_note(read) -> None:
+    cam = read('G21\nMSG("Fräser")\nTRAORI\nG0 X0 Y0 Z0\nG1 X1 F9 M8\nCYCLE832(0.1)\n')
+    assert cam.facts.cutting_moves == 1
+    assert [note.split(" ")[4] for note in cam.facts.notes] == ["MSG", "TRAORI", "CYCLE832"]
+
+
+def test_home_machine_and_probing_moves_are_left_out_with_a_note(read) -> None:
+    cam = read("G21 G0 X0 Y0 Z5\nG28 G91 Z0\nG90\nG53 G0 Z0\nG31 Z-10 F5\nG92 Z0\nG1 X1 F9\n")
+    assert (cam.facts.cutting_moves, cam.facts.cutting_length_mm) == (1, 1)
+    assert {note.split(": ")[1].split(" ")[0] for note in cam.facts.notes} >= {"G28", "G31"}
+
+
+def test_an_offset_keeps_what_was_cut_and_shifts_what_follows(read) -> None:
+    moved = read("G21 G0 X0 Y0 Z0\nG1 X10 F9\nG92 X0\nG1 X10\nG92.1\nG1 X0\n")
+    assert [point[0] for point in ends(moved)] == [0, 10, 20, 0]
+    shifted = read("G21 G0 X0 Y0 Z0\nG52 X5\nG1 X10 F9\nG52 X0\nX0\n")
+    assert [point[0] for point in ends(shifted)] == [0, 15, 0]
+    before = read("G21 G0 X7 Y0 Z0\nG92 X0\nG1 X10 F9\n")
+    assert (before.facts.cutting_length_mm, ends(before)) == (10, [[0, 0, 0], [10, 0, 0]])
+    probed = read("G21 G0 X0 Y0 Z5\nG1 X1 F9\nG31 Z-9\nG92 Z0\nG1 X2 Z-1\n")
+    assert ends(probed) == [[0, 0, 5], [1, 0, 5], [1, 0, 0], [2, 0, -1]]
+
+
+def test_feed_modes_give_the_feed_of_the_move(read) -> None:
+    start = "G21 G0 X0 Y0 Z0\n"
+    assert read(start + "G93 G1 X10 F2").toolpath.feed[-1] == pytest.approx(0.01 * 2 / 60)
+    assert read(start + "G95 S600 G1 X10 F0.2").toolpath.feed[-1] == pytest.approx(0.002)
+    cam = read(start + "G1 X10")
+    assert cam.toolpath.feed[-1] == 0 and "cutting moves before any feed F have none" in cam.facts.notes[0]
+
+
+def test_drilling_cycles_are_skipped_or_cut(read) -> None:
+    text = "G21 G0 X0 Y0 Z5\nG99 G81 X10 Y0 Z-5 R2 F60\nG91 X10 L2\nG80\nG90 G1 X0 F60\n"
+    skipped, cut = read(text), read(text, cycles="expand")
+    assert (skipped.facts.cycles, skipped.facts.cutting_moves) == (3, 1)
+    assert "drilling cycle G81 is left out" in skipped.facts.notes[0]
+    assert [point for point, rapid in zip(ends(cut), cut.toolpath.rapid, strict=True) if not rapid] == [
+        [10, 0, -5], [20, 0, -5], [30, 0, -5], [0, 0, 2],
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("kind", "axis"), [("head", [0.5, 0, np.sqrt(0.75)]), ("table", [0.5, 0, np.sqrt(0.75)])])
+def test_rotary_words_turn_the_tool_axis_by_a_stated_convention(read, kind: str, axis: list[float]) -> None:
+    angles = "A30 C90" if kind == "head" else "A-30 C-90"
+    cam = read(f"G21\nTRAORI\nG0 X0 Y0 Z0 A0 C0\nG1 X10 {angles} F60\n", rotary=kind)
+    assert cam.toolpath.axis[-1] == pytest.approx(axis)
+    assert cam.facts.cutting_moves == 1 and cam.facts.cutting_length_mm == pytest.approx(10)
+    turns = np.degrees(np.arccos(np.clip(np.sum(cam.toolpath.axis[1:] * cam.toolpath.axis[:-1], axis=1), -1, 1)))
+    assert turns.max() < 2.1
+    assert read(f"G21 G0 X0 Y0 Z0 A0\nG1 X10 {angles} F60\n", rotary="ignore").toolpath.axis[-1].tolist() == [0, 0, 1]
+
+
+def test_rotary_words_without_tip_control_are_noted(read) -> None:
+    assert "without tool centre point control" in read("G21 G0 X0 Y0 Z0\nG1 X1 B10 F9\n").facts.notes[0]
+
+
+def test_leading_rapid_moves_from_an_unknown_place_are_no_waypoints(read) -> None:
+    assert ends(read("G21\nG0 Z5\nX1 Y1\nG1 Z0 F9\n")) == [[1, 1, 5], [1, 1, 0]]
+
+
+def test_long_programs_take_time_in_proportion(read) -> None:
+    times = []
+    for count in (4_000, 32_000):
+        blocks = (f"N{i} G1 X{i * 0.1:.3f} Y{i % 7} F100\nG3 X{i * 0.1 + 1:.3f} I0.5 J0" for i in range(count // 2))
+        text = "\n".join(["G21 G0 X0 Y0 Z0", *blocks])
+        start = time.process_time()
+        read(text)
+        times.append(time.process_time() - start)
+    assert times[1] < 8 * 3 * times[0]
+
+
+def run(monkeypatch, *arguments: str) -> int:
+    monkeypatch.setattr("sys.argv", ["compplan", "convert", *arguments])
+    with pytest.raises(SystemExit) as done:
+        main()
+    return int(done.value.code or 0)
+
+
+def test_convert_writes_the_table_and_prints_the_facts(tmp_path: Path, monkeypatch, capsys) -> None:
+    out = tmp_path / "path.csv"
+    assert run(monkeypatch, str(SHIPPED), "--out", str(out)) == 0
+    assert "cutting moves   2376, 661.800 mm" in capsys.readouterr().out
+    assert read_toolpath(out).cutting_length == pytest.approx(0.6618, rel=1e-4)
+    assert run(monkeypatch, str(SHIPPED), "--out", str(out), "--max-step-mm", "0.1", "--json") == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["cutting_moves"] == 2376 and facts["waypoints"] == len(read_toolpath(out)) > 6000
+
+
+def test_convert_leaves_nothing_behind_a_bad_file(tmp_path: Path, monkeypatch, capsys) -> None:
+    (tmp_path / "bad.nc").write_text("G21 G0 X0 Y0 Z0\nG2 X1 F9\n")
+    assert run(monkeypatch, str(tmp_path / "bad.nc"), "--out", str(tmp_path / "path.csv")) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and "bad.nc:2: arc has neither" in error and error.count("\n") == 1
+    assert not (tmp_path / "path.csv").exists()

@@ -1,0 +1,185 @@
+"""Each program is read back by a small reader of its own and holds the joints to the digits that are written."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from compplan.chain import build_chain, locate_frames
+from compplan.controller import from_controller, load_controller
+from compplan.errors import InputError, UnknownNameError
+from compplan.post import Program, build_program, write_program
+from compplan.post.krl import turn_bits
+from compplan.post.program import joint_percent, short_name, split_parts
+from compplan.robot import load_robot
+from compplan.tables import Column, read_table
+
+NUMBER = r"[-+]?\d+\.?\d*"
+N = 45
+
+
+def make_q(robot_name: str) -> np.ndarray:
+    robot = load_robot(robot_name)
+    rng = np.random.default_rng(7)
+    return rng.uniform(np.maximum(robot.lower, -3), np.minimum(robot.upper, 3), (N, robot.nq))
+
+
+def make_program(robot_name: str, **changes: object) -> Program:
+    rapid = np.isin(np.arange(N), [0, 1, 20, N - 1])
+    options: dict[str, object] = {"name": "ISF cone, 40 mm / 45 deg", "comments": ["made for a test"]}
+    return build_program(load_robot(robot_name), make_q(robot_name), np.full(N, 0.02), rapid, **(options | changes))
+
+
+def read_krl(point: str) -> list[float]:
+    return [float(value) for value in re.findall(rf"[A-Z]\d? ({NUMBER})", point)]
+
+
+def test_krl_programs_hold_joints_and_poses(tmp_path: Path) -> None:
+    program = make_program("kuka_kr270")
+    files = write_program(program, "krl", tmp_path, most=20)
+    assert {len(file.stem) <= 24 for file in files} == {True}
+    for kind, columns in (("J", 6), ("L", 8)):
+        rows = []
+        for part in (1, 2, 3):
+            text = (tmp_path / f"{short_name(program.name, 20)}_{kind}{part}.dat").read_text()
+            points = re.findall(r"^PT\[\d+\]=\{(.*)\}", text, re.M)
+            assert f"PT[{len(points)}]" in text and len(points) <= 20
+            rows += [read_krl(point)[:columns] for point in points]
+        table = np.array(rows)
+        assert len(table) == N
+        if kind == "J":
+            assert np.abs(table - program.joints).max() <= 0.5e-6
+        else:
+            pose = locate_frames(build_chain(load_robot("kuka_kr270")), make_q("kuka_kr270"))
+            assert np.abs(table[:, :3] - pose.tcp_position * 1e3).max() < 1e-5
+            turned = Rotation.from_euler("ZYX", table[:, 3:6], degrees=True).as_matrix()
+            assert np.abs(turned - pose.tcp_rotation).max() < 1e-7
+            assert program.status is not None and np.array_equal(table[:, 6], program.status)
+            assert np.array_equal(table[:, 7], turn_bits(program.joints))
+    main = (tmp_path / f"{short_name(program.name, 20)}_L.src").read_text()
+    assert main.count("()") == 4 and "$TOOL={X 0.00000,Y 0.00000,Z 0.00000,A 0.00000,B 0.00000,C 0.00000}" in main
+
+
+def test_turn_bits_count_axes_below_zero() -> None:
+    assert turn_bits(np.array([[-1.0, -90, 90, 0, -5, 1], [1.0, 1, 1, 1, 1, -1]])).tolist() == [19, 32]
+
+
+def test_krl_rapid_moves_are_joint_moves_in_the_linear_program(tmp_path: Path) -> None:
+    program = make_program("kuka_kr270")
+    write_program(program, "krl", tmp_path)
+    text = next(tmp_path.glob("*_L1.dat")).read_text()
+    speeds = np.array([float(value) for value in re.findall(rf"^SP\[\d+\]=({NUMBER})", text, re.M)])
+    assert np.array_equal(speeds == 0, program.rapid)
+    assert speeds[~program.rapid] == pytest.approx(0.02)
+    axes = [read_krl(point)[:6] for point in re.findall(r"^AX\[\d+\]=\{(.*)\}", text, re.M)]
+    assert np.array(axes) == pytest.approx(program.joints[program.rapid], abs=1e-6)
+
+
+def test_krl_programs_of_a_rail_move_the_external_axis(tmp_path: Path) -> None:
+    program = make_program("kuka_kr240_rail")
+    write_program(program, "krl", tmp_path)
+    text = next(tmp_path.glob("*_J1.dat")).read_text()
+    rail = [float(value) for value in re.findall(rf"E1 ({NUMBER})", text)][:N]
+    assert rail == pytest.approx(program.joints[:, 0], abs=1e-4)
+
+
+def test_val3_projects_hold_joints_feeds_and_the_tool(tmp_path: Path) -> None:
+    program = make_program("staubli_tx200")
+    files = write_program(program, "val3", tmp_path, most=20)
+    project = files[0].parent
+    for file in project.iterdir():
+        ElementTree.fromstring(file.read_text())
+    space = {"v": "http://www.staubli.com/robotics/VAL3/Data/2"}
+    root = ElementTree.fromstring(next(project.glob("*.dtx")).read_text())
+    data = {element.get("name"): element for element in root.iterfind(".//v:Data", space)}
+    joints, feeds = [], []
+    for part in (1, 2, 3):
+        points = data[f"jPath{part}"].findall("v:Value", space)
+        assert int(data[f"jPath{part}"].get("size", 0)) == len(points) <= 20
+        joints += [[float(point.get(f"j{index}", "nan")) for index in range(1, 7)] for point in points]
+        feeds += [float(value.get("value", "nan")) for value in data[f"nFeed{part}"].findall("v:Value", space)]
+    assert np.abs(np.array(joints) - program.joints).max() <= 0.5e-6
+    assert np.array(feeds) == pytest.approx(np.where(program.rapid, 0, 20))
+    tool = data["tTool"].find("v:Value", space)
+    assert tool is not None and float(tool.get("z", "nan")) == pytest.approx(275.7)
+    listed = re.findall(r'<Program file="(.*?)"', next(project.glob("*.pjx")).read_text())
+    assert {file.name for file in project.glob("*.pgx")} == set(listed)
+
+
+def test_fanuc_programs_hold_joints_and_feeds(tmp_path: Path) -> None:
+    program = make_program("fanuc_m10ia")
+    files = write_program(program, "fanuc_ls", tmp_path, most=20)
+    rows, feeds = [], []
+    for file in files[:-1]:
+        text = file.read_text()
+        moves, positions = text.split("/POS")
+        points = positions.split("P[")[1:]
+        rows += [[float(value) for value in re.findall(rf"J\d= +({NUMBER}) deg", point)] for point in points]
+        feeds += [float(speed or 0) for speed in re.findall(rf":[JL] P\[\d+\] (?:20%|({NUMBER})mm/sec)", moves)]
+        count = re.search(r"LINE_COUNT\s*= (\d+)", text)
+        assert count is not None and int(count.group(1)) == len(re.findall(r"^ *\d+:", moves, re.M))
+    assert np.abs(np.array(rows) - program.joints).max() <= 0.5e-6
+    assert np.array(feeds) == pytest.approx(np.where(program.rapid, 0, 20))
+    assert re.findall(r"CALL (\w+)", files[-1].read_text()) == [file.stem for file in files[:-1]]
+
+
+@pytest.mark.parametrize("name", ["ur10", "kuka_kr240_rail"])
+def test_rapid_modules_hold_joints_feeds_and_external_axes(tmp_path: Path, name: str) -> None:
+    program = make_program(name)
+    files = write_program(program, "rapid", tmp_path, most=20)
+    rows = []
+    for file in files[:-1]:
+        rows += re.findall(r"MoveAbsJ \[\[(.*?)\],\[(.*?)\]\],\[([\d.]+),", file.read_text())
+    axes = np.array([[float(value) for value in arm.split(",")] for arm, _, _ in rows])
+    assert np.abs(axes - program.joints[:, ~program.prismatic]).max() <= 0.5e-6
+    if program.prismatic.any():
+        rail = [float(external.split(",")[0]) for _, external, _ in rows]
+        assert rail == pytest.approx(program.joints[:, 0], abs=1e-5)
+    assert [float(speed) for *_, speed in rows] == pytest.approx(np.where(program.rapid, 500, 20))
+    assert len(re.findall(r"run_\w+;", files[-1].read_text())) == len(files) - 1
+
+
+def test_joint_tables_lead_back_to_the_joints_of_the_plan(tmp_path: Path) -> None:
+    program = make_program("kuka_kr270", time=np.linspace(0, 1, N))
+    (file,) = write_program(program, "csv", tmp_path)
+    names = [Column(name, "angle", required=True) for name in program.joint_names]
+    table = read_table(file, [*names, Column("time", "time"), Column("feed", "speed"), Column("rapid")])
+    counted = np.degrees(table.stack(program.joint_names))
+    q = from_controller(load_controller(load_robot("kuka_kr270")), counted)
+    assert np.abs(q - make_q("kuka_kr270")).max() < 1e-9
+
+
+def test_programs_that_do_not_fit_a_language_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"KRL programs need joints named \['A1'"):
+        write_program(make_program("ur10"), "krl", tmp_path)
+    with pytest.raises(InputError, match="six rotating joints"):
+        write_program(make_program("kuka_kr240_rail"), "val3", tmp_path)
+    with pytest.raises(UnknownNameError, match="no program language named 'basic', choose from"):
+        write_program(make_program("ur10"), "basic", tmp_path)
+    with pytest.raises(InputError, match="max_points_per_file is 0"):
+        split_parts(10, 0)
+    assert not list(tmp_path.iterdir())
+
+
+def test_parts_cover_every_waypoint_once() -> None:
+    for count, most in ((1, 5), (45, 20), (50_000, 2000), (10, 10), (11, 10)):
+        parts = split_parts(count, most)
+        covered = np.concatenate([np.arange(count)[part] for part in parts])
+        assert np.array_equal(covered, np.arange(count))
+        assert max(part.stop - part.start for part in parts) <= most
+
+
+def test_the_share_of_joint_rates_follows_from_time_or_feed() -> None:
+    robot = load_robot("staubli_tx200")
+    q = np.linspace(0, 1, 11)[:, None] * [0.5, 0, 0, 0, 0, 0]
+    timed = build_program(robot, q, np.full(11, 0.1), np.zeros(11, bool), name="x", time=np.linspace(0, 1, 11))
+    rate = np.degrees(0.5)
+    assert timed.rates is not None
+    assert joint_percent(timed)[1:] == pytest.approx(100 * rate / timed.rates[0])
+    slow = build_program(robot, q, np.full(11, 1e-4), np.zeros(11, bool), name="x")
+    assert joint_percent(slow)[1:] == pytest.approx(1.0)
