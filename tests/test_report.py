@@ -275,6 +275,19 @@ def test_a_real_plan_gets_its_page_with_what_its_job_assumes(tmp_path: Path) -> 
     assert f"<dd>{plan.judge}</dd>" in html
 
 
+def test_a_real_comparison_gets_its_page(tmp_path: Path) -> None:
+    from compplan.compare import compare_job
+    from compplan.job import load_job
+    from compplan.report import write_compare_report
+
+    (tmp_path / "job.toml").write_text(JOB)
+    comparison = compare_job(load_job(tmp_path / "job.toml"))
+    html = own_part(write_compare_report(comparison, tmp_path / "out").read_text())
+    for cell in comparison.cells:
+        for run in comparison.evaluations[cell.name].values():
+            assert f"{format_length(run.rms_deviation)}  ({format_length(run.max_deviation)})" in html
+
+
 def test_deviations_on_rapid_moves_count_for_nothing() -> None:
     view = make_view()
     wild = view.after.copy()

@@ -1,5 +1,6 @@
 """Pages and pictures: what was computed, shown so that an engineer can judge it."""
 
+from compplan.report.compare_report import write_compare_report
 from compplan.report.page import (
     Cell,
     Chart,
@@ -39,6 +40,7 @@ __all__ = [
     "save_robot_picture",
     "thin_path",
     "thin_rows",
+    "write_compare_report",
     "write_page",
     "write_plan_report",
 ]
