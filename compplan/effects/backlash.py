@@ -25,10 +25,13 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         if not ((direction > 0).any() and (direction < 0).any()):
             continue
         key = "width_m" if joint.kind == "prismatic" else "width_rad"
-        encoder = np.zeros((len(direction), at.robot.nq, 1))
-        encoder[:, index, 0] = -0.5 * direction
-        twist = at.motion[:, :, index, None] * (-0.5 * direction)[:, None, None]
         scale = np.array([SCALE[joint.kind]])
+        width = float(at.current.get((name, joint.name, None), {}).get(key, 0.0))
+        width = width if abs(width) > 0.1 * scale[0] else 0.5 * float(scale[0])
+        shape = lost_motion(np.nan_to_num(at.campaign.q[:, index]), width, at.campaign.run_index) / width * free
+        encoder = np.zeros((len(direction), at.robot.nq, 1))
+        encoder[:, index, 0] = shape
+        twist = at.motion[:, :, index, None] * shape[:, None, None]
         yield Signature(name, joint.name, None, "", (key,), scale, twist, encoder, positive=True)
 
 

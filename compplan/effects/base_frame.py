@@ -26,9 +26,9 @@ def base_twists(at: Linearization) -> Array:
 def signatures(at: Linearization) -> Iterable[Signature]:
     """Offer the whole frame, its origin alone, and its directions alone."""
     twist = base_twists(at)
-    yield Signature(name, None, None, "frame", KEYS, SCALE, twist)
-    yield Signature(name, None, None, "origin", KEYS[:3], SCALE[:3], twist[:, :, :3])
-    yield Signature(name, None, None, "directions", KEYS[3:], SCALE[3:], twist[:, :, 3:])
+    yield Signature(name, None, None, "frame", KEYS, SCALE, twist, columns=KEYS)
+    yield Signature(name, None, None, "origin", KEYS[:3], SCALE[:3], twist[:, :, :3], columns=KEYS[:3])
+    yield Signature(name, None, None, "directions", KEYS[3:], SCALE[3:], twist[:, :, 3:], columns=KEYS[3:])
 
 
 def apply(scene: Scene, effect: Effect) -> Scene:

@@ -23,11 +23,17 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         yield from shift_at(at, int(row))
 
 
-def shift_at(at: Linearization, row: int) -> Iterable[Signature]:
+def shift_at(at: Linearization, row: int, tried: int = 1) -> Iterable[Signature]:
     """Offer a shift just before a row: of the whole frame, or of its origin alone."""
     twist = base_twists(at) * since(at.scene, row)[:, None, None]
-    yield Signature(name, None, None, f"frame {row}", KEYS, SCALE, twist, fixed={"row": row})
-    yield Signature(name, None, None, f"origin {row}", KEYS[:3], SCALE[:3], twist[:, :, :3], fixed={"row": row})
+    columns = tuple(f"{key} {row}" for key in KEYS)
+    yield Signature(
+        name, None, None, f"frame {row}", KEYS, SCALE, twist, fixed={"row": row}, tried=tried, columns=columns
+    )
+    yield Signature(
+        name, None, None, f"origin {row}", KEYS[:3], SCALE[:3], twist[:, :, :3], fixed={"row": row}, tried=tried,
+        columns=columns[:3],
+    )
 
 
 def since(scene: Scene, row: int) -> Array:

@@ -15,10 +15,13 @@ from compplan.robot import Array, Robot
 name = "gravity_compensator"
 #: Assumed: a balancer of a heavy robot.
 SCALE = 1000.0
+#: Second harmonics of a balancer are smaller than its first: assumed half.
+HIGHER = 0.5
 FORMS = {
     "sine": ("sine_Nm", "cosine_Nm"),
     "sine+constant": ("sine_Nm", "cosine_Nm", "constant_Nm"),
-    "two harmonics": ("sine_Nm", "cosine_Nm", "constant_Nm", "sine_2_Nm", "cosine_2_Nm"),
+    "two harmonics": ("sine_Nm", "cosine_Nm", "sine_2_Nm", "cosine_2_Nm"),
+    "two harmonics+constant": ("sine_Nm", "cosine_Nm", "constant_Nm", "sine_2_Nm", "cosine_2_Nm"),
 }
 
 
@@ -47,7 +50,8 @@ def signatures(at: Linearization) -> Iterable[Signature]:
             if spring.actuator:
                 encoder[:, index] = bent
             twist = at.motion[:, :, index, None] * bent[:, None]
-            yield Signature(name, joint.name, None, form, keys, np.full(len(keys), SCALE), twist, encoder)
+            scale = np.array([SCALE * (HIGHER if "_2_" in key else 1.0) for key in keys])
+            yield Signature(name, joint.name, None, form, keys, scale, twist, encoder, columns=keys)
 
 
 def apply(scene: Scene, effect: Effect) -> Scene:

@@ -6,8 +6,10 @@ origins and loads; all of it is taken in the loaded state.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +26,7 @@ from compplan.effects.scene import (
 from compplan.measurements import Campaign
 from compplan.robot import Array, Robot, Spring
 
+Place = tuple[str, str | None, str | None]
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
@@ -55,6 +58,7 @@ class Linearization:
     load: Array
     weight_load: Array
     own: dict[int, OwnSpring]
+    current: Mapping[Place, Mapping[str, Any]]
 
     @property
     def robot(self) -> Robot:
@@ -147,7 +151,9 @@ class Linearization:
         return self.load_response(np.swapaxes(self.spring_jacobian, 1, 2) @ wrench)
 
 
-def linearize_scene(scene: Scene, attained: Attained) -> Linearization:
+def linearize_scene(
+    scene: Scene, attained: Attained, current: Mapping[Place, Mapping[str, Any]] | None = None
+) -> Linearization:
     """Take Jacobians and loads of a scene.
 
     Args:
@@ -201,6 +207,7 @@ def linearize_scene(scene: Scene, attained: Attained) -> Linearization:
             [weights[:, picked], _base_load(replace(chain, gravity=gravity_of(robot)), frames, np.zeros((n, 6)))], axis=1
         ),
         own=own_springs(robot),
+        current=current or {},
     )
 
 

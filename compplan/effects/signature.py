@@ -60,6 +60,9 @@ class Signature:
         encoder: Change of the link-side readings; None for none. Shape (n, nq, k). [rad or m]
         fixed: Settings that the form holds fixed, such as a row or a period.
         positive: Whether the (single) parameter can only be positive.
+        tried: Number of alternatives (rows, periods) that this form was picked from.
+        columns: Names of the parameters' columns. Signatures of one effect whose columns have the same name share them;
+            empty for columns of its own.
 
     """
 
@@ -73,11 +76,19 @@ class Signature:
     encoder: Array | None = None
     fixed: Mapping[str, Any] = field(default_factory=dict)
     positive: bool = False
+    tried: int = 1
+    columns: tuple[str, ...] = ()
 
     @property
     def place(self) -> tuple[str, str | None, str | None]:
         """Name, joint and axis."""
         return self.name, self.joint, self.axis
+
+    @property
+    def column_names(self) -> tuple[str, ...]:
+        """Names of the columns, unique over all effects."""
+        own = self.columns or tuple(f"{self.axis} {self.form} {key}" for key in self.keys)
+        return tuple(f"{self.name} {self.joint} {column}" for column in own)
 
     def effect(self, values: Array) -> Effect:
         """Return the effect with these values of the parameters."""

@@ -65,7 +65,8 @@ def signatures(at: Linearization) -> Iterable[Signature]:
             fixed = {"compliance": spring.compliance, "reference_load": reference, "zone_load": zone}
             scale = np.array([SCALE * (reference / zone if key == SOFT else 1.0) for key in keys])
             twist = at.motion[:, :, index, None] * bent[:, None]
-            yield Signature(name, joint, None, form, keys, scale, twist, encoder, fixed)
+            columns = tuple(f"{key} {zone if key in (SOFT, BENT) else 0.0:.6g}" for key in keys)
+            yield Signature(name, joint, None, form, keys, scale, twist, encoder, fixed, columns=columns)
 
 
 def apply(scene: Scene, effect: Effect) -> Scene:

@@ -34,9 +34,9 @@ def tool_twists(at: Linearization) -> Array:
 def signatures(at: Linearization) -> Iterable[Signature]:
     """Offer an offset of the TCP, and one with a turn where orientation or an offset target shows it."""
     twist = tool_twists(at)
-    yield Signature(name, None, None, "offset", KEYS[:3], SCALE[:3], twist[:, :, :3])
+    yield Signature(name, None, None, "offset", KEYS[:3], SCALE[:3], twist[:, :, :3], columns=KEYS[:3])
     if at.campaign.rotation is not None or np.abs(twist[:, :3, 3:]).max(initial=0.0) > 1e-6:
-        yield Signature(name, None, None, "offset+turn", KEYS, SCALE, twist)
+        yield Signature(name, None, None, "offset+turn", KEYS, SCALE, twist, columns=KEYS)
 
 
 def twist_values(effect: Effect) -> Array:

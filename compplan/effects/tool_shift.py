@@ -23,12 +23,18 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         yield from shift_at(at, int(row))
 
 
-def shift_at(at: Linearization, row: int) -> Iterable[Signature]:
+def shift_at(at: Linearization, row: int, tried: int = 1) -> Iterable[Signature]:
     """Offer a shift just before a row: an offset, or one with a turn where orientation or an offset target shows it."""
     twist = tool_twists(at) * since(at.scene, row)[:, None, None]
-    yield Signature(name, None, None, f"offset {row}", KEYS[:3], SCALE[:3], twist[:, :, :3], fixed={"row": row})
+    columns = tuple(f"{key} {row}" for key in KEYS)
+    yield Signature(
+        name, None, None, f"offset {row}", KEYS[:3], SCALE[:3], twist[:, :, :3], fixed={"row": row}, tried=tried,
+        columns=columns[:3],
+    )
     if at.campaign.rotation is not None or np.abs(twist[:, :3, 3:]).max(initial=0.0) > 1e-6:
-        yield Signature(name, None, None, f"offset+turn {row}", KEYS, SCALE, twist, fixed={"row": row})
+        yield Signature(
+            name, None, None, f"offset+turn {row}", KEYS, SCALE, twist, fixed={"row": row}, tried=tried, columns=columns
+        )
 
 
 def apply(scene: Scene, effect: Effect) -> Scene:

@@ -41,16 +41,17 @@ def waves(angle: Array, cycles: Sequence[float], slides: bool) -> Array:
     return np.stack([np.sin(phase), np.cos(phase)], axis=-1).reshape(len(angle), -1)
 
 
-def waves_at(at: Linearization, index: int, cycles: Sequence[float], form: str | None = None) -> Signature:
-    """Offer waves of given cycles per turn (per metre of a sliding joint)."""
+def waves_at(at: Linearization, index: int, cycles: Sequence[float], tried: int = 1) -> Signature:
+    """Offer waves of given cycles per turn (per metre of a sliding joint), picked from `tried` alternatives."""
     joint = at.robot.actuated[index]
     slides = joint.kind == "prismatic"
     unit = "m" if slides else "rad"
     keys = tuple(f"{part}_{unit}#{k}" for k in range(len(cycles)) for part in ("sine", "cosine"))
     shape = waves(np.nan_to_num(at.campaign.q[:, index]), cycles, slides)
     fixed = {"cycles_per_m" if slides else "cycles_per_turn": [float(c) for c in cycles]}
-    label = form if form is not None else "waves " + " ".join(f"{c:.4g}" for c in cycles)
-    return _signature(at, index, label, keys, shape, fixed)
+    label = "waves " + " ".join(f"{c:.4g}" for c in cycles)
+    columns = tuple(f"{cycle:.6g} {part}" for cycle in cycles for part in ("sine", "cosine"))
+    return replace(_signature(at, index, label, keys, shape, fixed), tried=tried, columns=columns)
 
 
 def spline_knots(low: float, high: float, spacing: float = SPLINE_SPACING) -> Array:

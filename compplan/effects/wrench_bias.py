@@ -30,10 +30,11 @@ def signatures(at: Linearization) -> Iterable[Signature]:
     sensor[:, :3, :3] = sensor[:, 3:, 3:] = -R
     for axes, wrench in (("base", base), ("sensor", sensor)):
         twist, encoder = at.wrench_response(wrench)
-        fixed = {"axes": axes}
-        yield Signature(name, None, None, axes, KEYS, SCALE, twist, encoder, fixed)
+        fixed, columns = {"axes": axes}, tuple(f"{axes} {key}" for key in KEYS)
+        yield Signature(name, None, None, axes, KEYS, SCALE, twist, encoder, fixed, columns=columns)
         yield Signature(
-            name, None, None, f"{axes}, force", KEYS[:3], SCALE[:3], twist[:, :, :3], encoder[:, :, :3], fixed
+            name, None, None, f"{axes}, force", KEYS[:3], SCALE[:3], twist[:, :, :3], encoder[:, :, :3], fixed,
+            columns=columns[:3],
         )
 
 

@@ -1,0 +1,78 @@
+"""The background: what a sound, calibrated robot still has a little of everywhere, and how probable each effect is beforehand.
+
+A robot is never its model: zeros, lengths and compliances are slightly off, links bend a little, gears wave, friction leaves
+some hysteresis, and it warms up. These errors are real but no cause of a gap; an effect has to stand out of them. How
+large each class is, is fitted to the campaign; the scales here say what would be no surprise (all assumed).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from compplan.diagnose.evidence import Prior
+from compplan.diagnose.ledger import Ledger
+from compplan.effects.signature import Signature
+from compplan.robot import Array
+
+CLASSES = ("zeros", "lengths", "compliances", "bending", "waves", "hysteresis", "warm-up")
+#: Class and scale of the background of each effect, in units of the signature's own scale.
+BACKGROUND: dict[str, tuple[str, float]] = {
+    "joint_offset": ("zeros", 0.05),
+    "link_geometry": ("lengths", 0.1),
+    "tool_frame": ("lengths", 0.05),
+    "joint_stiffness": ("compliances", 0.3),
+    "link_compliance": ("bending", 0.1),
+    "base_compliance": ("bending", 0.1),
+    "transmission_error": ("waves", 0.15),
+    "backlash": ("hysteresis", 0.1),
+    "thermal_drift": ("warm-up", 0.15),
+}
+#: Probability that an effect of the vocabulary is present at all (assumed alike for all of them).
+PRESENT = 0.06
+
+
+def in_background(signature: Signature) -> bool:
+    """Tell whether a signature is part of the background: one form of each place is enough."""
+    if signature.name not in BACKGROUND:
+        return False
+    if signature.name == "link_geometry":
+        return signature.axis is not None
+    if signature.name == "tool_frame":
+        return signature.form == "offset"
+    if signature.name == "transmission_error":
+        return signature.form.startswith("waves") and signature.tried == 1
+    if signature.name == "thermal_drift":
+        return signature.form in ("alike", "alike 3000 s")
+    return True
+
+
+def build_prior(ledger: Ledger, free: Sequence[int], excluded: Sequence[str] = ()) -> Prior:
+    """Give every column its background.
+
+    Args:
+        ledger: The signatures and their columns.
+        free: Signatures that every model fits freely (registration).
+        excluded: Effects that are left out of the candidates and of the background.
+    """
+    classes, spread, unbound = np.full(ledger.p, -1), np.zeros(ledger.p), np.zeros(ledger.p, bool)
+    for number, signature in enumerate(ledger.signatures):
+        columns = ledger.columns(number)
+        if number in free:
+            unbound[columns] = True
+        elif signature.name not in excluded and in_background(signature):
+            label, scale = BACKGROUND[signature.name]
+            classes[columns], spread[columns] = CLASSES.index(label), scale
+    return Prior(classes, spread, unbound, np.zeros(ledger.p))
+
+
+def log_priors(signatures: Sequence[Signature]) -> Array:
+    """Return the logarithm of each signature's prior odds: an effect's odds, shared by its places, then by their forms."""
+    places = Counter(name for name, _, _ in {s.place for s in signatures})
+    forms = Counter(s.place for s in signatures if s.tried == 1)
+    forms.update({s.place: 1 for s in signatures if s.tried > 1})
+    odds = np.log(PRESENT / (1.0 - PRESENT))
+    chances = [np.log(float(places[s.name] * forms[s.place] * s.tried)) for s in signatures]
+    return np.asarray(odds - np.array(chances))

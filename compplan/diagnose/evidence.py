@@ -1,0 +1,277 @@
+"""Evidence: how probable a campaign is under a set of effects, a background of small errors, and noise.
+
+With whitened columns Phi of prior variance D and observations y,
+
+    y ~ N(0, V),   V = N + Phi D Phi^T,   log p(y) = -1/2 (log det V + y^T V^-1 y) + const
+
+N is the noise of each channel (variance v in units of its estimate) plus an error that the rows of a stay share (lambda^2 v),
+which stands for whatever no signature explains [Bishop2006, ch. 3; Rasmussen2006, ch. 2]. D is small for the background,
+where tau scales a whole class of errors, and large for claimed effects. Noise and background are fitted to the campaign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize
+from scipy.special import log_ndtr
+
+from compplan.diagnose.ledger import ChannelProducts, Ledger, Products
+from compplan.robot import Array
+
+#: Sizes that an effect may have, in units of its prior scale; each is as probable as the others (assumed).
+SIZES = (0.1, 0.3, 1.0, 3.0, 10.0, 40.0)
+#: Logarithms of the smallest and largest background, shared error and noise that are fitted.
+TAU_RANGE, SHARED_RANGE = (-4.0, 0.4), (-3.5, 4.0)
+#: Scale of the half-normal prior of a class's background (assumed).
+TAU_SCALE = 0.7
+#: Classes of one robot are alike: a robot that is slightly wrong is so everywhere. Spread of log tau among them (assumed).
+TAU_SPREAD = 1.0
+#: Standard deviation of log(noise variance) where the noise is assumed, and where it is known best.
+LOOSE, TIGHT = 4.0, 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Hyper:
+    """Noise and background.
+
+    Attributes:
+        log_noise: Logarithm of each channel's noise variance over its estimate. Shape (channels,).
+        log_shared: Logarithm of the shared error over the noise, standard deviations. Shape (channels,).
+        log_tau: Logarithm of the size of each background class over its scale. Shape (classes,).
+    """
+
+    log_noise: Array
+    log_shared: Array
+    log_tau: Array
+
+    @property
+    def vector(self) -> Array:
+        """All of it, side by side."""
+        return np.concatenate([self.log_noise, self.log_shared, self.log_tau])
+
+    def with_vector(self, vector: Array) -> Hyper:
+        """Return the hyperparameters that a vector holds."""
+        c = len(self.log_noise)
+        return Hyper(vector[:c].copy(), vector[c : 2 * c].copy(), vector[2 * c :].copy())
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Which columns are active, and how large they may be.
+
+    Attributes:
+        background: Class of each column's background, -1 for none. Shape (p,).
+        spread: Background standard deviation of each column at tau = 1, in units of its scale. Shape (p,).
+        free: Columns that every model fits freely (registration). Shape (p,).
+        slab: Variance of claimed columns, 0 where nothing is claimed. Shape (p,).
+    """
+
+    background: NDArray[np.int_]
+    spread: Array
+    free: NDArray[np.bool_]
+    slab: Array
+
+    def variance(self, log_tau: Array) -> Array:
+        """Return the prior variance of every column. Shape (p,)."""
+        tau2 = np.exp(2.0 * log_tau)
+        small = np.where(self.background >= 0, tau2[np.maximum(self.background, 0)] * self.spread**2, 0.0)
+        return np.asarray(small + self.slab + 1e8 * self.free)
+
+    @cached_property
+    def active(self) -> NDArray[np.int_]:
+        """Columns that may differ from zero."""
+        return np.flatnonzero((self.background >= 0) | self.free | (self.slab > 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """What the campaign says under a prior.
+
+    Attributes:
+        log_evidence: Logarithm of the evidence, hyperpriors included.
+        columns: Active columns.
+        mean: Their values, in units of their scale. Shape (active,).
+        covariance: Their covariance. Shape (active, active).
+        hyper: Noise and background.
+    """
+
+    log_evidence: float
+    columns: NDArray[np.int_]
+    mean: Array
+    covariance: Array
+    hyper: Hyper
+
+    def values(self, p: int) -> Array:
+        """Return the values of all columns. Shape (p,)."""
+        full = np.zeros(p)
+        full[self.columns] = self.mean
+        return full
+
+
+def start_hyper(ledger: Ledger, classes: int) -> Hyper:
+    """Start with the estimated noise, little shared error and little background."""
+    c = len(ledger.channels)
+    return Hyper(np.zeros(c), np.full(c, -1.5), np.full(classes, -1.5))
+
+
+def find_posterior(ledger: Ledger, prior: Prior, hyper: Hyper, *, fit: bool = True, steps: int = 25) -> Posterior:
+    """Compute evidence and posterior, noise and background fitted to the campaign unless told otherwise.
+
+    Args:
+        ledger: The products.
+        prior: The prior.
+        hyper: Noise and background to begin with.
+        fit: Whether to fit them.
+        steps: Most steps of the fit.
+    """
+    active = prior.active
+    reduced = [channel.take(active) for channel in ledger.channels]
+    if fit:
+        bounds = (
+            [(-6.0 if ch.witnesses < 10 else -1.5, 12.0 if ch.witnesses < 10 else 1.5) for ch in reduced]
+            + [SHARED_RANGE] * len(reduced)
+            + [TAU_RANGE] * len(hyper.log_tau)
+        )
+        found = minimize(
+            lambda x: _negative(reduced, prior, hyper.with_vector(x)), hyper.vector, jac=True, method="L-BFGS-B",
+            bounds=bounds, options={"maxiter": steps, "ftol": 1e-6},
+        )  # fmt: skip
+        hyper = hyper.with_vector(found.x)
+    value, mean, covariance, _ = _solve(reduced, prior, hyper)
+    return Posterior(value, active, mean, covariance, hyper)
+
+
+def _negative(channels: list[ChannelProducts], prior: Prior, hyper: Hyper) -> tuple[float, Array]:
+    value, mean, covariance, (gram, against) = _solve(channels, prior, hyper)
+    active = prior.active
+    gradient_noise, gradient_shared = [], []
+    for channel, log_noise, log_shared in zip(channels, hyper.log_noise, hyper.log_shared, strict=True):
+        noise, shared = np.exp(log_noise), np.exp(2 * log_shared)
+        rest = _expected_square(channel.total, mean, covariance)
+        by_size = {n: _expected_square(m, mean, covariance) for n, m in channel.means.items()}
+        within = rest - sum(n * shared / (1 + n * shared) * by_size[n] for n in by_size)
+        gradient_noise.append(0.5 * (within / noise - channel.total.count))
+        slope = sum(
+            n / (1 + n * shared) ** 2 * by_size[n] / noise - channel.means[n].count * n / (1 + n * shared)
+            for n in by_size
+        )
+        gradient_shared.append(0.5 * slope * 2 * shared)
+    residual = against - gram @ mean
+    spread = np.diag(gram) - np.einsum("ij,ij->j", gram, covariance @ gram)
+    slope_d = 0.5 * (residual**2 - spread)
+    classes = prior.background[active]
+    variance = np.where(classes >= 0, np.exp(2 * hyper.log_tau[np.maximum(classes, 0)]) * prior.spread[active] ** 2, 0.0)
+    gradient_tau = np.array([np.sum((slope_d * variance * 2)[classes == k]) for k in range(len(hyper.log_tau))])
+    _, hyper_gradient = _hyperprior(channels, hyper)
+    gradient = np.concatenate([gradient_noise, gradient_shared, gradient_tau]) + hyper_gradient
+    return -value, -gradient
+
+
+def _expected_square(products: Products, mean: Array, covariance: Array) -> float:
+    gram, against = products.gram, products.against
+    fitted = products.square - 2 * mean @ against + mean @ gram @ mean
+    return float(fitted + np.sum(covariance * gram))
+
+
+def combine_channels(
+    channels: Sequence[ChannelProducts], hyper: Hyper
+) -> tuple[Array, Array, float, float]:
+    """Return gram, products with the observations, their square, and log det of the noise."""
+    p = len(channels[0].total.against)
+    gram, against, square, log_det = np.zeros((p, p)), np.zeros(p), 0.0, 0.0
+    for channel, log_noise, log_shared in zip(channels, hyper.log_noise, hyper.log_shared, strict=True):
+        weight, shared = np.exp(-log_noise), np.exp(2 * log_shared)
+        gram += weight * channel.total.gram
+        against += weight * channel.total.against
+        square += weight * channel.total.square
+        log_det += channel.total.count * log_noise
+        for n, means in channel.means.items():
+            share = weight * n * shared / (1 + n * shared)
+            gram -= share * means.gram
+            against -= share * means.against
+            square -= share * means.square
+            log_det += means.count * np.log1p(n * shared)
+    return gram, against, square, float(log_det)
+
+
+def _solve(
+    channels: list[ChannelProducts], prior: Prior, hyper: Hyper
+) -> tuple[float, Array, Array, tuple[Array, Array]]:
+    """Return log evidence, mean, covariance, and whitened products of the active columns."""
+    gram, against, square, log_det = combine_channels(channels, hyper)
+    root = np.sqrt(prior.variance(hyper.log_tau)[prior.active])
+    inner = np.eye(len(root)) + root[:, None] * gram * root
+    factor = cho_factor(inner, lower=True, check_finite=False)
+    half = cho_solve(factor, np.diag(root), check_finite=False)
+    covariance = root[:, None] * half
+    covariance = 0.5 * (covariance + covariance.T)
+    mean = covariance @ against
+    log_det += 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
+    value = -0.5 * (log_det + square - float(against @ mean)) + _hyperprior(channels, hyper)[0]
+    return value, mean, covariance, (gram, against)
+
+
+def _hyperprior(channels: list[ChannelProducts], hyper: Hyper) -> tuple[float, Array]:
+    """Return log prior of noise and background, and its gradient.
+
+    Noise is log-normal as wide as its witnesses allow; shared errors and backgrounds are half-Cauchy and half-normal of
+    scale one, and the classes of one robot resemble each other (assumed: an error as large as the noise, a background as
+    large as its class's scale, is no surprise).
+    """
+    width = np.array([LOOSE if ch.witnesses < 1 else max(np.sqrt(2.0 / ch.witnesses), TIGHT) for ch in channels])
+    shared2, tau2 = np.exp(2 * hyper.log_shared), np.exp(2 * hyper.log_tau)
+    value = -0.5 * np.sum((hyper.log_noise / width) ** 2) - np.sum(np.log1p(shared2)) - 0.5 * np.sum(tau2) / TAU_SCALE**2
+    apart = hyper.log_tau - np.mean(hyper.log_tau)
+    value -= 0.5 * np.sum(apart**2) / TAU_SPREAD**2
+    gradient_tau = -tau2 / TAU_SCALE**2 - apart / TAU_SPREAD**2
+    gradient = np.concatenate([-hyper.log_noise / width**2, -2 * shared2 / (1 + shared2), gradient_tau])
+    return float(value), gradient
+
+
+@dataclass(frozen=True, eq=False)
+class Gain:
+    """What claiming a signature would add to the log evidence, and at which of `SIZES`."""
+
+    signature: int
+    log_evidence: float
+    size: float
+
+
+def find_gains(ledger: Ledger, prior: Prior, posterior: Posterior, candidates: list[int]) -> list[Gain]:
+    """Compute what each candidate would add to the log evidence, noise and background held.
+
+    Args:
+        ledger: The products.
+        prior: The prior of the current model.
+        posterior: Its posterior.
+        candidates: Numbers of the signatures that might be claimed.
+    """
+    gram, against, _, _ = combine_channels(ledger.channels, posterior.hyper)
+    cross = gram[:, posterior.columns]
+    left = against - cross @ posterior.mean
+    gains = []
+    for number in candidates:
+        columns = ledger.columns(number)
+        block = gram[np.ix_(columns, columns)] - cross[columns] @ posterior.covariance @ cross[columns].T
+        gains.append(_gain(number, block, left[columns], ledger.signatures[number].positive))
+    return gains
+
+
+def _gain(number: int, block: Array, left: Array, positive: bool) -> Gain:
+    values, vectors = np.linalg.eigh(0.5 * (block + block.T))
+    values = np.maximum(values, 0.0)
+    squares = (vectors.T @ left) ** 2
+    sizes = np.array(SIZES)[:, None] ** 2
+    log_gain = 0.5 * np.sum(sizes * squares / (1 + sizes * values) - np.log1p(sizes * values), axis=1)
+    if positive and len(left) == 1:
+        mean = sizes[:, 0] * left[0] / np.sqrt(sizes[:, 0] * (1 + sizes[:, 0] * values[0]))
+        log_gain = log_gain + np.log(2) + log_ndtr(mean)
+    best = int(np.argmax(log_gain))
+    spread = np.log(np.mean(np.exp(log_gain - log_gain[best])))
+    return Gain(number, float(log_gain[best] + spread), SIZES[best])

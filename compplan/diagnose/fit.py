@@ -1,0 +1,347 @@
+"""Fit: rounds of linearization, search and exact forward models, until claims, parameters and outliers stay as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from compplan.diagnose.background import CLASSES, build_prior, in_background, log_priors
+from compplan.diagnose.channels import Channel, Noise, build_channels, estimate_noises, position_residual
+from compplan.diagnose.evidence import start_hyper
+from compplan.diagnose.ledger import Ledger, build_ledger, extend_ledger
+from compplan.diagnose.outliers import find_gross_outliers, find_outliers
+from compplan.diagnose.proposals import propose_shifts, propose_waves
+from compplan.diagnose.search import Claim, Model, Search, search_models
+from compplan.effects import EFFECTS, Effect, apply_effects, attain_scene, stage_scene
+from compplan.effects.base_frame import base_twists
+from compplan.effects.linearization import Linearization, linearize_scene
+from compplan.effects.signature import Signature
+from compplan.measurements import Campaign
+from compplan.registration import Registration
+from compplan.robot import Array, Robot
+
+ROUNDS = 6
+REGISTRATION = "registration"
+#: Parameters have settled when no observation moves by more than this share of its noise.
+SETTLED = 0.1
+#: Backgrounds smaller than this are left out of the updated robot.
+NO_BACKGROUND = np.log(0.06)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is to be diagnosed.
+
+    Attributes:
+        robot: The nominal robot.
+        campaign: What was measured.
+        register: Frames that are fitted in every model.
+        without: Effects that are left out of the candidates.
+        fixed: Effects that are taken for granted (a convention of counting that was found beforehand).
+    """
+
+    robot: Robot
+    campaign: Campaign
+    register: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
+    fixed: tuple[Effect, ...] = ()
+
+    @property
+    def excluded(self) -> tuple[str, ...]:
+        """Effects that are no candidates: those left out, and frames that are registered."""
+        registered = {"base": "base_frame", "tool": "tool_frame"}
+        return (*self.without, *(registered[part] for part in self.register))
+
+
+Key = tuple[str, str | None, str | None, str]
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Where a fit stands.
+
+    Attributes:
+        effects: Effects in the exact model, background included.
+        values: Parameters in units of their scale, by column.
+        registration: Frames of the campaign, or None.
+        use: Rows that are not outliers and whose approach is known. Shape (n,).
+        claims: Place and form of the claims, and their sizes.
+        scatter: Standard deviation that the model leaves per axis of position; 0 before there is a model. [m]
+    """
+
+    effects: tuple[Effect, ...]
+    values: dict[str, float]
+    registration: Registration | None
+    use: NDArray[np.bool_]
+    claims: tuple[tuple[Key, float], ...] = ()
+    scatter: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A finished fit.
+
+    Attributes:
+        problem: What was diagnosed.
+        state: Effects, frames and rows.
+        at: Linearization at the fitted model.
+        channels: Observations minus what the fitted model expects.
+        search: The last search, with all the models it looked at.
+        model: The best of them.
+        noises: Noise of each channel.
+        outliers: Rows reported as outliers.
+    """
+
+    problem: Problem
+    state: State
+    at: Linearization
+    channels: tuple[Channel, ...]
+    search: Search
+    model: Model
+    noises: dict[str, Noise]
+    outliers: NDArray[np.int_]
+
+
+def key_of(signature: Signature) -> Key:
+    """Return place and form of a signature."""
+    return (*signature.place, signature.form)
+
+
+def fit_effects(
+    problem: Problem, registration: Registration | None, use: NDArray[np.bool_],
+    progress: Callable[[str], None] = lambda text: None,
+) -> Fit:  # fmt: skip
+    """Find the effects of a campaign and fit them exactly.
+
+    Args:
+        problem: What is to be diagnosed.
+        registration: Frames to begin with, or None.
+        use: Rows to use in the first round. Shape (n,).
+        progress: Told what is being done.
+    """
+    state = State(problem.fixed, {}, registration, use)
+    noises: dict[str, Noise] | None = None
+    proposals: list[Signature] = []
+    fit = None
+    for number in range(ROUNDS):
+        progress(f"round {number + 1}")
+        fit, proposals = _round(problem, state, noises, proposals, progress)
+        noises = fit.noises
+        following = advance_state(fit)
+        settled = number > 0 and _settled(fit, state, following)
+        state = following
+        if settled:
+            break
+    assert fit is not None
+    return _finish(fit, state)
+
+
+def _round(
+    problem: Problem, state: State, noises: dict[str, Noise] | None, proposals: list[Signature],
+    progress: Callable[[str], None],
+) -> tuple[Fit, list[Signature]]:  # fmt: skip
+    """Linearize at a state, search, look for rows and periods in what is left, and search again."""
+    at = linearize_state(problem, state)
+    if noises is None:
+        noises = estimate_noises(problem.campaign, at.attained)
+    residual = position_residual(problem.campaign, at.scene, at.attained)
+    if state.scatter > 0:
+        outliers = find_outliers(problem.campaign, residual, state.scatter, ~problem.campaign.first_visit)
+    else:
+        outliers = find_gross_outliers(problem.campaign, residual)
+    use = ~problem.campaign.first_visit
+    use[outliers] = False
+    state = replace(state, use=use)
+    channels = build_channels(at.scene, at.attained, use, noises)
+    fixed = offered_signatures(problem, at)
+    wanted = {key for key, _ in state.claims}
+    kept = [s for s in _again(at, proposals, wanted)]
+    fit = _search(problem, state, at, channels, [*fixed, *kept], noises, progress)
+    for _ in range(3):
+        fresh = _propose(fit)
+        known = {key_of(s) for s in fit.search.ledger.signatures}
+        fresh = [s for s in fresh if key_of(s) not in known and s.name not in problem.excluded]
+        if not fresh:
+            break
+        before = fit.model.score
+        fit = _search_again(fit, fresh, progress)
+        claimed = {key_of(fit.search.ledger.signatures[n]) for n in fit.model.signatures}
+        if fit.model.score < before + 0.5 or not claimed & {key_of(s) for s in fresh}:
+            break
+    return fit, [s for s in fit.search.ledger.signatures if s.tried > 1]
+
+
+def linearize_state(problem: Problem, state: State) -> Linearization:
+    """Put the state's effects into a scene, solve it and linearize."""
+    scene = stage_scene(problem.robot, problem.campaign, registration=state.registration)
+    scene = apply_effects(scene, state.effects)
+    current = {effect.place: effect.parameters for effect in state.effects}
+    return linearize_scene(scene, attain_scene(scene), current)
+
+
+def offered_signatures(problem: Problem, at: Linearization) -> list[Signature]:
+    """List every signature that needs no search for rows or periods, registration first."""
+    offered = registration_signatures(at, problem.register)
+    for name, model in EFFECTS.items():
+        if name not in problem.excluded:
+            offered += list(model.signatures(at))
+    return offered
+
+
+def registration_signatures(at: Linearization, parts: Sequence[str]) -> list[Signature]:
+    """Return the columns of frames that are fitted freely: the base, and the tool of each target."""
+    found = []
+    scale = np.array([1e-3] * 3 + [1e-3] * 3)
+    keys = ("tx_m", "ty_m", "tz_m", "rx_rad", "ry_rad", "rz_rad")
+    if "base" in parts:
+        found.append(Signature(REGISTRATION, None, None, "base", keys, scale, base_twists(at)))
+    if "tool" in parts and at.scene.registration is not None:
+        R = at.attained.frames.tcp_rotation @ at.scene.registration.tool[at.campaign.target_index, :3, :3]
+        for number in range(len(at.campaign.target_names)):
+            of_target = (at.campaign.target_index == number)[:, None, None]
+            twist = np.zeros((len(R), 6, 6))
+            twist[:, :3, :3], twist[:, 3:, 3:] = R * of_target, R * of_target
+            found.append(Signature(REGISTRATION, None, None, f"tool {number}", keys, scale, twist))
+    return found
+
+
+def _again(at: Linearization, proposals: list[Signature], wanted: set[Key]) -> list[Signature]:
+    """Offer the claimed ones of earlier proposals at a new linearization."""
+    from compplan.effects import frame_shift, tool_shift
+    from compplan.effects.transmission_error import spline_at, waves_at
+
+    found: list[Signature] = []
+    for old in proposals:
+        if key_of(old) not in wanted:
+            continue
+        if old.name in ("frame_shift", "tool_shift"):
+            model = frame_shift if old.name == "frame_shift" else tool_shift
+            found += [s for s in model.shift_at(at, int(old.fixed["row"]), old.tried) if s.form == old.form]
+        else:
+            index = at.robot.joint_names.index(str(old.joint))
+            cycles = old.fixed.get("cycles_per_turn", old.fixed.get("cycles_per_m"))
+            found.append(spline_at(at, index) if cycles is None else waves_at(at, index, cycles, old.tried))
+    return found
+
+
+def _search(
+    problem: Problem, state: State, at: Linearization, channels: tuple[Channel, ...], signatures: list[Signature],
+    noises: dict[str, Noise], progress: Callable[[str], None],
+) -> Fit:  # fmt: skip
+    ledger = build_ledger(channels, signatures, state.values)
+    return _search_ledger(problem, state, at, channels, ledger, noises, progress)
+
+
+def _search_again(fit: Fit, fresh: list[Signature], progress: Callable[[str], None]) -> Fit:
+    """Search with further signatures, from the claims there are."""
+    ledger = extend_ledger(fit.search.ledger, fresh)
+    held = replace(fit.state, claims=_claims(fit))
+    return _search_ledger(fit.problem, held, fit.at, fit.channels, ledger, fit.noises, progress)
+
+
+def _search_ledger(
+    problem: Problem, state: State, at: Linearization, channels: tuple[Channel, ...], ledger: Ledger,
+    noises: dict[str, Noise], progress: Callable[[str], None],
+) -> Fit:  # fmt: skip
+    signatures = ledger.signatures
+    free = [n for n, s in enumerate(signatures) if s.name == REGISTRATION]
+    prior = build_prior(ledger, free, problem.excluded)
+    candidates = [n for n in range(len(signatures)) if n not in free]
+    search = Search(
+        ledger, prior, log_priors(signatures), candidates, start_hyper(ledger, len(CLASSES)), progress=progress
+    )
+    numbers = {key_of(s): n for n, s in enumerate(signatures)}
+    first = [Claim(numbers[key], size) for key, size in state.claims if key in numbers]
+    model = search_models(search, first)
+    return Fit(problem, state, at, channels, search, model, noises, np.zeros(0, int))
+
+
+def _claims(fit: Fit) -> tuple[tuple[Key, float], ...]:
+    return tuple((key_of(fit.search.ledger.signatures[c.signature]), c.size) for c in fit.model.claims)
+
+
+def _propose(fit: Fit) -> list[Signature]:
+    ledger, values = fit.search.ledger, fit.model.posterior.values(fit.search.ledger.p)
+    left = ledger.left(values)
+    waves: dict[int, set[int]] = {}
+    names = fit.at.robot.joint_names
+    for number, signature in enumerate(ledger.signatures):
+        columns = ledger.columns(number)
+        if signature.name == "transmission_error" and values[columns].any():
+            waves.setdefault(names.index(str(signature.joint)), set()).update(columns.tolist())
+    own = {
+        index: [design[..., sorted(columns)] @ values[sorted(columns)] for design in ledger.designs]
+        for index, columns in waves.items()
+    }
+    proposals = propose_shifts(fit.at, fit.channels, left)
+    return proposals + propose_waves(fit.at, fit.channels, left, own)
+
+
+def advance_state(fit: Fit) -> State:
+    """Take the posterior mean into the exact model, and look for outliers."""
+    ledger, posterior = fit.search.ledger, fit.model.posterior
+    vector = posterior.values(ledger.p)
+    claimed = list(fit.model.signatures)
+    registration = fit.state.registration
+    values: dict[str, float] = {}
+    effects = list(fit.problem.fixed)
+    quiet = posterior.hyper.log_tau < NO_BACKGROUND
+    background = fit.search.prior_of(fit.model.claims).background
+    order = [*claimed, *(n for n in range(len(ledger.signatures)) if n not in claimed)]
+    for number in order:
+        signature, columns = ledger.signatures[number], ledger.columns(number)
+        if signature.name == REGISTRATION:
+            registration = _move_registration(registration, signature, vector[columns] * signature.scale)
+            continue
+        if number not in claimed:
+            labels = background[columns]
+            if (labels < 0).any() or quiet[labels].any() or not in_background(signature):
+                continue
+            if any(ledger.names[column] in values for column in columns):
+                continue
+        part = vector[columns].copy()
+        if signature.positive and len(part) == 1:
+            part = np.maximum(part, 0.0)
+        if part.any():
+            values |= {ledger.names[column]: float(value) for column, value in zip(columns, part, strict=True)}
+            effects.append(signature.effect(part * signature.scale))
+    first = posterior.hyper
+    scatter = fit.noises["position"].sigma * float(np.exp(0.5 * first.log_noise[0]) * np.hypot(1.0, np.exp(first.log_shared[0])))
+    return State(tuple(effects), values, registration, fit.state.use, _claims(fit), scatter)
+
+
+def _move_registration(registration: Registration | None, signature: Signature, step: Array) -> Registration | None:
+    if registration is None:
+        return None
+    move = np.eye(4)
+    move[:3, :3] = Rotation.from_rotvec(step[3:]).as_matrix()
+    move[:3, 3] = step[:3]
+    if signature.form == "base":
+        return replace(registration, base=registration.base @ move)
+    tools = registration.tool.copy()
+    number = int(signature.form.split()[1])
+    tools[number] = tools[number] @ move
+    return replace(registration, tool=tools)
+
+
+def _settled(fit: Fit, old: State, new: State) -> bool:
+    if {key for key, _ in old.claims} != {key for key, _ in new.claims}:
+        return False
+    names = fit.search.ledger.names
+    change = np.array([new.values.get(name, 0.0) - old.values.get(name, 0.0) for name in names])
+    used = np.flatnonzero(change)
+    return all(np.abs(d[..., used] @ change[used]).max(initial=0.0) < SETTLED for d in fit.search.ledger.designs)
+
+
+def _finish(fit: Fit, state: State) -> Fit:
+    """Keep the last search, and the state that its posterior leads to, with the outliers seen from there."""
+    campaign = fit.problem.campaign
+    attained = linearize_state(fit.problem, state).attained
+    scene = stage_scene(fit.problem.robot, campaign, registration=state.registration)
+    residual = position_residual(campaign, scene, attained)
+    outliers = find_outliers(campaign, residual, state.scatter, ~campaign.first_visit)
+    return replace(fit, state=state, outliers=outliers)

@@ -1,0 +1,219 @@
+"""The ledger: all that a campaign says about every signature, as inner products.
+
+Once the products of the columns with each other and with the observations are there, the evidence of any set of effects
+under any noise and background costs a small Cholesky factor, and no row of the campaign is touched again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.diagnose.channels import Channel
+from compplan.effects.signature import Signature
+from compplan.robot import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Products:
+    """Inner products of columns and observations over some rows.
+
+    Attributes:
+        count: Number of values.
+        gram: Columns with columns. Shape (p, p).
+        against: Columns with observations. Shape (p,).
+        square: Observations with themselves.
+    """
+
+    count: int
+    gram: Array
+    against: Array
+    square: float
+
+    def take(self, columns: NDArray[np.int_]) -> Products:
+        """Take some columns."""
+        return Products(self.count, self.gram[np.ix_(columns, columns)], self.against[columns], self.square)
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelProducts:
+    """Products of one channel: of all values, and of the mean of each group (times its size), by size of group.
+
+    Attributes:
+        name: Name of the channel.
+        total: Products of all values, in units of the noise.
+        means: Products of the group means by group size.
+        witnesses: Degrees of freedom that the noise rests on.
+    """
+
+    name: str
+    total: Products
+    means: dict[int, Products]
+    witnesses: float
+
+    def take(self, columns: NDArray[np.int_]) -> ChannelProducts:
+        """Take some columns."""
+        means = {size: products.take(columns) for size, products in self.means.items()}
+        return ChannelProducts(self.name, self.total.take(columns), means, self.witnesses)
+
+
+@dataclass(frozen=True, eq=False)
+class Ledger:
+    """All products of a campaign with a list of signatures; p columns.
+
+    Attributes:
+        signatures: The signatures.
+        index: Columns of each signature; signatures may share columns.
+        names: Name of each column.
+        scale: Scale of each column's parameter. Shape (p,).
+        channels: Products channel by channel.
+        designs: Columns of each channel, in units of the noise. Shape (r, c, p) each.
+        observed: Observations of each channel referred to zero parameters, in units of the noise. Shape (r, c) each.
+        source: The channels of observations.
+    """
+
+    signatures: tuple[Signature, ...]
+    index: tuple[NDArray[np.int_], ...]
+    names: tuple[str, ...]
+    scale: Array
+    channels: tuple[ChannelProducts, ...]
+    designs: tuple[Array, ...]
+    observed: tuple[Array, ...]
+    source: tuple[Channel, ...]
+
+    @property
+    def p(self) -> int:
+        """Count the columns."""
+        return len(self.names)
+
+    def columns(self, signature: int) -> NDArray[np.int_]:
+        """Return the columns of a signature."""
+        return self.index[signature]
+
+    def left(self, values: Array) -> list[Array]:
+        """Return what parameters leave in each channel, in units of the noise, to first order."""
+        used = np.flatnonzero(values)
+        return [y - design[..., used] @ values[used] for design, y in zip(self.designs, self.observed, strict=True)]
+
+
+def build_ledger(channels: Sequence[Channel], signatures: Sequence[Signature], values: dict[str, float]) -> Ledger:
+    """Multiply everything with everything.
+
+    Args:
+        channels: Observations minus what the current model expects.
+        signatures: Signatures at the current model.
+        values: Current values of parameters in units of their scale, by column; the observations are referred to zero
+            parameters by adding them back.
+    """
+    index, names, scale, picked = _number_columns(signatures, [])
+    designs = [_design(channel, signatures, picked) for channel in channels]
+    offset = np.array([values.get(name, 0.0) for name in names])
+    used = np.flatnonzero(offset)
+    observed = [
+        channel.residual / channel.noise.sigma + design[..., used] @ offset[used]
+        for channel, design in zip(channels, designs, strict=True)
+    ]
+    products = [_multiply(c, d, y) for c, d, y in zip(channels, designs, observed, strict=True)]
+    return Ledger(
+        tuple(signatures), tuple(index), tuple(names), np.array(scale), tuple(products), tuple(designs), tuple(observed),
+        tuple(channels),
+    )  # fmt: skip
+
+
+def extend_ledger(ledger: Ledger, signatures: Sequence[Signature]) -> Ledger:
+    """Return the ledger with further signatures behind the old ones; their parameters are zero in the current model."""
+    index, names, scale, picked = _number_columns(signatures, list(ledger.names))
+    fresh = [_design(channel, signatures, picked) for channel in ledger.source]
+    designs = [np.concatenate([old, new], axis=-1) for old, new in zip(ledger.designs, fresh, strict=True)]
+    products = [
+        _multiply(c, d, y, old) for c, d, y, old in zip(ledger.source, designs, ledger.observed, ledger.channels, strict=True)
+    ]
+    return replace(
+        ledger,
+        signatures=(*ledger.signatures, *signatures),
+        index=(*ledger.index, *index),
+        names=tuple(names),
+        scale=np.concatenate([ledger.scale, scale]),
+        channels=tuple(products),
+        designs=tuple(designs),
+    )
+
+
+def select_rows(ledger: Ledger, rows: NDArray[np.bool_], columns: NDArray[np.int_]) -> tuple[ChannelProducts, ...]:
+    """Return the products over some rows and columns only.
+
+    Args:
+        ledger: The ledger.
+        rows: Rows of the campaign to use. Shape (n,).
+        columns: Columns to use.
+    """
+    result = []
+    for channel, design, observed in zip(ledger.source, ledger.designs, ledger.observed, strict=True):
+        keep = rows[channel.rows]
+        part = replace(channel, rows=channel.rows[keep], residual=channel.residual[keep], group=channel.group[keep])
+        result.append(_multiply(part, design[keep][..., columns], observed[keep]))
+    return tuple(result)
+
+
+def _number_columns(
+    signatures: Sequence[Signature], names: list[str]
+) -> tuple[list[NDArray[np.int_]], list[str], list[float], list[tuple[int, int]]]:
+    """Number the columns, shared ones once. Returns index, names, scales and (signature, parameter) of the new ones."""
+    number = {name: k for k, name in enumerate(names)}
+    index, scale, picked = [], [], []
+    for count, signature in enumerate(signatures):
+        own = []
+        for k, name in enumerate(signature.column_names):
+            if name not in number:
+                number[name] = len(names)
+                names.append(name)
+                scale.append(float(signature.scale[k]))
+                picked.append((count, k))
+            own.append(number[name])
+        index.append(np.array(own, int))
+    return index, names, scale, picked
+
+
+def _design(channel: Channel, signatures: Sequence[Signature], picked: Sequence[tuple[int, int]]) -> Array:
+    """Return columns in units of the noise, each scaled by its prior. Shape (r, c, k)."""
+    result = np.zeros((*channel.residual.shape, len(picked)))
+    part = {"position": slice(0, 3), "orientation": slice(3, 6)}.get(channel.name)
+    for column, (number, k) in enumerate(picked):
+        signature = signatures[number]
+        factor = signature.scale[k] / channel.noise.sigma
+        if part is not None:
+            result[:, :, column] = signature.twist[channel.rows, part, k] * factor
+        elif signature.encoder is not None:
+            result[:, :, column] = signature.encoder[channel.rows, :, k] * factor
+    return result
+
+
+def _multiply(channel: Channel, design: Array, observed: Array, old: ChannelProducts | None = None) -> ChannelProducts:
+    """Multiply columns with columns and observations; blocks that `old` holds already are taken from there."""
+    total = _products(design, observed, None if old is None else old.total)
+    means: dict[int, Products] = {}
+    group = channel.group
+    if len(group):
+        first = np.flatnonzero(np.r_[True, np.diff(group) > 0])
+        sizes = np.diff(np.r_[first, len(group)])
+        root = np.sqrt(sizes)[:, None]
+        mean_design = np.add.reduceat(design, first, axis=0) / root[:, :, None]
+        mean_observed = np.add.reduceat(observed, first, axis=0) / root
+        for size in np.unique(sizes):
+            chosen = sizes == size
+            known = None if old is None else old.means[int(size)]
+            means[int(size)] = _products(mean_design[chosen], mean_observed[chosen], known)
+    return ChannelProducts(channel.name, total, means, channel.noise.witnesses)
+
+
+def _products(design: Array, observed: Array, old: Products | None) -> Products:
+    flat, y = design.reshape(-1, design.shape[-1]), observed.reshape(-1)
+    if old is None:
+        return Products(len(y), flat.T @ flat, flat.T @ y, float(y @ y))
+    p = len(old.against)
+    cross = flat.T @ flat[:, p:]
+    gram = np.block([[old.gram, cross[:p]], [cross[:p].T, cross[p:]]])
+    return Products(len(y), gram, np.concatenate([old.against, flat[:, p:].T @ y]), old.square)

@@ -1,0 +1,163 @@
+"""Proposals: forms with a row or a period that a list cannot hold, looked for in what a model leaves over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from compplan.diagnose.channels import Channel
+from compplan.effects import frame_shift, tool_shift
+from compplan.effects.base_frame import SCALE as BASE_SCALE
+from compplan.effects.base_frame import base_twists
+from compplan.effects.linearization import Linearization
+from compplan.effects.signature import Signature
+from compplan.effects.tool_frame import SCALE as TOOL_SCALE
+from compplan.effects.tool_frame import tool_twists
+from compplan.effects.transmission_error import spline_at, waves, waves_at
+from compplan.robot import Array
+
+#: Rows proposed for each kind of shift, and how many rows they stand apart.
+SHIFT_ROWS, APART = 2, 5
+#: Cycles per turn that are looked at, and waves of one joint at most.
+MOST_CYCLES, MOST_WAVES = 160.0, 16
+#: A further wave has to explain this much log likelihood.
+WORTH_A_WAVE = 9.0
+#: Fewest rows for which waves and splines beyond the first harmonics are looked for.
+ENOUGH_ROWS = 40
+
+
+def propose_shifts(at: Linearization, channels: Sequence[Channel], left: Sequence[Array], most: int = SHIFT_ROWS) -> list[Signature]:
+    """Propose shifts of frame and tool at the rows where a step explains most.
+
+    Args:
+        at: The linearization.
+        channels: Channels of observations.
+        left: What the model leaves in each channel, in units of the noise. Shape (r, c) each.
+        most: Rows to propose for each kind.
+    """
+    starts = np.flatnonzero(np.r_[False, np.diff(at.campaign.stay) > 0])
+    kinds = ((frame_shift, base_twists(at) * BASE_SCALE), (tool_shift, tool_twists(at) * TOOL_SCALE))
+    found: list[Signature] = []
+    for model, twist in kinds:
+        gains = _step_gains(channels, left, twist, len(at.campaign))
+        order = starts[np.argsort(-gains[starts])]
+        taken: list[int] = []
+        for row in order:
+            if len(taken) == most or gains[row] < 6.0:
+                break
+            if all(abs(int(row) - other) > APART for other in taken):
+                taken.append(int(row))
+        for row in taken:
+            found += model.shift_at(at, row, tried=max(len(starts), 1))
+    return found
+
+
+def _step_gains(channels: Sequence[Channel], left: Sequence[Array], twist: Array, n: int) -> Array:
+    """Return the gain in log likelihood of fits before and after each row over one fit for all. Shape (n,)."""
+    gram, against = np.zeros((n, 6, 6)), np.zeros((n, 6))
+    for channel, rest in zip(channels, left, strict=True):
+        if channel.name == "encoder":
+            continue
+        part = slice(0, 3) if channel.name == "position" else slice(3, 6)
+        columns = twist[channel.rows, part] / channel.noise.sigma
+        gram[channel.rows] += np.einsum("nik,nil->nkl", columns, columns)
+        against[channel.rows] += np.einsum("nik,ni->nk", columns, rest)
+    gram_before, against_before = np.cumsum(gram, axis=0), np.cumsum(against, axis=0)
+    total_gram, total_against = gram_before[-1], against_before[-1]
+    before = (np.concatenate([np.zeros((1, 6, 6)), gram_before[:-1]]), np.concatenate([np.zeros((1, 6)), against_before[:-1]]))
+    after = (total_gram - before[0], total_against - before[1])
+    gains = _explained(*before) + _explained(*after) - _explained(total_gram[None], total_against[None])[0]
+    return 0.5 * gains
+
+
+def _explained(gram: Array, against: Array) -> Array:
+    solved = np.linalg.solve(gram + 1e-2 * np.eye(gram.shape[-1]), against[..., None])[..., 0]
+    return np.asarray(np.einsum("nk,nk->n", against, solved))
+
+
+def propose_waves(
+    at: Linearization, channels: Sequence[Channel], left: Sequence[Array], joint_waves: dict[int, list[Array]]
+) -> list[Signature]:
+    """Propose waves and a spline for every joint.
+
+    Args:
+        at: The linearization.
+        channels: Channels of observations.
+        left: What the model leaves in each channel, in units of the noise.
+        joint_waves: What the model's waves of each joint explain, to be added back for that joint, channel by channel.
+    """
+    found: list[Signature] = []
+    for index, joint in enumerate(at.robot.actuated):
+        pull, weight = _projected(at, channels, left, joint_waves.get(index), index)
+        angle = np.nan_to_num(at.campaign.q[:, index])
+        seen = weight > 0
+        spread = float(np.ptp(angle[seen])) if seen.sum() > ENOUGH_ROWS else 0.0
+        if spread < 0.3:
+            continue
+        slides = joint.kind == "prismatic"
+        grid = wave_grid(spread, slides)
+        picked = _match_waves(angle[seen], pull[seen], weight[seen], grid, slides)
+        for count in {1, 2, len(picked)}:
+            if 0 < count <= len(picked):
+                tried = int(min(len(grid) ** count, 10 ** (2 + count)))
+                found.append(waves_at(at, index, picked[:count], tried=tried))
+        if picked:
+            found.append(spline_at(at, index))
+    return found
+
+
+def wave_grid(spread: float, slides: bool) -> Array:
+    """Return the cycles per turn (per metre) to look at, close enough that no wave falls between."""
+    turns = spread if slides else spread / (2 * np.pi)
+    step = 0.25 / turns
+    whole = np.arange(1.0, 31.0) if not slides else np.zeros(0)
+    return np.unique(np.concatenate([whole, np.arange(max(0.5, step), MOST_CYCLES, min(step, 1.0))]))
+
+
+def _projected(
+    at: Linearization, channels: Sequence[Channel], left: Sequence[Array], own: list[Array] | None, index: int
+) -> tuple[Array, Array]:
+    """Project what is left on the motion of one joint: pull J^T e and weight J^T J of every row, noise units."""
+    n = len(at.campaign)
+    pull, weight = np.zeros(n), np.zeros(n)
+    for number, (channel, rest) in enumerate(zip(channels, left, strict=True)):
+        if channel.name == "encoder":
+            column = np.zeros_like(rest)
+            column[:, index] = 1.0 / channel.noise.sigma
+        else:
+            part = slice(0, 3) if channel.name == "position" else slice(3, 6)
+            column = at.motion[channel.rows, part, index] / channel.noise.sigma
+        total = rest if own is None else rest + own[number]
+        pull[channel.rows] += np.einsum("ni,ni->n", column, total)
+        weight[channel.rows] += np.einsum("ni,ni->n", column, column)
+    return pull, weight
+
+
+def _match_waves(angle: Array, pull: Array, weight: Array, grid: Array, slides: bool) -> list[float]:
+    """Pick waves one after the other, all refitted after each, while they are worth it."""
+    picked: list[float] = []
+    smooth = np.column_stack([np.ones_like(angle), angle - angle.mean()])
+    columns = smooth
+    rest = pull - weight * (columns @ _weighted_fit(columns, pull, weight))
+    phases = waves(angle, grid.tolist(), slides).reshape(len(angle), -1, 2)
+    moments = np.einsum("n,nfk,nfl->fkl", weight, phases, phases) + 1e-9 * weight.sum() * np.eye(2)
+    while len(picked) < MOST_WAVES:
+        against = np.einsum("n,nfk->fk", rest, phases)
+        gain = 0.5 * np.einsum("fk,fk->f", against, np.linalg.solve(moments, against[..., None])[..., 0])
+        if picked:
+            gain[np.min(np.abs(grid[:, None] - np.array(picked)), axis=1) < 0.25 * grid[0]] = 0.0
+        best = int(np.argmax(gain))
+        if gain[best] < WORTH_A_WAVE:
+            break
+        picked.append(float(grid[best]))
+        columns = np.column_stack([smooth, waves(angle, picked, slides)])
+        rest = pull - weight * (columns @ _weighted_fit(columns, pull, weight))
+    return picked
+
+
+def _weighted_fit(columns: Array, pull: Array, weight: Array) -> Array:
+    gram = columns.T @ (weight[:, None] * columns)
+    return np.asarray(np.linalg.solve(gram + 1e-6 * np.trace(gram) * np.eye(len(gram)) / len(gram), columns.T @ pull))
+
+

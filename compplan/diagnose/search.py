@@ -1,0 +1,224 @@
+"""Search: the set of effects with the largest posterior, found by adding, exchanging and leaving out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.diagnose.evidence import SIZES, Gain, Hyper, Posterior, Prior, find_gains, find_posterior
+from compplan.diagnose.ledger import Ledger
+from compplan.effects.linearization import Place
+from compplan.robot import Array
+
+#: Candidates of each round that are tried with noise and background fitted anew.
+TRIED = 5
+MOST_EFFECTS = 24
+#: An exchange or an addition has to gain this much log posterior.
+WORTHWHILE = 0.5
+#: One explanation of two claims is looked at closely if it is within this before noise and background are fitted anew.
+MERGE_MARGIN = 15.0
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A signature that is claimed, and at which of the sizes."""
+
+    signature: int
+    size: float
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A set of claims with its posterior.
+
+    Attributes:
+        claims: The claims.
+        posterior: What the campaign says under them.
+        score: Log evidence plus log prior of the set.
+    """
+
+    claims: tuple[Claim, ...]
+    posterior: Posterior
+    score: float
+
+    @property
+    def signatures(self) -> tuple[int, ...]:
+        """Numbers of the claimed signatures."""
+        return tuple(claim.signature for claim in self.claims)
+
+
+@dataclass(eq=False)
+class Search:
+    """A ledger with its prior, and the models that were looked at.
+
+    Attributes:
+        ledger: The products.
+        prior: Prior without claims.
+        log_prior: Log prior odds of each signature.
+        candidates: Signatures that may be claimed.
+        start: Noise and background to begin with.
+    """
+
+    ledger: Ledger
+    prior: Prior
+    log_prior: Array
+    candidates: Sequence[int]
+    start: Hyper
+    cache: dict[frozenset[Claim], Model] = field(default_factory=dict)
+    progress: Callable[[str], None] = lambda text: None
+
+    def prior_of(self, claims: Sequence[Claim]) -> Prior:
+        """Return the prior with these claims."""
+        slab, background = np.zeros(self.ledger.p), self.prior.background.copy()
+        for claim in claims:
+            for columns in self.same_place[claim.signature]:
+                background[columns] = -1
+            slab[self.ledger.columns(claim.signature)] = claim.size**2
+        return replace(self.prior, background=background, slab=slab)
+
+    @cached_property
+    def same_place(self) -> list[list[NDArray[np.int_]]]:
+        """Background columns that a claim of each signature takes the place of."""
+        by_place: dict[Place, list[NDArray[np.int_]]] = {}
+        for number, signature in enumerate(self.ledger.signatures):
+            columns = self.ledger.columns(number)
+            columns = columns[self.prior.background[columns] >= 0]
+            if len(columns):
+                by_place.setdefault(signature.place, []).append(columns)
+        return [by_place.get(signature.place, []) for signature in self.ledger.signatures]
+
+    def model(self, claims: Sequence[Claim], hyper: Hyper, *, fit: bool = True, steps: int = 12) -> Model:
+        """Return the model of a set of claims, from memory if it was looked at before."""
+        key = frozenset(claims)
+        if fit and key in self.cache:
+            return self.cache[key]
+        posterior = find_posterior(self.ledger, self.prior_of(claims), hyper, fit=fit, steps=steps)
+        score = posterior.log_evidence + sum(self.log_prior[c.signature] - np.log(len(SIZES)) for c in claims)
+        if self._backwards(claims, posterior):
+            score = -np.inf
+        model = Model(tuple(claims), posterior, float(score))
+        if fit:
+            self.cache[key] = model
+        return model
+
+    def _backwards(self, claims: Sequence[Claim], posterior: Posterior) -> bool:
+        """Tell whether a claim that can only be positive came out negative."""
+        values = posterior.values(self.ledger.p)
+        return any(
+            self.ledger.signatures[c.signature].positive
+            and len(self.ledger.columns(c.signature)) == 1
+            and values[self.ledger.columns(c.signature)[0]] < 0
+            for c in claims
+        )
+
+    def gains(self, model: Model) -> list[Gain]:
+        """Return what further claims would add, best first; prior odds included."""
+        taken = {self.ledger.signatures[number].place for number in model.signatures}
+        used = {int(column) for number in model.signatures for column in self.ledger.columns(number)}
+        free = [
+            n
+            for n in self.candidates
+            if self.ledger.signatures[n].place not in taken and not used.intersection(self.ledger.columns(n).tolist())
+        ]
+        gains = find_gains(self.ledger, self.prior_of(model.claims), model.posterior, free)
+        scored = [Gain(g.signature, g.log_evidence + float(self.log_prior[g.signature]), g.size) for g in gains]
+        return sorted(scored, key=lambda g: -g.log_evidence)
+
+
+def search_models(search: Search, first: Sequence[Claim] = ()) -> Model:
+    """Find the best set of effects.
+
+    Rounds of forward steps, then exchanges and removals, until none is worthwhile.
+
+    Args:
+        search: What to search.
+        first: Claims to begin with.
+    """
+    best = search.model(first, search.start, steps=40)
+    for _ in range(MOST_EFFECTS):
+        grown = _add(search, best)
+        settled = _merge(search, _exchange(search, _remove(search, grown)))
+        search.progress(f"{len(settled.claims)} effects")
+        if settled.score < best.score + WORTHWHILE:
+            return best if best.score >= settled.score else settled
+        best = settled
+    return best
+
+
+def distinct_places(search: Search, gains: list[Gain], count: int) -> list[Gain]:
+    """Return the best gain of each place, the first `count` of them."""
+    seen: set[Place] = set()
+    result = []
+    for gain in gains:
+        place = search.ledger.signatures[gain.signature].place
+        if place not in seen:
+            seen.add(place)
+            result.append(gain)
+        if len(result) == count:
+            break
+    return result
+
+
+def _add(search: Search, model: Model) -> Model:
+    best = model
+    for gain in distinct_places(search, search.gains(model), TRIED):
+        if gain.log_evidence < -8.0:
+            continue
+        tried = search.model((*model.claims, Claim(gain.signature, gain.size)), model.posterior.hyper)
+        if tried.score > best.score:
+            best = tried
+    return best
+
+
+def _remove(search: Search, model: Model) -> Model:
+    while model.claims:
+        smaller = [
+            search.model([c for c in model.claims if c is not claim], model.posterior.hyper) for claim in model.claims
+        ]
+        best = max(smaller, key=lambda m: m.score)
+        if best.score <= model.score:
+            return model
+        model = best
+    return model
+
+
+def _exchange(search: Search, model: Model) -> Model:
+    """Try to replace each claim by what explains the campaign best without it, other forms of itself included."""
+    for claim in model.claims:
+        if claim not in model.claims:
+            continue
+        rest = [c for c in model.claims if c != claim]
+        reduced = search.model(rest, model.posterior.hyper)
+        gains = search.gains(reduced)
+        for gain in [*distinct_places(search, gains, 3), *forms_of(search, gains, claim)]:
+            tried = search.model((*rest, Claim(gain.signature, gain.size)), model.posterior.hyper)
+            if tried.score > model.score + WORTHWHILE:
+                model = tried
+    return model
+
+
+def _merge(search: Search, model: Model) -> Model:
+    """Try to replace two claims by one that explains both."""
+    for first, second in combinations(model.claims, 2):
+        if first not in model.claims or second not in model.claims:
+            continue
+        rest = [c for c in model.claims if c not in (first, second)]
+        reduced = search.model(rest, model.posterior.hyper, fit=False)
+        gain = search.gains(reduced)[0]
+        if reduced.score + gain.log_evidence < model.score - MERGE_MARGIN:
+            continue
+        tried = search.model((*rest, Claim(gain.signature, gain.size)), model.posterior.hyper)
+        if tried.score > model.score:
+            model = tried
+    return model
+
+
+def forms_of(search: Search, gains: list[Gain], claim: Claim) -> list[Gain]:
+    """Return the two best forms of a claim's own place."""
+    place = search.ledger.signatures[claim.signature].place
+    return [g for g in gains if search.ledger.signatures[g.signature].place == place][:2]
