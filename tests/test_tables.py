@@ -81,7 +81,7 @@ def test_unknown_columns_may_be_noted_instead(tmp_path: Path) -> None:
 
 
 def test_missing_and_binary_files_have_their_sentence(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="nowhere.csv: no such file"):
+    with pytest.raises(InputError, match=r"nowhere.csv: no such file"):
         read_table(tmp_path / "nowhere.csv", COLUMNS)
     (tmp_path / "binary.csv").write_bytes(b"x\0y")
     with pytest.raises(InputError, match="binary file"):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from compplan.cam.arcs import Arc, Point, combine, sample_arcs
+from compplan.errors import InputError
 from compplan.tables import Array
 from compplan.toolpath import Toolpath
 
@@ -174,8 +175,15 @@ class MoveLog:
         return full
 
     def finish(self, file: Path, kind: str, unit: str, lines: int) -> CamFile:
-        """Return toolpath and facts."""
+        """Return toolpath and facts.
+
+        Raises:
+            InputError: If a coordinate is not finite.
+
+        """
         table = self._tabulate()
+        if not np.isfinite(table).all():
+            raise InputError("a coordinate is too great to be a number", file=file)
         rapid = table[:, 7] == 1.0
         toolpath = Toolpath(table[:, :3] * 1e-3, table[:, 3:6], table[:, 6] * 1e-3, rapid, None, "part", str(file))
         moved = np.concatenate([[False], np.any(np.abs(np.diff(table[:, :3], axis=0)) > STILL, axis=1)])[: len(table)]

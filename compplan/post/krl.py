@@ -179,6 +179,7 @@ def _main(name: str, parts: list[str], program: Program, remarks: list[str]) -> 
     """Return the .src file that sets base, tool and approximation, and calls the parts."""
     lines = ["&ACCESS RVO", f"DEF {name}()", *(f"; {line}" for line in head_lines(program))]
     lines += [
+        "EXT BAS(BAS_COMMAND:IN,REAL:IN)",
         f"; Rapid moves run at {RAPID_PERCENT} percent of the axis rates.",
         "; Check speed, tool, base and load data before running.",
         *remarks,
