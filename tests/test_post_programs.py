@@ -62,7 +62,8 @@ def test_krl_programs_hold_joints_and_poses(tmp_path: Path) -> None:
             assert program.status is not None and np.array_equal(table[:, 6], program.status)
             assert np.array_equal(table[:, 7], turn_bits(program.joints))
     main = (tmp_path / f"{short_name(program.name, 20)}_L.src").read_text()
-    assert len(re.findall(r"_L\d\(\)", main)) == 3 and "$TOOL={X 0.00000,Y 0.00000,Z 0.00000,A 0.00000,B 0.00000,C 0.00000}" in main
+    assert len(re.findall(r"_L\d\(\)", main)) == 3
+    assert "$TOOL={X 0.00000,Y 0.00000,Z 0.00000,A 0.00000,B 0.00000,C 0.00000}" in main
 
 
 def test_turn_bits_count_axes_below_zero() -> None:
