@@ -219,3 +219,16 @@ def test_every_template_reaches_its_home_posture_within_its_limits() -> None:
         limits = np.array(template.limits_deg)
         assert np.all(np.array(template.home_deg) >= limits[:, 0])
         assert np.all(np.array(template.home_deg) <= limits[:, 1])
+
+
+def test_a_body_may_carry_more_springs_than_a_mujoco_body_has_room_for() -> None:
+    scenario, rows, _ = _small_setting()
+    axes = ("rx", "rz", "tx", "ty", "tz", "rx", "rz", "tx")
+    apart = tuple(Spring("joint_3", a, 1e-8) for a in axes)
+    joined = tuple(Spring("joint_3", a, 1e-8) for a in axes[:3])
+    merged = Scenario(scenario.description, joined, np.full(3, 1e-12))
+    split = Scenario(scenario.description, apart, np.full(8, 1e-12))
+    np.testing.assert_allclose(simulate_rows(split, rows).position, simulate_rows(merged, rows).position, atol=1e-7)
+    load = simulate_rows(split, rows).load
+    np.testing.assert_allclose(load[:, 0], load[:, 5], atol=1e-5)
+    np.testing.assert_allclose(load[:, 2], load[:, 7], atol=1e-5)

@@ -120,9 +120,10 @@ def draw_campaign(
         raise ValueError(f"kind {kind!r}, difficulty {difficulty!r}: choose from {KINDS} and {DIFFICULTIES}")
     salt = [KINDS.index(kind), DIFFICULTIES.index(difficulty)]
     fault = ""
-    for attempt in range(25):
+    for attempt in range(40):
         rng = np.random.default_rng([seed, *salt, attempt])
-        names, changes = draw_names(rng, kind, effects)
+        # hard effects get several robots before another effect is drawn, so that none is crowded out
+        names, changes = draw_names(np.random.default_rng([seed, *salt, 1000 + attempt // 10]), kind, effects)
         try:
             return _try_campaign(rng, seed, kind, difficulty, names, changes)
         except (LookupError, RuntimeError) as again:
@@ -214,6 +215,8 @@ def _fit_robot(
         design = replace(design, warm_up=(float(rng.uniform(6.0, 20.0)), *design.warm_up[1:]))
     if wants_load and design.loads == "none":
         design = replace(design, loads="all")
+    if design.loads == "none":
+        design = replace(design, preload=(0.0,) * 6)
     facts: dict[str, Any] = {"gravity": True, "extra_springs": [], "sag_compensated_by_controller": False}
     springs = list(robot.springs)
     if rng.random() < 0.15:

@@ -17,6 +17,8 @@ from benchmarks.campaigns.description import SPRING_AXES, Array, RobotDescriptio
 
 TOLERANCE = 1e-13
 MAX_ITERATIONS = 60
+MOST_JOINTS = 6  # a MuJoCo body takes no more; further ones go to a massless body in the same place
+ZERO = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,11 @@ class ElasticModel:
         names = [self.model.joint(i).name for i in range(self.model.njnt)]
         self.motor_ids = np.array([names.index(f"motor:{n}") for n in self.description.joint_names], dtype=int)
         self.spring_ids = np.array([names.index(f"spring:{k}") for k in range(len(self.springs))], dtype=int)
+        bodies = [self.model.body(i).name for i in range(self.model.nbody)]
+        owner = [int(name[1:].split(".")[0]) if name.startswith("b") else -1 for name in bodies]
+        count = len(self.description.segments)
+        self.first_body = np.array([owner.index(i) for i in range(count)], dtype=int)
+        self.last_body = np.array([len(owner) - 1 - owner[::-1].index(i) for i in range(count)], dtype=int)
         self.body_of_joint = np.array(self.model.jnt_bodyid)
         self.hinge = np.array(self.model.jnt_type) == mujoco.mjtJoint.mjJNT_HINGE
         self.load_description(self.description)
@@ -64,12 +71,13 @@ class ElasticModel:
         """Take geometry and masses of another description of the same chain (its springs are not looked at)."""
         self.description = description
         for i, s in enumerate(description.segments):
-            self.model.body_pos[i + 1] = s.xyz
+            first, last = self.first_body[i], self.last_body[i]
+            self.model.body_pos[first] = s.xyz
             quat = np.zeros(4)
             mujoco.mju_mat2Quat(quat, rotation_from_rpy(s.rpy).ravel())
-            self.model.body_quat[i + 1] = quat
-            self.model.body_mass[i + 1] = s.mass
-            self.model.body_ipos[i + 1] = s.com
+            self.model.body_quat[first] = quat
+            self.model.body_mass[last] = s.mass
+            self.model.body_ipos[last] = s.com
             if s.actuated:
                 self.model.jnt_axis[self.motor_ids[description.actuated.index(i)]] = s.axis
         self.body_pos = self.model.body_pos.copy()
@@ -96,7 +104,7 @@ class ElasticModel:
         kinematics = mujoco.mj_kinematics
         for k in range(n):
             if growth is not None:
-                model.body_pos[1:] = self.body_pos[1:] * growth[k][:, None]
+                model.body_pos[self.first_body] = self.body_pos[self.first_body] * growth[k][:, None]
             data.qpos[:] = qpos[k]
             kinematics(model, data)
             axes[k], anchors[k], coms[k] = xaxis, xanchor, xipos
@@ -158,18 +166,26 @@ class ElasticModel:
 
 
 def build_mjcf(description: RobotDescription, springs: tuple[Spring, ...]) -> str:
-    """Write the MuJoCo model of a chain: one body a segment, motor first, then its springs in the order listed."""
+    """Write the MuJoCo model of a chain: motor first on every body, then its springs in the order listed."""
     lines = ['<mujoco><compiler angle="radian" inertiafromgeom="false" balanceinertia="true"/>']
     gravity = description.gravity or (0.0, 0.0, 0.0)
     lines += [f'<option gravity="{_row(gravity)}"/>', "<worldbody>"]
+    depth = 0
     for i, s in enumerate(description.segments):
-        lines.append(f'<body name="b{i}:{s.child}" pos="{_row(s.xyz)}">')
-        lines.append(f'<inertial pos="{_row(s.com)}" mass="{max(s.mass, 1e-12)!r}" diaginertia="1e-3 1e-3 1e-3"/>')
-        if s.actuated:
-            kind = "hinge" if s.kind == "revolute" else "slide"
-            lines.append(f'<joint name="motor:{s.joint}" type="{kind}" axis="{_row(s.axis)}" armature="1"/>')
-        lines += [_spring_joint(s, k, spring) for k, spring in enumerate(springs) if spring.joint == s.joint]
-    lines += ["</body>"] * len(description.segments) + ["</worldbody></mujoco>"]
+        kind = "hinge" if s.kind == "revolute" else "slide"
+        joints = (
+            [f'<joint name="motor:{s.joint}" type="{kind}" axis="{_row(s.axis)}" armature="1"/>'] if s.actuated else []
+        )
+        joints += [_spring_joint(s, k, spring) for k, spring in enumerate(springs) if spring.joint == s.joint]
+        groups = [joints[k : k + MOST_JOINTS] for k in range(0, len(joints), MOST_JOINTS)] or [[]]
+        for k, group in enumerate(groups):
+            last = k == len(groups) - 1
+            pos, mass, com = (s.xyz if k == 0 else ZERO), (s.mass if last else 0.0), (s.com if last else ZERO)
+            lines.append(f'<body name="b{i}.{k}" pos="{_row(pos)}">')
+            lines.append(f'<inertial pos="{_row(com)}" mass="{max(mass, 1e-12)!r}" diaginertia="1e-3 1e-3 1e-3"/>')
+            lines += group
+            depth += 1
+    lines += ["</body>"] * depth + ["</worldbody></mujoco>"]
     return "\n".join(lines)
 
 
