@@ -105,7 +105,8 @@ def _whole_stretches(marked: NDArray[np.bool_], stations: NDArray[np.int_]) -> N
     """Return all waypoints strictly between the stations around marked ones; marked stations take both sides."""
     chosen = np.zeros(len(marked), bool)
     for w in np.flatnonzero(marked):
-        before, after = np.searchsorted(stations, w, side="left") - 1, np.searchsorted(stations, w, side="right")
+        before = int(np.searchsorted(stations, w, side="left")) - 1
+        after = int(np.searchsorted(stations, w, side="right"))
         low = stations[max(before, 0)] + (before >= 0)
         high = stations[min(after, len(stations) - 1)] - (after < len(stations))
         chosen[low : high + 1] = True

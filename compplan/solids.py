@@ -1,0 +1,185 @@
+"""Shapes for collision: primitives and meshes of a URDF, mesh files, and coal's geometries of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from compplan.errors import InputError
+from compplan.robot import Array, Robot
+
+UNITS = {"mm": 1e-3, "m": 1.0, "inch": 0.0254}
+#: Rounds of subdivision that cut the tip zone out of a mesh.
+CUT_ROUNDS = 6
+#: Sides of a cylinder that becomes a mesh.
+SECTIONS = 24
+
+
+@dataclass(frozen=True)
+class UrdfShape:
+    """One collision shape of a URDF.
+
+    Attributes:
+        name: Name of its link, with a number where the link has several.
+        link: Its link.
+        form: ("box", size (3,)), ("cylinder", radius, length), ("sphere", radius) or a mesh (trimesh). [m]
+        placement: Its pose in the link's frame. Shape (4, 4). [m]
+
+    """
+
+    name: str
+    link: str
+    form: Any
+    placement: Array
+
+    def mesh(self) -> Any:
+        """Return it as a mesh in the link's frame."""
+        return as_mesh(self.form).apply_transform(self.placement)
+
+
+def read_shapes(robot: Robot) -> Iterator[UrdfShape]:
+    """Read the collision shapes of the robot's chain; a tool that a job mounts replaces what the URDF hangs there."""
+    links = {robot.base, *(joint.child for joint in robot.joints)}
+    for element in ElementTree.fromstring(robot.urdf).findall("link"):
+        link = element.attrib["name"]
+        shapes = element.findall("collision") if link in links else []
+        for number, shape in enumerate(shapes):
+            form = _read_form(shape.find("geometry"), robot.folder)
+            if form is not None:
+                name = link if len(shapes) == 1 else f"{link} ({number + 1})"
+                yield UrdfShape(name, link, form, _read_origin(shape.find("origin")))
+
+
+def load_mesh(path: Path, unit: str = "mm") -> Any:
+    """Load a mesh file (STL, PLY, OBJ), in metres.
+
+    Raises:
+        InputError: If the file is missing, cannot be read or holds no triangles.
+
+    """
+    import trimesh
+
+    if not path.is_file():
+        raise InputError(f"no mesh file {path}")
+    try:
+        mesh = trimesh.load(path, force="mesh")
+    except Exception as error:
+        raise InputError(f"mesh {path} cannot be read: {error}") from None
+    if not len(getattr(mesh, "faces", ())):
+        raise InputError(f"mesh {path} holds no triangles")
+    return mesh.apply_scale(UNITS[unit])
+
+
+def as_mesh(form: Any) -> Any:
+    """Return a shape as a mesh (trimesh)."""
+    import trimesh
+
+    if not isinstance(form, tuple):
+        return form.copy()
+    if form[0] == "box":
+        return trimesh.creation.box(form[1])
+    if form[0] == "cylinder":
+        return trimesh.creation.cylinder(form[1], form[2], sections=SECTIONS)
+    return trimesh.creation.icosphere(subdivisions=2, radius=form[1])
+
+
+def make_geometry(form: Any, placement: Array | None = None) -> tuple[Any, Array, float, Array]:
+    """Make coal's geometry of a shape, in the shape's own frame.
+
+    Args:
+        form: A mesh (trimesh), or a primitive as in `UrdfShape`.
+        placement: Pose of the shape in the frame that its bounds are wanted in. Shape (4, 4). [m]
+
+    Returns:
+        Geometry, centre (3,) and radius of its bounding sphere, bounding box (2, 3). [m]
+
+    """
+    import coal
+
+    mesh = as_mesh(form)
+    if placement is not None:
+        mesh.apply_transform(placement)
+    box = np.array(mesh.bounds)
+    centre = box.mean(axis=0)
+    radius = 1.01 * float(np.linalg.norm(mesh.vertices - centre, axis=1).max())
+    if isinstance(form, tuple):
+        kinds = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
+        sizes = form[1] if form[0] == "box" else form[1:]
+        return kinds[form[0]](*(float(size) for size in sizes)), centre, radius, box
+    geometry = coal.BVHModelOBBRSS()
+    geometry.beginModel(len(mesh.faces), len(mesh.vertices))
+    geometry.addVertices(np.asarray(mesh.vertices, float))
+    geometry.addTriangles(np.asarray(mesh.faces))
+    geometry.endModel()
+    return geometry, centre, radius, box
+
+
+def cut_tip(mesh: Any, tip: Array, zone: float) -> Any:
+    """Return a mesh without what lies within `zone` of the tip; None where nothing is left.
+
+    Args:
+        mesh: The tool (trimesh). [m]
+        tip: Tool centre point in the mesh's frame. Shape (3,). [m]
+        zone: Radius about the tip. [m]
+
+    """
+    import trimesh
+
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    for _ in range(CUT_ROUNDS):
+        corners = vertices[faces]
+        edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+        nearest = trimesh.triangles.closest_point(corners, np.tile(tip, (len(faces), 1)))
+        near = np.linalg.norm(nearest - tip, axis=1) < zone
+        inside = (np.linalg.norm(corners - tip, axis=2) < zone).all(axis=1)
+        straddling = near & ~inside & (edges > 0.2 * zone)
+        if zone <= 0 or not straddling.any():
+            break
+        vertices, faces = trimesh.remesh.subdivide(vertices, faces, face_index=np.flatnonzero(straddling))
+    corners = vertices[faces]
+    nearest = trimesh.triangles.closest_point(corners, np.tile(tip, (len(faces), 1)))
+    kept = faces[np.linalg.norm(nearest - tip, axis=1) >= zone]
+    return trimesh.Trimesh(vertices, kept, process=False) if len(kept) else None
+
+
+def _read_form(geometry: ElementTree.Element | None, folder: Path | None) -> Any:
+    if geometry is None or not len(geometry):
+        return None
+    shape = geometry[0]
+    if shape.tag == "box":
+        return ("box", _numbers(shape, "size"))
+    if shape.tag == "cylinder":
+        return ("cylinder", float(shape.attrib["radius"]), float(shape.attrib["length"]))
+    if shape.tag == "sphere":
+        return ("sphere", float(shape.attrib["radius"]))
+    file = _find_mesh(shape.attrib.get("filename", ""), folder)
+    if file is None:
+        return None
+    mesh = load_mesh(file, "m")
+    return mesh.apply_scale(_numbers(shape, "scale", "1 1 1"))
+
+
+def _find_mesh(name: str, folder: Path | None) -> Path | None:
+    tail = Path(name.split("://", 1)[-1])
+    if folder is None or not name:
+        return None
+    places = [folder / tail, folder / Path(*tail.parts[1:]), folder / "meshes" / tail.name]
+    return next((file for file in places if file.is_file()), None)
+
+
+def _read_origin(element: ElementTree.Element | None) -> Array:
+    pose = np.eye(4)
+    if element is not None:
+        pose[:3, 3] = _numbers(element, "xyz", "0 0 0")
+        pose[:3, :3] = Rotation.from_euler("xyz", _numbers(element, "rpy", "0 0 0")).as_matrix()
+    return pose
+
+
+def _numbers(element: ElementTree.Element, key: str, default: str = "") -> list[float]:
+    return [float(value) for value in element.attrib.get(key, default).split()]
