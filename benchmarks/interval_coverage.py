@@ -22,7 +22,8 @@ def main(repeats: int) -> None:
             found: Coverage = measure_coverage([run_round_trip(robot, model, seed) for seed in range(repeats)])
             inside, count = inside + found.inside, count + found.count
             spent = time.perf_counter() - started
-            print(f"{name:<20}{model:<18}{found.count:>10}{found.share:>8.4f}{found.p_value:>9.3f}{spent:>7.1f}", flush=True)
+            row = f"{found.count:>10}{found.share:>8.4f}{found.p_value:>9.3f}{spent:>7.1f}"
+            print(f"{name:<20}{model:<18}{row}", flush=True)
     print(f"{'all':<38}{count:>10}{inside / count:>8.4f}")
 
 

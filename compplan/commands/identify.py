@@ -57,8 +57,8 @@ def command(
 ) -> None:
     """Identify the compliances of ROBOT from MEASUREMENTS (a measurement log), with 95 % intervals.
 
-    Writes DIR/robot (the updated robot folder) and DIR/identify.json. With --choose-poses N it writes DIR/poses.csv: the
-    N poses and loads that tell the most.
+    Writes DIR/robot (the updated robot folder) and DIR/identify.json. With --choose-poses N it writes DIR/poses.csv: N
+    poses and loads that tell the most.
     """
     robot = load_robot(robot_name)
     options = IdentifyOptions(
@@ -72,9 +72,8 @@ def command(
         loss=loss,
     )
     if choose_poses is not None:
-        _choose(
-            plan_campaign(robot, options, choose_poses, force=force, lever=lever * 1e-3, seed=seed), out, as_json=as_json
-        )
+        plan = plan_campaign(robot, options, choose_poses, force=force, lever=lever * 1e-3, seed=seed)
+        _choose(plan, out, as_json=as_json)
         return
     if measurements is None:
         raise InputError("no measurement log is given; name one, or ask for poses to measure with --choose-poses N")

@@ -7,11 +7,20 @@ from dataclasses import dataclass, replace
 
 from compplan.identify.estimate import Estimate
 from compplan.identify.gap import Gap, measure_gap, tell_inliers
+from compplan.identify.heldout import gain_score
 from compplan.identify.observations import Observations
-from compplan.identify.parameters import Structure
-from compplan.identify.problem import IdentifyOptions, IdentifyProblem, check_options, choose_geometry, choose_reference
+from compplan.identify.parameters import GEOMETRY, Structure
+from compplan.identify.problem import (
+    IdentifyOptions,
+    IdentifyProblem,
+    check_options,
+    choose_geometry,
+    choose_reference,
+    held_out_score,
+)
 from compplan.identify.reading import observe_campaign, place_frames
-from compplan.identify.refine import Refinement, refine_structure
+from compplan.identify.refine import GAIN_LIMIT, Refinement, refine_structure
+from compplan.identify.spring_place import place_spring
 from compplan.identify.update import update_robot
 from compplan.measurements import Campaign
 from compplan.registration import Registration
@@ -73,20 +82,10 @@ def identify_campaign(robot: Robot, campaign: Campaign, options: IdentifyOptions
     if observations.encoder is not None or len(set(observations.link_side.tolist())) > 1:
         chosen = replace(chosen, link_side=True)
     problem, more = choose_reference(choose_geometry(IdentifyProblem(robot, chosen, observations, frames)))
-    structure = problem.structure()
-    estimate = problem.fit(structure)
-    told = {name for name, free in zip(estimate.names, estimate.free, strict=True) if free}
-    grown = problem.structure(extras=True) if chosen.stepwise else structure
-    hidden = set(structure.names) - told
-    refinement = refine_structure(
-        grown.select([name for name in grown.names if name not in hidden]),
-        [name for name in problem.demanded(structure) if name in told],
-        observations,
-        registration=problem.frames,
-        loss=chosen.loss,
-        reference=problem.reference,
-    )
-    kept = _drop_negative(problem, grown, refinement)
+    growth = _grow(problem)
+    if chosen.stepwise and chosen.geometry == "auto":
+        growth = _prefer_less_geometry(growth)
+    problem, estimate, kept = growth.problem, growth.estimate, growth.kept
     source = f"identified from {campaign.file.name if campaign.file else 'measurements'}, {len(observations)} rows"
     updated, unwritten = update_robot(robot, kept, source=source)
     return Identification(
@@ -94,15 +93,85 @@ def identify_campaign(robot: Robot, campaign: Campaign, options: IdentifyOptions
         nominal=robot,
         estimate=estimate,
         kept=kept,
-        refinement=refinement,
+        refinement=growth.refinement,
         geometry=problem.geometry,
         reference=problem.reference,
-        gap=measure_gap(replace(problem, frames=frames, reference="absolute"), grown, kept),
+        gap=measure_gap(replace(problem, frames=frames, reference="absolute"), growth.structure, kept),
         registration=kept.registration,
         observations=observations,
         outliers=tuple(int(row) for row in observations.row[~tell_inliers(kept)]),
-        notes=(*notes, *more, *_say_negative(estimate), *unwritten),
+        notes=(*notes, *more, *growth.notes, *_say_negative(estimate), *unwritten),
     )
+
+
+@dataclass(frozen=True)
+class _Growth:
+    """A model that grew at one choice of geometry."""
+
+    problem: IdentifyProblem
+    structure: Structure
+    estimate: Estimate
+    refinement: Refinement
+    kept: Estimate
+    notes: tuple[str, ...]
+
+
+def _grow(problem: IdentifyProblem) -> _Growth:
+    """Fit everything that is considered, grow the model from what is demanded, and place what was added."""
+    structure = problem.structure()
+    estimate = problem.fit(structure)
+    told = {name for name, free in zip(estimate.names, estimate.free, strict=True) if free}
+    grown = problem.structure(extras=True) if problem.options.stepwise else structure
+    hidden = set(structure.names) - told
+    refinement = refine_structure(
+        grown.select([name for name in grown.names if name not in hidden]),
+        [name for name in problem.demanded(structure) if name in told],
+        problem.observations,
+        registration=problem.frames,
+        loss=problem.options.loss,
+        reference=problem.reference,
+    )
+    kept, notes = _place_added(problem, _drop_negative(problem, grown, refinement), refinement)
+    return _Growth(problem, grown, estimate, refinement, kept, notes)
+
+
+def _prefer_less_geometry(growth: _Growth) -> _Growth:
+    """Take less geometry where springs explain as much: bending that is left out looks like wrong geometry."""
+    for level in GEOMETRY[: GEOMETRY.index(growth.problem.geometry)]:
+        plainer = _grow(replace(growth.problem, geometry=level))
+        scores = [held_out_score(entry.problem, entry.kept) for entry in (plainer, growth)]
+        if gain_score(*scores) < GAIN_LIMIT:
+            return plainer
+    return growth
+
+
+def _place_added(
+    problem: IdentifyProblem, kept: Estimate, refinement: Refinement
+) -> tuple[Estimate, tuple[str, ...]]:
+    """Find where added springs sit, where their place shows on held-out poses."""
+    notes = []
+    added = {entry.added for entry in refinement.rounds if entry.added}
+    for parameter in kept.structure.parameters:
+        if parameter.kind != "spring" or parameter.name not in added or not parameter.unit.startswith("rad"):
+            continue
+        placed = place_spring(
+            kept.structure,
+            parameter.name,
+            problem.observations,
+            registration=problem.frames,
+            loss=problem.options.loss,
+            reference=problem.reference,
+        )
+        scores = [held_out_score(problem, entry) for entry in (kept, placed.estimate)]
+        if gain_score(*scores) > GAIN_LIMIT:
+            kept = placed.estimate
+            where = ", ".join(
+                f"{axis} {value * 1e3:.0f} +- {2 * error * 1e3:.0f} mm"
+                for axis, value, error in zip("xyz", placed.offset, placed.standard_errors, strict=True)
+                if error > 0
+            )
+            notes.append(f"{parameter.name} sits at {where} in the frame behind its joint (two standard errors)")
+    return kept, tuple(notes)
 
 
 def _drop_negative(problem: IdentifyProblem, structure: Structure, refinement: Refinement) -> Estimate:

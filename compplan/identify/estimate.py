@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm, t
+from scipy.stats import t
 
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
 from compplan.identify.forward import KNOWN_FRAMES, Prediction, frame_parameters, move_frames, predict_rows
@@ -14,8 +14,8 @@ from compplan.identify.observations import Observations
 from compplan.identify.parameters import Parameter, Structure
 from compplan.identify.robust import check_loss, loss_weights
 from compplan.identify.separability import Inseparable, condition_number, explain_held, find_free
-from compplan.identify.spread import cluster_covariance, neighbours_agree
-from compplan.identify.system import System, count_used, estimate_noise, information, invert, linearise, stack, weigh
+from compplan.identify.spread import state_spread
+from compplan.identify.system import System, estimate_noise, information, invert, linearise, stack, weigh
 from compplan.registration import Registration
 from compplan.robot import Array
 
@@ -35,7 +35,7 @@ class Estimate:
         free: Which parameters were estimated; the others are held at their nominal value. Shape (p,).
         held: Names of what cannot be told (apart), and why.
         condition: Condition number of the column-scaled system of the free parameters.
-        freedom: Degrees of freedom of the residuals.
+        freedom: Degrees of freedom behind each standard error [Satterthwaite1946]. Shape (p,).
         registration: Frames of the campaign after the fit.
         prediction: What the fitted model says about the rows.
         residuals: Measured minus predicted, pose then encoders. Shape (n, 6 or 6 + nq). [m, rad]
@@ -53,7 +53,7 @@ class Estimate:
     free: NDArray[np.bool_]
     held: tuple[Inseparable, ...]
     condition: float
-    freedom: float
+    freedom: Array
     registration: Registration
     prediction: Prediction
     residuals: Array
@@ -80,8 +80,7 @@ class Estimate:
     def intervals(self, level: float = 0.95) -> Array:
         """State confidence intervals. Shape (p, 2)."""
         tail = 0.5 + level / 2
-        factor = float(t.ppf(tail, self.freedom)) if np.isfinite(self.freedom) else float(norm.ppf(tail))
-        reach = factor * self.standard_errors
+        reach = t.ppf(tail, self.freedom) * self.standard_errors
         return np.column_stack([self.values - reach, self.values + reach])
 
 
@@ -134,7 +133,7 @@ def estimate_parameters(
     values, frames, prediction, system, noise, steps = _iterate(
         structure, observations, start, parameters, free, group, loss, sigma, (prediction, system)
     )
-    covariance, freedom, clustered = _spread(system, observations, noise, loss, group, free, sigma)
+    covariance, freedom, clustered = state_spread(system, observations.q, noise, loss, group, free, sigma)
     weights, _ = loss_weights(loss, system.distance(noise), system.known.sum(axis=1))
     return Estimate(
         structure=structure,
@@ -213,39 +212,3 @@ def _advance(
         except ConvergenceError:
             step = 0.5 * step
     raise ConvergenceError("the fitted robot buckles under its loads; check the units of the wrench", residual=np.inf)
-
-
-def _spread(
-    system: System,
-    observations: Observations,
-    noise: Array,
-    loss: str,
-    group: NDArray[np.int_] | None,
-    free: NDArray[np.bool_],
-    sigma: str,
-) -> tuple[Array, float, bool]:
-    """Compute the covariance, the degrees of freedom, and whether the covariance comes from groups of poses."""
-    whitener, index = system.whitener(noise), np.flatnonzero(free)
-    count = system.known.sum(axis=1)
-    freedom = float(count.sum() - count_used(system, whitener, group, free).sum())
-    if freedom <= 0:
-        raise InputError(f"{count.sum()} measured numbers leave no freedom for {len(index)} parameters; add poses")
-    distance = system.distance(noise)
-    weights, slopes = loss_weights(loss, distance, count)
-    factor = 1.0
-    if loss != "least_squares":
-        spread = np.sum((weights * distance) ** 2) / count.sum()
-        steep = np.sum(count * weights + slopes * distance) / count.sum()
-        factor = spread / steep**2 * count.sum() / freedom
-    bread = factor * invert(information(system, whitener, group)[np.ix_(index, index)])
-    clustered = False
-    if sigma == "residuals":
-        residual, columns = weigh(system, whitener * np.sqrt(weights)[:, None], group)
-        clustered = neighbours_agree(observations.q, residual)
-        wide = cluster_covariance(observations.q, residual, columns[:, :, free]) if clustered else None
-        if wide is not None:
-            scale = np.sqrt(np.maximum(np.diag(wide) / np.diag(bread), 1.0))
-            bread = bread * np.outer(scale, scale)
-    covariance = np.zeros((len(free), len(free)))
-    covariance[np.ix_(index, index)] = bread
-    return covariance, np.inf if sigma == "stated" else freedom, clustered

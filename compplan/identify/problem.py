@@ -147,20 +147,21 @@ def choose_geometry(problem: IdentifyProblem) -> IdentifyProblem:
         return replace(problem, geometry="none" if wanted == "auto" else wanted)
     if len(np.unique(np.round(problem.observations.q, 4), axis=0)) < GEOMETRY_POSES:
         return problem
-    best, score = problem, _held_out_score(problem)
+    best, score = problem, held_out_score(problem, problem.fit(problem.structure()))
     for level in GEOMETRY[1:]:
         richer = replace(problem, geometry=level)
-        after = _held_out_score(richer)
+        after = held_out_score(richer, richer.fit(richer.structure()))
         if gain_score(score, after) > GAIN_LIMIT:
             best, score = richer, after
     return best
 
 
-def _held_out_score(problem: IdentifyProblem) -> Array:
-    estimate = problem.fit(problem.structure())
+def held_out_score(problem: IdentifyProblem, estimate: Estimate) -> Array:
+    """Score a fit on held-out poses, in stated standard deviations. Shape (poses,)."""
     system = linearise_at(estimate, problem.observations)
     unit = replace(estimate, noise=np.ones(3))
-    return leave_out(system, problem.observations, unit, estimate.free).score
+    difference = problem.reference == "difference"
+    return leave_out(system, problem.observations, unit, estimate.free, difference=difference).score
 
 
 def choose_reference(problem: IdentifyProblem) -> tuple[IdentifyProblem, list[str]]:

@@ -3,14 +3,85 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2
 from scipy.spatial import cKDTree
 
+from compplan.errors import InputError
+from compplan.identify.robust import loss_weights
+from compplan.identify.system import System, count_spare, information, invert, stack, weigh
 from compplan.robot import Array
 
 #: Standard normal score from which residuals of neighbouring poses count as dependent (one in 30,000 by chance).
 AGREEMENT_SCORE = 4.0
 SEED = 20240501
+
+
+def state_spread(
+    system: System,
+    q: Array,
+    noise: Array,
+    loss: str,
+    group: NDArray[np.int_] | None,
+    free: NDArray[np.bool_],
+    sigma: str,
+) -> tuple[Array, Array, bool]:
+    """Compute covariance, degrees of freedom of each parameter, and whether groups of poses gave the covariance.
+
+    Args:
+        system: The linearised problem at the fitted state.
+        q: Joint positions. Shape (n, nq). [rad or m]
+        noise: Noise against the stated one: position, orientation, encoders. Shape (3,).
+        loss: "least_squares", "huber" or "tukey".
+        group: Number of the pose of each row, for differences; None for absolute poses. Shape (n,).
+        free: Which parameters are estimated. Shape (p,).
+        sigma: "residuals" or "stated".
+
+    Raises:
+        InputError: If the parameters use up all measured numbers.
+    """
+    whitener, index = system.whitener(noise), np.flatnonzero(free)
+    count = system.known.sum(axis=1)
+    spare = count_spare(system, whitener, group, free)
+    if spare.sum() <= 0:
+        numbers = f"{count.sum()} measured numbers"
+        raise InputError(f"{numbers} leave no freedom for {len(index)} parameters; add poses")
+    distance = system.distance(noise)
+    weights, slopes = loss_weights(loss, distance, count)
+    factor = 1.0
+    if loss != "least_squares":
+        spread = np.sum((weights * distance) ** 2) / count.sum()
+        steep = np.sum(count * weights + slopes * distance) / count.sum()
+        factor = spread / steep**2 * count.sum() / spare.sum()
+    bread = factor * invert(information(system, whitener, group)[np.ix_(index, index)])
+    clustered = False
+    if sigma == "residuals":
+        residual, columns = weigh(system, whitener * np.sqrt(weights)[:, None], group)
+        clustered = neighbours_agree(q, residual)
+        wide = cluster_covariance(q, residual, columns[:, :, free]) if clustered else None
+        if wide is not None:
+            scale = np.sqrt(np.maximum(np.diag(wide) / np.diag(bread), 1.0))
+            bread = bread * np.outer(scale, scale)
+    covariance = np.zeros((len(free), len(free)))
+    covariance[np.ix_(index, index)] = bread
+    freedom = np.full(len(free), np.inf)
+    if sigma == "residuals":
+        freedom[index] = _freedom(system, whitener, group, free, spare)
+    return covariance, freedom, clustered
+
+
+def _freedom(
+    system: System, whitener: Array, group: NDArray[np.int_] | None, free: NDArray[np.bool_], spare: Array
+) -> Array:
+    """Weigh the freedom of the blocks by what each adds to the variance of a parameter. Shape (k,)."""
+    columns = weigh(system, whitener, group)[1][:, :, free]
+    inverse = invert(stack(columns).T @ stack(columns))
+    parts = []
+    for block in range(3):
+        flat = stack(columns[:, system.block == block])
+        parts.append(np.einsum("ij,jk,ki->i", inverse, flat.T @ flat, inverse))
+    share = np.array(parts)
+    return np.asarray(share.sum(axis=0) ** 2 / (share**2 / np.maximum(spare, 1.0)[:, None]).sum(axis=0))
 
 
 def neighbours_agree(q: Array, residual: Array) -> bool:

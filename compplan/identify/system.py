@@ -101,19 +101,18 @@ def invert(matrix: Array) -> Array:
     return np.asarray(np.linalg.inv(matrix / np.outer(norms, norms)) / np.outer(norms, norms))
 
 
-def count_used(system: System, whitener: Array, group: NDArray[np.int_] | None, free: NDArray[np.bool_]) -> Array:
-    """Count the measured numbers of each block that the fit uses up: the trace of the hat matrix. Shape (3,)."""
+def count_spare(system: System, whitener: Array, group: NDArray[np.int_] | None, free: NDArray[np.bool_]) -> Array:
+    """Count the measured numbers of each block less what the fit uses up (the trace of the hat matrix). Shape (3,)."""
     columns = weigh(system, whitener, group)[1][:, :, free]
     flat = stack(columns)
     inverse = invert(flat.T @ flat)
-    used = np.zeros(3)
+    spare = np.zeros(3)
     for block in range(3):
-        part = stack(columns[:, system.block == block])
-        used[block] = np.sum((part.T @ part) * inverse)
+        part, known = stack(columns[:, system.block == block]), system.known[:, system.block == block]
+        spare[block] = known.sum() - np.sum((part.T @ part) * inverse)
         if group is not None:
-            known = system.known[:, system.block == block]
-            used[block] += sum(len(np.unique(group[known[:, c]])) for c in range(known.shape[1]))
-    return used
+            spare[block] -= sum(len(np.unique(group[known[:, c]])) for c in range(known.shape[1]))
+    return spare
 
 
 def estimate_noise(
@@ -132,12 +131,12 @@ def estimate_noise(
         loss: "least_squares", "huber" or "tukey".
     """
     result, whitener = noise.copy(), system.whitener(noise)
-    used = count_used(system, whitener, group, free)
+    left = count_spare(system, whitener, group, free)
     residual = weigh(system, whitener, group)[0]
     for block in range(3):
         columns = system.block == block
         known = system.known[:, columns]
-        spare = known.sum() - used[block]
+        spare = left[block]
         if not known.any():
             continue
         if loss == "least_squares":

@@ -1,0 +1,100 @@
+"""Joint and link compliance told apart by double encoders."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from compplan.errors import InputError
+from compplan.identify import Observations, build_structure, estimate_parameters, make_observations
+from compplan.identify.double_encoder import identify_modes
+from compplan.identify.observations import simulate_observations
+from compplan.identify.parameters import link_springs
+from compplan.identify.pose_choice import draw_candidates
+from compplan.robot import Robot, load_robot
+
+N = 30
+LINK = 2e-7
+
+
+def campaign(*, vertical: bool = False, seed: int | None = None) -> tuple[Robot, Robot, Observations, np.ndarray, np.ndarray]:
+    robot = replace(load_robot("kuka_kr120_r3900"), link_elasticities=())
+    truth = replace(robot, springs=(*robot.springs, *(replace(s, compliance=LINK) for s in link_springs(robot))))
+    drawn = draw_candidates(robot, N, vertical=vertical, lever=0.0 if vertical else 0.3, force=981.0, seed=1)
+    nothing = np.zeros((N, 6))
+    modes = np.repeat([False, True, False, True], N)  # U1 U2 L1 L2
+    loads = np.vstack([nothing, nothing, drawn.wrench, drawn.wrench])
+    rows = simulate_observations(truth, np.vstack([drawn.q] * 4), loads, link_side=modes, seed=seed)
+    return robot, truth, rows, drawn.q, drawn.wrench
+
+
+def by_mode(rows: Observations) -> dict[str, np.ndarray]:
+    return {mode: rows.position[k * N : (k + 1) * N] for k, mode in enumerate(("U1", "U2", "L1", "L2"))}
+
+
+def test_the_papers_equations_tell_joint_link_and_total_compliance_apart() -> None:
+    robot, _, rows, q, wrench = campaign()
+    found = identify_modes(robot, q, wrench, by_mode(rows))
+    joints = np.array([spring.compliance for spring in robot.springs])
+    told = found.observable
+    # Linear equations against the exact equilibrium: a percent.
+    np.testing.assert_allclose(found.joint[told], joints[told], rtol=0.02)
+    np.testing.assert_allclose(found.link[told], LINK, rtol=0.05)
+    np.testing.assert_allclose(found.total[told], found.joint[told] + found.link[told], rtol=1e-9)
+
+
+def test_encoder_differences_alone_tell_the_gears() -> None:
+    robot, _, rows, q, wrench = campaign()
+    torque_free = identify_modes(robot, q, wrench, by_mode(rows), deflection=np.zeros((N, 6)))
+    assert torque_free.encoders is not None and not torque_free.encoders.any()
+
+
+def test_joint_1_is_unobservable_under_vertical_loads_in_every_mode() -> None:
+    robot, _, rows, q, wrench = campaign(vertical=True)
+    found = identify_modes(robot, q, wrench, by_mode(rows))
+    assert not found.observable[0] and np.isnan(found.joint[0]) and np.isnan(found.total[0])
+    assert found.observable[1:5].all()
+    structure = build_structure(robot, add=link_springs(robot))
+    estimate = estimate_parameters(structure, rows, sigma="stated")
+    reasons = {item.held: item.reason for item in estimate.held}
+    assert {"joint_1", "joint_1.link"} <= set(reasons)
+    assert "all loads are vertical" in reasons["joint_1.link"]
+
+
+def test_all_modes_together_are_fitted_exactly_with_intervals() -> None:
+    robot, _, rows, _, _ = campaign(seed=3)
+    structure = build_structure(robot, add=link_springs(robot))
+    estimate = estimate_parameters(structure, rows)
+    truth = np.array([*(spring.compliance for spring in robot.springs), *[LINK] * 6])
+    score = (estimate.model_values - truth)[estimate.free] / estimate.standard_errors[estimate.free]
+    assert np.abs(score).max() < 4
+
+
+def test_encoder_readings_sharpen_the_gears_beside_positions() -> None:
+    robot, truth, rows, q, wrench = campaign(seed=3)
+    loaded = rows.take(np.arange(2 * N, 3 * N))
+    structure = build_structure(robot, add=link_springs(robot))
+    first = estimate_parameters(structure.select(robot.joint_names), loaded)
+    seen = first.prediction.torque @ structure.compliance(
+        np.array([*(spring.compliance for spring in robot.springs), *[LINK] * 6])
+    )
+    gears = np.flatnonzero(structure.chain.actuator)
+    encoder = seen[:, gears] + 1e-5 * np.random.default_rng(0).standard_normal((N, 6))
+    both = make_observations(
+        loaded.q, loaded.wrench, loaded.position, loaded.rotation, sigma_position=loaded.sigma_position,
+        sigma_rotation=loaded.sigma_rotation, encoder=encoder,
+    )  # fmt: skip
+    estimate = estimate_parameters(structure, both)
+    gear, link = estimate.model_values[:6], estimate.model_values[6:]
+    np.testing.assert_allclose(gear, [s.compliance for s in robot.springs], rtol=0.05)
+    np.testing.assert_allclose(link[:3], LINK, rtol=0.15)
+
+
+def test_a_missing_mode_is_named() -> None:
+    robot, _, rows, q, wrench = campaign()
+    positions = by_mode(rows)
+    del positions["L2"]
+    with pytest.raises(InputError, match="no positions in mode L2"):
+        identify_modes(robot, q, wrench, positions)

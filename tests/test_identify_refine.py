@@ -1,0 +1,135 @@
+"""The structure of a model grows where a spring earns its place on poses it never saw."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from compplan.errors import InputError, UnknownNameError
+from compplan.identify import build_structure, candidate_springs, estimate_parameters, simulate_observations
+from compplan.identify.axis_by_axis import AxisTest, estimate_axis_by_axis
+from compplan.identify.heldout import distance_rms, gain_score, leave_out, linearise_at, make_folds, visited_poses
+from compplan.identify.pose_choice import draw_candidates
+from compplan.identify.refine import GAIN_LIMIT, refine_structure
+from compplan.identify.spring_place import place_spring
+from compplan.robot import Spring, load_robot
+
+
+def names_of(robot_springs: tuple[Spring, ...]) -> list[str]:
+    return [spring.name for spring in robot_springs]
+
+
+def test_the_spring_that_was_left_out_is_found_and_no_other_is_added() -> None:
+    # Johra's robot: the arm bends about the forearm's x axis at joint 3, which one spring a joint cannot say.
+    whole = load_robot("staubli_tx200")
+    lacking = replace(whole, springs=tuple(s for s in whole.springs if s.axis == "own"))
+    drawn = draw_candidates(whole, 60, seed=1)
+    rows = simulate_observations(whole, drawn.q, drawn.wrench, seed=2)
+    structure = build_structure(lacking, add=candidate_springs(lacking))
+    result = refine_structure(structure, names_of(lacking.springs), rows)
+    assert result.rounds[0].added == "joint_3.rx"
+    assert [entry.added for entry in result.rounds[1:]] == [""]
+    assert result.rounds[-1].held_out_rms < 0.7 * result.rounds[0].held_out_rms
+
+
+def test_the_place_of_the_spring_400_mm_beside_the_joint_is_found() -> None:
+    whole = load_robot("staubli_tx200")
+    lacking = replace(whole, springs=tuple(s for s in whole.springs if s.axis == "own"))
+    drawn = draw_candidates(whole, 60, seed=1)
+    rows = simulate_observations(whole, drawn.q, drawn.wrench, seed=2)
+    placed = place_spring(build_structure(lacking, add=[Spring("joint_3", "rx", 0.0)]), "joint_3.rx", rows)
+    truth = next(spring.offset for spring in whole.springs if spring.name == "joint_3.rx")
+    assert truth.tolist() == [0.0, 0.4, 0.0]
+    assert np.all(np.abs(placed.offset - truth)[1:] < 3 * placed.standard_errors[1:])
+    assert placed.standard_errors[0] == 0 and placed.standard_errors[1] < 0.03
+    assert placed.estimate.noise[0] == pytest.approx(1.0, abs=0.15)
+    with pytest.raises(InputError, match="expected one about rx, ry or rz"):
+        place_spring(build_structure(lacking), "joint_3", rows)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_nothing_is_added_to_a_model_that_is_complete(seed: int) -> None:
+    robot = load_robot("kuka_kr270")
+    drawn = draw_candidates(robot, 60, seed=seed)
+    rows = simulate_observations(robot, drawn.q, drawn.wrench, seed=seed)
+    structure = build_structure(robot, add=candidate_springs(robot))
+    result = refine_structure(structure, names_of(robot.springs), rows)
+    assert result.names == tuple(names_of(robot.springs))
+    assert len(result.rounds[0].candidates) >= 12
+
+
+def test_a_candidate_that_the_loads_cannot_show_says_so() -> None:
+    robot = load_robot("kuka_kr270")
+    lacking = replace(robot, springs=robot.springs[1:])
+    drawn = draw_candidates(robot, 40, vertical=True, lever=0.0, seed=1)
+    rows = simulate_observations(robot, drawn.q, drawn.wrench, seed=1)
+    structure = build_structure(lacking, add=[Spring("joint_1", "own", 0.0, actuator=True)])
+    start = names_of(lacking.springs)[:-1]  # joint 6 is not loaded either
+    result = refine_structure(structure.select([*start, "joint_1"]), start, rows)
+    assert [(c.name, c.told) for c in result.rounds[0].candidates] == [("joint_1", False)]
+
+
+def test_leaving_blocks_out_at_one_step_equals_fitting_without_them() -> None:
+    robot = load_robot("staubli_tx200")
+    drawn = draw_candidates(robot, 40, seed=1)
+    rows = simulate_observations(robot, drawn.q, drawn.wrench, seed=2)
+    structure = build_structure(robot)
+    whole = estimate_parameters(structure, rows, sigma="stated")
+    quick = leave_out(linearise_at(whole, rows), rows, whole, whole.free).residual
+    folds = make_folds(rows)
+    for fold in range(5):
+        train, test = rows.take(folds != fold), rows.take(folds == fold)
+        fitted = estimate_parameters(structure, train, sigma="stated")
+        from compplan.identify.forward import KNOWN_FRAMES, pose_residuals, predict_rows
+
+        slow = pose_residuals(test, predict_rows(structure, fitted.model_values, test, KNOWN_FRAMES))
+        np.testing.assert_allclose(quick[folds == fold, :3], slow[:, :3], atol=2e-7)
+
+
+def test_rows_of_one_pose_are_left_out_together() -> None:
+    robot = load_robot("kuka_kr270")
+    drawn = draw_candidates(robot, 20, seed=1)
+    rows = simulate_observations(robot, np.vstack([drawn.q] * 3), np.vstack([drawn.wrench] * 3))
+    folds, poses = make_folds(rows), visited_poses(rows)
+    assert len(np.unique(poses)) == 20 and len(np.unique(folds)) == 5
+    for pose in range(20):
+        assert len(np.unique(folds[poses == pose])) == 1
+
+
+def test_a_gain_is_weighed_against_its_scatter() -> None:
+    rng = np.random.default_rng(0)
+    before = rng.normal(10, 1, 400)
+    assert gain_score(before, before - 1 + rng.normal(0, 1, 400)) > GAIN_LIMIT
+    assert abs(gain_score(before, before + rng.normal(0, 1, 400))) < GAIN_LIMIT
+    assert distance_rms(np.array([[3.0, 4.0, 0.0], [np.nan, 0, 0]]), np.array([True, True])) == pytest.approx(5.0)
+
+
+def test_axis_by_axis_tests_lead_to_the_same_compliances_as_one_fit() -> None:
+    robot = load_robot("staubli_tx200")
+    factor = np.array([1.3, 0.7, 1.2, 0.8, 1.5, 0.9])
+    truth = replace(
+        robot, springs=tuple(replace(s, compliance=s.compliance * f) for s, f in zip(robot.springs, factor, strict=True))
+    )
+    half = np.pi / 2
+    # Poses and forces of the paper's Tables A1 and A2, 1 kN each, in our joint zeros.
+    plan = [
+        (("joint_1", "joint_3.rx"), [0, half, 0, 0, 0, 0], [0, 1000, 0]),
+        (("joint_2",), [0, 0, half, 0, 0, 0], [1000, 0, 0]),
+        (("joint_3",), [0, 0, half, 0, half, 0], [0, 0, 1000]),
+        (("joint_5",), [0, half, 0, 0, half, 0], [1000, 0, 0]),
+        (("joint_4",), [0, 0, 0.75 * np.pi, 0, half, 0], [0, 1000, 0]),
+    ]
+    tests = []
+    for names, pose, force in plan:
+        levels = np.linspace(0.2, 1.0, 5)[:, None]
+        wrench = np.hstack([levels * np.array(force, float), np.zeros((5, 3))])
+        tests.append(AxisTest(names, simulate_observations(truth, np.tile(np.array(pose, float), (5, 1)), wrench)))
+    found = estimate_axis_by_axis(build_structure(robot), tests, tolerance=1e-7)
+    np.testing.assert_allclose(found.values, [s.compliance for s in truth.springs], rtol=2e-3)
+    assert found.sweeps > 1
+    with pytest.raises(UnknownNameError, match="no parameter named 'joint_7'"):
+        estimate_axis_by_axis(build_structure(robot), [AxisTest(("joint_7",), tests[0].observations)])
+    with pytest.raises(InputError, match="did not settle in 1 sweeps"):
+        estimate_axis_by_axis(build_structure(robot), tests, most=1)

@@ -1,0 +1,47 @@
+"""Stated 95 % intervals hold: inject, simulate with tracker noise, identify."""
+
+from __future__ import annotations
+
+import pytest
+
+from compplan.errors import UnknownNameError
+from compplan.identify.round_trip import MODELS, measure_coverage, run_round_trip
+from compplan.robot import load_robot, robot_folders
+
+
+@pytest.mark.parametrize("loss", ["least_squares", "tukey"])
+def test_stated_intervals_hold_pooled_over_parameters_and_seeded_repeats(loss: str) -> None:
+    robot = load_robot("kuka_kr240")
+    coverage = measure_coverage([run_round_trip(robot, "joints", seed, loss=loss) for seed in range(60)])
+    assert coverage.count == 360
+    assert coverage.p_value > 0.01
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_every_model_runs_through_and_its_estimates_lie_near_the_truth(model: str) -> None:
+    robot = load_robot("staubli_tx200")
+    trips = [run_round_trip(robot, model, seed, poses=20) for seed in range(4)]
+    for trip in trips:
+        free = trip.estimate.free[: len(trip.truth)]
+        score = (trip.estimate.model_values - trip.truth)[free] / trip.estimate.standard_errors[: len(trip.truth)][free]
+        assert abs(score).max() < 6
+    assert measure_coverage(trips).share > 0.8
+
+
+def test_the_same_intervals_would_not_pass_for_99_or_for_90_percent() -> None:
+    robot = load_robot("kuka_kr240")
+    trips = [run_round_trip(robot, "joints", seed) for seed in range(60)]
+    assert measure_coverage(trips, level=0.99).p_value < 0.01
+    assert measure_coverage(trips, level=0.90).p_value < 0.01
+
+
+@pytest.mark.slow
+def test_500_repeats_over_every_robot_and_every_model_hold_what_they_state() -> None:
+    cases = [(load_robot(name), model) for name in robot_folders() for model in MODELS]
+    trips = [run_round_trip(*cases[seed % len(cases)], seed) for seed in range(500)]
+    assert measure_coverage(trips).p_value > 0.01
+
+
+def test_an_unknown_model_is_refused() -> None:
+    with pytest.raises(UnknownNameError, match="no model named 'wind', choose from"):
+        run_round_trip(load_robot("kuka_kr240"), "wind", 0)
