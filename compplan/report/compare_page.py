@@ -87,9 +87,10 @@ def write_comparison(view: CompareView, file: Path) -> None:
 def summarise_comparison(view: CompareView) -> str:
     """Say in two sentences which strategy comes closest, in the modelled cell and where the model is wrong."""
     own, *wrong = list(view.deviation)
-    best = min(view.strategies, key=lambda name: view.rms(own, name))
-    text = f"Where the robot is {own}, {best} comes closest: {format_length(view.rms(own, best))} rms"
-    if "none" in view.strategies and best != "none":
+    best = [name for name in view.strategies if _is_closest(view, own, name)]
+    text = f"Where the robot is {own}, {_join_names(best)} {_come(best)} closest: "
+    text += f"{format_length(view.rms(own, best[0]))} rms"
+    if "none" in view.strategies and "none" not in best:
         text += f", against {format_length(view.rms(own, 'none'))} without correction"
     text += "."
     if wrong:
@@ -97,8 +98,12 @@ def summarise_comparison(view: CompareView) -> str:
         closest = min(worst, key=lambda name: worst[name])
         equals = [name for name in view.strategies if worst[name] <= 1.02 * worst[closest]]
         text += f" Where the model is wrong ({', '.join(wrong)}), {_join_names(equals)} "
-        text += f"{'comes' if len(equals) == 1 else 'come'} closest, with up to {format_length(worst[closest])} rms."
+        text += f"{_come(equals)} closest, with up to {format_length(worst[closest])} rms."
     return f"{text} {describe_grade(view.robot)}"
+
+
+def _come(names: list[str]) -> str:
+    return "comes" if len(names) == 1 else "come"
 
 
 def _join_names(names: list[str]) -> str:
@@ -113,7 +118,8 @@ def _figures(view: CompareView) -> Section:
 
 
 def _is_closest(view: CompareView, cell: str, strategy: str) -> bool:
-    return view.rms(cell, strategy) <= 1.02 * min(view.rms(cell, name) for name in view.strategies)
+    best = min(view.rms(cell, name) for name in view.strategies)
+    return view.rms(cell, strategy) <= max(1.02 * best, FLOOR)
 
 
 def _matrix(view: CompareView) -> PageTable:

@@ -1,0 +1,333 @@
+"""The page of a diagnosis: where, which, how far in three sentences, then the evidence for each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.report.effect_words import describe_effect, describe_parameters, name_effect
+from compplan.report.gap_figures import (
+    draw_alone,
+    draw_candidates,
+    draw_factors,
+    draw_histogram,
+    draw_residuals,
+    draw_shares,
+    draw_traces,
+)
+from compplan.report.page import Block, Cell, Chart, Column, Columns, Fold, PageTable, Section, write_page
+from compplan.report.path_scene import describe_magnification
+from compplan.report.provenance import describe_grade, describe_robot
+from compplan.report.style import format_length, format_number, format_percent
+from compplan.robot import Array, Robot
+
+if TYPE_CHECKING:
+    from compplan.diagnose.where import Split
+    from compplan.measurements import Campaign
+
+#: Candidates that are drawn at most.
+DRAWN = 12
+Row = list[Cell | str | float | int | None]
+
+
+@dataclass(frozen=True, eq=False)
+class DiagnosisView:
+    """What the page of a diagnosis shows; n rows.
+
+    Attributes:
+        title: Name of the campaign.
+        robot: The nominal robot.
+        campaign: The measurement log.
+        verdict: `verdict` of diagnosis.json.
+        gap: `gap` of diagnosis.json.
+        candidates: `candidates` of diagnosis.json, the most probable first.
+        next_measurement: `next_measurement` of diagnosis.json.
+        split: Where the gap lies.
+        point: Measured points, base frame. Shape (n, 3). [m]
+        before: Measured minus predicted by the nominal robot, base axes. Shape (n, 3). [m]
+        after: Measured minus predicted by the updated robot, base axes. Shape (n, 3). [m]
+        used: Rows that count; the others are outliers or incomplete. Shape (n,).
+        rivals: Held-out rms of other explanations, by what they are, such as "registration only". [m]
+        structure: What an unexplained rest looks like, one sentence each.
+        facts: Rows of name and value for the foot of the page.
+        notes: Warnings, one sentence each.
+        assumptions: What was assumed, one sentence each.
+    """
+
+    title: str
+    robot: Robot
+    campaign: Campaign
+    verdict: Mapping[str, Any]
+    gap: Mapping[str, float | None]
+    candidates: Sequence[Mapping[str, Any]]
+    next_measurement: Sequence[Mapping[str, Any]]
+    split: Split
+    point: Array
+    before: Array
+    after: Array
+    used: NDArray[np.bool_]
+    rivals: Mapping[str, float] | None = None
+    structure: Sequence[str] = ()
+    facts: Sequence[tuple[str, str]] = ()
+    notes: Sequence[str] = ()
+    assumptions: Sequence[str] = ()
+
+
+def write_diagnosis(view: DiagnosisView, file: Path) -> None:
+    """Write the page of a diagnosis.
+
+    Args:
+        view: What it shows.
+        file: The HTML file.
+    """
+    sections = [_where(view), _which(view), _how_far(view), _next(view)]
+    write_page(
+        file,
+        view.title,
+        [say_where(view), say_which(view), say_how_far(view)],
+        [section for section in sections if section.blocks],
+        kind=f"Diagnosis of the sim-to-real gap, {view.robot.name}",
+        notes=[*view.notes, describe_grade(view.robot)],
+        provenance=describe_robot(view.robot, [*_count_rows(view), *view.facts], list(view.assumptions)),
+    )
+
+
+def say_where(view: DiagnosisView) -> str:
+    """Answer where the gap lies, in a sentence."""
+    split = view.split
+    gap = f"Where: the nominal model leaves {format_length(split.rms)} rms"
+    if not split.cells:
+        noise = f"; {format_percent(split.noise)} of its square is noise" if split.noise > 0 else ""
+        return f"{gap}, and no joint, frame, load or time carries a part of it that stands out{noise}."
+    carriers = sorted(split.by_joint.items(), key=lambda item: -item[1].share)
+    parts: list[str] = []
+    for name, share in carriers[:3]:
+        if share.share >= 0.05 or not parts:
+            how = " and ".join(dict.fromkeys(mechanism for place, mechanism in split.cells if place == name))
+            interval = f"{format_number(100 * share.low)} to {format_number(100 * share.high)}"
+            parts.append(f"{name} carries {format_percent(share.share)} (95 %: {interval}), by its {how}")
+    rest = "" if split.unexplained < 0.02 else f"; {format_percent(split.unexplained)} is not placed"
+    return f"{gap}; {'; '.join(parts)}{rest}."
+
+
+def say_which(view: DiagnosisView) -> str:
+    """Answer which effect causes the gap, in a sentence."""
+    status, effects = view.verdict["status"], view.verdict["effects"]
+    if status == "none":
+        return "Which: none; the residual is noise."
+    if not effects:
+        text = " ".join(view.structure[:1])
+        return f"Which: unknown; there is structure in the residual and no effect explains it. {text}".rstrip()
+    told = [f"{describe_effect(effect)} (probability {effect['probability']:.2f})" for effect in effects[:3]]
+    text = f"Which: {'; '.join(told)}"
+    if len(effects) > 3:
+        text += f"; and {len(effects) - 3} more"
+    rivals = [name_effect(rival) for effect in effects[:3] for rival in effect.get("ambiguous_with", [])]
+    if rivals:
+        text += f"; this campaign cannot tell it from {', '.join(rivals[:4])}"
+    if status == "partly_explained":
+        text += "; structure is left that none of them explains"
+    return f"{text}."
+
+
+def say_how_far(view: DiagnosisView) -> str:
+    """Answer how far the gap shrinks, in a sentence."""
+    before, after = view.gap.get("held_out_before_rms_mm"), view.gap.get("held_out_after_rms_mm")
+    floor = view.gap.get("noise_floor_mm")
+    if before is None or after is None:
+        return "How far: too few rows to leave some out, so no honest figure can be given."
+    text = f"How far: on rows that had no part in the choice the deviation goes from {format_length(1e-3 * before)} "
+    text += f"to {format_length(1e-3 * after)} rms"
+    if floor:
+        text += f", {format_number(after / floor, 3)} times the noise floor of {format_length(1e-3 * floor)}"
+    return f"{text}."
+
+
+def _count_rows(view: DiagnosisView) -> list[tuple[str, str]]:
+    left = int((~view.used).sum())
+    facts = [
+        (
+            "rows",
+            f"{len(view.used)}, of which {left} are left out as outliers or incomplete"
+            if left
+            else f"{len(view.used)}",
+        )
+    ]
+    if view.campaign.file is not None:
+        facts.insert(0, ("measurements", str(view.campaign.file)))
+    return facts
+
+
+def _where(view: DiagnosisView) -> Section:
+    from compplan.diagnose.patterns import MECHANISMS
+
+    split, used = view.split, view.used
+    q = np.nan_to_num(view.campaign.q[used])
+    point, before = view.point[used], view.before[used]
+    figure = draw_residuals(view.robot, q, point, before, view.after[used])
+    magnified = describe_magnification(point, before)
+    blocks: list[Block] = [
+        Chart(figure, f"Measured minus predicted point, {magnified}; turning one scene turns the other.", 430, True),
+        Columns([
+            [Chart(draw_shares(split.by_joint, "place"), "Which joint would have to err; lines: 95 % intervals.", 340)],
+            [Chart(draw_shares(split.by_factor, "factor"), "What the error depends on; lines: 95 % intervals.", 340)],
+        ]),
+    ]  # fmt: skip
+    if split.traces:
+        caption = (
+            "The error that the joint would have to make at every row, the other carriers taken out: a soft spring is "
+            "a sloped line, lost motion two levels, a gear error a wave."
+        )
+        blocks.append(Chart(draw_traces(split.traces), caption, 60 + 250 * -(-len(split.traces) // 3)))
+    caption = (
+        "How much of the gap, in per cent, each place could explain alone by each mechanism, on rows left out of the "
+        "fit. Several dark fields in one gap are rivals."
+    )
+    blocks.append(Chart(draw_alone(split.alone, MECHANISMS), caption, 90 + 30 * len(split.alone)))
+    blocks.append(Fold("By run, time, load, direction, approach and region", _split_tables(split)))
+    return Section("Where it lies", blocks)
+
+
+def _split_tables(split: Split) -> list[Block]:
+    end = [Column("rows"), Column("rms", "mm"), Column("share of the gap"), Column("95 %")]
+
+    def tail(entry: Mapping[str, Any]) -> Row:
+        interval = f"{format_percent(entry['low'])} to {format_percent(entry['high'])}"
+        return [int(entry["rows"]), float(entry["rms_mm"]), format_percent(entry["share"]), interval]
+
+    def reach(pair: Sequence[float]) -> str:
+        return f"{format_number(float(pair[0]), 4)} to {format_number(float(pair[1]), 4)}"
+
+    runs = PageTable(
+        [Column("run"), *end], [[name, *tail(entry)] for name, entry in split.by_run.items()], "By run.", 12
+    )
+    times: list[Row] = []
+    for entry in split.by_time:
+        span = reach(entry["time_s"]) if "time_s" in entry else "–"
+        times.append([f"{entry['rows_from']} to {entry['rows_to']}", span, *tail(entry)])
+    loads = PageTable(
+        [Column("force", "N"), *end], [[reach(e["force_N"]), *tail(e)] for e in split.by_load], "By load."
+    )
+    regions = PageTable(
+        [Column("reach", "mm"), Column("height", "mm"), *end],
+        [[reach(entry["reach_mm"]), reach(entry["height_mm"]), *tail(entry)] for entry in split.by_region],
+        "By region: distance from the axis of the base, and height.",
+    )
+    axes: list[Row] = [
+        [
+            name.replace("_", " "),
+            format_percent(share.share),
+            f"{format_percent(share.low)} to {format_percent(share.high)}",
+        ]
+        for name, share in split.by_axis.items()
+    ]
+    approach: list[Row] = []
+    for name, numbers in split.by_approach.items():
+        key = next(iter(numbers))
+        size, error = numbers[key], numbers["standard_error"]
+        approach.append([name, Cell(size, "strong" if abs(size) > 4 * error else ""), error, key.rsplit("_", 1)[1]])
+    columns = [Column("joint"), Column("lost motion"), Column("standard error"), Column("unit")]
+    blocks: list[Block] = [
+        runs,
+        PageTable([Column("rows of the log"), Column("time", "s"), *end], times, "By time."),
+        loads,
+        regions,
+        PageTable([Column("direction"), Column("share of the gap"), Column("95 %")], axes, "By direction, base axes."),
+    ]
+    if approach:
+        caption = "How far a joint stands apart when its last move came from either side; positive: it lags behind."
+        blocks.append(PageTable(columns, approach, caption))
+    return blocks
+
+
+def _which(view: DiagnosisView) -> Section:
+    effects = view.verdict["effects"]
+    blocks: list[Block] = []
+    if effects:
+        rows: list[Row] = []
+        for effect in effects:
+            rivals = "; ".join(name_effect(rival) for rival in effect.get("ambiguous_with", [])) or "nothing listed"
+            sure = Cell(f"{effect['probability']:.2f}", "strong")
+            rows.append([name_effect(effect), sure, describe_parameters(effect.get("parameters", {})), rivals])
+        heads = [Column("effect"), Column("probability"), Column("parameters"), Column("cannot be told from")]
+        blocks.append(PageTable(heads, rows, "Effects present together, the largest share of the gap first."))
+    blocks += [f"What is left: {sentence}" for sentence in view.structure]
+    if view.candidates:
+        drawn = [(name_effect(candidate), float(candidate["probability"])) for candidate in view.candidates[:DRAWN]]
+        chart = Chart(draw_candidates(drawn), "Candidates by probability.", 90 + 26 * len(drawn))
+        rows = [
+            [name_effect(candidate), float(candidate["probability"]), candidate.get("held_out_rms_mm")]
+            for candidate in view.candidates
+        ]
+        heads = [Column("candidate"), Column("probability"), Column("held-out rms", "mm", 4)]
+        blocks.append(Columns([[chart], [PageTable(heads, rows, "All candidates, ranked.", 12)]]))
+    return Section("Which effect", blocks)
+
+
+def _how_far(view: DiagnosisView) -> Section:
+    gap, used = view.gap, view.used
+    rows: list[Row] = [
+        ["nominal model", gap.get("before_rms_mm"), gap.get("held_out_before_rms_mm")],
+        [Cell("updated model", "strong"), gap.get("after_rms_mm"), Cell(gap.get("held_out_after_rms_mm"), "strong")],
+    ]
+    rows += [[name, None, 1e3 * rms] for name, rms in (view.rivals or {}).items()]
+    floor = Cell(gap.get("noise_floor_mm"), "muted")
+    rows.append([Cell("noise floor", "muted"), floor, floor])
+    heads = [Column("model"), Column("all rows", "mm"), Column("rows left out of the choice", "mm")]
+    before, after = (np.linalg.norm(side[used], axis=1) for side in (view.before, view.after))
+    noise = 1e-3 * float(gap.get("noise_floor_mm") or 0.0)
+    histogram = Chart(
+        draw_histogram(before, after, noise), "Deviations of all rows; dashed: what noise alone would give.", 320
+    )
+    table = PageTable(heads, rows, "Rms of the 3D distance, outliers left out.")
+    factors = _list_factors(view)
+    chart = Chart(
+        draw_factors(factors, before, after), "The deviation along each factor.", 70 + 230 * -(-len(factors) // 3)
+    )
+    return Section("How far it shrinks", [Columns([[table], [histogram]], (0.45, 0.55)), chart])
+
+
+def _list_factors(view: DiagnosisView) -> dict[str, tuple[Array, str]]:
+    campaign, used, point = view.campaign, view.used, view.point
+    factors: dict[str, tuple[Array, str]] = {}
+    if campaign.time is not None:
+        factors["time"] = campaign.time[used], "s"
+    else:
+        factors["row"] = np.flatnonzero(used).astype(float), ""
+    if campaign.load_varies:
+        factors["force on the tool"] = np.linalg.norm(np.nan_to_num(campaign.wrench[used, :3]), axis=1), "N"
+    factors["reach from the base axis"] = 1e3 * np.hypot(point[used, 0], point[used, 1]), "mm"
+    factors["height"] = 1e3 * point[used, 2], "mm"
+    if campaign.temperature is not None:
+        factors["temperature"] = campaign.temperature[used], "°C"
+    speed = np.abs(campaign.speed[used]).max(axis=1)
+    if speed.max(initial=0.0) > 0:
+        factors["fastest joint"] = speed, "rad/s"
+    for name, share in sorted(view.split.by_joint.items(), key=lambda item: -item[1].share)[:2]:
+        if name in view.robot.joint_names and share.share > 0.05 and len(factors) < 6:
+            k = view.robot.joint_names.index(name)
+            scale, unit = (1e3, "mm") if view.robot.prismatic[k] else (180 / np.pi, "deg")
+            factors[f"position of {name}"] = campaign.q[used, k] * scale, unit
+    return factors
+
+
+def _next(view: DiagnosisView) -> Section:
+    rows: list[Row] = []
+    for step in view.next_measurement:
+        separates = " from ".join(_name_any(item) for item in step.get("separates", []))
+        gain = step.get("expected_gain", step.get("expected_probability_gain"))
+        how = str(step.get("how", step.get("kind", ""))) or "–"
+        rows.append([separates, how, len(step.get("poses", [])), len(step.get("wrenches", [])), gain])
+    heads = [Column("separates"), Column("how"), Column("poses"), Column("loads"), Column("expected gain")]
+    text = "Poses and loads stand in diagnosis.json; all are within joint limits and the loads of this campaign."
+    blocks: list[Block] = [PageTable(heads, rows), text] if rows else []
+    return Section("What to measure next", blocks)
+
+
+def _name_any(item: Any) -> str:
+    return name_effect(item) if isinstance(item, Mapping) else str(item).replace("_", " ")
