@@ -327,6 +327,21 @@ def describe_contact(contact: Contact) -> str:
     return f"{contact.first} comes within {1e3 * contact.distance:.1f} mm of {contact.second}"
 
 
+def describe_clearance(profile: ClearanceProfile) -> dict[str, Any]:
+    """Describe the clearance along a path for plan.json."""
+    waypoint, contact = profile.least
+    own = profile.own
+    return {
+        "wanted_mm": 1e3 * profile.wanted,
+        "least_mm": 1e3 * contact.distance,
+        "waypoint": waypoint,
+        "between": [contact.first, contact.second] if contact.first else [],
+        "own_least_mm": 1e3 * own.distance,
+        "own_waypoint": profile.own_waypoint,
+        "own_between": [own.first, own.second] if own.first else [],
+    }
+
+
 def _lower_bounds(travel: Array, known: NDArray[np.int_], distance: Array) -> Array:
     """Bound the distance at every waypoint from those that are known on either side."""
     rows = np.arange(len(travel))

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from compplan.collision import describe_clearance
 from compplan.compare import Comparison
 from compplan.errors import InputError
 from compplan.evaluate import Evaluation
@@ -101,6 +102,10 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "judge": plan.judge,
         "notes": list(plan.notes),
     }
+    if plan.task.start is not None and plan.task.start.stance is not None:
+        summary["posture"] = plan.task.start.stance.describe()
+    if plan.clearance is not None:
+        summary["clearance"] = describe_clearance(plan.clearance)
     if failures:
         summary["failures"] = [{"waypoint": waypoint, "limit": limit} for waypoint, limit in sorted(failures.items())]
         summary["failure"] = plan.explain_failures()

@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 
 from compplan.cell import JUDGE, build_cell
 from compplan.chain import build_chain, locate_frames
+from compplan.collision import ClearanceProfile
 from compplan.errors import InputError, UnknownNameError
 from compplan.evaluate import Evaluation, Margins, evaluate_run, measure_margins
 from compplan.ik import build_arm, pose_error, refine_ik
 from compplan.job import Job, load_nominal
-from compplan.posture import Wish, choose_posture
+from compplan.ladder.start import PostureRequest, check_clearance, find_start, read_request
+from compplan.posture import Wish
 from compplan.process import tool_axes
 from compplan.robot import Array, Robot, load_robot
 from compplan.strategies import command_path
@@ -43,6 +45,7 @@ class PlanOptions:
         tool_x: Where the TCP frame's x points, base axes. Shape (3,).
         velocity_scale: Share of the robot's velocity limits that may be used.
         acceleration_scale: Share of the robot's acceleration limits that may be used.
+        posture: What is asked of the posture; None keeps one configuration and the tool's x where `tool_x` has it.
 
     """
 
@@ -54,6 +57,7 @@ class PlanOptions:
     tool_x: tuple[float, float, float] | Array = (1.0, 0.0, 0.0)
     velocity_scale: float = 1.0
     acceleration_scale: float = 1.0
+    posture: PostureRequest | None = None
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,7 @@ class Plan:
         approach: Joint positions before the first waypoint, where the toolpath has no rapid start. Shape (0 or 1, nq).
         retract: Joint positions after the last waypoint, where the toolpath ends in a cut. Shape (0 or 1, nq).
         judge: Who computed `before` and `after`.
+        clearance: How far arm and tool keep clear of part and fixture, or None.
         notes: Warnings, one sentence each.
         job: The job, or None.
 
@@ -88,6 +93,7 @@ class Plan:
     approach: Array
     retract: Array
     judge: str = JUDGE
+    clearance: ClearanceProfile | None = None
     notes: tuple[str, ...] = ()
     job: Job | None = None
 
@@ -172,6 +178,9 @@ def plan_compensation(
 def plan_task(task: PlanTask, strategy: str, *, name: str = "path") -> Plan:
     """Let one strategy command a task; time and judge its command."""
     command = command_path(task, strategy)
+    clearance, near = check_clearance(task.start, command.q)
+    if near:
+        command = replace(command, status="infeasible", failures={**near, **command.failures})
     timing = time_command(task, command.q)
     cell = build_cell(task.robot)
     after = evaluate_run(task, command.q, cell)
@@ -188,7 +197,8 @@ def plan_task(task: PlanTask, strategy: str, *, name: str = "path") -> Plan:
         margins=measure_margins(task, command.q, timing),
         approach=approach,
         retract=retract,
-        notes=_notes(task, timing),
+        clearance=clearance,
+        notes=(*(task.start.notes if task.start else ()), *_notes(task, timing)),
     )
 
 
@@ -213,26 +223,28 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         message = f"robot {robot.name!r} has {chain.nq} joints, a tool position and direction needs {equations}"
         raise InputError(message, file=file, where="robot" if file else None)
     try:
-        posture = choose_posture(robot, nominal.position, rotation, options.wish)
+        start = find_start(robot, nominal, np.asarray(options.tool_x, float), rotation, options.wish, options.posture)
     except InputError as error:
         raise InputError(error.message, file=file, where=error.where if file else None) from None
+    nominal = start.nominal
     wrench, compensated = load_contacts(nominal)
     return PlanTask(
         robot=robot,
         chain=chain,
         nominal=nominal,
-        rotation=rotation,
+        rotation=start.rotation,
         wrench=wrench,
         compensated=compensated,
-        q_start=posture.q,
-        configuration=posture.configuration,
-        missed=posture.missed,
+        q_start=start.q,
+        configuration=start.configuration,
+        missed=start.missed,
         step_time=programmed_times(nominal),
         velocity_limits=robot.velocity_limits * options.velocity_scale,
         acceleration_limits=robot.acceleration_limits * options.acceleration_scale,
         max_correction=options.max_correction,
         tolerance=options.tolerance,
         spin_free=options.spin_free,
+        start=start,
     )
 
 
@@ -286,6 +298,7 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         tool_x=job.tool_x_base,
         velocity_scale=job.limits.velocity_scale,
         acceleration_scale=job.limits.acceleration_scale,
+        posture=read_request(job, robot),
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.chain import Chain
+from compplan.ladder.start import Start
 from compplan.nlp import NlpSolution, PathProblem
 from compplan.robot import Array, Robot
 from compplan.sensitivity import AttainedPose, attain_pose
@@ -43,6 +44,7 @@ class PlanTask:
         max_correction: Greatest distance of the unloaded tip from the path. [m]
         tolerance: Greatest deviation of the loaded tip that counts as on the path. [m]
         spin_free: Whether the rotation about the tool axis is free.
+        start: How q_start was found, or None.
 
     """
 
@@ -61,6 +63,7 @@ class PlanTask:
     max_correction: float
     tolerance: float
     spin_free: bool
+    start: Start | None = None
 
     def __len__(self) -> int:
         return len(self.nominal)

@@ -32,8 +32,10 @@ from compplan.ladder.trace import Trace, trace_line
 from compplan.robot import Array, Robot
 from compplan.toolpath import Toolpath
 
-#: Tells the clearance of postures, waypoint by waypoint: (q (m, nq), waypoints (m,)) -> distance (m,) [m].
-Clearance = Callable[[Array, NDArray[np.int_]], Array]
+#: Tells by how much postures keep clear: (q (m, nq), waypoints (m,)) -> margin (m,) [m], negative where too near.
+Margin = Callable[[Array, NDArray[np.int_]], Array]
+#: Waypoints of the finished line whose margin is looked at.
+MARGIN_SAMPLES = 600
 #: Searches that collisions may ask for, and rounds of further stations.
 COLLISION_ROUNDS, STATION_ROUNDS = 25, 4
 #: Stations times options that the graph has at most, as long as 50 stations are left.
@@ -54,8 +56,7 @@ class Task:
         tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
         axes: Axes in whose components the wrench errs, as columns. Shape (3, 3).
         settings: What may vary and what it is chosen for.
-        clearance: Distance to collision, or None.
-        least_clearance: What is allowed. [m]
+        margin: By how much postures keep clear, or None.
 
     """
 
@@ -66,13 +67,12 @@ class Task:
     tool_x: Array
     axes: Array
     settings: PostureSettings
-    clearance: Clearance | None = None
-    least_clearance: float = 0.0
+    margin: Margin | None = None
 
 
 def choose_stance(
     robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings | None = None, *,
-    axes: Array | None = None, clearance: Clearance | None = None, least_clearance: float = 0.0,
+    axes: Array | None = None, margin: Margin | None = None,
 ) -> Stance:  # fmt: skip
     """Choose configuration, rotation about the tool axis, extra axes and lean along a path.
 
@@ -83,8 +83,7 @@ def choose_stance(
         settings: What may vary and what it is chosen for.
         axes: Axes in whose components the wrench errs, as columns in base axes (the part's); base axes if left out.
             Shape (3, 3).
-        clearance: Tells the distance to collision of postures at waypoints.
-        least_clearance: Hard lower bound of it. [m]
+        margin: Tells by how much postures keep clear; what does not leaves the graph.
 
     Raises:
         InfeasibleError: If nothing leads along the path; with the waypoint and what stands there.
@@ -93,7 +92,7 @@ def choose_stance(
     settings = settings or PostureSettings()
     task = Task(
         robot, build_chain(robot), build_arm(robot), nominal, np.asarray(tool_x, float),
-        np.eye(3) if axes is None else axes, settings, clearance, least_clearance,
+        np.eye(3) if axes is None else axes, settings, margin,
     )  # fmt: skip
     options = build_options(task.arm, settings).spin.shape[1]
     stations = pick_stations(nominal, int(np.clip(NODE_BUDGET // options, 50, settings.stations)))
@@ -106,7 +105,7 @@ def choose_stance(
             break
         few = np.linspace(0, len(more) - 1, min(len(more), settings.stations)).astype(int)
         stations = np.union1d(stations, more[few])
-    kind = "clearance" if clearance is not None and not stance.missed.any() else "continuity"
+    kind = "clearance" if margin is not None and not stance.missed.any() else "continuity"
     raise InfeasibleError(
         f"the posture cannot be followed at {len(bad)} waypoints, first at waypoint {bad[0]}: "
         f"{'the arm comes too near' if kind == 'clearance' else 'joints would have to jump or leave their limits'}; "
@@ -139,18 +138,17 @@ def _choose_at(task: Task, stations: NDArray[np.int_]) -> tuple[Stance, NDArray[
         most_step=settings.most_step, free_spin=settings.free_spin,
     )  # fmt: skip
     trace = _allow_changes(trace, task.nominal, settings)
-    distance = None
     bad = trace.missed.copy()
-    if task.clearance is not None:
-        distance = task.clearance(trace.q, np.arange(len(trace.q)))
-        bad |= distance < task.least_clearance
+    if task.margin is not None:
+        rows = np.unique(np.linspace(0, len(bad) - 1, min(len(bad), MARGIN_SAMPLES)).astype(int))
+        bad[rows] |= task.margin(trace.q[rows], rows) < 0
     picture: PostureMap = slice_map(coarse, line, chosen, fine.options, task.nominal)
     stance = Stance(
         q=trace.q, rotation=trace.rotation, spin=trace.spin, lead=trace.lead, lean=trace.lean,
         configuration=CONFIGURATIONS[int(np.bincount(chosen.slot).argmax())], changes=_list_changes(chosen, stations),
         weights=weights, settings=settings,
         costs=summarise_costs(task.chain, robot, task.nominal, trace, settings, task.axes),
-        map=picture, clearance=distance, missed=trace.missed,
+        map=picture, missed=trace.missed,
     )  # fmt: skip
     return stance, np.flatnonzero(bad)
 
@@ -174,10 +172,10 @@ def _search_clear(task: Task, lattice: Lattice, rungs: Rungs, weights: Weights) 
     checked = np.zeros(lattice.reason.shape, bool)
     for _ in range(COLLISION_ROUNDS):
         line = search_line(lattice, rungs, weights, task.robot, start=start)
-        if task.clearance is None:
+        if task.margin is None:
             return lattice, line
         rows = np.arange(len(line.option))
-        near = task.clearance(line.q, lattice.stations) < task.least_clearance
+        near = task.margin(line.q, lattice.stations) < 0
         if not near.any():
             return lattice, line
         reason = lattice.reason.copy()
@@ -187,7 +185,7 @@ def _search_clear(task: Task, lattice: Lattice, rungs: Rungs, weights: Weights) 
         suspects[rows[near], :, line.slot[near]] = True
         suspects &= ~checked & lattice.usable
         node = np.nonzero(suspects)
-        hits = task.clearance(lattice.q[node], lattice.stations[node[0]]) < task.least_clearance
+        hits = task.margin(lattice.q[node], lattice.stations[node[0]]) < 0
         checked |= suspects
         reason[tuple(index[hits] for index in node)] = COLLISION
         lattice = replace(lattice, reason=reason)

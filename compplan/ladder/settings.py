@@ -11,6 +11,7 @@ from compplan.costs import Measure, Uncertainty
 
 if TYPE_CHECKING:
     from compplan.job import Job
+    from compplan.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -57,15 +58,21 @@ class PostureSettings:
     most_step: float = float(np.radians(20.0))
 
 
-def read_settings(job: Job) -> PostureSettings:
-    """Take the settings from a job's tables [plan] and [posture]."""
+def read_settings(job: Job, robot: Robot) -> PostureSettings:
+    """Take the settings from a job's tables [plan] and [posture].
+
+    A wrench that is given in tool axes would turn with the tool: the rotation then stays where the job has it.
+    """
     words = job.plan.configuration.model_dump(exclude_none=True)
     words.pop("start_deg", None)
     table = job.posture
+    start = job.plan.start
+    if start is not None and len(start) == robot.nq:
+        start = tuple(v * 1e-3 if slides else float(np.radians(v)) for v, slides in zip(start, robot.prismatic, strict=True))
     return PostureSettings(
-        free_spin=job.plan.rotate_about_tool_axis,
+        free_spin=job.plan.rotate_about_tool_axis and getattr(job.process, "frame", "part") != "tool",
         configuration=words,
-        start=job.plan.start,
+        start=start,
         preset=table.preset,
         weights=dict(table.weights),
         measure=table.measure,

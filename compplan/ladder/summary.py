@@ -64,7 +64,6 @@ class Stance:
         settings: What was asked for.
         costs: What the stance costs, by criterion, with the unit in the key.
         map: What the search saw.
-        clearance: Distance to collision at each waypoint, or None. Shape (n,). [m]
         missed: Waypoints where the stance could not be followed. Shape (n,).
 
     """
@@ -80,7 +79,6 @@ class Stance:
     settings: PostureSettings
     costs: dict[str, float]
     map: PostureMap
-    clearance: Array | None
     missed: NDArray[np.bool_]
 
     @property
@@ -91,7 +89,7 @@ class Stance:
     def describe(self) -> dict[str, Any]:
         """Describe the stance for plan.json."""
         spin = np.degrees(self.spin)
-        entry: dict[str, Any] = {
+        return {
             "preset": self.settings.preset,
             "weights_mm2": {name: float(value) for name, value in vars(self.weights).items()},
             "uncertainty_assumed": {
@@ -105,9 +103,6 @@ class Stance:
                 {"waypoint": waypoint, "from": before, "to": after} for waypoint, before, after in self.changes
             ],
         }
-        if self.clearance is not None:
-            entry["clearance_mm"] = float(1e3 * self.clearance.min())
-        return entry
 
 
 def measure_remaining(
