@@ -127,9 +127,10 @@ def say_which(view: DiagnosisView) -> str:
     text = f"Which: {'; '.join(told)}"
     if len(effects) > 3:
         text += f"; and {len(effects) - 3} more"
-    rivals = [name_effect(rival) for effect in effects[:3] for rival in effect.get("ambiguous_with", [])]
-    if rivals:
-        text += f"; this campaign cannot tell it from {', '.join(rivals[:4])}"
+    for effect in effects[:3]:
+        rivals = [name_effect(rival) for rival in effect.get("ambiguous_with", [])]
+        if rivals:
+            text += f"; this campaign cannot tell {name_effect(effect)} from {' or '.join(rivals[:3])}"
     if status == "partly_explained":
         text += "; structure is left that none of them explains"
     return f"{text}."

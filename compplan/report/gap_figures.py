@@ -191,6 +191,8 @@ def draw_traces(traces: Sequence[Trace]) -> Any:
         if trace.mechanism == "lost motion":
             figure.update_xaxes(tickvals=[-1, 0, 1], ticktext=["minus", "unknown", "plus"], row=row, col=col)
         low, high = np.percentile(trace.error, (0.5, 99.5))
+        if trace.mechanism == "zero":
+            low, high = min(low, 0.0), max(high, 0.0)
         room = 0.25 * max(float(high - low), 1e-9)
         figure.update_yaxes(
             range=[float(low) - room, float(high) + room], title_text=trace.error_unit, row=row, col=col

@@ -1,0 +1,134 @@
+"""The page of a diagnosis: three answers on top, evidence below, nothing claimed that the verdict does not claim."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from compplan.chain import build_chain
+from compplan.diagnose.where import split_deviation
+from compplan.elastic import solve_equilibrium
+from compplan.measurements import Campaign
+from compplan.report.diagnosis_page import DiagnosisView, say_how_far, say_where, say_which, write_diagnosis
+from compplan.report.effect_words import SENTENCES, describe_effect, describe_parameters, name_effect
+from compplan.report.gap_figures import _noise_share, draw_histogram, thin_dots
+from compplan.robot import load_robot
+
+SIGMA = 3e-5
+PARAMETERS = {"compliance_change_rad_per_Nm": 2.6e-7}
+SPRING = {"effect": "joint_stiffness", "joint": "joint_3", "axis": None, "probability": 0.97}
+
+
+def make_view(**changes: Any) -> DiagnosisView:
+    """Soften joint 3 by 60 % and diagnose it with the truth."""
+    robot = load_robot("kuka_kr270")
+    rng = np.random.default_rng(1)
+    q = np.array([0.0, 0.4, -1.4, 0.0, 0.9, 0.0]) + rng.uniform(-1, 1, (120, 6)) * [1.2, 0.5, 0.5, 1.5, 0.6, 1.5]
+    force = rng.uniform(-1500, 1500, (120, 3))
+    force[::4] = 0.0
+    campaign = Campaign(
+        np.repeat(["static_1", "static_2"], 60), q, np.hstack([force, np.zeros((120, 3))]), np.zeros((120, 3)),
+        time=10.0 * np.arange(120),
+    )  # fmt: skip
+    soft = tuple(replace(s, compliance=1.6 * s.compliance) if s.joint == "joint_3" else s for s in robot.springs)
+    nominal = solve_equilibrium(build_chain(robot), q, campaign.wrench).position
+    noise = rng.normal(scale=SIGMA, size=(120, 3))
+    point = solve_equilibrium(build_chain(replace(robot, springs=soft)), q, campaign.wrench).position + noise
+    before, floor = point - nominal, float(np.sqrt(3) * SIGMA)
+    view = DiagnosisView(
+        title="Campaign", robot=robot, campaign=replace(campaign, position=point),
+        verdict={"status": "explained", "effects": [{**SPRING, "parameters": PARAMETERS}]},
+        gap={
+            "before_rms_mm": 1e3 * float(np.sqrt((before**2).sum(1).mean())), "after_rms_mm": 0.052,
+            "held_out_before_rms_mm": 0.6, "held_out_after_rms_mm": 0.0525, "noise_floor_mm": 1e3 * floor,
+        },
+        candidates=[{**SPRING, "held_out_rms_mm": 0.0525}], next_measurement=[],
+        split=split_deviation(robot, campaign, before, noise=floor), point=point, before=before, after=noise,
+        used=np.ones(120, bool),
+    )  # fmt: skip
+    return replace(view, **changes)
+
+
+def own_part(html: str) -> str:
+    return re.sub(r"<script>(?:(?!</script>).){1000000,}</script>", "", html, flags=re.S)
+
+
+def test_the_three_answers_stand_on_top_and_name_place_cause_and_gain(tmp_path: Path) -> None:
+    view = make_view()
+    write_diagnosis(view, tmp_path / "report.html")
+    html = own_part((tmp_path / "report.html").read_text())
+    found = re.search(r'<ol class="lede">(.*?)</ol>', html, re.S)
+    assert found
+    answers = re.findall(r"<li>(.*?)</li>", found.group(1))
+    assert len(answers) == 3
+    assert "joint_3 carries 9" in answers[0]
+    assert "by its spring" in answers[0]
+    assert "the compliance of joint_3 differs from the model (probability 0.97)" in answers[1]
+    assert "to 52.5\u00a0µm rms, 1.01 times the noise floor of 52.0\u00a0µm" in answers[2]
+    assert (tmp_path / "report.html").stat().st_size < 6e6
+
+
+def test_unknown_and_none_are_said_plainly() -> None:
+    unknown = make_view(verdict={"status": "unknown", "effects": []}, structure=["It repeats with joint_4."])
+    assert say_which(unknown).startswith("Which: unknown;")
+    assert "It repeats with joint_4." in say_which(unknown)
+    assert say_which(make_view(verdict={"status": "none", "effects": []})) == "Which: none; the residual is noise."
+
+
+def test_a_gap_of_noise_has_no_place() -> None:
+    view = make_view()
+    quiet = split_deviation(view.robot, view.campaign, view.after, noise=float(np.sqrt(3) * SIGMA))
+    assert "no joint, frame, load or time carries a part of it" in say_where(replace(view, split=quiet))
+
+
+def test_rivals_and_unexplained_structure_are_said() -> None:
+    effect = {**SPRING, "ambiguous_with": [{"effect": "link_compliance", "joint": "joint_2", "axis": "ry"}]}
+    text = say_which(make_view(verdict={"status": "partly_explained", "effects": [effect]}))
+    assert "cannot tell joint stiffness, joint_3 from link compliance, joint_2 ry" in text
+    assert "structure is left that none of them explains" in text
+
+
+def test_without_held_out_rows_no_figure_is_given() -> None:
+    assert "no honest figure" in say_how_far(make_view(gap={"before_rms_mm": 0.5}))
+
+
+@pytest.mark.parametrize("name", sorted(SENTENCES))
+def test_every_effect_of_the_vocabulary_has_words(name: str) -> None:
+    place = {"effect": name, "joint": "joint_2", "axis": "rx"}
+    assert "{" not in describe_effect(place)
+    assert "_" not in name_effect({"effect": name, "joint": None, "axis": None})
+
+
+def test_the_words_cover_the_effects_that_there_are() -> None:
+    folder = Path(__file__).parent.parent / "compplan" / "effects"
+    named = {file.stem for file in folder.glob("*.py") if re.search(r'^name = "', file.read_text(), re.M)}
+    assert named <= set(SENTENCES)
+
+
+def test_parameters_show_their_unit() -> None:
+    assert describe_parameters({"compliance_change_rad_per_Nm": 2.6e-7}) == "compliance change 2.60e−07 rad/(N m)"
+    assert describe_parameters({"offset_mrad": 0.25, "row": 120}) == "offset 0.250 mrad; row 120"
+    assert describe_parameters({"shift_mm": [0.1, 0.2, 0.0]}) == "shift [0.100, 0.200, 0] mm"
+
+
+def test_the_noise_curve_is_what_three_normal_axes_give() -> None:
+    rng = np.random.default_rng(2)
+    distance = np.linalg.norm(rng.normal(scale=SIGMA, size=(200_000, 3)), axis=1)
+    for level in (0.5, 1.0, 2.0):
+        edge = level * SIGMA
+        assert _noise_share(np.array(edge), np.sqrt(3) * SIGMA) == pytest.approx((distance < edge).mean(), abs=3e-3)
+    figure = draw_histogram(distance, distance / 2, float(np.sqrt(3) * SIGMA))
+    assert sum(figure.data[0].y) == pytest.approx(100, abs=1e-6)
+    assert figure.data[2].name == "noise alone"
+
+
+def test_thinned_dots_keep_the_largest() -> None:
+    size = np.random.default_rng(3).uniform(size=20_000)
+    rows = thin_dots(size, 500)
+    assert len(rows) <= 500
+    assert int(np.argmax(size)) in rows
