@@ -19,7 +19,9 @@ N = 30
 LINK = 2e-7
 
 
-def campaign(*, vertical: bool = False, seed: int | None = None) -> tuple[Robot, Robot, Observations, np.ndarray, np.ndarray]:
+def campaign(
+    *, vertical: bool = False, seed: int | None = None
+) -> tuple[Robot, Observations, np.ndarray, np.ndarray]:
     robot = replace(load_robot("kuka_kr120_r3900"), link_elasticities=())
     truth = replace(robot, springs=(*robot.springs, *(replace(s, compliance=LINK) for s in link_springs(robot))))
     drawn = draw_candidates(robot, N, vertical=vertical, lever=0.0 if vertical else 0.3, force=981.0, seed=1)
@@ -27,7 +29,7 @@ def campaign(*, vertical: bool = False, seed: int | None = None) -> tuple[Robot,
     modes = np.repeat([False, True, False, True], N)  # U1 U2 L1 L2
     loads = np.vstack([nothing, nothing, drawn.wrench, drawn.wrench])
     rows = simulate_observations(truth, np.vstack([drawn.q] * 4), loads, link_side=modes, seed=seed)
-    return robot, truth, rows, drawn.q, drawn.wrench
+    return robot, rows, drawn.q, drawn.wrench
 
 
 def by_mode(rows: Observations) -> dict[str, np.ndarray]:
@@ -35,7 +37,7 @@ def by_mode(rows: Observations) -> dict[str, np.ndarray]:
 
 
 def test_the_papers_equations_tell_joint_link_and_total_compliance_apart() -> None:
-    robot, _, rows, q, wrench = campaign()
+    robot, rows, q, wrench = campaign()
     found = identify_modes(robot, q, wrench, by_mode(rows))
     joints = np.array([spring.compliance for spring in robot.springs])
     told = found.observable
@@ -46,13 +48,13 @@ def test_the_papers_equations_tell_joint_link_and_total_compliance_apart() -> No
 
 
 def test_encoder_differences_alone_tell_the_gears() -> None:
-    robot, _, rows, q, wrench = campaign()
+    robot, rows, q, wrench = campaign()
     torque_free = identify_modes(robot, q, wrench, by_mode(rows), deflection=np.zeros((N, 6)))
     assert torque_free.encoders is not None and not torque_free.encoders.any()
 
 
 def test_joint_1_is_unobservable_under_vertical_loads_in_every_mode() -> None:
-    robot, _, rows, q, wrench = campaign(vertical=True)
+    robot, rows, q, wrench = campaign(vertical=True)
     found = identify_modes(robot, q, wrench, by_mode(rows))
     assert not found.observable[0] and np.isnan(found.joint[0]) and np.isnan(found.total[0])
     assert found.observable[1:5].all()
@@ -64,7 +66,7 @@ def test_joint_1_is_unobservable_under_vertical_loads_in_every_mode() -> None:
 
 
 def test_all_modes_together_are_fitted_exactly_with_intervals() -> None:
-    robot, _, rows, _, _ = campaign(seed=3)
+    robot, rows, _, _ = campaign(seed=3)
     structure = build_structure(robot, add=link_springs(robot))
     estimate = estimate_parameters(structure, rows)
     truth = np.array([*(spring.compliance for spring in robot.springs), *[LINK] * 6])
@@ -73,7 +75,7 @@ def test_all_modes_together_are_fitted_exactly_with_intervals() -> None:
 
 
 def test_encoder_readings_sharpen_the_gears_beside_positions() -> None:
-    robot, truth, rows, q, wrench = campaign(seed=3)
+    robot, rows, _, _ = campaign(seed=3)
     loaded = rows.take(np.arange(2 * N, 3 * N))
     structure = build_structure(robot, add=link_springs(robot))
     first = estimate_parameters(structure.select(robot.joint_names), loaded)
@@ -93,7 +95,7 @@ def test_encoder_readings_sharpen_the_gears_beside_positions() -> None:
 
 
 def test_a_missing_mode_is_named() -> None:
-    robot, _, rows, q, wrench = campaign()
+    robot, rows, q, wrench = campaign()
     positions = by_mode(rows)
     del positions["L2"]
     with pytest.raises(InputError, match="no positions in mode L2"):

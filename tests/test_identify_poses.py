@@ -49,8 +49,9 @@ def test_predicted_standard_errors_are_those_of_the_fit() -> None:
 
 def test_the_exchange_finds_the_best_of_all_subsets_of_a_small_set() -> None:
     rng = np.random.default_rng(2)
-    parameters = weigh_candidates(build_structure(load_robot("kuka_kr270")), draw_candidates(load_robot("kuka_kr270"), 5))
-    information = PoseInformation(parameters.parameters[:2], rng.standard_normal((9, 1, 2)) * 30)
+    robot = load_robot("kuka_kr270")
+    parameters = weigh_candidates(build_structure(robot), draw_candidates(robot, 5)).parameters
+    information = PoseInformation(parameters[:2], rng.standard_normal((9, 1, 2)) * 30)
 
     def determinant(chosen: tuple[int, ...]) -> float:
         flat = information.rows[list(chosen)].reshape(-1, 2)

@@ -10,6 +10,7 @@ import pytest
 from compplan.errors import InputError, UnknownNameError
 from compplan.identify import build_structure, candidate_springs, estimate_parameters, simulate_observations
 from compplan.identify.axis_by_axis import AxisTest, estimate_axis_by_axis
+from compplan.identify.forward import KNOWN_FRAMES, pose_residuals, predict_rows
 from compplan.identify.heldout import distance_rms, gain_score, leave_out, linearise_at, make_folds, visited_poses
 from compplan.identify.pose_choice import draw_candidates
 from compplan.identify.refine import GAIN_LIMIT, refine_structure
@@ -82,8 +83,6 @@ def test_leaving_blocks_out_at_one_step_equals_fitting_without_them() -> None:
     for fold in range(5):
         train, test = rows.take(folds != fold), rows.take(folds == fold)
         fitted = estimate_parameters(structure, train, sigma="stated")
-        from compplan.identify.forward import KNOWN_FRAMES, pose_residuals, predict_rows
-
         slow = pose_residuals(test, predict_rows(structure, fitted.model_values, test, KNOWN_FRAMES))
         np.testing.assert_allclose(quick[folds == fold, :3], slow[:, :3], atol=2e-7)
 
@@ -109,9 +108,8 @@ def test_a_gain_is_weighed_against_its_scatter() -> None:
 def test_axis_by_axis_tests_lead_to_the_same_compliances_as_one_fit() -> None:
     robot = load_robot("staubli_tx200")
     factor = np.array([1.3, 0.7, 1.2, 0.8, 1.5, 0.9])
-    truth = replace(
-        robot, springs=tuple(replace(s, compliance=s.compliance * f) for s, f in zip(robot.springs, factor, strict=True))
-    )
+    changed = [replace(s, compliance=s.compliance * f) for s, f in zip(robot.springs, factor, strict=True)]
+    truth = replace(robot, springs=tuple(changed))
     half = np.pi / 2
     # Poses and forces of the paper's Tables A1 and A2, 1 kN each, in our joint zeros.
     plan = [

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from compplan.identify.estimate import Estimate
-from compplan.identify.gap import Gap, measure_gap, tell_inliers
+from compplan.identify.gap import Gap, measure_gap
 from compplan.identify.heldout import gain_score
 from compplan.identify.observations import Observations
 from compplan.identify.parameters import GEOMETRY, Structure
@@ -17,6 +17,7 @@ from compplan.identify.problem import (
     choose_geometry,
     choose_reference,
     held_out_score,
+    screen_outliers,
 )
 from compplan.identify.reading import observe_campaign, place_frames
 from compplan.identify.refine import GAIN_LIMIT, Refinement, refine_structure
@@ -41,7 +42,7 @@ class Identification:
         reference: "absolute" or "difference".
         gap: How far the model lies from the measurements, before and after.
         registration: Frames of the campaign.
-        observations: Rows that were used.
+        observations: Rows that were used, without outliers.
         outliers: Rows of the log that count as gross outliers, counted from 0.
         notes: Sentences for the reader.
     """
@@ -81,7 +82,8 @@ def identify_campaign(robot: Robot, campaign: Campaign, options: IdentifyOptions
     observations, notes = observe_campaign(robot, campaign, frames)
     if observations.encoder is not None or len(set(observations.link_side.tolist())) > 1:
         chosen = replace(chosen, link_side=True)
-    problem, more = choose_reference(choose_geometry(IdentifyProblem(robot, chosen, observations, frames)))
+    screened, outliers, said = screen_outliers(IdentifyProblem(robot, chosen, observations, frames))
+    problem, more = choose_reference(choose_geometry(screened))
     growth = _grow(problem)
     if chosen.stepwise and chosen.geometry == "auto":
         growth = _prefer_less_geometry(growth)
@@ -96,11 +98,16 @@ def identify_campaign(robot: Robot, campaign: Campaign, options: IdentifyOptions
         refinement=growth.refinement,
         geometry=problem.geometry,
         reference=problem.reference,
-        gap=measure_gap(replace(problem, frames=frames, reference="absolute"), growth.structure, kept),
+        gap=measure_gap(
+            replace(problem, frames=frames, reference="absolute"),
+            growth.structure,
+            kept,
+            difference=problem.reference == "difference",
+        ),
         registration=kept.registration,
-        observations=observations,
-        outliers=tuple(int(row) for row in observations.row[~tell_inliers(kept)]),
-        notes=(*notes, *more, *growth.notes, *_say_negative(estimate), *unwritten),
+        observations=problem.observations,
+        outliers=outliers,
+        notes=(*notes, *said, *more, *growth.notes, *_say_negative(estimate), *unwritten),
     )
 
 
@@ -131,6 +138,8 @@ def _grow(problem: IdentifyProblem) -> _Growth:
         loss=problem.options.loss,
         reference=problem.reference,
     )
+    if not set(refinement.names) <= set(structure.names):
+        estimate = problem.fit(grown.select([*structure.names, *refinement.names]))
     kept, notes = _place_added(problem, _drop_negative(problem, grown, refinement), refinement)
     return _Growth(problem, grown, estimate, refinement, kept, notes)
 

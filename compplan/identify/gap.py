@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compplan.identify.axis_by_axis import move_nominal
 from compplan.identify.estimate import Estimate, pose_groups
@@ -36,23 +35,19 @@ class Gap:
     under_load_after: float | None
 
 
-def tell_inliers(estimate: Estimate) -> NDArray[np.bool_]:
-    """Tell which rows are no gross outliers. Shape (n,)."""
-    return np.asarray(estimate.weights > 0.05)
-
-
-def measure_gap(problem: IdentifyProblem, structure: Structure, kept: Estimate) -> Gap:
+def measure_gap(problem: IdentifyProblem, structure: Structure, kept: Estimate, *, difference: bool) -> Gap:
     """Measure the gap of the nominal and the identified robot.
 
     Args:
         problem: Rows, and frames to be fitted, in absolute poses.
         structure: Structure that holds the nominal robot.
-        kept: Fit that the updated robot holds, of absolute poses or differences.
+        kept: Fit that the updated robot holds.
+        difference: Whether it is of differences.
     """
-    rows, group = tell_inliers(kept), pose_groups(problem.observations)
+    rows, group = np.ones(len(problem.observations), bool), pose_groups(problem.observations)
     bare = problem.fit(structure.select([]))
     shown = kept
-    if kept.registration.parts != problem.frames.parts:
+    if difference:
         shown = problem.fit(move_nominal(kept.structure, kept.model_values).select([]))
     several = len(np.unique(group)) < 0.7 * len(group) and np.abs(problem.observations.wrench).max(initial=0.0) > 0
     weights = kept.weights

@@ -28,6 +28,9 @@ from compplan.robot import SPRING_AXES, Array, Robot, Spring
 QUIETER = 1.5
 #: Fewest poses from which geometry is fitted.
 GEOMETRY_POSES = 30
+#: Rows that Tukey's loss weighs less than this are gross outliers, as long as they are no more than this share.
+OUTLIER_WEIGHT = 0.05
+MOST_OUTLIERS = 0.05
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,8 @@ class IdentifyOptions:
         links: Terms of the 6x6 elasticities of links: None, "scale", "diagonal", "beam" or "full".
         geometry: "none", "offsets", "all", or "auto": as much as earns its place on held-out poses.
         reference: "absolute", "difference", or "auto": differences where geometry errs and poses have several loads.
-        loss: "least_squares", "huber" or "tukey".
+        loss: "tukey" finds gross outliers with the richest model, leaves them out and fits by least squares; "huber"
+            weighs rows far from the model less; "least_squares" takes all rows as they are.
     """
 
     register: tuple[str, ...] = ()
@@ -140,12 +144,36 @@ def check_options(options: IdentifyOptions) -> None:
         raise UnknownNameError("reference", options.reference, [*REFERENCES, "auto"])
 
 
+def screen_outliers(problem: IdentifyProblem) -> tuple[IdentifyProblem, tuple[int, ...], list[str]]:
+    """Leave gross outliers out, as the richest model sees them; a poorer one would take what it lacks for outliers.
+
+    Returns:
+        The problem without them, to be fitted by least squares; the rows left out; and sentences on it. Where more rows
+        than `MOST_OUTLIERS` lie apart they are no outliers but structure that no model here holds: then none is left
+        out, and the loss becomes Huber's.
+    """
+    options = problem.options
+    if options.loss != "tukey":
+        return problem, (), []
+    geometry = "none" if options.geometry == "auto" else options.geometry
+    if options.geometry == "auto" and _count_poses(problem) >= GEOMETRY_POSES and options.reference != "difference":
+        geometry = GEOMETRY[-1]
+    structure = build_considered(problem.robot, options, geometry, extras=options.stepwise)
+    apart = problem.fit(structure).weights < OUTLIER_WEIGHT
+    if apart.mean() > MOST_OUTLIERS:
+        said = f"{apart.mean():.0%} of the rows lie apart from every model tried, too many for gross outliers"
+        return replace(problem, options=replace(options, loss="huber")), (), [f"{said}: all stay, under Huber's loss"]
+    kept = replace(problem, observations=problem.observations.take(~apart))
+    rows = tuple(int(row) for row in problem.observations.row[apart])
+    return replace(kept, options=replace(options, loss="least_squares")), rows, []
+
+
 def choose_geometry(problem: IdentifyProblem) -> IdentifyProblem:
     """Fit as much geometry as earns its place on held-out poses."""
     wanted = problem.options.geometry
     if wanted != "auto" or problem.options.reference == "difference":
         return replace(problem, geometry="none" if wanted == "auto" else wanted)
-    if len(np.unique(np.round(problem.observations.q, 4), axis=0)) < GEOMETRY_POSES:
+    if _count_poses(problem) < GEOMETRY_POSES:
         return problem
     best, score = problem, held_out_score(problem, problem.fit(problem.structure()))
     for level in GEOMETRY[1:]:
@@ -187,3 +215,7 @@ def choose_reference(problem: IdentifyProblem) -> tuple[IdentifyProblem, list[st
         f"poses are compared with themselves under other loads: absolute positions scatter {ratio:.1f} times as much,"
         " so geometry errs; compplan diagnose looks for the reason"
     ]
+
+
+def _count_poses(problem: IdentifyProblem) -> int:
+    return len(np.unique(np.round(problem.observations.q, 4), axis=0))
