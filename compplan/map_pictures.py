@@ -83,14 +83,17 @@ def draw_deflection(robot: Robot, deflection: DeflectionMap, panels: list[Panel]
     return _to_png(figure)
 
 
-def draw_dexterity(quality: DexterityMap, zones: list[Zone], names: tuple[str, str], title: str) -> bytes:
-    """Draw the inverse condition number over two joints, with zones.
+def draw_joint_map(
+    quality: DexterityMap, zones: list[Zone], names: tuple[str, str], title: str, *, high_is_good: bool = True
+) -> bytes:
+    """Draw a quantity over two joints, the inverse condition number or another, with zones.
 
     Args:
         quality: The map.
         zones: Boxes to outline.
         names: Names of the two joints.
         title: Title of the figure.
+        high_is_good: Whether a high value is good.
 
     Returns:
         A PNG picture.
@@ -100,7 +103,7 @@ def draw_dexterity(quality: DexterityMap, zones: list[Zone], names: tuple[str, s
     figure, axes = _figure(1, 1, width=5.6, height=4.6)
     axis = axes.flat[0]
     first, second = np.degrees(quality.first), np.degrees(quality.second)
-    _draw_field(axis, first, second, Panel(title, quality.inverse_condition, "", high_is_good=True))
+    _draw_field(axis, first, second, Panel(title, quality.inverse_condition, "", high_is_good))
     for zone in zones:
         low, high = np.degrees(zone.lower), np.degrees(zone.upper)
         corner, size = (low[0], low[1]), (high[0] - low[0], high[1] - low[1])
@@ -144,6 +147,22 @@ def draw_lines(
         axis.legend(frameon=False, fontsize=9)
     if finish is not None:
         finish(axis)
+    return _to_png(figure)
+
+
+def draw_histograms(title: str, x_label: str, samples: dict[str, Array]) -> bytes:
+    """Draw histograms of samples over each other, by name; a PNG picture."""
+    figure, axes = _figure(1, 1, width=6.2, height=3.8)
+    axis = axes.flat[0]
+    bins = np.linspace(0, max(float(values.max()) for values in samples.values()), 60).tolist()
+    for count, (name, values) in enumerate(samples.items()):
+        colour = CATEGORIES[count % len(CATEGORIES)]
+        axis.hist(values, bins=bins, histtype="stepfilled", alpha=0.35, color=colour, label=name)
+        axis.axvline(float(values.mean()), color=colour, linewidth=1.4)
+    axis.set_title(f"{title} (lines: means)", loc="left", fontsize=11)
+    axis.set_xlabel(x_label)
+    axis.set_ylabel("poses")
+    axis.legend(frameon=False, fontsize=9)
     return _to_png(figure)
 
 

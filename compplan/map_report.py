@@ -14,7 +14,7 @@ from compplan.chain import build_chain
 from compplan.errors import InputError
 from compplan.identify import reduce_model
 from compplan.ik import build_arm, middle_of_limits
-from compplan.map_pictures import deflection_panels, draw_deflection, draw_dexterity
+from compplan.map_pictures import deflection_panels, draw_deflection, draw_joint_map
 from compplan.maps import DeflectionMap, map_deflection
 from compplan.quality import DexterityMap, find_characteristic_length, map_dexterity, quality_of_poses
 from compplan.reach import ELBOWS, make_plane, reach_plane, stand_of_arm, working_limits
@@ -185,7 +185,7 @@ def draw_maps(result: RobotMaps) -> dict[str, tuple[bytes, str]]:
         f"{result.dexterity.length * 1e3:.0f} mm. Wrist joints stand at {WRIST_FOR_QUALITY_DEG:.0f} deg, the first "
         "joint in the middle of its limits."
     )
-    png = draw_dexterity(result.dexterity, [], (names[0], names[1]), "Dexterity 1/κ (1 is best)")
+    png = draw_joint_map(result.dexterity, [], (names[0], names[1]), "Dexterity 1/κ (1 is best)")
     pictures["dexterity.png"] = (png, caption)
     return pictures
 

@@ -1,0 +1,30 @@
+"""`compplan reproduce`: the figures of a paper beside ours."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from compplan.reproduce import PAPERS, reproduce_paper
+from compplan.reproduce.page import describe_reproduction, write_reproduction
+
+
+@click.command()
+@click.argument("paper", metavar="|".join(PAPERS))
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def command(paper: str, out: Path, as_json: bool) -> None:
+    """Compute what a paper states, and show it beside the paper's figures."""
+    result = reproduce_paper(paper)
+    write_reproduction(result, out)
+    table = describe_reproduction(result)
+    if as_json:
+        click.echo(json.dumps(table))
+        return
+    for row in result.rows:
+        ours = f"{row.ours:.4g}" if isinstance(row.ours, float) else row.ours
+        click.echo(f"{row.quantity}: paper {row.paper}, ours {ours} {row.unit}: {row.verdict}")
+    click.echo(", ".join(f"{count} {verdict}" for verdict, count in table["verdicts"].items()))
+    click.echo(f"wrote {out / 'reproduction.json'}, {out / 'report.html'}")

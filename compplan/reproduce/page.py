@@ -1,0 +1,100 @@
+"""Write a reproduction: reproduction.json and report.html with the redrawn figures."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from compplan.report import Cell, Column, PageTable, Picture, Section, describe_robot, write_page
+from compplan.report.page import Provenance
+from compplan.report.style import format_number
+from compplan.reproduce.paper import Reproduction, Row, count_verdicts
+from compplan.tables import replace_file, write_text
+
+TONES = {"matches": "good", "close": "good", "fitted": "assumed", "inconsistent in the paper": "bad"}
+
+
+def describe_reproduction(result: Reproduction) -> dict[str, Any]:
+    """Make the table that reproduction.json holds."""
+    return {
+        "schema": 1,
+        "paper": result.name,
+        "title": result.title,
+        "citation": result.citation,
+        "robots": [robot.name for robot in result.robots],
+        "summary": result.lede,
+        "verdicts": count_verdicts(result.rows),
+        "rows": [asdict(row) for row in result.rows],
+        "missing_in_the_paper": list(result.missing),
+        "inconsistent_in_the_paper": list(result.inconsistencies),
+    }
+
+
+def write_reproduction(result: Reproduction, folder: Path) -> None:
+    """Write reproduction.json, report.html and the figures into a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_text(folder / "reproduction.json", json.dumps(describe_reproduction(result), indent=1) + "\n")
+    for number, figure in enumerate(result.figures, start=1):
+        with replace_file(folder / f"figure_{number}.png") as part:
+            part.write_bytes(figure.png)
+    blocks: list[Any] = [_table(result.rows)]
+    if list_assumptions(result.rows):
+        blocks.append(_assumption_table(result.rows))
+    sections = [Section("Figures of the paper beside ours", blocks, _explain_verdicts())]
+    if result.figures:
+        pictures = [block for figure in result.figures for block in (figure.title, _picture(figure))]
+        sections.append(Section("Redrawn", pictures))
+    gaps = [*(f"Missing: {text}." for text in result.missing)]
+    gaps += [f"Inconsistent: {text}." for text in result.inconsistencies]
+    if gaps:
+        sections.append(Section("What the paper leaves out, and where it contradicts itself", gaps))
+    parts = [describe_robot(robot) for robot in result.robots]
+    provenance = Provenance(
+        [("paper", result.citation), *dict.fromkeys(fact for part in parts for fact in part.facts)],
+        list(dict.fromkeys(text for part in parts for text in part.assumptions)),
+    )
+    write_page(folder / "report.html", result.title, result.lede, sections, kind="Reproduction", provenance=provenance)
+
+
+def _picture(figure: Any) -> Picture:
+    return Picture(figure.png, figure.caption, figure.title)
+
+
+def _table(rows: tuple[Row, ...]) -> PageTable:
+    columns = [Column("quantity"), Column("unit"), Column("paper"), Column("ours"), Column("ours / paper"),
+               Column("verdict"), Column("assumed")]  # fmt: skip
+    marks = {text: f"[{number}]" for number, text in enumerate(list_assumptions(rows), start=1)}
+    body: list[list[Cell | str | float | int | None]] = []
+    for row in rows:
+        ratio = "" if row.ratio is None else f"{row.ratio:.2f}"
+        tone = TONES.get(row.verdict, "muted" if row.verdict.startswith("cannot") else "")
+        mark = Cell(marks.get(row.assumption, ""), "assumed")
+        ours, verdict = Cell(_show(row.ours), "strong"), Cell(row.verdict, tone)
+        body.append([row.quantity, row.unit, _show(row.paper), ours, ratio, verdict, mark])
+    return PageTable(columns, body)
+
+
+def list_assumptions(rows: tuple[Row, ...]) -> list[str]:
+    """List the assumptions of the rows, each once, in order."""
+    return list(dict.fromkeys(row.assumption for row in rows if row.assumption))
+
+
+def _assumption_table(rows: tuple[Row, ...]) -> PageTable:
+    body = [[f"[{number}]", text] for number, text in enumerate(list_assumptions(rows), start=1)]
+    return PageTable([Column(""), Column("assumed for the rows that point here")], body)
+
+
+def _show(value: float | str | None) -> str:
+    if value is None or isinstance(value, str):
+        return value or "–"
+    text = format_number(float(value), 4)
+    return text.rstrip("0").rstrip(".") if "." in text and "e" not in text else text
+
+
+def _explain_verdicts() -> str:
+    return (
+        "Matches: within 5 %; close: within 20 %; order of magnitude: within a factor of 3. Fitted: tuned to the "
+        "paper's number, so no evidence. Every number of ours was computed in this run."
+    )

@@ -1,0 +1,166 @@
+"""What a reproduction says: rows of a paper's figure beside ours, and a verdict by one rule for all.
+
+A verdict compares numbers: within 5 % it matches, within 20 % it is close, within a factor of 3 it is the order of
+magnitude. Where a number was tuned to the paper it is fitted, whatever it says; where only a tendency is stated, trend
+only; where the paper contradicts itself, inconsistent in the paper; and where our number differs by more, or there is
+none, the missing information is named.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from compplan.robot import Array, Robot
+
+MATCHES, CLOSE, FACTOR = 0.05, 0.20, 3.0
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure of a paper beside ours.
+
+    Attributes:
+        quantity: What it is.
+        paper: What the paper states.
+        ours: What this run computed, or None.
+        unit: Unit of both.
+        tolerance: Relative band that the verdict refers to, or None where no numbers are compared.
+        verdict: One of the words above.
+        assumption: What had to be assumed for ours.
+    """
+
+    quantity: str
+    paper: float | str | None
+    ours: float | str | None
+    unit: str
+    tolerance: float | None
+    verdict: str
+    assumption: str = ""
+
+    @property
+    def ratio(self) -> float | None:
+        """Ours over the paper's, where both are numbers."""
+        if isinstance(self.paper, int | float) and isinstance(self.ours, int | float) and self.paper:
+            return self.ours / self.paper
+        return None
+
+
+@dataclass(frozen=True)
+class PaperFigure:
+    """A redrawn figure: title, PNG and what to see in it."""
+
+    title: str
+    png: bytes
+    caption: str
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """A paper reproduced.
+
+    Attributes:
+        name: Key of the paper.
+        title: Title of the paper.
+        citation: Authors, year, where.
+        robots: The robots that were used.
+        lede: What came out, in a few sentences.
+        rows: Figures of the paper beside ours.
+        figures: Redrawn figures.
+        missing: What the paper leaves out.
+        inconsistencies: Where the paper contradicts itself.
+        samples: Numbers behind the rows, for tests and notebooks.
+    """
+
+    name: str
+    title: str
+    citation: str
+    robots: tuple[Robot, ...]
+    lede: str
+    rows: tuple[Row, ...]
+    figures: tuple[PaperFigure, ...]
+    missing: tuple[str, ...]
+    inconsistencies: tuple[str, ...] = ()
+    samples: dict[str, Array] = field(default_factory=dict)
+
+    def row(self, quantity: str) -> Row:
+        """Find a row by its quantity."""
+        return next(row for row in self.rows if row.quantity == quantity)
+
+
+def compare(
+    quantity: str,
+    paper: float,
+    ours: float,
+    unit: str,
+    assumption: str = "",
+    *,
+    missing: str = "something that decides it",
+    fitted: bool = False,
+) -> Row:
+    """Compare two numbers by the rule of this module.
+
+    Args:
+        quantity: What is compared.
+        paper: The paper's number.
+        ours: Ours.
+        unit: Unit of both.
+        assumption: What had to be assumed.
+        missing: What the paper leaves out, named where ours is further away than a factor of three.
+        fitted: Whether ours was tuned to the paper's.
+    """
+    ours = float(f"{ours:.6g}")
+    if fitted:
+        return Row(quantity, paper, ours, unit, None, "fitted", assumption)
+    ratio = ours / paper if paper else math.inf
+    if abs(ratio - 1) <= MATCHES:
+        return Row(quantity, paper, ours, unit, MATCHES, "matches", assumption)
+    if abs(ratio - 1) <= CLOSE:
+        return Row(quantity, paper, ours, unit, CLOSE, "close", assumption)
+    if ratio > 0 and 1 / FACTOR <= ratio <= FACTOR:
+        return Row(quantity, paper, ours, unit, FACTOR - 1, "order of magnitude", assumption)
+    return Row(quantity, paper, ours, unit, None, cannot(missing), assumption)
+
+
+def cannot(missing: str) -> str:
+    """Word the verdict of a figure that cannot be had, and why."""
+    verb = "are" if " and " in missing else "is"
+    return f"cannot be reproduced because {missing} {verb} missing"
+
+
+def compare_range(
+    quantity: str, paper: float, ours: Sequence[float], unit: str, assumption: str = "", *, missing: str
+) -> Row:
+    """Compare several numbers that are equally good with the paper's: the one that is furthest away counts."""
+    worst = max(ours, key=lambda value: abs(math.log(max(value, 1e-300) / paper)))
+    note = f"{assumption}; {len(ours)} of them give {min(ours):.3g} to {max(ours):.3g}, the furthest counts"
+    return compare(quantity, paper, worst, unit, note, missing=missing)
+
+
+def unavailable(quantity: str, paper: float | str, unit: str, missing: str) -> Row:
+    """Make the row of a figure that cannot be computed at all."""
+    return Row(quantity, paper, None, unit, None, cannot(missing))
+
+
+def statement(quantity: str, paper: str, ours: str, holds: bool, assumption: str = "", *, otherwise: str = "") -> Row:
+    """Make the row of a statement that holds or does not.
+
+    Args:
+        quantity: What it is about.
+        paper: What the paper says.
+        ours: What this run found.
+        holds: Whether both say the same.
+        assumption: What had to be assumed.
+        otherwise: Verdict where they do not.
+    """
+    return Row(quantity, paper, ours, "", None, "matches" if holds else otherwise or "order of magnitude", assumption)
+
+
+def count_verdicts(rows: Sequence[Row]) -> dict[str, int]:
+    """Count the verdicts, those that name what is missing together."""
+    counts: dict[str, int] = {}
+    for row in rows:
+        key = "cannot be reproduced" if row.verdict.startswith("cannot") else row.verdict
+        counts[key] = counts.get(key, 0) + 1
+    return counts

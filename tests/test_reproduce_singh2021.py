@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from compplan.reproduce.paper import Reproduction
+from compplan.reproduce.singh2021 import PEDESTALS, cloud, reproduce
+from compplan.robot import load_robot
+
+
+@pytest.fixture(scope="module")
+def result() -> Reproduction:
+    return reproduce(load_robot)
+
+
+def test_the_cloud_has_25_points_a_radius() -> None:
+    points = cloud(0.8)
+    assert points.shape == (25, 3)
+    np.testing.assert_allclose(np.hypot(points[:, 0], points[:, 1]), 0.8)
+    assert set(np.round(points[:, 2], 9)) == {0.5, 0.7, 0.9, 1.1, 1.3}
+
+
+def test_the_cloud_is_reached_from_a_pedestal_only(result: Reproduction) -> None:
+    ground, raised = (
+        result.row(f"125 points reached tool down, base {height:g} m above the ground") for height in PEDESTALS
+    )
+    assert ground.ours == "r = 0.4 m: 25, r = 0.6 m: 25, r = 0.8 m: 20, r = 1 m: 20, r = 1.2 m: 15"
+    assert ground.verdict == "cannot be reproduced because the height of the pedestal is missing"
+    assert str(raised.ours).count("25") == 5 and raised.verdict == "fitted"
+
+
+def test_the_arithmetic_of_table_i_holds(result: Reproduction) -> None:
+    rows = [row for row in result.rows if row.quantity.startswith("Table i:")]
+    assert len(rows) == 6 and all(row.verdict == "matches" for row in rows)
+
+
+def test_numbers_that_hang_on_the_unknown_wrench_are_not_claimed(result: Reproduction) -> None:
+    rows = [row for row in result.rows if row.quantity.startswith(("Growth", "Average improvement"))]
+    assert len(rows) == 4
+    assert all(row.verdict.startswith("cannot be reproduced because") for row in rows)
+    ratios = result.row("Improvement of the largest deflections at r1, r3, r5")
+    assert ratios.ours == "22%, 29%, 28%" and ratios.verdict == "inconsistent in the paper"
