@@ -204,10 +204,12 @@ def _draw_coupling(rng: np.random.Generator, arm: list[str], joints: list[str]) 
         joint, other = pairs[int(rng.integers(len(pairs)))]
         size = float(rng.choice([1.0, -1.0, 0.5, 0.0125, -0.02, 0.04]))
         return Effect("joint_coupling", joint, None, size, "1", {"kind": kind, "other": other})
-    joint = str(rng.choice(arm[1:]))
+    # whole conventions go wrong at the wrist, where the gap is of centimetres; big axes get a few degrees
+    wrist = rng.random() < 0.6 or kind == "reversed"
+    joint = str(rng.choice(arm[3:] if wrist else arm[1:3]))
     if kind == "reversed":
         return Effect("joint_coupling", joint, None, -1.0, "1", {"kind": kind, "zero": 0.0})
-    size = float(np.deg2rad(rng.choice([90.0, -90.0, 180.0, 5.0, -3.0])))
+    size = float(np.deg2rad(rng.choice([90.0, -90.0, 180.0] if wrist else [5.0, -5.0, -3.0, 2.0])))
     return Effect("joint_coupling", joint, None, size, "rad", {"kind": kind})
 
 
