@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from compplan.cam.options import CamTable
 from compplan.errors import InputError
 from compplan.generators import GENERATORS, CircleTable, ConeTable, SpiralTable, generate_toolpath
+from compplan.noise import NoiseTable
 from compplan.process import ColumnsProcess, Process, predict_wrench
 from compplan.tables import Array
 from compplan.tomlfile import Numbers, StrictTable, Vector3, check_table, read_toml
@@ -155,10 +156,6 @@ class PlaceTable(StrictTable):
     base_height_mm: Range = (0.0, 0.0)
     step_mm: float = Field(default=100.0, gt=0.0)
     turn_deg: Numbers = (0.0,)
-
-
-class NoiseTable(StrictTable):
-    """[noise]: standard deviations of the Monte Carlo study; left out: its labelled defaults."""
 
 
 class CollisionTable(StrictTable):

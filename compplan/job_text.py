@@ -122,7 +122,37 @@ base_height_mm = [0.0, 0.0]         # how far the robot base may be raised
 step_mm = 100.0                     # of the grid, refined afterwards
 turn_deg = [0.0]                    # turns of the part about the vertical through its origin
 
-[noise]                             # Monte Carlo; see the documentation of compplan montecarlo
+[noise]                             # Monte Carlo: one standard deviation each; what is left out takes the value shown,
+                                    #   assumed or from literature: measure your own where it matters
+joint_compliance = 0.10             # assumed: relative error of each joint spring (log-normal)
+link_compliance = 0.20              # assumed: of each elastic link, bearing or extra spring (log-normal)
+joint_zero_deg = 0.003              # assumed, after calibration, as are the geometry errors
+geometry_mm = 0.03                  # of each placement in the chain, an axis
+geometry_deg = 0.001
+tool_frame_mm = 0.03                # assumed
+part_frame_mm = 0.05                # assumed: part touched off with the robot
+part_frame_deg = 0.005
+backlash_deg = 0.002                # assumed: full width
+gear_error_deg = 0.002              # assumed: amplitude of an error periodic in the joint's angle ...
+gear_periods = 60.0                 # ... with so many periods a turn
+wrench_level = 0.15                 # assumed: relative error of the predicted level
+wrench_direction_deg = 5.0          # assumed
+wrench_path = 0.05                  # assumed: share of the mean force that varies along the path ...
+correlation_mm = 20.0               # ... over this distance
+motor_encoder_deg = 0.0003          # assumed, at the joint
+link_encoder_deg = 0.0008           # assumed
+# repeatability_mm = 0.02           # left out: the robot folder's, else 0.02 assumed
+temperature_K = 3.0                 # assumed: difference from the calibration
+expansion_per_K = 12e-6             # handbook
+force_noise_N = 2.0                 # force sensor, assumed: noise, drift since taring, gain
+moment_noise_Nm = 0.1
+force_bias_N = 5.0
+moment_bias_Nm = 0.5
+force_gain = 0.01
+tracker_mm = 0.015                  # laser tracker, datasheets: 15 um + 6 um/m
+tracker_mm_per_m = 0.006
+plant_lag_ms = 13.5                 # how the robot follows online corrections, derived from Johra 2022
+plant_delay_ms = 37.0
 
 # [collision]                       # meshes that the arm keeps clear of, relative to this file
 # part = "part.stl"

@@ -1,0 +1,102 @@
+"""The loop of an online correction in time: a PI or PID law at a fixed rate and a robot that follows with lag and delay.
+
+From [Johra2022]: a wanted correction u (what the model says that the measured force makes of the tool) passes through a
+discrete PID law; the robot follows the corrections sent to it with a lag and a delay. The law takes its error either
+from the correction that it has sent itself ("sent") or from where the robot stands ("attained"). Everything is linear
+here, so that a loop is a filter from wanted to attained correction; limiter and anti-windup live in the cell in time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.signal import lfilter
+
+from compplan.robot import Array
+
+
+@dataclass(frozen=True)
+class Plant:
+    """How a robot follows corrections: lag [s] and delay [s]."""
+
+    lag: float = 0.0135
+    delay: float = 0.037
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A correction loop.
+
+    Attributes:
+        gain: Proportional gain.
+        integral: Integral time. [s]
+        derivative: Derivative time, 0 for a PI law. [s]
+        plant: How the robot follows.
+        error: Where the law takes its error from: the correction "sent" one period before, or the one "attained".
+        period: Period of the law. [s]
+
+    """
+
+    gain: float = 0.8
+    integral: float = 0.048
+    derivative: float = 0.012
+    plant: Plant = Plant()
+    error: Literal["sent", "attained"] = "attained"
+    period: float = 0.01
+
+    @property
+    def law(self) -> tuple[Array, Array]:
+        """The law as a fraction of polynomials in 1/z: error -> correction sent one period later."""
+        i, d = self.period / self.integral, self.derivative / self.period
+        proportional = np.array([1.0 + i + d, -1.0 - 2.0 * d, d]) * self.gain
+        return np.r_[0.0, proportional], np.array([1.0, -1.0])
+
+    @property
+    def robot(self) -> tuple[Array, Array]:
+        """The robot as a fraction of polynomials in 1/z: correction sent -> correction attained."""
+        if self.plant.lag <= 0.0 and self.plant.delay <= 0.0:
+            return np.ones(1), np.ones(1)
+        decay = float(np.exp(-self.period / self.plant.lag)) if self.plant.lag > 0.0 else 0.0
+        whole = int(self.plant.delay / self.period)
+        share = self.plant.delay / self.period - whole
+        return (1.0 - decay) * np.r_[np.zeros(whole), 1.0 - share, share], np.array([1.0, -decay])
+
+
+def loop_fraction(loop: Loop) -> tuple[Array, Array]:
+    """Return the filter from wanted to attained correction as numerator and denominator in 1/z."""
+    top, bottom = loop.law
+    robot_top, robot_bottom = loop.robot
+    if loop.error == "sent":
+        return np.convolve(top, robot_top), np.convolve(_add(bottom, top), robot_bottom)
+    open_top, open_bottom = np.convolve(top, robot_top), np.convolve(bottom, robot_bottom)
+    return open_top, _add(open_bottom, open_top)
+
+
+def largest_pole(loop: Loop) -> float:
+    """Return the magnitude of the loop's largest pole; the loop is stable below 1."""
+    bottom = np.trim_zeros(loop_fraction(loop)[1], "b")
+    return float(np.abs(np.roots(bottom)).max(initial=0.0))
+
+
+def run_loop(loop: Loop, wanted: Array) -> Array:
+    """Pass wanted corrections through a loop that has been at rest.
+
+    Args:
+        loop: The loop.
+        wanted: Wanted corrections at the loop's period, time last. Shape (..., n).
+
+    Returns:
+        Attained corrections. Shape (..., n).
+
+    """
+    top, bottom = loop_fraction(loop)
+    return np.asarray(lfilter(top, bottom, wanted, axis=-1))
+
+
+def _add(a: Array, b: Array) -> Array:
+    total = np.zeros(max(len(a), len(b)))
+    total[: len(a)] += a
+    total[: len(b)] += b
+    return total
