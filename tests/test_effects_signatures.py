@@ -50,13 +50,15 @@ def worst_disagreement(at: Linearization, signature: Signature) -> float:
     worst = 0.0
     for k, scale in enumerate(signature.scale):
         sides = []
-        for sign in (1.0, -1.0):
+        # play is no smooth function of its width: its signature is the secant between zero and half its scale
+        ends = (0.5, 1e-9) if signature.name == "backlash" else (1e-2, -1e-2)
+        for end in ends:
             values = np.zeros(len(signature.scale))
-            values[k] = sign * 1e-2 * scale
+            values[k] = end * scale
             effect = signature.effect(values)
             scene = apply_effects(at.scene, [effect])
             sides.append(attain_scene(scene))
-        step = 2e-2 * scale
+        step = (ends[0] - ends[1]) * scale
         linear = (sides[0].position - sides[1].position) / step
         turn = Rotation.from_matrix(sides[0].rotation @ np.swapaxes(sides[1].rotation, 1, 2)).as_rotvec() / step
         exact = np.concatenate([linear, turn], axis=1)

@@ -107,6 +107,12 @@ class Posterior:
     covariance: Array
     hyper: Hyper
 
+    def loss_without(self, columns: NDArray[np.int_]) -> float:
+        """Return the log likelihood that is lost where these columns are set to zero, the rest refitted."""
+        at = np.searchsorted(self.columns, columns)
+        mean, block = self.mean[at], self.covariance[np.ix_(at, at)]
+        return 0.5 * float(mean @ np.linalg.solve(block + 1e-12 * np.trace(block) * np.eye(len(at)), mean))
+
     def values(self, p: int) -> Array:
         """Return the values of all columns. Shape (p,)."""
         full = np.zeros(p)
@@ -140,7 +146,7 @@ def find_posterior(ledger: Ledger, prior: Prior, hyper: Hyper, *, fit: bool = Tr
         )
         found = minimize(
             lambda x: _negative(reduced, prior, hyper.with_vector(x)), hyper.vector, jac=True, method="L-BFGS-B",
-            bounds=bounds, options={"maxiter": steps, "ftol": 1e-6},
+            bounds=bounds, options={"maxiter": steps, "ftol": 5e-6},
         )  # fmt: skip
         hyper = hyper.with_vector(found.x)
     value, mean, covariance, _ = _solve(reduced, prior, hyper)
@@ -255,23 +261,37 @@ def find_gains(ledger: Ledger, prior: Prior, posterior: Posterior, candidates: l
     gram, against, _, _ = combine_channels(ledger.channels, posterior.hyper)
     cross = gram[:, posterior.columns]
     left = against - cross @ posterior.mean
-    gains = []
-    for number in candidates:
-        columns = ledger.columns(number)
-        block = gram[np.ix_(columns, columns)] - cross[columns] @ posterior.covariance @ cross[columns].T
-        gains.append(_gain(number, block, left[columns], ledger.signatures[number].positive))
+    gram = gram - cross @ posterior.covariance @ cross.T
+    single = [n for n in candidates if len(ledger.columns(n)) == 1]
+    columns = np.array([ledger.columns(n)[0] for n in single], int)
+    positive = np.array([ledger.signatures[n].positive for n in single], bool)
+    sure, sizes = _single_gains(np.maximum(np.diag(gram)[columns], 0.0), left[columns], positive)
+    gains = [Gain(n, float(g), float(size)) for n, g, size in zip(single, sure, sizes, strict=True)]
+    for n in candidates:
+        own = ledger.columns(n)
+        if len(own) > 1:
+            gains.append(_joint_gain(n, gram[np.ix_(own, own)], left[own]))
     return gains
 
 
-def _gain(number: int, block: Array, left: Array, positive: bool) -> Gain:
+def _single_gains(block: Array, left: Array, positive: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return gain and best size of signatures of one column each."""
+    size2 = np.array(SIZES)[:, None] ** 2
+    grown = 1 + size2 * block
+    log_gain = 0.5 * (size2 * left**2 / grown - np.log(grown))
+    log_gain = log_gain + np.where(positive, np.log(2) + log_ndtr(np.sqrt(size2 / grown) * left), 0.0)
+    best = np.argmax(log_gain, axis=0)
+    top = np.take_along_axis(log_gain, best[None], axis=0)[0]
+    return top + np.log(np.mean(np.exp(log_gain - top), axis=0)), np.array(SIZES)[best]
+
+
+def _joint_gain(number: int, block: Array, left: Array) -> Gain:
+    """Return the gain of a signature of several columns."""
     values, vectors = np.linalg.eigh(0.5 * (block + block.T))
     values = np.maximum(values, 0.0)
     squares = (vectors.T @ left) ** 2
     sizes = np.array(SIZES)[:, None] ** 2
     log_gain = 0.5 * np.sum(sizes * squares / (1 + sizes * values) - np.log1p(sizes * values), axis=1)
-    if positive and len(left) == 1:
-        mean = sizes[:, 0] * left[0] / np.sqrt(sizes[:, 0] * (1 + sizes[:, 0] * values[0]))
-        log_gain = log_gain + np.log(2) + log_ndtr(mean)
     best = int(np.argmax(log_gain))
     spread = np.log(np.mean(np.exp(log_gain - log_gain[best])))
     return Gain(number, float(log_gain[best] + spread), SIZES[best])

@@ -15,7 +15,7 @@ from compplan.diagnose.evidence import start_hyper
 from compplan.diagnose.ledger import Ledger, build_ledger, extend_ledger
 from compplan.diagnose.outliers import find_gross_outliers, find_outliers
 from compplan.diagnose.proposals import propose_shifts, propose_waves
-from compplan.diagnose.search import Claim, Model, Search, search_models
+from compplan.diagnose.search import MOST_EFFECTS, Claim, Model, Search, search_models
 from compplan.effects import EFFECTS, Effect, apply_effects, attain_scene, stage_scene
 from compplan.effects.base_frame import base_twists
 from compplan.effects.linearization import Linearization, linearize_scene
@@ -24,7 +24,9 @@ from compplan.measurements import Campaign
 from compplan.registration import Registration
 from compplan.robot import Array, Robot
 
-ROUNDS = 6
+ROUNDS = 8
+#: Most effects of the first rounds: what is small has to wait until the large ones are exact.
+FIRST_ROUNDS = (2, 4, 8, 16)
 REGISTRATION = "registration"
 #: Parameters have settled when no observation moves by more than this share of its noise.
 SETTLED = 0.1
@@ -70,6 +72,7 @@ class State:
         registration: Frames of the campaign, or None.
         use: Rows that are not outliers and whose approach is known. Shape (n,).
         claims: Place and form of the claims, and their sizes.
+        most: Most effects that may be claimed.
         scatter: Standard deviation that the model leaves per axis of position; 0 before there is a model. [m]
     """
 
@@ -79,6 +82,7 @@ class State:
     use: NDArray[np.bool_]
     claims: tuple[tuple[Key, float], ...] = ()
     scatter: float = 0.0
+    most: int = MOST_EFFECTS
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,10 +133,11 @@ def fit_effects(
     fit = None
     for number in range(ROUNDS):
         progress(f"round {number + 1}")
+        state = replace(state, most=FIRST_ROUNDS[number] if number < len(FIRST_ROUNDS) else MOST_EFFECTS)
         fit, proposals = _round(problem, state, noises, proposals, progress)
         noises = fit.noises
         following = advance_state(fit)
-        settled = number > 0 and _settled(fit, state, following)
+        settled = number > 0 and len(fit.model.claims) < state.most and _settled(fit, state, following)
         state = following
         if settled:
             break
@@ -256,7 +261,7 @@ def _search_ledger(
     )
     numbers = {key_of(s): n for n, s in enumerate(signatures)}
     first = [Claim(numbers[key], size) for key, size in state.claims if key in numbers]
-    model = search_models(search, first)
+    model = search_models(search, first, state.most)
     return Fit(problem, state, at, channels, search, model, noises, np.zeros(0, int))
 
 
@@ -334,7 +339,8 @@ def _settled(fit: Fit, old: State, new: State) -> bool:
     names = fit.search.ledger.names
     change = np.array([new.values.get(name, 0.0) - old.values.get(name, 0.0) for name in names])
     used = np.flatnonzero(change)
-    return all(np.abs(d[..., used] @ change[used]).max(initial=0.0) < SETTLED for d in fit.search.ledger.designs)
+    steps = [np.sqrt(np.mean((d[..., used] @ change[used]) ** 2)) for d in fit.search.ledger.designs]
+    return max(steps, default=0.0) < SETTLED
 
 
 def _finish(fit: Fit, state: State) -> Fit:

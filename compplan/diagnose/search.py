@@ -15,8 +15,10 @@ from compplan.diagnose.ledger import Ledger
 from compplan.effects.linearization import Place
 from compplan.robot import Array
 
-#: Candidates of each round that are tried with noise and background fitted anew.
-TRIED = 5
+#: Candidates of each round that are tried with noise and background fitted anew, if they are this close to the best.
+TRIED, CLOSE = 4, 12.0
+#: A claim that carries this much log likelihood is not tried for removal.
+SURE = 40.0
 MOST_EFFECTS = 24
 #: An exchange or an addition has to gain this much log posterior.
 WORTHWHILE = 0.5
@@ -130,7 +132,7 @@ class Search:
         return sorted(scored, key=lambda g: -g.log_evidence)
 
 
-def search_models(search: Search, first: Sequence[Claim] = ()) -> Model:
+def search_models(search: Search, first: Sequence[Claim] = (), most: int = MOST_EFFECTS) -> Model:
     """Find the best set of effects.
 
     Rounds of forward steps, then exchanges and removals, until none is worthwhile.
@@ -138,10 +140,11 @@ def search_models(search: Search, first: Sequence[Claim] = ()) -> Model:
     Args:
         search: What to search.
         first: Claims to begin with.
+        most: Most effects to claim.
     """
     best = search.model(first, search.start, steps=40)
     for _ in range(MOST_EFFECTS):
-        grown = _add(search, best)
+        grown = best if len(best.claims) >= most else _add(search, best)
         settled = _merge(search, _exchange(search, _remove(search, grown)))
         search.progress(f"{len(settled.claims)} effects")
         if settled.score < best.score + WORTHWHILE:
@@ -166,9 +169,10 @@ def distinct_places(search: Search, gains: list[Gain], count: int) -> list[Gain]
 
 def _add(search: Search, model: Model) -> Model:
     best = model
-    for gain in distinct_places(search, search.gains(model), TRIED):
-        if gain.log_evidence < -8.0:
-            continue
+    gains = distinct_places(search, search.gains(model), TRIED)
+    for gain in gains:
+        if gain.log_evidence < max(-8.0, gains[0].log_evidence - max(CLOSE, 0.15 * gains[0].log_evidence)):
+            break
         tried = search.model((*model.claims, Claim(gain.signature, gain.size)), model.posterior.hyper)
         if tried.score > best.score:
             best = tried
@@ -177,10 +181,9 @@ def _add(search: Search, model: Model) -> Model:
 
 def _remove(search: Search, model: Model) -> Model:
     while model.claims:
-        smaller = [
-            search.model([c for c in model.claims if c is not claim], model.posterior.hyper) for claim in model.claims
-        ]
-        best = max(smaller, key=lambda m: m.score)
+        weak = [c for c in model.claims if model.posterior.loss_without(search.ledger.columns(c.signature)) < SURE]
+        smaller = [search.model([c for c in model.claims if c is not claim], model.posterior.hyper) for claim in weak]
+        best = max(smaller, key=lambda m: m.score, default=model)
         if best.score <= model.score:
             return model
         model = best
@@ -193,9 +196,12 @@ def _exchange(search: Search, model: Model) -> Model:
         if claim not in model.claims:
             continue
         rest = [c for c in model.claims if c != claim]
-        reduced = search.model(rest, model.posterior.hyper)
+        reduced = search.model(rest, model.posterior.hyper, fit=False)
         gains = search.gains(reduced)
         for gain in [*distinct_places(search, gains, 3), *forms_of(search, gains, claim)]:
+            same = gain.signature == claim.signature and gain.size == claim.size
+            if same or reduced.score + gain.log_evidence < model.score - CLOSE:
+                continue
             tried = search.model((*rest, Claim(gain.signature, gain.size)), model.posterior.hyper)
             if tried.score > model.score + WORTHWHILE:
                 model = tried

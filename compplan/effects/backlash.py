@@ -28,7 +28,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         scale = np.array([SCALE[joint.kind]])
         width = float(at.current.get((name, joint.name, None), {}).get(key, 0.0))
         width = width if abs(width) > 0.1 * scale[0] else 0.5 * float(scale[0])
-        shape = lost_motion(np.nan_to_num(at.campaign.q[:, index]), width, at.campaign.run_index) / width * free
+        shape = lost_motion(np.nan_to_num(at.campaign.q[:, index]), width) / width * free
         encoder = np.zeros((len(direction), at.robot.nq, 1))
         encoder[:, index, 0] = shape
         twist = at.motion[:, :, index, None] * shape[:, None, None]
@@ -40,23 +40,23 @@ def apply(scene: Scene, effect: Effect) -> Scene:
     index = scene.joint_index(effect.joint)
     drive = scene.drive.copy()
     width = float(next(iter(effect.parameters.values())))
-    drive[:, index] += lost_motion(np.nan_to_num(scene.campaign.q[:, index]), width, scene.campaign.run_index)
+    drive[:, index] += lost_motion(np.nan_to_num(scene.campaign.q[:, index]), width)
     return replace(scene, drive=drive)
 
 
-def lost_motion(reading: Array, width: float, run: Array) -> Array:
-    """Return link minus reading of a joint with play; each run begins in the middle of the play. Shape (n,). [rad or m].
+def lost_motion(reading: Array, width: float) -> Array:
+    """Return link minus reading of a joint with play, which begins in the middle of the play. Shape (n,). [rad or m]
 
-    A negative width (the link ahead of its reading) mirrors the positive one.
+    The link stays until the reading has crossed the play. What happened between two runs is unknown; the play is carried
+    over. A negative width (the link ahead of its reading) mirrors the positive one.
     """
     half = 0.5 * abs(width)
-    follower, result, last = 0.0, [], -1
-    for value, label in zip(reading.tolist(), run.tolist(), strict=True):
-        if label != last:
-            follower, last = value, label
+    readings = reading.tolist()
+    follower, result = readings[0] if readings else 0.0, []
+    for value in readings:
         follower = min(max(follower, value - half), value + half)
         result.append(follower - value)
-    return np.sign(width) * np.array(result)
+    return np.asarray(np.sign(width) * np.array(result))
 
 
 def fold(robot: Robot, effect: Effect) -> Robot | None:

@@ -44,7 +44,7 @@ class Scene:
         wrench: Wrench that really acts at the TCP, base axes. Shape (n, 6). [N, N m]
         joint_load: Further load on each joint's own spring. Shape (n, nq). [N m or N]
         laws: Nonlinear deflections: joint index and law.
-        growth: Relative growth of the placements before each joint, and behind the last. Shape (n, nq + 1).
+        growth: Relative growth of the placements before each joint, and from the last to the flange. Shape (n, nq + 1).
         base_twist: Motion of the robot in the measurement frame, base axes about the base origin. Shape (n, 6). [m, rad]
         tool_twist: Motion of the target on the tool, TCP axes. Shape (n, 6). [m, rad]
         payload: Mass and first moments about the flange that the model lacks, flange axes. Shape (4,). [kg, kg m]
@@ -205,7 +205,7 @@ def scene_chain(scene: Scene) -> Chain:
         chain = replace(
             chain,
             position=chain.position * factor[:, segment, None],
-            tcp_position=chain.tcp_position * factor[:, -1, None],
+            tcp_position=chain.tcp_position + scene.growth[:, -1, None] * hand(scene.robot),
         )
     if scene.campaign.link_controlled.any() and chain.actuator.any():
         locked = scene.campaign.link_controlled[:, None] & chain.actuator
@@ -299,6 +299,16 @@ def flange_to_tcp(robot: Robot) -> Array:
             pose = pose @ joint.placement
         beyond = beyond or joint.child == robot.flange
     return pose
+
+
+def hand(robot: Robot) -> Array:
+    """Return the flange in the frame of the last moving joint. Shape (3,). [m]"""
+    pose = np.eye(4)
+    for joint in robot.joints:
+        pose = np.eye(4) if joint.actuated else pose @ joint.placement
+        if joint.child == robot.flange:
+            break
+    return np.asarray(pose[:3, 3])
 
 
 def base_moment(frames: Frames, chain: Chain, wrench: Array) -> Array:

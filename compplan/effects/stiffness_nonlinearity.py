@@ -48,7 +48,8 @@ def signatures(at: Linearization) -> Iterable[Signature]:
     motor_side = ~at.campaign.link_controlled
     for index, spring in at.own.items():
         load = at.own_load[:, index]
-        reference = float(np.percentile(np.abs(load), 98))
+        # two digits are enough, and stay the same while a fit goes on
+        reference = float(f"{np.percentile(np.abs(load), 98):.1e}")
         if spring.compliance <= 0 or reference <= 1e-6:
             continue
         joint = at.robot.actuated[index].name

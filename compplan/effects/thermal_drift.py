@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene
+from compplan.effects.scene import Scene, hand
 from compplan.effects.signature import Effect, Signature
 from compplan.measurements import Campaign
 from compplan.robot import Array, Robot

@@ -19,7 +19,7 @@ from compplan.robot import Array, Robot
 name = "transmission_error"
 #: Assumed: a tenth of a milliradian at the link.
 SCALE = {"revolute": 1e-4, "prismatic": 1e-4}
-HARMONICS = 6
+HARMONICS = 4
 SPLINE_SPACING = np.deg2rad(10.0)
 MAX_SPLINES = 30
 
