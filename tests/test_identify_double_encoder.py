@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from compplan.chain import build_chain
+from compplan.elastic import solve_equilibrium
 from compplan.errors import InputError
 from compplan.identify import Observations, build_structure, estimate_parameters, make_observations
 from compplan.identify.double_encoder import identify_modes
@@ -92,6 +94,22 @@ def test_encoder_readings_sharpen_the_gears_beside_positions() -> None:
     gear, link = estimate.model_values[:6], estimate.model_values[6:]
     np.testing.assert_allclose(gear, [s.compliance for s in robot.springs], rtol=0.05)
     np.testing.assert_allclose(link[:3], LINK, rtol=0.15)
+
+
+def test_a_spring_that_is_written_against_its_joint_keeps_its_sign() -> None:
+    # Joint 3 turns about -y; a folder may write its spring about ry.
+    robot = load_robot("kuka_kr270")
+    springs = (replace(s, axis="ry") if s.joint == "joint_3" else s for s in robot.springs)
+    written = replace(robot, springs=tuple(springs))
+    drawn = draw_candidates(robot, N, seed=1)
+    chain = build_chain(robot)
+    yielded = solve_equilibrium(chain, drawn.q, drawn.wrench).theta  # own axes, in the order of the joints
+    seen = simulate_observations(robot, drawn.q, drawn.wrench)
+    rows = replace(seen, encoder=yielded)
+    estimate = estimate_parameters(build_structure(written, add=link_springs(written)), rows, sigma="stated")
+    found = dict(zip(estimate.names, estimate.values, strict=True))
+    assert found["joint_3.ry"] == pytest.approx(robot.springs[2].compliance, rel=1e-3)
+    assert abs(found["joint_3.link"]) < 1e-3 * robot.springs[2].compliance
 
 
 def test_a_missing_mode_is_named() -> None:

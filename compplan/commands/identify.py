@@ -83,7 +83,7 @@ def command(
         return
     for line in describe_identification(summary):
         click.echo(line)
-    click.echo(f"wrote {out / 'robot'} and {out / 'identify.json'}")
+    click.echo(f"wrote {out / 'robot'}, {out / 'identify.json'} and {out / 'report.html'}")
 
 
 def _choose(plan: CampaignPlan, out: Path, *, as_json: bool) -> None:

@@ -1,4 +1,4 @@
-"""What an identification leaves behind: identify.json, the updated robot folder, and lines for people."""
+"""What an identification leaves behind: identify.json, report.html, the updated robot folder, lines for people."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from compplan.identify.campaign import Identification
 from compplan.identify.estimate import Estimate
+from compplan.identify.page import write_identification_page
 from compplan.identify.parameters import Parameter
 from compplan.identify.refine import Candidate, RefinementRound
 from compplan.registration import write_registration
@@ -28,7 +29,7 @@ SHOWN = {
 
 
 def write_identification(result: Identification, out: Path) -> dict[str, Any]:
-    """Write identify.json and the updated robot folder, and return the summary.
+    """Write identify.json, report.html and the updated robot folder, and return the summary.
 
     Args:
         result: The identification.
@@ -44,6 +45,7 @@ def write_identification(result: Identification, out: Path) -> dict[str, Any]:
     if result.registration.parts:
         write_registration(result.registration, folder / "registration.toml")
     write_text(out / "identify.json", json.dumps(summary, indent=1) + "\n")
+    write_identification_page(summary, out / "report.html")
     return summary
 
 

@@ -1,0 +1,102 @@
+"""The page of an identification: values with intervals, what cannot be told and why, the gap, how the model grew."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from compplan.report.page import Cell, Column, Fold, PageTable, Provenance, Section, write_page
+
+FRAMES = ("geometry", "base", "tool")
+
+
+def write_identification_page(summary: dict[str, Any], file: Path) -> None:
+    """Write the page of an identification.
+
+    Args:
+        summary: What identify.json holds.
+        file: The HTML file.
+    """
+    gap, robot = summary["gap"], summary["robot"]
+    lede = [
+        f"{summary['rows']} rows at {summary['poses']} poses; the gap shrinks from {gap['before_rms_mm']:.3g} to"
+        f" {gap['after_rms_mm']:.3g} mm rms, on held-out poses from {gap['held_out_before_rms_mm']:.3g} to"
+        f" {gap['held_out_after_rms_mm']:.3g} mm.",
+        *summary["notes"],
+    ]
+    sections = [
+        Section(
+            "Compliances",
+            [_parameters([p for p in summary["parameters"] if p["kind"] not in FRAMES])],
+            "Identified values with 95 % intervals. What did not earn its place on held-out poses is not written.",
+        ),
+        Section("What cannot be told", [_held(summary)], "Held at their nominal values, and why."),
+        Section("Gap", [_gap(gap)], "Root mean square of the distance between measured and predicted positions."),
+        Section("How the model grew", [_rounds(summary)], "Candidates, by held-out gap if they were added."),
+    ]
+    geometry = [p for p in summary["parameters"] if p["kind"] in FRAMES]
+    if geometry:
+        fold = Fold(f"{len(geometry)} changes of geometry", [_parameters(geometry)])
+        sections.insert(1, Section("Geometry", [fold], "Fitted along, since it errs on held-out poses too."))
+    facts = [
+        ("robot", str(robot)),
+        ("positions", summary["reference"]),
+        ("intervals from", summary["intervals_from"]),
+        ("condition number", f"{summary['condition_number']:.3g}" if summary["condition_number"] else "none"),
+        ("outliers left out", str(len(summary["outlier_rows"]))),
+        *((f"residual {name}, per axis", f"{value:.3g}") for name, value in summary["residual_per_axis"].items()),
+    ]
+    write_page(file, f"{robot}: identified", lede, sections, kind="Identification", provenance=Provenance(facts))
+
+
+def _parameters(entries: list[dict[str, Any]]) -> PageTable:
+    columns = [Column(title) for title in ("parameter", "unit", "before", "value", "from", "to", "robot folder")]
+    rows = [
+        [
+            entry["name"],
+            entry["unit"],
+            entry["before"],
+            Cell(entry["value"], "strong"),
+            *entry["interval_95"],
+            Cell("written", "good") if entry["written"] else Cell("not written", "muted"),
+        ]
+        for entry in entries
+    ]
+    return PageTable(columns, rows, scroll=24)
+
+
+def _held(summary: dict[str, Any]) -> PageTable:
+    columns = [Column("parameter"), Column("together with"), Column("reason")]
+    rows = [
+        [entry["parameter"], ", ".join(entry["together_with"]) or None, entry["reason"]]
+        for entry in summary["unidentifiable"]
+    ]
+    return PageTable(columns, rows or [["none", None, "every parameter can be told"]], scroll=24)
+
+
+def _gap(gap: dict[str, Any]) -> PageTable:
+    columns = [Column(""), Column("before", "mm"), Column("after", "mm")]
+    rows = [
+        ["rows of the fit", gap["before_rms_mm"], gap["after_rms_mm"]],
+        ["held-out poses", gap["held_out_before_rms_mm"], gap["held_out_after_rms_mm"]],
+    ]
+    if gap["under_load_before_rms_mm"] is not None:
+        rows.append(["under load, held out", gap["under_load_before_rms_mm"], gap["under_load_after_rms_mm"]])
+    return PageTable(columns, rows)
+
+
+def _rounds(summary: dict[str, Any]) -> PageTable:
+    columns = [
+        Column("round"), Column("candidate"), Column("value"), Column("unit"), Column("held-out gap", "mm"),
+        Column("gain", "standard errors"), Column(""),
+    ]  # fmt: skip
+    rows: list[list[Cell | str | float | int | None]] = []
+    for number, entry in enumerate(summary["structure"], 1):
+        rows.append([number, Cell("model as it stands", "muted"), None, None, entry["held_out_rms_mm"], None, None])
+        for candidate in entry["candidates"][:8]:
+            verdict = "added" if candidate["name"] == entry["added"] else "" if candidate["told"] else "cannot be told"
+            rows.append(
+                [None, candidate["name"], candidate["value"], candidate["unit"], candidate["held_out_rms_mm"],
+                 candidate["gain_in_standard_errors"], verdict]
+            )  # fmt: skip
+    return PageTable(columns, rows, scroll=24)
