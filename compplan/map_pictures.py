@@ -68,7 +68,7 @@ def draw_deflection(robot: Robot, deflection: DeflectionMap, panels: list[Panel]
     plane = deflection.plane
     aspect = min(max(float(np.ptp(plane.v) / np.ptp(plane.u)), 0.6), 1.8)
     width = 4.7 if aspect < 1.2 else 4.1
-    figure, axes = _figure(rows, columns, width=width, height=(width - 1.4) * aspect + 1.0)
+    figure, axes = _figure(rows, columns, width=width, height=(width - 1.4) * aspect + 1.25)
     figure.suptitle(title, fontsize=13, fontweight="bold", x=0.02, ha="left")
     for axis, panel in zip(axes.flat, panels, strict=False):
         _draw_field(axis, plane.u, plane.v, panel)
@@ -144,26 +144,32 @@ def draw_lines(
     axis.grid(True, color="#e4e7ea", linewidth=0.8)
     axis.set_axisbelow(True)
     if sum(bool(name) and not name.startswith("_") for name, *_ in lines) > 1:
-        axis.legend(frameon=False, fontsize=9)
+        axis.legend(frameon=False, fontsize=9, ncols=1 + (len(lines) > 5))
     if finish is not None:
         finish(axis)
     return _to_png(figure)
 
 
-def draw_histograms(title: str, x_label: str, samples: dict[str, Array]) -> bytes:
-    """Draw histograms of samples over each other, by name; a PNG picture."""
-    figure, axes = _figure(1, 1, width=6.2, height=3.8)
-    axis = axes.flat[0]
-    bins = np.linspace(0, max(float(values.max()) for values in samples.values()), 60).tolist()
-    for count, (name, values) in enumerate(samples.items()):
-        colour = CATEGORIES[count % len(CATEGORIES)]
-        axis.hist(values, bins=bins, histtype="stepfilled", alpha=0.35, color=colour, label=name)
-        axis.axvline(float(values.mean()), color=colour, linewidth=1.4)
-    axis.set_title(f"{title} (lines: means)", loc="left", fontsize=11)
-    axis.set_xlabel(x_label)
-    axis.set_ylabel("poses")
-    axis.legend(frameon=False, fontsize=9)
-    return _to_png(figure)
+def draw_shares(title: str, x_label: str, samples: dict[str, Array], what: str) -> bytes:
+    """Draw which share of samples lies below a value, one line a name, its mean as a dot; a PNG picture.
+
+    Args:
+        title: Title of the figure.
+        x_label: Label with unit.
+        samples: Values by name.
+        what: What is counted, such as "poses".
+    """
+    lines = [(name, np.sort(values), 100 * np.arange(1, len(values) + 1) / len(values), "-")
+             for name, values in samples.items()]  # fmt: skip
+
+    def mark_means(axis: Any) -> None:
+        for count, (_, values, share, _) in enumerate(lines):
+            mean = float(values.mean())
+            axis.plot(mean, float(np.interp(mean, values, share)), "o", color=CATEGORIES[count % len(CATEGORIES)])
+        axis.set_ylim(0, 100)
+        axis.set_xlim(0, None)
+
+    return draw_lines(f"{title} (dots: means)", x_label, f"share of {what} below [%]", lines, mark_means)
 
 
 def _figure(rows: int, columns: int, *, width: float, height: float) -> tuple[Any, NDArray[Any]]:

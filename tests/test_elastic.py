@@ -49,6 +49,14 @@ def test_an_arm_bends_under_its_own_weight(tmp_path: Path) -> None:
     assert not solve_equilibrium(build_chain(one_joint_arm(tmp_path, mass=200.0)), np.zeros((1, 1))).theta.any()
 
 
+def test_a_balancing_torque_on_a_joint_adds_to_its_load(tmp_path: Path) -> None:
+    chain = build_chain(one_joint_arm(tmp_path, 1.0, 1e-5, mass=200.0, gravity=True))
+    balance = -0.8 * 200 * 9.81
+    angle = brentq(lambda a: a - 1e-5 * (200 * 9.81 * np.cos(a) + balance), 0, 1)
+    loaded = solve_equilibrium(chain, np.zeros((1, 1)), torque_bias=np.array([[balance]]))
+    assert loaded.theta[0, 0] == pytest.approx(angle, abs=1e-12)
+
+
 def test_a_compressed_arm_yields_by_the_buckling_formula_and_beyond_it_nothing_settles(tmp_path: Path) -> None:
     chain, side = build_chain(one_joint_arm(tmp_path, 1.0, 1e-5)), 1.0
     critical = 1 / 1e-5

@@ -13,7 +13,7 @@ from compplan.chain import build_chain, locate_frames
 from compplan.elastic import cartesian_compliance
 from compplan.encoders import control_equilibrium, link_share
 from compplan.identify import reduce_model
-from compplan.map_pictures import draw_histograms
+from compplan.map_pictures import draw_shares
 from compplan.reproduce.paper import PaperFigure, Reproduction, Row, compare, statement
 from compplan.robot import Array, LinkElasticity, Robot
 
@@ -225,7 +225,7 @@ def _figures(found: dict[str, Strategies]) -> list[PaperFigure]:
     return [
         PaperFigure(
             f"Fig. 3b, load of 100 kg, {name}",
-            draw_histograms(
+            draw_shares(
                 f"Position error, load {name}",
                 "error [mm]",
                 {
@@ -234,6 +234,7 @@ def _figures(found: dict[str, Strategies]) -> list[PaperFigure]:
                     "both combined": result.combined * 1e3,
                     "stiffness model": result.model * 1e3,
                 },
+                "poses",
             ),
             "Random poses above the floor. Two means of the vertical case are fitted, the rest follows.",
         )

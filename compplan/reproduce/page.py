@@ -46,10 +46,10 @@ def write_reproduction(result: Reproduction, folder: Path) -> None:
     if result.figures:
         pictures = [block for figure in result.figures for block in (figure.title, _picture(figure))]
         sections.append(Section("Redrawn", pictures))
-    gaps = [*(f"Missing: {text}." for text in result.missing)]
-    gaps += [f"Inconsistent: {text}." for text in result.inconsistencies]
+    gaps = [["missing", text] for text in result.missing] + [["inconsistent", text] for text in result.inconsistencies]
     if gaps:
-        sections.append(Section("What the paper leaves out, and where it contradicts itself", gaps))
+        table = PageTable([Column(""), Column("in the paper")], gaps)
+        sections.append(Section("What the paper leaves out, and where it contradicts itself", [table]))
     parts = [describe_robot(robot) for robot in result.robots]
     provenance = Provenance(
         [("paper", result.citation), *dict.fromkeys(fact for part in parts for fact in part.facts)],

@@ -10,7 +10,7 @@ import numpy as np
 from compplan.chain import build_chain
 from compplan.elastic import cartesian_compliance
 from compplan.ik import Arm, build_arm, solve_branches
-from compplan.map_pictures import draw_histograms, draw_lines
+from compplan.map_pictures import draw_lines, draw_shares
 from compplan.quality import find_characteristic_length
 from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, compare, unavailable
 from compplan.robot import Array, Robot
@@ -213,7 +213,7 @@ def _figures(points: list[CloudPoint]) -> list[PaperFigure]:
         f"r = {p.radius:g} m": p.spheres["lateral"].deflection[p.spheres["lateral"].reached] * 1e3 for p in points
     }
     growth = draw_lines("Tool down against the best direction", "radius [m]", "deflection [mm]", lines)
-    spread = draw_histograms("All directions that reach, 500 N lateral", "deflection [mm]", ranges)
+    spread = draw_shares("All directions that reach, 500 N lateral", "deflection [mm]", ranges, "directions")
     return [
         PaperFigure(
             "Deflection over the radius",
