@@ -253,3 +253,13 @@ def test_bad_input_is_one_line_with_file_and_line_and_status_2(tmp_path: Path) -
     assert done.stderr.startswith(f"error: {file}:4: column 'q1_deg' holds")
     assert len(done.stderr.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_the_example_campaign_gives_back_the_factors_that_were_put_in(tmp_path: Path) -> None:
+    file = Path(__file__).parent.parent / "examples" / "identify" / "measurements.csv"
+    run(file, "--robot", "kuka_kr270", "--out", tmp_path)
+    summary = json.loads((tmp_path / "identify.json").read_text())
+    factors = [entry["value"] / entry["before"] for entry in summary["parameters"]]
+    errors = [entry["standard_error"] / entry["before"] for entry in summary["parameters"]]
+    assert np.abs((np.array(factors) - SOFTER) / errors).max() < 4
+    assert summary["gap"]["held_out_after_rms_mm"] < 0.08

@@ -107,7 +107,7 @@ def identify_campaign(robot: Robot, campaign: Campaign, options: IdentifyOptions
         registration=kept.registration,
         observations=problem.observations,
         outliers=outliers,
-        notes=(*notes, *said, *more, *growth.notes, *_say_negative(estimate), *unwritten),
+        notes=(*notes, *said, *more, *growth.notes, *_say_clustered(kept), *_say_negative(estimate), *unwritten),
     )
 
 
@@ -181,6 +181,16 @@ def _place_added(
             )
             notes.append(f"{parameter.name} sits at {where} in the frame behind its joint (two standard errors)")
     return kept, tuple(notes)
+
+
+def _say_clustered(kept: Estimate) -> list[str]:
+    """Warn where residuals are not noise: an interval covers what the model holds, not what it lacks."""
+    if not kept.clustered:
+        return []
+    return [
+        "residuals of neighbouring poses agree, so something systematic is left that the model lacks: intervals are"
+        " widened from groups of poses, but a bias may exceed them; compplan diagnose looks for the reason"
+    ]
 
 
 def _drop_negative(problem: IdentifyProblem, structure: Structure, refinement: Refinement) -> Estimate:

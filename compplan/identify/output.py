@@ -127,6 +127,7 @@ def describe_identification(summary: dict[str, Any]) -> list[str]:
             f"under load, pose by pose: {gap['under_load_before_rms_mm']:.4g} ->"
             f" {gap['under_load_after_rms_mm']:.4g} mm held out"
         )
+    lines.append(f"intervals from {summary['intervals_from']}; {len(summary['outlier_rows'])} gross outliers left out")
     return lines + [f"note: {note}" for note in summary["notes"]]
 
 

@@ -22,7 +22,7 @@ def write_identification_page(summary: dict[str, Any], file: Path) -> None:
         f"{summary['rows']} rows at {summary['poses']} poses; the gap shrinks from {gap['before_rms_mm']:.3g} to"
         f" {gap['after_rms_mm']:.3g} mm rms, on held-out poses from {gap['held_out_before_rms_mm']:.3g} to"
         f" {gap['held_out_after_rms_mm']:.3g} mm.",
-        *summary["notes"],
+        *(note for note in summary["notes"] if "assumed" not in note),
     ]
     sections = [
         Section(
@@ -46,7 +46,8 @@ def write_identification_page(summary: dict[str, Any], file: Path) -> None:
         ("outliers left out", str(len(summary["outlier_rows"]))),
         *((f"residual {name}, per axis", f"{value:.3g}") for name, value in summary["residual_per_axis"].items()),
     ]
-    write_page(file, f"{robot}: identified", lede, sections, kind="Identification", provenance=Provenance(facts))
+    provenance = Provenance(facts, [note for note in summary["notes"] if "assumed" in note])
+    write_page(file, f"{robot}: identified", lede, sections, kind="Identification", provenance=provenance)
 
 
 def _parameters(entries: list[dict[str, Any]]) -> PageTable:
