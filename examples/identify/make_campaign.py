@@ -21,6 +21,7 @@ FACTORS = (1.4, 0.7, 1.2, 0.8, 1.3, 0.9)
 
 
 def main(folder: Path = Path(__file__).parent) -> None:
+    """Write measurements.csv into a folder."""
     robot = load_robot("kuka_kr270")
     springs = [replace(s, compliance=s.compliance * f) for s, f in zip(robot.springs, FACTORS, strict=True)]
     truth = replace(robot, springs=tuple(springs))
