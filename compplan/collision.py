@@ -372,7 +372,10 @@ def _bounds(scene: CollisionScene, pairs: NDArray[np.int_], frames: dict[str, Ar
 
 
 def _list_pairs(solids: Sequence[Solid], roles: Sequence[str]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """List the pairs that may touch but should not: with part and fixture, and of the arm itself."""
+    """List the pairs that may touch but should not: with part and fixture, and of the arm itself.
+
+    Links with one link between them are left to the joint limits; the tool is not.
+    """
     outside, own = [], []
     for a in range(len(solids)):
         for b in range(a + 1, len(solids)):
@@ -384,7 +387,7 @@ def _list_pairs(solids: Sequence[Solid], roles: Sequence[str]) -> tuple[NDArray[
                     outside.append((a, b))
             elif role & {"part", "fixture"}:
                 outside.append((a, b))
-            elif abs(solids[a].body - solids[b].body) > 1:
+            elif abs(solids[a].body - solids[b].body) > (1 if "tool" in role else 2):
                 own.append((a, b))
     return np.array(outside, int).reshape(-1, 2), np.array(own, int).reshape(-1, 2)
 

@@ -3,6 +3,7 @@
 Variables are the commanded joint positions at every waypoint (and slacks where there are any):
 
     minimise    sum |q''|^2 + |q - q_start|^2 / l^4          smooth, and near the posture that was chosen
+                (or (q - q_start)'' where q_start is a motion that was chosen for a reason)
     subject to  p(q) = p_nominal,  b1 . z(q) = b2 . z(q) = 0   loaded tip on the path, tool axis right
                 b3 . x(q) = 0                                  where the rotation about the tool axis is not free
                 q_min <= q <= q_max,  |p_unloaded(q) - p_nominal| <= c
@@ -80,6 +81,8 @@ class PathProblem:
         acceleration_limits: Acceleration limits. Shape (nq,). [rad/s^2 or m/s^2]
         max_correction: Greatest distance of the unloaded tip from the path. [m]
         spin_free: Whether the rotation about the tool axis is free.
+        keeps_shape: Whether smoothness counts for the departure from q_start alone: q_start is then a motion that was
+            chosen, not only a place to begin.
 
     """
 
@@ -96,6 +99,7 @@ class PathProblem:
     acceleration_limits: Array
     max_correction: float = np.inf
     spin_free: bool = True
+    keeps_shape: bool = False
 
     def __post_init__(self) -> None:
         n, nq = len(self.position), self.chain.nq
@@ -217,7 +221,8 @@ def build_nlp(problem: PathProblem, rows: Rows) -> Nlp:
     if len(bound):
         parts.append(_rate_rows(rates, bound, joints, slack, misses))
     g, jacobian = ca.vertcat(*(part.value for part in parts)), ca.vertcat(*(part.derivative for part in parts))
-    objective = ca.sumsqr(ca.mtimes(square, ca.DM(smooth.T))) + ANCHOR_WEIGHT * ca.sumsqr(square - start)
+    bent = square - start if problem.keeps_shape else square
+    objective = ca.sumsqr(ca.mtimes(bent, ca.DM(smooth.T))) + ANCHOR_WEIGHT * ca.sumsqr(square - start)
     objective += RELEASE_WEIGHT * ca.sumsqr(slack[:misses]) + RATE_WEIGHT * ca.sum1(slack[misses:])
     options = {
         "hess_lag": _objective_hessian(smooth, nq, misses, len(bound), x, p, g.numel()),

@@ -90,6 +90,7 @@ class PlanTask:
             acceleration_limits=self.acceleration_limits,
             max_correction=self.max_correction,
             spin_free=self.spin_free,
+            keeps_shape=self.start is not None and self.start.stance is not None,
         )
 
 

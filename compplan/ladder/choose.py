@@ -133,10 +133,9 @@ def _choose_at(task: Task, stations: NDArray[np.int_]) -> tuple[Stance, NDArray[
             fine, chosen = coarse, line
     if chosen.cost > line.cost:
         fine, chosen = coarse, line
-    trace = trace_line(
-        task.arm, task.nominal, task.tool_x, stations, fine.options, chosen.option, chosen.q,
-        most_step=settings.most_step, free_spin=settings.free_spin,
-    )  # fmt: skip
+    trace = _trace(task, stations, fine.options, chosen, smooth=True)
+    if trace.missed.any():
+        trace = _trace(task, stations, fine.options, chosen, smooth=False)
     trace = _allow_changes(trace, task.nominal, settings)
     bad = trace.missed.copy()
     if task.margin is not None:
@@ -158,6 +157,13 @@ def least_level(lattice: Lattice, rungs: Rungs) -> float:
     values = np.where(lattice.usable, lattice.sensitivity, np.inf).min(axis=(1, 2))
     known = np.isfinite(values)
     return float(1e6 * (rungs.cut_share[known] * values[known] ** 2).sum() / max(rungs.cut_share[known].sum(), 1e-300))
+
+
+def _trace(task: Task, stations: NDArray[np.int_], options: Options, line: Line, *, smooth: bool) -> Trace:
+    return trace_line(
+        task.arm, task.nominal, task.tool_x, stations, options, line.option, line.q,
+        most_step=task.settings.most_step, free_spin=task.settings.free_spin, smooth=smooth,
+    )  # fmt: skip
 
 
 def _fill(task: Task, stations: NDArray[np.int_], options: Options) -> Lattice:

@@ -54,7 +54,7 @@ class PostureSettings:
     reconfigure: bool = True
     singularity_margin: float = 0.03
     limit_margin: float = float(np.radians(10.0))
-    limit_room: float = float(np.radians(1.0))
+    limit_room: float = float(np.radians(2.0))
     most_step: float = float(np.radians(20.0))
 
 
@@ -68,7 +68,8 @@ def read_settings(job: Job, robot: Robot) -> PostureSettings:
     table = job.posture
     start = job.plan.start
     if start is not None and len(start) == robot.nq:
-        start = tuple(v * 1e-3 if slides else float(np.radians(v)) for v, slides in zip(start, robot.prismatic, strict=True))
+        scales = np.where(robot.prismatic, 1e-3, np.pi / 180)
+        start = tuple(float(value) for value in np.asarray(start) * scales)
     return PostureSettings(
         free_spin=job.plan.rotate_about_tool_axis and getattr(job.process, "frame", "part") != "tool",
         configuration=words,

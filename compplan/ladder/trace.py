@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+from scipy.ndimage import gaussian_filter1d
 
 from compplan.chain import joint_jacobian, locate_frames
 from compplan.ik import Arm, pose_error, refine_ik, solve_branches
@@ -15,6 +17,8 @@ from compplan.toolpath import Toolpath
 
 #: A waypoint of the same configuration lies this near to the straight line between its stations. [rad]
 NEAR = 0.3
+#: Width of the filter that takes out the steps of the grid. [stations]
+SMOOTH = 1.5
 #: A waypoint is reached where it misses the pose by less. [m and rad]
 REACHED = 1e-6
 
@@ -44,6 +48,7 @@ class Trace:
 def trace_line(
     arm: Arm, nominal: Toolpath, tool_x: Array, stations: NDArray[np.int_], options: Options, choice: NDArray[np.int_],
     q: Array, *, most_step: float, free_spin: bool = True,
+    smooth: bool = False,
 ) -> Trace:  # fmt: skip
     """Follow a line of the graph at every waypoint.
 
@@ -57,14 +62,17 @@ def trace_line(
         q: Joint positions at each station. Shape (k, nq). [rad or m]
         most_step: Greatest motion of a joint between neighbouring waypoints of a cut. [rad]
         free_spin: Whether the rotation about the tool axis may give way where the line passes a singularity.
+        smooth: Whether the steps that the grid leaves in rotation and leans are smoothed.
 
     """
     n = len(nominal)
     rows = np.arange(n)
     spin_at, lead_at, lean_at = (_take(v, choice) for v in (options.spin, options.lead, options.lean))
-    spin = np.interp(rows, stations, np.unwrap(spin_at))
-    lead, lean = np.interp(rows, stations, lead_at), np.interp(rows, stations, lean_at)
-    between = np.stack([np.interp(rows, stations, q[:, j]) for j in range(q.shape[1])], axis=1)
+    along = np.unwrap(spin_at)
+    if smooth and len(stations) > 3:
+        along, lead_at, lean_at = (gaussian_filter1d(v, SMOOTH, mode="nearest") for v in (along, lead_at, lean_at))
+    spin, lead, lean = (_interpolate(rows, stations, v) for v in (along, lead_at, lean_at))
+    between = np.stack([_interpolate(rows, stations, q[:, j]) for j in range(q.shape[1])], axis=1)
     rotation = orient_tool(nominal, tool_x, rows, spin, lead, lean)
     upright = rotation
     branches = solve_branches(arm, nominal.position, rotation, between[:, arm.held])
@@ -134,6 +142,13 @@ def _pass_through(arm: Arm, q: Array, position: Array, rotation: Array) -> tuple
         step = (np.swapaxes(task, 1, 2) @ np.linalg.solve(gram, error[..., None]))[..., 0]
         q[:, arm.arm] += step * np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
     return q, np.abs(error).max(axis=1) < REACHED
+
+
+def _interpolate(rows: NDArray[np.int_], stations: NDArray[np.int_], values: Array) -> Array:
+    """Interpolate between stations without overshoot and without kinks."""
+    if len(stations) < 3:
+        return np.interp(rows, stations, values)
+    return np.asarray(PchipInterpolator(stations, values)(rows))
 
 
 def _take(values: Array, choice: NDArray[np.int_]) -> Array:
