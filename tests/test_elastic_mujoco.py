@@ -34,6 +34,9 @@ def with_random_springs(robot: Robot, rng: np.random.Generator) -> Robot:
         for axis in rng.choice(["tx", "ty", "tz", "rx", "ry", "rz"], size=2, replace=False):
             compliance = 10 ** rng.uniform(-8.5, -7.5) if axis[0] == "t" else 10 ** rng.uniform(-7.5, -6.0)
             springs.append(Spring(joint.name, str(axis), float(compliance), rng.uniform(-0.3, 0.3, 3)))
+    for joint in (j for j in robot.joints if j.kind == "fixed"):  # a plate or flange that yields
+        springs.append(Spring(joint.name, "rx", 2e-7, rng.uniform(-0.1, 0.1, 3)))
+        springs.append(Spring(joint.name, "tz", 1e-8))
     bodies = robot.bodies or tuple(Body(joint.child, 40.0, rng.uniform(-0.2, 0.2, 3)) for joint in robot.actuated)
     return replace(
         robot, springs=tuple(springs), link_elasticities=(), bodies=bodies, gravity=np.array([0.4, -0.3, -9.81])

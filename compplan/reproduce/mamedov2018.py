@@ -67,8 +67,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
     own = identify_reduced(full)
     planes = map_planes(full, table_3)
     walls = [sweep_wall(full, wall) for wall in (0.01, 0.02, 0.03, 0.04, 0.05, 0.07, 0.10)]
-    fits = [(posture, compensate_circles(full, table_3, posture)) for posture in map(_fit(full), range(4))]
-    fits = [(posture, errors) for posture, errors in fits if np.isfinite(errors.after).all()]
+    fits = fit_circles(full, table_3)
     circles = [errors for _, errors in fits]
     rows = [
         *_rows_of_table_3(full, own),
@@ -116,6 +115,19 @@ def identify_reduced(
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     wrench = FORCE_N * np.hstack([directions[0], lever * directions[1]])
     return reduce_model(full, q, wrench, rotation_weight=rotation_weight)
+
+
+def fit_circles(full: Robot, reduced: Robot, wanted: int = 3) -> list[tuple[CirclePosture, CircleErrors]]:
+    """Fit postures of the circles whose compensated paths stay in reach, from fresh draws until there are enough."""
+    fits: list[tuple[CirclePosture, CircleErrors]] = []
+    for seed in range(4 * wanted):
+        posture = fit_posture(full, seed=seed)
+        errors = compensate_circles(full, reduced, posture)
+        if np.isfinite(errors.after).all():
+            fits.append((posture, errors))
+        if len(fits) == wanted:
+            break
+    return fits
 
 
 def with_material(full: Robot, young: float) -> Robot:
@@ -168,10 +180,6 @@ def sweep_wall(full: Robot, wall: float) -> WallStep:
 
 def _yield_under(robot: Robot, q: Array, force: Array) -> Array:
     return np.asarray(np.einsum("nij,nj->ni", cartesian_compliance(build_chain(robot), q)[:, :3, :3], force))
-
-
-def _fit(full: Robot) -> Callable[[int], CirclePosture]:
-    return lambda seed: fit_posture(full, seed=seed)
 
 
 def _beam(link: str, length: float, outer: float, inner: float, axis: str, young: float) -> LinkElasticity:
