@@ -28,7 +28,7 @@ from compplan.report import (
     thin_rows,
     write_page,
 )
-from compplan.report.along_path import find_spans
+from compplan.report.along_path import draw_lines, find_spans
 from compplan.report.compare_page import CompareView, summarise_comparison, write_comparison
 from compplan.report.path_scene import choose_magnification
 from compplan.report.plan_page import PlanView, summarise_plan, write_view
@@ -272,6 +272,10 @@ def test_a_real_plan_gets_its_page_with_what_its_job_assumes(tmp_path: Path) -> 
     assert format_length(plan.before.max_deviation) in html
     assert "job: Assumed: where the part stands." in html
     assert "job: force_N: assumed" in html
+    assert plan.task.start is not None
+    assert plan.task.start.stance is not None
+    assert "Rotation about the tool axis against path length" in html
+    assert "errors of 10 % of the wrench" in html
     assert f"<dd>{plan.judge}</dd>" in html
 
 
@@ -303,6 +307,20 @@ def test_an_infeasible_plan_says_so_first_and_lists_its_waypoints(tmp_path: Path
     assert "Infeasible: 22 of 400 waypoints fail (correction limit, position limit of joint_5)" in html
     rows = re.findall(r"<tr><td[^>]*>(\d+)</td><td[^>]*>(\d+)</td>", html)
     assert rows == [("100", "120"), ("200", "200")]
+
+
+def test_every_waypoint_that_fails_is_marked_however_many_there_are() -> None:
+    view = make_view(3000)
+    marked = np.arange(0, 3000, 7)
+    stations = replace(view.stations, marked=marked, shaded=np.zeros((0, 2)))
+    figure = draw_lines(stations, {"deviation": np.ones(3000)}, "mm", title="deviation")
+    bands = np.array([[band.x0, band.x1] for band in figure.layout.shapes])
+    places = 1e3 * view.length[marked]
+    covered = ((bands[:, :1] <= places + 1e-9) & (places - 1e-9 <= bands[:, 1:])).any(axis=0)
+    assert covered.all()
+    assert len(bands) <= 240
+    few = replace(stations, marked=np.array([2999]))
+    assert len(draw_lines(few, {"deviation": np.ones(3000)}, "mm", title="deviation").layout.shapes) == 1
 
 
 def test_a_lowered_feed_is_named_with_its_place_and_the_busiest_joint(tmp_path: Path) -> None:

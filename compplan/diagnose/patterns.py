@@ -157,7 +157,7 @@ class _Site:
         return self.robot.joint_names[index], bool(self.chain.translates[element]), axis, origin
 
     def own(self, index: int) -> Array:
-        """Displacement of the point per unit of a joint's own motion. Shape (n, 3). [m/rad or 1]"""
+        """Move the point by a unit of a joint's own motion [m/rad or 1]. Shape (n, 3)."""
         _, slides, axis, origin = self.joint(index)
         return axis if slides else np.cross(axis, self.point - origin)
 
@@ -233,7 +233,7 @@ def _complete(axis: Array, triad: Array) -> tuple[Array, Array]:
 
 
 def _moments(site: _Site, origin: Array) -> Array:
-    """Sum the moment of the external wrench about points of the base frame. Shape (n, 3). [N m]"""
+    """Sum the moment of the external wrench [N m] about points of the base frame. Shape (n, 3)."""
     wrench = np.nan_to_num(site.campaign.wrench)
     return np.asarray(wrench[:, 3:] + np.cross(site.frames.tcp_position - origin, wrench[:, :3]))
 

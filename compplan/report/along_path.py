@@ -19,8 +19,12 @@ from compplan.robot import Array
 
 #: About how many rows of a chart are drawn.
 ROWS = 1600
+#: Fields that a path is divided into for marking waypoints.
+BANDS = 240
 #: Deviations below this are drawn at it, where the axis is logarithmic. [m]
 FLOOR = 1e-8
+#: A rate that uses less of its limit is drawn large, without the limit. [%]
+NEAR_LIMIT = 40.0
 
 
 @dataclass(frozen=True)
@@ -105,11 +109,12 @@ def add_lines(
     row: int | None = None,
     col: int | None = None,
     legend: bool = True,
+    limit: int = ROWS,
 ) -> None:
     """Add series along the path to a figure, thinned, with waypoint and time on hovering."""
     import plotly.graph_objects as go
 
-    rows = thin_rows(list(series.values()), ROWS)
+    rows = thin_rows(list(series.values()), limit)
     for number, (name, values) in enumerate(series.items()):
         line = go.Scatter(
             x=(1e3 * stations.length[rows]).astype(np.float32),
@@ -126,19 +131,30 @@ def add_lines(
 
 def shade_spans(figure: Any, stations: Stations, *, row: int | None = None, col: int | None = None) -> None:
     """Shade the intervals that the stations name."""
-    for start, end in 1e3 * stations.shaded:
-        figure.add_vrect(x0=start, x1=end, fillcolor=NEUTRAL, opacity=0.14, line_width=0, row=row, col=col)
+    _add_bands(figure, 1e3 * stations.shaded, NEUTRAL, 0.14, row, col)
 
 
 def mark_waypoints(figure: Any, stations: Stations, *, row: int | None = None, col: int | None = None) -> None:
-    """Mark the waypoints that the stations name by red bands, neighbours joined."""
-    flags = np.zeros(len(stations.length), bool)
-    flags[stations.marked] = True
-    total = max(1e3 * float(stations.length[-1]), 1e-9)
-    for first, last in find_spans(flags)[:60]:
-        start, end = 1e3 * stations.length[first], 1e3 * stations.length[last]
-        room = max(0.0015 * total - (end - start), 0) / 2
-        figure.add_vrect(x0=start - room, x1=end + room, fillcolor=LIMIT, opacity=0.28, line_width=0, row=row, col=col)
+    """Mark the waypoints that the stations name by red bands; what lies closer than a band is wide is one band."""
+    if not len(stations.marked):
+        return
+    total = max(float(stations.length[-1]), 1e-12)
+    flags = np.zeros(BANDS, bool)
+    flags[np.minimum((stations.length[stations.marked] / total * BANDS).astype(int), BANDS - 1)] = True
+    spans = (find_spans(flags) + np.array([0, 1])) * 1e3 * total / BANDS
+    _add_bands(figure, spans, LIMIT, 0.28, row, col)
+
+
+def _add_bands(figure: Any, spans: Array, colour: str, opacity: float, row: int | None, col: int | None) -> None:
+    """Add vertical bands over the height of a chart, all at once; one by one takes plotly minutes."""
+    x, y = "x", "y"
+    if row is not None:
+        cell = figure.get_subplot(row, col)
+        x, y = cell.xaxis.plotly_name.replace("xaxis", "x"), cell.yaxis.plotly_name.replace("yaxis", "y")
+    style = {"type": "rect", "xref": x, "yref": f"{y} domain", "y0": 0, "y1": 1, "layer": "below"}
+    paint = {"fillcolor": colour, "opacity": opacity, "line": {"width": 0}}
+    bands = [{**style, **paint, "x0": float(start), "x1": float(end)} for start, end in spans]
+    figure.update_layout(shapes=[*figure.layout.shapes, *bands])
 
 
 def draw_joints(
@@ -167,7 +183,16 @@ def draw_joints(
     )
     for k, unit in enumerate(units):
         row, col = k // columns + 1, k % columns + 1
-        add_lines(figure, stations, {names[k]: q[:, k] * scale[k]}, unit, row=row, col=col, colours=CATEGORIES[:1])
+        add_lines(
+            figure,
+            stations,
+            {names[k]: q[:, k] * scale[k]},
+            unit,
+            row=row,
+            col=col,
+            colours=CATEGORIES[:1],
+            limit=ROWS // 2,
+        )
         bottom, top = _joint_range(q[:, k] * scale[k], float(low[k]), float(high[k]))
         figure.update_yaxes(range=[bottom, top], title_text=unit if col == 1 else None, nticks=6, row=row, col=col)
         figure.update_xaxes(range=_length_range(stations), nticks=5, row=row, col=col)
@@ -195,9 +220,11 @@ def draw_shares(stations: Stations, shares: Mapping[str, tuple[Array, Sequence[s
     for row, (title, (share, names)) in enumerate(shares.items(), start=1):
         series = {name: 100 * share[:, k] for k, name in enumerate(names)}
         add_lines(figure, stations, series, "%", row=row, col=1, legend=row == 1)
-        top = max(110.0, 105 * float(np.nanmax(share, initial=0)))
+        used = 100 * float(np.nanmax(share, initial=0))
+        top = max(1.2 * used, 1e-6) if used < NEAR_LIMIT else max(110.0, 1.05 * used)
         figure.update_yaxes(title_text=f"{title}, % of limit", range=[0, top], row=row, col=1)
-        figure.add_hrect(y0=100, y1=top, fillcolor=LIMIT, opacity=0.16, line_width=0, row=row, col=1)
+        if top > 100:
+            figure.add_hrect(y0=100, y1=top, fillcolor=LIMIT, opacity=0.16, line_width=0, row=row, col=1)
         mark_waypoints(figure, stations, row=row, col=1)
     figure.update_xaxes(range=_length_range(stations))
     figure.update_xaxes(title_text="path length, mm", row=len(shares), col=1)

@@ -324,12 +324,14 @@ def _corrections(view: PlanView) -> Section:
 
 def _feed(view: PlanView) -> Section:
     wanted = np.where(view.cut, view.feed_wanted, np.nan)
-    series = {"programmed": 1e3 * wanted, "planned": 1e3 * view.feed}
+    series = {"programmed": 1e3 * wanted, "planned": 1e3 * np.where(np.isfinite(wanted), view.feed, np.nan)}
     chart = draw_lines(view.stations, series, "mm/s", title="feed", colours=(BEFORE, AFTER), zero=True)
-    blocks: list[Block] = [Chart(chart, "Feed of the tool tip along the path.", height=280)]
+    blocks: list[Block] = [Chart(chart, "Feed of the tool tip along the cut.", height=280)]
     rates = {name: (np.abs(values) / limits, view.robot.joint_names) for name, values, limits in _rates(view)}
     if rates:
-        caption = "How much of its limits each joint uses; red is beyond the limit."
+        caption = (
+            "How much of its limits each joint uses; red is beyond the limit, which lies off the chart where it is far."
+        )
         blocks.append(Chart(draw_shares(view.stations, rates), caption, height=60 + 220 * len(rates)))
     clock = draw_lines(view.stations, {"time": view.time}, "s", title="time", zero=True, colours=CATEGORIES[9:])
     blocks.append(Fold("Time along the path", [Chart(clock, "", height=240)]))

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.report.page import Section
 from compplan.report.plan_page import PlanView, write_view
+from compplan.report.posture_section import list_uncertainties, show_posture
 
 if TYPE_CHECKING:
     from compplan.job import Job
@@ -40,7 +43,11 @@ def view_plan(plan: Plan, extra: Sequence[Section] = ()) -> PlanView:
     """Collect what the page of a plan shows."""
     task, timing = plan.task, plan.timing
     cutting = task.compensated & ~task.nominal.rapid
-    return PlanView(
+    stance = task.start.stance if task.start is not None else None
+    assumptions = list_assumptions(plan.job)
+    if stance is not None:
+        assumptions.append(list_uncertainties(stance))
+    view = PlanView(
         title=plan.name,
         robot=plan.robot,
         strategy=plan.strategy,
@@ -61,16 +68,29 @@ def view_plan(plan: Plan, extra: Sequence[Section] = ()) -> PlanView:
         max_correction=task.max_correction,
         velocity_limits=task.velocity_limits,
         acceleration_limits=task.acceleration_limits,
-        slowed=timing.lowered,
+        slowed=_mark_slow(plan),
         tilt_before=plan.before.tilt,
         tilt_after=plan.after.tilt,
         failures=plan.command.failures,
         judge=plan.judge,
         facts=_list_facts(plan),
         notes=plan.notes,
-        assumptions=list_assumptions(plan.job),
-        extra=extra,
+        assumptions=assumptions,
     )
+    sections = list(extra)
+    if stance is not None:
+        sections.insert(0, show_posture(stance, view.stations, plan.clearance))
+    return replace(view, extra=sections)
+
+
+def _mark_slow(plan: Plan) -> NDArray[np.bool_]:
+    """Mark the waypoints whose feed limits lower, starts and stops left out. Shape (n,)."""
+    from compplan.plan import find_slow_spans
+
+    slow = np.zeros(len(plan.task), bool)
+    for first, last in find_slow_spans(plan.task, plan.timing):
+        slow[first : last + 1] = True
+    return slow
 
 
 def list_assumptions(job: Job | None) -> list[str]:
