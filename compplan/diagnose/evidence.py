@@ -126,7 +126,9 @@ def start_hyper(ledger: Ledger, classes: int) -> Hyper:
     return Hyper(np.zeros(c), np.full(c, -1.5), np.full(classes, -1.5))
 
 
-def find_posterior(ledger: Ledger, prior: Prior, hyper: Hyper, *, fit: bool = True, steps: int = 25) -> Posterior:
+def find_posterior(
+    ledger: Ledger, prior: Prior, hyper: Hyper, *, fit: bool = True, steps: int = 25, shared: bool = True
+) -> Posterior:
     """Compute evidence and posterior, noise and background fitted to the campaign unless told otherwise.
 
     Args:
@@ -135,13 +137,14 @@ def find_posterior(ledger: Ledger, prior: Prior, hyper: Hyper, *, fit: bool = Tr
         hyper: Noise and background to begin with.
         fit: Whether to fit them.
         steps: Most steps of the fit.
+        shared: Whether rows of a stay may share an error.
     """
     active = prior.active
     reduced = [channel.take(active) for channel in ledger.channels]
     if fit:
         bounds = (
             [(-6.0 if ch.witnesses < 10 else -1.5, 12.0 if ch.witnesses < 10 else 1.5) for ch in reduced]
-            + [SHARED_RANGE] * len(reduced)
+            + [SHARED_RANGE if shared else (SHARED_RANGE[0], SHARED_RANGE[0])] * len(reduced)
             + [TAU_RANGE] * len(hyper.log_tau)
         )
         found = minimize(

@@ -68,7 +68,7 @@ class State:
 
     Attributes:
         effects: Effects in the exact model, background included.
-        values: Parameters in units of their scale, by column.
+        values: Parameters by column. [SI]
         registration: Frames of the campaign, or None.
         use: Rows that are not outliers and whose approach is known. Shape (n,).
         claims: Place and form of the claims, and their sizes.
@@ -98,6 +98,7 @@ class Fit:
         model: The best of them.
         noises: Noise of each channel.
         outliers: Rows reported as outliers.
+        base: State that the linearization was taken at, where `state` has gone on.
     """
 
     problem: Problem
@@ -108,6 +109,7 @@ class Fit:
     model: Model
     noises: dict[str, Noise]
     outliers: NDArray[np.int_]
+    base: State | None = None
 
 
 def key_of(signature: Signature) -> Key:
@@ -312,8 +314,9 @@ def advance_state(fit: Fit) -> State:
         if signature.positive and len(part) == 1:
             part = np.maximum(part, 0.0)
         if part.any():
-            values |= {ledger.names[column]: float(value) for column, value in zip(columns, part, strict=True)}
-            effects.append(signature.effect(part * signature.scale))
+            sizes = part * signature.scale
+            values |= {ledger.names[column]: float(size) for column, size in zip(columns, sizes, strict=True)}
+            effects.append(signature.effect(sizes))
     first = posterior.hyper
     scatter = fit.noises["position"].sigma * float(np.exp(0.5 * first.log_noise[0]) * np.hypot(1.0, np.exp(first.log_shared[0])))
     return State(tuple(effects), values, registration, fit.state.use, _claims(fit), scatter)
@@ -338,6 +341,7 @@ def _settled(fit: Fit, old: State, new: State) -> bool:
         return False
     names = fit.search.ledger.names
     change = np.array([new.values.get(name, 0.0) - old.values.get(name, 0.0) for name in names])
+    change = change / fit.search.ledger.scale
     used = np.flatnonzero(change)
     steps = [np.sqrt(np.mean((d[..., used] @ change[used]) ** 2)) for d in fit.search.ledger.designs]
     return max(steps, default=0.0) < SETTLED
@@ -350,4 +354,4 @@ def _finish(fit: Fit, state: State) -> Fit:
     scene = stage_scene(fit.problem.robot, campaign, registration=state.registration)
     residual = position_residual(campaign, scene, attained)
     outliers = find_outliers(campaign, residual, state.scatter, ~campaign.first_visit)
-    return replace(fit, state=state, outliers=outliers)
+    return replace(fit, state=state, base=fit.state, outliers=outliers)

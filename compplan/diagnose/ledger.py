@@ -105,12 +105,12 @@ def build_ledger(channels: Sequence[Channel], signatures: Sequence[Signature], v
     Args:
         channels: Observations minus what the current model expects.
         signatures: Signatures at the current model.
-        values: Current values of parameters in units of their scale, by column; the observations are referred to zero
-            parameters by adding them back.
+        values: Current values of parameters (SI) by column; the observations are referred to zero parameters by adding
+            them back.
     """
     index, names, scale, picked = _number_columns(signatures, [])
     designs = [_design(channel, signatures, picked) for channel in channels]
-    offset = np.array([values.get(name, 0.0) for name in names])
+    offset = np.array([values.get(name, 0.0) for name in names]) / np.array(scale)
     used = np.flatnonzero(offset)
     observed = [
         channel.residual / channel.noise.sigma + design[..., used] @ offset[used]

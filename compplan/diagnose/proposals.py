@@ -61,6 +61,9 @@ def _step_gains(channels: Sequence[Channel], left: Sequence[Array], twist: Array
             continue
         part = slice(0, 3) if channel.name == "position" else slice(3, 6)
         columns = twist[channel.rows, part] / channel.noise.sigma
+        length = np.linalg.norm(rest, axis=1)
+        # a single row far off is no shift
+        rest = rest * np.minimum(1.0, 3.0 * np.percentile(length, 80) / np.maximum(length, 1e-12))[:, None]
         gram[channel.rows] += np.einsum("nik,nil->nkl", columns, columns)
         against[channel.rows] += np.einsum("nik,ni->nk", columns, rest)
     gram_before, against_before = np.cumsum(gram, axis=0), np.cumsum(against, axis=0)

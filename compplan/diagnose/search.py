@@ -209,12 +209,17 @@ def _exchange(search: Search, model: Model) -> Model:
 
 
 def _merge(search: Search, model: Model) -> Model:
-    """Try to replace two claims by one that explains both."""
+    """Try to do without two claims that cancel each other, or with one that explains both."""
     for first, second in combinations(model.claims, 2):
         if first not in model.claims or second not in model.claims:
             continue
         rest = [c for c in model.claims if c not in (first, second)]
         reduced = search.model(rest, model.posterior.hyper, fit=False)
+        if reduced.score > model.score - MERGE_MARGIN:
+            neither = search.model(rest, model.posterior.hyper)
+            if neither.score > model.score:
+                model = neither
+                continue
         gain = search.gains(reduced)[0]
         if reduced.score + gain.log_evidence < model.score - MERGE_MARGIN:
             continue

@@ -28,7 +28,9 @@ def signatures(at: Linearization) -> Iterable[Signature]:
     """Offer every joint whose spring is loaded; joints without a spring only where the external load varies."""
     motor_side = ~at.campaign.link_controlled[:, None]
     for index, joint in enumerate(at.robot.actuated):
-        nominal = at.own[index].compliance if index in at.own else 0.0
+        changed = at.current.get((name, joint.name, None), {}).get(compliance_key(joint.kind), 0.0)
+        nominal = at.own[index].compliance - changed if index in at.own else 0.0
+        nominal = nominal if nominal > 1e-12 else 0.0
         if nominal <= 0.0 and not at.campaign.load_varies:
             continue
         scale = RELATIVE_SCALE * nominal if nominal > 0 else RIGID_SCALE[joint.kind]

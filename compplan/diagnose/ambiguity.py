@@ -1,0 +1,118 @@
+"""Ambiguity: which other effects would leave the same trace in this campaign, found from the campaign's own geometry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.diagnose.evidence import combine_channels
+from compplan.diagnose.fit import REGISTRATION, Fit
+from compplan.effects.linearization import Place
+from compplan.effects.signature import Signature
+from compplan.robot import Array
+
+#: Two effects cannot be told apart if one explains this share of what the other does, frames fitted to both,
+ALIKE = 0.98
+#: or if what it leaves of the other is this small: sum of squares over the campaign, in units of the noise variance.
+BELOW_NOISE = 12.0
+#: Where frames explain all but this share of an effect, the whole of it counts.
+LEFT_BY_FRAMES = 0.02
+MOST_RIVALS = 8
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another effect that explains a claim.
+
+    Attributes:
+        place: Name, joint and axis.
+        share: Share of the claim's trace that it explains, frames fitted to both.
+        difference: Sum of squares that it leaves of the claim's trace, in units of the noise variance.
+        parameters: Number of its parameters.
+    """
+
+    place: Place
+    share: float
+    difference: float
+    parameters: int
+
+    @property
+    def alike(self) -> bool:
+        """Tell whether the campaign cannot tell it from the claim."""
+        return self.share >= ALIKE or self.difference < BELOW_NOISE
+
+
+def find_rivals(fit: Fit, signature: int) -> list[Rival]:
+    """Compare a claim's trace with what every other effect can explain, best first.
+
+    The share is the squared cosine of the angle between the claim's trace and the other's space, after base and tool
+    frames have been taken out of both.
+
+    Args:
+        fit: The fit.
+        signature: Number of the claimed signature.
+    """
+    ledger = fit.search.ledger
+    gram, _, _, _ = combine_channels(ledger.channels, fit.model.posterior.hyper)
+    columns = ledger.columns(signature)
+    values = fit.model.posterior.values(ledger.p)[columns]
+    whole = float(values @ gram[np.ix_(columns, columns)] @ values)
+    frames = _frame_columns(fit)
+    free = _without(gram, frames)
+    energy = float(values @ free[np.ix_(columns, columns)] @ values)
+    if energy < LEFT_BY_FRAMES * whole:
+        free, energy = gram, whole
+    if energy <= 0:
+        return []
+    claim, best = ledger.signatures[signature], {}
+    for number, other in enumerate(ledger.signatures):
+        if other.place == claim.place or not _comparable(claim, other):
+            continue
+        share = _share(free, columns, values, ledger.columns(number), energy)
+        rival = Rival(other.place, share, (1.0 - share) * energy, len(other.scale))
+        if other.place not in best or rival.share > best[other.place].share:
+            best[other.place] = rival
+    return sorted(best.values(), key=lambda r: -r.share)[: 3 * MOST_RIVALS]
+
+
+def _frame_columns(fit: Fit) -> NDArray[np.int_]:
+    ledger = fit.search.ledger
+    found = [
+        ledger.columns(n)
+        for n, s in enumerate(ledger.signatures)
+        if s.name in ("base_frame", "tool_frame", REGISTRATION)
+    ]
+    return np.unique(np.concatenate(found)) if found else np.zeros(0, int)
+
+
+def _without(gram: Array, nuisance: NDArray[np.int_]) -> Array:
+    """Return the products of all columns with the nuisance columns projected out."""
+    if not len(nuisance):
+        return gram
+    block = gram[np.ix_(nuisance, nuisance)]
+    block = block + 1e-9 * np.trace(block) / len(block) * np.eye(len(block))
+    cross = gram[:, nuisance]
+    return np.asarray(gram - cross @ np.linalg.solve(block, cross.T))
+
+
+def _share(gram: Array, columns: NDArray[np.int_], values: Array, other: NDArray[np.int_], energy: float) -> float:
+    against = gram[np.ix_(other, columns)] @ values
+    block = gram[np.ix_(other, other)]
+    trace = float(np.trace(block))
+    if trace <= 0:
+        return 0.0
+    solved = np.linalg.solve(block + 1e-9 * trace / len(block) * np.eye(len(block)), against)
+    return float(np.clip(against @ solved / energy, 0.0, 1.0))
+
+
+def _comparable(claim: Signature, other: Signature) -> bool:
+    """Leave out forms that contain the claim trivially: a general curve contains the straight line."""
+    if other.name == REGISTRATION or other.tried > 1 or other.form == "spline":
+        return False
+    if other.name == "stiffness_nonlinearity":
+        return other.form in ("quadratic", "cubic") or (other.joint != claim.joint and other.form == "linear+quadratic")
+    if other.name == "gravity_compensator":
+        return other.form == "sine"
+    return True

@@ -1,0 +1,77 @@
+"""Conventions: ways of counting joints that put a robot centimetres off, found before anything is fitted.
+
+A coupling left out, a joint counted backwards or from another zero is no small error: it is named, not fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
+from compplan.measurements import Campaign
+from compplan.registration import fit_registration
+from compplan.robot import Array, Robot
+
+#: A gap of this size calls for a wrong convention [m]; a convention has to leave less than this share of it.
+SUSPICIOUS, CONVINCING = 5e-3, 0.3
+#: Rows that are compared.
+SAMPLE = 400
+PAIRS = (-1.0, 1.0)
+ZEROS = (np.pi / 2, -np.pi / 2, np.pi)
+
+
+def find_conventions(robot: Robot, campaign: Campaign, register: tuple[str, ...], most: int = 2) -> tuple[Effect, ...]:
+    """Find conventions of counting without which the campaign is far off.
+
+    Args:
+        robot: The nominal robot.
+        campaign: What was measured.
+        register: Frames that are fitted to each hypothesis.
+        most: Most conventions to find, one after the other.
+    """
+    rows = np.flatnonzero(campaign.usable)
+    part = campaign.take(rows[:: max(1, len(rows) // SAMPLE)])
+    part = replace(part, link=None, motor=None)
+    found: list[Effect] = []
+    gap = typical_gap(robot, part, register, found)
+    while len(found) < most and gap > SUSPICIOUS:
+        trials = [(typical_gap(robot, part, register, [*found, e]), n, e) for n, e in enumerate(hypotheses(robot, part))]
+        best = min(trials, key=lambda t: (t[0], t[1]))
+        if best[0] > CONVINCING * gap:
+            break
+        found.append(best[2])
+        gap = best[0]
+    return tuple(found)
+
+
+def typical_gap(robot: Robot, campaign: Campaign, register: tuple[str, ...], effects: list[Effect]) -> float:
+    """Return the median distance between measured and expected targets, frames fitted where asked. [m]"""
+    attained = attain_scene(apply_effects(stage_scene(robot, campaign), effects))
+    scene = stage_scene(robot, campaign)
+    position = attained.position
+    if register:
+        registration = fit_registration(campaign, attained.position, attained.rotation, register)
+        scene = replace(scene, registration=registration)
+        tool = registration.tool[campaign.target_index]
+        position = position + np.einsum("nij,nj->ni", attained.rotation, tool[:, :3, 3])
+        position = position @ registration.base[:3, :3].T + registration.base[:3, 3]
+    distance: Array = np.linalg.norm(campaign.position - position, axis=1)
+    return float(np.median(distance))
+
+
+def hypotheses(robot: Robot, campaign: Campaign) -> Iterator[Effect]:
+    """List couplings with the joint before, joints counted backwards, and zeros shifted by a quarter or half turn."""
+    joints = robot.actuated
+    for index, joint in enumerate(joints):
+        for other in (index - 1, index + 1, index - 2, index + 2):
+            if 0 <= other < len(joints) and joints[other].kind == joint.kind:
+                for ratio in PAIRS:
+                    yield Effect("joint_coupling", joint.name, None, {"other": joints[other].name, "ratio": ratio})
+        if joint.kind == "revolute":
+            yield Effect("joint_coupling", joint.name, None, {"reversed": True})
+            for zero in ZEROS:
+                yield Effect("joint_coupling", joint.name, None, {"zero_rad": float(zero)})
+                yield Effect("joint_coupling", joint.name, None, {"reversed": True, "zero_rad": float(zero)})

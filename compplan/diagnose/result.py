@@ -1,0 +1,148 @@
+"""The result of a diagnosis: a frozen record that reports, pictures and files are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.diagnose.fit import Fit
+from compplan.diagnose.verdict import Finding, Verdict
+from compplan.effects.linearization import Place
+from compplan.effects.signature import plain
+from compplan.registration import Registration
+from compplan.robot import Array, Robot
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect on its own: how far it shrinks the held-out gap, and how probable it is.
+
+    Attributes:
+        place: Name, joint and axis.
+        held_out: Root mean square held-out distance with this effect alone (and the registration). [m]
+        probability: Probability that it is present; of a rival, its part of what the claim leaves.
+    """
+
+    place: Place
+    held_out: float
+    probability: float
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Root mean square 3D distances, outliers left out. [m]
+
+    Attributes:
+        before: Nominal robot, registered where asked.
+        after: Updated robot.
+        held_out_before: The same on rows that the registration never saw.
+        held_out_after: Updated robot, on rows that its fit never saw.
+        noise_floor: What is left of a perfect model.
+        registration_only: Held out, base and tool fitted and nothing else.
+        generic: Held out, a generic fit of zeros and lengths (no named effect).
+        wrong: Held out, the best effect that was not named, alone.
+    """
+
+    before: float
+    after: float
+    held_out_before: float
+    held_out_after: float
+    noise_floor: float
+    registration_only: float
+    generic: float
+    wrong: float
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What a campaign says about a robot.
+
+    Attributes:
+        robot: The nominal robot.
+        updated: The updated robot: URDF, springs and effects. The nominal one where nothing was found.
+        fit: The fit: campaign, exact effects, linearization, ledger with all models that were looked at.
+        verdict: Status and named effects.
+        gap: How far the gap shrinks.
+        candidates: Effects one by one, ranked.
+        residual_before: Measured minus expected by the nominal robot (registered where asked), base axes, all rows. (n, 3) [m]
+        residual_after: Measured minus expected by the updated robot, base axes, all rows. Shape (n, 3). [m]
+        registration: Frames fitted with the updated robot, or None.
+        outliers: Rows reported as outliers.
+        noise: Where the noise floor comes from.
+    """
+
+    robot: Robot
+    updated: Robot
+    fit: Fit
+    verdict: Verdict
+    gap: Gap
+    candidates: tuple[Candidate, ...]
+    residual_before: Array
+    residual_after: Array
+    registration: Registration | None
+    outliers: NDArray[np.int_]
+    noise: str
+
+    def to_table(self, extra: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Return what diagnosis.json holds; `extra` adds or replaces keys (where, next_measurement)."""
+        structure = self.verdict.structure
+        table: dict[str, Any] = {
+            "schema": 1,
+            "verdict": {
+                "status": self.verdict.status,
+                "effects": [finding_table(f) for f in self.verdict.findings],
+                "doubtful": [finding_table(f) for f in self.verdict.doubtful],
+            },
+            "gap": {
+                "before_rms_mm": _mm(self.gap.before),
+                "after_rms_mm": _mm(self.gap.after),
+                "held_out_before_rms_mm": _mm(self.gap.held_out_before),
+                "held_out_after_rms_mm": _mm(self.gap.held_out_after),
+                "noise_floor_mm": _mm(self.gap.noise_floor),
+                "noise_source": self.noise,
+                "held_out_registration_only_mm": _mm(self.gap.registration_only),
+                "held_out_generic_mm": _mm(self.gap.generic),
+                "held_out_best_wrong_effect_mm": _mm(self.gap.wrong),
+            },
+            "structure_left": {
+                "present": structure.left,
+                "rms_mm": _mm(structure.rms),
+                "log_evidence": round(structure.gain, 2),
+                "background_rms_mm": _mm(structure.background),
+                "explained_rms_mm": _mm(structure.explained),
+            },
+            "outliers": [int(row) for row in self.outliers],
+            "where": {},
+            "candidates": [
+                {**place_table(c.place), "held_out_rms_mm": _mm(c.held_out), "probability": round(c.probability, 4)}
+                for c in self.candidates
+            ],
+            "next_measurement": [],
+        }
+        return {**table, **(extra or {})}
+
+
+def place_table(place: Place) -> dict[str, str | None]:
+    """Return name, joint and axis as diagnosis.json holds them."""
+    return {"effect": place[0], "joint": place[1], "axis": place[2]}
+
+
+def finding_table(finding: Finding) -> dict[str, Any]:
+    """Return a named effect as diagnosis.json holds it."""
+    return {
+        **place_table(finding.effect.place),
+        "probability": round(finding.probability, 4),
+        "parameters": {key: plain(value) for key, value in finding.effect.parameters.items()},
+        "ambiguous_with": [place_table(r.place) for r in finding.rivals if r.alike],
+        "explained_rms_mm": _mm(finding.explained),
+        "log_odds": round(finding.margin, 2),
+        "nearest": [{**place_table(r.place), "share": round(r.share, 4)} for r in finding.rivals[:3]],
+    }
+
+
+def _mm(value: float) -> float:
+    return round(float(value) * 1e3, 5)

@@ -1,0 +1,172 @@
+"""Verdict: which effects are named, how probable each is, and whether structure is left that none of them explains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from compplan.diagnose.ambiguity import Rival, find_rivals
+from compplan.diagnose.evidence import SHARED_RANGE, find_posterior
+from compplan.diagnose.fit import REGISTRATION, Fit
+from compplan.diagnose.search import Claim, distinct_places
+from compplan.effects.signature import Effect
+from compplan.robot import Array
+
+#: Log odds are divided by this: evidence of real campaigns is less sharp than its model (assumed).
+TEMPER = 2.0
+MOST_SURE = 0.99
+#: An effect is named from this probability on.
+CLAIMED = 0.5
+#: Rivals of each claim that are fitted in its place.
+FITTED_RIVALS = 3
+#: Structure is left where an error that stays share gains this much log evidence, and is this large against the noise,
+STRUCTURE_GAIN, STRUCTURE_SIZE = 6.0, 0.35
+#: and names are withheld where the structure left is larger than this share of what they explain.
+UNTRUSTED = 0.35
+
+
+@dataclass(frozen=True)
+class Finding:
+    """An effect that is named.
+
+    Attributes:
+        effect: The effect, with its parameters.
+        probability: Probability that it, or one that the campaign cannot tell from it, is present.
+        explained: Root mean square motion of the target that it explains. [m]
+        margin: Log posterior odds against the best model without it.
+        rivals: Effects that explain the same, best first; those with `alike` are ambiguous with it.
+        size: Size of its prior, in units of its scale.
+        signature: Number of its signature in the fit's ledger.
+    """
+
+    effect: Effect
+    probability: float
+    explained: float
+    margin: float
+    rivals: tuple[Rival, ...]
+    size: float
+    signature: int
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What no effect explains.
+
+    Attributes:
+        gain: Log evidence that an error shared by the rows of a stay gains over noise alone.
+        rms: Root mean square of that error, 3D. [m]
+        background: Root mean square motion that the background of small errors explains, 3D. [m]
+        explained: Root mean square motion that all claims together explain, 3D. [m]
+        left: Whether it counts as structure.
+    """
+
+    gain: float
+    rms: float
+    background: float
+    explained: float
+    left: bool
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer.
+
+    Attributes:
+        status: "none", "explained", "partly_explained" or "unknown".
+        findings: Named effects, largest share of the gap first.
+        doubtful: Effects that were considered and are not named.
+        structure: What is left.
+    """
+
+    status: str
+    findings: tuple[Finding, ...]
+    doubtful: tuple[Finding, ...]
+    structure: Structure
+
+
+def reach_verdict(fit: Fit) -> Verdict:
+    """Judge a finished fit.
+
+    Args:
+        fit: The fit.
+    """
+    structure = measure_structure(fit)
+    findings = [weigh_claim(fit, claim) for claim in fit.model.claims]
+    findings.sort(key=lambda f: -f.explained)
+    trust = 1.0
+    if structure.left and structure.explained > 0:
+        ratio = structure.rms / structure.explained
+        trust = float(1.0 / (1.0 + (ratio / UNTRUSTED) ** 4))
+    findings = [replace(f, probability=f.probability * trust) for f in findings]
+    named = tuple(f for f in findings if f.probability >= CLAIMED)
+    doubtful = tuple(f for f in findings if f.probability < CLAIMED)
+    if named:
+        status = "partly_explained" if structure.left or doubtful else "explained"
+    else:
+        status = "unknown" if structure.left or any(f.margin > 5.0 for f in doubtful) else "none"
+    return Verdict(status, named, doubtful, structure)
+
+
+def weigh_claim(fit: Fit, claim: Claim) -> Finding:
+    """Compare the model with the best ones that lack a claim."""
+    search, model = fit.search, fit.model
+    ledger = search.ledger
+    rivals = find_rivals(fit, claim.signature)
+    alike = {r.place for r in rivals if r.alike}
+    rest = [c for c in model.claims if c != claim]
+    without = search.model(rest, model.posterior.hyper)
+    scores = [without.score]
+    frozen = search.model(rest, model.posterior.hyper, fit=False)
+    own = ledger.signatures[claim.signature].place
+    gains = [g for g in search.gains(frozen) if ledger.signatures[g.signature].place not in alike | {own}]
+    for gain in distinct_places(search, gains, FITTED_RIVALS):
+        if frozen.score + gain.log_evidence > model.score - 25.0:
+            tried = search.model((*rest, Claim(gain.signature, gain.size)), model.posterior.hyper)
+            scores.append(tried.score)
+    margin = float(model.score - logsumexp(scores))
+    probability = min(float(1.0 / (1.0 + np.exp(-margin / TEMPER))), MOST_SURE)
+    values = model.posterior.values(ledger.p)
+    columns = ledger.columns(claim.signature)
+    signature = ledger.signatures[claim.signature]
+    return Finding(
+        effect=signature.effect(values[columns] * signature.scale),
+        probability=probability,
+        explained=_motion(fit, columns, values),
+        margin=margin,
+        rivals=tuple(rivals),
+        size=claim.size,
+        signature=claim.signature,
+    )
+
+
+def measure_structure(fit: Fit) -> Structure:
+    """Measure what is left: errors that rows of a stay share, beyond noise and background."""
+    model, ledger = fit.model, fit.search.ledger
+    prior = fit.search.prior_of(model.claims)
+    silent = replace(model.posterior.hyper, log_shared=np.full_like(model.posterior.hyper.log_shared, SHARED_RANGE[0]))
+    alone = find_posterior(ledger, prior, silent, shared=False)
+    gain = model.posterior.log_evidence - alone.log_evidence
+    hyper, noise = model.posterior.hyper, fit.noises["position"]
+    sigma = noise.sigma * float(np.exp(0.5 * hyper.log_noise[0]))
+    shared = float(np.exp(hyper.log_shared[0]))
+    values = model.posterior.values(ledger.p)
+    claimed = np.unique(np.concatenate([ledger.columns(n) for n in model.signatures] or [np.zeros(0, int)])).astype(int)
+    free = [ledger.columns(n) for n, s in enumerate(ledger.signatures) if s.name == REGISTRATION]
+    frames = np.concatenate(free or [np.zeros(0, int)]).astype(int)
+    others = np.setdiff1d(np.flatnonzero(values), np.concatenate([claimed, frames]))
+    excess = max(np.exp(hyper.log_noise[0]) - 1.0, 0.0) if noise.witnesses >= 10 else 0.0
+    rms = np.sqrt(3.0) * np.sqrt((sigma * shared) ** 2 + excess * noise.sigma**2)
+    left = (gain > STRUCTURE_GAIN and shared > STRUCTURE_SIZE) or excess > 0.5
+    return Structure(float(gain), float(rms), _motion(fit, others, values), _motion(fit, claimed, values), bool(left))
+
+
+def _motion(fit: Fit, columns: Array, values: Array) -> float:
+    """Return the root mean square motion that some columns explain, over all rows. [m]"""
+    if not len(columns):
+        return 0.0
+    moved = fit.search.ledger.designs[0][..., columns] @ values[columns] * fit.noises["position"].sigma
+    return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
+
+
