@@ -33,7 +33,7 @@ class LoadedPose(NamedTuple):
 
     @property
     def position(self) -> Array:
-        """Attained TCP, base frame. Shape (n, 3). [m]"""
+        """Attained TCP, base frame. Shape (n, 3). [m]."""
         return self.frames.tcp_position
 
     @property
@@ -116,7 +116,7 @@ def _one_row(load: Array) -> bool:
 
 
 def spring_torque(chain: Chain, frames: Frames, wrench: Array) -> Array:
-    """Compute the load of wrench and weights on every element: J^T w + tau_g. Shape (n, m). [N m or N]"""
+    """Compute the load of wrench and weights on every element: J^T w + tau_g. Shape (n, m). [N m or N]."""
     return load_elements(chain, frames, np.asarray(wrench, float))
 
 
@@ -205,7 +205,7 @@ def load_hessian(chain: Chain, q: Array, theta: Array, wrench: Array) -> Array:
 
 
 def _pull_of_loads(chain: Chain, frames: Frames, wrench: Array) -> Array:
-    """Compute u of every spring for `load_hessian`. Shape (n, s, 3). [N m or N]"""
+    """Compute u of every spring for `load_hessian`. Shape (n, s, 3). [N m or N]."""
     elements, n = chain.spring_elements, len(wrench)
     weight = np.broadcast_to(np.asarray(chain.mass)[..., None] * chain.gravity, (n, frames.centre.shape[1], 3))
     points = np.concatenate([frames.tcp_position[:, None], frames.centre], axis=1)

@@ -41,7 +41,7 @@ class EncoderState(NamedTuple):
 
     @property
     def difference(self) -> Array:
-        """What the gears yield: link-side minus motor-side reading. Shape (n, nq). [rad or m]"""
+        """What the gears yield: link-side minus motor-side reading. Shape (n, nq). [rad or m]."""
         return self.link - self.motor
 
 

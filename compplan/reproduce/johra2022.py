@@ -95,7 +95,7 @@ def without_side_spring(robot: Robot) -> Robot:
 
 
 def displace(robot: Robot, q_deg: tuple[float, ...], force: list[float] | Array, moment: float = 0.0) -> Array:
-    """Displace the TCP at a posture under a force. Shape (3,). [m]"""
+    """Displace the TCP at a posture under a force. Shape (3,). [m]."""
     chain, q = build_chain(robot), np.radians([q_deg])
     loaded = solve_equilibrium(chain, q, np.array([*force, 0.0, 0.0, moment]))
     return np.asarray((loaded.position - solve_equilibrium(chain, q).position)[0])
@@ -112,7 +112,7 @@ def error_over_direction(robot: Robot) -> Array:
 
 
 def grid_postures(robot: Robot, height: float = 0.1, side: float = 0.6) -> Array:
-    """Find postures on a 0.6 m grid of about 200 points around the part, tool down. Shape (n, 6). [rad]"""
+    """Find postures on a 0.6 m grid of about 200 points around the part, tool down. Shape (n, 6). [rad]."""
     arm, steps = build_arm(robot), np.linspace(-side / 2, side / 2, 14)
     x, y = (values.ravel() for values in np.meshgrid(CENTRE[0] + steps, steps))
     turn = np.tile(np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]]), (x.size, 1, 1))

@@ -22,7 +22,7 @@ class Gains:
 
 @dataclass(frozen=True)
 class Plant:
-    """A robot that follows corrections with a lag and a delay. [s]"""
+    """A robot that follows corrections with a lag and a delay. [s]."""
 
     lag: float
     delay: float

@@ -33,7 +33,7 @@ FIT = (
 
 @dataclass(frozen=True)
 class Strategies:
-    """Errors of the control strategies at the same poses and loads. Shape (n,) each. [m]"""
+    """Errors of the control strategies at the same poses and loads. Shape (n,) each. [m]."""
 
     primary: Array
     secondary: Array
@@ -88,7 +88,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
 
 
 def draw_poses(robot: Robot) -> Array:
-    """Draw poses inside the limits whose flange is above the floor. Shape (n, 6). [rad]"""
+    """Draw poses inside the limits whose flange is above the floor. Shape (n, 6). [rad]."""
     rng = np.random.default_rng(SEED)
     lower, upper = np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi)
     q = rng.uniform(lower, upper, (2 * POSES, robot.nq))
@@ -97,12 +97,12 @@ def draw_poses(robot: Robot) -> Array:
 
 
 def vertical_load(count: int) -> Array:
-    """Hang 100 kg on the flange. Shape (count, 6). [N, N m]"""
+    """Hang 100 kg on the flange. Shape (count, 6). [N, N m]."""
     return np.tile([0.0, 0.0, -LOAD_N, 0.0, 0.0, 0.0], (count, 1))
 
 
 def random_load(count: int) -> Array:
-    """Pull with the weight of 100 kg in random directions. Shape (count, 6). [N, N m]"""
+    """Pull with the weight of 100 kg in random directions. Shape (count, 6). [N, N m]."""
     direction = np.random.default_rng(SEED + 1).normal(size=(count, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     return np.hstack([LOAD_N * direction, np.zeros((count, 3))])

@@ -54,7 +54,7 @@ class CircleErrors:
     after: Array
 
     def means(self, errors: Array) -> Array:
-        """Mean size per axis. Shape (2, 3). [m]"""
+        """Mean size per axis. Shape (2, 3). [m]."""
         return np.asarray(np.abs(errors).mean(axis=1))
 
 
@@ -98,7 +98,7 @@ def compensate_circles(full: Robot, reduced: Robot, posture: CirclePosture) -> C
 
 
 def circle(posture: CirclePosture, radius: float) -> Array:
-    """Lay out a circle. Shape (POINTS, 3). [m]"""
+    """Lay out a circle. Shape (POINTS, 3). [m]."""
     angle = np.arange(POINTS) * 2 * np.pi / POINTS
     points = np.tile(posture.centre, (POINTS, 1))
     first, second = ("xyz".index(letter) for letter in posture.plane)
@@ -141,5 +141,5 @@ def _reach(arm: Arm, points: Array, posture: CirclePosture) -> Array:
 
 
 def _move(chain: Chain, q: Array) -> Array:
-    """Move the TCP by the force, to first order as the paper does. Shape (n, 3). [m]"""
+    """Move the TCP by the force, to first order as the paper does. Shape (n, 3). [m]."""
     return np.asarray((cartesian_compliance(chain, q) @ FORCE)[:, :3])

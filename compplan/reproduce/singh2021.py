@@ -86,7 +86,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
 
 
 def cloud(radius: float) -> Array:
-    """Lay out the 25 points of a radius: five angles of 30 deg, five heights of 200 mm. Shape (25, 3). [m]"""
+    """Lay out the 25 points of a radius: five angles of 30 deg, five heights of 200 mm. Shape (25, 3). [m]."""
     angle, height = np.meshgrid(np.arange(-2, 3) * np.pi / 6, MIDDLE_HEIGHT + np.arange(-2, 3) * STEP)
     return np.column_stack([radius * np.cos(angle).ravel(), radius * np.sin(angle).ravel(), height.ravel()])
 
