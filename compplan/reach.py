@@ -124,7 +124,7 @@ def stand_of_arm(arm: Arm) -> Array:
 
 
 def working_limits(arm: Arm, posture: str = "straight") -> tuple[float, float, float]:
-    """Find how far and how high the TCP gets: greatest distance from where the arm stands, lowest and highest z. [m]."""
+    """Find how far and how high the TCP gets [m]: greatest distance from the stand of the arm, lowest and highest z."""
     q = _tabulate(arm, straight=posture == "straight")
     position = locate_frames(arm.chain, q).tcp_position - stand_of_arm(arm)
     height = position[:, 2]
