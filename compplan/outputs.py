@@ -42,11 +42,14 @@ def write_plan(plan: Plan, folder: str | Path) -> list[Path]:
 
     """
     from compplan.report.plan_report import write_plan_report
+    from compplan.report.posture_map import draw_map_picture, extra_axis_sections
 
     with _replace_folder(Path(folder)) as part:
         write_programs(plan, part)
         write_joints(plan, part / "joints.csv")
-        write_plan_report(plan, part)
+        write_plan_report(plan, part, extra=extra_axis_sections(plan))
+        if plan.task.start is not None and plan.task.start.stance is not None:
+            (part / "posture_map.png").write_bytes(draw_map_picture(plan.task.start.stance.map))
         write_text(part / "plan.json", _to_json(summarise_plan(plan)))
     return sorted(path for path in Path(folder).rglob("*") if path.is_file())
 

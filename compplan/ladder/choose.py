@@ -27,7 +27,7 @@ from compplan.ladder.lattice import (
 )
 from compplan.ladder.search import Line, Rungs, measure_rungs, search_line
 from compplan.ladder.settings import PostureSettings
-from compplan.ladder.summary import PostureMap, Stance, slice_map, summarise_costs
+from compplan.ladder.summary import PostureMap, Stance, mark_collisions, slice_map, summarise_costs
 from compplan.ladder.trace import Trace, trace_line
 from compplan.robot import Array, Robot
 from compplan.toolpath import Toolpath
@@ -141,7 +141,9 @@ def _choose_at(task: Task, stations: NDArray[np.int_]) -> tuple[Stance, NDArray[
     if task.margin is not None:
         rows = np.unique(np.linspace(0, len(bad) - 1, min(len(bad), MARGIN_SAMPLES)).astype(int))
         bad[rows] |= task.margin(trace.q[rows], rows) < 0
-    picture: PostureMap = slice_map(coarse, line, chosen, fine.options, task.nominal)
+    picture: PostureMap = slice_map(coarse, line, chosen, fine.options, task.nominal, rungs.cut_share)
+    if task.margin is not None and not bad.any():
+        picture = mark_collisions(picture, task.margin)
     stance = Stance(
         q=trace.q, rotation=trace.rotation, spin=trace.spin, lead=trace.lead, lean=trace.lean,
         configuration=CONFIGURATIONS[int(np.bincount(chosen.slot).argmax())], changes=_list_changes(chosen, stations),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from compplan.chain import Chain
 from compplan.costs import Weights, draw_errors, error_columns, measure_nodes
-from compplan.ladder.lattice import REASONS, Lattice, Options
+from compplan.ladder.lattice import COLLISION, REASONS, SINGULAR, USABLE, Lattice, Options
 from compplan.ladder.search import Line
 from compplan.ladder.settings import PostureSettings
 from compplan.ladder.trace import Trace
@@ -33,6 +34,9 @@ class PostureMap:
         held: Positions of the extra axes along the chosen line. Shape (k, h). [m or rad]
         held_grid: Grid positions of the first extra axis, or empty. Shape (r,). [m or rad]
         held_sensitivity: Least sensitivity over all rotations against the first extra axis. Shape (k, r). [m]
+        q: Joint positions, NaN where there is no solution. Shape (k, g, nq). [rad or m]
+        fixed_sensitivity: Root mean square along the cut with x of the TCP kept where the job has it, in the best
+            single configuration; NaN where none leads along the path. [m]
 
     """
 
@@ -46,6 +50,8 @@ class PostureMap:
     held: Array
     held_grid: Array
     held_sensitivity: Array
+    q: Array
+    fixed_sensitivity: float
 
 
 @dataclass(frozen=True)
@@ -88,7 +94,7 @@ class Stance:
 
     def describe(self) -> dict[str, Any]:
         """Describe the stance for plan.json."""
-        spin = np.degrees(self.spin)
+        spin, fixed = np.degrees(self.spin), self.map.fixed_sensitivity
         return {
             "preset": self.settings.preset,
             "weights_mm2": {name: float(value) for name, value in vars(self.weights).items()},
@@ -98,6 +104,7 @@ class Stance:
                 "joint_zero_deg": float(np.degrees(self.settings.uncertainty.joint_zero)),
             },
             "costs": dict(self.costs),
+            "sensitivity_with_fixed_x_mm": None if np.isnan(fixed) else 1e3 * fixed,
             "spin_deg": {"first": float(spin[0]), "min": float(spin.min()), "max": float(spin.max())},
             "configuration_changes": [
                 {"waypoint": waypoint, "from": before, "to": after} for waypoint, before, after in self.changes
@@ -168,7 +175,9 @@ def summarise_costs(
     }
 
 
-def slice_map(coarse: Lattice, line: Line, chosen: Line, fine: Options, nominal: Toolpath) -> PostureMap:
+def slice_map(
+    coarse: Lattice, line: Line, chosen: Line, fine: Options, nominal: Toolpath, cut_share: Array
+) -> PostureMap:
     """Cut the map out of the graph: all rotations at the configuration, extra axes and lean of the coarse line."""
     spins, positions, tilts = coarse.options.shape
     k, b = len(line.option), coarse.reason.shape[2]
@@ -184,6 +193,9 @@ def slice_map(coarse: Lattice, line: Line, chosen: Line, fine: Options, nominal:
     best = np.where(np.isfinite(sensitivity), sensitivity, np.inf).reshape(k, spins, positions, tilts * b)
     best = best.min(axis=(1, 3)) if positions > 1 else np.zeros((k, 0))
     pick = rows, chosen.option
+    plain = sensitivity.reshape(k, spins, positions, tilts, b)[:, 0, positions // 2, tilts // 2]
+    squares = (cut_share[:, None] * plain**2).sum(axis=0)
+    fixed = float(np.sqrt(np.nanmin(squares))) if np.isfinite(squares).any() else float("nan")
     return PostureMap(
         length=nominal.arc_length[coarse.stations],
         waypoint=coarse.stations,
@@ -195,7 +207,26 @@ def slice_map(coarse: Lattice, line: Line, chosen: Line, fine: Options, nominal:
         held=np.broadcast_to(fine.held, (k, *fine.held.shape[1:]))[pick],
         held_grid=held_grid,
         held_sensitivity=np.where(np.isfinite(best), best, np.nan),
+        q=coarse.q.reshape(k, spins, positions, tilts, b, -1)[rows, :, held_at, tilt_at, line.slot],
+        fixed_sensitivity=fixed,
     )
+
+
+def mark_collisions(
+    picture: PostureMap, margin: Callable[[Array, NDArray[np.int_]], Array], stride: int = 2
+) -> PostureMap:
+    """Mark the postures of a map that come too near, from every `stride`-th station and rotation."""
+    reason = picture.reason.copy()
+    coarse = reason[::stride, ::stride]
+    node = np.nonzero((coarse == USABLE) | (coarse == SINGULAR))
+    if not len(node[0]):
+        return picture
+    hits = margin(picture.q[::stride, ::stride][node], picture.waypoint[::stride][node[0]]) < 0
+    touching = np.zeros(coarse.shape, bool)
+    touching[tuple(index[hits] for index in node)] = True
+    spread = touching.repeat(stride, axis=0).repeat(stride, axis=1)[: reason.shape[0], : reason.shape[1]]
+    reason[spread & ((reason == USABLE) | (reason == SINGULAR))] = COLLISION
+    return replace(picture, reason=reason)
 
 
 def describe_reasons(reason: NDArray[np.int8]) -> NDArray[np.str_]:
