@@ -10,7 +10,7 @@ where the mechanisms are the right ones.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,9 @@ from compplan.errors import ShapeError
 from compplan.measurements import Campaign
 from compplan.registration import Registration
 from compplan.robot import Array, Robot
+
+if TYPE_CHECKING:
+    from compplan.diagnose.result import Diagnosis
 
 BLOCKS = 40
 DRAWS = 400
@@ -105,7 +108,7 @@ def split_deviation(
     Args:
         robot: The nominal robot.
         campaign: The measurement log.
-        deviation: Measured minus predicted point, in the measurement frame. Shape (n, 3). [m]
+        deviation: Measured minus predicted point, base axes. Shape (n, 3). [m]
         registration: Frames fitted to the campaign before; they are then no explanation.
         used: Rows that count: usable and no outliers; where left out, usable and not far beyond the rest. Shape (n,).
         noise: Noise floor, rms of the 3D distance. [m]
@@ -117,8 +120,6 @@ def split_deviation(
     deviation = np.asarray(deviation, float)
     if deviation.shape != (len(campaign), 3):
         raise ShapeError(f"deviation has shape {deviation.shape}, expected ({len(campaign)}, 3)")
-    if registration is not None:
-        deviation = deviation @ registration.base[:3, :3]
     rows = _choose_rows(campaign, deviation, used)
     rng = np.random.default_rng(seed)
     block = _draw_blocks(campaign, rng)[rows]
@@ -155,6 +156,27 @@ def split_deviation(
         by_approach=_split_approach(fit, robot),
         by_region=_split_region(table, frames.tcp_position),
         traces=trace_cells(patterns, nuisance, left, cells, robot.joint_names, taken),
+    )
+
+
+def split_diagnosis(diagnosis: Diagnosis, seed: int = 0) -> Split:
+    """Split the gap of a diagnosis: what its nominal robot leaves, outliers left out.
+
+    Args:
+        diagnosis: The diagnosis.
+        seed: Seed of the blocks and draws.
+    """
+    campaign = diagnosis.fit.problem.campaign
+    used = np.ones(len(campaign), bool)
+    used[diagnosis.outliers] = False
+    return split_deviation(
+        diagnosis.robot,
+        campaign,
+        diagnosis.residual_before,
+        registration=diagnosis.registration,
+        used=used,
+        noise=diagnosis.gap.noise_floor,
+        seed=seed,
     )
 
 

@@ -1,6 +1,7 @@
 """Pages and pictures: what was computed, shown so that an engineer can judge it."""
 
 from compplan.report.compare_report import write_compare_report
+from compplan.report.diagnosis_report import write_diagnosis_report
 from compplan.report.page import (
     Cell,
     Chart,
@@ -41,6 +42,7 @@ __all__ = [
     "thin_path",
     "thin_rows",
     "write_compare_report",
+    "write_diagnosis_report",
     "write_page",
     "write_plan_report",
 ]

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 #: Candidates that are drawn at most.
 DRAWN = 12
+#: Candidates below this probability stand in the table alone.
+UNLIKELY = 5e-4
 Row = list[Cell | str | float | int | None]
 
 
@@ -259,7 +261,8 @@ def _which(view: DiagnosisView) -> Section:
         blocks.append(PageTable(heads, rows, "Effects present together, the largest share of the gap first."))
     blocks += [f"What is left: {sentence}" for sentence in view.structure]
     if view.candidates:
-        drawn = [(name_effect(candidate), float(candidate["probability"])) for candidate in view.candidates[:DRAWN]]
+        likely = [c for c in view.candidates if float(c["probability"]) > UNLIKELY] or list(view.candidates)
+        drawn = [(name_effect(candidate), float(candidate["probability"])) for candidate in likely[:DRAWN]]
         chart = Chart(draw_candidates(drawn), "Candidates by probability.", 90 + 26 * len(drawn))
         rows = [
             [name_effect(candidate), float(candidate["probability"]), candidate.get("held_out_rms_mm")]
