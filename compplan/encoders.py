@@ -46,14 +46,19 @@ class EncoderState(NamedTuple):
 
 
 def actuator_selection(chain: Chain) -> Array:
-    """Tell which elastic coordinates add to which link-side encoder. Shape (nq, s), entries 0 and 1."""
+    """Tell which elastic coordinates add to which link-side encoder.
+
+    Returns:
+        Shape (nq, s), entries 1, 0, and -1 where a spring turns against its joint (joint about -y, spring about ry).
+    """
     selection = np.zeros((chain.nq, chain.n_springs))
     owner = -1
     for element, spring in enumerate(chain.theta_index):
         if spring < 0:
-            owner = int(chain.q_index[element])
+            owner = element
         elif chain.actuator[spring] and owner >= 0:
-            selection[owner, spring] = 1.0
+            sense = np.sign(chain.axis[..., element, :] @ chain.axis[..., owner, :]) or 1.0
+            selection[chain.q_index[owner], spring] = sense
     return selection
 
 

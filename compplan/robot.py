@@ -6,6 +6,7 @@ frame is the URDF's root link. Everything here is SI.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import resources
@@ -214,7 +215,9 @@ class Robot:
                 break
             kept.append(joint)
         links = {self.base, *(joint.child for joint in kept)}
-        tool = Joint("tool_joint", "fixed", self.flange, "tool_tcp", np.array(T_flange_tcp, float), np.array([0.0, 0, 1]))
+        tool = Joint(
+            "tool_joint", "fixed", self.flange, "tool_tcp", np.array(T_flange_tcp, float), np.array([0.0, 0, 1])
+        )
         bodies = tuple(body for body in self.bodies if body.link in links and body.link != self.flange)
         if mass > 0:
             bodies += (Body(self.flange, mass, np.asarray(centre, float)),)
@@ -284,11 +287,18 @@ def load_robot(name: str | Path, *, relative_to: Path | None = None) -> Robot:
     return read_robot_folder(find_robot_folder(name, relative_to))
 
 
-def _urdf_with_tool(robot: Robot, tool: Joint) -> str:
+def roll_pitch_yaw_of(rotation: Array) -> Array:
+    """Turn a rotation matrix into URDF's roll, pitch, yaw; at a pitch of 90 degrees yaw is taken as zero. [rad]"""
     from scipy.spatial.transform import Rotation
 
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Gimbal lock")
+        return np.asarray(Rotation.from_matrix(rotation).as_euler("xyz"))
+
+
+def _urdf_with_tool(robot: Robot, tool: Joint) -> str:
     root = ElementTree.fromstring(robot.urdf)
-    roll_pitch_yaw = Rotation.from_matrix(tool.placement[:3, :3]).as_euler("xyz")
+    roll_pitch_yaw = roll_pitch_yaw_of(tool.placement[:3, :3])
     ElementTree.SubElement(root, "link", name=tool.child)
     joint = ElementTree.SubElement(root, "joint", name=tool.name, type="fixed")
     ElementTree.SubElement(joint, "parent", link=tool.parent)
@@ -296,5 +306,3 @@ def _urdf_with_tool(robot: Robot, tool: Joint) -> str:
     text = {"xyz": tool.placement[:3, 3], "rpy": roll_pitch_yaw}
     ElementTree.SubElement(joint, "origin", {key: " ".join(repr(float(v)) for v in row) for key, row in text.items()})
     return ElementTree.tostring(root, encoding="unicode")
-
-

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import tempfile
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,10 +14,24 @@ from scipy.spatial.transform import Rotation
 
 from compplan.beam import hollow_beam_compliance
 from compplan.errors import InputError, UnknownNameError
-from compplan.robot import GRADES, SPRING_AXES, Array, Body, Joint, LinkElasticity, Mimic, Robot, Spring
+from compplan.robot import (
+    GRADES,
+    SPRING_AXES,
+    Array,
+    Body,
+    Joint,
+    LinkElasticity,
+    Mimic,
+    Robot,
+    Spring,
+    roll_pitch_yaw_of,
+)
+from compplan.tables import read_text, write_text
+from compplan.tomlfile import read_toml
 
 ELASTICITY_KEYS = {
-    "schema", "tcp", "flange", "gravity", "acceleration_limits", "repeatability_mm", "sources", "grade", "spring", "link",
+    "schema", "tcp", "flange", "gravity", "acceleration_limits", "repeatability_mm", "sources", "grade",
+    "spring", "link",
 }  # fmt: skip
 SPRING_KEYS = {"joint", "axis", "compliance", "offset", "actuator"}
 LINK_KEYS = {"link", "compliance", "beam"}
@@ -40,7 +51,7 @@ def read_robot_folder(folder: Path) -> Robot:
     for file in (urdf_file, elasticity_file):
         if not file.is_file():
             raise InputError(f"no {file.name} in this robot folder", file=folder)
-    urdf = urdf_file.read_text(encoding="utf-8")
+    urdf = read_text(urdf_file)
     root = _parse_xml(urdf, urdf_file)
     table = read_toml(elasticity_file)
     _refuse_unknown_keys(table, ELASTICITY_KEYS, elasticity_file, "")
@@ -84,45 +95,23 @@ def read_robot_folder(folder: Path) -> Robot:
 def write_robot_folder(robot: Robot, folder: Path) -> None:
     """Write a robot folder: geometry and masses go into the URDF, springs and links into elasticity.toml.
 
-    Only what the robot holds differently from its URDF text is edited there. Files are written under a temporary name first.
+    Only what the robot holds differently from its URDF text is edited there. No file is ever half written.
 
     Args:
         robot: The robot.
         folder: The folder to write; made if needed.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / "robot.urdf", _edit_urdf(robot))
-    write_atomically(folder / "elasticity.toml", tomli_w.dumps(_elasticity_table(robot)))
+    write_text(folder / "robot.urdf", _edit_urdf(robot))
+    write_text(folder / "elasticity.toml", tomli_w.dumps(_elasticity_table(robot)))
     if robot.effects:
         table = {"schema": 1, "effect": [dict(effect) for effect in robot.effects]}
-        write_atomically(folder / "effects.toml", tomli_w.dumps(table))
+        write_text(folder / "effects.toml", tomli_w.dumps(table))
     if robot.folder is not None:
         for name in ("controller.toml", "controller.urdf"):
             source = robot.folder / name
             if source.is_file() and source.resolve() != (folder / name).resolve():
-                write_atomically(folder / name, source.read_text(encoding="utf-8"))
-
-
-def write_atomically(file: Path, text: str) -> None:
-    """Write a text file under a temporary name, then rename it, so that no reader sees half of it."""
-    handle, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-        os.chmod(name, 0o644)
-        os.replace(name, file)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
-
-
-def read_toml(file: Path) -> dict[str, Any]:
-    """Read a TOML file; a syntax error becomes an `InputError` that names the file."""
-    try:
-        with file.open("rb") as stream:
-            return tomllib.load(stream)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"not valid TOML: {error}", file=file) from None
+                write_text(folder / name, source.read_text(encoding="utf-8"))
 
 
 def _parse_xml(text: str, file: Path) -> ElementTree.Element:
@@ -150,7 +139,9 @@ def _read_joint(element: ElementTree.Element, file: Path) -> Joint:
     if parent is None or child is None:
         raise InputError(f"joint {name!r} lacks its parent or child link", file=file)
     if kind not in ("revolute", "continuous", "prismatic", "fixed"):
-        raise InputError(f"joint {name!r} is of type {kind!r}, expected revolute, continuous, prismatic or fixed", file=file)
+        raise InputError(
+            f"joint {name!r} is of type {kind!r}, expected revolute, continuous, prismatic or fixed", file=file
+        )
     axis = _numbers(element.find("axis"), "xyz", "1 0 0")
     limit, mimic = element.find("limit"), element.find("mimic")
     limits: dict[str, float] = {}
@@ -229,10 +220,14 @@ def _read_springs(table: Mapping[str, Any], joints: list[Joint], file: Path) -> 
         if axis not in SPRING_AXES:
             raise UnknownNameError("axis", axis, list(SPRING_AXES), file=file, where=f"{key}.axis")
         if axis == "own" and joints[names.index(joint)].kind == "fixed":
-            raise InputError(f"fixed joint {joint!r} has no own axis, give tx ty tz rx ry rz", file=file, where=f"{key}.axis")
+            raise InputError(
+                f"fixed joint {joint!r} has no own axis, give tx ty tz rx ry rz", file=file, where=f"{key}.axis"
+            )
         compliance = float(_required(entry, "compliance", file, key))
         if not (math.isfinite(compliance) and compliance >= 0):
-            raise InputError(f"compliance {compliance:g} is not a finite number >= 0", file=file, where=f"{key}.compliance")
+            raise InputError(
+                f"compliance {compliance:g} is not a finite number >= 0", file=file, where=f"{key}.compliance"
+            )
         springs.append(
             Spring(
                 joint=joint,
@@ -302,7 +297,9 @@ def _refuse_unknown_keys(table: Mapping[str, Any], known: set[str], file: Path, 
 
 
 def _edit_urdf(robot: Robot) -> str:
-    root = ElementTree.fromstring(robot.urdf, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
+    root = ElementTree.fromstring(
+        robot.urdf, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
+    )
     elements = {element.attrib["name"]: element for element in root.findall("joint")}
     for joint in robot.joints:
         element = elements[joint.name]
@@ -311,7 +308,7 @@ def _edit_urdf(robot: Robot) -> str:
             if origin is None:
                 origin = ElementTree.SubElement(element, "origin")
             origin.set("xyz", _text(joint.placement[:3, 3]))
-            origin.set("rpy", _text(Rotation.from_matrix(joint.placement[:3, :3]).as_euler("xyz")))
+            origin.set("rpy", _text(roll_pitch_yaw_of(joint.placement[:3, :3])))
         axis = element.find("axis")
         if axis is not None and joint.kind != "fixed":
             old = _numbers(axis, "xyz", "1 0 0")
@@ -322,7 +319,7 @@ def _edit_urdf(robot: Robot) -> str:
 
 
 def _edit_masses(root: ElementTree.Element, robot: Robot) -> None:
-    """Set the mass of a link that carries one body; a link with several keeps its URDF blocks unless their sum changed."""
+    """Set the mass of a link that carries one body; a link that carries several keeps its URDF blocks."""
     for element in root.findall("link"):
         bodies = [body for body in robot.bodies if body.link == element.attrib["name"]]
         if len(bodies) != 1:

@@ -93,7 +93,7 @@ def edit(file: Path, change: Callable[[str], str]) -> None:
         ("compliance = 1e-05", "complience = 1e-5", ["unknown key", "spring[0].complience"]),
         ("compliance = 1e-05", 'compliance = 1e-5\naxis = "rw"', ["no axis named 'rw'", "spring[0].axis"]),
         ("schema = 1", "schema = 1\ngravity = [0.0, 1.0]", ["expected 3 numbers", "gravity"]),
-        ("schema = 1", "schema = ", ["not valid TOML"]),
+        ("schema = 1", "schema = ", ["is not TOML"]),
     ],
 )
 def test_a_wrong_entry_is_named_with_its_place(tmp_path: Path, old: str, new: str, words: list[str]) -> None:

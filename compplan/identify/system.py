@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.chain import Chain
 from compplan.encoders import actuator_selection
 from compplan.identify.forward import Prediction, pose_residuals, sensitivities
 from compplan.identify.observations import Observations
@@ -157,7 +156,7 @@ def _encoder_rows(
     chain = structure.chain
     assert observations.encoder is not None
     deflection = prediction.torque @ structure.compliance(values)
-    seen = actuator_selection(chain) * _senses(chain)
+    seen = actuator_selection(chain)
     expected = np.where(seen.any(axis=1), deflection @ seen.T, np.nan)
     slopes = np.zeros((*observations.encoder.shape, len(structure.parameters)))
     for k, parameter in enumerate(structure.parameters):
@@ -165,14 +164,3 @@ def _encoder_rows(
             if i == j:
                 slopes[:, :, k] += coefficient * prediction.torque[:, [i]] * seen[:, i]
     return observations.encoder - expected, slopes
-
-
-def _senses(chain: Chain) -> Array:
-    """Tell which actuator springs turn against their joint: a joint about -y with its spring about ry. Shape (s,)."""
-    senses, joint = np.ones(chain.n_springs), -1
-    for element, spring in enumerate(chain.theta_index):
-        if spring < 0:
-            joint = element
-        elif joint >= 0 and chain.actuator[spring]:
-            senses[spring] = np.sign(chain.axis[element] @ chain.axis[joint]) or 1.0
-    return senses
