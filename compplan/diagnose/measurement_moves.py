@@ -1,0 +1,259 @@
+"""Moves that a next measurement may consist of: reversal, loads, payloads, sign flip, joint sweep, warm-up, speeds.
+
+A pool of candidate moves is laid out as the continuation of a campaign, so that the forward models see order, loads,
+times and temperatures as they would be. A move is a few rows that only make sense together, such as one pose with and
+without load.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.effects import attain_scene, stage_scene
+from compplan.measurements import Campaign
+from compplan.robot import Array, Robot
+
+#: What each kind of move is, for people.
+KINDS = {
+    "new_poses": "measure these poses, without load",
+    "loaded_unloaded": "measure each pose without load and under the load",
+    "sign_flip": "measure each pose under the load and under its opposite",
+    "two_payloads": "measure each pose with a light and with a heavy known weight on the tool",
+    "reversal": "come to each pose from either side of one joint",
+    "joint_sweep": "sweep one joint over its range and hold the others",
+    "warm_up": "let the robot cool down, then measure each pose cold, half warm and warm",
+    "two_speeds": "drive the same path slowly and fast",
+}
+#: Share of the joint range that is left free at either end, and largest joint range that is used at all. [rad]
+MARGIN, WIDEST = 0.03, np.pi
+#: Backing off before a pose is approached from a side: assumed ample for any lost motion. [rad, m]
+BACK_OFF = {"revolute": np.deg2rad(6.0), "prismatic": 0.05}
+POSES, LOADED_POSES, REVERSED_POSES, WARM_POSES, SWEEP_ROWS, PATH_ROWS = 40, 16, 4, 10, 11, 24
+#: Seconds between stays; seconds at which a robot is cold, half warm and warm. [s]
+PACE, COURSE = 15.0, (0.0, 1800.0, 7200.0)
+#: Warm-up where the campaign saw none: assumed. [K]
+ASSUMED_RISE = 8.0
+#: Weight that is proposed where the campaign held no load: assumed possible for any robot here. [N]
+ASSUMED_WEIGHT = 50.0
+SPEEDS = (0.05, 0.25)
+SWING = 0.15
+
+
+@dataclass(frozen=True)
+class Move:
+    """Rows that are measured together.
+
+    Attributes:
+        kind: One of `KINDS`.
+        rows: Rows of the pool that are measured.
+        joint: The joint that it is about, or None.
+    """
+
+    kind: str
+    rows: tuple[int, ...]
+    joint: str | None = None
+
+
+@dataclass(eq=False)
+class Pool:
+    """Candidate rows under construction; lists are appended to, row by row."""
+
+    q: list[Array] = field(default_factory=list)
+    wrench: list[Array] = field(default_factory=list)
+    run: list[str] = field(default_factory=list)
+    time: list[float] = field(default_factory=list)
+    warmth: list[float] = field(default_factory=list)
+    moves: list[Move] = field(default_factory=list)
+
+    def add(self, q: Array, wrench: Array, run: str, time: float, warmth: float) -> int:
+        """Append a row and return its number."""
+        self.q.append(q)
+        self.wrench.append(wrench)
+        self.run.append(run)
+        self.time.append(time)
+        self.warmth.append(warmth)
+        return len(self.q) - 1
+
+
+def lay_out_moves(robot: Robot, campaign: Campaign, seed: int = 0) -> tuple[Campaign, tuple[Move, ...]]:
+    """Lay out candidate moves as the continuation of a campaign.
+
+    Poses stay within the joint limits, no lower and no nearer to the base axis than the campaign went; loads stay
+    within the largest load of the campaign. Whether cables and surroundings allow a pose is not known here.
+
+    Args:
+        robot: The robot.
+        campaign: The campaign so far.
+        seed: Seed of the candidate poses.
+
+    Returns:
+        A campaign that begins with the first rows of the old one, and the moves among its rows.
+    """
+    random = np.random.default_rng(seed)
+    poses = draw_poses(robot, campaign, POSES, random)
+    if not len(poses):
+        return campaign.take(np.zeros(0, int)), ()
+    pool = Pool()
+    head = np.flatnonzero(campaign.usable)[:5]
+    for row in head:
+        pool.add(campaign.q[row], campaign.wrench[row], "static_before", 0.0, 0.0)
+    _add_static(pool, robot, campaign, poses)
+    _add_reversals(pool, robot, poses)
+    _add_sweeps(pool, robot, campaign, poses)
+    if campaign.time is not None or campaign.temperature is not None:
+        _add_warm_up(pool, poses)
+    if campaign.time is not None and campaign.on_path.any():
+        _add_paths(pool, robot, poses)
+    return _continue_campaign(campaign, pool), tuple(pool.moves)
+
+
+def draw_poses(robot: Robot, campaign: Campaign, count: int, random: np.random.Generator) -> Array:
+    """Draw poses within joint limits that keep clear of floor and column as the campaign did. Shape (<= count, nq)."""
+    lower, upper = joint_range(robot, campaign)
+    q = random.uniform(lower, upper, (40 * count, robot.nq))
+    return q[keeps_clear(robot, campaign, q)][:count]
+
+
+def joint_range(robot: Robot, campaign: Campaign) -> tuple[Array, Array]:
+    """Return the joint range that may be visited. Shapes (nq,). [rad or m]"""
+    seen = campaign.q[campaign.usable]
+    middle = 0.5 * (seen.min(0) + seen.max(0))
+    lower, upper = np.maximum(robot.lower, middle - WIDEST), np.minimum(robot.upper, middle + WIDEST)
+    margin = MARGIN * (upper - lower)
+    # a rail is as long as it was seen to be where the folder states no limits
+    endless = robot.prismatic & ~(np.isfinite(robot.lower) & np.isfinite(robot.upper))
+    return np.where(endless, seen.min(0), lower + margin), np.where(endless, seen.max(0), upper - margin)
+
+
+def keeps_clear(robot: Robot, campaign: Campaign, q: Array) -> NDArray[np.bool_]:
+    """Tell which poses stand no lower and no nearer to the base axis than the campaign did. Shape (n,)."""
+    usable = np.flatnonzero(campaign.usable)
+    some = usable[:: max(1, len(usable) // 400)]
+    seen, tip = _tips(robot, campaign.q[some]), _tips(robot, q)
+    near = min(float(np.hypot(seen[:, 0], seen[:, 1]).min()), 0.3)
+    return np.asarray((tip[:, 2] >= seen[:, 2].min()) & (np.hypot(tip[:, 0], tip[:, 1]) >= near))
+
+
+def _tips(robot: Robot, q: Array) -> Array:
+    run = np.array(["static"] * len(q), dtype=np.str_)
+    rows = Campaign(run, q, np.zeros((len(q), 6)), np.zeros((len(q), 3)))
+    return attain_scene(stage_scene(robot, rows)).position
+
+
+def given_loads(campaign: Campaign) -> list[Array]:
+    """Pick the largest loads of the campaign that point in different directions; a known weight where it had none."""
+    wrench = campaign.wrench[campaign.usable & ~campaign.unloaded]
+    if not campaign.load_varies or not len(wrench):
+        return [np.array([0.0, 0.0, -ASSUMED_WEIGHT, 0.0, 0.0, 0.0])]
+    order = np.argsort(-np.linalg.norm(wrench[:, :3], axis=1))
+    picked: list[Array] = []
+    for row in order:
+        force = wrench[row, :3]
+        if all(force @ other[:3] < 0.7 * np.linalg.norm(force) * np.linalg.norm(other[:3]) for other in picked):
+            picked.append(np.round(wrench[row], 1))
+        if len(picked) == 4:
+            break
+    return picked
+
+
+def _add_static(pool: Pool, robot: Robot, campaign: Campaign, poses: Array) -> None:
+    nothing, loads = np.zeros(6), given_loads(campaign)
+    clock = _clock(campaign)
+
+    def stay(q: Array, wrench: Array) -> int:
+        return pool.add(q, wrench, "static_next", clock + PACE * len(pool.q), 1.0)
+
+    for q in poses:
+        pool.moves.append(Move("new_poses", (stay(q, nothing),)))
+    heaviest = max(float(np.linalg.norm(load[:3])) for load in loads)
+    weight = np.array([0.0, 0.0, -heaviest, 0.0, 0.0, 0.0])
+    for number, q in enumerate(poses[:LOADED_POSES]):
+        load = loads[number % len(loads)]
+        pool.moves.append(Move("loaded_unloaded", (stay(q, nothing), stay(q, load))))
+        pool.moves.append(Move("sign_flip", (stay(q, load), stay(q, -load))))
+        pool.moves.append(Move("two_payloads", (stay(q, 0.3 * weight), stay(q, weight))))
+
+
+def _add_reversals(pool: Pool, robot: Robot, poses: Array) -> None:
+    nothing, clock = np.zeros(6), max(pool.time)
+    for index, joint in enumerate(robot.actuated):
+        step = np.zeros(robot.nq)
+        step[index] = BACK_OFF[joint.kind]
+        for q in poses[:REVERSED_POSES]:
+            centre = np.clip(q, robot.lower + step, robot.upper - step)
+            rows = []
+            for side in (-1.0, 1.0):
+                pool.add(centre + side * step, nothing, "static_next", clock + PACE * len(pool.q), 1.0)
+                rows.append(pool.add(centre, nothing, "static_next", clock + PACE * len(pool.q), 1.0))
+            pool.moves.append(Move("reversal", tuple(rows), joint.name))
+
+
+def _add_sweeps(pool: Pool, robot: Robot, campaign: Campaign, poses: Array) -> None:
+    lower, upper = joint_range(robot, campaign)
+    nothing, clock = np.zeros(6), max(pool.time)
+    for index, joint in enumerate(robot.actuated):
+        for q in poses[:2]:
+            sweep = np.repeat(q[None], SWEEP_ROWS, axis=0)
+            sweep[:, index] = np.linspace(lower[index], upper[index], SWEEP_ROWS)
+            sweep = sweep[keeps_clear(robot, campaign, sweep)]
+            if len(sweep) < 4:
+                continue
+            rows = tuple(pool.add(s, nothing, "static_next", clock + PACE * len(pool.q), 1.0) for s in sweep)
+            pool.moves.append(Move("joint_sweep", rows, joint.name))
+
+
+def _add_warm_up(pool: Pool, poses: Array) -> None:
+    nothing = np.zeros(6)
+    rows: list[list[int]] = [[] for _ in poses[:WARM_POSES]]
+    for seconds, warmth in zip(COURSE, (0.0, 0.5, 1.0), strict=True):
+        for number, q in enumerate(poses[:WARM_POSES]):
+            rows[number].append(pool.add(q, nothing, "static_warming", seconds + PACE * number, warmth))
+    pool.moves += [Move("warm_up", tuple(numbers)) for numbers in rows]
+
+
+def _add_paths(pool: Pool, robot: Robot, poses: Array) -> None:
+    """Swing each joint by some degrees there and back, slowly and fast."""
+    nothing, clock = np.zeros(6), max(pool.time)
+    phase = np.linspace(0.0, 2.0 * np.pi, PATH_ROWS)
+    for index, joint in enumerate(robot.actuated):
+        if joint.kind != "revolute":
+            continue
+        rows: list[int] = []
+        centre = np.clip(poses[0], robot.lower + SWING, robot.upper - SWING)
+        for number, speed in enumerate(SPEEDS):
+            clock += 60.0
+            for angle in phase:
+                q = centre.copy()
+                q[index] += SWING * np.sin(angle)
+                moment = clock + SWING * angle / speed
+                rows.append(pool.add(q, nothing, f"path_next_{index + 1}_{number + 1}", moment, 1.0))
+            clock = max(pool.time)
+        pool.moves.append(Move("two_speeds", tuple(rows), joint.name))
+
+
+def _clock(campaign: Campaign) -> float:
+    return 0.0 if campaign.time is None else float(np.nanmax(campaign.time)) + 60.0
+
+
+def _continue_campaign(campaign: Campaign, pool: Pool) -> Campaign:
+    n = len(pool.q)
+    q, temperature = np.array(pool.q), None
+    if campaign.temperature is not None and campaign.warming is not None:
+        rise = float(np.max(campaign.warming))
+        rise = rise if rise > 1.0 else ASSUMED_RISE
+        temperature = campaign.reference_temperature + rise * np.array(pool.warmth)
+    return Campaign(
+        run=np.array(pool.run, dtype=np.str_),
+        q=q,
+        wrench=np.array(pool.wrench),
+        position=np.zeros((n, 3)),
+        rotation=None if campaign.rotation is None else np.broadcast_to(np.eye(3), (n, 3, 3)),
+        time=None if campaign.time is None else np.array(pool.time),
+        temperature=temperature,
+        link=None if campaign.link is None else q.copy(),
+        target=None if campaign.target is None else np.full(n, int(campaign.target_index[-1])),
+        target_names=campaign.target_names,
+    )
