@@ -1,4 +1,4 @@
-"""The loop of an online correction in time: a PI or PID law at a fixed rate and a robot that follows with lag and delay.
+"""The loop of an online correction in time: a PI or PID law at a fixed rate, a robot that follows with lag and delay.
 
 From [Johra2022]: a wanted correction u (what the model says that the measured force makes of the tool) passes through a
 discrete PID law; the robot follows the corrections sent to it with a lag and a delay. The law takes its error either

@@ -12,7 +12,7 @@ from compplan.tomlfile import StrictTable
 
 #: Where the defaults come from, key by key.
 SOURCES: dict[str, str] = {
-    "joint_compliance": "assumed; identification scatters by 2 to 9 % [Dumas2011], reduced models by 15 % [Mamedov2018]",
+    "joint_compliance": "assumed; identified to 2 to 9 % [Dumas2011], reduced models to 15 % [Mamedov2018]",
     "link_compliance": "assumed; beams stand for castings whose walls are not known [Mamedov2018]",
     "joint_zero_deg": "assumed, after calibration",
     "geometry_mm": "assumed, after calibration (0.1 to 0.5 mm at the TCP in all)",
@@ -25,7 +25,7 @@ SOURCES: dict[str, str] = {
     "gear_periods": "assumed",
     "wrench_level": "assumed; force models of milling and forming err by 10 to 20 %",
     "wrench_direction_deg": "assumed",
-    "wrench_path": "assumed; share of the mean force, correlated along the path",
+    "wrench_path": "assumed; relative variation of the level along the path",
     "correlation_mm": "assumed; distance at which errors along the path forget each other",
     "motor_encoder_deg": "assumed; a 17-bit encoder behind a gear reads far finer than its mounting",
     "link_encoder_deg": "assumed; a 20-bit ring with its mounting error",
@@ -62,7 +62,7 @@ class NoiseTable(StrictTable):
     gear_error_deg: float = Field(default=0.002, ge=0.0)
     gear_periods: float = Field(default=60.0, gt=0.0)
     wrench_level: float = Field(default=0.15, ge=0.0, le=1.0)
-    wrench_direction_deg: float = Field(default=5.0, ge=0.0, le=60.0)
+    wrench_direction_deg: float = Field(default=3.0, ge=0.0, le=60.0)
     wrench_path: float = Field(default=0.05, ge=0.0, le=1.0)
     correlation_mm: float = Field(default=20.0, gt=0.0)
     motor_encoder_deg: float = Field(default=0.0003, ge=0.0)

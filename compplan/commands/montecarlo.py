@@ -1,0 +1,119 @@
+"""`compplan montecarlo`: strategies against each other under uncertainty."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+
+
+@click.command()
+@click.argument("job", type=click.Path(path_type=Path))
+@click.option("--samples", type=click.IntRange(min=2), default=1000, show_default=True, help="Number of samples.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of everything.")
+@click.option("--out", "folder", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one a core.")
+@click.option("--scheduler", help="Address of a Dask scheduler (tcp://HOST:PORT) whose workers compute.")
+@click.option("--strategies", help="Names of the strategies, with commas; default: all that the robot can carry out.")
+@click.option("--replicates", type=click.IntRange(min=2), default=8, show_default=True, help="Independent replicates.")
+@click.option(
+    "--sequence", type=click.Choice(["sobol", "latin_hypercube"]), default="sobol", show_default=True,
+    help="How the samples are spread.",
+)  # fmt: skip
+@click.option("--stop-below", type=click.FloatRange(min=0, min_open=True), metavar="MM",
+              help="Stop when the 95 % interval of every mean rms is within this many mm.")  # fmt: skip
+@click.option("--waypoints", type=click.IntRange(min=2), default=2500, show_default=True,
+              help="A longer path is thinned evenly to this many waypoints.")  # fmt: skip
+@click.option("--no-sensitivity", is_flag=True, help="Leave out the sensitivity analysis.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary (montecarlo.json) to stdout.")
+def command(job: Path, folder: Path, workers: int | None, scheduler: str | None, as_json: bool, **choices: Any) -> None:
+    """Let strategies cut JOB in many uncertain cells: write montecarlo.json, report.html and the samples.
+
+    Samples are kept in OUT/samples: an interrupted study goes on where it stopped when it is run again.
+    """
+    from compplan.errors import InputError
+    from compplan.job import load_job
+    from compplan.montecarlo.job_study import study_job
+    from compplan.montecarlo.runner import Settings
+    from compplan.montecarlo.workforce import Workforce
+
+    if workers and scheduler:
+        raise InputError("--workers and --scheduler are both given, choose one")
+    checked = load_job(job)
+    names = [name.strip() for name in (choices["strategies"] or "").split(",") if name.strip()]
+    stop = choices["stop_below"]
+    settings = Settings(
+        samples=choices["samples"],
+        seed=choices["seed"],
+        replicates=choices["replicates"],
+        sequence=choices["sequence"],
+        stop_below=None if stop is None else stop * 1e-3,
+    )
+    with show_bars() as (announce, progress):
+        summary, files = study_job(
+            checked,
+            settings,
+            folder,
+            strategies=names,
+            most_waypoints=choices["waypoints"],
+            sensitivity=not choices["no_sensitivity"],
+            workforce=Workforce(workers, scheduler),
+            announce=announce,
+            progress=progress,
+        )
+    if as_json:
+        click.echo(json.dumps(summary, indent=2))
+        return
+    print_table(summary)
+    click.echo(f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}")
+
+
+def print_table(summary: dict[str, Any]) -> None:
+    """Print rms and greatest deviation of every strategy."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=f"{summary['name']}: deviation over {summary['samples']} samples [mm]")
+    for column in ("strategy", "rms, mean", "95 % interval", "rms, 95 %", "greatest, 95 %", "parts within tolerance"):
+        table.add_column(column, justify="left" if column == "strategy" else "right")
+    for name, figures in summary["strategies"].items():
+        rms, largest = figures["rms_mm"], figures["max_mm"]
+        ends = f"{rms['ci95'][0]:.4g} to {rms['ci95'][1]:.4g}"
+        share = f"{100 * figures['within_tolerance']:.3g} %"
+        table.add_row(name, f"{rms['mean']:.4g}", ends, f"{rms['p95']:.4g}", f"{largest['p95']:.4g}", share)
+    console = Console(width=110)
+    console.print(table)
+    if summary["waypoints"] < summary["waypoints_of_path"]:
+        console.print(f"path thinned from {summary['waypoints_of_path']} to {summary['waypoints']} waypoints")
+    grade = summary["robot_grade"]
+    console.print(f"robot model graded {grade}; uncertainties as the report lists them, assumed where the job is silent")
+
+
+@contextmanager
+def show_bars() -> Iterator[tuple[Callable[[str], None], Callable[[str, int, int], None]]]:
+    """Give functions that tell what is done now and how far it is; silent where stderr is no terminal."""
+    if not sys.stderr.isatty():
+        yield (lambda text: None), (lambda task, done, total: None)
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+        known: dict[str, Any] = {}
+        head = bars.add_task("", total=None)
+
+        def announce(text: str) -> None:
+            bars.update(head, description=text)
+
+        def progress(task: str, done: int, total: int) -> None:
+            if task not in known:
+                known[task] = bars.add_task(task, total=total)
+            bars.update(known[task], completed=done, total=total)
+
+        yield announce, progress

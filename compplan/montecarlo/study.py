@@ -1,0 +1,384 @@
+"""A study: strategies at work in many cells.
+
+`prepare_study` works out once what all samples share; `judge_points` lets every strategy cut its part in the cell of
+every point and measures how far the tool was from the path.
+
+All strategies meet the same cells, so that their differences are paired.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from compplan.correction_loop import Loop, Plant, run_loop
+from compplan.encoders import actuator_selection, control_equilibrium
+from compplan.errors import InputError
+from compplan.montecarlo.draw import Cells, Surroundings, draw_cells, survey_surroundings
+from compplan.montecarlo.factors import PARTS, list_factors
+from compplan.montecarlo.kernel import Kernel, build_kernel, settle_tips
+from compplan.noise import NoiseTable
+from compplan.robot import Array
+from compplan.strategies.controller import Controller, answer_reading
+from compplan.strategies.online import ALL_STRATEGIES, ONLINE, prepare_controllers
+from compplan.strategies.path_map import load_gears
+from compplan.task import Command, PlanTask, attain_with_effects
+from compplan.toolpath import select_waypoints
+
+#: Waypoints that a study looks at; a longer path is thinned evenly, and its report says so.
+MOST_WAYPOINTS = 2500
+#: Poses worked on at once, samples times waypoints.
+BATCH = 8192
+#: Length of path over which the mean softens the tracker's noise. [m]
+SOFT_LENGTH = 0.003
+#: Stations along the path whose distances are kept.
+STATIONS = 120
+
+
+class Worker(NamedTuple):
+    """A controller, components first, ready for many samples.
+
+    Attributes:
+        q: Shape (nq, 1, n). [rad or m]
+        q_rest: Shape (nq, 1, n). [rad or m]
+        gain: Shape (nq, k, n), or None.
+        expected: Shape (k, 1, n), or None.
+        spring_gain: Factor on what each gear yields. Shape (nq,).
+        spring_factor: The same for every elastic coordinate. Shape (s,).
+        theta: Elastic coordinates by the model. Shape (s, n). [rad or m]
+        offset: Motion of the tip by the effects of the robot folder. Shape (3, n). [m]
+
+    """
+
+    q: Array
+    q_rest: Array
+    gain: Array | None
+    expected: Array | None
+    spring_gain: Array
+    spring_factor: Array
+    theta: Array
+    offset: Array
+
+
+class TimeGrid(NamedTuple):
+    """Between n waypoints and the periods of a loop: positions of the periods among the waypoints, and vice versa."""
+
+    at_period: Array
+    at_waypoint: Array
+
+
+@dataclass(frozen=True)
+class Study:
+    """What all samples of a study share.
+
+    Attributes:
+        task: The task, thinned where it is long.
+        waypoints_of_path: Number of waypoints of the whole path.
+        controllers: The strategies.
+        workers: The same, ready for many samples.
+        kernel: The kernel.
+        surroundings: Noise and what it acts on.
+        gear: Compliance, load per wrench and load of each gear: (nq,), (nq, 6, n), (nq, n).
+        selection: Elastic coordinates between each joint's encoders. Shape (nq, s).
+        nominal: Wanted tips. Shape (3, n). [m]
+        cut: Waypoints that are judged. Shape (n,).
+        grid: Time grid of the correction loops, or None.
+        stations: Waypoints whose distances are kept. Shape (k,).
+        softened: Waypoints whose mean softens the tracker's noise.
+
+    """
+
+    task: PlanTask
+    waypoints_of_path: int
+    controllers: dict[str, Controller]
+    workers: dict[str, Worker]
+    kernel: Kernel
+    surroundings: Surroundings
+    gear: tuple[Array, Array, Array]
+    selection: Array
+    nominal: Array
+    cut: NDArray[np.bool_]
+    grid: TimeGrid | None
+    stations: NDArray[np.int_]
+    softened: int = 1
+
+    @property
+    def strategies(self) -> tuple[str, ...]:
+        """Names of the strategies."""
+        return tuple(self.controllers)
+
+    @property
+    def noise(self) -> NoiseTable:
+        """The standard deviations."""
+        return self.surroundings.noise
+
+
+class Judged(NamedTuple):
+    """Figures of b samples and m strategies.
+
+    Attributes:
+        rms: Shape (b, m). [m]
+        mean: Shape (b, m). [m]
+        max: Shape (b, m). [m]
+        within: Share of waypoints within tolerance. Shape (b, m).
+        along: Distance at the stations. Shape (b, m, k). [m]
+
+    """
+
+    rms: Array
+    mean: Array
+    max: Array
+    within: Array
+    along: NDArray[np.float32]
+
+
+def prepare_study(
+    task: PlanTask,
+    noise: NoiseTable | None = None,
+    strategies: Sequence[str] | None = None,
+    *,
+    most_waypoints: int = MOST_WAYPOINTS,
+    commands: Mapping[str, Command] | None = None,
+    announce: Callable[[str], None] | None = None,
+) -> Study:
+    """Prepare a study.
+
+    Args:
+        task: The task.
+        noise: The standard deviations; the defaults if left out.
+        strategies: The strategies; all that the robot can carry out if left out.
+        most_waypoints: A longer path is thinned evenly to this many waypoints.
+        commands: Commands of plan strategies that are known already.
+        announce: Called with what is done next.
+
+    Raises:
+        InputError: If a strategy does not suit the robot, or nothing of the path is cut.
+
+    """
+    noise = noise or NoiseTable()
+    if not task.compensated.any():
+        raise InputError("nothing of the path is cut, there is nothing to judge")
+    gears = bool(task.chain.actuator.any())
+    chosen = tuple(strategies) if strategies else tuple(s for s in ALL_STRATEGIES if gears or "encoder" not in s)
+    thin = thin_task(task, most_waypoints)
+    if announce:
+        announce(f"prepare {len(chosen)} strategies")
+    blind = prepare_controllers(task, [name for name in chosen if name not in ONLINE], commands)
+    rows = thin_rows(len(task), most_waypoints)
+    controllers = {name: replace(controller, q=controller.q[rows]) for name, controller in blind.items()}
+    controllers |= prepare_controllers(thin, [name for name in chosen if name in ONLINE])
+    plant = Plant(noise.plant_lag_ms * 1e-3, noise.plant_delay_ms * 1e-3)
+    return assemble_study(thin, noise, {name: _with_plant(controllers[name], plant) for name in chosen}, len(task))
+
+
+def assemble_study(thin: PlanTask, noise: NoiseTable, controllers: dict[str, Controller], waypoints: int) -> Study:
+    """Put together what all samples share.
+
+    Args:
+        thin: The task, thinned where its path is long.
+        noise: The standard deviations.
+        controllers: The strategies, prepared for the thinned task.
+        waypoints: Number of waypoints of the whole path.
+
+    """
+    selection = actuator_selection(thin.chain)
+    encoders = next((c for c in controllers.values() if c.sensor == "encoders"), None)
+    columns, load = load_gears(thin, thin.q_start if encoders is None else encoders.q)
+    loops = [c.loop for c in controllers.values() if c.loop]
+    cut = np.flatnonzero(thin.compensated)
+    return Study(
+        task=thin,
+        waypoints_of_path=waypoints,
+        controllers=controllers,
+        workers={name: _make_worker(thin, controller, selection) for name, controller in controllers.items()},
+        kernel=build_kernel(thin.chain),
+        surroundings=survey_surroundings(thin, noise, list_factors(thin.robot, noise)),
+        gear=(
+            np.asarray(selection @ np.diag(thin.chain.compliance)),
+            np.ascontiguousarray(np.moveaxis(columns, 0, -1)),
+            np.ascontiguousarray(load.T),
+        ),
+        selection=selection,
+        nominal=np.ascontiguousarray(thin.position.T),
+        cut=thin.compensated,
+        grid=_make_grid(thin, loops[0]) if loops else None,
+        stations=cut[np.unique(np.linspace(0, len(cut) - 1, min(STATIONS, len(cut))).astype(int))],
+        softened=_count_softened(thin),
+    )
+
+
+def thin_rows(n: int, most: int) -> NDArray[np.int_]:
+    """Choose waypoints evenly, first and last included."""
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
+
+
+def thin_task(task: PlanTask, most: int) -> PlanTask:
+    """Keep at most so many waypoints of a task."""
+    rows = thin_rows(len(task), most)
+    if len(rows) == len(task):
+        return task
+    time = np.concatenate([[0.0], np.cumsum(task.step_time)])
+    return replace(
+        task,
+        nominal=select_waypoints(task.nominal, rows),
+        rotation=task.rotation[rows],
+        wrench=task.wrench[rows],
+        compensated=task.compensated[rows],
+        q_start=task.q_start[rows],
+        missed=task.missed[rows],
+        step_time=np.diff(time[rows]),
+        start=None,
+    )
+
+
+def thin_study(study: Study, most: int) -> Study:
+    """Thin a study further, its strategies prepared as they are."""
+    rows = thin_rows(len(study.task), most)
+    if len(rows) == len(study.task):
+        return study
+    controllers = {
+        name: replace(
+            c,
+            q=c.q[rows],
+            gain=None if c.gain is None else c.gain[rows],
+            expected=None if c.expected is None else c.expected[rows],
+            q_rest=None if c.q_rest is None else c.q_rest[rows],
+        )
+        for name, c in study.controllers.items()
+    }
+    return assemble_study(thin_task(study.task, most), study.noise, controllers, study.waypoints_of_path)
+
+
+def judge_points(study: Study, points: Array) -> Judged:
+    """Let every strategy cut its part in the cell of every point.
+
+    Args:
+        study: The study.
+        points: Points of the unit cube. Shape (b, size).
+
+    Raises:
+        ConvergenceError: If a cell buckles under its load.
+
+    """
+    size = max(1, BATCH // len(study.task))
+    batches = [_judge_batch(study, points[start : start + size]) for start in range(0, len(points), size)]
+    return Judged(*(np.concatenate(parts) for parts in zip(*batches, strict=True)))
+
+
+def _judge_batch(study: Study, points: Array) -> Judged:
+    cells = draw_cells(study.surroundings, points)
+    distances = np.stack([np.linalg.norm(run_strategy(study, name, cells), axis=0) for name in study.strategies], 1)
+    cut = distances[:, :, study.cut]
+    return Judged(
+        rms=np.sqrt((cut**2).mean(axis=2)),
+        mean=cut.mean(axis=2),
+        max=cut.max(axis=2),
+        within=(cut <= study.task.tolerance).mean(axis=2),
+        along=distances[:, :, study.stations].astype(np.float32),
+    )
+
+
+def run_strategy(study: Study, name: str, cells: Cells) -> Array:
+    """Let a strategy cut its parts in b cells; return the deviation of the judged one. Shape (3, b, n). [m]"""
+    controller, worker = study.controllers[name], study.workers[name]
+    if controller.sensor == "tracker":
+        return _learn(study, controller, worker, cells)
+    last = PARTS - 1
+    q = np.broadcast_to(worker.q, (len(worker.q), *cells.shift.shape[1:]))
+    if worker.gain is not None and worker.expected is not None:
+        q = worker.q + answer_reading(worker.gain, _read_sensor(study, controller, cells) - worker.expected)
+    if controller.loop is not None and study.grid is not None:
+        q = worker.q_rest + _delay(controller.loop, study.grid, q - worker.q_rest)
+    return _cut_part(study, worker, cells, q, last)
+
+
+def _read_sensor(study: Study, controller: Controller, cells: Cells) -> Array:
+    """Read the force sensor, or the difference of the encoders, on the judged part. Shape (k, b, n)."""
+    wrench, last = cells.wrench[-1], PARTS - 1
+    if controller.sensor == "force":
+        return wrench + cells.force
+    compliance, columns, load = study.gear
+    torque = load[:, None, :] + answer_reading(columns, wrench - study.surroundings.wrench[:, None, :])
+    factor = np.where(study.selection > 0, cells.factor.T[:, None, :], 0.0).sum(axis=2).T
+    factor /= np.maximum(study.selection.sum(axis=1), 1.0)[:, None]
+    yielded = compliance[:, None, None] * factor[:, :, None] * torque + cells.drive
+    return np.where(compliance[:, None, None] > 0.0, yielded + cells.link[last] - cells.motor[last], 0.0)
+
+
+def _cut_part(study: Study, worker: Worker, cells: Cells, q: Array, part: int) -> Array:
+    """Cut a part with a command; return its deviation. Shape (3, b, n). [m]"""
+    gain = worker.spring_gain[:, None, None]
+    true = q + cells.zero[:, :, None] + gain * cells.drive - gain * cells.motor[part] - (1 - gain) * cells.link[part]
+    b, n = true.shape[1:]
+    factor = np.repeat(cells.factor * worker.spring_factor[:, None], n, axis=1)
+    theta = np.tile(worker.theta, (1, b)) * np.repeat(cells.factor, n, axis=1)
+    wrench = cells.wrench[part].reshape(6, -1)
+    tips = settle_tips(study.kernel, true.reshape(len(true), -1), wrench, factor, theta).reshape(3, b, n)
+    moved = cells.shift + cells.repeat[part][:, :, None] + worker.offset[:, None, :]
+    return np.asarray(tips - study.nominal[:, None, :] + moved)
+
+
+def _learn(study: Study, controller: Controller, worker: Worker, cells: Cells) -> Array:
+    """Cut, measure and correct, part after part; the last one is judged."""
+    assert worker.gain is not None
+    q = np.broadcast_to(worker.q, (len(worker.q), *cells.shift.shape[1:]))
+    for part in range(controller.parts):
+        measured = _cut_part(study, worker, cells, q, part) + cells.tracker[part]
+        q = q + answer_reading(worker.gain, uniform_filter1d(measured, study.softened, axis=-1, mode="nearest"))
+    return _cut_part(study, worker, cells, q, PARTS - 1)
+
+
+def _delay(loop: Loop, grid: TimeGrid, wanted: Array) -> Array:
+    """Pass wanted corrections through a loop in time. Shape (nq, b, n)."""
+    return _interpolate(run_loop(loop, _interpolate(wanted, grid.at_period)), grid.at_waypoint)
+
+
+def _interpolate(values: Array, at: Array) -> Array:
+    before = np.minimum(at.astype(int), values.shape[-1] - 2)
+    share = at - before
+    return np.asarray(values[..., before] * (1.0 - share) + values[..., before + 1] * share)
+
+
+def _make_grid(task: PlanTask, loop: Loop) -> TimeGrid:
+    time = np.concatenate([[0.0], np.cumsum(task.step_time)])
+    periods = np.arange(int(np.ceil(time[-1] / loop.period)) + 2) * loop.period
+    return TimeGrid(np.interp(periods, time, np.arange(len(time))), time / loop.period)
+
+
+def _count_softened(task: PlanTask) -> int:
+    """Count the waypoints in the softened length, an odd number."""
+    step = float(np.median(np.linalg.norm(np.diff(task.position, axis=0), axis=1)))
+    return 2 * int(0.5 * SOFT_LENGTH / max(step, 1e-9)) + 1
+
+
+def _with_plant(controller: Controller, plant: Plant) -> Controller:
+    return controller if controller.loop is None else replace(controller, loop=replace(controller.loop, plant=plant))
+
+
+def _make_worker(task: PlanTask, controller: Controller, selection: Array) -> Worker:
+    beta = 0.0 if controller.beta is None else controller.beta
+    state = control_equilibrium(task.chain, controller.q, task.wrench, feedback=controller.feedback, beta=beta)
+    between = selection.any(axis=0)
+    q_rest = controller.q if controller.q_rest is None else controller.q_rest
+    offset = np.zeros((3, len(task)))
+    if task.robot.effects:
+        runs = [
+            attain_with_effects(robot, controller.q, task.wrench, task.step_time)[0]
+            for robot in (task.robot, replace(task.robot, effects=()))
+        ]
+        offset = (runs[0] - runs[1]).T
+    return Worker(
+        q=np.ascontiguousarray(controller.q.T)[:, None, :],
+        q_rest=np.ascontiguousarray(q_rest.T)[:, None, :],
+        gain=None if controller.gain is None else np.ascontiguousarray(np.moveaxis(controller.gain, 0, -1)),
+        expected=None if controller.expected is None else np.ascontiguousarray(controller.expected.T)[:, None, :],
+        spring_gain=controller.spring_gain,
+        spring_factor=np.where(between, controller.spring_gain @ selection, 1.0),
+        theta=np.ascontiguousarray(state.loaded.theta.T),
+        offset=offset,
+    )
