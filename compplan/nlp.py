@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -36,8 +36,8 @@ from compplan.sensitivity import AttainedPose, chunk_rows
 #: l: swings of the free rotation over fewer than 2 pi l waypoints are smoothed away.
 SMOOTHING = 80.0
 ANCHOR_WEIGHT = SMOOTHING**-4
-#: Weight of a missed pose equation where the path is released, against that of a second difference.
-RELEASE_WEIGHT = 1e2
+#: Weight of a missed pose equation of a released waypoint; any, for its joint positions are given.
+RELEASE_WEIGHT = 1e-6
 #: Weight of a missed rate row.
 RATE_WEIGHT = 1e-3
 #: Steps of time shorter than this share of the median count as this long in the measure of smoothness.
@@ -128,7 +128,7 @@ class Rows:
     Attributes:
         bounded: Joint positions that are bounded. Shape (n, nq).
         limited: Waypoints whose correction is limited. Shape (c,).
-        released: Waypoints whose pose equations may be missed, at a cost. Shape (r,).
+        released: Waypoints whose joint positions are given, their pose equations may be missed. Shape (r,).
         velocity: Pairs (waypoint i, joint) whose step from i to i + 1 is limited. Shape (v, 2).
         acceleration: Pairs (waypoint i, joint) whose change of velocity at i is limited. Shape (a, 2).
 
@@ -224,7 +224,7 @@ def build_nlp(problem: PathProblem, rows: Rows) -> Nlp:
     bent = square - start if problem.keeps_shape else square
     objective = ca.sumsqr(ca.mtimes(bent, ca.DM(smooth.T))) + ANCHOR_WEIGHT * ca.sumsqr(square - start)
     objective += RELEASE_WEIGHT * ca.sumsqr(slack[:misses]) + RATE_WEIGHT * ca.sum1(slack[misses:])
-    options = {
+    options: dict[str, Any] = {
         "hess_lag": _objective_hessian(smooth, nq, misses, len(bound), x, p, g.numel()),
         "jac_g": ca.Function("jacobian", [x, p], [g, jacobian], ["x", "p"], ["g", "jac_g_x"]),
         "calc_lam_p": False,
@@ -252,6 +252,7 @@ def solve_nlp(nlp: Nlp, q: Array, attained: AttainedPose, *, bounded: NDArray[np
     n, nq = q.shape
     mask = rows.bounded if bounded is None else bounded
     lower, upper = (np.where(mask, limit, sign * np.inf) for limit, sign in ((problem.lower, -1), (problem.upper, 1)))
+    lower[rows.released] = upper[rows.released] = q[rows.released]
     misses = len(rows.released) * problem.equations
     slack_lower = np.r_[np.full(misses, -np.inf), np.zeros(nlp.extra - misses)]
     limit = [problem.max_correction] if len(rows.limited) else []

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.chain import Chain
+from compplan.chain import Chain, joint_jacobian, locate_frames
 from compplan.ladder.start import Start
 from compplan.nlp import NlpSolution, PathProblem
 from compplan.robot import Array, Robot
-from compplan.sensitivity import AttainedPose, attain_pose
+from compplan.sensitivity import AttainedPose, attain_pose, chunk_rows
 from compplan.toolpath import Toolpath
 
 #: Effects of instruments and sensors: they are no part of where the tool goes.
@@ -129,6 +129,29 @@ def attain(task: PlanTask, q: Array) -> AttainedPose:
         return loaded
     position, rotation = attain_with_effects(task.robot, q, task.wrench, task.step_time)
     return AttainedPose(position, rotation, loaded.jacobian)
+
+
+def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_]) -> AttainedPose:
+    """Predict what the pose equations of some waypoints speak of: the loaded tool, in rapid moves the unloaded one.
+
+    Args:
+        task: The task.
+        q: Commanded joint positions of the whole path, on which effects with a memory depend. Shape (n, nq). [rad or m]
+        rows: The waypoints. Shape (k,).
+    """
+    loaded = attain_pose(task.chain, q[rows], task.wrench[rows])
+    if task.robot.effects:
+        position, rotation = attain_with_effects(task.robot, q, task.wrench, task.step_time)
+        loaded = AttainedPose(position[rows], rotation[rows], loaded.jacobian)
+    rapid = np.flatnonzero(~task.compensated[rows])
+    if not len(rapid):
+        return loaded
+    position, rotation, columns = (np.array(part) for part in loaded)
+    for part in chunk_rows(len(rapid), task.chain):
+        frames = locate_frames(task.chain, q[rows[rapid[part]]])
+        position[rapid[part]], rotation[rapid[part]] = frames.tcp_position, frames.tcp_rotation
+        columns[rapid[part]] = joint_jacobian(task.chain, frames)
+    return AttainedPose(position, rotation, columns)
 
 
 def attain_with_effects(robot: Robot, q: Array, wrench: Array, step_time: Array) -> tuple[Array, Array]:
