@@ -151,7 +151,7 @@ def main() -> None:
         print(("ok  " if good else "BAD ") + folder.name, score["status"], f"fresh {score['fresh']:.2f} cpu {score['cpu']:.0f}")
         print("      truth:", "; ".join(name(e) for e in truth["effects"]))
         s = answer["structure_left"]
-        for c in answer["verdict"]["effects"] + answer["verdict"]["doubtful"]:
+        for c in [*answer["verdict"]["effects"], *answer["verdict"]["doubtful"], *answer["verdict"]["minor"]]:
             right = any(accepts(c, e) for e in truth["effects"])
             back = any(same(c, b) for b in truth["background"])
             print(f"      {'+' if right else 'b' if back else '-'} {name(c)} p {c['probability']:.2f} explains {c['explained_rms_mm']:.4f}"

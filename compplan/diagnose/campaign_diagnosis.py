@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from compplan.diagnose.channels import position_residual
 from compplan.diagnose.conventions import find_conventions
 from compplan.diagnose.evidence import Hyper, Posterior, find_posterior
-from compplan.diagnose.fit import Fit, Problem, State, advance_state, fit_effects, linearize_state
+from compplan.diagnose.fit import Fit, Problem, State, advance_state, bend_forwards, fit_effects, linearize_state
 from compplan.diagnose.held_out import HeldOut, hold_out, make_folds, prior_of
 from compplan.diagnose.result import Candidate, Diagnosis, Gap
 from compplan.diagnose.search import Claim, distinct_places
@@ -91,10 +91,11 @@ def _conclude(
     problem, campaign = fit.problem, fit.problem.campaign
     progress("held out")
     folds = make_folds(campaign)
-    named = [f.signature for f in verdict.findings if f.signature >= 0]
+    named = [f.signature for f in (*verdict.findings, *verdict.minor) if f.signature >= 0]
     claims = [c for c in fit.model.claims if c.signature in named]
     plain = hold_out(fit, prior_of(fit, [], background=False), fit.model.posterior.hyper, folds)
     state, held = _choose_update(fit, claims, folds, plain)
+    state = settle_play(problem, state)
     residual_before = position_residual(campaign, nominal, attain_scene(nominal))
     after = linearize_state(problem, state)
     residual_after = position_residual(campaign, after.scene, after.attained)
@@ -136,7 +137,8 @@ def _choose_update(fit: Fit, claims: list[Claim], folds: NDArray[np.int_], plain
     hyper = fit.model.posterior.hyper
     options = []
     if len(claims) == len(fit.model.claims):
-        options.append((hold_out(fit, prior_of(fit, claims), hyper, folds), True))
+        prior, _ = bend_forwards(fit.search.ledger, prior_of(fit, claims), fit.model.posterior)
+        options.append((hold_out(fit, prior, hyper, folds), True))
     if claims or not options:
         options.append((hold_out(fit, prior_of(fit, claims, background=False), hyper, folds), False))
     held, background = min(options, key=lambda o: o[0].rms * (1.0 if o[1] else 1.002))
@@ -154,6 +156,26 @@ def _refitted(fit: Fit, claims: list[Claim]) -> State:
     posterior = replace(posterior, hyper=replace(posterior.hyper, log_tau=np.full_like(posterior.hyper.log_tau, -4.0)))
     model = replace(fit.model, claims=tuple(claims), posterior=posterior)
     return advance_state(replace(fit, model=model, state=fit.base or fit.state))
+
+
+def settle_play(problem: Problem, state: State) -> State:
+    """Find on which side of its play each joint stood when the campaign began: where the first rows say so."""
+    campaign = problem.campaign
+    first = campaign.first_visit & campaign.usable & (campaign.run_index == 0)
+    if not first.any():
+        return state
+    effects = list(state.effects)
+    for number, effect in enumerate(effects):
+        if effect.name != "backlash":
+            continue
+        tries = []
+        for start in (-0.5, 0.5):
+            effects[number] = replace(effect, parameters={**effect.parameters, "start_ratio": start})
+            at = linearize_state(problem, replace(state, effects=tuple(effects)))
+            gap = position_residual(campaign, at.scene, at.attained)[first]
+            tries.append((float(np.median(np.linalg.norm(gap, axis=1))), start, effects[number]))
+        effects[number] = min(tries, key=lambda t: t[:2])[2]
+    return replace(state, effects=tuple(effects))
 
 
 def _nominal_state(fit: Fit) -> State:

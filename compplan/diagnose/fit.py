@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.diagnose.background import CLASSES, build_prior, in_background, log_priors
 from compplan.diagnose.channels import Channel, Noise, build_channels, estimate_noises, position_residual
-from compplan.diagnose.evidence import start_hyper
+from compplan.diagnose.evidence import Posterior, Prior, find_posterior, start_hyper
 from compplan.diagnose.ledger import Ledger, build_ledger, extend_ledger
 from compplan.diagnose.outliers import find_gross_outliers, find_outliers
 from compplan.diagnose.proposals import propose_shifts, propose_waves
@@ -30,8 +30,8 @@ FIRST_ROUNDS = (2, 4, 8, 16)
 REGISTRATION = "registration"
 #: Parameters have settled when no observation moves by more than this share of its noise.
 SETTLED = 0.1
-#: Backgrounds smaller than this are left out of the updated robot.
-NO_BACKGROUND = np.log(0.06)
+#: Classes of the background that move the target by less than this share of the noise are left out of the model.
+NO_BACKGROUND = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,14 +290,15 @@ def _propose(fit: Fit) -> list[Signature]:
 
 def advance_state(fit: Fit) -> State:
     """Take the posterior mean into the exact model, and look for outliers."""
-    ledger, posterior = fit.search.ledger, fit.model.posterior
+    ledger = fit.search.ledger
+    prior, posterior = bend_forwards(ledger, fit.search.prior_of(fit.model.claims), fit.model.posterior)
     vector = posterior.values(ledger.p)
     claimed = list(fit.model.signatures)
     registration = fit.state.registration
     values: dict[str, float] = {}
     effects = list(fit.problem.fixed)
-    quiet = posterior.hyper.log_tau < NO_BACKGROUND
-    background = fit.search.prior_of(fit.model.claims).background
+    background = prior.background
+    quiet = _quiet_classes(ledger, background, vector)
     order = [*claimed, *(n for n in range(len(ledger.signatures)) if n not in claimed)]
     for number in order:
         signature, columns = ledger.signatures[number], ledger.columns(number)
@@ -320,6 +321,34 @@ def advance_state(fit: Fit) -> State:
     first = posterior.hyper
     scatter = fit.noises["position"].sigma * float(np.exp(0.5 * first.log_noise[0]) * np.hypot(1.0, np.exp(first.log_shared[0])))
     return State(tuple(effects), values, registration, fit.state.use, _claims(fit), scatter)
+
+
+def _quiet_classes(ledger: Ledger, background: NDArray[np.int_], vector: Array) -> NDArray[np.bool_]:
+    """Tell which classes of the background hardly move anything. Shape (classes,)."""
+    quiet = np.ones(len(CLASSES), bool)
+    for label in range(len(CLASSES)):
+        columns = np.flatnonzero((background == label) & (vector != 0))
+        moves = [np.sqrt(np.mean((design[..., columns] @ vector[columns]) ** 2)) for design in ledger.designs]
+        quiet[label] = max(moves, default=0.0) < NO_BACKGROUND
+    return quiet
+
+
+def bend_forwards(ledger: Ledger, prior: Prior, posterior: Posterior) -> tuple[Prior, Posterior]:
+    """Take background errors that can only be positive out of a model where they come out negative.
+
+    Nothing bends against its load; left in, such errors would cancel others to first order and could not be built.
+    """
+    one_sided = np.zeros(ledger.p, bool)
+    for number, signature in enumerate(ledger.signatures):
+        if signature.positive and len(signature.scale) == 1:
+            one_sided[ledger.columns(number)] = True
+    for _ in range(6):
+        wrong = one_sided & (prior.background >= 0) & (posterior.values(ledger.p) < 0)
+        if not wrong.any():
+            break
+        prior = replace(prior, background=np.where(wrong, -1, prior.background))
+        posterior = find_posterior(ledger, prior, posterior.hyper, fit=False)
+    return prior, posterior
 
 
 def _move_registration(registration: Registration | None, signature: Signature, step: Array) -> Registration | None:

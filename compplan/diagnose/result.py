@@ -96,6 +96,7 @@ class Diagnosis:
                 "status": self.verdict.status,
                 "effects": [finding_table(f) for f in self.verdict.findings],
                 "doubtful": [finding_table(f) for f in self.verdict.doubtful],
+                "minor": [finding_table(f) for f in self.verdict.minor],
             },
             "gap": {
                 "before_rms_mm": _mm(self.gap.before),

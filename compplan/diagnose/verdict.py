@@ -23,7 +23,9 @@ CLAIMED = 0.5
 FITTED_RIVALS = 3
 #: Structure is left where an error that stays share gains this much log evidence, and is this large against the noise,
 STRUCTURE_GAIN, STRUCTURE_SIZE = 6.0, 0.35
-#: and names are withheld where the structure left is larger than this share of what they explain.
+#: An error that moves the target less than this share of the noise floor is no cause of a gap and is not named.
+NAMEABLE = 0.8
+#: Names are withheld where the structure left is larger than this share of what they explain.
 UNTRUSTED = 0.35
 
 
@@ -76,13 +78,15 @@ class Verdict:
     Attributes:
         status: "none", "explained", "partly_explained" or "unknown".
         findings: Named effects, largest share of the gap first.
-        doubtful: Effects that were considered and are not named.
+        doubtful: Effects that were considered and are too improbable to be named.
+        minor: Effects that are there and too small to be a cause of the gap.
         structure: What is left.
     """
 
     status: str
     findings: tuple[Finding, ...]
     doubtful: tuple[Finding, ...]
+    minor: tuple[Finding, ...]
     structure: Structure
 
 
@@ -100,13 +104,16 @@ def reach_verdict(fit: Fit) -> Verdict:
         ratio = structure.rms / structure.explained
         trust = float(1.0 / (1.0 + (ratio / UNTRUSTED) ** 4))
     findings = [replace(f, probability=f.probability * trust) for f in findings]
-    named = tuple(f for f in findings if f.probability >= CLAIMED)
-    doubtful = tuple(f for f in findings if f.probability < CLAIMED)
+    noise = fit.noises["position"].sigma * float(np.exp(0.5 * fit.model.posterior.hyper.log_noise[0]))
+    small = NAMEABLE * np.sqrt(3.0) * noise
+    minor = tuple(f for f in findings if f.explained < small)
+    named = tuple(f for f in findings if f.probability >= CLAIMED and f not in minor)
+    doubtful = tuple(f for f in findings if f.probability < CLAIMED and f not in minor)
     if named:
         status = "partly_explained" if structure.left or doubtful else "explained"
     else:
         status = "unknown" if structure.left or any(f.margin > 5.0 for f in doubtful) else "none"
-    return Verdict(status, named, doubtful, structure)
+    return Verdict(status, named, doubtful, minor, structure)
 
 
 def weigh_claim(fit: Fit, claim: Claim) -> Finding:

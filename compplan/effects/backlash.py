@@ -15,6 +15,8 @@ from compplan.robot import Array, Robot
 name = "backlash"
 #: Assumed: full width of a worn gear's lost motion, rad or m.
 SCALE = {"revolute": 2e-4, "prismatic": 1e-4}
+#: Where nothing is known of what was before the first row, the joint came from below (assumed).
+CAME_FROM_BELOW = -0.5
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
@@ -39,20 +41,27 @@ def apply(scene: Scene, effect: Effect) -> Scene:
     """Let the link lag behind its reading by half the width, on either side."""
     index = scene.joint_index(effect.joint)
     drive = scene.drive.copy()
-    width = float(next(iter(effect.parameters.values())))
-    drive[:, index] += lost_motion(np.nan_to_num(scene.campaign.q[:, index]), width)
+    values = effect.parameters
+    width = float(values["width_m"] if "width_m" in values else values["width_rad"])
+    start = float(values.get("start_ratio", CAME_FROM_BELOW))
+    drive[:, index] += lost_motion(np.nan_to_num(scene.campaign.q[:, index]), width, start)
     return replace(scene, drive=drive)
 
 
-def lost_motion(reading: Array, width: float) -> Array:
-    """Return link minus reading of a joint with play, which begins in the middle of the play. Shape (n,). [rad or m]
+def lost_motion(reading: Array, width: float, start: float = 0.0) -> Array:
+    """Return link minus reading of a joint with play. Shape (n,). [rad or m]
 
     The link stays until the reading has crossed the play. What happened between two runs is unknown; the play is carried
     over. A negative width (the link ahead of its reading) mirrors the positive one.
+
+    Args:
+        reading: Readings in time order. Shape (n,). [rad or m]
+        width: Full width of the play. [rad or m]
+        start: Link minus reading before the first row, in widths: -0.5 if the joint came from below.
     """
     half = 0.5 * abs(width)
     readings = reading.tolist()
-    follower, result = readings[0] if readings else 0.0, []
+    follower, result = (readings[0] + start * abs(width) if readings else 0.0), []
     for value in readings:
         follower = min(max(follower, value - half), value + half)
         result.append(follower - value)

@@ -1,0 +1,82 @@
+"""`compplan diagnose`: where the sim-to-real gap lies, which effect causes it, how far it shrinks."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from compplan.commands.progress import show_progress
+from compplan.diagnose import Diagnosis, diagnose_campaign
+from compplan.effects import EFFECTS
+from compplan.errors import UnknownNameError
+from compplan.measurements import read_campaign
+from compplan.registration import parse_parts, write_registration
+from compplan.robot import load_robot
+from compplan.robot_folder import write_robot_folder
+from compplan.tables import write_text
+
+
+@click.command("diagnose")
+@click.argument("measurements", type=click.Path(path_type=Path))
+@click.option("--robot", "robot_name", required=True, help="Robot folder, or name of a shipped robot.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder to write.")
+@click.option("--register", help="Fit these frames in every model: base, tool or base,tool.")
+@click.option("--without", multiple=True, metavar="EFFECT", help="Leave an effect out of the candidates; may be repeated.")
+@click.option("--json", "as_json", is_flag=True, help="Print diagnosis.json.")
+def command(
+    measurements: Path, robot_name: str, out: Path, register: str | None, without: tuple[str, ...], as_json: bool
+) -> None:
+    """Diagnose the gap between ROBOT and MEASUREMENTS (a measurement log).
+
+    Writes DIR/diagnosis.json and DIR/robot (the updated robot folder).
+    """
+    parts = parse_parts(register)
+    for name in without:
+        if name not in EFFECTS:
+            raise UnknownNameError("effect", name, list(EFFECTS))
+    robot = load_robot(robot_name)
+    campaign = read_campaign(measurements, robot)
+    with show_progress() as progress:
+        diagnosis = diagnose_campaign(robot, campaign, register=parts, without=without, progress=progress)
+    table = diagnosis.to_table()
+    write_diagnosis_files(diagnosis, table, out)
+    click.echo(json.dumps(table) if as_json else describe_diagnosis(diagnosis))
+
+
+def write_diagnosis_files(diagnosis: Diagnosis, table: dict[str, object], out: Path) -> None:
+    """Write diagnosis.json and the updated robot folder.
+
+    Args:
+        diagnosis: The diagnosis.
+        table: What diagnosis.json holds.
+        out: The folder.
+    """
+    folder = out / "robot"
+    write_robot_folder(diagnosis.updated, folder)
+    if not diagnosis.updated.effects:
+        (folder / "effects.toml").unlink(missing_ok=True)
+    if diagnosis.registration is not None:
+        write_registration(diagnosis.registration, folder / "registration.toml")
+    else:
+        (folder / "registration.toml").unlink(missing_ok=True)
+    write_text(out / "diagnosis.json", json.dumps(table, indent=2) + "\n")
+
+
+def describe_diagnosis(diagnosis: Diagnosis) -> str:
+    """Write the answer in a few lines."""
+    verdict, gap = diagnosis.verdict, diagnosis.gap
+    lines = [f"verdict: {verdict.status.replace('_', ' ')}"]
+    for finding in verdict.findings:
+        place = " ".join(str(part) for part in finding.effect.place if part is not None)
+        rivals = ", ".join(" ".join(str(p) for p in r.place if p is not None) for r in finding.rivals if r.alike)
+        tie = f"; this campaign cannot tell it from {rivals}" if rivals else ""
+        lines.append(f"  {place}: probability {finding.probability:.2f}, moves the target {finding.explained * 1e3:.3f} mm{tie}")
+    lines.append(
+        f"gap: {gap.before * 1e3:.3f} mm before, {gap.after * 1e3:.3f} mm after; held out {gap.held_out_before * 1e3:.3f} mm"
+        f" before, {gap.held_out_after * 1e3:.3f} mm after; noise floor {gap.noise_floor * 1e3:.3f} mm"
+    )
+    if len(diagnosis.outliers):
+        lines.append(f"{len(diagnosis.outliers)} rows are reported as outliers")
+    return "\n".join(lines)
