@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
@@ -56,7 +57,7 @@ class Surroundings:
     wrench: Array
     q: Array
     travel: Array
-    gears: Array
+    gears: NDArray[np.int_]
     links: list[list[int]]
     n_springs: int
     shift: Array

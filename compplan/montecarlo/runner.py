@@ -95,7 +95,9 @@ def run_study(
     size = chunk_size(study)
     chunks = [range(a, min(a + size, settings.samples)) for a in range(0, settings.samples, size)]
     # A Sobol study may be prolonged; a Latin hypercube is made for its number of samples.
-    about = {"seed": settings.seed, "replicates": settings.replicates, "sequence": settings.sequence, "chunk": size}
+    about: dict[str, object] = {
+        "seed": settings.seed, "replicates": settings.replicates, "sequence": settings.sequence, "chunk": size,
+    }  # fmt: skip
     if settings.sequence != "sobol":
         about["samples"] = settings.samples
 

@@ -93,7 +93,7 @@ def measure_sensitivity(
     )  # fmt: skip
     rms = np.concatenate([done[n].rms for n in range(len(chunks))])
     total, half = {}, {}
-    groups: tuple[str, ...] = tuple(dict.fromkeys(problem["groups"]))
+    groups: tuple[str, ...] = tuple(dict.fromkeys(names[k] for k in columns))
     for k, name in enumerate(study.strategies):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -99,9 +99,9 @@ class ChunkFolder:
         except (pa.ArrowException, OSError):
             return None
         m = len(strategies)
-        figures = [table[column].to_numpy().reshape(-1, m) for column in _COLUMNS.values()]
-        along = table["along_m"].combine_chunks().flatten().to_numpy().reshape(len(figures[0]), m, -1)
-        return Judged(*figures, along)
+        figures = {name: table[column].to_numpy().reshape(-1, m) for name, column in _COLUMNS.items()}
+        along = table["along_m"].combine_chunks().flatten().to_numpy().reshape(len(figures["rms"]), m, -1)
+        return Judged(**figures, along=along)
 
 
 def pack_study(study: Study) -> bytes:

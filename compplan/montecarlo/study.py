@@ -329,8 +329,17 @@ def _learn(study: Study, controller: Controller, worker: Worker, cells: Cells) -
     q = np.broadcast_to(worker.q, (len(worker.q), *cells.shift.shape[1:]))
     for part in range(controller.parts):
         measured = _cut_part(study, worker, cells, q, part) + cells.tracker[part]
-        q = q + answer_reading(worker.gain, uniform_filter1d(measured, study.softened, axis=-1, mode="nearest"))
+        q = q + answer_reading(worker.gain, _soften(study, measured))
     return _cut_part(study, worker, cells, q, PARTS - 1)
+
+
+def _soften(study: Study, measured: Array) -> Array:
+    """Take the mean over neighbouring waypoints of the cut."""
+    if study.softened <= 1:
+        return measured
+    cut = study.cut.astype(float)
+    total = uniform_filter1d(measured * cut, study.softened, axis=-1, mode="constant")
+    return np.asarray(total / np.maximum(uniform_filter1d(cut, study.softened, mode="constant"), 1e-9) * cut)
 
 
 def _delay(loop: Loop, grid: TimeGrid, wanted: Array) -> Array:

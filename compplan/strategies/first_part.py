@@ -20,7 +20,8 @@ PARTS = 2
 
 def prepare(task: PlanTask, maps: PathMaps) -> Controller:
     """Command the nominal path, corrected by what the parts before showed."""
-    inverse = np.linalg.pinv(joint_jacobian(task.chain, locate_frames(task.chain, task.q_start)))
+    columns = joint_jacobian(task.chain, locate_frames(task.chain, task.q_start))
+    inverse = np.asarray(np.linalg.pinv(columns), float)
     return Controller(
         name="first_part",
         knows="geometry",

@@ -44,7 +44,7 @@ def solve_path_map(task: PlanTask) -> PathMap:
     """Solve a task's model for the exact command, and differentiate it with respect to the wrench."""
     q = iterated_mirror.command_path(task).q
     attained = attain_pose(task.chain, q, task.wrench)
-    inverse = np.linalg.pinv(attained.jacobian)
+    inverse = np.asarray(np.linalg.pinv(attained.jacobian), float)
     compliance = loaded_compliance(task.chain, q, task.wrench)
     held = task.compensated[:, None, None]
     return PathMap(task, q, -inverse[:, :, :3] * held, -(inverse @ compliance) * held)

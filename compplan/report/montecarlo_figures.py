@@ -1,0 +1,164 @@
+"""Figures of a Monte Carlo study."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from compplan.correction_loop import run_loop
+from compplan.montecarlo.runner import Run
+from compplan.montecarlo.sensitivity import Sensitivity
+from compplan.montecarlo.statistics import trace_convergence
+from compplan.report.along_path import FLOOR, Stations, draw_lines
+from compplan.report.style import CATEGORIES, TOLERANCE, format_set_value, mark_decades
+from compplan.robot import Array
+
+COLOURS = (*CATEGORIES, "#3f7d64", "#a35b1f", "#555a8c", "#9c8f2e", "#6b3f52")
+
+
+def colour_of(number: int) -> str:
+    """Return the colour of a strategy."""
+    return COLOURS[number % len(COLOURS)]
+
+
+def draw_distributions(run: Run) -> Any:
+    """Draw the rms deviation of every strategy over the cells as boxes from 5 to 95 %."""
+    import plotly.graph_objects as go
+
+    figure = go.Figure()
+    rms = np.maximum(run.judged.rms, FLOOR)
+    for k, name in enumerate(run.study.strategies):
+        low, q1, median, q3, high = (1e3 * np.quantile(rms[:, k], share) for share in (0.05, 0.25, 0.5, 0.75, 0.95))
+        figure.add_trace(
+            go.Box(
+                y=[name.replace("_", " ")], lowerfence=[low], q1=[q1], median=[median], q3=[q3], upperfence=[high],
+                orientation="h", marker_color=colour_of(k), showlegend=False, name=name,
+            )
+        )  # fmt: skip
+    _decades(figure, rms, "xaxis")
+    figure.update_xaxes(title_text="rms deviation")
+    figure.update_yaxes(autorange="reversed")
+    _mark_tolerance(figure, run)
+    return figure
+
+
+def draw_along(run: Run, share: float) -> Any:
+    """Draw a quantile over the cells of the distance along the path."""
+    study = run.study
+    steps = np.linalg.norm(np.diff(study.task.position, axis=0), axis=1)
+    length = np.concatenate([[0.0], np.cumsum(steps)])[study.stations]
+    time = np.concatenate([[0.0], np.cumsum(study.task.step_time)])[study.stations]
+    along = np.maximum(np.quantile(run.judged.along, share, axis=0), FLOOR)
+    series = {name.replace("_", " "): 1e3 * along[k] for k, name in enumerate(study.strategies)}
+    stations = Stations(length, time, np.zeros(0, int), np.zeros((0, 2)))
+    tolerance = study.task.tolerance * 1e3
+    limit = (tolerance, f"tolerance {format_set_value(tolerance)} mm")
+    return draw_lines(stations, series, "mm", title="deviation", log=True, limit=limit, colours=COLOURS)
+
+
+def draw_differences(summary: Mapping[str, Any], main: str) -> Any:
+    """Draw the paired differences of all strategies from one."""
+    import plotly.graph_objects as go
+
+    names, means, low, high = [], [], [], []
+    for pair in summary["paired_differences"]:
+        first, second = pair["strategies"]
+        if main not in (first, second):
+            continue
+        sign = 1.0 if first == main else -1.0
+        ends = sorted(sign * end for end in pair["rms_mm"]["ci95"])
+        names.append((second if first == main else first).replace("_", " "))
+        means.append(sign * pair["rms_mm"]["mean"])
+        low.append(means[-1] - ends[0])
+        high.append(ends[1] - means[-1])
+    figure = go.Figure(
+        go.Scatter(
+            x=means, y=names, mode="markers", marker={"size": 9, "color": CATEGORIES[0]},
+            error_x={"type": "data", "array": high, "arrayminus": low, "color": CATEGORIES[0]},
+            hovertemplate="%{x:.4g} mm<extra>%{y}</extra>",
+        )
+    )  # fmt: skip
+    figure.add_vline(x=0.0, line={"color": TOLERANCE, "width": 1.2, "dash": "dash"})
+    figure.update_xaxes(title_text=f"rms deviation less that of {main.replace('_', ' ')}, mm")
+    figure.update_yaxes(autorange="reversed")
+    return figure
+
+
+def draw_curves(ratio: Array, curves: Mapping[str, Array], title: str) -> Any:
+    """Draw the rms deviation of every strategy against a ratio of truth and model."""
+    import plotly.graph_objects as go
+
+    figure = go.Figure()
+    for k, (name, values) in enumerate(curves.items()):
+        figure.add_scatter(
+            x=ratio, y=1e3 * np.maximum(values, FLOOR), mode="lines+markers", name=name.replace("_", " "),
+            line={"color": colour_of(k), "width": 1.6}, marker={"size": 5}, hovertemplate="%{y:.3g} mm at %{x:g}",
+        )  # fmt: skip
+    figure.update_xaxes(title_text=title)
+    figure.update_yaxes(title_text="rms deviation, mm", rangemode="tozero")
+    return figure
+
+
+def draw_sensitivity(found: Sensitivity, strategy: str) -> Any:
+    """Draw the total indices of one strategy as bars, largest first."""
+    import plotly.graph_objects as go
+
+    order = np.argsort(-found.total[strategy])
+    figure = go.Figure(
+        go.Bar(
+            y=[found.groups[k].replace("_", " ") for k in order],
+            x=found.total[strategy][order],
+            orientation="h",
+            marker_color=CATEGORIES[0],
+            error_x={"type": "data", "array": found.half_width[strategy][order], "thickness": 1.2},
+        )
+    )
+    figure.update_xaxes(title_text=f"total index, strategy {strategy.replace('_', ' ')}", rangemode="tozero")
+    figure.update_yaxes(autorange="reversed")
+    return figure
+
+
+def draw_convergence(run: Run) -> Any:
+    """Draw how the mean rms of every strategy and its interval settle."""
+    import plotly.graph_objects as go
+
+    figure = go.Figure()
+    for k, name in enumerate(run.study.strategies):
+        trace = trace_convergence(1e3 * run.judged.rms[:, k], run.settings.replicates)
+        figure.add_scatter(
+            x=[n for n, _ in trace], y=[interval.value for _, interval in trace], name=name.replace("_", " "),
+            mode="lines", line={"color": colour_of(k), "width": 1.6},
+            error_y={"type": "data", "array": [interval.half_width for _, interval in trace], "thickness": 1},
+        )  # fmt: skip
+    figure.update_xaxes(title_text="samples", type="log")
+    figure.update_yaxes(title_text="mean rms deviation, mm", rangemode="tozero")
+    return figure
+
+
+def draw_loops() -> Any:
+    """Draw the answers of the correction loops to a deflection of 1 mm."""
+    import plotly.graph_objects as go
+
+    from compplan.strategies.online_correction import LITERAL, PI, PID
+
+    figure = go.Figure()
+    step = np.ones(80)
+    time = np.arange(len(step)) * 0.01
+    for k, (name, loop) in enumerate((("PID as printed", LITERAL), ("PI", PI), ("PID, attained", PID))):
+        left = np.clip(1.0 - run_loop(loop, step), -3.0, 3.0)
+        figure.add_scatter(x=time, y=left, name=name, mode="lines", line={"color": colour_of(k + 1), "width": 1.6})
+    figure.update_xaxes(title_text="time, s")
+    figure.update_yaxes(title_text="deviation left, mm", range=[-2.0, 2.0])
+    return figure
+
+
+def _mark_tolerance(figure: Any, run: Run) -> None:
+    figure.add_vline(x=1e3 * run.study.task.tolerance, line={"color": TOLERANCE, "width": 1.4, "dash": "dash"})
+
+
+def _decades(figure: Any, values: Array, axis: str) -> None:
+    low, high = float(np.quantile(values, 0.02)), float(np.quantile(values, 0.99))
+    ticks, names = mark_decades(low, max(high, 2 * low))
+    figure.update_layout({axis: {"type": "log", "tickvals": [1e3 * tick for tick in ticks], "ticktext": names}})
