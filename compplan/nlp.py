@@ -34,7 +34,7 @@ from compplan.robot import Array
 from compplan.sensitivity import AttainedPose, chunk_rows
 
 #: l: swings of the free rotation over fewer than 2 pi l waypoints are smoothed away.
-SMOOTHING = 80.0
+SMOOTHING = 20.0
 ANCHOR_WEIGHT = SMOOTHING**-4
 #: Weight of a missed pose equation of a released waypoint; any, for its joint positions are given.
 RELEASE_WEIGHT = 1e-6
@@ -47,10 +47,10 @@ IPOPT = {
     "print_level": 0,
     "sb": "yes",
     "tol": 1e-8,
-    "constr_viol_tol": 1e-10,
+    "constr_viol_tol": 1e-8,
     "acceptable_tol": 1e-8,
-    "acceptable_constr_viol_tol": 1e-9,
-    "max_iter": 60,
+    "acceptable_constr_viol_tol": 1e-8,
+    "max_iter": 40,
     "bound_relax_factor": 0.0,
     "bound_push": 1e-6,
     "bound_frac": 1e-6,
@@ -269,7 +269,7 @@ def solve_nlp(nlp: Nlp, q: Array, attained: AttainedPose, *, bounded: NDArray[np
     spent = time.perf_counter() - clock
     x, g, stats = np.array(answer["x"])[:, 0], np.array(answer["g"])[:, 0], nlp.solver.stats()
     violation = float(np.maximum(nlp.lower_g - g, g - nlp.upper_g).max(initial=0.0))
-    good = bool(stats["success"]) and violation < 1e-8
+    good = bool(stats["success"]) and violation < 1e-7
     residual = x[n * nq : n * nq + misses].reshape(-1, problem.equations)
     solved = np.clip(x[: n * nq].reshape(n, nq), lower, upper)
     status, iterations = str(stats["return_status"]), int(stats["iter_count"])

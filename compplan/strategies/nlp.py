@@ -1,9 +1,9 @@
 """Compensation by one nonlinear program over the whole path: exact where it can be, within all limits, and smooth.
 
-Passes of Newton's method: the deflections are linearised where the last pass stood, and `compplan.nlp` solves for
-all waypoints at once. A first pass knows the pose equations alone. Waypoints at which a pass leaves a limit are tried one by
-one: where the limits can be kept, they enter the program; where they cannot, the waypoint fails, and stands in the next
-pass as near to the path as the limits allow.
+Passes of Newton's method: the deflections are linearised where the last pass stood, and `compplan.nlp` solves for all
+waypoints at once. A first pass knows the pose equations alone. Waypoints at which a pass leaves a limit are tried one
+by one: where the limits can be kept, they enter the program; where they cannot, the waypoint fails, and stands in the
+next pass as near to the path as the limits allow.
 """
 
 from __future__ import annotations
