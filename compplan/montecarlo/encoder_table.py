@@ -75,7 +75,7 @@ def compare_encoders(robot: Robot, q: Array, level: float, rng: np.random.Genera
 
     """
     chain = build_chain(robot, gravity=False)
-    gear = np.asarray(actuator_selection(chain) @ np.diag(chain.compliance))
+    gear = np.abs(actuator_selection(chain)) @ np.diag(chain.compliance)
     fit = spread_wrenches(len(q), level, rng)
     reduced = reduce_model(robot, q, fit)
     beta = gear_shares(gear, reduced.compliance)

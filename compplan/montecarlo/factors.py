@@ -59,7 +59,7 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
     """List the factors of a robot; groups without any uncertainty are left out of the sensitivity analysis."""
     nq = robot.nq
     sizes = {
-        "gear_compliance": len([spring for spring in robot.springs if spring.actuator]),
+        "gear_compliance": sum(1 for spring in robot.springs if spring.actuator),
         "link_compliance": len(link_blocks(robot)),
         "joint_zero": nq,
         "geometry": TWIST * (nq + 1),

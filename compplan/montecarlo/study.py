@@ -199,7 +199,7 @@ def assemble_study(thin: PlanTask, noise: NoiseTable, controllers: dict[str, Con
         kernel=build_kernel(thin.chain),
         surroundings=survey_surroundings(thin, noise, list_factors(thin.robot, noise)),
         gear=(
-            np.asarray(selection @ np.diag(thin.chain.compliance)),
+            np.abs(selection) @ np.diag(thin.chain.compliance),
             np.ascontiguousarray(np.moveaxis(columns, 0, -1)),
             np.ascontiguousarray(load.T),
         ),
@@ -304,8 +304,8 @@ def _read_sensor(study: Study, controller: Controller, cells: Cells) -> Array:
         return wrench + cells.force
     compliance, columns, load = study.gear
     torque = load[:, None, :] + answer_reading(columns, wrench - study.surroundings.wrench[:, None, :])
-    factor = np.where(study.selection > 0, cells.factor.T[:, None, :], 0.0).sum(axis=2).T
-    factor /= np.maximum(study.selection.sum(axis=1), 1.0)[:, None]
+    between = np.abs(study.selection)
+    factor = between @ cells.factor / np.maximum(between.sum(axis=1), 1.0)[:, None]
     yielded = compliance[:, None, None] * factor[:, :, None] * torque + cells.drive
     return np.where(compliance[:, None, None] > 0.0, yielded + cells.link[last] - cells.motor[last], 0.0)
 
@@ -387,7 +387,7 @@ def _make_worker(task: PlanTask, controller: Controller, selection: Array) -> Wo
         gain=None if controller.gain is None else np.ascontiguousarray(np.moveaxis(controller.gain, 0, -1)),
         expected=None if controller.expected is None else np.ascontiguousarray(controller.expected.T)[:, None, :],
         spring_gain=controller.spring_gain,
-        spring_factor=np.where(between, controller.spring_gain @ selection, 1.0),
+        spring_factor=np.where(between, controller.spring_gain @ np.abs(selection), 1.0),
         theta=np.ascontiguousarray(state.loaded.theta.T),
         offset=offset,
     )

@@ -75,7 +75,7 @@ class PathMaps:
     @cached_property
     def gear_compliance(self) -> Array:
         """Compliance between the encoders of each joint, 0 where there is none. Shape (nq,). [rad/(N m)]"""
-        return np.asarray(actuator_selection(self.task.chain) @ np.diag(self.task.chain.compliance))
+        return np.abs(actuator_selection(self.task.chain)) @ np.diag(self.task.chain.compliance)
 
     @cached_property
     def gear_columns(self) -> Array:
