@@ -56,8 +56,7 @@ class Weights:
         dexterity: Per unit of (0.1 / inverse condition number)^2, mean along the path.
         singularity: Per unit of (margin / inverse condition number - 1)^2 below the singularity margin, mean along
             the path.
-        motion: Per rad^2 of joint motion: integral of |dq/dsigma|^2, sigma from 0 to 1 along the path; 1 m counts as
-            1 rad.
+        motion: Per (rad per 100 mm of path)^2 of joint motion, mean along the path; 1 m of a rail counts as 1 rad.
         time: Per second of motion.
 
     """
@@ -74,9 +73,9 @@ class Weights:
 #: Presets. `sensitivity` and `deviation` count as they stand; the others are shares of the least squared sensitivity
 #: that any posture along the path has, so that a preset means the same for a light and for a heavy cut.
 PRESETS: dict[str, Weights] = {
-    "accurate": Weights(limits=0.02, dexterity=0.0005, singularity=10.0, motion=0.0005),
-    "smooth": Weights(limits=0.2, dexterity=0.02, singularity=10.0, motion=0.2),
-    "fast": Weights(limits=0.1, dexterity=0.02, singularity=10.0, motion=0.01, time=0.2),
+    "accurate": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001),
+    "smooth": Weights(limits=0.2, dexterity=0.02, singularity=10.0, motion=0.5),
+    "fast": Weights(limits=0.1, dexterity=0.02, singularity=10.0, motion=0.02, time=0.2),
 }
 RELATIVE = ("limits", "dexterity", "singularity", "motion", "time")
 

@@ -3,11 +3,11 @@
 The cost of a way is a sum over its nodes and edges:
 
     sum_i omega_i (w_s s_i^2 + w_d d_i^2 + w_l l_i + w_k (0.1 / k_i)^2 + w_g max(0, k_0 / k_i - 1)^2)
-        + sum_i (w_m |dq_i|^2 / dsigma_i + w_t t_i),
+        + sum_i (w_m (l / L)^2 |dq_i|^2 / dsigma_i + w_t t_i),
 
 k the inverse condition number, omega the share of the cut (for the first two) or of the path, dsigma the share of the
-path of an edge, t its time: as programmed, or as long as the slowest joint takes. A change of configuration within the
-cut passes a singularity and costs w_g once.
+path of an edge, L the length of the path, l = 100 mm, t the time of an edge: as programmed, or as long as the slowest
+joint takes. A change of configuration within the cut passes a singularity and costs w_g once.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from compplan.ladder.lattice import REASONS, USABLE, Lattice
 from compplan.robot import Array, Robot
 from compplan.toolpath import Toolpath
 
+#: Length of path that joint motion counts against. [m]
+LENGTH = 0.1
 #: Cost of one change of configuration in a rapid move, far above everything else.
 CHANGE = 1e6
 
@@ -35,7 +37,7 @@ class Rungs:
     Attributes:
         cut_share: Share of the cut that a station stands for. Shape (k,).
         path_share: Share of the path that it stands for. Shape (k,).
-        sigma: Share of the path of each edge, at least a little. Shape (k - 1,).
+        sigma: Share of the path of each edge, at least a little, times (L / l)^2. Shape (k - 1,).
         feed_time: Programmed time of each edge. Shape (k - 1,). [s]
         most_motion: Greatest motion of a joint on each edge; infinite where the arm may change its configuration.
             Shape (k - 1,). [rad]
@@ -92,7 +94,7 @@ def measure_rungs(
     spread[1:] += 0.5 * waypoints
     rapid = nominal.rapid[1:]
     total = max(nominal.arc_length[-1], 1e-300)
-    sigma = np.maximum(np.diff(nominal.arc_length[stations]) / total, 0.1 / len(stations))
+    sigma = np.maximum(np.diff(nominal.arc_length[stations]) / total, 0.1 / len(stations)) * (total / LENGTH) ** 2
     time = np.where(rapid | (nominal.feed[1:] <= 0), 0.0, nominal.steps / np.maximum(nominal.feed[1:], 1e-9))
     feed_time = np.add.reduceat(np.r_[time, 0.0], stations[:-1]) if len(stations) > 1 else np.zeros(0)
     most = np.minimum(most_step * waypoints, edge_limit)
