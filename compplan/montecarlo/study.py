@@ -305,7 +305,7 @@ def _read_sensor(study: Study, controller: Controller, cells: Cells) -> Array:
     compliance, columns, load = study.gear
     torque = load[:, None, :] + answer_reading(columns, wrench - study.surroundings.wrench[:, None, :])
     between = np.abs(study.selection)
-    factor = between @ cells.factor / np.maximum(between.sum(axis=1), 1.0)[:, None]
+    factor = np.einsum("js,sb->jb", between, cells.factor) / np.maximum(between.sum(axis=1), 1.0)[:, None]
     yielded = compliance[:, None, None] * factor[:, :, None] * torque + cells.drive
     return np.where(compliance[:, None, None] > 0.0, yielded + cells.link[last] - cells.motor[last], 0.0)
 
