@@ -347,12 +347,19 @@ def _notes(task: PlanTask, timing: Timing) -> tuple[str, ...]:
 
 
 def find_slow_spans(task: PlanTask, timing: Timing) -> list[tuple[int, int]]:
-    """Find spans of waypoints where limits lower the feed, starts and stops left out."""
+    """Find spans of waypoints where limits lower the feed; starting up and coming to rest do not count."""
     lowered = timing.lowered & ~task.nominal.rapid
-    starts = np.flatnonzero(task.nominal.rapid)
-    ends = {0, len(task) - 1, *(starts - 1).tolist(), *starts.tolist(), *(starts + 1).tolist(), 1}
-    spans = group_waypoints(np.flatnonzero(lowered).tolist())
-    return [span for span in spans if span[0] not in ends and span[1] not in ends]
+    rest = task.nominal.rapid | np.isin(np.arange(len(task)), (0, len(task) - 1))
+    spans = []
+    for first, last in group_waypoints(np.flatnonzero(lowered).tolist()):
+        change = np.diff(timing.share[first : last + 1])
+        if rest[max(first - 1, 0) : first + 1].any():
+            first += int(np.argmax(np.r_[change < 0, True]))
+        if rest[last : last + 2].any():
+            last -= int(np.argmax(np.r_[change[::-1] > 0, True]))
+        if first < last:
+            spans.append((first, last))
+    return spans
 
 
 def _name_cause(task: PlanTask, timing: Timing, waypoint: int) -> str:

@@ -118,7 +118,7 @@ def _review(task: PlanTask, problem: PathProblem, state: _State) -> _State:
     """Decide the rows of the next pass: limits that this one left, rates that it exceeds."""
     outside = ((state.q < problem.lower - 1e-9) | (state.q > problem.upper + 1e-9)).any(axis=1)
     too_far = problem.compensated & (measure_correction(task, state.q) > problem.max_correction + AT_CORRECTION)
-    suspects = np.flatnonzero(outside | too_far)
+    suspects = np.setdiff1d(np.flatnonzero(outside | too_far), state.rows.released)
     if len(suspects):
         tried = _try_waypoints(task, state, suspects)
         near = np.flatnonzero(_widen(too_far) & problem.compensated) if problem.redundant else np.zeros(0, int)
