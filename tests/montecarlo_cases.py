@@ -1,0 +1,48 @@
+"""Small studies that several tests share."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from compplan.job import Job, check_job
+from compplan.montecarlo.study import Study, prepare_study
+from compplan.noise import NoiseTable
+from compplan.plan import build_task, prepare_job
+from compplan.task import PlanTask
+
+
+def cone_job(*, pitch_mm: float = 5.0, step_mm: float = 3.0, robot: str = "staubli_tx200", **noise: float) -> Job:
+    """A coarse ISF cone, after Johra 2022."""
+    return check_job(
+        {
+            "schema": 1,
+            "name": "coarse cone",
+            "robot": robot,
+            "toolpath": {
+                "generator": "isf_cone", "diameter_mm": 40.0, "depth_mm": 10.0, "wall_angle_deg": 45.0,
+                "pitch_mm": pitch_mm, "feed_mm_s": 20.0, "step_mm": step_mm, "approach_mm": 20.0,
+            },
+            "part": {"position_mm": [1500.0, 0.0, 183.0]},
+            "process": {"model": "isf", "axial_N": 1200.0, "lateral_N": 500.0, "start_share": 1.0, "ramp_mm": 20.0},
+            "noise": noise,
+        }
+    )  # fmt: skip
+
+
+@cache
+def cone_task(robot: str = "staubli_tx200") -> PlanTask:
+    """The task of the coarse cone."""
+    job = cone_job(robot=robot)
+    return build_task(*prepare_job(job))
+
+
+@cache
+def cone_study(most_waypoints: int = 60) -> Study:
+    """A study of the coarse cone with every strategy."""
+    return prepare_study(cone_task(), NoiseTable(), most_waypoints=most_waypoints)
+
+
+@cache
+def small_study() -> Study:
+    """A study of two cheap strategies at a dozen waypoints."""
+    return prepare_study(cone_task(), NoiseTable(), ["none", "secondary_encoder"], most_waypoints=12)
