@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from compplan.diagnose.channels import position_residual
 from compplan.diagnose.conventions import find_conventions
-from compplan.diagnose.evidence import Hyper, Posterior, find_posterior
+from compplan.diagnose.evidence import WITNESSED, Hyper, Posterior, find_posterior
 from compplan.diagnose.fit import Fit, Problem, State, advance_state, bend_forwards, fit_effects, linearize_state
 from compplan.diagnose.held_out import HeldOut, hold_out, make_folds, prior_of
 from compplan.diagnose.result import Candidate, Diagnosis, Gap
@@ -27,6 +27,8 @@ from compplan.robot import Array, Robot
 WORTH_IT = 0.01
 RANKED = 12
 FEWEST_ROWS = 12
+#: Noise variance over its estimate beyond which the estimate stands for the floor and the rest is structure.
+EXCESS = 1.3
 
 
 def diagnose_campaign(
@@ -128,8 +130,9 @@ def _conclude(
 def noise_floor(fit: Fit) -> float:
     """Return the rms 3D distance that a perfect model leaves. [m]"""
     noise = fit.noises["position"]
-    factor = float(np.exp(0.5 * fit.model.posterior.hyper.log_noise[0]))
-    return float(np.sqrt(3.0) * noise.sigma * factor)
+    factor = float(np.exp(fit.model.posterior.hyper.log_noise[0]))
+    factor = factor if noise.witnesses < WITNESSED else min(factor, EXCESS)
+    return float(np.sqrt(3.0 * factor) * noise.sigma)
 
 
 def _choose_update(fit: Fit, claims: list[Claim], folds: NDArray[np.int_], plain: HeldOut) -> tuple[State, HeldOut]:

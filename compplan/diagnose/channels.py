@@ -19,6 +19,8 @@ from compplan.robot import Array
 
 #: Neighbouring samples of a path share an error: a path is cut into about so many blocks, none shorter than the second.
 PATH_BLOCKS, SHORTEST_BLOCK = 16, 8
+#: Sources of the noise disagree where their variances differ by more than this factor.
+DISAGREE = 1.8
 #: Standard deviations where nothing tells them: assumed, and corrected by the fit. [m, rad, rad]
 ASSUMED_SIGMA = {"position": 3e-5, "orientation": 1e-4, "encoder": 5e-6}
 
@@ -133,20 +135,24 @@ def estimate_noises(campaign: Campaign, attained: Attained) -> dict[str, Noise]:
 
 def _channel_noise(campaign: Campaign, gap: Array, stated: Array | None, name: str) -> Noise:
     """Pool what repeats and paths tell; a stated sigma stands for the instrument alone and is the least there can be."""
+    told: list[tuple[str, float, float]] = []
     squares, count = _repeat_scatter(campaign, gap)
-    sources = ["repeats"] if count > 0 else []
+    if count > 0 and squares > 0:
+        told.append(("repeats", squares / count, count))
     rough, rough_count = _path_roughness(campaign, gap)
-    if rough_count > 30:
-        squares, count = squares + rough * min(rough_count, 300), count + min(rough_count, 300)
-        sources.append("path")
+    if rough_count > 30 and rough > 0:
+        told.append(("path", rough, min(rough_count, 300.0)))
     known = None if stated is None or not np.isfinite(stated).any() else float(np.nanmedian(stated))
     if known is not None and known > 0:
-        weight = 60.0
-        squares, count = squares + weight * known**2, count + weight
-        sources.append("sigma column")
-    if count <= 0 or squares <= 0:
+        told.append(("sigma column", known**2, 60.0))
+    if not told:
         return Noise(ASSUMED_SIGMA[name], 0.0, "assumed")
-    return Noise(float(np.sqrt(squares / count)), float(count), " and ".join(sources))
+    # what shakes on a path, or between repeats, is no noise of the instrument: sources far above the least one do not count
+    firm = [variance for _, variance, weight in told if weight >= 10] or [told[0][1]]
+    told = [source for source in told if source[1] < DISAGREE * min(firm) or source[2] < 10]
+    weight = sum(w for _, _, w in told)
+    variance = sum(v * w for _, v, w in told) / weight
+    return Noise(float(np.sqrt(variance)), float(weight), " and ".join(label for label, _, _ in told))
 
 
 def _repeat_scatter(campaign: Campaign, gap: Array) -> tuple[float, float]:

@@ -34,6 +34,8 @@ TAU_SCALE = 0.7
 TAU_SPREAD = 1.0
 #: Standard deviation of log(noise variance) where the noise is assumed, and where it is known best.
 LOOSE, TIGHT = 4.0, 0.1
+#: Degrees of freedom from which on a noise counts as known.
+WITNESSED = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +122,17 @@ class Posterior:
         return full
 
 
+def excess_square(channels: Sequence[ChannelProducts], posterior: Posterior) -> float:
+    """Return the squares that a posterior mean leaves beyond the noise, in channels whose noise is known."""
+    total = 0.0
+    for channel in channels:
+        if channel.witnesses >= WITNESSED:
+            part = channel.total.take(posterior.columns)
+            left = part.square - 2 * posterior.mean @ part.against + posterior.mean @ part.gram @ posterior.mean
+            total += float(left) - part.count
+    return total
+
+
 def start_hyper(ledger: Ledger, classes: int) -> Hyper:
     """Start with the estimated noise, little shared error and little background."""
     c = len(ledger.channels)
@@ -143,7 +156,7 @@ def find_posterior(
     reduced = [channel.take(active) for channel in ledger.channels]
     if fit:
         bounds = (
-            [(-6.0 if ch.witnesses < 10 else -1.5, 12.0 if ch.witnesses < 10 else 1.5) for ch in reduced]
+            [(-6.0 if ch.witnesses < WITNESSED else -1.5, 12.0) for ch in reduced]
             + [SHARED_RANGE if shared else (SHARED_RANGE[0], SHARED_RANGE[0])] * len(reduced)
             + [TAU_RANGE] * len(hyper.log_tau)
         )
@@ -229,17 +242,19 @@ def _solve(
 def _hyperprior(channels: list[ChannelProducts], hyper: Hyper) -> tuple[float, Array]:
     """Return log prior of noise and background, and its gradient.
 
-    Noise is log-normal as wide as its witnesses allow; shared errors and backgrounds are half-Cauchy and half-normal of
+    Noise is log-Cauchy as wide as its witnesses allow (a model may be wrong, and then rows scatter more); shared errors and backgrounds are half-Cauchy and half-normal of
     scale one, and the classes of one robot resemble each other (assumed: an error as large as the noise, a background as
     large as its class's scale, is no surprise).
     """
     width = np.array([LOOSE if ch.witnesses < 1 else max(np.sqrt(2.0 / ch.witnesses), TIGHT) for ch in channels])
     shared2, tau2 = np.exp(2 * hyper.log_shared), np.exp(2 * hyper.log_tau)
-    value = -0.5 * np.sum((hyper.log_noise / width) ** 2) - np.sum(np.log1p(shared2)) - 0.5 * np.sum(tau2) / TAU_SCALE**2
+    ratio2 = (hyper.log_noise / width) ** 2
+    value = -np.sum(np.log1p(ratio2)) - np.sum(np.log1p(shared2)) - 0.5 * np.sum(tau2) / TAU_SCALE**2
     apart = hyper.log_tau - np.mean(hyper.log_tau)
     value -= 0.5 * np.sum(apart**2) / TAU_SPREAD**2
     gradient_tau = -tau2 / TAU_SCALE**2 - apart / TAU_SPREAD**2
-    gradient = np.concatenate([-hyper.log_noise / width**2, -2 * shared2 / (1 + shared2), gradient_tau])
+    slope = -2 * hyper.log_noise / width**2 / (1 + ratio2)
+    gradient = np.concatenate([slope, -2 * shared2 / (1 + shared2), gradient_tau])
     return float(value), gradient
 
 

@@ -10,7 +10,16 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnose.evidence import SIZES, Gain, Hyper, Posterior, Prior, find_gains, find_posterior
+from compplan.diagnose.evidence import (
+    SIZES,
+    Gain,
+    Hyper,
+    Posterior,
+    Prior,
+    excess_square,
+    find_gains,
+    find_posterior,
+)
 from compplan.diagnose.ledger import Ledger
 from compplan.effects.linearization import Place
 from compplan.robot import Array
@@ -24,6 +33,10 @@ MOST_EFFECTS = 24
 WORTHWHILE = 0.5
 #: One explanation of two claims is looked at closely if it is within this before noise and background are fitted anew.
 MERGE_MARGIN = 15.0
+#: Squares beyond the noise that are much, per observation, and the part of them that a further claim has to take.
+MUCH, FAIR_PART = 0.3, 0.08
+#: Correlation from which on two claims are looked at together; up to so many claims all pairs are.
+ENTANGLED, FEW = 0.2, 5
 
 
 @dataclass(frozen=True)
@@ -73,6 +86,10 @@ class Search:
     start: Hyper
     cache: dict[frozenset[Claim], Model] = field(default_factory=dict)
     progress: Callable[[str], None] = lambda text: None
+
+    def joint_of(self, claim: Claim) -> str | None:
+        """Return the joint that a claim sits at."""
+        return self.ledger.signatures[claim.signature].joint
 
     def prior_of(self, claims: Sequence[Claim]) -> Prior:
         """Return the prior with these claims."""
@@ -143,14 +160,32 @@ def search_models(search: Search, first: Sequence[Claim] = (), most: int = MOST_
         most: Most effects to claim.
     """
     best = search.model(first, search.start, steps=40)
+    concerned = tuple(best.claims)
     for _ in range(MOST_EFFECTS):
         grown = best if len(best.claims) >= most else _add(search, best)
-        settled = _merge(search, _exchange(search, _remove(search, grown)))
+        if grown is not best and not explains_enough(search, best, grown):
+            grown = best
+        concerned = (*concerned, *entangled(search, grown, [c for c in grown.claims if c not in best.claims]))
+        settled = _merge(search, _exchange(search, _remove(search, grown), concerned), concerned)
+        concerned = ()
         search.progress(f"{len(settled.claims)} effects")
         if settled.score < best.score + WORTHWHILE:
             return best if best.score >= settled.score else settled
         best = settled
     return best
+
+
+def explains_enough(search: Search, old: Model, new: Model) -> bool:
+    """Tell whether a further claim takes a fair part of what is left beyond the noise.
+
+    Where much is left and no effect takes a fair part of it, the vocabulary does not hold its cause; to add one small part after
+    the other would only imitate it.
+    """
+    before = excess_square(search.ledger.channels, old.posterior)
+    count = sum(channel.total.count for channel in search.ledger.channels)
+    if before < MUCH * count:
+        return True
+    return before - excess_square(search.ledger.channels, new.posterior) > FAIR_PART * before
 
 
 def distinct_places(search: Search, gains: list[Gain], count: int) -> list[Gain]:
@@ -190,10 +225,25 @@ def _remove(search: Search, model: Model) -> Model:
     return model
 
 
-def _exchange(search: Search, model: Model) -> Model:
-    """Try to replace each claim by what explains the campaign best without it, other forms of itself included."""
+def entangled(search: Search, model: Model, fresh: Sequence[Claim]) -> list[Claim]:
+    """Return fresh claims, and those whose parameters the campaign cannot fix apart from theirs."""
+    posterior = model.posterior
+    deviation = np.sqrt(np.maximum(np.diag(posterior.covariance), 1e-300))
+    places = {c: np.searchsorted(posterior.columns, search.ledger.columns(c.signature)) for c in model.claims}
+    result = list(fresh)
     for claim in model.claims:
-        if claim not in model.claims:
+        for other in fresh:
+            block = posterior.covariance[np.ix_(places[claim], places[other])]
+            together = np.abs(block) / np.outer(deviation[places[claim]], deviation[places[other]])
+            if claim not in result and together.max() > ENTANGLED:
+                result.append(claim)
+    return result
+
+
+def _exchange(search: Search, model: Model, concerned: Sequence[Claim]) -> Model:
+    """Try to replace claims by what explains the campaign best without them, other forms of themselves included."""
+    for claim in model.claims:
+        if claim not in model.claims or claim not in concerned:
             continue
         rest = [c for c in model.claims if c != claim]
         reduced = search.model(rest, model.posterior.hyper, fit=False)
@@ -208,10 +258,12 @@ def _exchange(search: Search, model: Model) -> Model:
     return model
 
 
-def _merge(search: Search, model: Model) -> Model:
+def _merge(search: Search, model: Model, concerned: Sequence[Claim]) -> Model:
     """Try to do without two claims that cancel each other, or with one that explains both."""
     for first, second in combinations(model.claims, 2):
-        if first not in model.claims or second not in model.claims:
+        if first not in model.claims or second not in model.claims or not {first, second} & set(concerned):
+            continue
+        if len(model.claims) > FEW and search.joint_of(first) != search.joint_of(second):
             continue
         rest = [c for c in model.claims if c not in (first, second)]
         reduced = search.model(rest, model.posterior.hyper, fit=False)

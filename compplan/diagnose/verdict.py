@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from compplan.diagnose.ambiguity import Rival, find_rivals
-from compplan.diagnose.evidence import SHARED_RANGE, find_posterior
+from compplan.diagnose.evidence import SHARED_RANGE, WITNESSED, find_posterior
 from compplan.diagnose.fit import REGISTRATION, Fit
 from compplan.diagnose.search import Claim, distinct_places
 from compplan.effects.signature import Effect
@@ -23,6 +23,12 @@ CLAIMED = 0.5
 FITTED_RIVALS = 3
 #: Structure is left where an error that stays share gains this much log evidence, and is this large against the noise,
 STRUCTURE_GAIN, STRUCTURE_SIZE = 6.0, 0.35
+#: or where the noise is this much larger than its estimate (variance, less one),
+EXCESS = 0.5
+#: or where rows of one kind scatter more than those of another by this factor (variance). Median of chi-square of three.
+UNEVEN, MEDIAN_SQUARE = 1.4, 2.366
+#: or where small errors everywhere would have to move the target by this many noise floors (then they are not small).
+LARGE_BACKGROUND = 3.0
 #: An error that moves the target less than this share of the noise floor is no cause of a gap and is not named.
 NAMEABLE = 0.8
 #: Names are withheld where the structure left is larger than this share of what they explain.
@@ -99,11 +105,8 @@ def reach_verdict(fit: Fit) -> Verdict:
     structure = measure_structure(fit)
     findings = [weigh_claim(fit, claim) for claim in fit.model.claims]
     findings.sort(key=lambda f: -f.explained)
-    trust = 1.0
-    if structure.left and structure.explained > 0:
-        ratio = structure.rms / structure.explained
-        trust = float(1.0 / (1.0 + (ratio / UNTRUSTED) ** 4))
-    findings = [replace(f, probability=f.probability * trust) for f in findings]
+    if structure.left:
+        findings = [replace(f, probability=f.probability * trust_in(f, structure)) for f in findings]
     noise = fit.noises["position"].sigma * float(np.exp(0.5 * fit.model.posterior.hyper.log_noise[0]))
     small = NAMEABLE * np.sqrt(3.0) * noise
     minor = tuple(f for f in findings if f.explained < small)
@@ -114,6 +117,12 @@ def reach_verdict(fit: Fit) -> Verdict:
     else:
         status = "unknown" if structure.left or any(f.margin > 5.0 for f in doubtful) else "none"
     return Verdict(status, named, doubtful, minor, structure)
+
+
+def trust_in(finding: Finding, structure: Structure) -> float:
+    """Return how far a name can be trusted where structure is left: a cause explains far more than it leaves."""
+    ratio = structure.rms / max(finding.explained, 1e-12)
+    return float(1.0 / (1.0 + (ratio / UNTRUSTED) ** 4))
 
 
 def weigh_claim(fit: Fit, claim: Claim) -> Finding:
@@ -163,10 +172,34 @@ def measure_structure(fit: Fit) -> Structure:
     free = [ledger.columns(n) for n, s in enumerate(ledger.signatures) if s.name == REGISTRATION]
     frames = np.concatenate(free or [np.zeros(0, int)]).astype(int)
     others = np.setdiff1d(np.flatnonzero(values), np.concatenate([claimed, frames]))
-    excess = max(np.exp(hyper.log_noise[0]) - 1.0, 0.0) if noise.witnesses >= 10 else 0.0
+    excess = max(np.exp(hyper.log_noise[0]) - 1.0, 0.0) if noise.witnesses >= WITNESSED else 0.0
+    uneven = uneven_scatter(fit, values)
+    excess = max(excess, uneven)
     rms = np.sqrt(3.0) * np.sqrt((sigma * shared) ** 2 + excess * noise.sigma**2)
-    left = (gain > STRUCTURE_GAIN and shared > STRUCTURE_SIZE) or excess > 0.5
-    return Structure(float(gain), float(rms), _motion(fit, others, values), _motion(fit, claimed, values), bool(left))
+    left = (gain > STRUCTURE_GAIN and shared > STRUCTURE_SIZE) or excess > EXCESS
+    background = _motion(fit, others, values)
+    if background > LARGE_BACKGROUND * np.sqrt(3.0) * noise.sigma and noise.witnesses >= WITNESSED:
+        rms, left = np.hypot(rms, background), True
+    return Structure(float(gain), float(rms), background, _motion(fit, claimed, values), bool(left))
+
+
+def uneven_scatter(fit: Fit, values: Array) -> float:
+    """Return by how much the rows of one kind scatter more than those of another, robustly, in units of the noise variance.
+
+    Kinds are rest and motion, and with and without load. Zero where they scatter alike or are too few.
+    """
+    channel, campaign = fit.channels[0], fit.problem.campaign
+    square = np.sum(fit.search.ledger.left(values)[0] ** 2, axis=1)
+    worst = 0.0
+    for kind in (campaign.on_path, campaign.unloaded):
+        inside = kind[channel.rows]
+        if min(inside.sum(), (~inside).sum()) < 20:
+            continue
+        pair = sorted((float(np.median(square[inside])), float(np.median(square[~inside]))))
+        spread = 2.5 * np.sqrt(1.0 / inside.sum() + 1.0 / (~inside).sum())
+        if pair[1] > pair[0] * np.exp(3.0 * spread) * UNEVEN:
+            worst = max(worst, (pair[1] - pair[0]) / MEDIAN_SQUARE)
+    return worst
 
 
 def _motion(fit: Fit, columns: Array, values: Array) -> float:
