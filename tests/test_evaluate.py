@@ -1,0 +1,29 @@
+"""Figures of a run: distances, tilt, share within tolerance, path accuracy."""
+
+import numpy as np
+import pytest
+
+from compplan.errors import ShapeError
+from compplan.evaluate import Evaluation, path_accuracy
+
+
+def test_figures_are_of_the_cut_alone():
+    deviation = np.array([[3e-3, 0, 0], [0, 1e-3, 0], [0, 0, 2e-3]])
+    cut = np.array([False, True, True])
+    run = Evaluation("cell", deviation, np.tile(np.eye(3), (3, 1, 1)), deviation, np.array([0.5, 0.1, 0.2]), cut)
+    assert run.max_deviation == pytest.approx(2e-3)
+    assert run.mean_deviation == pytest.approx(1.5e-3)
+    assert run.rms_deviation == pytest.approx(np.sqrt(2.5) * 1e-3)
+    assert run.max_tilt == 0.2
+    assert run.share_within(1.5e-3) == 0.5
+
+
+def test_path_accuracy_is_that_of_the_mean_path():
+    nominal = np.zeros((2, 3))
+    repeated = np.array([[[1.0, 0, 0], [0, 0, 0]], [[-1.0, 0, 0], [0, 0.2, 0]]])
+    assert path_accuracy(nominal, repeated) == pytest.approx(0.1)
+
+
+def test_path_accuracy_refuses_paths_of_another_length():
+    with pytest.raises(ShapeError, match=r"attained has shape \(1, 3, 3\), expected \(repetitions, 2, 3\)"):
+        path_accuracy(np.zeros((2, 3)), np.zeros((1, 3, 3)))

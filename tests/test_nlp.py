@@ -1,0 +1,153 @@
+"""The program of a path: derivatives, rows, exactness, and what is left to look at when it fails."""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from compplan import nlp as program
+from compplan.chain import build_chain, locate_frames
+from compplan.errors import ShapeError
+from compplan.nlp import PathProblem, Rows, build_nlp, pose_data, solve_nlp
+from compplan.robot import load_robot
+from compplan.sensitivity import attain_pose
+
+
+def make_problem(n=40, name="staubli_tx200", **changes):
+    """Build a short arc about a pose of the TX200 with a force that grows."""
+    robot = load_robot(name)
+    chain = build_chain(robot)
+    share = np.linspace(0.0, 1.0, n)
+    q = np.radians([0.0, 49.7, 89.3, 5.0, 41.0, 10.0]) + 0.05 * np.sin(np.outer(share, [3, 1, 2, 2, 1, 3]))
+    frames = locate_frames(chain, q)
+    wrench = np.column_stack([300 * share, 200 * share, 1200 * share, 20 * share, 0 * share, 5 * share])
+    values = {
+        "chain": chain,
+        "position": frames.tcp_position,
+        "rotation": frames.tcp_rotation,
+        "wrench": wrench,
+        "compensated": np.ones(n, bool),
+        "q_start": q,
+        "step_time": np.full(n - 1, 0.1),
+        "lower": robot.lower,
+        "upper": robot.upper,
+        "velocity_limits": robot.velocity_limits,
+        "acceleration_limits": robot.acceleration_limits,
+    }
+    return PathProblem(**(values | changes))
+
+
+def plain_rows(problem):
+    return Rows(np.zeros(problem.q_start.shape, bool))
+
+
+def solve(problem, rows, passes=2):
+    nlp, q = build_nlp(problem, rows), problem.q_start
+    for _ in range(passes):
+        solution = solve_nlp(nlp, q, attain_pose(problem.chain, q, problem.wrench))
+        q = solution.q
+    return solution
+
+
+@pytest.mark.parametrize("spin_free", [True, False])
+def test_two_passes_put_the_loaded_tool_on_the_path(spin_free):
+    problem = make_problem(spin_free=spin_free)
+    solution = solve(problem, plain_rows(problem))
+    attained = attain_pose(problem.chain, solution.q, problem.wrench)
+    before = attain_pose(problem.chain, problem.q_start, problem.wrench)
+    assert solution.success
+    assert np.abs(before.position - problem.position).max() > 2e-3
+    assert np.abs(attained.position - problem.position).max() < 1e-8
+    assert np.abs(attained.rotation[:, :, 2] - problem.rotation[:, :, 2]).max() < 1e-8
+    turned = np.abs(attained.rotation[:, :, 0] - problem.rotation[:, :, 0]).max()
+    assert turned < 1e-8 if not spin_free else turned > 1e-8
+
+
+def test_derivative_of_the_pose_equations_agrees_with_finite_differences():
+    problem = make_problem(spin_free=False)
+    residual = program._pose_residual(problem)
+    derivative = program._differentiate(residual)
+    attained = attain_pose(problem.chain, problem.q_start, problem.wrench)
+    q, data = problem.q_start[-1] + 0.01, pose_data(problem, problem.q_start, attained)[-1]
+    exact = np.array(derivative(q, data))
+    for j, unit in enumerate(np.eye(6)):
+        ahead, behind = (np.array(residual(q + s * 1e-6 * unit, data))[:, 0] for s in (1, -1))
+        assert np.allclose(exact[:, j], (ahead - behind) / 2e-6, atol=1e-8)
+
+
+def test_pose_equations_carry_value_and_slope_of_the_exact_loaded_pose():
+    problem = make_problem(spin_free=False)
+    residual, derivative = program._pose_residual(problem), program._differentiate(program._pose_residual(problem))
+    q = problem.q_start
+    data = pose_data(problem, q, attain_pose(problem.chain, q, problem.wrench))[-1]
+    step, slope = 1e-5, np.array(derivative(q[-1], data))
+    for j, unit in enumerate(np.eye(6)):
+        sides = [attain_pose(problem.chain, q[-1:] + s * step * unit, problem.wrench[-1:]) for s in (1, -1)]
+        change = (sides[0].position - sides[1].position)[0] / (2 * step)
+        assert np.allclose(slope[:3, j], change, atol=1e-7)
+    here = attain_pose(problem.chain, q[-1:], problem.wrench[-1:]).position[0] - problem.position[-1]
+    assert np.allclose(np.array(residual(q[-1], data))[:3, 0], here, atol=1e-12)
+
+
+def test_derivative_of_all_constraints_agrees_with_casadi():
+    problem = make_problem(n=8, max_correction=0.004)
+    rows = Rows(
+        np.zeros((8, 6), bool), limited=np.array([2, 3]), released=np.array([5]),
+        velocity=np.array([[1, 0], [2, 5]]), acceleration=np.array([[3, 2]]),
+    )  # fmt: skip
+    nlp = build_nlp(problem, rows)
+    assert nlp.extra == 5 + 3
+    rng = np.random.default_rng(0)
+    x = rng.normal(scale=0.1, size=nlp.constraints.size1_in(0))
+    attained = attain_pose(problem.chain, problem.q_start, problem.wrench)
+    p = np.r_[pose_data(problem, problem.q_start, attained).ravel(), problem.q_start.ravel(), 0.004]
+    ours = nlp.solver.get_function("nlp_jac_g")(x, p)[1]
+    theirs = nlp.constraints.jacobian()(x, p, 0)[0]
+    assert float(ca.norm_inf(ca.vec(ours - theirs))) < 1e-12
+
+
+def test_smoothness_does_not_cost_a_steady_motion_at_uneven_times():
+    rng = np.random.default_rng(0)
+    problem = replace(make_problem(n=30), step_time=rng.uniform(0.05, 0.2, 29))
+    matrix, time = program.smoothness_matrix(problem), np.r_[0.0, np.cumsum(problem.step_time)]
+    assert np.abs(matrix @ (3.0 + 2.0 * time)).max() < 1e-12
+    assert np.abs(matrix @ time**2).min() > 1e-3
+
+
+def test_rate_rows_are_velocities_and_accelerations():
+    problem = make_problem(n=10)
+    rows = replace(plain_rows(problem), velocity=np.array([[4, 2]]), acceleration=np.array([[5, 1]]))
+    matrix, bound = program.rate_matrix(problem, rows)
+    q = problem.q_start
+    velocity = np.diff(q, axis=0) / 0.1
+    change = matrix @ q.ravel()
+    assert change == pytest.approx([q[5, 2] - q[4, 2], velocity[5, 1] - velocity[4, 1]])
+    assert bound == pytest.approx([0.1 * problem.velocity_limits[2], 0.1 * problem.acceleration_limits[1]])
+
+
+def test_bounds_in_the_program_are_hard():
+    free = solve(make_problem(), plain_rows(make_problem()))
+    top = float(free.q[:, 5].max())
+    problem = make_problem(upper=np.r_[np.full(5, 10.0), top - 0.01])
+    bounded = solve(problem, Rows(np.ones((40, 6), bool)))
+    assert bounded.success
+    assert bounded.q[:, 5].max() <= top - 0.01
+    attained = attain_pose(problem.chain, bounded.q, problem.wrench)
+    assert np.abs(attained.position - problem.position).max() < 1e-8
+
+
+def test_a_failed_solve_can_be_looked_at():
+    problem = make_problem(spin_free=False, upper=np.r_[np.full(4, 10.0), 0.70, 10.0])
+    nlp = build_nlp(problem, Rows(np.ones((40, 6), bool)))
+    solution = solve_nlp(nlp, problem.q_start, attain_pose(problem.chain, problem.q_start, problem.wrench))
+    assert not solution.success
+    assert solution.status != "Solve_Succeeded"
+    assert solution.violation > 1e-4
+    assert nlp.solver.stats()["return_status"] == solution.status
+    assert solution.q[:, 4].max() <= 0.70
+
+
+def test_a_problem_of_wrong_shape_is_refused():
+    with pytest.raises(ShapeError, match=r"wrench has shape \(3, 6\), expected \(40, 6\)"):
+        make_problem(wrench=np.zeros((3, 6)))
