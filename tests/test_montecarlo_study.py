@@ -166,7 +166,7 @@ def job_file(tmp_path: Path) -> Path:
 
 def test_the_command_writes_numbers_and_page_and_says_them_again(job_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    arguments = ["montecarlo", str(job_file), "--samples", "16", "--out", str(out), "--workers", "1", "--replicates", "4",
+    arguments = ["montecarlo", str(job_file), "--out", str(out), *"--samples 16 --workers 1 --replicates 4".split(),
                  "--strategies", "none,mirror,secondary_encoder,online_pi,first_part"]  # fmt: skip
     result = CliRunner().invoke(group, arguments, catch_exceptions=False)
     assert result.exit_code == 0 and "secondary_encoder" in result.output

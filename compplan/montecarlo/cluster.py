@@ -69,7 +69,7 @@ def _collect(client: Any, study: Study, numbers: list[int], points: Callable[[in
 
     todo = iter(numbers)
     ahead = AHEAD * max(2, len(client.nthreads()))
-    pending = as_completed([submit(number) for number in islice(todo, ahead)])
+    pending = as_completed([submit(number) for number in islice(todo, ahead)], loop=client.loop)
     for future in pending:
         for number in islice(todo, 1):
             pending.add(submit(number))

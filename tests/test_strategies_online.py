@@ -1,0 +1,171 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from montecarlo_cases import cone_study
+
+from compplan.chain import build_chain, joint_jacobian, locate_frames
+from compplan.closed_loop import TimeCell, run_in_time
+from compplan.correction_loop import Loop, Plant, largest_pole, run_loop
+from compplan.effects import Effect
+from compplan.errors import InputError, UnknownNameError
+from compplan.montecarlo.curves import quiet_cells
+from compplan.montecarlo.encoder_table import compare_encoders
+from compplan.montecarlo.study import run_strategy
+from compplan.robot import Array, load_robot
+from compplan.strategies.online import ONLINE, prepare_controllers
+from compplan.strategies.online_correction import LITERAL, PI, PID
+
+
+def test_klimchiks_ordering_and_ratios_come_out_under_loads_of_all_directions() -> None:
+    """Secondary encoder 40 to 55 % left, both encoders with the links in the gain 15 to 28 % or a little less."""
+    robot = load_robot("kuka_kr120_r3900")
+    rng = np.random.default_rng(3)
+    q = workspace_postures(robot, rng)
+    table = compare_encoders(robot, q, 981.0, rng)
+    left = {(row.load, row.strategy): row.left for row in table.rows}
+    assert 0.40 < left["all directions", "link"] < 0.55
+    assert 0.13 < left["all directions", "combined"] < 0.28
+    assert left["vertical", "combined"] < 0.06 < left["vertical", "link"]
+    mean = {row.strategy: row.mean for row in table.rows if row.load == "all directions"}
+    assert mean["motor"] > mean["link"] > mean["combined"]
+
+
+def workspace_postures(robot, rng: np.random.Generator) -> Array:  # type: ignore[no-untyped-def]
+    """Postures all over the workspace, away from singularities and from the column. Shape (300, 6)."""
+    chain = build_chain(robot, gravity=False)
+    q = rng.uniform(0.9 * robot.lower, 0.9 * robot.upper, (3000, robot.nq))
+    frames = locate_frames(chain, q)
+    tip = frames.tcp_position
+    free = (tip[:, 2] > 0.2) & (np.hypot(tip[:, 0], tip[:, 1]) > 1.0)
+    return q[free & (np.linalg.cond(joint_jacobian(chain, frames)) < 60)][:300]
+
+
+def test_the_literal_pid_is_unstable_and_the_others_are_not() -> None:
+    assert largest_pole(LITERAL) == pytest.approx(2.29, abs=0.01)
+    assert largest_pole(PI) == pytest.approx(0.91, abs=0.005)
+    assert largest_pole(PID) < 1
+    assert largest_pole(replace(LITERAL, plant=Plant(0.004, 0.01))) > 1
+
+
+@pytest.mark.parametrize("loop", [PI, PID, Loop(derivative=0.0, plant=Plant(0.0, 0.0), error="sent")])
+def test_a_stable_loop_settles_at_the_wanted_correction(loop: Loop) -> None:
+    answer = run_loop(loop, np.ones(400))
+    assert answer[0] == 0.0
+    assert answer[-1] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_the_cone_of_johra_online_and_offline_under_one_model_error() -> None:
+    """Uncorrected 1.6 to 6.7 mm at the centre of the part by the direction of the lateral force, here on its rim."""
+    study = cone_study()
+    plain = np.linalg.norm(run_strategy(study, "none", quiet_cells(study, np.ones(1), np.ones(1))), axis=0)[0]
+    loaded = study.cut & (np.linalg.norm(study.task.wrench[:, :3], axis=1) > 1290.0)
+    assert 1.6e-3 < plain[loaded].min() < 2.2e-3 and 6.2e-3 < plain[loaded].max() < 7.2e-3
+    cells = quiet_cells(study, np.array([1.25]), np.ones(1))
+    left = {
+        name: np.linalg.norm(run_strategy(study, name, cells), axis=0)[0, loaded] / plain[loaded]
+        for name in ("nlp", "force_sensor_full", "online_pi", "online_pid")
+    }
+    # what is left is what the model lacks: a quarter of the deflection
+    for name in ("nlp", "force_sensor_full"):
+        assert np.median(left[name]) == pytest.approx(0.25, abs=0.02), name
+    # the loop adds its delay on a path that turns
+    for name in ("online_pi", "online_pid"):
+        assert 0.2 < np.median(left[name]) < 0.6, name
+
+
+def test_the_cell_in_time_agrees_with_the_study_where_nothing_is_fast() -> None:
+    study = cone_study()
+    cells = quiet_cells(study, np.array([1.2]), np.ones(1))
+    true = study.task.robot.scale_compliance(1.2)
+    time = np.r_[0.0, np.cumsum(study.task.step_time)]
+    for name in ("none", "nlp", "secondary_encoder", "both_encoders"):
+        run = run_in_time(study.task, study.controllers[name], TimeCell(true))
+        there = np.argmin(np.abs(run.time[:, None] - time[None, :]), axis=0)
+        near = np.abs(run.time[there] - time) < 2e-3
+        attained = np.linalg.norm(run_strategy(study, name, cells), axis=0)[0]
+        assert near.sum() > 5
+        assert np.abs(run.distance[there] - attained)[near].max() < 0.05 * attained.max(), name
+
+
+def test_the_loop_in_time_is_the_filter_of_the_study() -> None:
+    study = cone_study()
+    cells = quiet_cells(study, np.array([1.2]), np.ones(1))
+    time = np.r_[0.0, np.cumsum(study.task.step_time)]
+    for name in ("online_pi", "online_pid"):
+        run = run_in_time(study.task, study.controllers[name], TimeCell(study.task.robot.scale_compliance(1.2)))
+        filtered = np.sqrt((run_strategy(study, name, cells)[:, 0, study.cut] ** 2).sum(axis=0).mean())
+        stepped = np.sqrt((np.interp(time, run.time, run.distance)[study.cut] ** 2).mean())
+        assert stepped == pytest.approx(filtered, rel=0.1)
+        assert not run.limited.any()
+
+
+def test_the_literal_law_runs_into_its_limiter_and_the_others_do_not() -> None:
+    study = cone_study()
+    cell = TimeCell(study.task.robot, most_correction=0.008)
+    online = study.controllers["online_pi"]
+    runs = {name: run_in_time(study.task, online, cell, loop=loop, seconds=6.0)
+            for name, loop in (("literal", LITERAL), ("pi", PI), ("pid", PID))}  # fmt: skip
+    assert runs["literal"].limited.mean() > 0.8
+    assert runs["literal"].distance.max() > 0.005
+    for name in ("pi", "pid"):
+        assert not runs[name].limited.any() and runs[name].distance.max() < 0.003
+
+
+def test_with_correction_the_force_of_a_stiff_process_rises() -> None:
+    study = cone_study()
+    sheet = TimeCell(study.task.robot, process_stiffness=np.diag([0.0, 0.0, 2e5]))
+    plain, corrected = (run_in_time(study.task, study.controllers[name], sheet) for name in ("none", "online_pi"))
+    assert corrected.wrench[:, 2].max() > 1.05 * plain.wrench[:, 2].max()
+    assert corrected.distance[200:].mean() < plain.distance[200:].mean()
+
+
+def test_sensor_faults_cost_what_they_should() -> None:
+    study = cone_study()
+    force = study.controllers["force_sensor_full"]
+    still = run_in_time(study.task, force, TimeCell(study.task.robot))
+    biased = run_in_time(study.task, force, TimeCell(study.task.robot, force_bias=np.r_[0.0, 50.0, 0, 0, 0, 0]))
+    # 50 N that are not there, times the lateral compliance
+    assert 5e-5 < biased.distance.mean() - still.distance.mean() < 1e-3
+    noisy = TimeCell(study.task.robot, link_noise=1e-5, link_step=5e-5, seed=3)
+    plain, shaken = (
+        run_in_time(study.task, study.controllers["secondary_encoder"], cell)
+        for cell in (TimeCell(study.task.robot), noisy)
+    )
+    change = np.linalg.norm(plain.attained - shaken.attained, axis=1)
+    assert 5e-6 < change.mean() < 2e-4
+    again = run_in_time(study.task, study.controllers["secondary_encoder"], noisy)
+    np.testing.assert_array_equal(again.attained, shaken.attained)
+
+
+def test_any_effect_of_the_diagnosis_may_stand_in_the_cell() -> None:
+    study = cone_study()
+    joint = study.task.robot.joint_names[0]
+    effect = Effect("joint_offset", joint, None, {"offset_rad": 1e-4})
+    nlp = study.controllers["nlp"]
+    plain, wrong = (run_in_time(study.task, nlp, TimeCell(study.task.robot, effects=e)) for e in ((), (effect,)))
+    shift = np.linalg.norm(wrong.attained - plain.attained, axis=1)
+    radius = np.hypot(*plain.nominal[:, :2].T)
+    np.testing.assert_allclose(shift, 1e-4 * radius, rtol=0.02)
+
+
+def test_strategies_that_do_not_fit_are_refused() -> None:
+    study = cone_study()
+    with pytest.raises(InputError, match="part to part"):
+        run_in_time(study.task, study.controllers["first_part"], TimeCell(study.task.robot))
+    with pytest.raises(UnknownNameError, match="no strategy"):
+        prepare_controllers(study.task, ["telepathy"])
+    robot = study.task.robot
+    blind = replace(robot, springs=tuple(replace(s, actuator=False) for s in robot.springs))
+    task = replace(study.task, robot=blind, chain=build_chain(blind))
+    with pytest.raises(InputError, match="two encoders"):
+        prepare_controllers(task, ["encoder_force"])
+
+
+def test_every_strategy_says_what_it_knows_measures_and_commands() -> None:
+    for name, controller in cone_study().controllers.items():
+        assert controller.name == name
+        assert controller.knows and controller.measures and controller.commands
+        assert (name in ONLINE) == (controller.measures != "nothing")
