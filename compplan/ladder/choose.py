@@ -39,7 +39,7 @@ MARGIN_SAMPLES = 600
 #: Searches that collisions may ask for, and rounds of further stations.
 COLLISION_ROUNDS, STATION_ROUNDS = 25, 4
 #: Stations times options that the graph has at most, as long as 50 stations are left.
-NODE_BUDGET = 16_000
+NODE_BUDGET = 17_500
 #: Steps of the fine grid on either side of the coarse line.
 FINE_SPINS, FINE_HELD, FINE_TILTS = 5, 2, 1
 

@@ -231,9 +231,9 @@ def _wrap_into_limits(q: Array, arm: Arm) -> Array:
 
 
 def _neighbours(shape: tuple[int, int, int], held: list[int], tilts: Array) -> NDArray[np.int_]:
-    """List for every option those within three spins, one position of each extra axis and one step of lean."""
+    """List for every option those within four spins, one position of each extra axis and one step of lean."""
     spins, positions, leans = shape
-    window = range(-3, 4) if spins > 6 else range(-(spins // 2), spins - spins // 2)
+    window = range(-4, 5) if spins > 8 else range(-(spins // 2), spins - spins // 2)
     cells = np.array(list(np.ndindex(*held)), int).reshape(positions, len(held))
     near_held = [np.flatnonzero(np.abs(cells - cell).max(axis=1, initial=0) <= 1) for cell in cells]
     step = np.maximum(np.abs(tilts).max(axis=0), 1e-12)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ from compplan.toolpath import Toolpath
 
 #: Length of path that joint motion counts against. [m]
 LENGTH = 0.1
+#: Greatest motion of a joint between stations of a cut. [rad]
+EDGE = 1.6
 #: Cost of one change of configuration in a rapid move, far above everything else.
 CHANGE = 1e6
 
@@ -70,7 +73,7 @@ class Line:
 
 
 def measure_rungs(
-    nominal: Toolpath, stations: NDArray[np.int_], *, most_step: float, reconfigure: bool, edge_limit: float = 1.05
+    nominal: Toolpath, stations: NDArray[np.int_], *, most_step: float, reconfigure: bool, edge_limit: float = EDGE
 ) -> Rungs:
     """Measure stations and edges.
 
@@ -145,15 +148,30 @@ def search_line(
     if shifted is not None:
         return Line(option, slot, shifted, total)
     q, expanded = _expand_turns(lattice.q, cost, robot, turns)
-    option, slot, total = _sweep(lattice, q, expanded, rungs, weights, robot, np.zeros_like(turns))
+    width = lattice.q.shape[2]
+    passes = np.eye(width, dtype=bool)
+    passes[slot[:-1], slot[1:]] = True
+    passes = np.tile(passes, (q.shape[2] // width,) * 2)
+    option, slot, total = _sweep(lattice, q, expanded, rungs, weights, robot, np.zeros_like(turns), passes)
     return Line(option, slot % lattice.q.shape[2], q[np.arange(len(option)), option, slot], total)
 
 
+class _Joints(NamedTuple):
+    """Which joints turn more than once around, which slide, and how fast they are."""
+
+    turns: NDArray[np.bool_]
+    slides: NDArray[np.bool_]
+    fastest: Array
+
+
 def _sweep(
-    lattice: Lattice, q: Array, cost: Array, rungs: Rungs, weights: Weights, robot: Robot, turns: NDArray[np.bool_]
-) -> tuple[NDArray[np.int_], NDArray[np.int_], float]:
+    lattice: Lattice, q: Array, cost: Array, rungs: Rungs, weights: Weights, robot: Robot, turns: NDArray[np.bool_],
+    passes: NDArray[np.bool_] | None = None,
+) -> tuple[NDArray[np.int_], NDArray[np.int_], float]:  # fmt: skip
     """Sweep over the stations; return option and slot at each, and the total cost."""
     k, g, b = cost.shape
+    passes = np.ones((b, b), bool) if passes is None else passes
+    joints = _Joints(turns, robot.prismatic, robot.velocity_limits)
     best = cost[0]
     back = np.zeros((k, g, b), np.int32)
     last = np.concatenate([best, np.full((1, b), np.inf)])
@@ -165,7 +183,7 @@ def _sweep(
         free = not np.isfinite(rungs.most_motion[i - 1])
         around = everything if free or neighbours.shape[1] >= g else neighbours
         last = np.concatenate([best, np.full((1, b), np.inf)])
-        best, back[i] = _step(last, q[i - 1], q[i], around, i, rungs, weights, robot, turns)
+        best, back[i] = _step(last, q[i - 1], q[i], around, i, rungs, weights, joints, passes)
         best = best + cost[i]
     if not np.isfinite(best).any():
         _refuse(lattice, k - 1, cost)
@@ -178,7 +196,7 @@ def _sweep(
 
 def _step(
     last: Array, before: Array, here: Array, around: NDArray[np.int_], i: int, rungs: Rungs, weights: Weights,
-    robot: Robot, turns: NDArray[np.bool_],
+    joints: _Joints, passes: NDArray[np.bool_],
 ) -> tuple[Array, NDArray[np.int32]]:  # fmt: skip
     """Find the cheapest predecessor of every node; only options and slots that are alive take part."""
     g, b = here.shape[:2]
@@ -190,23 +208,23 @@ def _step(
     for s in slots:
         source = np.concatenate([before[:, s], np.full((1, before.shape[2]), np.nan)])[around]
         value = last[around, s]
-        for t in targets:
+        for t in targets[passes[s, targets]]:
             motion, most, time = np.zeros(around.shape), np.zeros(around.shape), np.zeros(around.shape)
             for j in range(here.shape[2]):
                 step = here[:, t, j, None] - source[..., j]
-                if turns[j]:
+                if joints.turns[j]:
                     step -= 2 * np.pi * np.round(step / (2 * np.pi))
                 motion += step * step
                 step = np.abs(step)
-                if not robot.prismatic[j]:
+                if not joints.slides[j]:
                     np.maximum(most, step, out=most)
                 if weights.time > 0:
-                    np.maximum(time, step / robot.velocity_limits[j], out=time)
+                    np.maximum(time, step / joints.fastest[j], out=time)
             edge = weights.motion * motion / sigma + (0.0 if free or s % 8 == t % 8 else weights.singularity)
             if weights.time > 0:
                 edge += weights.time * np.maximum(time, rungs.feed_time[i - 1])
             if free:
-                edge += np.where(most > 1.05, CHANGE, 0.0)
+                edge += np.where(most > EDGE, CHANGE, 0.0)
             edge = np.where(most <= limit, value + edge, np.inf)
             edge[np.isnan(edge)] = np.inf
             choice = np.argmin(edge, axis=1)

@@ -50,7 +50,7 @@ class PostureSettings:
     lead: float = 0.0
     lean: float = 0.0
     held_steps: int = 9
-    stations: int = 160
+    stations: int = 240
     reconfigure: bool = True
     singularity_margin: float = 0.03
     limit_margin: float = float(np.radians(10.0))

@@ -128,8 +128,8 @@ def measure_remaining(
     rows = np.flatnonzero(share > 0)
     if not len(rows):
         return {"expected_rms_mm": 0.0, "p95_mm": 0.0}
-    if len(rows) > 2000:
-        rows = rows[np.linspace(0, len(rows) - 1, 2000).astype(int)]
+    if len(rows) > 400:
+        rows = rows[np.linspace(0, len(rows) - 1, 400).astype(int)]
     spread = error_columns(chain, q[rows], wrench[rows], settings.uncertainty, axes)
     weight = share[rows] / share[rows].sum()
     expected = float(np.sqrt((weight * np.einsum("nij,nij->n", spread, spread)).sum()))
