@@ -31,6 +31,10 @@ UNEVEN, MEDIAN_SQUARE = 1.4, 2.366
 LARGE_BACKGROUND = 3.0
 #: An error that moves the target less than this share of the noise floor is no cause of a gap and is not named.
 NAMEABLE = 0.8
+#: What shows in the readings alone has to be this many standard deviations large.
+PLAIN = 3.0
+#: A zero that is off by more than this [rad or m] is counted wrongly, not adjusted badly: centimetres at the tool.
+FAR_ZERO = 0.02
 #: Names are withheld where the structure left is larger than this share of what they explain.
 UNTRUSTED = 0.35
 
@@ -104,12 +108,12 @@ def reach_verdict(fit: Fit) -> Verdict:
     """
     structure = measure_structure(fit)
     findings = [weigh_claim(fit, claim) for claim in fit.model.claims]
-    findings.sort(key=lambda f: -f.explained)
+    findings = sorted((name_far_zero(f) for f in findings), key=lambda f: -f.explained)
     if structure.left:
         findings = [replace(f, probability=f.probability * trust_in(f, structure)) for f in findings]
     noise = fit.noises["position"].sigma * float(np.exp(0.5 * fit.model.posterior.hyper.log_noise[0]))
     small = NAMEABLE * np.sqrt(3.0) * noise
-    minor = tuple(f for f in findings if f.explained < small)
+    minor = tuple(f for f in findings if f.explained < small and not only_in_readings(fit, f))
     named = tuple(f for f in findings if f.probability >= CLAIMED and f not in minor)
     doubtful = tuple(f for f in findings if f.probability < CLAIMED and f not in minor)
     if named:
@@ -117,6 +121,26 @@ def reach_verdict(fit: Fit) -> Verdict:
     else:
         status = "unknown" if structure.left or any(f.margin > 5.0 for f in doubtful) else "none"
     return Verdict(status, named, doubtful, minor, structure)
+
+
+def name_far_zero(finding: Finding) -> Finding:
+    """Name an offset that no adjustment could leave a matter of counting: joint_coupling, with the offset as its rival."""
+    effect = finding.effect
+    size = abs(float(next(iter(effect.parameters.values())))) if effect.name == "joint_offset" else 0.0
+    if size < FAR_ZERO:
+        return finding
+    key = "zero_m" if "offset_m" in effect.parameters else "zero_rad"
+    counted = Effect("joint_coupling", effect.joint, None, {key: next(iter(effect.parameters.values()))})
+    rivals = tuple(r for r in finding.rivals if r.place != counted.place)
+    return replace(finding, effect=counted, rivals=(Rival(effect.place, 1.0, 0.0, 1), *rivals))
+
+
+def only_in_readings(fit: Fit, finding: Finding) -> bool:
+    """Tell whether an effect does not move the target at all, but shows plainly in the encoders."""
+    columns = fit.search.ledger.columns(finding.signature)
+    values = fit.model.posterior.values(fit.search.ledger.p)[columns]
+    moves = [np.sqrt(np.mean(np.sum((d[..., columns] @ values) ** 2, axis=1))) for d in fit.search.ledger.designs]
+    return bool(moves[0] < 1e-6 and max(moves) > PLAIN)
 
 
 def trust_in(finding: Finding, structure: Structure) -> float:
