@@ -18,7 +18,7 @@ from compplan.evaluate import Evaluation, Margins, evaluate_run, measure_margins
 from compplan.ik import build_arm, pose_error, refine_ik
 from compplan.job import Job, load_nominal
 from compplan.ladder.start import PostureRequest, check_clearance, find_start, read_request
-from compplan.posture import Wish
+from compplan.posture import Wish, check_start
 from compplan.process import tool_axes
 from compplan.robot import Array, Robot, load_robot
 from compplan.strategies import command_path
@@ -223,6 +223,7 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         message = f"robot {robot.name!r} has {chain.nq} joints, a tool position and direction needs {equations}"
         raise InputError(message, file=file, where="robot" if file else None)
     try:
+        check_start(robot, options.wish.start)
         start = find_start(robot, nominal, np.asarray(options.tool_x, float), rotation, options.wish, options.posture)
     except InputError as error:
         raise InputError(error.message, file=file, where=error.where if file else None) from None

@@ -80,7 +80,7 @@ def choose_posture(robot: Robot, position: Array, rotation: Array, wish: Wish | 
 
     """
     wish = wish or Wish()
-    _check_start(robot, wish.start)
+    check_start(robot, wish.start)
     arm, n = build_arm(robot), len(position)
     held = _hold_extra_axes(arm, position, wish)
     sample = np.unique(np.linspace(0, n - 1, min(n, SAMPLES)).astype(int))
@@ -214,7 +214,13 @@ def _reach(arm: Arm) -> float:
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
-def _check_start(robot: Robot, start: Array | None) -> None:
+def check_start(robot: Robot, start: Array | None) -> None:
+    """Refuse joint positions to start near that the robot cannot take.
+
+    Raises:
+        InputError: If their number is not that of the joints, or one lies outside its limits.
+
+    """
     if start is None:
         return
     if len(start) != robot.nq:

@@ -1,0 +1,75 @@
+"""The commands plan and compare: files, summaries, exit statuses."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import run_command
+
+from compplan.judge import build_judge, judge_pose
+from compplan.robot import load_robot
+from compplan.tables import Column, read_table
+
+PATHS = Path(__file__).parents[1] / "paths"
+
+
+@pytest.fixture
+def small_job(tmp_path):
+    """Write a small job beside no other file."""
+    text = (PATHS / "circle_10mm.toml").read_text(encoding="utf-8").replace("waypoints = 500", "waypoints = 80")
+    file = tmp_path / "circle.toml"
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+def test_plan_writes_every_file_of_the_contract(small_job, tmp_path, monkeypatch, capsys):
+    out = tmp_path / "out"
+    answer = run_command(["plan", small_job, "--out", out], monkeypatch, capsys)
+    assert answer.status == 0 and answer.err == ""
+    assert {"plan.json", "joints.csv", "report.html"} <= {path.name for path in out.iterdir()}
+    assert list(out.rglob("*.src"))
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
+    plan = json.loads((out / "plan.json").read_text(encoding="utf-8"))
+    assert plan["schema"] == 1 and plan["status"] == "solved" and plan["waypoints"] == 80
+    assert plan["error_after_mm"]["max"] < 1e-3 < plan["error_before_mm"]["max"]
+    assert plan["error_before_mm"].keys() == {"rms", "mean", "max"}
+    assert {"position_limit_deg", "velocity_ratio", "acceleration_ratio"} <= plan["margins"].keys()
+    assert {"strategy", "robot", "configuration", "solve_time_s", "correction_mm"} <= plan.keys()
+
+
+def test_joints_csv_puts_the_loaded_tool_on_the_path(small_job, tmp_path, monkeypatch, capsys):
+    run_command(["plan", small_job, "--out", tmp_path / "out"], monkeypatch, capsys)
+    wrench = [Column(f"f{a}", "force") for a in "xyz"] + [Column(f"m{a}", "moment") for a in "xyz"]
+    columns = [Column("time", "time"), Column("q#", "angle"), *(Column(a, "length") for a in "xyz")]
+    table = read_table(tmp_path / "out" / "joints.csv", [*columns, *(Column(a) for a in "ijk"), *wrench])
+    q, load = table.stack(table.numbered("q#")), table.stack(["fx", "fy", "fz", "mx", "my", "mz"])
+    position, rotation, _ = judge_pose(build_judge(load_robot("kuka_kr270")), q, load)
+    assert len(table) == 80
+    assert np.abs(position - table.stack(["x", "y", "z"])).max() < 1e-8
+    assert np.abs(-rotation[:, :, 2] - table.stack(["i", "j", "k"])).max() < 1e-8
+    assert (np.diff(table.values["time"]) > 0).all()
+
+
+def test_plan_prints_its_summary_as_json(small_job, tmp_path, monkeypatch, capsys):
+    answer = run_command(["plan", small_job, "--out", tmp_path / "out", "--json"], monkeypatch, capsys)
+    assert json.loads(answer.out) == json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))
+
+
+def test_an_infeasible_plan_leaves_with_3_and_writes_the_marked_compromise(tmp_path, monkeypatch, capsys):
+    answer = run_command(["plan", PATHS / "limits_reach.toml", "--out", tmp_path / "out"], monkeypatch, capsys)
+    plan = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))
+    assert answer.status == 3
+    assert len(answer.err.strip().splitlines()) == 1
+    assert "lower position limit of joint_2" in answer.err and "waypoint 0" in answer.err
+    assert plan["status"] == "infeasible"
+    assert {failure["limit"] for failure in plan["failures"]} >= {"correction limit"}
+    assert "nfeasible" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_compare_prints_and_writes_the_table(small_job, tmp_path, monkeypatch, capsys):
+    answer = run_command(["compare", small_job, "--out", tmp_path / "out"], monkeypatch, capsys)
+    assert answer.status == 0
+    for word in ("none", "mirror", "iterated_mirror", "nlp", "as modelled", "compliance x 1.2", "compliance x 0.8"):
+        assert word in answer.out
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"compare.json", "report.html"}

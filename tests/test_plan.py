@@ -1,0 +1,140 @@
+"""The plan: shipped jobs reach what they promise, limits bind, contacts and approaches."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import compplan as cp
+from compplan.chain import locate_frames
+from compplan.errors import InputError
+from compplan.job import check_job
+from compplan.plan import load_contacts, prepare_job
+from compplan.toolpath import Toolpath
+
+PATHS = Path(__file__).parents[1] / "paths"
+
+
+def shipped(name, **tables):
+    """Load a shipped job, with some keys of some tables changed."""
+    job = cp.load_job(PATHS / f"{name}.toml")
+    data = job.model_dump(by_alias=True, exclude_unset=True)
+    for table, keys in tables.items():
+        data[table] = data.get(table, {}) | keys
+    return check_job(data, job.file)
+
+
+@pytest.fixture(scope="module")
+def cone():
+    return cp.plan_job(cp.load_job(PATHS / "isf_cone.toml"))
+
+
+def test_loaded_tip_of_the_cone_stays_within_a_micrometre_in_the_exact_cell(cone):
+    assert cone.status == "solved"
+    assert cone.before.max_deviation > 1e-3
+    assert cone.after.max_deviation < 1e-6
+    assert cone.after.max_tilt < 1e-6
+
+
+def test_rapid_moves_are_not_compensated(cone):
+    rapid = ~cone.task.compensated
+    assert rapid.any()
+    assert np.abs(cone.correction[rapid]).max() < 1e-9
+    assert np.linalg.norm(cone.correction[~rapid], axis=1).max() > 1e-3
+
+
+def test_times_grow_and_rates_stay_within_limits(cone):
+    assert (np.diff(cone.timing.time) > 0).all()
+    assert cone.margins.velocity_ratio <= 1 + 1e-6
+    assert cone.margins.acceleration_ratio <= 1 + 1e-2
+    assert cone.margins.position > 0
+
+
+def test_the_velocity_limit_is_active_in_the_fast_cut_and_lowers_the_feed():
+    plan = cp.plan_job(shipped("limits_feed"))
+    robot, nominal, options = prepare_job(shipped("limits_feed"))
+    joints = [replace(joint, velocity=10 * joint.velocity) for joint in robot.joints]
+    free = cp.plan_compensation(replace(robot, joints=tuple(joints)), nominal, options)
+    assert plan.status == "solved"
+    assert plan.margins.velocity_ratio == pytest.approx(1.0, abs=1e-3)
+    assert any("by the velocity limit of joint_1" in note for note in plan.notes)
+    middle = len(nominal) // 2
+    assert plan.timing.share[middle] < 0.6
+    assert free.timing.share[middle] > 1.2 * plan.timing.share[middle]
+    assert free.timing.time[-1] < plan.timing.time[-1]
+
+
+def test_position_and_correction_limits_are_active_in_the_circle_out_of_limits():
+    plan = cp.plan_job(shipped("limits_reach"))
+    named = {limit for text in plan.command.failures.values() for limit in text.split(", ")}
+    assert plan.status == "infeasible"
+    assert named == {"correction limit", "lower position limit of joint_2"}
+    assert plan.margins.position == pytest.approx(0.0, abs=1e-9)
+    by_correction = [k for k, text in plan.command.failures.items() if text == "correction limit"]
+    sizes = np.linalg.norm(plan.correction, axis=1)
+    assert sizes[by_correction] == pytest.approx(1.5e-3, abs=1e-6)
+    others = np.setdiff1d(np.arange(len(plan.task)), list(plan.command.failures))
+    assert plan.after.distance[others].max() < 1e-6
+
+
+def test_without_its_limits_the_circle_out_of_limits_is_solved():
+    robot, nominal, options = prepare_job(shipped("limits_reach"))
+    joints = [replace(joint, lower=-4.0, upper=4.0) for joint in robot.joints]
+    plan = cp.plan_compensation(replace(robot, joints=tuple(joints)), nominal, replace(options, max_correction=0.01))
+    assert plan.status == "solved"
+    assert plan.after.max_deviation < 1e-6
+    assert plan.q[:, 1].min() < robot.lower[1]
+    assert plan.margins.max_correction > 1.5e-3
+
+
+def test_failing_waypoints_and_limits_are_named_in_a_sentence():
+    sentence = cp.plan_job(shipped("limits_reach")).explain_failures()
+    assert "of 400 waypoints cannot be reached within the limits (correction limit; lower position limit" in sentence
+    assert "the first is waypoint 0 (s = 0.0 mm)" in sentence
+
+
+def test_a_point_of_contact_carries_the_wrench_of_the_cut_that_begins():
+    rapid = np.array([True, True, False, False, True])
+    wrench = np.zeros((5, 6))
+    wrench[2:4, 2] = [500.0, 600.0]
+    position = np.column_stack([np.arange(5.0), np.zeros(5), np.zeros(5)])
+    path = Toolpath(position, np.tile([0.0, 0, 1], (5, 1)), np.full(5, 0.1), rapid, wrench, "base")
+    planned, compensated = load_contacts(path)
+    assert compensated.tolist() == [False, True, True, True, False]
+    assert planned[:, 2].tolist() == [0.0, 500.0, 500.0, 600.0, 0.0]
+
+
+def test_a_toolpath_without_rapids_is_approached_and_left_along_the_tool_axis():
+    plan = cp.plan_job(shipped("circle_10mm", toolpath={"waypoints": 60}))
+    for q, end in ((plan.approach, 0), (plan.retract, -1)):
+        above = locate_frames(plan.task.chain, q).tcp_position[0]
+        assert above == pytest.approx(plan.task.position[end] + [0, 0, 0.05], abs=1e-8)
+
+
+def test_plans_from_parts_and_from_a_job_agree():
+    job = shipped("circle_10mm", toolpath={"waypoints": 60})
+    robot, nominal, options = prepare_job(job)
+    assert np.array_equal(cp.plan_compensation(robot, nominal, options).q, cp.plan_job(job).q)
+
+
+def test_a_robot_with_too_few_joints_is_refused():
+    robot, nominal, options = prepare_job(shipped("circle_10mm"))
+    joints = tuple(replace(j, kind="fixed") if j.name == "joint_6" else j for j in robot.joints)
+    springs = tuple(s for s in robot.springs if s.joint != "joint_6")
+    short = replace(robot, joints=joints, springs=springs, acceleration_limits=robot.acceleration_limits[:5])
+    with pytest.raises(InputError, match="has 5 joints, a tool position and direction needs 6"):
+        cp.plan_compensation(short, nominal, options)
+
+
+def test_a_tool_that_the_job_mounts_is_planned_with():
+    plan = cp.plan_job(shipped("circle_10mm", toolpath={"waypoints": 30}, tool={"position_mm": [0.0, 0.0, 250.0]}))
+    assert plan.robot.tcp == "tool_tcp"
+    assert plan.after.max_deviation < 1e-6
+
+
+@pytest.mark.slow
+def test_fifty_thousand_waypoints_stay_within_a_micrometre():
+    plan = cp.plan_job(cp.load_job(PATHS / "isf_cone_50k.toml"))
+    assert len(plan.task) >= 50_000
+    assert plan.after.max_deviation < 1e-6
