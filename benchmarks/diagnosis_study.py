@@ -5,7 +5,7 @@
     python -m benchmarks.diagnosis_study --out trial --folders DIR        campaigns that were written before
 
 Every answer is kept in OUT/cases, so that an interrupted study goes on where it stopped. The scores are those of
-`compplan selftest-diagnosis`. Half of the campaigns with one effect are diagnosed once more with the true effect left out.
+`compplan selftest-diagnosis`. Half of the campaigns with one effect are diagnosed once more without it.
 """
 
 from __future__ import annotations
