@@ -9,10 +9,13 @@ import click
 
 from compplan.commands.progress import show_progress
 from compplan.diagnose import Diagnosis, diagnose_campaign
+from compplan.diagnose.next_measurement import propose_measurements
+from compplan.diagnose.where import split_diagnosis
 from compplan.effects import EFFECTS
 from compplan.errors import UnknownNameError
 from compplan.measurements import read_campaign
 from compplan.registration import parse_parts, write_registration
+from compplan.report.diagnosis_report import write_diagnosis_report
 from compplan.robot import load_robot
 from compplan.robot_folder import write_robot_folder
 from compplan.tables import write_text
@@ -23,14 +26,16 @@ from compplan.tables import write_text
 @click.option("--robot", "robot_name", required=True, help="Robot folder, or name of a shipped robot.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder to write.")
 @click.option("--register", help="Fit these frames in every model: base, tool or base,tool.")
-@click.option("--without", multiple=True, metavar="EFFECT", help="Leave an effect out of the candidates; may be repeated.")
+@click.option(
+    "--without", multiple=True, metavar="EFFECT", help="Leave an effect out of the candidates; may be repeated."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print diagnosis.json.")
 def command(
     measurements: Path, robot_name: str, out: Path, register: str | None, without: tuple[str, ...], as_json: bool
 ) -> None:
     """Diagnose the gap between ROBOT and MEASUREMENTS (a measurement log).
 
-    Writes DIR/diagnosis.json and DIR/robot (the updated robot folder).
+    Writes DIR/diagnosis.json, DIR/robot (the updated robot folder) and DIR/report.html.
     """
     parts = parse_parts(register)
     for name in without:
@@ -40,8 +45,14 @@ def command(
     campaign = read_campaign(measurements, robot)
     with show_progress() as progress:
         diagnosis = diagnose_campaign(robot, campaign, register=parts, without=without, progress=progress)
-    table = diagnosis.to_table()
-    write_diagnosis_files(diagnosis, table, out)
+        progress("where")
+        split = split_diagnosis(diagnosis)
+        progress("what to measure next")
+        extra = {"where": split.to_json(), "next_measurement": propose_measurements(diagnosis)}
+        table = diagnosis.to_table(extra)
+        progress("report")
+        write_diagnosis_files(diagnosis, table, out)
+        write_diagnosis_report(diagnosis, out, split=split, table=table)
     click.echo(json.dumps(table) if as_json else describe_diagnosis(diagnosis))
 
 
@@ -72,10 +83,12 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
         place = " ".join(str(part) for part in finding.effect.place if part is not None)
         rivals = ", ".join(" ".join(str(p) for p in r.place if p is not None) for r in finding.rivals if r.alike)
         tie = f"; this campaign cannot tell it from {rivals}" if rivals else ""
-        lines.append(f"  {place}: probability {finding.probability:.2f}, moves the target {finding.explained * 1e3:.3f} mm{tie}")
+        lines.append(
+            f"  {place}: probability {finding.probability:.2f}, moves the target {finding.explained * 1e3:.3f} mm{tie}"
+        )
     lines.append(
-        f"gap: {gap.before * 1e3:.3f} mm before, {gap.after * 1e3:.3f} mm after; held out {gap.held_out_before * 1e3:.3f} mm"
-        f" before, {gap.held_out_after * 1e3:.3f} mm after; noise floor {gap.noise_floor * 1e3:.3f} mm"
+        f"gap: {gap.before * 1e3:.3f} mm before, {gap.after * 1e3:.3f} mm after; "
+        f"held out {gap.held_out_before * 1e3:.3f} mm before, {gap.held_out_after * 1e3:.3f} mm after; noise floor {gap.noise_floor * 1e3:.3f} mm"
     )
     if len(diagnosis.outliers):
         lines.append(f"{len(diagnosis.outliers)} rows are reported as outliers")
