@@ -88,7 +88,8 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
         )
     lines.append(
         f"gap: {gap.before * 1e3:.3f} mm before, {gap.after * 1e3:.3f} mm after; "
-        f"held out {gap.held_out_before * 1e3:.3f} mm before, {gap.held_out_after * 1e3:.3f} mm after; noise floor {gap.noise_floor * 1e3:.3f} mm"
+        f"held out {gap.held_out_before * 1e3:.3f} mm before, {gap.held_out_after * 1e3:.3f} mm after; "
+        f"noise floor {gap.noise_floor * 1e3:.3f} mm"
     )
     if len(diagnosis.outliers):
         lines.append(f"{len(diagnosis.outliers)} rows are reported as outliers")
