@@ -81,6 +81,7 @@ class PathProblem:
         acceleration_limits: Acceleration limits. Shape (nq,). [rad/s^2 or m/s^2]
         max_correction: Greatest distance of the unloaded tip from the path. [m]
         spin_free: Whether the rotation about the tool axis is free.
+        hold: Weight of the departure from q_start at each waypoint, ANCHOR_WEIGHT if left out. Shape (n,).
         keeps_shape: Whether smoothness counts for the departure from q_start alone: q_start is then a motion that was
             chosen, not only a place to begin.
 
@@ -100,6 +101,7 @@ class PathProblem:
     max_correction: float = np.inf
     spin_free: bool = True
     keeps_shape: bool = False
+    hold: Array | None = None
 
     def __post_init__(self) -> None:
         n, nq = len(self.position), self.chain.nq
@@ -109,6 +111,11 @@ class PathProblem:
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:
                 raise ShapeError(f"{name} has shape {getattr(self, name).shape}, expected {shape}")
+
+    @property
+    def anchor(self) -> Array:
+        """Weight of the departure from q_start. Shape (n,)."""
+        return np.full(len(self.position), ANCHOR_WEIGHT) if self.hold is None else self.hold
 
     @property
     def equations(self) -> int:
@@ -222,10 +229,11 @@ def build_nlp(problem: PathProblem, rows: Rows) -> Nlp:
         parts.append(_rate_rows(rates, bound, joints, slack, misses))
     g, jacobian = ca.vertcat(*(part.value for part in parts)), ca.vertcat(*(part.derivative for part in parts))
     bent = square - start if problem.keeps_shape else square
-    objective = ca.sumsqr(ca.mtimes(bent, ca.DM(smooth.T))) + ANCHOR_WEIGHT * ca.sumsqr(square - start)
+    objective = ca.sumsqr(ca.mtimes(bent, ca.DM(smooth.T)))
+    objective += ca.dot(ca.DM(problem.anchor).T, ca.sum1((square - start) ** 2))
     objective += RELEASE_WEIGHT * ca.sumsqr(slack[:misses]) + RATE_WEIGHT * ca.sum1(slack[misses:])
     options: dict[str, Any] = {
-        "hess_lag": _objective_hessian(smooth, nq, misses, len(bound), x, p, g.numel()),
+        "hess_lag": _objective_hessian(problem, smooth, misses, len(bound), x, p, g.numel()),
         "jac_g": ca.Function("jacobian", [x, p], [g, jacobian], ["x", "p"], ["g", "jac_g_x"]),
         "calc_lam_p": False,
         "no_nlp_grad": True,
@@ -453,11 +461,11 @@ def _flat(rate: Array) -> Array:
 
 
 def _objective_hessian(
-    smooth: sparse.csr_matrix, nq: int, misses: int, rates: int, x: ca.MX, p: ca.MX, rows: int
+    problem: PathProblem, smooth: sparse.csr_matrix, misses: int, rates: int, x: ca.MX, p: ca.MX, rows: int
 ) -> ca.Function:
     """Build the constant Hessian of the objective, upper triangle."""
-    n = smooth.shape[1]
-    joints = sparse.kron(smooth.T @ smooth + ANCHOR_WEIGHT * sparse.identity(n), sparse.identity(nq))
+    bend = smooth.T @ smooth + sparse.diags(problem.anchor)
+    joints = sparse.kron(bend, sparse.identity(problem.chain.nq))
     slack = sparse.diags(np.r_[np.full(misses, RELEASE_WEIGHT), np.zeros(rates)], shape=(misses + rates,) * 2)
     full = sparse.triu(2.0 * sparse.block_diag([joints, slack])).tocsc()
     full.sort_indices()

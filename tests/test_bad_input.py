@@ -10,13 +10,11 @@ HEADER = "x_mm,y_mm,z_mm,feed_mm_s,fx_N,fy_N,fz_N\n"
 ROWS = [[f"{x}", "0", "0", "10", "0", "0", "500"] for x in range(0, 50, 5)]
 
 
-def write_job(folder: Path, rows=ROWS, header=HEADER, robot="staubli_tx200", part="1500, 0, 300", plan="", extra=""):
+def write_job(folder: Path, rows=ROWS, header=HEADER, robot="staubli_tx200", part="1500, 0, 300", plan=""):
     (folder / "path.csv").write_text(header + "".join(",".join(row) + "\n" for row in rows), encoding="utf-8")
     job = folder / "job.toml"
-    job.write_text(
-        f'schema = 1\nrobot = "{robot}"\ntoolpath = "path.csv"\n{extra}\n[part]\nposition_mm = [{part}]\n[plan]\n{plan}\n',
-        encoding="utf-8",
-    )
+    head = f'schema = 1\nrobot = "{robot}"\ntoolpath = "path.csv"\n'
+    job.write_text(f"{head}[part]\nposition_mm = [{part}]\n[plan]\n{plan}\n", encoding="utf-8")
     return job
 
 

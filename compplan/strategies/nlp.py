@@ -12,9 +12,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import binary_dilation, maximum_filter1d
 
-from compplan.nlp import Nlp, NlpSolution, PathProblem, Rows, build_nlp, solve_nlp
+from compplan.nlp import (
+    ANCHOR_WEIGHT,
+    Nlp,
+    NlpSolution,
+    PathProblem,
+    Rows,
+    build_nlp,
+    smoothness_matrix,
+    solve_nlp,
+)
 from compplan.robot import Array
 from compplan.strategies.compromise import find_compromise
 from compplan.strategies.equations import differentiate_equations, pose_equations
@@ -34,6 +43,8 @@ NEARLY = 1e-4
 EXACT = 1e-10
 #: A joint that starts this near to a limit is watched, and so are this many neighbours of a waypoint that leaves one.
 NEAR_LIMIT, NEAR_WAYPOINTS = 0.02, 5
+#: Hold on the start against the pull of smoothness, and the greatest correction that is reckoned with. [1, rad or m]
+HOLD, MOST_STEP = 2.0, 0.1
 
 
 @dataclass(frozen=True)
@@ -54,7 +65,7 @@ def command_path(task: PlanTask) -> Command:
     Waypoints that cannot be reached within the limits make the status "infeasible"; they are named, and the command
     misses the path there by as little as the limits allow.
     """
-    problem = task.problem
+    problem = hold_start(task)
     near = np.minimum(task.q_start - problem.lower, problem.upper - task.q_start) < NEAR_LIMIT
     state = _State(task.q_start, Rows(near))
     state = _try_waypoints(task, state, np.flatnonzero(task.missed))
@@ -69,6 +80,24 @@ def command_path(task: PlanTask) -> Command:
     facts = {"passes": len(state.solutions), "rate_rows": len(state.rows.velocity) + len(state.rows.acceleration)}
     spent = sum(solution.time for solution in state.solutions)
     return Command(q, "infeasible" if failures else "solved", failures, spent, state.solutions, facts)
+
+
+def hold_start(task: PlanTask) -> PathProblem:
+    """State the program, its hold on q_start firm enough for Gauss-Newton steps to converge.
+
+    The Hessian leaves out the curvature of the pose equations. Along the free rotation it is worth as much as the pull
+    of smoothness on the correction, so the hold is no weaker: where that is rough, the rotation moves less.
+    """
+    problem, every = task.problem, np.arange(len(task))
+    attained = attain_rows(task, task.q_start, every)
+    columns = differentiate_equations(problem, attained, every)
+    normal = columns @ np.swapaxes(columns, 1, 2) + 1e-6 * np.eye(columns.shape[1])
+    step = np.swapaxes(columns, 1, 2) @ np.linalg.solve(normal, pose_equations(problem, attained, every)[..., None])
+    correction = np.clip(-step[..., 0], -MOST_STEP, MOST_STEP)
+    smooth = smoothness_matrix(problem)
+    bent = correction if problem.keeps_shape else task.q_start + correction
+    pull = np.abs(smooth.T @ (smooth @ bent)).max(axis=1)
+    return replace(problem, hold=np.maximum(ANCHOR_WEIGHT, maximum_filter1d(HOLD * pull, 4 * NEAR_WAYPOINTS + 1)))
 
 
 def find_fast_rows(problem: PathProblem, q: Array) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
