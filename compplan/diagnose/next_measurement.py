@@ -28,8 +28,8 @@ from compplan.effects.linearization import Linearization, Place, linearize_scene
 from compplan.effects.signature import Signature
 from compplan.robot import Array
 
-#: Moves of one kind at most, and proposals at most.
-MOST_MOVES, MOST_PROPOSALS = 8, 6
+#: Moves of one kind at least, since a single reading may be a gross error, and at most; proposals at most.
+FEWEST_MOVES, MOST_MOVES, MOST_PROPOSALS = 3, 8, 6
 #: A move has to add this much expected probability, and a proposal this much; rivals of a claim, at most.
 WORTH_A_MOVE, WORTH_IT, RIVALS = 0.01, 0.05, 3
 #: Effects that show in motion only; a path at two speeds is laid out for them.
@@ -280,7 +280,8 @@ def pick_moves(
         fuller = expected_gain(log_odds, (information + worth[best]) / TEMPER, TEMPER)
         # a single move may be too little to show although all that are allowed would
         most = information + (MOST_MOVES - len(picked)) * worth[best]
-        if expected_gain(log_odds, most / TEMPER, TEMPER) < gain + WORTH_A_MOVE:
+        enough = len(picked) >= FEWEST_MOVES or not picked
+        if enough and expected_gain(log_odds, most / TEMPER, TEMPER) < gain + WORTH_A_MOVE:
             break
         item = items[left[best]]
         taken = np.linalg.solve(S[np.ix_(item, item)], np.column_stack([d[item], S[item]]))

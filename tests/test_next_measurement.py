@@ -1,0 +1,122 @@
+"""What to measure next: gains in closed form, moves within limits, and a tie that the proposed measurement breaks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from simulated_campaigns import measure, plan_rows, write_small_robot
+
+from compplan.diagnose import Diagnosis, diagnose_campaign
+from compplan.diagnose.measurement_moves import KINDS, lay_out_moves
+from compplan.diagnose.next_measurement import expected_gain, pick_moves, propose_measurements
+from compplan.effects import Effect
+from compplan.measurements import Campaign
+from compplan.robot import Robot
+
+OFFSET = Effect("joint_offset", "joint_3", None, {"offset_rad": 5e-4})
+
+
+def test_nothing_is_gained_without_information_and_half_a_probability_from_an_even_start_with_much() -> None:
+    assert expected_gain(0.0, 0.0) == pytest.approx(0.0, abs=1e-12)
+    assert expected_gain(0.0, 200.0) == pytest.approx(0.5, abs=1e-6)
+    assert expected_gain(2.2, 200.0) == pytest.approx(1 - (0.9**2 + 0.1**2), abs=2e-3)
+
+
+def test_the_expected_gain_agrees_with_measuring_many_times() -> None:
+    random = np.random.default_rng(0)
+    information, log_odds, draws = 1.3, 0.7, 400_000
+    prior = 1 / (1 + np.exp(-log_odds))
+    first = random.random(draws) < prior
+    ratio = np.where(first, 1, -1) * information + np.sqrt(2 * information) * random.normal(size=draws)
+    after = 1 / (1 + np.exp(-(log_odds + ratio)))
+    given_to_truth = np.where(first, after, 1 - after).mean()
+    before = prior**2 + (1 - prior) ** 2
+    assert expected_gain(log_odds, information) == pytest.approx(given_to_truth - before, abs=3e-3)
+
+
+def test_moves_that_repeat_each_other_are_not_picked_twice() -> None:
+    shared = np.array([[1.0, 0.999, 0.0], [0.999, 1.0, 0.0], [0.0, 0.0, 1.0]]) + 1e-3 * np.eye(3)
+    picked, information = pick_moves(np.array([2.0, 2.0, 1.9]), shared, [np.array([k]) for k in range(3)], 0.0)
+    assert set(picked[:2]) in ({0, 2}, {1, 2})
+    assert information == pytest.approx(0.5 * (4 + 3.61), rel=0.01)
+
+
+def test_no_move_is_picked_where_two_explanations_predict_the_same() -> None:
+    assert pick_moves(np.zeros(4), np.eye(4), [np.array([0, 1]), np.array([2, 3])], 0.0) == ([], 0.0)
+
+
+@pytest.fixture(scope="module")
+def narrow(tmp_path_factory: pytest.TempPathFactory) -> tuple[Robot, Campaign, Diagnosis]:
+    """Diagnose an offset from poses of a narrow region, where a gear error of the same joint looks alike."""
+    robot = write_small_robot(tmp_path_factory.mktemp("robot"))
+    rows = plan_rows(robot, 5, poses=30, loads=1, region=0.15)
+    campaign = measure(robot, rows, [OFFSET], 5)
+    return robot, campaign, diagnose_campaign(robot, campaign)
+
+
+def rivals_of(diagnosis: Diagnosis) -> set[tuple[str, str | None, str | None]]:
+    (finding,) = diagnosis.verdict.findings
+    assert finding.effect.place == OFFSET.place
+    return {rival.place for rival in finding.rivals if rival.alike}
+
+
+def open_proposals(tables: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [table for table in tables if table["kind"] != "none"]
+
+
+def test_moves_stay_within_joint_limits_and_loads(narrow: tuple[Robot, Campaign, Diagnosis]) -> None:
+    robot, campaign, _ = narrow
+    pool, moves = lay_out_moves(robot, campaign)
+    rows = np.array([row for move in moves for row in move.rows])
+    assert {move.kind for move in moves} == set(KINDS) - {"two_speeds"}
+    assert (pool.q[rows] >= robot.lower).all()
+    assert (pool.q[rows] <= robot.upper).all()
+    largest = np.linalg.norm(campaign.wrench[:, :3], axis=1).max()
+    assert np.linalg.norm(pool.wrench[rows, :3], axis=1).max() <= largest + 0.1
+
+
+def test_a_reversal_comes_to_one_pose_from_both_sides(narrow: tuple[Robot, Campaign, Diagnosis]) -> None:
+    robot, campaign, _ = narrow
+    pool, moves = lay_out_moves(robot, campaign)
+    for move in (m for m in moves if m.kind == "reversal"):
+        index = robot.joint_names.index(str(move.joint))
+        assert np.array_equal(pool.q[move.rows[0]], pool.q[move.rows[1]])
+        assert pool.approach[list(move.rows), index].tolist() == [1.0, -1.0]
+
+
+def test_a_tie_is_broken_by_the_measurement_that_is_proposed(narrow: tuple[Robot, Campaign, Diagnosis]) -> None:
+    robot, campaign, diagnosis = narrow
+    before = rivals_of(diagnosis)
+    assert ("transmission_error", "joint_3", None) in before
+    proposals = open_proposals(propose_measurements(diagnosis))
+    wave = next(p for p in proposals if p["separates"][1]["effect"] == "transmission_error")
+    assert wave["expected_probability_gain"] > 0.1
+    q = np.deg2rad(np.array(wave["poses"]))
+    n = len(q)
+    further = Campaign(
+        run=np.array(["static_9"] * (n + 1)), q=np.vstack([campaign.q[-1:], q]),
+        wrench=np.vstack([np.zeros((1, 6)), wave["wrenches"]]), position=np.zeros((n + 1, 3)),
+        time=campaign.time[-1] + 60.0 + 20.0 * np.arange(n + 1), sigma=np.full(n + 1, campaign.sigma[0]),
+    )  # fmt: skip
+    more = measure(robot, further, [OFFSET], 6)
+    both = replace(
+        campaign,
+        **{
+            name: np.concatenate([getattr(campaign, name), getattr(more, name)])
+            for name in ("run", "q", "wrench", "position", "rotation", "time", "sigma")
+        },
+    )
+    after = rivals_of(diagnose_campaign(robot, both))
+    assert ("transmission_error", "joint_3", None) not in after
+    assert after < before
+
+
+def test_what_no_move_can_tell_apart_is_said(narrow: tuple[Robot, Campaign, Diagnosis]) -> None:
+    *_, diagnosis = narrow
+    closed = [table for table in propose_measurements(diagnosis) if table["kind"] == "none"]
+    names = {table["separates"][1]["effect"] for table in closed}
+    assert names <= {"link_geometry", "gravity_compensator"}
+    assert all(table["expected_probability_gain"] == 0.0 for table in closed)
