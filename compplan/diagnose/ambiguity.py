@@ -1,4 +1,4 @@
-"""Ambiguity: which other effects would leave the same trace in this campaign, found from the campaign's own geometry."""
+"""Ambiguity: which other effects would leave the same trace, found from the campaign's own geometry."""
 
 from __future__ import annotations
 
@@ -66,9 +66,10 @@ def find_rivals(fit: Fit, signature: int) -> list[Rival]:
         free, energy = gram, whole
     if energy <= 0:
         return []
-    claim, best = ledger.signatures[signature], {}
+    claim = ledger.signatures[signature]
+    best: dict[Place, Rival] = {}
     for number, other in enumerate(ledger.signatures):
-        if other.place == claim.place or not _comparable(claim, other):
+        if other.place == claim.place or not is_comparable(claim, other):
             continue
         share = _share(free, columns, values, ledger.columns(number), energy)
         rival = Rival(other.place, share, (1.0 - share) * energy, len(other.scale))
@@ -107,7 +108,7 @@ def _share(gram: Array, columns: NDArray[np.int_], values: Array, other: NDArray
     return float(np.clip(against @ solved / energy, 0.0, 1.0))
 
 
-def _comparable(claim: Signature, other: Signature) -> bool:
+def is_comparable(claim: Signature, other: Signature) -> bool:
     """Leave out forms that contain the claim trivially: a general curve contains the straight line."""
     if other.name == REGISTRATION or other.tried > 1 or other.form == "spline":
         return False

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.special import expit, logit
 
+from compplan.diagnose.ambiguity import is_comparable
 from compplan.diagnose.fit import Fit, registration_signatures
 from compplan.diagnose.measurement_moves import KINDS, Move, lay_out_moves
 from compplan.diagnose.result import Diagnosis, place_table
@@ -120,8 +121,10 @@ def find_pairs(fit: Fit, findings: Iterable[Finding]) -> Iterable[Pair]:
         here = search.model(model.claims, model.posterior.hyper, fit=False)
         best: dict[Place, Claim] = {}
         gains = search.gains(reduced)
+        own = search.ledger.signatures[finding.signature]
         for gain in gains:
-            best.setdefault(search.ledger.signatures[gain.signature].place, Claim(gain.signature, gain.size))
+            if is_comparable(own, search.ledger.signatures[gain.signature]):
+                best.setdefault(_place(fit, gain.signature), Claim(gain.signature, gain.size))
         place = finding.effect.place
         alike = [rival.place for rival in finding.rivals if rival.alike and rival.place in best]
         for rival in alike[:RIVALS]:
