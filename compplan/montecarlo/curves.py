@@ -61,6 +61,7 @@ def quiet_cells(study: Study, compliance: Array, level: Array) -> Cells:
         factor=np.tile(compliance, (at.n_springs, 1)),
         zero=np.zeros((nq, b)),
         drive=still,
+        causes=np.zeros((len(at.scale), b)),
         shift=rest,
         wrench=[wrench] * PARTS,
         repeat=np.zeros((PARTS, 3, b)),

@@ -74,7 +74,8 @@ class Cells(NamedTuple):
         factor: Factor on each compliance. Shape (s, b).
         zero: True minus read position of each joint. Shape (nq, b). [rad or m]
         drive: Link-side minus motor-side position, elastic part left out. Shape (nq, b, n). [rad or m]
-        shift: Motion of the tip by geometry, growth and frames. Shape (3, b, n). [m]
+        causes: Placement errors, growth, tool and part frame. Shape (k, b). [m, rad, 1]
+        shift: Motion of the tip by them, at the posture of the task. Shape (3, b, n). [m]
         wrench: Wrench on the tool, by part. PARTS arrays of shape (6, b, n). [N, N m]
         repeat: Scatter of the tip from part to part. Shape (PARTS, 3, b). [m]
         motor: Error of motor-side encoders, by part. Shape (nq, b, n) each. [rad or m]
@@ -87,6 +88,7 @@ class Cells(NamedTuple):
     factor: Array
     zero: Array
     drive: Array
+    causes: Array
     shift: Array
     wrench: list[Array]
     repeat: Array
@@ -175,7 +177,7 @@ def draw_cells(at: Surroundings, points: Array) -> Cells:
     for block, z in zip(at.links, take("link_compliance"), strict=True):
         factor[block] = log_normal(z, noise.link_compliance)
     causes = np.vstack([take(name) for name in ("geometry", "temperature", "tool_frame", "part_frame")])
-    shift = np.einsum("kb,kin->ibn", causes * at.scale[:, None], at.shift, optimize=False)
+    causes *= at.scale[:, None]
     bias, noises = take("force_bias"), _Noises(at, points)
     wrench = [_draw_wrench(at, take, noises, part) for part in range(PARTS)]
     force = noises.white(_FORCE, "force_noise", 0, 6)
@@ -186,7 +188,8 @@ def draw_cells(at: Surroundings, points: Array) -> Cells:
         factor=factor,
         zero=np.radians(noise.joint_zero_deg) * take("joint_zero"),
         drive=_draw_drive(at, take, points),
-        shift=shift,
+        causes=causes,
+        shift=shift_tip(causes, at.shift),
         wrench=wrench,
         repeat=at.repeatability * take("repeatability").reshape(PARTS, 3, -1),
         motor=[noises.encoder(part, 0) for part in range(PARTS)],
@@ -194,6 +197,11 @@ def draw_cells(at: Surroundings, points: Array) -> Cells:
         force=force,
         tracker=[noises.tracker(part) for part in range(PARTS - 1)],
     )
+
+
+def shift_tip(causes: Array, rates: Array) -> Array:
+    """Move the tip by placement errors: causes (k, b), motion per cause (k, 3, n); shape (3, b, n). [m]"""
+    return np.einsum("kb,kin->ibn", causes, rates, optimize=False)
 
 
 def log_normal(z: Array, relative: float) -> Array:

@@ -101,7 +101,7 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
     kept = {
         name: factors
         for name, (level, factors) in groups.items()
-        if level > 0.0 and sum(sizes[factor] for factor in factors)
+        if level > 0.0 and sum(sizes[factor] for factor in factors) > 0
     }
     return Factors(columns, kept)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,12 @@ from compplan.montecarlo.sensitivity import Sensitivity, measure_sensitivity
 from compplan.montecarlo.study import MOST_WAYPOINTS, prepare_study
 from compplan.montecarlo.summary import summarise_run
 from compplan.montecarlo.workforce import Workforce
-from compplan.plan import build_task, prepare_job
+from compplan.plan import PlanOptions, build_task, prepare_job
+from compplan.robot import Robot
+from compplan.strategies.online import PLAIN
 from compplan.tables import write_text
+from compplan.task import PlanTask
+from compplan.toolpath import Toolpath
 
 SAMPLES = "samples"
 
@@ -85,7 +89,10 @@ def study_job(
     say("posture")
     robot, nominal, options = prepare_job(job)
     task = build_task(robot, nominal, options, file=job.file)
-    study = prepare_study(task, job.noise, strategies or None, most_waypoints=most_waypoints, announce=say)
+    plain = _plain_task(robot, nominal, options) if not strategies or PLAIN in strategies else None
+    study = prepare_study(
+        task, job.noise, strategies or None, most_waypoints=most_waypoints, plain=plain, announce=say
+    )
 
     def tell(stage: str) -> Callable[[int, int], None] | None:
         return None if progress is None else lambda done, total: progress(stage, done, total)
@@ -106,3 +113,12 @@ def study_job(
     files = [write_montecarlo_report(result, folder), folder / "montecarlo.json"]
     write_text(files[1], json.dumps(summary, indent=2) + "\n")
     return summary, sorted(files)
+
+
+def _plain_task(robot: Robot, nominal: Toolpath, options: PlanOptions) -> PlanTask | None:
+    """Build the task at one configuration with the tool held as the job points it; None where that misses waypoints."""
+    try:
+        task = build_task(robot, nominal, replace(options, posture=None))
+    except InputError:
+        return None
+    return None if task.missed.any() else task

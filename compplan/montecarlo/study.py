@@ -19,13 +19,20 @@ from scipy.ndimage import uniform_filter1d
 from compplan.correction_loop import Loop, Plant, run_loop
 from compplan.encoders import actuator_selection, control_equilibrium
 from compplan.errors import InputError
-from compplan.montecarlo.draw import Cells, Surroundings, draw_cells, survey_surroundings
+from compplan.montecarlo.draw import (
+    Cells,
+    Surroundings,
+    differentiate_placements,
+    draw_cells,
+    shift_tip,
+    survey_surroundings,
+)
 from compplan.montecarlo.factors import PARTS, list_factors
 from compplan.montecarlo.kernel import Kernel, build_kernel, settle_tips
 from compplan.noise import NoiseTable
 from compplan.robot import Array
 from compplan.strategies.controller import Controller, answer_reading
-from compplan.strategies.online import ALL_STRATEGIES, ONLINE, prepare_controllers
+from compplan.strategies.online import ALL_STRATEGIES, ONLINE, PLAIN, prepare_controllers
 from compplan.strategies.path_map import load_gears
 from compplan.task import Command, PlanTask, attain_with_effects
 from compplan.toolpath import select_waypoints
@@ -36,6 +43,8 @@ MOST_WAYPOINTS = 2500
 BATCH = 8192
 #: Length of path over which the mean softens the tracker's noise. [m]
 SOFT_LENGTH = 0.003
+#: Joints this far from the task's posture need placement errors of their own. [rad or m]
+OTHER_POSTURE = 0.05
 #: Stations along the path whose distances are kept.
 STATIONS = 120
 
@@ -52,6 +61,7 @@ class Worker(NamedTuple):
         spring_factor: The same for every elastic coordinate. Shape (s,).
         theta: Elastic coordinates by the model. Shape (s, n). [rad or m]
         offset: Motion of the tip by the effects of the robot folder. Shape (3, n). [m]
+        placements: Motion of the tip per placement error where the posture is another than the task's. Shape (k, 3, n).
 
     """
 
@@ -63,6 +73,7 @@ class Worker(NamedTuple):
     spring_factor: Array
     theta: Array
     offset: Array
+    placements: Array | None = None
 
 
 class TimeGrid(NamedTuple):
@@ -144,6 +155,7 @@ def prepare_study(
     *,
     most_waypoints: int = MOST_WAYPOINTS,
     commands: Mapping[str, Command] | None = None,
+    plain: PlanTask | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> Study:
     """Prepare a study.
@@ -154,6 +166,7 @@ def prepare_study(
         strategies: The strategies; all that the robot can carry out if left out.
         most_waypoints: A longer path is thinned evenly to this many waypoints.
         commands: Commands of plan strategies that are known already.
+        plain: The same task at a posture that was not chosen for accuracy, for `PLAIN`.
         announce: Called with what is done next.
 
     Raises:
@@ -165,10 +178,16 @@ def prepare_study(
         raise InputError("nothing of the path is cut, there is nothing to judge")
     gears = bool(task.chain.actuator.any())
     chosen = tuple(strategies) if strategies else tuple(s for s in ALL_STRATEGIES if gears or "encoder" not in s)
+    if strategies and PLAIN in strategies and plain is None:
+        raise InputError(f"strategy {PLAIN!r} needs a plain posture that reaches the whole path, leave it out")
+    chosen = tuple(name for name in chosen if name != PLAIN or plain is not None)
     thin = thin_task(task, most_waypoints)
     if announce:
         announce(f"prepare {len(chosen)} strategies")
-    blind = prepare_controllers(task, [name for name in chosen if name not in ONLINE], commands)
+    blind = prepare_controllers(task, [name for name in chosen if name not in ONLINE and name != PLAIN], commands)
+    if plain is not None and PLAIN in chosen:
+        (there,) = prepare_controllers(plain, ["nlp"]).values()
+        blind[PLAIN] = replace(there, name=PLAIN, commands="as nlp, at a posture that was not chosen for accuracy")
     rows = thin_rows(len(task), most_waypoints)
     controllers = {name: replace(controller, q=controller.q[rows]) for name, controller in blind.items()}
     controllers |= prepare_controllers(thin, [name for name in chosen if name in ONLINE])
@@ -195,7 +214,7 @@ def assemble_study(thin: PlanTask, noise: NoiseTable, controllers: dict[str, Con
         task=thin,
         waypoints_of_path=waypoints,
         controllers=controllers,
-        workers={name: _make_worker(thin, controller, selection) for name, controller in controllers.items()},
+        workers={name: _make_worker(thin, c, selection, noise) for name, c in controllers.items()},
         kernel=build_kernel(thin.chain),
         surroundings=survey_surroundings(thin, noise, list_factors(thin.robot, noise)),
         gear=(
@@ -319,7 +338,8 @@ def _cut_part(study: Study, worker: Worker, cells: Cells, q: Array, part: int) -
     theta = np.tile(worker.theta, (1, b)) * np.repeat(cells.factor, n, axis=1)
     wrench = cells.wrench[part].reshape(6, -1)
     tips = settle_tips(study.kernel, true.reshape(len(true), -1), wrench, factor, theta).reshape(3, b, n)
-    moved = cells.shift + cells.repeat[part][:, :, None] + worker.offset[:, None, :]
+    shift = cells.shift if worker.placements is None else shift_tip(cells.causes, worker.placements)
+    moved = shift + cells.repeat[part][:, :, None] + worker.offset[:, None, :]
     return np.asarray(tips - study.nominal[:, None, :] + moved)
 
 
@@ -369,7 +389,7 @@ def _with_plant(controller: Controller, plant: Plant) -> Controller:
     return controller if controller.loop is None else replace(controller, loop=replace(controller.loop, plant=plant))
 
 
-def _make_worker(task: PlanTask, controller: Controller, selection: Array) -> Worker:
+def _make_worker(task: PlanTask, controller: Controller, selection: Array, noise: NoiseTable) -> Worker:
     beta = 0.0 if controller.beta is None else controller.beta
     state = control_equilibrium(task.chain, controller.q, task.wrench, feedback=controller.feedback, beta=beta)
     between = selection.any(axis=0)
@@ -381,6 +401,7 @@ def _make_worker(task: PlanTask, controller: Controller, selection: Array) -> Wo
             for robot in (task.robot, replace(task.robot, effects=()))
         ]
         offset = (runs[0] - runs[1]).T
+    elsewhere = np.abs(controller.q - task.q_start).max() > OTHER_POSTURE
     return Worker(
         q=np.ascontiguousarray(controller.q.T)[:, None, :],
         q_rest=np.ascontiguousarray(q_rest.T)[:, None, :],
@@ -390,4 +411,5 @@ def _make_worker(task: PlanTask, controller: Controller, selection: Array) -> Wo
         spring_factor=np.where(between, controller.spring_gain @ np.abs(selection), 1.0),
         theta=np.ascontiguousarray(state.loaded.theta.T),
         offset=offset,
+        placements=differentiate_placements(replace(task, q_start=controller.q), noise)[0] if elsewhere else None,
     )

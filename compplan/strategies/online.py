@@ -33,8 +33,11 @@ ONLINE: dict[str, Callable[[PlanTask, PathMaps], Controller]] = {
     "online_pid": online_correction.prepare_pid,
     "first_part": first_part.prepare,
 }
+#: The nonlinear program at a posture that was not chosen for accuracy: what the choice of posture brings. The strategy
+#: "nlp" is the robust one where the job asks for an accurate posture, as it does by default.
+PLAIN = "nlp_plain_posture"
 #: Every strategy of a study, by name.
-ALL_STRATEGIES = (*STRATEGIES, *ONLINE)
+ALL_STRATEGIES = (*STRATEGIES, PLAIN, *ONLINE)
 
 _OFFLINE_KNOWLEDGE = {"none": "geometry"}
 
