@@ -1,8 +1,10 @@
+# ruff: noqa: E501, RUF007
 """Score diagnoses of simulated campaigns whose truth is known.
 
     python benchmarks/score_diagnosis.py FOLDER.. --out DIR [--only PATTERN] [--report]
 
-Each FOLDER holds campaigns (robot/, measurements.csv, fresh.csv, truth.json). Every campaign is diagnosed without sight of its
+Each FOLDER holds campaigns (robot/, measurements.csv, fresh.csv, truth.json). Every campaign is diagnosed without
+sight of its
 truth, the fresh campaign is predicted with the updated robot, and the answers are compared with the truth afterwards.
 """
 
@@ -75,7 +77,9 @@ def score_case(truth: dict[str, Any], answer: dict[str, Any]) -> dict[str, Any]:
     outliers = set(truth["split"]["fresh"].get("outlier_rows", []))
     keep = [k for k in range(len(answer["fresh_updated"])) if k not in outliers]
     floor = truth["noise_floor_rms_mm"]
-    rms = {n: 1e3 * float(np.sqrt(np.nanmean(np.array(answer[f"fresh_{n}"])[keep] ** 2))) for n in ("nominal", "updated")}
+    rms = {
+        n: 1e3 * float(np.sqrt(np.nanmean(np.array(answer[f"fresh_{n}"])[keep] ** 2))) for n in ("nominal", "updated")
+    }
     return {
         "case": truth["case"], "kind": truth["kind"], "difficulty": truth.get("difficulty", ""),
         "all": all(found) and bool(found), "false": sum(not r for r in real), "claims": len(claims),
@@ -107,17 +111,25 @@ def summarize(scores: list[dict[str, Any]]) -> str:
     claims = [p for s in scores for p in s["probabilities"]]
     if claims:
         p, r = np.array([c[0] for c in claims]), np.array([c[1] for c in claims], float)
-        lines.append(f"precision of claims {r.mean():.3f} of {len(r)}; confident wrong {np.mean((p > 0.8) & (r == 0)):.3f}")
+        lines.append(
+            f"precision of claims {r.mean():.3f} of {len(r)}; confident wrong {np.mean((p > 0.8) & (r == 0)):.3f}"
+        )
         error = 0.0
         for low, high in zip(BINS[:-1], BINS[1:], strict=True):
             inside = (p > low) & (p <= high)
             if inside.any():
                 error += inside.mean() * abs(p[inside].mean() - r[inside].mean())
-                lines.append(f"  {low:.2f}-{high:.2f}: {inside.sum():4d} claims, stated {p[inside].mean():.3f}, right {r[inside].mean():.3f}")
+                lines.append(
+                    f"  {low:.2f}-{high:.2f}: {inside.sum():4d} claims, stated {p[inside].mean():.3f}, right {r[inside].mean():.3f}"
+                )
         lines.append(f"expected calibration error {error:.3f}")
     ties, rivals = sum(s["ties"] for s in scores), sum(s["rivals"] for s in scores)
-    lines.append(f"ties listed {sum(s['listed'] for s in scores)} of {ties}; idle rivals {sum(s['idle'] for s in scores)} of {rivals}")
-    lines.append(f"seconds: median {np.median([s['seconds'] for s in scores]):.1f}, cpu median {np.median([s['cpu'] for s in scores]):.1f}")
+    lines.append(
+        f"ties listed {sum(s['listed'] for s in scores)} of {ties}; idle rivals {sum(s['idle'] for s in scores)} of {rivals}"
+    )
+    lines.append(
+        f"seconds: median {np.median([s['seconds'] for s in scores]):.1f}, cpu median {np.median([s['cpu'] for s in scores]):.1f}"
+    )
     return "\n".join(lines)
 
 
@@ -148,7 +160,11 @@ def main() -> None:
         score = score_case(truth, answer)
         scores.append(score)
         good = score["false"] == 0 and (score["all"] or not truth["effects"] or score["kind"] == "unknown")
-        print(("ok  " if good else "BAD ") + folder.name, score["status"], f"fresh {score['fresh']:.2f} cpu {score['cpu']:.0f}")
+        print(
+            ("ok  " if good else "BAD ") + folder.name,
+            score["status"],
+            f"fresh {score['fresh']:.2f} cpu {score['cpu']:.0f}",
+        )
         print("      truth:", "; ".join(name(e) for e in truth["effects"]))
         s = answer["structure_left"]
         for c in [*answer["verdict"]["effects"], *answer["verdict"]["doubtful"], *answer["verdict"]["minor"]]:

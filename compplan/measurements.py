@@ -1,6 +1,7 @@
 """Measurement logs: what an instrument saw of a robot, row by row, in time order.
 
-A `Campaign` holds one log in SI, with what follows from the order of its rows: visits (rows between which nothing moved and
+A `Campaign` holds one log in SI, with what follows from the order of its rows: visits (rows between which nothing
+moved and
 no load changed), the direction from which every joint was approached, and joint speeds on paths.
 """
 
@@ -9,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +36,8 @@ class Campaign:
     Attributes:
         run: Label of the run. Shape (n,).
         q: Commanded joint positions (readings of the side that controls). Shape (n, nq). [rad or m]
-        wrench: Wrench of the environment on the tool at the TCP, base axes, as the sensor reports it. Shape (n, 6). [N, N m]
+        wrench: Wrench of the environment on the tool at the TCP, base axes, as the sensor reports it. Shape (n, 6).
+            [N, N m]
         position: Measured target, NaN where missing. Shape (n, 3). [m]
         rotation: Measured orientation, NaN where missing, or None. Shape (n, 3, 3).
         time: Seconds since the campaign began, or None. Shape (n,). [s]
@@ -100,7 +103,8 @@ class Campaign:
     @cached_property
     def usable(self) -> NDArray[np.bool_]:
         """Tell which rows hold joints, load and position. Shape (n,)."""
-        return np.isfinite(self.q).all(1) & np.isfinite(self.wrench).all(1) & np.isfinite(self.position).all(1)
+        finite = [np.isfinite(part).all(axis=1) for part in (self.q, self.wrench, self.position)]
+        return np.logical_and.reduce(finite)
 
     @cached_property
     def load_scale(self) -> float:
@@ -173,7 +177,7 @@ class Campaign:
     @cached_property
     def first_visit(self) -> NDArray[np.bool_]:
         """Tell which rows stand where their run began, so that their approach is unknown. Shape (n,)."""
-        return np.isnan(self.last_move).all(1)
+        return np.asarray(np.isnan(self.last_move).all(axis=1), bool)
 
     @cached_property
     def speed(self) -> Array:
@@ -210,11 +214,13 @@ class Campaign:
         """Tell which rows carry no external load but the sensor's noise. Shape (n,)."""
         force = np.linalg.norm(np.nan_to_num(self.wrench[:, :3]), axis=1)
         moment = np.linalg.norm(np.nan_to_num(self.wrench[:, 3:]), axis=1)
-        return np.asarray((force < max(3.0, SAME_LOAD * self.load_scale)) & (moment < max(2.0, SAME_LOAD * self.load_scale)))
+        return np.asarray(
+            (force < max(3.0, SAME_LOAD * self.load_scale)) & (moment < max(2.0, SAME_LOAD * self.load_scale))
+        )
 
     def take(self, rows: NDArray[np.int_] | NDArray[np.bool_]) -> Campaign:
         """Take some rows; what follows from the order of rows is computed anew from the rows that are left."""
-        fields = {}
+        fields: dict[str, Any] = {}
         for name in (
             "run", "q", "wrench", "position", "rotation", "time", "temperature", "link", "motor", "sigma",
             "sigma_rotation", "target", "mode", "lines",
@@ -226,7 +232,12 @@ class Campaign:
 
 def log_columns(robot: Robot) -> list[Column]:
     """List the columns that a log of this robot may have."""
-    columns = [Column("run", "text"), Column("mode", "text"), Column("target", "text"), Column("time", "time", missing=True)]
+    columns = [
+        Column("run", "text"),
+        Column("mode", "text"),
+        Column("target", "text"),
+        Column("time", "time", missing=True),
+    ]
     for number, slides in enumerate(robot.prismatic, 1):
         kind = "length" if slides else "angle"
         columns.append(Column(f"q{number}", kind, required=True, missing=True))
@@ -292,7 +303,9 @@ def _refuse_empty(campaign: Campaign, table: Table) -> None:
     reach = float(np.nanmax(np.abs(campaign.position)))
     if reach > 500.0:
         title = table.headers["x"]
-        raise table.error(f"positions reach {reach:.0f} m with column '{title}'; name the columns x_mm y_mm z_mm if in mm")
+        raise table.error(
+            f"positions reach {reach:.0f} m with column '{title}'; name the columns x_mm y_mm z_mm if in mm"
+        )
 
 
 def _targets(table: Table) -> tuple[tuple[str, ...], NDArray[np.int_] | None]:

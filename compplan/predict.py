@@ -1,4 +1,4 @@
-"""Prediction: what the instrument should see of a campaign if the robot folder, effects included, were the whole truth."""
+"""Prediction: what the instrument should see if the robot folder, effects included, were the whole truth."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def predict_campaign(
         registration = match_targets(registration, campaign)
     if registration is not None:
         attained = attain_scene(replace(scene, registration=registration))
-    known = np.isfinite(campaign.q).all(1)
+    known = np.asarray(np.isfinite(campaign.q).all(axis=1), bool)
     position = np.where(known[:, None], attained.position, np.nan)
     rotation = np.where(known[:, None, None], attained.rotation, np.nan)
     return Prediction(position, rotation, attained, registration)
@@ -79,4 +79,3 @@ def write_prediction(prediction: Prediction, file: str | Path) -> None:
     columns = {f"{axis}_mm": position[:, k] for k, axis in enumerate("xyz")}
     columns |= {f"r{axis}_deg": vector[:, k] for k, axis in enumerate("xyz")}
     write_table(file, columns)
-

@@ -1,4 +1,4 @@
-"""Registration: the frames of a campaign that no robot folder can know - where the instrument stood, where the target sat."""
+"""Registration: frames that no robot folder can know - where the instrument stood, where the target sat."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import tomli_w
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
@@ -70,7 +71,8 @@ def fit_registration(
 ) -> Registration:
     """Fit base and tool frames to a campaign, robustly; the robot's own poses stay as they are.
 
-    Minimises the distance of T_world_base T_base_tcp T_tcp_target from the measured targets, orientation included where it
+    Minimises the distance of T_world_base T_base_tcp T_tcp_target from the measured targets, orientation included
+    where it
     was measured, by Gauss-Newton steps with Huber weights, started from the best rigid fit of the positions.
 
     Args:
@@ -116,7 +118,10 @@ def read_registration(file: Path) -> Registration:
         base = _pose(table["base"])
         tools = table["tool"]
         return Registration(
-            base, np.array([_pose(t) for t in tools]), tuple(str(t.get("target", "")) for t in tools), tuple(table["fitted"])
+            base,
+            np.array([_pose(t) for t in tools]),
+            tuple(str(t.get("target", "")) for t in tools),
+            tuple(table["fitted"]),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"is not a registration: {error}; expected fitted, [base] and [[tool]]", file=file) from None
@@ -129,7 +134,8 @@ def write_registration(registration: Registration, file: Path) -> None:
         "fitted": list(registration.parts),
         "base": _table(registration.base),
         "tool": [
-            {"target": label, **_table(pose)} for label, pose in zip(registration.targets, registration.tool, strict=True)
+            {"target": label, **_table(pose)}
+            for label, pose in zip(registration.targets, registration.tool, strict=True)
         ],
     }
     write_text(file, tomli_w.dumps(table))
@@ -169,7 +175,7 @@ def _base_rotation(R: Array, turned: Array) -> Array:
 
 
 def _step(
-    p: Array, R: Array, measured: Array, turned: Array | None, tool_of: Array, base: Array, tools: Array,
+    p: Array, R: Array, measured: Array, turned: Array | None, tool_of: NDArray[np.int_], base: Array, tools: Array,
     fit_base: bool, n_tools: int,
 ) -> Array:  # fmt: skip
     """Take one weighted Gauss-Newton step: base twist (6), then a twist per tool (6 each)."""

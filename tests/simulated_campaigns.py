@@ -36,14 +36,20 @@ def write_small_robot(folder: Path, *, gravity: bool = True) -> Robot:
     for name, xyz, axis, lower, upper, mass, centre, compliance in LINKS:
         child = name.replace("joint", "link")
         inertia = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
-        parts.append(f'<link name="{child}"><inertial><origin xyz="{_text(centre)}"/><mass value="{mass}"/>{inertia}</inertial></link>')
         parts.append(
-            f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/><origin xyz="{_text(xyz)}"/>'
+            f'<link name="{child}"><inertial><origin xyz="{_text(centre)}"/><mass value="{mass}"/>'
+            f"{inertia}</inertial></link>"
+        )
+        parts.append(
+            f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="{_text(xyz)}"/>'
             f'<axis xyz="{_text(axis)}"/><limit lower="{lower}" upper="{upper}" velocity="2" effort="5000"/></joint>'
         )
         springs.append(f'[[spring]]\njoint = "{name}"\naxis = "own"\ncompliance = {compliance}\n')
         parent = child
-    parts.append('<link name="flange"/><joint name="flange_fixed" type="fixed"><parent link="link_6"/><child link="flange"/>')
+    parts.append(
+        '<link name="flange"/><joint name="flange_fixed" type="fixed"><parent link="link_6"/><child link="flange"/>'
+    )
     parts.append('<origin xyz="0.08 0 0"/></joint><link name="tool0"/><joint name="tool_fixed" type="fixed">')
     parts.append('<parent link="flange"/><child link="tool0"/><origin xyz="0.15 0 0.1" rpy="0 1.2 0"/></joint></robot>')
     (folder / "robot.urdf").write_text("\n".join(parts))
@@ -57,7 +63,8 @@ def _text(values: Sequence[float]) -> str:
 
 
 def plan_rows(
-    robot: Robot, seed: int, *, poses: int = 45, loads: int = 2, path: int = 0, region: float = 0.8, force: float = 600.0,
+    robot: Robot, seed: int, *, poses: int = 45, loads: int = 2, path: int = 0, region: float = 0.8, force: float =
+        600.0,
     runs: int = 2,
 ) -> Campaign:  # fmt: skip
     """Plan the rows of a campaign: poses, each unloaded and under loads, in runs, and a path at the end."""

@@ -7,7 +7,8 @@
     diagnosis.fit                                            everything else: linearization `at`, ledger, models
 
 The method is Bayesian comparison of sets of effects over a background of small errors, with exact forward models:
-`channels` (observations, noise) -> `ledger` (inner products) -> `evidence` -> `search` -> `fit` (rounds of exact models) ->
+`channels` (observations, noise) -> `ledger` (inner products) -> `evidence` -> `search` -> `fit` (rounds of exact
+models) ->
 `ambiguity`, `verdict`, `held_out` -> `result`.
 """
 

@@ -1,6 +1,7 @@
-"""The background: what a sound, calibrated robot still has a little of everywhere, and how probable each effect is beforehand.
+"""The background: what a sound, calibrated robot still has a little of everywhere, and each effect's prior odds.
 
-A robot is never its model: zeros, lengths and compliances are slightly off, links bend a little, gears wave, friction leaves
+A robot is never its model: zeros, lengths and compliances are slightly off, links bend a little, gears wave, friction
+    leaves
 some hysteresis, and it warms up. These errors are real but no cause of a gap; an effect has to stand out of them. How
 large each class is, is fitted to the campaign; the scales here say what would be no surprise (all assumed).
 """
@@ -30,6 +31,8 @@ BACKGROUND: dict[str, tuple[str, float]] = {
     "backlash": ("hysteresis", 0.1),
     "thermal_drift": ("warm-up", 0.15),
 }
+#: An error that moves the target by more noise floors than this, one standard deviation, is no background any more.
+NO_CAUSE = 1.0
 #: Probability that an effect of the vocabulary is present at all (assumed alike for all of them).
 PRESENT = 0.06
 
@@ -64,12 +67,14 @@ def build_prior(ledger: Ledger, free: Sequence[int], excluded: Sequence[str] = (
             unbound[columns] = True
         elif signature.name not in excluded and in_background(signature):
             label, scale = BACKGROUND[signature.name]
-            classes[columns], spread[columns] = CLASSES.index(label), scale
+            motion = np.sqrt(np.mean(np.sum(ledger.designs[0][..., columns] ** 2, axis=1), axis=0))
+            small = np.sqrt(3.0) * NO_CAUSE / np.maximum(motion, 1e-12)
+            classes[columns], spread[columns] = CLASSES.index(label), np.minimum(scale, small)
     return Prior(classes, spread, unbound, np.zeros(ledger.p))
 
 
 def log_priors(signatures: Sequence[Signature]) -> Array:
-    """Return the logarithm of each signature's prior odds: an effect's odds, shared by its places, then by their forms."""
+    """Return the log prior odds of each signature: an effect's odds, shared by its places, then by their forms."""
     places = Counter(name for name, _, _ in {s.place for s in signatures})
     forms = Counter(s.place for s in signatures if s.tried == 1)
     forms.update({s.place: 1 for s in signatures if s.tried > 1})

@@ -17,6 +17,7 @@ from compplan.diagnose.result import Candidate, Diagnosis, Gap
 from compplan.diagnose.search import Claim, distinct_places
 from compplan.diagnose.verdict import Finding, Verdict, reach_verdict
 from compplan.effects import attain_scene, fold_effects, robot_effects
+from compplan.effects.linearization import Place
 from compplan.effects.scene import Scene
 from compplan.errors import InputError
 from compplan.measurements import Campaign
@@ -48,7 +49,9 @@ def diagnose_campaign(
         InputError: If the campaign has too few rows.
     """
     if campaign.usable.sum() < FEWEST_ROWS:
-        raise InputError(f"{int(campaign.usable.sum())} usable rows, expected at least {FEWEST_ROWS}", file=campaign.file)
+        raise InputError(
+            f"{int(campaign.usable.sum())} usable rows, expected at least {FEWEST_ROWS}", file=campaign.file
+        )
     parts = tuple(register)
     known = robot_effects(robot)
     progress("conventions")
@@ -76,9 +79,7 @@ def _register(problem: Problem, campaign: Campaign) -> tuple[Registration | None
 
 def _with_conventions(verdict: Verdict, problem: Problem, known: int) -> Verdict:
     """Put conventions that were found beforehand first among the findings."""
-    found = tuple(
-        Finding(effect, 0.99, float("inf"), 100.0, (), 1.0, -1) for effect in problem.fixed[known:]
-    )
+    found = tuple(Finding(effect, 0.99, float("inf"), 100.0, (), 1.0, -1) for effect in problem.fixed[known:])
     if not found:
         return verdict
     status = {"none": "explained", "unknown": "partly_explained"}.get(verdict.status, verdict.status)
@@ -194,8 +195,8 @@ def rank_candidates(fit: Fit, verdict: Verdict, folds: NDArray[np.int_]) -> tupl
     """Rank effects: named ones, then their rivals and what else explains the gap on its own."""
     search, ledger = fit.search, fit.search.ledger
     hyper = fit.model.posterior.hyper
-    probability: dict[object, float] = {}
-    chosen: dict[object, Claim] = {}
+    probability: dict[Place, float] = {}
+    chosen: dict[Place, Claim] = {}
     for finding in (*verdict.findings, *verdict.doubtful):
         if finding.signature < 0:
             continue
@@ -217,10 +218,9 @@ def rank_candidates(fit: Fit, verdict: Verdict, folds: NDArray[np.int_]) -> tupl
     candidates = []
     for place, claim in list(chosen.items())[: 2 * RANKED]:
         held = hold_out(fit, prior_of(fit, [claim], background=False), hyper, folds)
-        candidates.append(Candidate(place, held.rms, probability[place]))  # type: ignore[arg-type]
+        candidates.append(Candidate(place, held.rms, probability[place]))
     return tuple(sorted(candidates, key=lambda c: (-round(c.probability, 3), c.held_out)))
 
 
 def _rms(residual: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(residual**2, axis=1)))) if len(residual) else 0.0
-

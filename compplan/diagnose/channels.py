@@ -1,6 +1,7 @@
 """Channels: what was measured minus what a model expects, with noise and with the stays that share an error.
 
-Position, orientation and link-side encoders are three channels, each weighted by its own noise. Rows of one stay (the robot
+Position, orientation and link-side encoders are three channels, each weighted by its own noise. Rows of one stay (the
+robot
 did not move) and neighbouring samples of a path share whatever the model gets wrong there, so that they do not count as
 independent witnesses against it.
 """
@@ -102,7 +103,9 @@ def build_channels(
             vector = vector @ scene.registration.base[:3, :3]
         channels.append(Channel("orientation", rows, vector, block[rows], noises["orientation"]))
     if campaign.link is not None and "encoder" in noises:
-        motor = campaign.q if campaign.motor is None else np.where(np.isfinite(campaign.motor), campaign.motor, campaign.q)
+        motor = (
+            campaign.q if campaign.motor is None else np.where(np.isfinite(campaign.motor), campaign.motor, campaign.q)
+        )
         seen = campaign.link - motor - (attained.link - attained.motor)
         known = np.isfinite(campaign.link).all(0) | (np.isfinite(campaign.link).mean(0) > 0.5)
         rows = np.flatnonzero(use & ~campaign.link_controlled & np.isfinite(seen[:, known]).all(1) & known.any())
@@ -134,7 +137,7 @@ def estimate_noises(campaign: Campaign, attained: Attained) -> dict[str, Noise]:
 
 
 def _channel_noise(campaign: Campaign, gap: Array, stated: Array | None, name: str) -> Noise:
-    """Pool what repeats and paths tell; a stated sigma stands for the instrument alone and is the least there can be."""
+    """Pool what repeats, paths and a stated sigma tell, as far as they agree."""
     told: list[tuple[str, float, float]] = []
     squares, count = _repeat_scatter(campaign, gap)
     if count > 0 and squares > 0:
@@ -147,7 +150,8 @@ def _channel_noise(campaign: Campaign, gap: Array, stated: Array | None, name: s
         told.append(("sigma column", known**2, 60.0))
     if not told:
         return Noise(ASSUMED_SIGMA[name], 0.0, "assumed")
-    # what shakes on a path, or between repeats, is no noise of the instrument: sources far above the least one do not count
+    # what shakes on a path, or between repeats, is no noise of the instrument: sources far above the least one do not
+    # count
     firm = [variance for _, variance, weight in told if weight >= 10] or [told[0][1]]
     told = [source for source in told if source[1] < DISAGREE * min(firm) or source[2] < 10]
     weight = sum(w for _, _, w in told)

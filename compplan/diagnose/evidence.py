@@ -4,9 +4,12 @@ With whitened columns Phi of prior variance D and observations y,
 
     y ~ N(0, V),   V = N + Phi D Phi^T,   log p(y) = -1/2 (log det V + y^T V^-1 y) + const
 
-N is the noise of each channel (variance v in units of its estimate) plus an error that the rows of a stay share (lambda^2 v),
-which stands for whatever no signature explains [Bishop2006, ch. 3; Rasmussen2006, ch. 2]. D is small for the background,
-where tau scales a whole class of errors, and large for claimed effects. Noise and background are fitted to the campaign.
+N is the noise of each channel (variance v in units of its estimate) plus an error that the rows of a stay share
+(lambda^2 v),
+which stands for whatever no signature explains [Bishop2006, ch. 3; Rasmussen2006, ch. 2]. D is small for the
+background,
+where tau scales a whole class of errors, and large for claimed effects. Noise and background are fitted to the
+campaign.
 """
 
 from __future__ import annotations
@@ -17,11 +20,12 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import minimize
 from scipy.special import log_ndtr
 
 from compplan.diagnose.ledger import ChannelProducts, Ledger, Products
+from compplan.errors import ConvergenceError
 from compplan.robot import Array
 
 #: Sizes that an effect may have, in units of its prior scale; each is as probable as the others (assumed).
@@ -30,10 +34,13 @@ SIZES = (0.1, 0.3, 1.0, 3.0, 10.0, 40.0)
 TAU_RANGE, SHARED_RANGE = (-4.0, 0.4), (-3.5, 4.0)
 #: Scale of the half-normal prior of a class's background (assumed).
 TAU_SCALE = 0.7
-#: Classes of one robot are alike: a robot that is slightly wrong is so everywhere. Spread of log tau among them (assumed).
+#: Classes of one robot are alike: a robot that is slightly wrong is so everywhere. Spread of log tau among them
+#: (assumed).
 TAU_SPREAD = 1.0
 #: Standard deviation of log(noise variance) where the noise is assumed, and where it is known best.
 LOOSE, TIGHT = 4.0, 0.1
+#: Log evidence has settled when a step changes it by less than this.
+SETTLED = 5e-3
 #: Degrees of freedom from which on a noise counts as known.
 WITNESSED = 10
 
@@ -83,7 +90,7 @@ class Prior:
         """Return the prior variance of every column. Shape (p,)."""
         tau2 = np.exp(2.0 * log_tau)
         small = np.where(self.background >= 0, tau2[np.maximum(self.background, 0)] * self.spread**2, 0.0)
-        return np.asarray(small + self.slab + 1e8 * self.free)
+        return np.asarray(small + self.slab + 1e6 * self.free)
 
     @cached_property
     def active(self) -> NDArray[np.int_]:
@@ -160,11 +167,18 @@ def find_posterior(
             + [SHARED_RANGE if shared else (SHARED_RANGE[0], SHARED_RANGE[0])] * len(reduced)
             + [TAU_RANGE] * len(hyper.log_tau)
         )
-        found = minimize(
-            lambda x: _negative(reduced, prior, hyper.with_vector(x)), hyper.vector, jac=True, method="L-BFGS-B",
-            bounds=bounds, options={"maxiter": steps, "ftol": 5e-6},
-        )  # fmt: skip
-        hyper = hyper.with_vector(found.x)
+        # the optimizer's tolerance is relative: evidence counts from where it starts; steps in units of likely errors
+        start = _negative(reduced, prior, hyper)[0]
+        unit = np.array([np.sqrt(2.0 / ch.total.count) for ch in reduced] + [0.3] * (len(hyper.vector) - len(reduced)))
+
+        def cost(vector: Array) -> tuple[float, Array]:
+            value, gradient = _negative(reduced, prior, hyper.with_vector(vector * unit))
+            return value - start, gradient * unit
+
+        limits = [(low / u, high / u) for (low, high), u in zip(bounds, unit, strict=True)]
+        options = {"maxiter": steps, "ftol": SETTLED}
+        found = minimize(cost, hyper.vector / unit, jac=True, method="L-BFGS-B", bounds=limits, options=options)
+        hyper = hyper.with_vector(found.x * unit)
     value, mean, covariance, _ = _solve(reduced, prior, hyper)
     return Posterior(value, active, mean, covariance, hyper)
 
@@ -188,7 +202,9 @@ def _negative(channels: list[ChannelProducts], prior: Prior, hyper: Hyper) -> tu
     spread = np.diag(gram) - np.einsum("ij,ij->j", gram, covariance @ gram)
     slope_d = 0.5 * (residual**2 - spread)
     classes = prior.background[active]
-    variance = np.where(classes >= 0, np.exp(2 * hyper.log_tau[np.maximum(classes, 0)]) * prior.spread[active] ** 2, 0.0)
+    variance = np.where(
+        classes >= 0, np.exp(2 * hyper.log_tau[np.maximum(classes, 0)]) * prior.spread[active] ** 2, 0.0
+    )
     gradient_tau = np.array([np.sum((slope_d * variance * 2)[classes == k]) for k in range(len(hyper.log_tau))])
     _, hyper_gradient = _hyperprior(channels, hyper)
     gradient = np.concatenate([gradient_noise, gradient_shared, gradient_tau]) + hyper_gradient
@@ -201,9 +217,7 @@ def _expected_square(products: Products, mean: Array, covariance: Array) -> floa
     return float(fitted + np.sum(covariance * gram))
 
 
-def combine_channels(
-    channels: Sequence[ChannelProducts], hyper: Hyper
-) -> tuple[Array, Array, float, float]:
+def combine_channels(channels: Sequence[ChannelProducts], hyper: Hyper) -> tuple[Array, Array, float, float]:
     """Return gram, products with the observations, their square, and log det of the noise."""
     p = len(channels[0].total.against)
     gram, against, square, log_det = np.zeros((p, p)), np.zeros(p), 0.0, 0.0
@@ -229,7 +243,7 @@ def _solve(
     gram, against, square, log_det = combine_channels(channels, hyper)
     root = np.sqrt(prior.variance(hyper.log_tau)[prior.active])
     inner = np.eye(len(root)) + root[:, None] * gram * root
-    factor = cho_factor(inner, lower=True, check_finite=False)
+    factor = _factor(inner)
     half = cho_solve(factor, np.diag(root), check_finite=False)
     covariance = root[:, None] * half
     covariance = 0.5 * (covariance + covariance.T)
@@ -239,11 +253,24 @@ def _solve(
     return value, mean, covariance, (gram, against)
 
 
+def _factor(inner: Array) -> tuple[Array, bool]:
+    """Factorize a matrix that rounding may have made slightly indefinite."""
+    jitter = 0.0
+    for _ in range(8):
+        try:
+            return cho_factor(inner + jitter * np.eye(len(inner)), lower=True, check_finite=False)  # type: ignore[no-any-return]
+        except LinAlgError:
+            jitter = max(100.0 * jitter, 1e-13 * float(np.trace(inner)))
+    raise ConvergenceError("the evidence of a model cannot be computed, its columns are degenerate", residual=jitter)
+
+
 def _hyperprior(channels: list[ChannelProducts], hyper: Hyper) -> tuple[float, Array]:
     """Return log prior of noise and background, and its gradient.
 
-    Noise is log-Cauchy as wide as its witnesses allow (a model may be wrong, and then rows scatter more); shared errors and backgrounds are half-Cauchy and half-normal of
-    scale one, and the classes of one robot resemble each other (assumed: an error as large as the noise, a background as
+    Noise is log-Cauchy as wide as its witnesses allow (a model may be wrong, and then rows scatter more); shared
+    errors and backgrounds are half-Cauchy and half-normal of
+    scale one, and the classes of one robot resemble each other (assumed: an error as large as the noise, a background
+    as
     large as its class's scale, is no surprise).
     """
     width = np.array([LOOSE if ch.witnesses < 1 else max(np.sqrt(2.0 / ch.witnesses), TIGHT) for ch in channels])

@@ -1,4 +1,4 @@
-"""Fit: rounds of linearization, search and exact forward models, until claims, parameters and outliers stay as they are."""
+"""Fit: rounds of linearization, search and exact forward models, until nothing changes any more."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from compplan.diagnose.ledger import Ledger, build_ledger, extend_ledger
 from compplan.diagnose.outliers import find_gross_outliers, find_outliers
 from compplan.diagnose.proposals import propose_shifts, propose_waves
 from compplan.diagnose.search import MOST_EFFECTS, Claim, Model, Search, search_models
-from compplan.effects import EFFECTS, Effect, apply_effects, attain_scene, stage_scene
+from compplan.effects import EFFECTS, Effect, apply_effects, attain_scene, frame_shift, stage_scene, tool_shift
 from compplan.effects.base_frame import base_twists
 from compplan.effects.linearization import Linearization, linearize_scene
 from compplan.effects.signature import Signature
+from compplan.effects.transmission_error import bump_at, spline_at, waves_at
 from compplan.measurements import Campaign
 from compplan.registration import Registration
 from compplan.robot import Array, Robot
@@ -166,7 +167,7 @@ def _round(
     channels = build_channels(at.scene, at.attained, use, noises)
     fixed = offered_signatures(problem, at)
     wanted = {key for key, _ in state.claims}
-    kept = [s for s in _again(at, proposals, wanted)]
+    kept = _again(at, proposals, wanted)
     fit = _search(problem, state, at, channels, [*fixed, *kept], noises, progress)
     for _ in range(3):
         fresh = _propose(fit)
@@ -179,7 +180,7 @@ def _round(
         claimed = {key_of(fit.search.ledger.signatures[n]) for n in fit.model.signatures}
         if fit.model.score < before + 0.5 or not claimed & {key_of(s) for s in fresh}:
             break
-    return fit, [s for s in fit.search.ledger.signatures if s.tried > 1]
+    return fit, [s for s in fit.search.ledger.signatures if s.tried > 1 or s.form == "spline"]
 
 
 def linearize_state(problem: Problem, state: State) -> Linearization:
@@ -218,9 +219,6 @@ def registration_signatures(at: Linearization, parts: Sequence[str]) -> list[Sig
 
 def _again(at: Linearization, proposals: list[Signature], wanted: set[Key]) -> list[Signature]:
     """Offer the claimed ones of earlier proposals at a new linearization."""
-    from compplan.effects import frame_shift, tool_shift
-    from compplan.effects.transmission_error import spline_at, waves_at
-
     found: list[Signature] = []
     for old in proposals:
         if key_of(old) not in wanted:
@@ -230,9 +228,19 @@ def _again(at: Linearization, proposals: list[Signature], wanted: set[Key]) -> l
             found += [s for s in model.shift_at(at, int(old.fixed["row"]), old.tried) if s.form == old.form]
         else:
             index = at.robot.joint_names.index(str(old.joint))
-            cycles = old.fixed.get("cycles_per_turn", old.fixed.get("cycles_per_m"))
-            found.append(spline_at(at, index) if cycles is None else waves_at(at, index, cycles, old.tried))
+            found.append(_again_curve(at, index, old))
     return found
+
+
+def _again_curve(at: Linearization, index: int, old: Signature) -> Signature:
+    """Offer a curve over a joint's angle at a new linearization."""
+    fixed = old.fixed
+    for unit, cycles in (("rad", "cycles_per_turn"), ("m", "cycles_per_m")):
+        if cycles in fixed:
+            return waves_at(at, index, fixed[cycles], old.tried)
+        if f"centre_{unit}" in fixed:
+            return bump_at(at, index, fixed[f"centre_{unit}"][0], fixed[f"width_{unit}"][0], old.tried)
+    return spline_at(at, index)
 
 
 def _search(
@@ -319,7 +327,9 @@ def advance_state(fit: Fit) -> State:
             values |= {ledger.names[column]: float(size) for column, size in zip(columns, sizes, strict=True)}
             effects.append(signature.effect(sizes))
     first = posterior.hyper
-    scatter = fit.noises["position"].sigma * float(np.exp(0.5 * first.log_noise[0]) * np.hypot(1.0, np.exp(first.log_shared[0])))
+    scatter = fit.noises["position"].sigma * float(
+        np.exp(0.5 * first.log_noise[0]) * np.hypot(1.0, np.exp(first.log_shared[0]))
+    )
     return State(tuple(effects), values, registration, fit.state.use, _claims(fit), scatter)
 
 

@@ -118,7 +118,8 @@ def build_ledger(channels: Sequence[Channel], signatures: Sequence[Signature], v
     ]
     products = [_multiply(c, d, y) for c, d, y in zip(channels, designs, observed, strict=True)]
     return Ledger(
-        tuple(signatures), tuple(index), tuple(names), np.array(scale), tuple(products), tuple(designs), tuple(observed),
+        tuple(signatures), tuple(index), tuple(names), np.array(scale), tuple(products), tuple(designs),
+        tuple(observed),
         tuple(channels),
     )  # fmt: skip
 
@@ -129,7 +130,8 @@ def extend_ledger(ledger: Ledger, signatures: Sequence[Signature]) -> Ledger:
     fresh = [_design(channel, signatures, picked) for channel in ledger.source]
     designs = [np.concatenate([old, new], axis=-1) for old, new in zip(ledger.designs, fresh, strict=True)]
     products = [
-        _multiply(c, d, y, old) for c, d, y, old in zip(ledger.source, designs, ledger.observed, ledger.channels, strict=True)
+        _multiply(c, d, y, old)
+        for c, d, y, old in zip(ledger.source, designs, ledger.observed, ledger.channels, strict=True)
     ]
     return replace(
         ledger,

@@ -1,4 +1,4 @@
-"""Outliers: rows that no model of the robot explains - mistyped points, a beam that was broken, a target that was touched."""
+"""Outliers: rows that no model of the robot explains - mistyped points, a broken beam, a target that was touched."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ def find_gross_outliers(campaign: Campaign, gap: Array) -> NDArray[np.int_]:
 def find_outliers(campaign: Campaign, residual: Array, sigma: float, considered: NDArray[np.bool_]) -> NDArray[np.int_]:
     """Find rows that stand out of the scatter that a fitted model leaves.
 
-    Where more rows stand out than gross errors can be, they are structure, and only those beyond all others are outliers.
+    Where more rows stand out than gross errors can be, they are structure, and only those beyond all others are
+    outliers.
 
     Args:
         campaign: The campaign.

@@ -14,7 +14,7 @@ from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Signature
 from compplan.effects.tool_frame import SCALE as TOOL_SCALE
 from compplan.effects.tool_frame import tool_twists
-from compplan.effects.transmission_error import spline_at, waves, waves_at
+from compplan.effects.transmission_error import bump, bump_at, spline_at, waves, waves_at
 from compplan.robot import Array
 
 #: Rows proposed for each kind of shift, and how many rows they stand apart.
@@ -23,11 +23,15 @@ SHIFT_ROWS, APART = 2, 5
 MOST_CYCLES, MOST_WAVES = 160.0, 16
 #: A further wave has to explain this much log likelihood.
 WORTH_A_WAVE = 9.0
+#: Centres of a bump that are looked at, and its widths as shares of the visited range.
+BUMP_CENTRES, BUMP_WIDTHS = 48, (0.02, 0.04, 0.08, 0.16)
 #: Fewest rows for which waves and splines beyond the first harmonics are looked for.
 ENOUGH_ROWS = 40
 
 
-def propose_shifts(at: Linearization, channels: Sequence[Channel], left: Sequence[Array], most: int = SHIFT_ROWS) -> list[Signature]:
+def propose_shifts(
+    at: Linearization, channels: Sequence[Channel], left: Sequence[Array], most: int = SHIFT_ROWS
+) -> list[Signature]:
     """Propose shifts of frame and tool at the rows where a step explains most.
 
     Args:
@@ -68,7 +72,10 @@ def _step_gains(channels: Sequence[Channel], left: Sequence[Array], twist: Array
         against[channel.rows] += np.einsum("nik,ni->nk", columns, rest)
     gram_before, against_before = np.cumsum(gram, axis=0), np.cumsum(against, axis=0)
     total_gram, total_against = gram_before[-1], against_before[-1]
-    before = (np.concatenate([np.zeros((1, 6, 6)), gram_before[:-1]]), np.concatenate([np.zeros((1, 6)), against_before[:-1]]))
+    before = (
+        np.concatenate([np.zeros((1, 6, 6)), gram_before[:-1]]),
+        np.concatenate([np.zeros((1, 6)), against_before[:-1]]),
+    )
     after = (total_gram - before[0], total_against - before[1])
     gains = _explained(*before) + _explained(*after) - _explained(total_gram[None], total_against[None])[0]
     return 0.5 * gains
@@ -107,6 +114,29 @@ def propose_waves(
                 found.append(waves_at(at, index, picked[:count], tried=tried))
         if picked:
             found.append(spline_at(at, index))
+            found += _best_bumps(at, index, angle, pull, weight)
+    return found
+
+
+def _best_bumps(at: Linearization, index: int, angle: Array, pull: Array, weight: Array) -> list[Signature]:
+    """Propose the bell curves that explain most, one of each width."""
+    seen = weight > 0
+    low, high = float(angle[seen].min()), float(angle[seen].max())
+    smooth = np.ones((int(seen.sum()), 1))
+    rest = pull[seen] - weight[seen] * (smooth @ _weighted_fit(smooth, pull[seen], weight[seen]))
+    found = []
+    centres = np.linspace(low, high, BUMP_CENTRES)
+    for share in BUMP_WIDTHS:
+        width = share * (high - low)
+        shape = bump(angle[seen, None], centres[None], width)
+        inner = np.einsum("n,nk->k", weight[seen], shape**2)
+        mean = np.einsum("n,nk->k", weight[seen], shape) / weight[seen].sum()
+        inner = inner - weight[seen].sum() * mean**2
+        gain = 0.5 * (rest @ shape) ** 2 / np.maximum(inner, 1e-9 * weight[seen].sum())
+        best = int(np.argmax(gain))
+        if gain[best] > WORTH_A_WAVE:
+            tried = BUMP_CENTRES * len(BUMP_WIDTHS)
+            found.append(bump_at(at, index, float(centres[best]), width, tried=tried))
     return found
 
 
@@ -162,5 +192,3 @@ def _match_waves(angle: Array, pull: Array, weight: Array, grid: Array, slides: 
 def _weighted_fit(columns: Array, pull: Array, weight: Array) -> Array:
     gram = columns.T @ (weight[:, None] * columns)
     return np.asarray(np.linalg.solve(gram + 1e-6 * np.trace(gram) * np.eye(len(gram)) / len(gram), columns.T @ pull))
-
-

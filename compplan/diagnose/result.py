@@ -68,7 +68,8 @@ class Diagnosis:
         verdict: Status and named effects.
         gap: How far the gap shrinks.
         candidates: Effects one by one, ranked.
-        residual_before: Measured minus expected by the nominal robot (registered where asked), base axes, all rows. (n, 3) [m]
+        residual_before: Measured minus expected by the nominal robot (registered where asked), base axes, all rows.
+            (n, 3) [m]
         residual_after: Measured minus expected by the updated robot, base axes, all rows. Shape (n, 3). [m]
         registration: Frames fitted with the updated robot, or None.
         outliers: Rows reported as outliers.

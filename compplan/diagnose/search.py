@@ -35,6 +35,8 @@ WORTHWHILE = 0.5
 MERGE_MARGIN = 15.0
 #: Squares beyond the noise that are much, per observation, and the part of them that a further claim has to take.
 MUCH, FAIR_PART = 0.3, 0.08
+#: Effects that are curves over a joint's angle, and the log prior odds against two of them at one joint (assumed).
+CURVES, TWO_CURVES = ("transmission_error", "gravity_compensator"), 10.0
 #: Correlation from which on two claims are looked at together; up to so many claims all pairs are.
 ENTANGLED, FEW = 0.2, 5
 
@@ -118,12 +120,18 @@ class Search:
             return self.cache[key]
         posterior = find_posterior(self.ledger, self.prior_of(claims), hyper, fit=fit, steps=steps)
         score = posterior.log_evidence + sum(self.log_prior[c.signature] - np.log(len(SIZES)) for c in claims)
+        score -= TWO_CURVES * self._doubled_curves(claims)
         if self._backwards(claims, posterior):
             score = -np.inf
         model = Model(tuple(claims), posterior, float(score))
         if fit:
             self.cache[key] = model
         return model
+
+    def _doubled_curves(self, claims: Sequence[Claim]) -> int:
+        """Count joints that two curves over the same angle are claimed of."""
+        joints = [s.joint for s in (self.ledger.signatures[c.signature] for c in claims) if s.name in CURVES]
+        return len(joints) - len(set(joints))
 
     def _backwards(self, claims: Sequence[Claim], posterior: Posterior) -> bool:
         """Tell whether a claim that can only be positive came out negative."""
@@ -178,7 +186,8 @@ def search_models(search: Search, first: Sequence[Claim] = (), most: int = MOST_
 def explains_enough(search: Search, old: Model, new: Model) -> bool:
     """Tell whether a further claim takes a fair part of what is left beyond the noise.
 
-    Where much is left and no effect takes a fair part of it, the vocabulary does not hold its cause; to add one small part after
+    Where much is left and no effect takes a fair part of it, the vocabulary does not hold its cause; to add one small
+    part after
     the other would only imitate it.
     """
     before = excess_square(search.ledger.channels, old.posterior)
@@ -189,16 +198,20 @@ def explains_enough(search: Search, old: Model, new: Model) -> bool:
 
 
 def distinct_places(search: Search, gains: list[Gain], count: int) -> list[Gain]:
-    """Return the best gain of each place, the first `count` of them."""
+    """Return the best gain of each place, of the first `count` places.
+
+    The form that is the place's background comes along: what the background has taken already gains little on paper.
+    """
     seen: set[Place] = set()
     result = []
     for gain in gains:
         place = search.ledger.signatures[gain.signature].place
-        if place not in seen:
+        inside = bool((search.prior.background[search.ledger.columns(gain.signature)] >= 0).all())
+        if place not in seen and len(seen) == count:
+            break
+        if place not in seen or inside:
             seen.add(place)
             result.append(gain)
-        if len(result) == count:
-            break
     return result
 
 

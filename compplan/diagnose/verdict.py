@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from compplan.diagnose.ambiguity import Rival, find_rivals
@@ -25,7 +26,8 @@ FITTED_RIVALS = 3
 STRUCTURE_GAIN, STRUCTURE_SIZE = 6.0, 0.35
 #: or where the noise is this much larger than its estimate (variance, less one),
 EXCESS = 0.5
-#: or where rows of one kind scatter more than those of another by this factor (variance). Median of chi-square of three.
+#: or where rows of one kind scatter more than those of another by this factor (variance). Median of chi-square of
+#: three.
 UNEVEN, MEDIAN_SQUARE = 1.4, 2.366
 #: or where small errors everywhere would have to move the target by this many noise floors (then they are not small).
 LARGE_BACKGROUND = 3.0
@@ -124,7 +126,7 @@ def reach_verdict(fit: Fit) -> Verdict:
 
 
 def name_far_zero(finding: Finding) -> Finding:
-    """Name an offset that no adjustment could leave a matter of counting: joint_coupling, with the offset as its rival."""
+    """Name an offset that no adjustment could leave joint_coupling, a matter of counting, with the offset as its rival."""
     effect = finding.effect
     size = abs(float(next(iter(effect.parameters.values())))) if effect.name == "joint_offset" else 0.0
     if size < FAR_ZERO:
@@ -208,7 +210,7 @@ def measure_structure(fit: Fit) -> Structure:
 
 
 def uneven_scatter(fit: Fit, values: Array) -> float:
-    """Return by how much the rows of one kind scatter more than those of another, robustly, in units of the noise variance.
+    """Return by how much the rows of one kind scatter more than those of another, in units of the noise variance.
 
     Kinds are rest and motion, and with and without load. Zero where they scatter alike or are too few.
     """
@@ -226,11 +228,9 @@ def uneven_scatter(fit: Fit, values: Array) -> float:
     return worst
 
 
-def _motion(fit: Fit, columns: Array, values: Array) -> float:
+def _motion(fit: Fit, columns: NDArray[np.int_], values: Array) -> float:
     """Return the root mean square motion that some columns explain, over all rows. [m]"""
     if not len(columns):
         return 0.0
     moved = fit.search.ledger.designs[0][..., columns] @ values[columns] * fit.noises["position"].sigma
     return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
-
-

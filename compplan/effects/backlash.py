@@ -30,7 +30,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         scale = np.array([SCALE[joint.kind]])
         width = float(at.current.get((name, joint.name, None), {}).get(key, 0.0))
         width = width if abs(width) > 0.1 * scale[0] else 0.5 * float(scale[0])
-        shape = lost_motion(np.nan_to_num(at.campaign.q[:, index]), width) / width * free
+        shape = lost_motion(np.nan_to_num(at.campaign.q[:, index]), width, CAME_FROM_BELOW) / width * free
         encoder = np.zeros((len(direction), at.robot.nq, 1))
         encoder[:, index, 0] = shape
         twist = at.motion[:, :, index, None] * shape[:, None, None]
@@ -51,7 +51,8 @@ def apply(scene: Scene, effect: Effect) -> Scene:
 def lost_motion(reading: Array, width: float, start: float = 0.0) -> Array:
     """Return link minus reading of a joint with play. Shape (n,). [rad or m]
 
-    The link stays until the reading has crossed the play. What happened between two runs is unknown; the play is carried
+    The link stays until the reading has crossed the play. What happened between two runs is unknown; the play is
+    carried
     over. A negative width (the link ahead of its reading) mirrors the positive one.
 
     Args:

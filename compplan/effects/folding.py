@@ -34,7 +34,13 @@ def shift_zero(robot: Robot, joint: str, offset: float) -> Robot:
 
 
 def shift_origin(robot: Robot, joint: str, step: Array) -> Robot:
-    """Shift and turn a joint's origin in the axes of its parent link; the step is (tx ty tz rx ry rz), shape (6,). [m, rad]."""
+    """Shift and turn a joint's origin in the axes of its parent link.
+
+    Args:
+        robot: The robot.
+        joint: Name of the joint.
+        step: Shift, then turn, about the parent link's axes. Shape (6,). [m, rad]
+    """
     old = find_joint(robot, joint)
     placement = old.placement.copy()
     placement[:3, 3] = placement[:3, 3] + step[:3]

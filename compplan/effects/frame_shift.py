@@ -31,7 +31,15 @@ def shift_at(at: Linearization, row: int, tried: int = 1) -> Iterable[Signature]
         name, None, None, f"frame {row}", KEYS, SCALE, twist, fixed={"row": row}, tried=tried, columns=columns
     )
     yield Signature(
-        name, None, None, f"origin {row}", KEYS[:3], SCALE[:3], twist[:, :, :3], fixed={"row": row}, tried=tried,
+        name,
+        None,
+        None,
+        f"origin {row}",
+        KEYS[:3],
+        SCALE[:3],
+        twist[:, :, :3],
+        fixed={"row": row},
+        tried=tried,
         columns=columns[:3],
     )
 

@@ -1,6 +1,7 @@
 """A scene and how it yields: Jacobians and loads at every place where an effect may sit.
 
-Effects compose their signatures from these few arrays. Springs of zero compliance at every joint and axis give the axes,
+Effects compose their signatures from these few arrays. Springs of zero compliance at every joint and axis give the
+axes,
 origins and loads; all of it is taken in the loaded state.
 """
 
@@ -39,7 +40,8 @@ class Linearization:
         attained: What it comes to.
         point: Target in the base frame. Shape (n, 3). [m]
         motion: Motion of the target per motion of each commanded joint. Shape (n, 6, nq).
-        elements: Number in `axis`, `origin` and `load` of joint j's axis a: `elements[joint, "rx"]`; of the base: "base".
+        elements: Number in `axis`, `origin` and `load` of joint j's axis a: `elements[joint, "rx"]`; of the base:
+            "base".
         axis: Axes, base axes. Shape (n, e, 3).
         origin: Their origins, base frame. Shape (n, e, 3). [m]
         load: Load of wrench and weights on each. Shape (n, e). [N m or N]
@@ -71,12 +73,18 @@ class Linearization:
         return self.scene.campaign
 
     def twist(self, joint: str, axis: str) -> Array:
-        """Return the motion of the target per unit motion about or along an axis of a joint's child frame. Shape (n, 6)."""
+        """Return the motion of the target per unit motion about or along an axis of a joint's child frame.
+
+        Shape (n, 6).
+        """
         k = self.elements[joint, axis]
         return unit_twist(self.axis[:, k], self.origin[:, k], self.point, axis[0] == "t")
 
     def parent_twist(self, joint: str, axis: str) -> Array:
-        """Return the motion of the target per unit motion of a joint's origin, axes of its parent link. Shape (n, 6)."""
+        """Return the motion of the target per unit motion of a joint's origin, axes of its parent link.
+
+        Shape (n, 6).
+        """
         previous = self.before[joint]
         k = self.elements[previous, axis]
         at = self.elements[joint, "rx"]
@@ -147,7 +155,7 @@ class Linearization:
         return twist, self.encoder_of_coordinate @ theta
 
     def wrench_response(self, wrench: Array) -> tuple[Array, Array]:
-        """Return motion of the target and change of the link-side readings under wrenches at the TCP, k sets (n, 6, k)."""
+        """Return motion of the target and change of link-side readings under k wrenches at the TCP, shape (n, 6, k)."""
         return self.load_response(np.swapaxes(self.spring_jacobian, 1, 2) @ wrench)
 
 
@@ -159,7 +167,7 @@ def linearize_scene(
     Args:
         scene: The scene.
         attained: What it comes to.
-
+        current: Parameters of the effects in it, by name, joint and axis.
     """
     robot = scene.robot
     probed = replace(robot, springs=(*robot.springs, *_probes(robot)))
@@ -204,7 +212,8 @@ def linearize_scene(
         origin=np.concatenate([origin, np.zeros((n, 6, 3))], axis=1),
         load=np.concatenate([load[:, picked], _base_load(chain, frames, attained.wrench)], axis=1),
         weight_load=np.concatenate(
-            [weights[:, picked], _base_load(replace(chain, gravity=gravity_of(robot)), frames, np.zeros((n, 6)))], axis=1
+            [weights[:, picked], _base_load(replace(chain, gravity=gravity_of(robot)), frames, np.zeros((n, 6)))],
+            axis=1,
         ),
         own=own_springs(robot),
         current=current or {},
@@ -212,7 +221,10 @@ def linearize_scene(
 
 
 def gravity_of(robot: Robot) -> Array:
-    """Return the robot's gravity, or standard gravity along -z of the base where the model has none. Shape (3,). [m/s^2]."""
+    """Return the robot's gravity, or standard gravity along -z of the base where the model has none.
+
+    Shape (3,). [m/s^2].
+    """
     return np.array([0.0, 0.0, -STANDARD_GRAVITY]) if robot.gravity is None else robot.gravity
 
 

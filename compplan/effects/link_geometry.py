@@ -28,10 +28,14 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         twists = {axis: at.parent_twist(joint.name, axis) for axis in AXES if not _own(joint, axis)}
         for axis, twist in twists.items():
             key = f"{axis}_{UNIT[axis[0]]}"
-            yield Signature(name, joint.name, axis, "", (key,), np.array([SCALE[axis[0]]]), twist[:, :, None], columns=(key,))
+            yield Signature(
+                name, joint.name, axis, "", (key,), np.array([SCALE[axis[0]]]), twist[:, :, None], columns=(key,)
+            )
         keys = tuple(f"{axis}_{UNIT[axis[0]]}" for axis in twists)
         scale = np.array([SCALE[axis[0]] for axis in twists])
-        yield Signature(name, joint.name, None, "all", keys, scale, np.stack(list(twists.values()), axis=-1), columns=keys)
+        yield Signature(
+            name, joint.name, None, "all", keys, scale, np.stack(list(twists.values()), axis=-1), columns=keys
+        )
 
 
 def _own(joint: Joint, axis: str) -> bool:

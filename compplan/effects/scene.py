@@ -3,7 +3,8 @@
 Effects write into a scene one after the other; `attain_scene` then solves the loaded equilibrium exactly and tells what
 instrument and encoders should see. Between the reading q of a joint and its true position stand, in this order,
 
-    q_link = q + drive (between motor-side and link-side encoder: backlash, gear error, lag, nonlinear and linear spring)
+    q_link = q + drive (between motor-side and link-side encoder: backlash, gear error, lag, nonlinear and linear
+    spring)
     q_true = q_link + zero (what both encoders cannot see: an offset of the zero, a coupling that is left out)
 """
 
@@ -45,7 +46,8 @@ class Scene:
         joint_load: Further load on each joint's own spring. Shape (n, nq). [N m or N]
         laws: Nonlinear deflections: joint index and law.
         growth: Relative growth of the placements before each joint, and from the last to the flange. Shape (n, nq + 1).
-        base_twist: Motion of the robot in the measurement frame, base axes about the base origin. Shape (n, 6). [m, rad]
+        base_twist: Motion of the robot in the measurement frame, base axes about the base origin. Shape (n, 6). [m,
+            rad]
         tool_twist: Motion of the target on the tool, TCP axes. Shape (n, 6). [m, rad]
         payload: Mass and first moments about the flange that the model lacks, flange axes. Shape (4,). [kg, kg m]
         tilt: Compliance of the base about the base axes where no joint can carry it. Shape (3,). [rad/(N m)]
@@ -215,7 +217,7 @@ def scene_chain(scene: Scene) -> Chain:
 
 
 class OwnSpring(NamedTuple):
-    """The spring about a joint's own axis: commanded joint, elastic coordinate, spring in the list, sign, compliance."""
+    """The spring about a joint's own axis: joint, elastic coordinate, number of the spring, sign, compliance."""
 
     joint: int
     coordinate: int

@@ -55,7 +55,8 @@ class Signature:
         axis: Its axis, or None.
         form: Which of the effect's forms; several forms of one effect at one place exclude each other.
         keys: Key of each parameter. A key "name#3" is item 3 of the list "name". Length k.
-        scale: Size that a parameter has where the effect is plain to see: the standard deviation of its prior. Shape (k,).
+        scale: Size that a parameter has where the effect is plain to see: the standard deviation of its prior. Shape
+            (k,).
         twist: Motion of the target, base axes, per unit of each parameter. Shape (n, 6, k). [m, rad]
         encoder: Change of the link-side readings; None for none. Shape (n, nq, k). [rad or m]
         fixed: Settings that the form holds fixed, such as a row or a period.

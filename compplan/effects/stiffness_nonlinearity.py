@@ -1,4 +1,4 @@
-"""stiffness_nonlinearity: a joint's deflection is not proportional to its torque (hardening, softening, a soft zone)."""
+"""stiffness_nonlinearity: a joint's deflection is not proportional to its torque (hardening, softening, soft zone)."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ FORMS: tuple[tuple[str, tuple[str, ...]], ...] = (
 def shapes(load: Array, reference: float, zone: float) -> dict[str, Array]:
     """Return the shapes that the deflection is made of, in units of load; all are odd.
 
-    linear t, quadratic t |t|/t_ref, cubic t^3/t_ref^2, soft zone clip(t, -z, z), saturating t u/(1 + u) with u = (t/z)^2.
+    linear t, quadratic t |t|/t_ref, cubic t^3/t_ref^2, soft zone clip(t, -z, z), saturating t u/(1 + u) with u =
+    (t/z)^2.
     """
     u = (load / zone) ** 2 if zone > 0 else np.zeros_like(load)
     return {
@@ -56,7 +57,10 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         forms: list[tuple[str, tuple[str, ...], float]] = [(form, keys, 0.0) for form, keys in FORMS]
         for share in ZONES:
             for key in (SOFT, BENT):
-                forms += [(f"{key} {share}", (key,), share * reference), (f"linear+{key} {share}", (LINEAR, key), share * reference)]
+                forms += [
+                    (f"{key} {share}", (key,), share * reference),
+                    (f"linear+{key} {share}", (LINEAR, key), share * reference),
+                ]
         for form, keys, zone in forms:
             parts = shapes(load, reference, zone)
             bent = spring.compliance * np.stack([parts[key] * motor_side for key in keys], axis=-1)

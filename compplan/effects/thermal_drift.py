@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene, hand
+from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.measurements import Campaign
 from compplan.robot import Array, Robot
@@ -17,7 +17,8 @@ from compplan.robot import Array, Robot
 name = "thermal_drift"
 #: Assumed: the expansion of steel and aluminium; where no temperature is known, the same over ten kelvin.
 SCALE_PER_K, SCALE = 1.5e-5, 1.5e-4
-TIME_CONSTANTS = (900.0, 1800.0, 3000.0, 5000.0, 10000.0)
+TIME_CONSTANTS = (900.0, 1300.0, 1800.0, 2300.0, 3000.0, 3900.0, 5000.0, 7000.0, 10000.0)
+LINK_BY_LINK = (900.0, 3000.0, 10000.0)
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
@@ -30,6 +31,8 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         twist[:, :3] = np.swapaxes(arms, 1, 2) * warming[:, None, None]
         alike = twist.sum(axis=-1, keepdims=True)
         yield Signature(name, None, None, f"alike{label}", (key,), np.array([scale]), alike, fixed=fixed, positive=True)
+        if "time_constant_s" in fixed and fixed["time_constant_s"] not in LINK_BY_LINK:
+            continue
         keys = tuple(f"segment_{key}#{k}" for k in range(arms.shape[1]))
         yield Signature(name, None, None, f"links{label}", keys, np.full(len(keys), scale), twist, fixed=fixed)
 

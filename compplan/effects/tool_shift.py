@@ -28,7 +28,15 @@ def shift_at(at: Linearization, row: int, tried: int = 1) -> Iterable[Signature]
     twist = tool_twists(at) * since(at.scene, row)[:, None, None]
     columns = tuple(f"{key} {row}" for key in KEYS)
     yield Signature(
-        name, None, None, f"offset {row}", KEYS[:3], SCALE[:3], twist[:, :, :3], fixed={"row": row}, tried=tried,
+        name,
+        None,
+        None,
+        f"offset {row}",
+        KEYS[:3],
+        SCALE[:3],
+        twist[:, :, :3],
+        fixed={"row": row},
+        tried=tried,
         columns=columns[:3],
     )
     if at.campaign.rotation is not None or np.abs(twist[:, :3, 3:]).max(initial=0.0) > 1e-6:

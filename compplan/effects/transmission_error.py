@@ -54,6 +54,20 @@ def waves_at(at: Linearization, index: int, cycles: Sequence[float], tried: int 
     return replace(_signature(at, index, label, keys, shape, fixed), tried=tried, columns=columns)
 
 
+def bump(angle: Array, centre: float, width: float) -> Array:
+    """Return a bell curve of height one around an angle. Shape (n,)."""
+    return np.asarray(np.exp(-0.5 * ((angle - centre) / width) ** 2))
+
+
+def bump_at(at: Linearization, index: int, centre: float, width: float, tried: int = 1) -> Signature:
+    """Offer an error around one angle of a joint, as a damaged tooth makes, picked from `tried` alternatives."""
+    unit = "m" if at.robot.actuated[index].kind == "prismatic" else "rad"
+    shape = bump(np.nan_to_num(at.campaign.q[:, index]), centre, width)[:, None]
+    fixed = {f"centre_{unit}": [centre], f"width_{unit}": [width]}
+    label = f"bump {centre:.3g} {width:.3g}"
+    return replace(_signature(at, index, label, (f"height_{unit}#0",), shape, fixed), tried=tried)
+
+
 def spline_knots(low: float, high: float, spacing: float = SPLINE_SPACING) -> Array:
     """Place the knots of a cubic spline that ends at zero at both ends of the visited range."""
     count = int(np.clip(np.ceil((high - low) / spacing), 5, MAX_SPLINES))
@@ -99,6 +113,8 @@ def error_at(effect: Effect, angle: Array) -> Array:
             shape = waves(angle, values[cycles], unit == "m")
             weights = np.column_stack([values[f"sine_{unit}"], values[f"cosine_{unit}"]]).reshape(-1)
             total = total + shape @ weights
+        for k, height in enumerate(values.get(f"height_{unit}", [])):
+            total = total + float(height) * bump(angle, values[f"centre_{unit}"][k], values[f"width_{unit}"][k])
         if f"spline_{unit}" in values:
             shape = spline_basis(angle, np.array(values[f"knots_{unit}"], float))
             total = total + shape @ np.array(values[f"spline_{unit}"], float)

@@ -33,7 +33,15 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         fixed, columns = {"axes": axes}, tuple(f"{axes} {key}" for key in KEYS)
         yield Signature(name, None, None, axes, KEYS, SCALE, twist, encoder, fixed, columns=columns)
         yield Signature(
-            name, None, None, f"{axes}, force", KEYS[:3], SCALE[:3], twist[:, :, :3], encoder[:, :, :3], fixed,
+            name,
+            None,
+            None,
+            f"{axes}, force",
+            KEYS[:3],
+            SCALE[:3],
+            twist[:, :, :3],
+            encoder[:, :, :3],
+            fixed,
             columns=columns[:3],
         )
 
