@@ -35,7 +35,9 @@ class AttainedPose(NamedTuple):
     jacobian: Array
 
 
-def attain_pose(chain: Chain, q: Array, wrench: Array | None, *, tolerance: float = 1e-12) -> AttainedPose:
+def attain_pose(
+    chain: Chain, q: Array, wrench: Array | None, *, tolerance: float = 1e-12, slope: bool = True
+) -> AttainedPose:
     """Solve the loaded equilibrium at every pose and differentiate it with respect to the commanded joints.
 
     Args:
@@ -43,6 +45,7 @@ def attain_pose(chain: Chain, q: Array, wrench: Array | None, *, tolerance: floa
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         wrench: Wrench of the environment on the tool at the TCP, base axes; none if left out. Shape (n, 6). [N, N m]
         tolerance: Largest change of an elastic coordinate in the last equilibrium step. [rad or m]
+        slope: Whether the derivative is wanted; it is zero otherwise, and cheaper.
 
     Raises:
         ConvergenceError: If a load is near or beyond buckling.
@@ -50,23 +53,13 @@ def attain_pose(chain: Chain, q: Array, wrench: Array | None, *, tolerance: floa
     """
     n = len(q)
     load = np.zeros((n, 6)) if wrench is None else wrench
-    position, rotation, columns = np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 6, chain.nq))
+    position, rotation, columns = np.empty((n, 3)), np.empty((n, 3, 3)), np.zeros((n, 6, chain.nq))
     for rows in chunk_rows(n, chain):
         loaded = solve_equilibrium(chain, q[rows], load[rows], tolerance=tolerance)
         position[rows], rotation[rows] = loaded.position, loaded.rotation
-        columns[rows] = loaded_jacobian(chain, loaded.frames, load[rows])
+        if slope:
+            columns[rows] = loaded_jacobian(chain, loaded.frames, load[rows])
     return AttainedPose(position, rotation, columns)
-
-
-def attained_position(chain: Chain, q: Array, wrench: Array | None, *, tolerance: float = 1e-12) -> tuple[Array, Array]:
-    """Solve the loaded equilibrium alone: attained position (n, 3) [m] and orientation (n, 3, 3), base frame."""
-    n = len(q)
-    load = np.zeros((n, 6)) if wrench is None else wrench
-    position, rotation = np.empty((n, 3)), np.empty((n, 3, 3))
-    for rows in chunk_rows(n, chain):
-        loaded = solve_equilibrium(chain, q[rows], load[rows], tolerance=tolerance)
-        position[rows], rotation[rows] = loaded.position, loaded.rotation
-    return position, rotation
 
 
 def loaded_jacobian(chain: Chain, frames: Frames, wrench: Array) -> Array:

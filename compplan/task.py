@@ -131,15 +131,16 @@ def attain(task: PlanTask, q: Array) -> AttainedPose:
     return AttainedPose(position, rotation, loaded.jacobian)
 
 
-def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_]) -> AttainedPose:
+def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool = True) -> AttainedPose:
     """Predict what the pose equations of some waypoints speak of: the loaded tool, in rapid moves the unloaded one.
 
     Args:
         task: The task.
         q: Commanded joint positions of the whole path, on which effects with a memory depend. Shape (n, nq). [rad or m]
         rows: The waypoints. Shape (k,).
+        slope: Whether the derivative is wanted; it is zero otherwise, and cheaper.
     """
-    loaded = attain_pose(task.chain, q[rows], task.wrench[rows])
+    loaded = attain_pose(task.chain, q[rows], task.wrench[rows], slope=slope)
     if task.robot.effects:
         position, rotation = attain_with_effects(task.robot, q, task.wrench, task.step_time)
         loaded = AttainedPose(position[rows], rotation[rows], loaded.jacobian)

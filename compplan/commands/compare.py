@@ -40,13 +40,15 @@ def print_table(comparison: Comparison) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title=f"{comparison.name}: deviation of the loaded tool, rms / greatest [mm]")
+    from compplan.report.style import format_length
+
+    table = Table(title=f"{comparison.name}: deviation of the loaded tool, rms / greatest")
     table.add_column("strategy")
     for cell in comparison.cells:
         table.add_column(cell.name, justify="right")
     for strategy, command in comparison.commands.items():
         runs = [comparison.evaluations[cell.name][strategy] for cell in comparison.cells]
-        figures = [f"{run.rms_deviation * 1e3:.4g} / {run.max_deviation * 1e3:.4g}" for run in runs]
+        figures = [f"{format_length(run.rms_deviation)} / {format_length(run.max_deviation)}" for run in runs]
         table.add_row(strategy if command.status == "solved" else f"{strategy} (infeasible)", *figures)
     console = Console(width=max(80, 26 * (1 + len(comparison.cells))))
     console.print(table)

@@ -20,6 +20,7 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
     from compplan.job import load_job
     from compplan.outputs import summarise_plan, write_plan
     from compplan.plan import plan_job
+    from compplan.report.style import format_length
 
     checked = load_job(job)
     with show_progress() as announce:
@@ -30,9 +31,9 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(summarise_plan(plan), indent=2))
     else:
-        before, after = plan.before.max_deviation * 1e3, plan.after.max_deviation * 1e3
+        before, after = (format_length(run.max_deviation) for run in (plan.before, plan.after))
         click.echo(f"{plan.name}: {plan.status}, {len(plan.task)} waypoints, {plan.timing.time[-1]:.1f} s")
-        click.echo(f"greatest deviation {before:.4g} mm uncorrected, {after:.4g} mm planned ({plan.judge})")
+        click.echo(f"greatest deviation {before} uncorrected, {after} planned ({plan.judge})")
         click.echo(f"robot {plan.robot.name}: model graded {plan.robot.grade}")
         for note in plan.notes:
             click.echo(note)

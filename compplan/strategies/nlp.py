@@ -25,10 +25,11 @@ from compplan.nlp import (
     solve_nlp,
 )
 from compplan.robot import Array
+from compplan.sensitivity import AttainedPose
 from compplan.strategies.compromise import find_compromise
 from compplan.strategies.equations import differentiate_equations, pose_equations
 from compplan.strategies.limits import AT_CORRECTION, judge_limits, measure_correction, name_failures
-from compplan.task import Command, PlanTask, attain, attain_rows
+from compplan.task import Command, PlanTask, attain_rows
 
 MOST_PASSES = 10
 #: Passes in which rate rows are added; what still exceeds a rate then has its feed lowered.
@@ -53,6 +54,7 @@ class _State:
 
     q: Array
     rows: Rows
+    attained: AttainedPose | None = None
     nlp: Nlp | None = None
     solutions: tuple[NlpSolution, ...] = ()
     rate_passes: int = 0
@@ -65,9 +67,10 @@ def command_path(task: PlanTask) -> Command:
     Waypoints that cannot be reached within the limits make the status "infeasible"; they are named, and the command
     misses the path there by as little as the limits allow.
     """
-    problem = hold_start(task)
+    attained = attain_rows(task, task.q_start, np.arange(len(task)))
+    problem = hold_start(task, attained)
     near = np.minimum(task.q_start - problem.lower, problem.upper - task.q_start) < NEAR_LIMIT
-    state = _State(task.q_start, Rows(near))
+    state = _State(task.q_start, Rows(near), attained)
     state = _try_waypoints(task, state, np.flatnonzero(task.missed))
     for _ in range(MOST_PASSES):
         state = _solve_pass(task, problem, state)
@@ -82,14 +85,13 @@ def command_path(task: PlanTask) -> Command:
     return Command(q, "infeasible" if failures else "solved", failures, spent, state.solutions, facts)
 
 
-def hold_start(task: PlanTask) -> PathProblem:
+def hold_start(task: PlanTask, attained: AttainedPose) -> PathProblem:
     """State the program, its hold on q_start firm enough for Gauss-Newton steps to converge.
 
     The Hessian leaves out the curvature of the pose equations. Along the free rotation it is worth as much as the pull
     of smoothness on the correction, so the hold is no weaker: where that is rough, the rotation moves less.
     """
     problem, every = task.problem, np.arange(len(task))
-    attained = attain_rows(task, task.q_start, every)
     columns = differentiate_equations(problem, attained, every)
     normal = columns @ np.swapaxes(columns, 1, 2) + 1e-6 * np.eye(columns.shape[1])
     step = np.swapaxes(columns, 1, 2) @ np.linalg.solve(normal, pose_equations(problem, attained, every)[..., None])
@@ -118,12 +120,12 @@ def _try_waypoints(task: PlanTask, state: _State, suspects: NDArray[np.int_]) ->
         return state
     q = state.q.copy()
     q[suspects] = find_compromise(task, q, suspects)
-    missed = _size(pose_equations(task.problem, attain_rows(task, q, suspects), suspects))
+    missed = _size(pose_equations(task.problem, attain_rows(task, q, suspects, slope=False), suspects))
     failing = suspects[missed > CAN_KEEP]
     rows = state.rows
     bounded = rows.bounded | _widen(np.isin(np.arange(len(q)), suspects))[:, None]
     rows = replace(rows, bounded=bounded, released=np.union1d(rows.released, failing).astype(int))
-    return replace(state, q=q, rows=rows)
+    return replace(state, q=q, rows=rows, attained=None)
 
 
 def _solve_pass(task: PlanTask, problem: PathProblem, state: _State) -> _State:
@@ -131,8 +133,9 @@ def _solve_pass(task: PlanTask, problem: PathProblem, state: _State) -> _State:
     nlp = state.nlp
     if nlp is None or not state.rows.same_program(nlp.rows):
         nlp = build_nlp(problem, state.rows)
-    solution = solve_nlp(nlp, state.q, attain(task, state.q), bounded=state.rows.bounded)
-    state = replace(state, nlp=nlp, solutions=(*state.solutions, solution))
+    attained = state.attained or attain_rows(task, state.q, np.arange(len(task)))
+    solution = solve_nlp(nlp, state.q, attained, bounded=state.rows.bounded)
+    state = replace(state, nlp=nlp, attained=None, solutions=(*state.solutions, solution))
     if solution.success:
         return replace(state, q=solution.q)
     if len(state.rows.velocity) + len(state.rows.acceleration):
@@ -168,20 +171,18 @@ def _polish(task: PlanTask, problem: PathProblem, state: _State) -> Array:
     q, held = state.q, state.rows.released
     busy = np.setdiff1d(np.arange(len(q)), held)
     for _ in range(6):
+        busy = busy[_size(pose_equations(problem, attain_rows(task, q, busy, slope=False), busy)) > EXACT]
+        if not len(busy):
+            break
         attained = attain_rows(task, q, busy)
         missed = pose_equations(problem, attained, busy)
-        open_rows = _size(missed) > EXACT
-        if not open_rows.any():
-            break
-        busy, missed = busy[open_rows], missed[open_rows]
-        attained = type(attained)(*(part[open_rows] for part in attained))
         free = (q[busy] > problem.lower + 1e-7) & (q[busy] < problem.upper - 1e-7)
         columns = differentiate_equations(problem, attained, busy) * free[:, None, :]
         normal = columns @ np.swapaxes(columns, 1, 2) + 1e-14 * np.eye(columns.shape[1])
         step = np.swapaxes(columns, 1, 2) @ np.linalg.solve(normal, missed[..., None])
         trial = q.copy()
         trial[busy] = np.clip(q[busy] - step[..., 0], problem.lower, problem.upper)
-        worse = _size(pose_equations(problem, attain_rows(task, trial, busy), busy)) >= _size(missed)
+        worse = _size(pose_equations(problem, attain_rows(task, trial, busy, slope=False), busy)) >= _size(missed)
         trial[busy[worse]] = q[busy[worse]]
         q, busy = trial, busy[~worse]
     return q
@@ -189,7 +190,7 @@ def _polish(task: PlanTask, problem: PathProblem, state: _State) -> Array:
 
 def _missed(task: PlanTask, problem: PathProblem, q: Array) -> Array:
     every = np.arange(len(q))
-    return pose_equations(problem, attain_rows(task, q, every), every)
+    return pose_equations(problem, attain_rows(task, q, every, slope=False), every)
 
 
 def _size(rows: Array, without: NDArray[np.int_] | None = None) -> Array:
