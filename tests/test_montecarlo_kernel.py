@@ -13,8 +13,8 @@ from compplan.judge import build_judge, judge_pose
 from compplan.montecarlo.curves import quiet_cells
 from compplan.montecarlo.draw import draw_cells
 from compplan.montecarlo.factors import draw_points
+from compplan.montecarlo.judging import run_strategy
 from compplan.montecarlo.kernel import build_kernel, settle_tips
-from compplan.montecarlo.study import run_strategy
 from compplan.robot import load_robot
 
 RNG = np.random.default_rng(11)

@@ -13,10 +13,11 @@ from compplan.cli import group
 from compplan.errors import InputError, UnknownNameError
 from compplan.montecarlo.curves import trace_model_error
 from compplan.montecarlo.factors import draw_points
+from compplan.montecarlo.judging import judge_points
 from compplan.montecarlo.runner import Settings, chunk_size, run_study
 from compplan.montecarlo.sensitivity import measure_sensitivity
 from compplan.montecarlo.statistics import estimate_mean
-from compplan.montecarlo.study import judge_points, prepare_study
+from compplan.montecarlo.study import prepare_study
 from compplan.montecarlo.summary import summarise_run
 from compplan.montecarlo.workforce import Workforce
 from compplan.noise import NoiseTable

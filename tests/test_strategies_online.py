@@ -13,7 +13,7 @@ from compplan.effects import Effect
 from compplan.errors import InputError, UnknownNameError
 from compplan.montecarlo.curves import quiet_cells
 from compplan.montecarlo.encoder_table import compare_encoders
-from compplan.montecarlo.study import run_strategy
+from compplan.montecarlo.judging import run_strategy
 from compplan.robot import Array, load_robot
 from compplan.strategies.online import ONLINE, prepare_controllers
 from compplan.strategies.online_correction import LITERAL, PI, PID

@@ -12,8 +12,9 @@ from itertools import islice
 from typing import Any
 
 from compplan.errors import CompplanError, InputError
+from compplan.montecarlo.judging import Judged, judge_points
 from compplan.montecarlo.storage import pack_study, unpack_study
-from compplan.montecarlo.study import Judged, Study, judge_points
+from compplan.montecarlo.study import Study
 from compplan.montecarlo.workforce import Results
 from compplan.robot import Array
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from compplan.montecarlo.draw import Cells
 from compplan.montecarlo.factors import PARTS
-from compplan.montecarlo.study import Study, run_strategy, thin_study
+from compplan.montecarlo.judging import run_strategy
+from compplan.montecarlo.study import Study, thin_study
 from compplan.robot import Array
 
 #: True compliance over the model's.

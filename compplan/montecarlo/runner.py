@@ -14,9 +14,10 @@ import numpy as np
 
 from compplan.errors import InputError
 from compplan.montecarlo.factors import Sequence, draw_points
+from compplan.montecarlo.judging import Judged
 from compplan.montecarlo.statistics import estimate_mean
 from compplan.montecarlo.storage import ChunkFolder, fingerprint_study
-from compplan.montecarlo.study import Judged, Study
+from compplan.montecarlo.study import Study
 from compplan.montecarlo.workforce import Workforce, compute_chunks
 from compplan.robot import Array
 

@@ -17,7 +17,8 @@ import numpy as np
 
 import compplan
 from compplan.errors import InputError
-from compplan.montecarlo.study import Judged, Study
+from compplan.montecarlo.judging import Judged
+from compplan.montecarlo.study import Study
 from compplan.robot import Array
 from compplan.tables import write_text
 

@@ -12,8 +12,9 @@ from itertools import islice
 from multiprocessing import get_context
 
 from compplan.errors import InputError
+from compplan.montecarlo.judging import Judged, judge_points
 from compplan.montecarlo.storage import pack_study, unpack_study
-from compplan.montecarlo.study import Judged, Study, judge_points
+from compplan.montecarlo.study import Study
 from compplan.robot import Array
 
 #: Threads of numeric libraries in a worker process.
