@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     from compplan.errors import CompplanError, InfeasibleError, InputError
     from compplan.evaluate import Evaluation, evaluate_run, path_accuracy
     from compplan.job import Job, check_job, load_job, load_nominal
-    from compplan.nlp import PathProblem, Rows, build_nlp, solve_nlp
+    from compplan.nlp import build_nlp, solve_nlp
     from compplan.outputs import write_comparison, write_plan
+    from compplan.path_problem import PathProblem, Rows
     from compplan.plan import Plan, PlanOptions, build_task, plan_compensation, plan_job, plan_task
     from compplan.robot import Robot, load_robot
     from compplan.toolpath import Toolpath, place_toolpath, read_toolpath, write_toolpath
@@ -36,7 +37,8 @@ _MODULES = {
     "errors": ("CompplanError", "InfeasibleError", "InputError"),
     "evaluate": ("Evaluation", "evaluate_run", "path_accuracy"),
     "job": ("Job", "check_job", "load_job", "load_nominal"),
-    "nlp": ("PathProblem", "Rows", "build_nlp", "solve_nlp"),
+    "nlp": ("build_nlp", "solve_nlp"),
+    "path_problem": ("PathProblem", "Rows"),
     "outputs": ("write_comparison", "write_plan"),
     "plan": ("Plan", "PlanOptions", "build_task", "plan_compensation", "plan_job", "plan_task"),
     "robot": ("Robot", "load_robot"),

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from compplan.chain import Chain, joint_jacobian, locate_frames
 from compplan.ladder.start import Start
-from compplan.nlp import NlpSolution, PathProblem
+from compplan.nlp import NlpSolution
+from compplan.path_problem import PathProblem
 from compplan.robot import Array, Robot
 from compplan.sensitivity import AttainedPose, attain_pose, chunk_rows
 from compplan.toolpath import Toolpath

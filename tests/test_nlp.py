@@ -9,7 +9,8 @@ import pytest
 from compplan import nlp as program
 from compplan.chain import build_chain, locate_frames
 from compplan.errors import ShapeError
-from compplan.nlp import PathProblem, Rows, build_nlp, pose_data, solve_nlp
+from compplan.nlp import build_nlp, solve_nlp
+from compplan.path_problem import PathProblem, Rows, pose_data
 from compplan.robot import load_robot
 from compplan.sensitivity import attain_pose
 

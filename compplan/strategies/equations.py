@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.nlp import PathProblem
+from compplan.path_problem import PathProblem
 from compplan.robot import Array
 from compplan.sensitivity import AttainedPose
 

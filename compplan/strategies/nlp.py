@@ -14,16 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter1d
 
-from compplan.nlp import (
-    ANCHOR_WEIGHT,
-    Nlp,
-    NlpSolution,
-    PathProblem,
-    Rows,
-    build_nlp,
-    smoothness_matrix,
-    solve_nlp,
-)
+from compplan.nlp import Nlp, NlpSolution, build_nlp, solve_nlp
+from compplan.path_problem import ANCHOR_WEIGHT, PathProblem, Rows, smoothness_matrix
 from compplan.robot import Array
 from compplan.sensitivity import AttainedPose
 from compplan.strategies.compromise import find_compromise
