@@ -15,6 +15,7 @@ from pydantic import BeforeValidator, Field, PrivateAttr, field_validator
 from scipy.spatial.transform import Rotation
 
 from compplan.cam.options import CamTable
+from compplan.corners import round_corners
 from compplan.errors import InputError
 from compplan.generators import GENERATORS, CircleTable, ConeTable, SpiralTable, generate_toolpath
 from compplan.noise import NoiseTable
@@ -291,6 +292,8 @@ def load_nominal(job: Job) -> Toolpath:
     max_step = step * 1e-3 if step is not None else CAM_STEP if from_cam else np.inf
     if np.isfinite(max_step) or turn is not None:
         toolpath = resample_toolpath(toolpath, max_step, max_turn=np.inf if turn is None else float(np.radians(turn)))
+    if job.feed.corner_tolerance_mm > 0.0:
+        toolpath = round_corners(toolpath, job.feed.corner_tolerance_mm * 1e-3)
     nominal = place_toolpath(toolpath, job.T_base_part)
     rotation = job.T_base_part[:3, :3]
     wrench = predict_wrench(

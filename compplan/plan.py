@@ -15,6 +15,7 @@ from compplan.chain import build_chain, locate_frames
 from compplan.collision import ClearanceProfile
 from compplan.errors import InputError, UnknownNameError
 from compplan.evaluate import Evaluation, Margins, evaluate_run, measure_margins
+from compplan.feed import FeedWish, time_run
 from compplan.ik import build_arm, pose_error, refine_ik
 from compplan.job import Job, load_nominal
 from compplan.ladder.start import PostureRequest, check_clearance, find_start, read_request
@@ -23,7 +24,7 @@ from compplan.process import tool_axes
 from compplan.robot import Array, Robot, load_robot
 from compplan.strategies import command_path
 from compplan.task import Command, PlanTask
-from compplan.timing import Timing, time_command
+from compplan.timing import Timing
 from compplan.toolpath import Toolpath, check_toolpath, select_waypoints
 
 #: Height of the approach and of the retract along the tool axis, where the toolpath has none of its own. [m]
@@ -45,6 +46,7 @@ class PlanOptions:
         tool_x: Where the TCP frame's x points, base axes. Shape (3,).
         velocity_scale: Share of the robot's velocity limits that may be used.
         acceleration_scale: Share of the robot's acceleration limits that may be used.
+        feed: What the process asks of the feed.
         posture: What is asked of the posture; None keeps one configuration and the tool's x where `tool_x` has it.
 
     """
@@ -58,6 +60,7 @@ class PlanOptions:
     velocity_scale: float = 1.0
     acceleration_scale: float = 1.0
     posture: PostureRequest | None = None
+    feed: FeedWish = field(default_factory=FeedWish)
 
 
 @dataclass(frozen=True)
@@ -141,7 +144,8 @@ def plan_job(job: Job) -> Plan:
     """
     robot, nominal, options = prepare_job(job)
     task = build_task(robot, nominal, options, file=job.file)
-    return replace(plan_task(task, options.strategy, name=job.name or job.file.stem), job=job)
+    plan = plan_task(task, options.strategy, name=job.name or job.file.stem, feed=options.feed)
+    return replace(plan, job=job)
 
 
 def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
@@ -172,16 +176,16 @@ def plan_compensation(
     """
     options = options or PlanOptions()
     task = build_task(robot, nominal, options)
-    return plan_task(task, options.strategy, name=name)
+    return plan_task(task, options.strategy, name=name, feed=options.feed)
 
 
-def plan_task(task: PlanTask, strategy: str, *, name: str = "path") -> Plan:
+def plan_task(task: PlanTask, strategy: str, *, name: str = "path", feed: FeedWish | None = None) -> Plan:
     """Let one strategy command a task; time and judge its command."""
     command = command_path(task, strategy)
     clearance, near = check_clearance(task.start, command.q)
     if near:
         command = replace(command, status="infeasible", failures={**near, **command.failures})
-    timing = time_command(task, command.q)
+    task, timing, feed_notes = time_run(task, command.q, feed or FeedWish())
     cell = build_cell(task.robot)
     after = evaluate_run(task, command.q, cell)
     before = after if command.q is task.q_start else evaluate_run(task, task.q_start, cell)
@@ -198,7 +202,7 @@ def plan_task(task: PlanTask, strategy: str, *, name: str = "path") -> Plan:
         approach=approach,
         retract=retract,
         clearance=clearance,
-        notes=(*(task.start.notes if task.start else ()), *_notes(task, timing)),
+        notes=(*(task.start.notes if task.start else ()), *feed_notes, *_notes(task, timing)),
     )
 
 
@@ -300,6 +304,7 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         velocity_scale=job.limits.velocity_scale,
         acceleration_scale=job.limits.acceleration_scale,
         posture=read_request(job, robot),
+        feed=FeedWish(job.feed.mode == "constant", job.feed.torque_limits),
     )
 
 

@@ -7,7 +7,10 @@ from rest to rest. Rapid moves are joint moves from rest to rest: every joint ta
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +26,17 @@ LOWERED = 0.995
 NO_LIMIT = 1e4
 #: Acceleration of a joint whose folder states none, in rapid moves: full speed after this time. [s]
 FULL_SPEED_AFTER = 0.5
+
+
+#: From joint motion per programmed time and its derivative to torques tau = a u + b x + c, and their limits.
+TorqueParts = Callable[[Array, Array], tuple[Array, Array, Array, Array]]
+
+
+class TorqueRows(Protocol):
+    """Joint torques of a cut as TOPP-RA reads them: tau = a u + b x + c, x the square of the speed, u half its rate."""
+
+    def rows(self, start: int, end: int, rate: Array, change: Array) -> tuple[Array, Array, Array, Array]:
+        """Return a, b, c of the waypoints from `start` to `end`, shapes (k, nq), and the limits, shape (nq,) [N m]."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +72,13 @@ class Timing:
         return self.share < LOWERED
 
 
-def time_command(task: PlanTask, q: Array) -> Timing:
+def time_command(task: PlanTask, q: Array, *, rules: TorqueRows | None = None) -> Timing:
     """Time a command.
 
     Args:
         task: The task that it fulfils: programmed feed, limits, rapid moves.
         q: Commanded joint positions. Shape (n, nq). [rad or m]
+        rules: Joint torques to keep within limits, or None.
 
     Raises:
         ConvergenceError: If no run keeps the limits.
@@ -74,10 +89,11 @@ def time_command(task: PlanTask, q: Array) -> Timing:
     velocity, acceleration = np.zeros((n, nq)), np.zeros((n, nq))
     rapid = task.nominal.rapid.copy()
     rapid[0] = False
-    for start, end in _cutting_runs(rapid):
-        along = np.r_[0.0, np.cumsum(_parameter_steps(task, q, start, end))]
+    for start, end in cutting_runs(rapid):
+        along = np.r_[0.0, np.cumsum(parameter_steps(task, q, start, end))]
         run = slice(start, end + 1)
-        rate, change, speed, push = time_cut(along, q[run], task.velocity_limits, task.acceleration_limits)
+        rows = None if rules is None else partial(rules.rows, start, end)
+        rate, change, speed, push = time_cut(along, q[run], task.velocity_limits, task.acceleration_limits, rows)
         velocity[run], acceleration[run] = rate * speed[:, None], change * speed[:, None] ** 2 + rate * push[:, None]
         step[start + 1 : end + 1] = 2 * np.diff(along) / np.maximum(speed[1:] + speed[:-1], 1e-12)
     moves = np.flatnonzero(rapid)
@@ -98,7 +114,7 @@ def time_command(task: PlanTask, q: Array) -> Timing:
 
 
 def time_cut(
-    along: Array, q: Array, velocity_limits: Array, acceleration_limits: Array
+    along: Array, q: Array, velocity_limits: Array, acceleration_limits: Array, torques: TorqueParts | None = None
 ) -> tuple[Array, Array, Array, Array]:
     """Time one cut by TOPP-RA.
 
@@ -107,6 +123,8 @@ def time_cut(
         q: Joint positions. Shape (k, nq). [rad or m]
         velocity_limits: Shape (nq,). [rad/s or m/s]
         acceleration_limits: Shape (nq,), infinite where there is none. [rad/s^2 or m/s^2]
+        torques: From joint motion per programmed time and its derivative to the rows of `TorqueRows`, or None; not for
+            cuts of fewer than three waypoints.
 
     Returns:
         Joint motion per programmed time, its derivative (k, nq), share of the programmed feed and its rate (k,).
@@ -119,7 +137,8 @@ def time_cut(
     spline = CubicSpline(along, q, bc_type="natural")
     rate, change = spline(along, 1), spline(along, 2)
     limits = np.where(np.isfinite(acceleration_limits), acceleration_limits, NO_LIMIT)
-    speed, push = _run_toppra(along, rate, change, velocity_limits, limits)
+    bounds = [] if torques is None else [_bound_torques(*torques(rate, change))]
+    speed, push = _run_toppra(along, rate, change, velocity_limits, limits, bounds)
     return rate, change, speed, push
 
 
@@ -144,7 +163,25 @@ def time_rapids(distance: Array, velocity_limits: Array, acceleration_limits: Ar
     return np.asarray(np.where(short, triangle, trapezoid).max(axis=1, initial=0.0))
 
 
-def _run_toppra(along: Array, rate: Array, change: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+def _bound_torques(a: Array, b: Array, c: Array, limits: Array) -> Any:
+    """Make TOPP-RA's constraint |a u + b x + c| <= limits at the waypoints."""
+    from toppra.constraint.linear_constraint import LinearConstraint
+
+    class Torques(LinearConstraint):  # type: ignore[misc]
+        def __init__(self) -> None:
+            super().__init__()
+            self.dof, self.identical = a.shape[1] + 1, True
+
+        def compute_constraint_params(self, path: _Path, gridpoints: Array) -> tuple[Any, ...]:
+            both = np.vstack([np.eye(a.shape[1]), -np.eye(a.shape[1])])
+            return a, b, c, both, np.r_[limits, limits], None, None
+
+    return Torques()
+
+
+def _run_toppra(
+    along: Array, rate: Array, change: Array, velocity: Array, acceleration: Array, bounds: list[Any]
+) -> tuple[Array, Array]:
     """Return the share of the programmed feed and its rate at every waypoint."""
     import toppra
     from toppra import algorithm, constraint
@@ -160,6 +197,7 @@ def _run_toppra(along: Array, rate: Array, change: Array, velocity: Array, accel
         rules = [
             constraint.JointVelocityConstraint(wide),
             constraint.JointAccelerationConstraint(push, discretization_scheme=scheme),
+            *bounds,
         ]
         solver = algorithm.TOPPRA(
             rules, path, gridpoints=along, solver_wrapper="seidel", parametrizer="ParametrizeSpline"
@@ -188,7 +226,7 @@ class _Path:
         return np.asarray(self.values[order][rows])
 
 
-def _cutting_runs(rapid: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def cutting_runs(rapid: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """List first and last waypoint of every cut; the first is where it is reached."""
     cutting = np.flatnonzero(~rapid[1:]) + 1
     if not len(cutting):
@@ -198,7 +236,7 @@ def _cutting_runs(rapid: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(first) - 1, int(last)) for first, last in zip(firsts, lasts, strict=True)]
 
 
-def _parameter_steps(task: PlanTask, q: Array, start: int, end: int) -> Array:
+def parameter_steps(task: PlanTask, q: Array, start: int, end: int) -> Array:
     """Return programmed times of the moves of a cut; a move without length (a turn) takes what its joints need."""
     steps = task.step_time[start:end]
     need = (np.abs(np.diff(q[start : end + 1], axis=0)) / task.velocity_limits).max(axis=1)

@@ -67,12 +67,13 @@ def trace_line(
     """
     n = len(nominal)
     rows = np.arange(n)
+    place = _measure(nominal)
     spin_at, lead_at, lean_at = (_take(v, choice) for v in (options.spin, options.lead, options.lean))
     along = np.unwrap(spin_at)
     if smooth and len(stations) > 3:
         along, lead_at, lean_at = (gaussian_filter1d(v, SMOOTH, mode="nearest") for v in (along, lead_at, lean_at))
-    spin, lead, lean = (_interpolate(rows, stations, v) for v in (along, lead_at, lean_at))
-    between = np.stack([_interpolate(rows, stations, q[:, j]) for j in range(q.shape[1])], axis=1)
+    spin, lead, lean = (_interpolate(place, stations, v) for v in (along, lead_at, lean_at))
+    between = np.stack([_interpolate(place, stations, q[:, j]) for j in range(q.shape[1])], axis=1)
     rotation = orient_tool(nominal, tool_x, rows, spin, lead, lean)
     upright = rotation
     branches = solve_branches(arm, nominal.position, rotation, between[:, arm.held])
@@ -144,11 +145,17 @@ def _pass_through(arm: Arm, q: Array, position: Array, rotation: Array) -> tuple
     return q, np.abs(error).max(axis=1) < REACHED
 
 
-def _interpolate(rows: NDArray[np.int_], stations: NDArray[np.int_], values: Array) -> Array:
+def _measure(nominal: Toolpath) -> Array:
+    """Return how far along the path each waypoint lies: by length, and a little by number where there is none."""
+    steps = np.maximum(nominal.steps, 1e-3 * max(float(nominal.steps.mean()), 1e-9))
+    return np.r_[0.0, np.cumsum(steps)]
+
+
+def _interpolate(place: Array, stations: NDArray[np.int_], values: Array) -> Array:
     """Interpolate between stations without overshoot and without kinks."""
     if len(stations) < 3:
-        return np.interp(rows, stations, values)
-    return np.asarray(PchipInterpolator(stations, values)(rows))
+        return np.interp(place, place[stations], values)
+    return np.asarray(PchipInterpolator(place[stations], values)(place))
 
 
 def _take(values: Array, choice: NDArray[np.int_]) -> Array:
