@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.cell import Cell, run_cell
+from compplan.cell import MISMATCHES, Cell, build_cell, run_cell
 from compplan.errors import ShapeError
 from compplan.robot import Array
 from compplan.strategies.limits import measure_correction
@@ -85,6 +85,44 @@ class Margins(NamedTuple):
     velocity_ratio: float
     acceleration_ratio: float
     max_correction: float
+
+
+class Mismatch(NamedTuple):
+    """What a command leaves in a cell that differs from the planner's model.
+
+    Attributes:
+        cell: Name of the cell; says in what it differs.
+        rms_deviation: Root mean square distance over the judged waypoints. [m]
+        max_deviation: Greatest distance over them. [m]
+        waypoints: How many waypoints of the cut were judged, evenly spread.
+
+    """
+
+    cell: str
+    rms_deviation: float
+    max_deviation: float
+    waypoints: int
+
+
+def evaluate_mismatch(task: PlanTask, q: Array, factor: float = MISMATCHES[0], most: int = 2000) -> Mismatch:
+    """Run a command in a cell whose compliances are all wrong by a factor.
+
+    Args:
+        task: The task; its predicted wrench acts.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        factor: Compliance of the cell over that of the model; assumed, not measured.
+        most: How many waypoints to judge at most; all of them where effects of the robot depend on the motion.
+
+    """
+    cell = build_cell(task.robot.scale_compliance(factor), f"compliance x {factor:g}")
+    rows = np.flatnonzero(task.compensated)
+    if task.robot.effects:
+        position = run_cell(cell, q, task.wrench, task.step_time).position[rows]
+    else:
+        rows = rows[:: max(1, -(-len(rows) // most))]
+        position = run_cell(cell, q[rows], task.wrench[rows]).position
+    distance = np.linalg.norm(position - task.position[rows], axis=1)
+    return Mismatch(cell.name, float(np.sqrt(np.mean(distance**2))), float(distance.max()), len(rows))
 
 
 def evaluate_run(task: PlanTask, q: Array, cell: Cell) -> Evaluation:

@@ -92,6 +92,14 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "solve_time_s": round(plan.command.solve_time, 4),
         "error_before_mm": _figures(plan.before),
         "error_after_mm": _figures(plan.after),
+        "under_mismatch": [
+            {
+                "cell": plan.mismatch.cell,
+                "rms_mm": plan.mismatch.rms_deviation * 1e3,
+                "max_mm": plan.mismatch.max_deviation * 1e3,
+                "waypoints": plan.mismatch.waypoints,
+            }
+        ],
         "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
         "within_tolerance": plan.after.share_within(plan.task.tolerance),
         "correction_mm": {"max": margins.max_correction * 1e3},

@@ -14,7 +14,7 @@ from compplan.cell import JUDGE, build_cell
 from compplan.chain import build_chain, locate_frames
 from compplan.collision import ClearanceProfile
 from compplan.errors import InputError, UnknownNameError
-from compplan.evaluate import Evaluation, Margins, evaluate_run, measure_margins
+from compplan.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch, evaluate_run, measure_margins
 from compplan.feed import FeedWish, time_run
 from compplan.ik import build_arm, pose_error, refine_ik
 from compplan.job import Job, load_nominal
@@ -119,6 +119,11 @@ class Plan:
     def correction(self) -> Array:
         """Unloaded tip of the command minus nominal. Shape (n, 3). [m]."""
         return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
+
+    @cached_property
+    def mismatch(self) -> Mismatch:
+        """What the command leaves where the robot's compliances differ from the model's."""
+        return evaluate_mismatch(self.task, self.q)
 
     def explain_failures(self) -> str:
         """Say in a sentence which waypoints fail and which limits stop them; empty where none fails."""

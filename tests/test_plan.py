@@ -37,6 +37,13 @@ def test_loaded_tip_of_the_cone_stays_within_a_micrometre_in_the_exact_cell(cone
     assert cone.after.max_tilt < 1e-6
 
 
+def test_beside_the_plan_stands_what_a_softer_robot_leaves_of_it(cone):
+    # To first order a compliance wrong by 20 % leaves 20 % of the uncorrected deviation.
+    assert cone.mismatch.cell == "compliance x 1.2"
+    assert cone.mismatch.max_deviation == pytest.approx(0.2 * cone.before.max_deviation, rel=0.05)
+    assert cone.mismatch.max_deviation > 1e3 * cone.after.max_deviation
+
+
 def test_rapid_moves_are_not_compensated(cone):
     rapid = ~cone.task.compensated
     assert rapid.any()

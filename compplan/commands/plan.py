@@ -34,6 +34,8 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
         before, after = (format_length(run.max_deviation) for run in (plan.before, plan.after))
         click.echo(f"{plan.name}: {plan.status}, {len(plan.task)} waypoints, {plan.timing.time[-1]:.1f} s")
         click.echo(f"greatest deviation {before} uncorrected, {after} planned ({plan.judge})")
+        wrong = plan.mismatch
+        click.echo(f"{format_length(wrong.max_deviation)} planned where the robot is not as modelled ({wrong.cell})")
         click.echo(f"robot {plan.robot.name}: model graded {plan.robot.grade}")
         for note in plan.notes:
             click.echo(note)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.evaluate import Mismatch
 from compplan.report.along_path import (
     FLOOR,
     Stations,
@@ -56,6 +57,7 @@ class PlanView:
         time: Time of each waypoint. Shape (n,). [s]
         before: Deviation of the tip without correction. Shape (n, 3). [m]
         after: Deviation of the tip as planned. Shape (n, 3). [m]
+        mismatch: What the plan leaves in a cell that differs from the model, or None.
         tilt_before: Angle between wanted and attained tool axis without correction, or None. Shape (n,). [rad]
         tilt_after: The same as planned, or None. Shape (n,). [rad]
         correction: Unloaded tip of the command minus nominal. Shape (n, 3). [m]
@@ -98,6 +100,7 @@ class PlanView:
     velocity_limits: Array | None = None
     acceleration_limits: Array | None = None
     slowed: NDArray[np.bool_] | None = None
+    mismatch: Mismatch | None = None
     tilt_before: Array | None = None
     tilt_after: Array | None = None
     failures: Mapping[int, str] = field(default_factory=dict)
@@ -168,8 +171,11 @@ def summarise_plan(view: PlanView) -> str:
         text += f"; uncorrected it strays up to {format_length(float(before.max()))}"
         ratio = float(before.max() / max(after.max(), 1e-12))
         text += f", {format_number(ratio, 2)} times as far" if 1.5 < ratio < 1e5 else ""
+    if view.mismatch is not None:
+        wrong = format_length(view.mismatch.max_deviation)
+        text += f". Where the robot is not as modelled ({view.mismatch.cell}, assumed) the plan leaves up to {wrong}"
     share = float((after <= view.tolerance).mean())
-    text += f". {format_percent(share)} of the cut is within the tolerance of {_set_length(view.tolerance)}"
+    text += f". As modelled, {format_percent(share)} of the cut is within the tolerance of {_set_length(view.tolerance)}"
     text += f", and the whole path takes {format_set_value(round(float(view.time[-1]), 1))}\u00a0s."
     if view.lowered.any() and not view.notes:
         text += f" The feed is lowered at {view.lowered.sum()} of {view.cut.sum()} waypoints."
@@ -204,6 +210,9 @@ def _key_figures(view: PlanView) -> PageTable:
     before, after = (np.linalg.norm(side, axis=1)[cut] for side in (view.before, view.after))
     for name, reduce in (("rms", lambda size: np.sqrt(np.mean(size**2))), ("mean", np.mean), ("largest", np.max)):
         rows.append([f"deviation, {name}", *(_length_cell(float(reduce(size))) for size in (before, after))])
+    if view.mismatch is not None:
+        wrong = format_length(view.mismatch.max_deviation)
+        rows.append([f"largest, {view.mismatch.cell}", None, Cell(wrong, "strong")])
     shares = [Cell(format_percent(float((size <= view.tolerance).mean()))) for size in (before, after)]
     rows.append([f"within {_set_length(view.tolerance)}", *shares])
     if view.tilt_before is not None and view.tilt_after is not None:

@@ -58,6 +58,7 @@ def view_plan(plan: Plan, extra: Sequence[Section] = ()) -> PlanView:
         time=timing.time,
         before=plan.before.deviation,
         after=plan.after.deviation,
+        mismatch=plan.mismatch,
         correction=plan.correction,
         wrench=task.wrench,
         velocity=timing.velocity,
