@@ -14,9 +14,9 @@ from compplan.effects.signature import Signature
 from compplan.robot import Array
 
 #: Two effects cannot be told apart if one explains this share of what the other does, frames fitted to both,
-ALIKE = 0.98
+ALIKE = 0.975
 #: or if what it leaves of the other is this small: sum of squares over the campaign, in units of the noise variance.
-BELOW_NOISE = 12.0
+BELOW_NOISE = 16.0
 #: Where frames explain all but this share of an effect, the whole of it counts.
 LEFT_BY_FRAMES = 0.02
 MOST_RIVALS = 8

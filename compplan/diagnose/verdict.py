@@ -146,8 +146,13 @@ def only_in_readings(fit: Fit, finding: Finding) -> bool:
 
 
 def trust_in(finding: Finding, structure: Structure) -> float:
-    """Return how far a name can be trusted where structure is left: a cause explains far more than it leaves."""
-    ratio = structure.rms / max(finding.explained, 1e-12)
+    """Return how far a name can be trusted where structure is left: a cause explains far more than it leaves.
+
+    What is left is compared with the geometric mean of what the effect and all effects together explain: a small effect
+    of many that together explain nearly everything is no imitation.
+    """
+    together = max(structure.explained, finding.explained)
+    ratio = structure.rms / max(np.sqrt(finding.explained * together), 1e-12)
     return float(1.0 / (1.0 + (ratio / UNTRUSTED) ** 4))
 
 

@@ -1,0 +1,91 @@
+"""Measurement logs: units, missing values, and what follows from the order of rows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compplan.errors import InputError
+from compplan.measurements import Campaign, read_campaign
+from compplan.robot import Robot
+from tests.simulated_campaigns import plan_rows, write_small_robot
+
+HEAD = "run,time_s,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N,mx_Nm,my_Nm,mz_Nm,x_mm,y_mm,z_mm\n"
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    return write_small_robot(tmp_path_factory.mktemp("small"))
+
+
+def write(folder: Path, text: str) -> Path:
+    file = folder / "log.csv"
+    file.write_text(text)
+    return file
+
+
+def test_either_unit_of_a_column_reads_the_same(robot: Robot, tmp_path: Path) -> None:
+    one = read_campaign(write(tmp_path, HEAD + "static_1,0,90,0,0,0,0,0,0,0,-100,0,0,0,1000,2000,500\n"), robot)
+    radians = HEAD.replace("q1_deg", "q1_rad").replace("x_mm", "x_m")
+    row = f"static_1,0,{np.pi / 2},0,0,0,0,0,0,0,-100,0,0,0,1,2000,500\n"
+    two = read_campaign(write(tmp_path, radians + row), robot)
+    assert one.q[0, 0] == pytest.approx(two.q[0, 0])
+    assert one.position[0, 0] == pytest.approx(two.position[0, 0]) == 1.0
+
+
+def test_empty_fields_are_missing_values_and_their_rows_unusable(robot: Robot, tmp_path: Path) -> None:
+    rows = "static_1,0,9,0,0,0,0,0,0,0,0,0,0,0,1,2,3\nstatic_1,5,9,0,0,0,0,0,0,0,0,0,0,0,,2,3\n"
+    campaign = read_campaign(write(tmp_path, HEAD + rows), robot)
+    assert campaign.usable.tolist() == [True, False]
+
+
+def test_a_log_without_wrench_columns_carries_no_load(robot: Robot, tmp_path: Path) -> None:
+    text = "run,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\nstatic,1,2,3,4,5,6,7,8,9\n"
+    campaign = read_campaign(write(tmp_path, text), robot)
+    assert not campaign.wrench.any()
+    assert not campaign.load_varies
+
+
+def test_positions_of_kilometres_name_the_unit(robot: Robot, tmp_path: Path) -> None:
+    text = HEAD.replace("x_mm", "x_m") + "static,0,1,2,3,4,5,6,0,0,0,0,0,0,1700,8,9\n"
+    with pytest.raises(InputError, match="name the columns x_mm"):
+        read_campaign(write(tmp_path, text), robot)
+
+
+def test_a_missing_joint_column_is_named(robot: Robot, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="q6"):
+        read_campaign(write(tmp_path, HEAD.replace("q6_deg,", "") + "static,0,1,2,3,4,5,0,0,0,0,0,0,7,8,9\n"), robot)
+
+
+def order(q: list[float], run: list[str]) -> Campaign:
+    joints = np.zeros((len(q), 6))
+    joints[:, 1] = q
+    nowhere = np.zeros((len(q), 3))
+    return Campaign(run=np.array(run), q=joints, wrench=np.zeros((len(q), 6)), position=nowhere)
+
+
+def test_approach_is_the_sign_of_the_last_move_and_unknown_where_a_run_begins() -> None:
+    campaign = order([0.0, 0.1, 0.1, 0.05, 0.3, 0.2], ["static_1"] * 4 + ["static_2"] * 2)
+    assert campaign.approach[:, 1].tolist() == [0, 1, 1, -1, 0, -1]
+    assert campaign.first_visit.tolist() == [True, False, False, False, True, False]
+
+
+def test_a_visit_lasts_while_neither_joints_nor_load_change() -> None:
+    campaign = order([0.0, 0.0, 0.1, 0.1, 0.1], ["static_1"] * 5)
+    wrench = campaign.wrench.copy()
+    wrench[4, 2] = -500.0
+    campaign = replace(campaign, wrench=wrench)
+    assert campaign.visit.tolist() == [0, 0, 1, 1, 2]
+    assert campaign.stay.tolist() == [0, 0, 1, 1, 1]
+
+
+def test_speed_is_that_of_paths_and_zero_at_rest(robot: Robot) -> None:
+    campaign = plan_rows(robot, 1, poses=5, path=50)
+    assert not campaign.speed[~campaign.on_path].any()
+    rows = np.flatnonzero(campaign.on_path)[10:40]
+    assert campaign.time is not None
+    slope = (campaign.q[rows + 1] - campaign.q[rows - 1]) / (campaign.time[rows + 1] - campaign.time[rows - 1])[:, None]
+    np.testing.assert_allclose(campaign.speed[rows], slope, rtol=1e-6, atol=1e-9)
