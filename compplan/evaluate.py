@@ -104,7 +104,7 @@ class Mismatch(NamedTuple):
     waypoints: int
 
 
-def evaluate_mismatch(task: PlanTask, q: Array, factor: float = MISMATCHES[0], most: int = 2000) -> Mismatch:
+def evaluate_mismatch(task: PlanTask, q: Array, factor: float = MISMATCHES[0], most: int = 10000) -> Mismatch:
     """Run a command in a cell whose compliances are all wrong by a factor.
 
     Args:
