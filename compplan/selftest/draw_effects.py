@@ -23,6 +23,10 @@ NEEDS_LOAD = ("link_compliance", "base_compliance", "stiffness_nonlinearity", "w
 UNSCALED = ("gravity_sag", "joint_coupling")
 #: No parameter is larger than so many of its prior scales: a robot in service would not be run with it (assumed).
 LARGEST = 8.0
+#: A joint is at most so much stiffer or softer than its model, relative change of the compliance (assumed).
+STIFFER, SOFTER = 0.6, 2.0
+#: Joints that balancers sit at, counted among the turning ones (assumed).
+BALANCED = (1, 2)
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,9 @@ def draw_effect(random: np.random.Generator, name: str, at: Linearization, time_
         return _draw_coupling(random, at)
     offered = _MAKERS[name](random, at) if name in _MAKERS else list(EFFECTS[name].signatures(at))
     offered = [s for s in offered if _wanted(s)]
+    if name == "gravity_compensator":
+        turning = [joint.name for joint in at.robot.actuated if joint.kind == "revolute"]
+        offered = [s for s in offered if s.joint in [turning[k] for k in BALANCED]]
     if not offered:
         raise LookupError(f"{name} does not show in this campaign")
     places = list(dict.fromkeys(s.place for s in offered))
@@ -83,6 +90,9 @@ def draw_effect(random: np.random.Generator, name: str, at: Linearization, time_
     if "time_constant_s" in fixed:
         fixed["time_constant_s"] = time_constant
     most = LARGEST * float(np.min(signature.scale / np.maximum(np.abs(values), 1e-30)))
+    if name == "joint_stiffness" and (index := at.robot.joint_names.index(str(signature.joint))) in at.own:
+        nominal = at.own[index].compliance
+        most = (SOFTER if values[0] > 0 else STIFFER) * nominal / abs(float(values[0])) if nominal > 0 else most
     return Drawn(name, signature.joint, signature.axis, signature.keys, values, fixed, most)
 
 

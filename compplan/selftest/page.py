@@ -106,12 +106,13 @@ def _rates(summary: Mapping[str, Any]) -> Section:
     heads = [
         Column("kind"), Column("difficulty"), Column("campaigns"), Column("all named"), Column("nothing false"),
         Column("false names a case"), Column("status right"), Column("unknown or partly"),
-        Column("later gap over floor"), Column("nominal over floor"), Column("worse than nominal"),
+        Column("later gap over floor"), Column("at the floor"), Column("nominal over floor"),
+        Column("worse than nominal"),
     ]  # fmt: skip
     rows: list[Row] = [
         [k["kind"], k["difficulty"], k["campaigns"], _percent(k["all_named"]), _percent(k["nothing_false"]),
          k["false_names_a_case"], _percent(k["status_right"]), _percent(k["unknown_or_partly"]),
-         k["fresh_over_floor_median"], k["nominal_over_floor_median"], k["fresh_worse"]]
+         k["fresh_over_floor_median"], _percent(k["at_the_floor"]), k["nominal_over_floor_median"], k["fresh_worse"]]
         for k in summary["kinds"]
     ]  # fmt: skip
     ties = summary["ties"]
@@ -195,18 +196,19 @@ def _bin(entry: Mapping[str, Any]) -> str:
 def _withheld(summary: Mapping[str, Any]) -> Section:
     rows: list[Row] = [
         [e["effect"].replace("_", " "), e["campaigns"], _percent(e["honest"]), _percent(e["unknown"]),
-         _percent(e["rival_named"]), e["false_names_a_case"],
+         _percent(e["rival_named"]), _percent(e["predicts_later"]), e["false_names_a_case"],
          Cell(e["confident_wrong"], "bad" if e["confident_wrong"] else ""), e["fresh_worse"]]
         for e in summary["withheld"]["effects"]
     ]  # fmt: skip
     heads = [
         Column("effect withheld"), Column("campaigns"), Column("honest"), Column("unknown"),
-        Column("a true rival named"), Column("false names a case"),
+        Column("a true rival named"), Column("later campaign at the floor"), Column("false names a case"),
         Column("confident wrong names"), Column("worse than nominal"),
     ]  # fmt: skip
     caption = (
         "The true effect is left out of the candidates. Honest: unknown, partly explained, or only effects that the "
-        "campaign cannot tell from the true one."
+        "campaign cannot tell from the true one. A false name whose robot predicts the later campaign down to the "
+        "floor may be several effects that do together what the true one does."
     )
     blocks: list[Block] = [PageTable(heads, rows, caption)] if rows else []
     return Section("What is said when the true effect is no candidate", blocks)

@@ -13,6 +13,8 @@ from compplan.selftest.scoring import Score, is_honest, score_answer
 
 #: Bins of stated probability; answers of one bin should hold as often as they say.
 BINS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0)
+#: A later campaign is predicted where its gap is at most this many noise floors, by difficulty.
+AT_THE_FLOOR = {"clean": 1.1, "realistic": 1.3}
 #: Bins of an effect's gap over the standard deviation of one coordinate.
 SIZES = (0.0, 5.0, 8.0, 12.0, 20.0, 35.0, np.inf)
 
@@ -61,6 +63,7 @@ def summarise_kind(scores: Sequence[Score], kind: str, difficulty: str) -> dict[
         "fresh_over_floor_median": float(np.median(fresh)),
         "fresh_over_floor_p90": float(np.quantile(fresh, 0.9)),
         "nominal_over_floor_median": float(np.median([s.fresh_nominal for s in part])),
+        "at_the_floor": _mean(s.fresh <= AT_THE_FLOOR.get(difficulty, 1.1) for s in part),
         "fresh_worse": sum(s.worse for s in part),
     }
 
@@ -138,6 +141,7 @@ def _withheld_rates(part: Sequence[tuple[dict[str, Any], Score]]) -> dict[str, A
         "rival_named": _mean(any(claim.right for claim in score.claims) for _, score in part),
         "false_names_a_case": _mean(score.false_names for _, score in part),
         "confident_wrong": sum(score.confident_wrong > 0 for _, score in part),
+        "predicts_later": _mean(score.fresh <= AT_THE_FLOOR.get(score.difficulty, 1.1) for _, score in part),
         "fresh_worse": sum(score.worse for _, score in part),
     }
 
