@@ -59,6 +59,8 @@ PROCESSES: dict[str, dict[str, Any]] = {
     "cone": {"model": "isf", "axial_N": 1200.0, "lateral_N": 400.0},
     "freeform": {"model": "constant", "force_N": [-250.0, 150.0, 350.0], "frame": "path"},
 }
+#: Where the part may be placed: the room in front of the robot.
+PLACES = {"x_mm": [800.0, 2200.0], "y_mm": [-800.0, 800.0], "z_mm": [0.0, 1400.0], "step_mm": 200.0}
 ANGLES = (0.0, 45.0, 90.0)
 #: Mount: bracket along the flange axis, then spindle under the angle. [mm]
 BRACKET, SPINDLE = 150.0, 300.0
@@ -93,7 +95,7 @@ def make_case(robot: str, path: str, angle: float, tool_x: tuple[float, float, f
     table = {
         "schema": 1, "robot": robot, **PATH_TABLES[path], "process": PROCESSES[path],
         "part": {"position_mm": list(place)}, "tool": {"position_mm": tip, "rotation_deg": turn, "mass_kg": 15.0},
-        "plan": {"tool_x": list(tool_x)}, "place": {"step_mm": 125.0},
+        "plan": {"tool_x": list(tool_x)}, "place": PLACES,
     }  # fmt: skip
     job = check_job(table, PATHS / "benchmark.toml")
     loaded = job_robot(job)

@@ -21,9 +21,9 @@ ROUND_POINTS, SHARE = 7, 0.45
 def round_corners(toolpath: Toolpath, tolerance: float) -> Toolpath:
     """Round the corners of the cut by parabolas that stay within a tolerance of the path.
 
-    A corner turns the travel by more than a few degrees and much more than its neighbours do. A parabola from a before to
-    a after a corner of turn phi passes it at a sin(phi / 2) / 2. Points crowd towards the corner, so that interpolation
-    between them does not swing out.
+    A corner turns the travel by more than a few degrees and much more than its neighbours do. A parabola from a before
+    to a after a corner of turn phi passes it at a sin(phi / 2) / 2. The tool axis turns along a parabola too. Points
+    crowd towards the corner, so that interpolation between them does not swing out.
 
     Args:
         toolpath: The toolpath.

@@ -105,7 +105,7 @@ def find_constant_feed(task: PlanTask, q: Array) -> ConstantFeed:
         if end - start < 2:
             continue
         along = np.r_[0.0, np.cumsum(parameter_steps(even, q, start, end))]
-        spline = CubicSpline(along, q[start : end + 1], bc_type="natural")
+        spline = CubicSpline(along, q[start : end + 1], bc_type="not-a-knot" if end - start > 2 else "natural")
         shares = {
             "velocity": task.velocity_limits / np.maximum(np.abs(spline(along, 1)), 1e-12),
             "acceleration": np.sqrt(task.acceleration_limits / np.maximum(np.abs(spline(along, 2)), 1e-12)),

@@ -19,8 +19,7 @@ def draw_place_map(result: PlaceResult) -> bytes:
     from matplotlib.colors import LinearSegmentedColormap
 
     rating = next((r for r in result.ratings if r.turn == result.turn), result.ratings[0])
-    shades = LinearSegmentedColormap.from_list("sensitivity", list(SEQUENTIAL))
-    shades.set_bad("#e3e5e8")
+    shades = LinearSegmentedColormap.from_list("sensitivity", list(SEQUENTIAL)).with_extremes(bad="#e3e5e8")
     figure, panels = pyplot.subplots(1, 2, figsize=(11.0, 4.6), dpi=130, layout="constrained")
     low, high = np.nanpercentile(1e3 * rating.bound, (1, 97))
     chosen, marked = result.position, {"markeredgecolor": "#111418", "linestyle": "none"}

@@ -1,0 +1,125 @@
+"""Collision: closed forms, the bound along a path, what may touch, and a plan that keeps clear."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from compplan.collision import (
+    build_scene,
+    describe_contact,
+    find_contacts,
+    locate_link_frames,
+    measure_clearance,
+    measure_margin,
+)
+from compplan.errors import InputError
+from compplan.ladder.choose import choose_stance
+from compplan.ladder.settings import PostureSettings
+from compplan.report.robot_scene import locate_links
+from compplan.robot import load_robot
+from compplan.solids import cut_tip, load_mesh
+from compplan.toolpath import Toolpath
+
+ROBOT = load_robot("kuka_kr240")
+REST = np.array([[0.0, 0.3, 0.5, 0.0, 0.8, 0.0]])
+
+
+def test_link_frames_agree_with_those_that_the_report_draws() -> None:
+    q = REST + 0.3 * np.random.default_rng(0).standard_normal((3, 6))
+    frames = locate_link_frames(ROBOT, q)
+    for i in range(3):
+        for link, pose in locate_links(ROBOT, q[i]).items():
+            if link in frames:
+                assert frames[link][i] == pytest.approx(pose, abs=1e-12)
+
+
+def test_the_distance_of_a_ball_at_the_flange_from_a_wall_is_the_closed_form() -> None:
+    flange = locate_link_frames(ROBOT, REST)[ROBOT.flange][0][:3, 3]
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.4)
+    wall = trimesh.creation.box((0.1, 40.0, 40.0))
+    wall.apply_translation([flange[0] + 0.4 + 0.123 + 0.05, 0.0, 0.0])
+    scene = build_scene(ROBOT, tool=ball, fixture=wall, self_collision=False)
+    names = [{scene.solids[a].name, scene.solids[b].name} for a, b in scene.outside]
+    contact = find_contacts(scene, REST, scene.outside[[n == {"tool", "fixture"} for n in names]])[0]
+    assert {contact.first, contact.second} == {"tool", "fixture"}
+    assert contact.distance == pytest.approx(0.123, abs=2e-3)
+    assert "comes within 12" in describe_contact(contact)
+
+
+def test_the_tip_may_touch_the_part_and_the_shank_may_not() -> None:
+    flange = locate_link_frames(ROBOT, REST)[ROBOT.flange][0]
+    tip = ROBOT.with_tool(np.array([[0, 0, 1.0, 0.3], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1.0]]))
+    rod = trimesh.creation.cylinder(0.01, segment=([0, 0, 0], [0.3, 0, 0]))
+    part = trimesh.creation.box((0.02, 0.02, 0.02))
+    for at, free in ((0.3, True), (0.15, False)):
+        place = part.copy().apply_translation((flange @ [at, 0, 0, 1.0])[:3])
+        scene = build_scene(tip, tool=rod, part=place, tip_zone=0.05, self_collision=False)
+        assert (measure_margin(scene, REST, 0.0)[0] > 0) == free
+
+
+def test_cutting_the_tip_leaves_nothing_within_the_zone() -> None:
+    rod = trimesh.creation.cylinder(0.01, segment=([0, 0, 0], [0.3, 0, 0]))
+    left = cut_tip(rod, np.array([0.3, 0, 0]), 0.05)
+    tip = np.tile([0.3, 0, 0], (len(left.faces), 1))
+    distance = np.linalg.norm(trimesh.triangles.closest_point(left.triangles, tip) - tip, axis=1)
+    assert distance.min() >= 0.05
+    assert left.bounds[1, 0] > 0.23
+
+
+def test_the_least_clearance_along_a_path_is_found_between_the_samples() -> None:
+    wall = trimesh.creation.box((0.1, 4.0, 4.0))
+    wall.apply_translation([2.6, 0.0, 1.5])
+    scene = build_scene(ROBOT, fixture=wall, self_collision=False)
+    q = np.tile(REST, (2000, 1))
+    q[:, 0] = np.linspace(-1.0, 1.0, 2000)
+    q[701:709, 1] += 0.1 * np.hanning(8)
+    profile = measure_clearance(scene, q, 0.005)
+    exact = min(contact.distance for contact in find_contacts(scene, q[690:720], scene.outside))
+    everywhere = min(exact, min(c.distance for c in find_contacts(scene, q[::40], scene.outside)))
+    assert profile.least[1].distance == pytest.approx(everywhere, abs=2e-3)
+    assert len(profile.computed) < 700
+
+
+def test_the_graph_turns_the_tool_away_from_an_obstacle() -> None:
+    # an angled spindle whose best rotation would stand where a post is
+    turn = np.radians(135.0)
+    pose = np.eye(4)
+    pose[:3, :3] = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
+    pose[:3, 3] = [0.362, 0.0, -0.212]
+    robot = ROBOT.with_tool(pose)
+    spindle = trimesh.creation.cylinder(0.05, segment=([0.15, 0, 0], [0.3, 0.0, -0.15]))
+    n = 30
+    position = np.column_stack([np.full(n, 1.7), np.linspace(-0.1, 0.1, n), np.full(n, 0.8)])
+    wrench = np.tile([300.0, 100.0, 400.0, 0, 0, 0], (n, 1))
+    axis, feed = np.tile([0, 0, 1.0], (n, 1)), np.full(n, 0.05)
+    nominal = Toolpath(position, axis, feed, np.zeros(n, bool), wrench, frame="base")
+    settings = PostureSettings(stations=15, spin_step=np.radians(10))
+    free = choose_stance(robot, nominal, np.array([1.0, 0, 0]), settings)
+    middle = locate_link_frames(robot, free.q[n // 2 : n // 2 + 1])[robot.flange][0]
+    post = trimesh.creation.box((0.15, 0.15, 0.15)).apply_translation(middle[:3, 3])
+    scene = build_scene(robot, tool=spindle, fixture=post)
+    assert measure_margin(scene, free.q, 0.01).min() < 0
+    clear = choose_stance(
+        robot, nominal, np.array([1.0, 0, 0]), settings, margin=lambda q, rows: measure_margin(scene, q, 0.01)
+    )
+    assert measure_margin(scene, clear.q, 0.01).min() >= 0
+    assert clear.costs["sensitivity_rms_mm"] >= free.costs["sensitivity_rms_mm"] * 0.999
+
+
+def test_missing_and_empty_meshes_are_named(tmp_path) -> None:
+    with pytest.raises(InputError, match="no mesh file"):
+        load_mesh(tmp_path / "part.stl")
+    (tmp_path / "part.ply").write_text("not a mesh")
+    with pytest.raises(InputError, match=r"part\.ply"):
+        load_mesh(tmp_path / "part.ply")
+
+
+@pytest.mark.parametrize("name", ["kuka_kr270", "kuka_kr240", "staubli_tx200", "ur10", "fanuc_m10ia"])
+def test_every_arm_keeps_clear_of_itself_in_an_ordinary_posture(name: str) -> None:
+    robot = load_robot(name)
+    scene = build_scene(robot)
+    q = np.zeros((1, robot.nq))
+    q[0, 1], q[0, 4] = 0.1, 0.3
+    assert measure_margin(scene, q, 0.0)[0] > 0

@@ -1,0 +1,76 @@
+"""Placement: the chosen place is at least as good as the job's own, and stands within its range."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from compplan.errors import InfeasibleError, InputError
+from compplan.job import check_job
+from compplan.ladder.settings import PostureSettings
+from compplan.place import Rater, describe_placement, place_part
+from compplan.plan import job_robot
+from compplan.report.place_map import draw_place_map
+
+TABLE = {
+    "schema": 1,
+    "robot": "kuka_kr270",
+    "toolpath": {"generator": "circle", "radius_mm": 60.0, "feed_mm_s": 20.0, "waypoints": 40},
+    "part": {"position_mm": [2000.0, 0.0, 500.0]},
+    "process": {"model": "constant", "force_N": [300.0, 100.0, 500.0]},
+    "place": {"x_mm": [1400.0, 2200.0], "y_mm": [0.0, 0.0], "z_mm": [500.0, 900.0], "step_mm": 400.0},
+}
+
+
+@pytest.fixture(scope="module")
+def placed():
+    job = check_job(TABLE, "job.toml")
+    return job, place_part(job, job_robot(job))
+
+
+def test_the_chosen_place_leaves_no_more_than_the_jobs_own(placed) -> None:
+    _, result = placed
+    assert result.ratio < 0.95
+    assert result.stance.costs["sensitivity_rms_mm"] < result.before.costs["sensitivity_rms_mm"]
+
+
+def test_the_chosen_place_lies_within_the_range(placed) -> None:
+    _, result = placed
+    assert (result.position >= [1.4, 0.0, 0.5]).all() and (result.position <= [2.2, 0.0, 0.9]).all()
+
+
+def test_no_place_of_the_grid_is_better_than_its_lower_bound(placed) -> None:
+    _, result = placed
+    assert 1e3 * np.nanmin(result.ratings[0].bound) <= result.stance.costs["sensitivity_rms_mm"] * 1.03
+
+
+def test_the_result_is_plain_json_with_a_picture(placed) -> None:
+    job, result = placed
+    summary = json.loads(json.dumps(describe_placement(result, job), allow_nan=False))
+    assert summary["schema"] == 1 and summary["ratio"] == pytest.approx(result.ratio)
+    assert draw_place_map(result).startswith(b"\x89PNG")
+
+
+def test_places_out_of_reach_are_rated_as_such() -> None:
+    job = check_job(TABLE, "job.toml")
+    rater = Rater(job_robot(job), PostureSettings())
+    from compplan.job import load_nominal
+
+    bound = rater.rate(load_nominal(job), job.tool_x_base, np.eye(3), np.array([[0.0, 0, 0], [9.0, 0, 0]]))
+    assert np.isfinite(bound[0]) and np.isnan(bound[1])
+
+
+def test_a_range_without_any_place_in_reach_is_infeasible() -> None:
+    table = {**TABLE, "place": {"x_mm": [8000.0, 8100.0], "y_mm": [0.0, 0.0], "z_mm": [0.0, 0.0]}}
+    job = check_job(table, "job.toml")
+    with pytest.raises(InfeasibleError, match="none of the places"):
+        place_part(job, job_robot(job))
+
+
+def test_too_fine_a_grid_is_refused() -> None:
+    table = {**TABLE, "place": {"step_mm": 1.0}}
+    job = check_job(table, "job.toml")
+    with pytest.raises(InputError, match=r"job.toml: place.step_mm: .* places"):
+        place_part(job, job_robot(job))

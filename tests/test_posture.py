@@ -1,0 +1,200 @@
+"""The ladder graph: finds what brute force finds, keeps within limits, passes singularities or names the waypoint."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.posture import brute_force, cam_default, cut_stations, make_case, mean_square, quantile
+from compplan.chain import locate_frames
+from compplan.errors import InfeasibleError
+from compplan.ik import build_arm
+from compplan.ladder.choose import choose_stance
+from compplan.ladder.lattice import orient_tool
+from compplan.ladder.settings import PostureSettings
+from compplan.ladder.start import PostureRequest
+from compplan.plan import PlanOptions, plan_compensation
+from compplan.robot import load_robot
+from compplan.toolpath import Toolpath
+
+FLAT = np.array([1.0, 0.0, 0.0])
+
+
+def straight_path(start: list[float], end: list[float], n: int = 120, force: float = 500.0) -> Toolpath:
+    position = np.linspace(start, end, n)
+    wrench = np.tile([force, 0.3 * force, force, 0.0, 0.0, 0.0], (n, 1))
+    return Toolpath(
+        position, np.tile([0.0, 0.0, 1.0], (n, 1)), np.full(n, 0.05), np.zeros(n, bool), wrench, frame="base"
+    )
+
+
+def check_on_path(robot, nominal: Toolpath, stance) -> None:
+    frames = locate_frames(build_arm(robot).chain, stance.q)
+    assert np.abs(frames.tcp_position - nominal.position).max() < 1e-6
+    assert np.abs(frames.tcp_rotation[:, :, 2] + stance.axis).max() < 1e-6
+    assert (stance.q >= robot.lower).all() and (stance.q <= robot.upper).all()
+
+
+@pytest.fixture(scope="module")
+def angled():
+    case = make_case("kuka_kr240", "circle", 45.0)
+    settings = PostureSettings(stations=160)
+    axes = case.job.T_base_part[:3, :3]
+    return case, choose_stance(case.robot, case.nominal, case.job.tool_x_base, settings, axes=axes)
+
+
+def test_the_chosen_posture_is_within_two_percent_of_brute_force_that_shares_no_cost_code(angled) -> None:
+    case, stance = angled
+    rows, share = cut_stations(case.nominal)
+    optimum = brute_force(case, rows[::2], share[::2] / share[::2].sum())
+    ours = mean_square(case, stance.q, rows[::2], share[::2] / share[::2].sum())
+    assert np.sqrt(ours / optimum) < 1.02
+
+
+def test_the_chosen_posture_leaves_no_more_than_the_cam_default(angled) -> None:
+    case, stance = angled
+    rows, share = cut_stations(case.nominal)
+    default = cam_default(case)
+    assert default is not None
+    chosen = quantile(case, stance.q, case.nominal, rows, share)
+    assert chosen <= quantile(case, default[0], case.nominal, rows, share)
+
+
+def test_the_chosen_posture_puts_the_unloaded_tool_on_the_path_within_the_limits(angled) -> None:
+    case, stance = angled
+    check_on_path(case.robot, case.nominal, stance)
+    assert np.abs(np.diff(stance.q, axis=0)).max() < np.radians(20)
+
+
+def test_spin_turns_the_tool_about_its_own_axis(angled) -> None:
+    case, stance = angled
+    zero = np.zeros(len(case.nominal))
+    rotation = orient_tool(case.nominal, case.job.tool_x_base, np.arange(len(zero)), stance.spin, zero, zero)
+    frames = locate_frames(build_arm(case.robot).chain, stance.q)
+    assert np.abs(frames.tcp_rotation - rotation).max() < 1e-6
+
+
+def test_a_tool_along_axis_six_gains_nothing_from_rotation_and_the_stance_says_so() -> None:
+    robot, nominal = load_robot("kuka_kr270"), straight_path([1.6, -0.2, 0.9], [1.6, 0.2, 0.9], 40)
+    free = choose_stance(robot, nominal, FLAT, PostureSettings(stations=20))
+    fixed = choose_stance(robot, nominal, FLAT, PostureSettings(stations=20, free_spin=False))
+    assert free.costs["sensitivity_rms_mm"] == pytest.approx(fixed.costs["sensitivity_rms_mm"], rel=1e-6)
+
+
+def test_the_smooth_preset_moves_the_joints_no_more_than_the_accurate_one() -> None:
+    case = make_case("staubli_tx200", "circle", 90.0)
+    travel = {}
+    for preset in ("accurate", "smooth"):
+        settings = PostureSettings(stations=60, preset=preset)
+        stance = choose_stance(case.robot, case.nominal, case.job.tool_x_base, settings)
+        travel[preset] = stance.costs["joint_travel_deg"], stance.costs["sensitivity_rms_mm"]
+    assert travel["smooth"][0] < travel["accurate"][0]
+    assert travel["smooth"][1] >= travel["accurate"][1]
+
+
+def test_a_path_through_a_wrist_singularity_is_followed() -> None:
+    # tool level and ahead: the wrist is straight where the path crosses the height of the forearm's line
+    robot = load_robot("kuka_kr270")
+    n = 160
+    position = np.column_stack([np.full(n, 1.7), np.zeros(n), np.linspace(1.0, 1.9, n)])
+    axis = np.tile([-1.0, 0.0, 0.0], (n, 1))
+    wrench = np.tile([-300.0, 0.0, 0.0, 0.0, 0.0, 0.0], (n, 1))
+    nominal = Toolpath(position, axis, np.full(n, 0.05), np.zeros(n, bool), wrench, frame="base")
+    stance = choose_stance(robot, nominal, np.array([0.0, 0.0, 1.0]), PostureSettings(stations=80))
+    check_on_path(robot, nominal, stance)
+    assert np.abs(np.diff(stance.q, axis=0)).max() < np.radians(20)
+    assert np.abs(stance.q[:, 4]).min() < np.radians(3) or stance.costs["dexterity_min"] > 0.03
+
+
+def test_a_path_that_no_posture_can_follow_is_refused_with_the_waypoint() -> None:
+    robot, nominal = load_robot("kuka_kr270"), straight_path([1.6, 0.0, 0.9], [3.6, 0.0, 0.9], 60)
+    with pytest.raises(InfeasibleError, match=r"no posture at waypoint \d+: .*out of reach") as caught:
+        choose_stance(robot, nominal, FLAT, PostureSettings(stations=60))
+    reach = caught.value.waypoints[0]
+    assert nominal.position[reach, 0] > 2.2
+
+
+def test_a_change_of_configuration_is_made_in_rapid_moves_alone() -> None:
+    # two cuts that one configuration cannot both reach because joint 1 ends between them
+    robot = load_robot("kuka_kr270")
+    first, second = straight_path([-1.5, -0.5, 1.0], [-1.5, -0.1, 1.0], 30), straight_path(
+        [-1.5, 0.1, 1.0], [-1.5, 0.5, 1.0], 30
+    )
+    lift = np.array([[0.0, 0.0, 0.3]])
+    position = np.vstack([first.position, first.position[-1:] + lift, second.position[:1] + lift, second.position])
+    n = len(position)
+    rapid = np.zeros(n, bool)
+    rapid[30:33] = True
+    wrench = np.where(rapid[:, None], 0.0, np.r_[first.wrench[0]])
+    nominal = Toolpath(position, np.tile([0.0, 0.0, 1.0], (n, 1)), np.full(n, 0.05), rapid, wrench, frame="base")
+    narrow = replace(
+        robot,
+        joints=tuple(
+            replace(j, lower=-3.12, upper=3.12) if j.name == "joint_1" else j for j in robot.joints
+        ),
+    )
+    stance = choose_stance(narrow, nominal, FLAT, PostureSettings(stations=62, configuration={"shoulder": "front"}))
+    check_on_path(narrow, nominal, stance)
+    jumps = np.flatnonzero(np.abs(np.diff(stance.q, axis=0)).max(axis=1) > np.radians(40)) + 1
+    assert set(jumps.tolist()) == {31}
+    with pytest.raises(InfeasibleError, match="no continuous motion"):
+        settings = PostureSettings(stations=62, configuration={"shoulder": "front"}, reconfigure=False)
+        choose_stance(narrow, nominal, FLAT, settings)
+
+
+def test_lead_and_lean_stay_within_their_cone_and_never_cost() -> None:
+    robot, nominal = load_robot("kuka_kr240"), straight_path([1.6, -0.2, 0.9], [1.6, 0.2, 0.9], 30)
+    upright = choose_stance(robot, nominal, FLAT, PostureSettings(stations=15))
+    free = choose_stance(
+        robot, nominal, FLAT, PostureSettings(stations=15, lead=np.radians(10), lean=np.radians(10))
+    )
+    tilt = np.degrees(np.arccos(np.clip(free.axis @ [0.0, 0.0, 1.0], -1, 1)))
+    assert tilt.max() < 10.0 + 1e-6
+    assert free.costs["sensitivity_rms_mm"] <= upright.costs["sensitivity_rms_mm"] * 1.001
+    check_on_path(robot, nominal, free)
+
+
+def test_a_rail_is_used_where_it_helps() -> None:
+    robot = load_robot("kuka_kr240_rail")
+    nominal = straight_path([1.5, 0.6, 1.2], [1.5, 3.4, 1.2], 60)
+    stance = choose_stance(robot, nominal, FLAT, PostureSettings(stations=50, spin_step=np.radians(30)))
+    check_on_path(robot, nominal, stance)
+    assert np.ptp(stance.q[:, 0]) > 1.0
+    assert stance.map.held_sensitivity.shape == (len(stance.map.length), 9)
+
+
+def test_the_map_holds_the_chosen_line() -> None:
+    robot, nominal = load_robot("kuka_kr270"), straight_path([1.6, -0.2, 0.9], [1.6, 0.2, 0.9], 40)
+    picture = choose_stance(robot, nominal, FLAT, PostureSettings(stations=20)).map
+    assert picture.sensitivity.shape == picture.reason.shape == (len(picture.length), len(picture.spin))
+    assert np.isfinite(picture.sensitivity[picture.reason == 0]).all()
+
+
+def test_the_plan_keeps_the_chosen_posture_and_stands_on_the_path_under_load(angled) -> None:
+    case, stance = angled
+    request = PostureRequest(PostureSettings(stations=160), case.job.T_base_part[:3, :3])
+    plan = plan_compensation(
+        case.robot, case.nominal, PlanOptions(tool_x=case.job.tool_x_base, posture=request), name="angled"
+    )
+    assert plan.status == "solved"
+    assert plan.after.max_deviation < 1e-8
+    assert np.abs(plan.q - plan.task.q_start).max() < np.radians(2)
+    assert plan.task.start is not None and plan.task.start.stance is not None
+    assert np.abs(plan.task.start.stance.q - stance.q).max() < 1e-9
+
+
+@pytest.mark.slow
+def test_five_thousand_waypoints_take_less_than_ten_seconds() -> None:
+    import time
+
+    case = make_case("kuka_kr240", "cone", 45.0)
+    from compplan.toolpath import resample_toolpath
+
+    nominal = resample_toolpath(case.nominal, case.nominal.cutting_length / 5000)
+    request = PostureRequest(PostureSettings(), np.eye(3))
+    clock = time.process_time()
+    plan = plan_compensation(case.robot, nominal, PlanOptions(tool_x=FLAT, posture=request))
+    assert plan.status == "solved" and len(nominal) >= 5000
+    assert time.process_time() - clock < 10.0
