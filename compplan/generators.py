@@ -198,7 +198,9 @@ def generate_spiral(
         wanted = float(length or 0.0)
         if wanted <= abs(span) * 1.01:
             raise InputError(f"spiral length {wanted * 1e3:g} mm, must exceed the difference of its radii")
-        turns = float(brentq(lambda count: curve(count).lengths()[-1] - wanted, 1e-3, 1e4, xtol=1e-12))
+        # The spiral is longer than the circles it passes, pi (outer + inner) a turn: this bounds the turns.
+        most = wanted / (np.pi * (outer_radius + inner_radius)) + 1.0
+        turns = float(brentq(lambda count: curve(count).lengths()[-1] - wanted, 1e-3, most, xtol=1e-12))
     return walk_curve(curve(turns), pace, axis=axis, approach=approach)
 
 
