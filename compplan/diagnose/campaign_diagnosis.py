@@ -26,6 +26,8 @@ from compplan.robot import Array, Robot
 
 #: An updated robot has to shrink the held-out gap by this share, or the nominal one stays.
 WORTH_IT = 0.01
+#: The same where structure is left that no effect explains.
+WORTH_IT_IN_DOUBT = 0.1
 RANKED = 12
 FEWEST_ROWS = 12
 #: Noise variance over its estimate beyond which the estimate stands for the floor and the rest is structure.
@@ -97,13 +99,23 @@ def _conclude(
     named = [f.signature for f in (*verdict.findings, *verdict.minor) if f.signature >= 0]
     claims = [c for c in fit.model.claims if c.signature in named]
     plain = hold_out(fit, prior_of(fit, [], background=False), fit.model.posterior.hyper, folds)
-    state, held = _choose_update(fit, claims, folds, plain)
+    if verdict.status == "unknown":
+        # whatever is fitted to an unknown cause may harm elsewhere
+        state, held = _nominal_state(fit), plain
+    else:
+        state, held = _choose_update(
+            fit, claims, folds, plain, WORTH_IT_IN_DOUBT if verdict.structure.left else WORTH_IT
+        )
     state = settle_play(problem, state)
     residual_before = position_residual(campaign, nominal, attain_scene(nominal))
     after = linearize_state(problem, state)
     residual_after = position_residual(campaign, after.scene, after.attained)
     good = campaign.usable.copy()
     good[fit.outliers] = False
+    if _rms(residual_after[good]) > (1.0 - WORTH_IT) * _rms(residual_before[good]) and state.effects[known:]:
+        state, held = _nominal_state(fit), plain
+        after = linearize_state(problem, state)
+        residual_after = position_residual(campaign, after.scene, after.attained)
     generic = hold_out(fit, prior_of(fit, [], background=True), _wide(fit), folds)
     ranked = rank_candidates(fit, verdict, folds)
     taken = {f.effect.place for f in verdict.findings}
@@ -136,7 +148,9 @@ def noise_floor(fit: Fit) -> float:
     return float(np.sqrt(3.0 * factor) * noise.sigma)
 
 
-def _choose_update(fit: Fit, claims: list[Claim], folds: NDArray[np.int_], plain: HeldOut) -> tuple[State, HeldOut]:
+def _choose_update(
+    fit: Fit, claims: list[Claim], folds: NDArray[np.int_], plain: HeldOut, worth: float
+) -> tuple[State, HeldOut]:
     """Choose between named effects with and without the background and the nominal robot by the held-out gap."""
     hyper = fit.model.posterior.hyper
     options = []
@@ -146,7 +160,7 @@ def _choose_update(fit: Fit, claims: list[Claim], folds: NDArray[np.int_], plain
     if claims or not options:
         options.append((hold_out(fit, prior_of(fit, claims, background=False), hyper, folds), False))
     held, background = min(options, key=lambda o: o[0].rms * (1.0 if o[1] else 1.002))
-    if held.rms > (1.0 - WORTH_IT) * plain.rms:
+    if held.rms > (1.0 - worth) * plain.rms:
         return _nominal_state(fit), plain
     if background and len(claims) == len(fit.model.claims):
         return fit.state, held

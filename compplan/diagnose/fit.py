@@ -100,6 +100,7 @@ class Fit:
         noises: Noise of each channel.
         outliers: Rows reported as outliers.
         base: State that the linearization was taken at, where `state` has gone on.
+        exact: Root mean square distance that the exact model leaves on the rows used. [m]
     """
 
     problem: Problem
@@ -111,6 +112,7 @@ class Fit:
     noises: dict[str, Noise]
     outliers: NDArray[np.int_]
     base: State | None = None
+    exact: float = 0.0
 
 
 def key_of(signature: Signature) -> Key:
@@ -393,4 +395,6 @@ def _finish(fit: Fit, state: State) -> Fit:
     scene = stage_scene(fit.problem.robot, campaign, registration=state.registration)
     residual = position_residual(campaign, scene, attained)
     outliers = find_outliers(campaign, residual, state.scatter, ~campaign.first_visit)
-    return replace(fit, state=state, base=fit.state, outliers=outliers)
+    rows = fit.channels[0].rows
+    exact = float(np.sqrt(np.mean(np.sum(residual[rows] ** 2, axis=1))))
+    return replace(fit, state=state, base=fit.state, outliers=outliers, exact=exact)

@@ -134,14 +134,16 @@ class Search:
         return len(joints) - len(set(joints))
 
     def _backwards(self, claims: Sequence[Claim], posterior: Posterior) -> bool:
-        """Tell whether a claim that can only be positive came out negative."""
+        """Tell whether a claim came out where its parameter cannot be: negative play, negative compliance."""
         values = posterior.values(self.ledger.p)
-        return any(
-            self.ledger.signatures[c.signature].positive
-            and len(self.ledger.columns(c.signature)) == 1
-            and values[self.ledger.columns(c.signature)[0]] < 0
-            for c in claims
-        )
+        for claim in claims:
+            signature, columns = self.ledger.signatures[claim.signature], self.ledger.columns(claim.signature)
+            if len(columns) > 1:
+                continue
+            size = values[columns[0]] * signature.scale[0]
+            if (signature.positive and size < 0) or size < signature.least:
+                return True
+        return False
 
     def gains(self, model: Model) -> list[Gain]:
         """Return what further claims would add, best first; prior odds included."""

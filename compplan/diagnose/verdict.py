@@ -31,6 +31,8 @@ EXCESS = 0.5
 UNEVEN, MEDIAN_SQUARE = 1.4, 2.366
 #: or where small errors everywhere would have to move the target by this many noise floors (then they are not small).
 LARGE_BACKGROUND = 3.0
+#: or where the exact model leaves this many times what its linearization promises.
+DIVERGED = 1.25
 #: An error that moves the target less than this share of the noise floor is no cause of a gap and is not named.
 NAMEABLE = 0.8
 #: What shows in the readings alone has to be this many standard deviations large.
@@ -71,6 +73,7 @@ class Structure:
     Attributes:
         gain: Log evidence that an error shared by the rows of a stay gains over noise alone.
         rms: Root mean square of that error, 3D. [m]
+        gap: Root mean square gap of the model without effects, 3D. [m]
         background: Root mean square motion that the background of small errors explains, 3D. [m]
         explained: Root mean square motion that all claims together explain, 3D. [m]
         left: Whether it counts as structure.
@@ -78,6 +81,7 @@ class Structure:
 
     gain: float
     rms: float
+    gap: float
     background: float
     explained: float
     left: bool
@@ -126,7 +130,7 @@ def reach_verdict(fit: Fit) -> Verdict:
 
 
 def name_far_zero(finding: Finding) -> Finding:
-    """Name an offset that no adjustment could leave joint_coupling, a matter of counting, with the offset as its rival."""
+    """Name an offset that no adjustment could leave joint_coupling, a matter of counting; the offset is its rival."""
     effect = finding.effect
     size = abs(float(next(iter(effect.parameters.values())))) if effect.name == "joint_offset" else 0.0
     if size < FAR_ZERO:
@@ -151,8 +155,9 @@ def trust_in(finding: Finding, structure: Structure) -> float:
     What is left is compared with the geometric mean of what the effect and all effects together explain: a small effect
     of many that together explain nearly everything is no imitation.
     """
-    together = max(structure.explained, finding.explained)
-    ratio = structure.rms / max(np.sqrt(finding.explained * together), 1e-12)
+    alone = min(finding.explained, structure.gap)
+    together = min(max(structure.explained, alone), structure.gap)
+    ratio = structure.rms / max(np.sqrt(alone * together), 1e-12)
     return float(1.0 / (1.0 + (ratio / UNTRUSTED) ** 4))
 
 
@@ -208,10 +213,16 @@ def measure_structure(fit: Fit) -> Structure:
     excess = max(excess, uneven)
     rms = np.sqrt(3.0) * np.sqrt((sigma * shared) ** 2 + excess * noise.sigma**2)
     left = (gain > STRUCTURE_GAIN and shared > STRUCTURE_SIZE) or excess > EXCESS
+    expected = np.sqrt(np.mean(np.sum(ledger.left(values)[0] ** 2, axis=1))) * noise.sigma
+    if fit.exact > DIVERGED * expected:
+        # the exact model does not do what its derivatives promise: what was fitted is no cause
+        rms, left = max(rms, float(np.sqrt(fit.exact**2 - expected**2))), True
     background = _motion(fit, others, values)
     if background > LARGE_BACKGROUND * np.sqrt(3.0) * noise.sigma and noise.witnesses >= WITNESSED:
         rms, left = np.hypot(rms, background), True
-    return Structure(float(gain), float(rms), background, _motion(fit, claimed, values), bool(left))
+    gap = np.sqrt(np.mean(np.sum(ledger.observed[0] ** 2, axis=1))) * noise.sigma
+    explained = _motion(fit, claimed, values)
+    return Structure(float(gain), float(rms), float(gap), background, explained, bool(left))
 
 
 def uneven_scatter(fit: Fit, values: Array) -> float:

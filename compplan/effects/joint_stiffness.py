@@ -16,6 +16,8 @@ from compplan.robot import Robot
 name = "joint_stiffness"
 #: Assumed: half of the modelled compliance; of a joint that the model holds rigid, that of a medium robot's joint.
 RELATIVE_SCALE = 0.5
+#: A joint keeps at least a tenth of its modelled compliance (assumed).
+LEAST_SHARE = 0.9
 RIGID_SCALE = {"revolute": 1e-6, "prismatic": 1e-7}
 
 
@@ -39,7 +41,9 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         if index not in at.own or at.own[index].actuator:
             encoder[:, index] = load
         twist = at.motion[:, :, index, None] * load[:, None]
-        yield Signature(name, joint.name, None, "", (compliance_key(joint.kind),), np.array([scale]), twist, encoder)
+        keys = (compliance_key(joint.kind),)
+        least = -LEAST_SHARE * nominal
+        yield Signature(name, joint.name, None, "", keys, np.array([scale]), twist, encoder, least=least)
 
 
 def apply(scene: Scene, effect: Effect) -> Scene:

@@ -61,6 +61,7 @@ class Signature:
         encoder: Change of the link-side readings; None for none. Shape (n, nq, k). [rad or m]
         fixed: Settings that the form holds fixed, such as a row or a period.
         positive: Whether the (single) parameter can only be positive.
+        least: Least value that the (single) parameter can have.
         tried: Number of alternatives (rows, periods) that this form was picked from.
         columns: Names of the parameters' columns. Signatures of one effect whose columns have the same name share them;
             empty for columns of its own.
@@ -77,6 +78,7 @@ class Signature:
     encoder: Array | None = None
     fixed: Mapping[str, Any] = field(default_factory=dict)
     positive: bool = False
+    least: float = -np.inf
     tried: int = 1
     columns: tuple[str, ...] = ()
 
