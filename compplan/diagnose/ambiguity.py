@@ -71,8 +71,9 @@ def find_rivals(fit: Fit, signature: int) -> list[Rival]:
     for number, other in enumerate(ledger.signatures):
         if other.place == claim.place or not is_comparable(claim, other):
             continue
-        share = _share(free, columns, values, ledger.columns(number), energy)
-        rival = Rival(other.place, share, (1.0 - share) * energy, len(other.scale))
+        theirs = _all_columns(fit, number)
+        share = _share(free, columns, values, theirs, energy)
+        rival = Rival(other.place, share, (1.0 - share) * energy, len(theirs))
         if other.place not in best or rival.share > best[other.place].share:
             best[other.place] = rival
     return sorted(best.values(), key=lambda r: -r.share)[: 3 * MOST_RIVALS]
@@ -86,6 +87,20 @@ def _frame_columns(fit: Fit) -> NDArray[np.int_]:
         if s.name in ("base_frame", "tool_frame", REGISTRATION)
     ]
     return np.unique(np.concatenate(found)) if found else np.zeros(0, int)
+
+
+def _all_columns(fit: Fit, number: int) -> NDArray[np.int_]:
+    """Return what an effect may explain at its place: a law of deflection hardens and softens, so both its shapes."""
+    ledger = fit.search.ledger
+    own = ledger.signatures[number]
+    if own.form not in ("quadratic", "cubic"):
+        return ledger.columns(number)
+    mates = [
+        ledger.columns(n)
+        for n, s in enumerate(ledger.signatures)
+        if s.place == own.place and s.form in ("quadratic", "cubic")
+    ]
+    return np.unique(np.concatenate(mates))
 
 
 def _without(gram: Array, nuisance: NDArray[np.int_]) -> Array:

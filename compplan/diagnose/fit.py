@@ -20,6 +20,7 @@ from compplan.effects import EFFECTS, Effect, apply_effects, attain_scene, frame
 from compplan.effects.base_frame import base_twists
 from compplan.effects.linearization import Linearization, linearize_scene
 from compplan.effects.signature import Signature
+from compplan.effects.stiffness_nonlinearity import linear_in_disguise
 from compplan.effects.transmission_error import bump_at, spline_at, waves_at
 from compplan.measurements import Campaign
 from compplan.registration import Registration
@@ -199,6 +200,9 @@ def offered_signatures(problem: Problem, at: Linearization) -> list[Signature]:
     for name, model in EFFECTS.items():
         if name not in problem.excluded:
             offered += list(model.signatures(at))
+    if "joint_stiffness" in problem.excluded:
+        # a law of deflection with a linear part is a joint's stiffness under another name
+        offered = [s for s in offered if not (s.name == "stiffness_nonlinearity" and linear_in_disguise(s.keys))]
     return offered
 
 

@@ -74,6 +74,11 @@ def signatures(at: Linearization) -> Iterable[Signature]:
             yield Signature(name, joint, None, form, keys, scale, twist, encoder, fixed, columns=columns)
 
 
+def linear_in_disguise(keys: Iterable[str]) -> bool:
+    """Tell whether a form contains a straight line, or tends to one where its zone is small."""
+    return LINEAR in keys or BENT in keys
+
+
 def apply(scene: Scene, effect: Effect) -> Scene:
     """Add the deflection beyond the linear one."""
     values = effect.parameters
