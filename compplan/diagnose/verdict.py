@@ -40,7 +40,7 @@ PLAIN = 3.0
 #: A zero that is off by more than this [rad or m] is counted wrongly, not adjusted badly: centimetres at the tool.
 FAR_ZERO = 0.02
 #: Names are withheld where the structure left is larger than this share of what they explain.
-UNTRUSTED = 0.35
+UNTRUSTED = 0.28
 
 
 @dataclass(frozen=True)

@@ -54,8 +54,8 @@ def waves_at(at: Linearization, index: int, cycles: Sequence[float], tried: int 
     return replace(_signature(at, index, label, keys, shape, fixed), tried=tried, columns=columns)
 
 
-def bump(angle: Array, centre: float, width: float) -> Array:
-    """Return a bell curve of height one around an angle. Shape (n,)."""
+def bump(angle: Array, centre: float | Array, width: float) -> Array:
+    """Return a bell curve of height one around an angle; arrays broadcast."""
     return np.asarray(np.exp(-0.5 * ((angle - centre) / width) ** 2))
 
 
