@@ -102,7 +102,7 @@ acceleration_scale = 1.0
 [posture]                           # configuration, rotation about the tool axis and extra axes are chosen for this
 preset = "accurate"                 # accurate (least remaining deviation) | smooth (little motion) | fast
 # weights = { motion = 1e-5 }       # in place of the preset's, in mm^2 of squared sensitivity: sensitivity, deviation
-                                    #   (per mm^2), limits, dexterity, singularity (per unit), time (per s),
+                                    #   (per mm^2), limits, dexterity, singularity, rate (per unit), time (per s),
                                     #   motion (per (rad / 100 mm)^2)
 measure = "expected"                # remaining deviation: expected (root mean square) | p95
 wrench_uncertainty = 0.1            # assumed: relative error of each component of the wrench, one standard deviation

@@ -3,11 +3,12 @@
 The cost of a way is a sum over its nodes and edges:
 
     sum_i omega_i (w_s s_i^2 + w_d d_i^2 + w_l l_i + w_k (0.1 / k_i)^2 + w_g max(0, k_0 / k_i - 1)^2)
-        + sum_i (w_m (l / L)^2 |dq_i|^2 / dsigma_i + w_t t_i),
+        + sum_i (w_m (l / L)^2 |dq_i|^2 / dsigma_i + w_t t_i + w_r r_i),
 
 k the inverse condition number, omega the share of the cut (for the first two) or of the path, dsigma the share of the
 path of an edge, L the length of the path, l = 100 mm, t the time of an edge: as programmed, or as long as the slowest
-joint takes. A change of configuration within the cut passes a singularity and costs w_g once.
+joint takes, and r the share of the programmed time by which it is too short for joints at half their rates. A change of
+configuration within the cut passes a singularity and costs w_g once.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ from compplan.toolpath import Toolpath
 LENGTH = 0.1
 #: Greatest motion of a joint between stations of a cut. [rad]
 EDGE = 1.6
+#: Share of the velocity limits that joints should need at the programmed feed: the rest is for acceleration.
+RATE_SHARE = 0.5
 #: Cost of one change of configuration in a rapid move, far above everything else.
 CHANGE = 1e6
 
@@ -204,35 +207,60 @@ def _step(
     slots = np.flatnonzero(np.isfinite(last[:-1]).any(axis=0))
     targets = np.flatnonzero(np.isfinite(here[..., 0]).any(axis=0))
     limit, sigma = rungs.most_motion[i - 1], rungs.sigma[i - 1]
-    free = not np.isfinite(limit)
+    free, timed = not np.isfinite(limit), weights.time > 0 or weights.rate > 0
     for s in slots:
         source = np.concatenate([before[:, s], np.full((1, before.shape[2]), np.nan)])[around]
         value = last[around, s]
         for t in targets[passes[s, targets]]:
-            motion, most, time = np.zeros(around.shape), np.zeros(around.shape), np.zeros(around.shape)
-            for j in range(here.shape[2]):
-                step = here[:, t, j, None] - source[..., j]
-                if joints.turns[j]:
-                    step -= 2 * np.pi * np.round(step / (2 * np.pi))
-                motion += step * step
-                step = np.abs(step)
-                if not joints.slides[j]:
-                    np.maximum(most, step, out=most)
-                if weights.time > 0:
-                    np.maximum(time, step / joints.fastest[j], out=time)
+            rows = _near_rows(source, here[:, t], value, limit, joints)
+            if not len(rows):
+                continue
+            motion, most, time = _measure_steps(source[rows], here[rows, t], joints, timed)
             edge = weights.motion * motion / sigma + (0.0 if free or s % 8 == t % 8 else weights.singularity)
             if weights.time > 0:
                 edge += weights.time * np.maximum(time, rungs.feed_time[i - 1])
+            if timed and rungs.feed_time[i - 1] > 0:
+                excess = np.maximum(time / RATE_SHARE - rungs.feed_time[i - 1], 0.0)
+                edge += weights.rate * excess / rungs.feed_time.sum()
             if free:
                 edge += np.where(most > EDGE, CHANGE, 0.0)
-            edge = np.where(most <= limit, value + edge, np.inf)
+            edge = np.where(most <= limit, value[rows] + edge, np.inf)
             edge[np.isnan(edge)] = np.inf
             choice = np.argmin(edge, axis=1)
-            least = edge[np.arange(g), choice]
-            better = least < best[:, t]
-            best[better, t] = least[better]
-            back[better, t] = around[np.arange(g), choice][better] * b + s
+            least = edge[np.arange(len(rows)), choice]
+            better = least < best[rows, t]
+            chosen = rows[better]
+            best[chosen, t] = least[better]
+            back[chosen, t] = around[chosen, choice[better]] * b + s
     return best, back
+
+
+def _near_rows(source: Array, here: Array, value: Array, limit: float, joints: _Joints) -> NDArray[np.int_]:
+    """Return the nodes that any predecessor alive may reach, by the joint that turns the most."""
+    alive = np.isfinite(value) & np.isfinite(here[:, :1])
+    if np.isfinite(limit):
+        for j in np.flatnonzero(~joints.slides)[[-1, -3]] if len(joints.slides) >= 3 else ():
+            step = here[:, j, None] - source[..., j]
+            if joints.turns[j]:
+                step -= 2 * np.pi * np.round(step / (2 * np.pi))
+            alive &= np.abs(step) <= limit
+    return np.flatnonzero(alive.any(axis=1))
+
+
+def _measure_steps(source: Array, here: Array, joints: _Joints, timed: bool) -> tuple[Array, Array, Array]:
+    """Measure steps: sum of squares, greatest of the turning joints, and time at full rates. Shapes (g, w)."""
+    motion, most, time = (np.zeros(source.shape[:2]) for _ in range(3))
+    for j in range(here.shape[1]):
+        step = here[:, j, None] - source[..., j]
+        if joints.turns[j]:
+            step -= 2 * np.pi * np.round(step / (2 * np.pi))
+        motion += step * step
+        step = np.abs(step)
+        if not joints.slides[j]:
+            np.maximum(most, step, out=most)
+        if timed:
+            np.maximum(time, step / joints.fastest[j], out=time)
+    return motion, most, time
 
 
 def _follow(q: Array, turns: NDArray[np.bool_]) -> Array:
