@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnose.evidence import combine_channels
-from compplan.diagnose.fit import REGISTRATION, Fit
+from compplan.diagnose.fit import Fit
+from compplan.diagnose.offers import REGISTRATION
 from compplan.effects.linearization import Place
 from compplan.effects.signature import Signature
 from compplan.robot import Array

@@ -13,6 +13,7 @@ from compplan.diagnose.conventions import find_conventions
 from compplan.diagnose.evidence import WITNESSED, Hyper, Posterior, find_posterior
 from compplan.diagnose.fit import Fit, Problem, State, advance_state, bend_forwards, fit_effects, linearize_state
 from compplan.diagnose.held_out import HeldOut, hold_out, make_folds, prior_of
+from compplan.diagnose.polish import polish_fit
 from compplan.diagnose.result import Candidate, Diagnosis, Gap
 from compplan.diagnose.search import Claim, distinct_places
 from compplan.diagnose.verdict import Finding, Verdict, reach_verdict
@@ -62,6 +63,7 @@ def diagnose_campaign(
     registration, nominal = _register(replace(problem, fixed=known), campaign)
     started = _register(problem, campaign)[0] if conventions else registration
     fit = fit_effects(problem, started, ~campaign.first_visit, progress)
+    fit = polish_fit(fit)
     progress("verdict")
     verdict = reach_verdict(fit)
     verdict = _with_conventions(verdict, problem, len(known))
@@ -151,20 +153,17 @@ def noise_floor(fit: Fit) -> float:
 def _choose_update(
     fit: Fit, claims: list[Claim], folds: NDArray[np.int_], plain: HeldOut, worth: float
 ) -> tuple[State, HeldOut]:
-    """Choose between named effects with and without the background and the nominal robot by the held-out gap."""
+    """Choose between all that was fitted, the named effects alone, and the nominal robot, by the held-out gap."""
     hyper = fit.model.posterior.hyper
-    options = []
-    if len(claims) == len(fit.model.claims):
-        prior, _ = bend_forwards(fit.search.ledger, prior_of(fit, claims), fit.model.posterior)
-        options.append((hold_out(fit, prior, hyper, folds), True))
-    if claims or not options:
-        options.append((hold_out(fit, prior_of(fit, claims, background=False), hyper, folds), False))
-    held, background = min(options, key=lambda o: o[0].rms * (1.0 if o[1] else 1.002))
+    prior, _ = bend_forwards(fit.search.ledger, prior_of(fit, fit.model.claims), fit.model.posterior)
+    options = [
+        (hold_out(fit, prior, hyper, folds), True),
+        (hold_out(fit, prior_of(fit, claims, background=False), hyper, folds), False),
+    ]
+    held, everything = min(options, key=lambda o: o[0].rms * (1.0 if o[1] else 1.002))
     if held.rms > (1.0 - worth) * plain.rms:
         return _nominal_state(fit), plain
-    if background and len(claims) == len(fit.model.claims):
-        return fit.state, held
-    return _refitted(fit, claims), held
+    return (fit.state if everything else _refitted(fit, claims)), held
 
 
 def _refitted(fit: Fit, claims: list[Claim]) -> State:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,15 +13,13 @@ from compplan.diagnose.background import CLASSES, build_prior, in_background, lo
 from compplan.diagnose.channels import Channel, Noise, build_channels, estimate_noises, position_residual
 from compplan.diagnose.evidence import Posterior, Prior, find_posterior, start_hyper
 from compplan.diagnose.ledger import Ledger, build_ledger, extend_ledger
+from compplan.diagnose.offers import REGISTRATION, Key, key_of, offer_again, offered_signatures
 from compplan.diagnose.outliers import find_gross_outliers, find_outliers
 from compplan.diagnose.proposals import propose_shifts, propose_waves
 from compplan.diagnose.search import MOST_EFFECTS, Claim, Model, Search, search_models
-from compplan.effects import EFFECTS, Effect, apply_effects, attain_scene, frame_shift, stage_scene, tool_shift
-from compplan.effects.base_frame import base_twists
+from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
 from compplan.effects.linearization import Linearization, linearize_scene
 from compplan.effects.signature import Signature
-from compplan.effects.stiffness_nonlinearity import linear_in_disguise
-from compplan.effects.transmission_error import bump_at, spline_at, waves_at
 from compplan.measurements import Campaign
 from compplan.registration import Registration
 from compplan.robot import Array, Robot
@@ -29,7 +27,6 @@ from compplan.robot import Array, Robot
 ROUNDS = 8
 #: Most effects of the first rounds: what is small has to wait until the large ones are exact.
 FIRST_ROUNDS = (2, 4, 8, 16)
-REGISTRATION = "registration"
 #: Parameters have settled when no observation moves by more than this share of its noise.
 SETTLED = 0.1
 #: Classes of the background that move the target by less than this share of the noise are left out of the model.
@@ -59,9 +56,6 @@ class Problem:
         """Effects that are no candidates: those left out, and frames that are registered."""
         registered = {"base": "base_frame", "tool": "tool_frame"}
         return (*self.without, *(registered[part] for part in self.register))
-
-
-Key = tuple[str, str | None, str | None, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,11 +110,6 @@ class Fit:
     exact: float = 0.0
 
 
-def key_of(signature: Signature) -> Key:
-    """Return place and form of a signature."""
-    return (*signature.place, signature.form)
-
-
 def fit_effects(
     problem: Problem, registration: Registration | None, use: NDArray[np.bool_],
     progress: Callable[[str], None] = lambda text: None,
@@ -168,9 +157,9 @@ def _round(
     use[outliers] = False
     state = replace(state, use=use)
     channels = build_channels(at.scene, at.attained, use, noises)
-    fixed = offered_signatures(problem, at)
+    fixed = offered_signatures(at, problem.register, problem.excluded)
     wanted = {key for key, _ in state.claims}
-    kept = _again(at, proposals, wanted)
+    kept = offer_again(at, proposals, wanted)
     fit = _search(problem, state, at, channels, [*fixed, *kept], noises, progress)
     for _ in range(3):
         fresh = _propose(fit)
@@ -192,61 +181,6 @@ def linearize_state(problem: Problem, state: State) -> Linearization:
     scene = apply_effects(scene, state.effects)
     current = {effect.place: effect.parameters for effect in state.effects}
     return linearize_scene(scene, attain_scene(scene), current)
-
-
-def offered_signatures(problem: Problem, at: Linearization) -> list[Signature]:
-    """List every signature that needs no search for rows or periods, registration first."""
-    offered = registration_signatures(at, problem.register)
-    for name, model in EFFECTS.items():
-        if name not in problem.excluded:
-            offered += list(model.signatures(at))
-    if "joint_stiffness" in problem.excluded:
-        # a law of deflection with a linear part is a joint's stiffness under another name
-        offered = [s for s in offered if not (s.name == "stiffness_nonlinearity" and linear_in_disguise(s.keys))]
-    return offered
-
-
-def registration_signatures(at: Linearization, parts: Sequence[str]) -> list[Signature]:
-    """Return the columns of frames that are fitted freely: the base, and the tool of each target."""
-    found = []
-    scale = np.array([1e-3] * 3 + [1e-3] * 3)
-    keys = ("tx_m", "ty_m", "tz_m", "rx_rad", "ry_rad", "rz_rad")
-    if "base" in parts:
-        found.append(Signature(REGISTRATION, None, None, "base", keys, scale, base_twists(at)))
-    if "tool" in parts and at.scene.registration is not None:
-        R = at.attained.frames.tcp_rotation @ at.scene.registration.tool[at.campaign.target_index, :3, :3]
-        for number in range(len(at.campaign.target_names)):
-            of_target = (at.campaign.target_index == number)[:, None, None]
-            twist = np.zeros((len(R), 6, 6))
-            twist[:, :3, :3], twist[:, 3:, 3:] = R * of_target, R * of_target
-            found.append(Signature(REGISTRATION, None, None, f"tool {number}", keys, scale, twist))
-    return found
-
-
-def _again(at: Linearization, proposals: list[Signature], wanted: set[Key]) -> list[Signature]:
-    """Offer the claimed ones of earlier proposals at a new linearization."""
-    found: list[Signature] = []
-    for old in proposals:
-        if key_of(old) not in wanted:
-            continue
-        if old.name in ("frame_shift", "tool_shift"):
-            model = frame_shift if old.name == "frame_shift" else tool_shift
-            found += [s for s in model.shift_at(at, int(old.fixed["row"]), old.tried) if s.form == old.form]
-        else:
-            index = at.robot.joint_names.index(str(old.joint))
-            found.append(_again_curve(at, index, old))
-    return found
-
-
-def _again_curve(at: Linearization, index: int, old: Signature) -> Signature:
-    """Offer a curve over a joint's angle at a new linearization."""
-    fixed = old.fixed
-    for unit, cycles in (("rad", "cycles_per_turn"), ("m", "cycles_per_m")):
-        if cycles in fixed:
-            return waves_at(at, index, fixed[cycles], old.tried)
-        if f"centre_{unit}" in fixed:
-            return bump_at(at, index, fixed[f"centre_{unit}"][0], fixed[f"width_{unit}"][0], old.tried)
-    return spline_at(at, index)
 
 
 def _search(

@@ -19,8 +19,9 @@ import numpy as np
 from scipy.special import expit, logit
 
 from compplan.diagnose.ambiguity import is_comparable
-from compplan.diagnose.fit import Fit, registration_signatures
+from compplan.diagnose.fit import Fit
 from compplan.diagnose.measurement_moves import KINDS, Move, lay_out_moves
+from compplan.diagnose.offers import registration_signatures
 from compplan.diagnose.result import Diagnosis, place_table
 from compplan.diagnose.search import Claim, Model
 from compplan.diagnose.verdict import TEMPER, Finding

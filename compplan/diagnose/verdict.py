@@ -10,7 +10,8 @@ from scipy.special import logsumexp
 
 from compplan.diagnose.ambiguity import Rival, find_rivals
 from compplan.diagnose.evidence import SHARED_RANGE, WITNESSED, find_posterior
-from compplan.diagnose.fit import REGISTRATION, Fit
+from compplan.diagnose.fit import Fit
+from compplan.diagnose.offers import REGISTRATION
 from compplan.diagnose.search import Claim, distinct_places
 from compplan.effects.signature import Effect
 from compplan.robot import Array
@@ -123,7 +124,7 @@ def reach_verdict(fit: Fit) -> Verdict:
     named = tuple(f for f in findings if f.probability >= CLAIMED and f not in minor)
     doubtful = tuple(f for f in findings if f.probability < CLAIMED and f not in minor)
     if named:
-        status = "partly_explained" if structure.left or doubtful else "explained"
+        status = "partly_explained" if structure.left else "explained"
     else:
         status = "unknown" if structure.left or any(f.margin > 5.0 for f in doubtful) else "none"
     return Verdict(status, named, doubtful, minor, structure)

@@ -23,13 +23,15 @@ def signatures(at: Linearization) -> Iterable[Signature]:
     """Offer gravity where the model has none; on a rigid robot without varying load, joints that bend under weight."""
     if not at.robot.bodies:
         return
-    if at.robot.gravity is None and at.attained.chain.n_springs:
+    found = at.current.get((name, None, None), {})
+    if (at.robot.gravity is None or SHARE in found) and at.attained.chain.n_springs:
         chain = at.attained.chain
         elements = chain.spring_elements
         loads = gravity_torque(replace(chain, gravity=gravity_of(at.robot)), at.attained.frames)[:, elements, None]
         twist, encoder = at.load_response(loads / STANDARD_GRAVITY)
         yield Signature(name, None, None, "", (SHARE,), np.array([STANDARD_GRAVITY]), twist, encoder, positive=True)
-    if not at.campaign.load_varies and not any(s.compliance > 0 for s in at.own.values()):
+    rigid = not any(spring.compliance > 0 for spring in at.own.values())
+    if not at.campaign.load_varies and rigid:
         yield from _bending_joints(at)
 
 

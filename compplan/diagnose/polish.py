@@ -1,0 +1,71 @@
+"""Polish: the last exact steps of a fit whose claims stand, until the exact model keeps what derivatives promise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.diagnose.background import build_prior, in_background, log_priors
+from compplan.diagnose.channels import build_channels, position_residual
+from compplan.diagnose.fit import Fit, State, advance_state, linearize_state
+from compplan.diagnose.ledger import build_ledger
+from compplan.diagnose.offers import REGISTRATION, key_of, offer_again, offered_signatures
+from compplan.diagnose.outliers import find_outliers
+from compplan.diagnose.search import Claim, Search
+
+PASSES = 3
+#: The exact model has arrived when it leaves this little more than its linearization promises.
+ARRIVED = 1.02
+
+
+def polish_fit(fit: Fit) -> Fit:
+    """Refit the parameters of a finished fit exactly, its claims, noise and background held.
+
+    Args:
+        fit: The fit.
+    """
+    vector = fit.model.posterior.values(fit.search.ledger.p)
+    left = fit.search.ledger.left(vector)[0]
+    expected = float(np.sqrt(np.mean(np.sum(left**2, axis=1)))) * fit.noises["position"].sigma
+    use = fit.state.use.copy() if fit.base is None else fit.base.use.copy()
+    best, state = fit.state, fit.state
+    least = exact = exact_rms(fit, state, use)
+    for _ in range(PASSES):
+        if exact < ARRIVED * expected:
+            break
+        state = _step(fit, state, use)
+        exact = exact_rms(fit, state, use)
+        if exact < least:
+            best, least = state, exact
+    campaign = fit.problem.campaign
+    at = linearize_state(fit.problem, best)
+    residual = position_residual(campaign, at.scene, at.attained)
+    outliers = find_outliers(campaign, residual, best.scatter, ~campaign.first_visit)
+    return replace(fit, state=best, exact=least, outliers=outliers)
+
+
+def exact_rms(fit: Fit, state: State, use: NDArray[np.bool_]) -> float:
+    """Return the root mean square distance that the exact model leaves on some rows. [m]"""
+    campaign = fit.problem.campaign
+    at = linearize_state(fit.problem, state)
+    residual = position_residual(campaign, at.scene, at.attained)[use & campaign.usable]
+    return float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
+
+
+def _step(fit: Fit, state: State, use: NDArray[np.bool_]) -> State:
+    """Linearize at a state and take the posterior mean of the claimed and background columns."""
+    at = linearize_state(fit.problem, state)
+    channels = build_channels(at.scene, at.attained, use, fit.noises)
+    sizes = dict(state.claims)
+    old = [s for s in fit.search.ledger.signatures if s.tried > 1 or s.form == "spline"]
+    offered = [*offered_signatures(at, fit.problem.register, fit.problem.excluded), *offer_again(at, old, set(sizes))]
+    kept = [s for s in offered if key_of(s) in sizes or s.name == REGISTRATION or in_background(s)]
+    ledger = build_ledger(channels, kept, state.values)
+    free = [n for n, s in enumerate(kept) if s.name == REGISTRATION]
+    hyper = fit.model.posterior.hyper
+    search = Search(ledger, build_prior(ledger, free, fit.problem.excluded), log_priors(kept), [], hyper)
+    claims = [Claim(n, sizes[key_of(s)]) for n, s in enumerate(kept) if key_of(s) in sizes]
+    model = search.model(claims, hyper, fit=False)
+    return advance_state(replace(fit, at=at, channels=channels, search=search, model=model, state=state))
