@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 from compplan.diagnose.channels import position_residual
 from compplan.diagnose.conventions import find_conventions
 from compplan.diagnose.evidence import WITNESSED, Hyper, Posterior, find_posterior
-from compplan.diagnose.fit import Fit, Problem, State, advance_state, bend_forwards, fit_effects, linearize_state
+from compplan.diagnose.fit import (
+    Fit,
+    Problem,
+    State,
+    advance_state,
+    bend_forwards,
+    fit_effects,
+    linearize_state,
+    stands,
+)
 from compplan.diagnose.held_out import HeldOut, hold_out, make_folds, prior_of
 from compplan.diagnose.polish import polish_fit
 from compplan.diagnose.result import Candidate, Diagnosis, Gap
@@ -172,7 +181,8 @@ def _refitted(fit: Fit, claims: list[Claim]) -> State:
     posterior: Posterior = find_posterior(fit.search.ledger, prior, fit.model.posterior.hyper, fit=False)
     posterior = replace(posterior, hyper=replace(posterior.hyper, log_tau=np.full_like(posterior.hyper.log_tau, -4.0)))
     model = replace(fit.model, claims=tuple(claims), posterior=posterior)
-    return advance_state(replace(fit, model=model, state=fit.base or fit.state))
+    state = advance_state(replace(fit, model=model, state=fit.base or fit.state))
+    return state if stands(fit.problem, state) else fit.state
 
 
 def settle_play(problem: Problem, state: State) -> State:

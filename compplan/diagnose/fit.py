@@ -20,6 +20,7 @@ from compplan.diagnose.search import MOST_EFFECTS, Claim, Model, Search, search_
 from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
 from compplan.effects.linearization import Linearization, linearize_scene
 from compplan.effects.signature import Signature
+from compplan.errors import ConvergenceError
 from compplan.measurements import Campaign
 from compplan.registration import Registration
 from compplan.robot import Array, Robot
@@ -125,13 +126,18 @@ def fit_effects(
     state = State(problem.fixed, {}, registration, use)
     noises: dict[str, Noise] | None = None
     proposals: list[Signature] = []
-    fit = None
+    fit = whole = None
     for number in range(ROUNDS):
         progress(f"round {number + 1}")
         state = replace(state, most=FIRST_ROUNDS[number] if number < len(FIRST_ROUNDS) else MOST_EFFECTS)
         fit, proposals = _round(problem, state, noises, proposals, progress)
         noises = fit.noises
         following = advance_state(fit)
+        if not stands(problem, following):
+            # parameters beyond what the exact model can bear: the last model that stood is the answer
+            fit = whole or replace(fit, model=fit.search.model([], fit.search.start))
+            return _finish(fit, state)
+        whole = fit
         settled = number > 0 and len(fit.model.claims) < state.most and _settled(fit, state, following)
         state = following
         if settled:
@@ -173,6 +179,16 @@ def _round(
         if fit.model.score < before + 0.5 or not claimed & {key_of(s) for s in fresh}:
             break
     return fit, [s for s in fit.search.ledger.signatures if s.tried > 1 or s.form == "spline"]
+
+
+def stands(problem: Problem, state: State) -> bool:
+    """Tell whether the robot of a state finds its equilibrium at every row."""
+    try:
+        scene = apply_effects(stage_scene(problem.robot, problem.campaign), state.effects)
+        attained = attain_scene(scene)
+    except ConvergenceError:
+        return False
+    return bool(np.isfinite(attained.position).all())
 
 
 def linearize_state(problem: Problem, state: State) -> Linearization:

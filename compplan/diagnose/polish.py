@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from compplan.diagnose.background import build_prior, in_background, log_priors
 from compplan.diagnose.channels import build_channels, position_residual
-from compplan.diagnose.fit import Fit, State, advance_state, linearize_state
+from compplan.diagnose.fit import Fit, State, advance_state, linearize_state, stands
 from compplan.diagnose.ledger import build_ledger
 from compplan.diagnose.offers import REGISTRATION, key_of, offer_again, offered_signatures
 from compplan.diagnose.outliers import find_outliers
@@ -36,6 +36,8 @@ def polish_fit(fit: Fit) -> Fit:
         if exact < ARRIVED * expected:
             break
         state = _step(fit, state, use)
+        if not stands(fit.problem, state):
+            break
         exact = exact_rms(fit, state, use)
         if exact < least:
             best, least = state, exact

@@ -40,8 +40,11 @@ NAMEABLE = 0.8
 PLAIN = 3.0
 #: A zero that is off by more than this [rad or m] is counted wrongly, not adjusted badly: centimetres at the tool.
 FAR_ZERO = 0.02
-#: Names are withheld where the structure left is larger than this share of what they explain.
-UNTRUSTED = 0.28
+#: Names are withheld where the structure left is larger than this share of what they explain. Where even the frames
+#: were unknown the robot is far from calibrated, and several small causes beside the named ones are no surprise (assumed).
+UNTRUSTED, UNTRUSTED_REGISTERED = 0.15, 0.28
+#: Structure counts however small it is where it gains this much log evidence.
+PLAIN_STRUCTURE = 25.0
 
 
 @dataclass(frozen=True)
@@ -117,7 +120,8 @@ def reach_verdict(fit: Fit) -> Verdict:
     findings = [weigh_claim(fit, claim) for claim in fit.model.claims]
     findings = sorted((name_far_zero(f) for f in findings), key=lambda f: -f.explained)
     if structure.left:
-        findings = [replace(f, probability=f.probability * trust_in(f, structure)) for f in findings]
+        limit = UNTRUSTED_REGISTERED if fit.problem.register else UNTRUSTED
+        findings = [replace(f, probability=f.probability * trust_in(f, structure, limit)) for f in findings]
     noise = fit.noises["position"].sigma * float(np.exp(0.5 * fit.model.posterior.hyper.log_noise[0]))
     small = NAMEABLE * np.sqrt(3.0) * noise
     minor = tuple(f for f in findings if f.explained < small and not only_in_readings(fit, f))
@@ -150,16 +154,21 @@ def only_in_readings(fit: Fit, finding: Finding) -> bool:
     return bool(moves[0] < 1e-6 and max(moves) > PLAIN)
 
 
-def trust_in(finding: Finding, structure: Structure) -> float:
+def trust_in(finding: Finding, structure: Structure, limit: float) -> float:
     """Return how far a name can be trusted where structure is left: a cause explains far more than it leaves.
 
     What is left is compared with the geometric mean of what the effect and all effects together explain: a small effect
     of many that together explain nearly everything is no imitation.
+
+    Args:
+        finding: The effect.
+        structure: What is left.
+        limit: Ratio at which a name is worth half.
     """
     alone = min(finding.explained, structure.gap)
     together = min(max(structure.explained, alone), structure.gap)
     ratio = structure.rms / max(np.sqrt(alone * together), 1e-12)
-    return float(1.0 / (1.0 + (ratio / UNTRUSTED) ** 4))
+    return float(1.0 / (1.0 + (ratio / limit) ** 4))
 
 
 def weigh_claim(fit: Fit, claim: Claim) -> Finding:
@@ -213,7 +222,7 @@ def measure_structure(fit: Fit) -> Structure:
     uneven = uneven_scatter(fit, values)
     excess = max(excess, uneven)
     rms = np.sqrt(3.0) * np.sqrt((sigma * shared) ** 2 + excess * noise.sigma**2)
-    left = (gain > STRUCTURE_GAIN and shared > STRUCTURE_SIZE) or excess > EXCESS
+    left = (gain > STRUCTURE_GAIN and shared > STRUCTURE_SIZE) or gain > PLAIN_STRUCTURE or excess > EXCESS
     expected = np.sqrt(np.mean(np.sum(ledger.left(values)[0] ** 2, axis=1))) * noise.sigma
     if fit.exact > DIVERGED * expected:
         # the exact model does not do what its derivatives promise: what was fitted is no cause
