@@ -41,7 +41,7 @@ PLAIN = 3.0
 #: A zero that is off by more than this [rad or m] is counted wrongly, not adjusted badly: centimetres at the tool.
 FAR_ZERO = 0.02
 #: Names are withheld where the structure left is larger than this share of what they explain. Where even the frames
-#: were unknown the robot is far from calibrated, and several small causes beside the named ones are no surprise (assumed).
+#: were unknown the robot is far from calibrated, and small causes beside the named ones are no surprise (assumed).
 UNTRUSTED, UNTRUSTED_REGISTERED = 0.15, 0.28
 #: Structure counts however small it is where it gains this much log evidence.
 PLAIN_STRUCTURE = 25.0
