@@ -89,7 +89,7 @@ def control_equilibrium(
     if coupled:
         raise InputError("an actuator spring is coupled with another spring, encoders cannot tell its part")
     gain = {"motor": np.ones(chain.nq), "link": np.zeros(chain.nq)}.get(feedback, -np.broadcast_to(beta, (chain.nq,)))
-    scale = np.where(lies_between, gain @ selection, 1.0)
+    scale = np.where(lies_between, gain @ np.abs(selection), 1.0)
     loaded = solve_equilibrium(replace(chain, compliance=chain.compliance * scale), q, wrench)
     yielded = (gear * loaded.torque) @ selection.T
     link = np.atleast_2d(q) + gain * yielded
