@@ -67,7 +67,12 @@ def parse_parts(text: str | None) -> tuple[str, ...]:
 
 
 def fit_registration(
-    campaign: Campaign, position: Array, rotation: Array, parts: Sequence[str], *, rows: Array | None = None
+    campaign: Campaign,
+    position: Array,
+    rotation: Array,
+    parts: Sequence[str],
+    *,
+    rows: NDArray[np.bool_] | None = None,
 ) -> Registration:
     """Fit base and tool frames to a campaign, robustly; the robot's own poses stay as they are.
 

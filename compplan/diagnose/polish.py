@@ -14,6 +14,7 @@ from compplan.diagnose.ledger import build_ledger
 from compplan.diagnose.offers import REGISTRATION, key_of, offer_again, offered_signatures
 from compplan.diagnose.outliers import find_outliers
 from compplan.diagnose.search import Claim, Search
+from compplan.registration import fit_registration
 
 PASSES = 3
 #: The exact model has arrived when it leaves this little more than its linearization promises.
@@ -30,7 +31,8 @@ def polish_fit(fit: Fit) -> Fit:
     left = fit.search.ledger.left(vector)[0]
     expected = float(np.sqrt(np.mean(np.sum(left**2, axis=1)))) * fit.noises["position"].sigma
     use = fit.state.use.copy() if fit.base is None else fit.base.use.copy()
-    best, state = fit.state, fit.state
+    state = register_again(fit, fit.state, use)
+    best = state
     least = exact = exact_rms(fit, state, use)
     for _ in range(PASSES):
         if exact < ARRIVED * expected:
@@ -38,6 +40,7 @@ def polish_fit(fit: Fit) -> Fit:
         state = _step(fit, state, use)
         if not stands(fit.problem, state):
             break
+        state = register_again(fit, state, use)
         exact = exact_rms(fit, state, use)
         if exact < least:
             best, least = state, exact
@@ -46,6 +49,17 @@ def polish_fit(fit: Fit) -> Fit:
     residual = position_residual(campaign, at.scene, at.attained)
     outliers = find_outliers(campaign, residual, best.scatter, ~campaign.first_visit)
     return replace(fit, state=best, exact=least, outliers=outliers)
+
+
+def register_again(fit: Fit, state: State, use: NDArray[np.bool_]) -> State:
+    """Fit the frames of a campaign to a state's exact model, where they are fitted at all and where that is closer."""
+    problem = fit.problem
+    if not problem.register:
+        return state
+    attained = linearize_state(problem, replace(state, registration=None)).attained
+    frames = fit_registration(problem.campaign, attained.position, attained.rotation, problem.register, rows=use)
+    registered = replace(state, registration=frames)
+    return registered if exact_rms(fit, registered, use) < exact_rms(fit, state, use) else state
 
 
 def exact_rms(fit: Fit, state: State, use: NDArray[np.bool_]) -> float:
