@@ -76,7 +76,7 @@ def _lede(result: JobStudy) -> str:
     figures = result.summary["strategies"]
     best = min(figures, key=lambda name: figures[name]["rms_mm"]["mean"])
     blind = [name for name, c in result.run.study.controllers.items() if c.measures == "nothing" and name != "none"]
-    text = f"{_say(best)} comes closest: {_mm(figures[best]['rms_mm']['mean'])} rms on average, "
+    text = f"Of these strategies {_say(best)} comes closest: {_mm(figures[best]['rms_mm']['mean'])} rms on average, "
     text += f"{_mm(figures[best]['rms_mm']['p95'])} in 95 of 100 cells"
     if "none" in figures:
         text += f", against {_mm(figures['none']['rms_mm']['mean'])} without correction"
