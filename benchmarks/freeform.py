@@ -54,7 +54,9 @@ def make_part(columns: int = 31, rows: int = 23) -> trimesh.Trimesh:
 
 def make_fixture() -> trimesh.Trimesh:
     """Make a table and two clamps beside the part. [mm]"""
-    parts = [trimesh.creation.box((620.0, 460.0, 30.0), trimesh.transformations.translation_matrix((0, 0, BOTTOM - 15)))]
+    parts = [
+        trimesh.creation.box((620.0, 460.0, 30.0), trimesh.transformations.translation_matrix((0, 0, BOTTOM - 15)))
+    ]
     for side in (-1.0, 1.0):
         place = trimesh.transformations.translation_matrix((0.0, side * (HALF[1] + 35.0), BOTTOM + 25.0))
         parts.append(trimesh.creation.box((60.0, 50.0, 50.0), place))

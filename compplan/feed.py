@@ -75,7 +75,7 @@ def time_run(task: PlanTask, q: Array, wish: FeedWish) -> tuple[PlanTask, Timing
         found = find_constant_feed(task, q)
         if found.waypoint >= 0:
             notes.append(
-                f"One feed for the whole cut: {1e3 * found.feed:.4g} mm/s instead of {1e3 * found.programmed:.4g} mm/s, "
+                f"One feed for the whole cut: {1e3 * found.feed:.4g} mm/s instead of {1e3 * found.programmed:.4g}, "
                 f"held down by the {found.kind} limit of {found.joint} at waypoint {found.waypoint}."
             )
         task = program_feed(task, found.feed)

@@ -175,7 +175,9 @@ def summarise_plan(view: PlanView) -> str:
         wrong = format_length(view.mismatch.max_deviation)
         text += f". Where the robot is not as modelled ({view.mismatch.cell}, assumed) the plan leaves up to {wrong}"
     share = float((after <= view.tolerance).mean())
-    text += f". As modelled, {format_percent(share)} of the cut is within the tolerance of {_set_length(view.tolerance)}"
+    text += (
+        f". As modelled, {format_percent(share)} of the cut is within the tolerance of {_set_length(view.tolerance)}"
+    )
     text += f", and the whole path takes {format_set_value(round(float(view.time[-1]), 1))}\u00a0s."
     if view.lowered.any() and not view.notes:
         text += f" The feed is lowered at {view.lowered.sum()} of {view.cut.sum()} waypoints."
