@@ -17,6 +17,8 @@ name = "gravity_compensator"
 SCALE = 1000.0
 #: Second harmonics of a balancer are smaller than its first: assumed half.
 HIGHER = 0.5
+#: A balancer carries weight: it is offered at joints that the weights load by this share of the most loaded one.
+WORTH_BALANCING = 0.2
 FORMS = {
     "sine": ("sine_Nm", "cosine_Nm"),
     "sine+constant": ("sine_Nm", "cosine_Nm", "constant_Nm"),
@@ -37,11 +39,13 @@ def shapes(angle: Array) -> dict[str, Array]:
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer every revolute joint with a spring of its own."""
+    """Offer every revolute joint with a spring of its own that there is weight to balance at."""
+    weight = np.abs(at.own_weight_load).max(axis=0, initial=0.0)
+    balanced = weight >= WORTH_BALANCING * weight.max(initial=0.0)
     motor_side = ~at.campaign.link_controlled
     for index, spring in at.own.items():
         joint = at.robot.actuated[index]
-        if spring.compliance <= 0 or joint.kind != "revolute":
+        if spring.compliance <= 0 or joint.kind != "revolute" or not balanced[index]:
             continue
         parts = shapes(np.nan_to_num(at.campaign.q[:, index]))
         for form, keys in FORMS.items():
