@@ -19,7 +19,6 @@ from compplan.errors import InputError
 from compplan.montecarlo.runner import Settings, run_study
 from compplan.montecarlo.workforce import Workforce
 
-pytest.importorskip("distributed")
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
 
 

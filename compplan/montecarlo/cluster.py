@@ -34,7 +34,7 @@ def compute_on_cluster(study: Study, numbers: list[int], points: Callable[[int],
         scheduler: Address, such as "tcp://127.0.0.1:8786".
 
     Raises:
-        InputError: If the scheduler does not answer, or Dask is not installed.
+        InputError: If the scheduler does not answer.
 
     """
     client = _connect(scheduler)
@@ -45,10 +45,8 @@ def compute_on_cluster(study: Study, numbers: list[int], points: Callable[[int],
 
 
 def _connect(scheduler: str) -> Any:
-    try:
-        from distributed import Client
-    except ImportError:
-        raise InputError("--scheduler needs Dask: pip install 'compplan[cluster]'") from None
+    from distributed import Client
+
     try:
         return Client(scheduler, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
