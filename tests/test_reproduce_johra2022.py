@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from compplan.correction_loop import largest_pole
 from compplan.reproduce.johra2022 import (
     FIG_7_DEG,
     FIG_7_FORCE,
@@ -15,16 +16,9 @@ from compplan.reproduce.johra2022 import (
     load_shares,
     without_side_spring,
 )
-from compplan.reproduce.johra_loop import (
-    GAINS,
-    Gains,
-    largest_pole_literal,
-    largest_pole_pi,
-    largest_pole_plant,
-    simulate_loop,
-    ziegler_nichols_plant,
-)
+from compplan.reproduce.johra_loop import WITHOUT_DERIVATIVE, fitted_loop, simulate_loops
 from compplan.robot import load_robot
+from compplan.strategies.online_correction import LITERAL
 
 ROBOT = load_robot("staubli_tx200")
 
@@ -58,22 +52,21 @@ def test_each_step_of_the_calibration_loads_its_own_springs_most_or_nearly() -> 
 
 
 def test_the_literal_law_is_unstable_and_stable_without_its_derivative() -> None:
-    assert largest_pole_literal() == pytest.approx(2.29, abs=0.01)
-    assert largest_pole_pi() == pytest.approx(0.91, abs=0.01)
+    assert largest_pole(LITERAL) == pytest.approx(2.29, abs=0.01)
+    assert largest_pole(WITHOUT_DERIVATIVE) == pytest.approx(0.91, abs=0.01)
 
 
 def test_the_poles_tell_how_the_simulated_loop_grows_or_dies_away() -> None:
-    plant = ziegler_nichols_plant()
-    _, responses = simulate_loop(plant, 2.0)
+    _, responses = simulate_loops(2.0)
     literal, pi, with_plant = responses.values()
     assert np.abs(literal[-1]) >= 10
     assert np.abs(pi[-1]) < 1e-5 and np.abs(with_plant[-20:]).max() < 1e-2
     early, late = np.abs(with_plant[60:80]).max(), np.abs(with_plant[100:120]).max()
-    assert (late / early) ** (1 / 40) == pytest.approx(largest_pole_plant(plant), abs=0.01)
+    assert (late / early) ** (1 / 40) == pytest.approx(largest_pole(fitted_loop()), abs=0.01)
 
 
 def test_the_plant_that_fits_the_gains_has_the_ultimate_gain_of_ziegler_and_nichols() -> None:
-    plant = ziegler_nichols_plant()
-    assert plant.lag == pytest.approx(13.5e-3, rel=0.01) and plant.delay == pytest.approx(37e-3, rel=0.02)
-    assert largest_pole_plant(plant) < 1
-    assert largest_pole_plant(plant, Gains(2.5 * GAINS.gain, GAINS.integral, GAINS.derivative)) > 1
+    fitted = fitted_loop()
+    assert fitted.plant.lag == pytest.approx(13.5e-3, rel=0.01) and fitted.plant.delay == pytest.approx(37e-3, rel=0.02)
+    assert largest_pole(fitted) < 1
+    assert largest_pole(replace(fitted, gain=2.5 * fitted.gain)) > 1

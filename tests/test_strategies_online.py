@@ -57,6 +57,20 @@ def test_a_stable_loop_settles_at_the_wanted_correction(loop: Loop) -> None:
     assert answer[-1] == pytest.approx(1.0, abs=1e-6)
 
 
+def test_the_filter_of_a_loop_is_its_law_taken_step_by_step() -> None:
+    for loop in (LITERAL, PID):
+        plant, period = loop.plant, loop.period
+        decay = np.exp(-period / plant.lag) if plant.lag else 0.0
+        sent, position, total, last = [0.0] * 10, 0.0, 0.0, 0.0
+        for attained in run_loop(loop, np.ones(30)):
+            assert attained == pytest.approx(position, rel=1e-9)
+            error = 1.0 - position
+            total += error * period / loop.integral
+            sent.append(loop.gain * (error + total + loop.derivative / period * (error - last)))
+            late = np.interp(-plant.delay / period, np.arange(-9, 1), sent[-10:])
+            position, last = decay * position + (1.0 - decay) * late, error
+
+
 def test_the_cone_of_johra_online_and_offline_under_one_model_error() -> None:
     """Uncorrected 1.6 to 6.7 mm at the centre of the part by the direction of the lateral force, here on its rim."""
     study = cone_study()

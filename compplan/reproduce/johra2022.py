@@ -8,17 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.chain import build_chain, locate_frames
+from compplan.correction_loop import largest_pole
 from compplan.elastic import cartesian_compliance, solve_equilibrium
 from compplan.ik import build_arm, name_configuration, solve_branches
 from compplan.map_pictures import draw_lines
-from compplan.reproduce.johra_loop import (
-    GAINS,
-    largest_pole_literal,
-    largest_pole_pi,
-    largest_pole_plant,
-    simulate_loop,
-    ziegler_nichols_plant,
-)
+from compplan.reproduce.johra_loop import WITHOUT_DERIVATIVE, fitted_loop, simulate_loops
 from compplan.reproduce.paper import (
     PaperFigure,
     Reproduction,
@@ -29,6 +23,7 @@ from compplan.reproduce.paper import (
     unavailable,
 )
 from compplan.robot import Array, Robot
+from compplan.strategies.online_correction import LITERAL
 
 #: Joint positions at the centre of the part [deg], and that centre [m].
 CENTRE_DEG, CENTRE = (0.0, 49.7, 89.3, 0.0, 41.0, 0.0), np.array([1.5, 0.0, 0.183])
@@ -225,10 +220,10 @@ def _rows_of_forming(lateral: Array) -> list[Row]:
 
 
 def _rows_of_loop() -> list[Row]:
-    literal, pi = largest_pole_literal(), largest_pole_pi()
-    plant = ziegler_nichols_plant()
-    pole = largest_pole_plant(plant)
-    note = f"Kc {GAINS.gain:g}, Ti {GAINS.integral:g} s, Td {GAINS.derivative:g} s at 100 Hz"
+    fitted = fitted_loop()
+    plant = fitted.plant
+    literal, pi, pole = (largest_pole(loop) for loop in (LITERAL, WITHOUT_DERIVATIVE, fitted))
+    note = f"Kc {LITERAL.gain:g}, Ti {LITERAL.integral:g} s, Td {LITERAL.derivative:g} s at 100 Hz"
     return [
         Row("PID loop taken literally: largest pole", "stable, no overshoot", f"{literal:.2f}", "", None,
             "matches" if literal < 1 else "inconsistent in the paper",
@@ -250,7 +245,7 @@ def _figures(robot: Robot, single: Robot, lateral: Array) -> list[PaperFigure]:
         for k, axis in ((0, "x"), (1, "y"))
         for name, values, style in (("enhanced", moved, "o-"), ("one spring a joint", plain, "s--"))
     ]
-    time, responses = simulate_loop(ziegler_nichols_plant())
+    time, responses = simulate_loops()
     q = grid_postures(robot)
     compliance = cartesian_compliance(build_chain(robot), q)
     x = locate_frames(build_chain(robot), q).tcp_position[:, 0]
