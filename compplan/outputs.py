@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from compplan.collision import describe_clearance
+from compplan.clearance import describe_clearance
 from compplan.compare import Comparison
 from compplan.errors import InputError
 from compplan.evaluate import Evaluation

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.chain import Chain, build_chain
-from compplan.collision import measure_margin
+from compplan.clearance import measure_margin
 from compplan.costs import measure_nodes
 from compplan.errors import InfeasibleError, InputError
 from compplan.ik import Arm, build_arm, solve_branches
@@ -31,7 +31,7 @@ from compplan.robot import Array, Robot
 from compplan.toolpath import Toolpath
 
 if TYPE_CHECKING:
-    from compplan.collision import CollisionScene
+    from compplan.collision_scene import CollisionScene
 
 #: Stations, step of rotation [rad] and positions of extra axes that the grid is rated with.
 STATIONS, SPIN_STEP, HELD_STEPS = 14, float(np.radians(20.0)), 5

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from compplan.cell import JUDGE, build_cell
 from compplan.chain import build_chain, locate_frames
-from compplan.collision import ClearanceProfile
+from compplan.clearance import ClearanceProfile
 from compplan.errors import InputError, UnknownNameError
 from compplan.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch, evaluate_run, measure_margins
 from compplan.feed import FeedWish, time_run

@@ -6,14 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from compplan.collision import (
-    build_scene,
-    describe_contact,
-    find_contacts,
-    locate_link_frames,
-    measure_clearance,
-    measure_margin,
-)
+from compplan.clearance import measure_clearance, measure_margin
+from compplan.collision_scene import build_scene
+from compplan.contacts import describe_contact, find_contacts, locate_link_frames
 from compplan.errors import InputError
 from compplan.ladder.choose import choose_stance
 from compplan.ladder.settings import PostureSettings
@@ -42,7 +37,7 @@ def test_the_distance_of_a_ball_at_the_flange_from_a_wall_is_the_closed_form() -
     wall.apply_translation([flange[0] + 0.4 + 0.123 + 0.05, 0.0, 0.0])
     scene = build_scene(ROBOT, tool=ball, fixture=wall, self_collision=False)
     names = [{scene.solids[a].name, scene.solids[b].name} for a, b in scene.outside]
-    contact = find_contacts(scene, REST, scene.outside[[n == {"tool", "fixture"} for n in names]])[0]
+    contact = find_contacts(ROBOT, scene.solids, REST, scene.outside[[n == {"tool", "fixture"} for n in names]])[0]
     assert {contact.first, contact.second} == {"tool", "fixture"}
     assert contact.distance == pytest.approx(0.123, abs=2e-3)
     assert "comes within 12" in describe_contact(contact)
@@ -76,8 +71,8 @@ def test_the_least_clearance_along_a_path_is_found_between_the_samples() -> None
     q[:, 0] = np.linspace(-1.0, 1.0, 2000)
     q[701:709, 1] += 0.1 * np.hanning(8)
     profile = measure_clearance(scene, q, 0.005)
-    exact = min(contact.distance for contact in find_contacts(scene, q[690:720], scene.outside))
-    everywhere = min(exact, min(c.distance for c in find_contacts(scene, q[::40], scene.outside)))
+    exact = min(contact.distance for contact in find_contacts(ROBOT, scene.solids, q[690:720], scene.outside))
+    everywhere = min(exact, min(c.distance for c in find_contacts(ROBOT, scene.solids, q[::40], scene.outside)))
     assert profile.least[1].distance == pytest.approx(everywhere, abs=2e-3)
     assert len(profile.computed) < 700
 

@@ -9,14 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.collision import (
-    ClearanceProfile,
-    CollisionScene,
-    describe_contact,
-    load_scene,
-    measure_clearance,
-    measure_margin,
-)
+from compplan.clearance import ClearanceProfile, measure_clearance, measure_margin
+from compplan.collision_scene import CollisionScene, load_scene
+from compplan.contacts import describe_contact
 from compplan.errors import InfeasibleError
 from compplan.ladder.choose import choose_stance
 from compplan.ladder.settings import PostureSettings, read_settings

@@ -12,7 +12,7 @@ from compplan.report.style import AFTER, LIMIT, NEUTRAL, SEQUENTIAL, format_leng
 from compplan.robot import Array
 
 if TYPE_CHECKING:
-    from compplan.collision import ClearanceProfile
+    from compplan.clearance import ClearanceProfile
     from compplan.ladder.summary import PostureMap, Stance
 
 #: Why a posture cannot be used, and the colour it gets: out of reach, joint limit, collision, not wanted.
