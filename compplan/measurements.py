@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from compplan.columns import Column
 from compplan.errors import InputError
 from compplan.robot import Array, Robot
-from compplan.tables import Column, Table, read_table
+from compplan.tables import Table, read_table
 
 #: Joint motion below this is encoder jitter, not a move [rad or m]; one unit of the fourth decimal of a degree.
 STATIC_JITTER = 2e-5

@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from compplan.columns import to_unit
 from compplan.effects import apply_effects, robot_effects
 from compplan.effects.scene import Attained, attain_scene, stage_scene
 from compplan.measurements import Campaign
 from compplan.registration import Registration, fit_registration, match_targets, read_registration
 from compplan.robot import Array, Robot
-from compplan.tables import to_unit, write_table
+from compplan.tables import write_table
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from compplan.columns import Column
 from compplan.errors import InputError
-from compplan.tables import Array, Column, read_table
+from compplan.tables import Array, read_table
 from compplan.tomlfile import StrictTable, Vector3
 from compplan.toolpath import WRENCH, Toolpath
 

@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
+from compplan.columns import Column, to_unit
 from compplan.errors import InputError, ShapeError
-from compplan.tables import Array, Column, NDArray, Table, read_table, to_unit, write_table
+from compplan.tables import Array, Table, read_table, write_table
 
 if TYPE_CHECKING:
     from compplan.cam.options import CamTable

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from compplan.columns import to_unit
 from compplan.identify.observations import Observations
 from compplan.robot import Robot
-from compplan.tables import to_unit, write_table
+from compplan.tables import write_table
 
 
 def write_campaign_log(observations: Observations, robot: Robot, file: Path, *, decimals: int = 6) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from compplan.columns import to_unit
 from compplan.errors import InputError
 from compplan.identify.forward import KNOWN_FRAMES
 from compplan.identify.output import SHOWN
@@ -22,7 +23,7 @@ from compplan.identify.pose_choice import (
 )
 from compplan.identify.problem import IdentifyOptions, build_considered
 from compplan.robot import Array, Robot
-from compplan.tables import to_unit, write_table, write_text
+from compplan.tables import write_table, write_text
 
 CANDIDATES = 2000
 

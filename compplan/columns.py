@@ -1,0 +1,178 @@
+"""Columns whose names carry units: which units there are, which columns a table may have, and which a header names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InputError
+
+#: Unit suffix -> (dimension, factor to SI). Temperatures stay in degrees Celsius.
+UNITS: dict[str, tuple[str, float]] = {
+    "m": ("length", 1.0),
+    "mm": ("length", 1e-3),
+    "um": ("length", 1e-6),
+    "rad": ("angle", 1.0),
+    "mrad": ("angle", 1e-3),
+    "deg": ("angle", np.pi / 180.0),
+    "N": ("force", 1.0),
+    "kN": ("force", 1e3),
+    "Nm": ("moment", 1.0),
+    "Nmm": ("moment", 1e-3),
+    "kNm": ("moment", 1e3),
+    "s": ("time", 1.0),
+    "ms": ("time", 1e-3),
+    "m_s": ("speed", 1.0),
+    "mm_s": ("speed", 1e-3),
+    "m_min": ("speed", 1.0 / 60.0),
+    "mm_min": ("speed", 1e-3 / 60.0),
+    "C": ("temperature", 1.0),
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """State one column that a table may have.
+
+    Args:
+        name: Name without unit. A trailing or inner `#` stands for a number from 1: `q#` is q1, q2, ...
+        dimension: "length", "angle", "force", "moment", "time", "speed", "temperature", "number" (no unit) or "text";
+            several where the unit decides (joints: angle or length).
+        required: A table without it is refused.
+        missing: Whether a field may be empty, which reads as NaN.
+        group: Columns of one group stand together: all of them or none.
+        key: Key in the table that is read; default: the name. Columns of the same name need different keys
+            (sigma_mm and sigma_deg).
+
+    """
+
+    name: str
+    dimension: str | tuple[str, ...] = "number"
+    required: bool = False
+    missing: bool = False
+    group: str | None = None
+    key: str | None = None
+
+    @property
+    def dimensions(self) -> tuple[str, ...]:
+        """Every dimension that the column may have."""
+        return (self.dimension,) if isinstance(self.dimension, str) else self.dimension
+
+    def header(self) -> str:
+        """Return how the column is called in a file, in its first unit, for messages."""
+        return " or ".join(self.headers()[:2])
+
+    def headers(self) -> list[str]:
+        """Return every way in which the column may be called in a file; millimetres and degrees first."""
+        if set(self.dimensions) & {"number", "text"}:
+            return [self.name]
+        first = ("mm", "deg", "mm_s")
+        units = [unit for unit, (dimension, _) in UNITS.items() if dimension in self.dimensions]
+        return [f"{self.name}_{unit}" for unit in sorted(units, key=lambda unit: unit not in first)]
+
+
+def split_unit(header: str) -> tuple[str, str]:
+    """Split a column name into name and unit: "feed_mm_s" -> ("feed", "mm_s"), "i" -> ("i", "")."""
+    parts = header.split("_")
+    for start in range(1, len(parts)):
+        unit = "_".join(parts[start:])
+        if unit in UNITS:
+            return "_".join(parts[:start]), unit
+    return header, ""
+
+
+def to_unit(values: NDArray[np.float64], header: str) -> NDArray[np.float64]:
+    """Return SI values in the unit that a column name carries, such as millimetres for "x_mm"."""
+    _, unit = split_unit(header)
+    return np.asarray(values, dtype=np.float64) / (UNITS[unit][1] if unit else 1.0)
+
+
+def match_columns(
+    path: Path, line: int, header: list[str], columns: Sequence[Column], unknown: str
+) -> tuple[dict[str, tuple[int, Column, str]], list[str]]:
+    """Match the header of a file with the columns that it may have.
+
+    Args:
+        path: The file, for messages.
+        line: Line of the header.
+        header: The names in the file.
+        columns: The columns that it may have.
+        unknown: "refuse" columns that are not in `columns`, or "note" them.
+
+    Returns:
+        Key -> (index in the file, column, unit), and notes on columns read past.
+
+    Raises:
+        InputError: If a column is unknown, occurs twice, has no or a wrong unit, or is missing, alone or of a group.
+
+    """
+    matched: dict[str, tuple[int, Column, str]] = {}
+    notes: list[str] = []
+    for index, title in enumerate(header):
+        found = _find_column(title, columns)
+        if found is None:
+            message = _explain_unknown(title, columns)
+            if unknown == "refuse":
+                raise InputError(message, file=path, where=line)
+            notes.append(f"column '{title}' is not read")
+            continue
+        column, unit, key = found
+        if key in matched:
+            other = header[matched[key][0]]
+            twice = f"column '{title}' occurs twice"
+            message = twice if other == title else f"columns '{other}' and '{title}' say the same"
+            raise InputError(f"{message}; keep one of them", file=path, where=line)
+        matched[key] = (index, column, unit)
+    _check_groups(path, line, header, columns, [column for _, column, _ in matched.values()])
+    return matched, notes
+
+
+def _find_column(title: str, columns: Sequence[Column]) -> tuple[Column, str, str] | None:
+    """Return the column that a title names, with its unit and key."""
+    name, unit = split_unit(title)
+    for column in columns:
+        plain = bool(set(column.dimensions) & {"number", "text"})
+        if plain:
+            candidate, fits = title, True
+        else:
+            candidate, fits = name, unit != "" and UNITS[unit][0] in column.dimensions
+        if fits and _name_pattern(column.name).fullmatch(candidate):
+            return column, "" if plain else unit, candidate if "#" in column.name else column.key or column.name
+    return None
+
+
+def _name_pattern(name: str) -> re.Pattern[str]:
+    return re.compile(re.escape(name).replace(r"\#", "#").replace("#", "[1-9][0-9]?"))
+
+
+def _explain_unknown(title: str, columns: Sequence[Column]) -> str:
+    """Return why a title is no column: no unit, another unit, or no such name."""
+    name, unit = split_unit(title)
+    for column in columns:
+        if _name_pattern(column.name).fullmatch(name) or _name_pattern(column.name).fullmatch(title):
+            expected = " or ".join(column.headers()[:3]).replace(column.name, name)
+            fault = f"has the unit {unit}" if unit else "has no unit"
+            return f"column '{title}' {fault}; name it {expected}"
+    return f"no column named '{title}', choose from {[column.headers()[0] for column in columns]}"
+
+
+def _check_groups(
+    path: Path, line: int, header: list[str], columns: Sequence[Column], present: Sequence[Column]
+) -> None:
+    """Refuse a table without a required column, or with part of a group."""
+    groups = {column.group for column in present if column.group is not None}
+    for column in columns:
+        if column in present:
+            continue
+        if column.required:
+            name = column.header().replace("#", "1")
+            raise InputError(f"missing column {name}; the columns are {header}", file=path, where=line)
+        if column.group in groups:
+            mates = [other.headers()[0] for other in columns if other.group == column.group]
+            message = f"missing column {column.header()}; {', '.join(mates)} stand together or not at all"
+            raise InputError(message, file=path, where=line)
