@@ -175,7 +175,8 @@ def test_the_command_writes_numbers_and_page_and_says_them_again(job_file: Path,
     summary = json.loads(first)
     assert summary["samples"] == 16 and 0 <= summary["sensitivity"]["wrench_level"] <= 1.2
     page = (out / "report.html").read_text()
-    for words in ("Which uncertainty matters", "The cost of being wrong", "Along the path", "2.294", "set in the job"):
+    for words in ("Which uncertainty matters", "The cost of being wrong", "Along the path", "2.294", "set in the job",
+                  "stiffness of the process", "quantised encoders"):  # fmt: skip
         assert words in page, words
     again = CliRunner().invoke(group, arguments, catch_exceptions=False)
     assert again.exit_code == 0 and (out / "montecarlo.json").read_bytes() == first

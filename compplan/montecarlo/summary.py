@@ -13,6 +13,12 @@ from compplan.montecarlo.statistics import Interval, estimate_mean, estimate_qua
 from compplan.noise import describe_noise
 from compplan.robot import Array
 
+#: What a study leaves out; `compplan.closed_loop` has it, for one cell at a time.
+LEFT_OUT = (
+    "left out of every sample: the stiffness of the process (the force does not change with where the tool stands), "
+    "the steps of quantised encoders (their errors are drawn as normal noise), and the limiter of online corrections"
+)
+
 
 def summarise_run(
     run: Run, sensitivity: Sensitivity | None = None, *, name: str = "", main: str = ""
@@ -48,7 +54,7 @@ def summarise_run(
         "sensitivity_of": main,
         "within_tolerance_means": "share of samples whose greatest deviation stays within the tolerance",
         "intervals": "ci95 of a mean: Student's t on independent replicates; of quantiles: order statistics",
-        "assumptions": describe_noise(study.noise),
+        "assumptions": [LEFT_OUT, *describe_noise(study.noise)],
     }
     if sensitivity is not None:
         summary["sensitivity"] = dict(zip(sensitivity.groups, sensitivity.total[main].tolist(), strict=True))
