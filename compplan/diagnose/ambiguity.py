@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from compplan.diagnose.evidence import combine_channels
 from compplan.diagnose.fit import Fit
 from compplan.diagnose.offers import REGISTRATION
+from compplan.diagnose.unmodelled import UNMODELLED
 from compplan.effects.linearization import Place
 from compplan.effects.signature import Signature
 from compplan.robot import Array
@@ -80,6 +82,23 @@ def find_rivals(fit: Fit, signature: int) -> list[Rival]:
     return sorted(best.values(), key=lambda r: -r.share)[: 3 * MOST_RIVALS]
 
 
+def share_explained(fit: Fit, signature: int, others: Sequence[int]) -> float:
+    """Return the share of a claim's trace that other signatures together can explain.
+
+    Args:
+        fit: The fit.
+        signature: Number of the claimed signature.
+        others: Numbers of the others.
+    """
+    ledger = fit.search.ledger
+    gram, _, _, _ = combine_channels(ledger.channels, fit.model.posterior.hyper)
+    columns = ledger.columns(signature)
+    values = fit.model.posterior.values(ledger.p)[columns]
+    energy = float(values @ gram[np.ix_(columns, columns)] @ values)
+    theirs = np.unique(np.concatenate([ledger.columns(n) for n in others])).astype(int)
+    return _share(gram, columns, values, theirs, energy) if energy > 0 else 0.0
+
+
 def _frame_columns(fit: Fit) -> NDArray[np.int_]:
     ledger = fit.search.ledger
     found = [
@@ -126,7 +145,7 @@ def _share(gram: Array, columns: NDArray[np.int_], values: Array, other: NDArray
 
 def is_comparable(claim: Signature, other: Signature) -> bool:
     """Leave out forms that contain the claim trivially: a general curve contains the straight line."""
-    if other.name == REGISTRATION or other.tried > 1 or other.form == "spline":
+    if other.name in (REGISTRATION, UNMODELLED) or other.tried > 1 or other.form == "spline":
         return False
     if other.name == "stiffness_nonlinearity":
         return other.form in ("quadratic", "cubic") or (other.joint != claim.joint and other.form == "linear+quadratic")

@@ -25,6 +25,7 @@ from compplan.diagnose.held_out import HeldOut, hold_out, make_folds, prior_of
 from compplan.diagnose.polish import polish_fit
 from compplan.diagnose.result import Candidate, Diagnosis, Gap
 from compplan.diagnose.search import Claim, distinct_places
+from compplan.diagnose.unmodelled import UNMODELLED
 from compplan.diagnose.verdict import Finding, Verdict, reach_verdict
 from compplan.effects import attain_scene, fold_effects, robot_effects
 from compplan.effects.linearization import Place
@@ -166,13 +167,20 @@ def _choose_update(
     hyper = fit.model.posterior.hyper
     prior, _ = bend_forwards(fit.search.ledger, prior_of(fit, fit.model.claims), fit.model.posterior)
     options = [
-        (hold_out(fit, prior, hyper, folds), True),
+        (hold_out(fit, prior, hyper, folds, unmodelled_columns(fit)), True),
         (hold_out(fit, prior_of(fit, claims, background=False), hyper, folds), False),
     ]
     held, everything = min(options, key=lambda o: o[0].rms * (1.0 if o[1] else 1.002))
     if held.rms > (1.0 - worth) * plain.rms:
         return _nominal_state(fit), plain
-    return (fit.state if everything else _refitted(fit, claims)), held
+    return (replace(fit.state, unmodelled=None) if everything else _refitted(fit, claims)), held
+
+
+def unmodelled_columns(fit: Fit) -> NDArray[np.int_]:
+    """Return the columns that no robot model can hold."""
+    ledger = fit.search.ledger
+    found = [ledger.columns(n) for n, s in enumerate(ledger.signatures) if s.name == UNMODELLED]
+    return np.unique(np.concatenate([*found, np.zeros(0, int)])).astype(int)
 
 
 def _refitted(fit: Fit, claims: list[Claim]) -> State:
@@ -182,7 +190,8 @@ def _refitted(fit: Fit, claims: list[Claim]) -> State:
     posterior = replace(posterior, hyper=replace(posterior.hyper, log_tau=np.full_like(posterior.hyper.log_tau, -4.0)))
     model = replace(fit.model, claims=tuple(claims), posterior=posterior)
     state = advance_state(replace(fit, model=model, state=fit.base or fit.state))
-    return state if stands(fit.problem, state) else fit.state
+    state = replace(state, unmodelled=None)
+    return state if stands(fit.problem, state) else replace(fit.state, unmodelled=None)
 
 
 def settle_play(problem: Problem, state: State) -> State:
@@ -229,7 +238,7 @@ def rank_candidates(fit: Fit, verdict: Verdict, folds: NDArray[np.int_]) -> tupl
             left = 1.0 - finding.probability
             probability.setdefault(rival.place, 0.5 * finding.probability if rival.alike else 0.5 * left * rival.share)
     alone = search.model([], hyper, fit=False)
-    gains = search.gains(alone)
+    gains = [g for g in search.gains(alone) if ledger.signatures[g.signature].name != UNMODELLED]
     for gain in gains:
         place = ledger.signatures[gain.signature].place
         if place in probability and place not in chosen:

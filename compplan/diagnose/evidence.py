@@ -163,7 +163,7 @@ def find_posterior(
     reduced = [channel.take(active) for channel in ledger.channels]
     if fit:
         bounds = (
-            [(-6.0 if ch.witnesses < WITNESSED else -1.5, 12.0) for ch in reduced]
+            [(-6.0 if ch.witnesses < WITNESSED else -1.5, _most_noise(ch)) for ch in reduced]
             + [SHARED_RANGE if shared else (SHARED_RANGE[0], SHARED_RANGE[0])] * len(reduced)
             + [TAU_RANGE] * len(hyper.log_tau)
         )
@@ -177,10 +177,16 @@ def find_posterior(
 
         limits = [(low / u, high / u) for (low, high), u in zip(bounds, unit, strict=True)]
         options = {"maxiter": steps, "ftol": SETTLED}
-        found = minimize(cost, hyper.vector / unit, jac=True, method="L-BFGS-B", bounds=limits, options=options)
+        first = np.clip(hyper.vector / unit, *np.array(limits).T)
+        found = minimize(cost, first, jac=True, method="L-BFGS-B", bounds=limits, options=options)
         hyper = hyper.with_vector(found.x * unit)
     value, mean, covariance, _ = _solve(reduced, prior, hyper)
     return Posterior(value, active, mean, covariance, hyper)
+
+
+def _most_noise(channel: ChannelProducts) -> float:
+    """Return the logarithm of the largest noise worth trying: all that was observed, and some."""
+    return float(np.clip(np.log(max(channel.total.square, 1e-300) / channel.total.count) + 1.0, 1.0, 12.0))
 
 
 def _negative(channels: list[ChannelProducts], prior: Prior, hyper: Hyper) -> tuple[float, Array]:

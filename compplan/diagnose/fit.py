@@ -17,6 +17,13 @@ from compplan.diagnose.offers import REGISTRATION, Key, key_of, offer_again, off
 from compplan.diagnose.outliers import find_gross_outliers, find_outliers
 from compplan.diagnose.proposals import propose_shifts, propose_waves
 from compplan.diagnose.search import MOST_EFFECTS, Claim, Model, Search, search_models
+from compplan.diagnose.unmodelled import (
+    UNMODELLED,
+    Unmodelled,
+    add_unmodelled,
+    grow_unmodelled,
+    propose_oscillation,
+)
 from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
 from compplan.effects.linearization import Linearization, linearize_scene
 from compplan.effects.signature import Signature
@@ -70,6 +77,7 @@ class State:
         use: Rows that are not outliers and whose approach is known. Shape (n,).
         claims: Place and form of the claims, and their sizes.
         most: Most effects that may be claimed.
+        unmodelled: What no effect explains and yet follows something; None for none.
         scatter: Standard deviation that the model leaves per axis of position; 0 before there is a model. [m]
     """
 
@@ -80,6 +88,7 @@ class State:
     claims: tuple[tuple[Key, float], ...] = ()
     scatter: float = 0.0
     most: int = MOST_EFFECTS
+    unmodelled: Unmodelled | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,6 +204,8 @@ def linearize_state(problem: Problem, state: State) -> Linearization:
     """Put the state's effects into a scene, solve it and linearize."""
     scene = stage_scene(problem.robot, problem.campaign, registration=state.registration)
     scene = apply_effects(scene, state.effects)
+    if state.unmodelled is not None:
+        scene = add_unmodelled(scene, state.unmodelled)
     current = {effect.place: effect.parameters for effect in state.effects}
     return linearize_scene(scene, attain_scene(scene), current)
 
@@ -249,6 +260,10 @@ def _propose(fit: Fit) -> list[Signature]:
         for index, columns in waves.items()
     }
     proposals = propose_shifts(fit.at, fit.channels, left)
+    swinging = [ledger.columns(n) for n, s in enumerate(ledger.signatures) if "frequency_Hz" in s.fixed]
+    swing = np.unique(np.concatenate([*swinging, np.zeros(0, int)])).astype(int)
+    still = [rest + design[..., swing] @ values[swing] for rest, design in zip(left, ledger.designs, strict=True)]
+    proposals += propose_oscillation(fit.at, fit.channels, still)
     return proposals + propose_waves(fit.at, fit.channels, left, own)
 
 
@@ -260,6 +275,7 @@ def advance_state(fit: Fit) -> State:
     claimed = list(fit.model.signatures)
     registration = fit.state.registration
     values: dict[str, float] = {}
+    unmodelled: Unmodelled | None = None
     effects = list(fit.problem.fixed)
     background = prior.background
     quiet = _quiet_classes(ledger, background, vector)
@@ -281,12 +297,17 @@ def advance_state(fit: Fit) -> State:
         if part.any():
             sizes = part * signature.scale
             values |= {ledger.names[column]: float(size) for column, size in zip(columns, sizes, strict=True)}
+            if signature.name == UNMODELLED:
+                unmodelled = grow_unmodelled(unmodelled, signature, sizes, fit.at)
+                continue
             effects.append(signature.effect(sizes))
     first = posterior.hyper
     scatter = fit.noises["position"].sigma * float(
         np.exp(0.5 * first.log_noise[0]) * np.hypot(1.0, np.exp(first.log_shared[0]))
     )
-    return State(tuple(effects), values, registration, fit.state.use, _claims(fit), scatter)
+    return State(
+        tuple(effects), values, registration, fit.state.use, _claims(fit), scatter, unmodelled=unmodelled
+    )
 
 
 def _quiet_classes(ledger: Ledger, background: NDArray[np.int_], vector: Array) -> NDArray[np.bool_]:

@@ -53,7 +53,9 @@ def make_folds(campaign: Campaign, folds: int = FOLDS) -> NDArray[np.int_]:
     return np.where(static, fold[first[campaign.pose]], fold)
 
 
-def hold_out(fit: Fit, prior: Prior, hyper: Hyper, folds: NDArray[np.int_]) -> HeldOut:
+def hold_out(
+    fit: Fit, prior: Prior, hyper: Hyper, folds: NDArray[np.int_], unseen: NDArray[np.int_] | None = None
+) -> HeldOut:
     """Predict every row by a model that was fitted to the other folds.
 
     Args:
@@ -61,6 +63,7 @@ def hold_out(fit: Fit, prior: Prior, hyper: Hyper, folds: NDArray[np.int_]) -> H
         prior: Prior of the model: its claims and its background.
         hyper: Noise and background.
         folds: Fold of each row. Shape (n,).
+        unseen: Columns that are fitted, but not predicted with: what no robot model can hold.
     """
     ledger, active = fit.search.ledger, prior.active
     channel, design, observed = ledger.source[0], ledger.designs[0], ledger.observed[0]
@@ -70,6 +73,8 @@ def hold_out(fit: Fit, prior: Prior, hyper: Hyper, folds: NDArray[np.int_]) -> H
     for fold in np.unique(folds[channel.rows]):
         train = _rows_ledger(ledger, folds != fold, active)
         values = find_posterior(train, _take(prior, active), hyper, fit=False).values(len(active))
+        if unseen is not None:
+            values[np.isin(active, unseen)] = 0.0
         test = folds[channel.rows] == fold
         residual[test] = observed[test] - design[test][..., active] @ values
     return HeldOut(channel.rows, residual * channel.noise.sigma)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from compplan.diagnose.unmodelled import UNMODELLED, oscillation_at, unmodelled_signatures
 from compplan.effects import EFFECTS, frame_shift, tool_shift
 from compplan.effects.base_frame import base_twists
 from compplan.effects.linearization import Linearization
@@ -23,7 +24,7 @@ def key_of(signature: Signature) -> Key:
 
 
 def offered_signatures(at: Linearization, register: Sequence[str], excluded: Sequence[str]) -> list[Signature]:
-    """List every signature that needs no search for rows or periods, registration first."""
+    """List every signature that needs no search for rows or periods: registration, effects, unmodelled dependences."""
     offered = registration_signatures(at, register)
     for name, model in EFFECTS.items():
         if name not in excluded:
@@ -31,7 +32,7 @@ def offered_signatures(at: Linearization, register: Sequence[str], excluded: Seq
     if "joint_stiffness" in excluded:
         # a law of deflection with a linear part is a joint's stiffness under another name
         offered = [s for s in offered if not (s.name == "stiffness_nonlinearity" and linear_in_disguise(s.keys))]
-    return offered
+    return [*offered, *unmodelled_signatures(at)]
 
 
 def registration_signatures(at: Linearization, parts: Sequence[str]) -> list[Signature]:
@@ -57,7 +58,9 @@ def offer_again(at: Linearization, proposals: list[Signature], wanted: set[Key])
     for old in proposals:
         if key_of(old) not in wanted:
             continue
-        if old.name in ("frame_shift", "tool_shift"):
+        if old.name == UNMODELLED:
+            found.append(oscillation_at(at, float(old.fixed["frequency_Hz"]), old.tried))
+        elif old.name in ("frame_shift", "tool_shift"):
             model = frame_shift if old.name == "frame_shift" else tool_shift
             found += [s for s in model.shift_at(at, int(old.fixed["row"]), old.tried) if s.form == old.form]
         else:

@@ -116,6 +116,7 @@ class Diagnosis:
                 "log_evidence": round(structure.gain, 2),
                 "background_rms_mm": _mm(structure.background),
                 "explained_rms_mm": _mm(structure.explained),
+                "depends_on": [dependence_table(f) for f in structure.dependences],
             },
             "outliers": [int(row) for row in self.outliers],
             "where": {},
@@ -133,6 +134,16 @@ def place_table(place: Place) -> dict[str, str | None]:
     return {"effect": place[0], "joint": place[1], "axis": place[2]}
 
 
+def dependence_table(finding: Finding) -> dict[str, Any]:
+    """Return what an unexplained error depends on, as diagnosis.json holds it."""
+    return {
+        "joint": finding.effect.joint,
+        "driver": finding.effect.axis,
+        "probability": round(finding.probability, 4),
+        "rms_mm": _mm(finding.explained),
+    }
+
+
 def finding_table(finding: Finding) -> dict[str, Any]:
     """Return a named effect as diagnosis.json holds it."""
     return {
@@ -142,6 +153,7 @@ def finding_table(finding: Finding) -> dict[str, Any]:
         "ambiguous_with": [place_table(r.place) for r in finding.rivals if r.alike],
         "explained_rms_mm": _mm(finding.explained),
         "log_odds": round(finding.margin, 2),
+        "apart_rms_mm": _mm(min(finding.apart, finding.explained)),
         "nearest": [{**place_table(r.place), "share": round(r.share, 4)} for r in finding.rivals[:3]],
     }
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from compplan.diagnose.ambiguity import Rival, find_rivals
+from compplan.diagnose.ambiguity import Rival, find_rivals, share_explained
 from compplan.diagnose.evidence import SHARED_RANGE, WITNESSED, find_posterior
 from compplan.diagnose.fit import Fit
 from compplan.diagnose.offers import REGISTRATION
 from compplan.diagnose.search import Claim, distinct_places
+from compplan.diagnose.unmodelled import UNMODELLED
 from compplan.effects.signature import Effect
 from compplan.robot import Array
 
@@ -31,7 +33,7 @@ EXCESS = 0.5
 #: three.
 UNEVEN, MEDIAN_SQUARE = 1.4, 2.366
 #: or where small errors everywhere would have to move the target by this many noise floors (then they are not small).
-LARGE_BACKGROUND = 3.0
+LARGE_BACKGROUND = 6.0
 #: or where the exact model leaves this many times what its linearization promises.
 DIVERGED = 1.25
 #: An error that moves the target less than this share of the noise floor is no cause of a gap and is not named.
@@ -59,6 +61,7 @@ class Finding:
         rivals: Effects that explain the same, best first; those with `alike` are ambiguous with it.
         size: Size of its prior, in units of its scale.
         signature: Number of its signature in the fit's ledger.
+        apart: Part of `explained` that the errors which no effect explains could not imitate. [m]
     """
 
     effect: Effect
@@ -68,6 +71,7 @@ class Finding:
     rivals: tuple[Rival, ...]
     size: float
     signature: int
+    apart: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -81,6 +85,7 @@ class Structure:
         background: Root mean square motion that the background of small errors explains, 3D. [m]
         explained: Root mean square motion that all claims together explain, 3D. [m]
         left: Whether it counts as structure.
+        dependences: What an error that no effect explains depends on, largest first.
     """
 
     gain: float
@@ -89,6 +94,7 @@ class Structure:
     background: float
     explained: float
     left: bool
+    dependences: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -119,11 +125,19 @@ def reach_verdict(fit: Fit) -> Verdict:
     structure = measure_structure(fit)
     findings = [weigh_claim(fit, claim) for claim in fit.model.claims]
     findings = sorted((name_far_zero(f) for f in findings), key=lambda f: -f.explained)
+    noise = fit.noises["position"].sigma * float(np.exp(0.5 * fit.model.posterior.hyper.log_noise[0]))
+    small = NAMEABLE * np.sqrt(3.0) * noise
+    foreign = [f for f in findings if f.effect.name == UNMODELLED]
+    findings = [f for f in findings if f.effect.name != UNMODELLED]
+    foreign = [f for f in foreign if f.explained >= small and f.probability >= CLAIMED]
+    if foreign:
+        numbers = [f.signature for f in foreign]
+        shares = [share_explained(fit, f.signature, numbers) for f in findings]
+        findings = [set_apart(f, share, small) for f, share in zip(findings, shares, strict=True)]
     if structure.left:
         limit = UNTRUSTED_REGISTERED if fit.problem.register else UNTRUSTED
         findings = [replace(f, probability=f.probability * trust_in(f, structure, limit)) for f in findings]
-    noise = fit.noises["position"].sigma * float(np.exp(0.5 * fit.model.posterior.hyper.log_noise[0]))
-    small = NAMEABLE * np.sqrt(3.0) * noise
+    structure = add_dependences(structure, foreign)
     minor = tuple(f for f in findings if f.explained < small and not only_in_readings(fit, f))
     named = tuple(f for f in findings if f.probability >= CLAIMED and f not in minor)
     doubtful = tuple(f for f in findings if f.probability < CLAIMED and f not in minor)
@@ -132,6 +146,27 @@ def reach_verdict(fit: Fit) -> Verdict:
     else:
         status = "unknown" if structure.left or any(f.margin > 5.0 for f in doubtful) else "none"
     return Verdict(status, named, doubtful, minor, structure)
+
+
+def set_apart(finding: Finding, share: float, small: float) -> Finding:
+    """Doubt an effect as far as errors that no effect explains could have left its trace.
+
+    Args:
+        finding: The effect.
+        share: Share of its trace that those errors can explain.
+        small: Motion below which an error is no cause. [m]
+    """
+    apart = finding.explained * float(np.sqrt(1.0 - share))
+    return replace(finding, apart=apart, probability=float(finding.probability * apart**2 / (apart**2 + small**2)))
+
+
+def add_dependences(structure: Structure, dependences: Sequence[Finding]) -> Structure:
+    """Count errors that follow something, and that no effect explains, as structure."""
+    if not dependences:
+        return structure
+    rest = structure.rms if structure.left else 0.0
+    rms = float(np.sqrt(rest**2 + sum(f.explained**2 for f in dependences)))
+    return replace(structure, left=True, rms=rms, dependences=tuple(dependences))
 
 
 def name_far_zero(finding: Finding) -> Finding:
@@ -214,8 +249,9 @@ def measure_structure(fit: Fit) -> Structure:
     sigma = noise.sigma * float(np.exp(0.5 * hyper.log_noise[0]))
     shared = float(np.exp(hyper.log_shared[0]))
     values = model.posterior.values(ledger.p)
-    claimed = np.unique(np.concatenate([ledger.columns(n) for n in model.signatures] or [np.zeros(0, int)])).astype(int)
-    free = [ledger.columns(n) for n, s in enumerate(ledger.signatures) if s.name == REGISTRATION]
+    named = [ledger.columns(n) for n in model.signatures if ledger.signatures[n].name != UNMODELLED]
+    claimed = np.unique(np.concatenate([*named, np.zeros(0, int)])).astype(int)
+    free = [ledger.columns(n) for n, s in enumerate(ledger.signatures) if s.name in (REGISTRATION, UNMODELLED)]
     frames = np.concatenate(free or [np.zeros(0, int)]).astype(int)
     others = np.setdiff1d(np.flatnonzero(values), np.concatenate([claimed, frames]))
     excess = max(np.exp(hyper.log_noise[0]) - 1.0, 0.0) if noise.witnesses >= WITNESSED else 0.0

@@ -1,0 +1,293 @@
+"""Unmodelled: what a gap may depend on beyond every effect of the vocabulary.
+
+A gap whose cause is in no vocabulary depends on something all the same: on where the target is, on the load, on time,
+on
+another joint. Each of these is offered to the search as a smooth function with an unknown shape, beside the effects. It
+is
+never named as a cause and never written into a robot; it keeps effects from being bent into imitations of what they
+are not,
+and it says what an unknown cause looks like.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from compplan.diagnose.channels import Channel
+from compplan.effects.linearization import AXES, Linearization
+from compplan.effects.scene import Scene
+from compplan.effects.signature import Signature
+from compplan.measurements import Campaign
+from compplan.robot import Array
+
+UNMODELLED = "unmodelled"
+#: Root mean square motion of the target that a dependence has where it is plain to see (assumed). [m]
+PLAIN_MOTION = 1e-4
+#: Motion below which a dependence cannot be seen at all. [m per unit of the driver's spread]
+UNSEEN = 1e-9
+#: Degree of the curves over time, and time constants of creep (assumed). [s]
+TIME_DEGREE, CREEP_TIMES = 4, (60.0, 400.0)
+#: Time constants of what settles early, as shares of the campaign (assumed).
+EARLY = (0.02, 0.1)
+#: Degree of the fields over the workspace.
+FIELD_DEGREE = 3
+#: An instrument stands so many times farther away than the target moves (assumed): what is curved about it is larger
+#: by this from degree to degree where it is expanded about the target.
+FAR = 8.0
+TURNS = AXES[3:]
+#: Twists along the base axes.
+SHIFT = np.eye(6)[:, :3]
+#: Frequencies that are looked at on paths, at most, and log likelihood that an oscillation has to explain.
+MOST_FREQUENCIES, WORTH_A_WAVE = 3000, 15.0
+
+
+@dataclass(frozen=True, eq=False)
+class Unmodelled:
+    """What no effect explains and yet follows something, at the n rows of one campaign.
+
+    Attributes:
+        motion: Motion of the base that moves the target alike. Shape (n, 6). [m, rad]
+        encoder: Change of the link-side readings. Shape (n, nq). [rad or m]
+    """
+
+    motion: Array
+    encoder: Array
+
+
+def unmodelled_signatures(at: Linearization) -> list[Signature]:
+    """List the dependences that a campaign can show.
+
+    Args:
+        at: The linearization.
+    """
+    found = [*_of_position(at), *_of_time(at)]
+    if at.campaign.load_varies:
+        found += _of_load(at)
+    if at.attained.chain.n_springs:
+        found += _of_hidden_force(at)
+    for index in range(at.robot.nq):
+        found += _of_joint(at, index)
+    return found
+
+
+def describe_unmodelled(joint: str | None, driver: str | None) -> str:
+    """Say in words what an unmodelled error depends on."""
+    return f"{driver}" if joint is None else f"an error of {joint} that follows {driver}"
+
+
+def _offer(
+    at: Linearization, joint: str | None, driver: str, form: str, twist: Array, encoder: Array | None = None,
+    *, common: bool = False, weight: Array | float = 1.0,
+) -> Iterable[Signature]:  # fmt: skip
+    """Offer columns of twist, shape (n, 6, k), scaled so that they move the target by a plain amount together.
+
+    A weight makes columns larger than others beforehand; `common` gives all of them the same unit.
+    """
+    size = np.sqrt(np.mean(np.sum(twist[:, :3] ** 2, axis=1), axis=0))
+    seen = size > UNSEEN
+    if not seen.any():
+        return
+    size = np.full_like(size, np.sqrt(np.mean(size[seen] ** 2))) if common else size
+    scale = PLAIN_MOTION / (size[seen] * np.sqrt(seen.sum())) * np.broadcast_to(weight, seen.shape)[seen]
+    keys = tuple(f"{driver} {form} {k}" for k in np.flatnonzero(seen))
+    visible = None if encoder is None else encoder[:, :, seen]
+    yield Signature(UNMODELLED, joint, driver, form, keys, scale, twist[:, :, seen], visible)
+
+
+def _of_position(at: Linearization) -> Iterable[Signature]:
+    """A field over the workspace: the instrument's scale, any linear field, and curved ones."""
+    point = at.point
+    driver = "the place of the target"
+    moved = np.concatenate([np.broadcast_to(np.eye(3), (len(point), 3, 3)), point[:, :, None]], axis=2)
+    scaled = np.concatenate([moved, np.zeros_like(moved)], axis=1)
+    yield from _offer(at, None, driver, "scale", scaled, weight=np.array([FAR, FAR, FAR, 1.0]))
+    powers: list[tuple[int, ...]] = [()]
+    for degree in range(1, FIELD_DEGREE + 1):
+        powers += list(combinations_with_replacement(range(3), degree))
+        weight = np.tile([FAR ** (degree - len(power)) for power in powers], 3)
+        twist = _times(np.broadcast_to(SHIFT, (len(point), 6, 3)), _monomials(at, powers))
+        yield from _offer(at, None, driver, f"degree {degree}", twist, weight=weight)
+
+
+def _of_load(at: Linearization) -> Iterable[Signature]:
+    """A deflection in step with the force in base or tool axes, forces that are read wrongly, forces nobody knows."""
+    force, n = at.scene.wrench[:, :3], len(at.point)
+    R = at.attained.frames.tcp_rotation
+    local = np.einsum("nji,nj->ni", R, force)
+    fixed, turned = np.zeros((n, 6, 9)), np.zeros((n, 6, 9))
+    read = np.zeros((n, 6, 9))
+    for column in range(9):
+        i, k = divmod(column, 3)
+        fixed[:, i, column] = force[:, k]
+        turned[:, :3, column] = R[:, :, i] * local[:, k, None]
+        read[:, :3, column] = R[:, :, i] * local[:, k, None]
+    yield from _offer(at, None, "the force in base axes", "linear", fixed, common=True)
+    yield from _offer(at, None, "the force in tool axes", "linear", turned, common=True)
+    if at.attained.chain.n_springs:
+        twist, encoder = at.wrench_response(read)
+        yield from _offer(at, None, "force components that mix", "linear", twist, encoder, common=True)
+
+
+def _of_hidden_force(at: Linearization) -> Iterable[Signature]:
+    """A force on the tool that changes with the place of the target."""
+    powers: list[tuple[int, ...]] = [()]
+    for degree, form in ((1, "linear"), (2, "curved")):
+        powers += list(combinations_with_replacement(range(3), degree))
+        pull = _times(np.broadcast_to(SHIFT, (len(at.point), 6, 3)), _monomials(at, powers))
+        twist, encoder = at.wrench_response(pull)
+        driver = "a force that follows the place of the target"
+        yield from _offer(at, None, driver, form, twist, encoder, common=True)
+
+
+def _monomials(at: Linearization, powers: Sequence[tuple[int, ...]]) -> Array:
+    """Return products of the target's coordinates, from their mean, in units of their spread. Shape (n, k)."""
+    seen = (at.point - at.point.mean(axis=0)) / np.maximum(at.point.std(axis=0), 1e-3)
+    return np.column_stack([np.prod(seen[:, list(power)], axis=1) for power in powers])
+
+
+def _of_time(at: Linearization) -> Iterable[Signature]:
+    """A drift of the base, and of everything behind a joint."""
+    curves = time_curves(at.campaign)
+    base = np.stack([at.twist("base", axis) for axis in AXES], axis=-1)
+    yield from _offer(at, None, "time", "base", _times(base, curves))
+    for joint in at.robot.actuated:
+        turn = np.stack([at.twist(joint.name, axis) for axis in TURNS], axis=-1)
+        yield from _offer(at, joint.name, "time", "link", _times(turn, curves), common=True)
+
+
+def _of_joint(at: Linearization, index: int) -> Iterable[Signature]:
+    """An error about a joint's own axis; where there are link-side encoders they may see it or not."""
+    name = at.robot.joint_names[index]
+    for driver, form, shape in _own_errors(at, index):
+        twist = at.motion[:, :, index, None] * shape[:, None]
+        for signature in _offer(at, name, driver, form, twist, common=True):
+            yield signature
+            if at.campaign.link is not None and len(signature.scale) == shape.shape[1]:
+                encoder = np.zeros((len(shape), at.robot.nq, shape.shape[1]))
+                encoder[:, index] = shape
+                yield replace(signature, form=f"{form}, seen by the encoder", encoder=encoder)
+
+
+def _own_errors(at: Linearization, index: int) -> Iterable[tuple[str, str, Array]]:
+    """Errors that follow other joints, load and direction together, speed, or the past: driver, form, shape (n, k)."""
+    names = at.robot.joint_names
+    campaign, q, load = at.campaign, np.nan_to_num(at.campaign.q), at.own_load
+    for other in range(at.robot.nq):
+        if other == index:
+            continue
+        if campaign.load_varies:
+            yield f"the load on {names[other]}", "linear", load[:, [other]]
+        if at.robot.actuated[other].kind == "revolute" and np.ptp(q[:, other]) > 0.1:
+            wave = np.column_stack([np.sin(q[:, other]), np.cos(q[:, other]) - np.cos(q[:, other]).mean()])
+            yield f"the angle of {names[other]}", "wave", wave
+    direction = campaign.approach[:, index]
+    if (direction > 0).any() and (direction < 0).any() and campaign.load_varies:
+        typical = float(np.sqrt(np.mean(load[:, index] ** 2))) + 1e-9
+        part = load[:, index] / typical
+        both = np.column_stack([direction * np.abs(part), direction * part**2])
+        yield "load and direction of approach", "product", both
+    speed = campaign.speed[:, index]
+    if np.abs(speed).max(initial=0.0) > 1e-6:
+        part = speed / np.abs(speed).max()
+        friction = np.sign(part) * np.stack([np.exp(-np.abs(part) / width) for width in (0.05, 0.2, 0.8)], axis=0)
+        yield "its speed", "friction", friction.T
+    if campaign.time is not None and campaign.load_varies:
+        past = np.column_stack([past_load(campaign.time, load[:, index], tau) for tau in CREEP_TIMES])
+        yield "its load of the past minutes", "creep", past
+
+
+def time_curves(campaign: Campaign) -> Array:
+    """Return polynomials and decays over time, or over the order of the rows. Shape (n, curves)."""
+    clock = np.arange(len(campaign), dtype=float) if campaign.time is None else np.nan_to_num(campaign.time)
+    span = max(float(np.ptp(clock)), 1e-9)
+    share = (clock - clock.min()) / span
+    early = np.exp(-share[:, None] / np.array(EARLY))
+    return np.concatenate([legendre.legvander(2.0 * share - 1.0, TIME_DEGREE), early - early.mean(axis=0)], axis=1)
+
+
+def propose_oscillation(at: Linearization, channels: Sequence[Channel], left: Sequence[Array]) -> list[Signature]:
+    """Propose an oscillation of the target over time on the paths, at the frequency that explains most.
+
+    Args:
+        at: The linearization.
+        channels: Channels of observations; the first is the position.
+        left: What the model leaves in each channel, in units of the noise, oscillations that it has added back.
+    """
+    campaign, rows = at.campaign, channels[0].rows
+    moving = campaign.on_path[rows]
+    if campaign.time is None or moving.sum() < 40:
+        return []
+    time, rest = campaign.time[rows][moving], left[0][moving]
+    steps = np.diff(time)
+    steps = steps[(steps > 0) & (steps < 10.0 * np.median(steps))]
+    if not len(steps):
+        return []
+    span = float(steps.sum())
+    frequencies = np.arange(2.0 / span, 0.5 / float(np.median(steps)), 0.25 / span)
+    if not 0 < len(frequencies) <= MOST_FREQUENCIES:
+        return []
+    rest = rest - rest.mean(axis=0)
+    frequency, gain = _strongest(frequencies, time, rest)
+    if gain < WORTH_A_WAVE:
+        return []
+    # runs lie far apart in time: between them the phase tells the frequency much closer
+    fine = max(0.1 / float(np.ptp(time)), 1.0 / (span * MOST_FREQUENCIES))
+    for width, step in ((1.5 / span, fine), (fine, 0.02 * fine)):
+        frequency, _ = _strongest(np.arange(frequency - width, frequency + width, step), time, rest)
+    return [oscillation_at(at, frequency, len(frequencies))]
+
+
+def _strongest(frequencies: Array, time: Array, rest: Array) -> tuple[float, float]:
+    """Return the frequency at which a signal is strongest, and the log likelihood that its wave explains."""
+    gain = np.sum(np.abs(np.exp(2j * np.pi * frequencies[:, None] * time) @ rest) ** 2, axis=1) / len(time)
+    best = int(np.argmax(gain))
+    return float(frequencies[best]), float(gain[best])
+
+
+def oscillation_at(at: Linearization, frequency: float, tried: int) -> Signature:
+    """Offer an oscillation on the paths at a frequency [Hz], picked from `tried` ones."""
+    campaign = at.campaign
+    phase = 2.0 * np.pi * frequency * np.nan_to_num(campaign.time if campaign.time is not None else np.zeros(1))
+    waves = np.column_stack([np.sin(phase), np.cos(phase)]) * campaign.on_path[:, None]
+    twist = _times(np.broadcast_to(SHIFT, (len(campaign), 6, 3)), waves)
+    (signature,) = _offer(at, None, "time on the path", f"oscillation {frequency:.6g} Hz", twist)
+    return replace(signature, tried=tried, fixed={"frequency_Hz": frequency})
+
+
+def past_load(time: Array, load: Array, tau: float) -> Array:
+    """Return the mean of a load over the past, with a time constant. Shape (n,)."""
+    keep = np.exp(-np.maximum(np.diff(np.nan_to_num(time), prepend=np.nan_to_num(time[:1])), 0.0) / tau).tolist()
+    strain, result = float(load[0]) if len(load) else 0.0, []
+    for factor, value in zip(keep, load.tolist(), strict=True):
+        strain = value + (strain - value) * factor
+        result.append(strain)
+    return np.array(result)
+
+
+def _times(twists: Array, curves: Array) -> Array:
+    """Multiply every twist with every curve. Shape (n, 6, a), (n, c) -> (n, 6, a c)."""
+    return (twists[:, :, :, None] * curves[:, None, None, :]).reshape(len(twists), 6, -1)
+
+
+def grow_unmodelled(
+    known: Unmodelled | None, signature: Signature, sizes: Array, at: Linearization
+) -> Unmodelled:  # fmt: skip
+    """Add a dependence of a given size to those that there are."""
+    twist = signature.twist @ sizes
+    motion = np.concatenate([twist[:, :3] - np.cross(twist[:, 3:], at.point), twist[:, 3:]], axis=1)
+    encoder = np.zeros((len(twist), at.robot.nq)) if signature.encoder is None else signature.encoder @ sizes
+    if known is not None:
+        motion, encoder = known.motion + motion, known.encoder + encoder
+    return Unmodelled(motion, encoder)
+
+
+def add_unmodelled(scene: Scene, unmodelled: Unmodelled) -> Scene:
+    """Put what no effect explains into a scene, to first order."""
+    return replace(
+        scene, base_twist=scene.base_twist + unmodelled.motion, encoder=scene.encoder + unmodelled.encoder
+    )
