@@ -39,6 +39,8 @@ FIRST_ROUNDS = (2, 4, 8, 16)
 SETTLED = 0.1
 #: Classes of the background that move the target by less than this share of the noise are left out of the model.
 NO_BACKGROUND = 0.1
+#: Single background errors that move the target by less than this share of the noise are left out as well.
+IDLE = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,7 +291,7 @@ def advance_state(fit: Fit) -> State:
             labels = background[columns]
             if (labels < 0).any() or quiet[labels].any() or not in_background(signature):
                 continue
-            if any(ledger.names[column] in values for column in columns):
+            if any(ledger.names[column] in values for column in columns) or idle(ledger, columns, vector):
                 continue
         part = vector[columns].copy()
         if signature.positive and len(part) == 1:
@@ -308,6 +310,12 @@ def advance_state(fit: Fit) -> State:
     return State(
         tuple(effects), values, registration, fit.state.use, _claims(fit), scatter, unmodelled=unmodelled
     )
+
+
+def idle(ledger: Ledger, columns: NDArray[np.int_], vector: Array) -> bool:
+    """Tell whether background errors move nothing here: they stay out of the model, as elsewhere they might."""
+    part = vector[columns]
+    return all(np.sqrt(np.mean((design[..., columns] @ part) ** 2)) < IDLE for design in ledger.designs)
 
 
 def _quiet_classes(ledger: Ledger, background: NDArray[np.int_], vector: Array) -> NDArray[np.bool_]:
