@@ -307,9 +307,7 @@ def advance_state(fit: Fit) -> State:
     scatter = fit.noises["position"].sigma * float(
         np.exp(0.5 * first.log_noise[0]) * np.hypot(1.0, np.exp(first.log_shared[0]))
     )
-    return State(
-        tuple(effects), values, registration, fit.state.use, _claims(fit), scatter, unmodelled=unmodelled
-    )
+    return State(tuple(effects), values, registration, fit.state.use, _claims(fit), scatter, unmodelled=unmodelled)
 
 
 def idle(ledger: Ledger, columns: NDArray[np.int_], vector: Array) -> bool:

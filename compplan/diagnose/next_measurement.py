@@ -24,6 +24,7 @@ from compplan.diagnose.measurement_moves import KINDS, Move, lay_out_moves
 from compplan.diagnose.offers import registration_signatures
 from compplan.diagnose.result import Diagnosis, place_table
 from compplan.diagnose.search import Claim, Model
+from compplan.diagnose.unmodelled import UNMODELLED
 from compplan.diagnose.verdict import TEMPER, Finding
 from compplan.effects import EFFECTS, apply_effects, attain_scene, stage_scene
 from compplan.effects.linearization import Linearization, Place, linearize_scene
@@ -121,7 +122,7 @@ def find_pairs(fit: Fit, findings: Iterable[Finding]) -> Iterable[Pair]:
         reduced = search.model(rest, model.posterior.hyper, fit=False)
         here = search.model(model.claims, model.posterior.hyper, fit=False)
         best: dict[Place, Claim] = {}
-        gains = search.gains(reduced)
+        gains = [g for g in search.gains(reduced) if _place(fit, g.signature)[0] != UNMODELLED]
         own = search.ledger.signatures[finding.signature]
         for gain in gains:
             if is_comparable(own, search.ledger.signatures[gain.signature]):
@@ -160,7 +161,7 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
     for number, signature in enumerate(ledger.signatures):
         columns = ledger.columns(number)
         fresh = [k for k, column in enumerate(columns) if int(column) not in done]
-        if not fresh:
+        if not fresh or signature.name == UNMODELLED:
             continue
         found = by_key.get((signature.place, signature.form))
         if found is None or len(found.keys) != len(columns):

@@ -75,9 +75,9 @@ def unmodelled_signatures(at: Linearization) -> list[Signature]:
     return found
 
 
-def describe_unmodelled(joint: str | None, driver: str | None) -> str:
+def describe_unmodelled(joint: str | None, driver: str) -> str:
     """Say in words what an unmodelled error depends on."""
-    return f"{driver}" if joint is None else f"an error of {joint} that follows {driver}"
+    return f"an error {'' if joint is None else f'of {joint} '}that follows {driver}"
 
 
 def _offer(
@@ -130,7 +130,7 @@ def _of_load(at: Linearization) -> Iterable[Signature]:
     yield from _offer(at, None, "the force in tool axes", "linear", turned, common=True)
     if at.attained.chain.n_springs:
         twist, encoder = at.wrench_response(read)
-        yield from _offer(at, None, "force components that mix", "linear", twist, encoder, common=True)
+        yield from _offer(at, None, "force components that are mixed up", "linear", twist, encoder, common=True)
 
 
 def _of_hidden_force(at: Linearization) -> Iterable[Signature]:
@@ -140,7 +140,7 @@ def _of_hidden_force(at: Linearization) -> Iterable[Signature]:
         powers += list(combinations_with_replacement(range(3), degree))
         pull = _times(np.broadcast_to(SHIFT, (len(at.point), 6, 3)), _monomials(at, powers))
         twist, encoder = at.wrench_response(pull)
-        driver = "a force that follows the place of the target"
+        driver = "an unknown force that changes with the place"
         yield from _offer(at, None, driver, form, twist, encoder, common=True)
 
 
@@ -255,7 +255,7 @@ def oscillation_at(at: Linearization, frequency: float, tried: int) -> Signature
     phase = 2.0 * np.pi * frequency * np.nan_to_num(campaign.time if campaign.time is not None else np.zeros(1))
     waves = np.column_stack([np.sin(phase), np.cos(phase)]) * campaign.on_path[:, None]
     twist = _times(np.broadcast_to(SHIFT, (len(campaign), 6, 3)), waves)
-    (signature,) = _offer(at, None, "time on the path", f"oscillation {frequency:.6g} Hz", twist)
+    (signature,) = _offer(at, None, "an oscillation on the path", f"oscillation {frequency:.6g} Hz", twist)
     return replace(signature, tried=tried, fixed={"frequency_Hz": frequency})
 
 
@@ -288,6 +288,4 @@ def grow_unmodelled(
 
 def add_unmodelled(scene: Scene, unmodelled: Unmodelled) -> Scene:
     """Put what no effect explains into a scene, to first order."""
-    return replace(
-        scene, base_twist=scene.base_twist + unmodelled.motion, encoder=scene.encoder + unmodelled.encoder
-    )
+    return replace(scene, base_twist=scene.base_twist + unmodelled.motion, encoder=scene.encoder + unmodelled.encoder)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.unmodelled import describe_unmodelled
 from compplan.report.diagnosis_page import DiagnosisView, write_diagnosis
 from compplan.report.effect_words import name_effect
 from compplan.report.style import format_length
@@ -107,6 +108,12 @@ def _describe_structure(diagnosis: Diagnosis, named: bool) -> list[str]:
     if not structure.left:
         return []
     against = f", against {format_length(structure.explained)} that the named effects explain" if named else ""
+    if structure.dependences:
+        parts = [
+            f"{format_length(d.explained)} rms is {describe_unmodelled(d.effect.joint, str(d.effect.axis))}"
+            for d in structure.dependences
+        ]
+        return [f"An error that no effect of the vocabulary makes: {'; '.join(parts)}{against}."]
     return [
         f"An error of {format_length(structure.rms)} rms stays the same while the robot stands still and follows "
         f"no effect of the vocabulary{against}."
