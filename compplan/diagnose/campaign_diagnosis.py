@@ -41,6 +41,10 @@ WORTH_IT = 0.01
 WORTH_IT_IN_DOUBT = 0.1
 RANKED = 12
 FEWEST_ROWS = 12
+#: Claims that need no second look where no structure is left.
+PLAIN_CLAIMS = 1
+#: What a row called outlier costs an explanation, log posterior (assumed).
+OUTLIER_COST = 10.0
 #: Noise variance over its estimate beyond which the estimate stands for the floor and the rest is structure.
 EXCESS = 1.3
 
@@ -72,12 +76,23 @@ def diagnose_campaign(
     problem = Problem(robot, campaign, parts, tuple(without), (*known, *conventions))
     registration, nominal = _register(replace(problem, fixed=known), campaign)
     started = _register(problem, campaign)[0] if conventions else registration
-    fit = fit_effects(problem, started, ~campaign.first_visit, progress)
-    fit = polish_fit(fit)
+    fit = polish_fit(fit_effects(problem, started, ~campaign.first_visit, progress))
     progress("verdict")
     verdict = reach_verdict(fit)
+    if not parts and (verdict.structure.left or len(fit.model.claims) > PLAIN_CLAIMS):
+        # free shapes would take the many errors of a robot that is not calibrated; where frames are known, it is
+        free = replace(problem, unmodelled=True)
+        other = polish_fit(fit_effects(free, started, ~campaign.first_visit, progress))
+        if rate_fit(other) > rate_fit(fit):
+            progress("verdict")
+            fit, verdict = other, reach_verdict(other)
     verdict = _with_conventions(verdict, problem, len(known))
     return _conclude(fit, verdict, nominal, registration, len(known), progress)
+
+
+def rate_fit(fit: Fit) -> float:
+    """Rate a finished fit by its log posterior, rows that it calls outliers paid for."""
+    return fit.model.score - OUTLIER_COST * len(fit.outliers)
 
 
 def _register(problem: Problem, campaign: Campaign) -> tuple[Registration | None, Scene]:

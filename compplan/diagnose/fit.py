@@ -53,6 +53,7 @@ class Problem:
         register: Frames that are fitted in every model.
         without: Effects that are left out of the candidates.
         fixed: Effects that are taken for granted (a convention of counting that was found beforehand).
+        unmodelled: Whether dependences that no effect makes are offered beside the effects.
     """
 
     robot: Robot
@@ -60,6 +61,7 @@ class Problem:
     register: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
     fixed: tuple[Effect, ...] = ()
+    unmodelled: bool = False
 
     @property
     def excluded(self) -> tuple[str, ...]:
@@ -174,7 +176,7 @@ def _round(
     use[outliers] = False
     state = replace(state, use=use)
     channels = build_channels(at.scene, at.attained, use, noises)
-    fixed = offered_signatures(at, problem.register, problem.excluded)
+    fixed = offered_signatures(at, problem.register, problem.excluded, problem.unmodelled)
     wanted = {key for key, _ in state.claims}
     kept = offer_again(at, proposals, wanted)
     fit = _search(problem, state, at, channels, [*fixed, *kept], noises, progress)
@@ -262,11 +264,13 @@ def _propose(fit: Fit) -> list[Signature]:
         for index, columns in waves.items()
     }
     proposals = propose_shifts(fit.at, fit.channels, left)
+    proposals += propose_waves(fit.at, fit.channels, left, own)
+    if not fit.problem.unmodelled:
+        return proposals
     swinging = [ledger.columns(n) for n, s in enumerate(ledger.signatures) if "frequency_Hz" in s.fixed]
     swing = np.unique(np.concatenate([*swinging, np.zeros(0, int)])).astype(int)
     still = [rest + design[..., swing] @ values[swing] for rest, design in zip(left, ledger.designs, strict=True)]
-    proposals += propose_oscillation(fit.at, fit.channels, still)
-    return proposals + propose_waves(fit.at, fit.channels, left, own)
+    return proposals + propose_oscillation(fit.at, fit.channels, still)
 
 
 def advance_state(fit: Fit) -> State:

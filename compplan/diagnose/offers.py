@@ -23,7 +23,9 @@ def key_of(signature: Signature) -> Key:
     return (*signature.place, signature.form)
 
 
-def offered_signatures(at: Linearization, register: Sequence[str], excluded: Sequence[str]) -> list[Signature]:
+def offered_signatures(
+    at: Linearization, register: Sequence[str], excluded: Sequence[str], unmodelled: bool
+) -> list[Signature]:
     """List every signature that needs no search for rows or periods: registration, effects, unmodelled dependences."""
     offered = registration_signatures(at, register)
     for name, model in EFFECTS.items():
@@ -32,7 +34,7 @@ def offered_signatures(at: Linearization, register: Sequence[str], excluded: Seq
     if "joint_stiffness" in excluded:
         # a law of deflection with a linear part is a joint's stiffness under another name
         offered = [s for s in offered if not (s.name == "stiffness_nonlinearity" and linear_in_disguise(s.keys))]
-    return [*offered, *unmodelled_signatures(at)]
+    return [*offered, *unmodelled_signatures(at)] if unmodelled else offered
 
 
 def registration_signatures(at: Linearization, parts: Sequence[str]) -> list[Signature]:

@@ -76,7 +76,9 @@ def _step(fit: Fit, state: State, use: NDArray[np.bool_]) -> State:
     channels = build_channels(at.scene, at.attained, use, fit.noises)
     sizes = dict(state.claims)
     old = [s for s in fit.search.ledger.signatures if s.tried > 1 or s.form == "spline"]
-    offered = [*offered_signatures(at, fit.problem.register, fit.problem.excluded), *offer_again(at, old, set(sizes))]
+    problem = fit.problem
+    offered = offered_signatures(at, problem.register, problem.excluded, problem.unmodelled)
+    offered += offer_again(at, old, set(sizes))
     kept = [s for s in offered if key_of(s) in sizes or s.name == REGISTRATION or in_background(s)]
     ledger = build_ledger(channels, kept, state.values)
     free = [n for n, s in enumerate(kept) if s.name == REGISTRATION]
