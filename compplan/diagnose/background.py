@@ -46,7 +46,7 @@ def in_background(signature: Signature) -> bool:
     if signature.name == "tool_frame":
         return signature.form == "offset"
     if signature.name == "transmission_error":
-        return signature.form.startswith("waves") and signature.tried == 1
+        return signature.form.startswith("waves") and signature.tried == 1 and len(signature.keys) == 2
     if signature.name == "thermal_drift":
         return signature.form in ("alike", "alike 3000 s")
     return True

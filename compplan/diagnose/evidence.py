@@ -129,13 +129,20 @@ class Posterior:
         return full
 
 
-def excess_square(channels: Sequence[ChannelProducts], posterior: Posterior) -> float:
-    """Return the squares that a posterior mean leaves beyond the noise, in channels whose noise is known."""
+def excess_square(channels: Sequence[ChannelProducts], posterior: Posterior, columns: NDArray[np.int_]) -> float:
+    """Return the squares that some columns leave beyond the noise, in channels whose noise is known.
+
+    Args:
+        channels: The products.
+        posterior: Values of the columns.
+        columns: Active columns that count as explanation.
+    """
+    mean = np.where(np.isin(posterior.columns, columns), posterior.mean, 0.0)
     total = 0.0
     for channel in channels:
         if channel.witnesses >= WITNESSED:
             part = channel.total.take(posterior.columns)
-            left = part.square - 2 * posterior.mean @ part.against + posterior.mean @ part.gram @ posterior.mean
+            left = part.square - 2 * mean @ part.against + mean @ part.gram @ mean
             total += float(left) - part.count
     return total
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from compplan.diagnose.evidence import (
     SIZES,
+    WITNESSED,
     Gain,
     Hyper,
     Posterior,
@@ -190,13 +191,21 @@ def explains_enough(search: Search, old: Model, new: Model) -> bool:
 
     Where much is left and no effect takes a fair part of it, the vocabulary does not hold its cause; to add one small
     part after
-    the other would only imitate it.
+    the other would only imitate it. What the background of small errors has swallowed counts as left, too.
     """
-    before = excess_square(search.ledger.channels, old.posterior)
-    count = sum(channel.total.count for channel in search.ledger.channels)
-    if before < MUCH * count:
+    channels, background = search.ledger.channels, search.prior.background >= 0
+
+    def measure(model: Model) -> tuple[float, float]:
+        posterior = model.posterior
+        claimed = [search.ledger.columns(number) for number in model.signatures]
+        plain = np.setdiff1d(posterior.columns, np.flatnonzero(background))
+        known = np.union1d(plain, np.concatenate([*claimed, np.zeros(0, int)])).astype(int)
+        return excess_square(channels, posterior, posterior.columns), excess_square(channels, posterior, known)
+
+    before = measure(old)
+    if channels[0].witnesses < WITNESSED or before[0] < MUCH * sum(channel.total.count for channel in channels):
         return True
-    return before - excess_square(search.ledger.channels, new.posterior) > FAIR_PART * before
+    return any(b - a > FAIR_PART * b for b, a in zip(before, measure(new), strict=True))
 
 
 def distinct_places(search: Search, gains: list[Gain], count: int) -> list[Gain]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.special import expit, logsumexp
 
 from compplan.diagnose.ambiguity import Rival, find_rivals, share_explained
 from compplan.diagnose.evidence import SHARED_RANGE, WITNESSED, find_posterior
@@ -38,6 +38,8 @@ LARGE_BACKGROUND = 6.0
 DIVERGED = 1.25
 #: An error that moves the target less than this share of the noise floor is no cause of a gap and is not named.
 NAMEABLE = 0.8
+#: Neither is one that is less than this share of the gap where frames were registered (assumed).
+NAMEABLE_SHARE = 0.1
 #: What shows in the readings alone has to be this many standard deviations large.
 PLAIN = 3.0
 #: A zero that is off by more than this [rad or m] is counted wrongly, not adjusted badly: centimetres at the tool.
@@ -138,6 +140,9 @@ def reach_verdict(fit: Fit) -> Verdict:
         limit = UNTRUSTED_REGISTERED if fit.problem.register else UNTRUSTED
         findings = [replace(f, probability=f.probability * trust_in(f, structure, limit)) for f in findings]
     structure = add_dependences(structure, foreign)
+    if fit.problem.register:
+        # where even the frames were unknown the robot is far from calibrated: what is small beside the gap is no cause
+        small = max(small, NAMEABLE_SHARE * structure.gap)
     minor = tuple(f for f in findings if f.explained < small and not only_in_readings(fit, f))
     named = tuple(f for f in findings if f.probability >= CLAIMED and f not in minor)
     doubtful = tuple(f for f in findings if f.probability < CLAIMED and f not in minor)
@@ -223,7 +228,7 @@ def weigh_claim(fit: Fit, claim: Claim) -> Finding:
             tried = search.model((*rest, Claim(gain.signature, gain.size)), model.posterior.hyper)
             scores.append(tried.score)
     margin = float(model.score - logsumexp(scores))
-    probability = min(float(1.0 / (1.0 + np.exp(-margin / TEMPER))), MOST_SURE)
+    probability = min(float(expit(margin / TEMPER)), MOST_SURE)
     values = model.posterior.values(ledger.p)
     columns = ledger.columns(claim.signature)
     signature = ledger.signatures[claim.signature]

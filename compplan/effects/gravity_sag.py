@@ -16,7 +16,7 @@ from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
 
 name = "gravity_sag"
-SHARE = "gravity_m_s2"
+SHARE, JOINTS = "gravity_m_s2", "joints"
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
@@ -31,7 +31,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         twist, encoder = at.load_response(loads / STANDARD_GRAVITY)
         yield Signature(name, None, None, "", (SHARE,), np.array([STANDARD_GRAVITY]), twist, encoder, positive=True)
     rigid = not any(spring.compliance > 0 for spring in at.own.values())
-    if not at.campaign.load_varies and rigid:
+    if not at.campaign.load_varies and (rigid or JOINTS in found):
         yield from _bending_joints(at)
 
 
@@ -49,7 +49,7 @@ def _bending_joints(at: Linearization) -> Iterable[Signature]:
     keys = tuple(f"compliance_rad_per_Nm#{column}" for column in range(len(joints)))
     # assumed: small robots bend more, so that a load of 1 N m turns a joint by ten times the scale of a medium robot
     scale = np.array([10 * RIGID_SCALE[at.robot.actuated[k].kind] for k in joints])
-    yield Signature(name, None, None, "joints", keys, scale, twist, encoder, {"joints": names})
+    yield Signature(name, None, None, JOINTS, keys, scale, twist, encoder, {JOINTS: names})
 
 
 def apply(scene: Scene, effect: Effect) -> Scene:
@@ -64,6 +64,6 @@ def fold(robot: Robot, effect: Effect) -> Robot:
         old = np.zeros(3) if robot.gravity is None else robot.gravity
         return replace(robot, gravity=old + np.array([0.0, 0.0, -float(values[SHARE])]))
     robot = replace(robot, gravity=gravity_of(robot))
-    for joint, compliance in zip(values["joints"], values["compliance_rad_per_Nm"], strict=True):
-        robot = add_own_compliance(robot, str(joint), float(compliance))
+    for joint, compliance in zip(values[JOINTS], values["compliance_rad_per_Nm"], strict=True):
+        robot = add_own_compliance(robot, str(joint), max(float(compliance), 0.0))
     return robot

@@ -28,10 +28,12 @@ def compliance_key(kind: str) -> str:
 
 def signatures(at: Linearization) -> Iterable[Signature]:
     """Offer every joint whose spring is loaded; joints without a spring only where the external load varies."""
+    weighed = at.current.get(("gravity_sag", None, None), {})
+    sag = dict(zip(weighed.get("joints", ()), weighed.get("compliance_rad_per_Nm", ()), strict=True))
     motor_side = ~at.campaign.link_controlled[:, None]
     for index, joint in enumerate(at.robot.actuated):
         changed = at.current.get((name, joint.name, None), {}).get(compliance_key(joint.kind), 0.0)
-        nominal = at.own[index].compliance - changed if index in at.own else 0.0
+        nominal = at.own[index].compliance - changed - sag.get(joint.name, 0.0) if index in at.own else 0.0
         nominal = nominal if nominal > 1e-12 else 0.0
         if nominal <= 0.0 and not at.campaign.load_varies:
             continue

@@ -25,14 +25,15 @@ MAX_SPLINES = 30
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer each of the first harmonics of every joint; `waves_at` and `spline_at` offer others."""
+    """Offer each of the first harmonics of every joint, the first two and all of them; `waves_at` offers others."""
     for index, joint in enumerate(at.robot.actuated):
         spread = float(np.ptp(at.campaign.q[:, index]))
         if spread < 0.1:
             continue
-        for harmonic in range(1, HARMONICS + 1):
-            cycles = float(harmonic) if joint.kind == "revolute" else harmonic / (2.0 * max(spread, 0.1))
-            yield waves_at(at, index, [cycles])
+        unit = 1.0 if joint.kind == "revolute" else 1.0 / (2.0 * max(spread, 0.1))
+        cycles = [unit * harmonic for harmonic in range(1, HARMONICS + 1)]
+        for some in (*([cycle] for cycle in cycles), cycles[:2], cycles):
+            yield waves_at(at, index, some)
 
 
 def waves(angle: Array, cycles: Sequence[float], slides: bool) -> Array:
