@@ -148,7 +148,7 @@ def is_comparable(claim: Signature, other: Signature) -> bool:
     if other.name in (REGISTRATION, UNMODELLED) or other.tried > 1 or other.form == "spline":
         return False
     if other.name == "stiffness_nonlinearity":
-        return other.form in ("quadratic", "cubic") or (other.joint != claim.joint and other.form == "linear+quadratic")
+        return other.form in ("quadratic", "cubic")
     if other.name == "gravity_compensator":
         return other.form == "sine"
     return True
