@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -316,20 +316,31 @@ def find_gains(ledger: Ledger, prior: Prior, posterior: Posterior, candidates: l
         posterior: Its posterior.
         candidates: Numbers of the signatures that might be claimed.
     """
-    gram, against, _, _ = combine_channels(ledger.channels, posterior.hyper)
+    gram, against, _, _ = _combine_ledger(ledger, posterior.hyper)
     cross = gram[:, posterior.columns]
     left = against - cross @ posterior.mean
-    gram = gram - cross @ posterior.covariance @ cross.T
-    single = [n for n in candidates if len(ledger.columns(n)) == 1]
-    columns = np.array([ledger.columns(n)[0] for n in single], int)
-    positive = np.array([ledger.signatures[n].positive for n in single], bool)
-    sure, sizes = _single_gains(np.maximum(np.diag(gram)[columns], 0.0), left[columns], positive)
-    gains = [Gain(n, float(g), float(size)) for n, g, size in zip(single, sure, sizes, strict=True)]
+    known = cross @ posterior.covariance
+    alone = np.maximum(np.diag(gram) - np.einsum("ij,ij->i", known, cross), 0.0)
+    by_size: dict[int, list[int]] = {}
     for n in candidates:
-        own = ledger.columns(n)
-        if len(own) > 1:
-            gains.append(_joint_gain(n, gram[np.ix_(own, own)], left[own]))
+        by_size.setdefault(len(ledger.columns(n)), []).append(n)
+    gains: list[Gain] = []
+    for size, numbers in by_size.items():
+        own = np.stack([ledger.columns(n) for n in numbers])
+        if size == 1:
+            positive = np.array([ledger.signatures[n].positive for n in numbers], bool)
+            sure, best = _single_gains(alone[own[:, 0]], left[own[:, 0]], positive)
+        else:
+            blocks = gram[own[:, :, None], own[:, None, :]] - known[own] @ np.swapaxes(cross[own], 1, 2)
+            sure, best = _joint_gains(blocks, left[own])
+        gains += [Gain(n, float(g), float(b)) for n, g, b in zip(numbers, sure, best, strict=True)]
     return gains
+
+
+@lru_cache(maxsize=1)
+def _combine_ledger(ledger: Ledger, hyper: Hyper) -> tuple[Array, Array, float, float]:
+    """Combine the channels of a whole ledger; a search asks again and again at the same noise."""
+    return combine_channels(ledger.channels, hyper)
 
 
 def _single_gains(block: Array, left: Array, positive: NDArray[np.bool_]) -> tuple[Array, Array]:
@@ -343,13 +354,13 @@ def _single_gains(block: Array, left: Array, positive: NDArray[np.bool_]) -> tup
     return top + np.log(np.mean(np.exp(log_gain - top), axis=0)), np.array(SIZES)[best]
 
 
-def _joint_gain(number: int, block: Array, left: Array) -> Gain:
-    """Return the gain of a signature of several columns."""
-    values, vectors = np.linalg.eigh(0.5 * (block + block.T))
+def _joint_gains(blocks: Array, left: Array) -> tuple[Array, Array]:
+    """Return gain and best size of signatures of several columns each. Shapes (m, k, k), (m, k) -> (m,), (m,)."""
+    values, vectors = np.linalg.eigh(0.5 * (blocks + np.swapaxes(blocks, 1, 2)))
     values = np.maximum(values, 0.0)
-    squares = (vectors.T @ left) ** 2
-    sizes = np.array(SIZES)[:, None] ** 2
-    log_gain = 0.5 * np.sum(sizes * squares / (1 + sizes * values) - np.log1p(sizes * values), axis=1)
-    best = int(np.argmax(log_gain))
-    spread = np.log(np.mean(np.exp(log_gain - log_gain[best])))
-    return Gain(number, float(log_gain[best] + spread), SIZES[best])
+    squares = np.einsum("mki,mk->mi", vectors, left) ** 2
+    sizes = (np.array(SIZES) ** 2)[:, None, None]
+    log_gain = 0.5 * np.sum(sizes * squares / (1 + sizes * values) - np.log1p(sizes * values), axis=2)
+    best = np.argmax(log_gain, axis=0)
+    top = np.take_along_axis(log_gain, best[None], axis=0)[0]
+    return top + np.log(np.mean(np.exp(log_gain - top), axis=0)), np.array(SIZES)[best]
