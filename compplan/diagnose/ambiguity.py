@@ -149,6 +149,8 @@ def is_comparable(claim: Signature, other: Signature) -> bool:
         return False
     if other.name == "stiffness_nonlinearity":
         return other.form in ("quadratic", "cubic")
+    if other.name == "transmission_error":
+        return len(other.keys) == 2
     if other.name == "gravity_compensator":
         return other.form == "sine"
     return True

@@ -26,7 +26,7 @@ from compplan.diagnose.polish import polish_fit
 from compplan.diagnose.result import Candidate, Diagnosis, Gap
 from compplan.diagnose.search import Claim, distinct_places
 from compplan.diagnose.unmodelled import UNMODELLED
-from compplan.diagnose.verdict import Finding, Verdict, reach_verdict
+from compplan.diagnose.verdict import Finding, Verdict, look_again, reach_verdict
 from compplan.effects import attain_scene, fold_effects, robot_effects
 from compplan.effects.linearization import Place
 from compplan.effects.scene import Scene
@@ -79,7 +79,9 @@ def diagnose_campaign(
     fit = polish_fit(fit_effects(problem, started, ~campaign.first_visit, progress))
     progress("verdict")
     verdict = reach_verdict(fit)
-    if not parts and (verdict.structure.left or len(fit.model.claims) > PLAIN_CLAIMS):
+    if parts:
+        verdict = look_again(fit, verdict)
+    elif verdict.structure.left or len(fit.model.claims) > PLAIN_CLAIMS:
         # free shapes would take the many errors of a robot that is not calibrated; where frames are known, it is
         free = replace(problem, unmodelled=True)
         other = polish_fit(fit_effects(free, started, ~campaign.first_visit, progress))

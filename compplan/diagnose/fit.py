@@ -187,7 +187,7 @@ def _round(
         if not fresh:
             break
         before = fit.model.score
-        fit = _search_again(fit, fresh, progress)
+        fit = search_again(fit, fresh, progress)
         claimed = {key_of(fit.search.ledger.signatures[n]) for n in fit.model.signatures}
         if fit.model.score < before + 0.5 or not claimed & {key_of(s) for s in fresh}:
             break
@@ -222,8 +222,14 @@ def _search(
     return _search_ledger(problem, state, at, channels, ledger, noises, progress)
 
 
-def _search_again(fit: Fit, fresh: list[Signature], progress: Callable[[str], None]) -> Fit:
-    """Search with further signatures, from the claims there are."""
+def search_again(fit: Fit, fresh: list[Signature], progress: Callable[[str], None] = lambda text: None) -> Fit:
+    """Search with further signatures, from the claims there are, at the linearization of a fit.
+
+    Args:
+        fit: The fit.
+        fresh: Signatures that it has not seen.
+        progress: Told what is being done.
+    """
     ledger = extend_ledger(fit.search.ledger, fresh)
     held = replace(fit.state, claims=_claims(fit))
     return _search_ledger(fit.problem, held, fit.at, fit.channels, ledger, fit.noises, progress)

@@ -75,6 +75,15 @@ def unmodelled_signatures(at: Linearization) -> list[Signature]:
     return found
 
 
+def angle_signatures(at: Linearization) -> list[Signature]:
+    """List errors of a joint that follow another joint's angle alone.
+
+    Args:
+        at: The linearization.
+    """
+    return [s for index in range(at.robot.nq) for s in _of_joint(at, index) if s.form.startswith("wave")]
+
+
 def describe_unmodelled(joint: str | None, driver: str) -> str:
     """Say in words what an unmodelled error depends on."""
     return f"an error {'' if joint is None else f'of {joint} '}that follows {driver}"

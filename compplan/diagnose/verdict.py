@@ -11,10 +11,10 @@ from scipy.special import expit, logsumexp
 
 from compplan.diagnose.ambiguity import Rival, find_rivals, share_explained
 from compplan.diagnose.evidence import SHARED_RANGE, WITNESSED, find_posterior
-from compplan.diagnose.fit import Fit
+from compplan.diagnose.fit import Fit, search_again
 from compplan.diagnose.offers import REGISTRATION
 from compplan.diagnose.search import Claim, distinct_places
-from compplan.diagnose.unmodelled import UNMODELLED
+from compplan.diagnose.unmodelled import UNMODELLED, angle_signatures
 from compplan.effects.signature import Effect
 from compplan.robot import Array
 
@@ -47,6 +47,8 @@ FAR_ZERO = 0.02
 #: Names are withheld where the structure left is larger than this share of what they explain. Where even the frames
 #: were unknown the robot is far from calibrated, and small causes beside the named ones are no surprise (assumed).
 UNTRUSTED, UNTRUSTED_REGISTERED = 0.15, 0.28
+#: Greatest probability of a name that a second look gives up.
+GIVEN_UP = 0.4
 #: Structure counts however small it is where it gains this much log evidence.
 PLAIN_STRUCTURE = 25.0
 
@@ -151,6 +153,32 @@ def reach_verdict(fit: Fit) -> Verdict:
     else:
         status = "unknown" if structure.left or any(f.margin > 5.0 for f in doubtful) else "none"
     return Verdict(status, named, doubtful, minor, structure)
+
+
+def look_again(fit: Fit, verdict: Verdict) -> Verdict:
+    """Doubt the names that a search gives up as soon as errors of joints may follow other joints' angles.
+
+    A robot that is not calibrated has errors that no effect of the vocabulary makes; some effects imitate them well.
+
+    Args:
+        fit: The fit, without such errors.
+        verdict: Its verdict.
+    """
+    second = search_again(fit, angle_signatures(fit.at))
+    ledger = second.search.ledger
+    kept = {ledger.signatures[n].place for n in second.model.signatures}
+    given_up = [f for f in verdict.findings if f.signature >= 0 and f.effect.place not in kept]
+    doubted = [replace(f, probability=min(f.probability, GIVEN_UP)) for f in given_up]
+    foreign = [weigh_claim(second, c) for c in second.model.claims if ledger.signatures[c.signature].name == UNMODELLED]
+    foreign = [f for f in foreign if f.explained >= NAMEABLE_SHARE * verdict.structure.gap and f.probability >= CLAIMED]
+    named = tuple(f for f in verdict.findings if f not in given_up)
+    structure = add_dependences(verdict.structure, foreign)
+    status = verdict.status
+    if structure.left:
+        status = "partly_explained" if named else "unknown"
+    return replace(
+        verdict, status=status, findings=named, doubtful=(*verdict.doubtful, *doubted), structure=structure
+    )
 
 
 def set_apart(finding: Finding, share: float, small: float) -> Finding:
