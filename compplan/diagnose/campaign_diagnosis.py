@@ -173,7 +173,7 @@ def noise_floor(fit: Fit) -> float:
     """Return the rms 3D distance that a perfect model leaves. [m]"""
     noise = fit.noises["position"]
     factor = float(np.exp(fit.model.posterior.hyper.log_noise[0]))
-    factor = factor if noise.witnesses < WITNESSED else min(factor, EXCESS)
+    factor = factor if noise.witnesses < WITNESSED else min(factor, max(EXCESS, noise.leeway))
     return float(np.sqrt(3.0 * factor) * noise.sigma)
 
 

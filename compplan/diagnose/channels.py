@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from compplan.effects.scene import Attained, Scene
 from compplan.measurements import Campaign
@@ -22,6 +23,8 @@ from compplan.robot import Array
 PATH_BLOCKS, SHORTEST_BLOCK = 16, 8
 #: Sources of the noise disagree where their variances differ by more than this factor.
 DISAGREE = 1.8
+#: Probability below which chance is no explanation of an estimate.
+BY_CHANCE = 1e-3
 #: Standard deviations where nothing tells them: assumed, and corrected by the fit. [m, rad, rad]
 ASSUMED_SIGMA = {"position": 3e-5, "orientation": 1e-4, "encoder": 5e-6}
 
@@ -39,6 +42,11 @@ class Noise:
     sigma: float
     witnesses: float
     source: str
+
+    @property
+    def leeway(self) -> float:
+        """Factor by which the variance may exceed its estimate before chance no longer explains it (0.1 %)."""
+        return float(self.witnesses / chi2.ppf(BY_CHANCE, self.witnesses)) if self.witnesses > 0 else np.inf
 
 
 @dataclass(frozen=True, eq=False)

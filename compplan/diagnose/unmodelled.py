@@ -70,6 +70,7 @@ def unmodelled_signatures(at: Linearization) -> list[Signature]:
         found += _of_load(at)
     if at.attained.chain.n_springs:
         found += _of_hidden_force(at)
+    found += _of_links(at)
     for index in range(at.robot.nq):
         found += _of_joint(at, index)
     return found
@@ -169,6 +170,19 @@ def _of_time(at: Linearization) -> Iterable[Signature]:
         yield from _offer(at, joint.name, "time", "link", _times(turn, curves), common=True)
 
 
+def _of_links(at: Linearization) -> Iterable[Signature]:
+    """An error behind a joint in any direction: fixed in the link, or bending in step with the load on it."""
+    for joint in at.robot.actuated:
+        frame = np.stack([at.parent_twist(joint.name, axis) for axis in AXES], axis=-1)
+        yield from _offer(at, joint.name, "the posture alone", "frame", frame)
+        if at.campaign.load_varies:
+            loads = np.stack([at.joint_load(joint.name, axis) for axis in TURNS], axis=-1)
+            turn = np.stack([at.twist(joint.name, axis) for axis in TURNS], axis=-1)
+            yield from _offer(at, joint.name, "the moments on it", "bending", turn * loads[:, None], common=True)
+    own = at.motion * at.own_weight_load[:, None, :]
+    yield from _offer(at, None, "the weight of the links", "joints", own, common=True)
+
+
 def _of_joint(at: Linearization, index: int) -> Iterable[Signature]:
     """An error about a joint's own axis; where there are link-side encoders they may see it or not."""
     name = at.robot.joint_names[index]
@@ -183,9 +197,16 @@ def _of_joint(at: Linearization, index: int) -> Iterable[Signature]:
 
 
 def _own_errors(at: Linearization, index: int) -> Iterable[tuple[str, str, Array]]:
-    """Errors that follow other joints, load and direction together, speed, or the past: driver, form, shape (n, k)."""
+    """Errors that follow angles, loads, direction, speed, or the past: driver, form, shape (n, k)."""
     names = at.robot.joint_names
     campaign, q, load = at.campaign, np.nan_to_num(at.campaign.q), at.own_load
+    angle = q[:, index] if at.robot.actuated[index].kind == "revolute" else q[:, index] / max(np.ptp(q[:, index]), 1e-3)
+    turns = [part for k in (1, 2) for part in (np.sin(k * angle), np.cos(k * angle))]
+    yield "its own angle", "smooth", np.column_stack([np.ones_like(angle), *turns])
+    typical = float(np.sqrt(np.mean(load[:, index] ** 2))) + 1e-9
+    part = load[:, index] / typical
+    if campaign.load_varies:
+        yield "its own load", "curved", np.column_stack([part, part * np.abs(part), part**3])
     for other in range(at.robot.nq):
         if other == index:
             continue
@@ -195,16 +216,14 @@ def _own_errors(at: Linearization, index: int) -> Iterable[tuple[str, str, Array
             wave = np.column_stack([np.sin(q[:, other]), np.cos(q[:, other]) - np.cos(q[:, other]).mean()])
             yield f"the angle of {names[other]}", "wave", wave
     direction = campaign.approach[:, index]
-    if (direction > 0).any() and (direction < 0).any() and campaign.load_varies:
-        typical = float(np.sqrt(np.mean(load[:, index] ** 2))) + 1e-9
-        part = load[:, index] / typical
-        both = np.column_stack([direction * np.abs(part), direction * part**2])
-        yield "load and direction of approach", "product", both
+    if (direction > 0).any() and (direction < 0).any():
+        both = [direction, direction * np.abs(part), direction * part**2][: 3 if campaign.load_varies else 1]
+        yield "load and direction of approach", "product", np.column_stack(both)
     speed = campaign.speed[:, index]
     if np.abs(speed).max(initial=0.0) > 1e-6:
-        part = speed / np.abs(speed).max()
-        friction = np.sign(part) * np.stack([np.exp(-np.abs(part) / width) for width in (0.05, 0.2, 0.8)], axis=0)
-        yield "its speed", "friction", friction.T
+        fast = speed / np.abs(speed).max()
+        slow = [np.sign(fast) * np.exp(-np.abs(fast) / width) for width in (0.05, 0.2, 0.8)]
+        yield "its speed", "friction", np.column_stack([fast, *slow])
     if campaign.time is not None and campaign.load_varies:
         past = np.column_stack([past_load(campaign.time, load[:, index], tau) for tau in CREEP_TIMES])
         yield "its load of the past minutes", "creep", past

@@ -287,7 +287,8 @@ def measure_structure(fit: Fit) -> Structure:
     free = [ledger.columns(n) for n, s in enumerate(ledger.signatures) if s.name in (REGISTRATION, UNMODELLED)]
     frames = np.concatenate(free or [np.zeros(0, int)]).astype(int)
     others = np.setdiff1d(np.flatnonzero(values), np.concatenate([claimed, frames]))
-    excess = max(np.exp(hyper.log_noise[0]) - 1.0, 0.0) if noise.witnesses >= WITNESSED else 0.0
+    factor = float(np.exp(hyper.log_noise[0]))
+    excess = factor - 1.0 if noise.witnesses >= WITNESSED and factor > noise.leeway else 0.0
     uneven = uneven_scatter(fit, values)
     excess = max(excess, uneven)
     rms = np.sqrt(3.0) * np.sqrt((sigma * shared) ** 2 + excess * noise.sigma**2)
