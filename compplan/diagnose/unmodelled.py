@@ -205,8 +205,6 @@ def _own_errors(at: Linearization, index: int) -> Iterable[tuple[str, str, Array
     yield "its own angle", "smooth", np.column_stack([np.ones_like(angle), *turns])
     typical = float(np.sqrt(np.mean(load[:, index] ** 2))) + 1e-9
     part = load[:, index] / typical
-    if campaign.load_varies:
-        yield "its own load", "curved", np.column_stack([part, part * np.abs(part), part**3])
     for other in range(at.robot.nq):
         if other == index:
             continue
