@@ -10,6 +10,7 @@ import click
 from compplan.commands.progress import show_progress
 from compplan.diagnose import Diagnosis, diagnose_campaign
 from compplan.diagnose.next_measurement import propose_measurements
+from compplan.diagnose.unmodelled import describe_unmodelled
 from compplan.diagnose.where import split_diagnosis
 from compplan.effects import EFFECTS
 from compplan.errors import UnknownNameError
@@ -86,6 +87,9 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
         lines.append(
             f"  {place}: probability {finding.probability:.2f}, moves the target {finding.explained * 1e3:.3f} mm{tie}"
         )
+    for left in verdict.structure.dependences:
+        what = describe_unmodelled(left.effect.joint, str(left.effect.axis))
+        lines.append(f"  no effect explains {what}: {left.explained * 1e3:.3f} mm")
     lines.append(
         f"gap: {gap.before * 1e3:.3f} mm before, {gap.after * 1e3:.3f} mm after; "
         f"held out {gap.held_out_before * 1e3:.3f} mm before, {gap.held_out_after * 1e3:.3f} mm after; "

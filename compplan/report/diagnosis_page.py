@@ -135,7 +135,8 @@ def say_which(view: DiagnosisView) -> str:
             text += f"; this campaign cannot tell {name_effect(effect)} from {' or '.join(rivals[:3])}"
     if status == "partly_explained":
         text += "; structure is left that none of them explains"
-    return f"{text}."
+    left = f" {view.structure[0]}" if view.structure and status == "partly_explained" else ""
+    return f"{text}.{left}"
 
 
 def say_how_far(view: DiagnosisView) -> str:
