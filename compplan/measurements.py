@@ -1,8 +1,7 @@
 """Measurement logs: what an instrument saw of a robot, row by row, in time order.
 
-A `Campaign` holds one log in SI, with what follows from the order of its rows: visits (rows between which nothing
-moved and
-no load changed), the direction from which every joint was approached, and joint speeds on paths.
+A `Campaign` holds one log in SI, with what follows from the order of its rows: visits (rows between which nothing moved
+and no load changed), the direction from which every joint was approached, and joint speeds on paths.
 """
 
 from __future__ import annotations

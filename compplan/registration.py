@@ -76,9 +76,8 @@ def fit_registration(
 ) -> Registration:
     """Fit base and tool frames to a campaign, robustly; the robot's own poses stay as they are.
 
-    Minimises the distance of T_world_base T_base_tcp T_tcp_target from the measured targets, orientation included
-    where it
-    was measured, by Gauss-Newton steps with Huber weights, started from the best rigid fit of the positions.
+    Minimises the distance of T_world_base T_base_tcp T_tcp_target from the measured targets, orientation included where
+    it was measured, by Gauss-Newton steps with Huber weights, started from the best rigid fit of the positions.
 
     Args:
         campaign: What was measured.

@@ -261,9 +261,8 @@ def select_waypoints(toolpath: Toolpath, index: NDArray[np.int64]) -> Toolpath:
 def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = np.inf) -> Toolpath:
     """Divide cutting moves so that no step is longer than `max_step` and no axis turns by more than `max_turn` in one.
 
-    Rapid moves stay whole.
-    Every waypoint stays, so corners stay sharp; waypoints in between lie on the straight move, the tool axis turns
-    along the great circle, the wrench goes over linearly, feed and rapid are those of the move.
+    Rapid moves stay whole. Every waypoint stays, so corners stay sharp; waypoints in between lie on the straight move,
+    the tool axis turns along the great circle, the wrench goes over linearly, feed and rapid are those of the move.
 
     Args:
         toolpath: The toolpath.

@@ -1,9 +1,8 @@
 """The background: what a sound, calibrated robot still has a little of everywhere, and each effect's prior odds.
 
 A robot is never its model: zeros, lengths and compliances are slightly off, links bend a little, gears wave, friction
-    leaves
-some hysteresis, and it warms up. These errors are real but no cause of a gap; an effect has to stand out of them. How
-large each class is, is fitted to the campaign; the scales here say what would be no surprise (all assumed).
+leaves some hysteresis, and it warms up. These errors are real but no cause of a gap; an effect has to stand out of
+them. How large each class is, is fitted to the campaign; the scales here say what would be no surprise (all assumed).
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Channels: what was measured minus what a model expects, with noise and with the stays that share an error.
 
 Position, orientation and link-side encoders are three channels, each weighted by its own noise. Rows of one stay (the
-robot
-did not move) and neighbouring samples of a path share whatever the model gets wrong there, so that they do not count as
-independent witnesses against it.
+robot did not move) and neighbouring samples of a path share whatever the model gets wrong there, so that they do not
+count as independent witnesses against it.
 """
 
 from __future__ import annotations

@@ -5,11 +5,9 @@ With whitened columns Phi of prior variance D and observations y,
     y ~ N(0, V),   V = N + Phi D Phi^T,   log p(y) = -1/2 (log det V + y^T V^-1 y) + const
 
 N is the noise of each channel (variance v in units of its estimate) plus an error that the rows of a stay share
-(lambda^2 v),
-which stands for whatever no signature explains [Bishop2006, ch. 3; Rasmussen2006, ch. 2]. D is small for the
-background,
-where tau scales a whole class of errors, and large for claimed effects. Noise and background are fitted to the
-campaign.
+(lambda^2 v), which stands for whatever no signature explains [Bishop2006, ch. 3; Rasmussen2006, ch. 2]. D is small for
+the background, where tau scales a whole class of errors, and large for claimed effects. Noise and background are fitted
+to the campaign.
 """
 
 from __future__ import annotations
@@ -280,11 +278,9 @@ def _factor(inner: Array) -> tuple[Array, bool]:
 def _hyperprior(channels: list[ChannelProducts], hyper: Hyper) -> tuple[float, Array]:
     """Return log prior of noise and background, and its gradient.
 
-    Noise is log-Cauchy as wide as its witnesses allow (a model may be wrong, and then rows scatter more); shared
-    errors and backgrounds are half-Cauchy and half-normal of
-    scale one, and the classes of one robot resemble each other (assumed: an error as large as the noise, a background
-    as
-    large as its class's scale, is no surprise).
+    Noise is log-Cauchy as wide as its witnesses allow (a model may be wrong, and then rows scatter more); shared errors
+    and backgrounds are half-Cauchy and half-normal of scale one, and the classes of one robot resemble each other
+    (assumed: an error as large as the noise, a background as large as its class's scale, is no surprise).
     """
     width = np.array([LOOSE if ch.witnesses < 1 else max(np.sqrt(2.0 / ch.witnesses), TIGHT) for ch in channels])
     shared2, tau2 = np.exp(2 * hyper.log_shared), np.exp(2 * hyper.log_tau)

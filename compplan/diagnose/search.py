@@ -190,8 +190,7 @@ def explains_enough(search: Search, old: Model, new: Model) -> bool:
     """Tell whether a further claim takes a fair part of what is left beyond the noise.
 
     Where much is left and no effect takes a fair part of it, the vocabulary does not hold its cause; to add one small
-    part after
-    the other would only imitate it. What the background of small errors has swallowed counts as left, too.
+    part after the other would only imitate it. What the background of small errors has swallowed counts as left, too.
     """
     channels, background = search.ledger.channels, search.prior.background >= 0
 

@@ -1,12 +1,9 @@
 """Unmodelled: what a gap may depend on beyond every effect of the vocabulary.
 
 A gap whose cause is in no vocabulary depends on something all the same: on where the target is, on the load, on time,
-on
-another joint. Each of these is offered to the search as a smooth function with an unknown shape, beside the effects. It
-is
-never named as a cause and never written into a robot; it keeps effects from being bent into imitations of what they
-are not,
-and it says what an unknown cause looks like.
+on another joint. Each of these is offered to the search as a smooth function with an unknown shape, beside the effects.
+It is never named as a cause and never written into a robot; it keeps effects from being bent into imitations of what
+they are not, and it says what an unknown cause looks like.
 """
 
 from __future__ import annotations

@@ -52,8 +52,7 @@ def lost_motion(reading: Array, width: float, start: float = 0.0) -> Array:
     """Return link minus reading of a joint with play. Shape (n,). [rad or m]
 
     The link stays until the reading has crossed the play. What happened between two runs is unknown; the play is
-    carried
-    over. A negative width (the link ahead of its reading) mirrors the positive one.
+    carried over. A negative width (the link ahead of its reading) mirrors the positive one.
 
     Args:
         reading: Readings in time order. Shape (n,). [rad or m]

@@ -1,8 +1,7 @@
 """A scene and how it yields: Jacobians and loads at every place where an effect may sit.
 
 Effects compose their signatures from these few arrays. Springs of zero compliance at every joint and axis give the
-axes,
-origins and loads; all of it is taken in the loaded state.
+axes, origins and loads; all of it is taken in the loaded state.
 """
 
 from __future__ import annotations

@@ -3,8 +3,7 @@
 Effects write into a scene one after the other; `attain_scene` then solves the loaded equilibrium exactly and tells what
 instrument and encoders should see. Between the reading q of a joint and its true position stand, in this order,
 
-    q_link = q + drive (between motor-side and link-side encoder: backlash, gear error, lag, nonlinear and linear
-    spring)
+    q_link = q + drive (between motor-side and link-side encoder: backlash, gear error, lag, springs of any law)
     q_true = q_link + zero (what both encoders cannot see: an offset of the zero, a coupling that is left out)
 """
 
