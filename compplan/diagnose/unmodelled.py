@@ -127,16 +127,14 @@ def _of_load(at: Linearization) -> Iterable[Signature]:
     R = at.attained.frames.tcp_rotation
     local = np.einsum("nji,nj->ni", R, force)
     fixed, turned = np.zeros((n, 6, 9)), np.zeros((n, 6, 9))
-    read = np.zeros((n, 6, 9))
     for column in range(9):
         i, k = divmod(column, 3)
         fixed[:, i, column] = force[:, k]
         turned[:, :3, column] = R[:, :, i] * local[:, k, None]
-        read[:, :3, column] = R[:, :, i] * local[:, k, None]
     yield from _offer(at, None, "the force in base axes", "linear", fixed, common=True)
     yield from _offer(at, None, "the force in tool axes", "linear", turned, common=True)
     if at.attained.chain.n_springs:
-        twist, encoder = at.wrench_response(read)
+        twist, encoder = at.wrench_response(turned)
         yield from _offer(at, None, "force components that are mixed up", "linear", twist, encoder, common=True)
 
 
