@@ -62,6 +62,22 @@ def test_trap_4_a_coupling_convention_is_named_not_fitted(robot: Robot, parts: t
     assert diagnosis.gap.after < 1.2 * diagnosis.gap.noise_floor
 
 
+@pytest.mark.parametrize(
+    "convention",
+    [
+        Effect("joint_coupling", "joint_3", None, {"other": "joint_2", "ratio": 0.5}),
+        Effect("joint_coupling", "joint_2", None, {"zero_rad": 0.4}),
+    ],
+)
+def test_trap_4_a_convention_of_any_size_is_found_with_its_size(robot: Robot, convention: Effect) -> None:
+    diagnosis = diagnose_campaign(robot, measure(robot, plan_rows(robot, 41), [convention], 41))
+    assert places(diagnosis) == [(convention.name, convention.joint)]
+    assert diagnosis.verdict.status == "explained"
+    size = list(convention.parameters.values())[-1]
+    assert list(diagnosis.verdict.findings[0].effect.parameters.values())[-1] == pytest.approx(size, abs=1e-4)
+    assert diagnosis.gap.after < 1.2 * diagnosis.gap.noise_floor
+
+
 def test_trap_5_mistyped_points_are_reported_and_harm_nothing(robot: Robot) -> None:
     campaign = measure(robot, plan_rows(robot, 5), [Effect("joint_offset", "joint_3", None, {"offset_rad": 4e-4})], 5)
     position = campaign.position.copy()

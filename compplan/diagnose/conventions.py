@@ -20,6 +20,8 @@ SUSPICIOUS, CONVINCING = 5e-3, 0.3
 #: Rows that are compared.
 SAMPLE = 400
 PAIRS = (-1.0, 1.0)
+#: Steps of the search for a ratio or a zero, the longest of them, and the nudge of its derivative.
+STEPS, LONGEST_STEP, NUDGE = 12, 0.3, 1e-5
 ZEROS = (np.pi / 2, -np.pi / 2, np.pi)
 
 
@@ -43,6 +45,9 @@ def find_conventions(robot: Robot, campaign: Campaign, register: tuple[str, ...]
         ]
         best = min(trials, key=lambda t: (t[0], t[1]))
         if best[0] > CONVINCING * gap:
+            sized = [size_convention(robot, part, register, found, e) for e in sizeless(robot)]
+            best = min(((g, n, e) for n, (g, e) in enumerate(sized)), key=lambda t: (t[0], t[1]))
+        if best[0] > CONVINCING * gap:
             break
         found.append(best[2])
         gap = best[0]
@@ -51,17 +56,61 @@ def find_conventions(robot: Robot, campaign: Campaign, register: tuple[str, ...]
 
 def typical_gap(robot: Robot, campaign: Campaign, register: tuple[str, ...], effects: list[Effect]) -> float:
     """Return the median distance between measured and expected targets, frames fitted where asked. [m]"""
+    distance: Array = np.linalg.norm(campaign.position - expect_targets(robot, campaign, register, effects), axis=1)
+    return float(np.median(distance))
+
+
+def expect_targets(robot: Robot, campaign: Campaign, register: tuple[str, ...], effects: list[Effect]) -> Array:
+    """Return where the targets should be measured, frames fitted where asked. Shape (n, 3). [m]"""
     attained = attain_scene(apply_effects(stage_scene(robot, campaign), effects))
-    scene = stage_scene(robot, campaign)
     position = attained.position
     if register:
         registration = fit_registration(campaign, attained.position, attained.rotation, register)
-        scene = replace(scene, registration=registration)
         tool = registration.tool[campaign.target_index]
         position = position + np.einsum("nij,nj->ni", attained.rotation, tool[:, :3, 3])
         position = position @ registration.base[:3, :3].T + registration.base[:3, 3]
-    distance: Array = np.linalg.norm(campaign.position - position, axis=1)
-    return float(np.median(distance))
+    return np.asarray(position)
+
+
+def size_convention(
+    robot: Robot, campaign: Campaign, register: tuple[str, ...], found: list[Effect], effect: Effect
+) -> tuple[float, Effect]:  # fmt: skip
+    """Find the ratio or zero of a convention by damped Gauss-Newton steps. Returns the typical gap [m] and the effect.
+
+    Args:
+        robot: The nominal robot.
+        campaign: The rows that are compared.
+        register: Frames that are fitted to each hypothesis.
+        found: Conventions that were found before.
+        effect: The convention; its ratio or zero is the unknown.
+    """
+    key = "ratio" if "ratio" in effect.parameters else "zero_rad"
+    best, size = (np.inf, effect), 0.0
+    for _ in range(STEPS):
+        here = replace(effect, parameters={**effect.parameters, key: size})
+        there = replace(effect, parameters={**effect.parameters, key: size + NUDGE})
+        expected = expect_targets(robot, campaign, register, [*found, here])
+        slope = (expect_targets(robot, campaign, register, [*found, there]) - expected) / NUDGE
+        left = campaign.position - expected
+        gap = np.linalg.norm(left, axis=1)
+        best = min(best, (float(np.median(gap)), here), key=lambda b: b[0])
+        weight = 1.0 / np.maximum(gap, float(np.median(gap)))
+        step = float(np.sum(weight[:, None] * slope * left) / max(np.sum(weight[:, None] * slope**2), 1e-300))
+        if abs(step) < 1e-7:
+            break
+        size += float(np.clip(step, -LONGEST_STEP, LONGEST_STEP))
+    return best
+
+
+def sizeless(robot: Robot) -> Iterator[Effect]:
+    """List couplings and shifted zeros whose size is unknown."""
+    joints = robot.actuated
+    for index, joint in enumerate(joints):
+        for other in (index - 1, index + 1, index - 2, index + 2):
+            if 0 <= other < len(joints) and joints[other].kind == joint.kind:
+                yield Effect("joint_coupling", joint.name, None, {"other": joints[other].name, "ratio": 0.0})
+        if joint.kind == "revolute":
+            yield Effect("joint_coupling", joint.name, None, {"zero_rad": 0.0})
 
 
 def hypotheses(robot: Robot, campaign: Campaign) -> Iterator[Effect]:

@@ -195,9 +195,6 @@ def _own_errors(at: Linearization, index: int) -> Iterable[tuple[str, str, Array
     """Errors that follow angles, loads, direction, speed, or the past: driver, form, shape (n, k)."""
     names = at.robot.joint_names
     campaign, q, load = at.campaign, np.nan_to_num(at.campaign.q), at.own_load
-    angle = q[:, index] if at.robot.actuated[index].kind == "revolute" else q[:, index] / max(np.ptp(q[:, index]), 1e-3)
-    turns = [part for k in (1, 2) for part in (np.sin(k * angle), np.cos(k * angle))]
-    yield "its own angle", "smooth", np.column_stack([np.ones_like(angle), *turns])
     typical = float(np.sqrt(np.mean(load[:, index] ** 2))) + 1e-9
     part = load[:, index] / typical
     for other in range(at.robot.nq):
