@@ -6,6 +6,7 @@ lost; a chunk that was lost with its worker is computed again elsewhere.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from functools import lru_cache
 from itertools import islice
@@ -58,7 +59,10 @@ def _connect(scheduler: str) -> Any:
 def _collect(client: Any, study: Study, numbers: list[int], points: Callable[[int], Array]) -> Results:
     from distributed import as_completed
 
-    packed = client.submit(_hand_over, pack_study(study), pure=False, retries=RETRIES)
+    with warnings.catch_warnings():
+        # the study goes over once, as a task of its own that another worker can repeat
+        warnings.filterwarnings("ignore", message="Sending large graph")
+        packed = client.submit(_hand_over, pack_study(study), pure=False, retries=RETRIES)
     chunk_of: dict[str, int] = {}
 
     def submit(number: int) -> Any:
