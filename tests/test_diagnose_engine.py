@@ -66,7 +66,7 @@ def test_a_gain_is_the_evidence_that_the_claim_then_adds(diagnosis: Diagnosis) -
     search = diagnosis.fit.search
     empty = find_posterior(search.ledger, search.prior_of([]), search.start, fit=False)
     number = next(n for n, s in enumerate(search.ledger.signatures) if s.name == "wrench_scale")
-    gain = find_gains(search.ledger, search.prior_of([]), empty, [number])[0]
+    gain = find_gains(search.ledger, empty, [number])[0]
     values = []
     for size in (0.1, 0.3, 1.0, 3.0, 10.0, 40.0):
         claimed = search.prior_of([Claim(number, size)])

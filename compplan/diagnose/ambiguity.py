@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnose.evidence import combine_channels
+from compplan.diagnose.evidence import combine_ledger
 from compplan.diagnose.fit import Fit
 from compplan.diagnose.offers import REGISTRATION
 from compplan.diagnose.unmodelled import UNMODELLED
@@ -58,7 +58,7 @@ def find_rivals(fit: Fit, signature: int) -> list[Rival]:
         signature: Number of the claimed signature.
     """
     ledger = fit.search.ledger
-    gram, _, _, _ = combine_channels(ledger.channels, fit.model.posterior.hyper)
+    gram, _, _, _ = combine_ledger(ledger, fit.model.posterior.hyper)
     columns = ledger.columns(signature)
     values = fit.model.posterior.values(ledger.p)[columns]
     whole = float(values @ gram[np.ix_(columns, columns)] @ values)
@@ -91,22 +91,15 @@ def share_explained(fit: Fit, signature: int, others: Sequence[int]) -> float:
         others: Numbers of the others.
     """
     ledger = fit.search.ledger
-    gram, _, _, _ = combine_channels(ledger.channels, fit.model.posterior.hyper)
+    gram, _, _, _ = combine_ledger(ledger, fit.model.posterior.hyper)
     columns = ledger.columns(signature)
     values = fit.model.posterior.values(ledger.p)[columns]
     energy = float(values @ gram[np.ix_(columns, columns)] @ values)
-    theirs = np.unique(np.concatenate([ledger.columns(n) for n in others])).astype(int)
-    return _share(gram, columns, values, theirs, energy) if energy > 0 else 0.0
+    return _share(gram, columns, values, ledger.join_columns(others), energy) if energy > 0 else 0.0
 
 
 def _frame_columns(fit: Fit) -> NDArray[np.int_]:
-    ledger = fit.search.ledger
-    found = [
-        ledger.columns(n)
-        for n, s in enumerate(ledger.signatures)
-        if s.name in ("base_frame", "tool_frame", REGISTRATION)
-    ]
-    return np.unique(np.concatenate(found)) if found else np.zeros(0, int)
+    return fit.search.ledger.columns_named("base_frame", "tool_frame", REGISTRATION)
 
 
 def _all_columns(fit: Fit, number: int) -> NDArray[np.int_]:
@@ -115,12 +108,9 @@ def _all_columns(fit: Fit, number: int) -> NDArray[np.int_]:
     own = ledger.signatures[number]
     if own.form not in ("quadratic", "cubic"):
         return ledger.columns(number)
-    mates = [
-        ledger.columns(n)
-        for n, s in enumerate(ledger.signatures)
-        if s.place == own.place and s.form in ("quadratic", "cubic")
-    ]
-    return np.unique(np.concatenate(mates))
+    return ledger.join_columns(
+        n for n, s in enumerate(ledger.signatures) if s.place == own.place and s.form in ("quadratic", "cubic")
+    )
 
 
 def _without(gram: Array, nuisance: NDArray[np.int_]) -> Array:

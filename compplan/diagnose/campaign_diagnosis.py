@@ -184,20 +184,13 @@ def _choose_update(
     hyper = fit.model.posterior.hyper
     prior, _ = bend_forwards(fit.search.ledger, prior_of(fit, fit.model.claims), fit.model.posterior)
     options = [
-        (hold_out(fit, prior, hyper, folds, unmodelled_columns(fit)), True),
+        (hold_out(fit, prior, hyper, folds, fit.search.ledger.columns_named(UNMODELLED)), True),
         (hold_out(fit, prior_of(fit, claims, background=False), hyper, folds), False),
     ]
     held, everything = min(options, key=lambda o: o[0].rms * (1.0 if o[1] else 1.002))
     if held.rms > (1.0 - worth) * plain.rms:
         return _nominal_state(fit), plain
     return (replace(fit.state, unmodelled=None) if everything else _refitted(fit, claims)), held
-
-
-def unmodelled_columns(fit: Fit) -> NDArray[np.int_]:
-    """Return the columns that no robot model can hold."""
-    ledger = fit.search.ledger
-    found = [ledger.columns(n) for n, s in enumerate(ledger.signatures) if s.name == UNMODELLED]
-    return np.unique(np.concatenate([*found, np.zeros(0, int)])).astype(int)
 
 
 def _refitted(fit: Fit, claims: list[Claim]) -> State:

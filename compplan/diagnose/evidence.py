@@ -303,16 +303,15 @@ class Gain:
     size: float
 
 
-def find_gains(ledger: Ledger, prior: Prior, posterior: Posterior, candidates: list[int]) -> list[Gain]:
+def find_gains(ledger: Ledger, posterior: Posterior, candidates: list[int]) -> list[Gain]:
     """Compute what each candidate would add to the log evidence, noise and background held.
 
     Args:
         ledger: The products.
-        prior: The prior of the current model.
-        posterior: Its posterior.
+        posterior: Posterior of the current model.
         candidates: Numbers of the signatures that might be claimed.
     """
-    gram, against, _, _ = _combine_ledger(ledger, posterior.hyper)
+    gram, against, _, _ = combine_ledger(ledger, posterior.hyper)
     cross = gram[:, posterior.columns]
     left = against - cross @ posterior.mean
     known = cross @ posterior.covariance
@@ -334,7 +333,7 @@ def find_gains(ledger: Ledger, prior: Prior, posterior: Posterior, candidates: l
 
 
 @lru_cache(maxsize=1)
-def _combine_ledger(ledger: Ledger, hyper: Hyper) -> tuple[Array, Array, float, float]:
+def combine_ledger(ledger: Ledger, hyper: Hyper) -> tuple[Array, Array, float, float]:
     """Combine the channels of a whole ledger; a search asks again and again at the same noise."""
     return combine_channels(ledger.channels, hyper)
 

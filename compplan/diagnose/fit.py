@@ -13,7 +13,7 @@ from compplan.diagnose.background import CLASSES, build_prior, in_background, lo
 from compplan.diagnose.channels import Channel, Noise, build_channels, estimate_noises, position_residual
 from compplan.diagnose.evidence import Posterior, Prior, find_posterior, start_hyper
 from compplan.diagnose.ledger import Ledger, build_ledger, extend_ledger
-from compplan.diagnose.offers import REGISTRATION, Key, key_of, offer_again, offered_signatures
+from compplan.diagnose.offers import REGISTRATION, Key, key_of, offer_again, offered_signatures, proposed_signatures
 from compplan.diagnose.outliers import find_gross_outliers, find_outliers
 from compplan.diagnose.proposals import propose_shifts, propose_waves
 from compplan.diagnose.search import MOST_EFFECTS, Claim, Model, Search, search_models
@@ -191,7 +191,7 @@ def _round(
         claimed = {key_of(fit.search.ledger.signatures[n]) for n in fit.model.signatures}
         if fit.model.score < before + 0.5 or not claimed & {key_of(s) for s in fresh}:
             break
-    return fit, [s for s in fit.search.ledger.signatures if s.tried > 1 or s.form == "spline"]
+    return fit, proposed_signatures(fit.search.ledger.signatures)
 
 
 def stands(problem: Problem, state: State) -> bool:
@@ -274,8 +274,7 @@ def _propose(fit: Fit) -> list[Signature]:
     proposals += propose_waves(fit.at, fit.channels, left, own)
     if not fit.problem.unmodelled:
         return proposals
-    swinging = [ledger.columns(n) for n, s in enumerate(ledger.signatures) if "frequency_Hz" in s.fixed]
-    swing = np.unique(np.concatenate([*swinging, np.zeros(0, int)])).astype(int)
+    swing = ledger.join_columns(n for n, s in enumerate(ledger.signatures) if "frequency_Hz" in s.fixed)
     still = [rest + design[..., swing] @ values[swing] for rest, design in zip(left, ledger.designs, strict=True)]
     return proposals + propose_oscillation(fit.at, fit.channels, still)
 

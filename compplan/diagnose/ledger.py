@@ -6,7 +6,7 @@ under any noise and background costs a small Cholesky factor, and no row of the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -92,6 +92,14 @@ class Ledger:
     def columns(self, signature: int) -> NDArray[np.int_]:
         """Return the columns of a signature."""
         return self.index[signature]
+
+    def join_columns(self, signatures: Iterable[int]) -> NDArray[np.int_]:
+        """Return the columns of several signatures, shared ones once, ascending."""
+        return np.unique(np.concatenate([np.zeros(0, int), *(self.index[number] for number in signatures)]))
+
+    def columns_named(self, *names: str) -> NDArray[np.int_]:
+        """Return the columns of all signatures of some effects, ascending."""
+        return self.join_columns(number for number, s in enumerate(self.signatures) if s.name in names)
 
     def left(self, values: Array) -> list[Array]:
         """Return what parameters leave in each channel, in units of the noise, to first order."""

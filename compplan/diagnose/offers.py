@@ -54,6 +54,11 @@ def registration_signatures(at: Linearization, parts: Sequence[str]) -> list[Sig
     return found
 
 
+def proposed_signatures(signatures: Sequence[Signature]) -> list[Signature]:
+    """Return those whose row, period or shape was looked for in what a model left over."""
+    return [s for s in signatures if s.tried > 1 or s.form == "spline"]
+
+
 def offer_again(at: Linearization, proposals: list[Signature], wanted: set[Key]) -> list[Signature]:
     """Offer the claimed ones of earlier proposals at a new linearization."""
     found: list[Signature] = []

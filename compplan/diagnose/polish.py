@@ -11,7 +11,7 @@ from compplan.diagnose.background import build_prior, in_background, log_priors
 from compplan.diagnose.channels import build_channels, position_residual
 from compplan.diagnose.fit import Fit, State, advance_state, linearize_state, stands
 from compplan.diagnose.ledger import build_ledger
-from compplan.diagnose.offers import REGISTRATION, key_of, offer_again, offered_signatures
+from compplan.diagnose.offers import REGISTRATION, key_of, offer_again, offered_signatures, proposed_signatures
 from compplan.diagnose.outliers import find_outliers
 from compplan.diagnose.search import Claim, Search
 from compplan.registration import fit_registration
@@ -75,7 +75,7 @@ def _step(fit: Fit, state: State, use: NDArray[np.bool_]) -> State:
     at = linearize_state(fit.problem, state)
     channels = build_channels(at.scene, at.attained, use, fit.noises)
     sizes = dict(state.claims)
-    old = [s for s in fit.search.ledger.signatures if s.tried > 1 or s.form == "spline"]
+    old = proposed_signatures(fit.search.ledger.signatures)
     problem = fit.problem
     offered = offered_signatures(at, problem.register, problem.excluded, problem.unmodelled)
     offered += offer_again(at, old, set(sizes))

@@ -155,7 +155,7 @@ class Search:
             for n in self.candidates
             if self.ledger.signatures[n].place not in taken and not used.intersection(self.ledger.columns(n).tolist())
         ]
-        gains = find_gains(self.ledger, self.prior_of(model.claims), model.posterior, free)
+        gains = find_gains(self.ledger, model.posterior, free)
         scored = [Gain(g.signature, g.log_evidence + float(self.log_prior[g.signature]), g.size) for g in gains]
         return sorted(scored, key=lambda g: -g.log_evidence)
 
@@ -196,9 +196,8 @@ def explains_enough(search: Search, old: Model, new: Model) -> bool:
 
     def measure(model: Model) -> tuple[float, float]:
         posterior = model.posterior
-        claimed = [search.ledger.columns(number) for number in model.signatures]
         plain = np.setdiff1d(posterior.columns, np.flatnonzero(background))
-        known = np.union1d(plain, np.concatenate([*claimed, np.zeros(0, int)])).astype(int)
+        known = np.union1d(plain, search.ledger.join_columns(model.signatures))
         return excess_square(channels, posterior, posterior.columns), excess_square(channels, posterior, known)
 
     before = measure(old)

@@ -282,11 +282,9 @@ def measure_structure(fit: Fit) -> Structure:
     sigma = noise.sigma * float(np.exp(0.5 * hyper.log_noise[0]))
     shared = float(np.exp(hyper.log_shared[0]))
     values = model.posterior.values(ledger.p)
-    named = [ledger.columns(n) for n in model.signatures if ledger.signatures[n].name != UNMODELLED]
-    claimed = np.unique(np.concatenate([*named, np.zeros(0, int)])).astype(int)
-    free = [ledger.columns(n) for n, s in enumerate(ledger.signatures) if s.name in (REGISTRATION, UNMODELLED)]
-    frames = np.concatenate(free or [np.zeros(0, int)]).astype(int)
-    others = np.setdiff1d(np.flatnonzero(values), np.concatenate([claimed, frames]))
+    claimed = ledger.join_columns(n for n in model.signatures if ledger.signatures[n].name != UNMODELLED)
+    apart = ledger.columns_named(REGISTRATION, UNMODELLED)
+    others = np.setdiff1d(np.flatnonzero(values), np.concatenate([claimed, apart]))
     factor = float(np.exp(hyper.log_noise[0]))
     excess = factor - 1.0 if noise.witnesses >= WITNESSED and factor > noise.leeway else 0.0
     uneven = uneven_scatter(fit, values)
