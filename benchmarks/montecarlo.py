@@ -15,15 +15,15 @@ from pathlib import Path
 
 import numpy as np
 
-from compplan.job import load_job
-from compplan.judge import build_judge, judge_pose
-from compplan.montecarlo.draw import draw_cells
-from compplan.montecarlo.factors import draw_points
-from compplan.montecarlo.kernel import settle_tips
-from compplan.montecarlo.runner import Settings, run_study
-from compplan.montecarlo.study import Study, prepare_study
-from compplan.montecarlo.workforce import Workforce
-from compplan.plan import build_task, prepare_job
+from compplan.cell.judge import build_judge, judge_pose
+from compplan.job.job import load_job
+from compplan.plan.plan import build_task, prepare_job
+from compplan.study.draw import draw_cells
+from compplan.study.factors import draw_points
+from compplan.study.kernel import settle_tips
+from compplan.study.runner import Settings, run_study
+from compplan.study.study import Study, prepare_study
+from compplan.study.workforce import Workforce
 
 JOB = Path(__file__).parent.parent / "paths" / "isf_cone.toml"
 EIGHT = ("none", "mirror", "iterated_mirror", "nlp", "secondary_encoder", "both_encoders", "encoder_force",

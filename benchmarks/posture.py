@@ -22,19 +22,19 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 
+from compplan.cell.judge import Judge, build_judge
 from compplan.errors import CompplanError
-from compplan.ik import build_arm, solve_branches
-from compplan.job import Job, check_job, load_nominal
-from compplan.judge import Judge, build_judge
-from compplan.ladder.choose import choose_stance
-from compplan.ladder.lattice import orient_tool, pick_stations
-from compplan.ladder.settings import read_settings
-from compplan.ladder.summary import Stance
-from compplan.plan import job_robot
-from compplan.posture import choose_posture
-from compplan.process import tool_axes
+from compplan.job.job import Job, check_job, load_nominal
+from compplan.path.process import tool_axes
+from compplan.path.toolpath import Toolpath
+from compplan.plan.plan import job_robot
+from compplan.posture.choose import choose_stance
+from compplan.posture.lattice import orient_tool, pick_stations
+from compplan.posture.settings import read_settings
+from compplan.posture.stance import choose_posture
+from compplan.posture.summary import Stance
 from compplan.robot import Robot
-from compplan.toolpath import Toolpath
+from compplan.statics.ik import build_arm, solve_branches
 
 Array = NDArray[np.float64]
 PATHS = Path(__file__).resolve().parent.parent / "paths"
@@ -217,7 +217,7 @@ def run_case(case: Case, place: bool) -> dict[str, Any]:
         row["cam_tool_x_deg"] = default[1]
         row["ratio"] = row["accurate_mm"] / row["cam_mm"]
     if place:
-        from compplan.place import _move_job, place_part
+        from compplan.posture.place import _move_job, place_part
 
         result = place_part(case.job, case.robot)
         moved = load_nominal(_move_job(case.job, result.position, result.turn))

@@ -14,10 +14,10 @@ import numpy as np
 import pinocchio as pin
 
 from benchmarks.posture import Array, Case, cam_default
-from compplan.judge import build_judge, judge_pose
-from compplan.ladder.settings import read_settings
-from compplan.plan import PlanOptions, PostureRequest, plan_compensation
-from compplan.process import tool_axes
+from compplan.cell.judge import build_judge, judge_pose
+from compplan.path.process import tool_axes
+from compplan.plan.plan import PlanOptions, PostureRequest, plan_compensation
+from compplan.posture.settings import read_settings
 
 #: Steps of pink on every waypoint, and its time step.
 STEPS, STEP = 3, 1.0

@@ -17,32 +17,34 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from compplan.cell import Cell, build_cell, run_cell, standard_cells
-    from compplan.compare import Comparison, compare_job, compare_task
+    from compplan.cell.cell import Cell, build_cell, run_cell, standard_cells
     from compplan.errors import CompplanError, InfeasibleError, InputError
-    from compplan.evaluate import Evaluation, evaluate_run, path_accuracy
-    from compplan.job import Job, check_job, load_job, load_nominal
-    from compplan.nlp import build_nlp, solve_nlp
-    from compplan.outputs import write_comparison, write_plan
-    from compplan.path_problem import PathProblem, Rows
-    from compplan.plan import Plan, PlanOptions, build_task, plan_compensation, plan_job, plan_task
+    from compplan.job.job import Job, check_job, load_job, load_nominal
+    from compplan.outputs.plan import write_comparison, write_plan
+    from compplan.path.reading import read_toolpath
+    from compplan.path.toolpath import Toolpath, place_toolpath, write_toolpath
+    from compplan.plan.compare import Comparison, compare_job, compare_task
+    from compplan.plan.evaluate import Evaluation, evaluate_run, path_accuracy
+    from compplan.plan.nlp import build_nlp, solve_nlp
+    from compplan.plan.path_problem import PathProblem, Rows
+    from compplan.plan.plan import Plan, PlanOptions, build_task, plan_compensation, plan_job, plan_task
     from compplan.robot import Robot, load_robot
-    from compplan.toolpath import Toolpath, place_toolpath, read_toolpath, write_toolpath
 
 __version__ = "0.1.0"
 
 _MODULES = {
-    "cell": ("Cell", "build_cell", "run_cell", "standard_cells"),
-    "compare": ("Comparison", "compare_job", "compare_task"),
+    "cell.cell": ("Cell", "build_cell", "run_cell", "standard_cells"),
+    "plan.compare": ("Comparison", "compare_job", "compare_task"),
     "errors": ("CompplanError", "InfeasibleError", "InputError"),
-    "evaluate": ("Evaluation", "evaluate_run", "path_accuracy"),
-    "job": ("Job", "check_job", "load_job", "load_nominal"),
-    "nlp": ("build_nlp", "solve_nlp"),
-    "path_problem": ("PathProblem", "Rows"),
-    "outputs": ("write_comparison", "write_plan"),
-    "plan": ("Plan", "PlanOptions", "build_task", "plan_compensation", "plan_job", "plan_task"),
+    "plan.evaluate": ("Evaluation", "evaluate_run", "path_accuracy"),
+    "job.job": ("Job", "check_job", "load_job", "load_nominal"),
+    "plan.nlp": ("build_nlp", "solve_nlp"),
+    "plan.path_problem": ("PathProblem", "Rows"),
+    "outputs.plan": ("write_comparison", "write_plan"),
+    "plan.plan": ("Plan", "PlanOptions", "build_task", "plan_compensation", "plan_job", "plan_task"),
     "robot": ("Robot", "load_robot"),
-    "toolpath": ("Toolpath", "place_toolpath", "read_toolpath", "write_toolpath"),
+    "path.reading": ("read_toolpath",),
+    "path.toolpath": ("Toolpath", "place_toolpath", "write_toolpath"),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 

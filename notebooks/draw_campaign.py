@@ -13,9 +13,9 @@ import numpy as np
 import tomli_w
 
 from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
-from compplan.measurements import Campaign
+from compplan.files.tables import write_table, write_text
+from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot, load_robot
-from compplan.tables import write_table, write_text
 
 HERE = Path(__file__).parent / "diagnose_campaign"
 ROBOT = "kuka_kr270"

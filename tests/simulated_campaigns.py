@@ -10,9 +10,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
-from compplan.measurements import Campaign
+from compplan.measure.campaign import Campaign
 from compplan.robot import Robot
-from compplan.robot_folder import read_robot_folder
+from compplan.robot.folder import read_robot_folder
 
 SIGMA = 2e-5
 LINKS = (

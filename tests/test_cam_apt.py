@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.cam import CamFile, CamTable, read_cam
 from compplan.errors import InputError
+from compplan.path.cam import CamFile, CamTable, read_cam
 
 
 @pytest.fixture

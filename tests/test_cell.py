@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compplan.cell import AS_MODELLED, build_cell, run_cell, standard_cells
-from compplan.chain import build_chain
-from compplan.elastic import solve_equilibrium
+from compplan.cell.cell import AS_MODELLED, build_cell, run_cell, standard_cells
 from compplan.robot import load_robot
+from compplan.statics.chain import build_chain
+from compplan.statics.elastic import solve_equilibrium
 
 Q = np.radians([[0.0, 49.7, 89.3, 0.0, 41.0, 0.0], [5.0, 45.0, 80.0, 10.0, 41.0, 20.0]])
 WRENCH = np.array([[0.0, 300.0, 1200.0, 0, 0, 0], [100.0, 0.0, 900.0, 5, 0, 0]])

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from compplan.chain import (
+from compplan.errors import ShapeError
+from compplan.robot import Array, load_robot
+from compplan.statics.chain import (
     Chain,
     build_chain,
     gravity_torque,
@@ -16,10 +18,8 @@ from compplan.chain import (
     load_elements,
     locate_frames,
 )
-from compplan.elastic import cartesian_compliance, loaded_compliance, solve_equilibrium
-from compplan.errors import ShapeError
-from compplan.robot import Array, load_robot
-from compplan.sweep import CHUNK
+from compplan.statics.elastic import cartesian_compliance, loaded_compliance, solve_equilibrium
+from compplan.statics.sweep import CHUNK
 
 ROBOTS = ["kuka_kr270", "kuka_kr270_full", "staubli_tx200", "kuka_kr240_rail"]
 

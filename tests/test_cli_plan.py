@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.columns import Column
-from compplan.judge import build_judge, judge_pose
+from compplan.cell.judge import build_judge, judge_pose
+from compplan.files.columns import Column
+from compplan.files.tables import read_table
 from compplan.robot import load_robot
-from compplan.tables import read_table
 
 PATHS = Path(__file__).parents[1] / "paths"
 

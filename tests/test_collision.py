@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 import trimesh
 
-from compplan.clearance import measure_clearance, measure_margin
-from compplan.collision_scene import build_scene
-from compplan.contacts import describe_contact, find_contacts, locate_link_frames
 from compplan.errors import InputError
-from compplan.ladder.choose import choose_stance
-from compplan.ladder.settings import PostureSettings
+from compplan.path.toolpath import Toolpath
+from compplan.posture.choose import choose_stance
+from compplan.posture.clearance import measure_clearance, measure_margin
+from compplan.posture.collision_scene import build_scene
+from compplan.posture.contacts import describe_contact, find_contacts, locate_link_frames
+from compplan.posture.settings import PostureSettings
 from compplan.report.robot_scene import locate_links
 from compplan.robot import load_robot
-from compplan.solids import cut_tip, load_mesh
-from compplan.toolpath import Toolpath
+from compplan.robot.solids import cut_tip, load_mesh
 
 ROBOT = load_robot("kuka_kr240")
 REST = np.array([[0.0, 0.3, 0.5, 0.0, 0.8, 0.0]])

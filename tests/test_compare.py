@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import compplan as cp
-from compplan.job import check_job
-from compplan.outputs import summarise_comparison
+from compplan.job.job import check_job
+from compplan.outputs.plan import summarise_comparison
 
 PATHS = Path(__file__).parents[1] / "paths"
 

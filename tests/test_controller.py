@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.chain import build_chain, locate_frames
-from compplan.controller import (
+from compplan.errors import InputError
+from compplan.program.counting import (
     believed_robot,
     from_controller,
     krl_status,
@@ -17,8 +17,8 @@ from compplan.controller import (
     rates_to_controller,
     to_controller,
 )
-from compplan.errors import InputError
 from compplan.robot import Robot, load_robot, robot_folders
+from compplan.statics.chain import build_chain, locate_frames
 
 
 def random_q(robot: Robot, n: int = 50) -> np.ndarray:

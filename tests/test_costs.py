@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compplan.chain import build_chain
-from compplan.costs import (
+from compplan.cell.judge import build_judge, judge_pose
+from compplan.errors import InputError, UnknownNameError
+from compplan.posture.costs import (
     Uncertainty,
     choose_weights,
     error_columns,
     measure_limits,
     measure_nodes,
 )
-from compplan.errors import InputError, UnknownNameError
-from compplan.judge import build_judge, judge_pose
 from compplan.robot import load_robot
+from compplan.statics.chain import build_chain
 
 ROBOT = load_robot("kuka_kr270")
 CHAIN = build_chain(ROBOT)

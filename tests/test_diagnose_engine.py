@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from compplan.cell.predict import predict_campaign
 from compplan.commands.diagnose import write_diagnosis_files
 from compplan.diagnose import Diagnosis, diagnose_campaign
 from compplan.diagnose.evidence import _negative, find_gains, find_posterior
@@ -16,9 +17,8 @@ from compplan.diagnose.held_out import make_folds
 from compplan.diagnose.search import Claim
 from compplan.effects import Effect
 from compplan.errors import InputError
-from compplan.predict import predict_campaign
 from compplan.robot import Robot
-from compplan.robot_folder import read_robot_folder
+from compplan.robot.folder import read_robot_folder
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
 
 CAUSE = Effect("joint_stiffness", "joint_3", None, {"compliance_change_rad_per_Nm": 3e-7})

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from compplan.cell.predict import predict_campaign
 from compplan.diagnose import Diagnosis, diagnose_campaign
 from compplan.effects import Effect
-from compplan.measurements import Campaign
-from compplan.predict import predict_campaign
+from compplan.measure.campaign import Campaign
 from compplan.robot import Robot
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
 

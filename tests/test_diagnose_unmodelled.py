@@ -11,7 +11,7 @@ import pytest
 from compplan.diagnose import Diagnosis, diagnose_campaign
 from compplan.diagnose.unmodelled import describe_unmodelled, past_load
 from compplan.effects import Effect
-from compplan.measurements import Campaign
+from compplan.measure.campaign import Campaign
 from compplan.robot import Robot
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
 

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compplan.chain import build_chain
 from compplan.diagnose.where import split_deviation
-from compplan.elastic import solve_equilibrium
-from compplan.measurements import Campaign
+from compplan.measure.campaign import Campaign
 from compplan.report.diagnosis_page import DiagnosisView, say_how_far, say_where, say_which, write_diagnosis
 from compplan.report.effect_words import SENTENCES, describe_effect, describe_parameters, name_effect
 from compplan.report.gap_figures import _noise_share, draw_histogram, thin_dots
 from compplan.robot import load_robot
+from compplan.statics.chain import build_chain
+from compplan.statics.elastic import solve_equilibrium
 
 SIGMA = 3e-5
 PARAMETERS = {"compliance_change_rad_per_Nm": 2.6e-7}

@@ -11,18 +11,18 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from compplan.beam import hollow_beam_compliance
-from compplan.chain import Chain, build_chain, locate_frames
-from compplan.elastic import (
+from compplan.cell.judge import build_judge, judge_pose
+from compplan.errors import ConvergenceError
+from compplan.robot import Array, load_robot
+from compplan.robot.beam import hollow_beam_compliance
+from compplan.statics.chain import Chain, build_chain, locate_frames
+from compplan.statics.elastic import (
     cartesian_compliance,
     load_hessian,
     loaded_compliance,
     solve_equilibrium,
     spring_torque,
 )
-from compplan.errors import ConvergenceError
-from compplan.judge import build_judge, judge_pose
-from compplan.robot import Array, load_robot
 
 ROBOTS = ["kuka_kr270", "kuka_kr270_full", "staubli_tx200", "fanuc_m10ia", "kuka_kr240_rail"]
 

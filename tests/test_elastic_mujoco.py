@@ -14,9 +14,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from compplan.chain import build_chain, locate_frames
-from compplan.elastic import solve_equilibrium
 from compplan.robot import Body, Robot, Spring, load_robot
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.elastic import solve_equilibrium
 
 mujoco = pytest.importorskip("mujoco")
 

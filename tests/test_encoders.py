@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from arms import one_joint_arm
 
-from compplan.chain import build_chain, locate_frames
-from compplan.elastic import solve_equilibrium
-from compplan.encoders import actuator_selection, control_equilibrium, link_share
 from compplan.errors import InputError, ShapeError
 from compplan.robot import load_robot
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.elastic import solve_equilibrium
+from compplan.statics.encoders import actuator_selection, control_equilibrium, link_share
 
 RNG = np.random.default_rng(5)
 Q = RNG.uniform(-1, 1, (8, 6))

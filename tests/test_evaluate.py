@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from compplan.errors import ShapeError
-from compplan.evaluate import Evaluation, path_accuracy
+from compplan.plan.evaluate import Evaluation, path_accuracy
 
 
 def test_figures_are_of_the_cut_alone():

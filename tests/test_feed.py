@@ -8,11 +8,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from compplan.corners import find_corners, round_corners
-from compplan.feed import FeedWish, TorqueRules, find_constant_feed, time_run
-from compplan.plan import PlanOptions, build_task
+from compplan.path.corners import find_corners, round_corners
+from compplan.path.toolpath import Toolpath
+from compplan.plan.feed import FeedWish, TorqueRules, find_constant_feed, time_run
+from compplan.plan.plan import PlanOptions, build_task
 from compplan.robot import load_robot
-from compplan.toolpath import Toolpath
 
 ROBOT = load_robot("kuka_kr270")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from compplan.errors import InputError
-from compplan.generators import Pace, generate_circle, generate_cone, generate_spiral
+from compplan.path.generators import Pace, generate_circle, generate_cone, generate_spiral
 
 
 def test_a_circle_lies_on_its_circle_and_has_its_length() -> None:

@@ -21,9 +21,9 @@ from compplan.identify.campaign_log import write_campaign_log
 from compplan.identify.parameters import link_springs
 from compplan.identify.pose_choice import draw_candidates
 from compplan.identify.problem import IdentifyOptions
-from compplan.measurements import read_campaign
+from compplan.measure.campaign import read_campaign
 from compplan.robot import Robot, Spring, load_robot
-from compplan.robot_folder import write_robot_folder
+from compplan.robot.folder import write_robot_folder
 
 SOFTER = np.array([1.4, 0.7, 1.2, 0.8, 1.3, 0.9])
 

@@ -7,8 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compplan.chain import build_chain
-from compplan.elastic import solve_equilibrium
 from compplan.errors import InputError
 from compplan.identify import Observations, build_structure, estimate_parameters, make_observations
 from compplan.identify.double_encoder import identify_modes
@@ -16,6 +14,8 @@ from compplan.identify.observations import simulate_observations
 from compplan.identify.parameters import link_springs
 from compplan.identify.pose_choice import draw_candidates
 from compplan.robot import Robot, load_robot
+from compplan.statics.chain import build_chain
+from compplan.statics.elastic import solve_equilibrium
 
 N = 30
 LINK = 2e-7

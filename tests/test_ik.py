@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from compplan import ik
-from compplan.chain import locate_frames
-from compplan.controller import load_controller, name_words
 from compplan.errors import InputError, ShapeError
-from compplan.posture import Wish, choose_posture
+from compplan.posture.stance import Wish, choose_posture
+from compplan.program.counting import load_controller, name_words
 from compplan.robot import load_robot, robot_folders
+from compplan.statics import ik
+from compplan.statics.chain import locate_frames
 
 
 def random_joints(robot, n, seed=1):

@@ -11,8 +11,8 @@ import pytest
 
 from compplan.cli import main
 from compplan.errors import InputError
-from compplan.job import Job, check_job, load_job, load_nominal
-from compplan.job_text import JOB_TEXT
+from compplan.job.job import Job, check_job, load_job, load_nominal
+from compplan.job.text import JOB_TEXT
 from compplan.robot import robot_folders
 
 PATHS = sorted((Path(__file__).parent.parent / "paths").glob("*.toml"))

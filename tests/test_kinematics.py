@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compplan.chain import build_chain
+from compplan.cell.judge import build_judge, judge_pose
 from compplan.errors import ConvergenceError
-from compplan.judge import build_judge, judge_pose
-from compplan.kinematics import build_loaded_pose_function, build_pose_function, count_equilibrium_steps
 from compplan.robot import load_robot, robot_folders
-from compplan.sensitivity import attain_pose
+from compplan.statics.chain import build_chain
+from compplan.statics.kinematics import build_loaded_pose_function, build_pose_function, count_equilibrium_steps
+from compplan.statics.sensitivity import attain_pose
 
 
 def random_poses(robot, n, seed):

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from compplan.chain import build_chain, locate_frames
 from compplan.commands.map import command
-from compplan.elastic import cartesian_compliance, solve_equilibrium
 from compplan.errors import InputError
-from compplan.ik import build_arm, name_configuration
-from compplan.map_report import MapSettings, map_robot
-from compplan.maps import map_deflection
-from compplan.reach import ELBOWS, POSTURES, Plane, make_plane, reach_plane, stand_of_arm, working_limits
+from compplan.maps.maps import map_deflection
+from compplan.maps.reach import ELBOWS, POSTURES, Plane, make_plane, reach_plane, stand_of_arm, working_limits
+from compplan.maps.survey import MapSettings, map_robot
 from compplan.robot import load_robot
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.elastic import cartesian_compliance, solve_equilibrium
+from compplan.statics.ik import build_arm, name_configuration
 
 FULL = load_robot("kuka_kr270_full")
 WRENCH = np.array([440.0, 1370, -635, 0, 0, 0])

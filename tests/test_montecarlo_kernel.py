@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from montecarlo_cases import cone_study, cone_task
 
-from compplan.chain import build_chain
-from compplan.elastic import solve_equilibrium
+from compplan.cell.judge import build_judge, judge_pose
 from compplan.errors import ConvergenceError
-from compplan.judge import build_judge, judge_pose
-from compplan.montecarlo.curves import quiet_cells
-from compplan.montecarlo.draw import draw_cells
-from compplan.montecarlo.factors import draw_points
-from compplan.montecarlo.judging import run_strategy
-from compplan.montecarlo.kernel import build_kernel, settle_tips
 from compplan.robot import load_robot
+from compplan.statics.chain import build_chain
+from compplan.statics.elastic import solve_equilibrium
+from compplan.study.curves import quiet_cells
+from compplan.study.draw import draw_cells
+from compplan.study.factors import draw_points
+from compplan.study.judging import run_strategy
+from compplan.study.kernel import build_kernel, settle_tips
 
 RNG = np.random.default_rng(11)
 
@@ -68,7 +68,7 @@ def test_in_a_cell_without_faults_every_exact_strategy_leaves_nothing() -> None:
 
 def test_a_sensor_strategy_answers_as_exactly_as_its_solved_equation() -> None:
     """First order around the expected wrench against the exact solution for another wrench: below 2 um at 20 % more."""
-    from compplan.strategies import iterated_mirror
+    from compplan.plan.strategies import iterated_mirror
 
     study, task = cone_study(), cone_study().task
     cells = quiet_cells(study, np.ones(1), np.array([1.2]))
@@ -80,7 +80,7 @@ def test_a_sensor_strategy_answers_as_exactly_as_its_solved_equation() -> None:
 
 
 def test_encoders_in_a_study_leave_what_their_exact_equilibrium_leaves() -> None:
-    from compplan.encoders import control_equilibrium
+    from compplan.statics.encoders import control_equilibrium
 
     study, task = cone_study(), cone_study().task
     cells = quiet_cells(study, np.array([1.3]), np.ones(1))
@@ -99,8 +99,8 @@ def test_errors_of_geometry_are_right_to_first_order() -> None:
     at = study.surroundings
     points = draw_points(at.factors, 3, 2, range(2))
     cells = draw_cells(at, points)
-    from compplan.chain import locate_frames
-    from compplan.montecarlo.factors import to_normal
+    from compplan.statics.chain import locate_frames
+    from compplan.study.factors import to_normal
 
     chain, normal = study.task.chain, to_normal(points)[0]
     causes = normal[at.factors.columns["geometry"]] * at.scale[: 6 * (chain.nq + 1)]

@@ -5,10 +5,10 @@ import pytest
 from montecarlo_cases import cone_job
 from scipy.stats import binomtest
 
-from compplan.montecarlo.factors import Factors, draw_points, link_blocks, list_factors
-from compplan.montecarlo.statistics import estimate_mean, estimate_quantile, estimate_share, trace_convergence
-from compplan.noise import NoiseTable, describe_noise
+from compplan.job.noise import NoiseTable, describe_noise
 from compplan.robot import load_robot
+from compplan.study.factors import Factors, draw_points, link_blocks, list_factors
+from compplan.study.statistics import estimate_mean, estimate_quantile, estimate_share, trace_convergence
 
 
 @pytest.mark.parametrize("sequence", ["sobol", "latin_hypercube"])

@@ -11,16 +11,16 @@ from scipy.stats import binomtest
 
 from compplan.cli import group
 from compplan.errors import InputError, UnknownNameError
-from compplan.montecarlo.curves import trace_model_error
-from compplan.montecarlo.factors import draw_points
-from compplan.montecarlo.judging import judge_points
-from compplan.montecarlo.runner import Settings, chunk_size, run_study
-from compplan.montecarlo.sensitivity import measure_sensitivity
-from compplan.montecarlo.statistics import estimate_mean
-from compplan.montecarlo.study import prepare_study
-from compplan.montecarlo.summary import summarise_run
-from compplan.montecarlo.workforce import Workforce
-from compplan.noise import NoiseTable
+from compplan.job.noise import NoiseTable
+from compplan.study.curves import trace_model_error
+from compplan.study.factors import draw_points
+from compplan.study.judging import judge_points
+from compplan.study.runner import Settings, chunk_size, run_study
+from compplan.study.sensitivity import measure_sensitivity
+from compplan.study.statistics import estimate_mean
+from compplan.study.study import prepare_study
+from compplan.study.summary import summarise_run
+from compplan.study.workforce import Workforce
 
 HERE = Workforce(workers=1)
 
@@ -34,7 +34,7 @@ def test_a_sample_is_the_same_in_whatever_company_it_is_computed() -> None:
 
 
 def test_two_processes_give_the_numbers_of_one_to_the_last_digit(monkeypatch: pytest.MonkeyPatch) -> None:
-    from compplan.montecarlo import runner
+    from compplan.study import runner
 
     monkeypatch.setattr(runner, "MOST_SAMPLES", 20)
     settings = Settings(samples=50, seed=3)
@@ -45,7 +45,7 @@ def test_two_processes_give_the_numbers_of_one_to_the_last_digit(monkeypatch: py
 
 
 def test_an_interrupted_study_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from compplan.montecarlo import runner
+    from compplan.study import runner
 
     monkeypatch.setattr(runner, "MOST_SAMPLES", 16)
     study, settings = small_study(), Settings(samples=64, seed=3)
@@ -70,7 +70,7 @@ def test_an_interrupted_study_goes_on_where_it_stopped(tmp_path: Path, monkeypat
 
 
 def test_a_study_stops_when_its_intervals_are_narrow_enough(monkeypatch: pytest.MonkeyPatch) -> None:
-    from compplan.montecarlo import runner
+    from compplan.study import runner
 
     monkeypatch.setattr(runner, "MOST_SAMPLES", 64)
     settings = Settings(samples=1024, seed=3, stop_below=5e-5)

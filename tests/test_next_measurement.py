@@ -13,7 +13,7 @@ from compplan.diagnose import Diagnosis, diagnose_campaign
 from compplan.diagnose.measurement_moves import KINDS, lay_out_moves
 from compplan.diagnose.next_measurement import expected_gain, pick_moves, propose_measurements
 from compplan.effects import Effect
-from compplan.measurements import Campaign
+from compplan.measure.campaign import Campaign
 from compplan.robot import Robot
 
 OFFSET = Effect("joint_offset", "joint_3", None, {"offset_rad": 5e-4})

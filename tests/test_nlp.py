@@ -6,13 +6,13 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from compplan import nlp as program
-from compplan.chain import build_chain, locate_frames
 from compplan.errors import ShapeError
-from compplan.nlp import build_nlp, solve_nlp
-from compplan.path_problem import PathProblem, Rows, pose_data
+from compplan.plan import nlp as program
+from compplan.plan.nlp import build_nlp, solve_nlp
+from compplan.plan.path_problem import PathProblem, Rows, pose_data
 from compplan.robot import load_robot
-from compplan.sensitivity import attain_pose
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.sensitivity import attain_pose
 
 
 def make_problem(n=40, name="staubli_tx200", **changes):

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from compplan.errors import InfeasibleError, InputError
-from compplan.job import check_job
-from compplan.ladder.settings import PostureSettings
-from compplan.place import Rater, describe_placement, place_part
-from compplan.plan import job_robot
+from compplan.job.job import check_job
+from compplan.plan.plan import job_robot
+from compplan.posture.place import Rater, describe_placement, place_part
+from compplan.posture.settings import PostureSettings
 from compplan.report.place_map import draw_place_map
 
 TABLE = {
@@ -56,7 +56,7 @@ def test_the_result_is_plain_json_with_a_picture(placed) -> None:
 def test_places_out_of_reach_are_rated_as_such() -> None:
     job = check_job(TABLE, "job.toml")
     rater = Rater(job_robot(job), PostureSettings())
-    from compplan.job import load_nominal
+    from compplan.job.job import load_nominal
 
     bound = rater.rate(load_nominal(job), job.tool_x_base, np.eye(3), np.array([[0.0, 0, 0], [9.0, 0, 0]]))
     assert np.isfinite(bound[0]) and np.isnan(bound[1])

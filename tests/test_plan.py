@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import compplan as cp
-from compplan.chain import locate_frames
 from compplan.errors import InputError
-from compplan.job import check_job
-from compplan.plan import load_contacts, prepare_job
-from compplan.toolpath import Toolpath
+from compplan.job.job import check_job
+from compplan.path.toolpath import Toolpath
+from compplan.plan.plan import load_contacts, prepare_job
+from compplan.statics.chain import locate_frames
 
 PATHS = Path(__file__).parents[1] / "paths"
 

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from compplan.chain import build_chain, locate_frames
-from compplan.columns import Column
-from compplan.controller import from_controller, load_controller
 from compplan.errors import InputError, UnknownNameError
-from compplan.post import Program, build_program, write_program
-from compplan.post.krl import turn_bits
-from compplan.post.program import joint_percent, short_name, split_parts
+from compplan.files.columns import Column
+from compplan.files.tables import read_table
+from compplan.program import Program, build_program, write_program
+from compplan.program.counting import from_controller, load_controller
+from compplan.program.krl import turn_bits
+from compplan.program.program import joint_percent, short_name, split_parts
 from compplan.robot import load_robot
-from compplan.tables import read_table
+from compplan.statics.chain import build_chain, locate_frames
 
 NUMBER = r"[-+]?\d+\.?\d*"
 N = 45

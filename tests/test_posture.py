@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from benchmarks.posture import brute_force, cam_default, cut_stations, make_case, mean_square, quantile
-from compplan.chain import locate_frames
 from compplan.errors import InfeasibleError
-from compplan.ik import build_arm
-from compplan.ladder.choose import choose_stance
-from compplan.ladder.lattice import orient_tool
-from compplan.ladder.settings import PostureSettings
-from compplan.ladder.start import PostureRequest
-from compplan.plan import PlanOptions, plan_compensation
+from compplan.path.toolpath import Toolpath
+from compplan.plan.plan import PlanOptions, plan_compensation
+from compplan.posture.choose import choose_stance
+from compplan.posture.lattice import orient_tool
+from compplan.posture.settings import PostureSettings
+from compplan.posture.start import PostureRequest
 from compplan.robot import load_robot
-from compplan.toolpath import Toolpath
+from compplan.statics.chain import locate_frames
+from compplan.statics.ik import build_arm
 
 FLAT = np.array([1.0, 0.0, 0.0])
 
@@ -190,7 +190,7 @@ def test_five_thousand_waypoints_take_less_than_ten_seconds() -> None:
     import time
 
     case = make_case("kuka_kr240", "cone", 45.0)
-    from compplan.toolpath import resample_toolpath
+    from compplan.path.toolpath import resample_toolpath
 
     nominal = resample_toolpath(case.nominal, case.nominal.cutting_length / 5000)
     request = PostureRequest(PostureSettings(), np.eye(3))

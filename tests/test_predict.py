@@ -10,12 +10,12 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
+from compplan.cell.predict import predict_campaign
 from compplan.commands.predict import command
 from compplan.effects import EFFECTS, Effect, fold_effects, robot_effects
-from compplan.predict import predict_campaign
-from compplan.registration import Registration, fit_registration, read_registration, write_registration
+from compplan.measure.registration import Registration, fit_registration, read_registration, write_registration
 from compplan.robot import Robot
-from compplan.robot_folder import read_robot_folder, write_robot_folder
+from compplan.robot.folder import read_robot_folder, write_robot_folder
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
 
 EXAMPLES = [

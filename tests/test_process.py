@@ -8,8 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
-from compplan.generators import Pace, generate_circle, generate_cone
-from compplan.process import (
+from compplan.path.generators import Pace, generate_circle, generate_cone
+from compplan.path.process import (
     ColumnsProcess,
     ConstantProcess,
     FileProcess,
@@ -19,7 +19,7 @@ from compplan.process import (
     path_axes,
     predict_wrench,
 )
-from compplan.toolpath import Toolpath, place_toolpath
+from compplan.path.toolpath import Toolpath, place_toolpath
 
 
 def circle(approach: float = 0.0) -> Toolpath:

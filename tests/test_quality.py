@@ -3,8 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compplan.chain import build_chain
-from compplan.quality import (
+from compplan.robot import load_robot
+from compplan.statics.chain import build_chain
+from compplan.statics.quality import (
     Zone,
     find_characteristic_length,
     inverse_condition,
@@ -13,7 +14,6 @@ from compplan.quality import (
     normalise_jacobian,
     quality_of_poses,
 )
-from compplan.robot import load_robot
 
 
 def test_an_isotropic_jacobian_has_quality_one_and_a_singular_one_zero() -> None:

@@ -11,8 +11,6 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from compplan.chain import build_chain, locate_frames
-from compplan.elastic import solve_equilibrium
 from compplan.errors import ShapeError
 from compplan.report import (
     Cell,
@@ -36,6 +34,8 @@ from compplan.report.robot_picture import project_points, save_robot_picture
 from compplan.report.robot_scene import draw_robot, shade_faces
 from compplan.report.style import format_angle, format_length, format_number, format_percent, mark_decades
 from compplan.robot import load_robot, robot_folders
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.elastic import solve_equilibrium
 
 ROBOTS = sorted(robot_folders())
 JOB = """\
@@ -261,8 +261,8 @@ def test_the_page_of_a_plan_says_what_it_reaches(tmp_path: Path) -> None:
 
 
 def test_a_real_plan_gets_its_page_with_what_its_job_assumes(tmp_path: Path) -> None:
-    from compplan.job import load_job
-    from compplan.plan import plan_job
+    from compplan.job.job import load_job
+    from compplan.plan.plan import plan_job
     from compplan.report import write_plan_report
 
     (tmp_path / "job.toml").write_text(JOB)
@@ -280,8 +280,8 @@ def test_a_real_plan_gets_its_page_with_what_its_job_assumes(tmp_path: Path) -> 
 
 
 def test_a_real_comparison_gets_its_page(tmp_path: Path) -> None:
-    from compplan.compare import compare_job
-    from compplan.job import load_job
+    from compplan.job.job import load_job
+    from compplan.plan.compare import compare_job
     from compplan.report import write_compare_report
 
     (tmp_path / "job.toml").write_text(JOB)

@@ -3,8 +3,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compplan.chain import build_chain
-from compplan.quality import DexterityMap, mean_inside
 from compplan.reproduce.dumas2011 import (
     MASS_KG,
     TESTS,
@@ -15,7 +13,9 @@ from compplan.reproduce.dumas2011 import (
     zones_of_table_1,
 )
 from compplan.robot import load_robot
-from compplan.stiffness import complementary_influence
+from compplan.statics.chain import build_chain
+from compplan.statics.quality import DexterityMap, mean_inside
+from compplan.statics.stiffness import complementary_influence
 
 ROBOT = load_robot("kuka_kr240")
 CHAIN = build_chain(ROBOT)

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compplan.correction_loop import largest_pole
+from compplan.plan.correction_loop import largest_pole
+from compplan.plan.strategies.online_correction import LITERAL
 from compplan.reproduce.johra2022 import (
     FIG_7_DEG,
     FIG_7_FORCE,
@@ -18,7 +19,6 @@ from compplan.reproduce.johra2022 import (
 )
 from compplan.reproduce.johra_loop import WITHOUT_DERIVATIVE, fitted_loop, simulate_loops
 from compplan.robot import load_robot
-from compplan.strategies.online_correction import LITERAL
 
 ROBOT = load_robot("staubli_tx200")
 

@@ -9,11 +9,11 @@ import pytest
 from arms import one_joint_arm
 from scipy.spatial.transform import Rotation
 
-from compplan.chain import build_chain, gravity_torque, locate_frames
-from compplan.elastic import solve_equilibrium
 from compplan.errors import InputError, UnknownNameError
 from compplan.robot import Spring, load_robot, robot_folders
-from compplan.robot_folder import write_robot_folder
+from compplan.robot.folder import write_robot_folder
+from compplan.statics.chain import build_chain, gravity_torque, locate_frames
+from compplan.statics.elastic import solve_equilibrium
 
 Q = np.random.default_rng(0).uniform(-1, 1, (4, 6))
 WRENCH = np.array([300.0, -200, 500, 20, 10, -30])

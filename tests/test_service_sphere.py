@@ -3,12 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compplan.chain import build_chain, locate_frames
-from compplan.elastic import cartesian_compliance
 from compplan.errors import InfeasibleError
-from compplan.ik import build_arm
+from compplan.maps.service_sphere import serve_point, spread_directions
 from compplan.robot import load_robot
-from compplan.service_sphere import serve_point, spread_directions
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.elastic import cartesian_compliance
+from compplan.statics.ik import build_arm
 
 POINT = np.array([1.3, 0.1, 0.2])
 WRENCH = np.array([0.0, 200, 400, 0, 0, 0])

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from arms import one_joint_arm
 
-from compplan.chain import build_chain, jacobian, locate_frames
-from compplan.elastic import cartesian_compliance, loaded_compliance, solve_equilibrium
 from compplan.robot import load_robot
-from compplan.stiffness import (
+from compplan.statics.chain import build_chain, jacobian, locate_frames
+from compplan.statics.elastic import cartesian_compliance, loaded_compliance, solve_equilibrium
+from compplan.statics.stiffness import (
     cartesian_stiffness,
     complementary_influence,
     complementary_stiffness,

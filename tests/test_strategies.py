@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from compplan.beam import hollow_beam_compliance
-from compplan.cell import build_cell
-from compplan.chain import build_chain, joint_jacobian, locate_frames
+from compplan.cell.cell import build_cell
 from compplan.errors import UnknownNameError
-from compplan.evaluate import evaluate_run
-from compplan.plan import PlanOptions, build_task
-from compplan.posture import Wish
+from compplan.path.toolpath import Toolpath
+from compplan.plan.evaluate import evaluate_run
+from compplan.plan.plan import PlanOptions, build_task
+from compplan.plan.strategies import STRATEGIES, command_path
+from compplan.posture.stance import Wish
 from compplan.robot import LinkElasticity, Spring, load_robot
-from compplan.strategies import STRATEGIES, command_path
-from compplan.toolpath import Toolpath
+from compplan.robot.beam import hollow_beam_compliance
+from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 
 FORCE = np.array([440.0, 1370.0, -635.0, 20.0, -10.0, 15.0])
 

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from montecarlo_cases import cone_study
 
-from compplan.chain import build_chain, joint_jacobian, locate_frames
-from compplan.closed_loop import TimeCell, run_in_time
-from compplan.correction_loop import Loop, Plant, largest_pole, run_loop
 from compplan.effects import Effect
 from compplan.errors import InputError, UnknownNameError
-from compplan.montecarlo.curves import quiet_cells
-from compplan.montecarlo.encoder_table import compare_encoders
-from compplan.montecarlo.judging import run_strategy
+from compplan.plan.closed_loop import TimeCell, run_in_time
+from compplan.plan.correction_loop import Loop, Plant, largest_pole, run_loop
+from compplan.plan.strategies.online import ONLINE, prepare_controllers
+from compplan.plan.strategies.online_correction import LITERAL, PI, PID
 from compplan.robot import Array, load_robot
-from compplan.strategies.online import ONLINE, prepare_controllers
-from compplan.strategies.online_correction import LITERAL, PI, PID
+from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
+from compplan.study.curves import quiet_cells
+from compplan.study.encoder_table import compare_encoders
+from compplan.study.judging import run_strategy
 
 
 def test_klimchiks_ordering_and_ratios_come_out_under_loads_of_all_directions() -> None:

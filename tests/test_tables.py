@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.columns import Column, split_unit, to_unit
 from compplan.errors import InputError, ShapeError
-from compplan.tables import read_table, replace_file, write_table, write_text
+from compplan.files.columns import Column, split_unit, to_unit
+from compplan.files.tables import read_table, replace_file, write_table, write_text
 
 COLUMNS = (
     Column("run", "text"),

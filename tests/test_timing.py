@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from compplan.timing import time_cut, time_rapids
+from compplan.plan.timing import time_cut, time_rapids
 
 
 def times(along, speed):

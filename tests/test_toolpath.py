@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError, ShapeError
-from compplan.toolpath import (
+from compplan.path.reading import read_toolpath
+from compplan.path.toolpath import (
     Toolpath,
     check_toolpath,
     join_waypoints,
     place_toolpath,
-    read_toolpath,
     resample_toolpath,
     write_toolpath,
 )

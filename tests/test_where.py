@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compplan.chain import build_chain, locate_frames
 from compplan.diagnose.where import Split, split_deviation
-from compplan.elastic import solve_equilibrium
 from compplan.errors import ShapeError
-from compplan.measurements import Campaign
-from compplan.registration import Registration
+from compplan.measure.campaign import Campaign
+from compplan.measure.registration import Registration
 from compplan.robot import Array, Robot, Spring, load_robot
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.elastic import solve_equilibrium
 
 SIGMA = 3e-5
 NOISE = np.sqrt(3) * SIGMA

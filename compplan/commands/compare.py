@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from compplan.compare import Comparison
+    from compplan.plan.compare import Comparison
 
 
 @click.command()
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 def command(job: Path, folder: Path, as_json: bool) -> None:
     """Compare every strategy on JOB: write compare.json and report.html."""
     from compplan.commands.progress import show_progress
-    from compplan.compare import compare_job
-    from compplan.job import load_job
-    from compplan.outputs import summarise_comparison, write_comparison
+    from compplan.job.job import load_job
+    from compplan.outputs.plan import summarise_comparison, write_comparison
+    from compplan.plan.compare import compare_job
 
     checked = load_job(job)
     with show_progress() as announce:

@@ -9,10 +9,10 @@ from typing import Any
 
 import click
 
-from compplan.cam import CamFacts, read_cam
-from compplan.cam.options import CamTable
-from compplan.tomlfile import check_table
-from compplan.toolpath import check_toolpath, resample_toolpath, write_toolpath
+from compplan.files.tomlfile import check_table
+from compplan.path.cam import CamFacts, read_cam
+from compplan.path.cam.options import CamTable
+from compplan.path.toolpath import check_toolpath, resample_toolpath, write_toolpath
 
 CHOICES = {
     "unit": ["mm", "inch"], "arc_centres": ["incremental", "absolute", "reversed"],

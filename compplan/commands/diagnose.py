@@ -14,12 +14,12 @@ from compplan.diagnose.unmodelled import describe_unmodelled
 from compplan.diagnose.where import split_diagnosis
 from compplan.effects import EFFECTS
 from compplan.errors import UnknownNameError
-from compplan.measurements import read_campaign
-from compplan.registration import parse_parts, write_registration
+from compplan.files.tables import write_text
+from compplan.measure.campaign import read_campaign
+from compplan.measure.registration import parse_parts, write_registration
 from compplan.report.diagnosis_report import write_diagnosis_report
 from compplan.robot import load_robot
-from compplan.robot_folder import write_robot_folder
-from compplan.tables import write_text
+from compplan.robot.folder import write_robot_folder
 
 
 @click.command("diagnose")

@@ -9,13 +9,14 @@ import click
 
 from compplan.errors import InputError
 from compplan.identify.campaign import identify_campaign
-from compplan.identify.output import describe_identification, write_identification
 from compplan.identify.parameters import GEOMETRY, LINK_TERMS
-from compplan.identify.plan_campaign import CampaignPlan, describe_campaign_plan, plan_campaign, write_campaign_plan
+from compplan.identify.plan_campaign import CampaignPlan, describe_campaign_plan, plan_campaign
 from compplan.identify.problem import IdentifyOptions
 from compplan.identify.robust import LOSSES
-from compplan.measurements import read_campaign
-from compplan.registration import parse_parts
+from compplan.identify.summary import describe_identification
+from compplan.measure.campaign import read_campaign
+from compplan.measure.registration import parse_parts
+from compplan.outputs.identify import write_campaign_plan, write_identification
 from compplan.robot import load_robot
 
 

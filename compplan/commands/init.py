@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 
 from compplan.errors import InputError
-from compplan.job_text import JOB_TEXT
-from compplan.tables import write_text
+from compplan.files.tables import write_text
+from compplan.job.text import JOB_TEXT
 
 
 @click.command()

@@ -9,8 +9,9 @@ import click
 import numpy as np
 
 from compplan.errors import InputError
-from compplan.map_report import MapSettings, map_robot, write_map
-from compplan.reach import POSTURES
+from compplan.maps.reach import POSTURES
+from compplan.maps.survey import MapSettings, map_robot
+from compplan.outputs.map import write_map
 from compplan.robot import load_robot
 
 

@@ -37,10 +37,11 @@ def command(job: Path, folder: Path, workers: int | None, scheduler: str | None,
     Samples are kept in OUT/samples: an interrupted study goes on where it stopped when it is run again.
     """
     from compplan.errors import InputError
-    from compplan.job import load_job
-    from compplan.montecarlo.job_study import study_job
-    from compplan.montecarlo.runner import Settings
-    from compplan.montecarlo.workforce import Workforce
+    from compplan.job.job import load_job
+    from compplan.outputs.montecarlo import write_study
+    from compplan.study.job_study import study_job
+    from compplan.study.runner import Settings
+    from compplan.study.workforce import Workforce
 
     if workers and scheduler:
         raise InputError("--workers and --scheduler are both given, choose one")
@@ -55,7 +56,7 @@ def command(job: Path, folder: Path, workers: int | None, scheduler: str | None,
         stop_below=None if stop is None else stop * 1e-3,
     )
     with show_bars() as (announce, progress):
-        summary, files = study_job(
+        study = study_job(
             checked,
             settings,
             folder,
@@ -66,6 +67,9 @@ def command(job: Path, folder: Path, workers: int | None, scheduler: str | None,
             announce=announce,
             progress=progress,
         )
+        announce("report")
+        files = write_study(study, folder)
+    summary = study.summary
     if as_json:
         click.echo(json.dumps(summary, indent=2))
         return

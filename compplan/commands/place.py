@@ -15,12 +15,12 @@ import click
 def command(job: Path, folder: Path, as_json: bool) -> None:
     """Search where the part of JOB should stand: write place.json, place_map.png and posture_map.png."""
     from compplan.commands.progress import show_progress
-    from compplan.job import load_job
-    from compplan.place import describe_placement, place_part
-    from compplan.plan import job_robot
+    from compplan.files.tables import replace_file, write_text
+    from compplan.job.job import load_job
+    from compplan.plan.plan import job_robot
+    from compplan.posture.place import describe_placement, place_part
     from compplan.report.place_map import draw_place_map
     from compplan.report.posture_map import draw_map_picture
-    from compplan.tables import replace_file, write_text
 
     checked = load_job(job)
     with show_progress() as announce:

@@ -17,9 +17,9 @@ from compplan.errors import InfeasibleError
 def command(job: Path, folder: Path, as_json: bool) -> None:
     """Plan JOB: write plan.json, joints.csv, report.html and native programs."""
     from compplan.commands.progress import show_progress
-    from compplan.job import load_job
-    from compplan.outputs import summarise_plan, write_plan
-    from compplan.plan import plan_job
+    from compplan.job.job import load_job
+    from compplan.outputs.plan import summarise_plan, write_plan
+    from compplan.plan.plan import plan_job
     from compplan.report.style import format_length
 
     checked = load_job(job)

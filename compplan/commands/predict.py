@@ -8,9 +8,9 @@ from pathlib import Path
 import click
 import numpy as np
 
-from compplan.measurements import read_campaign
-from compplan.predict import folder_registration, predict_campaign, write_prediction
-from compplan.registration import parse_parts
+from compplan.cell.predict import folder_registration, predict_campaign, write_prediction
+from compplan.measure.campaign import read_campaign
+from compplan.measure.registration import parse_parts
 from compplan.robot import load_robot
 
 

@@ -31,8 +31,8 @@ from compplan.effects import attain_scene, fold_effects, robot_effects
 from compplan.effects.linearization import Place
 from compplan.effects.scene import Scene
 from compplan.errors import InputError
-from compplan.measurements import Campaign
-from compplan.registration import Registration, fit_registration
+from compplan.measure.campaign import Campaign
+from compplan.measure.registration import Registration, fit_registration
 from compplan.robot import Array, Robot
 
 #: An updated robot has to shrink the held-out gap by this share, or the nominal one stays.

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from compplan.effects.scene import Attained, Scene
-from compplan.measurements import Campaign
+from compplan.measure.campaign import Campaign
 from compplan.robot import Array
 
 #: Neighbouring samples of a path share an error: a path is cut into about so many blocks, none shorter than the second.

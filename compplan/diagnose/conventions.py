@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
-from compplan.measurements import Campaign
-from compplan.registration import fit_registration
+from compplan.measure.campaign import Campaign
+from compplan.measure.registration import fit_registration
 from compplan.robot import Array, Robot
 
 #: A gap of this size calls for a wrong convention [m]; a convention has to leave less than this share of it.

@@ -28,8 +28,8 @@ from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
 from compplan.effects.linearization import Linearization, linearize_scene
 from compplan.effects.signature import Signature
 from compplan.errors import ConvergenceError
-from compplan.measurements import Campaign
-from compplan.registration import Registration
+from compplan.measure.campaign import Campaign
+from compplan.measure.registration import Registration
 from compplan.robot import Array, Robot
 
 ROUNDS = 8

@@ -13,7 +13,7 @@ from compplan.diagnose.evidence import Hyper, Prior, find_posterior
 from compplan.diagnose.fit import Fit
 from compplan.diagnose.ledger import Ledger, select_rows
 from compplan.diagnose.search import Claim
-from compplan.measurements import Campaign
+from compplan.measure.campaign import Campaign
 from compplan.robot import Array
 
 FOLDS = 5

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.effects import attain_scene, stage_scene
-from compplan.measurements import Campaign
+from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot
 
 #: What each kind of move is, for people.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.measurements import Campaign
+from compplan.measure.campaign import Campaign
 from compplan.robot import Array
 
 #: Rows further off than this many standard deviations are outliers; at most this share of the rows.

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.chain import Chain, Frames, build_chain, locate_frames
-from compplan.measurements import Campaign
-from compplan.registration import Registration
+from compplan.measure.campaign import Campaign
+from compplan.measure.registration import Registration
 from compplan.robot import Array, Robot, Spring
+from compplan.statics.chain import Chain, Frames, build_chain, locate_frames
 
 #: What can err at a place, in the order of reports.
 MECHANISMS = ("zero", "geometry", "spring", "bending", "lost motion", "periodic error", "lag", "frame", "time")

@@ -14,7 +14,7 @@ from compplan.diagnose.ledger import build_ledger
 from compplan.diagnose.offers import REGISTRATION, key_of, offer_again, offered_signatures, proposed_signatures
 from compplan.diagnose.outliers import find_outliers
 from compplan.diagnose.search import Claim, Search
-from compplan.registration import fit_registration
+from compplan.measure.registration import fit_registration
 
 PASSES = 3
 #: The exact model has arrived when it leaves this little more than its linearization promises.

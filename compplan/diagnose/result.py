@@ -13,7 +13,7 @@ from compplan.diagnose.fit import Fit
 from compplan.diagnose.verdict import Finding, Verdict
 from compplan.effects.linearization import Place
 from compplan.effects.signature import plain
-from compplan.registration import Registration
+from compplan.measure.registration import Registration
 from compplan.robot import Array, Robot
 
 

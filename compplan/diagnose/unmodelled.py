@@ -19,7 +19,7 @@ from compplan.diagnose.channels import Channel
 from compplan.effects.linearization import AXES, Linearization
 from compplan.effects.scene import Scene
 from compplan.effects.signature import Signature
-from compplan.measurements import Campaign
+from compplan.measure.campaign import Campaign
 from compplan.robot import Array
 
 UNMODELLED = "unmodelled"

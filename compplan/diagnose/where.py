@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.chain import build_chain, locate_frames
 from compplan.diagnose.pattern_fit import Cell, PatternFit, Share, find_interval
 from compplan.diagnose.patterns import BASE, FACTORS, NOWHERE, TOOL, build_nuisance, build_patterns
 from compplan.diagnose.traces import Trace, trace_cells
 from compplan.errors import ShapeError
-from compplan.measurements import Campaign
-from compplan.registration import Registration
+from compplan.measure.campaign import Campaign
+from compplan.measure.registration import Registration
 from compplan.robot import Array, Robot
+from compplan.statics.chain import build_chain, locate_frames
 
 if TYPE_CHECKING:
     from compplan.diagnose.result import Diagnosis

@@ -51,7 +51,7 @@ from compplan.effects import (
 from compplan.effects.scene import Attained, Scene, attain_scene, stage_scene
 from compplan.effects.signature import Effect, Signature
 from compplan.errors import InputError, UnknownNameError
-from compplan.measurements import Campaign
+from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot
 
 #: Every effect of the vocabulary, by name. A new effect is one new file and one line here.

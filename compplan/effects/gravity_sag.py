@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from compplan.chain import gravity_torque
 from compplan.effects.folding import add_own_compliance
 from compplan.effects.joint_stiffness import RIGID_SCALE
 from compplan.effects.linearization import Linearization, gravity_of
 from compplan.effects.scene import STANDARD_GRAVITY, Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
+from compplan.statics.chain import gravity_torque
 
 name = "gravity_sag"
 SHARE, JOINTS = "gravity_m_s2", "joints"

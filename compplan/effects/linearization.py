@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from compplan.chain import Chain, Frames, build_chain, load_elements, locate_frames
 from compplan.effects.scene import (
     STANDARD_GRAVITY,
     Attained,
@@ -23,8 +22,9 @@ from compplan.effects.scene import (
     own_springs,
     spring_coordinates,
 )
-from compplan.measurements import Campaign
+from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot, Spring
+from compplan.statics.chain import Chain, Frames, build_chain, load_elements, locate_frames
 
 Place = tuple[str, str | None, str | None]
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")

@@ -16,11 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.chain import Chain, Frames, build_chain
-from compplan.elastic import solve_equilibrium
-from compplan.measurements import Campaign
-from compplan.registration import Registration
+from compplan.measure.campaign import Campaign
+from compplan.measure.registration import Registration
 from compplan.robot import Array, Robot
+from compplan.statics.chain import Chain, Frames, build_chain
+from compplan.statics.elastic import solve_equilibrium
 
 STANDARD_GRAVITY = 9.81
 #: Elastic coordinates are settled to this; a nanometre at two metres.

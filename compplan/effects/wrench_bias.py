@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from compplan.chain import build_chain, locate_frames
 from compplan.effects.linearization import Linearization
 from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array, Robot
+from compplan.statics.chain import build_chain, locate_frames
 
 name = "wrench_bias"
 KEYS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")

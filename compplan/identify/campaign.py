@@ -23,8 +23,8 @@ from compplan.identify.reading import observe_campaign, place_frames
 from compplan.identify.refine import GAIN_LIMIT, Refinement, refine_structure
 from compplan.identify.spring_place import place_spring
 from compplan.identify.update import update_robot
-from compplan.measurements import Campaign
-from compplan.registration import Registration
+from compplan.measure.campaign import Campaign
+from compplan.measure.registration import Registration
 from compplan.robot import Robot
 
 

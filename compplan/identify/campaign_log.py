@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.columns import to_unit
+from compplan.files.columns import to_unit
+from compplan.files.tables import write_table
 from compplan.identify.observations import Observations
 from compplan.robot import Robot
-from compplan.tables import write_table
 
 
 def write_campaign_log(observations: Observations, robot: Robot, file: Path, *, decimals: int = 6) -> None:

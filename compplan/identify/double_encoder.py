@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.chain import build_chain, joint_jacobian, locate_frames
 from compplan.errors import InputError
 from compplan.robot import Array, Robot
+from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 
 MODES = ("U1", "U2", "L1", "L2")
 #: Singular values below this share of the largest one belong to what the loads cannot show.

@@ -16,7 +16,7 @@ from compplan.identify.robust import check_loss, loss_weights
 from compplan.identify.separability import Inseparable, condition_number, explain_held, find_free
 from compplan.identify.spread import state_spread
 from compplan.identify.system import System, estimate_noise, information, invert, linearise, stack, weigh
-from compplan.registration import Registration
+from compplan.measure.registration import Registration
 from compplan.robot import Array
 
 REFERENCES = ("absolute", "difference")

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.chain import Frames, jacobian, locate_frames
-from compplan.elastic import spring_torque
 from compplan.errors import ConvergenceError
 from compplan.identify.observations import Observations
 from compplan.identify.parameters import AXES, TYPICAL_SIZE, Parameter, Structure
-from compplan.registration import Registration
+from compplan.measure.registration import Registration
 from compplan.robot import Array
+from compplan.statics.chain import Frames, jacobian, locate_frames
+from compplan.statics.elastic import spring_torque
 
 EQUILIBRIUM_TOLERANCE = 1e-12
 MAX_ITERATIONS = 100

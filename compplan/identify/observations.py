@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from compplan.chain import build_chain
-from compplan.elastic import solve_equilibrium
 from compplan.errors import ShapeError
 from compplan.robot import Array, Robot
+from compplan.statics.chain import build_chain
+from compplan.statics.elastic import solve_equilibrium
 
 #: Assumed where a log states no standard deviation: they set the weight of orientation against position to begin with;
 #: both are then replaced by what the residuals say.

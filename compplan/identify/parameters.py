@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compplan.chain import Chain, build_chain
 from compplan.errors import InputError, UnknownNameError
 from compplan.robot import Array, LinkElasticity, Robot, Spring
+from compplan.statics.chain import Chain, build_chain
 
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
 LINK_TERMS = ("diagonal", "beam", "full", "scale")

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from compplan.columns import to_unit
 from compplan.errors import InputError
 from compplan.identify.forward import KNOWN_FRAMES
-from compplan.identify.output import SHOWN
 from compplan.identify.pose_choice import (
     PoseCandidates,
     PoseInformation,
@@ -23,7 +19,6 @@ from compplan.identify.pose_choice import (
 )
 from compplan.identify.problem import IdentifyOptions, build_considered
 from compplan.robot import Array, Robot
-from compplan.tables import write_table, write_text
 
 CANDIDATES = 2000
 
@@ -82,45 +77,6 @@ def plan_campaign(
         promised=information.standard_errors(chosen),
         random=limits,
     )
-
-
-def write_campaign_plan(plan: CampaignPlan, out: Path) -> dict[str, Any]:
-    """Write poses.csv (columns of a measurement log that is yet to be measured) and poses.json.
-
-    Args:
-        plan: The plan.
-        out: Folder to write into; made if needed.
-    """
-    out.mkdir(parents=True, exist_ok=True)
-    columns: dict[str, object] = {"run": np.array(["static_1"] * len(plan.poses))}
-    for k, slides in enumerate(plan.robot.prismatic, 1):
-        header = f"q{k}_mm" if slides else f"q{k}_deg"
-        columns[header] = to_unit(plan.poses.q[:, k - 1], header)
-    for k, header in enumerate(("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")):
-        columns[header] = plan.poses.wrench[:, k]
-    write_table(out / "poses.csv", columns, decimals=6)
-    entries = []
-    for parameter, promised, random in zip(plan.information.parameters, plan.promised, plan.random, strict=True):
-        unit, factor = SHOWN[parameter.unit]
-        entries.append(
-            {
-                "name": parameter.name,
-                "unit": unit,
-                "standard_error": float(f"{promised * factor:.6g}"),
-                "standard_error_of_random_poses": float(f"{random * factor:.6g}"),
-            }
-        )
-    ratio = float(np.exp(np.mean(np.log(plan.promised / plan.random))))
-    summary = {
-        "schema": 1,
-        "robot": plan.robot.name,
-        "poses": len(plan.poses),
-        "ratio_to_random": float(f"{ratio:.4g}"),
-        "parameters": entries,
-        "assumed": "0.04 mm and 0.05 mrad standard deviation per axis of position and orientation",
-    }
-    write_text(out / "poses.json", json.dumps(summary, indent=1) + "\n")
-    return summary
 
 
 def describe_campaign_plan(summary: dict[str, Any]) -> list[str]:

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.chain import build_chain, locate_frames
 from compplan.errors import InputError
 from compplan.identify.forward import KNOWN_FRAMES, frame_parameters, predict_rows, sensitivities
 from compplan.identify.observations import Observations, make_observations
 from compplan.identify.parameters import Parameter, Structure
 from compplan.identify.separability import find_free
 from compplan.identify.system import invert
-from compplan.quality import find_characteristic_length, quality_of_poses
-from compplan.registration import Registration
+from compplan.measure.registration import Registration
 from compplan.robot import Array, Robot
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.quality import find_characteristic_length, quality_of_poses
 
 MAX_SWEEPS = 30
 #: Limits on standard errors are aimed at with this margin, and weighed against the determinant by this factor.

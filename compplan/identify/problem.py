@@ -21,7 +21,7 @@ from compplan.identify.parameters import (
 )
 from compplan.identify.refine import GAIN_LIMIT
 from compplan.identify.robust import check_loss
-from compplan.registration import Registration
+from compplan.measure.registration import Registration
 from compplan.robot import SPRING_AXES, Array, Robot, Spring
 
 #: Poses compared with themselves have to be this much quieter than absolute ones before differences are preferred.

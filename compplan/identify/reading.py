@@ -17,8 +17,8 @@ from compplan.identify.observations import (
     Observations,
     make_observations,
 )
-from compplan.measurements import Campaign
-from compplan.registration import Registration, fit_registration, match_targets, read_registration
+from compplan.measure.campaign import Campaign
+from compplan.measure.registration import Registration, fit_registration, match_targets, read_registration
 from compplan.robot import Array, Robot
 
 #: Fewest unloaded poses from which frames are fitted on their own.

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from compplan.chain import build_chain
-from compplan.elastic import solve_equilibrium
 from compplan.identify.estimate import Estimate, estimate_parameters
 from compplan.identify.observations import make_observations
 from compplan.identify.parameters import build_structure
 from compplan.robot import Array, Robot, Spring
+from compplan.statics.chain import build_chain
+from compplan.statics.elastic import solve_equilibrium
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from compplan.identify.observations import Observations
 from compplan.identify.parameters import Parameter, Structure
 from compplan.identify.separability import find_free
 from compplan.identify.system import invert, linearise, stack, weigh
-from compplan.registration import Registration
+from compplan.measure.registration import Registration
 from compplan.robot import Array
 
 #: Standard errors by which a candidate has to shrink the held-out score; about one in 700 by chance for each.

@@ -7,14 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from compplan.chain import ELASTIC_AXES, build_chain
 from compplan.errors import CompplanError, InputError
 from compplan.identify.estimate import Estimate, estimate_parameters, pose_groups
 from compplan.identify.observations import Observations
 from compplan.identify.parameters import Structure
 from compplan.identify.system import linearise, weigh
-from compplan.registration import Registration
+from compplan.measure.registration import Registration
 from compplan.robot import Array
+from compplan.statics.chain import build_chain
+from compplan.statics.elements import ELASTIC_AXES
 
 #: A spring is looked for within this distance of the joint's origin, across its axis. [m]
 FARTHEST = 1.0

@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.encoders import actuator_selection
 from compplan.identify.forward import Prediction, pose_residuals, sensitivities
 from compplan.identify.observations import Observations
 from compplan.identify.parameters import Structure
 from compplan.identify.robust import robust_scale
-from compplan.registration import Registration
+from compplan.measure.registration import Registration
 from compplan.robot import Array
+from compplan.statics.encoders import actuator_selection
 
 POSITION, ORIENTATION, ENCODERS = 0, 1, 2
 #: The residuals never say less than this share of the stated noise: simulated data may hold none.

@@ -11,7 +11,7 @@ from compplan.report.compare_page import CompareView, write_comparison
 from compplan.report.plan_report import list_assumptions
 
 if TYPE_CHECKING:
-    from compplan.compare import Comparison
+    from compplan.plan.compare import Comparison
 
 
 def write_compare_report(comparison: Comparison, out: str | Path) -> Path:

@@ -28,7 +28,7 @@ from compplan.robot import Array, Robot
 
 if TYPE_CHECKING:
     from compplan.diagnose.where import Split
-    from compplan.measurements import Campaign
+    from compplan.measure.campaign import Campaign
 
 #: Candidates that are drawn at most.
 DRAWN = 12

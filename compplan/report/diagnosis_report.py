@@ -18,8 +18,8 @@ from compplan.robot import Array
 if TYPE_CHECKING:
     from compplan.diagnose.result import Diagnosis
     from compplan.diagnose.where import Split
-    from compplan.measurements import Campaign
-    from compplan.registration import Registration
+    from compplan.measure.campaign import Campaign
+    from compplan.measure.registration import Registration
 
 
 def write_diagnosis_report(

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from compplan.correction_loop import run_loop
-from compplan.montecarlo.runner import Run
-from compplan.montecarlo.sensitivity import Sensitivity
-from compplan.montecarlo.statistics import trace_convergence
+from compplan.plan.correction_loop import run_loop
 from compplan.report.along_path import FLOOR, Stations, draw_lines
 from compplan.report.style import CATEGORIES, TOLERANCE, format_set_value, mark_decades
 from compplan.robot import Array
+from compplan.study.runner import Run
+from compplan.study.sensitivity import Sensitivity
+from compplan.study.statistics import trace_convergence
 
 COLOURS = (*CATEGORIES, "#3f7d64", "#a35b1f", "#555a8c", "#9c8f2e", "#6b3f52")
 
@@ -141,7 +141,7 @@ def draw_loops() -> Any:
     """Draw the answers of the correction loops to a deflection of 1 mm."""
     import plotly.graph_objects as go
 
-    from compplan.strategies.online_correction import LITERAL, PI, PID
+    from compplan.plan.strategies.online_correction import LITERAL, PI, PID
 
     figure = go.Figure()
     step = np.ones(80)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +20,7 @@ from compplan.report.page import Block, Cell, Chart, Column, Fold, PageTable, Se
 from compplan.report.plan_report import list_assumptions
 from compplan.report.provenance import describe_grade, describe_robot
 from compplan.report.style import format_length, format_percent, format_set_value
-
-if TYPE_CHECKING:
-    from compplan.montecarlo.job_study import JobStudy
+from compplan.study.job_study import JobStudy
 
 Rows = list[list[Cell | str | float | int | None]]
 
@@ -213,8 +211,8 @@ def _encoders(result: JobStudy) -> Section:
 
 
 def _loops() -> Section:
-    from compplan.correction_loop import largest_pole
-    from compplan.strategies.online_correction import LITERAL, PI, PID
+    from compplan.plan.correction_loop import largest_pole
+    from compplan.plan.strategies.online_correction import LITERAL, PI, PID
 
     verdicts = {True: Cell("stable", "good"), False: Cell("unstable", "bad")}
     rows: Rows = [

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import compplan
+from compplan.files.tables import write_text
 from compplan.report.style import build_template, format_number
-from compplan.tables import write_text
 
 TEMPLATES = Path(__file__).parent / "templates"
 

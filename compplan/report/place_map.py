@@ -6,7 +6,7 @@ import io
 
 import numpy as np
 
-from compplan.place import PlaceResult, Ratings
+from compplan.posture.place import PlaceResult, Ratings
 from compplan.report.style import LIMIT, SEQUENTIAL
 
 

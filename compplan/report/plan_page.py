@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.evaluate import Mismatch
+from compplan.plan.evaluate import Mismatch
 from compplan.report.along_path import (
     FLOOR,
     Stations,

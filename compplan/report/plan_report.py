@@ -16,8 +16,8 @@ from compplan.report.plan_page import PlanView, write_view
 from compplan.report.posture_section import list_uncertainties, show_posture
 
 if TYPE_CHECKING:
-    from compplan.job import Job
-    from compplan.plan import Plan
+    from compplan.job.job import Job
+    from compplan.plan.plan import Plan
 
 
 def write_plan_report(plan: Plan, out: str | Path, *, extra: Sequence[Section] = ()) -> Path:
@@ -86,7 +86,7 @@ def view_plan(plan: Plan, extra: Sequence[Section] = ()) -> PlanView:
 
 def _mark_slow(plan: Plan) -> NDArray[np.bool_]:
     """Mark the waypoints whose feed limits lower, starts and stops left out. Shape (n,)."""
-    from compplan.plan import find_slow_spans
+    from compplan.plan.plan import find_slow_spans
 
     slow = np.zeros(len(plan.task), bool)
     for first, last in find_slow_spans(plan.task, plan.timing):

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from compplan.ladder.lattice import COLLISION, JOINT_LIMIT, NOT_WANTED, OUT_OF_REACH, REASONS, SINGULAR
-from compplan.ladder.summary import PostureMap
+from compplan.posture.lattice import COLLISION, JOINT_LIMIT, NOT_WANTED, OUT_OF_REACH, REASONS, SINGULAR
+from compplan.posture.summary import PostureMap
 from compplan.report.page import Block, Chart, Section
 from compplan.report.style import BEFORE, SEQUENTIAL
 from compplan.robot import Array
 
 if TYPE_CHECKING:
-    from compplan.plan import Plan
+    from compplan.plan.plan import Plan
 
 #: Colours of what cannot be used, or only at a cost (singular).
 TONES = {

@@ -12,8 +12,8 @@ from compplan.report.style import AFTER, LIMIT, NEUTRAL, SEQUENTIAL, format_leng
 from compplan.robot import Array
 
 if TYPE_CHECKING:
-    from compplan.clearance import ClearanceProfile
-    from compplan.ladder.summary import PostureMap, Stance
+    from compplan.posture.clearance import ClearanceProfile
+    from compplan.posture.summary import PostureMap, Stance
 
 #: Why a posture cannot be used, and the colour it gets: out of reach, joint limit, collision, not wanted.
 FORBIDDEN = {1: "#b9c0c7", 2: "#8e979f", 4: "#5c4a57", 5: "#d9dde1"}
@@ -58,7 +58,7 @@ def draw_posture_map(picture: PostureMap) -> Any:
     """
     import plotly.graph_objects as go
 
-    from compplan.ladder.lattice import REASONS
+    from compplan.posture.lattice import REASONS
 
     length, spin = 1e3 * picture.length, np.degrees(picture.spin)
     figure = go.Figure()

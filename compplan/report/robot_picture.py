@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from compplan.files.tables import replace_file
 from compplan.report.robot_scene import EYE, Shape, place_shapes, shade_faces
 from compplan.report.style import SEQUENTIAL
 from compplan.robot import Array, Robot
-from compplan.tables import replace_file
 
 #: Triangles are cut until no edge is longer, so that near ones cover far ones. [m]
 LONGEST_EDGE = 0.05

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.chain import Chain, build_chain, locate_frames
-from compplan.elastic import solve_equilibrium
 from compplan.identify import Estimate, build_structure, estimate_parameters, make_observations
-from compplan.map_pictures import draw_joint_map, draw_lines
-from compplan.quality import DexterityMap, Zone, find_characteristic_length, map_dexterity, mean_inside
+from compplan.maps.pictures import draw_joint_map, draw_lines
 from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, compare, statement, unavailable
 from compplan.robot import Array, Robot
-from compplan.stiffness import ComplementaryInfluence, complementary_influence
+from compplan.statics.chain import Chain, build_chain, locate_frames
+from compplan.statics.elastic import solve_equilibrium
+from compplan.statics.quality import DexterityMap, Zone, find_characteristic_length, map_dexterity, mean_inside
+from compplan.statics.stiffness import ComplementaryInfluence, complementary_influence
 
 #: Table I: theta_2 and theta_3 of the three zones. [deg]
 ZONES_DEG = {"Z1": ((0, 110), (-245, -170)), "Z2": ((0, 25), (0, 29)), "Z3": ((100, 146), (0, 29))}

@@ -7,11 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from compplan.chain import build_chain, locate_frames
-from compplan.correction_loop import largest_pole
-from compplan.elastic import cartesian_compliance, solve_equilibrium
-from compplan.ik import build_arm, name_configuration, solve_branches
-from compplan.map_pictures import draw_lines
+from compplan.maps.pictures import draw_lines
+from compplan.plan.correction_loop import largest_pole
+from compplan.plan.strategies.online_correction import LITERAL
 from compplan.reproduce.johra_loop import WITHOUT_DERIVATIVE, fitted_loop, simulate_loops
 from compplan.reproduce.paper import (
     PaperFigure,
@@ -23,7 +21,9 @@ from compplan.reproduce.paper import (
     unavailable,
 )
 from compplan.robot import Array, Robot
-from compplan.strategies.online_correction import LITERAL
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.elastic import cartesian_compliance, solve_equilibrium
+from compplan.statics.ik import build_arm, name_configuration, solve_branches
 
 #: Joint positions at the centre of the part [deg], and that centre [m].
 CENTRE_DEG, CENTRE = (0.0, 49.7, 89.3, 0.0, 41.0, 0.0), np.array([1.5, 0.0, 0.183])

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from compplan.correction_loop import Loop, Plant, run_loop
+from compplan.plan.correction_loop import Loop, Plant, run_loop
+from compplan.plan.strategies.online_correction import LITERAL, PID
 from compplan.robot import Array
-from compplan.strategies.online_correction import LITERAL, PID
 
 #: Eqs. (6) to (8) and (17) without the derivative part.
 WITHOUT_DERIVATIVE = replace(LITERAL, derivative=0.0)

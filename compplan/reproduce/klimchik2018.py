@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
-from compplan.beam import hollow_beam_compliance
-from compplan.chain import build_chain, locate_frames
-from compplan.elastic import cartesian_compliance
-from compplan.encoders import control_equilibrium, link_share
 from compplan.identify import reduce_model
-from compplan.map_pictures import draw_shares
+from compplan.maps.pictures import draw_shares
 from compplan.reproduce.paper import PaperFigure, Reproduction, Row, compare, statement
 from compplan.robot import Array, LinkElasticity, Robot
+from compplan.robot.beam import hollow_beam_compliance
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.elastic import cartesian_compliance
+from compplan.statics.encoders import control_equilibrium, link_share
 
 #: Table 1: mean, standard deviation and maximum of the error. [mm]
 PRIMARY, SECONDARY = (4.03, 2.28, 9.17), (1.81, 0.79, 4.63)

@@ -8,14 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from compplan.beam import hollow_beam_compliance
-from compplan.chain import build_chain
-from compplan.elastic import cartesian_compliance
 from compplan.identify import ReducedModel, reduce_model
-from compplan.ik import build_arm
-from compplan.map_pictures import deflection_panels, draw_deflection, draw_lines
-from compplan.maps import DeflectionMap, map_deflection
-from compplan.reach import make_plane, reach_plane, working_limits
+from compplan.maps.maps import DeflectionMap, map_deflection
+from compplan.maps.pictures import deflection_panels, draw_deflection, draw_lines
+from compplan.maps.reach import make_plane, reach_plane, working_limits
 from compplan.reproduce.mamedov_circles import (
     MAXIMA_BEFORE,
     MEANS_AFTER,
@@ -29,6 +25,10 @@ from compplan.reproduce.mamedov_circles import (
 )
 from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, compare, compare_range, statement
 from compplan.robot import Array, LinkElasticity, Robot
+from compplan.robot.beam import hollow_beam_compliance
+from compplan.statics.chain import build_chain
+from compplan.statics.elastic import cartesian_compliance
+from compplan.statics.ik import build_arm
 
 TABLE_3 = np.array([0.56, 0.30, 0.43, 2.8, 3.2, 2.1])  # 1e-6 rad/(N m)
 #: Lengths, outer and inner diameters, directions of the beams, by link [Table 1]. [m]

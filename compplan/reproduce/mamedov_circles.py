@@ -8,10 +8,10 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from compplan.chain import Chain, build_chain
-from compplan.elastic import cartesian_compliance
-from compplan.ik import Arm, build_arm, solve_branches
 from compplan.robot import Array, Robot
+from compplan.statics.chain import Chain, build_chain
+from compplan.statics.elastic import cartesian_compliance
+from compplan.statics.ik import Arm, build_arm, solve_branches
 
 FORCE = np.array([440.0, 1370.0, -635.0, 0.0, 0.0, 0.0])
 RADII = (0.01, 0.5)
@@ -32,7 +32,7 @@ class CirclePosture:
         centre: Centre of both circles, base frame. Shape (3,). [m]
         orientation: Rotation vector of the TCP frame, the same all around. Shape (3,). [rad]
         plane: Plane of the circles: "xy", "xz" or "yz".
-        slot: Configuration, an index into `compplan.ik.CONFIGURATIONS`.
+        slot: Configuration, an index into `compplan.statics.ik.CONFIGURATIONS`.
     """
 
     centre: Array

@@ -7,11 +7,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from compplan.files.tables import replace_file, write_text
 from compplan.report import Cell, Column, PageTable, Picture, Section, describe_robot, write_page
 from compplan.report.page import Provenance
 from compplan.report.style import format_number
 from compplan.reproduce.paper import Reproduction, Row, count_verdicts
-from compplan.tables import replace_file, write_text
 
 TONES = {"matches": "good", "close": "good", "fitted": "assumed", "inconsistent in the paper": "bad"}
 

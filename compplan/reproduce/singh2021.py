@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compplan.chain import build_chain
-from compplan.elastic import cartesian_compliance
-from compplan.ik import Arm, build_arm, solve_branches
-from compplan.map_pictures import draw_lines, draw_shares
-from compplan.quality import find_characteristic_length
+from compplan.maps.pictures import draw_lines, draw_shares
+from compplan.maps.service_sphere import ServiceSphere, serve_point, spread_directions
 from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, compare, unavailable
 from compplan.robot import Array, Robot
-from compplan.service_sphere import ServiceSphere, serve_point, spread_directions
+from compplan.statics.chain import build_chain
+from compplan.statics.elastic import cartesian_compliance
+from compplan.statics.ik import Arm, build_arm, solve_branches
+from compplan.statics.quality import find_characteristic_length
 
 #: Table i: joint stiffness in non-dexterous and dexterous tests [1e6 N m/rad], and the stated improvement [%].
 PLAIN = (13.212, 6.490, 6.436, 0.018, 0.039, 0.0300)

@@ -14,7 +14,7 @@ from compplan.effects.base_frame import base_twists
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Signature
 from compplan.effects.tool_frame import tool_twists
-from compplan.measurements import Campaign
+from compplan.measure.campaign import Campaign
 from compplan.robot import Array
 
 #: An effect is alike if it explains this share of the trace, frames fitted to both, or leaves less than so many noise

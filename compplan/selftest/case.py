@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from compplan.errors import InputError
-from compplan.measurements import Campaign, read_campaign
+from compplan.measure.campaign import Campaign, read_campaign
 from compplan.robot import Robot, load_robot
 
 #: Kinds of cases: how many effects of the vocabulary, and whether there is one outside it.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compplan.effects import attain_scene, stage_scene
-from compplan.measurements import Campaign
+from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot
 
 #: Largest force on a robot of this total mass and less, and on a larger one (assumed). [kg, N]

@@ -14,7 +14,7 @@ from compplan.effects.linearization import Linearization, linearize_scene
 from compplan.effects.scene import Scene
 from compplan.effects.signature import plain
 from compplan.errors import ConvergenceError
-from compplan.measurements import Campaign
+from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot, load_robot
 from compplan.selftest.alike import SIGMA_ENCODER, SIGMA_ROTATION, Observer, find_alike, list_rivals
 from compplan.selftest.case import Case, kind_of

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from compplan.files.tables import write_text
 from compplan.report.page import Block, Cell, Chart, Column, Columns, PageTable, Provenance, Section, write_page
 from compplan.report.style import format_number
-from compplan.tables import write_text
 
 Row = list[Cell | str | float | int | None]
 

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from compplan.cell.predict import predict_campaign
 from compplan.diagnose import diagnose_campaign
-from compplan.predict import predict_campaign
+from compplan.files.tables import write_text
 from compplan.robot import Robot
 from compplan.selftest.case import Case
-from compplan.tables import write_text
 
 #: Makes the case of a number; it must be a function of a module, so that other processes can call it.
 Source = Callable[[int], Case]

@@ -1,0 +1,5 @@
+"""Run the command line: python -m compplan."""
+
+from compplan.cli import main
+
+main()

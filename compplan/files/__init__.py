@@ -1,0 +1,1 @@
+"""Reading and writing text files: tables, columns with units, TOML."""

@@ -1,0 +1,257 @@
+"""Tables at the edge: CSV files whose column names carry units, as SI arrays, and files that appear whole or never.
+
+A reader states the columns it knows as `Column`s (`compplan.files.columns`); `read_table` answers with SI arrays by
+key, or with one sentence that names file and line. `write_table` is the way back. Everything that compplan writes goes
+through `replace_file`.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InputError, ShapeError
+from compplan.files.columns import UNITS, Column, match_columns
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Hold the columns of one file in SI.
+
+    Args:
+        file: Where the table was read from.
+        values: Number columns by key, in SI; NaN is a missing value. Shape (n,) each.
+        text: Text columns by key; "" is a missing value. Shape (n,) each.
+        headers: The column's own name in the file, by key.
+        units: Unit in the file by key, "" where there is none.
+        lines: Line of the file that each row stands in, counted from 1. Shape (n,).
+        notes: What was read past, one sentence each.
+
+    """
+
+    file: Path
+    values: Mapping[str, Array]
+    text: Mapping[str, NDArray[np.str_]]
+    headers: Mapping[str, str]
+    units: Mapping[str, str]
+    lines: NDArray[np.int64]
+    notes: tuple[str, ...] = field(default=())
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.headers
+
+    def stack(self, keys: Sequence[str]) -> Array:
+        """Return several number columns side by side. Shape (n, len(keys)) [SI]."""
+        return np.column_stack([self.values[key] for key in keys]) if keys else np.empty((len(self), 0))
+
+    def numbered(self, name: str) -> list[str]:
+        """Return the keys of a numbered column in order: `table.numbered("q#")` is ["q1", "q2", ...].
+
+        Raises:
+            InputError: If a number between the first and the last is left out.
+
+        """
+        pattern = re.compile(re.escape(name).replace(r"\#", "#").replace("#", r"(\d+)") + "$")
+        found = {int(match.group(1)): key for key in self.headers if (match := pattern.match(key))}
+        for number in range(1, max(found, default=0) + 1):
+            if number not in found:
+                raise self.error(f"missing column {name.replace('#', str(number))}: the columns {name} count from 1")
+        return [found[number] for number in sorted(found)]
+
+    def error(self, message: str, row: int | None = None) -> InputError:
+        """Return an InputError at a row (counted from 0) of this file, or at its header."""
+        return InputError(message, file=self.file, where=1 if row is None else int(self.lines[row]))
+
+
+def read_table(path: str | Path, columns: Sequence[Column], *, unknown: str = "refuse") -> Table:
+    """Read a CSV file whose column names carry units.
+
+    Blank lines and lines that begin with # are skipped. An empty field, or nan, is a missing value.
+
+    Args:
+        path: The file.
+        columns: The columns that the table may have.
+        unknown: "refuse" columns that are not in `columns`, or "note" them in `Table.notes`.
+
+    Returns:
+        The table in SI.
+
+    Raises:
+        InputError: With file and line, if the file cannot be read, a required column is missing, a column occurs twice
+            or has no or a wrong unit, a row has too few or too many fields, a field is not a finite number, or a field
+            is empty where no value may be missing.
+
+    """
+    path = Path(path)
+    header_line, header, rows, lines = _read_rows(path)
+    matched, notes = match_columns(path, header_line, header, columns, unknown)
+    by_column = list(zip(*rows, strict=True)) if rows else [()] * len(header)
+    values: dict[str, Array] = {}
+    text: dict[str, NDArray[np.str_]] = {}
+    units: dict[str, str] = {}
+    for key, (index, column, unit) in matched.items():
+        units[key] = unit
+        if column.dimension == "text":
+            text[key] = np.array([value.strip() for value in by_column[index]], dtype=np.str_)
+            continue
+        numbers = _parse_numbers(path, header[index], by_column[index], lines)
+        if not column.missing and np.isnan(numbers).any():
+            row = int(np.flatnonzero(np.isnan(numbers))[0])
+            message = f"column '{header[index]}' is empty (or NaN) here; every row needs a number"
+            raise InputError(message, file=path, where=int(lines[row]))
+        values[key] = numbers * UNITS[unit][1] if unit else numbers
+    headers = {key: header[index] for key, (index, _, _) in matched.items()}
+    return Table(path, values, text, headers, units, lines, tuple(notes))
+
+
+def _read_rows(path: Path) -> tuple[int, list[str], list[list[str]], NDArray[np.int64]]:
+    """Return header line, header, rows and the line of every row; refuse ragged rows."""
+    content = read_text(path)
+    reader = csv.reader(content.splitlines())
+    header: list[str] = []
+    header_line = 0
+    rows: list[list[str]] = []
+    lines: list[int] = []
+    for row in reader:
+        if not row or row[0].lstrip().startswith("#") or (len(row) == 1 and not row[0].strip()):
+            continue
+        if not header:
+            header, header_line = [name.strip() for name in row], reader.line_num
+            if len(header) == 1 and ";" in header[0]:
+                raise InputError("fields are separated by ';', expected ','", file=path, where=header_line)
+            continue
+        if len(row) != len(header):
+            message = f"row has {len(row)} fields, the header has {len(header)}"
+            raise InputError(message, file=path, where=reader.line_num)
+        rows.append(row)
+        lines.append(reader.line_num)
+    if not header:
+        raise InputError("the file is empty, expected a header line with column names", file=path, where=1)
+    return header_line, header, rows, np.array(lines, dtype=np.int64)
+
+
+def _parse_numbers(path: Path, title: str, fields: Sequence[str], lines: NDArray[np.int64]) -> Array:
+    """Return fields as numbers, NaN where they are empty."""
+    try:
+        numbers = np.array([field or "nan" for field in fields], dtype=np.str_).astype(np.float64)
+    except ValueError:
+        rows = zip(fields, lines.tolist(), strict=True)
+        numbers = np.array([_parse_number(path, title, text, line) for text, line in rows])
+    if np.isinf(numbers).any():
+        row = int(np.flatnonzero(np.isinf(numbers))[0])
+        message = f"column '{title}' is infinite here; expected a finite number"
+        raise InputError(message, file=path, where=int(lines[row]))
+    return numbers if len(numbers) else np.empty(0)
+
+
+def _parse_number(path: Path, title: str, text: str, line: int) -> float:
+    try:
+        return float(text) if text.strip() else np.nan
+    except ValueError:
+        message = f"column '{title}' holds {text.strip()!r}, expected a number with a decimal point"
+        raise InputError(message, file=path, where=line) from None
+
+
+def read_text(path: str | Path) -> str:
+    """Read a text file as UTF-8, or as Latin-1 where it is not UTF-8.
+
+    Raises:
+        InputError: If there is no such file, or it is a folder or a binary file.
+
+    """
+    path = Path(path)
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError("no such file", file=path) from None
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=path) from None
+    if b"\0" in content[:4096]:
+        raise InputError("is a binary file, expected text", file=path, where=1)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
+
+
+@contextmanager
+def replace_file(path: str | Path) -> Iterator[Path]:
+    """Give a temporary path beside `path` and rename it to `path` at the end; on an exception nothing is left.
+
+    Raises:
+        InputError: If the folder cannot be written.
+
+    """
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror}", file=path) from None
+    os.close(handle)
+    try:
+        yield Path(name)
+        umask = os.umask(0)
+        os.umask(umask)
+        Path(name).chmod(0o666 & ~umask)
+        os.replace(name, path)
+    finally:
+        Path(name).unlink(missing_ok=True)
+
+
+def write_text(path: str | Path, text: str, *, encoding: str = "utf-8", newline: str = "\n") -> None:
+    """Write a text file whole or not at all; lines end as `newline` says.
+
+    Raises:
+        InputError: If the folder cannot be written.
+
+    """
+    with replace_file(path) as part:
+        part.write_bytes(text.replace("\n", newline).encode(encoding))
+
+
+def write_table(path: str | Path, columns: Mapping[str, object], *, decimals: int = 9) -> None:
+    """Write a CSV file whole or not at all.
+
+    Args:
+        path: The file.
+        columns: Values by column name, already in the unit that the name carries (see `to_unit`). Shape (n,) each.
+        decimals: Digits after the point that numbers are rounded to. NaN is written as an empty field.
+
+    Raises:
+        InputError: If the folder cannot be written.
+        ShapeError: If the columns differ in length.
+
+    """
+    cells = [_format_cells(np.asarray(values), decimals) for values in columns.values()]
+    lengths = {name: len(column) for name, column in zip(columns, cells, strict=True)}
+    if len(set(lengths.values())) > 1:
+        raise ShapeError(f"table columns differ in length: {lengths}")
+    body = "\n".join(map(",".join, zip(*cells, strict=True)))
+    write_text(path, ",".join(columns) + "\n" + (body + "\n" if body else ""))
+
+
+def _format_cells(values: NDArray[Any], decimals: int) -> list[str]:
+    """Return one column as text."""
+    if values.dtype.kind == "f":
+        rounded = (np.round(values, decimals) + 0.0).tolist()  # + 0.0 makes -0 a 0
+        return ["" if value != value else f"{value:.15g}" for value in rounded]
+    if values.dtype.kind == "b":
+        return [str(int(value)) for value in values.tolist()]
+    texts = [str(value) for value in values.tolist()]
+    return ['"' + text.replace('"', '""') + '"' if set(text) & set('",\n\r') else text for text in texts]

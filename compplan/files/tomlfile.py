@@ -1,0 +1,147 @@
+"""TOML files checked against frozen pydantic models, with one sentence for each mistake."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import ErrorDetails
+
+from compplan.errors import InputError
+from compplan.files.tables import read_text
+
+
+class StrictTable(BaseModel):
+    """Stand for one TOML table: unknown keys are refused, nothing is converted silently, and nothing changes later."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+Model = TypeVar("Model", bound=StrictTable)
+
+#: TOML arrays as tuples; items stay strict.
+Vector3 = Annotated[tuple[float, float, float], Field(strict=False)]
+Numbers = Annotated[tuple[float, ...], Field(strict=False)]
+Words = Annotated[tuple[str, ...], Field(strict=False)]
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """Read a TOML file as plain tables.
+
+    Raises:
+        InputError: If the file is missing, or is not TOML (with the line).
+
+    """
+    text = read_text(path)
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        sentence = str(error)
+        line = None
+        if "(at line " in sentence:
+            sentence, _, place = sentence.partition(" (at line ")
+            line = int(place.split(",")[0])
+        elif "(at end of document)" in sentence:
+            sentence = sentence.replace(" (at end of document)", "")
+            line = max(1, len(text.splitlines()))
+        raise InputError(f"is not TOML: {sentence}", file=path, where=line) from None
+
+
+def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path | None = None, key: str = "") -> Model:
+    """Check a TOML table against a model.
+
+    Args:
+        model: The model.
+        data: The table as `tomllib` gives it.
+        file: File that the table stands in, for messages.
+        key: Dotted key of the table in that file, for messages.
+
+    Raises:
+        InputError: With the dotted key, if a key is unknown, missing, or has a wrong value.
+
+    """
+    try:
+        return model.model_validate(dict(data))
+    except ValidationError as error:
+        details = error.errors()[0]
+        keys, holder = _walk(details, model)
+        if details["type"] in ("union_tag_invalid", "union_tag_not_found"):
+            keys.append(str(details["ctx"]["discriminator"]).strip("'"))
+        raise InputError(_say(details, holder), file=file, where=_join(keys, key) or None) from None
+
+
+def read_toml_model(model: type[Model], path: str | Path) -> Model:
+    """Read a TOML file into a model.
+
+    Raises:
+        InputError: As `read_toml` and `check_table` do.
+
+    """
+    return check_table(model, read_toml(path), file=path)
+
+
+def _walk(details: ErrorDetails, model: type[BaseModel]) -> tuple[list[str | int], Any]:
+    """Follow the location of a fault through the models.
+
+    Returns:
+        The keys on the way, without the tags of tagged unions, and the model that holds the last key (or None).
+
+    """
+    keys: list[str | int] = []
+    current: Any = model
+    holder: Any = model
+    for part in details["loc"]:
+        if isinstance(current, list):
+            current = next((entry for entry in current if str(part) in _tags(entry)), None)
+            continue
+        keys.append(part)
+        holder = current
+        if isinstance(part, str):
+            field = None if current is None else current.model_fields.get(part)
+            found = [] if field is None else _models_in(field.annotation)
+            current = found[0] if len(found) == 1 else found or None
+    return keys, holder
+
+
+def _models_in(annotation: Any) -> list[Any]:
+    """Return the models that a type annotation mentions."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for argument in getattr(annotation, "__args__", ()) for model in _models_in(argument)]
+
+
+def _tags(model: type[BaseModel]) -> list[str]:
+    """Return the words that may choose a model among several."""
+    return [word for field in model.model_fields.values() for word in getattr(field.annotation, "__args__", ())]
+
+
+def _join(keys: list[str | int], prefix: str) -> str:
+    dotted = prefix
+    for part in keys:
+        dotted += f"[{part}]" if isinstance(part, int) else f".{part}" if dotted else str(part)
+    return dotted
+
+
+def _say(details: ErrorDetails, holder: Any) -> str:
+    """Return the sentence for one fault."""
+    kind, given, context = details["type"], details.get("input"), details.get("ctx", {})
+    if kind == "extra_forbidden":
+        if holder is None:
+            return "unknown key"
+        return f"unknown key, choose from {[field.alias or name for name, field in holder.model_fields.items()]}"
+    if kind == "missing":
+        return "missing key"
+    if kind == "union_tag_not_found":
+        return "missing key"
+    if kind == "union_tag_invalid":
+        return f"is {context.get('tag')!r}, choose from {context.get('expected_tags')}"
+    if kind == "model_type":
+        return f"is {given!r}, must be a table"
+    if kind == "literal_error":
+        return f"is {given!r}, choose from {context.get('expected')}"
+    if kind == "value_error":
+        return str(context.get("error", details["msg"]))
+    return f"is {given!r}, must be {details['msg'].removeprefix('Input should be ').replace('a valid ', 'a ')}"

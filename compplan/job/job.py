@@ -1,0 +1,303 @@
+"""The job: one TOML file that says which robot follows which toolpath under which wrench, and what is wanted.
+
+Each table of the file is a small model here; a further key is one line in its table, a further table one class and one
+line in `Job`. Keys carry their units; properties give SI.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Field, PrivateAttr, field_validator
+from scipy.spatial.transform import Rotation
+
+from compplan.errors import InputError
+from compplan.files.tables import Array
+from compplan.files.tomlfile import Numbers, StrictTable, Vector3, check_table, read_toml
+from compplan.job.noise import NoiseTable
+from compplan.path.cam.options import CamTable
+from compplan.path.corners import round_corners
+from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralTable, generate_toolpath
+from compplan.path.process import ColumnsProcess, Process, predict_wrench
+from compplan.path.reading import read_toolpath
+from compplan.path.toolpath import Toolpath, check_toolpath, place_toolpath, resample_toolpath
+
+#: Step that a CAM file is divided into where the job says nothing. [m]
+CAM_STEP = 1e-3
+
+
+def make_pose(position_mm: Vector3, rotation_deg: Vector3) -> Array:
+    """Return the pose of a frame from its origin [mm] and its rotation vector [deg]. Shape (4, 4) [m]."""
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_rotvec(np.radians(rotation_deg)).as_matrix()
+    pose[:3, 3] = np.asarray(position_mm) * 1e-3
+    return pose
+
+
+class PartTable(StrictTable):
+    """[part]: pose of the part frame, seen from the robot base."""
+
+    position_mm: Vector3 = (0.0, 0.0, 0.0)
+    rotation_deg: Vector3 = (0.0, 0.0, 0.0)
+
+
+class ToolTable(StrictTable):
+    """[tool]: from the flange frame to the TCP frame, in place of the robot folder's TCP; mass where it is known."""
+
+    position_mm: Vector3 = (0.0, 0.0, 0.0)
+    rotation_deg: Vector3 = (0.0, 0.0, 0.0)
+    mass_kg: float | None = Field(default=None, ge=0.0)
+    centre_of_mass_mm: Vector3 = (0.0, 0.0, 0.0)
+
+    @property
+    def T_flange_tcp(self) -> Array:
+        """Pose of the TCP frame seen from the flange. Shape (4, 4) [m]."""
+        return make_pose(self.position_mm, self.rotation_deg)
+
+
+class Configuration(StrictTable):
+    """Which of the arm's configurations is wanted; what is left out is free, and "auto" leaves out everything."""
+
+    shoulder: Literal["front", "back"] | None = None
+    elbow: Literal["up", "down"] | None = None
+    wrist: Literal["flip", "noflip"] | None = None
+    start_deg: Numbers | None = None
+
+
+def _expand_auto(value: object) -> object:
+    if value == "auto":
+        return {}
+    if isinstance(value, str):
+        raise ValueError(f"is {value!r}, must be 'auto' or a table such as {{ shoulder = \"front\", elbow = \"up\" }}")
+    return value
+
+
+class PlanTable(StrictTable):
+    """[plan]: what the plan may do and has to reach."""
+
+    strategy: Literal["none", "mirror", "iterated_mirror", "nlp"] = "nlp"
+    rotate_about_tool_axis: bool = True
+    configuration: Annotated[Configuration, BeforeValidator(_expand_auto)] = Configuration()
+    start_deg: Numbers | None = None
+    max_correction_mm: float = Field(default=10.0, gt=0.0)
+    tolerance_mm: float = Field(default=0.1, gt=0.0)
+    tool_x: Vector3 = (1.0, 0.0, 0.0)
+
+    @field_validator("tool_x")
+    @classmethod
+    def _check_tool_x(cls, value: Vector3) -> Vector3:
+        if not np.linalg.norm(value) > 0.0:
+            raise ValueError("has length 0, expected a direction")
+        return value
+
+    @property
+    def start(self) -> Numbers | None:
+        """Joint positions to start near [deg, prismatic joints mm], or None."""
+        return self.start_deg if self.start_deg is not None else self.configuration.start_deg
+
+
+class OutputTable(StrictTable):
+    """[output]: native programs, and how they are cut up."""
+
+    programs: Annotated[tuple[Literal["krl", "val3", "fanuc_ls", "rapid", "csv"], ...], Field(strict=False)] = ()
+    max_points_per_file: int | None = Field(default=None, ge=2)
+
+
+class SamplingTable(StrictTable):
+    """[sampling]: how moves are divided before planning; CAM files 1 mm where nothing is said, others not at all."""
+
+    max_step_mm: float | None = Field(default=None, gt=0.0)
+    max_turn_deg: float | None = Field(default=None, gt=0.0)
+
+
+class FeedTable(StrictTable):
+    """[feed]: the feed of cutting moves in place of the toolpath's own, and what may slow it down."""
+
+    constant_mm_s: float | None = Field(default=None, gt=0.0)
+    mode: Literal["programmed", "constant"] = "programmed"
+    corner_tolerance_mm: float = Field(default=0.0, ge=0.0)
+    torque_limits: bool = False
+
+
+class LimitsTable(StrictTable):
+    """[limits]: shares of the robot's rates that the plan may use."""
+
+    velocity_scale: float = Field(default=1.0, gt=0.0, le=1.0)
+    acceleration_scale: float = Field(default=1.0, gt=0.0, le=1.0)
+
+
+class PostureTable(StrictTable):
+    """[posture]: what the redundant degree of freedom is used for, and how far the tool axis may lean."""
+
+    preset: Literal["accurate", "smooth", "fast"] = "accurate"
+    weights: dict[str, float] = Field(default_factory=dict)
+    measure: Literal["expected", "p95"] = "expected"
+    wrench_uncertainty: float = Field(default=0.1, ge=0.0)
+    compliance_uncertainty: float = Field(default=0.1, ge=0.0)
+    joint_zero_uncertainty_deg: float = Field(default=0.0, ge=0.0)
+    spin_step_deg: float = Field(default=5.0, ge=0.5, le=90.0)
+    lead_deg: float = Field(default=0.0, ge=0.0, le=90.0)
+    lean_deg: float = Field(default=0.0, ge=0.0, le=90.0)
+    limit_margin_deg: float = Field(default=10.0, gt=0.0)
+    singularity_margin: float = Field(default=0.03, ge=0.0, lt=1.0)
+    reconfigure: Literal["rapid", "never"] = "rapid"
+
+
+Range = Annotated[tuple[float, float], Field(strict=False)]
+
+
+class PlaceTable(StrictTable):
+    """[place]: where `compplan place` may put the part, seen from the robot base; left out: around the job's place."""
+
+    x_mm: Range | None = None
+    y_mm: Range | None = None
+    z_mm: Range | None = None
+    base_height_mm: Range = (0.0, 0.0)
+    step_mm: float = Field(default=100.0, gt=0.0)
+    turn_deg: Numbers = (0.0,)
+
+
+class CollisionTable(StrictTable):
+    """[collision]: meshes (relative to the job file) that the arm keeps clear of."""
+
+    part: str | None = None
+    fixture: str | None = None
+    tool: str | None = None
+    unit: Literal["mm", "m", "inch"] = "mm"
+    clearance_mm: float = Field(default=5.0, ge=0.0)
+    tip_zone_mm: float = Field(default=30.0, ge=0.0)
+    self_collision: bool = True
+
+
+class Job(StrictTable):
+    """Hold a job as its file says it; `load_job` reads it, `load_nominal` follows its references."""
+
+    schema_: Literal[1] = Field(alias="schema")
+    name: str = ""
+    robot: str
+    toolpath: str | CircleTable | SpiralTable | ConeTable
+    part: PartTable = PartTable()
+    tool: ToolTable | None = None
+    process: Process = ColumnsProcess()
+    plan: PlanTable = PlanTable()
+    output: OutputTable = OutputTable()
+    sampling: SamplingTable = SamplingTable()
+    cam: CamTable = CamTable()
+    feed: FeedTable = FeedTable()
+    limits: LimitsTable = LimitsTable()
+    posture: PostureTable = PostureTable()
+    place: PlaceTable = PlaceTable()
+    noise: NoiseTable = NoiseTable()
+    collision: CollisionTable | None = None
+    _file: Path = PrivateAttr(default=Path())
+
+    @field_validator("robot")
+    @classmethod
+    def _check_robot(cls, value: str) -> str:
+        if not value.strip():
+            raise ValueError("is empty, expected a folder in robots/ or a path")
+        return value
+
+    @property
+    def file(self) -> Path:
+        """The job file."""
+        return self._file
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the job file; file names in the job are relative to it."""
+        return self._file.parent
+
+    @property
+    def T_base_part(self) -> Array:
+        """Pose of the part frame seen from the robot base. Shape (4, 4) [m]."""
+        return make_pose(self.part.position_mm, self.part.rotation_deg)
+
+    @property
+    def tool_x_base(self) -> Array:
+        """Where the TCP frame's x axis points when rotation about the tool axis is not free, base axes. Shape (3,)."""
+        direction = self.T_base_part[:3, :3] @ np.asarray(self.plan.tool_x)
+        return np.asarray(direction / np.linalg.norm(direction))
+
+
+def check_job(data: dict[str, Any], file: str | Path = Path()) -> Job:
+    """Check a job that is given as plain tables.
+
+    Args:
+        data: The tables, as `tomllib` gives them.
+        file: File they come from, or would stand in.
+
+    Raises:
+        InputError: With file and key.
+
+    """
+    data = dict(data)
+    table = data.get("toolpath")
+    if isinstance(table, dict):
+        kind = table.get("generator")
+        if kind not in GENERATORS:
+            fault = "missing key" if kind is None else f"is {kind!r}"
+            raise InputError(f"{fault}, choose from {list(GENERATORS)}", file=file, where="toolpath.generator")
+        data["toolpath"] = check_table(GENERATORS[kind], table, file=file, key="toolpath")
+    elif table is not None and not isinstance(table, str):
+        raise InputError(f"is {table!r}, must be a file name or a table with a generator", file=file, where="toolpath")
+    job = check_table(Job, data, file=file)
+    job._file = Path(file)
+    return job
+
+
+def load_job(path: str | Path) -> Job:
+    """Read a job file.
+
+    Raises:
+        InputError: With file and line, or file and key, if it is not what it has to be.
+
+    """
+    return check_job(read_toml(path), path)
+
+
+def load_toolpath(job: Job) -> Toolpath:
+    """Return the job's toolpath as it is programmed, in the part frame.
+
+    Raises:
+        InputError: If the toolpath file is not what it has to be.
+
+    """
+    if not isinstance(job.toolpath, str):
+        try:
+            return check_toolpath(generate_toolpath(job.toolpath), file=job.file)
+        except InputError as error:
+            raise error if error.file else InputError(error.message, file=job.file, where="toolpath") from None
+    path = job.folder / job.toolpath
+    if not path.is_file():
+        raise InputError(f"no toolpath file {path}", file=job.file, where="toolpath")
+    feed = None if job.feed.constant_mm_s is None else job.feed.constant_mm_s * 1e-3
+    return read_toolpath(path, cam=job.cam, feed=feed)
+
+
+def load_nominal(job: Job) -> Toolpath:
+    """Return what the plan has to reach: the job's toolpath, divided, in the base frame, with the predicted wrench.
+
+    Raises:
+        InputError: If toolpath or process are not what they have to be.
+
+    """
+    toolpath = load_toolpath(job)
+    if job.feed.constant_mm_s is not None:
+        toolpath = replace(toolpath, feed=np.where(toolpath.rapid, toolpath.feed, job.feed.constant_mm_s * 1e-3))
+    step, turn = job.sampling.max_step_mm, job.sampling.max_turn_deg
+    from_cam = isinstance(job.toolpath, str) and not job.toolpath.lower().endswith(".csv")
+    max_step = step * 1e-3 if step is not None else CAM_STEP if from_cam else np.inf
+    if np.isfinite(max_step) or turn is not None:
+        toolpath = resample_toolpath(toolpath, max_step, max_turn=np.inf if turn is None else float(np.radians(turn)))
+    if job.feed.corner_tolerance_mm > 0.0:
+        toolpath = round_corners(toolpath, job.feed.corner_tolerance_mm * 1e-3)
+    nominal = place_toolpath(toolpath, job.T_base_part)
+    rotation = job.T_base_part[:3, :3]
+    wrench = predict_wrench(
+        job.process, nominal, R_base_part=rotation, tool_x=job.tool_x_base, folder=job.folder
+    )
+    return replace(nominal, wrench=wrench)

@@ -1,0 +1,166 @@
+"""The commented job that `compplan init` writes; every key of `compplan.job.job` stands in it."""
+
+JOB_TEXT = """\
+# A compplan job. Lengths in mm, angles in deg, forces in N: the unit is in the name of each key.
+# Lines that begin with a single # before a key show its default or an alternative. Unknown keys are refused.
+
+schema = 1
+name = "My part"
+robot = "staubli_tx200"             # a folder in robots/, or a path to one (relative to this file)
+
+# The toolpath is a file, relative to this one: .csv, or CAM: .nc .gcode .tap .ngc (G-code), .apt .cls (APT)
+# toolpath = "part.nc"
+# or it is computed:
+[toolpath]
+generator = "isf_cone"              # circle | spiral | isf_cone
+diameter_mm = 40.0                  # isf_cone: upper rim
+depth_mm = 15.0
+wall_angle_deg = 45.0               # against the horizontal
+pitch_mm = 1.0                      # depth of one turn
+path = "helical"                    # helical | z_level
+# radius_mm = 10.0                  # circle; further: turns (negative: clockwise), centre_mm, start_deg,
+                                    #   plane = "xy" | "xz" | "yz"
+# outer_radius_mm = 250.0           # spiral; further: inner_radius_mm, and turns or length_mm, centre_mm
+feed_mm_s = 20.0                    # or duration_s = 100.0
+step_mm = 1.0                       # distance of waypoints, or waypoints = 1000, or rate_hz = 100.0
+axis = [0.0, 0.0, 1.0]              # tool axis, tip to spindle, part axes
+approach_mm = 20.0                  # height of the rapid approach and retract; 0: none
+
+[part]                              # pose of the part frame, seen from the robot base
+position_mm = [1500.0, 0.0, 183.0]
+rotation_deg = [0.0, 0.0, 0.0]      # rotation vector
+
+# [tool]                            # in place of the robot folder's TCP and tool mass: from flange frame to TCP frame
+# position_mm = [0.0, 0.0, 150.0]
+# rotation_deg = [0.0, 0.0, 0.0]
+# mass_kg = 5.0
+# centre_of_mass_mm = [0.0, 0.0, 60.0]  # flange frame
+
+[process]                           # what the environment does to the tool, at the tip
+model = "isf"                       # columns | constant | milling | isf | file
+axial_N = 1200.0                    # isf: along the tool axis towards the spindle, at the end of the path
+lateral_N = 400.0                   # isf: away from the wall that is formed
+drag_N = 0.0                        # isf: against the travel
+start_share = 0.4                   # isf: share of these forces at the start; they grow linearly along the path
+wall_side = "right"                 # isf: side of the wall, seen down the tool axis along the travel
+ramp_mm = 20.0                      # all but columns: the wrench grows from 0 over this length after contact
+ramp_out_mm = 0.0                   # ... and falls to 0 over this length before the tool leaves
+# model = "columns"                 # fx_N .. mz_Nm of the toolpath file, part axes
+# required = true                   # columns: refuse a file without them
+# model = "constant"
+# force_N = [0.0, 0.0, -600.0]
+# moment_Nm = [0.0, 0.0, 0.0]
+# frame = "part"                    # constant, file: part | base | tool (TCP frame, see tool_x) | path (x travel)
+# during_rapid = false              # constant: acts in rapid moves too (a dead weight)
+# model = "milling"                 # mean force of a revolution, clockwise spindle
+# depth_mm = 2.0                    # axial depth of cut
+# width_mm = 6.0                    # radial width of cut
+# diameter_mm = 12.0
+# spindle_rpm = 8000.0
+# kc_N_mm2 = 800.0                  # specific cutting force
+# radial_ratio = 0.4                # radial and axial force as shares of the tangential one; axial > 0: towards spindle
+# axial_ratio = 0.0
+# material_side = "right"           # right: climb milling
+# model = "file"                    # CSV: fx_N .. mz_Nm, a row a waypoint, or with s_mm, the length cut so far
+# file = "wrench.csv"
+
+[plan]
+strategy = "nlp"                    # none | mirror | iterated_mirror | nlp
+rotate_about_tool_axis = true       # the redundant degree of freedom is free
+configuration = "auto"              # or { shoulder = "front", elbow = "up", wrist = "noflip" }, any of them
+# start_deg = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]   # start near these joint positions (prismatic joints in mm)
+max_correction_mm = 10.0
+tolerance_mm = 0.1                  # in-tolerance verdicts and shares refer to it
+tool_x = [1.0, 0.0, 0.0]            # part axes: where the TCP frame's x points when rotation about the axis is not free
+
+[output]
+programs = ["val3"]                 # krl | val3 | fanuc_ls | rapid | csv
+# max_points_per_file = 5000        # programs are cut into files; left out: what each controller takes
+
+[sampling]                          # how cutting moves are divided; left out: CAM files at 1 mm, others not at all
+# max_step_mm = 1.0
+# max_turn_deg = 1.0                # turn of the tool axis in a step
+
+[cam]                               # what a CAM file does not say by itself
+# unit = "mm"                       # mm | inch, for files that do not say
+chord_tolerance_mm = 0.001          # greatest distance between an arc and its chords
+# arc_centres = "incremental"       # G-code I J K: incremental | absolute | reversed, for files that do not say
+rotary = "head"                     # A B C words turn the head | table | ignore
+cycles = "skip"                     # drilling cycles: skip | expand into cutting moves
+circle_sense = "auto"               # APT CIRCLE: auto | right_hand | left_hand about its axis
+
+[feed]
+# constant_mm_s = 10.0              # in place of the toolpath's own feed
+mode = "programmed"                 # programmed: an upper bound | constant: one feed for the whole cut
+corner_tolerance_mm = 0.0           # corners may be rounded by this much, so that the feed need not drop to zero there
+torque_limits = false               # keep the joint torques (inertia, weight, wrench) within the URDF's efforts
+
+[limits]
+velocity_scale = 1.0                # share of the robot's joint rates that the plan may use
+acceleration_scale = 1.0
+
+[posture]                           # configuration, rotation about the tool axis and extra axes are chosen for this
+preset = "accurate"                 # accurate (least remaining deviation) | smooth (little motion) | fast
+# weights = { motion = 1e-5 }       # in place of the preset's, in mm^2 of squared sensitivity: sensitivity, deviation
+                                    #   (per mm^2), limits, dexterity, singularity, rate (per unit), time (per s),
+                                    #   motion (per (rad / 100 mm)^2)
+measure = "expected"                # remaining deviation: expected (root mean square) | p95
+wrench_uncertainty = 0.1            # assumed: relative error of each component of the wrench, one standard deviation
+compliance_uncertainty = 0.1        # assumed: relative error of each elastic coordinate
+joint_zero_uncertainty_deg = 0.0    # assumed: error of each joint's zero
+spin_step_deg = 5.0                 # grid of rotations about the tool axis, refined afterwards
+lead_deg = 0.0                      # how far the tool axis may lean along the travel
+lean_deg = 0.0                      # ... and across it
+limit_margin_deg = 10.0             # joint limits cost from this distance on
+singularity_margin = 0.03           # inverse condition number (0: singular, 1: best) that costs steeply from here down
+reconfigure = "rapid"               # configuration may change in rapid moves away from the part: rapid | never
+
+[place]                             # compplan place: where the part may stand; left out: 500 mm around its place
+# x_mm = [1000.0, 2000.0]
+# y_mm = [-500.0, 500.0]
+# z_mm = [0.0, 500.0]
+base_height_mm = [0.0, 0.0]         # how far the robot base may be raised
+step_mm = 100.0                     # of the grid, refined afterwards
+turn_deg = [0.0]                    # turns of the part about the vertical through its origin
+
+[noise]                             # Monte Carlo: one standard deviation each; what is left out takes the value shown,
+                                    #   assumed or from literature: measure your own where it matters
+joint_compliance = 0.10             # assumed: relative error of each joint spring (log-normal)
+link_compliance = 0.20              # assumed: of each elastic link, bearing or extra spring (log-normal)
+joint_zero_deg = 0.003              # assumed, after calibration, as are the geometry errors
+geometry_mm = 0.03                  # of each placement in the chain, an axis
+geometry_deg = 0.001
+tool_frame_mm = 0.03                # assumed
+part_frame_mm = 0.05                # assumed: part touched off with the robot
+part_frame_deg = 0.005
+backlash_deg = 0.002                # assumed: full width
+gear_error_deg = 0.002              # assumed: amplitude of an error periodic in the joint's angle ...
+gear_periods = 60.0                 # ... with so many periods a turn
+wrench_level = 0.15                 # assumed: relative error of the predicted level
+wrench_direction_deg = 3.0          # assumed
+wrench_path = 0.05                  # assumed: relative variation of the level along the path ...
+correlation_mm = 20.0               # ... over this distance
+motor_encoder_deg = 0.0003          # assumed, at the joint
+link_encoder_deg = 0.0008           # assumed
+# repeatability_mm = 0.02           # left out: the robot folder's, else 0.02 assumed
+temperature_K = 3.0                 # assumed: difference from the calibration
+expansion_per_K = 12e-6             # handbook
+force_noise_N = 2.0                 # force sensor, assumed: noise, drift since taring, gain
+moment_noise_Nm = 0.1
+force_bias_N = 5.0
+moment_bias_Nm = 0.5
+force_gain = 0.01
+tracker_mm = 0.015                  # laser tracker, datasheets: 15 um + 6 um/m
+tracker_mm_per_m = 0.006
+plant_lag_ms = 13.5                 # how the robot follows online corrections, derived from Johra 2022
+plant_delay_ms = 37.0
+
+# [collision]                       # meshes that the arm keeps clear of, relative to this file
+# part = "part.stl"
+# fixture = "fixture.stl"
+# tool = "tool.stl"
+# unit = "mm"                       # of the meshes: mm | m | inch
+# clearance_mm = 5.0                # least distance that is allowed
+# tip_zone_mm = 30.0                # the tool within this distance of its tip may touch the part
+# self_collision = true             # keep the arm clear of itself too
+"""

@@ -1,0 +1,1 @@
+"""Maps of deflection, stiffness and dexterity over the workspace."""

@@ -1,0 +1,1 @@
+"""Measurements under load: the campaign log and its registration."""

@@ -1,0 +1,333 @@
+"""Measurement logs: what an instrument saw of a robot, row by row, in time order.
+
+A `Campaign` holds one log in SI, with what follows from the order of its rows: visits (rows between which nothing moved
+and no load changed), the direction from which every joint was approached, and joint speeds on paths.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from compplan.errors import InputError
+from compplan.files.columns import Column
+from compplan.files.tables import Table, read_table
+from compplan.robot import Array, Robot
+
+#: Joint motion below this is encoder jitter, not a move [rad or m]; one unit of the fourth decimal of a degree.
+STATIC_JITTER = 2e-5
+PATH_JITTER = 1e-8
+#: Loads closer than this share of the largest load are the same load.
+SAME_LOAD = 0.02
+MODES = ("U1", "U2", "L1", "L2")
+WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """One measurement log; n rows, nq joints.
+
+    Attributes:
+        run: Label of the run. Shape (n,).
+        q: Commanded joint positions (readings of the side that controls). Shape (n, nq). [rad or m]
+        wrench: Wrench of the environment on the tool at the TCP, base axes, as the sensor reports it. Shape (n, 6).
+            [N, N m]
+        position: Measured target, NaN where missing. Shape (n, 3). [m]
+        rotation: Measured orientation, NaN where missing, or None. Shape (n, 3, 3).
+        time: Seconds since the campaign began, or None. Shape (n,). [s]
+        temperature: Temperature of the structure, or None. Shape (n,). [C]
+        link: Link-side encoder readings, or None. Shape (n, nq). [rad or m]
+        motor: Motor-side encoder readings, or None. Shape (n, nq). [rad or m]
+        sigma: Stated standard deviation of the position per axis, or None. Shape (n,). [m]
+        sigma_rotation: Stated standard deviation of the orientation per axis, or None. Shape (n,). [rad]
+        target: Index of the measured point on the tool. Shape (n,).
+        target_names: Label of each measured point.
+        mode: U1 U2 L1 L2 or "". Shape (n,).
+        file: Where it was read from, or None.
+        lines: Line of the file that each row stands in. Shape (n,).
+
+    """
+
+    run: NDArray[np.str_]
+    q: Array
+    wrench: Array
+    position: Array
+    rotation: Array | None = None
+    time: Array | None = None
+    temperature: Array | None = None
+    link: Array | None = None
+    motor: Array | None = None
+    sigma: Array | None = None
+    sigma_rotation: Array | None = None
+    target: NDArray[np.int_] | None = None
+    target_names: tuple[str, ...] = ("",)
+    mode: NDArray[np.str_] | None = None
+    file: Path | None = None
+    lines: NDArray[np.int_] | None = None
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def nq(self) -> int:
+        """Count the commanded joints."""
+        return self.q.shape[1]
+
+    @cached_property
+    def target_index(self) -> NDArray[np.int_]:
+        """Index of the measured point on the tool, zero where there is only one. Shape (n,)."""
+        return np.zeros(len(self), int) if self.target is None else self.target
+
+    @cached_property
+    def run_index(self) -> NDArray[np.int_]:
+        """Number of the run of each row, in order of appearance. Shape (n,)."""
+        starts = np.r_[True, self.run[1:] != self.run[:-1]]
+        return np.cumsum(starts) - 1
+
+    @cached_property
+    def on_path(self) -> NDArray[np.bool_]:
+        """Tell which rows were sampled on the fly. Shape (n,)."""
+        return np.char.startswith(np.char.lower(self.run.astype(str)), "path")
+
+    @cached_property
+    def link_controlled(self) -> NDArray[np.bool_]:
+        """Tell which rows carry link-side readings in q (modes U2 and L2). Shape (n,)."""
+        return np.zeros(len(self), bool) if self.mode is None else np.char.endswith(self.mode.astype(str), "2")
+
+    @cached_property
+    def usable(self) -> NDArray[np.bool_]:
+        """Tell which rows hold joints, load and position. Shape (n,)."""
+        finite = [np.isfinite(part).all(axis=1) for part in (self.q, self.wrench, self.position)]
+        return np.logical_and.reduce(finite)
+
+    @cached_property
+    def load_scale(self) -> float:
+        """Largest force of the log, robustly. [N]."""
+        force = np.linalg.norm(np.nan_to_num(self.wrench[:, :3]), axis=1)
+        return float(np.percentile(force, 95)) if len(force) else 0.0
+
+    @cached_property
+    def load_varies(self) -> bool:
+        """Tell whether the external load changes by more than a sensor's noise."""
+        wrench = self.wrench[self.usable]
+        if not len(wrench):
+            return False
+        spread = np.ptp(np.percentile(wrench, (3, 97), axis=0), axis=0)
+        return bool((spread[:3] > 5.0).any() or (spread[3:] > 1.0).any())
+
+    @cached_property
+    def visit(self) -> NDArray[np.int_]:
+        """Number of the visit of each row: neither joints nor load changed since the row before. Shape (n,).
+
+        Every row of a path is a visit of its own.
+        """
+        if not len(self):
+            return np.zeros(0, int)
+        moved = np.abs(np.diff(np.nan_to_num(self.q), axis=0)).max(1) > STATIC_JITTER
+        step = np.linalg.norm(np.diff(np.nan_to_num(self.wrench[:, :3]), axis=0), axis=1)
+        twist = np.linalg.norm(np.diff(np.nan_to_num(self.wrench[:, 3:]), axis=0), axis=1)
+        loaded = (step > max(5.0, SAME_LOAD * self.load_scale)) | (twist > max(2.0, SAME_LOAD * self.load_scale))
+        new = moved | loaded | (np.diff(self.run_index) > 0) | self.on_path[1:] | (np.diff(self.target_index) != 0)
+        if self.mode is not None:
+            new |= self.mode[1:] != self.mode[:-1]
+        return np.cumsum(np.r_[False, new])
+
+    @cached_property
+    def stay(self) -> NDArray[np.int_]:
+        """Number of the stay of each row: the robot has not moved since the row before, whatever its load. Shape (n,).
+
+        Every row of a path is a stay of its own.
+        """
+        if not len(self):
+            return np.zeros(0, int)
+        moved = np.abs(np.diff(np.nan_to_num(self.q), axis=0)).max(1) > STATIC_JITTER
+        return np.cumsum(np.r_[False, moved | (np.diff(self.run_index) > 0) | self.on_path[1:]])
+
+    @cached_property
+    def pose(self) -> NDArray[np.int_]:
+        """Number of the pose of each static row, equal wherever the same joints come back. Shape (n,)."""
+        rounded = np.round(np.nan_to_num(self.q) / (20 * STATIC_JITTER)).astype(np.int64)
+        _, index = np.unique(rounded, axis=0, return_inverse=True)
+        return np.asarray(index).reshape(-1)
+
+    @cached_property
+    def last_move(self) -> Array:
+        """Length of the last move of each joint that moved, NaN where it is unknown. Shape (n, nq). [rad or m]."""
+        moves = np.diff(np.nan_to_num(self.q), axis=0, prepend=np.nan_to_num(self.q[:1]))
+        jitter = np.where(self.on_path, PATH_JITTER, STATIC_JITTER)
+        first = np.r_[True, np.diff(self.run_index) > 0]
+        known = (np.abs(moves) > jitter[:, None]) & ~first[:, None]
+        start = np.maximum.accumulate(np.where(first, np.arange(len(self)), 0))
+        source = np.maximum.accumulate(np.where(known, np.arange(len(self))[:, None], -1), axis=0)
+        valid = source >= start[:, None]
+        taken = np.take_along_axis(moves, np.maximum(source, 0), axis=0)
+        return np.asarray(np.where(valid, taken, np.nan))
+
+    @cached_property
+    def approach(self) -> Array:
+        """Sign of the last move of each joint, 0 where it is unknown. Shape (n, nq)."""
+        return np.asarray(np.sign(np.nan_to_num(self.last_move)))
+
+    @cached_property
+    def first_visit(self) -> NDArray[np.bool_]:
+        """Tell which rows stand where their run began, so that their approach is unknown. Shape (n,)."""
+        return np.asarray(np.isnan(self.last_move).all(axis=1), bool)
+
+    @cached_property
+    def speed(self) -> Array:
+        """Joint speeds on paths, zero at rest and where no time is known. Shape (n, nq). [rad/s or m/s]."""
+        result = np.zeros_like(self.q)
+        if self.time is None:
+            return result
+        for number in np.unique(self.run_index[self.on_path]):
+            rows = np.flatnonzero((self.run_index == number) & self.on_path & np.isfinite(self.time))
+            if len(rows) > 2 and (np.diff(self.time[rows]) > 0).all():
+                result[rows] = np.gradient(self.q[rows], self.time[rows], axis=0)
+        return result
+
+    @cached_property
+    def warming(self) -> Array | None:
+        """Temperature since the first row, or None without a temperature. Shape (n,). [K]."""
+        if self.temperature is None or not np.isfinite(self.temperature).any():
+            return None
+        rows = np.arange(len(self))
+        known = np.isfinite(self.temperature)
+        filled = np.interp(rows, rows[known], self.temperature[known])
+        return np.asarray(filled - self.reference_temperature)
+
+    @cached_property
+    def reference_temperature(self) -> float:
+        """Temperature at the beginning of the log, the mean of its first five readings. [C]."""
+        if self.temperature is None:
+            return float("nan")
+        known = self.temperature[np.isfinite(self.temperature)]
+        return float(known[:5].mean()) if len(known) else float("nan")
+
+    @cached_property
+    def unloaded(self) -> NDArray[np.bool_]:
+        """Tell which rows carry no external load but the sensor's noise. Shape (n,)."""
+        force = np.linalg.norm(np.nan_to_num(self.wrench[:, :3]), axis=1)
+        moment = np.linalg.norm(np.nan_to_num(self.wrench[:, 3:]), axis=1)
+        return np.asarray(
+            (force < max(3.0, SAME_LOAD * self.load_scale)) & (moment < max(2.0, SAME_LOAD * self.load_scale))
+        )
+
+    def take(self, rows: NDArray[np.int_] | NDArray[np.bool_]) -> Campaign:
+        """Take some rows; what follows from the order of rows is computed anew from the rows that are left."""
+        fields: dict[str, Any] = {}
+        for name in (
+            "run", "q", "wrench", "position", "rotation", "time", "temperature", "link", "motor", "sigma",
+            "sigma_rotation", "target", "mode", "lines",
+        ):  # fmt: skip
+            value = getattr(self, name)
+            fields[name] = None if value is None else value[rows]
+        return replace(self, **fields)
+
+
+def log_columns(robot: Robot) -> list[Column]:
+    """List the columns that a log of this robot may have."""
+    columns = [
+        Column("run", "text"),
+        Column("mode", "text"),
+        Column("target", "text"),
+        Column("time", "time", missing=True),
+    ]
+    for number, slides in enumerate(robot.prismatic, 1):
+        kind = "length" if slides else "angle"
+        columns.append(Column(f"q{number}", kind, required=True, missing=True))
+        columns += [Column(f"q{number}_{side}", kind, missing=True) for side in ("link", "motor")]
+    columns += [Column(name, "force" if name[0] == "f" else "moment", missing=True) for name in WRENCH]
+    columns += [Column(name, "length", required=True, missing=True) for name in "xyz"]
+    columns += [Column(name, "angle", missing=True, group="orientation") for name in ("rx", "ry", "rz")]
+    columns.append(Column("temperature", "temperature", missing=True))
+    columns.append(Column("sigma", "length", missing=True, key="sigma_position"))
+    columns.append(Column("sigma", "angle", missing=True, key="sigma_rotation"))
+    return columns
+
+
+def read_campaign(file: str | Path, robot: Robot) -> Campaign:
+    """Read a measurement log.
+
+    Args:
+        file: The CSV file.
+        robot: The robot it belongs to: how many joints it has, and which of them slide.
+
+    Raises:
+        InputError: If the file is not a measurement log of this robot.
+
+    """
+    table = read_table(file, log_columns(robot), unknown="note")
+    if not len(table):
+        raise table.error("the log has no rows, expected one row a measured pose")
+    values, n = table.values, len(table)
+    joints = [f"q{number}" for number in range(1, robot.nq + 1)]
+    wrench = np.column_stack([values.get(name, np.zeros(n)) for name in WRENCH])
+    rotation = None
+    if "rx" in table:
+        vectors = table.stack(["rx", "ry", "rz"])
+        rotation = np.full((n, 3, 3), np.nan)
+        known = np.isfinite(vectors).all(1)
+        rotation[known] = Rotation.from_rotvec(vectors[known]).as_matrix()
+    names, target = _targets(table)
+    campaign = Campaign(
+        run=table.text.get("run", np.array(["static"] * n, dtype=np.str_)),
+        q=table.stack(joints),
+        wrench=wrench,
+        position=table.stack(["x", "y", "z"]),
+        rotation=rotation,
+        time=values.get("time"),
+        temperature=values.get("temperature"),
+        link=_encoders(table, robot, "link"),
+        motor=_encoders(table, robot, "motor"),
+        sigma=values.get("sigma_position"),
+        sigma_rotation=values.get("sigma_rotation"),
+        target=target,
+        target_names=names,
+        mode=_modes(table),
+        file=Path(file),
+        lines=table.lines,
+    )
+    _refuse_empty(campaign, table)
+    return campaign
+
+
+def _refuse_empty(campaign: Campaign, table: Table) -> None:
+    if not campaign.usable.any():
+        raise table.error("no row holds joints and a position, expected at least one")
+    reach = float(np.nanmax(np.abs(campaign.position)))
+    if reach > 500.0:
+        title = table.headers["x"]
+        raise table.error(
+            f"positions reach {reach:.0f} m with column '{title}'; name the columns x_mm y_mm z_mm if in mm"
+        )
+
+
+def _targets(table: Table) -> tuple[tuple[str, ...], NDArray[np.int_] | None]:
+    if "target" not in table:
+        return ("",), None
+    labels = list(dict.fromkeys(table.text["target"].tolist()))
+    return tuple(labels), np.array([labels.index(label) for label in table.text["target"]], int)
+
+
+def _encoders(table: Table, robot: Robot, side: str) -> Array | None:
+    keys = [f"q{number}_{side}" for number in range(1, robot.nq + 1)]
+    if not any(key in table for key in keys):
+        return None
+    nothing = np.full(len(table), np.nan)
+    return np.column_stack([table.values.get(key, nothing) for key in keys])
+
+
+def _modes(table: Table) -> NDArray[np.str_] | None:
+    if "mode" not in table:
+        return None
+    for row, mode in enumerate(table.text["mode"]):
+        if mode not in (*MODES, ""):
+            message = f"mode is {mode!r}, choose from {list(MODES)}"
+            raise InputError(message, file=table.file, where=int(table.lines[row]))
+    return table.text["mode"]

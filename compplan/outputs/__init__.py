@@ -1,0 +1,1 @@
+"""Writers of the commands' output folders."""

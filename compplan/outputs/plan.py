@@ -1,0 +1,232 @@
+"""Write what was planned: plan.json, joints.csv, native programs, the page; compare.json. All files, or none.
+
+Everything is written into a temporary folder beside the wanted one and moved there at the end, so that a fault in any
+of the files leaves nothing behind.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compplan.errors import InputError
+from compplan.files.tables import write_table, write_text
+from compplan.path.toolpath import WRENCH_HEADERS
+from compplan.plan.compare import Comparison
+from compplan.plan.evaluate import Evaluation
+from compplan.plan.plan import Plan
+from compplan.posture.clearance import describe_clearance
+from compplan.robot import Array
+
+
+def write_plan(plan: Plan, folder: str | Path) -> list[Path]:
+    """Write a plan: plan.json, joints.csv, report.html and the native programs that its job asks for.
+
+    Args:
+        plan: The plan.
+        folder: Folder to write to; made if needed.
+
+    Returns:
+        The files written.
+
+    Raises:
+        InputError: If the folder cannot be written, or a program does not fit its language; nothing is written then.
+
+    """
+    from compplan.report.plan_report import write_plan_report
+    from compplan.report.posture_map import draw_map_picture, extra_axis_sections
+
+    with _replace_folder(Path(folder)) as part:
+        write_programs(plan, part)
+        write_joints(plan, part / "joints.csv")
+        write_plan_report(plan, part, extra=extra_axis_sections(plan))
+        if plan.task.start is not None and plan.task.start.stance is not None:
+            (part / "posture_map.png").write_bytes(draw_map_picture(plan.task.start.stance.map))
+        write_text(part / "plan.json", _to_json(summarise_plan(plan)))
+    return sorted(path for path in Path(folder).rglob("*") if path.is_file())
+
+
+def write_comparison(comparison: Comparison, folder: str | Path) -> list[Path]:
+    """Write a comparison: compare.json and report.html.
+
+    Args:
+        comparison: The comparison.
+        folder: Folder to write to; made if needed.
+
+    Returns:
+        The files written.
+
+    Raises:
+        InputError: If the folder cannot be written; nothing is written then.
+
+    """
+    from compplan.report import write_compare_report
+
+    with _replace_folder(Path(folder)) as part:
+        write_compare_report(comparison, part)
+        write_text(part / "compare.json", _to_json(summarise_comparison(comparison)))
+    return sorted(path for path in Path(folder).rglob("*") if path.is_file())
+
+
+def summarise_plan(plan: Plan) -> dict[str, Any]:
+    """Return the content of plan.json."""
+    margins, failures = plan.margins, plan.command.failures
+    summary: dict[str, Any] = {
+        "schema": 1,
+        "status": plan.status,
+        "strategy": plan.strategy,
+        "name": plan.name,
+        "robot": plan.robot.name,
+        "robot_grade": plan.robot.grade,
+        "robot_sources": dict(plan.robot.sources),
+        "waypoints": len(plan.task),
+        "configuration": dict(plan.task.configuration),
+        "solve_time_s": round(plan.command.solve_time, 4),
+        "error_before_mm": _figures(plan.before),
+        "error_after_mm": _figures(plan.after),
+        "under_mismatch": [
+            {
+                "cell": plan.mismatch.cell,
+                "rms_mm": plan.mismatch.rms_deviation * 1e3,
+                "max_mm": plan.mismatch.max_deviation * 1e3,
+                "waypoints": plan.mismatch.waypoints,
+            }
+        ],
+        "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
+        "within_tolerance": plan.after.share_within(plan.task.tolerance),
+        "correction_mm": {"max": margins.max_correction * 1e3},
+        "margins": {
+            "position_limit_deg": float(np.degrees(margins.position)),
+            "position_limit_joint": plan.robot.joint_names[margins.joint],
+            "velocity_ratio": margins.velocity_ratio,
+            "acceleration_ratio": margins.acceleration_ratio,
+        },
+        "duration_s": float(plan.timing.time[-1]),
+        "judge": plan.judge,
+        "notes": list(plan.notes),
+    }
+    if plan.task.start is not None and plan.task.start.stance is not None:
+        summary["posture"] = plan.task.start.stance.describe()
+    if plan.clearance is not None:
+        summary["clearance"] = describe_clearance(plan.clearance)
+    if failures:
+        summary["failures"] = [{"waypoint": waypoint, "limit": limit} for waypoint, limit in sorted(failures.items())]
+        summary["failure"] = plan.explain_failures()
+    return summary
+
+
+def summarise_comparison(comparison: Comparison) -> dict[str, Any]:
+    """Return the content of compare.json."""
+    nominal, *others = comparison.cells
+    strategies = {}
+    for strategy, evaluation in comparison.evaluations[nominal.name].items():
+        mismatch = []
+        for cell in others:
+            figures = _figures(comparison.evaluations[cell.name][strategy])
+            mismatch.append({"cell": cell.name, **{f"{key}_mm": value for key, value in figures.items()}})
+        figures = {f"{key}_mm": value for key, value in _figures(evaluation).items()}
+        status = comparison.commands[strategy].status
+        strategies[strategy] = {**figures, "status": status, "under_mismatch": mismatch}
+    return {
+        "schema": 1,
+        "name": comparison.name,
+        "robot": comparison.task.robot.name,
+        "waypoints": len(comparison.task),
+        "cell": nominal.name,
+        "judge": comparison.judge,
+        "strategies": strategies,
+    }
+
+
+def write_joints(plan: Plan, path: Path) -> None:
+    """Write joints.csv: time, commanded joint positions, wanted tip and tool axis, predicted wrench, base frame."""
+    robot, task = plan.robot, plan.task
+    columns: dict[str, object] = {"time_s": plan.timing.time}
+    for j, slides in enumerate(robot.prismatic):
+        columns[f"q{j + 1}_{'mm' if slides else 'deg'}"] = plan.q[:, j] * 1e3 if slides else np.degrees(plan.q[:, j])
+    columns |= {f"{name}_mm": task.position[:, k] * 1e3 for k, name in enumerate("xyz")}
+    columns |= {name: task.nominal.axis[:, k] for k, name in enumerate("ijk")}
+    columns |= {name: task.wrench[:, k] for k, name in enumerate(WRENCH_HEADERS)}
+    write_table(path, columns, decimals=10)
+
+
+def write_programs(plan: Plan, folder: Path) -> list[Path]:
+    """Write the native programs that the job asks for, approach and retract included."""
+    from compplan.program import build_program, write_program
+
+    languages = () if plan.job is None else plan.job.output.programs
+    if not languages:
+        return []
+    before, after = len(plan.approach), len(plan.retract)
+    rapid = np.r_[np.ones(before, bool), plan.task.nominal.rapid, np.ones(after, bool)]
+    if before:
+        rapid[before] = True  # down from the approach in one joint move
+    feed = np.r_[np.zeros(before), plan.timing.feed, np.zeros(after)]
+    end = float(plan.timing.time[-1])
+    time = np.r_[np.zeros(before), plan.timing.time, np.full(after, end)]
+    program = build_program(
+        plan.robot,
+        np.vstack([plan.approach, plan.q, plan.retract]),
+        feed,
+        rapid,
+        name=plan.name if plan.job is None else plan.job.file.stem,
+        time=time,
+        comments=_head(plan),
+    )
+    files: list[Path] = []
+    for language in languages:
+        files += write_program(
+            program, language, folder, most=plan.job.output.max_points_per_file if plan.job else None
+        )
+    return files
+
+
+def _head(plan: Plan) -> list[str]:
+    lines = [
+        f"compplan: {plan.name}",
+        f"robot {plan.robot.name}, model graded {plan.robot.grade}, strategy {plan.strategy}",
+    ]
+    if plan.status != "solved":
+        lines.append("INFEASIBLE: the best compromise, not a program to run")
+    return lines
+
+
+def _figures(evaluation: Evaluation) -> dict[str, float]:
+    sizes = {"rms": evaluation.rms_deviation, "mean": evaluation.mean_deviation, "max": evaluation.max_deviation}
+    return {name: value * 1e3 for name, value in sizes.items()}
+
+
+def _to_json(content: dict[str, Any]) -> str:
+    return json.dumps(content, indent=2, default=_plain) + "\n"
+
+
+def _plain(value: Array | np.generic) -> Any:
+    return value.tolist()
+
+
+@contextmanager
+def _replace_folder(folder: Path) -> Iterator[Path]:
+    """Give a temporary folder; at the end its files move to the wanted one, on an exception nothing is left."""
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror}", file=folder) from None
+    try:
+        yield part
+        for source in sorted(path for path in part.rglob("*") if path.is_file()):
+            target = folder / source.relative_to(part)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            os.replace(source, target)
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror}", file=folder) from None
+    finally:
+        shutil.rmtree(part, ignore_errors=True)

@@ -1,0 +1,166 @@
+"""What a G-code program has said so far: position, modes, offsets, feed. Millimetres throughout."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from compplan.path.cam.arcs import Point
+from compplan.path.cam.moves import MoveLog
+
+AXES = "XYZ"
+PLANE_NORMALS = {17: (0.0, 0.0, 1.0), 18: (0.0, 1.0, 0.0), 19: (1.0, 0.0, 0.0)}
+PLANE_AXES = {17: (0, 1), 18: (0, 2), 19: (1, 2)}
+
+
+@dataclass
+class State:
+    """Hold the modal state of a program.
+
+    Positions stand in the frame that is in force at the first cut; `origin` is where the program's own origin stands
+    in it since then (G92, G52).
+    """
+
+    scale: float
+    centres: str
+    position: Point = (0.0, 0.0, 0.0)
+    motion: float | None = None
+    plane: int = 17
+    incremental: bool = False
+    centres_stated: bool = False
+    unit_stated: bool = False
+    units: list[str] = field(default_factory=list)
+    feed: float | None = None
+    feed_mode: int = 94
+    spindle: float = 0.0
+    origin: Point = (0.0, 0.0, 0.0)
+    shift: Point = (0.0, 0.0, 0.0)
+    known: set[int] = field(default_factory=set)
+    lost: set[int] = field(default_factory=set)
+    moved: bool = False
+    work_offset: float | None = None
+    tip_control: bool = False
+    rotary: Point = (0.0, 0.0, 0.0)
+    rotary_before: Point = (0.0, 0.0, 0.0)
+    retract_to_start: bool = True
+    cycle_start: float = 0.0
+    cycle: dict[str, float] = field(default_factory=dict)
+
+    def set_unit(self, scale: float) -> None:
+        """Take a unit: millimetres a word counts in."""
+        self.scale, self.unit_stated = scale, True
+        word = "inch" if scale != 1.0 else "mm"
+        if word not in self.units:
+            self.units.append(word)
+
+    def unit_words(self) -> str:
+        """Return the units that the program states."""
+        return ", ".join(self.units) or "not stated"
+
+    def target(self, values: Mapping[str, float], axes: Iterable[int]) -> Point:
+        """Return where the coordinates of a block lead; axes that it does not name stay."""
+        point = list(self.position)
+        for axis in axes:
+            letter = AXES[axis]
+            if letter not in values:
+                continue
+            number = values[letter] * self.scale
+            if self.incremental:
+                point[axis] += number
+            else:
+                point[axis] = number + self.origin[axis] + self.shift[axis]
+                self.lost.discard(axis)
+                self.known.add(axis)
+        return point[0], point[1], point[2]
+
+    def knows_position(self) -> bool:
+        """Return whether the tool's place is known, or a cut has begun."""
+        return self.moved or len(self.known) == 3
+
+    def note_start(self, log: MoveLog, line: int) -> None:
+        """Note which coordinates the first cut starts from without having been told."""
+        if self.moved:
+            return
+        self.moved = True
+        missing = " ".join(AXES[axis] for axis in range(3) if axis not in self.known)
+        if missing:
+            log.note(f"the first cut starts from {missing} 0: nothing is said of it before", line)
+
+    def set_origin(self, coordinates: Mapping[int, float]) -> None:
+        """Give the present position new coordinates (G92), in program units."""
+        position, origin = list(self.position), list(self.origin)
+        for axis, number in coordinates.items():
+            value = number * self.scale
+            if not self.moved or axis in self.lost:
+                position[axis] = value  # nothing was cut yet, or a probe stopped somewhere: this is where it is
+                self.lost.discard(axis)
+                self.known.add(axis)
+            else:
+                origin[axis] = position[axis] - value - self.shift[axis]
+        self.position = position[0], position[1], position[2]
+        self.origin = origin[0], origin[1], origin[2]
+
+    def set_shift(self, coordinates: Mapping[int, float]) -> None:
+        """Shift the program's origin (G52), in program units."""
+        shift = list(self.shift)
+        for axis, number in coordinates.items():
+            shift[axis] = number * self.scale
+        self.shift = shift[0], shift[1], shift[2]
+
+    def clear_origin(self) -> None:
+        """Drop what G92 set."""
+        self.origin = (0.0, 0.0, 0.0)
+
+    def set_feed(self, number: float) -> None:
+        """Take a feed word; inches count in lengths, not in inverse time."""
+        self.feed = number if self.feed_mode == 93 else number * self.scale
+
+    def feed_mm_s(self, length: float) -> float | None:
+        """Return the feed of a move of this length [mm] in mm/s, None where no feed is known."""
+        if self.feed is None:
+            return None
+        if self.feed_mode == 93:
+            return length * self.feed / 60.0
+        if self.feed_mode == 95:
+            return self.feed * self.spindle / 60.0 if self.spindle > 0.0 else None
+        return self.feed / 60.0
+
+    def centre(self, start: Point, values: Mapping[str, float], plane: tuple[int, int]) -> Point:
+        """Return the centre of an arc from I J K, as they count in this program [mm]."""
+        centre = list(start)
+        for axis in plane:
+            letter = ("I", "J", "K")[axis]
+            if self.centres == "absolute":
+                if letter in values:
+                    centre[axis] = values[letter] * self.scale + self.origin[axis] + self.shift[axis]
+            else:
+                sign = -1.0 if self.centres == "reversed" else 1.0
+                centre[axis] += sign * values.get(letter, 0.0) * self.scale
+        return centre[0], centre[1], centre[2]
+
+    def turn(self, values: Mapping[str, float]) -> None:
+        """Take the rotary words of a block [deg]."""
+        rotary = list(self.rotary)
+        for axis, letter in enumerate("ABC"):
+            if letter in values:
+                rotary[axis] = values[letter] + (rotary[axis] if self.incremental else 0.0)
+        self.rotary_before, self.rotary = self.rotary, (rotary[0], rotary[1], rotary[2])
+
+    def rotary_axis(self, kind: str, share: float) -> Point:
+        """Return the tool axis while the rotary axes are on their way.
+
+        The head turns the tool: axis = Rz(C) Ry(B) Rx(A) z. The table turns the part: axis = Rz(-C) Ry(-B) Rx(-A) z.
+
+        Args:
+            kind: "head" or "table".
+            share: How much of the turn is done, 0 to 1.
+
+        """
+        angles = np.array(self.rotary_before) * (1.0 - share) + np.array(self.rotary) * share
+        sign = -1.0 if kind == "table" else 1.0
+        axis = Rotation.from_euler("xyz", sign * angles, degrees=True).apply([0.0, 0.0, 1.0])
+        x, y, z = (axis + 0.0).tolist()
+        return x, y, z

@@ -1,0 +1,207 @@
+"""What a CAM file makes the tool do: the moves as they are read, and the facts about them. Millimetres throughout."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compplan.errors import InputError
+from compplan.files.tables import Array
+from compplan.path.cam.arcs import Arc, Point, combine, sample_arcs
+from compplan.path.toolpath import Toolpath
+
+#: Moves shorter than this do not count as moves. [mm]
+STILL = 1e-9
+COUNTERS = (
+    "cutting_moves", "rapid_moves", "arcs", "full_circles", "helical_arcs", "unmoved_blocks", "rotary_only_moves",
+    "cycles",
+)
+
+
+@dataclass(frozen=True)
+class CamFacts:
+    """Hold the facts about a CAM file.
+
+    A cutting move is one block with feed that moves the tip; lengths of arcs are exact, not those of their chords.
+
+    Args:
+        file: The file.
+        kind: "gcode" or "apt".
+        unit: "mm", "inch", "mm, inch" where the file changes, or "not stated".
+        lines: Number of lines.
+        cutting_moves: Number of cutting moves.
+        cutting_length_mm: Their length.
+        box_mm: Smallest and greatest x, y, z over them, or None without any.
+        rapid_moves: Number of rapid moves.
+        arcs: Number of arcs among the cutting moves.
+        full_circles: Full circles among them.
+        helical_arcs: Arcs with a pitch among them.
+        arc_length_mm: Length of the arcs.
+        unmoved_blocks: Blocks with feed that move nothing.
+        rotary_only_moves: Blocks with feed that turn the tool axis and leave the tip.
+        cycles: Canned or drilling cycles, holes counted.
+        waypoints: Rows of the toolpath.
+        notes: What was assumed or read past, with the line where it first occurs.
+
+    """
+
+    file: str
+    kind: str
+    unit: str
+    lines: int
+    cutting_moves: int
+    cutting_length_mm: float
+    box_mm: tuple[tuple[float, ...], tuple[float, ...]] | None
+    rapid_moves: int
+    arcs: int
+    full_circles: int
+    helical_arcs: int
+    arc_length_mm: float
+    unmoved_blocks: int
+    rotary_only_moves: int
+    cycles: int
+    waypoints: int
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class CamFile:
+    """Hold what a CAM file says: its toolpath in the part frame, and the facts about it."""
+
+    toolpath: Toolpath
+    facts: CamFacts
+
+
+@dataclass
+class MoveLog:
+    """Collect the moves of a file while it is read.
+
+    Args:
+        chord: Greatest distance between an arc and its chords. [mm]
+
+    """
+
+    chord: float
+    position: Point = (0.0, 0.0, 0.0)
+    axis: Point = (0.0, 0.0, 1.0)
+    counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(COUNTERS, 0))
+    length: float = 0.0
+    arc_length: float = 0.0
+    notes: dict[str, tuple[int, int]] = field(default_factory=dict)
+    _rows: list[tuple[float, ...]] = field(default_factory=list)
+    _arcs: dict[int, Arc] = field(default_factory=dict)
+
+    def place(self, point: Point, axis: Point | None = None) -> None:
+        """Take the tool to a point without a move: where nothing is known of what was before."""
+        self.position, self.axis = point, axis or self.axis
+
+    def shift(self, step: Point) -> None:
+        """Move everything so far: the origin turns out to be elsewhere."""
+        self._rows = [(x + step[0], y + step[1], z + step[2], *rest) for x, y, z, *rest in self._rows]
+        self.position = combine(1.0, self.position, 1.0, step)
+
+    def rapid(self, point: Point, axis: Point | None = None) -> None:
+        """Move rapidly to a point."""
+        axis = axis or self.axis
+        if point != self.position or axis != self.axis or not self._started:
+            self.counts["rapid_moves"] += 1
+            self.position, self.axis = point, axis
+            self._rows.append((*point, *axis, 0.0, 1.0))
+
+    def line(self, point: Point, feed: float, axis: Point | None = None) -> None:
+        """Cut straight to a point with a feed in mm/s; the tool axis turns on the way."""
+        axis = axis or self.axis
+        before = self.position
+        dx, dy, dz = point[0] - before[0], point[1] - before[1], point[2] - before[2]
+        length = (dx * dx + dy * dy + dz * dz) ** 0.5
+        if length <= STILL and axis == self.axis:
+            self.counts["unmoved_blocks"] += 1
+            return
+        self._start()
+        if length > STILL:
+            self.counts["cutting_moves"] += 1
+            self.length += length
+        else:
+            self.counts["rotary_only_moves"] += 1
+        self.position, self.axis = point, axis
+        self._rows.append((*point, *axis, feed, 0.0))
+
+    def arc(self, arc: Arc, end: Point, feed: float) -> None:
+        """Cut along an arc that ends at a point; the tool axis stays."""
+        self._start()
+        self._arcs[len(self._rows)] = arc
+        self._rows.append((*end, *self.axis, feed, 0.0))
+        self.counts["cutting_moves"] += 1
+        self.counts["arcs"] += 1
+        self.counts["full_circles"] += int(abs(arc.sweep) > 2.0 * math.pi - 1e-9)
+        self.counts["helical_arcs"] += int(abs(arc.rise) > STILL)
+        self.length += arc.length
+        self.arc_length += arc.length
+        self.position = end
+
+    def note(self, message: str, line: int) -> None:
+        """Note something that was assumed or read past."""
+        first, times = self.notes.get(message, (line, 0))
+        self.notes[message] = (first, times + 1)
+
+    @property
+    def _started(self) -> bool:
+        return bool(self._rows)
+
+    def _start(self) -> None:
+        """Put down where the first cut begins."""
+        if not self._started:
+            self._rows.append((*self.position, *self.axis, 0.0, 1.0))
+
+    def _tabulate(self) -> Array:
+        """Return the rows, arcs as their chords. Shape (n, 8)."""
+        table = np.array(self._rows, dtype=np.float64).reshape(-1, 8)
+        points, number = sample_arcs(list(self._arcs.values()), self.chord)
+        if not len(points):
+            return table
+        ends = np.array(list(self._arcs), dtype=np.int64)
+        repeats = np.ones(len(table), dtype=np.int64)
+        repeats[ends] = number
+        full = np.repeat(table, repeats, axis=0)
+        last = np.cumsum(repeats)[ends] - 1  # the end of each arc stays as it was programmed
+        chords = np.repeat(np.isin(np.arange(len(table)), ends), repeats)
+        programmed = full[last, :3].copy()
+        full[chords, :3] = points
+        full[last, :3] = programmed
+        return full
+
+    def finish(self, file: Path, kind: str, unit: str, lines: int) -> CamFile:
+        """Return toolpath and facts.
+
+        Raises:
+            InputError: If a coordinate is not finite.
+
+        """
+        table = self._tabulate()
+        if not np.isfinite(table).all():
+            raise InputError("a coordinate is too great to be a number", file=file)
+        rapid = table[:, 7] == 1.0
+        toolpath = Toolpath(table[:, :3] * 1e-3, table[:, 3:6], table[:, 6] * 1e-3, rapid, None, "part", str(file))
+        moved = np.concatenate([[False], np.any(np.abs(np.diff(table[:, :3], axis=0)) > STILL, axis=1)])[: len(table)]
+        cut = ~rapid & moved
+        touched = cut | np.concatenate([cut[1:], [False]])[: len(table)]
+        box = None
+        if touched.any():
+            lowest, greatest = table[touched, :3].min(axis=0), table[touched, :3].max(axis=0)
+            box = (tuple(lowest.round(9).tolist()), tuple(greatest.round(9).tolist()))
+        facts: dict[str, Any] = dict(self.counts)
+        notes = tuple(
+            f"line {first}: {message}" + (f" ({times} times)" if times > 1 else "")
+            for message, (first, times) in self.notes.items()
+        )
+        return CamFile(
+            toolpath,
+            CamFacts(
+                str(file), kind, unit, lines, cutting_length_mm=self.length, box_mm=box, arc_length_mm=self.arc_length,
+                waypoints=len(table), notes=notes, **facts
+            ),
+        )

@@ -1,0 +1,30 @@
+"""What a CAM file does not say by itself: the [cam] table of a job, and the options of `compplan convert`."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from compplan.files.tomlfile import StrictTable
+
+
+class CamTable(StrictTable):
+    """[cam]: how a CAM file is read.
+
+    unit: unit of files that do not say it (left out: millimetres, with a note).
+    chord_tolerance_mm: greatest distance between an arc and its chords.
+    arc_centres: how G-code I J K count in files that do not say it (left out: incremental, unless only another reading
+        puts every arc of the file on a circle; then with a note).
+    circle_sense: how the axis of an APT CIRCLE tells the sense (auto: as the words of the record say).
+    rotary: how A B C words turn the tool axis in a file that moves the tool tip in the part frame: the axes turn the
+        head, or the table, or are left out.
+    cycles: drilling cycles are skipped, the tool moves rapidly above the holes, or expanded into cutting moves.
+    """
+
+    unit: Literal["mm", "inch"] | None = None
+    chord_tolerance_mm: float = Field(default=0.001, gt=0.0)
+    arc_centres: Literal["incremental", "absolute", "reversed"] | None = None
+    circle_sense: Literal["auto", "right_hand", "left_hand"] = "auto"
+    rotary: Literal["head", "table", "ignore"] = "head"
+    cycles: Literal["skip", "expand"] = "skip"

@@ -1,0 +1,292 @@
+"""The predicted process wrench along a toolpath: what the environment does to the tool, at the tip, base axes.
+
+The path frame stands at the tool tip: z is the tool axis (tip to spindle), x the direction of travel across it, and
+y = z x x, the left-hand side for somebody who looks down the tool axis along the travel.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from compplan.errors import InputError
+from compplan.files.columns import Column
+from compplan.files.tables import Array, read_table
+from compplan.files.tomlfile import StrictTable, Vector3
+from compplan.path.toolpath import WRENCH, Toolpath
+
+Frame = Literal["part", "base", "tool", "path"]
+
+
+class ContactTable(StrictTable):
+    """Keys of every model that switches on at contact and off in rapid moves.
+
+    ramp_mm is the length over which the wrench grows from 0 after contact, ramp_out_mm that over which it falls to 0
+    before the tool leaves.
+    """
+
+    ramp_mm: float = Field(default=0.0, ge=0.0)
+    ramp_out_mm: float = Field(default=0.0, ge=0.0)
+
+
+class ColumnsProcess(StrictTable):
+    """The wrench columns of the toolpath file, part axes; zero where the file has none but `required` is false."""
+
+    model: Literal["columns"] = "columns"
+    required: bool = True
+
+
+class ConstantProcess(ContactTable):
+    """The same wrench all along; `during_rapid` keeps it in rapid moves too (a dead weight)."""
+
+    model: Literal["constant"]
+    force_N: Vector3
+    moment_Nm: Vector3 = (0.0, 0.0, 0.0)
+    frame: Frame = "part"
+    during_rapid: bool = False
+
+
+class MillingProcess(ContactTable):
+    """Mean force of one revolution of an end mill with constant cutting coefficients, see `milling_wrench`."""
+
+    model: Literal["milling"]
+    depth_mm: float = Field(gt=0.0)
+    width_mm: float = Field(gt=0.0)
+    diameter_mm: float = Field(gt=0.0)
+    spindle_rpm: float = Field(gt=0.0)
+    kc_N_mm2: float = Field(gt=0.0)
+    radial_ratio: float = Field(default=0.4, ge=0.0)
+    axial_ratio: float = 0.0
+    material_side: Literal["left", "right"] = "right"
+
+    @model_validator(mode="after")
+    def _check(self) -> MillingProcess:
+        if self.width_mm > self.diameter_mm:
+            raise ValueError(f"width_mm is {self.width_mm:g}, at most diameter_mm = {self.diameter_mm:g} is allowed")
+        return self
+
+
+class IsfProcess(ContactTable):
+    """Incremental sheet forming: the sheet pushes the tool up and away from the wall, more the further it goes.
+
+    The axial force acts along the tool axis towards the spindle, the lateral force away from the wall that is formed
+    (`wall_side`: on which side of the travel it stands, seen down the tool axis: "right" on a cone that is formed
+    counter-clockwise from its rim inwards, so that the force points to its axis), the drag against the travel.
+    All grow linearly along the cutting length, from `start_share` of the level given to the level itself.
+    """
+
+    model: Literal["isf"]
+    axial_N: float = Field(ge=0.0)
+    lateral_N: float = Field(default=0.0, ge=0.0)
+    drag_N: float = Field(default=0.0, ge=0.0)
+    start_share: float = Field(default=0.3, ge=0.0, le=1.0)
+    wall_side: Literal["left", "right"] = "right"
+
+
+class FileProcess(ContactTable):
+    """A CSV file with fx_N .. mz_Nm: one row a waypoint, or any number of rows with s_mm, the length cut so far."""
+
+    model: Literal["file"]
+    file: str
+    frame: Frame = "part"
+
+
+Process = Annotated[
+    ColumnsProcess | ConstantProcess | MillingProcess | IsfProcess | FileProcess, Field(discriminator="model")
+]
+
+FILE_COLUMNS = (
+    Column("s", "length"),
+    *(Column(name, "force", required=True) for name in WRENCH[:3]),
+    *(Column(name, "moment", group="moment") for name in WRENCH[3:]),
+)
+
+
+def predict_wrench(
+    process: Process,
+    nominal: Toolpath,
+    *,
+    R_base_part: Array | None = None,
+    tool_x: Array | None = None,
+    folder: Path | None = None,
+) -> Array:
+    """Predict the wrench of the environment on the tool at every waypoint.
+
+    Args:
+        process: The model and its parameters.
+        nominal: The toolpath in the base frame; its own wrench, base axes, is what the model "columns" uses.
+        R_base_part: Part axes seen from the base, for wrenches in the part frame; default: the same axes. Shape (3, 3).
+        tool_x: Where the x axis of the TCP frame points, base axes, for wrenches in the tool frame. Shape (3,).
+        folder: Folder that a file name of the model is relative to.
+
+    Returns:
+        The wrench at the tip, base axes, force first. Shape (n, 6). [N, N m]
+
+    Raises:
+        InputError: If the toolpath has no wrench columns, or a wrench file does not fit the toolpath.
+
+    """
+    rotations = np.eye(3) if R_base_part is None else R_base_part
+    if isinstance(process, ColumnsProcess):
+        if nominal.wrench is None:
+            if process.required:
+                message = "missing column fx_N: process.model = \"columns\" takes the wrench from the toolpath file"
+                raise InputError(message, file=nominal.source or None, where=1)
+            return np.zeros((len(nominal), 6))
+        return nominal.wrench
+    if isinstance(process, ConstantProcess):
+        wrench = np.tile([*process.force_N, *process.moment_Nm], (len(nominal), 1))
+        wrench = _turn(wrench, _axes(process.frame, nominal, rotations, tool_x))
+        if process.during_rapid:
+            return wrench
+    elif isinstance(process, FileProcess):
+        wrench = _read_wrench(process, nominal, folder or Path())
+        wrench = _turn(wrench, _axes(process.frame, nominal, rotations, tool_x))
+    elif isinstance(process, IsfProcess):
+        wrench = _turn(isf_wrench(process, nominal), path_axes(nominal))
+    else:
+        wrench = _turn(milling_wrench(process, nominal.feed), path_axes(nominal))
+    return wrench * contact_share(nominal, process.ramp_mm * 1e-3, process.ramp_out_mm * 1e-3)[:, None]
+
+
+def path_axes(nominal: Toolpath) -> Array:
+    """Return the axes of the path frame at every waypoint as columns; a plunge keeps the x of its neighbours.
+
+    Shape (n, 3, 3).
+    """
+    steps = np.diff(nominal.position, axis=0)
+    travel = np.vstack([steps[:1], steps])
+    travel = travel / np.maximum(np.linalg.norm(travel, axis=1, keepdims=True), 1e-300)
+    across = travel - np.sum(travel * nominal.axis, axis=1, keepdims=True) * nominal.axis
+    known = np.linalg.norm(across, axis=1) > 1e-6
+    cutting = known & ~nominal.rapid
+    chosen = cutting if cutting.any() else known
+    if not chosen.any():
+        return tool_axes(nominal, None) * np.array([1.0, -1.0, -1.0])
+    rows = np.flatnonzero(chosen)
+    last = rows[np.maximum(np.searchsorted(rows, np.arange(len(nominal)), side="right") - 1, 0)]
+    x = across[last]
+    x = x - np.sum(x * nominal.axis, axis=1, keepdims=True) * nominal.axis
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(nominal.axis, x), nominal.axis], axis=2)
+
+
+def tool_axes(nominal: Toolpath, tool_x: Array | None) -> Array:
+    """Return the axes of the TCP frame as columns: z out of the tool, x as near to `tool_x` as that allows.
+
+    Shape (n, 3, 3).
+    """
+    wanted = np.array([1.0, 0.0, 0.0]) if tool_x is None else np.asarray(tool_x, dtype=np.float64)
+    z = -nominal.axis
+    x = wanted - (z @ wanted)[:, None] * z
+    spare = np.array([0.0, 1.0, 0.0]) - z[:, 1:2] * z
+    x = np.where(np.linalg.norm(x, axis=1, keepdims=True) > 1e-6, x, spare)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=2)
+
+
+def _axes(frame: Frame, nominal: Toolpath, R_base_part: Array, tool_x: Array | None) -> Array:
+    """Return the axes of a wrench's frame, base axes. Shape (3, 3) or (n, 3, 3)."""
+    if frame == "base":
+        return np.eye(3)
+    if frame == "part":
+        return R_base_part
+    return path_axes(nominal) if frame == "path" else tool_axes(nominal, tool_x)
+
+
+def _turn(wrench: Array, axes: Array) -> Array:
+    """Express a wrench in base axes. Shape (n, 6)."""
+    stacked = axes if axes.ndim == 3 else axes[None]
+    return np.hstack([np.einsum("nij,nj->ni", np.broadcast_to(stacked, (len(wrench), 3, 3)), part)
+                      for part in (wrench[:, :3], wrench[:, 3:])])
+
+
+def contact_share(nominal: Toolpath, ramp: float, ramp_out: float = 0.0) -> Array:
+    """Return the share of the wrench that acts: 0 in rapid moves, growing after contact, falling before leaving.
+
+    Args:
+        nominal: The toolpath.
+        ramp: Length over which the wrench grows after contact. [m]
+        ramp_out: Length over which it falls before the tool leaves. [m]
+
+    Returns:
+        Share between 0 and 1. Shape (n,).
+
+    """
+    length, n = nominal.arc_length, len(nominal)
+    share = np.where(nominal.rapid, 0.0, 1.0)
+    index = np.arange(n)
+    # contact: the last waypoint that was reached in a rapid move, or the first waypoint; leaving: the end of the cut
+    contact = np.maximum.accumulate(np.where(nominal.rapid, index, 0))
+    after = np.minimum.accumulate(np.where(nominal.rapid, index, n)[::-1])[::-1]
+    if ramp > 0.0:
+        share *= np.clip((length - length[contact]) / ramp, 0.0, 1.0)
+    if ramp_out > 0.0:
+        share *= np.clip((length[np.minimum(after, n) - 1] - length) / ramp_out, 0.0, 1.0)
+    return share
+
+
+def cutting_progress(nominal: Toolpath) -> Array:
+    """Return the length cut so far at every waypoint, rapid moves not counted. Shape (n,) [m]."""
+    return np.concatenate([[0.0], np.cumsum(np.where(nominal.rapid[1:], 0.0, nominal.steps))])
+
+
+def isf_wrench(process: IsfProcess, nominal: Toolpath) -> Array:
+    """Return the wrench of incremental sheet forming, path axes, contact aside. Shape (n, 6) [N, N m]."""
+    progress = cutting_progress(nominal)
+    level = process.start_share + (1.0 - process.start_share) * progress / max(progress[-1], 1e-300)
+    side = 1.0 if process.wall_side == "right" else -1.0
+    return level[:, None] * np.array([-process.drag_N, side * process.lateral_N, process.axial_N, 0.0, 0.0, 0.0])
+
+
+def milling_wrench(process: MillingProcess, feed: Array) -> Array:
+    """Return the mean wrench of one revolution of an end mill, path axes.
+
+    Valid for a spindle that turns clockwise seen from the spindle (M3) and many revolutions a waypoint. With the tooth
+    at angle psi from the travel towards the left, chip thickness h = f cos(psi) (f: feed a tooth) and constant
+    coefficients the force on the tool is F = N ap / (2 pi) * integral of h (kt z x r - kr r + ka z) over the
+    engagement [Altintas2012], kt = kc, kr = radial_ratio kc, ka = axial_ratio kc (positive: towards the spindle).
+
+    Args:
+        process: Parameters; `material_side` right with M3 is climb milling.
+        feed: Feed. Shape (n,). [m/s]
+
+    Returns:
+        Shape (n, 6). [N, N m]
+
+    """
+    radius = 0.5 * process.diameter_mm
+    inner = float(np.arcsin(np.clip(process.width_mm / radius - 1.0, -1.0, 1.0)))
+    low, high = (-0.5 * np.pi, inner) if process.material_side == "right" else (-inner, 0.5 * np.pi)
+    cos_sin = 0.5 * (np.sin(high) ** 2 - np.sin(low) ** 2)
+    cos_cos = 0.5 * (high - low) + 0.25 * (np.sin(2.0 * high) - np.sin(2.0 * low))
+    cosine = np.sin(high) - np.sin(low)
+    kr = process.radial_ratio
+    shape = np.array([-cos_sin - kr * cos_cos, cos_cos - kr * cos_sin, process.axial_ratio * cosine, 0.0, 0.0,
+                      radius * 1e-3 * cosine])
+    feed_mm_rev = feed * 1e3 * 60.0 / process.spindle_rpm  # teeth times feed a tooth
+    return (process.kc_N_mm2 * process.depth_mm * feed_mm_rev / (2.0 * np.pi))[:, None] * shape
+
+
+def _read_wrench(process: FileProcess, nominal: Toolpath, folder: Path) -> Array:
+    """Return the wrench of a file at every waypoint, in the frame of the file. Shape (n, 6)."""
+    table = read_table(folder / process.file, FILE_COLUMNS)
+    rows = np.column_stack([table.values[key] if key in table else np.zeros(len(table)) for key in WRENCH])
+    if "s" not in table:
+        if len(rows) != len(nominal):
+            raise table.error(f"{len(rows)} rows, expected {len(nominal)}, one a waypoint; or add a column s_mm")
+        return rows
+    s = table.values["s"]
+    if len(s) < 2:
+        raise table.error(f"{len(s)} rows, expected at least 2")
+    back = np.flatnonzero(np.diff(s) <= 0.0)
+    if len(back):
+        raise table.error("s_mm does not grow here; rows must stand in the order of the path", int(back[0]) + 1)
+    progress = cutting_progress(nominal)
+    if s[0] > 1e-9 or s[-1] < progress[-1] - 1e-6:
+        span = f"{s[0] * 1e3:g} to {s[-1] * 1e3:g} mm"
+        raise table.error(f"s_mm covers {span}, the toolpath needs 0 to {progress[-1] * 1e3:g} mm")
+    return np.column_stack([np.interp(progress, s, rows[:, column]) for column in range(6)])

@@ -1,0 +1,283 @@
+"""The toolpath: where the tool tip goes, how the tool stands, how fast, and what pushes on it.
+
+Row i describes the move that ends at waypoint i: its feed, and whether it is a rapid move. Row 0 is the start.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InputError, ShapeError
+from compplan.files.columns import Column, to_unit
+from compplan.files.tables import Array, Table, write_table
+
+WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+WRENCH_HEADERS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+#: Greatest extent of a toolpath that is taken for true. [m]
+WIDEST = 100.0
+#: Greatest number of waypoints that a division may make.
+MOST_WAYPOINTS = 5_000_000
+#: Greatest departure of |(i, j, k)| from 1 that is taken for rounding.
+AXIS_ROUNDING = 1e-3
+
+COLUMNS = (
+    *(Column(name, "length", required=True) for name in "xyz"),
+    *(Column(name, "number", group="tool axis") for name in "ijk"),
+    Column("feed", "speed", missing=True),
+    Column("rapid", "number"),
+    *(Column(name, "force", group="force") for name in WRENCH[:3]),
+    *(Column(name, "moment", group="moment") for name in WRENCH[3:]),
+)
+
+
+@dataclass(frozen=True)
+class Toolpath:
+    """Hold a toolpath, the nominal, in one frame.
+
+    Args:
+        position: Tool tip. Shape (n, 3). [m]
+        axis: Tool axis, unit vector from the tip towards the spindle. Shape (n, 3).
+        feed: Programmed feed of the move that ends here; 0 where none is known (rapid moves). Shape (n,). [m/s]
+        rapid: Whether the move that ends here is rapid. Shape (n,).
+        wrench: Predicted wrench of the environment on the tool, at the tip, or None. Shape (n, 6). [N, N m]
+        frame: Frame of position, axis and wrench: "part" or "base".
+        source: File or generator that it came from, for messages.
+
+    Raises:
+        ShapeError: If an array does not have the shape above.
+
+    """
+
+    position: Array
+    axis: Array
+    feed: Array
+    rapid: NDArray[np.bool_]
+    wrench: Array | None = None
+    frame: Literal["part", "base"] = "part"
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        n = len(self.position)
+        shapes = {"position": (n, 3), "axis": (n, 3), "feed": (n,), "rapid": (n,), "wrench": (n, 6)}
+        for name, shape in shapes.items():
+            array = getattr(self, name)
+            if array is None and name == "wrench":
+                continue
+            array = np.array(array, dtype=bool if name == "rapid" else np.float64)
+            if array.shape != shape:
+                raise ShapeError(f"toolpath {name} has shape {array.shape}, expected {shape}")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    @property
+    def steps(self) -> Array:
+        """Distance from each waypoint to the next. Shape (n - 1,) [m]."""
+        return np.linalg.norm(np.diff(self.position, axis=0), axis=1)
+
+    @property
+    def arc_length(self) -> Array:
+        """Distance travelled up to each waypoint, rapid moves included. Shape (n,) [m]."""
+        return np.concatenate([[0.0], np.cumsum(self.steps)])
+
+    @property
+    def cutting_length(self) -> float:
+        """Length of the moves that are not rapid [m]."""
+        return float(self.steps[~self.rapid[1:]].sum())
+
+
+def measure_length(toolpath: Toolpath) -> float:
+    """Return the length of the moves that are not rapid [m]."""
+    return toolpath.cutting_length
+
+
+def check_toolpath(
+    toolpath: Toolpath, *, file: str | Path | None = None, table: Table | None = None, need_feed: bool = True
+) -> Toolpath:
+    """Return the toolpath if a robot can follow it.
+
+    Args:
+        toolpath: The toolpath.
+        file: File to name in messages; default: its source.
+        table: Table that it was read from, for the lines in messages.
+        need_feed: Whether cutting moves need a feed.
+
+    Raises:
+        InputError: If it has no or one waypoint, zero length, a value that is not finite, a feed of 0 on a cutting
+            move, a negative feed, a tool axis that is no unit vector, or an absurd extent.
+
+    """
+    file = file or (table.file if table is not None else None) or toolpath.source or None
+
+    def refuse(message: str, row: int | None = None) -> None:
+        if table is not None:
+            raise table.error(message, row)
+        raise InputError(message if row is None else f"{message}, at waypoint {row}", file=file)
+
+    if len(toolpath) < 2:
+        refuse(f"toolpath has {len(toolpath)} waypoints, needs at least 2")
+    for name in ("position", "axis", "feed", "wrench"):
+        array = getattr(toolpath, name)
+        if array is not None and not np.isfinite(array).all():
+            row = int(np.flatnonzero(~np.isfinite(array.reshape(len(array), -1)).all(axis=1))[0])
+            refuse(f"toolpath {name} is not a finite number", row)
+    span = float(np.ptp(toolpath.position, axis=0).max())
+    if span > WIDEST:
+        refuse(f"toolpath spans {span:.0f} m{_blame_unit(table)}")
+    if toolpath.steps.sum() <= 0.0:
+        refuse("toolpath has zero length: all waypoints coincide")
+    if toolpath.cutting_length <= 0.0:
+        refuse("toolpath has zero cutting length: every move is rapid; mark cutting moves with rapid = 0")
+    norms = np.linalg.norm(toolpath.axis, axis=1)
+    crooked = np.flatnonzero(np.abs(norms - 1.0) > AXIS_ROUNDING)
+    if len(crooked):
+        refuse(f"tool axis (i, j, k) has length {norms[crooked[0]]:.6g}, expected 1", int(crooked[0]))
+    cutting = ~toolpath.rapid.copy()
+    cutting[0] = False
+    still = np.flatnonzero((cutting & need_feed & (toolpath.feed == 0.0)) | (toolpath.feed < 0.0))
+    if len(still):
+        feed = toolpath.feed[still[0]] * 1e3
+        refuse(f"feed is {feed:g} mm/s, expected more than 0 on a cutting move", int(still[0]))
+    return replace(toolpath, axis=toolpath.axis / norms[:, None])
+
+
+def _blame_unit(table: Table | None) -> str:
+    """Return the hint on the unit of an absurd extent."""
+    unit = "" if table is None else table.units["x"]
+    hints = {
+        "m": "; columns are read in m, name them x_mm y_mm z_mm if the file is in millimetres",
+        "mm": "; columns are read in mm, name them x_um y_um z_um if the file is in micrometres",
+    }
+    return hints.get(unit, f", at most {WIDEST:.0f} m are allowed")
+
+
+def toolpath_from_table(table: Table, *, feed: float | None = None) -> Toolpath:
+    """Return the toolpath that a table holds: x y z, i j k, feed, rapid, wrench; forces alone mean no moments.
+
+    Raises:
+        InputError: As `check_toolpath` says, with file and line.
+
+    """
+    n = len(table)
+    position = table.stack(("x", "y", "z"))
+    axis = table.stack(("i", "j", "k")) if "i" in table else np.tile([0.0, 0.0, 1.0], (n, 1))
+    rapid = table.values["rapid"] if "rapid" in table else np.zeros(n)
+    odd = np.flatnonzero((rapid != 0.0) & (rapid != 1.0))
+    if len(odd):
+        raise table.error(f"rapid is {rapid[odd[0]]:g}, expected 0 or 1", int(odd[0]))
+    if "feed" not in table and feed is None and not rapid[1:].all():
+        raise table.error("missing column feed_mm_s: cutting moves need a feed")
+    feeds = table.values["feed"] if "feed" in table and feed is None else np.where(rapid == 1.0, 0.0, feed or 0.0)
+    unknown = np.isnan(feeds)
+    empty = np.flatnonzero(unknown & (rapid == 0.0))
+    if len(empty):
+        raise table.error(f"column '{table.headers['feed']}' is empty here; cutting moves need a feed", int(empty[0]))
+    feeds = np.where(unknown, 0.0, feeds)
+    wrench = None
+    if "fx" in table or "mx" in table:
+        wrench = np.column_stack([table.values[key] if key in table else np.zeros(n) for key in WRENCH])
+    toolpath = Toolpath(position, axis, feeds, rapid == 1.0, wrench, "part", str(table.file))
+    return check_toolpath(toolpath, table=table)
+
+
+def write_toolpath(toolpath: Toolpath, path: str | Path) -> None:
+    """Write a toolpath as CSV: x_mm y_mm z_mm i j k feed_mm_s rapid, and the wrench where there is one.
+
+    Raises:
+        InputError: If the folder cannot be written.
+
+    """
+    columns: dict[str, object] = {}
+    for index, name in enumerate(("x_mm", "y_mm", "z_mm")):
+        columns[name] = to_unit(toolpath.position[:, index], name)
+    columns |= {name: toolpath.axis[:, index] for index, name in enumerate("ijk")}
+    columns["feed_mm_s"] = to_unit(toolpath.feed, "feed_mm_s")
+    columns["rapid"] = toolpath.rapid.astype(np.int64)
+    if toolpath.wrench is not None:
+        columns |= {name: toolpath.wrench[:, index] for index, name in enumerate(WRENCH_HEADERS)}
+    write_table(path, columns)
+
+
+def place_toolpath(toolpath: Toolpath, T_base_part: Array) -> Toolpath:
+    """Express a toolpath of the part frame in the robot's base frame; the wrench keeps its point, the tool tip.
+
+    Args:
+        toolpath: The toolpath, part frame.
+        T_base_part: Pose of the part frame seen from the base frame. Shape (4, 4). [m]
+
+    """
+    rotation = T_base_part[:3, :3]
+    wrench = toolpath.wrench
+    if wrench is not None:
+        wrench = np.hstack([wrench[:, :3] @ rotation.T, wrench[:, 3:] @ rotation.T])
+    position = toolpath.position @ rotation.T + T_base_part[:3, 3]
+    return replace(toolpath, position=position, axis=toolpath.axis @ rotation.T, wrench=wrench, frame="base")
+
+
+def select_waypoints(toolpath: Toolpath, index: NDArray[np.int64]) -> Toolpath:
+    """Return the toolpath at some of its waypoints."""
+    wrench = None if toolpath.wrench is None else toolpath.wrench[index]
+    rows = (toolpath.position[index], toolpath.axis[index], toolpath.feed[index], toolpath.rapid[index])
+    return Toolpath(*rows, wrench, toolpath.frame, toolpath.source)
+
+
+def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = np.inf) -> Toolpath:
+    """Divide cutting moves so that no step is longer than `max_step` and no axis turns by more than `max_turn` in one.
+
+    Rapid moves stay whole. Every waypoint stays, so corners stay sharp; waypoints in between lie on the straight move,
+    the tool axis turns along the great circle, the wrench goes over linearly, feed and rapid are those of the move.
+
+    Args:
+        toolpath: The toolpath.
+        max_step: Longest step. [m]
+        max_turn: Greatest turn of the tool axis in a step. [rad]
+
+    Raises:
+        InputError: If a step limit is not positive.
+
+    """
+    if not (max_step > 0.0 and max_turn > 0.0):
+        limits = f"{max_step * 1e3:g} mm and {np.degrees(max_turn):g} deg"
+        raise InputError(f"step limits are {limits}, must be greater than 0")
+    turn = np.arccos(np.clip(np.sum(toolpath.axis[:-1] * toolpath.axis[1:], axis=1), -1.0, 1.0))
+    wanted = np.where(toolpath.rapid[1:], 1.0, np.ceil(np.maximum(toolpath.steps / max_step, turn / max_turn) - 1e-9))
+    pieces = np.maximum(wanted, 1.0).astype(np.int64)
+    if pieces.sum() > MOST_WAYPOINTS:
+        message = f"a step of {max_step * 1e3:g} mm makes {pieces.sum()} waypoints, allowed are {MOST_WAYPOINTS}"
+        raise InputError(message, file=toolpath.source or None)
+    move = np.repeat(np.arange(len(pieces)), pieces)  # the move that each new waypoint ends in
+    first = np.concatenate([[0], np.cumsum(pieces)[:-1]])
+    share = (np.arange(pieces.sum()) - first[move] + 1.0) / pieces[move]
+
+    def between(values: Array) -> Array:
+        column = share[:, None]
+        return np.vstack([values[:1], values[move] * (1.0 - column) + values[move + 1] * column])
+
+    angle = turn[move]
+    flat = angle < 1e-9
+    sine = np.where(flat, 1.0, np.sin(angle))
+    before = np.where(flat, 1.0 - share, np.sin((1.0 - share) * angle) / sine)[:, None]
+    after = np.where(flat, share, np.sin(share * angle) / sine)[:, None]
+    axis = np.vstack([toolpath.axis[:1], before * toolpath.axis[move] + after * toolpath.axis[move + 1]])
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    ends = np.concatenate([[0], move + 1])
+    wrench = None if toolpath.wrench is None else between(toolpath.wrench)
+    position = between(toolpath.position)
+    return replace(
+        toolpath, position=position, axis=axis, feed=toolpath.feed[ends], rapid=toolpath.rapid[ends], wrench=wrench
+    )
+
+
+def join_waypoints(toolpath: Toolpath, shortest: float) -> Toolpath:
+    """Leave out waypoints that repeat their predecessor within `shortest` [m] while the tool axis stays."""
+    keep = np.ones(len(toolpath), dtype=bool)
+    turned = np.linalg.norm(np.diff(toolpath.axis, axis=0), axis=1) > 1e-9
+    keep[1:] = (toolpath.steps > shortest) | turned
+    return select_waypoints(toolpath, np.flatnonzero(keep))

@@ -1,0 +1,382 @@
+"""The plan: from a job, or from a robot and a path, to corrected joint positions, timed and judged."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.cell.cell import JUDGE, build_cell
+from compplan.errors import InputError, UnknownNameError
+from compplan.job.job import Job, load_nominal
+from compplan.path.process import tool_axes
+from compplan.path.toolpath import Toolpath, check_toolpath, select_waypoints
+from compplan.plan.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch, evaluate_run, measure_margins
+from compplan.plan.feed import FeedWish, time_run
+from compplan.plan.strategies import command_path
+from compplan.plan.task import Command, PlanTask
+from compplan.plan.timing import Timing
+from compplan.posture.clearance import ClearanceProfile
+from compplan.posture.stance import Wish, check_start
+from compplan.posture.start import PostureRequest, check_clearance, find_start, read_request
+from compplan.robot import Array, Robot, load_robot
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.ik import build_arm, pose_error, refine_ik
+
+#: Height of the approach and of the retract along the tool axis, where the toolpath has none of its own. [m]
+APPROACH = 0.05
+#: A joint that moves more than this between two waypoints of a cut swings over. [rad or m]
+SWING = 0.5
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """What a plan may do, as the tables [plan] and [limits] of a job say it.
+
+    Attributes:
+        strategy: none, mirror, iterated_mirror or nlp.
+        spin_free: Whether the tool may rotate about its axis.
+        wish: What is said about the posture.
+        max_correction: Greatest distance of the unloaded tip from the path. [m]
+        tolerance: Greatest deviation that counts as within tolerance. [m]
+        tool_x: Where the TCP frame's x points, base axes. Shape (3,).
+        velocity_scale: Share of the robot's velocity limits that may be used.
+        acceleration_scale: Share of the robot's acceleration limits that may be used.
+        feed: What the process asks of the feed.
+        posture: What is asked of the posture; None keeps one configuration and the tool's x where `tool_x` has it.
+
+    """
+
+    strategy: str = "nlp"
+    spin_free: bool = True
+    wish: Wish = field(default_factory=Wish)
+    max_correction: float = 0.010
+    tolerance: float = 1e-4
+    tool_x: tuple[float, float, float] | Array = (1.0, 0.0, 0.0)
+    velocity_scale: float = 1.0
+    acceleration_scale: float = 1.0
+    posture: PostureRequest | None = None
+    feed: FeedWish = field(default_factory=FeedWish)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A plan, with everything that it was made from.
+
+    Attributes:
+        name: Name of the job.
+        task: Robot, nominal path, predicted wrench, posture, limits.
+        strategy: How the command was found.
+        command: Joint positions, status, failures, what the solver said.
+        timing: Times, joint rates and feeds of the command.
+        before: The uncorrected command (`task.q_start`) in the cell as modelled.
+        after: The command in the cell as modelled.
+        margins: Distance of the command from its limits.
+        approach: Joint positions before the first waypoint, where the toolpath has no rapid start. Shape (0 or 1, nq).
+        retract: Joint positions after the last waypoint, where the toolpath ends in a cut. Shape (0 or 1, nq).
+        judge: Who computed `before` and `after`.
+        clearance: How far arm and tool keep clear of part and fixture, or None.
+        notes: Warnings, one sentence each.
+        job: The job, or None.
+
+    """
+
+    name: str
+    task: PlanTask
+    strategy: str
+    command: Command
+    timing: Timing
+    before: Evaluation
+    after: Evaluation
+    margins: Margins
+    approach: Array
+    retract: Array
+    judge: str = JUDGE
+    clearance: ClearanceProfile | None = None
+    notes: tuple[str, ...] = ()
+    job: Job | None = None
+
+    @property
+    def robot(self) -> Robot:
+        """The robot model with its tool."""
+        return self.task.robot
+
+    @property
+    def q(self) -> Array:
+        """Commanded joint positions. Shape (n, nq). [rad or m]."""
+        return self.command.q
+
+    @property
+    def status(self) -> str:
+        """Tell "solved" or "infeasible"."""
+        return self.command.status
+
+    @cached_property
+    def correction(self) -> Array:
+        """Unloaded tip of the command minus nominal. Shape (n, 3). [m]."""
+        return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
+
+    @cached_property
+    def mismatch(self) -> Mismatch:
+        """What the command leaves where the robot's compliances differ from the model's."""
+        return evaluate_mismatch(self.task, self.q)
+
+    def explain_failures(self) -> str:
+        """Say in a sentence which waypoints fail and which limits stop them; empty where none fails."""
+        if not self.command.failures:
+            return ""
+        failures = self.command.failures
+        limits = sorted({name for text in failures.values() for name in text.split(", ")})
+        first = min(failures)
+        length = self.task.nominal.arc_length[first] * 1e3
+        spans = ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in group_waypoints(sorted(failures)))
+        return (
+            f"{len(failures)} of {len(self.task)} waypoints cannot be reached within the limits "
+            f"({'; '.join(limits)}), the first is waypoint {first} (s = {length:.1f} mm); waypoints {spans}"
+        )
+
+
+def plan_job(job: Job) -> Plan:
+    """Plan a job.
+
+    Raises:
+        InputError: If the job, or a file that it names, is not what it has to be, or the part is out of reach.
+
+    """
+    robot, nominal, options = prepare_job(job)
+    task = build_task(robot, nominal, options, file=job.file)
+    plan = plan_task(task, options.strategy, name=job.name or job.file.stem, feed=options.feed)
+    return replace(plan, job=job)
+
+
+def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
+    """Load what a job refers to: the robot with its tool, the nominal path with its wrench, and what the plan may do.
+
+    Raises:
+        InputError: If a file that the job names is not what it has to be.
+
+    """
+    robot = job_robot(job)
+    return robot, load_nominal(job), read_options(job, robot)
+
+
+def plan_compensation(
+    robot: Robot, nominal: Toolpath, options: PlanOptions | None = None, *, name: str = "path"
+) -> Plan:
+    """Plan a path: choose the posture, compensate, time, and judge in the cell as modelled.
+
+    Args:
+        robot: The robot with its tool.
+        nominal: The path with its predicted wrench, base frame.
+        options: What the plan may do.
+        name: Name of the plan.
+
+    Raises:
+        InputError: If the path cannot be followed, or no waypoint is within reach.
+
+    """
+    options = options or PlanOptions()
+    task = build_task(robot, nominal, options)
+    return plan_task(task, options.strategy, name=name, feed=options.feed)
+
+
+def plan_task(task: PlanTask, strategy: str, *, name: str = "path", feed: FeedWish | None = None) -> Plan:
+    """Let one strategy command a task; time and judge its command."""
+    command = command_path(task, strategy)
+    clearance, near = check_clearance(task.start, command.q)
+    if near:
+        command = replace(command, status="infeasible", failures={**near, **command.failures})
+    task, timing, feed_notes = time_run(task, command.q, feed or FeedWish())
+    cell = build_cell(task.robot)
+    after = evaluate_run(task, command.q, cell)
+    before = after if command.q is task.q_start else evaluate_run(task, task.q_start, cell)
+    approach, retract = _approach(task, command.q, 0), _approach(task, command.q, len(task) - 1)
+    return Plan(
+        name=name,
+        task=task,
+        strategy=strategy,
+        command=command,
+        timing=timing,
+        before=before,
+        after=after,
+        margins=measure_margins(task, command.q, timing),
+        approach=approach,
+        retract=retract,
+        clearance=clearance,
+        notes=(*(task.start.notes if task.start else ()), *feed_notes, *_notes(task, timing)),
+    )
+
+
+def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: Path | None = None) -> PlanTask:
+    """Prepare what a strategy is told: posture, orientation, wrench at contact, times and limits.
+
+    Args:
+        robot: The robot with its tool.
+        nominal: The path with its predicted wrench, base frame.
+        options: What the plan may do.
+        file: File to name in messages.
+
+    Raises:
+        InputError: If the path cannot be followed, or no waypoint is within reach.
+
+    """
+    nominal = check_toolpath(nominal, file=file)
+    rotation = tool_axes(nominal, np.asarray(options.tool_x, float))
+    chain = build_chain(robot)
+    equations = 5 if options.spin_free else 6
+    if chain.nq < equations:
+        message = f"robot {robot.name!r} has {chain.nq} joints, a tool position and direction needs {equations}"
+        raise InputError(message, file=file, where="robot" if file else None)
+    try:
+        check_start(robot, options.wish.start)
+        start = find_start(robot, nominal, np.asarray(options.tool_x, float), rotation, options.wish, options.posture)
+    except InputError as error:
+        raise InputError(error.message, file=file, where=error.where if file else None) from None
+    nominal = start.nominal
+    wrench, compensated = load_contacts(nominal)
+    return PlanTask(
+        robot=robot,
+        chain=chain,
+        nominal=nominal,
+        rotation=start.rotation,
+        wrench=wrench,
+        compensated=compensated,
+        q_start=start.q,
+        configuration=start.configuration,
+        missed=start.missed,
+        step_time=programmed_times(nominal),
+        velocity_limits=robot.velocity_limits * options.velocity_scale,
+        acceleration_limits=robot.acceleration_limits * options.acceleration_scale,
+        max_correction=options.max_correction,
+        tolerance=options.tolerance,
+        spin_free=options.spin_free,
+        start=start,
+    )
+
+
+def load_contacts(nominal: Toolpath) -> tuple[Array, NDArray[np.bool_]]:
+    """Give each point of contact the wrench of the cut that begins there, so that the correction ramps in before it.
+
+    Returns:
+        Wrench to plan with, shape (n, 6) [N, N m], and which waypoints are compensated, shape (n,).
+
+    """
+    rapid = nominal.rapid.copy()
+    wrench = np.zeros((len(nominal), 6)) if nominal.wrench is None else nominal.wrench.copy()
+    contact = np.flatnonzero(rapid[:-1] & ~rapid[1:])
+    wrench[contact] = wrench[contact + 1]
+    compensated = ~rapid
+    compensated[contact] = True
+    return wrench, compensated
+
+
+def programmed_times(nominal: Toolpath) -> Array:
+    """Return the time of every move at the programmed feed, of rapid moves at the median feed; (n - 1,) [s]."""
+    feed, cutting = nominal.feed[1:], ~nominal.rapid[1:]
+    typical = float(np.median(feed[cutting & (feed > 0)])) if (cutting & (feed > 0)).any() else 0.1
+    return np.asarray(nominal.steps / np.where(cutting & (feed > 0), feed, typical))
+
+
+def job_robot(job: Job) -> Robot:
+    """Load the robot of a job, with the tool that the job mounts."""
+    try:
+        robot = load_robot(job.robot, relative_to=job.folder)
+    except UnknownNameError as error:
+        raise UnknownNameError("robot", error.name, error.choices, file=job.file, where="robot") from None
+    if job.tool is None:
+        return robot
+    centre = np.asarray(job.tool.centre_of_mass_mm) * 1e-3
+    return robot.with_tool(job.tool.T_flange_tcp, job.tool.mass_kg or 0.0, centre)
+
+
+def read_options(job: Job, robot: Robot) -> PlanOptions:
+    """Return what a job says about its plan, in SI."""
+    table, words = job.plan, job.plan.configuration
+    start = None if table.start is None else np.asarray(table.start, float)
+    if start is not None and len(start) == robot.nq:
+        start = np.where(robot.prismatic, start * 1e-3, np.radians(start))
+    return PlanOptions(
+        strategy=table.strategy,
+        spin_free=table.rotate_about_tool_axis,
+        wish=Wish(words.shoulder, words.elbow, words.wrist, start),
+        max_correction=table.max_correction_mm * 1e-3,
+        tolerance=table.tolerance_mm * 1e-3,
+        tool_x=job.tool_x_base,
+        velocity_scale=job.limits.velocity_scale,
+        acceleration_scale=job.limits.acceleration_scale,
+        posture=read_request(job, robot),
+        feed=FeedWish(job.feed.mode == "constant", job.feed.torque_limits),
+    )
+
+
+def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
+    """Group waypoints into spans (first, last)."""
+    breaks = [0, *(k for k in range(1, len(waypoints)) if waypoints[k] != waypoints[k - 1] + 1), len(waypoints)]
+    return [(waypoints[a], waypoints[b - 1]) for a, b in itertools.pairwise(breaks) if b > a]
+
+
+def _approach(task: PlanTask, q: Array, end: int) -> Array:
+    """Put the unloaded tool above the first or last waypoint, where the toolpath does not come there in a rapid."""
+    nothing = np.zeros((0, q.shape[1]))
+    if task.nominal.rapid[end]:
+        return nothing
+    row, arm = slice(end, end + 1), build_arm(task.robot)
+    position = task.position[row] + APPROACH * task.nominal.axis[row]
+    rotation = task.rotation[row]
+    if task.spin_free:
+        x = locate_frames(task.chain, q[row]).tcp_rotation[0, :, 0]
+        rotation = tool_axes(select_waypoints(task.nominal, np.array([end])), x)
+    above = refine_ik(arm, q[row], position, rotation, iterations=30)
+    reached = np.abs(pose_error(arm.chain, above, position, rotation)).max() < 1e-6
+    inside = ((above >= task.robot.lower) & (above <= task.robot.upper)).all()
+    return above if reached and inside else nothing
+
+
+def _notes(task: PlanTask, timing: Timing) -> tuple[str, ...]:
+    """Say where the feed had to be lowered, and by which joint; where the arm swings over."""
+    notes = []
+    spans = find_slow_spans(task, timing)
+    if spans:
+        count = sum(last - first + 1 for first, last in spans)
+        rows = np.concatenate([np.arange(first, last + 1) for first, last in spans])
+        least = rows[timing.share[rows].argmin()]
+        listed = ", ".join(f"{first}-{last}" for first, last in spans[:5]) + (", ..." if len(spans) > 5 else "")
+        notes.append(
+            f"The feed is lowered at {count} waypoints ({listed}), down to {100 * timing.share[least]:.3g} % "
+            f"at waypoint {least} by {_name_cause(task, timing, int(least))}."
+        )
+    swings = (np.abs(np.diff(task.q_start, axis=0)).max(axis=1) > SWING) & ~task.nominal.rapid[1:]
+    for waypoint in (np.flatnonzero(swings) + 1)[:3].tolist():
+        notes.append(f"The posture swings over in the move to waypoint {waypoint}: near a singularity.")
+    if not np.isfinite(task.robot.acceleration_limits).any():
+        notes.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
+    return tuple(notes)
+
+
+def find_slow_spans(task: PlanTask, timing: Timing) -> list[tuple[int, int]]:
+    """Find spans of waypoints where limits lower the feed; starting up and coming to rest do not count."""
+    lowered = timing.lowered & ~task.nominal.rapid
+    rest = task.nominal.rapid | np.isin(np.arange(len(task)), (0, len(task) - 1))
+    spans = []
+    for first, last in group_waypoints(np.flatnonzero(lowered).tolist()):
+        change = np.diff(timing.share[first : last + 1])
+        if rest[max(first - 1, 0) : first + 1].any():
+            first += int(np.argmax(np.r_[change < 0, True]))
+        if rest[last : last + 2].any():
+            last -= int(np.argmax(np.r_[change[::-1] > 0, True]))
+        if first < last:
+            spans.append((first, last))
+    return spans
+
+
+def _name_cause(task: PlanTask, timing: Timing, waypoint: int) -> str:
+    near = slice(max(waypoint - 1, 0), waypoint + 2)
+    joint = timing.limiting[near][timing.limiting[near] >= 0]
+    if not len(joint):
+        return "rate limits nearby"
+    kind = "velocity" if timing.by_velocity[waypoint] else "acceleration"
+    return f"the {kind} limit of {task.robot.joint_names[joint[0]]}"

@@ -1,0 +1,111 @@
+"""The best that single waypoints can do within the limits: as near to the path as joints and correction limit allow.
+
+Waypoint by waypoint, for many at once:
+
+    minimise    |pose equations|^2 + m |q - q_ref|^2    subject to  q_min <= q <= q_max,  |correction| <= c
+
+by Levenberg-Marquardt steps on the exact loaded pose, projected onto the joint limits; the correction limit is a steep
+penalty that is paid in nanometres. A waypoint whose pose equations vanish here can be reached within the limits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.plan.strategies.equations import differentiate_equations, pose_equations
+from compplan.plan.task import PlanTask, attain_rows
+from compplan.robot import Array
+from compplan.statics.chain import joint_jacobian, locate_frames
+
+STEPS = 80
+#: What an error of orientation costs against one of position. [m/rad]
+LEVER = 0.2
+#: Weight of a correction beyond its limit, against that of a missed position: raised stage by stage.
+STEEP = (1e2, 1e4, 1e6)
+#: Weight of a joint that strays from where it came from. [m^2/rad^2]
+STRAY = 1e-12
+#: The correction limit is kept this far inside. [m]
+INSIDE = 2e-7
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Joint positions of some waypoints with residual, its derivative and the cost."""
+
+    q: Array
+    residual: Array
+    columns: Array
+    cost: Array
+
+
+def find_compromise(task: PlanTask, q: Array, rows: NDArray[np.int_]) -> Array:
+    """Bring some waypoints as near to the path as the limits allow.
+
+    Args:
+        task: The task.
+        q: Joint positions to start from; brought within the joint limits first. Shape (n, nq). [rad or m]
+        rows: The waypoints. Shape (k,).
+
+    Returns:
+        Joint positions within the limits. Shape (k, nq). [rad or m]
+    """
+    reference = np.clip(q[rows], task.robot.lower, task.robot.upper)
+    path, here = np.array(q), reference
+    for steep in STEEP if np.isfinite(task.max_correction) else STEEP[:1]:
+        here = _descend(task, path, here, reference, rows, steep)
+    return here
+
+
+def _descend(task: PlanTask, path: Array, q: Array, reference: Array, rows: NDArray[np.int_], steep: float) -> Array:
+    """Take damped steps down to the compromise at one weight of the correction limit."""
+    low, high = task.robot.lower, task.robot.upper
+    here = _visit(task, path, q, reference, rows, steep)
+    damping = np.full(len(rows), 1e-6)
+    for _ in range(STEPS):
+        gradient = np.einsum("kij,ki->kj", here.columns, here.residual)
+        held = ((here.q <= low) & (gradient > 0)) | ((here.q >= high) & (gradient < 0))
+        columns = here.columns * ~held[:, None, :]
+        normal = np.swapaxes(columns, 1, 2) @ columns + damping[:, None, None] * np.eye(q.shape[1])
+        step = np.linalg.solve(normal, (gradient * ~held)[..., None])[..., 0]
+        step *= np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-300))
+        there = _visit(task, path, np.clip(here.q - step, low, high), reference, rows, steep)
+        better = there.cost < here.cost
+        here = _Point(*(_choose(better, new, old) for new, old in zip(_parts(there), _parts(here), strict=True)))
+        damping = np.where(better, np.maximum(damping * 0.1, 1e-14), np.minimum(damping * 10.0, 1e6))
+        if np.abs(step[better]).max(initial=0.0) < 1e-12:
+            break
+    return here.q
+
+
+def _visit(task: PlanTask, path: Array, q: Array, reference: Array, rows: NDArray[np.int_], steep: float) -> _Point:
+    """Evaluate residual and derivative at joint positions of some waypoints, the others stay where `path` has them."""
+    path[rows] = q
+    attained = attain_rows(task, path, rows)
+    problem = task.problem
+    weight = np.r_[np.ones(3), np.full(problem.equations - 3, LEVER)]
+    residual = [pose_equations(problem, attained, rows) * weight]
+    columns = [differentiate_equations(problem, attained, rows) * weight[:, None]]
+    frames = locate_frames(task.chain, q)
+    gap = frames.tcp_position - task.position[rows]
+    length = np.linalg.norm(gap, axis=1)
+    excess = np.where(task.compensated[rows], np.maximum(length - task.max_correction + INSIDE, 0.0), 0.0)
+    along = np.where((excess > 0)[:, None], gap / np.maximum(length, 1e-12)[:, None], 0.0)
+    residual += [steep**0.5 * excess[:, None], STRAY**0.5 * (q - reference)]
+    slope = np.einsum("ki,kij->kj", along, joint_jacobian(task.chain, frames)[:, :3])
+    columns += [
+        steep**0.5 * slope[:, None],
+        np.broadcast_to(STRAY**0.5 * np.eye(q.shape[1]), (len(q), *[q.shape[1]] * 2)),
+    ]
+    together = np.hstack(residual)
+    return _Point(q, together, np.concatenate(columns, axis=1), np.einsum("ki,ki->k", together, together))
+
+
+def _parts(point: _Point) -> tuple[Array, Array, Array, Array]:
+    return point.q, point.residual, point.columns, point.cost
+
+
+def _choose(better: NDArray[np.bool_], new: Array, old: Array) -> Array:
+    return np.where(better.reshape(-1, *[1] * (old.ndim - 1)), new, old)

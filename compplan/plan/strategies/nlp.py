@@ -1,0 +1,204 @@
+"""Compensation by one nonlinear program over the whole path: exact where it can be, within all limits, and smooth.
+
+Passes of Newton's method: the deflections are linearised where the last pass stood, and `compplan.plan.nlp` solves for
+all waypoints at once. A first pass knows the pose equations alone. Waypoints at which a pass leaves a limit are tried
+one by one: where the limits can be kept, they enter the program; where they cannot, the waypoint fails, and stands in
+the next pass as near to the path as the limits allow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, maximum_filter1d
+
+from compplan.plan.nlp import Nlp, NlpSolution, build_nlp, solve_nlp
+from compplan.plan.path_problem import ANCHOR_WEIGHT, PathProblem, Rows, smoothness_matrix
+from compplan.plan.strategies.compromise import find_compromise
+from compplan.plan.strategies.equations import differentiate_equations, pose_equations
+from compplan.plan.strategies.limits import AT_CORRECTION, judge_limits, measure_correction, name_failures
+from compplan.plan.task import Command, PlanTask, attain_rows
+from compplan.robot import Array
+from compplan.statics.sensitivity import AttainedPose
+
+MOST_PASSES = 10
+#: Passes in which rate rows are added; what still exceeds a rate then has its feed lowered.
+RATE_PASSES = 2
+#: Missed pose equations that count as kept. [m and rad]
+KEPT = 1e-6
+#: A waypoint that misses them by less when it is tried by itself can keep them, and goes back into the program.
+CAN_KEEP = 1e-8
+#: What Newton steps alone bring down to nothing. [m and rad]
+NEARLY = 1e-4
+#: What counts as nothing. [m and rad]
+EXACT = 1e-10
+#: A joint that starts this near to a limit is watched, and so are this many neighbours of a waypoint that leaves one.
+NEAR_LIMIT, NEAR_WAYPOINTS = 0.02, 5
+#: Hold on the start against the pull of smoothness, and the greatest correction that is reckoned with. [1, rad or m]
+HOLD, MOST_STEP = 2.0, 0.1
+
+
+@dataclass(frozen=True)
+class _State:
+    """Where the passes stand: joint positions, rows of the next program, the last program, what was solved."""
+
+    q: Array
+    rows: Rows
+    attained: AttainedPose | None = None
+    nlp: Nlp | None = None
+    solutions: tuple[NlpSolution, ...] = ()
+    rate_passes: int = 0
+    settled: bool = False
+
+
+def command_path(task: PlanTask) -> Command:
+    """Solve for the joint positions whose loaded tool stands on the path.
+
+    Waypoints that cannot be reached within the limits make the status "infeasible"; they are named, and the command
+    misses the path there by as little as the limits allow.
+    """
+    attained = attain_rows(task, task.q_start, np.arange(len(task)))
+    problem = hold_start(task, attained)
+    near = np.minimum(task.q_start - problem.lower, problem.upper - task.q_start) < NEAR_LIMIT
+    state = _State(task.q_start, Rows(near), attained)
+    state = _try_waypoints(task, state, np.flatnonzero(task.missed))
+    for _ in range(MOST_PASSES):
+        state = _solve_pass(task, problem, state)
+        state = _review(task, problem, state)
+        if state.settled and _size(_missed(task, problem, state.q), state.rows.released).max() < NEARLY:
+            break
+    q = _polish(task, problem, state)
+    failures = name_failures(task, q, np.flatnonzero(_size(_missed(task, problem, q)) > KEPT))
+    failures |= judge_limits(replace(task, missed=np.zeros_like(task.missed)), q).failures
+    facts = {"passes": len(state.solutions), "rate_rows": len(state.rows.velocity) + len(state.rows.acceleration)}
+    spent = sum(solution.time for solution in state.solutions)
+    return Command(q, "infeasible" if failures else "solved", failures, spent, state.solutions, facts)
+
+
+def hold_start(task: PlanTask, attained: AttainedPose) -> PathProblem:
+    """State the program, its hold on q_start firm enough for Gauss-Newton steps to converge.
+
+    The Hessian leaves out the curvature of the pose equations. Along the free rotation it is worth as much as the pull
+    of smoothness on the correction, so the hold is no weaker: where that is rough, the rotation moves less.
+    """
+    problem, every = task.problem, np.arange(len(task))
+    columns = differentiate_equations(problem, attained, every)
+    normal = columns @ np.swapaxes(columns, 1, 2) + 1e-6 * np.eye(columns.shape[1])
+    step = np.swapaxes(columns, 1, 2) @ np.linalg.solve(normal, pose_equations(problem, attained, every)[..., None])
+    correction = np.clip(-step[..., 0], -MOST_STEP, MOST_STEP)
+    smooth = smoothness_matrix(problem)
+    bent = correction if problem.keeps_shape else task.q_start + correction
+    pull = np.abs(smooth.T @ (smooth @ bent)).max(axis=1)
+    return replace(problem, hold=np.maximum(ANCHOR_WEIGHT, maximum_filter1d(HOLD * pull, 4 * NEAR_WAYPOINTS + 1)))
+
+
+def find_fast_rows(problem: PathProblem, q: Array) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Find pairs (waypoint, joint) beyond a velocity or acceleration limit at the programmed feed, and neighbours."""
+    within = problem.compensated[1:] & problem.compensated[:-1] & (problem.step_time > 0)
+    h = np.maximum(problem.step_time, 1e-9)
+    velocity = np.diff(q, axis=0) / h[:, None]
+    acceleration = np.diff(velocity, axis=0) / (0.5 * (h[1:] + h[:-1]))[:, None]
+    both = (within[1:] & within[:-1])[:, None]
+    fast = _widen((np.abs(velocity) > problem.velocity_limits) & within[:, None]) & within[:, None]
+    hard = _widen((np.abs(acceleration) > problem.acceleration_limits) & both) & both
+    return np.argwhere(fast), np.argwhere(hard) + np.array([1, 0])
+
+
+def _try_waypoints(task: PlanTask, state: _State, suspects: NDArray[np.int_]) -> _State:
+    """Try suspects one by one: those that cannot keep the limits are released and stay where they do best."""
+    if not len(suspects):
+        return state
+    q = state.q.copy()
+    q[suspects] = find_compromise(task, q, suspects)
+    missed = _size(pose_equations(task.problem, attain_rows(task, q, suspects, slope=False), suspects))
+    failing = suspects[missed > CAN_KEEP]
+    rows = state.rows
+    bounded = rows.bounded | _widen(np.isin(np.arange(len(q)), suspects))[:, None]
+    rows = replace(rows, bounded=bounded, released=np.union1d(rows.released, failing).astype(int))
+    return replace(state, q=q, rows=rows, attained=None)
+
+
+def _solve_pass(task: PlanTask, problem: PathProblem, state: _State) -> _State:
+    """Linearise and solve; where the solver finds no way, drop the rate rows, then try every waypoint by itself."""
+    nlp = state.nlp
+    if nlp is None or not state.rows.same_program(nlp.rows):
+        nlp = build_nlp(problem, state.rows)
+    attained = state.attained or attain_rows(task, state.q, np.arange(len(task)))
+    solution = solve_nlp(nlp, state.q, attained, bounded=state.rows.bounded)
+    state = replace(state, nlp=nlp, attained=None, solutions=(*state.solutions, solution))
+    if solution.success:
+        return replace(state, q=solution.q)
+    if len(state.rows.velocity) + len(state.rows.acceleration):
+        none = np.zeros((0, 2), int)
+        rows = replace(state.rows, velocity=none, acceleration=none)
+        return replace(state, rows=rows, rate_passes=RATE_PASSES)
+    every = np.setdiff1d(np.arange(len(state.q)), state.rows.released)
+    return _try_waypoints(task, state, every)
+
+
+def _review(task: PlanTask, problem: PathProblem, state: _State) -> _State:
+    """Decide the rows of the next pass: limits that this one left, rates that it exceeds."""
+    outside = ((state.q < problem.lower - 1e-9) | (state.q > problem.upper + 1e-9)).any(axis=1)
+    too_far = problem.compensated & (measure_correction(task, state.q) > problem.max_correction + AT_CORRECTION)
+    suspects = np.setdiff1d(np.flatnonzero(outside | too_far), state.rows.released)
+    if len(suspects):
+        tried = _try_waypoints(task, state, suspects)
+        near = np.flatnonzero(_widen(too_far) & problem.compensated) if problem.redundant else np.zeros(0, int)
+        limited = np.setdiff1d(np.union1d(tried.rows.limited, near), tried.rows.released).astype(int)
+        return replace(tried, rows=replace(tried.rows, limited=limited), settled=False)
+    if not state.solutions[-1].success:
+        return replace(state, settled=False)
+    if not problem.redundant or state.rate_passes >= RATE_PASSES:
+        return replace(state, settled=True)
+    velocity, acceleration = find_fast_rows(problem, state.q)
+    velocity, acceleration = _join(state.rows.velocity, velocity), _join(state.rows.acceleration, acceleration)
+    rows = replace(state.rows, velocity=velocity, acceleration=acceleration)
+    return replace(state, rows=rows, rate_passes=state.rate_passes + 1, settled=rows.same_program(state.rows))
+
+
+def _polish(task: PlanTask, problem: PathProblem, state: _State) -> Array:
+    """Bring the pose equations down to nothing by least-norm Newton steps of the joints that stand off their limits."""
+    q, held = state.q, state.rows.released
+    busy = np.setdiff1d(np.arange(len(q)), held)
+    for _ in range(6):
+        busy = busy[_size(pose_equations(problem, attain_rows(task, q, busy, slope=False), busy)) > EXACT]
+        if not len(busy):
+            break
+        attained = attain_rows(task, q, busy)
+        missed = pose_equations(problem, attained, busy)
+        free = (q[busy] > problem.lower + 1e-7) & (q[busy] < problem.upper - 1e-7)
+        columns = differentiate_equations(problem, attained, busy) * free[:, None, :]
+        normal = columns @ np.swapaxes(columns, 1, 2) + 1e-14 * np.eye(columns.shape[1])
+        step = np.swapaxes(columns, 1, 2) @ np.linalg.solve(normal, missed[..., None])
+        trial = q.copy()
+        trial[busy] = np.clip(q[busy] - step[..., 0], problem.lower, problem.upper)
+        worse = _size(pose_equations(problem, attain_rows(task, trial, busy, slope=False), busy)) >= _size(missed)
+        trial[busy[worse]] = q[busy[worse]]
+        q, busy = trial, busy[~worse]
+    return q
+
+
+def _missed(task: PlanTask, problem: PathProblem, q: Array) -> Array:
+    every = np.arange(len(q))
+    return pose_equations(problem, attain_rows(task, q, every, slope=False), every)
+
+
+def _size(rows: Array, without: NDArray[np.int_] | None = None) -> Array:
+    size = np.abs(rows).max(axis=1)
+    if without is not None:
+        size[without] = 0.0
+    return np.asarray(size)
+
+
+def _widen(marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Mark the neighbours along the path too."""
+    if not marked.any():
+        return marked
+    reach = np.ones(2 * NEAR_WAYPOINTS + 1, bool)
+    return np.asarray(binary_dilation(marked, reach if marked.ndim == 1 else reach[:, None]))
+
+
+def _join(old: NDArray[np.int_], new: NDArray[np.int_]) -> NDArray[np.int_]:
+    return np.unique(np.vstack([old, new]), axis=0) if len(new) else old

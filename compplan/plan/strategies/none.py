@@ -1,0 +1,11 @@
+"""No compensation: the joint positions that put the unloaded tool on the path."""
+
+from __future__ import annotations
+
+from compplan.plan.strategies.limits import judge_limits
+from compplan.plan.task import Command, PlanTask
+
+
+def command_path(task: PlanTask) -> Command:
+    """Command the nominal path as if nothing bent."""
+    return judge_limits(task, task.q_start)

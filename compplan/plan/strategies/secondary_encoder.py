@@ -1,0 +1,22 @@
+"""Secondary-encoder feedback: the axes are held by their link-side encoders, which takes the gears' deflection out.
+
+What bends beside the encoders stays: links, bearings, and springs beside the axis [Klimchik2018].
+"""
+
+from __future__ import annotations
+
+from compplan.plan.strategies.controller import Controller
+from compplan.plan.strategies.path_map import PathMaps
+from compplan.plan.task import PlanTask
+
+
+def prepare(task: PlanTask, maps: PathMaps) -> Controller:
+    """Command the nominal path, held by the link-side encoders."""
+    return Controller(
+        name="secondary_encoder",
+        knows="geometry",
+        measures="link-side encoders",
+        commands="the nominal path, held by the link side",
+        q=task.q_start,
+        feedback="link",
+    )

@@ -1,0 +1,154 @@
+"""What a compensation strategy is told: the robot model, the nominal path, the predicted wrench, the limits.
+
+Every strategy gets the same task and answers with a `Command`. `attain` is the one place where the planner's model of
+the robot predicts where the loaded tool goes; effects of the robot's folder (effects.toml) enter there alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.effects.attained import attain_with_effects
+from compplan.path.toolpath import Toolpath
+from compplan.plan.nlp import NlpSolution
+from compplan.plan.path_problem import PathProblem
+from compplan.posture.start import Start
+from compplan.robot import Array, Robot
+from compplan.statics.chain import Chain, joint_jacobian, locate_frames
+from compplan.statics.sensitivity import AttainedPose, attain_pose, chunk_rows
+
+
+@dataclass(frozen=True)
+class PlanTask:
+    """What a strategy knows; n waypoints, nq joints, base frame.
+
+    Attributes:
+        robot: The robot model with its tool.
+        chain: Its elastic chain.
+        nominal: The path to reach, base frame.
+        rotation: Wanted orientation of the TCP frame, x as the job points it. Shape (n, 3, 3).
+        wrench: Predicted wrench at the tip; at a point of contact that of the cut that begins. Shape (n, 6). [N, N m]
+        compensated: Waypoints of the cut, points of contact included; the others are rapid. Shape (n,).
+        q_start: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
+        configuration: Shoulder, elbow and wrist of q_start.
+        missed: Waypoints that the arm does not reach at q_start's orientation. Shape (n,).
+        step_time: Time from each waypoint to the next at the programmed feed. Shape (n - 1,). [s]
+        velocity_limits: Velocity limits. Shape (nq,). [rad/s or m/s]
+        acceleration_limits: Acceleration limits. Shape (nq,). [rad/s^2 or m/s^2]
+        max_correction: Greatest distance of the unloaded tip from the path. [m]
+        tolerance: Greatest deviation of the loaded tip that counts as on the path. [m]
+        spin_free: Whether the rotation about the tool axis is free.
+        start: How q_start was found, or None.
+
+    """
+
+    robot: Robot
+    chain: Chain
+    nominal: Toolpath
+    rotation: Array
+    wrench: Array
+    compensated: NDArray[np.bool_]
+    q_start: Array
+    configuration: Mapping[str, str]
+    missed: NDArray[np.bool_]
+    step_time: Array
+    velocity_limits: Array
+    acceleration_limits: Array
+    max_correction: float
+    tolerance: float
+    spin_free: bool
+    start: Start | None = None
+
+    def __len__(self) -> int:
+        return len(self.nominal)
+
+    @property
+    def position(self) -> Array:
+        """Wanted tool tip. Shape (n, 3). [m]."""
+        return self.nominal.position
+
+    @property
+    def problem(self) -> PathProblem:
+        """The task as `build_nlp` takes it."""
+        return PathProblem(
+            chain=self.chain,
+            position=self.position,
+            rotation=self.rotation,
+            wrench=self.wrench,
+            compensated=self.compensated,
+            q_start=self.q_start,
+            step_time=self.step_time,
+            lower=self.robot.lower,
+            upper=self.robot.upper,
+            velocity_limits=self.velocity_limits,
+            acceleration_limits=self.acceleration_limits,
+            max_correction=self.max_correction,
+            spin_free=self.spin_free,
+            keeps_shape=self.start is not None and self.start.stance is not None,
+        )
+
+
+@dataclass(frozen=True)
+class Command:
+    """What a strategy sends to the controller.
+
+    Attributes:
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        status: "solved" or "infeasible".
+        failures: Waypoints that fail, and the limit that stops each.
+        solve_time: Wall time in the solver. [s]
+        solutions: What the solver answered, pass by pass (strategy nlp).
+        facts: Further numbers worth keeping.
+
+    """
+
+    q: Array
+    status: str = "solved"
+    failures: Mapping[int, str] = field(default_factory=dict)
+    solve_time: float = 0.0
+    solutions: tuple[NlpSolution, ...] = ()
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+
+def attain(task: PlanTask, q: Array) -> AttainedPose:
+    """Predict with the planner's own model where the loaded tool goes, and how that answers to the joints.
+
+    Args:
+        task: The task.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+
+    """
+    loaded = attain_pose(task.chain, q, task.wrench)
+    if not task.robot.effects:
+        return loaded
+    position, rotation = attain_with_effects(task.robot, q, task.wrench, task.step_time)
+    return AttainedPose(position, rotation, loaded.jacobian)
+
+
+def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool = True) -> AttainedPose:
+    """Predict what the pose equations of some waypoints speak of: the loaded tool, in rapid moves the unloaded one.
+
+    Args:
+        task: The task.
+        q: Commanded joint positions of the whole path, on which effects with a memory depend. Shape (n, nq). [rad or m]
+        rows: The waypoints. Shape (k,).
+        slope: Whether the derivative is wanted; it is zero otherwise, and cheaper.
+    """
+    loaded = attain_pose(task.chain, q[rows], task.wrench[rows], slope=slope)
+    if task.robot.effects:
+        position, rotation = attain_with_effects(task.robot, q, task.wrench, task.step_time)
+        loaded = AttainedPose(position[rows], rotation[rows], loaded.jacobian)
+    rapid = np.flatnonzero(~task.compensated[rows])
+    if not len(rapid):
+        return loaded
+    position, rotation, columns = (np.array(part) for part in loaded)
+    for part in chunk_rows(len(rapid), task.chain):
+        frames = locate_frames(task.chain, q[rows[rapid[part]]])
+        position[rapid[part]], rotation[rapid[part]] = frames.tcp_position, frames.tcp_rotation
+        columns[rapid[part]] = joint_jacobian(task.chain, frames)
+    return AttainedPose(position, rotation, columns)

@@ -1,0 +1,249 @@
+"""When the robot is where: the fastest run along the commanded path within the programmed feed and the rate limits.
+
+Cuts are timed by TOPP-RA [Pham2018]: joint velocity and acceleration limits, the programmed feed as the upper bound,
+from rest to rest. Rapid moves are joint moves from rest to rest: every joint takes the time of the slowest one.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from compplan.errors import ConvergenceError
+from compplan.plan.task import PlanTask
+from compplan.robot import Array
+
+#: A feed below this share of the programmed one counts as lowered.
+LOWERED = 0.995
+#: Stands for an acceleration limit that the robot folder does not state. [rad/s^2 or m/s^2]
+NO_LIMIT = 1e4
+#: Acceleration of a joint whose folder states none, in rapid moves: full speed after this time. [s]
+FULL_SPEED_AFTER = 0.5
+
+
+#: From joint motion per programmed time and its derivative to torques tau = a u + b x + c, and their limits.
+TorqueParts = Callable[[Array, Array], tuple[Array, Array, Array, Array]]
+
+
+class TorqueRows(Protocol):
+    """Joint torques of a cut as TOPP-RA reads them: tau = a u + b x + c, x the square of the speed, u half its rate."""
+
+    def rows(self, start: int, end: int, rate: Array, change: Array) -> tuple[Array, Array, Array, Array]:
+        """Return a, b, c of the waypoints from `start` to `end`, shapes (k, nq), and the limits, shape (nq,) [N m]."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """The run of a command; n waypoints, nq joints.
+
+    Attributes:
+        time: Time at each waypoint. Shape (n,). [s]
+        velocity: Joint velocities at each waypoint. Shape (n, nq). [rad/s or m/s]
+        acceleration: Joint accelerations at each waypoint. Shape (n, nq). [rad/s^2 or m/s^2]
+        feed: Feed of the move that ends at each waypoint. Shape (n,). [m/s]
+        share: Feed as a share of the programmed one; 1 in rapid moves. Shape (n,).
+        limiting: Joint whose limit is used the most, -1 where none is near. Shape (n,).
+        by_velocity: Whether that limit is the velocity's. Shape (n,).
+        velocity_ratio: Greatest joint velocity against its limit.
+        acceleration_ratio: Greatest joint acceleration against its limit; 0 where no limit is known.
+
+    """
+
+    time: Array
+    velocity: Array
+    acceleration: Array
+    feed: Array
+    share: Array
+    limiting: NDArray[np.int_]
+    by_velocity: NDArray[np.bool_]
+    velocity_ratio: float
+    acceleration_ratio: float
+
+    @property
+    def lowered(self) -> NDArray[np.bool_]:
+        """Waypoints whose feed had to be lowered. Shape (n,)."""
+        return self.share < LOWERED
+
+
+def time_command(task: PlanTask, q: Array, *, rules: TorqueRows | None = None) -> Timing:
+    """Time a command.
+
+    Args:
+        task: The task that it fulfils: programmed feed, limits, rapid moves.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        rules: Joint torques to keep within limits, or None.
+
+    Raises:
+        ConvergenceError: If no run keeps the limits.
+
+    """
+    n, nq = q.shape
+    step = np.zeros(n)
+    velocity, acceleration = np.zeros((n, nq)), np.zeros((n, nq))
+    rapid = task.nominal.rapid.copy()
+    rapid[0] = False
+    for start, end in cutting_runs(rapid):
+        along = np.r_[0.0, np.cumsum(parameter_steps(task, q, start, end))]
+        run = slice(start, end + 1)
+        rows = None if rules is None else partial(rules.rows, start, end)
+        rate, change, speed, push = time_cut(along, q[run], task.velocity_limits, task.acceleration_limits, rows)
+        velocity[run], acceleration[run] = rate * speed[:, None], change * speed[:, None] ** 2 + rate * push[:, None]
+        step[start + 1 : end + 1] = 2 * np.diff(along) / np.maximum(speed[1:] + speed[:-1], 1e-12)
+    moves = np.flatnonzero(rapid)
+    step[moves] = time_rapids(np.abs(q[moves] - q[moves - 1]), task.velocity_limits, task.acceleration_limits)
+    length = np.r_[0.0, task.nominal.steps]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        feed = np.where(step > 0, length / step, task.nominal.feed)
+        share = np.where(rapid | (task.nominal.feed <= 0) | (length <= 0), 1.0, feed / task.nominal.feed)
+    use_v = np.abs(velocity) / task.velocity_limits
+    use_a = np.abs(acceleration) / task.acceleration_limits
+    worst_v, worst_a = use_v.max(axis=1), use_a.max(axis=1)
+    by_velocity = worst_v >= worst_a
+    limiting = np.where(by_velocity, use_v.argmax(axis=1), use_a.argmax(axis=1))
+    limiting = np.where(np.maximum(worst_v, worst_a) > 0.9, limiting, -1)
+    share[0] = share[1] if n > 1 and not rapid[1] else 1.0
+    ratios = float(worst_v.max()), float(worst_a.max())
+    return Timing(np.cumsum(step), velocity, acceleration, feed, share, limiting, by_velocity, *ratios)
+
+
+def time_cut(
+    along: Array, q: Array, velocity_limits: Array, acceleration_limits: Array, torques: TorqueParts | None = None
+) -> tuple[Array, Array, Array, Array]:
+    """Time one cut by TOPP-RA.
+
+    Args:
+        along: Time of each waypoint at the programmed feed, from 0. Shape (k,). [s]
+        q: Joint positions. Shape (k, nq). [rad or m]
+        velocity_limits: Shape (nq,). [rad/s or m/s]
+        acceleration_limits: Shape (nq,), infinite where there is none. [rad/s^2 or m/s^2]
+        torques: From joint motion per programmed time and its derivative to the rows of `TorqueRows`, or None; not for
+            cuts of fewer than three waypoints.
+
+    Returns:
+        Joint motion per programmed time, its derivative (k, nq), share of the programmed feed and its rate (k,).
+
+    """
+    if len(along) < 3:
+        along, q = _subdivide(along, q)
+        rate, change, speed, push = time_cut(along, q, velocity_limits, acceleration_limits)
+        return rate[[0, -1]], change[[0, -1]], np.maximum(speed[[0, -1]], speed.max() / 2), push[[0, -1]]
+    spline = CubicSpline(along, q, bc_type="natural")
+    rate, change = spline(along, 1), spline(along, 2)
+    limits = np.where(np.isfinite(acceleration_limits), acceleration_limits, NO_LIMIT)
+    bounds = [] if torques is None else [_bound_torques(*torques(rate, change))]
+    speed, push = _run_toppra(along, rate, change, velocity_limits, limits, bounds)
+    return rate, change, speed, push
+
+
+def time_rapids(distance: Array, velocity_limits: Array, acceleration_limits: Array) -> Array:
+    """Time joint moves from rest to rest with trapezoidal speed; the slowest joint counts.
+
+    Args:
+        distance: Distance of each joint. Shape (k, nq). [rad or m]
+        velocity_limits: Shape (nq,). [rad/s or m/s]
+        acceleration_limits: Shape (nq,). [rad/s^2 or m/s^2]
+
+    Returns:
+        Time of each move. Shape (k,). [s]
+
+    """
+    assumed = np.where(np.isfinite(velocity_limits), velocity_limits / FULL_SPEED_AFTER, NO_LIMIT)
+    push = np.where(np.isfinite(acceleration_limits), acceleration_limits, assumed)
+    triangle = 2 * np.sqrt(distance / push)
+    with np.errstate(invalid="ignore"):
+        trapezoid = distance / velocity_limits + velocity_limits / push
+    short = distance * push < velocity_limits**2
+    return np.asarray(np.where(short, triangle, trapezoid).max(axis=1, initial=0.0))
+
+
+def _bound_torques(a: Array, b: Array, c: Array, limits: Array) -> Any:
+    """Make TOPP-RA's constraint |a u + b x + c| <= limits at the waypoints."""
+    from toppra.constraint.linear_constraint import LinearConstraint
+
+    class Torques(LinearConstraint):  # type: ignore[misc]
+        def __init__(self) -> None:
+            super().__init__()
+            self.dof, self.identical = a.shape[1] + 1, True
+
+        def compute_constraint_params(self, path: _Path, gridpoints: Array) -> tuple[Any, ...]:
+            both = np.vstack([np.eye(a.shape[1]), -np.eye(a.shape[1])])
+            return a, b, c, both, np.r_[limits, limits], None, None
+
+    return Torques()
+
+
+def _run_toppra(
+    along: Array, rate: Array, change: Array, velocity: Array, acceleration: Array, bounds: list[Any]
+) -> tuple[Array, Array]:
+    """Return the share of the programmed feed and its rate at every waypoint."""
+    import toppra
+    from toppra import algorithm, constraint
+
+    logging.getLogger("toppra").setLevel(logging.ERROR)
+    path = _Path(along, rate, change)
+    wide = np.column_stack([-np.r_[velocity, 1.0], np.r_[velocity, 1.0]])
+    push = np.column_stack([-np.r_[acceleration, NO_LIMIT], np.r_[acceleration, NO_LIMIT]])
+    for scheme in (
+        toppra.constraint.DiscretizationType.Interpolation,
+        toppra.constraint.DiscretizationType.Collocation,
+    ):
+        rules = [
+            constraint.JointVelocityConstraint(wide),
+            constraint.JointAccelerationConstraint(push, discretization_scheme=scheme),
+            *bounds,
+        ]
+        solver = algorithm.TOPPRA(
+            rules, path, gridpoints=along, solver_wrapper="seidel", parametrizer="ParametrizeSpline"
+        )
+        push_along, speed, _ = solver.compute_parameterization(0.0, 0.0)
+        if speed is not None and np.isfinite(speed).all():
+            return np.asarray(speed).ravel(), np.r_[np.asarray(push_along).ravel(), 0.0]
+    raise ConvergenceError("no run along the path keeps the joint rates from rest to rest", residual=np.nan)
+
+
+class _Path:
+    """A path as TOPP-RA reads it, known at its waypoints; the last coordinate is the programmed time itself."""
+
+    def __init__(self, along: Array, rate: Array, change: Array) -> None:
+        self.along = along
+        ones = np.ones((len(along), 1))
+        self.values = {1: np.hstack([rate, ones]), 2: np.hstack([change, 0 * ones])}
+        self.dof = rate.shape[1] + 1
+        self.path_interval = np.array([along[0], along[-1]])
+        self.duration = float(along[-1] - along[0])
+
+    def __call__(self, s: Array, order: int = 0) -> Array:
+        if order == 0:
+            return np.zeros((len(np.atleast_1d(s)), self.dof))
+        rows = np.clip(np.searchsorted(self.along, s), 0, len(self.along) - 1)
+        return np.asarray(self.values[order][rows])
+
+
+def cutting_runs(rapid: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """List first and last waypoint of every cut; the first is where it is reached."""
+    cutting = np.flatnonzero(~rapid[1:]) + 1
+    if not len(cutting):
+        return []
+    breaks = np.flatnonzero(np.diff(cutting) > 1)
+    firsts, lasts = np.r_[cutting[0], cutting[breaks + 1]], np.r_[cutting[breaks], cutting[-1]]
+    return [(int(first) - 1, int(last)) for first, last in zip(firsts, lasts, strict=True)]
+
+
+def parameter_steps(task: PlanTask, q: Array, start: int, end: int) -> Array:
+    """Return programmed times of the moves of a cut; a move without length (a turn) takes what its joints need."""
+    steps = task.step_time[start:end]
+    need = (np.abs(np.diff(q[start : end + 1], axis=0)) / task.velocity_limits).max(axis=1)
+    still = task.nominal.steps[start:end] <= 0
+    return np.maximum(np.where(still, need, steps), 1e-7)
+
+
+def _subdivide(along: Array, q: Array) -> tuple[Array, Array]:
+    grid = np.linspace(along[0], along[-1], 21)
+    return grid, np.stack([np.interp(grid, along, column) for column in q.T], axis=1)

@@ -1,0 +1,188 @@
+"""The collision scene of a job: the arm, its tool, the part, the fixture, and which of them may not touch.
+
+Part, fixture and tool are meshes; the arm is its URDF's collision shapes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InputError
+from compplan.posture.contacts import Solid, find_contacts, locate_link_frames
+from compplan.robot import Array, Robot
+from compplan.robot.solids import cut_tip, load_mesh, make_geometry, read_shapes
+
+if TYPE_CHECKING:
+    from compplan.job.job import Job
+
+#: Arm and tool touch the arm where they come nearer than this. [m]
+TOUCH = 1e-3
+#: A pair of the arm's own shapes that touches in this share of random postures is left out: they are drawn so.
+DRAWN_TOUCHING = 0.7
+
+
+@dataclass(frozen=True)
+class CollisionScene:
+    """What may touch what.
+
+    Attributes:
+        robot: The robot with its tool.
+        solids: Shapes of the arm, tool, part, fixture.
+        outside: Pairs of arm or tool with part or fixture. Shape (p, 2).
+        own: Pairs of arm or tool with the arm itself. Shape (o, 2).
+
+    """
+
+    robot: Robot
+    solids: tuple[Solid, ...]
+    outside: NDArray[np.int_]
+    own: NDArray[np.int_]
+
+    @cached_property
+    def reach(self) -> Array:
+        """Farthest that any point moves per motion of a joint: shape (nq,) [m/rad or 1]."""
+        lengths = [float(np.linalg.norm(joint.placement[:3, 3])) for joint in self.robot.joints]
+        beyond = np.cumsum(lengths[::-1])[::-1]
+        tool = max((s.radius + float(np.linalg.norm(s.centre)) for s in self.solids if s.link), default=0.0)
+        actuated = [k for k, joint in enumerate(self.robot.joints) if joint.actuated]
+        rows = [beyond[k] - lengths[k] + tool for k in actuated]
+        return np.where(self.robot.prismatic, 1.0, np.array(rows))
+
+
+def build_scene(
+    robot: Robot, *, part: Any = None, fixture: Any = None, tool: Any = None, T_base_part: Array | None = None,
+    tip_zone: float = 0.03, self_collision: bool = True,
+) -> CollisionScene:  # fmt: skip
+    """Build the scene of a job.
+
+    Args:
+        robot: The robot with its tool.
+        part: Mesh of the part, part frame (trimesh) [m], or None.
+        fixture: Mesh of the fixture, part frame [m], or None.
+        tool: Mesh of the tool, flange frame [m], or None.
+        T_base_part: Pose of the part frame. Shape (4, 4). [m]
+        tip_zone: The tool within this distance of its tip may touch the part. [m]
+        self_collision: Whether the arm has to keep clear of itself.
+
+    """
+    pose = np.eye(4) if T_base_part is None else T_base_part
+    body = _bodies(robot)
+    solids, roles = [], []
+
+    def add(name: str, link: str, mesh_or_shape: Any, role: str, placement: Array | None = None) -> None:
+        geometry, centre, radius, box = make_geometry(mesh_or_shape, placement)
+        local = np.eye(4) if placement is None else placement
+        solids.append(Solid(name, link, body.get(link, 0), geometry, local, centre, radius, box))
+        roles.append(role)
+
+    behind = _behind_flange(robot)
+    for shape in read_shapes(robot):
+        if shape.link in behind:
+            add(shape.name, shape.link, shape.form, "tool", shape.placement)
+            cut = cut_tip(shape.mesh(), _tip_in(robot, shape.link), tip_zone)
+            if cut is not None:
+                add(f"{shape.name} (above the tip)", shape.link, cut, "shank")
+        else:
+            add(shape.name, shape.link, shape.form, "arm", shape.placement)
+    if tool is not None:
+        add("tool", robot.flange, tool, "tool")
+        cut = cut_tip(tool, _tip_in(robot, robot.flange), tip_zone)
+        if cut is not None:
+            add("tool (above the tip)", robot.flange, cut, "shank")
+    for name, mesh in (("part", part), ("fixture", fixture)):
+        if mesh is not None:
+            add(name, "", mesh.copy().apply_transform(pose), name)
+    outside, own = _list_pairs(solids, roles)
+    if not self_collision:
+        own = own[:0]
+    return _leave_out_touching(CollisionScene(robot, tuple(solids), outside, own))
+
+
+def load_scene(job: Job, robot: Robot) -> CollisionScene | None:
+    """Build the scene that a job describes; None where it has no table [collision].
+
+    Raises:
+        InputError: If a mesh is missing or cannot be read.
+
+    """
+    table = job.collision
+    if table is None:
+        return None
+    meshes = {}
+    for name in ("part", "fixture", "tool"):
+        file = getattr(table, name)
+        if file is None:
+            continue
+        try:
+            meshes[name] = load_mesh(job.folder / file, table.unit)
+        except InputError as error:
+            raise InputError(error.message, file=job.file, where=f"collision.{name}") from None
+    return build_scene(
+        robot, **meshes, T_base_part=job.T_base_part, tip_zone=table.tip_zone_mm * 1e-3,
+        self_collision=table.self_collision,
+    )  # fmt: skip
+
+
+def _list_pairs(solids: Sequence[Solid], roles: Sequence[str]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """List the pairs that may touch but should not: with part and fixture, and of the arm itself.
+
+    Links with one link between them are left to the joint limits; the tool is not.
+    """
+    outside, own = [], []
+    for a in range(len(solids)):
+        for b in range(a + 1, len(solids)):
+            role = {roles[a], roles[b]}
+            if solids[a].body == solids[b].body == 0 or role in ({"part", "fixture"}, {"tool", "part"}):
+                continue
+            if "shank" in role:
+                if "part" in role:
+                    outside.append((a, b))
+            elif role & {"part", "fixture"}:
+                outside.append((a, b))
+            elif abs(solids[a].body - solids[b].body) > (1 if "tool" in role else 2):
+                own.append((a, b))
+    return np.array(outside, int).reshape(-1, 2), np.array(own, int).reshape(-1, 2)
+
+
+def _leave_out_touching(scene: CollisionScene) -> CollisionScene:
+    """Leave out pairs of the arm's own shapes that touch in most postures: the drawing overlaps there."""
+    robot = scene.robot
+    low, high = np.clip(robot.lower, -np.pi, np.pi), np.clip(robot.upper, -np.pi, np.pi)
+    q = low + (high - low) * np.random.default_rng(0).random((40, robot.nq))
+    drawn = []
+    for k in range(len(scene.own)):
+        contacts = find_contacts(robot, scene.solids, q, scene.own[[k]], far=TOUCH)
+        if np.mean([bool(contact.first) for contact in contacts]) >= DRAWN_TOUCHING:
+            drawn.append(k)
+    return replace(scene, own=np.delete(scene.own, drawn, axis=0))
+
+
+def _bodies(robot: Robot) -> dict[str, int]:
+    """Count the moving joints before every link."""
+    count, bodies = 0, {robot.base: 0}
+    for joint in robot.joints:
+        count += joint.kind != "fixed"
+        bodies[joint.child] = count
+    return bodies
+
+
+def _behind_flange(robot: Robot) -> set[str]:
+    """Return the links of the tool: those of the chain from the flange on."""
+    links, behind = set(), False
+    for joint in robot.joints:
+        behind = behind or joint.parent == robot.flange
+        if behind:
+            links.add(joint.child)
+    return links | {robot.flange}
+
+
+def _tip_in(robot: Robot, link: str) -> Array:
+    """Return the tool centre point in the frame of a link behind the flange: shape (3,) [m]."""
+    frames = locate_link_frames(robot, np.zeros((1, robot.nq)))
+    return np.asarray((np.linalg.inv(frames[link][0]) @ frames[robot.tcp][0])[:3, 3])

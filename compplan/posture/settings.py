@@ -1,0 +1,89 @@
+"""What the choice of a posture may vary, and what it is chosen for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from compplan.posture.costs import Measure, Uncertainty
+
+if TYPE_CHECKING:
+    from compplan.job.job import Job
+    from compplan.robot import Robot
+
+
+@dataclass(frozen=True)
+class PostureSettings:
+    """What the search may vary and what it weighs.
+
+    Attributes:
+        free_spin: Whether the rotation about the tool axis is free.
+        configuration: Words that the configuration has to have, such as {"elbow": "up"}; none: all are free.
+        start: Joint positions to start near, or None. [rad or m]
+        preset: "accurate", "smooth" or "fast".
+        weights: Weights in place of the preset's, see `compplan.posture.costs.Weights`.
+        measure: What sensitivity means: "expected" (root mean square) or "p95".
+        uncertainty: How well wrench, compliance and joint zeros are known.
+        spin_step: Step of the grid of rotations about the tool axis. [rad]
+        lead: How far the tool axis may lean along the travel. [rad]
+        lean: How far it may lean across the travel. [rad]
+        held_steps: Grid positions of each extra axis (a rail).
+        stations: Waypoints that the graph is built at, at most; those between follow.
+        reconfigure: Whether the arm may change its configuration in rapid moves away from the part.
+        singularity_margin: Inverse condition number below which a posture counts as singular and costs steeply.
+        limit_margin: Distance to a joint limit below which a posture costs. [rad or m]
+        limit_room: Distance to a joint limit below which a posture is refused: room for the correction. [rad or m]
+        most_step: Greatest motion of a joint between neighbouring waypoints of a cut. [rad or m]
+
+    """
+
+    free_spin: bool = True
+    configuration: dict[str, str] = field(default_factory=dict)
+    start: tuple[float, ...] | None = None
+    preset: str = "accurate"
+    weights: dict[str, float] = field(default_factory=dict)
+    measure: Measure = "expected"
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    spin_step: float = float(np.radians(5.0))
+    lead: float = 0.0
+    lean: float = 0.0
+    held_steps: int = 9
+    stations: int = 240
+    reconfigure: bool = True
+    singularity_margin: float = 0.03
+    limit_margin: float = float(np.radians(10.0))
+    limit_room: float = float(np.radians(2.0))
+    most_step: float = float(np.radians(20.0))
+
+
+def read_settings(job: Job, robot: Robot) -> PostureSettings:
+    """Take the settings from a job's tables [plan] and [posture].
+
+    A wrench that is given in tool axes would turn with the tool: the rotation then stays where the job has it.
+    """
+    words = job.plan.configuration.model_dump(exclude_none=True)
+    words.pop("start_deg", None)
+    table = job.posture
+    start = job.plan.start
+    if start is not None and len(start) == robot.nq:
+        scales = np.where(robot.prismatic, 1e-3, np.pi / 180)
+        start = tuple(float(value) for value in np.asarray(start) * scales)
+    return PostureSettings(
+        free_spin=job.plan.rotate_about_tool_axis and getattr(job.process, "frame", "part") != "tool",
+        configuration=words,
+        start=start,
+        preset=table.preset,
+        weights=dict(table.weights),
+        measure=table.measure,
+        uncertainty=Uncertainty(
+            table.wrench_uncertainty, table.compliance_uncertainty, float(np.radians(table.joint_zero_uncertainty_deg))
+        ),
+        spin_step=float(np.radians(table.spin_step_deg)),
+        lead=float(np.radians(table.lead_deg)),
+        lean=float(np.radians(table.lean_deg)),
+        reconfigure=table.reconfigure == "rapid",
+        singularity_margin=table.singularity_margin,
+        limit_margin=float(np.radians(table.limit_margin_deg)),
+    )

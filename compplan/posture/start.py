@@ -1,0 +1,145 @@
+"""Where a plan starts: the stance that the ladder graph chooses, or one fixed configuration where it finds none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InfeasibleError
+from compplan.path.toolpath import Toolpath
+from compplan.posture.choose import choose_stance
+from compplan.posture.clearance import ClearanceProfile, measure_clearance, measure_margin
+from compplan.posture.collision_scene import CollisionScene, load_scene
+from compplan.posture.contacts import describe_contact
+from compplan.posture.settings import PostureSettings, read_settings
+from compplan.posture.stance import Wish, choose_posture
+from compplan.posture.summary import Stance
+from compplan.robot import Array, Robot
+
+if TYPE_CHECKING:
+    from compplan.job.job import Job
+
+
+@dataclass(frozen=True)
+class PostureRequest:
+    """What a job asks of the posture.
+
+    Attributes:
+        settings: What the search may vary and what it weighs.
+        axes: Axes in whose components the wrench errs, as columns in base axes. Shape (3, 3).
+        scene: What may touch what, or None.
+        wanted: Clearance that is asked for. [m]
+
+    """
+
+    settings: PostureSettings
+    axes: Array
+    scene: CollisionScene | None = None
+    wanted: float = 0.0
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a plan starts.
+
+    Attributes:
+        nominal: The path, its tool axis leaning as chosen.
+        q: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
+        rotation: Wanted orientation of the TCP frame. Shape (n, 3, 3).
+        configuration: Shoulder, elbow and wrist along most of the path.
+        missed: Waypoints that are not reached. Shape (n,).
+        stance: What the graph chose, or None where it found nothing (or was not asked).
+        request: What was asked for, or None.
+        notes: What a user should know, one sentence each.
+
+    """
+
+    nominal: Toolpath
+    q: Array
+    rotation: Array
+    configuration: Mapping[str, str]
+    missed: NDArray[np.bool_]
+    stance: Stance | None = None
+    request: PostureRequest | None = None
+    notes: tuple[str, ...] = ()
+
+
+def read_request(job: Job, robot: Robot) -> PostureRequest:
+    """Read what a job asks of the posture.
+
+    Raises:
+        InputError: If a mesh that the job names is missing or cannot be read.
+
+    """
+    wanted = 0.0 if job.collision is None else job.collision.clearance_mm * 1e-3
+    return PostureRequest(read_settings(job, robot), job.T_base_part[:3, :3], load_scene(job, robot), wanted)
+
+
+def find_start(
+    robot: Robot, nominal: Toolpath, tool_x: Array, rotation: Array, wish: Wish, request: PostureRequest | None
+) -> Start:
+    """Find where a plan starts.
+
+    Args:
+        robot: The robot with its tool.
+        nominal: Toolpath in the base frame, with its predicted wrench.
+        tool_x: Where x of the TCP points at no rotation about the tool axis, base axes. Shape (3,).
+        rotation: Orientation of the TCP frame at no rotation about the tool axis. Shape (n, 3, 3).
+        wish: What is said about configuration and start.
+        request: What is asked of the posture; None keeps one configuration and the orientation as it is.
+
+    Raises:
+        InputError: If the wanted start lies outside the joint limits, or no waypoint is reached.
+
+    """
+    note: tuple[str, ...] = ()
+    if request is not None:
+        try:
+            stance = _ask_graph(robot, nominal, tool_x, request)
+        except InfeasibleError as error:
+            sentence = str(error)
+            note = (f"{sentence[0].upper()}{sentence[1:]}. One configuration is kept instead, x where the job has it.",)
+        else:
+            leaning = request.settings.lead > 0 or request.settings.lean > 0
+            path = replace(nominal, axis=stance.axis) if leaning else nominal
+            words = tuple(
+                f"The arm changes its configuration from {before} to {after} before waypoint {waypoint}."
+                for waypoint, before, after in stance.changes
+            )
+            return Start(
+                path, stance.q, stance.rotation, stance.configuration, stance.missed, stance, request, words
+            )
+    posture = choose_posture(robot, nominal.position, rotation, wish)
+    return Start(nominal, posture.q, rotation, posture.configuration, posture.missed, None, request, note)
+
+
+def check_clearance(start: Start | None, q: Array) -> tuple[ClearanceProfile | None, dict[int, str]]:
+    """Measure the clearance of a command; also tell the waypoints that come too near, and what is in the way."""
+    if start is None or start.request is None or start.request.scene is None:
+        return None, {}
+    wanted = start.request.wanted
+    profile = measure_clearance(start.request.scene, q, wanted)
+    near = {
+        int(waypoint): f"clearance ({describe_contact(contact)})"
+        for waypoint, contact in zip(profile.computed, profile.contacts, strict=True)
+        if contact.distance < wanted - 1e-4
+    }
+    if profile.own.first and profile.own.distance <= 0:
+        near.setdefault(profile.own_waypoint, f"clearance ({describe_contact(profile.own)})")
+    return profile, near
+
+
+def _ask_graph(robot: Robot, nominal: Toolpath, tool_x: Array, request: PostureRequest) -> Stance:
+    scene = request.scene
+
+    def margin(q: Array, waypoints: NDArray[np.int_]) -> Array:
+        assert scene is not None
+        return measure_margin(scene, q, request.wanted)
+
+    return choose_stance(
+        robot, nominal, tool_x, request.settings, axes=request.axes, margin=None if scene is None else margin
+    )

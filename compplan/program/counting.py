@@ -1,0 +1,237 @@
+"""How a robot's controller counts: sign, zero and coupling of its joints, its configuration words, its geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.spatial.transform import Rotation
+
+from compplan.errors import InputError, ShapeError, UnknownNameError
+from compplan.files.tables import Array, read_text
+from compplan.files.tomlfile import Numbers, StrictTable, Words, read_toml_model
+from compplan.robot import Joint, Robot
+
+
+class ConfigurationWord(StrictTable):
+    """One word of a configuration: a number that has one value from its threshold up and another below it.
+
+    The number is a joint's position, or a coordinate of the origin of the link `point`, seen from the link `frame`.
+    `status` is what each value adds to S of a KRL position, `native` the word of the controller's own language.
+    """
+
+    joint: str | None = None
+    threshold_deg: float = 0.0
+    point: str | None = None
+    frame: str | None = None
+    axis: Literal["x", "y", "z"] = "x"
+    threshold_mm: float = 0.0
+    above: str
+    below: str
+    status: dict[str, int] = Field(default_factory=dict)
+    native: dict[str, str] = Field(default_factory=dict)
+
+
+class ControllerTable(StrictTable):
+    """controller.toml of a robot folder."""
+
+    schema_: Literal[1] = Field(alias="schema")
+    controller: str = ""
+    joint_names: Words | None = None
+    sign: Annotated[tuple[Literal[-1, 1], ...], Field(strict=False)]
+    zero_deg: Numbers
+    coupling: Annotated[tuple[Numbers, ...], Field(strict=False)] | None = None
+    configuration: dict[str, ConfigurationWord] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Controller:
+    """Hold how a controller counts joints: controller = sign q + zero + coupling q, in deg and mm.
+
+    Args:
+        name: What controller it is.
+        joint_names: Its names of the joints, from the base.
+        prismatic: Which joints slide. Shape (nq,).
+        matrix: sign and coupling together. Shape (nq, nq).
+        zero: What it counts at q = 0. Shape (nq,). [deg or mm]
+        words: Its configuration words by name.
+
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    prismatic: NDArray[np.bool_]
+    matrix: Array
+    zero: Array
+    words: Mapping[str, ConfigurationWord]
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each joint: "deg" or "mm"."""
+        return tuple("mm" if slides else "deg" for slides in self.prismatic)
+
+
+def plain_controller(robot: Robot) -> Controller:
+    """Return a controller that counts as the URDF does."""
+    names = tuple(f"J{number}" for number in range(1, robot.nq + 1))
+    return Controller("", names, robot.prismatic, np.eye(robot.nq), np.zeros(robot.nq), {})
+
+
+def load_controller(robot: Robot) -> Controller:
+    """Read controller.toml of the robot's folder; without one the controller counts as the URDF does.
+
+    Raises:
+        InputError: If the file is not what it has to be, or does not fit the robot.
+
+    """
+    if robot.folder is None or not (robot.folder / "controller.toml").is_file():
+        return plain_controller(robot)
+    file = robot.folder / "controller.toml"
+    table = read_toml_model(ControllerTable, file)
+    nq = robot.nq
+    for key, length in (("sign", len(table.sign)), ("zero_deg", len(table.zero_deg))):
+        if length != nq:
+            raise InputError(f"has {length} numbers, expected {nq}, one a joint", file=file, where=key)
+    names = table.joint_names or plain_controller(robot).joint_names
+    if len(names) != nq:
+        raise InputError(f"has {len(names)} names, expected {nq}, one a joint", file=file, where="joint_names")
+    matrix = np.diag(np.array(table.sign, dtype=np.float64))
+    if table.coupling is not None:
+        if len(table.coupling) != nq or any(len(row) != nq for row in table.coupling):
+            raise InputError(f"expected {nq} rows of {nq} numbers", file=file, where="coupling")
+        matrix = matrix + np.array(table.coupling)
+    if abs(np.linalg.det(matrix)) < 1e-9:
+        raise InputError("sign and coupling together cannot be inverted", file=file, where="coupling")
+    links = [robot.base, *(joint.child for joint in robot.joints)]
+    for key, word in table.configuration.items():
+        where = f"configuration.{key}"
+        if word.joint is not None and word.joint not in robot.joint_names:
+            raise UnknownNameError("joint", word.joint, list(robot.joint_names), file=file, where=where)
+        if word.joint is None and not {word.point, word.frame} <= set(links):
+            raise InputError(f"needs a joint, or a point and a frame from {links}", file=file, where=where)
+    zero = np.array(table.zero_deg, dtype=np.float64)
+    return Controller(table.controller, tuple(names), robot.prismatic, matrix, zero, table.configuration)
+
+
+def to_controller(controller: Controller, q: Array) -> Array:
+    """Return joint positions as the controller counts them. Shape (n, nq). [rad or m] -> [deg or mm]."""
+    return _to_degrees(controller, q) @ controller.matrix.T + controller.zero
+
+
+def from_controller(controller: Controller, joints: Array) -> Array:
+    """Return joint positions from what the controller counts. Shape (n, nq). [deg or mm] -> [rad or m]."""
+    counted = np.asarray(joints, dtype=np.float64) - controller.zero
+    degrees = np.linalg.solve(controller.matrix, counted.T).T
+    return np.where(controller.prismatic, degrees * 1e-3, np.radians(degrees))
+
+
+def rates_to_controller(controller: Controller, rates: Array) -> Array:
+    """Return joint rate limits in the units of the controller, coupling aside. Shape (nq,)."""
+    return np.where(controller.prismatic, np.asarray(rates) * 1e3, np.degrees(rates))
+
+
+def _to_degrees(controller: Controller, q: Array) -> Array:
+    q = np.asarray(q, dtype=np.float64)
+    if q.ndim != 2 or q.shape[1] != len(controller.zero):
+        raise ShapeError(f"q has shape {q.shape}, expected (n, {len(controller.zero)})")
+    return np.where(controller.prismatic, q * 1e3, np.degrees(q))
+
+
+def locate_link(robot: Robot, q: Array, link: str) -> Array:
+    """Return the pose of a link's frame, unloaded, base frame. Shape (n, nq) -> (n, 4, 4) [m].
+
+    Raises:
+        InputError: If the chain has no such link.
+
+    """
+    pose = np.tile(np.eye(4), (len(q), 1, 1))
+    if link == robot.base:
+        return pose
+    column = {name: index for index, name in enumerate(robot.joint_names)}
+    for joint in robot.joints:
+        pose = pose @ joint.placement
+        value = _joint_value(joint, q, column)
+        if value is not None:
+            move = np.tile(np.eye(4), (len(q), 1, 1))
+            if joint.kind == "prismatic":
+                move[:, :3, 3] = value[:, None] * joint.axis
+            else:
+                move[:, :3, :3] = Rotation.from_rotvec(value[:, None] * joint.axis).as_matrix()
+            pose = pose @ move
+        if joint.child == link:
+            return pose
+    raise InputError(f"no link named {link!r}, choose from {[joint.child for joint in robot.joints]}")
+
+
+def _joint_value(joint: Joint, q: Array, column: Mapping[str, int]) -> Array | None:
+    if joint.mimic is not None:
+        return np.asarray(joint.mimic.multiplier * q[:, column[joint.mimic.joint]] + joint.mimic.offset)
+    return q[:, column[joint.name]] if joint.name in column else None
+
+
+def name_words(controller: Controller, robot: Robot, q: Array) -> dict[str, NDArray[np.str_]]:
+    """Return the value of each configuration word at every waypoint: {"elbow": ["up", ...], ...}."""
+    named: dict[str, NDArray[np.str_]] = {}
+    for key, word in controller.words.items():
+        if word.joint is not None:
+            number = np.degrees(q[:, robot.joint_names.index(word.joint)])
+            above = number >= word.threshold_deg
+        else:
+            frame, point = locate_link(robot, q, word.frame or ""), locate_link(robot, q, word.point or "")
+            seen = np.einsum("nji,nj->ni", frame[:, :3, :3], point[:, :3, 3] - frame[:, :3, 3])
+            above = seen[:, "xyz".index(word.axis)] * 1e3 >= word.threshold_mm
+        named[key] = np.where(above, word.above, word.below)
+    return named
+
+
+def krl_status(controller: Controller, robot: Robot, q: Array) -> NDArray[np.int64] | None:
+    """Return S of KRL positions, or None where controller.toml says nothing of it. Shape (n,)."""
+    if not controller.words or not all(word.status for word in controller.words.values()):
+        return None
+    total = np.zeros(len(q), dtype=np.int64)
+    for key, values in name_words(controller, robot, q).items():
+        status = controller.words[key].status
+        total += np.array([status.get(value, 0) for value in values.tolist()], dtype=np.int64)
+    return total
+
+
+def believed_robot(robot: Robot) -> Robot:
+    """Return the robot with the geometry that its controller believes: controller.urdf of its folder, if there is one.
+
+    Raises:
+        InputError: If controller.urdf is no XML or lacks a joint of the chain.
+
+    """
+    if robot.folder is None or not (robot.folder / "controller.urdf").is_file():
+        return robot
+    file = robot.folder / "controller.urdf"
+    try:
+        root = ElementTree.fromstring(read_text(file))
+    except ElementTree.ParseError as error:
+        raise InputError(f"is not XML: {error}", file=file, where=error.position[0]) from None
+    elements = {element.get("name"): element for element in root.findall("joint")}
+    own = {element.get("name") for element in ElementTree.fromstring(robot.urdf).findall("joint")}
+    joints = []
+    for joint in robot.joints:
+        element = elements.get(joint.name)
+        if element is None and joint.name in own and joint.name != "tool_joint":
+            raise InputError(f"no joint named {joint.name!r}, expected the joints of robot.urdf", file=file)
+        joints.append(joint if element is None else _take_geometry(joint, element))
+    return replace(robot, joints=tuple(joints))
+
+
+def _take_geometry(joint: Joint, element: ElementTree.Element) -> Joint:
+    """Return a joint with placement and axis of a URDF element."""
+    origin, axis = element.find("origin"), element.find("axis")
+    placement = np.eye(4)
+    if origin is not None:
+        roll_pitch_yaw = [float(number) for number in origin.get("rpy", "0 0 0").split()]
+        placement[:3, :3] = Rotation.from_euler("xyz", roll_pitch_yaw).as_matrix()
+        placement[:3, 3] = [float(number) for number in origin.get("xyz", "0 0 0").split()]
+    direction = joint.axis if axis is None else np.array([float(number) for number in axis.get("xyz", "1 0 0").split()])
+    return replace(joint, placement=placement, axis=direction / np.linalg.norm(direction))

@@ -1,0 +1,193 @@
+"""KUKA KRL: joint moves (E6AXIS) and linear moves (E6POS), positions in .dat arrays, moves in .src loops."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InputError
+from compplan.files.tables import Array, write_text
+from compplan.program.program import (
+    Program,
+    euler_angles,
+    head_lines,
+    joint_percent,
+    order_joints,
+    short_name,
+    split_parts,
+    tool_place,
+)
+
+ARM = ("A1", "A2", "A3", "A4", "A5", "A6")
+EXTERNAL = ("E1", "E2", "E3", "E4", "E5", "E6")
+#: Points in a file where the job says nothing: a size that KRC2 and later load without complaint.
+MOST = 2000
+LONGEST_NAME = 20
+RAPID_PERCENT = 20
+
+
+def write_krl(program: Program, folder: Path, most: int | None = None) -> list[Path]:
+    """Write NAME_J.src, which moves the joints, and NAME_L.src, which moves the tool; each calls its parts.
+
+    The joint program repeats the plan as it is; the linear one goes through the geometry that the controller believes,
+    its rapid moves are joint moves, and it is written where poses are known. Files end lines with CR LF.
+
+    Args:
+        program: The program; its joints are named A1 .. A6 and E1 ..
+        folder: Folder to write to.
+        most: Greatest number of points in a file.
+
+    Raises:
+        InputError: If the joints have other names.
+
+    """
+    order_joints(program, ARM, "KRL")
+    name = short_name(program.name, LONGEST_NAME)
+    files = _write_kind(program, folder, f"{name}_J", _joint_points(program), most or MOST, linear=False)
+    if program.tcp is not None and program.status is not None:
+        files += _write_kind(program, folder, f"{name}_L", _linear_points(program), most or MOST, linear=True)
+    return files
+
+
+def turn_bits(joints: Array) -> NDArray[np.int64]:
+    """Return T of KRL positions: bit i is set where axis i + 1 stands below 0 deg. Shape (n, 6) -> (n,)."""
+    return np.asarray((joints < 0.0) @ (1 << np.arange(6)), dtype=np.int64)
+
+
+def _write_kind(
+    program: Program, folder: Path, name: str, points: list[str], most: int, *, linear: bool
+) -> list[Path]:
+    parts = split_parts(len(program), most)
+    names = [f"{name}{number}" for number in range(1, len(parts) + 1)]
+    percent = joint_percent(program)
+    files = []
+    for part, rows in zip(names, parts, strict=True):
+        files.append(folder / f"{part}.dat")
+        write_text(files[-1], _data(part, points[rows], program, percent, rows, linear), newline="\r\n")
+        files.append(folder / f"{part}.src")
+        write_text(files[-1], _source(part, program, rows, linear), newline="\r\n")
+    files.append(folder / f"{name}.src")
+    write_text(files[-1], _main(name, names, program, [] if linear else _remark_slow(program, percent)), newline="\r\n")
+    return files
+
+
+def _remark_slow(program: Program, percent: Array) -> list[str]:
+    """Return what must be said where joint moves are slower than a whole percent of the axis rates."""
+    slow = int(np.count_nonzero((percent <= 1.0) & ~program.rapid))
+    if not slow:
+        return []
+    return [
+        f"; {slow} moves ask for 1 percent of the axis rates or less and run at 1: faster than planned.",
+        "; Joint moves know whole percents only; the linear program keeps the feed.",
+    ]
+
+
+def _external(program: Program, row: int) -> str:
+    names = program.joint_names
+    values = [program.joints[row, names.index(name)] if name in names else 0.0 for name in EXTERNAL]
+    return ",".join(f"{name} {value:.4f}" for name, value in zip(EXTERNAL, values, strict=True))
+
+
+def _axis_point(program: Program, row: int, columns: list[int]) -> str:
+    arm = ",".join(f"{name} {program.joints[row, column]:.6f}" for name, column in zip(ARM, columns, strict=True))
+    return f"{{{arm},{_external(program, row)}}}"
+
+
+def _joint_points(program: Program) -> list[str]:
+    columns = order_joints(program, ARM, "KRL")
+    return [_axis_point(program, row, columns) for row in range(len(program))]
+
+
+def _linear_points(program: Program) -> list[str]:
+    if program.tcp is None or program.status is None:
+        raise InputError("KRL positions need TCP poses and configuration words with status in controller.toml")
+    columns = order_joints(program, ARM, "KRL")
+    position, angles = program.tcp[:, :3, 3] * 1e3, euler_angles(program.tcp[:, :3, :3], "ZYX")
+    turns = turn_bits(program.joints[:, columns])
+    points = []
+    for row, ((x, y, z), (a, b, c)) in enumerate(zip(position.tolist(), angles.tolist(), strict=True)):
+        place = f"X {x:.5f},Y {y:.5f},Z {z:.5f},A {a:.6f},B {b:.6f},C {c:.6f}"
+        points.append(f"{{{place},S {program.status[row]},T {turns[row]},{_external(program, row)}}}")
+    return points
+
+
+def _data(name: str, points: list[str], program: Program, percent: Array, rows: slice, linear: bool) -> str:
+    """Return a .dat file: the points, whether each is reached rapidly, and how fast."""
+    count = len(points)
+    kind = "E6POS" if linear else "E6AXIS"
+    speeds = program.feed[rows] * 1e-3 if linear else percent[rows]
+    rapid = program.rapid[rows]
+    lines = ["&ACCESS RVO", f"DEFDAT {name} PUBLIC", f"DECL {kind} PT[{count}]"]
+    lines += [f"PT[{index}]={point}" for index, point in enumerate(points, start=1)]
+    what = "m/s along the path" if linear else "percent of the axis rates"
+    lines += [f"; {what}; 0: rapid", f"DECL REAL SP[{count}]"]
+    for index, (speed, fast) in enumerate(zip(speeds.tolist(), rapid.tolist(), strict=True), start=1):
+        lines.append(f"SP[{index}]={0.0 if fast else speed:.6f}")
+    if linear:
+        columns = order_joints(program, ARM, "KRL")
+        quick = np.flatnonzero(rapid)
+        lines.append(f"DECL E6AXIS AX[{max(1, len(quick))}]")
+        for index, row in enumerate(quick.tolist(), start=1):
+            lines.append(f"AX[{index}]={_axis_point(program, rows.start + row, columns)}")
+    return "\n".join([*lines, "ENDDAT", ""])
+
+
+def _source(name: str, program: Program, rows: slice, linear: bool) -> str:
+    """Return a .src file: a loop over the points of its .dat file."""
+    lines = ["&ACCESS RVO", f"DEF {name}()", *(f"; {line}" for line in head_lines(program))]
+    lines += [f"; waypoints {rows.start} to {rows.stop - 1}", "DECL INT I,J,K"]
+    count = rows.stop - rows.start
+    if linear:
+        lines += [
+            "K=0",
+            f"FOR I=1 TO {count}",
+            "  IF SP[I]>0.0 THEN",
+            "    $VEL.CP=SP[I]",
+            "    LIN PT[I] C_DIS",
+            "  ELSE",
+            "    K=K+1",
+            "    FOR J=1 TO 6",
+            f"      $VEL_AXIS[J]={RAPID_PERCENT}",
+            "    ENDFOR",
+            "    PTP AX[K]",
+            "  ENDIF",
+            "ENDFOR",
+        ]
+    else:
+        lines += [
+            f"FOR I=1 TO {count}",
+            f"  K={RAPID_PERCENT}",
+            "  IF SP[I]>0.0 THEN",
+            "    K=SP[I]",
+            "  ENDIF",
+            "  FOR J=1 TO 6",
+            "    $VEL_AXIS[J]=K",
+            "  ENDFOR",
+            "  IF SP[I]>0.0 THEN",
+            "    PTP PT[I] C_PTP",
+            "  ELSE",
+            "    PTP PT[I]",
+            "  ENDIF",
+            "ENDFOR",
+        ]
+    return "\n".join([*lines, "END", ""])
+
+
+def _main(name: str, parts: list[str], program: Program, remarks: list[str]) -> str:
+    """Return the .src file that sets base, tool and approximation, and calls the parts."""
+    lines = ["&ACCESS RVO", f"DEF {name}()", *(f"; {line}" for line in head_lines(program))]
+    lines += [
+        "EXT BAS(BAS_COMMAND:IN,REAL:IN)",
+        f"; Rapid moves run at {RAPID_PERCENT} percent of the axis rates.",
+        "; Check speed, tool, base and load data before running.",
+        *remarks,
+        "BAS(#INITMOV,0)",
+        "$BASE=$NULLFRAME",
+    ]
+    if program.tool is not None:
+        x, y, z, a, b, c = tool_place(program, "ZYX")
+        lines.append(f"$TOOL={{X {x:.5f},Y {y:.5f},Z {z:.5f},A {a:.5f},B {b:.5f},C {c:.5f}}}")
+    lines += ["$APO.CPTP=1", "$APO.CDIS=0.1", "$ADVANCE=3", *(f"{part}()" for part in parts)]
+    return "\n".join([*lines, "END", ""])

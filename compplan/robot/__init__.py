@@ -1,0 +1,33 @@
+"""A robot: its URDF chain from base to tool centre point, what bends in it, and the folder it lives in."""
+
+from compplan.robot.folder import find_robot_folder, load_robot, read_robot_folder, robot_folders, write_robot_folder
+from compplan.robot.model import (
+    GRADES,
+    SPRING_AXES,
+    Array,
+    Body,
+    Joint,
+    LinkElasticity,
+    Mimic,
+    Robot,
+    Spring,
+    roll_pitch_yaw_of,
+)
+
+__all__ = [
+    "GRADES",
+    "SPRING_AXES",
+    "Array",
+    "Body",
+    "Joint",
+    "LinkElasticity",
+    "Mimic",
+    "Robot",
+    "Spring",
+    "find_robot_folder",
+    "load_robot",
+    "read_robot_folder",
+    "robot_folders",
+    "roll_pitch_yaw_of",
+    "write_robot_folder",
+]

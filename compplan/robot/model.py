@@ -1,0 +1,259 @@
+"""A robot: its URDF chain from base to tool centre point, and what bends in it.
+
+The folder format is fixed (robot.urdf, elasticity.toml, and optional files); this module reads and writes it. The base
+frame is the URDF's root link. Everything here is SI.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+SPRING_AXES = ("own", "tx", "ty", "tz", "rx", "ry", "rz")
+GRADES = ("identified", "literature", "scaled", "placeholder")
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """Tie a joint to another one: q = multiplier * q_joint + offset [rad or m]."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One URDF joint of the chain.
+
+    Attributes:
+        name: Name in the URDF.
+        kind: "revolute", "prismatic" or "fixed" ("continuous" becomes revolute with infinite limits).
+        parent: Link it hangs on.
+        child: Link it moves.
+        placement: Pose of the joint frame in the parent link's frame. Shape (4, 4). [m]
+        axis: Unit vector of the motion in the joint frame. Shape (3,).
+        lower: Lower position limit. [rad or m]
+        upper: Upper position limit. [rad or m]
+        velocity: Velocity limit. [rad/s or m/s]
+        effort: Effort limit. [N m or N]
+        mimic: The joint it follows, or None.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    placement: Array
+    axis: Array
+    lower: float = -np.inf
+    upper: float = np.inf
+    velocity: float = np.inf
+    effort: float = np.inf
+    mimic: Mimic | None = None
+
+    @property
+    def actuated(self) -> bool:
+        """Tell whether the joint has a commanded position of its own."""
+        return self.kind != "fixed" and self.mimic is None
+
+
+@dataclass(frozen=True)
+class Body:
+    """Mass that moves with a link: mass [kg] and its centre in the link's frame, shape (3,) [m]."""
+
+    link: str
+    mass: float
+    centre: Array
+
+
+@dataclass(frozen=True)
+class Spring:
+    """One elastic degree of freedom, after the motion of a joint, in the frame of the joint's child link.
+
+    Attributes:
+        joint: Name of the URDF joint; a fixed joint may carry springs too.
+        axis: "own" for the joint's axis, or tx ty tz rx ry rz of the child frame.
+        compliance: Deflection per load. [rad/(N m), or m/N for a translation]
+        offset: Origin of the spring in the child frame. Shape (3,). [m]
+        actuator: Whether it lies between the motor-side and the link-side encoder.
+    """
+
+    joint: str
+    axis: str
+    compliance: float
+    offset: Array = field(default_factory=lambda: np.zeros(3))
+    actuator: bool = False
+
+    @property
+    def name(self) -> str:
+        """Name the spring by its joint and axis, as reports do."""
+        return self.joint if self.axis == "own" else f"{self.joint}.{self.axis}"
+
+
+@dataclass(frozen=True)
+class LinkElasticity:
+    """The 6x6 elasticity of a link, lumped at its far end.
+
+    The far end is the frame of the chain's next joint before that joint moves (of the last link: its own frame).
+    Six elementary springs tx ty tz rx ry rz act there in this order, coupled by `compliance`.
+
+    Attributes:
+        link: Name of the link.
+        compliance: Rows tx ty tz rx ry rz, columns fx fy fz mx my mz, far-end axes. Shape (6, 6). [m, rad per N, N m]
+    """
+
+    link: str
+    compliance: Array
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot folder in memory.
+
+    Attributes:
+        name: Name of the robot (of the folder).
+        urdf: Text of robot.urdf, kept for drawing and for writing the folder back.
+        joints: Chain from the base to the TCP, fixed joints included.
+        bodies: Masses of the chain's links; what hangs rigidly beside the chain is added to the link that carries it.
+        springs: Elastic degrees of freedom.
+        link_elasticities: 6x6 elasticities of links.
+        base: URDF root link; its frame is the robot base frame.
+        tcp: Frame of the tool centre point, z out of the tool.
+        flange: Frame on which tools are mounted.
+        gravity: Gravity in base axes, or None where the model carries no gravity load. Shape (3,). [m/s^2]
+        acceleration_limits: One per actuated joint, infinite where unknown. Shape (nq,). [rad/s^2 or m/s^2]
+        repeatability: One standard deviation, or None. [m]
+        sources: Where the numbers come from.
+        grade: How far the numbers can be trusted: identified, literature, scaled or placeholder.
+        folder: Folder it was read from, or None.
+        effects: Tables of effects.toml, one mapping per effect (see `compplan.effects`).
+    """
+
+    name: str
+    urdf: str
+    joints: tuple[Joint, ...]
+    bodies: tuple[Body, ...]
+    springs: tuple[Spring, ...]
+    link_elasticities: tuple[LinkElasticity, ...]
+    base: str
+    tcp: str
+    flange: str
+    gravity: Array | None
+    acceleration_limits: Array
+    repeatability: float | None = None
+    sources: Mapping[str, str] = field(default_factory=dict)
+    grade: str = "placeholder"
+    folder: Path | None = None
+    effects: tuple[Mapping[str, Any], ...] = ()
+
+    @property
+    def actuated(self) -> tuple[Joint, ...]:
+        """List the joints that are commanded, from the base; q counts them."""
+        return tuple(joint for joint in self.joints if joint.actuated)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """List the names of the commanded joints, from the base."""
+        return tuple(joint.name for joint in self.actuated)
+
+    @property
+    def nq(self) -> int:
+        """Count the commanded joints."""
+        return len(self.actuated)
+
+    @property
+    def lower(self) -> Array:
+        """Lower position limits. Shape (nq,). [rad or m]"""
+        return np.array([joint.lower for joint in self.actuated])
+
+    @property
+    def upper(self) -> Array:
+        """Upper position limits. Shape (nq,). [rad or m]"""
+        return np.array([joint.upper for joint in self.actuated])
+
+    @property
+    def velocity_limits(self) -> Array:
+        """Velocity limits. Shape (nq,). [rad/s or m/s]"""
+        return np.array([joint.velocity for joint in self.actuated])
+
+    @property
+    def effort_limits(self) -> Array:
+        """Effort limits. Shape (nq,). [N m or N]"""
+        return np.array([joint.effort for joint in self.actuated])
+
+    @property
+    def prismatic(self) -> NDArray[np.bool_]:
+        """Tell which commanded joints slide. Shape (nq,)."""
+        return np.array([joint.kind == "prismatic" for joint in self.actuated])
+
+    def with_tool(self, T_flange_tcp: Array, mass: float = 0.0, centre: Sequence[float] | Array = (0, 0, 0)) -> Robot:
+        """Replace the TCP and the tool's mass.
+
+        Everything beyond the flange frame goes; a fixed joint from the flange to the new TCP takes its place.
+
+        Args:
+            T_flange_tcp: Pose of the TCP frame in the flange frame. Shape (4, 4). [m]
+            mass: Mass of the tool. [kg]
+            centre: Centre of the tool's mass in the flange frame. Shape (3,). [m]
+        """
+        kept: list[Joint] = []
+        for joint in self.joints:
+            if joint.parent == self.flange:
+                break
+            kept.append(joint)
+        links = {self.base, *(joint.child for joint in kept)}
+        tool = Joint(
+            "tool_joint", "fixed", self.flange, "tool_tcp", np.array(T_flange_tcp, float), np.array([0.0, 0, 1])
+        )
+        bodies = tuple(body for body in self.bodies if body.link in links and body.link != self.flange)
+        if mass > 0:
+            bodies += (Body(self.flange, mass, np.asarray(centre, float)),)
+        names = {joint.name for joint in kept}
+        return replace(
+            self,
+            joints=(*kept, tool),
+            bodies=bodies,
+            springs=tuple(spring for spring in self.springs if spring.joint in names),
+            link_elasticities=tuple(block for block in self.link_elasticities if block.link in links),
+            tcp=tool.child,
+            urdf=_urdf_with_tool(self, tool),
+        )
+
+    def scale_compliance(self, factor: float) -> Robot:
+        """Multiply every compliance (springs and links) by a factor."""
+        return replace(
+            self,
+            springs=tuple(replace(s, compliance=s.compliance * factor) for s in self.springs),
+            link_elasticities=tuple(replace(e, compliance=e.compliance * factor) for e in self.link_elasticities),
+        )
+
+
+def roll_pitch_yaw_of(rotation: Array) -> Array:
+    """Turn a rotation matrix into URDF's roll, pitch, yaw; at a pitch of 90 degrees yaw is taken as zero. [rad]"""
+    from scipy.spatial.transform import Rotation
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Gimbal lock")
+        return np.asarray(Rotation.from_matrix(rotation).as_euler("xyz"))
+
+
+def _urdf_with_tool(robot: Robot, tool: Joint) -> str:
+    root = ElementTree.fromstring(robot.urdf)
+    roll_pitch_yaw = roll_pitch_yaw_of(tool.placement[:3, :3])
+    ElementTree.SubElement(root, "link", name=tool.child)
+    joint = ElementTree.SubElement(root, "joint", name=tool.name, type="fixed")
+    ElementTree.SubElement(joint, "parent", link=tool.parent)
+    ElementTree.SubElement(joint, "child", link=tool.child)
+    text = {"xyz": tool.placement[:3, 3], "rpy": roll_pitch_yaw}
+    ElementTree.SubElement(joint, "origin", {key: " ".join(repr(float(v)) for v in row) for key, row in text.items()})
+    return ElementTree.tostring(root, encoding="unicode")

@@ -1,0 +1,1 @@
+"""Elastostatics of a serial arm: chain, loaded equilibrium, derivatives, stiffness, encoders, inverse kinematics."""

@@ -1,0 +1,350 @@
+"""The elastic chain: a robot as a row of one-degree-of-freedom elements, evaluated for many poses at once.
+
+Every commanded joint, every spring and every elementary motion of an elastic link is one element: a constant placement,
+then a rotation or translation along a constant axis [virtual joint method, Salisbury1980]. Positions of commanded
+joints are `q`, those of elastic elements `theta`. All quantities are in base axes and SI.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import ShapeError
+from compplan.robot import Array, Robot
+from compplan.statics.elements import ElementRow, spring_axis, translation
+from compplan.statics.sweep import (
+    CHUNK,
+    CompiledChain,
+    Step,
+    Terms,
+    Walk,
+    column_terms,
+    element_loads,
+    entry,
+    joint_turns,
+    turn_to_axis,
+    turn_vector,
+    vector_terms,
+    walk_chain,
+)
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Elements from the base to the TCP, m of them, with the masses they carry.
+
+    Placements, axes, masses and compliances may have a leading batch axis: one set of parameters a pose. The arrays of
+    a chain are not changed in place: `dataclasses.replace` makes a new chain.
+
+    Attributes:
+        names: Name of each element: a joint's name, or "joint.axis" / "link.axis" of an elastic one. Length m.
+        rotation: Orientation of the element frame in the frame before it. Shape (..., m, 3, 3).
+        position: Origin of the element frame in the frame before it. Shape (..., m, 3). [m]
+        axis: Unit vector of the motion in the element frame. Shape (..., m, 3).
+        translates: Which elements translate. Shape (m,).
+        q_index: Commanded joint that drives the element, -1 for an elastic one. Shape (m,).
+        multiplier: Factor on q (mimic joints, otherwise 1). Shape (m,).
+        q_offset: Constant added to multiplier * q. Shape (..., m). [rad or m]
+        theta_index: Elastic coordinate that drives the element, -1 for a commanded one. Shape (m,).
+        tcp_rotation: Orientation of the TCP in the frame of the last element. Shape (..., 3, 3).
+        tcp_position: TCP in the frame of the last element. Shape (..., 3). [m]
+        body_element: Element after whose motion a body hangs, -1 for the base. Shape (b,).
+        mass: Masses of the bodies. Shape (..., b). [kg]
+        centre: Centres of the bodies in their element's frame after its motion. Shape (..., b, 3). [m]
+        compliance: Compliance of the elastic coordinates. Shape (..., s, s). [rad, m per N m, N]
+        gravity: Gravity in base axes, zero where the robot carries none. Shape (3,). [m/s^2]
+        actuator: Which elastic coordinates lie between motor-side and link-side encoder. Shape (s,).
+        joint_elements: Element of each commanded joint. Shape (nq,).
+    """
+
+    names: tuple[str, ...]
+    rotation: Array
+    position: Array
+    axis: Array
+    translates: NDArray[np.bool_]
+    q_index: NDArray[np.int_]
+    multiplier: Array
+    q_offset: Array
+    theta_index: NDArray[np.int_]
+    tcp_rotation: Array
+    tcp_position: Array
+    body_element: NDArray[np.int_]
+    mass: Array
+    centre: Array
+    compliance: Array
+    gravity: Array
+    actuator: NDArray[np.bool_]
+    joint_elements: NDArray[np.int_]
+
+    @property
+    def nq(self) -> int:
+        """Count the commanded joints."""
+        return len(self.joint_elements)
+
+    @property
+    def n_springs(self) -> int:
+        """Count the elastic coordinates."""
+        return int(self.theta_index.max(initial=-1)) + 1
+
+    @property
+    def spring_elements(self) -> NDArray[np.int_]:
+        """Element of each elastic coordinate. Shape (s,)."""
+        return np.flatnonzero(self.theta_index >= 0)
+
+    @property
+    def spring_names(self) -> tuple[str, ...]:
+        """Name of each elastic coordinate. Length s."""
+        return tuple(self.names[element] for element in self.spring_elements)
+
+
+    @cached_property
+    def compiled(self) -> CompiledChain:
+        """The chain prepared for walking."""
+        return compile_chain(self)
+
+    @property
+    def batched(self) -> bool:
+        """Tell whether the chain holds one set of parameters a pose."""
+        return any(getattr(self, name).ndim > own and len(getattr(self, name)) > 1 for name, own in _OWN_AXES.items())
+
+    def take(self, rows: slice) -> Chain:
+        """Take the parameter sets of some poses; a chain with one set for all poses returns itself."""
+        if not self.batched:
+            return self
+        fields = {name: getattr(self, name) for name in _OWN_AXES}
+        cut = {k: v[rows] for k, v in fields.items() if v.ndim > _OWN_AXES[k] and len(v) > 1}
+        return replace(self, **cut)
+
+
+_OWN_AXES = {
+    "rotation": 3, "position": 2, "axis": 2, "q_offset": 1, "tcp_rotation": 2, "tcp_position": 1,
+    "mass": 1, "centre": 2, "compliance": 2,
+}  # fmt: skip
+
+
+def compile_chain(chain: Chain) -> CompiledChain:
+    """Prepare a chain for walking."""
+    m = len(chain.names)
+    turns = turn_to_axis(chain.axis)
+    steps: list[Step] = []
+    back = np.eye(3)
+    for k in range(m):
+        turn = turns[..., k, :, :]
+        columns = column_terms(back @ chain.rotation[..., k, :, :] @ turn)
+        shift = vector_terms(turn_vector(back, chain.position[..., k, :]))
+        back = np.swapaxes(turn, -1, -2)
+        steps.append(
+            Step(
+                columns=columns,
+                shift=shift,
+                translates=bool(chain.translates[k]),
+                q_index=int(chain.q_index[k]),
+                theta_index=int(chain.theta_index[k]),
+                multiplier=float(chain.multiplier[k]),
+                q_offset=entry(chain.q_offset[..., k]),
+                bodies=_body_terms(chain, k, back),
+            )
+        )
+    weights = [
+        [entry(chain.mass[..., b] * component) for component in chain.gravity] for b in range(len(chain.body_element))
+    ]
+    return CompiledChain(
+        steps=steps,
+        base_bodies=_body_terms(chain, -1, np.eye(3)),
+        tcp_columns=column_terms(back @ chain.tcp_rotation),
+        tcp_shift=vector_terms(turn_vector(back, chain.tcp_position)),
+        weights=weights if chain.gravity.any() else [],
+        n_bodies=len(chain.body_element),
+        compliance=[vector_terms(chain.compliance[..., i, :]) for i in range(chain.compliance.shape[-1])],
+    )
+
+
+def _body_terms(chain: Chain, element: int, back: Array) -> list[tuple[int, Terms]]:
+    hanging = np.flatnonzero(chain.body_element == element)
+    return [(int(b), vector_terms(turn_vector(back, chain.centre[..., b, :]))) for b in hanging]
+
+
+class Frames(NamedTuple):
+    """Where a chain stands; n poses.
+
+    Attributes:
+        axis: Axis of each element, base axes. Shape (n, m, 3).
+        origin: Origin of each element, base frame. Shape (n, m, 3). [m]
+        tcp_rotation: Orientation of the TCP in the base frame. Shape (n, 3, 3).
+        tcp_position: TCP in the base frame. Shape (n, 3). [m]
+        centre: Centres of the masses in the base frame. Shape (n, b, 3). [m]
+    """
+
+    axis: Array
+    origin: Array
+    tcp_rotation: Array
+    tcp_position: Array
+    centre: Array
+
+
+def build_chain(robot: Robot, *, gravity: bool = True) -> Chain:
+    """Build the elastic chain of a robot.
+
+    Springs act after the motion of their joint in the order they are listed; the 6x6 elasticity of a link acts at its
+    far end, tx ty tz rx ry rz in this order.
+
+    Args:
+        robot: The robot.
+        gravity: Whether the robot's gravity loads the springs.
+    """
+    row = ElementRow()
+    bodies = {link: [body for body in robot.bodies if body.link == link] for link in {b.link for b in robot.bodies}}
+    row.add_bodies(bodies.get(robot.base, []))
+    for count, joint in enumerate(robot.joints):
+        row.move(joint.placement)
+        if joint.kind != "fixed":
+            row.add_joint(joint, robot.joint_names)
+        for spring in robot.springs:
+            if spring.joint == joint.name:
+                translates, axis = spring_axis(spring.axis, joint)
+                row.move(translation(spring.offset))
+                row.add_elastic(spring.name, axis, translates, spring.compliance, spring.actuator)
+                row.move(translation(-spring.offset))
+        row.add_bodies(bodies.get(joint.child, []))
+        following = robot.joints[count + 1] if count + 1 < len(robot.joints) else None
+        for block in (b for b in robot.link_elasticities if b.link == joint.child):
+            far_end = np.eye(4) if following is None else following.placement
+            row.move(far_end)
+            row.add_link(block.link, block.compliance)
+            row.move(np.asarray(np.linalg.inv(far_end), float))
+    return Chain(**row.arrays(robot, gravity))
+
+
+def locate_frames(chain: Chain, q: Array, theta: Array | None = None) -> Frames:
+    """Locate every element and the TCP.
+
+    Args:
+        chain: The chain.
+        q: Joint positions. Shape (n, nq). [rad or m]
+        theta: Elastic coordinates, zero if left out. Shape (n, s). [rad or m]
+
+    Raises:
+        ShapeError: If q or theta does not have the shape above.
+    """
+    q = np.asarray(q, float)
+    if q.ndim != 2 or q.shape[1] != chain.nq:
+        raise ShapeError(f"q has shape {q.shape}, expected (n, {chain.nq})")
+    if theta is not None and theta.shape != (len(q), chain.n_springs):
+        raise ShapeError(f"theta has shape {theta.shape}, expected ({len(q)}, {chain.n_springs})")
+    frames, parts = empty_frames(chain, len(q)), chunks(len(q))
+    for rows in parts:
+        part = chain.take(rows)
+        turns = joint_turns(part.compiled, np.ascontiguousarray(q[rows].T))
+        elastic = None if theta is None else list(np.ascontiguousarray(theta[rows].T))
+        fill_frames(frames, rows, walk_chain(part.compiled, turns, elastic))
+    return frames
+
+
+def chunks(n: int) -> Iterator[slice]:
+    """Cut n poses into pieces that stay in the cache."""
+    return (slice(start, min(start + CHUNK, n)) for start in range(0, n, CHUNK))
+
+
+def empty_frames(chain: Chain, n: int) -> Frames:
+    """Make room for the frames of n poses: poses first to the reader, components first in memory."""
+    m, b = len(chain.names), len(chain.body_element)
+
+    def room(*shape: int) -> Array:
+        return np.moveaxis(np.empty((*shape, n)), -1, 0)
+
+    return Frames(room(m, 3), room(m, 3), room(3, 3), room(3), room(b, 3))
+
+
+def fill_frames(frames: Frames, rows: slice, walk: Walk) -> None:
+    """Write a walk into the rows of frames that `empty_frames` made."""
+    for k, (axis, origin) in enumerate(zip(walk.axis, walk.origin, strict=True)):
+        frames.axis[rows, k] = axis.T
+        frames.origin[rows, k] = origin.T
+    for i, column in enumerate(walk.columns):
+        frames.tcp_rotation[rows, :, i] = column.T
+    frames.tcp_position[rows] = walk.position.T
+    for b, centre in enumerate(walk.centre):
+        frames.centre[rows, b] = centre.T
+
+
+def jacobian(chain: Chain, frames: Frames) -> Array:
+    """Compute the geometric Jacobian of the TCP for every element.
+
+    Args:
+        chain: The chain.
+        frames: Its frames at n poses.
+
+    Returns:
+        Linear rows first, base axes. Shape (n, 6, m). [m/rad, rad/rad or m/m, 0]
+    """
+    n, m = frames.axis.shape[:2]
+    columns = np.empty((6, m, n))
+    for rows in chunks(n):
+        axis = np.moveaxis(frames.axis[rows], 0, -1)
+        lever = np.moveaxis(frames.tcp_position[rows, None] - frames.origin[rows], 0, -1)
+        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            np.subtract(axis[:, j] * lever[:, k], axis[:, k] * lever[:, j], out=columns[i, :, rows])
+            columns[3 + i, :, rows] = axis[:, i]
+        for element in np.flatnonzero(chain.translates):
+            columns[:3, element, rows], columns[3:, element, rows] = axis[element], 0.0
+    return np.moveaxis(columns, -1, 0)
+
+
+def joint_jacobian(chain: Chain, frames: Frames) -> Array:
+    """Compute the geometric Jacobian of the TCP for the commanded joints, mimic joints included. Shape (n, 6, nq)."""
+    columns = jacobian(chain, frames)
+    result = np.zeros((len(columns), 6, chain.nq))
+    for k in np.flatnonzero(chain.q_index >= 0):
+        result[:, :, chain.q_index[k]] += chain.multiplier[k] * columns[:, :, k]
+    return result
+
+
+def gravity_torque(chain: Chain, frames: Frames) -> Array:
+    """Compute the load that the weights put on every element.
+
+    tau_k = a_k . (sum_j (c_j - o_k) x m_j g) over the bodies beyond element k (a_k . sum_j m_j g where it translates).
+
+    Args:
+        chain: The chain.
+        frames: Its frames at n poses.
+
+    Returns:
+        Generalised load on each element. Shape (n, m). [N m or N]
+    """
+    n, m = frames.axis.shape[:2]
+    if not chain.gravity.any() or not len(chain.body_element):
+        return np.zeros((n, m))
+    return load_elements(chain, frames, np.zeros((1, 6)))
+
+
+def load_elements(chain: Chain, frames: Frames, wrench: Array) -> Array:
+    """Compute the load of wrench and weights on every element: J^T w + tau_g.
+
+    Args:
+        chain: The chain.
+        frames: Its frames at n poses.
+        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6) or (1, 6). [N, N m]
+
+    Returns:
+        Shape (n, m). [N m or N]
+    """
+    n, m = frames.axis.shape[:2]
+    loads = np.empty((m, n))
+    for rows in chunks(n):
+        walk = Walk(
+            [frames.axis[rows, k].T for k in range(m)],
+            [frames.origin[rows, k].T for k in range(m)],
+            [],
+            frames.tcp_position[rows].T,
+            [frames.centre[rows, b].T for b in range(frames.centre.shape[1])],
+        )
+        force = (wrench if len(wrench) == 1 else wrench[rows]).T
+        for k, load in enumerate(element_loads(chain.take(rows).compiled, walk, force[:3], force[3:], range(m))):
+            loads[k, rows] = load
+    return loads.T

@@ -1,0 +1,111 @@
+"""Elements of a chain as they are met from the base to the TCP: joints, springs, links and the bodies they carry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from compplan.robot import Array, Body, Joint, Robot
+
+ELASTIC_AXES = {
+    "tx": (True, (1.0, 0.0, 0.0)),
+    "ty": (True, (0.0, 1.0, 0.0)),
+    "tz": (True, (0.0, 0.0, 1.0)),
+    "rx": (False, (1.0, 0.0, 0.0)),
+    "ry": (False, (0.0, 1.0, 0.0)),
+    "rz": (False, (0.0, 0.0, 1.0)),
+}
+
+
+def spring_axis(axis: str, joint: Joint) -> tuple[bool, Array]:
+    """Tell whether a spring translates, and its axis in the joint's frame. Shape (3,)."""
+    if axis == "own":
+        return joint.kind == "prismatic", joint.axis
+    translates, direction = ELASTIC_AXES[axis]
+    return translates, np.array(direction)
+
+
+def translation(offset: Array) -> Array:
+    """Build the pose of a pure translation [m]. Shape (4, 4)."""
+    pose = np.eye(4)
+    pose[:3, 3] = offset
+    return pose
+
+
+class ElementRow:
+    """Collect the elements of a chain while walking from the base to the TCP."""
+
+    def __init__(self) -> None:
+        self.pending = np.eye(4)
+        self.elements: list[tuple[str, Array, Array, bool, int, float, float, int]] = []
+        self.bodies: list[tuple[int, float, Array]] = []
+        self.blocks: list[Array] = []
+        self.actuator: list[bool] = []
+
+    def move(self, pose: Array) -> None:
+        """Move on by a constant pose. Shape (4, 4). [m]"""
+        self.pending = self.pending @ pose
+
+    def _append(
+        self, name: str, axis: Array, translates: bool, q: int, multiplier: float, offset: float, theta: int
+    ) -> None:
+        self.elements.append((name, self.pending, axis, translates, q, multiplier, offset, theta))
+        self.pending = np.eye(4)
+
+    def add_joint(self, joint: Joint, names: tuple[str, ...]) -> None:
+        """Add a commanded or mimic joint; `names` are the commanded joints in order."""
+        driver, multiplier, offset = joint.name, 1.0, 0.0
+        if joint.mimic is not None:
+            driver, multiplier, offset = joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset
+        translates = joint.kind == "prismatic"
+        self._append(joint.name, joint.axis, translates, names.index(driver), multiplier, offset, -1)
+
+    def add_elastic(self, name: str, axis: Array, translates: bool, compliance: float, actuator: bool) -> None:
+        """Add one elastic coordinate with its compliance. [rad/(N m) or m/N]"""
+        self._append(name, axis, translates, -1, 0.0, 0.0, len(self.actuator))
+        self.blocks.append(np.array([[compliance]]))
+        self.actuator.append(actuator)
+
+    def add_link(self, link: str, compliance: Array) -> None:
+        """Add the six elastic coordinates of a link, coupled by its compliance. Shape (6, 6)."""
+        for name, (translates, axis) in ELASTIC_AXES.items():
+            self._append(f"{link}.{name}", np.array(axis), translates, -1, 0.0, 0.0, len(self.actuator))
+            self.actuator.append(False)
+        self.blocks.append(compliance)
+
+    def add_bodies(self, bodies: Sequence[Body]) -> None:
+        """Hang bodies on the frame that has been reached."""
+        for body in bodies:
+            centre = self.pending[:3, :3] @ body.centre + self.pending[:3, 3]
+            self.bodies.append((len(self.elements) - 1, body.mass, centre))
+
+    def arrays(self, robot: Robot, gravity: bool) -> dict[str, Any]:
+        """Give the fields of the chain."""
+        from scipy.linalg import block_diag
+
+        names, poses, axes, translates, q, multiplier, offset, theta = zip(*self.elements, strict=True)
+        pose = np.array(poses)
+        driver = {name: k for k, name in enumerate(names) if q[k] >= 0}
+        g = robot.gravity if gravity and robot.gravity is not None else np.zeros(3)
+        return {
+            "names": tuple(names),
+            "rotation": pose[:, :3, :3].copy(),
+            "position": pose[:, :3, 3].copy(),
+            "axis": np.array(axes),
+            "translates": np.array(translates, bool),
+            "q_index": np.array(q, int),
+            "multiplier": np.array(multiplier, float),
+            "q_offset": np.array(offset, float),
+            "theta_index": np.array(theta, int),
+            "tcp_rotation": self.pending[:3, :3].copy(),
+            "tcp_position": self.pending[:3, 3].copy(),
+            "body_element": np.array([body[0] for body in self.bodies], int),
+            "mass": np.array([body[1] for body in self.bodies], float),
+            "centre": np.array([body[2] for body in self.bodies], float).reshape(-1, 3),
+            "compliance": block_diag(*self.blocks) if self.blocks else np.zeros((0, 0)),
+            "gravity": np.asarray(g, float),
+            "actuator": np.array(self.actuator, bool),
+            "joint_elements": np.array([driver[name] for name in robot.joint_names], int),
+        }

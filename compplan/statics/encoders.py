@@ -1,0 +1,110 @@
+"""Double encoders: both sides of a joint, and what a controller attains with the feedback of each.
+
+The motor-side (primary) encoder reads the commanded element of a joint; the link-side (secondary) one reads it plus the
+elastic coordinates that lie between the two (`Spring.actuator`). Everything else that bends is seen by neither
+[Klimchik2018]. A controller holds one of
+
+    motor feedback:     q1 = q                          link follows the motor plus what the gear yields
+    link feedback:      q2 = q                          what the gear yields is taken out
+    combined feedback:  q2 + beta (q2 - q1) = q         and a share beta of it stands for what bends beyond the encoder
+
+so that the link stands at q + g C tau with a gain g of 1, 0 and -beta on the compliance C of the gears: one chain each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from compplan.errors import InputError, ShapeError
+from compplan.robot import Array
+from compplan.statics.chain import Chain
+from compplan.statics.elastic import LoadedPose, solve_equilibrium
+
+FEEDBACKS = ("motor", "link", "combined")
+
+
+class EncoderState(NamedTuple):
+    """A loaded arm under control, seen by its encoders; n poses.
+
+    Attributes:
+        motor: Readings of the motor-side encoders. Shape (n, nq). [rad or m]
+        link: Readings of the link-side encoders. Shape (n, nq). [rad or m]
+        loaded: Equilibrium of the arm; `theta` of an actuator spring counts from the command, not from the motor.
+    """
+
+    motor: Array
+    link: Array
+    loaded: LoadedPose
+
+    @property
+    def difference(self) -> Array:
+        """What the gears yield: link-side minus motor-side reading. Shape (n, nq). [rad or m]."""
+        return self.link - self.motor
+
+
+def actuator_selection(chain: Chain) -> Array:
+    """Tell which elastic coordinates add to which link-side encoder.
+
+    Returns:
+        Shape (nq, s), entries 1, 0, and -1 where a spring turns against its joint (joint about -y, spring about ry).
+    """
+    selection = np.zeros((chain.nq, chain.n_springs))
+    owner = -1
+    for element, spring in enumerate(chain.theta_index):
+        if spring < 0:
+            owner = element
+        elif chain.actuator[spring] and owner >= 0:
+            sense = np.sign(chain.axis[..., element, :] @ chain.axis[..., owner, :]) or 1.0
+            selection[chain.q_index[owner], spring] = sense
+    return selection
+
+
+def control_equilibrium(
+    chain: Chain, q: Array, wrench: Array | None = None, *, feedback: str = "motor", beta: Array | float = 0.0
+) -> EncoderState:
+    """Solve the equilibrium of an arm whose controller holds the commanded positions by one of its encoders.
+
+    Args:
+        chain: The chain; actuator springs must not be coupled with others.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        wrench: Wrench of the environment on the tool at the TCP, base axes; none if left out. Shape (n, 6). [N, N m]
+        feedback: "motor", "link" or "combined".
+        beta: Of combined feedback, compliance beyond the encoder over compliance of the gear. Shape (nq,) or a number.
+
+    Raises:
+        InputError: If there is no such feedback, or a gear's compliance is coupled with another spring.
+        ShapeError: If beta does not have the shape above.
+        ConvergenceError: If the load is near or beyond buckling.
+    """
+    if feedback not in FEEDBACKS:
+        raise InputError(f"no feedback {feedback!r}, choose from {list(FEEDBACKS)}")
+    if np.ndim(beta) and np.shape(beta) != (chain.nq,):
+        raise ShapeError(f"beta has shape {np.shape(beta)}, expected ({chain.nq},)")
+    selection, gear = actuator_selection(chain), np.diagonal(chain.compliance, axis1=-2, axis2=-1)
+    lies_between = selection.any(axis=0)
+    coupled = np.abs(chain.compliance - gear[..., None] * np.eye(chain.n_springs))[..., lies_between].any()
+    if coupled:
+        raise InputError("an actuator spring is coupled with another spring, encoders cannot tell its part")
+    gain = {"motor": np.ones(chain.nq), "link": np.zeros(chain.nq)}.get(feedback, -np.broadcast_to(beta, (chain.nq,)))
+    scale = np.where(lies_between, gain @ np.abs(selection), 1.0)
+    loaded = solve_equilibrium(replace(chain, compliance=chain.compliance * scale), q, wrench)
+    yielded = (gear * loaded.torque) @ selection.T
+    link = np.atleast_2d(q) + gain * yielded
+    return EncoderState(link - yielded, link, loaded)
+
+
+def link_share(gear_compliance: Array, total_compliance: Array) -> Array:
+    """Compute beta of combined feedback from two identified compliances a joint.
+
+    beta = (k_total - k_gear) / k_gear [Klimchik2018]: motor-side feedback identifies k_total (gear and links together),
+    the difference of the encoders k_gear.
+
+    Args:
+        gear_compliance: Compliance between the encoders, positive. Shape (nq,). [rad/(N m)]
+        total_compliance: Compliance of joint and links together about the joint's axis. Shape (nq,). [rad/(N m)]
+    """
+    gear = np.asarray(gear_compliance, float)
+    return np.asarray((np.asarray(total_compliance, float) - gear) / gear)

@@ -1,0 +1,344 @@
+"""Inverse kinematics: every way in which an unloaded arm can reach a pose, for many poses at once.
+
+Six revolute joints with a spherical wrist or three parallel axes have a closed form, solved by EAIK with the tool
+included. A calibrated geometry (a wrist whose axes miss each other by micrometres) loses it: then the nearest geometry
+that has one is solved, and Newton's method on the true chain does the rest. Everything else is solved numerically.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from compplan.errors import ShapeError
+from compplan.robot import Array, Robot
+from compplan.statics.chain import Chain, build_chain, joint_jacobian, locate_frames
+
+#: Names of the eight slots that solutions are sorted into; slot = 4 * back + 2 * down + flip.
+CONFIGURATIONS: tuple[dict[str, str], ...] = tuple(
+    {"shoulder": shoulder, "elbow": elbow, "wrist": wrist}
+    for shoulder in ("front", "back")
+    for elbow in ("up", "down")
+    for wrist in ("noflip", "flip")
+)
+#: A solution counts where it misses the pose by less than this. [m and rad]
+REACHED = 1e-9
+#: Axes this near to parallel [rad] or to intersecting [m] are taken for so in the geometry that has a closed form.
+NEARLY_PARALLEL, NEARLY_MEETING = 0.02, 0.005
+#: Waypoints between two that are solved from scratch where there is no closed form.
+STRIDE = 25
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A robot as inverse kinematics sees it.
+
+    Attributes:
+        robot: The robot.
+        chain: Its chain without springs.
+        arm: The six joints that reach a pose; the others are held. Shape (6,), or fewer where the robot has fewer.
+        solver: EAIK's robot for the arm at held joints zero, or None where no closed form is known.
+        exact: Whether the closed form is that of the true geometry.
+        base_turn: Orientation of the TCP at zero joint positions, which EAIK does not take. Shape (3, 3).
+        front: +1 or -1: which side of the first axis counts as the front.
+
+    """
+
+    robot: Robot
+    chain: Chain
+    arm: NDArray[np.int_]
+    solver: Any
+    exact: bool
+    base_turn: Array
+    front: float
+
+    @property
+    def held(self) -> NDArray[np.int_]:
+        """Commanded joints that do not take part: extra axes before the arm."""
+        return np.setdiff1d(np.arange(self.chain.nq), self.arm)
+
+
+def build_arm(robot: Robot) -> Arm:
+    """Prepare a robot for inverse kinematics; springs do not matter here."""
+    chain = build_chain(replace(robot, springs=(), link_elasticities=(), gravity=None))
+    arm = np.arange(max(0, chain.nq - 6), chain.nq)
+    mimics = len(chain.names) != chain.nq
+    frames = locate_frames(chain, np.zeros((1, chain.nq)))
+    solver, exact = None, False
+    elements = chain.joint_elements[arm]
+    if len(arm) == 6 and not mimics and not chain.translates[elements].any():
+        axes, origins = frames.axis[0, elements], frames.origin[0, elements]
+        solver = _closed_form(axes, origins, frames.tcp_position[0])
+        exact = solver is not None
+        if solver is None:
+            solver = _closed_form(*snap_geometry(axes, origins), frames.tcp_position[0])
+    plain = Arm(robot, chain, arm, solver, exact, frames.tcp_rotation[0], 1.0)
+    return replace(plain, front=_front_side(plain))
+
+
+def solve_branches(arm: Arm, position: Array, rotation: Array, held: Array | None = None) -> Array:
+    """Find every solution, sorted by configuration, revolute joints within half a turn of the middle of their limits.
+
+    Args:
+        arm: The arm.
+        position: Wanted TCP positions, base frame. Shape (n, 3). [m]
+        rotation: Wanted orientations of the TCP frame. Shape (n, 3, 3).
+        held: Positions of the joints that do not take part, in the middle of their limits (or at zero where there are
+            none) if left out. Shape (n, nq - 6). [rad or m]
+
+    Returns:
+        Slots as `CONFIGURATIONS`, NaN where a configuration does not reach the pose. Shape (n, 8, nq). [rad or m]
+
+    Raises:
+        ShapeError: If the arrays do not belong together.
+
+    """
+    n = len(position)
+    if position.shape != (n, 3) or rotation.shape != (n, 3, 3):
+        raise ShapeError(f"poses have shapes {position.shape} and {rotation.shape}, expected (n, 3) and (n, 3, 3)")
+    rest = middle_of_limits(arm.robot)
+    held = np.tile(rest[arm.held], (n, 1)) if held is None else held
+    slots = np.full((n, 8, arm.chain.nq), np.nan)
+    if arm.solver is not None:
+        rows, q = _solve_closed(arm, position, rotation, held)
+    else:
+        rows, q = _solve_numerically(arm, position, rotation, held)
+    if len(rows):
+        if not arm.exact:
+            q = refine_ik(arm, q, position[rows], rotation[rows])
+        fits = np.abs(pose_error(arm.chain, q, position[rows], rotation[rows])).max(axis=1) < 1e-6
+        rows, q = rows[fits], _wrap(arm, q[fits], rest)
+        slots[rows, _assign_slots(rows, name_configuration(arm, q))] = q
+    return slots
+
+
+def name_configuration(arm: Arm, q: Array) -> NDArray[np.int_]:
+    """Tell the configuration of joint positions: index into `CONFIGURATIONS`. Shape (n, nq) -> (n,).
+
+    Shoulder: on which side of the first axis the wrist stands, seen from the second joint's plane. Elbow: whether the
+    third joint stands above the line from the second to the wrist when the arm reaches forward. Wrist: the sign of the
+    fifth joint, seen from where axes four and six line up.
+    """
+    if len(arm.arm) < 6:
+        return np.zeros(len(q), int)
+    frames = locate_frames(arm.chain, q)
+    elements = arm.chain.joint_elements[arm.arm]
+    axis, origin = frames.axis[:, elements], frames.origin[:, elements]
+    back = _shoulder_side(arm, q) * arm.front < 0
+    lateral = np.cross(axis[:, 0], np.cross(axis[:, 1], axis[:, 0])) * arm.front
+    bend = np.cross(origin[:, 2] - origin[:, 1], _wrist(axis, origin) - origin[:, 1])
+    down = np.einsum("ni,ni->n", bend, lateral) < 0
+    flip = np.einsum("ni,ni->n", np.cross(axis[:, 3], axis[:, 5]), axis[:, 4]) < 0
+    return np.asarray(4 * back + 2 * down + flip)
+
+
+def refine_ik(arm: Arm, q: Array, position: Array, rotation: Array, *, iterations: int = 12) -> Array:
+    """Improve joint positions by damped Newton steps on the true chain; held joints stay.
+
+    Args:
+        arm: The arm.
+        q: Joint positions near a solution. Shape (n, nq). [rad or m]
+        position: Wanted TCP positions. Shape (n, 3). [m]
+        rotation: Wanted orientations of the TCP frame. Shape (n, 3, 3).
+        iterations: Greatest number of steps.
+
+    Returns:
+        Joint positions; check with `pose_error` what they reach. Shape (n, nq). [rad or m]
+
+    """
+    q = np.array(q)
+    damping = np.full(len(q), 1e-9)
+    error = pose_error(arm.chain, q, position, rotation)
+    for _ in range(iterations):
+        size = np.linalg.norm(error, axis=1)
+        busy = np.flatnonzero(size > 1e-13)
+        if not len(busy):
+            break
+        columns = joint_jacobian(arm.chain, locate_frames(arm.chain, q[busy]))[:, :, arm.arm]
+        normal = np.swapaxes(columns, 1, 2) @ columns + damping[busy, None, None] * np.eye(len(arm.arm))
+        step = np.linalg.solve(normal, np.swapaxes(columns, 1, 2) @ error[busy, :, None])[..., 0]
+        trial = q[busy]
+        trial[:, arm.arm] += step * np.minimum(1.0, 0.7 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
+        trial_error = pose_error(arm.chain, trial, position[busy], rotation[busy])
+        better = np.linalg.norm(trial_error, axis=1) < size[busy]
+        q[busy[better]], error[busy[better]] = trial[better], trial_error[better]
+        damping[busy] = np.where(better, damping[busy] * 0.1, np.maximum(damping[busy], 1e-9) * 30.0)
+    return q
+
+
+def pose_error(chain: Chain, q: Array, position: Array, rotation: Array) -> Array:
+    """Tell by how much joint positions miss a pose: wanted - reached, rotation vector last, base axes. Shape (n, 6)."""
+    frames = locate_frames(chain, q)
+    turn = Rotation.from_matrix(rotation @ np.swapaxes(frames.tcp_rotation, 1, 2)).as_rotvec()
+    return np.hstack([position - frames.tcp_position, turn])
+
+
+def middle_of_limits(robot: Robot) -> Array:
+    """Return the middle of every joint's limits, zero where they are infinite; shape (nq,) [rad or m]."""
+    bounded = np.isfinite(robot.lower) & np.isfinite(robot.upper)
+    with np.errstate(invalid="ignore"):
+        return np.where(bounded, 0.5 * (robot.lower + robot.upper), 0.0)
+
+
+def snap_geometry(axes: Array, origins: Array) -> tuple[Array, Array]:
+    """Return the nearest arm that has a closed form: near-parallel axes parallel, near-meeting wrist axes meeting.
+
+    Args:
+        axes: Joint axes at zero joint positions. Shape (6, 3).
+        origins: A point on each. Shape (6, 3). [m]
+
+    Returns:
+        Axes and points of the snapped arm.
+
+    """
+    axes, origins = axes.copy(), origins.copy()
+    for j in range(1, 6):
+        for i in range(j):
+            cosine = float(axes[i] @ axes[j])
+            if np.linalg.norm(np.cross(axes[i], axes[j])) < NEARLY_PARALLEL:
+                axes[j] = np.sign(cosine) * axes[i]
+                break
+            if abs(cosine) < NEARLY_PARALLEL and j == i + 1:
+                axes[j] -= cosine * axes[i]
+                axes[j] /= np.linalg.norm(axes[j])
+    across = [np.eye(3) - np.outer(a, a) for a in axes[3:]]
+    normal = sum(across[1:], across[0])
+    target = sum((p @ o for p, o in zip(across[1:], origins[4:], strict=True)), across[0] @ origins[3])
+    centre = np.linalg.lstsq(normal, target, rcond=1e-6)[0]
+    misses = [float(np.linalg.norm(p @ (o - centre))) for p, o in zip(across, origins[3:], strict=True)]
+    if max(misses) < NEARLY_MEETING:
+        origins[3:] = centre
+    return axes, origins
+
+
+def _closed_form(axes: Array, origins: Array, tip: Array) -> Any:
+    from eaik.IK_HP import HPRobot
+
+    offsets = np.vstack([origins[:1], np.diff(origins, axis=0), (tip - origins[-1])[None]])
+    solver = HPRobot(axes, offsets)
+    return solver if solver.hasKnownDecomposition() else None
+
+
+def _solve_closed(arm: Arm, position: Array, rotation: Array, held: Array) -> tuple[NDArray[np.int_], Array]:
+    """Return waypoint and joint positions of every closed-form solution."""
+    pose = np.tile(np.eye(4), (len(position), 1, 1))
+    pose[:, :3, :3], pose[:, :3, 3] = rotation, position
+    if len(arm.held):
+        pose = _carry_to_arm(arm, pose, held)
+    pose[:, :3, :3] = pose[:, :3, :3] @ arm.base_turn.T
+    answers = arm.solver.IK_batched(pose, 1)
+    counts = np.array([len(answer.Q) for answer in answers])
+    if not counts.sum():
+        return np.zeros(0, int), np.zeros((0, arm.chain.nq))
+    rows = np.repeat(np.arange(len(position)), counts)
+    q = np.empty((len(rows), arm.chain.nq))
+    q[:, arm.arm] = np.vstack([answer.Q for answer in answers if len(answer.Q)])
+    q[:, arm.held] = held[rows]
+    if arm.exact:
+        rigid = ~np.concatenate([np.asarray(answer.is_LS, bool) for answer in answers if len(answer.Q)])
+        rows, q = rows[rigid], q[rigid]
+    return rows, q
+
+
+def _carry_to_arm(arm: Arm, pose: Array, held: Array) -> Array:
+    """Express poses as if the held joints stood at zero."""
+    chain, first = arm.chain, arm.chain.joint_elements[arm.arm[0]]
+    at_zero, here = np.zeros((1, chain.nq)), np.zeros((len(held), chain.nq))
+    here[:, arm.held] = held
+    zero, moved = locate_frames(chain, at_zero), locate_frames(chain, here)
+    turn = moved.tcp_rotation @ zero.tcp_rotation[0].T
+    carried = np.array(pose)
+    back = np.swapaxes(turn, 1, 2)
+    carried[:, :3, :3] = back @ pose[:, :3, :3]
+    carried[:, :3, 3] = (back @ (pose[:, :3, 3] - moved.origin[:, first])[..., None])[..., 0] + zero.origin[0, first]
+    return carried
+
+
+def _solve_numerically(arm: Arm, position: Array, rotation: Array, held: Array) -> tuple[NDArray[np.int_], Array]:
+    """Return waypoint and joint positions of the solutions that many starts find; waypoints between follow suit."""
+    n = len(position)
+    anchors = np.unique(np.r_[np.arange(0, n, STRIDE), n - 1])
+    starts = _random_starts(arm, 96)
+    rows = np.repeat(anchors, len(starts))
+    q = np.tile(starts, (len(anchors), 1))
+    q[:, arm.held] = held[rows]
+    q = refine_ik(arm, q, position[rows], rotation[rows], iterations=40)
+    rows, q = _keep_distinct(arm, rows, q, position, rotation)
+    nearest = anchors[np.abs(np.arange(n)[:, None] - anchors[None, :]).argmin(axis=1)] if n else anchors
+    members = [np.flatnonzero(rows == anchor) for anchor in nearest]
+    all_rows = np.repeat(np.arange(n), [len(member) for member in members])
+    start = q[np.concatenate(members)] if len(all_rows) else np.zeros((0, arm.chain.nq))
+    start[:, arm.held] = held[all_rows]
+    return all_rows, refine_ik(arm, start, position[all_rows], rotation[all_rows], iterations=30)
+
+
+def _random_starts(arm: Arm, count: int) -> Array:
+    from scipy.stats import qmc
+
+    low = np.maximum(arm.robot.lower, -np.pi)
+    high = np.minimum(arm.robot.upper, np.pi)
+    return low + qmc.Halton(arm.chain.nq, seed=0).random(count) * (high - low)
+
+
+def _keep_distinct(
+    arm: Arm, rows: NDArray[np.int_], q: Array, position: Array, rotation: Array
+) -> tuple[NDArray[np.int_], Array]:
+    """Keep the starts that arrived, one a configuration and waypoint."""
+    fits = np.abs(pose_error(arm.chain, q, position[rows], rotation[rows])).max(axis=1, initial=0.0) < REACHED
+    rows, q = rows[fits], q[fits]
+    if not len(rows):
+        return rows, q
+    keys = rows * 8 + name_configuration(arm, q)
+    first = np.unique(keys, return_index=True)[1]
+    return rows[first], q[first]
+
+
+def _assign_slots(rows: NDArray[np.int_], names: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Give every solution of a waypoint a slot of its own; where two have one name, the later takes a free slot."""
+    slots = names.copy()
+    first = np.unique(rows * 8 + names, return_index=True)[1]
+    for k in np.setdiff1d(np.arange(len(rows)), first):
+        taken = slots[(rows == rows[k]) & (np.arange(len(rows)) != k)]
+        slots[k] = np.setdiff1d(np.arange(8), taken)[0] if len(set(taken)) < 8 else names[k]
+    return slots
+
+
+def _front_side(arm: Arm) -> float:
+    """Return +1 or -1: the front is the side that the second axis is offset to, or else the side of the zero pose."""
+    if len(arm.arm) < 6:
+        return 1.0
+    frames = locate_frames(arm.chain, np.zeros((1, arm.chain.nq)))
+    first, second = arm.chain.joint_elements[arm.arm[:2]]
+    direction = np.cross(frames.axis[0, second], frames.axis[0, first])
+    offset = float((frames.origin[0, second] - frames.origin[0, first]) @ direction)
+    side = offset if abs(offset) > 1e-3 else float(_shoulder_side(arm, np.zeros((1, arm.chain.nq)))[0])
+    return -1.0 if side < 0 else 1.0
+
+
+def _wrap(arm: Arm, q: Array, rest: Array) -> Array:
+    """Bring revolute joints within half a turn of the middle of their limits."""
+    turns = np.where(arm.robot.prismatic, 0.0, np.round((q - rest) / (2 * np.pi)))
+    return q - 2 * np.pi * turns
+
+
+def _wrist(axis: Array, origin: Array) -> Array:
+    """Return the point of axis five that is nearest to axis four: the wrist centre of a spherical wrist."""
+    between = origin[:, 3] - origin[:, 4]
+    cosine = np.einsum("ni,ni->n", axis[:, 3], axis[:, 4])
+    along = np.einsum("ni,ni->n", between, axis[:, 4]) - cosine * np.einsum("ni,ni->n", between, axis[:, 3])
+    return origin[:, 4] + (along / np.maximum(1.0 - cosine**2, 1e-6))[:, None] * axis[:, 4]
+
+
+def _shoulder_side(arm: Arm, q: Array) -> Array:
+    """Return the wrist's distance from the first axis along the second joint's plane, signed; shape (n,) [m]."""
+    if len(arm.arm) < 6:
+        return np.ones(len(q))
+    frames = locate_frames(arm.chain, q)
+    elements = arm.chain.joint_elements[arm.arm]
+    axis, origin = frames.axis[:, elements], frames.origin[:, elements]
+    direction = np.cross(axis[:, 1], axis[:, 0])
+    return np.asarray(np.einsum("ni,ni->n", _wrist(axis, origin) - origin[:, 0], direction))

@@ -1,0 +1,139 @@
+"""Cartesian stiffness of a loaded arm: with the complementary matrix K_C, and without it.
+
+A wrench does not only bend the springs, it also turns the levers on which it acts. The conservative congruence
+transformation [Chen2000] carries this as the complementary stiffness K_C = d(J^T w)/dtheta:
+
+    K_X = J^-T (K_theta - K_C) J^-1,   or, for any number of springs,   K_X^-1 = J (1 - C K_C)^-1 C J^T.
+
+Without K_C stands the plain formula K_X^-1 = J C J^T [Salisbury1980], which holds for the unloaded arm. The indices
+nu_p and nu_r [Dumas2011] say how far the two differ.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from compplan.robot import Array
+from compplan.statics.chain import Chain, jacobian, locate_frames
+from compplan.statics.elastic import cartesian_compliance, load_hessian, loaded_compliance, solve_equilibrium
+
+SINGULAR = 1e-12
+"""Smallest ratio of singular values at which a compliance, lengths scaled to one metre, counts as invertible."""
+
+
+class ComplementaryInfluence(NamedTuple):
+    """How far the displacement under a wrench changes when K_C is left out [Dumas2011, eqs. 10 and 11].
+
+    Attributes:
+        nu_p: |dp_with - dp_without| / max(|dp_with|, |dp_without|), translations. Shape (n,).
+        nu_r: Largest difference of a rotation component. Shape (n,). [rad]
+        with_complementary: Displacement with K_C, base axes. Shape (n, 6). [m, rad]
+        without_complementary: Displacement without it, base axes. Shape (n, 6). [m, rad]
+    """
+
+    nu_p: Array
+    nu_r: Array
+    with_complementary: Array
+    without_complementary: Array
+
+
+def complementary_stiffness(chain: Chain, q: Array, wrench: Array, theta: Array | None = None) -> Array:
+    """Compute the complementary stiffness in the elastic coordinates, K_C = d(J^T w)/dtheta.
+
+    The part of the weights is left out, as in [Chen2000]; `compplan.statics.elastic.load_hessian` carries both.
+
+    Args:
+        chain: The chain.
+        q: Joint positions. Shape (n, nq). [rad or m]
+        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
+        theta: Elastic coordinates, zero if left out. Shape (n, s). [rad or m]
+
+    Returns:
+        Shape (n, s, s). [N m/rad and kin]
+    """
+    q = np.atleast_2d(np.asarray(q, float))
+    weightless = replace(chain, gravity=np.zeros(3))
+    coordinates = np.zeros((len(q), chain.n_springs)) if theta is None else theta
+    return load_hessian(weightless, q, coordinates, np.broadcast_to(wrench, (len(q), 6)))
+
+
+def displace_linearly(chain: Chain, q: Array, wrench: Array, *, complementary: bool = True) -> Array:
+    """Displace the TCP under a wrench by the stiffness of the unloaded posture.
+
+    dx = K_X^-1 w, everything evaluated before the arm yields; `compplan.statics.elastic.solve_equilibrium` is exact.
+
+    Args:
+        chain: The chain.
+        q: Joint positions. Shape (n, nq). [rad or m]
+        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6) or (6,). [N, N m]
+        complementary: Whether K_C takes part.
+
+    Returns:
+        Displacement of the TCP, base axes. Shape (n, 6). [m, rad]
+    """
+    q = np.atleast_2d(np.asarray(q, float))
+    load = np.broadcast_to(np.asarray(wrench, float), (len(q), 6))
+    columns = jacobian(chain, locate_frames(chain, q))[:, :, chain.spring_elements]
+    deflection = np.einsum("...ij,nkj,nk->ni", chain.compliance, columns, load)
+    if complementary:
+        inner = np.eye(chain.n_springs) - chain.compliance @ complementary_stiffness(chain, q, load)
+        deflection = np.linalg.solve(inner, deflection[..., None])[..., 0]
+    return np.asarray(np.einsum("nij,nj->ni", columns, deflection))
+
+
+def complementary_influence(chain: Chain, q: Array, wrench: Array) -> ComplementaryInfluence:
+    """Compute the indices nu_p and nu_r, which say where K_C matters.
+
+    Args:
+        chain: The chain.
+        q: Joint positions. Shape (n, nq). [rad or m]
+        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6) or (6,). [N, N m]
+    """
+    with_it = displace_linearly(chain, q, wrench)
+    without = displace_linearly(chain, q, wrench, complementary=False)
+    gap = with_it - without
+    size = np.maximum(np.linalg.norm(with_it[:, :3], axis=1), np.linalg.norm(without[:, :3], axis=1))
+    nu_p = np.linalg.norm(gap[:, :3], axis=1) / np.where(size > 0, size, 1.0)
+    return ComplementaryInfluence(nu_p, np.abs(gap[:, 3:]).max(axis=1), with_it, without)
+
+
+def cartesian_stiffness(chain: Chain, q: Array, wrench: Array | None = None, *, complementary: bool = True) -> Array:
+    """Compute the Cartesian stiffness of the TCP at the loaded equilibrium.
+
+    Args:
+        chain: The chain.
+        q: Joint positions. Shape (n, nq). [rad or m]
+        wrench: Wrench of the environment on the tool at the TCP, base axes; none if left out. Shape (n, 6). [N, N m]
+        complementary: Whether the change of the levers takes part (K_C, and the same of the weights).
+
+    Returns:
+        Rows fx fy fz mx my mz, columns tx ty tz rx ry rz, base axes. NaN where the compliance is singular: an arm
+        without elasticity in some direction, or in a singular posture. Shape (n, 6, 6).
+    """
+    q = np.atleast_2d(np.asarray(q, float))
+    load = np.zeros((len(q), 6)) if wrench is None else np.broadcast_to(np.asarray(wrench, float), (len(q), 6))
+    if complementary:
+        compliance = loaded_compliance(chain, q, load)
+    else:
+        compliance = cartesian_compliance(chain, q, solve_equilibrium(chain, q, load).theta)
+    values = np.linalg.svd(compliance, compute_uv=False)
+    regular = values[:, -1] > SINGULAR * np.maximum(values[:, 0], 1e-300)
+    stiffness = np.full_like(compliance, np.nan)
+    stiffness[regular] = np.linalg.inv(compliance[regular])
+    return stiffness
+
+
+def worst_unit_force(compliance: Array) -> tuple[Array, Array]:
+    """Find the force direction of the largest displacement, by singular values of the translational compliance.
+
+    Args:
+        compliance: Compliance of the TCP. Shape (n, 6, 6).
+
+    Returns:
+        Displacement per force in that direction, shape (n,) [m/N], and the direction of the force, shape (n, 3).
+    """
+    _, values, directions = np.linalg.svd(compliance[..., :3, :3])
+    return values[..., 0], directions[..., 0, :]

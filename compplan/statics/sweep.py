@@ -1,0 +1,292 @@
+"""The inner loops of the elastic chain, components first: one numpy operation works on one component of many poses.
+
+A walk passes once from the base to the TCP. Rotations are kept as three columns of shape (3, n), so that a turn about
+the z axis of an element mixes two columns and leaves the third, and constant placements cost only their entries that
+are neither 0 nor 1. `compplan.statics.chain` and `compplan.statics.elastic` give these loops their public form, poses
+first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Terms = list[tuple[int, "Array | float"]]
+"""A linear combination: which components, with which coefficients (numbers, or one a pose)."""
+
+Components = Sequence[Array] | Array
+"""Three components, each of shape (n,) or (1,)."""
+
+CHUNK = 4096
+"""Poses that are walked at once: the working set stays in the cache."""
+
+_SMALL_ANGLE = 0.02
+
+
+@dataclass(frozen=True)
+class Step:
+    """One element, its frame turned so that it moves about or along z.
+
+    Attributes:
+        columns: Columns of the constant rotation from the frame before it.
+        shift: Constant translation from the frame before it, in that frame. [m]
+        translates: Whether the element translates.
+        q_index: Commanded joint, or -1.
+        theta_index: Elastic coordinate, or -1.
+        multiplier: Factor on the joint position.
+        q_offset: Constant added to it. [rad or m]
+        bodies: Bodies that hang after the motion: index and centre in the element's frame.
+    """
+
+    columns: tuple[Terms, Terms, Terms]
+    shift: Terms
+    translates: bool
+    q_index: int
+    theta_index: int
+    multiplier: float
+    q_offset: Array | float
+    bodies: list[tuple[int, Terms]]
+
+
+@dataclass(frozen=True)
+class CompiledChain:
+    """A chain prepared for walking: its elements, what hangs on the base, the TCP and the compliance row by row.
+
+    Attributes:
+        steps: The elements from the base.
+        base_bodies: Bodies that hang on the base.
+        tcp_columns: Columns of the TCP's orientation in the frame of the last element.
+        tcp_shift: TCP in the frame of the last element. [m]
+        weights: Weight of each body, none where gravity is not carried. [N]
+        n_bodies: Number of bodies.
+        compliance: Rows of the compliance.
+    """
+
+    steps: list[Step]
+    base_bodies: list[tuple[int, Terms]]
+    tcp_columns: tuple[Terms, Terms, Terms]
+    tcp_shift: Terms
+    weights: list[list[Array | float]]
+    n_bodies: int
+    compliance: list[Terms]
+
+
+class Walk(NamedTuple):
+    """Where n poses stand, components first; a length of 1 in place of n means the same for all.
+
+    Attributes:
+        axis: Axis of each element. m arrays of shape (3, n).
+        origin: Origin of each element. m arrays of shape (3, n). [m]
+        columns: Columns of the TCP's orientation. Three arrays of shape (3, n).
+        position: TCP. Shape (3, n). [m]
+        centre: Centres of the bodies. b arrays of shape (3, n). [m]
+    """
+
+    axis: list[Array]
+    origin: list[Array]
+    columns: list[Array]
+    position: Array
+    centre: list[Array]
+
+
+def joint_turns(compiled: CompiledChain, q: Array) -> list[tuple[Array, Array] | Array | None]:
+    """Evaluate what the commanded positions do to each element, once for all iterations.
+
+    Args:
+        compiled: The chain.
+        q: Joint positions. Shape (nq, n). [rad or m]
+
+    Returns:
+        For each element its sine and cosine, its travel [m], or None where it is elastic.
+    """
+    turns: list[tuple[Array, Array] | Array | None] = []
+    for step in compiled.steps:
+        if step.q_index < 0:
+            turns.append(None)
+            continue
+        value = step.multiplier * q[step.q_index] + step.q_offset
+        turns.append(value if step.translates else (np.sin(value), np.cos(value)))
+    return turns
+
+
+def walk_chain(
+    compiled: CompiledChain,
+    turns: Sequence[tuple[Array, Array] | Array | None],
+    theta: Sequence[Array] | None,
+    *,
+    bodies: bool = True,
+) -> Walk:
+    """Walk from the base to the TCP.
+
+    Args:
+        compiled: The chain.
+        turns: Motion of the commanded elements, from `joint_turns`.
+        theta: Elastic coordinates, s arrays of shape (n,), zero if left out. [rad or m]
+        bodies: Whether the centres of the bodies are asked for.
+    """
+    columns = [np.eye(3)[:, i : i + 1] for i in range(3)]
+    position = np.zeros((3, 1))
+    axes: list[Array] = []
+    origins: list[Array] = []
+    centres: list[Array] = [position] * (compiled.n_bodies if bodies else 0)
+    if bodies:
+        _hang(compiled.base_bodies, columns, position, centres)
+    for step, turn in zip(compiled.steps, turns, strict=True):
+        position = _shifted(position, step.shift, columns)
+        columns = [_combine(terms, columns) for terms in step.columns]
+        axes.append(columns[2])
+        origins.append(position)
+        if turn is None and theta is not None:
+            value = theta[step.theta_index]
+            turn = value if step.translates else _sine_cosine(value)
+        if turn is None:
+            pass
+        elif isinstance(turn, tuple):
+            sine, cosine = turn
+            first, second, third = columns
+            columns = [cosine * first + sine * second, cosine * second - sine * first, third]
+        else:
+            position = position + turn * columns[2]
+        if bodies:
+            _hang(step.bodies, columns, position, centres)
+    tcp = _shifted(position, compiled.tcp_shift, columns)
+    return Walk(axes, origins, [_combine(terms, columns) for terms in compiled.tcp_columns], tcp, centres)
+
+
+def element_loads(
+    compiled: CompiledChain, walk: Walk, force: Components, moment: Components, elements: Sequence[int]
+) -> list[Array]:
+    """Compute the load that wrench and weights put on elements: tau = a . (M - o x F), or a . F where it translates.
+
+    Args:
+        compiled: The chain.
+        walk: Where it stands.
+        force: Components of the force on the tool. Three arrays of shape (n,) or (1,). [N]
+        moment: Components of the moment on the tool at the TCP. Three arrays of shape (n,) or (1,). [N m]
+        elements: Elements that are asked for, in rising order.
+
+    Returns:
+        One array of shape (n,) each. [N m or N]
+    """
+    f: list[Array] = list(force)
+    m = _add(moment, _cross(walk.position, f))
+    hanging: list[list[int]] = [[b for b, _ in step.bodies] for step in compiled.steps]
+    loads: list[Array] = []
+    wanted = len(elements) - 1
+    about: Array | None = None
+    for k in range(len(compiled.steps) - 1, -1, -1):
+        if wanted < 0:
+            break
+        if compiled.weights and hanging[k]:
+            about = None
+            for b in hanging[k]:
+                weight = [np.asarray(w) for w in compiled.weights[b]]
+                f = _add(f, weight)
+                m = _add(m, _cross(walk.centre[b], weight))
+        if elements[wanted] != k:
+            continue
+        wanted -= 1
+        axis = walk.axis[k]
+        if compiled.steps[k].translates:
+            loads.append(_dot(axis, f))
+            continue
+        if about is not walk.origin[k]:
+            about = walk.origin[k]
+            shifted = _cross(about, f)
+            local = [m[0] - shifted[0], m[1] - shifted[1], m[2] - shifted[2]]
+        loads.append(_dot(axis, local))
+    return loads[::-1]
+
+
+def apply_compliance(compiled: CompiledChain, torque: Sequence[Array]) -> list[Array]:
+    """Multiply the compliance with the loads of the elastic coordinates: s arrays of shape (n,)."""
+    update = []
+    for row in compiled.compliance:
+        total: Array = np.zeros(1)
+        for count, (j, value) in enumerate(row):
+            total = value * torque[j] if count == 0 else total + value * torque[j]
+        update.append(total)
+    return update
+
+
+def turn_to_axis(axis: Array) -> Array:
+    """Build rotations whose third column is a unit vector; exact permutations for coordinate axes [Duff2017]."""
+    x, y, z = axis[..., 0], axis[..., 1], axis[..., 2]
+    sign = np.where(z < 0, -1.0, 1.0)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    first = np.stack([1 + sign * x * x * a, sign * b, -sign * x], axis=-1)
+    second = np.stack([b, sign + y * y * a, -y], axis=-1)
+    return np.stack([first, second, axis], axis=-1)
+
+
+def turn_vector(matrix: Array, vector: Array) -> Array:
+    """Multiply stacks of matrices (..., 3, 3) and vectors (..., 3)."""
+    return np.asarray((matrix @ vector[..., None])[..., 0])
+
+
+def entry(values: Array) -> Array | float:
+    """Give the number where there is one for all poses (whole where it is whole to rounding), else one a pose."""
+    flat = np.asarray(values, float).reshape(-1)
+    if flat.size > 1:
+        return flat
+    value = float(flat[0])
+    return float(round(value)) if abs(value - round(value)) < 2e-16 else value
+
+
+def vector_terms(vector: Array) -> Terms:
+    """Keep the components of a vector that are not zero. Shape (..., k)."""
+    entries = ((i, entry(vector[..., i])) for i in range(vector.shape[-1]))
+    return [(i, value) for i, value in entries if np.any(value)]
+
+
+def column_terms(matrix: Array) -> tuple[Terms, Terms, Terms]:
+    """Keep the entries of each column of a rotation that are not zero. Shape (..., 3, 3)."""
+    return vector_terms(matrix[..., :, 0]), vector_terms(matrix[..., :, 1]), vector_terms(matrix[..., :, 2])
+
+
+def _combine(terms: Terms, columns: Sequence[Array]) -> Array:
+    total: Array | None = None
+    for i, value in terms:
+        part = columns[i] if isinstance(value, float) and value == 1.0 else value * columns[i]
+        total = part if total is None else total + part
+    return np.zeros((3, 1)) if total is None else total
+
+
+def _shifted(position: Array, shift: Terms, columns: Sequence[Array]) -> Array:
+    for i, value in shift:
+        position = position + value * columns[i]
+    return position
+
+
+def _hang(
+    bodies: list[tuple[int, Terms]], columns: Sequence[Array], position: Array, centres: list[Array]
+) -> None:
+    for b, shift in bodies:
+        centres[b] = _shifted(position, shift, columns)
+
+
+def _sine_cosine(angle: Array) -> tuple[Array, Array]:
+    """Compute sine and cosine; by their series (exact to rounding) while the angles are those of an elastic arm."""
+    if np.abs(angle).max(initial=0.0) > _SMALL_ANGLE:
+        return np.sin(angle), np.cos(angle)
+    square = angle * angle
+    sine = angle * (1.0 + square * (-1 / 6 + square * (1 / 120 - square / 5040)))
+    return sine, 1.0 + square * (-0.5 + square * (1 / 24 + square * (-1 / 720 + square / 40320)))
+
+
+def _cross(a: Components, b: Components) -> list[Array]:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def _dot(a: Components, b: Components) -> Array:
+    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+def _add(a: Components, b: Components) -> list[Array]:
+    return [a[0] + b[0], a[1] + b[1], a[2] + b[2]]

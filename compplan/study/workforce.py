@@ -1,0 +1,100 @@
+"""Who computes the chunks of a study: this process, processes on this machine, or a Dask cluster."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from itertools import islice
+from multiprocessing import get_context
+
+from compplan.errors import InputError
+from compplan.robot import Array
+from compplan.study.cluster import compute_on_cluster
+from compplan.study.judging import Chunks, Judged, judge_points
+from compplan.study.storage import pack_study, unpack_study
+from compplan.study.study import Study
+
+#: Threads of numeric libraries in a worker process.
+ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Workforce:
+    """Who computes.
+
+    Attributes:
+        workers: Processes on this machine; None: one a core, 1: in this process.
+        scheduler: Address of a Dask scheduler, in place of processes on this machine.
+
+    """
+
+    workers: int | None = None
+    scheduler: str | None = None
+
+
+def compute_chunks(study: Study, numbers: list[int], points: Callable[[int], Array], workforce: Workforce) -> Chunks:
+    """Compute chunks; give number and figures of each as it is done.
+
+    Args:
+        study: The study.
+        numbers: Numbers of the chunks.
+        points: Makes the points of a chunk.
+        workforce: Who computes.
+
+    Raises:
+        InputError: If a scheduler does not answer, or a worker process dies.
+        ConvergenceError: If a cell buckles under its load.
+
+    """
+    if workforce.scheduler is not None:
+        return compute_on_cluster(study, numbers, points, workforce.scheduler)
+    count = min(workforce.workers or os.cpu_count() or 1, len(numbers))
+    if count <= 1:
+        return _compute_here(study, numbers, points)
+    return _compute_in_processes(study, numbers, points, count)
+
+
+def _compute_here(study: Study, numbers: list[int], points: Callable[[int], Array]) -> Chunks:
+    for number in numbers:
+        yield number, judge_points(study, points(number))
+
+
+def _compute_in_processes(study: Study, numbers: list[int], points: Callable[[int], Array], count: int) -> Chunks:
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    pool = ProcessPoolExecutor(count, get_context("spawn"), _start_worker, (pack_study(study),))
+    try:
+        todo = iter(numbers)
+        running: dict[Future[Judged], int] = {pool.submit(_work, points(n)): n for n in islice(todo, 2 * count)}
+        while running:
+            ready, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in ready:
+                for number in islice(todo, 1):
+                    running[pool.submit(_work, points(number))] = number
+                yield running.pop(future), future.result()
+    except BrokenProcessPool:
+        message = "a worker process died; run again to go on with what is left, with fewer --workers if memory ran out"
+        raise InputError(message) from None
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+_HELD: list[Study] = []
+
+
+def _start_worker(packed: bytes) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is interrupted and ends its workers
+    _HELD[:] = [unpack_study(packed)]
+
+
+def _work(points: Array) -> Judged:
+    return judge_points(_HELD[0], points)
