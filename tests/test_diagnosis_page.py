@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from compplan.diagnose.where import split_deviation
+from compplan.effects import EFFECTS
 from compplan.measure.campaign import Campaign
 from compplan.report.diagnosis_page import DiagnosisView, say_how_far, say_where, say_which, write_diagnosis
-from compplan.report.effect_words import SENTENCES, describe_effect, describe_parameters, name_effect
+from compplan.report.effect_words import describe_effect, describe_parameters, name_effect
 from compplan.report.gap_figures import _noise_share, draw_histogram, thin_dots
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain
@@ -97,7 +98,7 @@ def test_without_held_out_rows_no_figure_is_given() -> None:
     assert "no honest figure" in say_how_far(make_view(gap={"before_rms_mm": 0.5}))
 
 
-@pytest.mark.parametrize("name", sorted(SENTENCES))
+@pytest.mark.parametrize("name", sorted(EFFECTS))
 def test_every_effect_of_the_vocabulary_has_words(name: str) -> None:
     place = {"effect": name, "joint": "joint_2", "axis": "rx"}
     assert "{" not in describe_effect(place)
@@ -107,7 +108,7 @@ def test_every_effect_of_the_vocabulary_has_words(name: str) -> None:
 def test_the_words_cover_the_effects_that_there_are() -> None:
     folder = Path(__file__).parent.parent / "compplan" / "effects"
     named = {file.stem for file in folder.glob("*.py") if re.search(r'^name = "', file.read_text(), re.M)}
-    assert named <= set(SENTENCES)
+    assert named <= set(EFFECTS)
 
 
 def test_parameters_show_their_unit() -> None:

@@ -86,9 +86,9 @@ def test_encoders_in_a_study_leave_what_their_exact_equilibrium_leaves() -> None
     cells = quiet_cells(study, np.array([1.3]), np.ones(1))
     chain = replace(task.chain, compliance=1.3 * task.chain.compliance)
     for name in ("secondary_encoder", "both_encoders"):
-        controller = study.controllers[name]
-        beta = 0.0 if controller.beta is None else controller.beta
-        state = control_equilibrium(chain, task.q_start, task.wrench, feedback=controller.feedback, beta=beta)
+        answer = study.answers[name]
+        beta = 0.0 if answer.beta is None else answer.beta
+        state = control_equilibrium(chain, task.q_start, task.wrench, feedback=answer.feedback, beta=beta)
         exact = state.loaded.position - task.position
         assert np.abs(run_strategy(study, name, cells)[:, 0].T - exact).max() < 2e-9
 

@@ -13,11 +13,11 @@ import pytest
 
 from compplan.errors import ShapeError
 from compplan.report import (
-    Cell,
     Chart,
     Column,
     PageTable,
     Section,
+    TableCell,
     describe_robot,
     locate_links,
     place_shapes,
@@ -116,7 +116,7 @@ def test_text_from_outside_cannot_become_markup() -> None:
 
 
 def test_a_table_shows_units_dashes_and_tones() -> None:
-    table = PageTable([Column("joint"), Column("margin", "deg")], [["q1", Cell(1.2345, "assumed")], ["q2", None]])
+    table = PageTable([Column("joint"), Column("margin", "deg")], [["q1", TableCell(1.2345, "assumed")], ["q2", None]])
     html = render_page("T", "L", [Section("S", [table])])
     assert '<span class="unit">deg</span>' in html
     assert "1.23</td>" in html

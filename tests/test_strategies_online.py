@@ -10,7 +10,7 @@ from compplan.effects import Effect
 from compplan.errors import InputError, UnknownNameError
 from compplan.plan.closed_loop import TimeCell, run_in_time
 from compplan.plan.correction_loop import Loop, Plant, largest_pole, run_loop
-from compplan.plan.strategies.online import ONLINE, prepare_controllers
+from compplan.plan.strategies.online import ONLINE, prepare_answers
 from compplan.plan.strategies.online_correction import LITERAL, PI, PID
 from compplan.robot import Array, load_robot
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
@@ -96,7 +96,7 @@ def test_the_cell_in_time_agrees_with_the_study_where_nothing_is_fast() -> None:
     true = study.task.robot.scale_compliance(1.2)
     time = np.r_[0.0, np.cumsum(study.task.step_time)]
     for name in ("none", "nlp", "secondary_encoder", "both_encoders"):
-        run = run_in_time(study.task, study.controllers[name], TimeCell(true))
+        run = run_in_time(study.task, study.answers[name], TimeCell(true))
         there = np.argmin(np.abs(run.time[:, None] - time[None, :]), axis=0)
         near = np.abs(run.time[there] - time) < 2e-3
         attained = np.linalg.norm(run_strategy(study, name, cells), axis=0)[0]
@@ -109,7 +109,7 @@ def test_the_loop_in_time_is_the_filter_of_the_study() -> None:
     cells = quiet_cells(study, np.array([1.2]), np.ones(1))
     time = np.r_[0.0, np.cumsum(study.task.step_time)]
     for name in ("online_pi", "online_pid"):
-        run = run_in_time(study.task, study.controllers[name], TimeCell(study.task.robot.scale_compliance(1.2)))
+        run = run_in_time(study.task, study.answers[name], TimeCell(study.task.robot.scale_compliance(1.2)))
         filtered = np.sqrt((run_strategy(study, name, cells)[:, 0, study.cut] ** 2).sum(axis=0).mean())
         stepped = np.sqrt((np.interp(time, run.time, run.distance)[study.cut] ** 2).mean())
         assert stepped == pytest.approx(filtered, rel=0.1)
@@ -119,7 +119,7 @@ def test_the_loop_in_time_is_the_filter_of_the_study() -> None:
 def test_the_literal_law_runs_into_its_limiter_and_the_others_do_not() -> None:
     study = cone_study()
     cell = TimeCell(study.task.robot, most_correction=0.008)
-    online = study.controllers["online_pi"]
+    online = study.answers["online_pi"]
     runs = {name: run_in_time(study.task, online, cell, loop=loop, seconds=6.0)
             for name, loop in (("literal", LITERAL), ("pi", PI), ("pid", PID))}  # fmt: skip
     assert runs["literal"].limited.mean() > 0.8
@@ -131,26 +131,26 @@ def test_the_literal_law_runs_into_its_limiter_and_the_others_do_not() -> None:
 def test_with_correction_the_force_of_a_stiff_process_rises() -> None:
     study = cone_study()
     sheet = TimeCell(study.task.robot, process_stiffness=np.diag([0.0, 0.0, 2e5]))
-    plain, corrected = (run_in_time(study.task, study.controllers[name], sheet) for name in ("none", "online_pi"))
+    plain, corrected = (run_in_time(study.task, study.answers[name], sheet) for name in ("none", "online_pi"))
     assert corrected.wrench[:, 2].max() > 1.05 * plain.wrench[:, 2].max()
     assert corrected.distance[200:].mean() < plain.distance[200:].mean()
 
 
 def test_sensor_faults_cost_what_they_should() -> None:
     study = cone_study()
-    force = study.controllers["force_sensor_full"]
+    force = study.answers["force_sensor_full"]
     still = run_in_time(study.task, force, TimeCell(study.task.robot))
     biased = run_in_time(study.task, force, TimeCell(study.task.robot, force_bias=np.r_[0.0, 50.0, 0, 0, 0, 0]))
     # 50 N that are not there, times the lateral compliance
     assert 5e-5 < biased.distance.mean() - still.distance.mean() < 1e-3
     noisy = TimeCell(study.task.robot, link_noise=1e-5, link_step=5e-5, seed=3)
     plain, shaken = (
-        run_in_time(study.task, study.controllers["secondary_encoder"], cell)
+        run_in_time(study.task, study.answers["secondary_encoder"], cell)
         for cell in (TimeCell(study.task.robot), noisy)
     )
     change = np.linalg.norm(plain.attained - shaken.attained, axis=1)
     assert 5e-6 < change.mean() < 2e-4
-    again = run_in_time(study.task, study.controllers["secondary_encoder"], noisy)
+    again = run_in_time(study.task, study.answers["secondary_encoder"], noisy)
     np.testing.assert_array_equal(again.attained, shaken.attained)
 
 
@@ -158,7 +158,7 @@ def test_any_effect_of_the_diagnosis_may_stand_in_the_cell() -> None:
     study = cone_study()
     joint = study.task.robot.joint_names[0]
     effect = Effect("joint_offset", joint, None, {"offset_rad": 1e-4})
-    nlp = study.controllers["nlp"]
+    nlp = study.answers["nlp"]
     plain, wrong = (run_in_time(study.task, nlp, TimeCell(study.task.robot, effects=e)) for e in ((), (effect,)))
     shift = np.linalg.norm(wrong.attained - plain.attained, axis=1)
     radius = np.hypot(*plain.nominal[:, :2].T)
@@ -168,18 +168,18 @@ def test_any_effect_of_the_diagnosis_may_stand_in_the_cell() -> None:
 def test_strategies_that_do_not_fit_are_refused() -> None:
     study = cone_study()
     with pytest.raises(InputError, match="part to part"):
-        run_in_time(study.task, study.controllers["first_part"], TimeCell(study.task.robot))
+        run_in_time(study.task, study.answers["first_part"], TimeCell(study.task.robot))
     with pytest.raises(UnknownNameError, match="no strategy"):
-        prepare_controllers(study.task, ["telepathy"])
+        prepare_answers(study.task, ["telepathy"])
     robot = study.task.robot
     blind = replace(robot, springs=tuple(replace(s, actuator=False) for s in robot.springs))
     task = replace(study.task, robot=blind, chain=build_chain(blind))
     with pytest.raises(InputError, match="two encoders"):
-        prepare_controllers(task, ["encoder_force"])
+        prepare_answers(task, ["encoder_force"])
 
 
 def test_every_strategy_says_what_it_knows_measures_and_commands() -> None:
-    for name, controller in cone_study().controllers.items():
-        assert controller.name == name
-        assert controller.knows and controller.measures and controller.commands
-        assert (name in ONLINE) == (controller.measures != "nothing")
+    for name, answer in cone_study().answers.items():
+        assert answer.name == name
+        assert answer.knows and answer.measures and answer.commands
+        assert (name in ONLINE) == (answer.measures != "nothing")

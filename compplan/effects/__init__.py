@@ -1,6 +1,6 @@
 """Effects: what may be wrong with a robot, its instrument and its sensors, one file each.
 
-Each file of an effect holds `name`, and three verbs:
+Each file of an effect holds `name`, what it says in `words` ({at} is its place), and three verbs:
 
     signatures(at)          the places and forms in which a campaign could show the effect, to first order
     apply(scene, effect)    the exact forward model

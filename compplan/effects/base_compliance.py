@@ -14,6 +14,8 @@ from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
 
 name = "base_compliance"
+#: What it says; {at} is its place.
+words = "the base tilts under load about {at}"
 #: Assumed: a bolted base plate of a heavy robot.
 SCALE = 1e-7
 KEY = "compliance_rad_per_Nm"

@@ -14,6 +14,8 @@ from compplan.effects.tool_frame import KEYS, twist_values
 from compplan.robot import Array, Robot
 
 name = "base_frame"
+#: What it says; {at} is its place.
+words = "measurement frame and robot base are misaligned"
 #: Assumed: an instrument set up over a few target points.
 SCALE = np.array([1e-3, 1e-3, 1e-3, 5e-4, 5e-4, 5e-4])
 

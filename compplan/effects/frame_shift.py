@@ -15,6 +15,8 @@ from compplan.effects.tool_frame import KEYS, twist_values
 from compplan.robot import Array, Robot
 
 name = "frame_shift"
+#: What it says; {at} is its place.
+words = "base or measuring instrument moved during the campaign"
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:

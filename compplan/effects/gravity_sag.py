@@ -16,6 +16,8 @@ from compplan.robot import Robot
 from compplan.statics.chain import gravity_torque
 
 name = "gravity_sag"
+#: What it says; {at} is its place.
+words = "link weights bend the arm and the model leaves them out"
 SHARE, JOINTS = "gravity_m_s2", "joints"
 
 

@@ -13,6 +13,8 @@ from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
 
 name = "joint_coupling"
+#: What it says; {at} is its place.
+words = "the reading of {at} contains another joint's motion, or counts against the model"
 #: Assumed: a gear that drags its neighbour by a thousandth.
 SCALE = 1e-3
 

@@ -14,6 +14,8 @@ from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
 
 name = "joint_offset"
+#: What it says; {at} is its place.
+words = "the zero of {at} is off"
 #: Assumed: a zero found with a dial gauge.
 SCALE = 1e-3
 

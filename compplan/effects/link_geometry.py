@@ -14,6 +14,8 @@ from compplan.effects.signature import Effect, Signature
 from compplan.robot import Joint, Robot
 
 name = "link_geometry"
+#: What it says; {at} is its place.
+words = "a length or direction at {at} differs"
 #: Assumed: lengths to half a millimetre, directions to half a milliradian.
 SCALE = {"t": 5e-4, "r": 5e-4}
 UNIT = {"t": "m", "r": "rad"}

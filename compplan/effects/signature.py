@@ -102,6 +102,7 @@ class EffectModel(Protocol):
     """What one file of this package offers: one effect of the vocabulary."""
 
     name: str
+    words: str
 
     def signatures(self, at: Linearization) -> Iterable[Signature]:
         """List the places and forms in which the campaign could show the effect, with their signatures."""

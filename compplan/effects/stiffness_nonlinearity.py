@@ -13,6 +13,8 @@ from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array, Robot
 
 name = "stiffness_nonlinearity"
+#: What it says; {at} is its place.
+words = "the deflection of {at} is not proportional to its torque"
 #: Assumed: the deflection at a large load changes by a third.
 SCALE = 0.3
 #: Soft zones that are tried, as shares of a large load.

@@ -15,6 +15,8 @@ from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array, Robot
 
 name = "tool_frame"
+#: What it says; {at} is its place.
+words = "the tool centre point differs"
 #: Assumed: a TCP taught by touching a tip.
 SCALE = np.array([1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3])
 KEYS = ("tx_m", "ty_m", "tz_m", "rx_rad", "ry_rad", "rz_rad")

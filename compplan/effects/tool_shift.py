@@ -15,6 +15,8 @@ from compplan.effects.tool_frame import KEYS, SCALE, tool_twists, twist_values
 from compplan.robot import Robot
 
 name = "tool_shift"
+#: What it says; {at} is its place.
+words = "tool or target moved on the flange during the campaign"
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:

@@ -14,6 +14,8 @@ from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot
 
 name = "tracking_lag"
+#: What it says; {at} is its place.
+words = "{at} lags behind the command in motion"
 #: Assumed: one or two interpolation cycles.
 SCALE = 0.01
 

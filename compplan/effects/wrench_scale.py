@@ -13,6 +13,8 @@ from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
 
 name = "wrench_scale"
+#: What it says; {at} is its place.
+words = "the force sensor reads with a wrong gain"
 KEY = "gain_error_ratio"
 #: Assumed: a sensor out of calibration.
 SCALE = 0.1

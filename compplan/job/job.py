@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.files.tables import Array
-from compplan.files.tomlfile import Numbers, StrictTable, Vector3, check_table, read_toml
+from compplan.files.tomlfile import Numbers, OneOf, StrictTable, Vector3, check_table, read_toml
+from compplan.job.names import STRATEGIES
 from compplan.job.noise import NoiseTable
 from compplan.path.cam.options import CamTable
 from compplan.path.corners import round_corners
@@ -24,6 +25,7 @@ from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralT
 from compplan.path.process import ColumnsProcess, Process, predict_wrench
 from compplan.path.reading import read_toolpath
 from compplan.path.toolpath import Toolpath, check_toolpath, place_toolpath, resample_toolpath
+from compplan.program import WRITERS
 
 #: Step that a CAM file is divided into where the job says nothing. [m]
 CAM_STEP = 1e-3
@@ -78,7 +80,7 @@ def _expand_auto(value: object) -> object:
 class PlanTable(StrictTable):
     """[plan]: what the plan may do and has to reach."""
 
-    strategy: Literal["none", "mirror", "iterated_mirror", "nlp"] = "nlp"
+    strategy: Annotated[str, OneOf(STRATEGIES)] = "nlp"
     rotate_about_tool_axis: bool = True
     configuration: Annotated[Configuration, BeforeValidator(_expand_auto)] = Configuration()
     start_deg: Numbers | None = None
@@ -102,7 +104,7 @@ class PlanTable(StrictTable):
 class OutputTable(StrictTable):
     """[output]: native programs, and how they are cut up."""
 
-    programs: Annotated[tuple[Literal["krl", "val3", "fanuc_ls", "rapid", "csv"], ...], Field(strict=False)] = ()
+    programs: Annotated[tuple[Annotated[str, OneOf(WRITERS)], ...], Field(strict=False)] = ()
     max_points_per_file: int | None = Field(default=None, ge=2)
 
 

@@ -1,6 +1,11 @@
 """The commented job that `compplan init` writes; every key of `compplan.job.job` stands in it."""
 
-JOB_TEXT = """\
+from __future__ import annotations
+
+from compplan.job.names import STRATEGIES
+from compplan.program import WRITERS
+
+_TEXT = """\
 # A compplan job. Lengths in mm, angles in deg, forces in N: the unit is in the name of each key.
 # Lines that begin with a single # before a key show its default or an alternative. Unknown keys are refused.
 
@@ -65,7 +70,7 @@ ramp_out_mm = 0.0                   # ... and falls to 0 over this length before
 # file = "wrench.csv"
 
 [plan]
-strategy = "nlp"                    # none | mirror | iterated_mirror | nlp
+strategy = "nlp"                    # <strategies>
 rotate_about_tool_axis = true       # the redundant degree of freedom is free
 configuration = "auto"              # or { shoulder = "front", elbow = "up", wrist = "noflip" }, any of them
 # start_deg = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]   # start near these joint positions (prismatic joints in mm)
@@ -74,7 +79,7 @@ tolerance_mm = 0.1                  # in-tolerance verdicts and shares refer to 
 tool_x = [1.0, 0.0, 0.0]            # part axes: where the TCP frame's x points when rotation about the axis is not free
 
 [output]
-programs = ["val3"]                 # krl | val3 | fanuc_ls | rapid | csv
+programs = ["val3"]                 # <programs>
 # max_points_per_file = 5000        # programs are cut into files; left out: what each controller takes
 
 [sampling]                          # how cutting moves are divided; left out: CAM files at 1 mm, others not at all
@@ -164,3 +169,5 @@ plant_delay_ms = 37.0
 # tip_zone_mm = 30.0                # the tool within this distance of its tip may touch the part
 # self_collision = true             # keep the arm clear of itself too
 """
+
+JOB_TEXT = _TEXT.replace("<strategies>", " | ".join(STRATEGIES)).replace("<programs>", " | ".join(WRITERS))

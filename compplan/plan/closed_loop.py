@@ -19,7 +19,7 @@ import numpy as np
 from compplan.effects import Effect, apply_effects, attain_scene, command_campaign, stage_scene
 from compplan.errors import InputError
 from compplan.plan.correction_loop import Loop
-from compplan.plan.strategies.controller import Controller
+from compplan.plan.strategies.answer import Answer
 from compplan.plan.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
@@ -112,13 +112,13 @@ class _Track:
 
 
 def run_in_time(
-    task: PlanTask, controller: Controller, cell: TimeCell, *, loop: Loop | None = None, seconds: float | None = None
+    task: PlanTask, answer: Answer, cell: TimeCell, *, loop: Loop | None = None, seconds: float | None = None
 ) -> TimeRun:
     """Run a strategy in a cell in time.
 
     Args:
         task: The task; its wrench acts where the tool stands on the path.
-        controller: The strategy.
+        answer: The strategy.
         cell: The cell.
         loop: Correction loop in place of the strategy's own, such as one that is unstable.
         seconds: How long to run; the whole path if left out.
@@ -127,15 +127,15 @@ def run_in_time(
         InputError: If the strategy learns from part to part: that is no matter of time.
 
     """
-    if controller.sensor == "tracker":
-        raise InputError(f"strategy {controller.name!r} learns from part to part, it has no loop in time")
-    loop = loop or controller.loop
+    if answer.sensor == "tracker":
+        raise InputError(f"strategy {answer.name!r} learns from part to part, it has no loop in time")
+    loop = loop or answer.loop
     period = 0.01 if loop is None else loop.period
-    chain = _controlled_chain(build_chain(cell.robot), controller)
+    chain = _controlled_chain(build_chain(cell.robot), answer)
     times = np.concatenate([[0.0], np.cumsum(task.step_time)])
     count = int(min(times[-1], np.inf if seconds is None else seconds) / period) + 1
     time = np.asarray(np.arange(count) * period, float)
-    track = _lay_track(task, controller, cell, chain, np.interp(time, times, np.arange(len(times))))
+    track = _lay_track(task, answer, cell, chain, np.interp(time, times, np.arange(len(times))))
     law = _Law(loop, task.robot.nq)
     rng = np.random.default_rng(cell.seed)
     wrench, correction = np.empty((count, 6)), np.empty((count, task.robot.nq))
@@ -144,7 +144,7 @@ def run_in_time(
     lagging = _lag(track.q_rest, cell.axis_lag, period)
     base = lagging - track.q_rest
     for k in range(count):
-        reading = _read(controller, cell, track, k, acting, rng)
+        reading = _read(answer, cell, track, k, acting, rng)
         wanted = track.q[k] - track.q_rest[k] + track.gain[k] @ (reading - track.expected[k])
         correction[k], limited[k] = law.step(wanted, track.joint_answer[k], cell.most_correction)
         moved = track.q_rest[k] + correction[k] + base[k] - track.q[k]
@@ -155,7 +155,7 @@ def run_in_time(
             away = np.linalg.solve(yielding, tip - track.nominal[k])
             acting[:3] -= cell.process_stiffness @ away
         wrench[k] = acting
-    noise = _held_noise(controller, cell, rng, count, task.robot.nq)
+    noise = _held_noise(answer, cell, rng, count, task.robot.nq)
     loaded = solve_equilibrium(chain, lagging + correction + noise, wrench, tolerance=1e-10)
     return TimeRun(time, track.nominal, loaded.position + track.shift, wrench, correction, limited)
 
@@ -197,13 +197,13 @@ def _limit(correction: Array, answer: Array, most: float) -> tuple[Array, bool]:
 
 
 def _read(
-    controller: Controller, cell: TimeCell, track: _Track, k: int, wrench: Array, rng: np.random.Generator
+    answer: Answer, cell: TimeCell, track: _Track, k: int, wrench: Array, rng: np.random.Generator
 ) -> Array:
     """Read the strategy's sensor as it stands after the last period."""
-    if controller.sensor == "force":
+    if answer.sensor == "force":
         noise = rng.standard_normal(6) * cell.force_noise
         return np.asarray((1.0 + cell.force_gain) * wrench + cell.force_bias + noise)
-    if controller.sensor == "encoders":
+    if answer.sensor == "encoders":
         true = track.reading[k] + track.reading_answer[k] @ (wrench - track.wrench[k]) + track.reading_shift[k]
         link = track.q[k] + true + cell.link_noise * rng.standard_normal(len(true))
         motor = track.q[k] + cell.motor_noise * rng.standard_normal(len(true))
@@ -216,18 +216,18 @@ def _quantise(values: Array, step: float) -> Array:
     return values if step <= 0.0 else np.round(values / step) * step
 
 
-def _held_noise(controller: Controller, cell: TimeCell, rng: np.random.Generator, count: int, nq: int) -> Array:
+def _held_noise(answer: Answer, cell: TimeCell, rng: np.random.Generator, count: int, nq: int) -> Array:
     """Draw what the noise of the encoders that hold the axes makes of the joints. Shape (count, nq). [rad]"""
-    gain = controller.spring_gain
+    gain = answer.spring_gain
     motor = cell.motor_noise * rng.standard_normal((count, nq)) + cell.motor_step * (rng.random((count, nq)) - 0.5)
     link = cell.link_noise * rng.standard_normal((count, nq)) + cell.link_step * (rng.random((count, nq)) - 0.5)
     return np.asarray(-gain * motor - (1.0 - gain) * link)
 
 
-def _controlled_chain(chain: Chain, controller: Controller) -> Chain:
+def _controlled_chain(chain: Chain, answer: Answer) -> Chain:
     """Scale the gears' compliances by what the feedback leaves of them."""
     between = np.abs(actuator_selection(chain))
-    scale = np.where(between.any(axis=0), controller.spring_gain @ between, 1.0)
+    scale = np.where(between.any(axis=0), answer.spring_gain @ between, 1.0)
     return replace(chain, compliance=chain.compliance * scale)
 
 
@@ -241,27 +241,27 @@ def _lag(q: Array, lag: float, period: float) -> Array:
     return q[0] + np.asarray(lfilter([1.0 - decay], [1.0, -decay], q - q[0], axis=0))
 
 
-def _lay_track(task: PlanTask, controller: Controller, cell: TimeCell, chain: Chain, at: Array) -> _Track:
+def _lay_track(task: PlanTask, answer: Answer, cell: TimeCell, chain: Chain, at: Array) -> _Track:
     """Work out at every waypoint, then interpolate to the periods of the loop."""
-    n, nq = controller.q.shape
-    attained = attain_pose(chain, controller.q, task.wrench)
-    compliance = loaded_compliance(chain, controller.q, task.wrench)
-    sensed = 1 if controller.expected is None else controller.expected.shape[1]
+    n, nq = answer.q.shape
+    attained = attain_pose(chain, answer.q, task.wrench)
+    compliance = loaded_compliance(chain, answer.q, task.wrench)
+    sensed = 1 if answer.expected is None else answer.expected.shape[1]
     true = build_chain(cell.robot)
-    loaded = solve_equilibrium(true, controller.q, task.wrench)
+    loaded = solve_equilibrium(true, answer.q, task.wrench)
     selection = actuator_selection(true)
     gear = np.abs(selection) @ np.diag(true.compliance)
     from compplan.statics.chain import jacobian
 
     columns = jacobian(true, loaded.frames)[:, :, true.spring_elements]
-    shift, reading_shift = _shift_by_effects(cell, controller.q, task)
+    shift, reading_shift = _shift_by_effects(cell, answer.q, task)
     known = {
-        "q": controller.q,
-        "q_rest": controller.q if controller.q_rest is None else controller.q_rest,
+        "q": answer.q,
+        "q_rest": answer.q if answer.q_rest is None else answer.q_rest,
         "wrench": task.wrench,
         "nominal": task.position,
-        "expected": np.zeros((n, sensed)) if controller.expected is None else controller.expected,
-        "gain": np.zeros((n, nq, sensed)) if controller.gain is None else controller.gain,
+        "expected": np.zeros((n, sensed)) if answer.expected is None else answer.expected,
+        "gain": np.zeros((n, nq, sensed)) if answer.gain is None else answer.gain,
         "tip": attained.position,
         "joint_answer": attained.jacobian[:, :3],
         "wrench_answer": compliance[:, :3],

@@ -50,7 +50,7 @@ class ControllerTable(StrictTable):
 
 
 @dataclass(frozen=True)
-class Controller:
+class Counting:
     """Hold how a controller counts joints: controller = sign q + zero + coupling q, in deg and mm.
 
     Args:
@@ -76,13 +76,13 @@ class Controller:
         return tuple("mm" if slides else "deg" for slides in self.prismatic)
 
 
-def plain_controller(robot: Robot) -> Controller:
+def plain_controller(robot: Robot) -> Counting:
     """Return a controller that counts as the URDF does."""
     names = tuple(f"J{number}" for number in range(1, robot.nq + 1))
-    return Controller("", names, robot.prismatic, np.eye(robot.nq), np.zeros(robot.nq), {})
+    return Counting("", names, robot.prismatic, np.eye(robot.nq), np.zeros(robot.nq), {})
 
 
-def load_controller(robot: Robot) -> Controller:
+def load_controller(robot: Robot) -> Counting:
     """Read controller.toml of the robot's folder; without one the controller counts as the URDF does.
 
     Raises:
@@ -115,27 +115,27 @@ def load_controller(robot: Robot) -> Controller:
         if word.joint is None and not {word.point, word.frame} <= set(links):
             raise InputError(f"needs a joint, or a point and a frame from {links}", file=file, where=where)
     zero = np.array(table.zero_deg, dtype=np.float64)
-    return Controller(table.controller, tuple(names), robot.prismatic, matrix, zero, table.configuration)
+    return Counting(table.controller, tuple(names), robot.prismatic, matrix, zero, table.configuration)
 
 
-def to_controller(controller: Controller, q: Array) -> Array:
+def to_controller(controller: Counting, q: Array) -> Array:
     """Return joint positions as the controller counts them. Shape (n, nq). [rad or m] -> [deg or mm]."""
     return _to_degrees(controller, q) @ controller.matrix.T + controller.zero
 
 
-def from_controller(controller: Controller, joints: Array) -> Array:
+def from_controller(controller: Counting, joints: Array) -> Array:
     """Return joint positions from what the controller counts. Shape (n, nq). [deg or mm] -> [rad or m]."""
     counted = np.asarray(joints, dtype=np.float64) - controller.zero
     degrees = np.linalg.solve(controller.matrix, counted.T).T
     return np.where(controller.prismatic, degrees * 1e-3, np.radians(degrees))
 
 
-def rates_to_controller(controller: Controller, rates: Array) -> Array:
+def rates_to_controller(controller: Counting, rates: Array) -> Array:
     """Return joint rate limits in the units of the controller, coupling aside. Shape (nq,)."""
     return np.where(controller.prismatic, np.asarray(rates) * 1e3, np.degrees(rates))
 
 
-def _to_degrees(controller: Controller, q: Array) -> Array:
+def _to_degrees(controller: Counting, q: Array) -> Array:
     q = np.asarray(q, dtype=np.float64)
     if q.ndim != 2 or q.shape[1] != len(controller.zero):
         raise ShapeError(f"q has shape {q.shape}, expected (n, {len(controller.zero)})")
@@ -174,7 +174,7 @@ def _joint_value(joint: Joint, q: Array, column: Mapping[str, int]) -> Array | N
     return q[:, column[joint.name]] if joint.name in column else None
 
 
-def name_words(controller: Controller, robot: Robot, q: Array) -> dict[str, NDArray[np.str_]]:
+def name_words(controller: Counting, robot: Robot, q: Array) -> dict[str, NDArray[np.str_]]:
     """Return the value of each configuration word at every waypoint: {"elbow": ["up", ...], ...}."""
     named: dict[str, NDArray[np.str_]] = {}
     for key, word in controller.words.items():
@@ -189,7 +189,7 @@ def name_words(controller: Controller, robot: Robot, q: Array) -> dict[str, NDAr
     return named
 
 
-def krl_status(controller: Controller, robot: Robot, q: Array) -> NDArray[np.int64] | None:
+def krl_status(controller: Counting, robot: Robot, q: Array) -> NDArray[np.int64] | None:
     """Return S of KRL positions, or None where controller.toml says nothing of it. Shape (n,)."""
     if not controller.words or not all(word.status for word in controller.words.values()):
         return None

@@ -3,7 +3,6 @@
 from compplan.report.compare_report import write_compare_report
 from compplan.report.diagnosis_report import write_diagnosis_report
 from compplan.report.page import (
-    Cell,
     Chart,
     Column,
     Columns,
@@ -12,6 +11,7 @@ from compplan.report.page import (
     Picture,
     Provenance,
     Section,
+    TableCell,
     render_page,
     write_page,
 )
@@ -22,7 +22,6 @@ from compplan.report.robot_scene import draw_robot, frame_scene, locate_links, p
 from compplan.report.thinning import thin_path, thin_rows
 
 __all__ = [
-    "Cell",
     "Chart",
     "Column",
     "Columns",
@@ -31,6 +30,7 @@ __all__ = [
     "Picture",
     "Provenance",
     "Section",
+    "TableCell",
     "describe_grade",
     "describe_robot",
     "draw_robot",

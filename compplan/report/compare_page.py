@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.report.along_path import FLOOR, Stations, draw_lines, find_spans
-from compplan.report.page import Cell, Chart, Column, Fold, PageTable, Section, write_page
+from compplan.report.page import Chart, Column, Fold, PageTable, Section, TableCell, write_page
 from compplan.report.provenance import describe_grade, describe_robot
 from compplan.report.style import CATEGORIES, TOLERANCE, format_length, format_percent, format_set_value, mark_decades
 from compplan.robot import Array, Robot
@@ -123,12 +123,12 @@ def _is_closest(view: CompareView, cell: str, strategy: str) -> bool:
 
 
 def _matrix(view: CompareView) -> PageTable:
-    rows: list[list[Cell | str | float | int | None]] = []
+    rows: list[list[TableCell | str | float | int | None]] = []
     for name in view.strategies:
-        row: list[Cell | str | float | int | None] = [Cell(name, "strong")]
+        row: list[TableCell | str | float | int | None] = [TableCell(name, "strong")]
         for cell in view.deviation:
             text = f"{format_length(view.rms(cell, name))}  ({format_length(view.largest(cell, name))})"
-            row.append(Cell(text, "good" if _is_closest(view, cell, name) else ""))
+            row.append(TableCell(text, "good" if _is_closest(view, cell, name) else ""))
         rows.append(row)
     columns = [Column("strategy"), *(Column(cell) for cell in view.deviation)]
     caption = "Deviation of the loaded tool tip from the path: rms (largest); the closest of each cell is green."
@@ -136,7 +136,7 @@ def _matrix(view: CompareView) -> PageTable:
 
 
 def _long_table(view: CompareView) -> PageTable:
-    rows: list[list[Cell | str | float | int | None]] = []
+    rows: list[list[TableCell | str | float | int | None]] = []
     for cell, results in view.deviation.items():
         for name in results:
             size = results[name][view.cut]
@@ -196,5 +196,5 @@ def _along(view: CompareView) -> Section:
         series = {name: 1e3 * np.maximum(size, FLOOR) * judged for name, size in results.items()}
         limit = (1e3 * view.tolerance, f"tolerance {format_set_value(1e3 * view.tolerance)} mm")
         figure = draw_lines(stations, series, "mm", title="deviation", log=True, limit=limit)
-        charts.append(Chart(figure, f"Cell: {cell}.", height=300))
+        charts.append(Chart(figure, f"TableCell: {cell}.", height=300))
     return Section("Along the path", charts, "Distance of the loaded tool tip from the path, logarithmic.")

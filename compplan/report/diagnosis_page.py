@@ -20,7 +20,7 @@ from compplan.report.gap_figures import (
     draw_shares,
     draw_traces,
 )
-from compplan.report.page import Block, Cell, Chart, Column, Columns, Fold, PageTable, Section, write_page
+from compplan.report.page import Block, Chart, Column, Columns, Fold, PageTable, Section, TableCell, write_page
 from compplan.report.path_scene import describe_magnification
 from compplan.report.provenance import describe_grade, describe_robot
 from compplan.report.style import format_length, format_number, format_percent
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 DRAWN = 12
 #: Candidates below this probability stand in the table alone.
 UNLIKELY = 5e-4
-Row = list[Cell | str | float | int | None]
+Row = list[TableCell | str | float | int | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,7 +234,8 @@ def _split_tables(split: Split) -> list[Block]:
     for name, numbers in split.by_approach.items():
         key = next(iter(numbers))
         size, error = numbers[key], numbers["standard_error"]
-        approach.append([name, Cell(size, "strong" if abs(size) > 4 * error else ""), error, key.rsplit("_", 1)[1]])
+        shown = TableCell(size, "strong" if abs(size) > 4 * error else "")
+        approach.append([name, shown, error, key.rsplit("_", 1)[1]])
     columns = [Column("joint"), Column("lost motion"), Column("standard error"), Column("unit")]
     blocks: list[Block] = [
         runs,
@@ -256,7 +257,7 @@ def _which(view: DiagnosisView) -> Section:
         rows: list[Row] = []
         for effect in effects:
             rivals = "; ".join(name_effect(rival) for rival in effect.get("ambiguous_with", [])) or "nothing listed"
-            sure = Cell(f"{effect['probability']:.2f}", "strong")
+            sure = TableCell(f"{effect['probability']:.2f}", "strong")
             rows.append([name_effect(effect), sure, describe_parameters(effect.get("parameters", {})), rivals])
         heads = [Column("effect"), Column("probability"), Column("parameters"), Column("cannot be told from")]
         blocks.append(PageTable(heads, rows, "Effects present together, the largest share of the gap first."))
@@ -276,13 +277,14 @@ def _which(view: DiagnosisView) -> Section:
 
 def _how_far(view: DiagnosisView) -> Section:
     gap, used = view.gap, view.used
+    held_out = TableCell(gap.get("held_out_after_rms_mm"), "strong")
     rows: list[Row] = [
         ["nominal model", gap.get("before_rms_mm"), gap.get("held_out_before_rms_mm")],
-        [Cell("updated model", "strong"), gap.get("after_rms_mm"), Cell(gap.get("held_out_after_rms_mm"), "strong")],
+        [TableCell("updated model", "strong"), gap.get("after_rms_mm"), held_out],
     ]
     rows += [[name, None, 1e3 * rms] for name, rms in (view.rivals or {}).items()]
-    floor = Cell(gap.get("noise_floor_mm"), "muted")
-    rows.append([Cell("noise floor", "muted"), floor, floor])
+    floor = TableCell(gap.get("noise_floor_mm"), "muted")
+    rows.append([TableCell("noise floor", "muted"), floor, floor])
     heads = [Column("model"), Column("all rows", "mm"), Column("rows left out of the choice", "mm")]
     before, after = (np.linalg.norm(side[used], axis=1) for side in (view.before, view.after))
     noise = 1e-3 * float(gap.get("noise_floor_mm") or 0.0)

@@ -5,32 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from compplan.effects import EFFECTS
 from compplan.report.style import format_number
 
-#: What an effect says; {at} is its place.
-SENTENCES = {
-    "joint_stiffness": "the compliance of {at} differs from the model",
-    "link_compliance": "the link behind {at} bends where the model holds it rigid",
-    "base_compliance": "the base tilts under load about {at}",
-    "stiffness_nonlinearity": "the deflection of {at} is not proportional to its torque",
-    "gravity_sag": "link weights bend the arm and the model leaves them out",
-    "payload": "the mass of tool or payload, or its centre, differs",
-    "gravity_compensator": "a balancing spring or cylinder loads {at}",
-    "joint_offset": "the zero of {at} is off",
-    "link_geometry": "a length or direction at {at} differs",
-    "tool_frame": "the tool centre point differs",
-    "base_frame": "measurement frame and robot base are misaligned",
-    "backlash": "{at} has lost motion (backlash)",
-    "transmission_error": "{at} has an error periodic in its angle",
-    "thermal_drift": "the links grow as the robot warms up",
-    "wrench_bias": "the force sensor reads with a constant offset",
-    "wrench_scale": "the force sensor reads with a wrong gain",
-    "tracking_lag": "{at} lags behind the command in motion",
-    "frame_shift": "base or measuring instrument moved during the campaign",
-    "tool_shift": "tool or target moved on the flange during the campaign",
-    "joint_coupling": "the reading of {at} contains another joint's motion, or counts against the model",
-    "time_skew": "joint readings and positions were not taken at the same instant",
-}
 UNITS = {
     "rad_per_Nm": "rad/(N m)", "Nm_per_rad": "N m/rad", "m_per_N": "m/N", "rad_per_N": "rad/N",
     "mm_per_K": "mm/K", "per_K": "1/K",
@@ -57,7 +34,8 @@ def name_effect(effect: Mapping[str, Any]) -> str:
 def describe_effect(effect: Mapping[str, Any]) -> str:
     """Say what an effect is, as a clause."""
     name = str(effect["effect"])
-    return SENTENCES.get(name, name.replace("_", " ") + " at {at}").format(at=name_place(effect))
+    words: str = EFFECTS[name].words if name in EFFECTS else name.replace("_", " ") + " at {at}"
+    return words.format(at=name_place(effect))
 
 
 def describe_parameters(parameters: Mapping[str, Any]) -> str:

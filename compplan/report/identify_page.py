@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from compplan.report.page import Cell, Column, Fold, PageTable, Provenance, Section, write_page
+from compplan.report.page import Column, Fold, PageTable, Provenance, Section, TableCell, write_page
 
 FRAMES = ("geometry", "base", "tool")
 
@@ -57,9 +57,9 @@ def _parameters(entries: list[dict[str, Any]]) -> PageTable:
             entry["name"],
             entry["unit"],
             entry["before"],
-            Cell(entry["value"], "strong"),
+            TableCell(entry["value"], "strong"),
             *entry["interval_95"],
-            Cell("written", "good") if entry["written"] else Cell("not written", "muted"),
+            TableCell("written", "good") if entry["written"] else TableCell("not written", "muted"),
         ]
         for entry in entries
     ]
@@ -91,9 +91,10 @@ def _rounds(summary: dict[str, Any]) -> PageTable:
         Column("round"), Column("candidate"), Column("value"), Column("unit"), Column("held-out gap", "mm"),
         Column("gain", "standard errors"), Column(""),
     ]  # fmt: skip
-    rows: list[list[Cell | str | float | int | None]] = []
+    rows: list[list[TableCell | str | float | int | None]] = []
     for number, entry in enumerate(summary["structure"], 1):
-        rows.append([number, Cell("model as it stands", "muted"), None, None, entry["held_out_rms_mm"], None, None])
+        standing = TableCell("model as it stands", "muted")
+        rows.append([number, standing, None, None, entry["held_out_rms_mm"], None, None])
         for candidate in entry["candidates"][:8]:
             verdict = "added" if candidate["name"] == entry["added"] else "" if candidate["told"] else "cannot be told"
             rows.append(

@@ -16,13 +16,13 @@ from compplan.report.montecarlo_figures import (
     draw_loops,
     draw_sensitivity,
 )
-from compplan.report.page import Block, Cell, Chart, Column, Fold, PageTable, Section, write_page
+from compplan.report.page import Block, Chart, Column, Fold, PageTable, Section, TableCell, write_page
 from compplan.report.plan_report import list_assumptions
 from compplan.report.provenance import describe_grade, describe_robot
 from compplan.report.style import format_length, format_percent, format_set_value
 from compplan.study.job_study import JobStudy
 
-Rows = list[list[Cell | str | float | int | None]]
+Rows = list[list[TableCell | str | float | int | None]]
 
 
 def write_montecarlo_report(result: JobStudy, folder: Path) -> Path:
@@ -45,7 +45,7 @@ def write_montecarlo_report(result: JobStudy, folder: Path) -> Path:
         sections.append(_sensitivity(result))
     if result.encoders is not None:
         sections.append(_encoders(result))
-    if any(controller.loop for controller in study.controllers.values()):
+    if any(answer.loop for answer in study.answers.values()):
         sections.append(_loops())
     sections.append(_convergence(result))
     facts = [
@@ -73,7 +73,7 @@ def write_montecarlo_report(result: JobStudy, folder: Path) -> Path:
 def _lede(result: JobStudy) -> str:
     figures = result.summary["strategies"]
     best = min(figures, key=lambda name: figures[name]["rms_mm"]["mean"])
-    blind = [name for name, c in result.run.study.controllers.items() if c.measures == "nothing" and name != "none"]
+    blind = [name for name, c in result.run.study.answers.items() if c.measures == "nothing" and name != "none"]
     text = f"Of these strategies {_say(best)} comes closest: {_mm(figures[best]['rms_mm']['mean'])} rms on average, "
     text += f"{_mm(figures[best]['rms_mm']['p95'])} in 95 of 100 cells"
     if "none" in figures:
@@ -109,8 +109,8 @@ def _strategies(result: JobStudy) -> Section:
         rms, most = entry["rms_mm"], entry["max_mm"]
         rows.append(
             [
-                Cell(_say(name), "strong"),
-                Cell(_mm(rms["mean"]), "good" if name == best else ""),
+                TableCell(_say(name), "strong"),
+                TableCell(_mm(rms["mean"]), "good" if name == best else ""),
                 f"{_mm(rms['ci95'][0])} – {_mm(rms['ci95'][1])}",
                 _mm(rms["p50"]),
                 _mm(rms["p95"]),
@@ -128,8 +128,8 @@ def _strategies(result: JobStudy) -> Section:
     )  # fmt: skip
     table = PageTable([Column(title) for title in titles], rows, "Deviation of the loaded tool tip from the path.")
     about: Rows = [
-        [Cell(_say(name), "strong"), c.knows, c.measures, c.commands]
-        for name, c in result.run.study.controllers.items()
+        [TableCell(_say(name), "strong"), c.knows, c.measures, c.commands]
+        for name, c in result.run.study.answers.items()
     ]
     heads = [Column(title) for title in ("strategy", "knows", "measures", "commands")]
     height = 90 + 34 * len(figures)
@@ -200,7 +200,7 @@ def _encoders(result: JobStudy) -> Section:
     assert table is not None
     names = {"motor": "primary encoder", "link": "secondary encoder", "combined": "both encoders, gain a joint"}
     rows: Rows = [
-        [row.load, Cell(names.get(row.strategy, row.strategy), "strong"),
+        [row.load, TableCell(names.get(row.strategy, row.strategy), "strong"),
          *(format_length(value) for value in (row.mean, row.std, row.max)), format_percent(row.left)]
         for row in table.rows
     ]  # fmt: skip
@@ -214,7 +214,7 @@ def _loops() -> Section:
     from compplan.plan.correction_loop import largest_pole
     from compplan.plan.strategies.online_correction import LITERAL, PI, PID
 
-    verdicts = {True: Cell("stable", "good"), False: Cell("unstable", "bad")}
+    verdicts = {True: TableCell("stable", "good"), False: TableCell("unstable", "bad")}
     rows: Rows = [
         [name, f"{largest_pole(loop):.3f}", verdicts[largest_pole(loop) < 1]]
         for name, loop in (

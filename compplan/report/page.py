@@ -31,7 +31,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Cell:
+class TableCell:
     """Hold a value with a tone: "good", "bad", "assumed", "muted", "strong" or "" (plain)."""
 
     value: str | float | int | None
@@ -50,7 +50,7 @@ class PageTable:
     """
 
     columns: Sequence[Column]
-    rows: Sequence[Sequence[Cell | str | float | int | None]]
+    rows: Sequence[Sequence[TableCell | str | float | int | None]]
     caption: str = ""
     scroll: int = 0
 
@@ -244,7 +244,7 @@ def _describe_table(table: PageTable) -> dict[str, Any]:
     for row in table.rows:
         cells = []
         for index, (value, column) in enumerate(zip(row, table.columns, strict=True)):
-            cell = value if isinstance(value, Cell) else Cell(value)
+            cell = value if isinstance(value, TableCell) else TableCell(value)
             if isinstance(cell.value, str):
                 numeric[index] = False
             cells.append({"text": _show(cell.value, column.digits), "tone": cell.tone})

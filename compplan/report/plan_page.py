@@ -20,7 +20,7 @@ from compplan.report.along_path import (
     draw_wrench,
     find_spans,
 )
-from compplan.report.page import Block, Cell, Chart, Column, Columns, Fold, PageTable, Section, write_page
+from compplan.report.page import Block, Chart, Column, Columns, Fold, PageTable, Section, TableCell, write_page
 from compplan.report.path_scene import describe_magnification, draw_cell, draw_deviation_paths
 from compplan.report.provenance import describe_grade, describe_robot
 from compplan.report.style import (
@@ -207,35 +207,35 @@ def _overview(view: PlanView) -> Section:
 
 
 def _key_figures(view: PlanView) -> PageTable:
-    rows: list[list[Cell | str | float | int | None]] = []
+    rows: list[list[TableCell | str | float | int | None]] = []
     cut = view.cut
     before, after = (np.linalg.norm(side, axis=1)[cut] for side in (view.before, view.after))
     for name, reduce in (("rms", lambda size: np.sqrt(np.mean(size**2))), ("mean", np.mean), ("largest", np.max)):
         rows.append([f"deviation, {name}", *(_length_cell(float(reduce(size))) for size in (before, after))])
     if view.mismatch is not None:
         wrong = format_length(view.mismatch.max_deviation)
-        rows.append([f"largest, {view.mismatch.cell}", None, Cell(wrong, "strong")])
-    shares = [Cell(format_percent(float((size <= view.tolerance).mean()))) for size in (before, after)]
+        rows.append([f"largest, {view.mismatch.cell}", None, TableCell(wrong, "strong")])
+    shares = [TableCell(format_percent(float((size <= view.tolerance).mean()))) for size in (before, after)]
     rows.append([f"within {_set_length(view.tolerance)}", *shares])
     if view.tilt_before is not None and view.tilt_after is not None:
         tilts = [float(tilt[cut].max()) for tilt in (view.tilt_before, view.tilt_after)]
-        rows.append(["tool axis off by up to", *(Cell(format_angle(tilt)) for tilt in tilts)])
+        rows.append(["tool axis off by up to", *(TableCell(format_angle(tilt)) for tilt in tilts)])
     correction = float(np.linalg.norm(view.correction, axis=1)[cut].max())
     allowed = f"{format_length(correction)} of {_set_length(view.max_correction)}"
-    rows.append(["largest correction", None, Cell(allowed)])
-    rows.append(["smallest joint margin", None, Cell(_tightest(view))])
+    rows.append(["largest correction", None, TableCell(allowed)])
+    rows.append(["smallest joint margin", None, TableCell(_tightest(view))])
     for name, rates, limits in _rates(view):
         share = np.abs(rates) / limits
         joint = view.robot.joint_names[int(np.argmax(share.max(axis=0)))]
-        rows.append([f"{name} used", None, Cell(f"{format_percent(float(share.max()))} ({joint})")])
-    rows.append(["waypoints", None, Cell(f"{format_number(len(cut))}")])
-    rows.append(["path length", None, Cell(f"{format_number(1e3 * float(view.length[-1]), 4)} mm")])
-    rows.append(["time", None, Cell(f"{format_number(float(view.time[-1]), 4)} s")])
+        rows.append([f"{name} used", None, TableCell(f"{format_percent(float(share.max()))} ({joint})")])
+    rows.append(["waypoints", None, TableCell(f"{format_number(len(cut))}")])
+    rows.append(["path length", None, TableCell(f"{format_number(1e3 * float(view.length[-1]), 4)} mm")])
+    rows.append(["time", None, TableCell(f"{format_number(float(view.time[-1]), 4)} s")])
     return PageTable([Column(""), Column("uncorrected"), Column("planned")], rows)
 
 
-def _length_cell(value: float) -> Cell:
-    return Cell(format_length(value), "strong")
+def _length_cell(value: float) -> TableCell:
+    return TableCell(format_length(value), "strong")
 
 
 def _tightest(view: PlanView) -> str:
@@ -295,10 +295,10 @@ def _failure_table(view: PlanView, after: Array) -> PageTable:
     reasons = np.array([view.failures[i] for i in failed.tolist()])
     first = np.flatnonzero(np.r_[True, (np.diff(failed) > 1) | (reasons[1:] != reasons[:-1])])
     last = np.r_[first[1:] - 1, len(failed) - 1]
-    rows: list[list[Cell | str | float | int | None]] = []
+    rows: list[list[TableCell | str | float | int | None]] = []
     for a, b, reason in zip(failed[first].tolist(), failed[last].tolist(), reasons[first].tolist(), strict=True):
         reach = [1e3 * float(view.length[a]), 1e3 * float(view.length[b])]
-        rows.append([a, b, *reach, reason, Cell(1e3 * float(after[a : b + 1].max()), "bad")])
+        rows.append([a, b, *reach, reason, TableCell(1e3 * float(after[a : b + 1].max()), "bad")])
     more = f" The first {LISTED} of {len(rows)} stretches." if len(rows) > LISTED else ""
     columns = [
         Column("from waypoint"), Column("to"), Column("from", "mm", 4), Column("to", "mm", 4),
@@ -357,7 +357,7 @@ def _feed(view: PlanView) -> Section:
 def _lowered_table(view: PlanView) -> PageTable:
     spans = find_spans(view.lowered)
     depth = np.array([(view.feed[a : b + 1] / view.feed_wanted[a : b + 1]).min() for a, b in spans])
-    rows: list[list[Cell | str | float | int | None]] = []
+    rows: list[list[TableCell | str | float | int | None]] = []
     for a, b in spans[np.sort(np.argsort(depth)[:LISTED])]:
         slowest = a + int(np.argmin(view.feed[a : b + 1] / view.feed_wanted[a : b + 1]))
         reach = [1e3 * float(view.length[a]), 1e3 * float(view.length[b])]

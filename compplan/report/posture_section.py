@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from compplan.report.along_path import Stations, draw_lines
-from compplan.report.page import Block, Cell, Chart, Column, PageTable, Section
+from compplan.report.page import Block, Chart, Column, PageTable, Section, TableCell
 from compplan.report.style import AFTER, LIMIT, NEUTRAL, SEQUENTIAL, format_length, format_number
 from compplan.robot import Array
 
@@ -127,7 +127,7 @@ def _field(values: Array, length: Array, spin: Array, scale: list[list[Any]], na
 
 
 def _list_costs(stance: Stance) -> PageTable:
-    rows: list[list[Cell | str | float | int | None]] = []
+    rows: list[list[TableCell | str | float | int | None]] = []
     for key, value in stance.costs.items():
         words, unit = COSTS.get(key, (key.replace("_", " "), ""))
         rows.append([words, f"{format_number(value)}\u00a0{unit}".rstrip()])

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from compplan.files.tables import replace_file, write_text
-from compplan.report import Cell, Column, PageTable, Picture, Section, describe_robot, write_page
+from compplan.report import Column, PageTable, Picture, Section, TableCell, describe_robot, write_page
 from compplan.report.page import Provenance
 from compplan.report.style import format_number
 from compplan.reproduce.paper import Reproduction, Row, count_verdicts
@@ -66,12 +66,12 @@ def _table(rows: tuple[Row, ...]) -> PageTable:
     columns = [Column("quantity"), Column("unit"), Column("paper"), Column("ours"), Column("ours / paper"),
                Column("verdict"), Column("assumed")]  # fmt: skip
     marks = {text: f"[{number}]" for number, text in enumerate(list_assumptions(rows), start=1)}
-    body: list[list[Cell | str | float | int | None]] = []
+    body: list[list[TableCell | str | float | int | None]] = []
     for row in rows:
         ratio = "" if row.ratio is None else f"{row.ratio:.2f}"
         tone = TONES.get(row.verdict, "muted" if row.verdict.startswith("cannot") else "")
-        mark = Cell(marks.get(row.assumption, ""), "assumed")
-        ours, verdict = Cell(_show(row.ours), "strong"), Cell(row.verdict, tone)
+        mark = TableCell(marks.get(row.assumption, ""), "assumed")
+        ours, verdict = TableCell(_show(row.ours), "strong"), TableCell(row.verdict, tone)
         body.append([row.quantity, row.unit, _show(row.paper), ours, ratio, verdict, mark])
     return PageTable(columns, body)
 

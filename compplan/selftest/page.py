@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from compplan.files.tables import write_text
-from compplan.report.page import Block, Cell, Chart, Column, Columns, PageTable, Provenance, Section, write_page
+from compplan.report.page import Block, Chart, Column, Columns, PageTable, Provenance, Section, TableCell, write_page
 from compplan.report.style import format_number
 
-Row = list[Cell | str | float | int | None]
+Row = list[TableCell | str | float | int | None]
 
 
 def write_study(
@@ -197,7 +197,7 @@ def _withheld(summary: Mapping[str, Any]) -> Section:
     rows: list[Row] = [
         [e["effect"].replace("_", " "), e["campaigns"], _percent(e["honest"]), _percent(e["unknown"]),
          _percent(e["rival_named"]), _percent(e["predicts_later"]), e["false_names_a_case"],
-         Cell(e["confident_wrong"], "bad" if e["confident_wrong"] else ""), e["fresh_worse"]]
+         TableCell(e["confident_wrong"], "bad" if e["confident_wrong"] else ""), e["fresh_worse"]]
         for e in summary["withheld"]["effects"]
     ]  # fmt: skip
     heads = [

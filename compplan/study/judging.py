@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from compplan.plan.correction_loop import Loop, run_loop
-from compplan.plan.strategies.controller import Controller, answer_reading
+from compplan.plan.strategies.answer import Answer, answer_reading
 from compplan.robot import Array
 from compplan.study.draw import Cells, draw_cells, shift_tip
 from compplan.study.factors import PARTS
@@ -78,22 +78,22 @@ def _judge_batch(study: Study, points: Array) -> Judged:
 
 def run_strategy(study: Study, name: str, cells: Cells) -> Array:
     """Let a strategy cut its parts in b cells; return the deviation of the judged one. Shape (3, b, n). [m]"""
-    controller, worker = study.controllers[name], study.workers[name]
-    if controller.sensor == "tracker":
-        return _learn(study, controller, worker, cells)
+    answer, worker = study.answers[name], study.workers[name]
+    if answer.sensor == "tracker":
+        return _learn(study, answer, worker, cells)
     last = PARTS - 1
     q = np.broadcast_to(worker.q, (len(worker.q), *cells.shift.shape[1:]))
     if worker.gain is not None and worker.expected is not None:
-        q = worker.q + answer_reading(worker.gain, _read_sensor(study, controller, cells) - worker.expected)
-    if controller.loop is not None and study.grid is not None:
-        q = worker.q_rest + _delay(controller.loop, study.grid, q - worker.q_rest)
+        q = worker.q + answer_reading(worker.gain, _read_sensor(study, answer, cells) - worker.expected)
+    if answer.loop is not None and study.grid is not None:
+        q = worker.q_rest + _delay(answer.loop, study.grid, q - worker.q_rest)
     return _cut_part(study, worker, cells, q, last)
 
 
-def _read_sensor(study: Study, controller: Controller, cells: Cells) -> Array:
+def _read_sensor(study: Study, answer: Answer, cells: Cells) -> Array:
     """Read the force sensor, or the difference of the encoders, on the judged part. Shape (k, b, n)."""
     wrench, last = cells.wrench[-1], PARTS - 1
-    if controller.sensor == "force":
+    if answer.sensor == "force":
         return wrench + cells.force
     compliance, columns, load = study.gear
     torque = load[:, None, :] + answer_reading(columns, wrench - study.surroundings.wrench[:, None, :])
@@ -117,11 +117,11 @@ def _cut_part(study: Study, worker: Worker, cells: Cells, q: Array, part: int) -
     return np.asarray(tips - study.nominal[:, None, :] + moved)
 
 
-def _learn(study: Study, controller: Controller, worker: Worker, cells: Cells) -> Array:
+def _learn(study: Study, answer: Answer, worker: Worker, cells: Cells) -> Array:
     """Cut, measure and correct, part after part; the last one is judged."""
     assert worker.gain is not None
     q = np.broadcast_to(worker.q, (len(worker.q), *cells.shift.shape[1:]))
-    for part in range(controller.parts):
+    for part in range(answer.parts):
         measured = _cut_part(study, worker, cells, q, part) + cells.tracker[part]
         q = q + answer_reading(worker.gain, _soften(study, measured))
     return _cut_part(study, worker, cells, q, PARTS - 1)

@@ -19,8 +19,8 @@ from compplan.errors import InputError
 from compplan.job.noise import NoiseTable
 from compplan.path.toolpath import select_waypoints
 from compplan.plan.correction_loop import Loop, Plant
-from compplan.plan.strategies.controller import Controller
-from compplan.plan.strategies.online import ALL_STRATEGIES, ONLINE, PLAIN, prepare_controllers
+from compplan.plan.strategies.answer import Answer
+from compplan.plan.strategies.online import ALL_STRATEGIES, ONLINE, PLAIN, prepare_answers
 from compplan.plan.strategies.path_map import load_gears
 from compplan.plan.task import Command, PlanTask
 from compplan.robot import Array
@@ -44,7 +44,7 @@ STATIONS = 120
 
 
 class Worker(NamedTuple):
-    """A controller, components first, ready for many samples.
+    """An answer, components first, ready for many samples.
 
     Attributes:
         q: Shape (nq, 1, n). [rad or m]
@@ -84,7 +84,7 @@ class Study:
     Attributes:
         task: The task, thinned where it is long.
         waypoints_of_path: Number of waypoints of the whole path.
-        controllers: The strategies.
+        answers: The strategies.
         workers: The same, ready for many samples.
         kernel: The kernel.
         surroundings: Noise and what it acts on.
@@ -100,7 +100,7 @@ class Study:
 
     task: PlanTask
     waypoints_of_path: int
-    controllers: dict[str, Controller]
+    answers: dict[str, Answer]
     workers: dict[str, Worker]
     kernel: Kernel
     surroundings: Surroundings
@@ -115,7 +115,7 @@ class Study:
     @property
     def strategies(self) -> tuple[str, ...]:
         """Names of the strategies."""
-        return tuple(self.controllers)
+        return tuple(self.answers)
 
     @property
     def noise(self) -> NoiseTable:
@@ -159,37 +159,37 @@ def prepare_study(
     thin = thin_task(task, most_waypoints)
     if announce:
         announce(f"prepare {len(chosen)} strategies")
-    blind = prepare_controllers(task, [name for name in chosen if name not in ONLINE and name != PLAIN], commands)
+    blind = prepare_answers(task, [name for name in chosen if name not in ONLINE and name != PLAIN], commands)
     if plain is not None and PLAIN in chosen:
-        (there,) = prepare_controllers(plain, ["nlp"]).values()
+        (there,) = prepare_answers(plain, ["nlp"]).values()
         blind[PLAIN] = replace(there, name=PLAIN, commands="as nlp, at a posture that was not chosen for accuracy")
     rows = thin_rows(len(task), most_waypoints)
-    controllers = {name: replace(controller, q=controller.q[rows]) for name, controller in blind.items()}
-    controllers |= prepare_controllers(thin, [name for name in chosen if name in ONLINE])
+    answers = {name: replace(answer, q=answer.q[rows]) for name, answer in blind.items()}
+    answers |= prepare_answers(thin, [name for name in chosen if name in ONLINE])
     plant = Plant(noise.plant_lag_ms * 1e-3, noise.plant_delay_ms * 1e-3)
-    return assemble_study(thin, noise, {name: _with_plant(controllers[name], plant) for name in chosen}, len(task))
+    return assemble_study(thin, noise, {name: _with_plant(answers[name], plant) for name in chosen}, len(task))
 
 
-def assemble_study(thin: PlanTask, noise: NoiseTable, controllers: dict[str, Controller], waypoints: int) -> Study:
+def assemble_study(thin: PlanTask, noise: NoiseTable, answers: dict[str, Answer], waypoints: int) -> Study:
     """Put together what all samples share.
 
     Args:
         thin: The task, thinned where its path is long.
         noise: The standard deviations.
-        controllers: The strategies, prepared for the thinned task.
+        answers: The strategies, prepared for the thinned task.
         waypoints: Number of waypoints of the whole path.
 
     """
     selection = actuator_selection(thin.chain)
-    encoders = next((c for c in controllers.values() if c.sensor == "encoders"), None)
+    encoders = next((c for c in answers.values() if c.sensor == "encoders"), None)
     columns, load = load_gears(thin, thin.q_start if encoders is None else encoders.q)
-    loops = [c.loop for c in controllers.values() if c.loop]
+    loops = [c.loop for c in answers.values() if c.loop]
     cut = np.flatnonzero(thin.compensated)
     return Study(
         task=thin,
         waypoints_of_path=waypoints,
-        controllers=controllers,
-        workers={name: _make_worker(thin, c, selection, noise) for name, c in controllers.items()},
+        answers=answers,
+        workers={name: _make_worker(thin, c, selection, noise) for name, c in answers.items()},
         kernel=build_kernel(thin.chain),
         surroundings=survey_surroundings(thin, noise, list_factors(thin.robot, noise)),
         gear=(
@@ -235,7 +235,7 @@ def thin_study(study: Study, most: int) -> Study:
     rows = thin_rows(len(study.task), most)
     if len(rows) == len(study.task):
         return study
-    controllers = {
+    answers = {
         name: replace(
             c,
             q=c.q[rows],
@@ -243,9 +243,9 @@ def thin_study(study: Study, most: int) -> Study:
             expected=None if c.expected is None else c.expected[rows],
             q_rest=None if c.q_rest is None else c.q_rest[rows],
         )
-        for name, c in study.controllers.items()
+        for name, c in study.answers.items()
     }
-    return assemble_study(thin_task(study.task, most), study.noise, controllers, study.waypoints_of_path)
+    return assemble_study(thin_task(study.task, most), study.noise, answers, study.waypoints_of_path)
 
 
 def _make_grid(task: PlanTask, loop: Loop) -> TimeGrid:
@@ -260,31 +260,31 @@ def _count_softened(task: PlanTask) -> int:
     return 2 * int(0.5 * SOFT_LENGTH / max(step, 1e-9)) + 1
 
 
-def _with_plant(controller: Controller, plant: Plant) -> Controller:
-    return controller if controller.loop is None else replace(controller, loop=replace(controller.loop, plant=plant))
+def _with_plant(answer: Answer, plant: Plant) -> Answer:
+    return answer if answer.loop is None else replace(answer, loop=replace(answer.loop, plant=plant))
 
 
-def _make_worker(task: PlanTask, controller: Controller, selection: Array, noise: NoiseTable) -> Worker:
-    beta = 0.0 if controller.beta is None else controller.beta
-    state = control_equilibrium(task.chain, controller.q, task.wrench, feedback=controller.feedback, beta=beta)
+def _make_worker(task: PlanTask, answer: Answer, selection: Array, noise: NoiseTable) -> Worker:
+    beta = 0.0 if answer.beta is None else answer.beta
+    state = control_equilibrium(task.chain, answer.q, task.wrench, feedback=answer.feedback, beta=beta)
     between = selection.any(axis=0)
-    q_rest = controller.q if controller.q_rest is None else controller.q_rest
+    q_rest = answer.q if answer.q_rest is None else answer.q_rest
     offset = np.zeros((3, len(task)))
     if task.robot.effects:
         runs = [
-            attain_with_effects(robot, controller.q, task.wrench, task.step_time)[0]
+            attain_with_effects(robot, answer.q, task.wrench, task.step_time)[0]
             for robot in (task.robot, replace(task.robot, effects=()))
         ]
         offset = (runs[0] - runs[1]).T
-    elsewhere = np.abs(controller.q - task.q_start).max() > OTHER_POSTURE
+    elsewhere = np.abs(answer.q - task.q_start).max() > OTHER_POSTURE
     return Worker(
-        q=np.ascontiguousarray(controller.q.T)[:, None, :],
+        q=np.ascontiguousarray(answer.q.T)[:, None, :],
         q_rest=np.ascontiguousarray(q_rest.T)[:, None, :],
-        gain=None if controller.gain is None else np.ascontiguousarray(np.moveaxis(controller.gain, 0, -1)),
-        expected=None if controller.expected is None else np.ascontiguousarray(controller.expected.T)[:, None, :],
-        spring_gain=controller.spring_gain,
-        spring_factor=np.where(between, controller.spring_gain @ np.abs(selection), 1.0),
+        gain=None if answer.gain is None else np.ascontiguousarray(np.moveaxis(answer.gain, 0, -1)),
+        expected=None if answer.expected is None else np.ascontiguousarray(answer.expected.T)[:, None, :],
+        spring_gain=answer.spring_gain,
+        spring_factor=np.where(between, answer.spring_gain @ np.abs(selection), 1.0),
         theta=np.ascontiguousarray(state.loaded.theta.T),
         offset=offset,
-        placements=differentiate_placements(replace(task, q_start=controller.q), noise)[0] if elsewhere else None,
+        placements=differentiate_placements(replace(task, q_start=answer.q), noise)[0] if elsewhere else None,
     )

@@ -1,24 +1,30 @@
 """Compensation strategies, one file each.
 
 Each file holds `command_path(task) -> Command`: from the task (robot model, nominal path, predicted wrench, limits) to
-the joint positions that are sent. A new strategy is one new file and one line here.
+the joint positions that are sent. A new strategy is one new file and one line in `compplan.job.names`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib import import_module
 
 from compplan.errors import UnknownNameError
-from compplan.plan.strategies import iterated_mirror, mirror, nlp, none
+from compplan.job.names import STRATEGIES
 from compplan.plan.task import Command, PlanTask
 
-#: Every strategy of a plan, by name.
-STRATEGIES: dict[str, Callable[[PlanTask], Command]] = {
-    "none": none.command_path,
-    "mirror": mirror.command_path,
-    "iterated_mirror": iterated_mirror.command_path,
-    "nlp": nlp.command_path,
-}
+
+def load_strategy(name: str) -> Callable[[PlanTask], Command]:
+    """Find the function of a strategy by its name.
+
+    Raises:
+        UnknownNameError: If there is no such strategy.
+
+    """
+    if name not in STRATEGIES:
+        raise UnknownNameError("strategy", name, list(STRATEGIES))
+    function: Callable[[PlanTask], Command] = import_module(STRATEGIES[name]).command_path
+    return function
 
 
 def command_path(task: PlanTask, strategy: str) -> Command:
@@ -28,9 +34,7 @@ def command_path(task: PlanTask, strategy: str) -> Command:
         UnknownNameError: If there is no such strategy.
 
     """
-    if strategy not in STRATEGIES:
-        raise UnknownNameError("strategy", strategy, list(STRATEGIES))
-    return STRATEGIES[strategy](task)
+    return load_strategy(strategy)(task)
 
 
-__all__ = ["STRATEGIES", "command_path"]
+__all__ = ["STRATEGIES", "command_path", "load_strategy"]

@@ -8,19 +8,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from compplan.plan.strategies.controller import Controller
+from compplan.plan.strategies.answer import Answer
 from compplan.plan.strategies.path_map import PathMaps
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.encoders import link_share
 
 
-def prepare(task: PlanTask, maps: PathMaps) -> Controller:
+def prepare(task: PlanTask, maps: PathMaps) -> Answer:
     """Command the nominal path, held by a combination of both encoders."""
     total = np.zeros(task.robot.nq)
     for spring in maps.reduced_robot.springs:
         total[task.robot.joint_names.index(spring.joint)] = spring.compliance
-    return Controller(
+    return Answer(
         name="both_encoders",
         knows="geometry, compliance of each gear and of gear and links about each axis",
         measures="motor-side and link-side encoders",

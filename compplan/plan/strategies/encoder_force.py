@@ -10,12 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from compplan.errors import InputError
-from compplan.plan.strategies.controller import Controller
+from compplan.plan.strategies.answer import Answer
 from compplan.plan.strategies.path_map import PathMaps
 from compplan.plan.task import PlanTask
 
 
-def prepare(task: PlanTask, maps: PathMaps) -> Controller:
+def prepare(task: PlanTask, maps: PathMaps) -> Answer:
     """Command the path that the estimated force asks for.
 
     Raises:
@@ -28,7 +28,7 @@ def prepare(task: PlanTask, maps: PathMaps) -> Controller:
     sought = 6 if np.abs(task.wrench[:, 3:]).any() else 3
     reading_per_wrench = gear[:, None] * maps.gear_columns[:, :, :sought]
     wrench_per_reading = np.linalg.pinv(reading_per_wrench, rcond=1e-4)
-    return Controller(
+    return Answer(
         name="encoder_force",
         knows="the full stiffness model",
         measures="motor-side and link-side encoders",

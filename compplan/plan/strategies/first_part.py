@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from compplan.plan.strategies.controller import Controller
+from compplan.plan.strategies.answer import Answer
 from compplan.plan.strategies.path_map import PathMaps
 from compplan.plan.task import PlanTask
 from compplan.statics.chain import joint_jacobian, locate_frames
@@ -18,11 +18,11 @@ from compplan.statics.chain import joint_jacobian, locate_frames
 PARTS = 2
 
 
-def prepare(task: PlanTask, maps: PathMaps) -> Controller:
+def prepare(task: PlanTask, maps: PathMaps) -> Answer:
     """Command the nominal path, corrected by what the parts before showed."""
     columns = joint_jacobian(task.chain, locate_frames(task.chain, task.q_start))
     inverse = np.asarray(np.linalg.pinv(columns), float)
-    return Controller(
+    return Answer(
         name="first_part",
         knows="geometry",
         measures=f"deviation of {PARTS} parts along the path, with a tracker",

@@ -1,38 +1,21 @@
 """The strategies of a study: those of a plan, which command blindly, and those that read sensors while the part is cut.
 
-A new online strategy is one new file with `prepare(task, maps) -> Controller` and one line here.
+A new online strategy is one new file with `prepare(task, maps) -> Answer` and one line in
+`compplan.job.names`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 
 from compplan.errors import UnknownNameError
-from compplan.plan.strategies import (
-    STRATEGIES,
-    both_encoders,
-    command_path,
-    encoder_force,
-    first_part,
-    force_sensor,
-    online_correction,
-    secondary_encoder,
-)
-from compplan.plan.strategies.controller import Controller
+from compplan.job.names import ONLINE, STRATEGIES
+from compplan.plan.strategies import command_path
+from compplan.plan.strategies.answer import Answer
 from compplan.plan.strategies.path_map import PathMaps
 from compplan.plan.task import Command, PlanTask
 
-#: Strategies that read sensors, by name.
-ONLINE: dict[str, Callable[[PlanTask, PathMaps], Controller]] = {
-    "secondary_encoder": secondary_encoder.prepare,
-    "both_encoders": both_encoders.prepare,
-    "encoder_force": encoder_force.prepare,
-    "force_sensor_reduced": force_sensor.prepare_reduced,
-    "force_sensor_full": force_sensor.prepare_full,
-    "online_pi": online_correction.prepare_pi,
-    "online_pid": online_correction.prepare_pid,
-    "first_part": first_part.prepare,
-}
 #: The nonlinear program at a posture that was not chosen for accuracy: what the choice of posture brings. The strategy
 #: "nlp" is the robust one where the job asks for an accurate posture, as it does by default.
 PLAIN = "nlp_plain_posture"
@@ -42,9 +25,16 @@ ALL_STRATEGIES = (*STRATEGIES, PLAIN, *ONLINE)
 _OFFLINE_KNOWLEDGE = {"none": "geometry"}
 
 
-def prepare_controllers(
+def load_online(name: str) -> Callable[[PlanTask, PathMaps], Answer]:
+    """Find the function that prepares a strategy which reads sensors, by its name."""
+    module, _, function = ONLINE[name].partition(":")
+    prepare: Callable[[PlanTask, PathMaps], Answer] = getattr(import_module(module), function)
+    return prepare
+
+
+def prepare_answers(
     task: PlanTask, strategies: Sequence[str] = ALL_STRATEGIES, commands: Mapping[str, Command] | None = None
-) -> dict[str, Controller]:
+) -> dict[str, Answer]:
     """Let strategies prepare themselves for a task.
 
     Args:
@@ -57,13 +47,13 @@ def prepare_controllers(
         InputError: If a strategy does not suit the robot.
 
     """
-    maps, controllers = PathMaps(task), {}
+    maps, answers = PathMaps(task), {}
     for name in strategies:
         if name in ONLINE:
-            controllers[name] = ONLINE[name](task, maps)
+            answers[name] = load_online(name)(task, maps)
         elif name in STRATEGIES:
             command = (commands or {}).get(name) or command_path(task, name)
-            controllers[name] = Controller(
+            answers[name] = Answer(
                 name=name,
                 knows=_OFFLINE_KNOWLEDGE.get(name, "the full stiffness model and the predicted wrench"),
                 measures="nothing",
@@ -72,4 +62,4 @@ def prepare_controllers(
             )
         else:
             raise UnknownNameError("strategy", name, list(ALL_STRATEGIES))
-    return controllers
+    return answers

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from compplan.plan.correction_loop import Loop, Plant
-from compplan.plan.strategies.controller import Controller
+from compplan.plan.strategies.answer import Answer
 from compplan.plan.strategies.force_sensor import correct_by_wrench
 from compplan.plan.strategies.path_map import PathMaps
 from compplan.plan.task import PlanTask
@@ -24,13 +24,13 @@ PI = Loop(derivative=0.0, error="sent")
 PID = Loop(error="attained")
 
 
-def prepare_pi(task: PlanTask, maps: PathMaps) -> Controller:
+def prepare_pi(task: PlanTask, maps: PathMaps) -> Answer:
     """Correct online by a PI law."""
-    controller = correct_by_wrench("online_pi", "the full stiffness model", task, maps.full)
-    return replace(controller, commands="the same through a PI law at 100 Hz, lag and delay", loop=PI)
+    answer = correct_by_wrench("online_pi", "the full stiffness model", task, maps.full)
+    return replace(answer, commands="the same through a PI law at 100 Hz, lag and delay", loop=PI)
 
 
-def prepare_pid(task: PlanTask, maps: PathMaps) -> Controller:
+def prepare_pid(task: PlanTask, maps: PathMaps) -> Answer:
     """Correct online by a PID law."""
-    controller = correct_by_wrench("online_pid", "the full stiffness model", task, maps.full)
-    return replace(controller, commands="the same through a PID law at 100 Hz, lag and delay", loop=PID)
+    answer = correct_by_wrench("online_pid", "the full stiffness model", task, maps.full)
+    return replace(answer, commands="the same through a PID law at 100 Hz, lag and delay", loop=PID)

@@ -5,14 +5,14 @@ What bends beside the encoders stays: links, bearings, and springs beside the ax
 
 from __future__ import annotations
 
-from compplan.plan.strategies.controller import Controller
+from compplan.plan.strategies.answer import Answer
 from compplan.plan.strategies.path_map import PathMaps
 from compplan.plan.task import PlanTask
 
 
-def prepare(task: PlanTask, maps: PathMaps) -> Controller:
+def prepare(task: PlanTask, maps: PathMaps) -> Answer:
     """Command the nominal path, held by the link-side encoders."""
-    return Controller(
+    return Answer(
         name="secondary_encoder",
         knows="geometry",
         measures="link-side encoders",

@@ -24,7 +24,7 @@ Sensor = Literal["force", "encoders", "tracker"]
 
 
 @dataclass(frozen=True)
-class Controller:
+class Answer:
     """A strategy at work; n waypoints, nq joints.
 
     Attributes:
