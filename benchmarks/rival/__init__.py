@@ -1,1 +1,1 @@
-"""A plain rival of the diagnosis: least squares with the whole vocabulary, greedy by BIC, nothing shared with compplan."""
+"""A plain rival of the diagnosis: least squares with the whole vocabulary, greedy by BIC, nothing of compplan in it."""

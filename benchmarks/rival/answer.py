@@ -14,7 +14,7 @@ from benchmarks.rival.greedy import ALIKE, Problem, Selection, Spec, Trial, fit_
 from benchmarks.rival.log import Log, read_log
 from benchmarks.rival.signatures import Columns, stage
 
-#: Where more than so many noise floors are left, something is not explained. (assumed: a robot is wrong by two everywhere)
+#: Where more than so many noise floors are left, something is not explained (assumed: robots are wrong by as much).
 LEFT = 2.0
 #: Claims are made from here on; a rival is listed as a tie at most so many.
 CLAIM, TIES, FOLDS = 0.5, 4, 5
@@ -37,7 +37,7 @@ class Answer:
     value: Array
 
     def predict(self, log: Log, nominal: bool = False) -> Array:
-        """Predict the target of every row of a later campaign, frames registered anew where they were. Shape (n, 3). [m]"""
+        """Predict the target of every row of a later campaign, frames registered anew. Shape (n, 3). [m]"""
         picked, given = self.selection, self.selection.problem.scene
         sagging = bool(given.gravity.any()) and not nominal
         q = log.q if nominal else _correct(log.q, picked.coupling, self.chain)
@@ -165,7 +165,7 @@ def _weigh(problem: Problem, mine: Trial, trials: list[Trial], own: Array) -> di
     weights = {id(t): float(np.exp(0.5 * (t.gain - top))) for t in trials}
     total = sum(weights.values()) + float(np.exp(-0.5 * top))
     share = sum(weights[id(t)] for t in alike) / total
-    ties = []
+    ties: list[tuple[str, str | None, str | None]] = []
     for t in alike:
         if t.spec.place != mine.spec.place and t.spec.place not in ties and len(ties) < TIES:
             ties.append(t.spec.place)
@@ -187,7 +187,7 @@ def _entry(
 
 
 def held_out(problem: Problem, chosen: list[Spec]) -> Array:
-    """Return the gap of every row under a fit that left its pose out, frames and effects of the other poses. Shape (n, 3)."""
+    """Return the gap of every row under a fit of frames and effects that left its pose out. Shape (n, 3)."""
     every, y = [*problem.always, *chosen], problem.gaps[0]
     a = np.concatenate([problem.motion(s).position for s in every], axis=2) if every else np.zeros((*y.shape, 0))
     out, scale = y.copy(), np.linalg.norm(a, axis=(0, 1)) + 1e-30

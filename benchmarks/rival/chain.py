@@ -1,4 +1,4 @@
-"""A robot folder as a serial chain of small motions: poses, loads and where each of them moves the tool centre point."""
+"""A robot folder as a serial chain of small motions: poses, loads, and where each moves the tool centre point."""
 
 from __future__ import annotations
 

@@ -332,17 +332,15 @@ def correct_readings(chain: Chain, log: Log, register: tuple[str, ...]) -> tuple
         return log.q, None
     best: tuple[float, Array, Spec | None] = (start, log.q, None)
     for joint, name in enumerate(chain.joints):
-        tries = [("reversed", -2.0 * log.q[:, joint])]
-        tries += [(o, s * log.q[:, k]) for k, o in enumerate(chain.joints) if k != joint for s in (1.0, -1.0)]
-        tries.append(("zero", np.zeros(len(log.q))))
-        for word, change in tries:
-            for zero in np.linspace(-np.pi, np.pi, 8, endpoint=False) if word in ("reversed", "zero") else (0.0,):
+        tries = [("reversed", -2.0 * log.q[:, joint], 0.0), ("zero", np.zeros(len(log.q)), 0.0)]
+        tries += [(o, s * log.q[:, k], s) for k, o in enumerate(chain.joints) if k != joint for s in (1.0, -1.0)]
+        for word, change, factor in tries:
+            for zero in (0.0,) if factor else np.linspace(-np.pi, np.pi, 8, endpoint=False):
                 q = log.q.copy()
                 q[:, joint] += change + zero
                 value = gap(q)
                 if value < best[0]:
-                    factor = zero if word in ("reversed", "zero") else float(np.sign(change @ log.q[:, chain.joints.index(word)]))
-                    best = (value, q, Spec("joint_coupling", name, shape=(word, factor)))
+                    best = (value, q, Spec("joint_coupling", name, shape=(word, factor or zero)))
     if best[2] is None or best[0] > 0.2 * start:
         return log.q, None
     return best[1], best[2]

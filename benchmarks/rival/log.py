@@ -54,7 +54,7 @@ class Log:
     @property
     def known(self) -> np.ndarray:
         """Rows with joints and position. Shape (n,)."""
-        return np.isfinite(self.q).all(axis=1) & np.isfinite(self.position).all(axis=1)
+        return np.asarray(np.isfinite(self.q).all(axis=1) & np.isfinite(self.position).all(axis=1))
 
 
 def read_log(file: Path, chain: Chain) -> Log:

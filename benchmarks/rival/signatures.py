@@ -1,4 +1,4 @@
-"""The vocabulary of the diagnosis as columns of a least squares: the first-order motion that one unit of an effect makes."""
+"""The vocabulary of the diagnosis as columns of a least squares: what one unit of an effect moves, to first order."""
 
 from __future__ import annotations
 
@@ -93,7 +93,8 @@ class Columns:
         for j in range(self.nq):
             parts = [(s, g) for s, g in enumerate(segments) if g.reading == j]
             moves = [self.move(posed.axis[s], posed.origin[s], g.kind != "prismatic") for s, g in parts]
-            self.reading.append(sum((g.gain * m for (_, g), m in zip(parts, moves, strict=True)), np.zeros((self.n, 6))))
+            gains = [g.gain for _, g in parts]
+            self.reading.append(sum((g * m for g, m in zip(gains, moves, strict=True)), np.zeros((self.n, 6))))
         self.springs = [
             (s, k, spring, self.move(*posed.springs[s][k], spring.turns), spring_torque(posed, s, k))
             for s, segment in enumerate(segments)
@@ -397,7 +398,8 @@ def list_specs(scene: Scene, registered: tuple[str, ...]) -> Iterator[Spec]:
         yield from (Spec("link_geometry", name, axis) for axis in AXES)
     if loaded or weighs:
         yield from (Spec("base_compliance", None, axis) for axis in AXES[:3])
-        yield from (Spec("link_compliance", name, axis) for name in moving for axis in AXES if not _is_own(chain, name, axis))
+        bends = [(name, axis) for name in moving for axis in AXES if not _is_own(chain, name, axis)]
+        yield from (Spec("link_compliance", name, axis) for name, axis in bends)
     for name in chain.joints:
         yield from _nonlinear(scene, name, loaded or weighs)
         yield from (

@@ -1,0 +1,137 @@
+"""Ask a diagnosis about a labelled campaign, the truth kept from it: the product as a black box, or the plain rival.
+
+A case is a folder with robot/, measurements.csv, fresh.csv and truth.json. An answer holds what diagnosis.json holds,
+and the distance of every row of the later campaign from what the nominal and the updated robot predict (mm).
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: A diagnosis that takes longer is stopped, and counts as no answer. [s]
+PATIENCE = 1800
+#: Runs the product's own command line several times in one process; the arguments are a JSON list of lists.
+DRIVER = """
+import json, sys, time
+from compplan.cli import main
+for words in json.loads(sys.argv[1]):
+    start = time.process_time()
+    sys.argv = ["compplan", *words]
+    try:
+        main()
+    except SystemExit as end:
+        if end.code:
+            raise
+    print(json.dumps({"words": words[0], "seconds": time.process_time() - start}))
+"""
+
+Table = dict[str, Any]
+
+
+def read_truth(case: Path) -> Table:
+    """Read truth.json; NaN becomes None."""
+    return json.loads((case / "truth.json").read_text(encoding="utf-8"), parse_constant=lambda _: None)  # type: ignore[no-any-return]
+
+
+def frames_of(truth: Table) -> list[str]:
+    """Return what has to be registered: base and tool where the truth says that the frames are unknown."""
+    return ["base", "tool"] if truth.get("register") else []
+
+
+def ask_product(case: Path, tree: Path, register: list[str]) -> Table:
+    """Run diagnose and predict of a source tree on a case.
+
+    Args:
+        case: Folder of the case.
+        tree: Folder that holds the package compplan.
+        register: Frames to register.
+
+    Returns:
+        The answer; one that gave up holds an empty verdict "refused" and what was said in `error`.
+    """
+    flags = ["--register", ",".join(register)] if register else []
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder)
+        log, fresh = str(case / "measurements.csv"), str(case / "fresh.csv")
+        words = [
+            ["diagnose", log, "--robot", str(case / "robot"), "--out", str(out / "d"), *flags],
+            ["predict", fresh, "--robot", str(out / "d" / "robot"), "--out", str(out / "updated.csv"), *flags],
+            ["predict", fresh, "--robot", str(case / "robot"), "--out", str(out / "nominal.csv"), *flags],
+        ]
+        environment = {**os.environ, "PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        try:
+            done = subprocess.run(
+                [sys.executable, "-c", DRIVER, json.dumps(words)],
+                capture_output=True, text=True, env=environment, timeout=PATIENCE, cwd=folder, check=False,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            return refused(f"stopped after {PATIENCE} s")
+        if done.returncode:
+            return refused(done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"status {done.returncode}")
+        answer = json.loads((out / "d" / "diagnosis.json").read_text(encoding="utf-8"))
+        seconds = [json.loads(line) for line in done.stdout.splitlines() if line.startswith('{"words"')]
+        measured = read_points(case / "fresh.csv")
+        return {
+            **{key: answer[key] for key in ("verdict", "gap")},
+            "candidates": answer.get("candidates", [])[:10],
+            "seconds": next((s["seconds"] for s in seconds if s["words"] == "diagnose"), None),
+            "fresh_updated": distances(measured, read_points(out / "updated.csv")),
+            "fresh_nominal": distances(measured, read_points(out / "nominal.csv")),
+        }
+
+
+def refused(why: str) -> Table:
+    """Return the answer of a diagnosis that gave none."""
+    return {"verdict": {"status": "refused", "effects": []}, "gap": {}, "candidates": [], "error": why}
+
+
+def ask_rival(case: Path, register: list[str]) -> Table:
+    """Ask the plain rival."""
+    from benchmarks.rival.answer import diagnose
+    from benchmarks.rival.log import read_log
+
+    start = time.process_time()
+    answer = diagnose(case / "robot", case / "measurements.csv", register)
+    seconds = time.process_time() - start
+    log = read_log(case / "fresh.csv", answer.chain)
+    return {
+        **{key: answer.table[key] for key in ("verdict", "gap")},
+        "candidates": answer.table["candidates"],
+        "seconds": seconds,
+        "fresh_updated": distances(1e3 * log.position, 1e3 * answer.predict(log)),
+        "fresh_nominal": distances(1e3 * log.position, 1e3 * answer.predict(log, nominal=True)),
+    }
+
+
+def read_points(file: Path) -> NDArray[np.float64]:
+    """Read the positions of a log or of a prediction. Shape (n, 3). [mm]"""
+    with file.open(encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    unit, factor = ("mm", 1.0) if "x_mm" in rows[0] else ("m", 1e3)
+    cells = [[row[f"{axis}_{unit}"] for axis in "xyz"] for row in rows]
+    return factor * np.array([[float(c) if c else np.nan for c in row] for row in cells])
+
+
+def distances(measured: NDArray[np.float64], predicted: NDArray[np.float64]) -> list[float | None]:
+    """Return the distance of every row, None where one of the two is missing. [mm]"""
+    gap = np.linalg.norm(measured - predicted, axis=1)
+    return [round(float(d), 5) if np.isfinite(d) else None for d in gap]
+
+
+def write_whole(file: Path, text: str) -> None:
+    """Write a file all or nothing."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    part = file.with_suffix(f".{os.getpid()}.part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(file)
