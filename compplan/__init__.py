@@ -1,5 +1,7 @@
 """compplan: make industrial robots cut where the CAM says.
 
+Planning:
+
     import compplan as cp
 
     job = cp.load_job("paths/isf_cone.toml")
@@ -8,6 +10,23 @@
     cp.write_plan(plan, "out")
 
 or from parts: `load_robot`, `read_toolpath`, `place_toolpath`, `plan_compensation`, `build_cell`, `evaluate_run`.
+
+Diagnosis:
+
+    robot = cp.load_robot("robot")
+    campaign = cp.read_campaign("measurements.csv", robot)
+    diagnosis = cp.diagnose_campaign(robot, campaign)
+    print(diagnosis.verdict.status, diagnosis.gap.held_out_after)
+    cp.predict_campaign(diagnosis.updated, campaign).position
+
+with `Effect` and `fold_effects` to make a robot that is not as modelled, and `identify_campaign` for its compliances.
+
+Studies:
+
+    study = cp.study_job(job, cp.Settings(samples=200, seed=1), "out")
+    cp.write_study(study, "out")
+
+Long calls take a callable that is told what is being done; an exception raised in it ends the call, nothing is written.
 Names are imported from their modules when they are first used.
 """
 
@@ -16,10 +35,22 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from compplan.version import VERSION
+
 if TYPE_CHECKING:
     from compplan.cell.cell import Cell, build_cell, run_cell, standard_cells
+    from compplan.cell.predict import Prediction, predict_campaign, write_prediction
+    from compplan.diagnose.campaign_diagnosis import diagnose_campaign
+    from compplan.diagnose.result import Diagnosis
+    from compplan.effects import EFFECTS, Effect, apply_effects, attain_scene, fold_effects, robot_effects, stage_scene
     from compplan.errors import CompplanError, InfeasibleError, InputError
+    from compplan.identify.campaign import Identification, identify_campaign
+    from compplan.identify.problem import IdentifyOptions
     from compplan.job.job import Job, check_job, load_job, load_nominal
+    from compplan.measure.campaign import Campaign, read_campaign
+    from compplan.measure.registration import Registration, fit_registration
+    from compplan.outputs.identify import write_identification
+    from compplan.outputs.montecarlo import write_study
     from compplan.outputs.plan import write_comparison, write_plan
     from compplan.path.reading import read_toolpath
     from compplan.path.toolpath import Toolpath, place_toolpath, write_toolpath
@@ -28,47 +59,85 @@ if TYPE_CHECKING:
     from compplan.plan.nlp import build_nlp, solve_nlp
     from compplan.plan.path_problem import PathProblem, Rows
     from compplan.plan.plan import Plan, PlanOptions, build_task, plan_compensation, plan_job, plan_task
-    from compplan.robot import Robot, load_robot
+    from compplan.robot import Robot, load_robot, write_robot_folder
+    from compplan.study.job_study import JobStudy, study_job
+    from compplan.study.runner import Run, Settings, run_study
+    from compplan.study.study import Study, prepare_study
+    from compplan.study.summary import summarise_run
 
-__version__ = "0.1.0"
+__version__ = VERSION
 
 _MODULES = {
     "cell.cell": ("Cell", "build_cell", "run_cell", "standard_cells"),
-    "plan.compare": ("Comparison", "compare_job", "compare_task"),
+    "cell.predict": ("Prediction", "predict_campaign", "write_prediction"),
+    "diagnose.campaign_diagnosis": ("diagnose_campaign",),
+    "diagnose.result": ("Diagnosis",),
+    "effects": (
+        "EFFECTS", "Effect", "apply_effects", "attain_scene", "fold_effects", "robot_effects", "stage_scene",
+    ),
     "errors": ("CompplanError", "InfeasibleError", "InputError"),
-    "plan.evaluate": ("Evaluation", "evaluate_run", "path_accuracy"),
+    "identify.campaign": ("Identification", "identify_campaign"),
+    "identify.problem": ("IdentifyOptions",),
     "job.job": ("Job", "check_job", "load_job", "load_nominal"),
-    "plan.nlp": ("build_nlp", "solve_nlp"),
-    "plan.path_problem": ("PathProblem", "Rows"),
+    "measure.campaign": ("Campaign", "read_campaign"),
+    "measure.registration": ("Registration", "fit_registration"),
+    "outputs.identify": ("write_identification",),
+    "outputs.montecarlo": ("write_study",),
     "outputs.plan": ("write_comparison", "write_plan"),
-    "plan.plan": ("Plan", "PlanOptions", "build_task", "plan_compensation", "plan_job", "plan_task"),
-    "robot": ("Robot", "load_robot"),
     "path.reading": ("read_toolpath",),
     "path.toolpath": ("Toolpath", "place_toolpath", "write_toolpath"),
-}
+    "plan.compare": ("Comparison", "compare_job", "compare_task"),
+    "plan.evaluate": ("Evaluation", "evaluate_run", "path_accuracy"),
+    "plan.nlp": ("build_nlp", "solve_nlp"),
+    "plan.path_problem": ("PathProblem", "Rows"),
+    "plan.plan": ("Plan", "PlanOptions", "build_task", "plan_compensation", "plan_job", "plan_task"),
+    "robot": ("Robot", "load_robot", "write_robot_folder"),
+    "study.job_study": ("JobStudy", "study_job"),
+    "study.runner": ("Run", "Settings", "run_study"),
+    "study.study": ("Study", "prepare_study"),
+    "study.summary": ("summarise_run",),
+}  # fmt: skip
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [
+    "EFFECTS",
+    "Campaign",
     "Cell",
     "Comparison",
     "CompplanError",
+    "Diagnosis",
+    "Effect",
     "Evaluation",
+    "Identification",
+    "IdentifyOptions",
     "InfeasibleError",
     "InputError",
     "Job",
+    "JobStudy",
     "PathProblem",
     "Plan",
     "PlanOptions",
+    "Prediction",
+    "Registration",
     "Robot",
     "Rows",
+    "Run",
+    "Settings",
+    "Study",
     "Toolpath",
+    "apply_effects",
+    "attain_scene",
     "build_cell",
     "build_nlp",
     "build_task",
     "check_job",
     "compare_job",
     "compare_task",
+    "diagnose_campaign",
     "evaluate_run",
+    "fit_registration",
+    "fold_effects",
+    "identify_campaign",
     "load_job",
     "load_nominal",
     "load_robot",
@@ -77,12 +146,24 @@ __all__ = [
     "plan_compensation",
     "plan_job",
     "plan_task",
+    "predict_campaign",
+    "prepare_study",
+    "read_campaign",
     "read_toolpath",
+    "robot_effects",
     "run_cell",
+    "run_study",
     "solve_nlp",
+    "stage_scene",
     "standard_cells",
+    "study_job",
+    "summarise_run",
     "write_comparison",
+    "write_identification",
     "write_plan",
+    "write_prediction",
+    "write_robot_folder",
+    "write_study",
     "write_toolpath",
 ]
 

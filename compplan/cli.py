@@ -7,8 +7,8 @@ import sys
 
 import click
 
-import compplan
 from compplan.errors import CompplanError
+from compplan.version import VERSION
 
 COMMANDS = {
     "plan": "compplan.commands.plan",
@@ -45,7 +45,7 @@ class LazyGroup(click.Group):
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(compplan.__version__, prog_name="compplan")
+@click.version_option(VERSION, prog_name="compplan")
 def group() -> None:
     """Plan corrected robot paths under process forces, and diagnose the sim-to-real gap."""
 

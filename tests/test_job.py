@@ -12,7 +12,7 @@ import pytest
 from compplan.cli import main
 from compplan.errors import InputError
 from compplan.job.job import Job, check_job, load_job, load_nominal
-from compplan.job.text import JOB_TEXT
+from compplan.job.text import write_job_text
 from compplan.robot import robot_folders
 
 PATHS = sorted((Path(__file__).parent.parent / "paths").glob("*.toml"))
@@ -126,10 +126,10 @@ def test_a_constant_feed_replaces_the_one_of_the_file(tmp_path: Path) -> None:
 
 
 def test_the_commented_job_is_a_job_and_names_every_key() -> None:
-    check_job(tomllib.loads(JOB_TEXT))
+    check_job(tomllib.loads(write_job_text()))
     for table in Job.model_fields.values():
         for key in getattr(table.annotation, "model_fields", {}):
-            assert key in JOB_TEXT, key
+            assert key in write_job_text(), key
 
 
 def test_init_writes_the_commented_job_and_never_over_a_file(tmp_path: Path, monkeypatch, capsys) -> None:

@@ -8,9 +8,10 @@ from montecarlo_cases import cone_study
 
 from compplan.effects import Effect
 from compplan.errors import InputError, UnknownNameError
+from compplan.job.names import ONLINE
 from compplan.plan.closed_loop import TimeCell, run_in_time
 from compplan.plan.correction_loop import Loop, Plant, largest_pole, run_loop
-from compplan.plan.strategies.online import ONLINE, prepare_answers
+from compplan.plan.strategies.online import prepare_answers
 from compplan.plan.strategies.online_correction import LITERAL, PI, PID
 from compplan.robot import Array, load_robot
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames

@@ -33,7 +33,7 @@ CHOICES = {
 @click.option("--cycles", type=click.Choice(CHOICES["cycles"]), help="Whether drilling cycles are cut.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def command(camfile: Path, out: Path, max_step_mm: float | None, as_json: bool, **options: Any) -> None:
-    """Convert CAMFILE (G-code or APT) to a toolpath table, and say what was read."""
+    """Convert CAMFILE (a CAM file of a known language) to a toolpath table, and say what was read."""
     cam = read_cam(camfile, check_table(CamTable, {key: value for key, value in options.items() if value is not None}))
     toolpath = cam.toolpath
     if max_step_mm is not None:

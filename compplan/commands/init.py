@@ -8,7 +8,7 @@ import click
 
 from compplan.errors import InputError
 from compplan.files.tables import write_text
-from compplan.job.text import JOB_TEXT
+from compplan.job.text import write_job_text
 
 
 @click.command()
@@ -17,5 +17,5 @@ def command(file: Path) -> None:
     """Write a job FILE (default job.toml) in which every key is explained."""
     if file.exists():
         raise InputError("exists already; name another file", file=file)
-    write_text(file, JOB_TEXT)
+    write_text(file, write_job_text())
     click.echo(f"wrote {file}; next: compplan plan {file} --out out")

@@ -1,6 +1,7 @@
 """Effects: what may be wrong with a robot, its instrument and its sensors, one file each.
 
-Each file of an effect holds `name`, what it says in `words` ({at} is its place), and three verbs:
+Each file of an effect holds `name`, what it says in `words` ({at} is its place), and three verbs
+(and `of_instrument` where the tool itself goes right):
 
     signatures(at)          the places and forms in which a campaign could show the effect, to first order
     apply(scene, effect)    the exact forward model
@@ -54,7 +55,8 @@ from compplan.errors import InputError, UnknownNameError
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot
 
-#: Every effect of the vocabulary, by name. A new effect is one new file and one line here.
+#: Every effect of the vocabulary, by name, in the order in which effects enter a scene: what changes the robot first,
+#: what needs its poses later. A new effect is one new file and one line here.
 EFFECTS: dict[str, ModuleType] = {
     module.name: module
     for module in (
@@ -81,13 +83,16 @@ EFFECTS: dict[str, ModuleType] = {
         time_skew,
     )
 }
-#: The order in which effects enter a scene: what changes the robot first, what needs its poses later.
-ORDER = {name: number for number, name in enumerate(EFFECTS)}
 
 __all__ = [
     "EFFECTS", "Attained", "Effect", "Scene", "Signature", "apply_effects", "attain_scene", "command_campaign",
     "fold_effects", "robot_effects", "stage_scene",
 ]  # fmt: skip
+
+
+def _in_order(effects: Iterable[Effect]) -> list[Effect]:
+    order = list(EFFECTS)
+    return sorted(effects, key=lambda effect: order.index(effect.name))
 
 
 def apply_effects(scene: Scene, effects: Iterable[Effect]) -> Scene:
@@ -98,7 +103,7 @@ def apply_effects(scene: Scene, effects: Iterable[Effect]) -> Scene:
         effects: The effects; several of one name and place add up.
 
     """
-    for effect in sorted(effects, key=lambda e: ORDER[e.name]):
+    for effect in _in_order(effects):
         scene = EFFECTS[effect.name].apply(scene, effect)
     return scene
 
@@ -136,7 +141,7 @@ def fold_effects(robot: Robot, effects: Iterable[Effect]) -> Robot:
 
     """
     tables: list[dict[str, Any]] = [dict(table) for table in robot.effects]
-    for effect in sorted(effects, key=lambda e: ORDER[e.name]):
+    for effect in _in_order(effects):
         folded = EFFECTS[effect.name].fold(robot, effect)
         if folded is None:
             tables.append(effect.to_table())

@@ -16,6 +16,8 @@ from compplan.statics.chain import build_chain, locate_frames
 name = "wrench_bias"
 #: What it says; {at} is its place.
 words = "the force sensor reads with a constant offset"
+#: It is no part of where the tool goes: the instrument, a sensor or a clock has it.
+of_instrument = True
 KEYS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 #: Assumed: a tool whose weight was not tared.
 SCALE = np.array([50.0, 50.0, 50.0, 10.0, 10.0, 10.0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from compplan.job.names import STRATEGIES
+from compplan.path.cam import READERS, list_suffixes
 from compplan.program import WRITERS
 
 _TEXT = """\
@@ -13,7 +14,7 @@ schema = 1
 name = "My part"
 robot = "staubli_tx200"             # a folder in robots/, or a path to one (relative to this file)
 
-# The toolpath is a file, relative to this one: .csv, or CAM: .nc .gcode .tap .ngc (G-code), .apt .cls (APT)
+# The toolpath is a file, relative to this one: .csv, or CAM (<readers>): <suffixes>
 # toolpath = "part.nc"
 # or it is computed:
 [toolpath]
@@ -170,4 +171,16 @@ plant_delay_ms = 37.0
 # self_collision = true             # keep the arm clear of itself too
 """
 
-JOB_TEXT = _TEXT.replace("<strategies>", " | ".join(STRATEGIES)).replace("<programs>", " | ".join(WRITERS))
+
+def write_job_text() -> str:
+    """Write the commented job; what can be chosen stands as the registries say it."""
+    choices = {
+        "<strategies>": " | ".join(STRATEGIES),
+        "<programs>": " | ".join(WRITERS),
+        "<readers>": ", ".join(READERS),
+        "<suffixes>": " ".join(list_suffixes()),
+    }
+    text = _TEXT
+    for mark, names in choices.items():
+        text = text.replace(mark, names)
+    return text

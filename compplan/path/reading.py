@@ -14,7 +14,7 @@ from compplan.path.toolpath import COLUMNS, Toolpath, check_toolpath, toolpath_f
 
 
 def read_toolpath(path: str | Path, *, cam: CamTable | None = None, feed: float | None = None) -> Toolpath:
-    """Read a toolpath: a CSV table, or a CAM file (G-code .nc .gcode .tap .ngc, APT .apt .cls).
+    """Read a toolpath: a CSV table, or a CAM file (`compplan.path.cam.READERS`).
 
     Args:
         path: The file; its suffix says what it is.

@@ -63,7 +63,7 @@ def compare_task(
     task: PlanTask,
     *,
     name: str = "path",
-    strategies: Sequence[str] = tuple(STRATEGIES),
+    strategies: Sequence[str] | None = None,
     cells: Sequence[Cell] | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> Comparison:
@@ -72,14 +72,14 @@ def compare_task(
     Args:
         task: The task.
         name: What it is called.
-        strategies: The strategies.
+        strategies: The strategies; all if left out.
         cells: The cells; left out: as modelled, and with compliances that differ from the model's.
         announce: Called with what is done next.
 
     """
     cells = tuple(cells) if cells is not None else standard_cells(task.robot)
     commands = {}
-    for strategy in strategies:
+    for strategy in STRATEGIES if strategies is None else strategies:
         if announce:
             announce(f"command: {strategy}")
         commands[strategy] = command_path(task, strategy)

@@ -14,9 +14,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import compplan
 from compplan.files.tables import write_text
 from compplan.report.style import build_template, format_number
+from compplan.version import VERSION
 
 TEMPLATES = Path(__file__).parent / "templates"
 
@@ -188,7 +188,7 @@ def render_page(
             notes=list(notes),
             sections=parts,
             provenance=provenance,
-            version=compplan.__version__,
+            version=VERSION,
             css=(TEMPLATES / "page.css").read_text(encoding="utf-8"),
             script=(TEMPLATES / "page.js").read_text(encoding="utf-8"),
             plotly=_plotly_script() if charts else "",

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-import compplan
 from compplan.errors import InputError
 from compplan.files.tables import write_text
 from compplan.robot import Array
 from compplan.study.judging import Judged
 from compplan.study.study import Study
+from compplan.version import VERSION
 
 _COLUMNS = {"rms": "rms_m", "mean": "mean_m", "max": "max_m", "within": "within_tolerance"}
 
@@ -28,7 +28,7 @@ _COLUMNS = {"rms": "rms_m", "mean": "mean_m", "max": "max_m", "within": "within_
 def fingerprint_study(study: Study, settings: dict[str, Any]) -> str:
     """Return a fingerprint of everything that the numbers of a study depend on."""
     digest = hashlib.sha256()
-    about = {"version": compplan.__version__, "numpy": np.__version__, **settings}
+    about = {"version": VERSION, "numpy": np.__version__, **settings}
     digest.update(json.dumps(about, sort_keys=True).encode())
     digest.update(study.noise.model_dump_json().encode())
     at = study.surroundings

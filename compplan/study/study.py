@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from compplan.effects.attained import attain_with_effects
 from compplan.errors import InputError
+from compplan.job.names import ONLINE
 from compplan.job.noise import NoiseTable
 from compplan.path.toolpath import select_waypoints
 from compplan.plan.correction_loop import Loop, Plant
 from compplan.plan.strategies.answer import Answer
-from compplan.plan.strategies.online import ALL_STRATEGIES, ONLINE, PLAIN, prepare_answers
+from compplan.plan.strategies.online import PLAIN, list_strategies, prepare_answers
 from compplan.plan.strategies.path_map import load_gears
 from compplan.plan.task import Command, PlanTask
 from compplan.robot import Array
@@ -152,7 +153,7 @@ def prepare_study(
     if not task.compensated.any():
         raise InputError("nothing of the path is cut, there is nothing to judge")
     gears = bool(task.chain.actuator.any())
-    chosen = tuple(strategies) if strategies else tuple(s for s in ALL_STRATEGIES if gears or "encoder" not in s)
+    chosen = tuple(strategies) if strategies else tuple(s for s in list_strategies() if gears or "encoder" not in s)
     if strategies and PLAIN in strategies and plain is None:
         raise InputError(f"strategy {PLAIN!r} needs a plain posture that reaches the whole path, leave it out")
     chosen = tuple(name for name in chosen if name != PLAIN or plain is not None)

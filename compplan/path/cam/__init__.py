@@ -1,28 +1,36 @@
-"""Readers of CAM files, one file a language: they give the toolpath in the part frame, and the facts about the file."""
+"""Readers of CAM files, one file a language: they give the toolpath in the part frame, and the facts about the file.
+
+Each reader offers `name`, the `suffixes` of its files, `recognise(text)` for files with another suffix, and
+`read(text, file, options) -> CamFile`. A new reader is one new file and one line in `READERS`.
+"""
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
+from types import ModuleType
 
 from compplan.errors import InputError
 from compplan.files.tables import read_text
-from compplan.path.cam.apt import read_apt
-from compplan.path.cam.gcode import read_gcode
+from compplan.path.cam import apt, gcode
 from compplan.path.cam.moves import CamFacts, CamFile
 from compplan.path.cam.options import CamTable
 
-GCODE_SUFFIXES = (".nc", ".gcode", ".tap", ".ngc", ".cnc", ".ncc", ".mpf", ".spf", ".iso", ".eia", ".h")
-APT_SUFFIXES = (".apt", ".cls", ".cl", ".ncl", ".clsf", ".aptsource", ".cldata")
+#: Every reader, by the name of its language.
+READERS: dict[str, ModuleType] = {module.name: module for module in (gcode, apt)}
 
-__all__ = ["CamFacts", "CamFile", "CamTable", "read_cam"]
+__all__ = ["READERS", "CamFacts", "CamFile", "CamTable", "list_suffixes", "read_cam"]
+
+
+def list_suffixes() -> list[str]:
+    """List the suffixes of CAM files that are known."""
+    return [suffix for reader in READERS.values() for suffix in reader.suffixes]
 
 
 def read_cam(path: str | Path, options: CamTable | None = None) -> CamFile:
     """Read a CAM file.
 
     Args:
-        path: The file; its suffix says whether it is G-code or APT, or its text where the suffix is unknown.
+        path: The file; its suffix says what language it is in, or its text where the suffix is unknown.
         options: What the file does not say by itself.
 
     Raises:
@@ -30,14 +38,12 @@ def read_cam(path: str | Path, options: CamTable | None = None) -> CamFile:
 
     """
     path = Path(path)
-    suffix = path.suffix.lower()
     text = read_text(path)
-    is_apt, is_gcode = suffix in APT_SUFFIXES, suffix in GCODE_SUFFIXES
-    if not (is_apt or is_gcode):
-        is_apt = re.search(r"^\s*GOTO\s*/", text, re.MULTILINE) is not None
-        is_gcode = re.search(r"^\s*(N\d+\s*)?G\d", text, re.MULTILINE | re.IGNORECASE) is not None
-    if not (is_apt or is_gcode):
-        known = " ".join((".csv", *GCODE_SUFFIXES, *APT_SUFFIXES))
+    by_suffix = (reader for reader in READERS.values() if path.suffix.lower() in reader.suffixes)
+    by_text = (reader for reader in READERS.values() if reader.recognise(text))
+    reader = next(by_suffix, None) or next(by_text, None)
+    if reader is None:
+        known = " ".join((".csv", *list_suffixes()))
         raise InputError(f"unknown kind of toolpath file '{path.suffix}', choose from {known}", file=path)
-    read = read_apt if is_apt else read_gcode
-    return read(text, path, options or CamTable())
+    file: CamFile = reader.read(text, path, options or CamTable())
+    return file

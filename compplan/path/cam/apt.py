@@ -41,7 +41,16 @@ ANTICLOCKWISE = {"CCLW", "CCW", "ANTICLOCKWISE", "COUNTERCLOCKWISE"}
 FEWEST_VOTES = 3
 
 
-def read_apt(text: str, file: Path, options: CamTable) -> CamFile:
+name = "apt"
+suffixes = (".apt", ".cls", ".cl", ".ncl", ".clsf", ".aptsource", ".cldata")
+
+
+def recognise(text: str) -> bool:
+    """Tell whether a text of unknown suffix is APT/CL."""
+    return re.search(r"^\s*GOTO\s*/", text, re.MULTILINE) is not None
+
+
+def read(text: str, file: Path, options: CamTable) -> CamFile:
     """Read an APT cutter location file.
 
     The sense of an arc about the axis of its CIRCLE record follows from the words CLW and CCLW where there are any;

@@ -40,7 +40,16 @@ class _OffCircleError(InputError):
     """Tell that start and end of an arc do not lie on one circle, in one reading of I J K."""
 
 
-def read_gcode(text: str, file: Path, options: CamTable) -> CamFile:
+name = "gcode"
+suffixes = (".nc", ".gcode", ".tap", ".ngc", ".cnc", ".ncc", ".mpf", ".spf", ".iso", ".eia", ".h")
+
+
+def recognise(text: str) -> bool:
+    """Tell whether a text of unknown suffix is G-code."""
+    return re.search(r"^\s*(N\d+\s*)?G\d", text, re.MULTILINE | re.IGNORECASE) is not None
+
+
+def read(text: str, file: Path, options: CamTable) -> CamFile:
     """Read G-code.
 
     Args:

@@ -19,10 +19,13 @@ from compplan.plan.task import Command, PlanTask
 #: The nonlinear program at a posture that was not chosen for accuracy: what the choice of posture brings. The strategy
 #: "nlp" is the robust one where the job asks for an accurate posture, as it does by default.
 PLAIN = "nlp_plain_posture"
-#: Every strategy of a study, by name.
-ALL_STRATEGIES = (*STRATEGIES, PLAIN, *ONLINE)
 
 _OFFLINE_KNOWLEDGE = {"none": "geometry"}
+
+
+def list_strategies() -> tuple[str, ...]:
+    """List every strategy of a study by name: those of a plan, PLAIN, and those that read sensors."""
+    return (*STRATEGIES, PLAIN, *ONLINE)
 
 
 def load_online(name: str) -> Callable[[PlanTask, PathMaps], Answer]:
@@ -33,13 +36,13 @@ def load_online(name: str) -> Callable[[PlanTask, PathMaps], Answer]:
 
 
 def prepare_answers(
-    task: PlanTask, strategies: Sequence[str] = ALL_STRATEGIES, commands: Mapping[str, Command] | None = None
+    task: PlanTask, strategies: Sequence[str] | None = None, commands: Mapping[str, Command] | None = None
 ) -> dict[str, Answer]:
     """Let strategies prepare themselves for a task.
 
     Args:
         task: The task.
-        strategies: Names of the strategies.
+        strategies: Names of the strategies; all but PLAIN if left out.
         commands: Commands of plan strategies that are known already.
 
     Raises:
@@ -48,7 +51,7 @@ def prepare_answers(
 
     """
     maps, answers = PathMaps(task), {}
-    for name in strategies:
+    for name in (*STRATEGIES, *ONLINE) if strategies is None else strategies:
         if name in ONLINE:
             answers[name] = load_online(name)(task, maps)
         elif name in STRATEGIES:
@@ -61,5 +64,5 @@ def prepare_answers(
                 q=command.q,
             )
         else:
-            raise UnknownNameError("strategy", name, list(ALL_STRATEGIES))
+            raise UnknownNameError("strategy", name, list(list_strategies()))
     return answers

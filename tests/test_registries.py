@@ -1,0 +1,144 @@
+"""What is added often is one new file and one line in a registry: schema, help, pages and verbs then know it."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from commandline import run_command
+from simulated_campaigns import measure, plan_rows, write_small_robot
+from test_bad_input import write_job
+
+import compplan as cp
+from compplan.effects.attained import attain_with_effects
+from compplan.job.job import Job
+from compplan.job.names import STRATEGIES
+from compplan.path.cam import READERS
+from compplan.program import WRITERS
+from compplan.report.effect_words import describe_effect
+
+
+@pytest.fixture
+def add_module(tmp_path, monkeypatch):
+    """Write a module into a package of its own beside the product."""
+
+    def add(name: str, text: str) -> ModuleType:
+        (tmp_path / f"{name}.py").write_text(text)
+        monkeypatch.syspath_prepend(str(tmp_path))
+        module = importlib.import_module(name)
+        monkeypatch.setitem(sys.modules, name, module)
+        return module
+
+    return add
+
+
+def test_a_strategy_is_one_file_and_one_line(add_module, tmp_path, monkeypatch, capsys) -> None:
+    add_module("timid", "from compplan.plan.strategies.none import command_path\n")
+    assert run_command(["plan", write_job(tmp_path, plan='strategy = "timid"'), "--out", tmp_path / "o"],
+                       monkeypatch, capsys).status == 2  # fmt: skip
+    monkeypatch.setitem(STRATEGIES, "timid", "timid")
+    assert "timid" in str(Job.model_json_schema())
+    answer = run_command(["compare", write_job(tmp_path), "--out", tmp_path / "out"], monkeypatch, capsys)
+    assert answer.status == 0 and "timid" in answer.out
+    assert "timid" in (tmp_path / "out" / "report.html").read_text()
+    run_command(["init", tmp_path / "new.toml"], monkeypatch, capsys)
+    assert "| timid" in (tmp_path / "new.toml").read_text()
+
+
+def test_a_program_language_is_one_file_and_one_line(add_module, tmp_path, monkeypatch, capsys) -> None:
+    module = add_module(
+        "plainly",
+        "def write(program, folder, most):\n"
+        "    file = folder / (program.name + '.plain')\n"
+        "    file.write_text(str(len(program.joints)))\n"
+        "    return [file]\n",
+    )
+    monkeypatch.setitem(WRITERS, "plainly", module.write)
+    assert "plainly" in str(Job.model_json_schema())
+    job = write_job(tmp_path, plan='[output]\nprograms = ["plainly"]')
+    answer = run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys)
+    assert answer.status == 0, answer.err
+    assert len(list((tmp_path / "out").rglob("*.plain"))) == 1
+
+
+def test_a_reader_is_one_file_and_one_line(add_module, tmp_path, monkeypatch, capsys) -> None:
+    module = add_module(
+        "dots",
+        "import dataclasses\nfrom compplan.path.cam import gcode\n"
+        "name, suffixes = 'dots', ('.dots',)\n"
+        "def recognise(text):\n    return text.startswith('dots')\n"
+        "def read(text, file, options):\n"
+        "    rows = [line.split() for line in text.splitlines()[1:]]\n"
+        "    code = 'G21 G90 F600\\n' + ''.join(f'G1 X{x} Y{y} Z0\\n' for x, y in rows)\n"
+        "    cam = gcode.read(code, file, options)\n"
+        "    return dataclasses.replace(cam, facts=dataclasses.replace(cam.facts, kind='dots'))\n",
+    )
+    (tmp_path / "part.dots").write_text("dots\n0 0\n10 0\n10 5\n")
+    command = ["convert", tmp_path / "part.dots", "--out", tmp_path / "path.csv"]
+    refused = run_command(command, monkeypatch, capsys)
+    assert refused.status == 2 and ".gcode" in refused.err
+    monkeypatch.setitem(READERS, "dots", module)
+    read = run_command(command, monkeypatch, capsys)
+    assert read.status == 0 and "dots" in read.out
+    assert cp.read_toolpath(tmp_path / "part.dots").cutting_length == pytest.approx(0.015)
+
+
+WAVY_FLOOR = '''
+from dataclasses import replace
+import numpy as np
+from compplan.effects.signature import Signature
+name, words = "wavy_floor", "the floor rises and falls as {at} turns"
+
+def shape(scene):
+    twist = np.zeros((len(scene.campaign), 6))
+    twist[:, 2] = np.sin(7.0 * scene.campaign.q[:, 0]) * np.cos(5.0 * scene.campaign.q[:, 1])
+    return twist
+
+def signatures(at):
+    yield Signature(name, "joint_1", None, "", ("height_m",), np.array([1e-3]), shape(at.scene)[:, :, None])
+
+def apply(scene, effect):
+    return replace(scene, base_twist=scene.base_twist + effect.parameters["height_m"] * shape(scene))
+
+def fold(robot, effect):
+    return None
+'''
+
+
+def test_an_effect_is_one_file_and_one_line(add_module, tmp_path, monkeypatch) -> None:
+    monkeypatch.setitem(cp.EFFECTS, "wavy_floor", add_module("wavy_floor", WAVY_FLOOR))
+    robot = write_small_robot(tmp_path / "robot")
+    effect = cp.Effect("wavy_floor", "joint_1", None, {"height_m": 4e-4})
+    assert "rises and falls as joint_1 turns" in describe_effect({"effect": "wavy_floor", "joint": "joint_1"})
+    folded = cp.fold_effects(robot, [effect])
+    cp.write_robot_folder(folded, tmp_path / "folded")
+    again = cp.load_robot(tmp_path / "folded")
+
+    rows = plan_rows(robot, 5)
+    predicted = cp.predict_campaign(again, rows).position - cp.predict_campaign(robot, rows).position
+    expected = 4e-4 * np.sin(7.0 * rows.q[:, 0]) * np.cos(5.0 * rows.q[:, 1])
+    np.testing.assert_allclose(predicted[:, 2], expected, atol=1e-12)
+
+    at_work = [attain_with_effects(r, rows.q, rows.wrench, np.ones(len(rows) - 1))[0] for r in (again, robot)]
+    np.testing.assert_allclose((at_work[0] - at_work[1])[:, 2], expected, atol=1e-12)
+    cell = [cp.run_cell(cp.build_cell(r), rows.q, rows.wrench).position for r in (again, robot)]
+    np.testing.assert_allclose((cell[0] - cell[1])[:, 2], expected, atol=1e-9)
+
+    diagnosis = cp.diagnose_campaign(robot, measure(robot, rows, [effect], seed=6))
+    assert [finding.effect.name for finding in diagnosis.verdict.findings] == ["wavy_floor"]
+    assert diagnosis.updated.effects[0]["parameters"]["height_m"] == pytest.approx(4e-4, rel=0.05)
+
+
+def test_the_door_opens_every_name_and_loads_nothing_heavy() -> None:
+    import subprocess
+
+    heavy = ["numpy", "scipy", "casadi", "pinocchio", "pydantic", "matplotlib", "plotly"]
+    code = f"import sys, compplan; print([m for m in {heavy} if m in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+    assert all(getattr(cp, name) is not None for name in cp.__all__)
+    assert (Path(cp.__file__).parent / "py.typed").is_file()
+    assert {"plan_job", "diagnose_campaign", "predict_campaign", "fold_effects", "run_study"} <= set(dir(cp))
