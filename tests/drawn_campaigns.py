@@ -1,7 +1,7 @@
 """Campaigns without noise that MuJoCo draws of robots with one thing wrong, and the product's view of the same log.
 
-The truth comes from `benchmarks.campaigns`, which shares no code with the product: its own URDF reader, rigid bodies and
-equilibrium by MuJoCo. The product sees files alone: a robot folder and a measurement log.
+The truth comes from `benchmarks.campaigns`, which shares no code with the product: its own URDF reader, MuJoCo's rigid
+bodies. The product sees files alone: a robot folder and a measurement log.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from benchmarks.campaigns.designs import Design
 from benchmarks.campaigns.recording import Recording, write_log
 from benchmarks.campaigns.simulate import Reading, Rows, Scenario, nominal_scenario, simulate_rows
 from benchmarks.campaigns.templates import TEMPLATES, draw_robot
+from compplan.cell.predict import Prediction, predict_campaign
 from compplan.effects import Effect, fold_effects
-from compplan.measurements import Campaign, read_campaign
-from compplan.predict import Prediction, predict_campaign
+from compplan.measure.campaign import Campaign, read_campaign
 from compplan.robot import Robot
-from compplan.robot_folder import read_robot_folder
-from compplan.robot_folder import write_robot_folder as write_updated_folder
+from compplan.robot.folder import read_robot_folder
+from compplan.robot.folder import write_robot_folder as write_updated_folder
 
 REFERENCE_C = 21.0
 SETTLED, LOADS, PATH_ROWS = 16, 2, 40
@@ -59,7 +59,7 @@ def _with_askew_tool(robot: RobotDescription) -> RobotDescription:
 
 
 def lay_out_rows(robot: RobotDescription, seed: int, *, later: bool = False, first_rise: float = 0.0) -> Rows:
-    """Lay out two static runs, every pose unloaded and loaded, and a loaded path; the robot warms up by 12 K.
+    """Lay out two static runs, every pose unloaded and loaded, and a loaded path; the robot warms up by 8 K.
 
     Args:
         robot: The robot.
@@ -85,7 +85,7 @@ def lay_out_rows(robot: RobotDescription, seed: int, *, later: bool = False, fir
     run = np.array(["static_1"] * middle + ["static_2"] * (len(static) - middle) + ["path_1"] * PATH_ROWS)
     time = np.cumsum(np.r_[np.full(len(static), 30.0), random.uniform(0.03, 0.07, PATH_ROWS)])
     time = np.round(time - time[0], 4)
-    rise = first_rise + 12.0 * (1.0 - np.exp(-time / 800.0))
+    rise = first_rise + 20.0 * (1.0 - np.exp(-time / 3000.0))
     degrees = np.round(np.rad2deg(q), 5)
     return Rows(run, np.char.startswith(run, "path"), time, np.deg2rad(degrees), np.round(wrench, 2), rise, later)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from compplan.effects.signature import Signature
 from compplan.effects.transmission_error import spline_at
 from compplan.measure.campaign import Campaign
 from compplan.robot import Robot, load_robot
+from tests.drawn_campaigns import draw_robot_files, rail_arm
 
 
 def make_campaign(robot: Robot, seed: int = 3) -> Campaign:
@@ -73,6 +75,8 @@ def worst_disagreement(at: Linearization, signature: Signature) -> float:
 ROBOT = replace(load_robot("kuka_kr270"), link_elasticities=())
 AT = make_linearization(ROBOT)
 EVERY = all_signatures(AT)
+#: Effects whose signatures depend on slides that have travelled, and on a tool that stands askew.
+OF_SLIDES_AND_TOOLS = ("joint_offset", "link_geometry", "payload", "thermal_drift", "tool_frame")
 
 
 @pytest.mark.parametrize("name", sorted({s.name for s in EVERY}))
@@ -83,6 +87,12 @@ def test_signature_agrees_with_the_exact_model_at_every_place(name: str) -> None
         if name in ("link_compliance", "base_compliance"):
             continue
         assert worst_disagreement(AT, signature) < tolerance, (signature.place, signature.form)
+
+
+def test_signatures_hold_on_a_rail_and_with_a_tool_that_stands_askew(tmp_path: Path) -> None:
+    at = make_linearization(draw_robot_files(rail_arm(), tmp_path).robot)
+    for signature in (s for name in OF_SLIDES_AND_TOOLS for s in EFFECTS[name].signatures(at)):
+        assert worst_disagreement(at, signature) < 0.02, (signature.place, signature.form)
 
 
 def test_compliance_of_rigid_links_agrees_with_the_exact_model() -> None:

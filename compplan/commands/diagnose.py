@@ -67,8 +67,6 @@ def write_diagnosis_files(diagnosis: Diagnosis, table: dict[str, object], out: P
     """
     folder = out / "robot"
     write_robot_folder(diagnosis.updated, folder)
-    if not diagnosis.updated.effects:
-        (folder / "effects.toml").unlink(missing_ok=True)
     if diagnosis.registration is not None:
         write_registration(diagnosis.registration, folder / "registration.toml")
     else:

@@ -82,12 +82,14 @@ class Linearization:
     def parent_twist(self, joint: str, axis: str) -> Array:
         """Return the motion of the target per unit motion of a joint's origin, axes of its parent link.
 
+        The origin is where the joint stands at zero: a slide that has travelled turns about where it came from.
         Shape (n, 6).
         """
-        previous = self.before[joint]
-        k = self.elements[previous, axis]
-        at = self.elements[joint, "rx"]
-        return unit_twist(self.axis[:, k], self.origin[:, at], self.point, axis[0] == "t")
+        k, number = self.elements[self.before[joint], axis], self.robot.joint_names.index(joint)
+        origin = self.origin[:, self.elements[joint, "rx"]]
+        if self.robot.prismatic[number]:
+            origin = self.attained.frames.origin[:, self.attained.chain.joint_elements[number]]
+        return unit_twist(self.axis[:, k], origin, self.point, axis[0] == "t")
 
     def joint_load(self, joint: str, axis: str) -> Array:
         """Return the load about or along an axis of a joint's child frame. Shape (n,). [N m or N]."""

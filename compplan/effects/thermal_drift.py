@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene
+from compplan.effects.scene import Scene, flange_to_tcp
 from compplan.effects.signature import Effect, Signature
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot
@@ -40,10 +40,17 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 
 
 def segments(at: Linearization) -> Array:
-    """Return the placement before each joint and behind the last, base axes. Shape (n, nq + 1, 3). [m]."""
-    frames, joints = at.attained.frames, at.attained.chain.joint_elements
-    points = [np.zeros((len(at.point), 3)), *(frames.origin[:, k] for k in joints), frames.tcp_position]
-    return np.diff(np.stack(points, axis=1), axis=1)
+    """Return the placement before each joint, and of the flange behind the last, base axes. Shape (n, nq + 1, 3). [m].
+
+    Neither the travel of a slide nor the tool grows.
+    """
+    frames, chain = at.attained.frames, at.attained.chain
+    origin, axis = frames.origin[:, chain.joint_elements], frames.axis[:, chain.joint_elements]
+    travel = (at.attained.q * chain.translates[chain.joint_elements])[:, :, None] * axis
+    T_flange_tcp = flange_to_tcp(at.robot)
+    flange = frames.tcp_position - frames.tcp_rotation @ T_flange_tcp[:3, :3].T @ T_flange_tcp[:3, 3]
+    starts = np.concatenate([np.zeros_like(origin[:, :1]), origin + travel], axis=1)
+    return np.asarray(np.concatenate([origin, flange[:, None]], axis=1) - starts)
 
 
 def _warmings(campaign: Campaign) -> list[tuple[str, Array, dict[str, Any], str, float]]:

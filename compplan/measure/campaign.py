@@ -203,11 +203,12 @@ class Campaign:
 
     @cached_property
     def reference_temperature(self) -> float:
-        """Temperature at the beginning of the log, the mean of its first five readings. [C]."""
-        if self.temperature is None:
+        """Temperature at the first row, from a straight line through the first five readings. [C]."""
+        rows = np.zeros(0, int) if self.temperature is None else np.flatnonzero(np.isfinite(self.temperature))[:5]
+        if self.temperature is None or not len(rows):
             return float("nan")
-        known = self.temperature[np.isfinite(self.temperature)]
-        return float(known[:5].mean()) if len(known) else float("nan")
+        known = self.temperature[rows]
+        return float(np.polyval(np.polyfit(rows, known, 1), 0.0)) if len(rows) > 2 else float(known[0])
 
     @cached_property
     def unloaded(self) -> NDArray[np.bool_]:

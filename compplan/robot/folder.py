@@ -152,6 +152,8 @@ def write_robot_folder(robot: Robot, folder: Path) -> None:
     if robot.effects:
         table = {"schema": 1, "effect": [dict(effect) for effect in robot.effects]}
         write_text(folder / "effects.toml", tomli_w.dumps(table))
+    else:
+        (folder / "effects.toml").unlink(missing_ok=True)
     if robot.folder is not None:
         for name in ("controller.toml", "controller.urdf"):
             source = robot.folder / name
