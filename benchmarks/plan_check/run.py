@@ -1,0 +1,67 @@
+"""Call `compplan plan` as a user does, or with a mistake planted in the planner, and gather what it says."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+COMMAND = "from compplan.cli import main; main()"
+#: The planner's CasADi model of the loaded arm is built by this function, wherever it lives; the judge has none of it.
+PLANNER = "build_loaded_pose_function"
+SIGN_FLIP = f"""
+import dataclasses, importlib, pkgutil, sys
+import compplan
+for found in pkgutil.walk_packages(compplan.__path__, "compplan."):
+    try:
+        importlib.import_module(found.name)
+    except ImportError:
+        pass
+homes = [module for name, module in list(sys.modules.items())
+         if name.startswith("compplan") and hasattr(module, {PLANNER!r})]
+assert homes, "no {PLANNER} in compplan: the mistake cannot be planted"
+honest = getattr(homes[0], {PLANNER!r})
+def mistaken(chain, *rest, **options):
+    return honest(dataclasses.replace(chain, compliance=-chain.compliance), *rest, **options)
+for module in homes:
+    setattr(module, {PLANNER!r}, mistaken)
+"""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run of the command left: exit status (None: out of time), last line of stderr, CPU time, plan.json."""
+
+    status: int | None
+    said: str
+    cpu_s: float
+    plan: dict | None
+    folder: Path
+
+
+def run_plan(job: Path, folder: Path, *, mistake: str = "", limit_s: float = 900.0) -> Outcome:
+    """Plan a job into a folder."""
+    path = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH", ""), str(ROOT)]))
+    environment = {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
+    words = [sys.executable, "-c", mistake + "\n" + COMMAND, "plan", str(job.resolve()), "--out", str(folder.resolve())]
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    before, clock = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+    try:
+        done = subprocess.run(
+            words, cwd=folder.parent, env=environment, capture_output=True, text=True, timeout=limit_s, check=False
+        )
+        status, lines = done.returncode, done.stderr.strip().splitlines()
+    except subprocess.TimeoutExpired:
+        status, lines = None, [f"no answer after {limit_s:.0f} s"]
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    file = folder / "plan.json"
+    plan = json.loads(file.read_text(encoding="utf-8")) if file.is_file() and status in (0, 3) else None
+    said = lines[-1] if lines else ""
+    return Outcome(status, said, cpu if status is not None else time.monotonic() - clock, plan, folder)
