@@ -17,7 +17,7 @@ STILL = 1e-6
 
 
 def law(job: Job, placed: Placed, wanted: Array, axis: Array, feed: Array) -> Array:
-    """Return the wrench at every row of a cut, base axes. Shape (n, 6) [N, N m].
+    """Return the wrench in full contact at every row, base axes. Shape (n, 6) [N, N m].
 
     Args:
         job: The job.
@@ -34,22 +34,37 @@ def law(job: Job, placed: Placed, wanted: Array, axis: Array, feed: Array) -> Ar
         return np.zeros((n, 6)) if columns is None else _along(job.path.arc, columns, placed.arc)
     if model == "constant":
         local = np.tile(np.r_[table["force_N"], table.get("moment_Nm", [0.0, 0, 0])], (n, 1))
-        wrench = _turn(_frame(table.get("frame", "part"), job, placed, wanted, axis), local)
-        if table.get("during_rapid", False):
-            return wrench
-    elif model == "file":
-        wrench = _turn(_frame(table.get("frame", "part"), job, placed, wanted, axis), _file(job, table, placed))
-    elif model == "isf":
+        return _turn(_frame(table.get("frame", "part"), job, placed, wanted, axis), local)
+    if model == "file":
+        return _turn(_frame(table.get("frame", "part"), job, placed, wanted, axis), _file(job, table, placed))
+    if model == "isf":
         share = table.get("start_share", 0.3)
         level = share + (1 - share) * placed.cut_arc / job.path.cut_arc[-1]
         side = 1.0 if table.get("wall_side", "right") == "right" else -1.0
         push = [-table.get("drag_N", 0.0), side * table.get("lateral_N", 0.0), table["axial_N"], 0, 0, 0]
-        wrench = _turn(path_frame(placed, wanted, axis), level[:, None] * np.array(push))
-    elif model == "milling":
-        wrench = _turn(path_frame(placed, wanted, axis), feed[:, None] * milling(table))
-    else:
-        raise ValueError(f"no force law {model!r} here")
-    return wrench * _contact(job, table, placed)[:, None]
+        return _turn(path_frame(placed, wanted, axis), level[:, None] * np.array(push))
+    if model == "milling":
+        return _turn(path_frame(placed, wanted, axis), feed[:, None] * milling(table))
+    raise ValueError(f"no force law {model!r} here")
+
+
+def contact_share(job: Job, arc: Array, begin: Array, end: Array) -> Array:
+    """Return the share of the wrench that acts at a length of the path within a cut from `begin` to `end` [m]."""
+    table = job.table.get("process", {})
+    share = np.ones(np.shape(arc))
+    if table.get("model", "columns") == "columns" or table.get("during_rapid"):
+        return share
+    if table.get("ramp_mm"):
+        share = share * np.clip((arc - begin) / (table["ramp_mm"] * 1e-3), 0, 1)
+    if table.get("ramp_out_mm"):
+        share = share * np.clip((end - arc) / (table["ramp_out_mm"] * 1e-3), 0, 1)
+    return share
+
+
+def acts_in_rapids(job: Job) -> bool:
+    """Tell whether the wrench acts in rapid moves too: a dead weight, or columns of the file."""
+    table = job.table.get("process", {})
+    return table.get("model", "columns") == "columns" or bool(table.get("during_rapid"))
 
 
 def milling(table: dict) -> Array:
@@ -99,17 +114,6 @@ def _frame(name: str, job: Job, placed: Placed, wanted: Array, axis: Array) -> A
         x /= np.linalg.norm(x, axis=1, keepdims=True)
         return np.stack([x, np.cross(z, x), z], axis=2)
     return np.tile(job.R_base_part if name == "part" else np.eye(3), (len(wanted), 1, 1))
-
-
-def _contact(job: Job, table: dict, placed: Placed) -> Array:
-    """Share of the wrench: grows over ramp_mm after contact, falls over ramp_out_mm before leaving, 0 in rapids."""
-    share = placed.cuts.astype(float)
-    ramp, out = table.get("ramp_mm", 0.0) * 1e-3, table.get("ramp_out_mm", 0.0) * 1e-3
-    if ramp:
-        share *= np.clip((placed.arc - placed.contact) / ramp, 0, 1)
-    if out:
-        share *= np.clip((placed.leave - placed.arc) / out, 0, 1)
-    return share
 
 
 def _file(job: Job, table: dict, placed: Placed) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.plan_check.cell import Cell, Kinematics
 from benchmarks.plan_check.clearance import least_clearance
-from benchmarks.plan_check.force import law
+from benchmarks.plan_check.force import acts_in_rapids, contact_share, law
 from benchmarks.plan_check.job import Array, Job, Rows
 from benchmarks.plan_check.match import Placed, distance_to_path, place_rows
 from benchmarks.plan_check.motion import SHARES, cartesian_linear, joint_linear, runs_of, spline
@@ -27,7 +27,8 @@ class Motion:
         rows: The file.
         placed: Where its rows lie on the CAM path.
         feed: Feed of the move that ends at each row. [m/s]
-        wrench: Wrench of the force law at the driven feed; at a contact that of the cut that begins. Shape (n, 6).
+        full: Wrench of the force law at the driven feed, in full contact. Shape (n, 6).
+        wrench: The same with the ramps at contact; where a cut begins, that of its first move. Shape (n, 6).
         loaded: Rows of a cut, the row where it begins among them.
         runs: First and last row of what is fed without a rapid between.
     """
@@ -35,6 +36,7 @@ class Motion:
     rows: Rows
     placed: Placed
     feed: Array
+    full: Array
     wrench: Array
     loaded: np.ndarray
     runs: list[tuple[int, int]]
@@ -47,16 +49,16 @@ def work_out(job: Job, rows: Rows) -> Motion:
     with np.errstate(divide="ignore", invalid="ignore"):
         driven = np.where(gap > 0, gap / step, 0.0)
     feed = np.r_[driven[:1], driven]
-    wrench = law(job, placed, rows.wanted, rows.axis, np.where(np.isfinite(feed), feed, 0.0))
-    table = job.table.get("process", {})
+    full = law(job, placed, rows.wanted, rows.axis, np.where(np.isfinite(feed), feed, 0.0))
     contact = np.flatnonzero(~placed.cuts[:-1] & placed.cuts[1:])
-    sudden = table.get("model", "columns") != "columns" and not table.get("ramp_mm") and not table.get("during_rapid")
-    if sudden:  # the force of the cut stands from its first point
-        wrench[contact] = wrench[contact + 1]
     loaded = placed.cuts.copy()
     loaded[contact] = True
+    if not acts_in_rapids(job):  # a cut begins with the force of its first move
+        full[contact] = full[contact + 1]
+        full[~loaded] = 0
+    wrench = full * contact_share(job, placed.arc, placed.contact, placed.leave)[:, None]
     fed = placed.cuts if rows.move is None else rows.move != "rapid"
-    return Motion(rows, placed, feed, wrench, loaded, runs_of(fed))
+    return Motion(rows, placed, feed, full, wrench, loaded, runs_of(fed))
 
 
 def examine(job: Job, plan: dict, rows: Rows) -> dict:
@@ -138,9 +140,10 @@ def _between(job: Job, cell: Cell, kinematics: Kinematics, motion: Motion, weigh
     bow = np.zeros(len(rows))
     bow[moves] = np.linalg.norm(middle - 0.5 * (ends[moves] + ends[moves + 1]), axis=1)
     moves = _choose(moves, bow, MOST_MOVES)
-    share = SHARES[None, :, None]
-    wrench = motion.wrench[moves][:, None] * (1 - share) + motion.wrench[moves + 1][:, None] * share
-    low, high = placed.arc[moves], placed.arc[moves + 1]
+    low, high, share = placed.arc[moves], placed.arc[moves + 1], SHARES[None, :, None]
+    wrench = motion.full[moves][:, None] * (1 - share) + motion.full[moves + 1][:, None] * share
+    arc = low[:, None] * (1 - SHARES) + high[:, None] * SHARES
+    wrench *= contact_share(job, arc, placed.contact[moves + 1][:, None], placed.leave[moves + 1][:, None])[:, :, None]
     ways = {"joint": (joint_linear(rows.q, moves), np.ones(len(moves), bool))}
     ways["cartesian"] = cartesian_linear(kinematics, rows.q, moves)
     ways["spline"] = (spline(rows.time, rows.q, motion.runs, moves), np.ones(len(moves), bool))
@@ -156,7 +159,8 @@ def _between(job: Job, cell: Cell, kinematics: Kinematics, motion: Motion, weigh
         if not follows.all():
             found[f"between_{name}_not_followed"] = int((~follows).sum())
     # just after a row the force of the next move already acts: what a jump of the force leaves there
-    after = cell.rest(rows.q[moves], motion.wrench[moves + 1], weights=weights).position
+    touch = contact_share(job, low, placed.contact[moves + 1], placed.leave[moves + 1])
+    after = cell.rest(rows.q[moves], motion.full[moves + 1] * touch[:, None], weights=weights).position
     found["after_jump_mm"] = float(distance_to_path(job.path, low, high, after).max() * MM)
     return found
 
@@ -169,6 +173,7 @@ def _feed_and_force(job: Job, motion: Motion) -> dict:
     force = np.linalg.norm(rows.wrench[cuts, :3] - motion.wrench[cuts, :3], axis=1)
     moment = np.linalg.norm(rows.wrench[cuts, 3:] - motion.wrench[cuts, 3:], axis=1)
     wished = law(job, placed, rows.wanted, rows.axis, placed.programmed)
+    wished *= contact_share(job, placed.arc, placed.contact, placed.leave)[:, None]
     greatest = np.linalg.norm(motion.wrench[cuts, :3], axis=1).max(initial=0.0)
     return {
         "feed_least_share": float(ratio.min(initial=1.0)),
@@ -238,7 +243,7 @@ def _correction_and_contact(job: Job, kinematics: Kinematics, motion: Motion) ->
     size = np.linalg.norm(offset, axis=1)
     unforced = ~motion.placed.cuts & motion.placed.on if rows.move is None else rows.move == "rapid"
     unforced[0] = True
-    if job.table.get("process", {}).get("during_rapid"):
+    if acts_in_rapids(job):
         unforced[:] = False
     depth = np.where(unforced, -np.einsum("ni,ni->n", offset, rows.axis), 0.0)
     return {

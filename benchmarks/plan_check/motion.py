@@ -10,7 +10,7 @@ from benchmarks.plan_check.job import Array
 from benchmarks.plan_check.robot import rotation_vector
 
 #: Places between two rows, as shares of the move.
-SHARES = np.array([1, 2, 3, 4, 5]) / 6.0
+SHARES = np.array([0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 0.98])
 #: A Cartesian move that inverse kinematics cannot follow better than this is no move. [m, rad]
 FOLLOWED = 1e-7
 
