@@ -13,6 +13,8 @@ from benchmarks.plan_check.job import Array, Job
 
 #: Spacing of points on a mesh [m], and their greatest number; postures looked at.
 SPACING, MOST_POINTS, POSTURES = 5e-3, 60000, 80
+#: Distances beyond this are not told apart. [m]
+FAR = 0.5
 UNITS = {"mm": 1e-3, "m": 1.0, "inch": 0.0254}
 
 
@@ -31,17 +33,21 @@ def least_clearance(job: Job, kinematics: Kinematics, q: Array) -> dict[str, obj
         tool = tool[np.linalg.norm(tool - tip_in_flange, axis=1) > zone]
     rows = np.unique(np.linspace(0, len(q) - 1, min(len(q), POSTURES)).astype(int))
     frames, _ = kinematics.frames(q[rows])
-    best, pair = np.inf, ("", "")
+    best, pair = FAR, ("", "")
     for name, points in obstacles.items():
-        tree = cKDTree(points)
+        tree, middle = cKDTree(points), points.mean(axis=0)
+        span = float(np.linalg.norm(points - middle, axis=1).max())
         for k in range(len(rows)):
             if len(tool):
                 flange = frames[job.arm.flange][k]
-                distance = float(tree.query(tool @ flange[:3, :3].T + flange[:3, 3])[0].min())
+                placed = tool @ flange[:3, :3].T + flange[:3, 3]
+                distance = float(tree.query(placed, distance_upper_bound=best)[0].min())
                 if distance < best:
                     best, pair = distance, ("tool", name)
             for shape in job.arm.shapes:
                 pose = frames[shape.link][k] @ shape.pose
+                if np.linalg.norm(pose[:3, 3] - middle) - span - _radius(shape.kind, shape.sizes) > best:
+                    continue
                 distance = float(_outside(shape.kind, shape.sizes, (points - pose[:3, 3]) @ pose[:3, :3]).min())
                 if distance < best:
                     best, pair = distance, (shape.link, name)
@@ -61,6 +67,13 @@ def _line(job: Job) -> Array:
     if job.arm.tool is None:
         return np.zeros((0, 3))
     return np.linspace(0, 1, 200)[:, None] * job.arm.tool[:3, 3]
+
+
+def _radius(kind: str, sizes: tuple[float, ...]) -> float:
+    """Return the radius of a primitive's bounding sphere."""
+    if kind == "box":
+        return 0.5 * float(np.linalg.norm(sizes))
+    return sizes[0] if kind == "sphere" else float(np.hypot(sizes[0], 0.5 * sizes[1]))
 
 
 def _outside(kind: str, sizes: tuple[float, ...], points: Array) -> Array:
