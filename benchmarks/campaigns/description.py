@@ -43,6 +43,7 @@ class Segment:
         effort: Effort limit. [N m or N]
         mass: Mass of the child link. [kg]
         com: Centre of mass of the child link, child frame. Shape (3,). [m]
+        mimic: Joint that this one follows, multiplier and offset; None for a joint of its own.
     """
 
     joint: str
@@ -57,11 +58,17 @@ class Segment:
     effort: float = 0.0
     mass: float = 0.0
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    mimic: tuple[str, float, float] | None = None
+
+    @property
+    def moves(self) -> bool:
+        """Tell whether the joint moves, by a motor or by following another joint."""
+        return self.kind != "fixed"
 
     @property
     def actuated(self) -> bool:
         """Tell whether a motor moves the joint."""
-        return self.kind != "fixed"
+        return self.moves and self.mimic is None
 
 
 @dataclass(frozen=True)
@@ -74,6 +81,8 @@ class Spring:
         compliance: rad/(N m), or m/N along an axis.
         offset: Origin of the spring in the child frame. Shape (3,). [m]
         actuator: Whether it lies between motor-side and link-side encoder.
+        direction: Unit axis in the child frame where it is none of those that `axis` can name (which then only tells
+            turning from sliding); no robot folder can state such a spring. Shape (3,).
     """
 
     joint: str
@@ -81,6 +90,7 @@ class Spring:
     compliance: float
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     actuator: bool = False
+    direction: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -93,6 +103,7 @@ class RobotDescription:
         springs: Elastic degrees of freedom in the order listed.
         gravity: Gravity in the base frame, or None if the model takes no gravity load. Shape (3,). [m/s^2]
         tcp: Name of the link whose frame is the TCP.
+        repeatability_mm: Stated repeatability, one standard deviation, or None.
     """
 
     name: str
@@ -100,6 +111,7 @@ class RobotDescription:
     springs: tuple[Spring, ...]
     gravity: tuple[float, float, float] | None
     tcp: str = "tool0"
+    repeatability_mm: float | None = None
 
     @property
     def actuated(self) -> list[int]:
@@ -166,6 +178,14 @@ def _read_segment(joint: ET.Element, links: dict[str, ET.Element]) -> Segment:
         mass = float(inertial.find("mass").get("value", "0"))  # type: ignore[union-attr]
         at = inertial.find("origin")
         com = _triple(None if at is None else at.get("xyz"), zero)
+    follows = joint.find("mimic")
+    mimic = None
+    if follows is not None:
+        mimic = (
+            str(follows.get("joint")),
+            float(follows.get("multiplier", "1")),
+            float(follows.get("offset", "0")),
+        )
     direction = np.array(_triple(None if axis is None else axis.get("xyz"), (1.0, 0.0, 0.0)))
     direction = direction / np.linalg.norm(direction)
     return Segment(
@@ -177,6 +197,7 @@ def _read_segment(joint: ET.Element, links: dict[str, ET.Element]) -> Segment:
         axis=(float(direction[0]), float(direction[1]), float(direction[2])),
         mass=mass,
         com=com,
+        mimic=mimic,
         **numbers,
     )
 
@@ -217,11 +238,14 @@ def read_description(folder: str | Path) -> RobotDescription:
         springs=tuple(springs),
         gravity=None if gravity is None else (float(gravity[0]), float(gravity[1]), float(gravity[2])),
         tcp=str(elastic["tcp"]),
+        repeatability_mm=elastic.get("repeatability_mm"),
     )
 
 
 def is_own_axis(description: RobotDescription, spring: Spring) -> bool:
     """Tell whether a spring acts about (or along) its joint's own axis, however its axis is written."""
+    if spring.direction is not None:
+        return False
     if spring.axis == "own":
         return True
     segment = description.segments[description.index_of(spring.joint)]
@@ -255,16 +279,21 @@ def write_robot_folder(description: RobotDescription, folder: Path, sources: dic
             f'  <joint name="{s.joint}" type="{s.kind}"><parent link="{parent}"/><child link="{s.child}"/>'
             f'<origin xyz="{_text(s.xyz)}" rpy="{_text(s.rpy)}"/>'
         )
-        if s.actuated:
+        if s.moves:
             row += (
                 f'<axis xyz="{_text(s.axis)}"/><limit lower="{s.lower:.8f}" upper="{s.upper:.8f}" '
                 f'velocity="{s.velocity:.6f}" effort="{s.effort:.10g}"/>'
             )
+        if s.mimic is not None:
+            leader, multiplier, offset = s.mimic
+            row += f'<mimic joint="{leader}" multiplier="{multiplier:.10g}" offset="{offset:.10g}"/>'
         lines.append(row + "</joint>")
         parent = s.child
     lines.append("</robot>")
     (folder / "robot.urdf").write_text("\n".join(lines) + "\n", encoding="utf-8")
     toml = ["schema = 1", f'tcp = "{description.tcp}"']
+    if description.repeatability_mm is not None:
+        toml.append(f"repeatability_mm = {description.repeatability_mm:.4g}")
     if description.gravity is not None:
         toml.append("gravity = [" + ", ".join(f"{v:g}" for v in description.gravity) + "]")
     toml.append("sources = { " + ", ".join(f'{k} = "{v}"' for k, v in sources.items()) + " }")

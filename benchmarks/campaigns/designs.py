@@ -222,10 +222,10 @@ def _draw_poses(rng: np.random.Generator, model: ElasticModel, count: int, low: 
         found = np.vstack([found, q[clear]])
         if len(found) >= count:
             break
-    return _logged(found[:count])
+    return round_readings(found[:count])
 
 
-def _logged(q: Array) -> Array:
+def round_readings(q: Array) -> Array:
     """Round readings to what a controller logs."""
     return np.asarray(np.deg2rad(np.round(np.rad2deg(q), 6)), dtype=float)
 
@@ -302,8 +302,8 @@ def _path_run(
     radius = float(rng.uniform(0.06, 0.15)) * (0.6 if template.max_force < 500 else 1.0)
     for _ in range(40):
         start = _draw_poses(rng, model, 1, low, high)[0]
-        offsets, tangent, radial = _path_points(rng, kind, count, radius)
-        q = _follow(model, start, offsets)
+        offsets, tangent, radial = path_points(rng, kind, count, radius)
+        q = follow_path(model, start, offsets)
         if q is None or np.any(q < low - 0.3) or np.any(q > high + 0.3):
             continue
         speed = float(rng.uniform(0.018, 0.045))
@@ -320,11 +320,11 @@ def _path_run(
             wrench[:, :3] = (force * ramp * ripple)[:, None] * push
         if design.loads == "one":
             wrench = -wrench
-        return _logged(q), wrench + np.array(design.preload), time
+        return round_readings(q), wrench + np.array(design.preload), time
     return None
 
 
-def _path_points(rng: np.random.Generator, kind: str, count: int, radius: float) -> tuple[Array, Array, Array]:
+def path_points(rng: np.random.Generator, kind: str, count: int, radius: float) -> tuple[Array, Array, Array]:
     """Return offsets from the first point, tangents and inward directions, all in base axes. Shapes (n, 3)."""
     turns = 1.0 if kind == "circle" else float(rng.uniform(2.0, 4.0))
     along = np.linspace(0.0, 1.0, count)
@@ -339,7 +339,7 @@ def _path_points(rng: np.random.Generator, kind: str, count: int, radius: float)
     return points - points[0], tangent, inward
 
 
-def _follow(model: ElasticModel, start: Array, offsets: Array) -> Array | None:
+def follow_path(model: ElasticModel, start: Array, offsets: Array) -> Array | None:
     """Find joint positions that move the TCP by the offsets with its orientation kept; the rail stays where it is."""
     n = len(offsets)
     q = np.tile(start, (n, 1))

@@ -57,6 +57,7 @@ class ElasticModel:
         self.data = mujoco.MjData(self.model)
         names = [self.model.joint(i).name for i in range(self.model.njnt)]
         self.motor_ids = np.array([names.index(f"motor:{n}") for n in self.description.joint_names], dtype=int)
+        self.followers = [(names.index(f"motor:{s.joint}"), i, *s.mimic) for i, s in self._mimics()]
         self.spring_ids = np.array([names.index(f"spring:{k}") for k in range(len(self.springs))], dtype=int)
         bodies = [self.model.body(i).name for i in range(self.model.nbody)]
         owner = [int(name[1:].split(".")[0]) if name.startswith("b") else -1 for name in bodies]
@@ -66,6 +67,9 @@ class ElasticModel:
         self.body_of_joint = np.array(self.model.jnt_bodyid)
         self.hinge = np.array(self.model.jnt_type) == mujoco.mjtJoint.mjJNT_HINGE
         self.load_description(self.description)
+
+    def _mimics(self) -> list[tuple[int, Segment]]:
+        return [(i, s) for i, s in enumerate(self.description.segments) if s.mimic is not None]
 
     def load_description(self, description: RobotDescription) -> None:
         """Take geometry and masses of another description of the same chain (its springs are not looked at)."""
@@ -80,6 +84,8 @@ class ElasticModel:
             self.model.body_ipos[last] = s.com
             if s.actuated:
                 self.model.jnt_axis[self.motor_ids[description.actuated.index(i)]] = s.axis
+        for joint, i, *_ in self.followers:
+            self.model.jnt_axis[joint] = description.segments[i].axis
         self.body_pos = self.model.body_pos.copy()
         gravity = description.gravity
         self.gravity = np.zeros(3) if gravity is None else np.array(gravity)
@@ -100,6 +106,8 @@ class ElasticModel:
         qpos = np.zeros((n, nj))
         qpos[:, self.motor_ids] = q
         qpos[:, self.spring_ids] = theta
+        for joint, _, leader, multiplier, offset in self.followers:
+            qpos[:, joint] = multiplier * q[:, self.description.joint_names.index(leader)] + offset
         xaxis, xanchor, xipos, xpos, xmat = data.xaxis, data.xanchor, data.xipos, data.xpos, data.xmat
         kinematics = mujoco.mj_kinematics
         for k in range(n):
@@ -174,7 +182,7 @@ def build_mjcf(description: RobotDescription, springs: tuple[Spring, ...]) -> st
     for i, s in enumerate(description.segments):
         kind = "hinge" if s.kind == "revolute" else "slide"
         joints = (
-            [f'<joint name="motor:{s.joint}" type="{kind}" axis="{_row(s.axis)}" armature="1"/>'] if s.actuated else []
+            [f'<joint name="motor:{s.joint}" type="{kind}" axis="{_row(s.axis)}" armature="1"/>'] if s.moves else []
         )
         joints += [_spring_joint(s, k, spring) for k, spring in enumerate(springs) if spring.joint == s.joint]
         groups = [joints[k : k + MOST_JOINTS] for k in range(0, len(joints), MOST_JOINTS)] or [[]]
@@ -195,6 +203,7 @@ def _spring_joint(segment: Segment, k: int, spring: Spring) -> str:
     else:
         code, axis = SPRING_AXES[spring.axis]
         hinge = code == 1
+    axis = spring.direction or axis
     kind = "hinge" if hinge else "slide"
     stiffness = 1.0 / spring.compliance if spring.compliance > 0.0 else 0.0
     place = f'axis="{_row(axis)}" pos="{_row(spring.offset)}"'
