@@ -93,7 +93,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_numbers(
     assert killed and victim.wait(10) == -signal.SIGKILL
     for a, b in zip(run.judged, here.judged, strict=True):
         np.testing.assert_array_equal(a, b)
-    assert len(list((tmp_path / "samples").glob("chunk-*.parquet"))) == 20
+    assert len(list((tmp_path / "samples").glob("chunk-*.npz"))) == 20
 
 
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

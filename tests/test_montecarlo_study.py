@@ -56,8 +56,8 @@ def test_an_interrupted_study_goes_on_where_it_stopped(tmp_path: Path, monkeypat
 
     with pytest.raises(KeyboardInterrupt):
         run_study(study, settings, folder=tmp_path, workforce=HERE, progress=interrupt)
-    assert len(list(tmp_path.glob("chunk-*.parquet"))) == 2
-    (tmp_path / "chunk-000001.parquet").write_bytes(b"cut off")
+    assert len(list(tmp_path.glob("chunk-*.npz"))) == 2
+    (tmp_path / "chunk-000001.npz").write_bytes(b"cut off")
     resumed = run_study(study, settings, folder=tmp_path, workforce=HERE)
     assert resumed.reused == 1
     whole = run_study(study, settings, workforce=HERE)

@@ -1,4 +1,4 @@
-"""Chunks of a study on disk: one Parquet file a chunk, so that an interrupted study goes on where it stopped.
+"""Chunks of a study on disk: one numpy archive a chunk, so that an interrupted study goes on where it stopped.
 
 A folder of chunks belongs to one study: `study.json` in it holds the fingerprint of everything that the numbers depend
 on. A folder with another fingerprint is emptied of its chunks first.
@@ -12,6 +12,7 @@ import os
 import pickle
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from compplan.study.judging import Judged
 from compplan.study.study import Study
 from compplan.version import VERSION
 
-_COLUMNS = {"rms": "rms_m", "mean": "mean_m", "max": "max_m", "within": "within_tolerance"}
+_COLUMNS = {"rms": "rms_m", "mean": "mean_m", "max": "max_m", "within": "within_tolerance", "along": "along_m"}
 
 
 def fingerprint_study(study: Study, settings: dict[str, Any]) -> str:
@@ -61,7 +62,7 @@ class ChunkFolder:
             folder.mkdir(parents=True, exist_ok=True)
             mark = folder / "study.json"
             if not mark.is_file() or json.loads(mark.read_text()).get("fingerprint") != fingerprint:
-                for old in folder.glob("chunk-*.parquet"):
+                for old in folder.glob("chunk-*.npz"):
                     old.unlink()
                 write_text(mark, json.dumps({"schema": 1, "fingerprint": fingerprint}) + "\n")
         except (OSError, json.JSONDecodeError) as error:
@@ -69,40 +70,27 @@ class ChunkFolder:
 
     def path(self, chunk: int) -> Path:
         """Return the file of a chunk."""
-        return self.folder / f"chunk-{chunk:06d}.parquet"
+        return self.folder / f"chunk-{chunk:06d}.npz"
 
     def write(self, chunk: int, first: int, judged: Judged, strategies: tuple[str, ...]) -> None:
-        """Write a chunk: one row a sample and strategy."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        b, m = judged.rms.shape
-        along = pa.FixedSizeListArray.from_arrays(pa.array(judged.along.ravel()), judged.along.shape[2])
-        columns = {
-            "sample": np.repeat(np.arange(first, first + b), m),
-            "strategy": pa.array(np.tile(strategies, b)).dictionary_encode(),
-            **{column: getattr(judged, name).ravel() for name, column in _COLUMNS.items()},
-            "along_m": along,
-        }
+        """Write a chunk: number of its first sample, names of the strategies, and the figures with their units."""
+        figures = {column: getattr(judged, name) for name, column in _COLUMNS.items()}
         part = self.folder / f".chunk-{chunk:06d}.{os.getpid()}"
-        pq.write_table(pa.table(columns), part, compression="zstd")
+        with part.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, first=first, strategies=np.array(strategies), **figures)
         part.replace(self.path(chunk))
 
     def read(self, chunk: int, strategies: tuple[str, ...]) -> Judged | None:
         """Read a chunk back; None where there is none, or where it was cut off."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         if not self.path(chunk).is_file():
             return None
         try:
-            table = pq.read_table(self.path(chunk))
-        except (pa.ArrowException, OSError):
+            with np.load(self.path(chunk), allow_pickle=False) as table:
+                if tuple(table["strategies"]) != strategies:
+                    return None
+                return Judged(**{name: table[column] for name, column in _COLUMNS.items()})
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile):
             return None
-        m = len(strategies)
-        figures = {name: table[column].to_numpy().reshape(-1, m) for name, column in _COLUMNS.items()}
-        along = table["along_m"].combine_chunks().flatten().to_numpy().reshape(len(figures["rms"]), m, -1)
-        return Judged(**figures, along=along)
 
 
 def pack_study(study: Study) -> bytes:
