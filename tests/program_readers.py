@@ -1,0 +1,366 @@
+"""Readers that run native robot programs as their controllers would, and share nothing with the writers.
+
+Each returns the moves in the order in which the robot makes them, with what was in force at each: tool, base, speed,
+whether the robot stops there. A line that a reader does not know stops it. Lengths in mm, angles in deg.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+Pose = np.ndarray
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+
+
+@dataclass(frozen=True)
+class Move:
+    """Hold a move: where it ends, how fast it runs, whether it stops there.
+
+    `joints` are those of the arm and `external` the further axes, as the controller counts them; `pose` is the tool's,
+    seen from the base in force. A speed is mm/s along the path (`feed`) or a share of the axis rates (`percent`).
+    """
+
+    kind: str
+    stops: bool
+    joints: tuple[float, ...] | None = None
+    external: tuple[float, ...] = ()
+    pose: Pose | None = None
+    feed: float | None = None
+    percent: float | None = None
+    status: int | None = None
+    turn: int | None = None
+    tool: Pose | None = None
+    base: Pose | None = None
+
+
+def turn(axis: str, angle: float) -> Pose:
+    """Rotation about x, y or z. Shape (4, 4)."""
+    c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+    first, second = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
+    matrix = np.eye(4)
+    matrix[first, first] = matrix[second, second] = c
+    matrix[second, first], matrix[first, second] = s, -s
+    return matrix
+
+
+def shift(x: float, y: float, z: float) -> Pose:
+    """Translation. Shape (4, 4)."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = x, y, z
+    return matrix
+
+
+def kuka_pose(x: float, y: float, z: float, a: float, b: float, c: float) -> Pose:
+    """KUKA: A about z, then B about the new y, then C about the newest x."""
+    return shift(x, y, z) @ turn("z", a) @ turn("y", b) @ turn("x", c)
+
+
+def staubli_pose(x: float, y: float, z: float, rx: float, ry: float, rz: float) -> Pose:
+    """Staubli: rx about x, then ry about the new y, then rz about the newest z."""
+    return shift(x, y, z) @ turn("x", rx) @ turn("y", ry) @ turn("z", rz)
+
+
+def abb_pose(place: list[float], quaternion: list[float]) -> Pose:
+    """ABB: the quaternion's real part stands first."""
+    w, x, y, z = quaternion
+    assert math.isclose(w * w + x * x + y * y + z * z, 1.0, abs_tol=1e-6), "no unit quaternion"
+    matrix = shift(*place)
+    matrix[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return matrix
+
+
+# --------------------------------------------------------------------------------------------------------------- KRL
+
+ARM = ("A1", "A2", "A3", "A4", "A5", "A6")
+
+
+@dataclass
+class _Krl:
+    """A KRL interpreter for declarations, assignments, FOR, IF, calls, PTP and LIN."""
+
+    folder: Path
+    values: dict[str, Any] = field(default_factory=lambda: {"$NULLFRAME": dict.fromkeys("XYZABC", 0.0)})
+    whole: set[str] = field(default_factory=set)
+    moves: list[Move] = field(default_factory=list)
+    axes: tuple[float, ...] = ()
+
+    def evaluate(self, text: str) -> Any:
+        text = text.strip()
+        if re.fullmatch(NUMBER, text):
+            return float(text)
+        if text.startswith("{"):
+            return {key: float(value) for key, value in re.findall(rf"(\w+) ({NUMBER})", text)}
+        if match := re.fullmatch(r"(.+)([-+])(\d+)", text):
+            return float(self.evaluate(match[1])) + float(match[2] + match[3])
+        return self.values[self.resolve(text)]
+
+    def resolve(self, name: str) -> str:
+        """Return a variable's name with the number of its element."""
+        match = re.fullmatch(r"([$\w.]+)(?:\[(\w+)\])?", name.strip())
+        assert match, f"no variable: {name}"
+        if match[2] is None:
+            return match[1].upper()
+        return f"{match[1].upper()}[{int(float(self.evaluate(match[2])))}]"
+
+    def assign(self, name: str, text: str) -> None:
+        value = self.evaluate(text)
+        if name.strip() in self.whole:
+            value = float(math.floor(float(value) + 0.5))
+        self.values[self.resolve(name)] = value
+
+    def call(self, name: str) -> None:
+        data = self.folder / f"{name}.dat"
+        assert not (data.exists() and (self.folder / f"{name}.src").read_bytes().count(b"\r\n") < 2), "CR LF"
+        for line in data.read_text().splitlines() if data.exists() else []:
+            if "=" in line and not line.startswith(";"):
+                self.assign(*line.split("=", 1))
+        lines = [line.split(";")[0].strip() for line in (self.folder / f"{name}.src").read_text().splitlines()]
+        start = lines.index(f"DEF {name}()")
+        self.run([line for line in lines[start + 1 : lines.index("END")] if line])
+
+    def run(self, lines: list[str]) -> None:
+        row = 0
+        while row < len(lines):
+            line = lines[row]
+            if line.startswith(("FOR ", "IF ")):
+                end = self.find_end(lines, row, line.split()[0])
+                self.block(line, lines[row + 1 : end])
+                row = end
+            else:
+                self.step(line)
+            row += 1
+
+    @staticmethod
+    def find_end(lines: list[str], row: int, word: str) -> int:
+        depth = 0
+        for index in range(row, len(lines)):
+            depth += lines[index].startswith(f"{word} ")
+            depth -= lines[index] == f"END{word}"
+            if not depth:
+                return index
+        raise AssertionError(f"{word} without END{word}")
+
+    def block(self, head: str, body: list[str]) -> None:
+        if match := re.fullmatch(r"FOR (\w+)=(\w+) TO (\w+)", head):
+            first, last = (int(float(self.evaluate(text))) for text in match.groups()[1:])
+            for number in range(first, last + 1):
+                self.values[match[1]] = float(number)
+                self.run(body)
+            return
+        match = re.fullmatch(rf"IF (.+)>({NUMBER}) THEN", head)
+        assert match, f"unknown line: {head}"
+        depths = np.cumsum([line.startswith("IF ") - (line == "ENDIF") for line in body])
+        other = next((i for i, line in enumerate(body) if line == "ELSE" and not depths[i]), len(body))
+        holds = float(self.evaluate(match[1])) > float(match[2])
+        self.run(body[:other] if holds else body[other + 1 :])
+
+    def step(self, line: str) -> None:
+        if match := re.fullmatch(r"DECL INT ([\w,]+)", line):
+            self.whole |= set(match[1].split(","))
+        elif line == "BAS(#INITMOV,0)" or line.startswith("EXT "):
+            self.values |= {"$APO.CPTP": 0.0, "$APO.CDIS": 0.0, "$ADVANCE": 3.0}
+        elif match := re.fullmatch(r"(\w+)\(\)", line):
+            self.call(match[1])
+        elif match := re.fullmatch(r"(PTP|LIN) (\S+)(?: (C_\w+))?", line):
+            self.move(match[1], self.evaluate(match[2]), match[3])
+        else:
+            assert "=" in line, f"unknown line: {line}"
+            self.assign(*line.split("=", 1))
+
+    def move(self, word: str, point: dict[str, float], blend: str | None) -> None:
+        space = {"C_PTP": "$APO.CPTP", "C_DIS": "$APO.CDIS"}.get(blend or "")
+        stops = space is None or not self.values.get(space) or not self.values.get("$ADVANCE")
+        places = {key: self.values[f"${key.upper()}"] for key in ("tool", "base")}
+        frames = {key: kuka_pose(*(place[name] for name in "XYZABC")) for key, place in places.items()}
+        joints = tuple(point[name] for name in ARM) if "A1" in point else None
+        pose = kuka_pose(*(point[key] for key in "XYZABC")) if "X" in point else None
+        status, turns = ((int(point[key]) if key in point else None) for key in "ST")
+        external = tuple(point[f"E{number}"] for number in range(1, 7))
+        feed, percent = (float(self.values["$VEL.CP"]) * 1e3, None) if word == "LIN" else (None, self.percent())
+        kind = "joint" if word == "PTP" else "line"
+        self.moves.append(Move(kind, stops, joints, external, pose, feed, percent, status, turns, **frames))
+
+    def percent(self) -> float:
+        rates = {self.values[f"$VEL_AXIS[{number}]"] for number in range(1, 7)}
+        assert len(rates) == 1, "axes differ"
+        return float(rates.pop())
+
+
+def read_krl(source: Path) -> list[Move]:
+    """Run a KRL program; its name is that of the .src file, parts and data lie beside it."""
+    interpreter = _Krl(source.parent)
+    interpreter.call(source.stem)
+    return interpreter.moves
+
+
+# -------------------------------------------------------------------------------------------------------------- VAL3
+
+
+def _val3_tag(element: ElementTree.Element) -> str:
+    return element.tag.split("}")[-1]
+
+
+@dataclass
+class _Val3:
+    """A VAL3 interpreter for one counting loop, if, calls, movej and movel over the arrays of the .dtx file."""
+
+    folder: Path
+    data: dict[str, list[dict[str, str]]]
+    scalars: dict[str, float] = field(default_factory=dict)
+    moves: list[Move] = field(default_factory=list)
+
+    def call(self, name: str) -> None:
+        root = ElementTree.fromstring((self.folder / f"{name}.pgx").read_text())
+        code = next(element.text or "" for element in root.iter() if _val3_tag(element) == "Code")
+        lines = [line.split("//")[0].strip() for line in code.splitlines()]
+        lines = [line for line in lines if line]
+        assert (lines[0], lines[-1]) == ("begin", "end")
+        self.run(lines[1:-1])
+
+    def run(self, lines: list[str]) -> None:
+        row = 0
+        while row < len(lines):
+            line = lines[row]
+            if match := re.fullmatch(r"for (\w+)=(\d+) to (\d+)", line):
+                end = lines.index("endFor", row)
+                for number in range(int(match[2]), int(match[3]) + 1):
+                    self.scalars[match[1]] = number
+                    self.run(lines[row + 1 : end])
+                row = end
+            elif match := re.fullmatch(r"if (\w+)\[(\w+)\]>0", line):
+                end, other = lines.index("endIf", row), lines.index("else", row)
+                positive = float(self.element(match[1], match[2])["value"]) > 0
+                self.run(lines[row + 1 : other] if positive else lines[other + 1 : end])
+                row = end
+            else:
+                self.step(line)
+            row += 1
+
+    def element(self, name: str, index: str) -> dict[str, str]:
+        return self.data[name][int(self.scalars[index])]
+
+    def step(self, line: str) -> None:
+        if match := re.fullmatch(r"call (\w+)\(\)", line):
+            self.call(match[1])
+        elif match := re.fullmatch(r"(\w+)\.tvel=(\w+)\[(\w+)\]", line):
+            self.data[match[1]][0]["tmax"] = self.element(match[2], match[3])["value"]
+        elif match := re.fullmatch(r"movej\((\w+)\[(\w+)\],(\w+),(\w+)\)", line):
+            self.move(self.element(match[1], match[2]), self.data[match[3]][0], self.data[match[4]][0])
+        elif line == "waitEndMove()":
+            self.moves[-1:] = [Move(**{**vars(move), "stops": True}) for move in self.moves[-1:]]
+        else:
+            assert line == "resetMotion()", f"unknown line: {line}"
+
+    def move(self, point: dict[str, str], tool: dict[str, str], how: dict[str, str]) -> None:
+        assert tool["fatherId"] == "flange[0]"
+        joints = tuple(float(point[f"j{number}"]) for number in range(1, 7))
+        stops = how["blend"] == "off" or not float(how["leave"])
+        frame = staubli_pose(*(float(tool[key]) for key in ("x", "y", "z", "rx", "ry", "rz")))
+        slow = float(how["tmax"]) < 99999
+        feed, percent = (float(how["tmax"]), None) if slow else (None, float(how["vel"]))
+        self.moves.append(Move("joint", stops, joints, (), None, feed, percent, tool=frame, base=np.eye(4)))
+
+
+def read_val3(project: Path) -> list[Move]:
+    """Run the program start of a VAL3 project folder."""
+    data: dict[str, list[dict[str, str]]] = {}
+    root = ElementTree.fromstring(next(project.glob("*.dtx")).read_text())
+    for element in root.iter():
+        if _val3_tag(element) == "Data":
+            values = [dict(child.attrib) for child in element]
+            assert [value["key"] for value in values] == [str(key) for key in range(int(element.attrib["size"]))]
+            data[element.attrib["name"]] = values
+    listed = re.search(r'millimeterUnit="(\w+)"', next(project.glob("*.pjx")).read_text())
+    assert listed and listed[1] == "true"
+    interpreter = _Val3(project, data)
+    interpreter.call("start")
+    return interpreter.moves
+
+
+# ------------------------------------------------------------------------------------------------------------- FANUC
+
+
+def read_fanuc(path: Path) -> list[Move]:
+    """Run a FANUC .LS program and those that it calls."""
+    text = path.read_text()
+    points = {int(number): body for number, body in re.findall(r"P\[(\d+)\]\{(.*?)\};", text, re.S)}
+    moves: list[Move] = []
+    body = text[text.index("/MN") : text.index("/POS")]
+    for line in re.findall(r"^ *\d+: *(.*?) *;", body, re.M):
+        if match := re.fullmatch(rf"([JL]) P\[(\d+)\] ({NUMBER})(%|mm/sec) (FINE|CNT\d+)", line):
+            values = dict(re.findall(rf"([JE]\d)= *({NUMBER})", points[int(match[2])]))
+            units = re.findall(r"([JE])\d= *\S+ +(deg|mm)", points[int(match[2])])
+            assert set(units) <= {("J", "deg"), ("E", "mm")} and len(units) == len(values)
+            joints = tuple(float(values[f"J{number}"]) for number in range(1, 7))
+            external = tuple(float(values[key]) for key in sorted(values) if key.startswith("E"))
+            feed, percent = (None, float(match[3])) if match[4] == "%" else (float(match[3]), None)
+            kind, stops = {"J": "joint", "L": "line"}[match[1]], match[5] in ("FINE", "CNT0")
+            moves.append(Move(kind, stops, joints, external, None, feed, percent))
+        elif match := re.fullmatch(r"CALL (\w+)", line):
+            moves += read_fanuc(path.with_name(f"{match[1]}.LS"))
+        else:
+            assert re.fullmatch(r"!.*|UFRAME_NUM=0|UTOOL_NUM=1", line), f"unknown line: {line}"
+    return moves
+
+
+# ------------------------------------------------------------------------------------------------------------- RAPID
+
+
+def _numbers(text: str) -> list[float]:
+    return [float(number) for number in re.findall(NUMBER, text)]
+
+
+def read_rapid(path: Path) -> list[Move]:
+    """Run procedure main of a RAPID module; the modules of its procedures lie beside it."""
+    modules = "\n".join(file.read_text() for file in sorted(path.parent.glob("*.mod")))
+    procedures = dict(re.findall(r"PROC (\w+)\(\)\n(.*?)ENDPROC", modules, re.S))
+    tools = {}
+    for name, text in re.findall(r"PERS tooldata (\w+):=(.*?);", modules):
+        numbers = _numbers(text)
+        assert text.startswith("[TRUE,[[") and len(numbers) == 7 + 11
+        tools[name] = abb_pose(numbers[:3], numbers[3:7])
+    return _run_rapid("main", procedures, tools)
+
+
+def _run_rapid(procedure: str, procedures: dict[str, str], tools: dict[str, Pose]) -> list[Move]:
+    moves: list[Move] = []
+    for line in filter(None, (text.strip() for text in procedures[procedure].splitlines())):
+        if match := re.fullmatch(r"MoveAbsJ \[\[(.*?)\],\[(.*?)\]\],\[(.*?)\],(\w+),(\w+);", line):
+            joints, external = _numbers(match[1]), _numbers(match[2])
+            assert len(joints) == 6 and len(external) == 6
+            used = tuple(value for value in external if value != 9e9)
+            feed, stops = _numbers(match[3])[0], match[4] == "fine"
+            moves.append(Move("joint", stops, tuple(joints), used, None, feed, tool=tools[match[5]], base=np.eye(4)))
+        else:
+            match = re.fullmatch(r"(\w+);", line)
+            assert match, f"unknown line: {line}"
+            moves += _run_rapid(match[1], procedures, tools)
+    return moves
+
+
+# --------------------------------------------------------------------------------------------------------------- CSV
+
+
+def read_csv(path: Path, axes: tuple[str, ...]) -> list[Move]:
+    """Read a joint table whose axes have these names; axes in mm are external ones."""
+    header, *lines = path.read_text().splitlines()
+    columns = header.split(",")
+    rows = [dict(zip(columns, map(float, line.split(",")), strict=True)) for line in lines]
+    arm = [f"{name}_deg" for name in axes if f"{name}_deg" in columns]
+    slides = [f"{name}_mm" for name in axes if f"{name}_mm" in columns]
+    moves = []
+    for row in rows:
+        joints, external = tuple(row[name] for name in arm), tuple(row[name] for name in slides)
+        moves.append(Move("joint", row["rapid"] == 1.0, joints, external, None, row["feed_mm_s"]))
+    return moves

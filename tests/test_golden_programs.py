@@ -1,0 +1,220 @@
+"""One program a language, from the job to the file, read back by its own reader and held against numbers by hand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from commandline import run_command
+from golden_cell import COUNTING, FEED, PART, TOOL, WAYPOINTS, forward, write_job, write_robot
+from program_readers import Move, kuka_pose, read_csv, read_fanuc, read_krl, read_rapid, read_val3
+
+from compplan.program import Program, build_program, write_program
+from compplan.robot import load_robot
+
+AXES = ("E1", "A1", "A2", "A3", "A4", "A5", "A6")
+#: What each language writes, by reader: file or folder in the output, and whether it carries the tool.
+FORMS: dict[str, tuple[str, Callable[[Path], list[Move]], bool]] = {
+    "krl joint": ("{}_J.src", read_krl, True),
+    "krl linear": ("{}_L.src", read_krl, True),
+    "val3 joint": ("{}", read_val3, True),
+    "fanuc_ls joint": ("{}.LS", read_fanuc, False),
+    "rapid joint": ("{}.mod", read_rapid, True),
+    "csv joint": ("{}_joints.csv", lambda path: read_csv(path, AXES), False),
+}
+#: The joint forms; the linear form moves its joints only in rapid moves.
+JOINT_FORMS = [form for form in FORMS if form != "krl linear"]
+RAPID = WAYPOINTS[:, 6] == 1
+#: A cutting move stops where the next move is rapid (or there is none), and nowhere else.
+LAST_CUT = ~RAPID & np.r_[RAPID[1:], True]
+
+
+class Row(NamedTuple):
+    """A move, and where it takes the flange and the tip when the counting is undone by hand."""
+
+    move: Move
+    flange: np.ndarray
+    tip: np.ndarray
+
+
+def read_form(form: str, folder: Path, name: str) -> list[Move]:
+    file, read, _ = FORMS[form]
+    upper = name.upper() if form.startswith("fanuc") else name
+    return read(folder / file.format(upper))
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """Plan the golden job once a language; return its output folder."""
+    folders: dict[str, Path] = {}
+
+    def plan(language: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Path:
+        if language not in folders:
+            folder = tmp_path_factory.mktemp(language)
+            answer = run_command(["plan", write_job(folder, language), "--out", folder / "out"], monkeypatch, capsys)
+            assert answer.status == 0, answer.err
+            folders[language] = folder / "out"
+        return folders[language]
+
+    return plan
+
+
+@pytest.fixture
+def rows(
+    request: pytest.FixtureRequest,
+    planned: Callable[..., Path],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> list[Row]:
+    """The moves of a form; joints are undone by hand, positions are taken as they are."""
+    form: str = request.param
+    language = form.split()[0]
+    found = []
+    for move in read_form(form, planned(language, monkeypatch, capsys), "golden"):
+        tool = TOOL if move.tool is None else move.tool
+        if move.joints is None:
+            assert move.pose is not None and move.base is not None
+            tip = move.base @ move.pose
+            found.append(Row(move, tip @ np.linalg.inv(tool), tip))
+        else:
+            slide, *angles = undo(language, move)
+            flange = forward(slide, tuple(angles))
+            found.append(Row(move, flange, flange @ tool))
+    return found
+
+
+def undo(language: str, move: Move) -> tuple[float, ...]:
+    """Return slide [mm] and angles [deg] of the URDF."""
+    counting = COUNTING[language]
+    assert move.joints is not None
+    if counting.rail:
+        assert move.external and all(value == 0.0 for value in move.external[1:])
+    return counting.undo(move.joints, move.external[0] if counting.rail else None)
+
+
+@pytest.mark.parametrize("rows", FORMS, indirect=True)
+def test_every_program_brings_the_tip_onto_the_path_in_the_part(rows: list[Row]) -> None:
+    assert len(rows) == len(WAYPOINTS)
+    for row, (x, y, z, i, j, k, _) in zip(rows, WAYPOINTS.tolist(), strict=True):
+        assert np.abs(row.tip[:3, 3] - (1300 + z, -200 + x, 700 + y)).max() < 1e-4
+        length = math.sqrt(i * i + j * j + k * k)
+        assert np.abs(-row.tip[:3, 2] - np.array([k, i, j]) / length).max() < math.radians(1e-5)
+        # the part's z axis is the base's x axis: the tip's x axis has no part across it
+        assert abs(row.tip[:3, 0] @ np.cross(row.tip[:3, 2], PART[:3, 2])) < math.radians(1e-5)
+        assert row.tip[:3, 0] @ PART[:3, 2] > 0.9
+
+
+@pytest.mark.parametrize("rows", FORMS, indirect=True)
+def test_cutting_moves_keep_the_feed_and_rapid_moves_stop(rows: list[Row]) -> None:
+    for row, rapid, last in zip(rows, RAPID, LAST_CUT, strict=True):
+        if rapid:
+            assert row.move.stops and row.move.kind == "joint"
+            assert row.move.feed in (None, 0.0, 500.0) and row.move.percent in (None, 20.0)
+        elif row.move.feed is not None:
+            assert row.move.feed <= FEED * (1 + 1e-6)
+            assert last or row.move.feed > 0.45 * FEED
+        else:
+            assert row.move.percent is not None and 1 <= row.move.percent <= 100
+    inner = [row.move.feed for row, last in zip(rows[2:], LAST_CUT[2:], strict=True) if row.move.feed and not last]
+    if rows[2].move.feed is not None:
+        assert inner[0] == pytest.approx(FEED, rel=1e-6)
+
+
+@pytest.mark.parametrize("rows", [form for form in FORMS if not form.startswith("csv")], indirect=True)
+def test_no_program_stops_within_a_cut(rows: list[Row]) -> None:
+    within = [row.move.stops for row, rapid, last in zip(rows, RAPID, LAST_CUT, strict=True) if not (rapid or last)]
+    assert within == [False] * 4
+
+
+@pytest.mark.parametrize("rows", [form for form, (*_, tool) in FORMS.items() if tool], indirect=True)
+def test_every_program_carries_the_tool(rows: list[Row]) -> None:
+    for row in rows:
+        assert row.move.tool == pytest.approx(TOOL, abs=2e-5)
+
+
+def test_the_tool_has_the_angles_and_the_quaternion_of_each_language(tmp_path: Path) -> None:
+    """Numbers worked out by hand from R = Rz(30) Ry(20) Rx(10); see the matrix in golden_cell."""
+    texts = {}
+    for language in ("krl", "val3", "rapid"):
+        write_program(make_program(tmp_path / language / "cell", language), language, tmp_path / language)
+        files = [path for path in (tmp_path / language).rglob("*") if path.suffix in (".src", ".dtx", ".mod")]
+        texts[language] = "\n".join(path.read_text() for path in files)
+    assert "$TOOL={X -50.00000,Y 30.00000,Z 140.00000,A 30.00000,B 20.00000,C 10.00000}" in texts["krl"]
+    assert 'x="-50.00000" y="30.00000" z="140.00000" rx="-1.11605" ry="22.24218" rz="28.45178"' in texts["val3"]
+    assert "[[-50.00000,30.00000,140.00000],[0.951548525,0.038134576,0.189307857,0.239298338]]" in texts["rapid"]
+
+
+def make_program(folder: Path, language: str) -> Program:
+    """Two waypoints: slide 100 mm and joints at 10 .. 60 deg; a second later joint 1 has turned by 20 deg."""
+    robot = load_robot(write_robot(folder, language))
+    angles = np.radians([[10.0, 20, 30, 40, 50, 60], [30.0, 20, 30, 40, 50, 60]])
+    q = np.column_stack([[0.1, 0.1], angles]) if COUNTING[language].rail else angles
+    flange_tool = np.array(FLANGE_TOOL)
+    flange_tool[:3, 3] *= 1e-3
+    mounted = robot.with_tool(flange_tool)
+    timing = {"time": np.array([0.0, 1.0])}
+    return build_program(mounted, q, np.full(2, 0.02), np.zeros(2, bool), name="two", **timing)
+
+
+#: The tool as jobs state it, from the URDF's flange (x out of the flange): x = 140, y = 30, z = 50 mm, turned with it.
+FLANGE_TOOL = np.array([[0.0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]]) @ TOOL
+
+
+@pytest.mark.parametrize("form", JOINT_FORMS)
+def test_joints_are_counted_with_sign_zero_and_coupling(form: str, tmp_path: Path) -> None:
+    language = form.split()[0]
+    write_program(make_program(tmp_path / "cell", language), language, tmp_path / "out")
+    first, second = read_form(form, tmp_path / "out", "two")
+    counting = COUNTING[language]
+    expected = list(counting.counted)
+    shown = [*first.external[:1], *first.joints] if counting.rail else list(first.joints or ())
+    assert shown == pytest.approx(expected, abs=1e-6)
+    turned = np.subtract(second.joints, first.joints)
+    assert np.abs(turned) == pytest.approx([20.0, 0, 0, 0, 0, 0], abs=1e-5)
+    if language == "krl":  # 20 deg/s of 2 rad/s = 114.59 deg/s are 17.45 %, whole percents in KRL
+        assert second.percent == 17.0
+    else:
+        assert second.feed == pytest.approx(20.0)
+
+
+def test_krl_positions_carry_status_turn_and_the_rail(tmp_path: Path) -> None:
+    """A1 -5, A2 -110, A3 60, A4 20, A5 -45, A6 25: in front (0), A3 from 0 up (2), A5 below 0 (4); bits 0, 1, 4."""
+    write_program(make_program(tmp_path / "cell", "krl"), "krl", tmp_path / "out")
+    move = read_krl(tmp_path / "out" / "two_L.src")[0]
+    assert (move.status, move.turn, move.external) == (0 + 2 + 4, 1 + 2 + 16, (150.0, 0, 0, 0, 0, 0))
+    assert move.feed == pytest.approx(20.0)
+    wanted = forward(100.0, (10.0, 20, 30, 40, 50, 60)) @ kuka_pose(-50, 30, 140, 30, 20, 10)
+    assert move.pose == pytest.approx(wanted, abs=1e-4)
+
+
+def test_joint_tables_name_units_and_time(tmp_path: Path) -> None:
+    (file,) = write_program(make_program(tmp_path / "cell", "csv"), "csv", tmp_path / "out")
+    header = file.read_text().splitlines()[0]
+    assert header == "time_s,E1_mm,A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg,feed_mm_s,rapid"
+
+
+BLENDED = {
+    "krl joint": ("_J1.src", " C_PTP", ""),
+    "krl linear": ("_L1.src", " C_DIS", ""),
+    "krl advance": ("_J.src", "$ADVANCE=3", "$ADVANCE=0"),
+    "krl distance": ("_J.src", "$APO.CPTP=1", "$APO.CPTP=0"),
+    "val3 joint": (".dtx", 'blend="joint"', 'blend="off"'),
+    "fanuc_ls joint": (".LS", "CNT100", "FINE"),
+    "rapid joint": (".mod", ",z0,", ",fine,"),
+}
+
+
+@pytest.mark.parametrize("case", BLENDED)
+def test_the_readers_notice_a_program_that_stops_at_every_cut(case: str, tmp_path: Path) -> None:
+    ending, old, new = BLENDED[case]
+    language = case.split()[0]
+    form = case if case in FORMS else f"{language} joint"
+    write_program(make_program(tmp_path / "cell", language), language, tmp_path / "out")
+    assert not read_form(form, tmp_path / "out", "two")[0].stops
+    for file in [path for path in (tmp_path / "out").rglob("*") if path.name.endswith(ending)]:
+        file.write_text(file.read_text().replace(old, new), newline="\r\n")
+    assert read_form(form, tmp_path / "out", "two")[0].stops
