@@ -157,6 +157,33 @@ def test_rows_on_a_path_out_and_back_are_placed_in_order(tmp_path: Path) -> None
     np.testing.assert_array_equal(placed.cuts, ~path.rapid)
 
 
+def test_approach_and_lifts_between_cuts_have_no_place_on_the_path(tmp_path: Path) -> None:
+    job = read_job(write_jobs(tmp_path)["zigzag"])
+    path, middle = job.path, 130
+    above = np.array([0.0, 0.0, 80e-3])
+    first, second = path.position[2 : middle + 1], path.position[middle + 1 : -1]
+    start, again = path.position[1], path.position[middle]
+    wanted = np.vstack([start + above, start, first, again + above, again, second])
+    arrive = ["approach", "approach"]
+    move = np.array([*arrive, *["cut"] * len(first), "retract", "approach", *["cut"] * len(second)])
+    n = len(wanted)
+    rows = Rows(np.arange(float(n)), np.zeros((n, 6)), wanted, np.tile(path.axis[0], (n, 1)), np.zeros((n, 6)), move)
+    placed = place_rows(path, rows)
+    assert placed.away[placed.on].max() < 1e-9
+    np.testing.assert_array_equal(placed.cuts, move == "cut")
+
+
+def test_a_ramp_within_one_long_move_counts_there(right: tuple[Job, Rows], tmp_path: Path) -> None:
+    steep = 'model = "constant"\nforce_N = [0.0, 0.0, 400.0]\nramp_mm = 10.0\n'
+    job = make_job(tmp_path, steep)
+    rows = plan_rightly(job)
+    ends = [0, len(rows) - 1]
+    thinned = Rows(*(getattr(rows, name)[ends] for name in ("time", "q", "wanted", "axis", "wrench")), None)
+    found = examine(job, PLAN, thinned)
+    assert found["at_mm"] < 1e-6
+    assert found["between_cartesian_mm"] > 0.5 * found["correction_mm"]
+
+
 def test_joints_csv_is_read_with_its_units_and_moves(tmp_path: Path) -> None:
     arm = read_arm(ROOT / "robots" / "kuka_kr240_rail")
     header = ["time_s", "q1_mm", *(f"q{k}_deg" for k in range(2, 8)), "x_mm", "y_mm", "z_mm", "i", "j", "k", *WRENCH]

@@ -11,7 +11,7 @@ from benchmarks.plan_check.job import Array, Path3, Rows
 #: A detour of the CAM path between two rows may be this much longer than the straight way.
 SLACK, ROOM = 2.0, 2e-3
 #: How much a place off the expected length counts against its distance.
-PULL = 0.02
+PULL, FAINT = 0.02, 1e-6
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Placed:
         away: Distance of the wanted tip from there. [m]
         segment: CAM move that it lies on (move k ends at vertex k).
         cuts: Whether the move that ends at the row is a cut.
-        on: Whether the row belongs to the CAM path at all (approach and retract do not).
+        on: Whether the row has a place on the CAM path.
         contact: Length at which the cut of this row began. [m]
         leave: Length at which it ends. [m]
         programmed: Feed that is programmed for the move that ends here. [m/s]
@@ -42,18 +42,26 @@ class Placed:
 
 
 def place_rows(path: Path3, rows: Rows) -> Placed:
-    """Place every row on the CAM path, never backwards."""
+    """Place every row on the CAM path, never backwards.
+
+    Where the file tells the moves apart, only cuts (and the rows that they begin at) have a place on the path.
+    """
     n, arc = len(rows), path.arc
-    on = np.ones(n, bool) if rows.move is None else ~np.isin(rows.move, ["approach", "retract"])
+    on = np.ones(n, bool)
+    if rows.move is not None:
+        cut = rows.move == "cut"
+        on = cut | np.r_[cut[1:], False]
     along, away, segment = np.zeros(n), np.zeros(n), np.zeros(n, int)
     members = np.flatnonzero(on)
     last, before = 0.0, None
     for i in members:
         here = rows.wanted[i]
-        step = 0.0 if before is None else float(np.linalg.norm(here - before))
+        anew = before is None or not on[i - 1]
+        step = 0.0 if anew else float(np.linalg.norm(here - before))
         expected = last + step
         first = max(1, int(np.searchsorted(arc, last - 1e-9, side="left")))
-        final = int(np.searchsorted(arc, last + SLACK * step + (ROOM if before is not None else 0.0), side="left"))
+        farthest = arc[-1] if anew and rows.move is not None else last + SLACK * step + (0.0 if anew else ROOM)
+        final = int(np.searchsorted(arc, farthest, side="left"))
         span = np.arange(first, min(max(final, first), len(arc) - 1) + 1)
         start, length = path.position[span - 1], arc[span] - arc[span - 1]
         direction = (path.position[span] - start) / np.maximum(length, 1e-300)[:, None]
@@ -62,7 +70,8 @@ def place_rows(path: Path3, rows: Rows) -> Placed:
         share = np.clip(np.stack([projected, expected - arc[span - 1]]), np.maximum(last - arc[span - 1], 0.0), length)
         distance = np.linalg.norm(start + share[:, :, None] * direction - here, axis=2)
         place = arc[span - 1] + share
-        best = np.unravel_index(int(np.argmin(distance + PULL * np.abs(place - expected))), distance.shape)
+        pull = FAINT if anew else PULL
+        best = np.unravel_index(int(np.argmin(distance + pull * np.abs(place - expected))), distance.shape)
         along[i], away[i], segment[i] = place[best], distance[best], span[best[1]]
         last, before = along[i], here
     # a row at a vertex ends the move before it, the first row excepted

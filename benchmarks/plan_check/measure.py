@@ -254,7 +254,7 @@ def _correction_and_contact(job: Job, kinematics: Kinematics, motion: Motion) ->
 
 
 def _coverage(job: Job, motion: Motion) -> dict:
-    """How far wanted tips lie off the CAM path, and how far vertices of its cuts lie off the wanted path."""
+    """How far wanted tips and axes lie off the CAM path, and how far vertices of its cuts lie off the wanted path."""
     rows, placed, path = motion.rows, motion.placed, job.path
     on = np.flatnonzero(placed.on)
     cutting = np.flatnonzero(~path.rapid)
@@ -264,7 +264,11 @@ def _coverage(job: Job, motion: Motion) -> dict:
     along = b - a
     share = np.einsum("ni,ni->n", p - a, along) / np.maximum(np.einsum("ni,ni->n", along, along), 1e-300)
     missed = np.linalg.norm(a + np.clip(share, 0, 1)[:, None] * along - p, axis=1)
+    axis = np.stack([np.interp(placed.arc[on], *_strict(path.arc, column)) for column in path.axis.T], axis=1)
+    lean = np.linalg.norm(np.cross(axis, rows.axis[on]), axis=1) / np.linalg.norm(axis, axis=1)
+    lean = np.where(placed.cuts[on], np.arcsin(np.clip(lean, 0, 1)), 0.0)
     return {
+        "axis_off_path_deg": float(np.degrees(lean.max(initial=0.0))),
         "wanted_off_path_mm": float(placed.away[placed.cuts].max(initial=0.0) * MM),
         "vertex_missed_mm": float(missed.max(initial=0.0) * MM),
         "end_reached_mm": float((path.arc[-1] - placed.arc[on[-1]]) * MM),

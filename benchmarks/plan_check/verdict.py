@@ -8,6 +8,8 @@ from benchmarks.plan_check.run import Outcome
 CLAIM_ROOM = 0.01
 #: Shares by which limits may be overrun: rounding of joints.csv.
 ROUNDING = 1.001
+#: What the tool axis may lean by beside what the job allows. [deg]
+MOST_LEAN = 0.5
 
 
 def list_breaches(job_table: dict, found: dict, plan: dict) -> list[str]:
@@ -46,6 +48,10 @@ def list_breaches(job_table: dict, found: dict, plan: dict) -> list[str]:
     beyond("effort", found["effort_ratio"], ROUNDING, f"of the limit of {found['effort_ratio_joint']}")
     beyond("a rapid ends inside the part by", found["rapid_inside_mm"], tolerance)
     beyond("wanted tip off the CAM path", found["wanted_off_path_mm"], on_path)
+    posture = job_table.get("posture", {})
+    leaning = posture.get("lead_deg", 0.0) + posture.get("lean_deg", 0.0)
+    beyond("wanted axis off the CAM path's", found["axis_off_path_deg"], MOST_LEAN + leaning, "deg")
+    beyond("tool axis", found["tilt_deg"], MOST_LEAN, "deg")
     beyond("CAM vertex missed by", found["vertex_missed_mm"], on_path)
     beyond("end of the path missed by", found["end_reached_mm"], on_path)
     if found.get("tool_weight_mm", 0.0) > 0.01 and not found["tool_weight_counted"] and not found["tool_weight_noted"]:
