@@ -9,7 +9,7 @@ import pytest
 from compplan.errors import ShapeError
 from compplan.plan import nlp as program
 from compplan.plan.nlp import build_nlp, solve_nlp
-from compplan.plan.path_problem import PathProblem, Rows, pose_data
+from compplan.plan.path_problem import PathProblem, Rows, pose_data, smoothness_matrix
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.sensitivity import attain_pose
@@ -152,3 +152,20 @@ def test_a_failed_solve_can_be_looked_at():
 def test_a_problem_of_wrong_shape_is_refused():
     with pytest.raises(ShapeError, match=r"wrench has shape \(3, 6\), expected \(40, 6\)"):
         make_problem(wrench=np.zeros((3, 6)))
+
+
+def test_smoothness_of_unequal_steps_is_the_second_difference_worked_out_by_hand():
+    # steps of 1 s, 2 s and 1 s about the median 1 s; q = 1, 4, 2, 7
+    #   waypoint 1: slopes 3 and -1 over mean step 1.5:  -4 / 1.5 = -8/3, weighed with sqrt(1.5)
+    #   waypoint 2: slopes -1 and 5 over mean step 1.5:   6 / 1.5 =  4,   weighed with sqrt(1.5)
+    problem = replace(make_problem(n=4), step_time=np.array([1.0, 2.0, 1.0]))
+    bent = smoothness_matrix(problem) @ np.array([1.0, 4.0, 2.0, 7.0])
+    assert bent == pytest.approx(np.sqrt(1.5) * np.array([-8 / 3, 4.0]))
+
+
+def test_smoothness_of_a_parabola_is_its_time_whatever_the_steps():
+    # q = t^2 / 2 bends by 1 everywhere, so the objective is the time between the first and the last mean step
+    steps = np.array([0.5, 1.0, 3.0, 1.0, 0.25])
+    problem, time = replace(make_problem(n=6), step_time=steps), np.r_[0.0, np.cumsum(steps)]
+    bent = smoothness_matrix(problem) @ (0.5 * time**2)
+    assert bent**2 == pytest.approx(0.5 * (steps[1:] + steps[:-1]))

@@ -167,8 +167,12 @@ def attain_scene(scene: Scene) -> Attained:
         if scene.payload.any():
             wrench = scene.wrench + payload_wrench(robot, loaded.frames, scene.payload)
         bent = np.where(motor_side, _bend(scene, springs, loaded.torque), 0.0)
-    link = drive + bent + own_deflection(springs, loaded.theta, robot.nq)
-    return _observe(scene, chain, loaded.frames, q, loaded.theta, wrench, link)
+    lift = np.where(
+        motor_side,
+        drive + bent + own_deflection(springs, loaded.theta, robot.nq),
+        scene.drive + _bend(scene, springs, loaded.torque) + own_yield(springs, loaded.torque, robot.nq),
+    )
+    return _observe(scene, chain, loaded.frames, q, loaded.theta, wrench, lift)
 
 
 def _observe(
@@ -272,6 +276,15 @@ def own_deflection(springs: dict[int, OwnSpring], theta: Array, nq: int) -> Arra
     for index, spring in springs.items():
         if spring.actuator:
             result[:, index] = spring.sign * theta[:, spring.coordinate]
+    return result
+
+
+def own_yield(springs: dict[int, OwnSpring], torque: Array, nq: int) -> Array:
+    """Return what the same springs yield under a load where link-side readings hold them. Shape (n, nq). [rad or m]."""
+    result = np.zeros((len(torque), nq))
+    for index, spring in springs.items():
+        if spring.actuator:
+            result[:, index] = spring.sign * spring.compliance * torque[:, spring.coordinate]
     return result
 
 
