@@ -23,7 +23,9 @@ from compplan.robot import Array, Robot
 #: Joint motion below this is encoder jitter, not a move [rad or m]; one unit of the fourth decimal of a degree.
 STATIC_JITTER = 2e-5
 PATH_JITTER = 1e-8
-#: Loads closer than this share of the largest load are the same load.
+#: What a force sensor may read where nothing pulls, assumed: noise and drift of a 1 kN sensor. [N], [N m]
+FORCE_NOISE, MOMENT_NOISE = 5.0, 2.0
+#: A sensor's noise grows with its range: this share of the largest load of the log is none either (assumed).
 SAME_LOAD = 0.02
 MODES = ("U1", "U2", "L1", "L2")
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -118,8 +120,21 @@ class Campaign:
         wrench = self.wrench[self.usable]
         if not len(wrench):
             return False
-        spread = np.ptp(np.percentile(wrench, (3, 97), axis=0), axis=0)
-        return bool((spread[:3] > 5.0).any() or (spread[3:] > 1.0).any())
+        return bool(self.is_load(np.ptp(np.percentile(wrench, (3, 97), axis=0), axis=0)[None])[0])
+
+    def is_load(self, wrench: Array) -> NDArray[np.bool_]:
+        """Tell which wrenches (or changes of one) are more than the sensor's noise; the one answer to "loaded?".
+
+        Args:
+            wrench: Wrenches. Shape (n, 6). [N, N m]
+
+        Returns:
+            Shape (n,).
+        """
+        force = np.linalg.norm(np.nan_to_num(wrench[:, :3]), axis=1)
+        moment = np.linalg.norm(np.nan_to_num(wrench[:, 3:]), axis=1)
+        share = SAME_LOAD * self.load_scale
+        return np.asarray((force > max(FORCE_NOISE, share)) | (moment > max(MOMENT_NOISE, share)))
 
     @cached_property
     def visit(self) -> NDArray[np.int_]:
@@ -130,9 +145,7 @@ class Campaign:
         if not len(self):
             return np.zeros(0, int)
         moved = np.abs(np.diff(np.nan_to_num(self.q), axis=0)).max(1) > STATIC_JITTER
-        step = np.linalg.norm(np.diff(np.nan_to_num(self.wrench[:, :3]), axis=0), axis=1)
-        twist = np.linalg.norm(np.diff(np.nan_to_num(self.wrench[:, 3:]), axis=0), axis=1)
-        loaded = (step > max(5.0, SAME_LOAD * self.load_scale)) | (twist > max(2.0, SAME_LOAD * self.load_scale))
+        loaded = self.is_load(np.diff(np.nan_to_num(self.wrench), axis=0))
         new = moved | loaded | (np.diff(self.run_index) > 0) | self.on_path[1:] | (np.diff(self.target_index) != 0)
         if self.mode is not None:
             new |= self.mode[1:] != self.mode[:-1]
@@ -213,11 +226,7 @@ class Campaign:
     @cached_property
     def unloaded(self) -> NDArray[np.bool_]:
         """Tell which rows carry no external load but the sensor's noise. Shape (n,)."""
-        force = np.linalg.norm(np.nan_to_num(self.wrench[:, :3]), axis=1)
-        moment = np.linalg.norm(np.nan_to_num(self.wrench[:, 3:]), axis=1)
-        return np.asarray(
-            (force < max(3.0, SAME_LOAD * self.load_scale)) & (moment < max(2.0, SAME_LOAD * self.load_scale))
-        )
+        return ~self.is_load(self.wrench)
 
     def take(self, rows: NDArray[np.int_] | NDArray[np.bool_]) -> Campaign:
         """Take some rows; what follows from the order of rows is computed anew from the rows that are left."""

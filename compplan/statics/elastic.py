@@ -181,11 +181,7 @@ def loaded_compliance(chain: Chain, q: Array, wrench: Array) -> Array:
 
 
 def load_hessian(chain: Chain, q: Array, theta: Array, wrench: Array) -> Array:
-    """Differentiate the load on the elastic coordinates: H = d(J^T w + tau_g)/dtheta.
-
-    With F the forces beyond an element, S = sum r w^T over them (r from the element's origin) and u = S a - tr(S) a:
-    H_ij = a_i . u_j where j is nearer to the tip, a_j . (u_i + a_i x m) where it is not, m being the moment on the
-    tool; of a translation u = a x F.
+    """Differentiate the load on the elastic coordinates with respect to them: H = d(J^T w + tau_g)/dtheta.
 
     Args:
         chain: The chain.
@@ -196,41 +192,64 @@ def load_hessian(chain: Chain, q: Array, theta: Array, wrench: Array) -> Array:
     Returns:
         Shape (n, s, s). [N m/rad and kin]
     """
-    n, s = len(q), chain.n_springs
-    hessian = np.empty((n, s, s))
-    elements, load = chain.spring_elements, _wrench_rows(wrench, n)
-    turning = ~chain.translates[elements]
-    nearer = np.triu(np.ones((s, s), bool), 1)
+    n, springs = len(q), chain.spring_elements
+    hessian, load = np.empty((n, len(springs), len(springs))), _wrench_rows(wrench, n)
     for rows in chunks(n):
         part = chain.take(rows)
-        frames = locate_frames(part, q[rows], theta[rows])
-        axis = frames.axis[:, elements]
-        pull = _pull_of_loads(part, frames, load[rows])
-        swing = pull + np.where(turning[:, None], np.cross(axis, load[rows, None, 3:]), 0.0)
-        outward = np.einsum("nic,njc->nij", axis, pull) * turning[:, None]
-        inward = np.einsum("njc,nic->nij", axis, swing) * turning[None, :]
-        hessian[rows] = np.where(nearer, outward, inward)
+        change = load_derivative(part, locate_frames(part, q[rows], theta[rows]), load[rows])
+        hessian[rows] = change[:, springs][:, :, springs]
     return hessian
 
 
-def _pull_of_loads(chain: Chain, frames: Frames, wrench: Array) -> Array:
-    """Compute u of every spring for `load_hessian`. Shape (n, s, 3). [N m or N]."""
-    elements, n = chain.spring_elements, len(wrench)
-    weight = np.broadcast_to(np.asarray(chain.mass)[..., None] * chain.gravity, (n, frames.centre.shape[1], 3))
-    points = np.concatenate([frames.tcp_position[:, None], frames.centre], axis=1)
-    forces = np.concatenate([wrench[:, None, :3], weight], axis=1)
-    last = np.r_[len(chain.names), chain.body_element]
-    result = np.empty((n, len(elements), 3))
-    for j, element in enumerate(elements):
-        beyond, axis = last >= element, frames.axis[:, element]
-        force, lever = forces[:, beyond], points[:, beyond] - frames.origin[:, None, element]
-        if chain.translates[element]:
-            result[:, j] = np.cross(axis, force.sum(axis=1))
-        else:
-            along = np.einsum("nbi,ni->nb", force, axis)
-            trace = np.einsum("nbi,nbi->n", lever, force)
-            result[:, j] = np.einsum("nbi,nb->ni", lever, along) - trace[:, None] * axis
-    return result
+def load_derivative(chain: Chain, frames: Frames, wrench: Array) -> Array:
+    """Differentiate the load on every element with respect to the motion of every element, in closed form.
+
+    An element k feels tau_k = a_k . sum_b (r_b - o_k) x f_b + a_k . m over the loads beyond it: the wrench (f, m)
+    at the TCP and the weights. Element j turns or shifts everything beyond it while the loads keep their base axes.
+
+    Args:
+        chain: The chain.
+        frames: Its frames at n poses.
+        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
+
+    Returns:
+        d tau_k / d x_j. Shape (n, m, m).
+
+    """
+    m = len(chain.names)
+    axis, slides = frames.axis, chain.translates
+    force, moment, dyad = _loads_beyond(chain, frames, wrench)
+    swing = np.einsum("nkab,nkb->nka", dyad, axis) - axis * np.trace(dyad, axis1=2, axis2=3)[..., None]
+    swing = np.where(slides[None, :, None], np.cross(axis, force), swing)
+    later = np.einsum("nka,nja->nkj", axis, swing)
+    turned = np.einsum("nka,nja->nkj", np.cross(np.where(slides[:, None], force, moment), axis) * -1.0, axis)
+    lever = np.einsum("nkab,nka->nkb", dyad, axis)
+    spread = np.trace(dyad, axis1=2, axis2=3)
+    same = np.einsum("nkb,njb->nkj", lever, axis) - spread[:, :, None] * np.einsum("nka,nja->nkj", axis, axis)
+    earlier = turned + np.where(slides[None, :, None], 0.0, same)
+    earlier = np.where(slides[None, None, :], 0.0, earlier)
+    beyond = np.arange(m)[None, :] > np.arange(m)[:, None]
+    derivative = np.where(beyond, later, earlier)
+    derivative[:, slides[:, None] & beyond] = 0.0
+    return np.asarray(derivative)
+
+
+def _loads_beyond(chain: Chain, frames: Frames, wrench: Array) -> tuple[Array, Array, Array]:
+    """Sum the loads beyond each element: force (n, m, 3), moment at its origin (n, m, 3), sum of l f^T (n, m, 3, 3)."""
+    lever = frames.tcp_position[:, None, :] - frames.origin
+    force = np.broadcast_to(wrench[:, None, :3], lever.shape)
+    moment = wrench[:, None, 3:] + np.cross(lever, force)
+    dyad = lever[..., :, None] * force[..., None, :]
+    if chain.gravity.any() and len(chain.body_element):
+        weight = np.broadcast_to(np.asarray(chain.mass)[..., None] * chain.gravity, frames.centre.shape)
+        beyond = (chain.body_element[:, None] >= np.arange(len(chain.names))[None, :]).astype(float)
+        total = np.einsum("bm,nbi->nmi", beyond, weight)
+        first = np.einsum("bm,nbi,nbj->nmij", beyond, frames.centre, weight)
+        dyad = dyad + first - frames.origin[..., :, None] * total[..., None, :]
+        arm = np.einsum("bm,nbi->nmi", beyond, np.cross(frames.centre, weight))
+        moment = moment + arm - np.cross(frames.origin, total)
+        force = force + total
+    return force, moment, dyad
 
 
 def _wrench_rows(wrench: Array | None, n: int) -> Array:

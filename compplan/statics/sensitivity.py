@@ -15,7 +15,7 @@ import numpy as np
 
 from compplan.robot import Array
 from compplan.statics.chain import Chain, Frames, jacobian
-from compplan.statics.elastic import solve_equilibrium
+from compplan.statics.elastic import load_derivative, solve_equilibrium
 
 CHUNK = 1024
 
@@ -85,62 +85,11 @@ def loaded_jacobian(chain: Chain, frames: Frames, wrench: Array) -> Array:
     return np.asarray(driven + columns[:, :, springs] @ answer)
 
 
-def load_derivative(chain: Chain, frames: Frames, wrench: Array) -> Array:
-    """Differentiate the load on every element with respect to the motion of every element, in closed form.
-
-    An element k feels tau_k = a_k . sum_b (r_b - o_k) x f_b + a_k . m over the loads beyond it: the wrench (f, m)
-    at the TCP and the weights. Element j turns or shifts everything beyond it while the loads keep their base axes.
-
-    Args:
-        chain: The chain.
-        frames: Its frames at n poses.
-        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
-
-    Returns:
-        d tau_k / d x_j. Shape (n, m, m).
-
-    """
-    m = len(chain.names)
-    axis, slides = frames.axis, chain.translates
-    force, moment, dyad = _loads_beyond(chain, frames, wrench)
-    swing = np.einsum("nkab,nkb->nka", dyad, axis) - axis * np.trace(dyad, axis1=2, axis2=3)[..., None]
-    swing = np.where(slides[None, :, None], np.cross(axis, force), swing)
-    later = np.einsum("nka,nja->nkj", axis, swing)
-    turned = np.einsum("nka,nja->nkj", np.cross(np.where(slides[:, None], force, moment), axis) * -1.0, axis)
-    lever = np.einsum("nkab,nka->nkb", dyad, axis)
-    spread = np.trace(dyad, axis1=2, axis2=3)
-    same = np.einsum("nkb,njb->nkj", lever, axis) - spread[:, :, None] * np.einsum("nka,nja->nkj", axis, axis)
-    earlier = turned + np.where(slides[None, :, None], 0.0, same)
-    earlier = np.where(slides[None, None, :], 0.0, earlier)
-    beyond = np.arange(m)[None, :] > np.arange(m)[:, None]
-    derivative = np.where(beyond, later, earlier)
-    derivative[:, slides[:, None] & beyond] = 0.0
-    return np.asarray(derivative)
-
-
 def chunk_rows(n: int, chain: Chain) -> Iterator[slice]:
     """Divide n poses so that the arrays of one part stay in the processor's cache."""
     size = max(64, int(CHUNK * 12 / (len(chain.names) + 1)))
     for start in range(0, n, size):
         yield slice(start, min(start + size, n))
-
-
-def _loads_beyond(chain: Chain, frames: Frames, wrench: Array) -> tuple[Array, Array, Array]:
-    """Sum the loads beyond each element: force (n, m, 3), moment at its origin (n, m, 3), sum of l f^T (n, m, 3, 3)."""
-    lever = frames.tcp_position[:, None, :] - frames.origin
-    force = np.broadcast_to(wrench[:, None, :3], lever.shape)
-    moment = wrench[:, None, 3:] + np.cross(lever, force)
-    dyad = lever[..., :, None] * force[..., None, :]
-    if chain.gravity.any() and len(chain.body_element):
-        weight = chain.mass[:, None] * chain.gravity
-        beyond = (chain.body_element[:, None] >= np.arange(len(chain.names))[None, :]).astype(float)
-        total = beyond.T @ weight
-        first = np.einsum("bm,nbi,bj->nmij", beyond, frames.centre, weight)
-        dyad = dyad + first - frames.origin[..., :, None] * total[None, :, None, :]
-        arm = np.einsum("bm,nbi->nmi", beyond, np.cross(frames.centre, weight))
-        moment = moment + arm - np.cross(frames.origin, total)
-        force = force + total
-    return force, moment, dyad
 
 
 def _driven_columns(chain: Chain, columns: Array) -> Array:
