@@ -1,0 +1,64 @@
+"""Run every bad input: `python -m benchmarks.bad_inputs [--table NAME] [--only TEXT] [--out FILE]`."""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import json
+import sys
+import time
+from pathlib import Path
+
+from benchmarks.bad_inputs.running import Answer, load_commands, run_case
+from benchmarks.bad_inputs.tables import BadInput, read_tables
+
+
+def main() -> None:
+    """Print how many answers are wrong and which, and leave with 1 if there are any."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.bad_inputs", description=__doc__)
+    parser.add_argument("--table", help="only this table")
+    parser.add_argument("--only", default="", help="only cases whose name holds this")
+    parser.add_argument("--out", type=Path, help="JSON file for every answer")
+    parser.add_argument("--show", action="store_true", help="show the line of every case")
+    parser.add_argument("--list", action="store_true", help="count the cases and leave")
+    given = parser.parse_args()
+    cases = [case for case in read_tables() if given.table in (None, case.table) and given.only in case.name]
+    print(f"{len(cases)} bad inputs: " + ", ".join(f"{n} {t}" for t, n in collections.Counter(c.table for c in cases).items()))
+    if given.list:
+        return
+    load_commands()
+    started, answers = time.monotonic(), []
+    for case in cases:
+        answer = run_case(case)
+        answers.append((case, answer, answer.judge(case)))
+        fault = answers[-1][2]
+        if fault or given.show:
+            last = (answer.err.strip() or answer.out.strip()).splitlines()[-1:] or [""]
+            print(f"{fault or 'ok':<16} {case.name}\n{'':<16} {answer.status} {last[0][:220]}", flush=True)
+    report(answers, time.monotonic() - started)
+    if given.out:
+        given.out.write_text(json.dumps([describe(*entry) for entry in answers], indent=1))
+    sys.exit(int(any(fault for _, _, fault in answers)))
+
+
+def report(answers: list[tuple[BadInput, Answer, str]], seconds: float) -> None:
+    """Print the counts of a run."""
+    faults = collections.Counter(fault for _, _, fault in answers if fault)
+    slowest = max(answers, key=lambda entry: entry[1].seconds)
+    largest = max(answers, key=lambda entry: entry[1].memory)
+    right = sum(not fault for _, _, fault in answers)
+    print(f"\n{right} of {len(answers)} answered as they should be" + "".join(f", {n} {f}" for f, n in faults.most_common()))
+    print(f"slowest {slowest[1].seconds:.1f} s ({slowest[0].name})")
+    print(f"most memory {largest[1].memory / 2**20:.0f} MB ({largest[0].name}); {seconds:.0f} s in all")
+
+
+def describe(case: BadInput, answer: Answer, fault: str) -> dict[str, object]:
+    """Return one answer for the JSON file."""
+    return {
+        "case": case.name, "command": case.command, "fault": fault, "status": answer.status,
+        "line": answer.err.strip()[-400:], "seconds": round(answer.seconds, 2), "wrote": list(answer.wrote),
+    }  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

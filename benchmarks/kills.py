@@ -1,0 +1,217 @@
+"""Kill commands at random moments: `python -m benchmarks.kills [--kills 200] [--seed 1] [--only TEXT] [--out FILE]`.
+
+Every command first writes its result for one input, then runs on another input into the same folder and is killed
+(SIGKILL) at a random moment. The folder must then hold the first result or the second one, whole, beside the user's own
+file; no process may live on; finished chunks of a study stay. At the end each command runs once more: it must succeed,
+and no hidden file may be left.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import hashlib
+import json
+import os
+import random
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import uuid
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.bad_inputs.making import set_key
+from benchmarks.bad_inputs.tables import GOOD
+
+#: Command lines: the first makes the old result, the second is killed. {out} is a folder, or a file for some.
+LINES = {
+    "plan": ("plan job.toml --out out", "plan other.toml --out out"),
+    "compare": ("compare job.toml --out out", "compare other.toml --out out"),
+    "montecarlo": ("montecarlo job.toml {mc} --workers 1", "montecarlo job.toml {mc} --workers 1"),
+    "montecarlo, 2 workers": ("montecarlo job.toml {mc} --workers 2", "montecarlo job.toml {mc} --workers 2"),
+    "map": ("map robot --points 5 --out out", "map robot --points 5 --height-mm 700 --out out"),
+    "identify": ("identify log.csv --robot robot --out out", "identify other.csv --robot robot --out out"),
+    "identify poses": (
+        "identify --robot robot --choose-poses 5 --out out", "identify --robot robot --choose-poses 6 --out out",
+    ),
+    "diagnose": ("diagnose log.csv --robot robot --out out", "diagnose other.csv --robot robot --out out"),
+    "predict": ("predict log.csv --robot robot --out out/p.csv", "predict other.csv --robot robot --out out/p.csv"),
+    "convert": ("convert part.gcode --out out/p.csv", "convert part.apt --out out/p.csv"),
+    "reproduce": ("reproduce dumas2011 --out out", "reproduce klimchik2018 --out out"),
+    "init": ("", "init out/job.toml"),
+}  # fmt: skip
+MC = "--samples 4096 --replicates 4 --strategies none,mirror --out out"
+OWN = "my_notes.txt"
+
+
+@dataclass
+class Setup:
+    """One command in its workspace: the old result and the time that the second run takes [s]."""
+
+    name: str
+    work: Path
+    seconds: float
+    old: dict[str, str]
+    new: set[str]
+
+
+def main() -> None:
+    """Kill, look, count; leave with 1 if anything is wrong."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.kills", description=__doc__)
+    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", default="")
+    parser.add_argument("--out", type=Path)
+    given = parser.parse_args()
+    rng, faults, outcomes, done = random.Random(given.seed), collections.Counter(), collections.Counter(), []
+    names = [name for name in LINES if given.only in name]
+    with tempfile.TemporaryDirectory(prefix="kills-") as folder:
+        setups = [prepare(name, Path(folder)) for name in names]
+        for number in range(given.kills):
+            setup = setups[number % len(setups)]
+            moment = rng.uniform(0.0, 1.1) * setup.seconds
+            found, state = kill_once(setup, moment, Path(folder) / "trial")
+            faults.update(found)
+            outcomes[state] += 1
+            done.append({"command": setup.name, "at_s": round(moment, 3), "state": state, "faults": found})
+            if found:
+                print(f"{setup.name}: killed after {moment:.2f} s: {'; '.join(found)}", flush=True)
+    print(f"{given.kills} kills over {len(names)} commands: " + ", ".join(f"{n} {s}" for s, n in outcomes.items()))
+    print(f"{sum(bool(entry['faults']) for entry in done)} kills with a fault: {dict(faults)}")
+    if given.out:
+        given.out.write_text(json.dumps(done, indent=1))
+    sys.exit(int(bool(faults)))
+
+
+def prepare(name: str, folder: Path) -> Setup:
+    """Make the workspace of a command: inputs, the user's own file, the old result; time the second run."""
+    work = folder / name.replace(" ", "_")
+    shutil.copytree(GOOD, work)
+    job = set_key((work / "job.toml").read_text(), "name", '"other line"').replace("krl", "rapid")
+    (work / "other.toml").write_text(job)
+    lines = (work / "log.csv").read_text().splitlines()
+    (work / "other.csv").write_text("\n".join(lines[:-6]) + "\n")
+    (work / "out").mkdir()
+    (work / "out" / OWN).write_text("keep me\n")
+    first, second = LINES[name]
+    if first:
+        run(first, work, check=True)
+    old = read_folder(work / "out")
+    again = work.with_name(work.name + "_again")
+    shutil.copytree(work, again)
+    drop_samples(name, again)
+    started = time.monotonic()
+    run(second, again, check=True)
+    return Setup(name, work, time.monotonic() - started, old, set(read_folder(again / "out")))
+
+
+def kill_once(setup: Setup, moment: float, trial: Path) -> tuple[list[str], str]:
+    """Run the second line on a copy of the workspace, kill it, and list what is wrong; say what the folder holds."""
+    shutil.rmtree(trial, ignore_errors=True)
+    shutil.copytree(setup.work, trial)
+    drop_samples(setup.name, trial)
+    mark = uuid.uuid4().hex
+    process = start(LINES[setup.name][1], trial, mark)
+    time.sleep(moment)
+    chunks = {path.name for path in trial.rglob("chunk-*.parquet")}
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    found = ["a process lives on"] if outlives(mark) else []
+    state, wrong = judge_folder(setup, trial / "out")
+    found += wrong
+    if lost := chunks - {path.name for path in trial.rglob("chunk-*.parquet")}:
+        found.append(f"{len(lost)} finished chunks lost")
+    if setup.name == "init" and (trial / "out" / "job.toml").exists():
+        return found, state
+    again = run(LINES[setup.name][1], trial)
+    if again.returncode != 0:
+        found.append(f"the next run fails: {again.stderr.strip()[-200:]}")
+    elif judge_folder(setup, trial / "out")[0] not in ("new", "both alike"):
+        found.append("the next run does not complete the result")
+    if hidden := sorted(str(p.relative_to(trial)) for p in trial.rglob(".*") if p.is_dir() or p.suffix == ".part"):
+        found.append(f"hidden files stay: {hidden[:3]}")
+    return found, state
+
+
+def judge_folder(setup: Setup, out: Path) -> tuple[str, list[str]]:
+    """Say whether a folder holds the old result, the new one, or a mixture."""
+    now, wrong = read_folder(out), []
+    if not (out / OWN).is_file():
+        wrong.append("the user's own file is gone")
+    for path in out.rglob("*.json"):
+        if "samples" not in path.parts:
+            try:
+                json.loads(path.read_text(), parse_constant=lambda word: 1 / 0)
+            except (ValueError, ZeroDivisionError):
+                wrong.append(f"{path.name} is half written")
+    if now == setup.old:
+        return "old", wrong
+    changed = {name for name, digest in now.items() if setup.old.get(name) != digest}
+    stays = set(now) - changed
+    if set(now) == setup.new and not (stays - setup_alike(setup)):
+        return "new", wrong
+    detail = f"new {sorted(changed)[:3]}, old {sorted(stays)[:3]}, gone {sorted(set(setup.old) - set(now))[:3]}"
+    return "a mixture", [*wrong, f"a mixture: {detail}"]
+
+
+def setup_alike(setup: Setup) -> set[str]:
+    """Return the files that may be equal in both results: copies of the robot's files, pictures, second parts."""
+    return {name for name in setup.new if Path(name).suffix in (".urdf", ".toml", ".png", ".dat") or "mc" in name}
+
+
+def read_folder(folder: Path) -> dict[str, str]:
+    """Return the digest of every file of a result: the user's own, the chunks and hidden files aside."""
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    kept = [p.relative_to(folder) for p in files]
+    kept = [p for p in kept if p.name != OWN and "samples" not in p.parts and not p.parts[0].startswith(".")]
+    return {str(p): hashlib.sha256((folder / p).read_bytes()).hexdigest() for p in kept}
+
+
+def drop_samples(name: str, work: Path) -> None:
+    """Take the finished chunks away, so that the second run of a study has something to compute."""
+    if name.startswith("montecarlo"):
+        shutil.rmtree(work / "out" / "samples", ignore_errors=True)
+
+
+def outlives(mark: str) -> bool:
+    """Tell whether a process of the killed command is there after five seconds."""
+    for _ in range(50):
+        if not any(mark.encode() in read_environment(path) for path in Path("/proc").glob("[0-9]*/environ")):
+            return False
+        time.sleep(0.1)
+    return True
+
+
+def read_environment(path: Path) -> bytes:
+    """Return the environment of a process, nothing if it is gone."""
+    try:
+        return path.read_bytes()
+    except OSError:
+        return b""
+
+
+def start(line: str, work: Path, mark: str) -> subprocess.Popen[str]:
+    """Start a command line in a workspace."""
+    command = [sys.executable, "-c", "from compplan.cli import main; main()", *shlex.split(line.format(mc=MC))]
+    return subprocess.Popen(
+        command, cwd=work, env={**os.environ, "KILL_MARK": mark}, text=True, stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+
+
+def run(line: str, work: Path, check: bool = False) -> subprocess.CompletedProcess[str]:
+    """Run a command line in a workspace to its end."""
+    command = [sys.executable, "-c", "from compplan.cli import main; main()", *shlex.split(line.format(mc=MC))]
+    result = subprocess.run(command, cwd=work, text=True, capture_output=True, check=False)
+    if check and result.returncode:
+        raise RuntimeError(f"{line}: {result.stderr}")
+    return result
+
+
+if __name__ == "__main__":
+    main()
