@@ -131,7 +131,7 @@ def kill_once(setup: Setup, moment: float, trial: Path) -> tuple[list[str], str]
     again = run(LINES[setup.name][1], trial)
     if again.returncode != 0:
         found.append(f"the next run fails: {again.stderr.strip()[-200:]}")
-    elif judge_folder(setup, trial / "out")[0] not in ("new", "both alike"):
+    elif judge_folder(setup, trial / "out")[0] != "new" and set(setup.old) != setup.new:
         found.append("the next run does not complete the result")
     if hidden := sorted(str(p.relative_to(trial)) for p in trial.rglob(".*") if p.is_dir() or p.suffix == ".part"):
         found.append(f"hidden files stay: {hidden[:3]}")
@@ -168,7 +168,8 @@ def read_folder(folder: Path) -> dict[str, str]:
     """Return the digest of every file of a result: the user's own, the chunks and hidden files aside."""
     files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
     kept = [p.relative_to(folder) for p in files]
-    kept = [p for p in kept if p.name != OWN and "samples" not in p.parts and not p.parts[0].startswith(".")]
+    kept = [p for p in kept if p.name not in (OWN, "manifest.json") and "samples" not in p.parts]
+    kept = [p for p in kept if not p.parts[0].startswith(".")]
     return {str(p): hashlib.sha256((folder / p).read_bytes()).hexdigest() for p in kept}
 
 

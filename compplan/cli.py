@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
+import os
+import signal
 import sys
+import traceback
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
 
 import click
 
 from compplan.errors import CompplanError
+from compplan.files.origin import record_inputs
 from compplan.version import VERSION
+
+#: Set in the environment, it shows the traceback of a defect and every warning.
+DEBUG = "COMPPLAN_DEBUG"
 
 COMMANDS = {
     "plan": "compplan.commands.plan",
@@ -29,7 +40,8 @@ COMMANDS = {
 class LazyGroup(click.Group):
     """Import a command's module only when it is asked for, so that the command line starts fast.
 
-    Each module in `compplan.commands` offers a click command named `command`.
+    Each module in `compplan.commands` offers a click command named `command`; the first line of its docstring is
+    "`compplan NAME`: what it is for."
     """
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -43,6 +55,26 @@ class LazyGroup(click.Group):
         command: click.Command = importlib.import_module(COMMANDS[cmd_name]).command
         return command
 
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands with the first lines of their modules, none of which is imported for that."""
+        width = formatter.width - 6 - max(map(len, COMMANDS))
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, shorten(describe_command(name), width)) for name in COMMANDS])
+
+
+def describe_command(name: str) -> str:
+    """Return what a command is for, from the text of its module."""
+    file = Path(__file__).parent.joinpath(*COMMANDS[name].split(".")[1:]).with_suffix(".py")
+    first = (ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or "").partition("\n")[0]
+    return (first.partition("`: ")[2] or first).rstrip(".")
+
+
+def shorten(text: str, width: int) -> str:
+    """Cut a line at a word."""
+    if len(text) <= max(width, 20):
+        return text
+    return text[: max(width, 20) - 3].rpartition(" ")[0] + " ..."
+
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(VERSION, prog_name="compplan")
@@ -50,17 +82,64 @@ def group() -> None:
     """Plan corrected robot paths under process forces, and diagnose the sim-to-real gap."""
 
 
-def main() -> None:
-    """Run the command line and leave with its exit status."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and leave with its exit status.
+
+    Args:
+        arguments: Words after the program's name; those of this process if left out.
+
+    """
+    if DEBUG not in os.environ:
+        warnings.simplefilter("ignore")
+        os.environ.setdefault("PYTHONWARNINGS", "ignore")  # of worker processes
+    previous = signal.signal(signal.SIGTERM, _leave_on_term)
     try:
-        status = group.main(standalone_mode=False)
-    except CompplanError as error:
-        click.echo(f"error: {' '.join(str(error).split())}", err=True)
-        sys.exit(error.exit_status)
-    except click.ClickException as error:
-        click.echo(f"error: {error.format_message()}", err=True)
-        sys.exit(2)
+        with record_inputs():
+            status = group.main(None if arguments is None else list(arguments), standalone_mode=False)
     except (KeyboardInterrupt, click.Abort):
         click.echo("interrupted", err=True)
         sys.exit(130)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except Exception as error:
+        if DEBUG in os.environ:
+            traceback.print_exc()
+        line, status = describe_fault(error)
+        click.echo(f"error: {line}", err=True)
+        sys.exit(status)
+    finally:
+        signal.signal(signal.SIGTERM, previous)
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def describe_fault(error: Exception) -> tuple[str, int]:
+    """Return the one line that an exception ends with, and the exit status.
+
+    Args:
+        error: The exception.
+
+    """
+    said = " ".join(str(error).split())
+    if isinstance(error, CompplanError):
+        return cut(said), error.exit_status
+    if isinstance(error, click.ClickException):
+        return cut(" ".join(error.format_message().split())), 2
+    if isinstance(error, OSError):
+        return cut(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else said), 2
+    if isinstance(error, MemoryError):
+        return "this needs more memory than there is; use fewer waypoints, samples or points", 2
+    if isinstance(error, RecursionError):
+        return "the input is nested too deeply", 2
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    where = f"{Path(place.filename).name}:{place.lineno}"
+    return cut(f"internal fault {type(error).__name__}: {said} ({where}); {DEBUG}=1 shows where it comes from", 600), 2
+
+
+def cut(line: str, length: int = 2000) -> str:
+    """Shorten the middle of a line that is too long to read."""
+    return line if len(line) <= length else f"{line[: length // 2]} [...] {line[-length // 2 :]}"
+
+
+def _leave_on_term(number: int, frame: object) -> None:
+    sys.exit(128 + number)

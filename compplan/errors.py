@@ -12,7 +12,7 @@ from pathlib import Path
 class CompplanError(Exception):
     """Stand above every exception of this package, so that a caller may catch them all."""
 
-    exit_status = 1
+    exit_status = 2
 
 
 class InputError(CompplanError):
@@ -90,6 +90,8 @@ class InfeasibleError(CompplanError):
 
 class ConvergenceError(CompplanError):
     """Tell that an iteration did not reach its tolerance; carries the last residual for inspection."""
+
+    exit_status = 3
 
     def __init__(self, message: str, *, residual: float) -> None:
         self.residual = residual

@@ -73,4 +73,4 @@ def test_compare_prints_and_writes_the_table(small_job, tmp_path, monkeypatch, c
     assert answer.status == 0
     for word in ("none", "mirror", "iterated_mirror", "nlp", "as modelled", "compliance x 1.2", "compliance x 0.8"):
         assert word in answer.out
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"compare.json", "report.html"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"compare.json", "report.html", "manifest.json"}

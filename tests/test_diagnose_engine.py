@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from compplan.cell.predict import predict_campaign
-from compplan.commands.diagnose import write_diagnosis_files
 from compplan.diagnose import Diagnosis, diagnose_campaign
 from compplan.diagnose.evidence import _negative, find_gains, find_posterior
 from compplan.diagnose.held_out import make_folds
 from compplan.diagnose.search import Claim
+from compplan.diagnose.where import split_diagnosis
 from compplan.effects import Effect
 from compplan.errors import InputError
+from compplan.outputs.diagnosis import write_diagnosis
 from compplan.robot import Robot
 from compplan.robot.folder import read_robot_folder
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
@@ -89,7 +90,7 @@ def test_an_offset_lists_the_origin_that_does_the_same(diagnosis: Diagnosis) -> 
 
 
 def test_the_updated_folder_predicts_a_fresh_campaign(diagnosis: Diagnosis, robot: Robot, tmp_path: Path) -> None:
-    write_diagnosis_files(diagnosis, diagnosis.to_table(), tmp_path)
+    write_diagnosis(diagnosis, split_diagnosis(diagnosis), diagnosis.to_table(), tmp_path)
     table = json.loads((tmp_path / "diagnosis.json").read_text())
     assert {e["effect"] for e in table["verdict"]["effects"]} == {"joint_stiffness", "joint_offset"}
     updated = read_robot_folder(tmp_path / "robot")

@@ -7,7 +7,8 @@ import pytest
 
 from compplan.errors import InputError, ShapeError
 from compplan.files.columns import Column, split_unit, to_unit
-from compplan.files.tables import read_table, replace_file, write_table, write_text
+from compplan.files.tables import read_table, write_table, write_text
+from compplan.files.transaction import replace_file
 
 COLUMNS = (
     Column("run", "text"),

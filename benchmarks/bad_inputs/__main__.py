@@ -23,7 +23,8 @@ def main() -> None:
     parser.add_argument("--list", action="store_true", help="count the cases and leave")
     given = parser.parse_args()
     cases = [case for case in read_tables() if given.table in (None, case.table) and given.only in case.name]
-    print(f"{len(cases)} bad inputs: " + ", ".join(f"{n} {t}" for t, n in collections.Counter(c.table for c in cases).items()))
+    tables = collections.Counter(case.table for case in cases)
+    print(f"{len(cases)} bad inputs: " + ", ".join(f"{count} {name}" for name, count in tables.items()))
     if given.list:
         return
     load_commands()
@@ -47,7 +48,8 @@ def report(answers: list[tuple[BadInput, Answer, str]], seconds: float) -> None:
     slowest = max(answers, key=lambda entry: entry[1].seconds)
     largest = max(answers, key=lambda entry: entry[1].memory)
     right = sum(not fault for _, _, fault in answers)
-    print(f"\n{right} of {len(answers)} answered as they should be" + "".join(f", {n} {f}" for f, n in faults.most_common()))
+    rest = "".join(f", {count} {fault}" for fault, count in faults.most_common())
+    print(f"\n{right} of {len(answers)} answered as they should be{rest}")
     print(f"slowest {slowest[1].seconds:.1f} s ({slowest[0].name})")
     print(f"most memory {largest[1].memory / 2**20:.0f} MB ({largest[0].name}); {seconds:.0f} s in all")
 

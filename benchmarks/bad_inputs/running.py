@@ -43,6 +43,8 @@ class Answer:
             return "too long"
         if self.memory > MEMORY:
             return "too much memory"
+        if "internal fault" in self.err:
+            return "internal fault"
         if self.status == 1:
             return "status 1"
         if self.status not in case.status:

@@ -97,7 +97,8 @@ def _make_case(table: str, number: int, entry: Mapping[str, Any]) -> BadInput:
     edit = {key: value for key, value in entry.items() if key not in ("run", "args", "status", "says")}
     command = f"{COMMANDS[entry.get('run', '')]} {entry.get('args', '')}".strip()
     status = entry.get("status", 2)
-    words = [f"{table}[{number}]", entry.get("run", ""), *(f"{k}={edit[k]}" for k in (*EDITS, "row", "to") if k in edit)]
+    said = [f"{key}={edit[key]}" for key in (*EDITS, "row", "to") if key in edit]
+    words = [f"{table}[{number}]", entry.get("run", ""), *said]
     name = " ".join(" ".join(str(word)[:60] for word in [*words, entry.get("args", "")]).split())
     key = str(next((edit[name] for name in ("set", "drop", "column", "cut", "rename") if name in edit), ""))
     says = str(entry.get("says", "")).replace("KEY", re.escape(re.split(r"[. ]", key)[-1]))

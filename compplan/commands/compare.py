@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+
+from compplan.files.tables import dump_json
 
 if TYPE_CHECKING:
     from compplan.plan.compare import Comparison
@@ -29,7 +30,7 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
         announce("write: compare.json, report.html")
         files = write_comparison(comparison, folder)
     if as_json:
-        click.echo(json.dumps(summarise_comparison(comparison), indent=2))
+        click.echo(dump_json(summarise_comparison(comparison), indent=2))
         return
     print_table(comparison)
     click.echo(f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}")

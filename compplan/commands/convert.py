@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from pathlib import Path
 from typing import Any
 
 import click
 
+from compplan.files.tables import dump_json
 from compplan.files.tomlfile import check_table
 from compplan.path.cam import CamFacts, read_cam
 from compplan.path.cam.options import CamTable
@@ -41,7 +41,7 @@ def command(camfile: Path, out: Path, max_step_mm: float | None, as_json: bool, 
     write_toolpath(check_toolpath(toolpath, need_feed=False), out)
     if as_json:
         facts = {**dataclasses.asdict(cam.facts), "waypoints": len(toolpath)}
-        click.echo(json.dumps({"schema": 1, "out": str(out), **facts}))
+        click.echo(dump_json({"schema": 1, "out": str(out), **facts}))
         return
     for line in describe_facts(dataclasses.replace(cam.facts, waypoints=len(toolpath))):
         click.echo(line)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
@@ -14,12 +13,11 @@ from compplan.diagnose.unmodelled import describe_unmodelled
 from compplan.diagnose.where import split_diagnosis
 from compplan.effects import EFFECTS
 from compplan.errors import UnknownNameError
-from compplan.files.tables import write_text
+from compplan.files.tables import dump_json
 from compplan.measure.campaign import read_campaign
-from compplan.measure.registration import parse_parts, write_registration
-from compplan.report.diagnosis_report import write_diagnosis_report
+from compplan.measure.registration import parse_parts
+from compplan.outputs.diagnosis import write_diagnosis
 from compplan.robot import load_robot
-from compplan.robot.folder import write_robot_folder
 
 
 @click.command("diagnose")
@@ -52,26 +50,8 @@ def command(
         extra = {"where": split.to_json(), "next_measurement": propose_measurements(diagnosis)}
         table = diagnosis.to_table(extra)
         progress("report")
-        write_diagnosis_files(diagnosis, table, out)
-        write_diagnosis_report(diagnosis, out, split=split, table=table)
-    click.echo(json.dumps(table) if as_json else describe_diagnosis(diagnosis))
-
-
-def write_diagnosis_files(diagnosis: Diagnosis, table: dict[str, object], out: Path) -> None:
-    """Write diagnosis.json and the updated robot folder.
-
-    Args:
-        diagnosis: The diagnosis.
-        table: What diagnosis.json holds.
-        out: The folder.
-    """
-    folder = out / "robot"
-    write_robot_folder(diagnosis.updated, folder)
-    if diagnosis.registration is not None:
-        write_registration(diagnosis.registration, folder / "registration.toml")
-    else:
-        (folder / "registration.toml").unlink(missing_ok=True)
-    write_text(out / "diagnosis.json", json.dumps(table, indent=2) + "\n")
+        table = write_diagnosis(diagnosis, split, table, out)
+    click.echo(dump_json(table) if as_json else describe_diagnosis(diagnosis))
 
 
 def describe_diagnosis(diagnosis: Diagnosis) -> str:

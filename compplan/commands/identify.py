@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 
 from compplan.errors import InputError
+from compplan.files.tables import dump_json
 from compplan.identify.campaign import identify_campaign
 from compplan.identify.parameters import GEOMETRY, LINK_TERMS
 from compplan.identify.plan_campaign import CampaignPlan, describe_campaign_plan, plan_campaign
@@ -80,7 +80,7 @@ def command(
         raise InputError("no measurement log is given; name one, or ask for poses to measure with --choose-poses N")
     summary = write_identification(identify_campaign(robot, read_campaign(measurements, robot), options), out)
     if as_json:
-        click.echo(json.dumps(summary))
+        click.echo(dump_json(summary))
         return
     for line in describe_identification(summary):
         click.echo(line)
@@ -90,7 +90,7 @@ def command(
 def _choose(plan: CampaignPlan, out: Path, *, as_json: bool) -> None:
     summary = write_campaign_plan(plan, out)
     if as_json:
-        click.echo(json.dumps(summary))
+        click.echo(dump_json(summary))
         return
     for line in describe_campaign_plan(summary):
         click.echo(line)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 import numpy as np
 
 from compplan.errors import InputError
+from compplan.files.tables import dump_json
 from compplan.maps.reach import POSTURES
 from compplan.maps.survey import MapSettings, map_robot
 from compplan.outputs.map import write_map
@@ -51,7 +51,7 @@ def command(
     result = map_robot(load_robot(robot), settings, None if reduced is None else load_robot(reduced))
     write_map(result, out)
     if as_json:
-        click.echo(json.dumps(result.summary()))
+        click.echo(dump_json(result.summary()))
         return
     for line in result.lines():
         click.echo(line)

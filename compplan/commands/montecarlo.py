@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import click
+
+from compplan.files.tables import dump_json
 
 
 @click.command()
@@ -71,7 +72,7 @@ def command(job: Path, folder: Path, workers: int | None, scheduler: str | None,
         files = write_study(study, folder)
     summary = study.summary
     if as_json:
-        click.echo(json.dumps(summary, indent=2))
+        click.echo(dump_json(summary, indent=2))
         return
     print_table(summary)
     click.echo(f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}")

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
+
+from compplan.files.tables import dump_json
 
 
 @click.command()
@@ -15,24 +16,17 @@ import click
 def command(job: Path, folder: Path, as_json: bool) -> None:
     """Search where the part of JOB should stand: write place.json, place_map.png and posture_map.png."""
     from compplan.commands.progress import show_progress
-    from compplan.files.tables import replace_file, write_text
     from compplan.job.job import load_job
+    from compplan.outputs.place import write_placement
     from compplan.plan.plan import job_robot
-    from compplan.posture.place import describe_placement, place_part
-    from compplan.report.place_map import draw_place_map
-    from compplan.report.posture_map import draw_map_picture
+    from compplan.posture.place import place_part
 
     checked = load_job(job)
     with show_progress() as announce:
         result = place_part(checked, job_robot(checked), announce)
-    summary = describe_placement(result, checked)
-    pictures = {"place_map.png": draw_place_map(result), "posture_map.png": draw_map_picture(result.stance.map)}
-    for name, png in pictures.items():
-        with replace_file(folder / name) as part:
-            part.write_bytes(png)
-    write_text(folder / "place.json", json.dumps(summary, indent=1) + "\n")
+    summary = write_placement(result, checked, folder)
     if as_json:
-        click.echo(json.dumps(summary))
+        click.echo(dump_json(summary))
         return
     there, here = summary["sensitivity_mm"]["p95"], summary["sensitivity_here_mm"]
     click.echo(f"remaining deviation (95 %) there {there:.4g} mm, at the job's place "

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 
 from compplan.errors import InfeasibleError
+from compplan.files.tables import dump_json
 
 
 @click.command()
@@ -29,7 +29,7 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
         announce("write: programs, joints.csv, report.html")
         files = write_plan(plan, folder)
     if as_json:
-        click.echo(json.dumps(summarise_plan(plan), indent=2))
+        click.echo(dump_json(summarise_plan(plan), indent=2))
     else:
         before, after = (format_length(run.max_deviation) for run in (plan.before, plan.after))
         click.echo(f"{plan.name}: {plan.status}, {len(plan.task)} waypoints, {plan.timing.time[-1]:.1f} s")

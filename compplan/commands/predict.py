@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 import numpy as np
 
 from compplan.cell.predict import folder_registration, predict_campaign, write_prediction
+from compplan.files.tables import dump_json
 from compplan.measure.campaign import read_campaign
 from compplan.measure.registration import parse_parts
 from compplan.robot import load_robot
@@ -36,6 +36,6 @@ def command(measurements: Path, robot_name: str, out: Path, register: str | None
         "registered": list(parts),
     }
     if as_json:
-        click.echo(json.dumps(summary))
+        click.echo(dump_json(summary))
     elif len(distance):
         click.echo(f"{len(campaign)} rows; measured positions differ by {summary['rms_mm']:.3f} mm rms")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 
+from compplan.files.tables import dump_json
 from compplan.reproduce import PAPERS, reproduce_paper
 from compplan.reproduce.page import describe_reproduction, write_reproduction
 
@@ -21,7 +21,7 @@ def command(paper: str, out: Path, as_json: bool) -> None:
     write_reproduction(result, out)
     table = describe_reproduction(result)
     if as_json:
-        click.echo(json.dumps(table))
+        click.echo(dump_json(table))
         return
     for row in result.rows:
         ours = f"{row.ours:.4g}" if isinstance(row.ours, float) else row.ours

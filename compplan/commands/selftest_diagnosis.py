@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import click
+
+from compplan.files.tables import dump_json
 
 
 @click.command("selftest-diagnosis")
@@ -40,7 +41,7 @@ def command(campaigns: int, seed: int, out: Path, workers: int, withhold: int, a
         ("drawn from", "compplan's own forward models"),
     ]
     write_study(summary, list_failures(records), out, facts, "Hidden effects in drawn campaigns")
-    click.echo(json.dumps(summary) if as_json else describe_study(summary))
+    click.echo(dump_json(summary) if as_json else describe_study(summary))
 
 
 @contextmanager

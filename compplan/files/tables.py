@@ -8,11 +8,9 @@ through `replace_file`.
 from __future__ import annotations
 
 import csv
-import os
+import json
 import re
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,8 +20,12 @@ from numpy.typing import NDArray
 
 from compplan.errors import InputError, ShapeError
 from compplan.files.columns import UNITS, Column, match_columns
+from compplan.files.origin import note_input
+from compplan.files.transaction import replace_file
 
 Array = NDArray[np.float64]
+#: Greatest size of a text file that is read. [bytes]
+MOST_BYTES = 512 * 2**20
 
 
 @dataclass(frozen=True)
@@ -171,47 +173,26 @@ def read_text(path: str | Path) -> str:
     """Read a text file as UTF-8, or as Latin-1 where it is not UTF-8.
 
     Raises:
-        InputError: If there is no such file, or it is a folder or a binary file.
+        InputError: If there is no such file, or it is a folder, a binary file or too large.
 
     """
     path = Path(path)
     try:
+        size = path.stat().st_size
+        if size > MOST_BYTES:
+            raise InputError(f"holds {size / 2**20:.0f} MB, at most {MOST_BYTES >> 20} MB are read", file=path)
         content = path.read_bytes()
     except FileNotFoundError:
         raise InputError("no such file", file=path) from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path) from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=path) from None
+    note_input(path, content)
     if b"\0" in content[:4096]:
         raise InputError("is a binary file, expected text", file=path, where=1)
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
         return content.decode("latin-1")
-
-
-@contextmanager
-def replace_file(path: str | Path) -> Iterator[Path]:
-    """Give a temporary path beside `path` and rename it to `path` at the end; on an exception nothing is left.
-
-    Raises:
-        InputError: If the folder cannot be written.
-
-    """
-    path = Path(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}", file=path) from None
-    os.close(handle)
-    try:
-        yield Path(name)
-        umask = os.umask(0)
-        os.umask(umask)
-        Path(name).chmod(0o666 & ~umask)
-        os.replace(name, path)
-    finally:
-        Path(name).unlink(missing_ok=True)
 
 
 def write_text(path: str | Path, text: str, *, encoding: str = "utf-8", newline: str = "\n") -> None:
@@ -223,6 +204,34 @@ def write_text(path: str | Path, text: str, *, encoding: str = "utf-8", newline:
     """
     with replace_file(path) as part:
         part.write_bytes(text.replace("\n", newline).encode(encoding))
+
+
+def write_json(path: str | Path, content: Any, *, indent: int | None = 1) -> None:
+    """Write a JSON file whole or not at all; see `dump_json`.
+
+    Raises:
+        InputError: If the folder cannot be written.
+
+    """
+    write_text(path, dump_json(content, indent=indent) + "\n")
+
+
+def dump_json(content: Any, *, indent: int | None = None) -> str:
+    """Return strict JSON: arrays as lists, and null for what is not a finite number."""
+    return json.dumps(_to_plain(content), indent=indent, allow_nan=False, separators=None if indent else (", ", ": "))
+
+
+def _to_plain(content: Any) -> Any:
+    """Return tables, lists, text and finite numbers alone."""
+    if isinstance(content, Mapping):
+        return {str(key): _to_plain(value) for key, value in content.items()}
+    if isinstance(content, np.ndarray | np.generic):
+        return _to_plain(content.tolist())
+    if isinstance(content, list | tuple):
+        return [_to_plain(value) for value in content]
+    if isinstance(content, float) and not np.isfinite(content):
+        return None
+    return content
 
 
 def write_table(path: str | Path, columns: Mapping[str, object], *, decimals: int = 9) -> None:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from compplan.files.columns import to_unit
-from compplan.files.tables import write_table, write_text
+from compplan.files.origin import describe_origin
+from compplan.files.tables import write_json, write_table, write_text
+from compplan.files.transaction import replace_folder
 from compplan.identify.campaign import Identification
 from compplan.identify.plan_campaign import CampaignPlan
 from compplan.identify.summary import SHOWN, summarise_identification
@@ -25,19 +26,18 @@ def write_identification(result: Identification, out: Path) -> dict[str, Any]:
         result: The identification.
         out: Folder to write into; made if needed.
     """
-    summary = summarise_identification(result)
-    out.mkdir(parents=True, exist_ok=True)
-    folder = out / "robot"
-    write_robot_folder(result.robot, folder)
-    if result.geometry != "none" and not (folder / "controller.urdf").is_file():
-        # The controller goes on believing the geometry from before.
-        write_text(folder / "controller.urdf", result.nominal.urdf)
-    if result.registration.parts:
-        write_registration(result.registration, folder / "registration.toml")
-    write_text(out / "identify.json", json.dumps(summary, indent=1) + "\n")
-    write_identification_page(summary, out / "report.html")
+    summary = {**summarise_identification(result), "made_by": describe_origin()}
+    with replace_folder(out, "identify") as part:
+        folder = part / "robot"
+        write_robot_folder(result.robot, folder)
+        if result.geometry != "none" and not (folder / "controller.urdf").is_file():
+            # The controller goes on believing the geometry from before.
+            write_text(folder / "controller.urdf", result.nominal.urdf)
+        if result.registration.parts:
+            write_registration(result.registration, folder / "registration.toml")
+        write_json(part / "identify.json", summary)
+        write_identification_page(summary, part / "report.html")
     return summary
-
 
 
 def write_campaign_plan(plan: CampaignPlan, out: Path) -> dict[str, Any]:
@@ -47,14 +47,12 @@ def write_campaign_plan(plan: CampaignPlan, out: Path) -> dict[str, Any]:
         plan: The plan.
         out: Folder to write into; made if needed.
     """
-    out.mkdir(parents=True, exist_ok=True)
     columns: dict[str, object] = {"run": np.array(["static_1"] * len(plan.poses))}
     for k, slides in enumerate(plan.robot.prismatic, 1):
         header = f"q{k}_mm" if slides else f"q{k}_deg"
         columns[header] = to_unit(plan.poses.q[:, k - 1], header)
     for k, header in enumerate(("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")):
         columns[header] = plan.poses.wrench[:, k]
-    write_table(out / "poses.csv", columns, decimals=6)
     entries = []
     for parameter, promised, random in zip(plan.information.parameters, plan.promised, plan.random, strict=True):
         unit, factor = SHOWN[parameter.unit]
@@ -74,7 +72,9 @@ def write_campaign_plan(plan: CampaignPlan, out: Path) -> dict[str, Any]:
         "ratio_to_random": float(f"{ratio:.4g}"),
         "parameters": entries,
         "assumed": "0.04 mm and 0.05 mrad standard deviation per axis of position and orientation",
+        "made_by": describe_origin(),
     }
-    write_text(out / "poses.json", json.dumps(summary, indent=1) + "\n")
+    with replace_folder(out, "identify --choose-poses") as part:
+        write_table(part / "poses.csv", columns, decimals=6)
+        write_json(part / "poses.json", summary)
     return summary
-

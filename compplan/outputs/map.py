@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from compplan.files.tables import replace_file, write_text
+from compplan.files.origin import describe_origin
+from compplan.files.tables import write_json
+from compplan.files.transaction import replace_folder
 from compplan.maps.maps import DeflectionMap
 from compplan.maps.pictures import deflection_panels, draw_deflection, draw_joint_map
 from compplan.maps.reach import ELBOWS
@@ -19,7 +20,6 @@ from compplan.robot import Array
 
 def write_map(result: RobotMaps, folder: Path) -> None:
     """Write map.json, the pictures and report.html into a folder."""
-    folder.mkdir(parents=True, exist_ok=True)
     table = result.summary()
     for name, plane in result.planes.items():
         table["planes"][name] |= _arrays(plane, result.quality[name])
@@ -29,12 +29,13 @@ def write_map(result: RobotMaps, folder: Path) -> None:
         "second_deg": _rounded(np.degrees(result.dexterity.second)),
         "inverse_condition": _rounded(result.dexterity.inverse_condition),
     }
+    table["made_by"] = describe_origin()
     pictures = draw_maps(result)
-    for file, (png, _) in pictures.items():
-        with replace_file(folder / file) as part:
-            part.write_bytes(png)
-    write_text(folder / "map.json", json.dumps(table, separators=(",", ":")) + "\n")
-    _write_report(result, pictures, folder / "report.html")
+    with replace_folder(folder, "map") as part:
+        for file, (png, _) in pictures.items():
+            (part / file).write_bytes(png)
+        write_json(part / "map.json", table, indent=None)
+        _write_report(result, pictures, part / "report.html")
 
 
 def draw_maps(result: RobotMaps) -> dict[str, tuple[bytes, str]]:
@@ -127,4 +128,3 @@ def _write_report(result: RobotMaps, pictures: dict[str, tuple[bytes, str]], fil
         kind="Map",
         provenance=describe_robot(result.robot, facts, assumptions),
     )
-

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-from compplan.files.tables import write_text
+from compplan.files.origin import describe_origin
+from compplan.files.tables import write_json
+from compplan.files.transaction import list_files, replace_folder
 from compplan.report.montecarlo_page import write_montecarlo_report
 from compplan.study.job_study import JobStudy
 
@@ -24,6 +25,8 @@ def write_study(study: JobStudy, folder: Path) -> list[Path]:
         InputError: If the folder cannot be written.
 
     """
-    files = [write_montecarlo_report(study, folder), folder / "montecarlo.json"]
-    write_text(files[1], json.dumps(study.summary, indent=2) + "\n")
-    return sorted(files)
+    with replace_folder(folder, "montecarlo") as part:
+        write_montecarlo_report(study, part)
+        write_json(part / "montecarlo.json", {**study.summary, "made_by": describe_origin()}, indent=2)
+        names = list_files(part)
+    return [folder / name for name in names]

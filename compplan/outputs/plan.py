@@ -1,30 +1,23 @@
 """Write what was planned: plan.json, joints.csv, native programs, the page; compare.json. All files, or none.
 
-Everything is written into a temporary folder beside the wanted one and moved there at the end, so that a fault in any
-of the files leaves nothing behind.
+A fault in any of the files leaves nothing behind (`compplan.files.transaction`).
 """
 
 from __future__ import annotations
 
-import json
-import os
-import shutil
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from compplan.errors import InputError
-from compplan.files.tables import write_table, write_text
+from compplan.files.origin import describe_origin
+from compplan.files.tables import write_json, write_table
+from compplan.files.transaction import list_files, replace_folder
 from compplan.path.toolpath import WRENCH_HEADERS
 from compplan.plan.compare import Comparison
 from compplan.plan.evaluate import Evaluation
 from compplan.plan.plan import Plan
 from compplan.posture.clearance import describe_clearance
-from compplan.robot import Array
 
 
 def write_plan(plan: Plan, folder: str | Path) -> list[Path]:
@@ -44,14 +37,15 @@ def write_plan(plan: Plan, folder: str | Path) -> list[Path]:
     from compplan.report.plan_report import write_plan_report
     from compplan.report.posture_map import draw_map_picture, extra_axis_sections
 
-    with _replace_folder(Path(folder)) as part:
+    with replace_folder(folder, "plan") as part:
         write_programs(plan, part)
         write_joints(plan, part / "joints.csv")
         write_plan_report(plan, part, extra=extra_axis_sections(plan))
         if plan.task.start is not None and plan.task.start.stance is not None:
             (part / "posture_map.png").write_bytes(draw_map_picture(plan.task.start.stance.map))
-        write_text(part / "plan.json", _to_json(summarise_plan(plan)))
-    return sorted(path for path in Path(folder).rglob("*") if path.is_file())
+        write_json(part / "plan.json", summarise_plan(plan), indent=2)
+        names = list_files(part)
+    return [Path(folder) / name for name in names]
 
 
 def write_comparison(comparison: Comparison, folder: str | Path) -> list[Path]:
@@ -70,10 +64,11 @@ def write_comparison(comparison: Comparison, folder: str | Path) -> list[Path]:
     """
     from compplan.report import write_compare_report
 
-    with _replace_folder(Path(folder)) as part:
+    with replace_folder(folder, "compare") as part:
         write_compare_report(comparison, part)
-        write_text(part / "compare.json", _to_json(summarise_comparison(comparison)))
-    return sorted(path for path in Path(folder).rglob("*") if path.is_file())
+        write_json(part / "compare.json", summarise_comparison(comparison), indent=2)
+        names = list_files(part)
+    return [Path(folder) / name for name in names]
 
 
 def summarise_plan(plan: Plan) -> dict[str, Any]:
@@ -112,6 +107,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "duration_s": float(plan.timing.time[-1]),
         "judge": plan.judge,
         "notes": list(plan.notes),
+        "made_by": describe_origin(),
     }
     if plan.task.start is not None and plan.task.start.stance is not None:
         summary["posture"] = plan.task.start.stance.describe()
@@ -143,6 +139,7 @@ def summarise_comparison(comparison: Comparison) -> dict[str, Any]:
         "cell": nominal.name,
         "judge": comparison.judge,
         "strategies": strategies,
+        "made_by": describe_origin(),
     }
 
 
@@ -202,31 +199,3 @@ def _head(plan: Plan) -> list[str]:
 def _figures(evaluation: Evaluation) -> dict[str, float]:
     sizes = {"rms": evaluation.rms_deviation, "mean": evaluation.mean_deviation, "max": evaluation.max_deviation}
     return {name: value * 1e3 for name, value in sizes.items()}
-
-
-def _to_json(content: dict[str, Any]) -> str:
-    return json.dumps(content, indent=2, default=_plain) + "\n"
-
-
-def _plain(value: Array | np.generic) -> Any:
-    return value.tolist()
-
-
-@contextmanager
-def _replace_folder(folder: Path) -> Iterator[Path]:
-    """Give a temporary folder; at the end its files move to the wanted one, on an exception nothing is left."""
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}", file=folder) from None
-    try:
-        yield part
-        for source in sorted(path for path in part.rglob("*") if path.is_file()):
-            target = folder / source.relative_to(part)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            os.replace(source, target)
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}", file=folder) from None
-    finally:
-        shutil.rmtree(part, ignore_errors=True)

@@ -57,7 +57,6 @@ def write_montecarlo_report(result: JobStudy, folder: Path) -> Path:
     ]  # fmt: skip
     assumptions = [*list_assumptions(result.job), *summary["assumptions"]]
     file = folder / "report.html"
-    folder.mkdir(parents=True, exist_ok=True)
     write_page(
         file,
         summary["name"],

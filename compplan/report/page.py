@@ -14,6 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from compplan.files.origin import describe_origin
 from compplan.files.tables import write_text
 from compplan.report.style import build_template, format_number
 from compplan.version import VERSION
@@ -187,14 +188,23 @@ def render_page(
             warning=warning,
             notes=list(notes),
             sections=parts,
-            provenance=provenance,
+            provenance=None if provenance is None else _with_origin(provenance),
             version=VERSION,
             css=(TEMPLATES / "page.css").read_text(encoding="utf-8"),
             script=(TEMPLATES / "page.js").read_text(encoding="utf-8"),
             plotly=_plotly_script() if charts else "",
-            payload=json.dumps(payload, separators=(",", ":"), allow_nan=False).replace("</", "<\\/"),
+            payload=json.dumps(payload, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
         )
     )
+
+
+def _with_origin(provenance: Provenance) -> Provenance:
+    """Add commit, seeds and the digests of the files that were read."""
+    origin = describe_origin()
+    facts = [("compplan", f"{origin['compplan']}, commit {origin.get('commit', 'not known')}")]
+    facts += [(f"seed of {name}", str(seed)) for name, seed in origin.get("seeds", {}).items()]
+    facts += [(f"SHA-256 of {Path(file).name}", digest) for file, digest in origin.get("inputs_sha256", {}).items()]
+    return Provenance([*provenance.facts, *facts], provenance.assumptions)
 
 
 @cache

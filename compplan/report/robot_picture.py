@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from compplan.files.tables import replace_file
+from compplan.files.transaction import replace_file
 from compplan.report.robot_scene import EYE, Shape, place_shapes, shade_faces
 from compplan.report.style import SEQUENTIAL
 from compplan.robot import Array, Robot

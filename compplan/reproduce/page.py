@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from compplan.files.tables import replace_file, write_text
+from compplan.files.origin import describe_origin
+from compplan.files.tables import write_json
+from compplan.files.transaction import replace_folder
 from compplan.report import Column, PageTable, Picture, Section, TableCell, describe_robot, write_page
 from compplan.report.page import Provenance
 from compplan.report.style import format_number
@@ -34,11 +35,14 @@ def describe_reproduction(result: Reproduction) -> dict[str, Any]:
 
 def write_reproduction(result: Reproduction, folder: Path) -> None:
     """Write reproduction.json, report.html and the figures into a folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    write_text(folder / "reproduction.json", json.dumps(describe_reproduction(result), indent=1) + "\n")
-    for number, figure in enumerate(result.figures, start=1):
-        with replace_file(folder / f"figure_{number}.png") as part:
-            part.write_bytes(figure.png)
+    with replace_folder(folder, "reproduce") as part:
+        write_json(part / "reproduction.json", {**describe_reproduction(result), "made_by": describe_origin()})
+        for number, figure in enumerate(result.figures, start=1):
+            (part / f"figure_{number}.png").write_bytes(figure.png)
+        _write_report(result, part / "report.html")
+
+
+def _write_report(result: Reproduction, file: Path) -> None:
     blocks: list[Any] = [_table(result.rows)]
     if list_assumptions(result.rows):
         blocks.append(_assumption_table(result.rows))
@@ -55,7 +59,7 @@ def write_reproduction(result: Reproduction, folder: Path) -> None:
         [("paper", result.citation), *dict.fromkeys(fact for part in parts for fact in part.facts)],
         list(dict.fromkeys(text for part in parts for text in part.assumptions)),
     )
-    write_page(folder / "report.html", result.title, result.lede, sections, kind="Reproduction", provenance=provenance)
+    write_page(file, result.title, result.lede, sections, kind="Reproduction", provenance=provenance)
 
 
 def _picture(figure: Any) -> Picture:

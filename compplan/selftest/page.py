@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from compplan.files.tables import write_text
+from compplan.files.origin import describe_origin
+from compplan.files.tables import write_json, write_text
+from compplan.files.transaction import replace_folder
 from compplan.report.page import Block, Chart, Column, Columns, PageTable, Provenance, Section, TableCell, write_page
 from compplan.report.style import format_number
 
@@ -26,16 +27,23 @@ def write_study(
         facts: Rows of name and value: seed, source of the campaigns, date.
         title: Title of the page.
     """
-    table = {**summary, "facts": dict(facts)}
-    write_text(out / "selftest.json", json.dumps(table, indent=2) + "\n")
-    write_text(out / "failures.txt", "".join(f"{line}\n" for line in failures))
+    table = {**summary, "facts": dict(facts), "made_by": describe_origin()}
+    with replace_folder(out, "selftest-diagnosis") as part:
+        write_json(part / "selftest.json", table, indent=2)
+        write_text(part / "failures.txt", "".join(f"{line}\n" for line in failures))
+        _write_page(summary, failures, part / "report.html", facts, title)
+
+
+def _write_page(
+    summary: Mapping[str, Any], failures: Sequence[str], file: Path, facts: Sequence[tuple[str, str]], title: str
+) -> None:
     sections = [_rates(summary), _calibration(summary), _confusion(summary), _detection(summary), _withheld(summary)]
     shown: list[Row] = [[part.strip() for part in line.split("|")] for line in failures]
     heads = [Column("failure"), Column("case"), Column("there"), Column("said"), Column("later campaign")]
     if shown:
         sections.append(Section("Wrong answers", [PageTable(heads, shown, "Every wrong answer.", 12)]))
     write_page(
-        out / "report.html",
+        file,
         title,
         [say_naming(summary), say_calibration(summary), say_withheld(summary)],
         [section for section in sections if section.blocks],

@@ -1,0 +1,38 @@
+"""What `compplan diagnose` writes: diagnosis.json, report.html and the updated robot folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from compplan.diagnose import Diagnosis
+from compplan.diagnose.where import Split
+from compplan.files.origin import describe_origin
+from compplan.files.tables import write_json
+from compplan.files.transaction import replace_folder
+from compplan.measure.registration import write_registration
+from compplan.report.diagnosis_report import write_diagnosis_report
+from compplan.robot.folder import write_robot_folder
+
+
+def write_diagnosis(diagnosis: Diagnosis, split: Split, table: Mapping[str, Any], out: Path) -> dict[str, Any]:
+    """Write diagnosis.json, report.html and the updated robot folder; return what diagnosis.json holds.
+
+    Args:
+        diagnosis: The diagnosis.
+        split: Where the gap lies.
+        table: What `Diagnosis.to_table` gave.
+        out: The folder.
+
+    Raises:
+        InputError: If the folder cannot be written; nothing is written then.
+    """
+    table = {**table, "made_by": describe_origin()}
+    with replace_folder(out, "diagnose") as part:
+        write_robot_folder(diagnosis.updated, part / "robot")
+        if diagnosis.registration is not None:
+            write_registration(diagnosis.registration, part / "robot" / "registration.toml")
+        write_diagnosis_report(diagnosis, part, split=split, table=table)
+        write_json(part / "diagnosis.json", table, indent=2)
+    return table
