@@ -15,18 +15,19 @@ from pathlib import Path
 
 from benchmarks.plan_check.job import read_job, read_joints
 from benchmarks.plan_check.measure import examine
+from benchmarks.plan_check.mistakes import MISTAKES, mistake_of
 from benchmarks.plan_check.paths import write_jobs
-from benchmarks.plan_check.run import ROOT, SIGN_FLIP, Outcome, run_plan
+from benchmarks.plan_check.run import ROOT, Outcome, run_plan
 from benchmarks.plan_check.table import print_table, write_markdown
 from benchmarks.plan_check.verdict import judge_answer, list_breaches
 
 #: What a sound planner answers where that is not "solved".
 EXPECTED = {
     "limits_reach": "refused", "overload": "refused", "correction_limit": "refused", "absurd_springs": "refused",
-    "slab": "refused", "sign_flip": "refused", "singularity": "any", "contact_without_ramp": "any",
+    "slab": "refused", "singularity": "any", "contact_without_ramp": "any",
     "heavy_fanuc_m10ia": "any",
+    **{name: "refused" for name in MISTAKES if name != "mistake_none"},
 }  # fmt: skip
-MISTAKES = {"sign_flip": SIGN_FLIP}
 
 
 def check(name: str, file: Path, folder: Path, *, keep: bool = False, limit_s: float = 900.0) -> dict:
@@ -34,7 +35,7 @@ def check(name: str, file: Path, folder: Path, *, keep: bool = False, limit_s: f
     expected = EXPECTED.get(name, "solved")
     outcome = _kept(folder) if keep else None
     if outcome is None:
-        outcome = run_plan(file, folder, mistake=MISTAKES.get(name, ""), limit_s=limit_s)
+        outcome = run_plan(file, folder, mistake=mistake_of(name), limit_s=limit_s)
         note = {"status": outcome.status, "said": outcome.said, "cpu_s": outcome.cpu_s}
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "outcome.json").write_text(json.dumps(note), encoding="utf-8")

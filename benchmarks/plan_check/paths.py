@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.plan_check.job import ROBOTS
+from benchmarks.plan_check.mistakes import MISTAKES
 from benchmarks.plan_check.robot import Array
 
 JOBS = Path(__file__).parent / "jobs"
@@ -38,6 +39,9 @@ def write_jobs(folder: Path) -> dict[str, Path]:
             centre=[0.5 * value for value in along], force=100.0 if robot.startswith("fanuc") else 300.0,
         )  # fmt: skip
         (folder / f"heavy_{robot}.toml").write_text(text, encoding="utf-8")
+    template = (JOBS / "mistake.txt").read_text(encoding="utf-8")
+    for name, (mistake, _) in MISTAKES.items():
+        (folder / f"{name}.toml").write_text(template.format(mistake=mistake), encoding="utf-8")
     for name, make in TOOLPATHS.items():
         write_toolpath(folder / name, *make())
     _write_slab(folder / "slab.stl")
@@ -95,9 +99,11 @@ def _five_axis() -> tuple[Array, float, Array]:
     return tip, 25.0, axis
 
 
-def _rail() -> tuple[Array, float]:
+def _rail() -> tuple[Array, float, Array]:
     y = np.linspace(0.0, 3000.0, 20000)
-    return np.stack([80.0 * np.sin(2 * np.pi * y / 400.0), y, 20.0 * np.sin(2 * np.pi * y / 750.0)], axis=1), 50.0
+    tip = np.stack([80.0 * np.sin(2 * np.pi * y / 400.0), y, 20.0 * np.sin(2 * np.pi * y / 750.0)], axis=1)
+    tilt = np.radians(20.0) * np.sin(2 * np.pi * y / 600.0)
+    return tip, 50.0, np.stack([np.sin(tilt), 0 * tilt, np.cos(tilt)], axis=1)
 
 
 def _circle() -> tuple[Array, float]:
@@ -122,11 +128,11 @@ TOOLPATHS = {
 
 
 def _write_slab(file: Path) -> None:
-    """Write a slab of 600 x 600 x 30 mm, 120 mm above the cut."""
+    """Write a slab of 300 x 300 x 20 mm, 80 mm above the cut: through the spindle, below the flange."""
     import trimesh
 
-    place = trimesh.transformations.translation_matrix((0.0, 0.0, 135.0))
-    trimesh.creation.box((600.0, 600.0, 30.0), place).subdivide().subdivide().export(file)
+    place = trimesh.transformations.translation_matrix((0.0, 0.0, 90.0))
+    trimesh.creation.box((300.0, 300.0, 20.0), place).export(file)
 
 
 def _vary_robot(name: str, folder: Path, *, gravity: bool = False, softer: float = 1.0) -> None:

@@ -13,25 +13,6 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMAND = "from compplan.cli import main; main()"
-#: The planner's CasADi model of the loaded arm is built by this function, wherever it lives; the judge has none of it.
-PLANNER = "build_loaded_pose_function"
-SIGN_FLIP = f"""
-import dataclasses, importlib, pkgutil, sys
-import compplan
-for found in pkgutil.walk_packages(compplan.__path__, "compplan."):
-    try:
-        importlib.import_module(found.name)
-    except ImportError:
-        pass
-homes = [module for name, module in list(sys.modules.items())
-         if name.startswith("compplan") and hasattr(module, {PLANNER!r})]
-assert homes, "no {PLANNER} in compplan: the mistake cannot be planted"
-honest = getattr(homes[0], {PLANNER!r})
-def mistaken(chain, *rest, **options):
-    return honest(dataclasses.replace(chain, compliance=-chain.compliance), *rest, **options)
-for module in homes:
-    setattr(module, {PLANNER!r}, mistaken)
-"""
 
 
 @dataclass(frozen=True)
