@@ -18,13 +18,13 @@ from benchmarks.plan_check.job import WRENCH, Job, Rows, read_job, read_joints
 from benchmarks.plan_check.match import place_rows
 from benchmarks.plan_check.measure import examine, work_out
 from benchmarks.plan_check.paths import write_jobs
-from benchmarks.plan_check.robot import Array, beam, read_arm
+from benchmarks.plan_check.robot import Array, beam, mount_tool, read_arm
 from benchmarks.plan_check.run import ROOT, Outcome
 from benchmarks.plan_check.verdict import judge_answer, list_breaches
 
 POSTURE = np.array([0.1, 0.4, -1.8, 0.2, 0.7, -0.3])
 FEED = 0.04
-PLAN = {"status": "solved", "error_after_mm": {"max": 0.0}, "between_waypoints_mm": {"max": 0.0}, "notes": []}
+PLAN = {"status": "solved", "error_after_mm": {"max": 0.0}, "between_waypoints_mm": {"max": 0.0}, "notes": ["feed"]}
 MILLING = """model = "milling"
 depth_mm = 3.0
 width_mm = 12.0
@@ -91,6 +91,8 @@ def test_a_right_plan_has_no_breach(right: tuple[Job, Rows]) -> None:
     assert found["force_greatest_N"] > 100
     assert found["correction_mm"] > 0.05
     assert [b for b in list_breaches(job.table, found, PLAN) if "inside" not in b] == []
+    for silent, word in (("notes", "no note"), ("between_waypoints_mm", "no between_waypoints_mm")):
+        assert any(word in b for b in list_breaches(job.table, found, {**PLAN, silent: {}}))
 
 
 def test_a_tip_beside_the_path_is_seen_at_and_between_waypoints(right: tuple[Job, Rows]) -> None:
@@ -222,6 +224,34 @@ def test_a_slab_through_the_tool_touches_it(tmp_path: Path) -> None:
     assert left[0] < 1e-9
     found = least_clearance(job, kinematics, q)
     assert found is not None and found["least_mm"] < 5.0 and found["between"] == ("tool", "fixture")
+
+
+def test_joint_torques_hold_the_wrench_by_virtual_work() -> None:
+    arm = read_arm(ROOT / "benchmarks" / "plan_check" / "jobs" / "robots" / "parallelogram")
+    q, wrench = np.array([[0.2, 0.3, 0.4, 0.3, 0.8, -0.5]]), np.array([[100.0, -200.0, 300.0, 10.0, 20.0, -30.0]])
+    _, jacobian = Kinematics(arm).frames(q)
+    held = Cell(arm).torques(q, wrench, None)
+    np.testing.assert_allclose(held[0], -jacobian[0].T @ wrench[0], rtol=1e-9)
+
+
+def test_a_tool_weighs_though_the_folder_has_no_gravity() -> None:
+    bare = read_arm(ROOT / "robots" / "kuka_kr270")
+    at_tip = {"position_mm": [0.0, 0.0, 300.0], "mass_kg": 10.0, "centre_of_mass_mm": [0.0, 0.0, 300.0]}
+    cell, q = Cell(mount_tool(bare, at_tip)), POSTURE[None]
+    weight = np.array([[0.0, 0.0, -98.1, 0.0, 0.0, 0.0]])
+    heavy = cell.rest(q, np.zeros((1, 6))).position
+    np.testing.assert_allclose(heavy, cell.rest(q, weight, weights=False).position, atol=1e-12)
+    assert np.linalg.norm(heavy - cell.rest(q, np.zeros((1, 6)), weights=False).position) > 2e-5
+
+
+def test_an_accelerated_carriage_bends_the_arm_like_gravity_turned_round() -> None:
+    rail = read_arm(ROOT / "robots" / "kuka_kr240_rail")
+    q = np.array([[1.5, 0.3, 1.0, -1.2, 0.2, 0.7, -0.3]])
+    push = np.array([[2.0, 0, 0, 0, 0, 0, 0]])
+    moved = Cell(rail).rest(q, np.zeros((1, 6)), rate=np.zeros((1, 7)), change=push).position
+    pulled = Cell(replace(rail, gravity=np.array([0.0, -2.0, 0.0]))).rest(q, np.zeros((1, 6))).position
+    np.testing.assert_allclose(moved, pulled, atol=1e-10)
+    assert np.linalg.norm(moved - Kinematics(rail).tip(q)[:, :3, 3]) > 1e-5
 
 
 def test_an_answer_is_judged_by_what_was_expected(tmp_path: Path) -> None:

@@ -169,7 +169,9 @@ def _feed_and_force(job: Job, motion: Motion) -> dict:
     rows, placed = motion.rows, motion.placed
     cuts = np.flatnonzero(placed.cuts & (placed.programmed > 0))
     moving = cuts[np.linalg.norm(rows.wanted[cuts] - rows.wanted[cuts - 1], axis=1) > 1e-9]
-    ratio = motion.feed[moving] / placed.programmed[moving]
+    ends = np.array([end for first, last in motion.runs for end in (first + 1, last)])
+    inner = np.setdiff1d(moving, ends)  # a run starts and stops at rest
+    ratio = motion.feed[inner] / placed.programmed[inner]
     force = np.linalg.norm(rows.wrench[cuts, :3] - motion.wrench[cuts, :3], axis=1)
     moment = np.linalg.norm(rows.wrench[cuts, 3:] - motion.wrench[cuts, 3:], axis=1)
     wished = law(job, placed, rows.wanted, rows.axis, placed.programmed)

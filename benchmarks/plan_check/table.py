@@ -11,11 +11,11 @@ COLUMNS = (
 NOTE = (
     "Lengths in mm. answer: status of plan.json. at: greatest deviation at waypoints of cuts. between: greatest "
     "distance of the loaded tip from the CAM path between waypoints, joints.csv interpolated three ways. feed: least "
-    "share of the programmed feed, by differences of time_s. force: greatest difference of joints.csv from the force "
-    "law at that feed. v / a: velocity and acceleration by differences, as shares of the limits. effort: static joint "
-    "torque against the URDF's. correction: greatest one, and the limit. Of paths with more than {rows} cut rows or "
-    "{moves} moves the worst half (by jumps of force, by how far the joint move bows) and an even sample of the others "
-    "are brought to rest."
+    "share (but for first and last moves) and mean share of the programmed feed, by differences of time_s. force: "
+    "greatest difference of joints.csv from the force law at that feed. v / a: velocity and acceleration by "
+    "differences, as shares of the limits. effort: static joint torque against the URDF's. correction: greatest one, "
+    "and the limit. Of paths with more than {rows} cut rows or {moves} moves the worst half (by jumps of force, by how "
+    "far the joint move bows) and an even sample of the others are brought to rest."
 )
 
 
@@ -28,12 +28,11 @@ def row_of(result: dict) -> list[str]:
     if truth is None:
         return [*head, "", "", "", "", "", "", "", "", "", "", result["verdict"]]
     ways = [_mm(truth[f"between_{way}_mm"]) for way in ("joint", "cartesian", "spline")]
-    return [
-        *head, _mm(truth["at_mm"]), _mm(claim.get("between_mm")), *ways, f"{truth['feed_least_share']:.2f}",
-        f"{truth['force_off_N']:.3g}", f"{truth['velocity_ratio']:.2f} / {truth['acceleration_ratio']:.2f}",
-        f"{truth['effort_ratio']:.2f}", f"{truth['correction_mm']:.2f} of {truth['most_correction_mm']:g}",
-        result["verdict"],
-    ]  # fmt: skip
+    feed = f"{truth['feed_least_share']:.2f} / {truth['feed_mean_share']:.2f}"
+    rates = f"{truth['velocity_ratio']:.2f} / {truth['acceleration_ratio']:.2f}"
+    correction = f"{truth['correction_mm']:.2f} of {truth['most_correction_mm']:g}"
+    figures = [feed, f"{truth['force_off_N']:.3g}", rates, f"{truth['effort_ratio']:.2f}", correction]
+    return [*head, _mm(truth["at_mm"]), _mm(claim.get("between_mm")), *ways, *figures, result["verdict"]]
 
 
 def print_table(results: list[dict]) -> None:
