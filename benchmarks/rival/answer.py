@@ -18,6 +18,9 @@ from benchmarks.rival.signatures import Columns, stage
 LEFT = 2.0
 #: Claims are made from here on; a rival is listed as a tie at most so many.
 CLAIM, TIES, FOLDS = 0.5, 4, 5
+#: An effect that explains so many times what is left is a cause with even odds, and how steeply the odds grow with it:
+#: smaller ones are the errors that a robot has everywhere. Fitted on 77 drawn campaigns (214 chosen effects).
+EVEN, STEEP = 1.65, 3.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,9 +93,11 @@ def diagnose(robot: Path, measurements: Path, register: Sequence[str] = ()) -> A
     before = nominal.fit([])[1][0]
     floor = noise_floor(log, chain, left[0], problem.kept)
     after = rms(left[0][problem.kept])
-    effects = claim(selection, value)
+    effects = claim(selection, value, after)
     claimed = [e for e in effects if e["probability"] >= CLAIM]
-    open_end = after > LEFT * floor
+    places = {(e["effect"], e["joint"], e["axis"]) for e in claimed}
+    named = problem.fit([s for s in selection.chosen if s.place in places])[1][0]
+    open_end = rms(named[problem.kept]) > LEFT * floor
     status = ("partly_explained" if open_end else "explained") if claimed else ("unknown" if open_end else "none")
     held = held_out(problem, selection.chosen)
     gap = {
@@ -132,8 +137,8 @@ def noise_floor(log: Log, chain: Chain, left: Array, kept: np.ndarray) -> float:
     return floor if floor > 0.0 else rms(left[kept])
 
 
-def claim(selection: Selection, value: Array) -> list[dict[str, Any]]:
-    """State every chosen effect with its probability from BIC weights against each rival beside the other effects."""
+def claim(selection: Selection, value: Array, after: float) -> list[dict[str, Any]]:
+    """State every chosen effect with its probability: BIC weights against its rivals, times the odds of its size."""
     problem, out, at = selection.problem, [], _width(selection.problem)
     if selection.coupling is not None:
         out.append(_entry(selection.coupling, 0.99, [], np.array(selection.coupling.shape[1:], float)))
@@ -150,13 +155,13 @@ def claim(selection: Selection, value: Array) -> list[dict[str, Any]]:
         trials = try_all(problem, beside, [*(p for p in pool if p.place != spec.place), spec], len(selection.specs))
         mine = next((t for t in trials if t.spec == spec), None)
         if mine is not None:
-            out.append(_weigh(problem, mine, trials, own))
+            out.append(_weigh(problem, mine, trials, own, after))
     out.sort(key=lambda e: -e["gain"])
     places = [(e["effect"], e["joint"], e["axis"]) for e in out]
     return [e for k, e in enumerate(out) if places[k] not in places[:k]]
 
 
-def _weigh(problem: Problem, mine: Trial, trials: list[Trial], own: Array) -> dict[str, Any]:
+def _weigh(problem: Problem, mine: Trial, trials: list[Trial], own: Array, after: float) -> dict[str, Any]:
     """Share the posterior among the effect, what cannot be told from it, its rivals and nothing."""
     rows = sum(int(m.sum()) * g.shape[1] for m, g in zip(problem.masks(), problem.gaps, strict=True))
     scale = np.sqrt(rows / (3.0 * problem.poses))
@@ -169,7 +174,10 @@ def _weigh(problem: Problem, mine: Trial, trials: list[Trial], own: Array) -> di
     for t in alike:
         if t.spec.place != mine.spec.place and t.spec.place not in ties and len(ties) < TIES:
             ties.append(t.spec.place)
-    return _entry(mine.spec, share, ties, own, gain=float(mine.fit @ mine.fit))
+    seen = int(problem.masks()[0].sum())
+    explained = problem.sigma[0] * float(np.linalg.norm(mine.fit[: 3 * seen])) / np.sqrt(max(seen, 1))
+    odds = (explained / (EVEN * max(after, 1e-12))) ** STEEP
+    return _entry(mine.spec, share * odds / (1.0 + odds), ties, own, gain=float(mine.fit @ mine.fit))
 
 
 def _entry(
