@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import csv
 from dataclasses import replace
 from pathlib import Path
@@ -211,6 +212,14 @@ def test_a_clamped_tube_bends_by_the_textbook() -> None:
     assert compliance[2, 2] == pytest.approx(1.5**3 / (3 * stiffness))
     assert compliance[4, 2] == pytest.approx(-(1.5**2) / (2 * stiffness))  # a push along z turns the tip about -y
     np.testing.assert_allclose(compliance, compliance.T)
+
+
+def test_no_module_of_the_check_imports_the_product() -> None:
+    for file in (ROOT / "benchmarks" / "plan_check").glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert not [name for name in names if name.split(".")[0] == "compplan"], file.name
 
 
 def test_a_slab_through_the_tool_touches_it(tmp_path: Path) -> None:

@@ -28,19 +28,20 @@ def least_clearance(job: Job, kinematics: Kinematics, q: Array) -> dict[str, obj
     obstacles = {name: p @ job.R_base_part.T + job.T_base_part[:3, 3] for name, p in obstacles.items()}
     zone = table.get("tip_zone_mm", 30.0) * 1e-3
     tool = _points(job, table["tool"], scale) if "tool" in table else _line(job)
-    tip_in_flange = job.arm.tool[:3, 3] if job.arm.tool is not None else None
-    if tip_in_flange is not None and len(tool):
-        tool = tool[np.linalg.norm(tool - tip_in_flange, axis=1) > zone]
+    off_tip = np.ones(len(tool), bool)
+    if job.arm.tool is not None:
+        off_tip = np.linalg.norm(tool - job.arm.tool[:3, 3], axis=1) > zone
     rows = np.unique(np.linspace(0, len(q) - 1, min(len(q), POSTURES)).astype(int))
     frames, _ = kinematics.frames(q[rows])
     best, pair = FAR, ("", "")
     for name, points in obstacles.items():
         tree, middle = cKDTree(points), points.mean(axis=0)
         span = float(np.linalg.norm(points - middle, axis=1).max())
+        near = tool[off_tip] if name == "part" else tool  # the tip may touch the part alone
         for k in range(len(rows)):
-            if len(tool):
+            if len(near):
                 flange = frames[job.arm.flange][k]
-                placed = tool @ flange[:3, :3].T + flange[:3, 3]
+                placed = near @ flange[:3, :3].T + flange[:3, 3]
                 distance = float(tree.query(placed, distance_upper_bound=best)[0].min())
                 if distance < best:
                     best, pair = distance, ("tool", name)
