@@ -131,6 +131,10 @@ def law_cases(robot: RobotDescription) -> list[Case]:
 def weight_cases(robot: RobotDescription) -> list[Case]:
     weightless = replace(robot, gravity=None)
     sag = Effect("gravity_sag", None, None, {"gravity_m_s2": 9.81})
+    soft = {"joint_2": 4e-7, "joint_3": 6e-7}
+    bending = [{"joint": joint, "compliance": size} for joint, size in soft.items()]
+    values = {"joints": list(soft), "compliance_rad_per_Nm": list(soft.values())}
+    bent = Effect("gravity_sag", None, None, values)
     flange = robot.segments[-2]
     mass, com = 14.0, np.array([0.05, 0.08, -0.06])
     moment = (flange.mass + mass) * (np.array(flange.com) + com) - flange.mass * np.array(flange.com)
@@ -139,6 +143,7 @@ def weight_cases(robot: RobotDescription) -> list[Case]:
     hanging = Effect("payload", None, None, {"mass_kg": 12.0, "first_moment_kg_m": [1.2, -0.9, 1.5]})
     cases = [
         Case("weights", caused("gravity_sag"), sag, True, weightless),
+        Case("rigid", caused("gravity_sag", springs=bending), bent, base=replace(weightless, springs=())),
         Case("in the folder", real, heavier, True),
         Case("no gravity", hang(robot, 12.0, np.array([0.1, -0.075, 0.125])), hanging, base=weightless),
     ]

@@ -14,7 +14,8 @@ from benchmarks.campaigns.description import write_robot_folder
 from benchmarks.campaigns.simulate import Scenario, nominal_scenario, simulate_rows
 from compplan.cell.predict import predict_campaign
 from compplan.diagnose import diagnose_campaign
-from compplan.effects import Effect
+from compplan.diagnose.fit import Problem, fit_effects
+from compplan.effects import EFFECTS, Effect, command_campaign
 from compplan.measure.campaign import Campaign
 from compplan.measure.registration import fit_registration, write_registration
 from compplan.robot.folder import read_robot_folder
@@ -104,6 +105,18 @@ def test_encoders_read_later_than_the_rest_show_where_the_joint_has_got_to(turne
     ahead = np.gradient(turned.rows.q[path], turned.rows.time[path], axis=0) * 0.004
     np.testing.assert_allclose((seen.attained.link - truth.link)[path], ahead, rtol=0, atol=1e-8)
     np.testing.assert_allclose(seen.position, truth.position, rtol=0, atol=1e-9)
+
+
+def test_a_splines_weight_stands_two_thirds_high_at_its_centre_and_a_sixth_at_the_next_knots(turned: Drawn) -> None:
+    q = np.zeros((4, 6))
+    q[:, 0] = [0.0, 0.1, -0.1, 0.2]
+    weights = np.zeros(7)
+    weights[3] = 6e-4  # knots of 0.1 rad from -0.5: the fourth spline is centred at zero
+    shape = {"knots_rad": np.linspace(-0.5, 0.5, 11).tolist(), "spline_rad": weights.tolist()}
+    effect = Effect("transmission_error", "joint_1", None, shape)
+    campaign = command_campaign(q, on_path=False)
+    ahead = turned.predict(campaign, [effect]).attained.link - turned.predict(campaign, []).attained.link
+    np.testing.assert_allclose(ahead[:, 0], [4e-4, 1e-4, 1e-4, 0.0], rtol=0, atol=1e-8)
 
 
 def test_a_base_that_no_joint_can_carry_tilts_about_its_origin_under_all_loads(turned: Drawn, tmp_path: Path) -> None:
@@ -219,3 +232,19 @@ def test_the_diagnosis_names_what_mujoco_was_given(place: Place, tmp_path: Path)
     verdict = diagnose_campaign(robot.robot, campaign).verdict
     assert [finding.effect.place for finding in verdict.findings] == [case.effect.place]
     assert verdict.status == "explained"
+
+
+def test_a_rigid_model_is_told_which_joints_bend_under_their_weights(tmp_path: Path) -> None:
+    rigid = replace(turned_arm(), springs=(), gravity=None)
+    robot = draw_robot_files(rigid, tmp_path)
+    rows = replace(robot.rows, wrench=np.zeros_like(robot.rows.wrench))
+    soft = {"joint_2": 4e-7, "joint_3": 6e-7}
+    springs = [{"joint": joint, "compliance": size} for joint, size in soft.items()]
+    campaign, _ = robot.measure(caused("gravity_sag", springs=springs)(robot.nominal), rows=rows, noise=1e-5)
+    others = tuple(name for name in EFFECTS if name != "gravity_sag")
+    fit = fit_effects(Problem(robot.robot, campaign, (), others), None, ~campaign.first_visit)
+    (found,) = fit.state.effects
+    sizes = dict(zip(found.parameters["joints"], found.parameters["compliance_rad_per_Nm"], strict=True))
+    for joint, size in soft.items():
+        assert sizes[joint] == pytest.approx(size, rel=0.03)
+    assert sizes["joint_5"] == pytest.approx(0.0, abs=3e-7)
