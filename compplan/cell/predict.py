@@ -14,7 +14,13 @@ from compplan.effects.scene import Attained, attain_scene, stage_scene
 from compplan.files.columns import to_unit
 from compplan.files.tables import write_table
 from compplan.measure.campaign import Campaign
-from compplan.measure.registration import Registration, fit_registration, match_targets, read_registration
+from compplan.measure.registration import (
+    Registration,
+    fit_registration,
+    match_targets,
+    read_registration,
+    stated_registration,
+)
 from compplan.robot import Array, Robot
 
 
@@ -57,6 +63,8 @@ def predict_campaign(
         registration = fit_registration(campaign, attained.position, attained.rotation, register)
     elif registration is not None:
         registration = match_targets(registration, campaign)
+    else:
+        registration = stated_registration(campaign)
     if registration is not None:
         attained = attain_scene(replace(scene, registration=registration))
     known = np.asarray(np.isfinite(campaign.q).all(axis=1), bool)

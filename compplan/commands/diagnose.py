@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from compplan.commands.measured import load_measured, measured_options, settle_questions
 from compplan.commands.progress import show_progress
 from compplan.diagnose import Diagnosis, diagnose_campaign
 from compplan.diagnose.next_measurement import propose_measurements
@@ -14,10 +15,8 @@ from compplan.diagnose.where import split_diagnosis
 from compplan.effects import EFFECTS
 from compplan.errors import UnknownNameError
 from compplan.files.tables import dump_json
-from compplan.measure.campaign import read_campaign
 from compplan.measure.registration import parse_parts
 from compplan.outputs.diagnosis import write_diagnosis
-from compplan.robot import load_robot
 
 
 @click.command("diagnose")
@@ -28,10 +27,13 @@ from compplan.robot import load_robot
 @click.option(
     "--without", multiple=True, metavar="EFFECT", help="Leave an effect out of the candidates; may be repeated."
 )
+@measured_options
+@click.option("--assume-ok", is_flag=True, help="Go on where the log raises a question.")
 @click.option("--json", "as_json", is_flag=True, help="Print diagnosis.json.")
 def command(
-    measurements: Path, robot_name: str, out: Path, register: str | None, without: tuple[str, ...], as_json: bool
-) -> None:
+    measurements: Path, robot_name: str, out: Path, register: str | None, without: tuple[str, ...], tool: Path | None,
+    target_offset: str | None, assume_ok: bool, as_json: bool,
+) -> None:  # fmt: skip
     """Diagnose the gap between ROBOT and MEASUREMENTS (a measurement log).
 
     Writes DIR/diagnosis.json, DIR/robot (the updated robot folder) and DIR/report.html.
@@ -40,9 +42,10 @@ def command(
     for name in without:
         if name not in EFFECTS:
             raise UnknownNameError("effect", name, list(EFFECTS))
-    robot = load_robot(robot_name)
-    campaign = read_campaign(measurements, robot)
+    robot, campaign = load_measured(measurements, robot_name, tool, target_offset)
     with show_progress() as progress:
+        progress("questions")
+        asked = settle_questions(robot, campaign, parts, assume_ok)
         diagnosis = diagnose_campaign(robot, campaign, register=parts, without=without, progress=progress)
         progress("where")
         split = split_diagnosis(diagnosis)
@@ -51,7 +54,12 @@ def command(
         table = diagnosis.to_table(extra)
         progress("report")
         table = write_diagnosis(diagnosis, split, table, out)
-    click.echo(dump_json(table) if as_json else describe_diagnosis(diagnosis))
+    if as_json:
+        click.echo(dump_json(table))
+        return
+    for question in asked:
+        click.echo(f"assumed to be meant: {question}")
+    click.echo(describe_diagnosis(diagnosis))
 
 
 def describe_diagnosis(diagnosis: Diagnosis) -> str:

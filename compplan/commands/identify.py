@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from compplan.commands.measured import load_measured, measured_options, settle_questions
 from compplan.errors import InputError
 from compplan.files.tables import dump_json
 from compplan.identify.campaign import identify_campaign
@@ -14,7 +15,6 @@ from compplan.identify.plan_campaign import CampaignPlan, describe_campaign_plan
 from compplan.identify.problem import IdentifyOptions
 from compplan.identify.robust import LOSSES
 from compplan.identify.summary import describe_identification
-from compplan.measure.campaign import read_campaign
 from compplan.measure.registration import parse_parts
 from compplan.outputs.identify import write_campaign_plan, write_identification
 from compplan.robot import load_robot
@@ -37,6 +37,8 @@ from compplan.robot import load_robot
 @click.option("--force-N", "force", type=float, default=1000.0, help="Force of the chosen loads (1000).")
 @click.option("--lever-mm", "lever", type=float, default=300.0, help="Lever of the chosen loads (300).")
 @click.option("--seed", type=int, default=0, help="Seed of the candidates to choose from (0).")
+@measured_options
+@click.option("--assume-ok", is_flag=True, help="Go on where the log raises a question.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def command(
     measurements: Path | None,
@@ -54,6 +56,9 @@ def command(
     force: float,
     lever: float,
     seed: int,
+    tool: Path | None,
+    target_offset: str | None,
+    assume_ok: bool,
     as_json: bool,
 ) -> None:
     """Identify the compliances of ROBOT from MEASUREMENTS (a measurement log), with 95 % intervals.
@@ -78,7 +83,9 @@ def command(
         return
     if measurements is None:
         raise InputError("no measurement log is given; name one, or ask for poses to measure with --choose-poses N")
-    summary = write_identification(identify_campaign(robot, read_campaign(measurements, robot), options), out)
+    robot, campaign = load_measured(measurements, robot_name, tool, target_offset)
+    settle_questions(robot, campaign, options.register, assume_ok)
+    summary = write_identification(identify_campaign(robot, campaign, options), out)
     if as_json:
         click.echo(dump_json(summary))
         return

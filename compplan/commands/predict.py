@@ -8,8 +8,8 @@ import click
 import numpy as np
 
 from compplan.cell.predict import folder_registration, predict_campaign, write_prediction
+from compplan.commands.measured import load_measured, measured_options
 from compplan.files.tables import dump_json
-from compplan.measure.campaign import read_campaign
 from compplan.measure.registration import parse_parts
 from compplan.robot import load_robot
 
@@ -19,13 +19,17 @@ from compplan.robot import load_robot
 @click.option("--robot", "robot_name", required=True, help="Robot folder, or name of a shipped robot.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="CSV file to write.")
 @click.option("--register", default=None, help="Fit these frames to the campaign first: base, tool or base,tool.")
+@measured_options
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
-def command(measurements: Path, robot_name: str, out: Path, register: str | None, as_json: bool) -> None:
+def command(
+    measurements: Path, robot_name: str, out: Path, register: str | None, tool: Path | None, target_offset: str | None,
+    as_json: bool,
+) -> None:  # fmt: skip
     """Predict what the instrument should see in every row of MEASUREMENTS, if the robot folder were the whole truth."""
     parts = parse_parts(register)
-    robot = load_robot(robot_name)
-    campaign = read_campaign(measurements, robot)
-    prediction = predict_campaign(robot, campaign, register=parts, registration=folder_registration(robot))
+    robot, campaign = load_measured(measurements, robot_name, tool, target_offset)
+    frames = folder_registration(load_robot(robot_name))
+    prediction = predict_campaign(robot, campaign, register=parts, registration=frames)
     write_prediction(prediction, out)
     distance = np.linalg.norm(campaign.position - prediction.position, axis=1) * 1e3
     distance = distance[np.isfinite(distance)]

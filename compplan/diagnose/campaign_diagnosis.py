@@ -32,7 +32,7 @@ from compplan.effects.linearization import Place
 from compplan.effects.scene import Scene
 from compplan.errors import InputError
 from compplan.measure.campaign import Campaign
-from compplan.measure.registration import Registration, fit_registration
+from compplan.measure.registration import Registration, fit_registration, stated_registration
 from compplan.robot import Array, Robot
 
 #: An updated robot has to shrink the held-out gap by this share, or the nominal one stays.
@@ -102,7 +102,8 @@ def _register(problem: Problem, campaign: Campaign) -> tuple[Registration | None
     state = State(problem.fixed, {}, None, campaign.usable)
     scene = linearize_state(problem, state).scene
     if not problem.register:
-        return None, scene
+        stated = stated_registration(campaign)
+        return stated, replace(scene, registration=stated)
     attained = attain_scene(scene)
     registration = fit_registration(campaign, attained.position, attained.rotation, problem.register)
     return registration, replace(scene, registration=registration)

@@ -12,7 +12,7 @@ import numpy as np
 
 from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
 from compplan.measure.campaign import Campaign
-from compplan.measure.registration import fit_registration
+from compplan.measure.registration import fit_registration, stated_registration
 from compplan.robot import Array, Robot
 
 #: A gap of this size calls for a wrong convention [m]; a convention has to leave less than this share of it.
@@ -62,7 +62,8 @@ def typical_gap(robot: Robot, campaign: Campaign, register: tuple[str, ...], eff
 
 def expect_targets(robot: Robot, campaign: Campaign, register: tuple[str, ...], effects: list[Effect]) -> Array:
     """Return where the targets should be measured, frames fitted where asked. Shape (n, 3). [m]"""
-    attained = attain_scene(apply_effects(stage_scene(robot, campaign), effects))
+    stated = None if register else stated_registration(campaign)
+    attained = attain_scene(apply_effects(stage_scene(robot, campaign, registration=stated), effects))
     position = attained.position
     if register:
         registration = fit_registration(campaign, attained.position, attained.rotation, register)

@@ -115,7 +115,8 @@ def stage_rows(robot: Robot, campaign: Campaign) -> Rows:
 
 def ask_unit(rows: Rows) -> Question | None:
     """Compare distances between targets with those that the joints say."""
-    here, there = np.arange(len(rows.position) - 1), np.arange(1, len(rows.position))
+    half = len(rows.position) // 2
+    here, there = np.arange(half), np.arange(half) + half
     expected = np.linalg.norm(rows.position[there] - rows.position[here], axis=1)
     seen = np.linalg.norm(rows.measured[there] - rows.measured[here], axis=1)
     far = expected > 0.3 * expected.max(initial=0.0)
@@ -164,7 +165,7 @@ def ask_step(rows: Rows) -> Question | None:
 
 def ask_target(rows: Rows, register: Sequence[str]) -> Question | None:
     """Ask for the target where the gap is one vector of the TCP frame."""
-    if "tool" in register:
+    if "tool" in register or rows.campaign.target_offset is not None:
         return None
     gap = rows.measured - rows.position
     own = np.einsum("nji,nj->ni", rows.rotation, gap)

@@ -53,6 +53,7 @@ class Campaign:
         mode: U1 U2 L1 L2 or "". Shape (n,).
         file: Where it was read from, or None.
         lines: Line of the file that each row stands in. Shape (n,).
+        target_offset: Measured point in the TCP frame where it is known, the TCP if None. Shape (3,). [m]
 
     """
 
@@ -72,6 +73,7 @@ class Campaign:
     mode: NDArray[np.str_] | None = None
     file: Path | None = None
     lines: NDArray[np.int_] | None = None
+    target_offset: Array | None = None
 
     def __len__(self) -> int:
         return len(self.q)

@@ -45,9 +45,16 @@ class Registration:
 
     @staticmethod
     def identity(campaign: Campaign, parts: Sequence[str] = PARTS) -> Registration:
-        """Return the registration that changes nothing."""
+        """Return the registration that changes nothing: the target is the TCP, or where the campaign says."""
         tools = np.repeat(np.eye(4)[None], len(campaign.target_names), axis=0)
+        if campaign.target_offset is not None:
+            tools[:, :3, 3] = campaign.target_offset
         return Registration(np.eye(4), tools, campaign.target_names, tuple(parts))
+
+
+def stated_registration(campaign: Campaign) -> Registration | None:
+    """Return the registration that a campaign states by its target offset, or None where there is nothing to state."""
+    return None if campaign.target_offset is None else Registration.identity(campaign, ())
 
 
 def parse_parts(text: str | None) -> tuple[str, ...]:

@@ -1,0 +1,87 @@
+"""What commands that read a measurement log ask for: the tool, the measured point, and whether oddities are meant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from compplan.diagnose.questions import question_campaign
+from compplan.errors import InputError
+from compplan.files.tomlfile import check_table, read_toml
+from compplan.job.job import ToolTable
+from compplan.measure.campaign import Campaign, read_campaign
+from compplan.robot import Array, Robot, load_robot
+
+Command = Callable[..., Any]
+
+
+def measured_options(command: Command) -> Command:
+    """Add --tool and --target-offset to a command."""
+    command = click.option(
+        "--target-offset",
+        metavar="X,Y,Z",
+        help="Measured point in the TCP frame, mm; left out: the TCP. With --register tool it is where the fit begins.",
+    )(command)
+    return click.option(
+        "--tool",
+        type=click.Path(path_type=Path),
+        help="TOML file with position_mm, rotation_deg, mass_kg, centre_of_mass_mm, as [tool] of a job.",
+    )(command)
+
+
+def load_measured(
+    measurements: Path, robot_name: str, tool: Path | None = None, target_offset: str | None = None
+) -> tuple[Robot, Campaign]:
+    """Load a robot with the tool that was mounted, and a log with the point that was measured.
+
+    Raises:
+        InputError: If a file or the offset is not what it has to be.
+
+    """
+    robot = load_robot(robot_name)
+    if tool is not None:
+        data = read_toml(tool)
+        table = check_table(ToolTable, data.get("tool", data), file=tool, key="tool" if "tool" in data else "")
+        centre = np.asarray(table.centre_of_mass_mm) * 1e-3
+        robot = robot.with_tool(table.T_flange_tcp, table.mass_kg or 0.0, centre)
+    campaign = read_campaign(measurements, robot)
+    if target_offset is not None:
+        campaign = replace(campaign, target_offset=parse_offset(target_offset))
+    return robot, campaign
+
+
+def parse_offset(text: str) -> Array:
+    """Read the value of --target-offset. Shape (3,). [mm] -> [m].
+
+    Raises:
+        InputError: If it is not three numbers.
+
+    """
+    try:
+        offset = np.array([float(part) for part in text.split(",")]) * 1e-3
+    except ValueError:
+        offset = np.full(1, np.nan)
+    if offset.shape != (3,) or not np.isfinite(offset).all():
+        raise InputError(f"--target-offset is {text!r}, expected three numbers X,Y,Z in mm")
+    return offset
+
+
+def settle_questions(robot: Robot, campaign: Campaign, parts: Sequence[str], assume_ok: bool) -> list[str]:
+    """Ask what has to be settled before anything is fitted.
+
+    Returns:
+        The questions as sentences, where they are assumed to be answered.
+
+    Raises:
+        InputError: With the first question, if it is not.
+
+    """
+    questions = [question.sentence for question in question_campaign(robot, campaign, parts)]
+    if questions and not assume_ok:
+        raise InputError(f"{questions[0]} (--assume-ok goes on as it is)", file=campaign.file)
+    return questions

@@ -1,0 +1,131 @@
+"""Mistakes of a log are asked about in one sentence with the figure that shows them; sound logs raise no question."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import run_command
+from scipy.spatial.transform import Rotation
+from simulated_campaigns import measure, plan_rows, write_small_robot
+
+import compplan as cp
+from compplan.diagnose.questions import question_campaign
+from compplan.effects import Effect
+from compplan.files.tables import write_table
+from compplan.measure.campaign import Campaign
+from compplan.robot import Array, Robot
+
+SOUND = {
+    "nothing": [],
+    "softer joint": [Effect("joint_stiffness", "joint_2", None, {"compliance_change_rad_per_Nm": 4e-7})],
+    "zero": [Effect("joint_offset", "joint_3", None, {"offset_rad": 2e-3})],
+    "counted backwards": [Effect("joint_coupling", "joint_4", None, {"reversed": True})],
+    "clock": [Effect("time_skew", None, None, {"skew_s": 0.02})],
+}
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    return write_small_robot(tmp_path_factory.mktemp("robot"))
+
+
+def draw(robot: Robot, effects: list[Effect] = SOUND["nothing"], path: int = 60) -> Campaign:
+    return measure(robot, plan_rows(robot, 11, path=path), effects, seed=11, orientation=False)
+
+
+def about(robot: Robot, campaign: Campaign, register: tuple[str, ...] = ()) -> list[str]:
+    return [question.about for question in question_campaign(robot, campaign, register)]
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_effects_raise_no_question(robot: Robot, name: str) -> None:
+    assert about(robot, draw(robot, SOUND[name])) == []
+
+
+def rigid(robot: Robot, campaign: Campaign) -> Array:
+    stiff = replace(robot, springs=(), link_elasticities=())
+    return cp.predict_campaign(stiff, campaign).position
+
+
+MISTAKES = {
+    "unit": lambda c, r: replace(c, position=c.position * 1e-3),
+    "left-handed frame": lambda c, r: replace(c, position=c.position * [1, -1, 1]),
+    "rows out of step": lambda c, r: replace(c, position=np.roll(c.position, 1, axis=0)),
+    "sign": lambda c, r: replace(c, position=2 * rigid(r, c) - c.position),
+    "frames": lambda c, r: replace(
+        c, position=c.position @ Rotation.from_rotvec([0, 0, 0.7]).as_matrix().T + [2.0, -1.0, 0.4]
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_asked_about(robot: Robot, name: str) -> None:
+    assert about(robot, MISTAKES[name](draw(robot, path=0), robot))[:1] == [name]
+
+
+def test_a_reversed_wrench_is_told_from_reversed_deviations(robot: Robot) -> None:
+    campaign = draw(robot, path=0)
+    (question,) = question_campaign(robot, replace(campaign, wrench=-campaign.wrench))
+    assert question.about == "sign" and "under its weight but against the external load" in question.sentence
+
+
+def test_a_clock_that_is_off_is_no_lag(robot: Robot) -> None:
+    campaign = draw(robot, [Effect("time_skew", None, None, {"skew_s": 0.4})], path=200)
+    assert "clock" in about(robot, campaign)
+
+
+def test_a_wrench_about_the_flange_is_asked_about(robot: Robot) -> None:
+    campaign = draw(robot, path=0)
+    tool = next(joint for joint in robot.joints if joint.name == "tool_fixed").placement
+    flange_to_tcp = np.einsum(
+        "nij,j->ni", cp.predict_campaign(robot, campaign).rotation, tool[:3, :3].T @ tool[:3, 3]
+    )
+    moment = np.cross(flange_to_tcp, campaign.wrench[:, :3])
+    wrong = replace(campaign, wrench=np.hstack([campaign.wrench[:, :3], moment]))
+    assert "point of the wrench" in about(robot, wrong)
+
+
+@pytest.fixture
+def log_of_a_target(robot: Robot, tmp_path: Path) -> Path:
+    """A log of a target 120 mm from the TCP, position only, as a CSV file."""
+    rows = plan_rows(robot, 12, poses=25)
+    seen = cp.predict_campaign(robot, replace(rows, target_offset=np.array([0.02, 0.0, 0.118]))).position
+    seen = seen + np.random.default_rng(1).normal(0, 2e-5, seen.shape)
+    columns = {f"q{k + 1}_deg": np.degrees(rows.q[:, k]) for k in range(6)}
+    columns |= {name: rows.wrench[:, k] for k, name in enumerate(("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"))}
+    columns |= {f"{axis}_mm": seen[:, k] * 1e3 for k, axis in enumerate("xyz")}
+    write_table(tmp_path / "log.csv", {"run": rows.run, **columns}, decimals=6)
+    return tmp_path / "log.csv"
+
+
+def test_a_target_is_asked_for_and_settled_by_its_offset(
+    robot: Robot, log_of_a_target: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    command = ["diagnose", log_of_a_target, "--robot", robot.folder, "--out", tmp_path / "out"]
+    asked = run_command(command, monkeypatch, capsys)
+    assert asked.status == 2 and "--target-offset 20.0,0.0,118.0" in asked.err.replace("-0.0", "0.0")
+    assert not (tmp_path / "out").exists()
+    answered = run_command([*command, "--target-offset", "20,0,118"], monkeypatch, capsys)
+    assert answered.status == 0 and "verdict: none" in answered.out
+    predicted = ["predict", log_of_a_target, "--robot", tmp_path / "out" / "robot", "--out", tmp_path / "p.csv"]
+    assert "0.03" in run_command(predicted, monkeypatch, capsys).out
+
+
+def test_a_tool_file_mounts_the_tool(
+    robot: Robot, log_of_a_target: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    tool = next(joint for joint in robot.joints if joint.name == "tool_fixed").placement
+    tip = 1e3 * (tool[:3, 3] + tool[:3, :3] @ [0.02, 0.0, 0.118])
+    turn = np.degrees(Rotation.from_matrix(tool[:3, :3]).as_rotvec())
+    (tmp_path / "tool.toml").write_text(f"[tool]\nposition_mm = {tip.tolist()}\nrotation_deg = {turn.tolist()}\n")
+    command = ["predict", log_of_a_target, "--robot", robot.folder, "--out", tmp_path / "p.csv", "--json"]
+    shown = run_command([*command, "--tool", tmp_path / "tool.toml"], monkeypatch, capsys)
+    assert shown.status == 0
+    offset = run_command([*command, "--target-offset", "20,0,118"], monkeypatch, capsys)
+    assert '"rms_mm": 0.03' in offset.out.replace("\n", "")
+    assert '"rms_mm": 0.' in shown.out  # the moments act at another point: tenths of a millimetre
+    bad = run_command([*command, "--target-offset", "20,0"], monkeypatch, capsys)
+    assert bad.status == 2 and "three numbers" in bad.err
