@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,9 @@ FLANGE = turn("y", 90.0)
 PART = np.array([[0.0, 0, 1, 1300], [1, 0, 0, -200], [0, 1, 0, 700], [0, 0, 0, 1]])
 PART_ROTATION = 120.0 / math.sqrt(3.0)  #: each component of the rotation vector
 FEED = 12.5
+#: Mass of the tool, and its centre: the job states (60, 7, -20) mm in the URDF's flange frame, whose x is out of the
+#: flange; z of the controllers' flange is that x, their x its -z.
+MASS, CENTRE = 4.5, (20.0, 7.0, 60.0)
 #: Waypoints in the part frame: x, y, z, direction of the tool axis (of any length), rapid.
 WAYPOINTS = np.array(
     [
@@ -52,6 +55,10 @@ class Counting:
     undo: Callable[[tuple[float, ...], float | None], tuple[float, ...]]
     counted: tuple[float, ...]
     rail: bool = True
+    #: Native words of shoulder (front, back), elbow (up, down) and wrist (noflip, flip).
+    words: tuple[tuple[str, str], ...] = ()
+    #: Frame that the controller's frames count from, seen from the base, as worked out by hand.
+    world: Pose = field(default_factory=lambda: np.eye(4))
 
 
 NAMES = 'joint_names = ["E1", "A1", "A2", "A3", "A4", "A5", "A6"]'
@@ -67,11 +74,14 @@ COUNTING = {
         "[0,0,0,0,0,0,0],[0,0,0,0,0,0.5,0]]",
         lambda a, e: (e + 30, a[0], -a[1], a[2] + a[1], 90 - a[3], a[4], 180 + 0.5 * a[4] - a[5]),
         (70.0, 10.0, -20.0, 50.0, 50.0, 50.0, 145.0),
+        words=(("T", "B"), ("U", "D"), ("N", "F")),
+        world=shift(0, 0, 450),
     ),
     "rapid": Counting(
         "sign = [-1, 1, -1, -1, 1, -1, 1]\nzero_deg = [1000.0, -5.0, 0.0, 10.0, 0.0, 0.0, 90.0]",
         lambda a, e: (1000 - e, a[0] + 5, -a[1], 10 - a[2], a[3], -a[4], a[5] - 90),
         (900.0, 5.0, -20.0, -20.0, 40.0, -50.0, 150.0),
+        world=shift(100, -200, 300) @ turn("z", 90),
     ),
     "csv": Counting(
         f"{NAMES}\nsign = [1, -1, 1, -1, 1, -1, 1]\nzero_deg = [7.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]",
@@ -83,9 +93,16 @@ COUNTING = {
         lambda a, e: (0.0, a[0], -a[1], a[2] - 90, -a[3], a[4] + 10, 45 - a[5]),
         (10.0, -20.0, 120.0, -40.0, 40.0, -15.0),
         rail=False,
+        words=(("righty", "lefty"), ("epositive", "enegative"), ("wpositive", "wnegative")),
+        world=shift(0, 0, 500),
     ),
 }
 
+WORLDS = {
+    "fanuc_ls": "[world]\nposition_mm = [0.0, 0.0, 450.0]\n",
+    "rapid": "[world]\nposition_mm = [100.0, -200.0, 300.0]\nrotation_deg = [0.0, 0.0, 90.0]\n",
+    "val3": "[world]\nposition_mm = [0.0, 0.0, 500.0]\n",
+}
 WORDS = """
 [configuration.shoulder]
 point = "link_5"
@@ -94,18 +111,21 @@ axis = "x"
 above = "front"
 below = "back"
 status = { front = 0, back = 1 }
+%s
 [configuration.elbow]
 joint = "joint_3"
 threshold_deg = 90.0
 above = "down"
 below = "up"
 status = { up = 2, down = 0 }
+%s
 [configuration.wrist]
 joint = "joint_5"
 threshold_deg = 5.0
 above = "flip"
 below = "noflip"
 status = { noflip = 0, flip = 4 }
+%s
 """
 
 
@@ -152,7 +172,14 @@ def write_robot(folder: Path, language: str) -> Path:
     ]
     (folder / "robot.urdf").write_text(f'<robot name="golden"><link name="base"/>{"".join(parts)}</robot>')
     (folder / "elasticity.toml").write_text('schema = 1\ntcp = "tool0"\nflange = "flange"\n')
-    (folder / "controller.toml").write_text(f'schema = 1\ncontroller = "golden"\n{counting.toml}\n{WORDS}')
+    names = (("front", "back"), ("up", "down"), ("noflip", "flip"))
+    native = [
+        f'native = {{ {name[0]} = "{word[0]}", {name[1]} = "{word[1]}" }}'
+        for name, word in zip(names, counting.words, strict=False)
+    ]
+    words = WORDS % tuple(native or ["", "", ""])
+    head = f'schema = 1\ncontroller = "golden"\n{counting.toml}\n'
+    (folder / "controller.toml").write_text(head + WORLDS.get(language, "") + words)
     return folder
 
 
@@ -169,6 +196,7 @@ def write_job(folder: Path, language: str) -> Path:
         f'schema = 1\nname = "golden"\nrobot = "cell"\ntoolpath = "path.csv"\n'
         f"[part]\nposition_mm = {PART[:3, 3].tolist()}\nrotation_deg = {[PART_ROTATION] * 3}\n"
         f"[tool]\nposition_mm = {tool[:3, 3].tolist()}\nrotation_deg = {rotation_vector(tool[:3, :3])}\n"
+        f"mass_kg = {MASS}\ncentre_of_mass_mm = [60.0, 7.0, -20.0]\n"
         f'[process]\nmodel = "constant"\nforce_N = [0.0, 0.0, 0.0]\n'
         f'[plan]\nstrategy = "none"\nrotate_about_tool_axis = false\ntool_x = [0.0, 0.0, 1.0]\n'
         f'[output]\nprograms = ["{language}"]\n'

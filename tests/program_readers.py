@@ -25,6 +25,7 @@ class Move:
 
     `joints` are those of the arm and `external` the further axes, as the controller counts them; `pose` is the tool's,
     seen from the base in force. A speed is mm/s along the path (`feed`) or a share of the axis rates (`percent`).
+    `configuration` is as the language writes it; `load` is the tool's mass [kg] and its centre in the flange frame [mm].
     """
 
     kind: str
@@ -34,10 +35,10 @@ class Move:
     pose: Pose | None = None
     feed: float | None = None
     percent: float | None = None
-    status: int | None = None
-    turn: int | None = None
+    configuration: tuple[object, ...] = ()
     tool: Pose | None = None
     base: Pose | None = None
+    load: tuple[float, ...] = ()
 
 
 def turn(axis: str, angle: float) -> Pose:
@@ -67,6 +68,11 @@ def staubli_pose(x: float, y: float, z: float, rx: float, ry: float, rz: float) 
     return shift(x, y, z) @ turn("x", rx) @ turn("y", ry) @ turn("z", rz)
 
 
+def fanuc_pose(x: float, y: float, z: float, w: float, p: float, r: float) -> Pose:
+    """FANUC: W about x, then P about the fixed y, then R about the fixed z."""
+    return shift(x, y, z) @ turn("z", r) @ turn("y", p) @ turn("x", w)
+
+
 def abb_pose(place: list[float], quaternion: list[float]) -> Pose:
     """ABB: the quaternion's real part stands first."""
     w, x, y, z = quaternion
@@ -78,6 +84,10 @@ def abb_pose(place: list[float], quaternion: list[float]) -> Pose:
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
     return matrix
+
+
+def _numbers(text: str) -> list[float]:
+    return [float(number) for number in re.findall(NUMBER, text)]
 
 
 # --------------------------------------------------------------------------------------------------------------- KRL
@@ -99,6 +109,8 @@ class _Krl:
         text = text.strip()
         if re.fullmatch(NUMBER, text):
             return float(text)
+        if text.startswith("{M "):
+            return _numbers(text)[:4]
         if text.startswith("{"):
             return {key: float(value) for key, value in re.findall(rf"(\w+) ({NUMBER})", text)}
         if match := re.fullmatch(r"(.+)([-+])(\d+)", text):
@@ -185,11 +197,12 @@ class _Krl:
         frames = {key: kuka_pose(*(place[name] for name in "XYZABC")) for key, place in places.items()}
         joints = tuple(point[name] for name in ARM) if "A1" in point else None
         pose = kuka_pose(*(point[key] for key in "XYZABC")) if "X" in point else None
-        status, turns = ((int(point[key]) if key in point else None) for key in "ST")
+        configuration = tuple(int(point[key]) for key in "ST" if key in point)
         external = tuple(point[f"E{number}"] for number in range(1, 7))
         feed, percent = (float(self.values["$VEL.CP"]) * 1e3, None) if word == "LIN" else (None, self.percent())
         kind = "joint" if word == "PTP" else "line"
-        self.moves.append(Move(kind, stops, joints, external, pose, feed, percent, status, turns, **frames))
+        load = tuple(self.values.get("$LOAD", ()))
+        self.moves.append(Move(kind, stops, joints, external, pose, feed, percent, configuration, **frames, load=load))
 
     def percent(self) -> float:
         rates = {self.values[f"$VEL_AXIS[{number}]"] for number in range(1, 7)}
@@ -207,13 +220,16 @@ def read_krl(source: Path) -> list[Move]:
 # -------------------------------------------------------------------------------------------------------------- VAL3
 
 
+PLACE = ("x", "y", "z", "rx", "ry", "rz")
+
+
 def _val3_tag(element: ElementTree.Element) -> str:
     return element.tag.split("}")[-1]
 
 
 @dataclass
 class _Val3:
-    """A VAL3 interpreter for one counting loop, if, calls, movej and movel over the arrays of the .dtx file."""
+    """A VAL3 interpreter for counting loops, if, calls, movej and movel over the arrays of the .dtx file."""
 
     folder: Path
     data: dict[str, list[dict[str, str]]]
@@ -233,19 +249,30 @@ class _Val3:
         while row < len(lines):
             line = lines[row]
             if match := re.fullmatch(r"for (\w+)=(\d+) to (\d+)", line):
-                end = lines.index("endFor", row)
+                end = self.find(lines, row, "endFor", "for ")
                 for number in range(int(match[2]), int(match[3]) + 1):
                     self.scalars[match[1]] = number
                     self.run(lines[row + 1 : end])
                 row = end
             elif match := re.fullmatch(r"if (\w+)\[(\w+)\]>0", line):
-                end, other = lines.index("endIf", row), lines.index("else", row)
+                end, other = (self.find(lines, row, word, "if ") for word in ("endIf", "else"))
                 positive = float(self.element(match[1], match[2])["value"]) > 0
                 self.run(lines[row + 1 : other] if positive else lines[other + 1 : end])
                 row = end
             else:
                 self.step(line)
             row += 1
+
+    @staticmethod
+    def find(lines: list[str], row: int, word: str, opening: str) -> int:
+        """Return where a block that opens at a row has its `word`."""
+        depth = 0
+        for index in range(row, len(lines)):
+            depth += lines[index].startswith(opening)
+            if depth == 1 and lines[index] == word:
+                return index
+            depth -= lines[index] == ("endIf" if opening == "if " else "endFor")
+        raise AssertionError(f"no {word}")
 
     def element(self, name: str, index: str) -> dict[str, str]:
         return self.data[name][int(self.scalars[index])]
@@ -255,21 +282,29 @@ class _Val3:
             self.call(match[1])
         elif match := re.fullmatch(r"(\w+)\.tvel=(\w+)\[(\w+)\]", line):
             self.data[match[1]][0]["tmax"] = self.element(match[2], match[3])["value"]
-        elif match := re.fullmatch(r"movej\((\w+)\[(\w+)\],(\w+),(\w+)\)", line):
-            self.move(self.element(match[1], match[2]), self.data[match[3]][0], self.data[match[4]][0])
+        elif match := re.fullmatch(r"move([jl])\((\w+)\[(\w+)\],(\w+),(\w+)\)", line):
+            self.move(match[1], self.element(match[2], match[3]), self.data[match[4]][0], self.data[match[5]][0])
         elif line == "waitEndMove()":
             self.moves[-1:] = [Move(**{**vars(move), "stops": True}) for move in self.moves[-1:]]
         else:
             assert line == "resetMotion()", f"unknown line: {line}"
 
-    def move(self, point: dict[str, str], tool: dict[str, str], how: dict[str, str]) -> None:
+    def move(self, kind: str, point: dict[str, str], tool: dict[str, str], how: dict[str, str]) -> None:
         assert tool["fatherId"] == "flange[0]"
-        joints = tuple(float(point[f"j{number}"]) for number in range(1, 7))
+        joints, pose, base = None, None, np.eye(4)
+        if kind == "j":
+            joints = tuple(float(point[f"j{number}"]) for number in range(1, 7))
+        else:
+            (frame,) = self.data[point["fatherId"].removesuffix("[0]")]
+            assert frame["fatherId"] == "world[0]"
+            pose, base = (staubli_pose(*(float(each[key]) for key in PLACE)) for each in (point, frame))
+        words = tuple(point[key] for key in ("shoulder", "elbow", "wrist") if key in point)
         stops = how["blend"] == "off" or not float(how["leave"])
-        frame = staubli_pose(*(float(tool[key]) for key in ("x", "y", "z", "rx", "ry", "rz")))
+        mounted = staubli_pose(*(float(tool[key]) for key in PLACE))
         slow = float(how["tmax"]) < 99999
         feed, percent = (float(how["tmax"]), None) if slow else (None, float(how["vel"]))
-        self.moves.append(Move("joint", stops, joints, (), None, feed, percent, tool=frame, base=np.eye(4)))
+        name = {"j": "joint", "l": "line"}[kind]
+        self.moves.append(Move(name, stops, joints, (), pose, feed, percent, words, mounted, base))
 
 
 def read_val3(project: Path) -> list[Move]:
@@ -291,62 +326,123 @@ def read_val3(project: Path) -> list[Move]:
 # ------------------------------------------------------------------------------------------------------------- FANUC
 
 
+@dataclass
+class _Fanuc:
+    """A FANUC interpreter for J, L, CALL, and frames that are filled through a position register."""
+
+    registers: dict[str, list[float]] = field(default_factory=dict)
+    frames: dict[str, Pose] = field(default_factory=lambda: {"UFRAME[0]": np.eye(4)})
+    active: dict[str, str] = field(default_factory=dict)
+    moves: list[Move] = field(default_factory=list)
+
+    def run(self, path: Path) -> None:
+        text = path.read_text()
+        points = {int(number): body for number, body in re.findall(r"P\[(\d+)\]\{(.*?)\};", text, re.S)}
+        body = text[text.index("/MN") : text.index("/POS")]
+        for line in re.findall(r"^ *\d+: *(.*?) *;", body, re.M):
+            if match := re.fullmatch(rf"([JL]) P\[(\d+)\] ({NUMBER})(%|mm/sec) (FINE|CNT\d+)", line):
+                self.move(match[1], points[int(match[2])], float(match[3]), match[4], match[5])
+            elif match := re.fullmatch(r"CALL (\w+)", line):
+                self.run(path.with_name(f"{match[1]}.LS"))
+            elif not line.startswith("!"):
+                self.assign(line)
+
+    def assign(self, line: str) -> None:
+        if match := re.fullmatch(r"(UFRAME|UTOOL)_NUM=(\d)", line):
+            self.active[match[1]] = f"{match[1]}[{match[2]}]"
+        elif match := re.fullmatch(r"PR\[(\d+)\]=LPOS", line):
+            self.registers[match[1]] = [0.0] * 6
+        elif match := re.fullmatch(rf"PR\[(\d+),([1-6])\]=(?:\((-{NUMBER})\)|({NUMBER}))", line):
+            self.registers[match[1]][int(match[2]) - 1] = float(match[3] or match[4])
+        else:
+            match = re.fullmatch(r"((?:UFRAME|UTOOL)\[\d\])=PR\[(\d+)\]", line)
+            assert match, f"unknown line: {line}"
+            self.frames[match[1]] = fanuc_pose(*self.registers[match[2]])
+
+    def move(self, word: str, point: str, speed: float, unit: str, ending: str) -> None:
+        values = {key: float(number) for key, number, _ in re.findall(rf"(\w\d?) *= *({NUMBER}) +(mm|deg)", point)}
+        units = {key[0]: unit for key, _, unit in re.findall(rf"(\w\d?) *= *({NUMBER}) +(mm|deg)", point)}
+        assert (
+            units.items()
+            <= {"J": "deg", "E": "mm", **dict.fromkeys("XYZ", "mm"), **dict.fromkeys("WPR", "deg")}.items()
+        )
+        assert len(values) == point.count("=")
+        joints = tuple(values[f"J{number}"] for number in range(1, 7)) if "J1" in values else None
+        pose = fanuc_pose(*(values[key] for key in "XYZWPR")) if "X" in values else None
+        base, configuration = self.frames[self.active["UFRAME"]], ()
+        if pose is not None:
+            frame, tool, text = re.findall(r"UF : (\d), UT : (\d),\t\tCONFIG : '(.*)'", point)[0]
+            assert self.active == {"UFRAME": f"UFRAME[{frame}]", "UTOOL": f"UTOOL[{tool}]"}
+            configuration = tuple(text.replace(",", " ").split())
+        feed, percent = (None, speed) if unit == "%" else (speed, None)
+        external = tuple(values[key] for key in sorted(values) if key.startswith("E"))
+        kind, stops = {"J": "joint", "L": "line"}[word], ending in ("FINE", "CNT0")
+        tool = self.frames[self.active["UTOOL"]]
+        self.moves.append(Move(kind, stops, joints, external, pose, feed, percent, configuration, tool, base))
+
+
 def read_fanuc(path: Path) -> list[Move]:
     """Run a FANUC .LS program and those that it calls."""
-    text = path.read_text()
-    points = {int(number): body for number, body in re.findall(r"P\[(\d+)\]\{(.*?)\};", text, re.S)}
-    moves: list[Move] = []
-    body = text[text.index("/MN") : text.index("/POS")]
-    for line in re.findall(r"^ *\d+: *(.*?) *;", body, re.M):
-        if match := re.fullmatch(rf"([JL]) P\[(\d+)\] ({NUMBER})(%|mm/sec) (FINE|CNT\d+)", line):
-            values = dict(re.findall(rf"([JE]\d)= *({NUMBER})", points[int(match[2])]))
-            units = re.findall(r"([JE])\d= *\S+ +(deg|mm)", points[int(match[2])])
-            assert set(units) <= {("J", "deg"), ("E", "mm")} and len(units) == len(values)
-            joints = tuple(float(values[f"J{number}"]) for number in range(1, 7))
-            external = tuple(float(values[key]) for key in sorted(values) if key.startswith("E"))
-            feed, percent = (None, float(match[3])) if match[4] == "%" else (float(match[3]), None)
-            kind, stops = {"J": "joint", "L": "line"}[match[1]], match[5] in ("FINE", "CNT0")
-            moves.append(Move(kind, stops, joints, external, None, feed, percent))
-        elif match := re.fullmatch(r"CALL (\w+)", line):
-            moves += read_fanuc(path.with_name(f"{match[1]}.LS"))
-        else:
-            assert re.fullmatch(r"!.*|UFRAME_NUM=0|UTOOL_NUM=1", line), f"unknown line: {line}"
-    return moves
+    interpreter = _Fanuc()
+    interpreter.run(path)
+    return interpreter.moves
 
 
 # ------------------------------------------------------------------------------------------------------------- RAPID
 
 
-def _numbers(text: str) -> list[float]:
-    return [float(number) for number in re.findall(NUMBER, text)]
+@dataclass
+class _Rapid:
+    """A RAPID interpreter for calls, MoveAbsJ and MoveL."""
+
+    procedures: dict[str, str]
+    tools: dict[str, tuple[Pose, tuple[float, ...]]]
+    objects: dict[str, Pose]
+    moves: list[Move] = field(default_factory=list)
+
+    def run(self, procedure: str) -> None:
+        for line in filter(None, (text.split("!")[0].strip() for text in self.procedures[procedure].splitlines())):
+            if match := re.fullmatch(r"(MoveAbsJ|MoveL) \[(.*)\],(\[.*?\]),(\w+),(\w+)(?:\\WObj:=(\w+))?;", line):
+                self.move(match[1], match[2], _numbers(match[3])[0], *match.groups()[3:])
+            elif line != r"ConfL\Off;":
+                match = re.fullmatch(r"(\w+);", line)
+                assert match, f"unknown line: {line}"
+                self.run(match[1])
+
+    def move(self, word: str, target: str, feed: float, zone: str, tool: str, frame: str | None) -> None:
+        groups = [_numbers(text) for text in re.findall(r"\[(.*?)\]", target)]
+        joints, pose, configuration = None, None, ()
+        if word == "MoveAbsJ":
+            assert [len(group) for group in groups] == [6, 6]
+            joints = tuple(groups[0])
+        else:
+            assert [len(group) for group in groups] == [3, 4, 4, 6]
+            pose, configuration = abb_pose(*groups[:2]), tuple(int(number) for number in groups[2])
+        external = tuple(value for value in groups[-1] if value != 9e9)
+        mounted, load = self.tools[tool]
+        base = np.eye(4) if frame is None else self.objects[frame]
+        kind, stops = {"MoveAbsJ": "joint", "MoveL": "line"}[word], zone == "fine"
+        self.moves.append(Move(kind, stops, joints, external, pose, feed, None, configuration, mounted, base, load))
 
 
 def read_rapid(path: Path) -> list[Move]:
     """Run procedure main of a RAPID module; the modules of its procedures lie beside it."""
-    modules = "\n".join(file.read_text() for file in sorted(path.parent.glob("*.mod")))
-    procedures = dict(re.findall(r"PROC (\w+)\(\)\n(.*?)ENDPROC", modules, re.S))
-    tools = {}
-    for name, text in re.findall(r"PERS tooldata (\w+):=(.*?);", modules):
-        numbers = _numbers(text)
-        assert text.startswith("[TRUE,[[") and len(numbers) == 7 + 11
-        tools[name] = abb_pose(numbers[:3], numbers[3:7])
-    return _run_rapid("main", procedures, tools)
-
-
-def _run_rapid(procedure: str, procedures: dict[str, str], tools: dict[str, Pose]) -> list[Move]:
-    moves: list[Move] = []
-    for line in filter(None, (text.strip() for text in procedures[procedure].splitlines())):
-        if match := re.fullmatch(r"MoveAbsJ \[\[(.*?)\],\[(.*?)\]\],\[(.*?)\],(\w+),(\w+);", line):
-            joints, external = _numbers(match[1]), _numbers(match[2])
-            assert len(joints) == 6 and len(external) == 6
-            used = tuple(value for value in external if value != 9e9)
-            feed, stops = _numbers(match[3])[0], match[4] == "fine"
-            moves.append(Move("joint", stops, tuple(joints), used, None, feed, tool=tools[match[5]], base=np.eye(4)))
-        else:
-            match = re.fullmatch(r"(\w+);", line)
-            assert match, f"unknown line: {line}"
-            moves += _run_rapid(match[1], procedures, tools)
-    return moves
+    parts = sorted(path.parent.glob("*.mod"))
+    modules = "\n".join(file.read_text() for file in parts if file.stem[:-1].rstrip("0123456789").endswith("_"))
+    text = path.read_text()
+    procedures = dict(re.findall(r"PROC (\w+)\(\)\n(.*?)ENDPROC", modules + text, re.S))
+    tools, objects = {}, {}
+    for name, value in re.findall(r"PERS tooldata (\w+):=(.*?);", text):
+        numbers = _numbers(value)
+        assert value.startswith("[TRUE,[[") and len(numbers) == 7 + 11
+        tools[name] = (abb_pose(numbers[:3], numbers[3:7]), tuple(numbers[7:11]))
+    for name, value in re.findall(r"PERS wobjdata (\w+):=(.*?);", text):
+        numbers = _numbers(value)
+        assert value.startswith('[FALSE,TRUE,"",[[') and len(numbers) == 14
+        objects[name] = abb_pose(numbers[:3], numbers[3:7]) @ abb_pose(numbers[7:10], numbers[10:])
+    interpreter = _Rapid(procedures, tools, objects)
+    interpreter.run("main")
+    return interpreter.moves
 
 
 # --------------------------------------------------------------------------------------------------------------- CSV

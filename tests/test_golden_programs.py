@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from commandline import run_command
-from golden_cell import COUNTING, FEED, PART, TOOL, WAYPOINTS, forward, write_job, write_robot
+from golden_cell import CENTRE, COUNTING, FEED, MASS, PART, TOOL, WAYPOINTS, forward, write_job, write_robot
 from program_readers import Move, kuka_pose, read_csv, read_fanuc, read_krl, read_rapid, read_val3
 
 from compplan.program import Program, build_program, write_program
@@ -22,12 +22,16 @@ FORMS: dict[str, tuple[str, Callable[[Path], list[Move]], bool]] = {
     "krl joint": ("{}_J.src", read_krl, True),
     "krl linear": ("{}_L.src", read_krl, True),
     "val3 joint": ("{}", read_val3, True),
-    "fanuc_ls joint": ("{}.LS", read_fanuc, False),
+    "val3 linear": ("{}_L", read_val3, True),
+    "fanuc_ls joint": ("{}.LS", read_fanuc, True),
+    "fanuc_ls linear": ("{}_L.LS", read_fanuc, True),
     "rapid joint": ("{}.mod", read_rapid, True),
+    "rapid linear": ("{}_L.mod", read_rapid, True),
     "csv joint": ("{}_joints.csv", lambda path: read_csv(path, AXES), False),
 }
-#: The joint forms; the linear form moves its joints only in rapid moves.
-JOINT_FORMS = [form for form in FORMS if form != "krl linear"]
+#: The linear forms move joints in rapid moves only.
+LINEAR_FORMS = [form for form in FORMS if form.endswith("linear")]
+JOINT_FORMS = [form for form in FORMS if form not in LINEAR_FORMS]
 RAPID = WAYPOINTS[:, 6] == 1
 #: A cutting move stops where the next move is rapid (or there is none), and nowhere else.
 LAST_CUT = ~RAPID & np.r_[RAPID[1:], True]
@@ -78,7 +82,7 @@ def rows(
         tool = TOOL if move.tool is None else move.tool
         if move.joints is None:
             assert move.pose is not None and move.base is not None
-            tip = move.base @ move.pose
+            tip = COUNTING[language].world @ move.base @ move.pose
             found.append(Row(move, tip @ np.linalg.inv(tool), tip))
         else:
             slide, *angles = undo(language, move)
@@ -109,10 +113,13 @@ def test_every_program_brings_the_tip_onto_the_path_in_the_part(rows: list[Row])
 
 
 @pytest.mark.parametrize("rows", FORMS, indirect=True)
-def test_cutting_moves_keep_the_feed_and_rapid_moves_stop(rows: list[Row]) -> None:
+def test_cutting_moves_keep_the_feed_and_rapid_moves_stop(rows: list[Row], request: pytest.FixtureRequest) -> None:
+    form = request.node.callspec.params["rows"]
     for row, rapid, last in zip(rows, RAPID, LAST_CUT, strict=True):
+        assert row.move.stops == bool(rapid or last) or form.startswith("csv")
+        assert (row.move.pose is not None) == (not rapid and form.endswith("linear"))
         if rapid:
-            assert row.move.stops and row.move.kind == "joint"
+            assert row.move.kind == "joint"
             assert row.move.feed in (None, 0.0, 500.0) and row.move.percent in (None, 20.0)
         elif row.move.feed is not None:
             assert row.move.feed <= FEED * (1 + 1e-6)
@@ -134,6 +141,14 @@ def test_no_program_stops_within_a_cut(rows: list[Row]) -> None:
 def test_every_program_carries_the_tool(rows: list[Row]) -> None:
     for row in rows:
         assert row.move.tool == pytest.approx(TOOL, abs=2e-5)
+        assert row.move.load in ((), pytest.approx((MASS, *CENTRE), abs=1e-3))
+
+
+@pytest.mark.parametrize("rows", LINEAR_FORMS, indirect=True)
+def test_positions_count_from_the_part_frame(rows: list[Row]) -> None:
+    for row, (x, y, z, *_) in zip(rows, WAYPOINTS.tolist(), strict=True):
+        if row.move.pose is not None:
+            assert row.move.pose[:3, 3] == pytest.approx([x, y, z], abs=1e-4)
 
 
 def test_the_tool_has_the_angles_and_the_quaternion_of_each_language(tmp_path: Path) -> None:
@@ -185,7 +200,7 @@ def test_krl_positions_carry_status_turn_and_the_rail(tmp_path: Path) -> None:
     """A1 -5, A2 -110, A3 60, A4 20, A5 -45, A6 25: in front (0), A3 from 0 up (2), A5 below 0 (4); bits 0, 1, 4."""
     write_program(make_program(tmp_path / "cell", "krl"), "krl", tmp_path / "out")
     move = read_krl(tmp_path / "out" / "two_L.src")[0]
-    assert (move.status, move.turn, move.external) == (0 + 2 + 4, 1 + 2 + 16, (150.0, 0, 0, 0, 0, 0))
+    assert (*move.configuration, *move.external) == (0 + 2 + 4, 1 + 2 + 16, 150.0, 0, 0, 0, 0, 0)
     assert move.feed == pytest.approx(20.0)
     wanted = forward(100.0, (10.0, 20, 30, 40, 50, 60)) @ kuka_pose(-50, 30, 140, 30, 20, 10)
     assert move.pose == pytest.approx(wanted, abs=1e-4)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 from xml.etree import ElementTree
 
@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError, ShapeError, UnknownNameError
 from compplan.files.tables import Array, read_text
-from compplan.files.tomlfile import Numbers, StrictTable, Words, read_toml_model
+from compplan.files.tomlfile import Numbers, StrictTable, Vector3, Words, read_toml_model
 from compplan.robot import Joint, Robot
 
 
@@ -37,6 +37,13 @@ class ConfigurationWord(StrictTable):
     native: dict[str, str] = Field(default_factory=dict)
 
 
+class WorldTable(StrictTable):
+    """[world]: the frame that the controller's frames count from, seen from the URDF's base."""
+
+    position_mm: Vector3 = (0.0, 0.0, 0.0)
+    rotation_deg: Vector3 = (0.0, 0.0, 0.0)
+
+
 class ControllerTable(StrictTable):
     """controller.toml of a robot folder."""
 
@@ -46,6 +53,7 @@ class ControllerTable(StrictTable):
     sign: Annotated[tuple[Literal[-1, 1], ...], Field(strict=False)]
     zero_deg: Numbers
     coupling: Annotated[tuple[Numbers, ...], Field(strict=False)] | None = None
+    world: WorldTable = WorldTable()
     configuration: dict[str, ConfigurationWord] = Field(default_factory=dict)
 
 
@@ -60,6 +68,8 @@ class Counting:
         matrix: sign and coupling together. Shape (nq, nq).
         zero: What it counts at q = 0. Shape (nq,). [deg or mm]
         words: Its configuration words by name.
+        world: Pose of the frame that its frames count from, seen from the URDF's base. Shape (4, 4). [m]
+        known: Whether a controller.toml says all this, or the URDF stands in for it.
 
     """
 
@@ -69,6 +79,8 @@ class Counting:
     matrix: Array
     zero: Array
     words: Mapping[str, ConfigurationWord]
+    world: Array = field(default_factory=lambda: np.eye(4))
+    known: bool = True
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -79,7 +91,7 @@ class Counting:
 def plain_controller(robot: Robot) -> Counting:
     """Return a controller that counts as the URDF does."""
     names = tuple(f"J{number}" for number in range(1, robot.nq + 1))
-    return Counting("", names, robot.prismatic, np.eye(robot.nq), np.zeros(robot.nq), {})
+    return Counting("", names, robot.prismatic, np.eye(robot.nq), np.zeros(robot.nq), {}, known=False)
 
 
 def load_controller(robot: Robot) -> Counting:
@@ -115,7 +127,10 @@ def load_controller(robot: Robot) -> Counting:
         if word.joint is None and not {word.point, word.frame} <= set(links):
             raise InputError(f"needs a joint, or a point and a frame from {links}", file=file, where=where)
     zero = np.array(table.zero_deg, dtype=np.float64)
-    return Counting(table.controller, tuple(names), robot.prismatic, matrix, zero, table.configuration)
+    world = np.eye(4)
+    world[:3, :3] = Rotation.from_rotvec(np.radians(table.world.rotation_deg)).as_matrix()
+    world[:3, 3] = np.array(table.world.position_mm) * 1e-3
+    return Counting(table.controller, tuple(names), robot.prismatic, matrix, zero, table.configuration, world)
 
 
 def to_controller(controller: Counting, q: Array) -> Array:
@@ -187,6 +202,16 @@ def name_words(controller: Counting, robot: Robot, q: Array) -> dict[str, NDArra
             above = seen[:, "xyz".index(word.axis)] * 1e3 >= word.threshold_mm
         named[key] = np.where(above, word.above, word.below)
     return named
+
+
+def native_words(counting: Counting, words: Mapping[str, NDArray[np.str_]]) -> dict[str, NDArray[np.str_]]:
+    """Return the controller's own words for configurations; those that controller.toml translates. Shape (n,) each."""
+    translated = {}
+    for key, values in words.items():
+        native = counting.words[key].native
+        if {*values.tolist()} <= set(native):
+            translated[key] = np.array([native[value] for value in values.tolist()])
+    return translated
 
 
 def krl_status(controller: Counting, robot: Robot, q: Array) -> NDArray[np.int64] | None:

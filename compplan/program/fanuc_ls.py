@@ -1,25 +1,37 @@
-"""FANUC teach pendant programs as ASCII (.ls), positions in joint representation."""
+"""FANUC teach pendant programs as ASCII (.ls), positions in joint representation or Cartesian in a user frame."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from compplan.errors import InputError
 from compplan.files.tables import write_text
-from compplan.program.program import Program, head_lines, short_name, split_parts
+from compplan.program.frames import place_numbers, place_table
+from compplan.program.program import Program, head_lines, split_parts
+from compplan.program.text import clean_text, legal_name
 
+BRAND = "FANUC"
 #: Positions in a program where the job says nothing.
 MOST = 1000
-LONGEST_NAME = 30
+#: A teach pendant program takes 36 letters (R-30iB; older ones 8), a remark 32.
+LONGEST_NAME = 26
+LONGEST_REMARK = 32
 #: Greatest and smallest linear speed that the language takes [mm/s].
 FASTEST, SLOWEST = 2000.0, 0.1
+#: Tool and user frame that the programs fill, and the position register that they fill them through.
+TOOL, FRAME, REGISTER = 1, 1, 99
 
 
 def write_fanuc_ls(program: Program, folder: Path, most: int | None = None) -> list[Path]:
-    """Write NAME.LS, which calls NAME_1.LS and so on; one part alone is NAME.LS itself.
+    """Write NAME.LS with joint positions and NAME_L.LS with Cartesian ones; long ones call NAME_1.LS and so on.
 
-    Waypoints are joint positions. Cutting moves are linear moves (L) between them with their feed, rapid moves joint
-    moves (J) at 20 %. Sliding joints are extended axes (E1 ..) in mm.
+    Cutting moves are linear moves (L) with their feed, rapid moves and swings joint moves (J) at 20 %. Cartesian
+    positions count from user frame 1, which the program sets to the part frame, with tool frame 1; they are written
+    where poses and configuration words (native N F, U D, T B) are known. Sliding joints are extended axes (E1 ..),
+    in mm.
 
     Args:
         program: The program.
@@ -30,53 +42,131 @@ def write_fanuc_ls(program: Program, folder: Path, most: int | None = None) -> l
         InputError: If the robot has more than six rotating joints, or a feed above 2000 mm/s.
 
     """
-    turning = [index for index, slides in enumerate(program.prismatic) if not slides]
-    sliding = [index for index, slides in enumerate(program.prismatic) if slides]
+    turning, sliding = np.flatnonzero(~program.prismatic), np.flatnonzero(program.prismatic)
     if len(turning) > 6 or len(sliding) > 3:
         raise InputError(f"FANUC programs take six rotating and three sliding joints, not {list(program.joint_names)}")
     if program.feed.max(initial=0.0) > FASTEST:
         raise InputError(f"feed is {program.feed.max():g} mm/s, FANUC programs take at most {FASTEST:g} mm/s")
-    name = short_name(program.name, LONGEST_NAME - 4).upper()
+    name = legal_name(program.name, LONGEST_NAME).upper()
+    joint = [_joint_entries(program, row) for row in range(len(program))]
+    files = _write_kind(program, folder, name, joint, np.asarray(program.rapid), 0, most)
+    configuration = configurations(program)
+    if program.tcp is not None and configuration is not None and len(turning) == 6:
+        alone = program.rapid | program.swings
+        linear = [
+            joint[row] if alone[row] else [f"\tUF : {FRAME}, UT : {TOOL},\t\tCONFIG : '{configuration[row]}'", *place]
+            for row, place in enumerate(_places(program))
+        ]
+        files += _write_kind(program, folder, f"{name}_L", linear, alone, FRAME, most)
+    return files
+
+
+def configurations(program: Program) -> list[str] | None:
+    """Return CONFIG of each position, such as "N U T, 0, 0, 0", or None where the words are not known.
+
+    The numbers count the turns of J1, J4 and J6 (assumed): 0 from -180 up to 180 deg.
+    """
+    wanted = {"wrist": {"N", "F"}, "elbow": {"U", "D"}, "shoulder": {"T", "B"}}
+    if any(not {*program.native.get(key, np.array(["?"])).tolist()} <= letters for key, letters in wanted.items()):
+        return None
+    turns = np.floor((program.joints[:, ~program.prismatic][:, [0, 3, 5]] + 180.0) / 360.0).astype(int).tolist()
+    letters = zip(*(program.native[key].tolist() for key in wanted), strict=True)
+    return [f"{' '.join(word)}, {', '.join(map(str, turn))}" for word, turn in zip(letters, turns, strict=True)]
+
+
+def _write_kind(
+    program: Program,
+    folder: Path,
+    name: str,
+    entries: list[list[str]],
+    alone: NDArray[np.bool_],
+    frame: int,
+    most: int | None,
+) -> list[Path]:
     parts = split_parts(len(program), most or MOST)
     names = [name] if len(parts) == 1 else [f"{name}_{number}" for number in range(1, len(parts) + 1)]
+    setting = _set_frames(program, frame)
     files = []
     for part, rows in zip(names, parts, strict=True):
-        moves = [_move(program, row, row - rows.start + 1) for row in range(rows.start, rows.stop)]
-        positions = [
-            _position(program, row, row - rows.start + 1, turning, sliding) for row in range(rows.start, rows.stop)
-        ]
-        head = ["  UFRAME_NUM=0 ;", "  UTOOL_NUM=1 ;"]
+        numbers = range(1, rows.stop - rows.start + 1)
+        indices = range(rows.start, rows.stop)
+        moves = [_move(program, row, number, alone) for row, number in zip(indices, numbers, strict=True)]
+        positions = [_position(entries[row], number) for row, number in zip(indices, numbers, strict=True)]
+        head = [*(setting if len(parts) == 1 else []), f"  UFRAME_NUM={frame} ;", f"  UTOOL_NUM={TOOL} ;"]
         files.append(folder / f"{part}.LS")
         write_text(files[-1], _text(part, program, head + moves, positions), newline="\r\n")
     if len(parts) > 1:
         files.append(folder / f"{name}.LS")
-        write_text(files[-1], _text(name, program, [f"  CALL {part} ;" for part in names], []), newline="\r\n")
+        calls = [*setting, *(f"  CALL {part} ;" for part in names)]
+        write_text(files[-1], _text(name, program, calls, []), newline="\r\n")
     return files
 
 
-def _move(program: Program, row: int, number: int) -> str:
-    if program.rapid[row]:
+def _set_frames(program: Program, frame: int) -> list[str]:
+    """Return the instructions that fill tool frame and user frame through a position register."""
+    lines = [f"  PR[{REGISTER}]=LPOS ;"]
+    wanted = [("UTOOL", TOOL, program.tool), ("UFRAME", frame, program.base_frame if frame else None)]
+    for key, number, pose in wanted:
+        if pose is None:
+            continue
+        for index, value in enumerate(place_numbers(pose, "xyz", 5), start=1):
+            lines.append(f"  PR[{REGISTER},{index}]={f'({value:.5f})' if value < 0 else f'{value:.5f}'} ;")
+        lines.append(f"  {key}[{number}]=PR[{REGISTER}] ;")
+    return lines
+
+
+def _move(program: Program, row: int, number: int, alone: NDArray[np.bool_]) -> str:
+    if alone[row]:
         return f"J P[{number}] 20% FINE ;"
-    last = row + 1 == len(program) or program.rapid[row + 1]
-    return f"L P[{number}] {max(program.feed[row], SLOWEST):.1f}mm/sec {'FINE' if last else 'CNT100'} ;"
+    return f"L P[{number}] {max(program.feed[row], SLOWEST):.1f}mm/sec {'FINE' if program.stops[row] else 'CNT100'} ;"
 
 
-def _position(program: Program, row: int, number: int, turning: list[int], sliding: list[int]) -> str:
-    values = program.joints[row]
-    entries = [f"J{index}= {values[column]:12.6f} deg" for index, column in enumerate(turning, start=1)]
-    entries += [f"E{index}= {values[column]:12.6f}  mm" for index, column in enumerate(sliding, start=1)]
-    groups = [",\t".join(entries[start : start + 3]) for start in range(0, len(entries), 3)]
-    return f"P[{number}]{{\n   GP1:\n\tUF : 0, UT : 1,\n\t" + ",\n\t".join(groups) + "\n};"
+def _external(program: Program, row: int) -> list[str]:
+    values = program.joints[row, program.prismatic].tolist()
+    return [f"E{index}= {value:12.6f}  mm" for index, value in enumerate(values, start=1)]
+
+
+def _joint_entries(program: Program, row: int) -> list[str]:
+    values = program.joints[row, ~program.prismatic].tolist()
+    entries = [f"J{index}= {value:12.6f} deg" for index, value in enumerate(values, start=1)]
+    return [f"\tUF : 0, UT : {TOOL}", *entries, *_external(program, row)]
+
+
+def _places(program: Program) -> list[list[str]]:
+    names = ("X = {:12.5f}  mm", "Y = {:12.5f}  mm", "Z = {:12.5f}  mm", "W = {:12.6f} deg", "P = {:12.6f} deg",
+             "R = {:12.6f} deg")  # fmt: skip
+    table = place_table(program.positions, "xyz").tolist()
+    return [
+        [*(name.format(value) for name, value in zip(names, values, strict=True)), *_external(program, row)]
+        for row, values in enumerate(table)
+    ]
+
+
+def _position(entries: list[str], number: int) -> str:
+    head, *values = entries
+    groups = [",\t".join(values[start : start + 3]) for start in range(0, len(values), 3)]
+    return f"P[{number}]{{\n   GP1:\n{head},\n\t" + ",\n\t".join(groups) + "\n};"
 
 
 def _text(name: str, program: Program, instructions: list[str], positions: list[str]) -> str:
-    comments = [f"  !{line[:32]} ;" for line in head_lines(program)]
+    comments = [f"  !{clean_text(line, LONGEST_REMARK)} ;" for line in head_lines(program)]
     body = [f"{number:4d}:{line}" for number, line in enumerate([*comments, *instructions], start=1)]
     attributes = [
-        f"/PROG  {name}", "/ATTR", "OWNER\t\t= MNEDITOR;", 'COMMENT\t\t= "compplan";', "FILE_NAME\t= ;",
-        "VERSION\t\t= 0;", f"LINE_COUNT\t= {len(body)};", "PROTECT\t\t= READ_WRITE;", "TCD:  STACK_SIZE\t= 0,",
+        f"/PROG  {name}",
+        "/ATTR",
+        "OWNER\t\t= MNEDITOR;",
+        'COMMENT\t\t= "compplan";',
+        "FILE_NAME\t= ;",
+        "VERSION\t\t= 0;",
+        f"LINE_COUNT\t= {len(body)};",
+        "PROTECT\t\t= READ_WRITE;",
+        "TCD:  STACK_SIZE\t= 0,",
         "      TASK_PRIORITY\t= 50,",
-        "      TIME_SLICE\t= 0,", "      BUSY_LAMP_OFF\t= 0,", "      ABORT_REQUEST\t= 0,", "      PAUSE_REQUEST\t= 0;",
-        "DEFAULT_GROUP\t= 1,*,*,*,*;", "CONTROL_CODE\t= 00000000 00000000;",
+        "      TIME_SLICE\t= 0,",
+        "      BUSY_LAMP_OFF\t= 0,",
+        "      ABORT_REQUEST\t= 0,",
+        "      PAUSE_REQUEST\t= 0;",
+        "DEFAULT_GROUP\t= 1,*,*,*,*;",
+        "CONTROL_CODE\t= 00000000 00000000;",
     ]
     return "\n".join([*attributes, "/MN", *body, "/POS", *positions, "/END", ""])

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from compplan.files.tables import write_table
-from compplan.program.program import Program, short_name
+from compplan.program.program import Program
+from compplan.program.text import legal_name
 
 
 def write_joint_csv(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -23,8 +24,8 @@ def write_joint_csv(program: Program, folder: Path, most: int | None = None) -> 
     if program.time is not None:
         columns["time_s"] = program.time
     for index, name in enumerate(program.joint_names):
-        columns[f"{name.replace(' ', '_')}_{'mm' if program.prismatic[index] else 'deg'}"] = program.joints[:, index]
+        columns[f"{legal_name(name, 60)}_{'mm' if program.prismatic[index] else 'deg'}"] = program.joints[:, index]
     columns |= {"feed_mm_s": program.feed, "rapid": program.rapid.astype(np.int64)}
-    path = folder / f"{short_name(program.name, 60)}_joints.csv"
+    path = folder / f"{legal_name(program.name, 60)}_joints.csv"
     write_table(path, columns)
     return [path]

@@ -9,30 +9,28 @@ from numpy.typing import NDArray
 
 from compplan.errors import InputError
 from compplan.files.tables import Array, write_text
-from compplan.program.program import (
-    Program,
-    euler_angles,
-    head_lines,
-    joint_percent,
-    order_joints,
-    short_name,
-    split_parts,
-    tool_place,
-)
+from compplan.program.frames import place_numbers, place_table
+from compplan.program.program import Program, head_lines, joint_percent, order_joints, split_parts
+from compplan.program.text import legal_name
 
+BRAND = "KUKA"
 ARM = ("A1", "A2", "A3", "A4", "A5", "A6")
 EXTERNAL = ("E1", "E2", "E3", "E4", "E5", "E6")
 #: Points in a file where the job says nothing: a size that KRC2 and later load without complaint.
 MOST = 2000
+#: KRL takes 24 letters; the ending takes up to four.
 LONGEST_NAME = 20
 RAPID_PERCENT = 20
+#: A joint move whose whole percent is off by more than this share does not hold its feed.
+UNTRUE = 0.1
 
 
 def write_krl(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME_J.src, which moves the joints, and NAME_L.src, which moves the tool; each calls its parts.
 
-    The joint program repeats the plan as it is; the linear one goes through the geometry that the controller believes,
-    its rapid moves are joint moves, and it is written where poses are known. Files end lines with CR LF.
+    The joint program repeats the plan as it is. The linear one goes through the geometry that the controller believes,
+    its positions count from the part frame ($BASE), its rapid moves and swings are joint moves; it is written where
+    poses are known. External axes count as coupled: $BASE stands still while they move. Files end lines with CR LF.
 
     Args:
         program: The program; its joints are named A1 .. A6 and E1 ..
@@ -44,7 +42,7 @@ def write_krl(program: Program, folder: Path, most: int | None = None) -> list[P
 
     """
     order_joints(program, ARM, "KRL")
-    name = short_name(program.name, LONGEST_NAME)
+    name = legal_name(program.name, LONGEST_NAME)
     files = _write_kind(program, folder, f"{name}_J", _joint_points(program), most or MOST, linear=False)
     if program.tcp is not None and program.status is not None:
         files += _write_kind(program, folder, f"{name}_L", _linear_points(program), most or MOST, linear=True)
@@ -56,9 +54,7 @@ def turn_bits(joints: Array) -> NDArray[np.int64]:
     return np.asarray((joints < 0.0) @ (1 << np.arange(6)), dtype=np.int64)
 
 
-def _write_kind(
-    program: Program, folder: Path, name: str, points: list[str], most: int, *, linear: bool
-) -> list[Path]:
+def _write_kind(program: Program, folder: Path, name: str, points: list[str], most: int, *, linear: bool) -> list[Path]:
     parts = split_parts(len(program), most)
     names = [f"{name}{number}" for number in range(1, len(parts) + 1)]
     percent = joint_percent(program)
@@ -69,18 +65,23 @@ def _write_kind(
         files.append(folder / f"{part}.src")
         write_text(files[-1], _source(part, program, rows, linear), newline="\r\n")
     files.append(folder / f"{name}.src")
-    write_text(files[-1], _main(name, names, program, [] if linear else _remark_slow(program, percent)), newline="\r\n")
+    remarks = [] if linear else [f"; {note}" for note in describe_krl(program)]
+    write_text(files[-1], _main(name, names, program, remarks), newline="\r\n")
     return files
 
 
-def _remark_slow(program: Program, percent: Array) -> list[str]:
-    """Return what must be said where joint moves are slower than a whole percent of the axis rates."""
-    slow = int(np.count_nonzero((percent <= 1.0) & ~program.rapid))
-    if not slow:
+def describe_krl(program: Program) -> list[str]:
+    """Return what must be said where joint moves, which know whole percents of the axis rates only, miss the feed."""
+    percent = joint_percent(program)
+    whole = np.maximum(np.round(percent), 1.0)
+    wrong = ~program.rapid & (np.abs(whole - percent) > UNTRUE * percent)
+    slow = ~program.rapid & (percent <= 1.0)
+    if not (wrong | slow).any():
         return []
+    count = int(np.count_nonzero(wrong | slow))
     return [
-        f"; {slow} moves ask for 1 percent of the axis rates or less and run at 1: faster than planned.",
-        "; Joint moves know whole percents only; the linear program keeps the feed.",
+        f"KRL joint moves know whole percents of the axis rates: {count} of {len(program)} do not hold their feed",
+        "the linear program holds it" if program.status is not None else "no linear program without status words",
     ]
 
 
@@ -104,30 +105,30 @@ def _linear_points(program: Program) -> list[str]:
     if program.tcp is None or program.status is None:
         raise InputError("KRL positions need TCP poses and configuration words with status in controller.toml")
     columns = order_joints(program, ARM, "KRL")
-    position, angles = program.tcp[:, :3, 3] * 1e3, euler_angles(program.tcp[:, :3, :3], "ZYX")
     turns = turn_bits(program.joints[:, columns])
     points = []
-    for row, ((x, y, z), (a, b, c)) in enumerate(zip(position.tolist(), angles.tolist(), strict=True)):
+    for row, (x, y, z, a, b, c) in enumerate(place_table(program.positions, "ZYX").tolist()):
         place = f"X {x:.5f},Y {y:.5f},Z {z:.5f},A {a:.6f},B {b:.6f},C {c:.6f}"
         points.append(f"{{{place},S {program.status[row]},T {turns[row]},{_external(program, row)}}}")
     return points
 
 
 def _data(name: str, points: list[str], program: Program, percent: Array, rows: slice, linear: bool) -> str:
-    """Return a .dat file: the points, whether each is reached rapidly, and how fast."""
+    """Return a .dat file: the points, how fast each is reached (0: a joint move), and which are reached exactly."""
     count = len(points)
     kind = "E6POS" if linear else "E6AXIS"
     speeds = program.feed[rows] * 1e-3 if linear else percent[rows]
-    rapid = program.rapid[rows]
+    fast = (program.rapid | program.swings if linear else program.rapid)[rows]
     lines = ["&ACCESS RVO", f"DEFDAT {name} PUBLIC", f"DECL {kind} PT[{count}]"]
     lines += [f"PT[{index}]={point}" for index, point in enumerate(points, start=1)]
     what = "m/s along the path" if linear else "percent of the axis rates"
     lines += [f"; {what}; 0: rapid", f"DECL REAL SP[{count}]"]
-    for index, (speed, fast) in enumerate(zip(speeds.tolist(), rapid.tolist(), strict=True), start=1):
-        lines.append(f"SP[{index}]={0.0 if fast else speed:.6f}")
+    lines += [f"SP[{index}]={speed:.6f}" for index, speed in enumerate(np.where(fast, 0.0, speeds), start=1)]
+    lines += ["; 1: reached exactly", f"DECL INT EX[{count}]"]
+    lines += [f"EX[{index}]={int(exact)}" for index, exact in enumerate(program.stops[rows], start=1)]
     if linear:
         columns = order_joints(program, ARM, "KRL")
-        quick = np.flatnonzero(rapid)
+        quick = np.flatnonzero(fast)
         lines.append(f"DECL E6AXIS AX[{max(1, len(quick))}]")
         for index, row in enumerate(quick.tolist(), start=1):
             lines.append(f"AX[{index}]={_axis_point(program, rows.start + row, columns)}")
@@ -145,7 +146,11 @@ def _source(name: str, program: Program, rows: slice, linear: bool) -> str:
             f"FOR I=1 TO {count}",
             "  IF SP[I]>0.0 THEN",
             "    $VEL.CP=SP[I]",
-            "    LIN PT[I] C_DIS",
+            "    IF EX[I]>0 THEN",
+            "      LIN PT[I]",
+            "    ELSE",
+            "      LIN PT[I] C_DIS",
+            "    ENDIF",
             "  ELSE",
             "    K=K+1",
             "    FOR J=1 TO 6",
@@ -165,10 +170,10 @@ def _source(name: str, program: Program, rows: slice, linear: bool) -> str:
             "  FOR J=1 TO 6",
             "    $VEL_AXIS[J]=K",
             "  ENDFOR",
-            "  IF SP[I]>0.0 THEN",
-            "    PTP PT[I] C_PTP",
-            "  ELSE",
+            "  IF EX[I]>0 THEN",
             "    PTP PT[I]",
+            "  ELSE",
+            "    PTP PT[I] C_PTP",
             "  ENDIF",
             "ENDFOR",
         ]
@@ -177,17 +182,30 @@ def _source(name: str, program: Program, rows: slice, linear: bool) -> str:
 
 def _main(name: str, parts: list[str], program: Program, remarks: list[str]) -> str:
     """Return the .src file that sets base, tool and approximation, and calls the parts."""
+    swings, prismatic = np.flatnonzero(program.swings)[:10].tolist(), bool(program.prismatic.any())
     lines = ["&ACCESS RVO", f"DEF {name}()", *(f"; {line}" for line in head_lines(program))]
     lines += [
         "EXT BAS(BAS_COMMAND:IN,REAL:IN)",
         f"; Rapid moves run at {RAPID_PERCENT} percent of the axis rates.",
         "; Check speed, tool, base and load data before running.",
+        *(f"; waypoint {row}: the configuration changes, a joint move leads there" for row in swings),
+        *(["; external axes are coupled: positions count from the standing base"] if prismatic else []),
         *remarks,
         "BAS(#INITMOV,0)",
-        "$BASE=$NULLFRAME",
     ]
+    lines += ["; the part frame of the job; a measured one: $BASE=BASE_DATA[n]", f"$BASE={_frame(program.base_frame)}"]
     if program.tool is not None:
-        x, y, z, a, b, c = tool_place(program, "ZYX")
-        lines.append(f"$TOOL={{X {x:.5f},Y {y:.5f},Z {z:.5f},A {a:.5f},B {b:.5f},C {c:.5f}}}")
+        lines.append(f"$TOOL={_frame(program.tool)}")
+    if program.mass is not None:
+        x, y, z = (program.centre * 1e3).tolist()
+        centre = f"CM {{X {x:.3f},Y {y:.3f},Z {z:.3f},A 0.0,B 0.0,C 0.0}},J {{X 0.0,Y 0.0,Z 0.0}}"
+        lines += ["; inertia of the tool: not known", f"$LOAD={{M {program.mass:.3f},{centre}}}"]
+    else:
+        lines.append("; mass of the tool: not known, load data are not set")
     lines += ["$APO.CPTP=1", "$APO.CDIS=0.1", "$ADVANCE=3", *(f"{part}()" for part in parts)]
     return "\n".join([*lines, "END", ""])
+
+
+def _frame(pose: Array) -> str:
+    values = place_numbers(pose, "ZYX", 5)
+    return "{" + ",".join(f"{name} {value:.5f}" for name, value in zip("XYZABC", values, strict=True)) + "}"

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import re
-import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError, ShapeError
 from compplan.files.tables import Array
@@ -20,9 +16,13 @@ from compplan.program.counting import (
     krl_status,
     load_controller,
     locate_link,
+    name_words,
+    native_words,
     rates_to_controller,
     to_controller,
 )
+from compplan.program.frames import flange_turn
+from compplan.program.text import clean_text
 from compplan.robot import Robot
 
 
@@ -43,7 +43,14 @@ class Program:
             Shape (n, 4, 4).
         tool: Pose of the TCP frame seen from the controller's flange frame (z out of the flange), or None. [m]
             Shape (4, 4).
+        part: Pose of the part frame seen from the base. Cartesian positions count from it. Shape (4, 4). [m]
+        world: Pose of the frame that the controller's frames count from, seen from the base. Shape (4, 4). [m]
+        mass: Mass of the tool, or None where nobody states it. [kg]
+        centre: Centre of its mass in the controller's flange frame. Shape (3,). [m]
         status: S of KRL positions, or None. Shape (n,).
+        words: Value of each configuration word at every waypoint: {"wrist": ["flip", ...], ...}. Shape (n,) each.
+        native: The controller's own words for them, where controller.toml has them. Shape (n,) each.
+        known: Whether the robot folder says how its controller counts.
         robot: Name of the robot.
         controller: What controller it is.
         comments: Lines for the head of every file.
@@ -60,7 +67,14 @@ class Program:
     rates: Array | None = None
     tcp: Array | None = None
     tool: Array | None = None
+    part: Array = field(default_factory=lambda: np.eye(4))
+    world: Array = field(default_factory=lambda: np.eye(4))
+    mass: float | None = None
+    centre: Array = field(default_factory=lambda: np.zeros(3))
     status: NDArray[np.int64] | None = None
+    words: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
+    native: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
+    known: bool = True
     robot: str = ""
     controller: str = ""
     comments: tuple[str, ...] = ()
@@ -78,6 +92,37 @@ class Program:
     def __len__(self) -> int:
         return len(self.joints)
 
+    @property
+    def base_frame(self) -> Array:
+        """Pose of the part frame seen from the frame that the controller counts from. Shape (4, 4) [m]."""
+        return np.asarray(np.linalg.inv(self.world) @ self.part)
+
+    @property
+    def positions(self) -> Array:
+        """Commanded TCP poses seen from the part frame. Shape (n, 4, 4) [m].
+
+        Raises:
+            InputError: If the poses are not known.
+
+        """
+        if self.tcp is None:
+            raise InputError("a program with positions needs the poses of the TCP")
+        return np.asarray(np.linalg.inv(self.part) @ self.tcp)
+
+    @property
+    def swings(self) -> NDArray[np.bool_]:
+        """Tell the cutting moves in which a configuration word changes: no straight move leads there. Shape (n,)."""
+        changed = np.zeros(len(self), dtype=bool)
+        for values in self.words.values():
+            changed[1:] |= values[1:] != values[:-1]
+        return changed & ~self.rapid
+
+    @property
+    def stops(self) -> NDArray[np.bool_]:
+        """Tell the moves whose end is reached exactly: rapid moves, swings, and what comes before one. Shape (n,)."""
+        alone = self.rapid | self.swings
+        return np.asarray(alone | np.append(alone[1:], True))
+
 
 def build_program(
     robot: Robot,
@@ -88,6 +133,7 @@ def build_program(
     name: str,
     time: Array | None = None,
     comments: Sequence[str] = (),
+    part: Array | None = None,
 ) -> Program:
     """Build a program from commanded joint positions: in the controller's counting, and with its geometry.
 
@@ -99,6 +145,7 @@ def build_program(
         name: Name of the program.
         time: Time at each waypoint, or None. Shape (n,). [s]
         comments: Lines for the head of every file.
+        part: Pose of the part frame seen from the base; left out: the base itself. Shape (4, 4). [m]
 
     Raises:
         InputError: If controller.toml or controller.urdf of the robot's folder is not what it has to be.
@@ -106,7 +153,10 @@ def build_program(
     """
     controller, believed = load_controller(robot), believed_robot(robot)
     tip = locate_link(believed, q, robot.tcp)
-    flange = locate_link(believed, q[:1], robot.flange) @ flange_turn(robot)
+    turned = flange_turn(robot)
+    flange = locate_link(believed, q[:1], robot.flange) @ turned
+    mass, centre = weigh_tool(robot)
+    words = name_words(controller, robot, q)
     limits = robot.velocity_limits
     return Program(
         name=name,
@@ -119,6 +169,13 @@ def build_program(
         rates=rates_to_controller(controller, limits) if np.isfinite(limits).all() else None,
         tcp=tip,
         tool=np.linalg.inv(flange[0]) @ tip[0],
+        part=np.eye(4) if part is None else np.asarray(part, dtype=np.float64),
+        world=controller.world,
+        mass=mass,
+        centre=turned[:3, :3].T @ (centre - turned[:3, 3]),
+        words=words,
+        native=native_words(controller, words),
+        known=controller.known,
         status=krl_status(controller, robot, q),
         robot=robot.name,
         controller=controller.name,
@@ -126,11 +183,19 @@ def build_program(
     )
 
 
-def short_name(text: str, longest: int) -> str:
-    """Return a name that every controller takes: letters, digits and _, a letter first."""
-    name = re.sub(r"[^A-Za-z0-9_]+", "_", text).strip("_") or "program"
-    name = name if name[0].isalpha() else f"p_{name}"
-    return name[:longest].rstrip("_")
+def weigh_tool(robot: Robot) -> tuple[float | None, Array]:
+    """Return mass [kg] and centre [m] of what is mounted on the flange, flange frame; None where nobody states it."""
+    links = [robot.base, *(joint.child for joint in robot.joints)]
+    beyond = links[links.index(robot.flange) :]
+    rest = np.zeros((1, robot.nq))
+    flange = locate_link(robot, rest, robot.flange)[0]
+    mass, moment = 0.0, np.zeros(3)
+    for body in robot.bodies:
+        if body.link in beyond:
+            seen = np.linalg.inv(flange) @ locate_link(robot, rest, body.link)[0]
+            mass += body.mass
+            moment += body.mass * (seen[:3, :3] @ body.centre + seen[:3, 3])
+    return (mass, moment / mass) if mass > 0.0 else (None, moment)
 
 
 def split_parts(count: int, most: int) -> list[slice]:
@@ -148,9 +213,11 @@ def split_parts(count: int, most: int) -> list[slice]:
 
 
 def head_lines(program: Program) -> list[str]:
-    """Return what stands at the head of every file."""
+    """Return what stands at the head of every file, safe in every language."""
     lines = [f"{program.name}: {len(program)} waypoints for {program.robot} {program.controller}".rstrip()]
-    return [*lines, *program.comments]
+    if not program.known:
+        lines.append("SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN: no controller.toml; they are those of the URDF")
+    return [clean_text(line) for line in [*lines, *program.comments]]
 
 
 def order_joints(program: Program, wanted: Sequence[str], language: str) -> list[int]:
@@ -188,49 +255,3 @@ def joint_percent(program: Program) -> Array:
         known = np.isfinite(wanted) & ~program.rapid[1:]
         percent[1:] = np.where(known, wanted, percent[1:])
     return np.clip(percent, 1.0, 100.0)
-
-
-def euler_angles(rotation: Array, order: str) -> Array:
-    """Return Euler angles about turning axes, "ZYX" (KUKA A B C) or "XYZ" (VAL3 rx ry rz).
-
-    Where the angles are not unique, the last one is 0.
-
-    Args:
-        rotation: Rotations. Shape (n, 3, 3).
-        order: Order of the axes, as scipy counts.
-
-    Returns:
-        Shape (n, 3). [deg]
-
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        return np.asarray(Rotation.from_matrix(rotation).as_euler(order, degrees=True)) + 0.0
-
-
-def tool_place(program: Program, order: str) -> list[float]:
-    """Return the tool as controllers take it: x, y, z and three Euler angles [mm, deg]."""
-    tool = np.eye(4) if program.tool is None else program.tool
-    angles = euler_angles(tool[None, :3, :3], order)[0]
-    return [value + 0.0 for value in np.round(np.concatenate([tool[:3, 3] * 1e3, angles]), 5).tolist()]
-
-
-def flange_turn(robot: Robot) -> Array:
-    """Return the pose of the controller's flange frame seen from the robot's flange frame. Shape (4, 4) [m].
-
-    Controllers count tools from a flange frame with z out of the flange. Where the URDF has a frame tool0 in the very
-    place of the flange that only turns it, that is the one (ROS-Industrial); else the flange frame itself.
-    """
-    for joint in ElementTree.fromstring(robot.urdf).findall("joint"):
-        parent, child, origin = joint.find("parent"), joint.find("child"), joint.find("origin")
-        if parent is None or child is None or joint.get("type") != "fixed":
-            continue
-        if (parent.get("link"), child.get("link")) == (robot.flange, "tool0"):
-            place = {} if origin is None else origin.attrib
-            if any(float(number) for number in place.get("xyz", "0 0 0").split()):
-                break
-            turn = np.eye(4)
-            angles = [float(number) for number in place.get("rpy", "0 0 0").split()]
-            turn[:3, :3] = Rotation.from_euler("xyz", angles).as_matrix()
-            return turn
-    return np.eye(4)

@@ -1,4 +1,4 @@
-"""ABB RAPID: modules with joint targets and MoveAbsJ."""
+"""ABB RAPID: modules with joint targets (MoveAbsJ), and with robot targets in the part frame (MoveL)."""
 
 from __future__ import annotations
 
@@ -6,24 +6,30 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
-from compplan.files.tables import write_text
-from compplan.program.program import Program, head_lines, short_name, split_parts
+from compplan.files.tables import Array, write_text
+from compplan.program.frames import quaternions
+from compplan.program.program import Program, head_lines, split_parts
+from compplan.program.text import legal_name
 
+BRAND = "ABB"
 #: Points in a module where the job says nothing.
 MOST = 5000
-LONGEST_NAME = 26
+#: RAPID takes 32 letters; prefix and number take the rest.
+LONGEST_NAME = 22
+RESERVED = frozenset({"test", "module", "main", "proc", "func", "trap", "record", "alias", "with", "local", "task"})
 UNUSED = "9E9"
-Indices = NDArray[np.int64]
+#: What RAPID adds up to cfx: wrist centre behind axis 1, behind the lower arm, axis 5 below 0.
+CFX = {"shoulder": {"front": 0, "back": 4}, "elbow": {"up": 0, "down": 2}, "wrist": {"noflip": 0, "flip": 1}}
 
 
 def write_rapid(program: Program, folder: Path, most: int | None = None) -> list[Path]:
-    """Write NAME.mod, whose main calls the parts, and NAME_1.mod and so on with the moves.
+    """Write NAME.mod with joint moves and, where poses are known, NAME_L.mod with linear ones; each calls its parts.
 
-    Waypoints are joint targets. The tool centre point runs no faster than the feed; rapid moves run at 500 mm/s and
-    stop. Sliding joints are external axes (mm).
+    Waypoints are joint targets, or robot targets in a work object that is the part frame. The tool centre point runs no
+    faster than the feed; rapid moves and swings are joint moves at 500 mm/s and stop. Sliding joints are external axes
+    (mm); positions count from the standing base.
 
     Args:
         program: The program.
@@ -37,40 +43,92 @@ def write_rapid(program: Program, folder: Path, most: int | None = None) -> list
     turning, sliding = np.flatnonzero(~program.prismatic), np.flatnonzero(program.prismatic)
     if len(turning) > 6 or len(sliding) > 6:
         raise InputError(f"RAPID targets take six rotating and six external axes, not {list(program.joint_names)}")
-    name = short_name(program.name, LONGEST_NAME)
+    name = legal_name(program.name, LONGEST_NAME, reserved=RESERVED)
+    files = _write_kind(program, folder, name, [_joint_move(program, row, name) for row in range(len(program))], most)
+    if program.tcp is not None and len(turning) == 6:
+        files += _write_kind(program, folder, f"{name}_L", _linear_moves(program, f"{name}_L"), most)
+    return files
+
+
+def _write_kind(program: Program, folder: Path, name: str, moves: list[str], most: int | None) -> list[Path]:
     parts = split_parts(len(program), most or MOST)
     names = [f"{name}_{number}" for number in range(1, len(parts) + 1)]
     files = []
     for part, rows in zip(names, parts, strict=True):
-        lines = [_move(program, row, turning, sliding, f"t_{name}") for row in range(rows.start, rows.stop)]
         files.append(folder / f"{part}.mod")
-        body = [f"MODULE {part}", f"  PROC run_{part}()", *lines, "  ENDPROC", "ENDMODULE", ""]
+        body = [f"MODULE {part}", f"  PROC run_{part}()", *moves[rows], "  ENDPROC", "ENDMODULE", ""]
         write_text(files[-1], "\n".join(body))
     comments = [f"  ! {line}" for line in head_lines(program)]
-    calls = [f"    run_{part};" for part in names]
-    tool = [
-        "  ! mass and centre of the tool are placeholders: load its own data",
+    unknown = ["  ! mass and centre of the tool are not known: placeholders, load its own data"]
+    data = [
+        *(unknown if program.mass is None else ["  ! inertia of the tool: not known"]),
         f"  PERS tooldata t_{name}:={_tool(program)};",
+        f'  PERS wobjdata w_{name}:=[FALSE,TRUE,"",{_frame(program.base_frame)},{_frame(np.eye(4))}];',
     ]
+    calls = [f"    run_{part};" for part in names]
     files.append(folder / f"{name}.mod")
-    body = [f"MODULE {name}", *comments, *tool, "  PROC main()", *calls, "  ENDPROC", "ENDMODULE", ""]
+    main = ["  PROC main()", "    ConfL\\Off;", *calls, "  ENDPROC"]
+    body = [f"MODULE {name}", *comments, *data, *main, "ENDMODULE", ""]
     write_text(files[-1], "\n".join(body))
     return files
 
 
-def _move(program: Program, row: int, turning: Indices, sliding: Indices, tool: str) -> str:
-    values = program.joints[row]
-    axes = ",".join([f"{values[column]:.6f}" for column in turning] + ["0"] * (6 - len(turning)))
-    external = ",".join([f"{values[column]:.5f}" for column in sliding] + [UNUSED] * (6 - len(sliding)))
-    speed = 500.0 if program.rapid[row] else max(program.feed[row], 0.01)
-    last = row + 1 == len(program) or bool(program.rapid[row + 1])
-    zone = "fine" if program.rapid[row] or last else "z0"
-    return f"    MoveAbsJ [[{axes}],[{external}]],[{speed:.3f},500,5000,1000],{zone},{tool};"
+def _joint_move(program: Program, row: int, name: str) -> str:
+    axes = [f"{value:.6f}" for value in program.joints[row, ~program.prismatic]]
+    target = f"[[{','.join([*axes, *['0'] * (6 - len(axes))])}],[{_external(program, row)}]]"
+    return f"    MoveAbsJ {target},{_manner(program, row, bool(program.rapid[row]))},t_{name};"
+
+
+def _linear_moves(program: Program, name: str) -> list[str]:
+    positions, turns = program.positions, quaternions(program.positions)
+    alone = program.rapid | program.swings
+    moves = []
+    for row, (place, turn, configuration) in enumerate(
+        zip((positions[:, :3, 3] * 1e3).tolist(), turns.tolist(), configurations(program).tolist(), strict=True)
+    ):
+        if alone[row]:
+            if program.swings[row]:
+                moves.append("    ! the configuration changes: a joint move")
+            axes = ",".join(f"{value:.6f}" for value in program.joints[row, ~program.prismatic])
+            target = f"MoveAbsJ [[{axes}],[{_external(program, row)}]]"
+        else:
+            where, how = ",".join(f"{v:.5f}" for v in place), ",".join(f"{v:.10f}" for v in turn)
+            target = f"MoveL [[{where}],[{how}],[{','.join(map(str, configuration))}],[{_external(program, row)}]]"
+        manner = _manner(program, row, bool(alone[row]))
+        moves.append(f"    {target},{manner},t_{name}\\WObj:=w_{name};")
+    return moves
+
+
+def configurations(program: Program) -> NDArray[np.int64]:
+    """Return confdata: quadrants of axes 1, 4 and 6, and cfx (0 where the words are not known). Shape (n, 4)."""
+    arm = program.joints[:, ~program.prismatic]
+    quadrants = np.floor(arm[:, [0, 3, 5]] / 90.0).astype(np.int64)
+    sums = np.zeros(len(program), dtype=np.int64)
+    for key, shares in CFX.items():
+        if key in program.words:
+            sums += np.array([shares.get(value, 0) for value in program.words[key].tolist()], dtype=np.int64)
+    return np.column_stack([quadrants, sums])
+
+
+def _manner(program: Program, row: int, alone: bool) -> str:
+    speed = 500.0 if alone else max(program.feed[row], 0.01)
+    return f"[{speed:.3f},500,5000,1000],{'fine' if program.stops[row] else 'z0'}"
+
+
+def _external(program: Program, row: int) -> str:
+    values = [f"{value:.5f}" for value in program.joints[row, program.prismatic]]
+    return ",".join(values + [UNUSED] * (6 - len(values)))
+
+
+def _frame(pose: Array) -> str:
+    place = ",".join(f"{value:.5f}" for value in np.round(pose[:3, 3] * 1e3, 5) + 0.0)
+    turn = ",".join(f"{value:.9f}" for value in np.round(quaternions(pose[None])[0], 9) + 0.0)
+    return f"[[{place}],[{turn}]]"
 
 
 def _tool(program: Program) -> str:
-    tool = np.eye(4) if program.tool is None else program.tool
-    x, y, z = (tool[:3, 3] * 1e3).tolist()
-    qx, qy, qz, qw = Rotation.from_matrix(tool[:3, :3]).as_quat(canonical=True).tolist()
-    frame = f"[[{x:.5f},{y:.5f},{z:.5f}],[{qw:.9f},{qx:.9f},{qy:.9f},{qz:.9f}]]"
-    return f"[TRUE,{frame},[1,[0,0,1],[1,0,0,0],0,0,0]]"
+    frame = _frame(np.eye(4) if program.tool is None else program.tool)
+    if program.mass is None:
+        return f"[TRUE,{frame},[1,[0,0,1],[1,0,0,0],0,0,0]]"
+    centre = ",".join(f"{value:.3f}" for value in program.centre * 1e3)
+    return f"[TRUE,{frame},[{program.mass:.3f},[{centre}],[1,0,0,0],0,0,0]]"

@@ -1,4 +1,4 @@
-"""Staubli VAL3: a project folder with joint motions."""
+"""Staubli VAL3: project folders with joint motions, and with linear motions in the part frame."""
 
 from __future__ import annotations
 
@@ -8,27 +8,38 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from compplan.errors import InputError
-from compplan.files.tables import write_text
-from compplan.program.program import Program, head_lines, short_name, split_parts, tool_place
+from compplan.files.tables import Array, write_text
+from compplan.program.frames import place_numbers, place_table
+from compplan.program.program import Program, head_lines, split_parts
+from compplan.program.text import legal_name
 
+BRAND = "Staubli"
 #: Points in an array where the job says nothing.
 MOST = 5000
+LONGEST_NAME = 28
 PROJECT = "http://www.staubli.com/robotics/VAL3/Project/3"
 PROGRAM = "http://www.staubli.com/robotics/VAL3/Program/2"
 DATA = "http://www.staubli.com/robotics/VAL3/Data/2"
 INSTANCE = "http://www.w3.org/2001/XMLSchema-instance"
 HEADER = '<?xml version="1.0" encoding="utf-8"?>\n'
+#: Words of a point's configuration, and the word that keeps the one at hand.
+WORDS = {
+    "shoulder": ({"righty", "lefty"}, "ssame"),
+    "elbow": ({"epositive", "enegative"}, "esame"),
+    "wrist": ({"wpositive", "wnegative"}, "wsame"),
+}
 
 
 def write_val3(program: Program, folder: Path, most: int | None = None) -> list[Path]:
-    """Write the project NAME/NAME.pjx with its data (.dtx) and programs (.pgx): start, stop, and one a part.
+    """Write the project NAME with joint motions and, where poses are known, NAME_L with linear ones.
 
-    Each waypoint is a joint position; movej runs through them, no faster along the path than the feed. Rapid moves run
-    at 20 % of the joint rates and stop at their end.
+    A project holds NAME.pjx, its data (.dtx) and programs (.pgx): start, stop, and one a part. movej runs through joint
+    positions, movel through points in the part frame, no faster along the path than the feed. Rapid moves and swings
+    are joint motions at 20 % of the joint rates and stop at their end.
 
     Args:
         program: The program, of an arm with six rotating joints.
-        folder: Folder that the project folder is written to.
+        folder: Folder that the project folders are written to.
         most: Greatest number of points in an array.
 
     Raises:
@@ -38,15 +49,22 @@ def write_val3(program: Program, folder: Path, most: int | None = None) -> list[
     if program.joints.shape[1] != 6 or program.prismatic.any():
         message = f"VAL3 programs are written for six rotating joints, this robot has {list(program.joint_names)}"
         raise InputError(message)
-    name = short_name(program.name, 30)
-    project = folder / name
+    name = legal_name(program.name, LONGEST_NAME)
+    files = _write_kind(program, folder / name, most, linear=False)
+    if program.tcp is not None:
+        files += _write_kind(program, folder / f"{name}_L", most, linear=True)
+    return files
+
+
+def _write_kind(program: Program, project: Path, most: int | None, *, linear: bool) -> list[Path]:
+    name = project.name
     parts = split_parts(len(program), most or MOST)
     names = [f"part{number}" for number in range(1, len(parts) + 1)]
-    texts = {f"{name}.pjx": _project(name, names), f"{name}.dtx": _data(program, parts)}
+    texts = {f"{name}.pjx": _project(name, names), f"{name}.dtx": _data(program, parts, linear)}
     for number, (part, rows) in enumerate(zip(names, parts, strict=True), start=1):
-        texts[f"{part}.pgx"] = _program(part, _moves(number, rows), local=True)
+        texts[f"{part}.pgx"] = _program(part, _moves(number, rows, linear), local=True)
     calls = "".join(f"  call {part}()\n" for part in names)
-    comments = "".join(f"  // {line}\n" for line in head_lines(program))
+    comments = "".join(f"  // {line}\n" for line in _remarks(program, linear))
     texts["start.pgx"] = _program("start", f"{comments}  resetMotion()\n{calls}  waitEndMove()\n")
     texts["stop.pgx"] = _program("stop", "  resetMotion()\n")
     files = []
@@ -54,6 +72,13 @@ def write_val3(program: Program, folder: Path, most: int | None = None) -> list[
         files.append(project / file)
         write_text(files[-1], text)
     return files
+
+
+def _remarks(program: Program, linear: bool) -> list[str]:
+    swings = np.flatnonzero(program.swings)[:10].tolist() if linear else []
+    load = [] if program.mass is None else [f"mass of the tool {program.mass:.3f} kg: set it in the arm's load data"]
+    notes = [f"waypoint {row}: the configuration changes, a joint move leads there" for row in swings]
+    return [*head_lines(program), *load, *notes]
 
 
 def _project(name: str, parts: list[str]) -> str:
@@ -76,13 +101,19 @@ def _program(name: str, code: str, *, local: bool = False) -> str:
     )
 
 
-def _moves(number: int, rows: slice) -> str:
+def _moves(number: int, rows: slice, linear: bool) -> str:
+    move = f"movel(pPath{number}[l_nIndex],tTool,%s)" if linear else f"movej(jPath{number}[l_nIndex],tTool,%s)"
     return (
         f"  // waypoints {rows.start} to {rows.stop - 1}\n"
         f"  for l_nIndex=0 to {rows.stop - rows.start - 1}\n"
         f"    if nFeed{number}[l_nIndex]>0\n"
-        f"      mPath.tvel=nFeed{number}[l_nIndex]\n"
-        f"      movej(jPath{number}[l_nIndex],tTool,mPath)\n"
+        f"      if nExact{number}[l_nIndex]>0\n"
+        f"        mEnd.tvel=nFeed{number}[l_nIndex]\n"
+        f"        {move % 'mEnd'}\n"
+        "      else\n"
+        f"        mPath.tvel=nFeed{number}[l_nIndex]\n"
+        f"        {move % 'mPath'}\n"
+        "      endIf\n"
         "    else\n"
         f"      movej(jPath{number}[l_nIndex],tTool,mRapid)\n"
         "      waitEndMove()\n"
@@ -91,33 +122,57 @@ def _moves(number: int, rows: slice) -> str:
     )
 
 
-def _data(program: Program, parts: list[slice]) -> str:
-    """Return the .dtx file: points, feeds, the tool and two motion descriptors."""
-    x, y, z, rx, ry, rz = tool_place(program, "XYZ")
-    place = f'x="{x:.5f}" y="{y:.5f}" z="{z:.5f}" rx="{rx:.5f}" ry="{ry:.5f}" rz="{rz:.5f}"'
+def _data(program: Program, parts: list[slice], linear: bool) -> str:
+    """Return the .dtx file: points, feeds, tool, part frame and three motion descriptors."""
+    tool = np.eye(4) if program.tool is None else program.tool
     limits = 'tmax="99999" rmax="99999"'
-    lines = [
-        f'{HEADER}<Database xmlns:xsi="{INSTANCE}" xmlns="{DATA}">',
-        "  <Datas>",
-        '    <Data name="tTool" access="public" xsi:type="array" type="tool" size="1">',
-        f'      <Value key="0" {place} fatherId="flange[0]" />',
-        "    </Data>",
-        '    <Data name="mPath" access="public" xsi:type="array" type="mdesc" size="1">',
-        f'      <Value key="0" accel="100" vel="100" decel="100" {limits} blend="joint" leave="0.1" reach="0.1" />',
-        "    </Data>",
-        '    <Data name="mRapid" access="public" xsi:type="array" type="mdesc" size="1">',
-        f'      <Value key="0" accel="50" vel="20" decel="50" {limits} blend="off" leave="0" reach="0" />',
-        "    </Data>",
-    ]
+    full = f'accel="100" vel="100" decel="100" {limits}'
+    blend = "cartesian" if linear else "joint"
+    descriptors = {
+        "mPath": f'{full} blend="{blend}" leave="0.1" reach="0.1"',
+        "mEnd": f'{full} blend="off" leave="0" reach="0"',
+        "mRapid": f'accel="50" vel="20" decel="50" {limits} blend="off" leave="0" reach="0"',
+    }
+    lines = [f'{HEADER}<Database xmlns:xsi="{INSTANCE}" xmlns="{DATA}">', "  <Datas>"]
+    lines += _array("tTool", "tool", [f'{_place(place_numbers(tool, "XYZ", 5))} fatherId="flange[0]"'])
+    lines += _array("fPart", "frame", [f'{_place(place_numbers(program.base_frame, "XYZ", 5))} fatherId="world[0]"'])
+    for name, text in descriptors.items():
+        lines += _array(name, "mdesc", [text])
+    feeds = np.where(program.rapid | (program.swings if linear else False), 0.0, program.feed)
+    points = _points(program) if linear else []
     for number, rows in enumerate(parts, start=1):
-        count = rows.stop - rows.start
-        lines.append(f'    <Data name="jPath{number}" access="public" xsi:type="array" type="jointRx" size="{count}">')
-        for key, joints in enumerate(program.joints[rows].tolist()):
-            values = " ".join(f'j{index}="{value:.6f}"' for index, value in enumerate(joints, start=1))
-            lines.append(f'      <Value key="{key}" {values} />')
-        lines.append("    </Data>")
-        lines.append(f'    <Data name="nFeed{number}" access="public" xsi:type="array" type="num" size="{count}">')
-        feeds = np.where(program.rapid, 0.0, program.feed)[rows].tolist()
-        lines += [f'      <Value key="{key}" value="{feed:.4f}" />' for key, feed in enumerate(feeds)]
-        lines.append("    </Data>")
+        joints = [
+            " ".join(f'j{index}="{value:.6f}"' for index, value in enumerate(row, start=1))
+            for row in program.joints[rows].tolist()
+        ]
+        lines += _array(f"jPath{number}", "jointRx", joints)
+        if linear:
+            lines += _array(f"pPath{number}", "pointRx", points[rows])
+        lines += _array(f"nFeed{number}", "num", [f'value="{feed:.4f}"' for feed in feeds[rows]])
+        lines += _array(f"nExact{number}", "num", [f'value="{int(stop)}"' for stop in program.stops[rows]])
     return "\n".join([*lines, "  </Datas>", "</Database>", ""])
+
+
+def _array(name: str, kind: str, values: list[str]) -> list[str]:
+    head = f'    <Data name="{name}" access="public" xsi:type="array" type="{kind}" size="{len(values)}">'
+    return [head, *(f'      <Value key="{key}" {value} />' for key, value in enumerate(values)), "    </Data>"]
+
+
+def _place(values: list[float]) -> str:
+    names = ("x", "y", "z", "rx", "ry", "rz")
+    return " ".join(f'{name}="{value:.5f}"' for name, value in zip(names, values, strict=True))
+
+
+def _points(program: Program) -> list[str]:
+    """Return points in the part frame with their configuration, in the controller's words where they are known."""
+    table = place_table(program.positions, "XYZ")
+    words: list[Array] = []
+    for key, (known, same) in WORDS.items():
+        native = program.native.get(key, np.full(len(program), same))
+        words.append(native if {*native.tolist()} <= known else np.full(len(program), same))
+    lines = []
+    for row, (x, y, z, rx, ry, rz) in enumerate(table.tolist()):
+        place = f'x="{x:.5f}" y="{y:.5f}" z="{z:.5f}" rx="{rx:.6f}" ry="{ry:.6f}" rz="{rz:.6f}"'
+        named = " ".join(f'{key}="{values[row]}"' for key, values in zip(WORDS, words, strict=True))
+        lines.append(f'{place} {named} fatherId="fPart[0]"')
+    return lines

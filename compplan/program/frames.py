@@ -1,0 +1,74 @@
+"""Frames of robot programs, and the angles in which controllers write them."""
+
+from __future__ import annotations
+
+import warnings
+from xml.etree import ElementTree
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from compplan.files.tables import Array
+from compplan.robot import Robot
+
+
+def euler_angles(rotation: Array, order: str) -> Array:
+    """Return Euler angles in scipy's letters: capitals turn about turning axes, small letters about fixed ones.
+
+    "ZYX" are A B C of KUKA, "XYZ" rx ry rz of VAL3, "xyz" W P R of FANUC and Rx Ry Rz of Yaskawa, "ZYZ" O A T of
+    Kawasaki. Where the angles are not unique, the last one is 0.
+
+    Args:
+        rotation: Rotations. Shape (n, 3, 3).
+        order: Order of the axes.
+
+    Returns:
+        Shape (n, 3). [deg]
+
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return np.asarray(Rotation.from_matrix(rotation).as_euler(order, degrees=True)) + 0.0
+
+
+def place_numbers(pose: Array, order: str, digits: int = 6) -> list[float]:
+    """Return a pose as controllers take it: x, y, z and three Euler angles. Shape (4, 4) [m] -> 6 numbers [mm, deg]."""
+    angles = euler_angles(pose[None, :3, :3], order)[0]
+    return [value + 0.0 for value in np.round(np.concatenate([pose[:3, 3] * 1e3, angles]), digits).tolist()]
+
+
+def place_table(poses: Array, order: str) -> Array:
+    """Return poses as x, y, z and three Euler angles. Shape (n, 4, 4) [m] -> (n, 6) [mm, deg]."""
+    return np.column_stack([poses[:, :3, 3] * 1e3, euler_angles(poses[:, :3, :3], order)])
+
+
+def quaternions(poses: Array) -> Array:
+    """Return rotations as quaternions, real part first and not negative. Shape (n, 4, 4) -> (n, 4)."""
+    x, y, z, w = Rotation.from_matrix(poses[:, :3, :3]).as_quat(canonical=True).T
+    return np.column_stack([w, x, y, z])
+
+
+def rotation_vectors(poses: Array) -> Array:
+    """Return rotations as axis times angle. Shape (n, 4, 4) -> (n, 3) [rad]."""
+    return np.asarray(Rotation.from_matrix(poses[:, :3, :3]).as_rotvec())
+
+
+def flange_turn(robot: Robot) -> Array:
+    """Return the pose of the controller's flange frame seen from the robot's flange frame. Shape (4, 4) [m].
+
+    Controllers count tools from a flange frame with z out of the flange. Where the URDF has a frame tool0 in the very
+    place of the flange that only turns it, that is the one (ROS-Industrial); else the flange frame itself.
+    """
+    for joint in ElementTree.fromstring(robot.urdf).findall("joint"):
+        parent, child, origin = joint.find("parent"), joint.find("child"), joint.find("origin")
+        if parent is None or child is None or joint.get("type") != "fixed":
+            continue
+        if (parent.get("link"), child.get("link")) == (robot.flange, "tool0"):
+            place = {} if origin is None else origin.attrib
+            if any(float(number) for number in place.get("xyz", "0 0 0").split()):
+                break
+            turn = np.eye(4)
+            angles = [float(number) for number in place.get("rpy", "0 0 0").split()]
+            turn[:3, :3] = Rotation.from_euler("xyz", angles).as_matrix()
+            return turn
+    return np.eye(4)
