@@ -25,7 +25,7 @@ class Move:
 
     `joints` are those of the arm and `external` the further axes, as the controller counts them; `pose` is the tool's,
     seen from the base in force. A speed is mm/s along the path (`feed`) or a share of the axis rates (`percent`).
-    `configuration` is as the language writes it; `load` is the tool's mass [kg] and its centre in the flange frame [mm].
+    `configuration` is as the language writes it; `load` is the tool's mass [kg] and its centre, flange frame [mm].
     """
 
     kind: str
@@ -362,10 +362,8 @@ class _Fanuc:
     def move(self, word: str, point: str, speed: float, unit: str, ending: str) -> None:
         values = {key: float(number) for key, number, _ in re.findall(rf"(\w\d?) *= *({NUMBER}) +(mm|deg)", point)}
         units = {key[0]: unit for key, _, unit in re.findall(rf"(\w\d?) *= *({NUMBER}) +(mm|deg)", point)}
-        assert (
-            units.items()
-            <= {"J": "deg", "E": "mm", **dict.fromkeys("XYZ", "mm"), **dict.fromkeys("WPR", "deg")}.items()
-        )
+        right = {**dict.fromkeys("EXYZ", "mm"), **dict.fromkeys("JWPR", "deg")}
+        assert all(right[letter] == unit for letter, unit in units.items())
         assert len(values) == point.count("=")
         joints = tuple(values[f"J{number}"] for number in range(1, 7)) if "J1" in values else None
         pose = fanuc_pose(*(values[key] for key in "XYZWPR")) if "X" in values else None

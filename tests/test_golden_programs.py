@@ -100,41 +100,80 @@ def undo(language: str, move: Move) -> tuple[float, ...]:
     return counting.undo(move.joints, move.external[0] if counting.rail else None)
 
 
+def find_visits(rows: list[Row]) -> list[int]:
+    """Return the rows in which the tip reaches the waypoints, in order; a plan may divide the moves between them."""
+    visits, row = [], 0
+    for x, y, z, *_ in WAYPOINTS.tolist():
+        wanted = (1300 + z, -200 + x, 700 + y)
+        while np.abs(rows[row].tip[:3, 3] - wanted).max() > 1e-4:
+            row += 1
+            assert row < len(rows), f"no row at {wanted}"
+        visits.append(row)
+    return visits
+
+
+def split_cuts(rows: list[Row]) -> list[list[Row]]:
+    """Return the rows of each cut: from the first waypoint that is cut to the last."""
+    visits, cuts = find_visits(rows), []
+    for index in np.flatnonzero(LAST_CUT):
+        first = index
+        while not RAPID[first - 1]:
+            first -= 1
+        cuts.append(rows[visits[first] : visits[index] + 1])
+    return cuts
+
+
 @pytest.mark.parametrize("rows", FORMS, indirect=True)
 def test_every_program_brings_the_tip_onto_the_path_in_the_part(rows: list[Row]) -> None:
-    assert len(rows) == len(WAYPOINTS)
-    for row, (x, y, z, i, j, k, _) in zip(rows, WAYPOINTS.tolist(), strict=True):
-        assert np.abs(row.tip[:3, 3] - (1300 + z, -200 + x, 700 + y)).max() < 1e-4
-        length = math.sqrt(i * i + j * j + k * k)
-        assert np.abs(-row.tip[:3, 2] - np.array([k, i, j]) / length).max() < math.radians(1e-5)
+    for visit, (*_, i, j, k, _) in zip(find_visits(rows), WAYPOINTS.tolist(), strict=True):
+        tip, length = rows[visit].tip, math.sqrt(i * i + j * j + k * k)
+        assert np.abs(-tip[:3, 2] - np.array([k, i, j]) / length).max() < math.radians(1e-5)
         # the part's z axis is the base's x axis: the tip's x axis has no part across it
-        assert abs(row.tip[:3, 0] @ np.cross(row.tip[:3, 2], PART[:3, 2])) < math.radians(1e-5)
-        assert row.tip[:3, 0] @ PART[:3, 2] > 0.9
+        assert abs(tip[:3, 0] @ np.cross(tip[:3, 2], PART[:3, 2])) < math.radians(1e-5)
+        assert tip[:3, 0] @ PART[:3, 2] > 0.9
 
 
 @pytest.mark.parametrize("rows", FORMS, indirect=True)
-def test_cutting_moves_keep_the_feed_and_rapid_moves_stop(rows: list[Row], request: pytest.FixtureRequest) -> None:
-    form = request.node.callspec.params["rows"]
-    for row, rapid, last in zip(rows, RAPID, LAST_CUT, strict=True):
-        assert row.move.stops == bool(rapid or last) or form.startswith("csv")
-        assert (row.move.pose is not None) == (not rapid and form.endswith("linear"))
-        if rapid:
-            assert row.move.kind == "joint"
-            assert row.move.feed in (None, 0.0, 500.0) and row.move.percent in (None, 20.0)
-        elif row.move.feed is not None:
-            assert row.move.feed <= FEED * (1 + 1e-6)
-            assert last or row.move.feed > 0.45 * FEED
-        else:
-            assert row.move.percent is not None and 1 <= row.move.percent <= 100
-    inner = [row.move.feed for row, last in zip(rows[2:], LAST_CUT[2:], strict=True) if row.move.feed and not last]
-    if rows[2].move.feed is not None:
-        assert inner[0] == pytest.approx(FEED, rel=1e-6)
+def test_between_waypoints_of_a_cut_the_tip_is_on_their_line(rows: list[Row]) -> None:
+    visits = find_visits(rows)
+    for index in np.flatnonzero(~RAPID & ~np.r_[True, RAPID[:-1]]):
+        start, end = (rows[visits[k]].tip[:3, 3] for k in (index - 1, index))
+        along = (end - start) / np.linalg.norm(end - start)
+        for row in rows[visits[index - 1] : visits[index]]:
+            assert np.abs(np.cross(row.tip[:3, 3] - start, along)).max() < 1e-3
+
+
+@pytest.mark.parametrize("rows", FORMS, indirect=True)
+def test_cutting_moves_keep_the_feed(rows: list[Row]) -> None:
+    for cut in split_cuts(rows):
+        for row in cut:
+            if row.move.feed is None:
+                assert row.move.percent is not None and 1 <= row.move.percent <= 100
+            else:
+                assert 0 < row.move.feed <= FEED * (1 + 1e-6)
+    inner = [row.move.feed for row in split_cuts(rows)[0] if row.move.feed]
+    assert not inner or max(inner) == pytest.approx(FEED, rel=1e-6)
+
+
+@pytest.mark.parametrize("rows", FORMS, indirect=True)
+def test_rapid_moves_are_joint_moves_that_stop(rows: list[Row]) -> None:
+    visits = find_visits(rows)
+    for visit in [visit for visit, rapid in zip(visits, RAPID, strict=True) if rapid]:
+        move = rows[visit].move
+        assert move.kind == "joint" and move.stops and move.pose is None
+        assert move.feed in (None, 0.0, 500.0) and move.percent in (None, 20.0)
 
 
 @pytest.mark.parametrize("rows", [form for form in FORMS if not form.startswith("csv")], indirect=True)
-def test_no_program_stops_within_a_cut(rows: list[Row]) -> None:
-    within = [row.move.stops for row, rapid, last in zip(rows, RAPID, LAST_CUT, strict=True) if not (rapid or last)]
-    assert within == [False] * 4
+def test_a_cut_is_left_at_its_end_and_no_program_stops_within_it(rows: list[Row]) -> None:
+    for cut in split_cuts(rows):
+        assert [row.move.stops for row in cut] == [False] * (len(cut) - 1) + [True]
+
+
+@pytest.mark.parametrize("rows", LINEAR_FORMS, indirect=True)
+def test_linear_programs_cut_along_lines(rows: list[Row]) -> None:
+    for cut in split_cuts(rows):
+        assert all(row.move.kind == "line" and row.move.pose is not None for row in cut)
 
 
 @pytest.mark.parametrize("rows", [form for form, (*_, tool) in FORMS.items() if tool], indirect=True)
@@ -146,7 +185,8 @@ def test_every_program_carries_the_tool(rows: list[Row]) -> None:
 
 @pytest.mark.parametrize("rows", LINEAR_FORMS, indirect=True)
 def test_positions_count_from_the_part_frame(rows: list[Row]) -> None:
-    for row, (x, y, z, *_) in zip(rows, WAYPOINTS.tolist(), strict=True):
+    for visit, (x, y, z, *_) in zip(find_visits(rows), WAYPOINTS.tolist(), strict=True):
+        row = rows[visit]
         if row.move.pose is not None:
             assert row.move.pose[:3, 3] == pytest.approx([x, y, z], abs=1e-4)
 
@@ -163,10 +203,10 @@ def test_the_tool_has_the_angles_and_the_quaternion_of_each_language(tmp_path: P
     assert "[[-50.00000,30.00000,140.00000],[0.951548525,0.038134576,0.189307857,0.239298338]]" in texts["rapid"]
 
 
-def make_program(folder: Path, language: str) -> Program:
+def make_program(folder: Path, language: str, sixth: float = 60.0) -> Program:
     """Two waypoints: slide 100 mm and joints at 10 .. 60 deg; a second later joint 1 has turned by 20 deg."""
     robot = load_robot(write_robot(folder, language))
-    angles = np.radians([[10.0, 20, 30, 40, 50, 60], [30.0, 20, 30, 40, 50, 60]])
+    angles = np.radians([[10.0, 20, 30, 40, 50, sixth], [30.0, 20, 30, 40, 50, sixth]])
     q = np.column_stack([[0.1, 0.1], angles]) if COUNTING[language].rail else angles
     flange_tool = np.array(FLANGE_TOOL)
     flange_tool[:3, 3] *= 1e-3
@@ -196,14 +236,58 @@ def test_joints_are_counted_with_sign_zero_and_coupling(form: str, tmp_path: Pat
         assert second.feed == pytest.approx(20.0)
 
 
-def test_krl_positions_carry_status_turn_and_the_rail(tmp_path: Path) -> None:
-    """A1 -5, A2 -110, A3 60, A4 20, A5 -45, A6 25: in front (0), A3 from 0 up (2), A5 below 0 (4); bits 0, 1, 4."""
-    write_program(make_program(tmp_path / "cell", "krl"), "krl", tmp_path / "out")
-    move = read_krl(tmp_path / "out" / "two_L.src")[0]
-    assert (*move.configuration, *move.external) == (0 + 2 + 4, 1 + 2 + 16, 150.0, 0, 0, 0, 0, 0)
+#: Configuration at 10 .. 60 deg, where the wrist is in front, the elbow up (q3 < 90) and the wrist flipped (q5 > 5).
+#: krl: A1 -5, A2 -110, A3 60, A4 20, A5 -45, A6 25: S is 2 (A3 from 0 up) + 4 (A5 below 0), T has bits 0, 1 and 4.
+#: rapid: axes 1, 4, 6 at 5, 40, 150: quadrants 0, 0, 1; cfx 1 for axis 5 below 0.
+CONFIGURATION = {
+    "krl": (6, 19),
+    "fanuc_ls": ("F", "U", "T", "0", "0", "0"),
+    "rapid": (0, 0, 1, 1),
+    "val3": ("righty", "epositive", "wnegative"),
+}
+
+
+@pytest.mark.parametrize("form", LINEAR_FORMS)
+def test_positions_carry_configuration_and_the_rail(form: str, tmp_path: Path) -> None:
+    language = form.split()[0]
+    write_program(make_program(tmp_path / "cell", language), language, tmp_path / "out")
+    move = read_form(form, tmp_path / "out", "two")[0]
+    counting = COUNTING[language]
+    assert move.configuration == CONFIGURATION[language]
+    assert move.external[:1] == (counting.counted[:1] if counting.rail else ())
     assert move.feed == pytest.approx(20.0)
-    wanted = forward(100.0, (10.0, 20, 30, 40, 50, 60)) @ kuka_pose(-50, 30, 140, 30, 20, 10)
-    assert move.pose == pytest.approx(wanted, abs=1e-4)
+    wanted = forward(100.0 if counting.rail else 0.0, (10.0, 20, 30, 40, 50, 60)) @ kuka_pose(-50, 30, 140, 30, 20, 10)
+    assert counting.world @ move.base @ move.pose == pytest.approx(wanted, abs=1e-4)
+
+
+def test_turns_beyond_half_a_turn_are_counted(tmp_path: Path) -> None:
+    """FANUC: J6 = 180 + .5 * 50 + 60 = 265 deg with joint 6 at -60; RAPID: 90 - 190 = -100 deg, quadrant -2."""
+    sixth = {"fanuc_ls": -60.0, "rapid": -190.0}
+    found = {}
+    for language, angle in sixth.items():
+        program = make_program(tmp_path / language / "cell", language, sixth=angle)
+        write_program(program, language, tmp_path / language)
+        found[language] = read_form(f"{language} linear", tmp_path / language, "two")[0].configuration
+    assert found == {"fanuc_ls": ("F", "U", "T", "0", "0", "1"), "rapid": (0, 0, -2, 1)}
+
+
+@pytest.mark.parametrize("form", LINEAR_FORMS)
+def test_where_the_wrist_flips_a_linear_program_swings_over_in_a_joint_move(form: str, tmp_path: Path) -> None:
+    language = form.split()[0]
+    robot = load_robot(write_robot(tmp_path / "cell", language))
+    fifth = np.radians([-10.0, -6, -2, 20, 25])
+    q = np.tile(np.radians([10.0, 20, 30, 40, 0, 60]), (5, 1))
+    q[:, 4] = fifth
+    q = np.column_stack([np.full(5, 0.1), q]) if COUNTING[language].rail else q
+    program = build_program(robot, q, np.full(5, 0.02), np.zeros(5, bool), name="flip")
+    write_program(program, language, tmp_path / "out")
+    moves = read_form(form, tmp_path / "out", "flip")
+    assert [move.kind for move in moves] == ["line", "line", "line", "joint", "line"]
+    assert [move.stops for move in moves] == [False, False, True, True, True]
+    texts = [path.read_text() for path in (tmp_path / "out").rglob("*") if path.is_file()]
+    assert any("the configuration changes" in text for text in texts)
+    joint = read_form(f"{language} joint", tmp_path / "out", "flip")
+    assert [move.stops for move in joint] == [False, False, False, False, True]
 
 
 def test_joint_tables_name_units_and_time(tmp_path: Path) -> None:

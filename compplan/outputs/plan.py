@@ -177,6 +177,7 @@ def write_programs(plan: Plan, folder: Path) -> list[Path]:
         name=plan.name if plan.job is None else plan.job.file.stem,
         time=time,
         comments=_head(plan),
+        part=None if plan.job is None else plan.job.T_base_part,
     )
     files: list[Path] = []
     for language in languages:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compplan.errors import InputError
 from compplan.files.tables import write_text
@@ -49,15 +48,15 @@ def write_fanuc_ls(program: Program, folder: Path, most: int | None = None) -> l
         raise InputError(f"feed is {program.feed.max():g} mm/s, FANUC programs take at most {FASTEST:g} mm/s")
     name = legal_name(program.name, LONGEST_NAME).upper()
     joint = [_joint_entries(program, row) for row in range(len(program))]
-    files = _write_kind(program, folder, name, joint, np.asarray(program.rapid), 0, most)
+    files = _write_kind(program, folder, name, joint, 0, most)
     configuration = configurations(program)
     if program.tcp is not None and configuration is not None and len(turning) == 6:
-        alone = program.rapid | program.swings
+        alone = program.alone(linear=True)
         linear = [
             joint[row] if alone[row] else [f"\tUF : {FRAME}, UT : {TOOL},\t\tCONFIG : '{configuration[row]}'", *place]
             for row, place in enumerate(_places(program))
         ]
-        files += _write_kind(program, folder, f"{name}_L", linear, alone, FRAME, most)
+        files += _write_kind(program, folder, f"{name}_L", linear, FRAME, most)
     return files
 
 
@@ -79,18 +78,21 @@ def _write_kind(
     folder: Path,
     name: str,
     entries: list[list[str]],
-    alone: NDArray[np.bool_],
     frame: int,
     most: int | None,
 ) -> list[Path]:
     parts = split_parts(len(program), most or MOST)
     names = [name] if len(parts) == 1 else [f"{name}_{number}" for number in range(1, len(parts) + 1)]
     setting = _set_frames(program, frame)
+    alone, stops = program.alone(linear=bool(frame)), program.stops(linear=bool(frame))
     files = []
     for part, rows in zip(names, parts, strict=True):
         numbers = range(1, rows.stop - rows.start + 1)
         indices = range(rows.start, rows.stop)
-        moves = [_move(program, row, number, alone) for row, number in zip(indices, numbers, strict=True)]
+        moves = []
+        for row, number in zip(indices, numbers, strict=True):
+            moves += ["  !the configuration changes ;"] if frame and program.swings[row] else []
+            moves.append(_move(program, row, number, bool(alone[row]), bool(stops[row])))
         positions = [_position(entries[row], number) for row, number in zip(indices, numbers, strict=True)]
         head = [*(setting if len(parts) == 1 else []), f"  UFRAME_NUM={frame} ;", f"  UTOOL_NUM={TOOL} ;"]
         files.append(folder / f"{part}.LS")
@@ -115,10 +117,10 @@ def _set_frames(program: Program, frame: int) -> list[str]:
     return lines
 
 
-def _move(program: Program, row: int, number: int, alone: NDArray[np.bool_]) -> str:
-    if alone[row]:
+def _move(program: Program, row: int, number: int, alone: bool, stop: bool) -> str:
+    if alone:
         return f"J P[{number}] 20% FINE ;"
-    return f"L P[{number}] {max(program.feed[row], SLOWEST):.1f}mm/sec {'FINE' if program.stops[row] else 'CNT100'} ;"
+    return f"L P[{number}] {max(program.feed[row], SLOWEST):.1f}mm/sec {'FINE' if stop else 'CNT100'} ;"
 
 
 def _external(program: Program, row: int) -> list[str]:

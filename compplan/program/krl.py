@@ -118,14 +118,14 @@ def _data(name: str, points: list[str], program: Program, percent: Array, rows: 
     count = len(points)
     kind = "E6POS" if linear else "E6AXIS"
     speeds = program.feed[rows] * 1e-3 if linear else percent[rows]
-    fast = (program.rapid | program.swings if linear else program.rapid)[rows]
+    fast = program.alone(linear=linear)[rows]
     lines = ["&ACCESS RVO", f"DEFDAT {name} PUBLIC", f"DECL {kind} PT[{count}]"]
     lines += [f"PT[{index}]={point}" for index, point in enumerate(points, start=1)]
     what = "m/s along the path" if linear else "percent of the axis rates"
     lines += [f"; {what}; 0: rapid", f"DECL REAL SP[{count}]"]
     lines += [f"SP[{index}]={speed:.6f}" for index, speed in enumerate(np.where(fast, 0.0, speeds), start=1)]
     lines += ["; 1: reached exactly", f"DECL INT EX[{count}]"]
-    lines += [f"EX[{index}]={int(exact)}" for index, exact in enumerate(program.stops[rows], start=1)]
+    lines += [f"EX[{index}]={int(exact)}" for index, exact in enumerate(program.stops(linear=linear)[rows], start=1)]
     if linear:
         columns = order_joints(program, ARM, "KRL")
         quick = np.flatnonzero(fast)

@@ -117,10 +117,13 @@ class Program:
             changed[1:] |= values[1:] != values[:-1]
         return changed & ~self.rapid
 
-    @property
-    def stops(self) -> NDArray[np.bool_]:
-        """Tell the moves whose end is reached exactly: rapid moves, swings, and what comes before one. Shape (n,)."""
-        alone = self.rapid | self.swings
+    def alone(self, *, linear: bool) -> NDArray[np.bool_]:
+        """Tell the moves that are joint moves of their own: rapid ones, and swings among linear ones. Shape (n,)."""
+        return self.rapid | self.swings if linear else self.rapid
+
+    def stops(self, *, linear: bool) -> NDArray[np.bool_]:
+        """Tell the moves whose end is reached exactly: those alone, and what comes before one. Shape (n,)."""
+        alone = self.alone(linear=linear)
         return np.asarray(alone | np.append(alone[1:], True))
 
 

@@ -28,8 +28,8 @@ def write_rapid(program: Program, folder: Path, most: int | None = None) -> list
     """Write NAME.mod with joint moves and, where poses are known, NAME_L.mod with linear ones; each calls its parts.
 
     Waypoints are joint targets, or robot targets in a work object that is the part frame. The tool centre point runs no
-    faster than the feed; rapid moves and swings are joint moves at 500 mm/s and stop. Sliding joints are external axes
-    (mm); positions count from the standing base.
+    faster than the feed; rapid moves (500 mm/s) and swings (at the feed) are joint moves and stop. Sliding joints are
+    external axes (mm); positions count from the standing base.
 
     Args:
         program: The program.
@@ -44,7 +44,7 @@ def write_rapid(program: Program, folder: Path, most: int | None = None) -> list
     if len(turning) > 6 or len(sliding) > 6:
         raise InputError(f"RAPID targets take six rotating and six external axes, not {list(program.joint_names)}")
     name = legal_name(program.name, LONGEST_NAME, reserved=RESERVED)
-    files = _write_kind(program, folder, name, [_joint_move(program, row, name) for row in range(len(program))], most)
+    files = _write_kind(program, folder, name, _joint_moves(program, name), most)
     if program.tcp is not None and len(turning) == 6:
         files += _write_kind(program, folder, f"{name}_L", _linear_moves(program, f"{name}_L"), most)
     return files
@@ -73,29 +73,34 @@ def _write_kind(program: Program, folder: Path, name: str, moves: list[str], mos
     return files
 
 
-def _joint_move(program: Program, row: int, name: str) -> str:
+def _joint_moves(program: Program, name: str) -> list[str]:
+    stops = program.stops(linear=False)
+    return [
+        f"    MoveAbsJ {_joint_target(program, row)},{_manner(program, row, rapid, stop)},t_{name};"
+        for row, (rapid, stop) in enumerate(zip(program.rapid.tolist(), stops.tolist(), strict=True))
+    ]
+
+
+def _joint_target(program: Program, row: int) -> str:
     axes = [f"{value:.6f}" for value in program.joints[row, ~program.prismatic]]
-    target = f"[[{','.join([*axes, *['0'] * (6 - len(axes))])}],[{_external(program, row)}]]"
-    return f"    MoveAbsJ {target},{_manner(program, row, bool(program.rapid[row]))},t_{name};"
+    return f"[[{','.join([*axes, *['0'] * (6 - len(axes))])}],[{_external(program, row)}]]"
 
 
 def _linear_moves(program: Program, name: str) -> list[str]:
     positions, turns = program.positions, quaternions(program.positions)
-    alone = program.rapid | program.swings
+    alone, stops = program.alone(linear=True).tolist(), program.stops(linear=True).tolist()
     moves = []
     for row, (place, turn, configuration) in enumerate(
         zip((positions[:, :3, 3] * 1e3).tolist(), turns.tolist(), configurations(program).tolist(), strict=True)
     ):
         if alone[row]:
-            if program.swings[row]:
-                moves.append("    ! the configuration changes: a joint move")
-            axes = ",".join(f"{value:.6f}" for value in program.joints[row, ~program.prismatic])
-            target = f"MoveAbsJ [[{axes}],[{_external(program, row)}]]"
+            target = f"MoveAbsJ {_joint_target(program, row)}"
         else:
             where, how = ",".join(f"{v:.5f}" for v in place), ",".join(f"{v:.10f}" for v in turn)
             target = f"MoveL [[{where}],[{how}],[{','.join(map(str, configuration))}],[{_external(program, row)}]]"
-        manner = _manner(program, row, bool(alone[row]))
-        moves.append(f"    {target},{manner},t_{name}\\WObj:=w_{name};")
+        manner = _manner(program, row, alone[row], stops[row])
+        note = "    ! the configuration changes: a joint move\n" if program.swings[row] else ""
+        moves.append(f"{note}    {target},{manner},t_{name}\\WObj:=w_{name};")
     return moves
 
 
@@ -110,9 +115,9 @@ def configurations(program: Program) -> NDArray[np.int64]:
     return np.column_stack([quadrants, sums])
 
 
-def _manner(program: Program, row: int, alone: bool) -> str:
-    speed = 500.0 if alone else max(program.feed[row], 0.01)
-    return f"[{speed:.3f},500,5000,1000],{'fine' if program.stops[row] else 'z0'}"
+def _manner(program: Program, row: int, alone: bool, stop: bool) -> str:
+    speed = 500.0 if alone and program.rapid[row] else max(program.feed[row], 0.01)
+    return f"[{speed:.3f},500,5000,1000],{'fine' if stop else 'z0'}"
 
 
 def _external(program: Program, row: int) -> str:

@@ -138,7 +138,8 @@ def _data(program: Program, parts: list[slice], linear: bool) -> str:
     lines += _array("fPart", "frame", [f'{_place(place_numbers(program.base_frame, "XYZ", 5))} fatherId="world[0]"'])
     for name, text in descriptors.items():
         lines += _array(name, "mdesc", [text])
-    feeds = np.where(program.rapid | (program.swings if linear else False), 0.0, program.feed)
+    feeds = np.where(program.alone(linear=linear), 0.0, program.feed)
+    stops = program.stops(linear=linear)
     points = _points(program) if linear else []
     for number, rows in enumerate(parts, start=1):
         joints = [
@@ -149,7 +150,7 @@ def _data(program: Program, parts: list[slice], linear: bool) -> str:
         if linear:
             lines += _array(f"pPath{number}", "pointRx", points[rows])
         lines += _array(f"nFeed{number}", "num", [f'value="{feed:.4f}"' for feed in feeds[rows]])
-        lines += _array(f"nExact{number}", "num", [f'value="{int(stop)}"' for stop in program.stops[rows]])
+        lines += _array(f"nExact{number}", "num", [f'value="{int(stop)}"' for stop in stops[rows]])
     return "\n".join([*lines, "  </Datas>", "</Database>", ""])
 
 

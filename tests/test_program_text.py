@@ -1,0 +1,96 @@
+"""Words of a job, a robot or a file name never become robot code, in any language."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from test_golden_programs import FORMS, make_program, read_form
+
+from compplan.program import write_program
+from compplan.program.fanuc_ls import LONGEST_REMARK
+from compplan.program.text import LONGEST_COMMENT, clean_text, legal_name
+
+ATTACKS = {
+    "line break": "a\nPTP {A1 90}\n;",
+    "carriage return": "a\rPTP {A1 90}",
+    "end of a block of data": "]]>PTP {A1 90}<![CDATA[",
+    "end of an instruction": "; PTP {A1 90} ;",
+    "quotes": "\" ' PTP {A1 90} \" '",
+    "control letters": "\x00\x07\x1b[2J PTP {A1 90}",
+    "other line ends": "a\x85PTP {A1 90}\u2028PTP {A1 90}\x0cPTP {A1 90}",
+    "right to left": "\u202ePTP {A1 90}",
+    "5000 letters": "PTP {A1 90}" * 500,
+    "path": "../../PTP {A1 90}",
+    "nothing": "",
+    "no plain letter": "\u4e2d\u6587",
+}
+LONGEST = {"krl": 24, "val3": 32, "fanuc_ls": 36, "rapid": 32, "csv": 80}
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_text_never_becomes_robot_code(form: str, attack: str, tmp_path: Path) -> None:
+    language, text = form.split()[0], ATTACKS[attack]
+    plain = replace(make_program(tmp_path / "cell", language), name="plain", comments=("plain",))
+    write_program(plain, language, tmp_path / "plain")
+    program = replace(plain, name=text, robot=text, controller=text, comments=(text, text))
+    files = write_program(program, language, tmp_path / "out")
+    assert {file.resolve().is_relative_to((tmp_path / "out").resolve()) for file in files} == {True}
+    for file in files:
+        content = file.read_bytes().decode("ascii")
+        assert re.fullmatch(r"[\t\r\n\x20-\x7e]*", content)
+        assert not [line for line in re.split(r"[\r\n]+", content) if line.strip().startswith("PTP {A1 90}")]
+        assert len(file.stem) <= LONGEST[language] and re.fullmatch(r"[A-Za-z]\w*", file.stem)
+        if file.suffix in (".pgx", ".dtx", ".pjx"):
+            ElementTree.fromstring(content)
+    name = legal_name(text, {"krl": 20, "val3": 28, "fanuc_ls": 26, "rapid": 22, "csv": 60}[language])
+    moves, expected = read_form(form, tmp_path / "out", name), read_form(form, tmp_path / "plain", "plain")
+    assert [(move.kind, move.joints, move.stops, move.feed) for move in moves] == [
+        (move.kind, move.joints, move.stops, move.feed) for move in expected
+    ]
+
+
+@pytest.mark.parametrize("text", [*ATTACKS.values(), "Fräsbahn ½ Ø 3 mm", "a" * 99 + ";" + "b" * 99])
+def test_a_comment_is_one_bounded_line_of_plain_letters(text: str) -> None:
+    line = clean_text(text)
+    assert len(line) <= LONGEST_COMMENT and re.fullmatch(r"[A-Za-z0-9 .,:+\-_/()=%#*]*", line)
+    assert clean_text(line) == line
+
+
+def test_accents_go_and_long_comments_end_in_dots() -> None:
+    assert clean_text("Fräsbahn für Ø 3") == "Frasbahn fur 3"
+    assert clean_text("x" * 200) == "x" * 97 + "..."
+
+
+@pytest.mark.parametrize(
+    ("text", "longest", "reserved", "name"),
+    [
+        ("ISF cone, 40 mm / 45 deg", 20, (), "ISF_cone_40_mm_45_de"),
+        ("12 holes", 20, (), "p_12_holes"),
+        ("", 20, (), "program"),
+        ("test", 20, {"test"}, "test_p"),
+        ("Test", 20, {"test"}, "Test_p"),
+        ("con", 20, (), "con_p"),
+        ("a" * 30, 10, {"a" * 10}, "a" * 8 + "_p"),
+    ],
+)
+def test_names_are_what_every_controller_takes(text: str, longest: int, reserved: set[str], name: str) -> None:
+    assert legal_name(text, longest, reserved=reserved) == name
+
+
+def test_a_module_is_never_called_by_a_word_of_its_language(tmp_path: Path) -> None:
+    program = replace(make_program(tmp_path / "cell", "rapid"), name="test")
+    assert {file.stem for file in write_program(program, "rapid", tmp_path)} == {
+        "test_p", "test_p_1", "test_p_L", "test_p_L_1",
+    }  # fmt: skip
+
+
+def test_remarks_of_a_teach_pendant_program_are_short(tmp_path: Path) -> None:
+    program = replace(make_program(tmp_path / "cell", "fanuc_ls"), name="a" * 200, comments=("b" * 200,))
+    text = write_program(program, "fanuc_ls", tmp_path)[0].read_text()
+    remarks = re.findall(r"^ *\d+: *!(.*) ;", text, re.M)
+    assert remarks and max(map(len, remarks)) <= LONGEST_REMARK
