@@ -115,7 +115,16 @@ def test_the_elasticity_has_known_keys_sources_and_positive_springs(name: str) -
 @pytest.mark.parametrize("name", NAMES)
 def test_the_controller_counts_every_joint_and_its_words_refer_to_things_that_exist(name: str) -> None:
     table, model = read_toml(name, "controller.toml"), load_model(name)
-    assert set(table) <= {"schema", "controller", "joint_names", "sign", "zero_deg", "coupling", "configuration", "world"}
+    assert set(table) <= {
+        "schema",
+        "controller",
+        "joint_names",
+        "sign",
+        "zero_deg",
+        "coupling",
+        "configuration",
+        "world",
+    }
     assert len(table["sign"]) == len(table["zero_deg"]) == len(table["joint_names"]) == model.nq
     assert set(table["sign"]) <= {-1, 1}
     assert np.shape(table.get("coupling", np.zeros((model.nq, model.nq)))) == (model.nq, model.nq)
