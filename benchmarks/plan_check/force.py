@@ -44,14 +44,23 @@ def law(job: Job, placed: Placed, wanted: Array, axis: Array, feed: Array) -> Ar
         push = [-table.get("drag_N", 0.0), side * table.get("lateral_N", 0.0), table["axial_N"], 0, 0, 0]
         return _turn(path_frame(placed, wanted, axis), level[:, None] * np.array(push))
     if model == "milling":
-        return _turn(path_frame(placed, wanted, axis), feed[:, None] * milling(table))
+        frame = path_frame(placed, wanted, axis)
+        return _turn(frame, (feed * _across(wanted, axis))[:, None] * milling(table))
     raise ValueError(f"no force law {model!r} here")
 
 
-def contact_share(job: Job, arc: Array, begin: Array, end: Array) -> Array:
-    """Return the share of the wrench that acts at a length of the path within a cut from `begin` to `end` [m]."""
+def contact_share(job: Job, arc: Array, begin: Array, end: Array, wanted: Array) -> Array:
+    """Return the share of the wrench that acts at a length of the path within a cut from `begin` to `end` [m].
+
+    An end mill cuts as deep as its tip stands below the stock's top: `stock_top_mm` in the part frame, or z = 0 of a
+    CAM program that cuts above and below it. `wanted` is the tip there, base frame. Shape (..., 3). [m]
+    """
     table = job.table.get("process", {})
     share = np.ones(np.shape(arc))
+    top = stock_top(job)
+    if top is not None:
+        height = (wanted - job.T_base_part[:3, 3]) @ job.R_base_part[:, 2]
+        share = np.clip((top - height) / (table["depth_mm"] * 1e-3), 0, 1)
     if table.get("model", "columns") == "columns" or table.get("during_rapid"):
         return share
     if table.get("ramp_mm"):
@@ -59,6 +68,27 @@ def contact_share(job: Job, arc: Array, begin: Array, end: Array) -> Array:
     if table.get("ramp_out_mm"):
         share = share * np.clip((end - arc) / (table["ramp_out_mm"] * 1e-3), 0, 1)
     return share
+
+
+def stock_top(job: Job) -> float | None:
+    """Return the height of the stock's top in the part frame, None where none is known. [m]"""
+    table = job.table.get("process", {})
+    if table.get("model") != "milling":
+        return None
+    if "stock_top_mm" in table:
+        return table["stock_top_mm"] * 1e-3
+    source = job.table["toolpath"]
+    height = (job.path.position[~job.path.rapid] - job.T_base_part[:3, 3]) @ job.R_base_part[:, 2]
+    both = len(height) > 0 and height.min() < -1e-5 and height.max() > 1e-5
+    return 0.0 if isinstance(source, str) and not source.endswith(".csv") and both else None
+
+
+def _across(wanted: Array, axis: Array) -> Array:
+    """Return the share of the travel that goes across the tool axis: a plunge makes no lateral chip."""
+    travel = np.vstack([wanted[1:2] - wanted[:1], np.diff(wanted, axis=0)])
+    length = np.linalg.norm(travel, axis=1)
+    along = np.abs(np.einsum("ni,ni->n", travel, axis)) / np.maximum(length, 1e-300)
+    return np.where(length > 0, np.sqrt(np.clip(1 - along**2, 0, 1)), 1.0)
 
 
 def acts_in_rapids(job: Job) -> bool:

@@ -12,6 +12,8 @@ from benchmarks.plan_check.job import Array, Path3, Rows
 SLACK, ROOM = 2.0, 2e-3
 #: How much a place off the expected length counts against its distance.
 PULL, FAINT = 0.02, 1e-6
+#: Tips nearer than this are one place. [m]
+SAME = 1e-9
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,9 @@ def place_rows(path: Path3, rows: Rows) -> Placed:
     on = np.ones(n, bool)
     if rows.move is not None:
         cut = rows.move == "cut"
+        stays = np.r_[False, np.linalg.norm(np.diff(rows.wanted, axis=0), axis=1) < SAME]
+        begins = cut & stays & ~np.r_[False, cut[:-1]]  # the first row of a cut that is reached loaded: no move of it
+        cut = cut & ~begins
         on = cut | np.r_[cut[1:], False]
     along, away, segment = np.zeros(n), np.zeros(n), np.zeros(n, int)
     members = np.flatnonzero(on)
@@ -79,7 +84,7 @@ def place_rows(path: Path3, rows: Rows) -> Placed:
     cuts = on & ~path.rapid[segment]
     cuts[members[0]] = False
     if rows.move is not None:
-        cuts &= rows.move == "cut"
+        cuts &= cut
     begin, end = _cuts(path)
     at = np.clip(np.searchsorted(arc[begin], along - 1e-9, side="right") - 1, 0, len(begin) - 1)
     at = np.where(cuts & (along > arc[end][at] + 1e-9), np.minimum(at + 1, len(begin) - 1), at)

@@ -10,7 +10,7 @@ from benchmarks.plan_check.cell import Cell, Kinematics
 from benchmarks.plan_check.clearance import least_clearance
 from benchmarks.plan_check.force import acts_in_rapids, contact_share, law
 from benchmarks.plan_check.job import Array, Job, Rows
-from benchmarks.plan_check.match import Placed, distance_to_path, place_rows
+from benchmarks.plan_check.match import SAME, Placed, distance_to_path, place_rows
 from benchmarks.plan_check.motion import SHARES, cartesian_linear, joint_linear, runs_of, spline
 from benchmarks.plan_check.robot import STANDARD_GRAVITY
 
@@ -56,9 +56,29 @@ def work_out(job: Job, rows: Rows) -> Motion:
     if not acts_in_rapids(job):  # a cut begins with the force of its first move
         full[contact] = full[contact + 1]
         full[~loaded] = 0
-    wrench = full * contact_share(job, placed.arc, placed.contact, placed.leave)[:, None]
+    wrench = full * contact_share(job, placed.arc, placed.contact, placed.leave, rows.wanted)[:, None]
+    _load(rows, placed, wrench, loaded)
     fed = placed.cuts if rows.move is None else rows.move != "rapid"
     return Motion(rows, placed, feed, full, wrench, loaded, runs_of(fed))
+
+
+def _load(rows: Rows, placed: Placed, wrench: Array, loaded: np.ndarray) -> None:
+    """Let the force grow (or fall) in rows of approach and retract that stay where a cut begins (or ends).
+
+    joints.csv says how far it has grown, the law what it grows to.
+    """
+    if rows.move is None:
+        return
+    begins = np.flatnonzero(~placed.cuts[:-1] & placed.cuts[1:])
+    ends = np.flatnonzero(placed.cuts & ~np.r_[placed.cuts[1:], False])
+    for corner, step in [(row, -1) for row in begins] + [(row, 1) for row in ends]:
+        i, whole = corner + step, wrench[corner].copy()
+        while 0 <= i < len(rows) and rows.move[i] in ("approach", "retract") and not loaded[i]:
+            if np.linalg.norm(rows.wanted[i] - rows.wanted[corner]) > SAME:
+                break
+            grown = float(rows.wrench[i] @ whole / max(whole @ whole, 1e-300))
+            wrench[i], loaded[i] = np.clip(grown, 0.0, 1.0) * whole, True
+            i += step
 
 
 def examine(job: Job, plan: dict, rows: Rows) -> dict:
@@ -97,7 +117,7 @@ def _at_rows(job: Job, cell: Cell, motion: Motion, weights: bool) -> dict:
         "at_mm": float(off.max() * MM),
         "at_row": int(chosen[worst]),
         "at_rms_mm": float(np.sqrt(np.mean(off**2)) * MM),
-        "at_cam_mm": float(off_cam.max() * MM),
+        "at_cam_mm": float(off_cam[placed.on[chosen]].max() * MM),
         "tilt_deg": float(np.degrees(tilt.max())),
     }
     few = _choose(chosen, _jumps(motion.wrench), MOST_POSTURES)
@@ -143,7 +163,9 @@ def _between(job: Job, cell: Cell, kinematics: Kinematics, motion: Motion, weigh
     low, high, share = placed.arc[moves], placed.arc[moves + 1], SHARES[None, :, None]
     wrench = motion.full[moves][:, None] * (1 - share) + motion.full[moves + 1][:, None] * share
     arc = low[:, None] * (1 - SHARES) + high[:, None] * SHARES
-    wrench *= contact_share(job, arc, placed.contact[moves + 1][:, None], placed.leave[moves + 1][:, None])[:, :, None]
+    tips = rows.wanted[moves][:, None] * (1 - share) + rows.wanted[moves + 1][:, None] * share
+    begin, end = placed.contact[moves + 1], placed.leave[moves + 1]
+    wrench *= contact_share(job, arc, begin[:, None], end[:, None], tips)[:, :, None]
     ways = {"joint": (joint_linear(rows.q, moves), np.ones(len(moves), bool))}
     ways["cartesian"] = cartesian_linear(kinematics, rows.q, moves)
     ways["spline"] = (spline(rows.time, rows.q, motion.runs, moves), np.ones(len(moves), bool))
@@ -159,7 +181,7 @@ def _between(job: Job, cell: Cell, kinematics: Kinematics, motion: Motion, weigh
         if not follows.all():
             found[f"between_{name}_not_followed"] = int((~follows).sum())
     # just after a row the force of the next move already acts: what a jump of the force leaves there
-    touch = contact_share(job, low, placed.contact[moves + 1], placed.leave[moves + 1])
+    touch = contact_share(job, low, begin, end, rows.wanted[moves])
     after = cell.rest(rows.q[moves], motion.full[moves + 1] * touch[:, None], weights=weights).position
     found["after_jump_mm"] = float(distance_to_path(job.path, low, high, after).max() * MM)
     return found
@@ -175,7 +197,7 @@ def _feed_and_force(job: Job, motion: Motion) -> dict:
     force = np.linalg.norm(rows.wrench[cuts, :3] - motion.wrench[cuts, :3], axis=1)
     moment = np.linalg.norm(rows.wrench[cuts, 3:] - motion.wrench[cuts, 3:], axis=1)
     wished = law(job, placed, rows.wanted, rows.axis, placed.programmed)
-    wished *= contact_share(job, placed.arc, placed.contact, placed.leave)[:, None]
+    wished *= contact_share(job, placed.arc, placed.contact, placed.leave, rows.wanted)[:, None]
     greatest = np.linalg.norm(motion.wrench[cuts, :3], axis=1).max(initial=0.0)
     return {
         "feed_least_share": float(ratio.min(initial=1.0)),
