@@ -14,9 +14,9 @@ pytest.importorskip("mujoco")
 
 from benchmarks.plan_check.cell import Cell, Kinematics
 from benchmarks.plan_check.clearance import least_clearance
-from benchmarks.plan_check.force import milling
+from benchmarks.plan_check.force import contact_share, law, milling
 from benchmarks.plan_check.job import WRENCH, Job, Rows, read_job, read_joints
-from benchmarks.plan_check.match import place_rows
+from benchmarks.plan_check.match import Placed, place_rows
 from benchmarks.plan_check.measure import examine, work_out
 from benchmarks.plan_check.paths import write_jobs
 from benchmarks.plan_check.robot import Array, beam, mount_tool, read_arm
@@ -185,6 +185,32 @@ def test_a_ramp_within_one_long_move_counts_there(right: tuple[Job, Rows], tmp_p
     found = examine(job, PLAN, thinned)
     assert found["at_mm"] < 1e-6
     assert found["between_cartesian_mm"] > 0.5 * found["correction_mm"]
+
+
+def test_rows_that_load_at_a_contact_are_judged_with_the_force_that_they_state(tmp_path: Path) -> None:
+    job = make_job(tmp_path, 'model = "constant"\nforce_N = [0.0, 0.0, 400.0]\n')
+    rows, kinematics = plan_rightly(job), Kinematics(job.arm)
+    pose = kinematics.tip(POSTURE[None])
+    pose[0, :3, 3] = rows.wanted[0]
+    free, _ = kinematics.reach(rows.q[:1], pose)
+    led = Rows(
+        np.r_[-0.5, rows.time], np.vstack([free, rows.q]), np.vstack([rows.wanted[:1], rows.wanted]),
+        np.vstack([rows.axis[:1], rows.axis]), np.vstack([np.zeros((1, 6)), rows.wrench]),
+        np.array(["approach", *["cut"] * len(rows)]),
+    )  # fmt: skip
+    assert examine(job, PLAN, led)["at_mm"] < 1e-6
+    late = led.wrench.copy()
+    late[0] = rows.wrench[0]
+    assert examine(job, PLAN, change(led, wrench=late))["at_mm"] > 0.1
+
+
+def test_an_end_mill_cuts_as_deep_as_it_stands_in_the_stock_and_not_on_its_way_down(tmp_path: Path) -> None:
+    job = make_job(tmp_path, MILLING + "stock_top_mm = 0.0\n")
+    below = job.T_base_part[:3, 3] - np.outer([-0.001, 0.001, 0.0015, 0.004], job.R_base_part[:, 2])
+    np.testing.assert_allclose(contact_share(job, np.zeros(4), 0.0, 1.0, below), [0.0, 1 / 3, 0.5, 1.0])
+    axis = np.tile(job.R_base_part[:, 2], (3, 1))
+    cut = Placed(*np.zeros((2, 3)), np.zeros(3), np.ones(3, int), *np.ones((2, 3), bool), *np.zeros((3, 3)))
+    np.testing.assert_allclose(law(job, cut, below[1:], axis, np.full(3, FEED)), 0.0, atol=1e-9)
 
 
 def test_joints_csv_is_read_with_its_units_and_moves(tmp_path: Path) -> None:

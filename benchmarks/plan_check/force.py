@@ -126,6 +126,9 @@ def path_frame(placed: Placed, wanted: Array, axis: Array) -> Array:
     clear = (np.linalg.norm(across, axis=1) > STILL) & placed.cuts
     if not clear.any():
         clear = np.linalg.norm(across, axis=1) > STILL
+    if not clear.any():  # nothing but plunges: any x across the tool axis
+        across = np.cross(axis, np.where(np.abs(axis[:, :1]) < 0.9, [[0.0, 1.0, 0.0]], [[0.0, 0.0, 1.0]]))
+        clear = np.ones(len(wanted), bool)
     rows = np.flatnonzero(clear)
     source = rows[np.clip(np.searchsorted(rows, np.arange(len(wanted)), side="right") - 1, 0, None)]
     x = across[source]

@@ -295,7 +295,7 @@ def _coverage(job: Job, motion: Motion) -> dict:
         "axis_off_path_deg": float(np.degrees(lean.max(initial=0.0))),
         "wanted_off_path_mm": float(placed.away[placed.cuts].max(initial=0.0) * MM),
         "vertex_missed_mm": float(missed.max(initial=0.0) * MM),
-        "end_reached_mm": float((path.arc[-1] - placed.arc[on[-1]]) * MM),
+        "end_reached_mm": float((path.arc[cutting[-1]] - placed.arc[placed.cuts].max(initial=0.0)) * MM),
     }
 
 
