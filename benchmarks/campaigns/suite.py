@@ -158,7 +158,7 @@ class _Trial:
         robot = s.machine.robot
         if scatter and self.rng.random() < 0.5:
             robot = replace(robot, repeatability_mm=round(scatter.size * 1e3, 3))
-        statement = self._statement(seed, entries, everyday, scatter, split, frames, calm)
+        statement = self._statement(seed, entries, everyday, scatter, placed, measure, split, frames, calm)
         statement["log"]["repeatability_given"] = robot.repeatability_mm is not None
         return HardCampaign(robot, logs["given"], logs["fresh"], statement)
 
@@ -305,6 +305,24 @@ class _Trial:
             entries.append(entry)
         return entries
 
+    def _describe_small(self, small: Small, placed: Placed, measure: Measure, sigma: float) -> dict[str, Any]:
+        """Return an everyday error's entry in truth.json with the gap that it makes alone."""
+        e = small.effect
+        rows = {(s.effect, s.joint, s.axis): s.columns for s in measure.signatures}.get((e.name, e.joint, e.axis))
+        first_order = small.group in ("geometry", "compliance", "off_axis") and rows is not None
+        gap = rms(rows[:, :3, 0] * e.size if first_order and rows is not None else self._gap([e]))
+        return {
+            "effect": e.name,
+            "joint": e.joint,
+            "axis": e.axis,
+            "size": e.size,
+            "sd": small.sd,
+            "group": small.group,
+            "params": e.params,
+            "over_sigma": round(gap / sigma, 3),
+            "gap_rms_mm": gap * 1e3,
+        }
+
     def _check(self, entries: list[dict[str, Any]]) -> None:
         """Refuse a campaign that cannot show what it is about, or whose unknown cause two names explain."""
         odd = [e for e in entries if e["effect"] == "unknown"]
@@ -341,6 +359,8 @@ class _Trial:
         entries: list[dict[str, Any]],
         everyday: list[Small],
         scatter: Effect | None,
+        placed: Placed,
+        measure: Measure,
         split: dict[str, Any],
         frames: dict[str, Frames | None],
         calm: bool,
@@ -360,9 +380,7 @@ class _Trial:
             "expected_status": STATUS.get(self.kind, ["explained", "partly_explained"]),
             "effects": entries,
             "gap_over_sigma": [e["over_sigma"] for e in entries],
-            "background": [
-                {**asdict(m.effect), "sd": m.sd, "group": m.group, "effect": m.effect.name} for m in everyday
-            ],
+            "background": [self._describe_small(m, placed, measure, sigma) for m in everyday],
             "background_over_sigma": round(split["given"]["background_rms_mm"] * 1e-3 / sigma, 3),
             "sigma_mm": sigma * 1e3,
             "noise_floor_rms_mm": floor * 1e3,
