@@ -41,8 +41,8 @@ CHANCES = {
 }
 
 
-def draw_names(rng: Generator, setting: Setting, count: int, *, registered: bool) -> list[str]:
-    """Draw the names of effects that this campaign could show."""
+def draw_names(rng: Generator, setting: Setting, count: int, *, registered: bool, alone: bool) -> list[str]:
+    """Draw the names of effects that this campaign could show; a wrong convention only where it is alone."""
     chances = dict(CHANCES)
     loaded, paths = setting.visits.loaded, bool(np.any(setting.rows.is_path))
     gone: list[str] = []
@@ -60,7 +60,7 @@ def draw_names(rng: Generator, setting: Setting, count: int, *, registered: bool
         gone += ["payload", "gravity_compensator"]
         if not loaded:
             gone += ["joint_stiffness", "link_compliance", "base_compliance", "stiffness_nonlinearity"]
-    if count > 1:
+    if not alone:
         gone += ["joint_coupling"]
     names = [n for n in chances if n not in gone]
     weights = np.array([chances[n] for n in names])
