@@ -128,10 +128,10 @@ def _at_rows(job: Job, cell: Cell, motion: Motion, weights: bool) -> dict:
         found["tool_weight_mm"] = float(np.linalg.norm(with_ - without, axis=1).max() * MM)
         missed = [float(np.linalg.norm(p - rows.wanted[few], axis=1).mean()) for p in (with_, without)]
         found["tool_weight_counted"] = missed[0] < missed[1]
-    return found | _inertia(job, cell, motion, few)
+    return found | _inertia(job, cell, motion, few, weights)
 
 
-def _inertia(job: Job, cell: Cell, motion: Motion, chosen: np.ndarray) -> dict:
+def _inertia(job: Job, cell: Cell, motion: Motion, chosen: np.ndarray, weights: bool) -> dict:
     """Let the inertia of the timed motion load the springs too (velocity and acceleration by differences)."""
     rows = motion.rows
     rate, change = np.zeros(rows.q.shape), np.zeros(rows.q.shape)
@@ -142,8 +142,9 @@ def _inertia(job: Job, cell: Cell, motion: Motion, chosen: np.ndarray) -> dict:
         rate[first : last + 1] = np.gradient(rows.q[first : last + 1], time, axis=0)
         mean = np.diff(rows.q[first : last + 1], axis=0) / np.diff(time)[:, None]
         change[first + 1 : last] = np.diff(mean, axis=0) / (0.5 * (time[2:] - time[:-2]))[:, None]
-    still = cell.rest(rows.q[chosen], motion.wrench[chosen]).position
-    moving = cell.rest(rows.q[chosen], motion.wrench[chosen], rate=rate[chosen], change=change[chosen]).position
+    q, wrench = rows.q[chosen], motion.wrench[chosen]
+    still = cell.rest(q, wrench, weights=weights).position
+    moving = cell.rest(q, wrench, weights=weights, rate=rate[chosen], change=change[chosen]).position
     off = np.linalg.norm(moving - rows.wanted[chosen], axis=1)
     return {
         "inertia_mm": float(np.linalg.norm(moving - still, axis=1).max() * MM),
