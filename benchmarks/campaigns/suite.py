@@ -32,7 +32,7 @@ REPORTING = range(1_000_000, 2_000_000)
 KINDS = {"single": 0.37, "double": 0.18, "triple": 0.06, "quadruple": 0.04, "mixed": 0.1, "unknown": 0.15}
 KINDS.update(background=0.06, none=0.04)
 OVER_SIGMA = (4.5, 15.0)  # rms gap of one effect over the instrument's standard deviation per axis
-BESIDE_UNKNOWN = (4.5, 9.0)  # the same for a known effect that is not the whole story
+BESIDE = {True: (3.0, 7.0), False: (8.0, 25.0)}  # the same where a known effect is the smaller part of the story
 MOST_HIDDEN = 8.0  # the whole gap of an effect over what a registration leaves of it
 STATUS = {
     "mixed": ["partly_explained"],
@@ -202,8 +202,8 @@ class _Trial:
         """Scale an effect to a gap in units of the instrument; where it has no scale, take a coarser instrument."""
         s = self.setting
         sigma = float(np.median(s.visits.sigma(simulate_rows(s.nominal, s.rows).position)))
-        beside = self.kind == "mixed" and effect.known
-        over = float(np.exp(self.rng.uniform(*np.log(BESIDE_UNKNOWN if beside else OVER_SIGMA))))
+        wanted = BESIDE[effect.known] if self.kind == "mixed" else OVER_SIGMA
+        over = float(np.exp(self.rng.uniform(*np.log(wanted))))
         if effect.name in UNSCALED:
             ratio = rms(self._seen(effect)) / sigma / over
             if effect.name == "gravity_sag" and ratio > 1.0:
