@@ -86,7 +86,8 @@ def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:
-        details = error.errors()[0]
+        faults = error.errors()  # a misspelt key is told rather than the one that is missing for it
+        details = next((fault for fault in faults if fault["type"] == "extra_forbidden"), faults[0])
         keys, holder = _walk(details, model)
         if details["type"] in ("union_tag_invalid", "union_tag_not_found"):
             keys.append(str(details["ctx"]["discriminator"]).strip("'"))

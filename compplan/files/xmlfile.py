@@ -1,0 +1,60 @@
+"""XML files that are data: no document types, no entities, no depth or size without bound."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+from compplan.errors import InputError
+
+#: Greatest depth and number of elements of an XML file.
+DEEPEST, MOST_ELEMENTS = 64, 100_000
+
+
+class _Builder(ElementTree.TreeBuilder):
+    """Build the tree, and stop at what has no place in a data file."""
+
+    def __init__(self, file: Path) -> None:
+        super().__init__()
+        self.file = file
+        self.depth = self.count = 0
+
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        """Refuse a document type: it may define entities that grow or reach outside."""
+        raise InputError("holds a DOCTYPE declaration, expected plain XML without entities", file=self.file)
+
+    def start(self, tag: str, attrs: dict[str, str]) -> ElementTree.Element:  # type: ignore[override]
+        """Count elements and their depth."""
+        self.depth += 1
+        self.count += 1
+        if self.depth > DEEPEST:
+            raise InputError(f"is nested deeper than {DEEPEST} elements", file=self.file)
+        if self.count > MOST_ELEMENTS:
+            raise InputError(f"holds more than {MOST_ELEMENTS} elements", file=self.file)
+        return super().start(tag, attrs)
+
+    def end(self, tag: str) -> ElementTree.Element:
+        """Leave an element."""
+        self.depth -= 1
+        return super().end(tag)
+
+
+def parse_xml(text: str, file: Path) -> ElementTree.Element:
+    """Parse an XML text.
+
+    Args:
+        text: The text.
+        file: Its file, for messages.
+
+    Raises:
+        InputError: If it is no XML, declares a document type, or is nested too deeply.
+    """
+    parser = ElementTree.XMLParser(target=_Builder(file))
+    try:
+        parser.feed(text)
+        root: ElementTree.Element = parser.close()
+    except ElementTree.ParseError as error:
+        raise InputError(f"not valid XML: {error.msg}", file=file, where=error.position[0]) from None
+    except ValueError as error:
+        raise InputError(f"not valid XML: {error}", file=file) from None
+    return root

@@ -1,0 +1,203 @@
+"""elasticity.toml: its tables, checked against the chain of the URDF and against what a robot can be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Field, field_validator, model_validator
+
+from compplan.errors import InputError, UnknownNameError
+from compplan.files.tomlfile import Numbers, StrictTable, Vector3, read_toml_model
+from compplan.robot.beam import hollow_beam_compliance
+from compplan.robot.model import GRADES, SPRING_AXES, Array, Joint, LinkElasticity, Spring
+
+#: Softer springs than these are a mistake: 100 N m/rad and 1 N/mm.
+SOFTEST = {"r": 1e-2, "t": 1e-3}
+#: Greatest gravity [m/s^2], offset of a spring [m], repeatability [mm] and number of springs or link blocks.
+MOST_GRAVITY, FARTHEST, MOST_SCATTER, MOST_SPRINGS = 20.0, 10.0, 10.0, 500
+#: Young's and shear modulus: from wood across its grain to diamond. [Pa]
+MODULUS = Field(ge=1e7, le=2e12)
+
+
+def _expect_three(value: object) -> object:
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        raise ValueError(f"expected 3 numbers, got {value!r}")
+    return value
+
+
+Triple = Annotated[Vector3, BeforeValidator(_expect_three)]
+
+
+class SpringTable(StrictTable):
+    """[[spring]]: one elastic degree of freedom."""
+
+    joint: str
+    axis: str = "own"
+    compliance: float
+    offset: Triple = (0.0, 0.0, 0.0)
+    actuator: bool | None = None
+
+    @field_validator("compliance")
+    @classmethod
+    def _check_compliance(cls, value: float) -> float:
+        if value < 0.0:
+            raise ValueError(f"compliance {value:g} is not a finite number >= 0")
+        return value
+
+    @field_validator("offset")
+    @classmethod
+    def _check_offset(cls, value: Vector3) -> Vector3:
+        if max(map(abs, value)) > FARTHEST:
+            raise ValueError(f"is {list(value)}, at most {FARTHEST:g} m; is it in millimetres?")
+        return value
+
+
+class BeamTable(StrictTable):
+    """beam of a [[link]]: a tube or bar. m, Pa."""
+
+    length: float = Field(gt=0.0, le=FARTHEST)
+    outer_diameter: float = Field(gt=0.0, le=FARTHEST)
+    inner_diameter: float = Field(ge=0.0)
+    young: float = MODULUS
+    shear: float = MODULUS
+    axis: Literal["x", "y", "z", "-x", "-y", "-z"] = "z"
+
+    @model_validator(mode="after")
+    def _check(self) -> BeamTable:
+        if self.inner_diameter >= self.outer_diameter:
+            raise ValueError("inner_diameter is not below outer_diameter")
+        return self
+
+
+class LinkTable(StrictTable):
+    """[[link]]: the elasticity of a link."""
+
+    link: str
+    compliance: Annotated[tuple[Numbers, ...], Field(strict=False)] | None = None
+    beam: BeamTable | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> LinkTable:
+        if (self.compliance is None) == (self.beam is None):
+            raise ValueError("give either compliance (6x6) or beam")
+        return self
+
+    def matrix(self) -> Array:
+        """Return the 6x6 compliance.
+
+        Raises:
+            ValueError: If it is not symmetric, not positive, or softer than any link.
+        """
+        if self.beam is not None:
+            return hollow_beam_compliance(**self.beam.model_dump())
+        rows = self.compliance or ()
+        if len(rows) != 6 or any(len(row) != 6 for row in rows):
+            raise ValueError("compliance is not a symmetric 6x6 matrix")
+        matrix = np.array(rows, dtype=np.float64)
+        if not np.allclose(matrix, matrix.T, rtol=1e-6, atol=1e-15):
+            raise ValueError("compliance is not a symmetric 6x6 matrix")
+        if np.linalg.eigvalsh(matrix).min() < -1e-9 * max(np.abs(matrix).max(), 1e-300):
+            raise ValueError("compliance has a negative eigenvalue")
+        return matrix
+
+
+class ElasticityTable(StrictTable):
+    """elasticity.toml of a robot folder."""
+
+    schema_: Literal[1] = Field(alias="schema")
+    tcp: str = Field(min_length=1)
+    flange: str | None = Field(default=None, min_length=1)
+    gravity: Triple | None = None
+    acceleration_limits: Annotated[tuple[Annotated[float, Field(gt=0.0)], ...], Field(strict=False)] | None = None
+    repeatability_mm: float | None = Field(default=None, ge=0.0, le=MOST_SCATTER)
+    sources: dict[str, str] = Field(default_factory=dict)
+    grade: str = "placeholder"
+    spring: Annotated[tuple[SpringTable, ...], Field(strict=False, max_length=MOST_SPRINGS)] = ()
+    link: Annotated[tuple[LinkTable, ...], Field(strict=False, max_length=MOST_SPRINGS)] = ()
+
+    @field_validator("gravity")
+    @classmethod
+    def _check_gravity(cls, value: Vector3 | None) -> Vector3 | None:
+        if value is not None and np.linalg.norm(value) > MOST_GRAVITY:
+            raise ValueError(f"is {list(value)}, at most {MOST_GRAVITY:g} m/s^2; is it in mm/s^2?")
+        return value
+
+
+def read_elasticity(file: Path) -> ElasticityTable:
+    """Read elasticity.toml.
+
+    Raises:
+        InputError: With file and key, if it is not what it has to be.
+    """
+    table = read_toml_model(ElasticityTable, file)
+    if table.grade not in GRADES:
+        raise UnknownNameError("grade", table.grade, list(GRADES), file=file, where="grade")
+    return table
+
+
+def build_springs(table: ElasticityTable, joints: Sequence[Joint], file: Path) -> tuple[Spring, ...]:
+    """Return the springs of a chain.
+
+    Raises:
+        InputError: If a spring names no joint of the chain, has no axis, or is softer than any robot.
+    """
+    kinds = {joint.name: joint.kind for joint in joints}
+    springs = []
+    for index, entry in enumerate(table.spring):
+        where = f"spring[{index}]"
+        if entry.joint not in kinds:
+            raise UnknownNameError("joint", entry.joint, list(kinds), file=file, where=f"{where}.joint")
+        if entry.axis not in SPRING_AXES:
+            raise UnknownNameError("axis", entry.axis, list(SPRING_AXES), file=file, where=f"{where}.axis")
+        kind = kinds[entry.joint]
+        if entry.axis == "own" and kind == "fixed":
+            message = f"fixed joint {entry.joint!r} has no own axis, give tx ty tz rx ry rz"
+            raise InputError(message, file=file, where=f"{where}.axis")
+        slides = entry.axis[0] == "t" or (entry.axis == "own" and kind == "prismatic")
+        check_compliance(entry.compliance, slides=slides, file=file, where=f"{where}.compliance")
+        actuator = entry.axis == "own" if entry.actuator is None else entry.actuator
+        springs.append(Spring(entry.joint, entry.axis, entry.compliance, np.array(entry.offset), actuator))
+    return tuple(springs)
+
+
+def check_compliance(value: float, *, slides: bool, file: Path | None, where: str) -> None:
+    """Refuse a compliance that is softer than any robot.
+
+    Args:
+        value: The compliance. [rad/(N m), or m/N where it slides]
+        slides: Whether it is that of a translation.
+        file: File for messages.
+        where: Key for messages.
+
+    Raises:
+        InputError: If it is not plausible.
+    """
+    softest, unit = (SOFTEST["t"], "m/N") if slides else (SOFTEST["r"], "rad/(N m)")
+    if value > softest:
+        hint = "is it a stiffness?" if value > 1e2 else "is an exponent such as e-6 missing?"
+        raise InputError(f"compliance {value:g} {unit}, at most {softest:g} {unit}; {hint}", file=file, where=where)
+
+
+def build_links(table: ElasticityTable, chain_links: Sequence[str], file: Path) -> tuple[LinkElasticity, ...]:
+    """Return the elasticities of a chain's links.
+
+    Raises:
+        InputError: If a block names no link of the chain, or its compliance is none.
+    """
+    blocks = []
+    for index, entry in enumerate(table.link):
+        where = f"link[{index}]"
+        if entry.link not in chain_links:
+            raise UnknownNameError("link", entry.link, list(chain_links), file=file, where=f"{where}.link")
+        try:
+            matrix = entry.matrix()
+        except ValueError as error:
+            raise InputError(str(error), file=file, where=f"{where}.compliance") from None
+        for row, slides in enumerate((True, True, True, False, False, False)):
+            check_compliance(float(matrix[row, row]), slides=slides, file=file, where=f"{where}.compliance")
+        blocks.append(LinkElasticity(entry.link, matrix))
+    return tuple(blocks)
+
