@@ -30,7 +30,7 @@ def make_workspace(case: BadInput, folder: Path) -> None:
     else:
         old = file.read_text(encoding="utf-8") if file.exists() else ""
         new = edit_text(old, case.edit)
-        if new == old:
+        if new == old and file.exists():
             raise ValueError(f"{case.name}: the edit changes nothing")
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(new, encoding="utf-8")

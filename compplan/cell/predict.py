@@ -76,7 +76,7 @@ def predict_campaign(
 def folder_registration(robot: Robot) -> Registration | None:
     """Return the frames of the robot folder's registration.toml, or None."""
     file = None if robot.folder is None else robot.folder / "registration.toml"
-    return read_registration(file) if file is not None and file.is_file() else None
+    return read_registration(file) if file is not None and file.exists() else None
 
 
 def write_prediction(prediction: Prediction, file: str | Path) -> None:

@@ -7,12 +7,16 @@ from pathlib import Path
 import click
 import numpy as np
 
+from compplan.effects import robot_effects
 from compplan.errors import InputError
 from compplan.files.tables import dump_json
 from compplan.maps.reach import POSTURES
 from compplan.maps.survey import MapSettings, map_robot
 from compplan.outputs.map import write_map
 from compplan.robot import load_robot
+
+#: Greatest load [N, Nm] and height [mm] that are taken for true.
+MOST_LOAD, FARTHEST_MM = 1e5, 1e5
 
 
 @click.command()
@@ -45,10 +49,16 @@ def command(
     wrench = np.array([*force, *moment])
     if not np.isfinite([*wrench, height_mm, azimuth_deg]).all():
         raise InputError("force, moment, height and azimuth are finite numbers")
+    if max(map(abs, wrench)) > MOST_LOAD or abs(height_mm) > FARTHEST_MM or abs(azimuth_deg) > 360.0:
+        raise InputError(
+            f"--force and --moment are at most {MOST_LOAD:g} N or Nm, --height-mm {FARTHEST_MM:g}, --azimuth-deg 360"
+        )
     settings = MapSettings(
         posture=posture, wrench=wrench, height=height_mm * 1e-3, azimuth=float(np.radians(azimuth_deg)), points=points
     )
-    result = map_robot(load_robot(robot), settings, None if reduced is None else load_robot(reduced))
+    loaded = load_robot(robot)
+    robot_effects(loaded)  # they move no map, but a wrong file is told here too
+    result = map_robot(loaded, settings, None if reduced is None else load_robot(reduced))
     write_map(result, out)
     if as_json:
         click.echo(dump_json(result.summary()))

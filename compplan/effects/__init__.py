@@ -49,6 +49,7 @@ from compplan.effects import (
     wrench_bias,
     wrench_scale,
 )
+from compplan.effects.checks import check_effect
 from compplan.effects.scene import Attained, Scene, attain_scene, stage_scene
 from compplan.effects.signature import Effect, Signature
 from compplan.errors import InputError, UnknownNameError
@@ -123,11 +124,13 @@ def robot_effects(robot: Robot) -> tuple[Effect, ...]:
         if name not in EFFECTS:
             raise UnknownNameError("effect", name, list(EFFECTS), file=file, where=f"{where}.effect")
         joint = table.get("joint")
-        if joint is not None and joint not in robot.joint_names:
-            raise UnknownNameError("joint", str(joint), list(robot.joint_names), file=file, where=f"{where}.joint")
+        names = [known.name for known in robot.joints]
+        if joint is not None and joint not in names:
+            raise UnknownNameError("joint", str(joint), names, file=file, where=f"{where}.joint")
         parameters = table.get("parameters")
         if not isinstance(parameters, Mapping):
             raise InputError("expected a table of parameters", file=file, where=f"{where}.parameters")
+        check_effect(table, robot, file, where)
         effects.append(Effect(name, joint, table.get("axis"), dict(parameters)))
     return tuple(effects)
 

@@ -6,9 +6,17 @@ import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationError
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    ValidationError,
+)
 from pydantic_core import CoreSchema, ErrorDetails
 from pydantic_core.core_schema import no_info_after_validator_function
 
@@ -24,6 +32,17 @@ class StrictTable(BaseModel):
 
 Model = TypeVar("Model", bound=StrictTable)
 
+
+
+def refuse_other_types(value: object) -> object:
+    """Refuse what is no whole number: true and 1.0 are equal to 1, and no versions or signs."""
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ValueError(f"is {value!r}, expected a whole number such as 1")
+    return value
+
+
+#: The version of a file's format.
+SchemaOne = Annotated[Literal[1], BeforeValidator(refuse_other_types)]
 #: TOML arrays as tuples; items stay strict.
 Vector3 = Annotated[tuple[float, float, float], Field(strict=False)]
 Numbers = Annotated[tuple[float, ...], Field(strict=False)]
@@ -68,6 +87,9 @@ def read_toml(path: str | Path) -> dict[str, Any]:
             sentence = sentence.replace(" (at end of document)", "")
             line = max(1, len(text.splitlines()))
         raise InputError(f"is not TOML: {sentence}", file=path, where=line) from None
+    except (RecursionError, ValueError) as error:  # nested without end; a number of thousands of digits
+        fault = "nested too deeply" if isinstance(error, RecursionError) else str(error)
+        raise InputError(f"is not TOML: {fault}", file=path) from None
 
 
 def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path | None = None, key: str = "") -> Model:

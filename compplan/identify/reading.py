@@ -41,7 +41,7 @@ def place_frames(robot: Robot, campaign: Campaign, parts: tuple[str, ...]) -> Re
         seen = _attain(robot, campaign, None)
         return fit_registration(campaign, seen.position, seen.rotation, parts, rows=rows)  # type: ignore[arg-type]
     file = None if robot.folder is None else Path(robot.folder) / "registration.toml"
-    if file is not None and file.is_file():
+    if file is not None and file.exists():
         return replace(match_targets(read_registration(file), campaign), parts=())
     return Registration.identity(campaign, ())
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.files.tables import Array
-from compplan.files.tomlfile import Numbers, OneOf, StrictTable, Vector3, check_table, read_toml
+from compplan.files.tomlfile import Numbers, OneOf, SchemaOne, StrictTable, Vector3, check_table, read_toml
 from compplan.job.names import STRATEGIES
 from compplan.job.noise import NoiseTable
 from compplan.path.cam.options import CamTable
@@ -177,7 +177,7 @@ class CollisionTable(StrictTable):
 class Job(StrictTable):
     """Hold a job as its file says it; `load_job` reads it, `load_nominal` follows its references."""
 
-    schema_: Literal[1] = Field(alias="schema")
+    schema_: SchemaOne = Field(alias="schema")
     name: str = ""
     robot: str
     toolpath: str | CircleTable | SpiralTable | ConeTable

@@ -5,20 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tomli_w
 from numpy.typing import NDArray
+from pydantic import AfterValidator, Field
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.files.tables import write_text
-from compplan.files.tomlfile import read_toml
+from compplan.files.tomlfile import SchemaOne, StrictTable, Vector3, read_toml_model
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array
 
 PARTS = ("base", "tool")
+#: Greatest distance of a registered frame; degrees stay far below it. [mm]
+FARTHEST_MM = 1e6
 STEPS = 60
 #: A step below this has converged [m or rad].
 SETTLED = 1e-10
@@ -55,6 +58,41 @@ class Registration:
 def stated_registration(campaign: Campaign) -> Registration | None:
     """Return the registration that a campaign states by its target offset, or None where there is nothing to state."""
     return None if campaign.target_offset is None else Registration.identity(campaign, ())
+
+
+def _check_near(value: Vector3) -> Vector3:
+    if max(map(abs, value)) > FARTHEST_MM:
+        raise ValueError(f"is {list(value)}, at most {FARTHEST_MM:g}")
+    return value
+
+
+class PoseTable(StrictTable):
+    """A pose of registration.toml: mm, and a rotation vector in degrees."""
+
+    position_mm: Annotated[Vector3, AfterValidator(_check_near)]
+    rotation_deg: Annotated[Vector3, AfterValidator(_check_near)]
+
+    def pose(self) -> Array:
+        """Return it as a matrix. Shape (4, 4) [m]."""
+        pose = np.eye(4)
+        pose[:3, 3] = np.array(self.position_mm) * 1e-3
+        pose[:3, :3] = Rotation.from_rotvec(np.deg2rad(self.rotation_deg)).as_matrix()
+        return pose
+
+
+class TargetTable(PoseTable):
+    """[[tool]]: a target in the TCP frame."""
+
+    target: str = ""
+
+
+class RegistrationTable(StrictTable):
+    """registration.toml of a robot folder."""
+
+    schema_: SchemaOne = Field(alias="schema")
+    fitted: Annotated[tuple[Literal["base", "tool"], ...], Field(strict=False, min_length=1)]
+    base: PoseTable
+    tool: Annotated[tuple[TargetTable, ...], Field(strict=False, min_length=1)]
 
 
 def parse_parts(text: str | None) -> tuple[str, ...]:
@@ -124,18 +162,13 @@ def read_registration(file: Path) -> Registration:
         InputError: If the file is not a registration.
 
     """
-    table = read_toml(file)
-    try:
-        base = _pose(table["base"])
-        tools = table["tool"]
-        return Registration(
-            base,
-            np.array([_pose(t) for t in tools]),
-            tuple(str(t.get("target", "")) for t in tools),
-            tuple(table["fitted"]),
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"is not a registration: {error}; expected fitted, [base] and [[tool]]", file=file) from None
+    table = read_toml_model(RegistrationTable, file)
+    return Registration(
+        table.base.pose(),
+        np.array([tool.pose() for tool in table.tool]),
+        tuple(tool.target for tool in table.tool),
+        table.fitted,
+    )
 
 
 def write_registration(registration: Registration, file: Path) -> None:
@@ -229,13 +262,6 @@ def _exp(twist: Array) -> Array:
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_rotvec(twist[3:]).as_matrix()
     pose[:3, 3] = twist[:3]
-    return pose
-
-
-def _pose(table: Any) -> Array:
-    pose = np.eye(4)
-    pose[:3, 3] = np.array(table["position_mm"], float) * 1e-3
-    pose[:3, :3] = Rotation.from_rotvec(np.deg2rad(np.array(table["rotation_deg"], float))).as_matrix()
     return pose
 
 

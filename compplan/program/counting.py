@@ -9,13 +9,25 @@ from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError, ShapeError, UnknownNameError
 from compplan.files.tables import Array, read_text
-from compplan.files.tomlfile import Numbers, StrictTable, Vector3, Words, read_toml_model
+from compplan.files.tomlfile import (
+    Numbers,
+    SchemaOne,
+    StrictTable,
+    Vector3,
+    Words,
+    read_toml_model,
+    refuse_other_types,
+)
 from compplan.robot import Joint, Robot
+from compplan.robot.urdf import read_urdf
+
+#: Longest name of a joint, and greatest zero [deg or mm], that are taken for true.
+LONGEST_NAME, FARTHEST_ZERO = 32, 1e5
 
 
 class ConfigurationWord(StrictTable):
@@ -47,10 +59,10 @@ class WorldTable(StrictTable):
 class ControllerTable(StrictTable):
     """controller.toml of a robot folder."""
 
-    schema_: Literal[1] = Field(alias="schema")
+    schema_: SchemaOne = Field(alias="schema")
     controller: str = ""
     joint_names: Words | None = None
-    sign: Annotated[tuple[Literal[-1, 1], ...], Field(strict=False)]
+    sign: Annotated[tuple[Annotated[Literal[-1, 1], BeforeValidator(refuse_other_types)], ...], Field(strict=False)]
     zero_deg: Numbers
     coupling: Annotated[tuple[Numbers, ...], Field(strict=False)] | None = None
     world: WorldTable = WorldTable()
@@ -101,7 +113,7 @@ def load_controller(robot: Robot) -> Counting:
         InputError: If the file is not what it has to be, or does not fit the robot.
 
     """
-    if robot.folder is None or not (robot.folder / "controller.toml").is_file():
+    if robot.folder is None or not (robot.folder / "controller.toml").exists():
         return plain_controller(robot)
     file = robot.folder / "controller.toml"
     table = read_toml_model(ControllerTable, file)
@@ -112,6 +124,11 @@ def load_controller(robot: Robot) -> Counting:
     names = table.joint_names or plain_controller(robot).joint_names
     if len(names) != nq:
         raise InputError(f"has {len(names)} names, expected {nq}, one a joint", file=file, where="joint_names")
+    if len(set(names)) < nq or not all(name.isprintable() and 0 < len(name.strip()) <= LONGEST_NAME for name in names):
+        message = f"is {list(names)}, expected {nq} different names of 1 to {LONGEST_NAME} letters in one line"
+        raise InputError(message, file=file, where="joint_names")
+    if max(map(abs, table.zero_deg)) > FARTHEST_ZERO:
+        raise InputError(f"is {list(table.zero_deg)}, at most {FARTHEST_ZERO:g} deg or mm", file=file, where="zero_deg")
     matrix = np.diag(np.array(table.sign, dtype=np.float64))
     if table.coupling is not None:
         if len(table.coupling) != nq or any(len(row) != nq for row in table.coupling):
@@ -229,34 +246,18 @@ def believed_robot(robot: Robot) -> Robot:
     """Return the robot with the geometry that its controller believes: controller.urdf of its folder, if there is one.
 
     Raises:
-        InputError: If controller.urdf is no XML or lacks a joint of the chain.
+        InputError: If controller.urdf is no URDF or lacks a joint of the chain.
 
     """
-    if robot.folder is None or not (robot.folder / "controller.urdf").is_file():
+    if robot.folder is None or not (robot.folder / "controller.urdf").exists():
         return robot
     file = robot.folder / "controller.urdf"
-    try:
-        root = ElementTree.fromstring(read_text(file))
-    except ElementTree.ParseError as error:
-        raise InputError(f"is not XML: {error}", file=file, where=error.position[0]) from None
-    elements = {element.get("name"): element for element in root.findall("joint")}
+    believed = {joint.name: joint for joint in read_urdf(read_text(file), file).joints}
     own = {element.get("name") for element in ElementTree.fromstring(robot.urdf).findall("joint")}
     joints = []
     for joint in robot.joints:
-        element = elements.get(joint.name)
-        if element is None and joint.name in own and joint.name != "tool_joint":
+        other = believed.get(joint.name)
+        if other is None and joint.name in own and joint.name != "tool_joint":
             raise InputError(f"no joint named {joint.name!r}, expected the joints of robot.urdf", file=file)
-        joints.append(joint if element is None else _take_geometry(joint, element))
+        joints.append(joint if other is None else replace(joint, placement=other.placement, axis=other.axis))
     return replace(robot, joints=tuple(joints))
-
-
-def _take_geometry(joint: Joint, element: ElementTree.Element) -> Joint:
-    """Return a joint with placement and axis of a URDF element."""
-    origin, axis = element.find("origin"), element.find("axis")
-    placement = np.eye(4)
-    if origin is not None:
-        roll_pitch_yaw = [float(number) for number in origin.get("rpy", "0 0 0").split()]
-        placement[:3, :3] = Rotation.from_euler("xyz", roll_pitch_yaw).as_matrix()
-        placement[:3, 3] = [float(number) for number in origin.get("xyz", "0 0 0").split()]
-    direction = joint.axis if axis is None else np.array([float(number) for number in axis.get("xyz", "1 0 0").split()])
-    return replace(joint, placement=placement, axis=direction / np.linalg.norm(direction))

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from compplan.errors import InputError, UnknownNameError
-from compplan.files.tomlfile import Numbers, StrictTable, Vector3, read_toml_model
+from compplan.files.tomlfile import Numbers, SchemaOne, StrictTable, Vector3, read_toml_model
 from compplan.robot.beam import hollow_beam_compliance
 from compplan.robot.model import GRADES, SPRING_AXES, Array, Joint, LinkElasticity, Spring
 
@@ -107,7 +107,7 @@ class LinkTable(StrictTable):
 class ElasticityTable(StrictTable):
     """elasticity.toml of a robot folder."""
 
-    schema_: Literal[1] = Field(alias="schema")
+    schema_: SchemaOne = Field(alias="schema")
     tcp: str = Field(min_length=1)
     flange: str | None = Field(default=None, min_length=1)
     gravity: Triple | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -14,7 +14,7 @@ from pydantic import Field
 
 from compplan.errors import InputError, UnknownNameError
 from compplan.files.tables import read_text, write_text
-from compplan.files.tomlfile import StrictTable, read_toml_model
+from compplan.files.tomlfile import SchemaOne, StrictTable, read_toml_model
 from compplan.robot.elasticity import build_links, build_springs, read_elasticity
 from compplan.robot.model import Array, Joint, Robot, roll_pitch_yaw_of
 from compplan.robot.urdf import read_numbers, read_placement, read_urdf
@@ -32,7 +32,7 @@ class EffectTable(StrictTable):
 class EffectsTable(StrictTable):
     """effects.toml of a robot folder."""
 
-    schema_: Literal[1] = Field(alias="schema")
+    schema_: SchemaOne = Field(alias="schema")
     effect: Annotated[tuple[EffectTable, ...], Field(strict=False)]
 
 

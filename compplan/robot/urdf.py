@@ -50,7 +50,8 @@ class Urdf:
                 where = f"joint {joint.name!r}"
                 raise UnknownNameError("joint to mimic", joint.mimic.joint, names, file=self.file, where=where)
         if not names:
-            raise InputError(f"no joint moves the frame {tcp!r}, expected the tool at the end of the arm", where="tcp")
+            message = f"no joint moves the tcp {tcp!r}, expected a frame at the end of the arm"
+            raise InputError(message, file=self.file)
         return chain, link
 
     def bodies(self, chain_links: Sequence[str]) -> tuple[Body, ...]:
@@ -117,7 +118,7 @@ def read_joint(element: ElementTree.Element, file: Path) -> Joint:
             raise InputError(f"lacks its {tag} link", file=file, where=where)
         ends.append(str(end.get("link")))
     axis = read_numbers(element.find("axis"), "xyz", "1 0 0", file, where)
-    length = float(np.linalg.norm(axis))
+    length, mimic = float(np.linalg.norm(axis)), _read_mimic(element.find("mimic"), name, file, where)
     if not 1e-6 < length < 1e6:
         raise InputError(f"axis {axis.tolist()} has length {length:g}, expected a direction", file=file, where=where)
     return Joint(
@@ -127,8 +128,8 @@ def read_joint(element: ElementTree.Element, file: Path) -> Joint:
         child=ends[1],
         placement=read_placement(element.find("origin"), file, where),
         axis=axis / length,
-        mimic=_read_mimic(element.find("mimic"), name, file, where),
-        **_read_limits(element.find("limit"), kind, file, where),
+        mimic=mimic,
+        **_read_limits(element.find("limit"), "mimic" if mimic is not None else kind, file, where),
     )
 
 
@@ -196,14 +197,14 @@ def _read_number(element: ElementTree.Element, key: str, file: Path, where: str)
 
 
 def _read_limits(limit: ElementTree.Element | None, kind: str, file: Path, where: str) -> dict[str, float]:
-    """Read the limits of a joint; a joint that moves between stops needs them all but the effort."""
-    if kind == "fixed" or (kind == "continuous" and limit is None):
+    """Read the limits of a joint; one that moves between stops needs them all but the effort, unless it mimics."""
+    if kind == "fixed" or (kind in ("continuous", "mimic") and limit is None):
         return {}
     if limit is None:
         raise InputError(f"has no <limit>, a {kind} joint needs lower, upper and velocity", file=file, where=where)
     limits: dict[str, float] = {}
     unit, widest = ("m", FARTHEST) if kind == "prismatic" else ("rad", WIDEST)
-    if kind != "continuous":
+    if kind not in ("continuous", "mimic") or {"lower", "upper"} & set(limit.keys()):
         limits = {key: _read_number(limit, key, file, where) for key in ("lower", "upper")}
         for key, value in limits.items():
             if abs(value) > widest:
@@ -213,7 +214,7 @@ def _read_limits(limit: ElementTree.Element | None, kind: str, file: Path, where
         if not limits["lower"] < limits["upper"]:
             message = f"lower limit {limits['lower']:g} {unit} is not below the upper limit {limits['upper']:g} {unit}"
             raise InputError(message, file=file, where=where)
-    if kind != "continuous" or limit.get("velocity") is not None:
+    if kind not in ("continuous", "mimic") or limit.get("velocity") is not None:
         velocity = limits["velocity"] = _read_number(limit, "velocity", file, where)
         if not 0.0 < velocity <= FASTEST:
             message = f"limit velocity is {velocity:g} {unit}/s, expected more than 0 and at most {FASTEST:g}"

@@ -1,0 +1,232 @@
+"""What may stand in a table of effects.toml: the place and the parameters of each effect, with their bounds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from compplan.errors import InputError, UnknownNameError
+from compplan.robot import Robot
+
+#: Words of a rule that are no bounds of numbers: a row, a flag, a joint or joints of the robot, axes of a wrench.
+ROW, FLAG, JOINT, JOINTS, AXES = "row", "flag", "joint", "joints", ("base", "sensor")
+TURNS, SHIFTS = ("rx", "ry", "rz"), ("tx", "ty", "tz")
+#: Greatest compliance [rad/(N m), m/N], step [m, rad], angle [rad] and load [N, N m] that are taken for true.
+SOFT, STEP, ANGLE, LOAD = 1e-2, 10.0, 2.0 * math.pi, 1e6
+TWIST = {**{f"{axis}_m": STEP for axis in SHIFTS}, **{f"{axis}_rad": ANGLE for axis in TURNS}}
+WRENCH = {**{f"f{axis}_N": LOAD for axis in "xyz"}, **{f"m{axis}_Nm": LOAD for axis in "xyz"}}
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What one effect needs.
+
+    Args:
+        keys: Its parameters: the greatest size of a number (or of the numbers of a list), or one of the words above.
+        joint: Whether it has a joint: "needed", "free" or "none".
+        axes: The axes that it may have; none if empty.
+        groups: Sets of keys of which one has to be complete.
+
+    """
+
+    keys: Mapping[str, float | str | tuple[str, ...]]
+    joint: str = "none"
+    axes: tuple[str, ...] = ()
+    groups: tuple[tuple[str, ...], ...] = field(default=())
+
+
+RULES: dict[str, Rule] = {
+    "joint_stiffness": Rule(
+        {"compliance_change_rad_per_Nm": SOFT, "compliance_change_m_per_N": SOFT}, "needed",
+        groups=(("compliance_change_rad_per_Nm",), ("compliance_change_m_per_N",)),
+    ),
+    "link_compliance": Rule(
+        {"compliance_rad_per_Nm": SOFT, "compliance_m_per_N": SOFT}, "needed", TURNS + SHIFTS,
+        (("compliance_rad_per_Nm",), ("compliance_m_per_N",)),
+    ),
+    "base_compliance": Rule({"compliance_rad_per_Nm": SOFT}, "none", TURNS, (("compliance_rad_per_Nm",),)),
+    "stiffness_nonlinearity": Rule(
+        {"linear_ratio": 1e3, "quadratic_ratio": 1e3, "cubic_ratio": 1e3, "soft_zone_ratio": 1e3,
+         "saturating_ratio": 1e3, "compliance": SOFT, "reference_load": LOAD, "zone_load": LOAD}, "needed",
+        groups=(("compliance", "reference_load", "zone_load"),),
+    ),
+    "gravity_sag": Rule(
+        {"gravity_m_s2": 20.0, "joints": JOINTS, "compliance_rad_per_Nm": SOFT},
+        groups=(("gravity_m_s2",), ("joints", "compliance_rad_per_Nm")),
+    ),
+    "payload": Rule({"mass_kg": 1e5, "first_moment_kg_m": 1e6}, groups=(("mass_kg", "first_moment_kg_m"),)),
+    "gravity_compensator": Rule(
+        dict.fromkeys(("sine_Nm", "cosine_Nm", "constant_Nm", "sine_2_Nm", "cosine_2_Nm"), LOAD), "needed",
+        groups=(("sine_Nm",), ("cosine_Nm",), ("constant_Nm",)),
+    ),
+    "joint_offset": Rule({"offset_rad": ANGLE, "offset_m": STEP}, "needed", groups=(("offset_rad",), ("offset_m",))),
+    "link_geometry": Rule(TWIST, "needed", TURNS + SHIFTS, tuple((key,) for key in TWIST)),
+    "tool_frame": Rule(TWIST, groups=tuple((key,) for key in TWIST)),
+    "base_frame": Rule(TWIST, groups=tuple((key,) for key in TWIST)),
+    "frame_shift": Rule({"row": ROW, **TWIST}, groups=(("row",),)),
+    "tool_shift": Rule({"row": ROW, **TWIST}, groups=(("row",),)),
+    "backlash": Rule({"width_rad": ANGLE, "width_m": STEP, "start_ratio": 1.0}, "needed",
+                     groups=(("width_rad",), ("width_m",))),
+    "transmission_error": Rule(
+        {**{f"{part}_{unit}": STEP for part in ("sine", "cosine", "height", "spline") for unit in ("rad", "m")},
+         **{f"{part}_{unit}": 1e3 for part in ("centre", "width", "knots") for unit in ("rad", "m")},
+         "cycles_per_turn": 1e5, "cycles_per_m": 1e6}, "needed",
+        groups=(("cycles_per_turn", "sine_rad", "cosine_rad"), ("cycles_per_m", "sine_m", "cosine_m"),
+                ("height_rad", "centre_rad", "width_rad"), ("height_m", "centre_m", "width_m"),
+                ("spline_rad", "knots_rad"), ("spline_m", "knots_m")),
+    ),
+    "thermal_drift": Rule(
+        {"time_constant_s": 1e7, "reference_temperature_C": 200.0, "growth_ratio": 0.1, "growth_per_K": 1e-2,
+         "segment_growth_ratio": 0.1, "segment_growth_per_K": 1e-2},
+        groups=(("time_constant_s",), ("reference_temperature_C",)),
+    ),
+    "wrench_bias": Rule({"axes": AXES, **WRENCH}, groups=(("axes",),)),
+    "wrench_scale": Rule({"gain_error_ratio": 10.0}, groups=(("gain_error_ratio",),)),
+    "tracking_lag": Rule({"lag_s": 10.0}, "free", groups=(("lag_s",),)),
+    "joint_coupling": Rule(
+        {"other": JOINT, "ratio": 100.0, "reversed": FLAG, "zero_rad": ANGLE, "zero_m": STEP}, "needed",
+        groups=(("other", "ratio"), ("reversed",), ("zero_rad",), ("zero_m",)),
+    ),
+    "time_skew": Rule(
+        {"skew_s": 100.0, "encoder_skew_s": 100.0, "stale_ratio": 10.0},
+        groups=(("skew_s",), ("encoder_skew_s",), ("stale_ratio",)),
+    ),
+}  # fmt: skip
+#: Parameters that have to be positive.
+POSITIVE = ("time_constant_s", "reference_load", "cycles_per_turn", "cycles_per_m")
+#: Beginnings of the parameters that are lists, by effect.
+LISTED = {
+    "transmission_error": "", "payload": "first_moment", "gravity_sag": "compliance", "thermal_drift": "segment",
+}  # fmt: skip
+
+
+def check_effect(table: Mapping[str, Any], robot: Robot, file: Path | None, where: str) -> None:
+    """Refuse a table of effects.toml whose place or parameters are not those of its effect.
+
+    An effect without a rule here is checked for finite numbers alone.
+
+    Args:
+        table: The table; its effect and joint are known to exist.
+        robot: The robot.
+        file: The file, for messages.
+        where: Key of the table.
+
+    Raises:
+        InputError: With file and key.
+
+    """
+    parameters = table["parameters"]
+    for key, value in parameters.items():
+        for number in _numbers_of(value):
+            if not math.isfinite(number):
+                at = f"{where}.parameters.{key}"
+                raise InputError(f"is {value!r}, expected a finite number", file=file, where=at)
+    rule = RULES.get(str(table["effect"]))
+    if rule is None:
+        return
+    _check_place(table, rule, robot, file, where)
+    for key, value in parameters.items():
+        at = f"{where}.parameters.{key}"
+        if key not in rule.keys:
+            raise InputError(f"unknown key, choose from {list(rule.keys)}", file=file, where=at)
+        _check_value(value, rule.keys[key], key, str(table["effect"]), robot, file, at)
+    if rule.groups and not any(set(group) <= set(parameters) for group in rule.groups):
+        wanted = " or ".join(" and ".join(group) for group in rule.groups)
+        raise InputError(f"missing key, expected {wanted}", file=file, where=f"{where}.parameters")
+    for key in ("compliance_rad_per_Nm", "compliance_m_per_N"):
+        if isinstance(value := parameters.get(key), float) and value < 0.0:
+            message = f"is {value:g}, expected 0 or more"
+            raise InputError(message, file=file, where=f"{where}.parameters.{key}")
+    _check_lengths(table, robot, file, where)
+
+
+def _check_place(table: Mapping[str, Any], rule: Rule, robot: Robot, file: Path | None, where: str) -> None:
+    name, joint, axis = table["effect"], table.get("joint"), table.get("axis")
+    if rule.joint == "needed" and joint is None:
+        raise InputError(f"{name} needs a joint, choose from {_places(name, robot)}", file=file, where=f"{where}.joint")
+    if joint is not None and joint not in _places(name, robot):
+        raise UnknownNameError("joint that moves", str(joint), _places(name, robot), file=file, where=f"{where}.joint")
+    if rule.joint == "none" and joint is not None:
+        raise InputError(f"{name} has no joint, leave it out", file=file, where=f"{where}.joint")
+    if axis is not None and axis not in rule.axes:
+        allowed = f"choose from {list(rule.axes)}" if rule.axes else "leave it out"
+        raise InputError(f"{name} has no axis {axis!r}, {allowed}", file=file, where=f"{where}.axis")
+    if name in ("link_compliance", "base_compliance") and axis is None:
+        raise InputError(f"{name} needs an axis, choose from {list(rule.axes)}", file=file, where=f"{where}.axis")
+
+
+def _places(name: str, robot: Robot) -> list[str]:
+    fixed_too = name in ("link_compliance", "link_geometry")
+    return [joint.name for joint in robot.joints] if fixed_too else list(robot.joint_names)
+
+
+def _check_value(
+    value: Any, kind: float | str | tuple[str, ...], key: str, effect: str, robot: Robot, file: Path | None, at: str
+) -> None:
+    """Refuse a parameter of the wrong type or size."""
+    if kind == ROW:
+        if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+            raise InputError(f"is {value!r}, expected a row counted from 0", file=file, where=at)
+    elif kind == FLAG:
+        if not isinstance(value, bool):
+            raise InputError(f"is {value!r}, expected true or false", file=file, where=at)
+    elif kind in (JOINT, JOINTS):
+        for name in [value] if kind == JOINT else value if isinstance(value, list) else [value]:
+            if name not in robot.joint_names:
+                raise UnknownNameError("joint", str(name), list(robot.joint_names), file=file, where=at)
+    elif isinstance(kind, tuple):
+        if value not in kind:
+            raise InputError(f"is {value!r}, choose from {list(kind)}", file=file, where=at)
+    else:
+        _check_size(value, float(kind), key, effect, file, at)
+
+
+def _check_size(value: Any, bound: float, key: str, effect: str, file: Path | None, at: str) -> None:
+    listed = effect in LISTED and key.startswith(LISTED[effect])
+    numbers = value if isinstance(value, list) and listed else [value]
+    for number in numbers:
+        if isinstance(number, bool) or not isinstance(number, int | float):
+            raise InputError(f"is {value!r}, expected a number", file=file, where=at)
+        if abs(number) > bound or (key in POSITIVE and number <= 0.0):
+            least = "more than 0 and " if key in POSITIVE else ""
+            raise InputError(f"is {number:g}, expected {least}at most {bound:g} in size", file=file, where=at)
+
+
+def _check_lengths(table: Mapping[str, Any], robot: Robot, file: Path | None, where: str) -> None:
+    """Refuse lists that do not fit each other, and numbers where lists are wanted."""
+    parameters = table["parameters"]
+    together = {
+        "payload": (("first_moment_kg_m",),), "gravity_sag": (("joints", "compliance_rad_per_Nm"),),
+        "transmission_error": tuple(
+            keys for unit in ("rad", "m")
+            for keys in ((f"cycles_per_{'turn' if unit == 'rad' else 'm'}", f"sine_{unit}", f"cosine_{unit}"),
+                         (f"height_{unit}", f"centre_{unit}", f"width_{unit}"))
+        ),
+    }.get(table["effect"], ())  # fmt: skip
+    for keys in together:
+        values = [parameters.get(key) for key in keys]
+        if all(value is None for value in values) or (table["effect"] == "gravity_sag" and "joints" not in parameters):
+            continue
+        lengths = {len(value) if isinstance(value, list) else -1 for value in values}
+        if len(lengths) > 1 or -1 in lengths or (table["effect"] == "payload" and lengths != {3}):
+            wanted = "three numbers" if table["effect"] == "payload" else "lists of one length"
+            raise InputError(f"{', '.join(keys)}: expected {wanted}", file=file, where=f"{where}.parameters")
+    if "spline_rad" in parameters or "spline_m" in parameters:
+        unit = "rad" if "spline_rad" in parameters else "m"
+        spline, knots = parameters[f"spline_{unit}"], parameters.get(f"knots_{unit}")
+        if not (isinstance(spline, list) and isinstance(knots, list) and len(knots) == len(spline) + 4):
+            message = "a spline of n numbers needs n + 4 knots"
+            raise InputError(message, file=file, where=f"{where}.parameters.knots_{unit}")
+    segments = [key for key in ("segment_growth_ratio", "segment_growth_per_K") if key in parameters]
+    for key in segments:
+        if not isinstance(parameters[key], list) or len(parameters[key]) != robot.nq + 1:
+            message = f"expected {robot.nq + 1} numbers, one before each joint and the flange"
+            raise InputError(message, file=file, where=f"{where}.parameters.{key}")
+
+
+def _numbers_of(value: Any) -> Sequence[float]:
+    values = value if isinstance(value, list) else [value]
+    return [number for number in values if isinstance(number, float)]
