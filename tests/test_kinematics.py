@@ -96,3 +96,14 @@ def test_a_load_beyond_buckling_is_refused():
     q, wrench = random_poses(robot, 20, 8)
     with pytest.raises(ConvergenceError, match="needs more than 60 steps"):
         count_equilibrium_steps(build_chain(robot), q, wrench)
+
+
+def test_the_last_pose_counts_for_the_equilibrium_steps_and_the_outputs_have_names():
+    robot = load_robot("kuka_kr270")
+    chain, (q, wrench) = build_chain(robot), random_poses(robot, 3, 5)
+    wrench = wrench * np.array([[1e-3], [1e-3], [3.0]])
+    alone = count_equilibrium_steps(chain, q[2:], wrench[2:])
+    assert count_equilibrium_steps(chain, q, wrench) == alone > count_equilibrium_steps(chain, q[:2], wrench[:2])
+    function = build_loaded_pose_function(chain, alone)
+    assert [function.name_out(k) for k in range(3)] == ["position", "rotation", "theta"]
+    assert [function.name_in(k) for k in range(2)] == ["q", "wrench"]

@@ -57,6 +57,7 @@ def test_a_map_knows_its_zones() -> None:
     second, third = np.radians(np.linspace(0, 146, 30)), np.radians(np.linspace(-245, 29, 50))
     quality = map_dexterity(chain, np.radians([0, 0, 0, 45, 45, 45]), (1, 2), second, third, 0.8)
     assert quality.inverse_condition.shape == (50, 30) and quality.position.shape == (50, 30, 3)
+    assert quality.length == 0.8
     zone = Zone("box", (1, 2), (second[3] - 1e-9, third[4] - 1e-9), (second[5] + 1e-9, third[7] + 1e-9))
     means, outside = mean_inside(quality, [zone])
     assert zone.contains(quality.q).sum() == 12

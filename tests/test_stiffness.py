@@ -90,3 +90,15 @@ def test_the_worst_unit_force_beats_every_random_one() -> None:
     assert (tried <= size).all() and (tried > 0.9 * size).all()
     reached = np.linalg.norm(np.einsum("nij,nj->ni", compliance[:, :3, :3], direction), axis=1)
     np.testing.assert_allclose(reached, size)
+
+
+def test_the_stiffness_without_changing_levers_still_stands_where_the_load_bends_it() -> None:
+    chain = build_chain(load_robot("kuka_kr240"))
+    load = np.tile(20.0 * WRENCH, (2, 1))
+    columns = jacobian(chain, solve_equilibrium(chain, Q, load).frames)[:, :, chain.spring_elements]
+    compliance = columns @ chain.compliance @ columns.swapaxes(1, 2)
+    np.testing.assert_allclose(
+        cartesian_stiffness(chain, Q, load, complementary=False) @ compliance, np.tile(np.eye(6), (2, 1, 1)), atol=1e-6
+    )
+    unloaded = cartesian_stiffness(chain, Q, complementary=False)
+    assert np.abs(unloaded @ compliance - np.eye(6)).max() > 1e-3
