@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from program_readers import Pose, shift, turn
+from program_moves import Pose, shift, turn
 
 #: Tool seen from the flange as controllers see it (z out of the flange): off the axis, and turned by 30 deg about z,
 #: then 20 deg about the new y, then 10 deg about the newest x.
@@ -88,6 +88,33 @@ COUNTING = {
         lambda a, e: (e - 7, 1 - a[0], a[1] - 2, 3 - a[2], a[3] - 4, 5 - a[4], a[5] - 6),
         (107.0, -9.0, 22.0, -27.0, 44.0, -45.0, 66.0),
     ),
+    "sinumerik": Counting(
+        f"{NAMES}\nsign = [1, -1, -1, -1, 1, -1, 1]\nzero_deg = [-20.0, 5.0, -90.0, 90.0, -20.0, 5.0, -35.0]",
+        lambda a, e: (e + 20, 5 - a[0], -90 - a[1], 90 - a[2], a[3] + 20, 5 - a[4], a[5] + 35),
+        (80.0, -5.0, -110.0, 60.0, 20.0, -45.0, 25.0),
+        world=shift(0, 0, 250),
+    ),
+    "kawasaki_as": Counting(
+        "sign = [-1, 1, 1, -1, 1, 1, -1]\nzero_deg = [40.0, 0.0, 90.0, 0.0, 0.0, -5.0, 0.0]",
+        lambda a, e: (40 - e, a[0], a[1] - 90, -a[2], a[3], a[4] + 5, -a[5]),
+        (-60.0, 10.0, 110.0, -30.0, 40.0, 45.0, -60.0),
+        world=shift(10, 20, 30),
+    ),
+    "urscript": Counting(
+        "sign = [1, -1, 1, 1, 1, 1]\nzero_deg = [180.0, -90.0, 0.0, 0.0, 0.0, 15.0]",
+        lambda a, e: (0.0, a[0] - 180, -90 - a[1], a[2], a[3], a[4], a[5] - 15),
+        (190.0, -110.0, 30.0, 40.0, 50.0, 75.0),
+        rail=False,
+        world=turn("z", 180),
+    ),
+    "inform": Counting(
+        "sign = [1, 1, 1, -1, -1, -1]\nzero_deg = [0.0, 0.0, 0.0, 0.0, 0.0, 30.0]\n"
+        "coupling = [[0,0,0,0,0,0],[0,0,0,0,0,0],[0,-1,0,0,0,0],[0,0,0,0,0,0],[0,0,0,0,0,0],[0,0,0,0,0,0]]",
+        lambda a, e: (0.0, a[0], a[1], a[2] + a[1], -a[3], -a[4], 30 - a[5]),
+        (10.0, 20.0, 10.0, -40.0, -50.0, -30.0),
+        rail=False,
+        world=shift(0, 0, 500),
+    ),
     "val3": Counting(
         "sign = [1, -1, 1, -1, 1, -1]\nzero_deg = [0.0, 0.0, 90.0, 0.0, -10.0, 45.0]",
         lambda a, e: (0.0, a[0], -a[1], a[2] - 90, -a[3], a[4] + 10, 45 - a[5]),
@@ -102,6 +129,10 @@ WORLDS = {
     "fanuc_ls": "[world]\nposition_mm = [0.0, 0.0, 450.0]\n",
     "rapid": "[world]\nposition_mm = [100.0, -200.0, 300.0]\nrotation_deg = [0.0, 0.0, 90.0]\n",
     "val3": "[world]\nposition_mm = [0.0, 0.0, 500.0]\n",
+    "sinumerik": "[world]\nposition_mm = [0.0, 0.0, 250.0]\n",
+    "kawasaki_as": "[world]\nposition_mm = [10.0, 20.0, 30.0]\n",
+    "urscript": "[world]\nrotation_deg = [0.0, 0.0, 180.0]\n",
+    "inform": "[world]\nposition_mm = [0.0, 0.0, 500.0]\n",
 }
 WORDS = """
 [configuration.shoulder]

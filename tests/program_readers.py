@@ -14,81 +14,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-
-Pose = np.ndarray
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-
-
-@dataclass(frozen=True)
-class Move:
-    """Hold a move: where it ends, how fast it runs, whether it stops there.
-
-    `joints` are those of the arm and `external` the further axes, as the controller counts them; `pose` is the tool's,
-    seen from the base in force. A speed is mm/s along the path (`feed`) or a share of the axis rates (`percent`).
-    `configuration` is as the language writes it; `load` is the tool's mass [kg] and its centre, flange frame [mm].
-    """
-
-    kind: str
-    stops: bool
-    joints: tuple[float, ...] | None = None
-    external: tuple[float, ...] = ()
-    pose: Pose | None = None
-    feed: float | None = None
-    percent: float | None = None
-    configuration: tuple[object, ...] = ()
-    tool: Pose | None = None
-    base: Pose | None = None
-    load: tuple[float, ...] = ()
-
-
-def turn(axis: str, angle: float) -> Pose:
-    """Rotation about x, y or z. Shape (4, 4)."""
-    c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
-    first, second = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
-    matrix = np.eye(4)
-    matrix[first, first] = matrix[second, second] = c
-    matrix[second, first], matrix[first, second] = s, -s
-    return matrix
-
-
-def shift(x: float, y: float, z: float) -> Pose:
-    """Translation. Shape (4, 4)."""
-    matrix = np.eye(4)
-    matrix[:3, 3] = x, y, z
-    return matrix
-
-
-def kuka_pose(x: float, y: float, z: float, a: float, b: float, c: float) -> Pose:
-    """KUKA: A about z, then B about the new y, then C about the newest x."""
-    return shift(x, y, z) @ turn("z", a) @ turn("y", b) @ turn("x", c)
-
-
-def staubli_pose(x: float, y: float, z: float, rx: float, ry: float, rz: float) -> Pose:
-    """Staubli: rx about x, then ry about the new y, then rz about the newest z."""
-    return shift(x, y, z) @ turn("x", rx) @ turn("y", ry) @ turn("z", rz)
-
-
-def fanuc_pose(x: float, y: float, z: float, w: float, p: float, r: float) -> Pose:
-    """FANUC: W about x, then P about the fixed y, then R about the fixed z."""
-    return shift(x, y, z) @ turn("z", r) @ turn("y", p) @ turn("x", w)
-
-
-def abb_pose(place: list[float], quaternion: list[float]) -> Pose:
-    """ABB: the quaternion's real part stands first."""
-    w, x, y, z = quaternion
-    assert math.isclose(w * w + x * x + y * y + z * z, 1.0, abs_tol=1e-6), "no unit quaternion"
-    matrix = shift(*place)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return matrix
-
-
-def _numbers(text: str) -> list[float]:
-    return [float(number) for number in re.findall(NUMBER, text)]
-
+from program_moves import NUMBER, Move, Pose, abb_pose, fanuc_pose, kuka_pose, read_numbers, staubli_pose
 
 # --------------------------------------------------------------------------------------------------------------- KRL
 
@@ -110,7 +36,7 @@ class _Krl:
         if re.fullmatch(NUMBER, text):
             return float(text)
         if text.startswith("{M "):
-            return _numbers(text)[:4]
+            return read_numbers(text)[:4]
         if text.startswith("{"):
             return {key: float(value) for key, value in re.findall(rf"(\w+) ({NUMBER})", text)}
         if match := re.fullmatch(r"(.+)([-+])(\d+)", text):
@@ -401,14 +327,14 @@ class _Rapid:
     def run(self, procedure: str) -> None:
         for line in filter(None, (text.split("!")[0].strip() for text in self.procedures[procedure].splitlines())):
             if match := re.fullmatch(r"(MoveAbsJ|MoveL) \[(.*)\],(\[.*?\]),(\w+),(\w+)(?:\\WObj:=(\w+))?;", line):
-                self.move(match[1], match[2], _numbers(match[3])[0], *match.groups()[3:])
+                self.move(match[1], match[2], read_numbers(match[3])[0], *match.groups()[3:])
             elif line != r"ConfL\Off;":
                 match = re.fullmatch(r"(\w+);", line)
                 assert match, f"unknown line: {line}"
                 self.run(match[1])
 
     def move(self, word: str, target: str, feed: float, zone: str, tool: str, frame: str | None) -> None:
-        groups = [_numbers(text) for text in re.findall(r"\[(.*?)\]", target)]
+        groups = [read_numbers(text) for text in re.findall(r"\[(.*?)\]", target)]
         joints, pose, configuration = None, None, ()
         if word == "MoveAbsJ":
             assert [len(group) for group in groups] == [6, 6]
@@ -431,11 +357,11 @@ def read_rapid(path: Path) -> list[Move]:
     procedures = dict(re.findall(r"PROC (\w+)\(\)\n(.*?)ENDPROC", modules + text, re.S))
     tools, objects = {}, {}
     for name, value in re.findall(r"PERS tooldata (\w+):=(.*?);", text):
-        numbers = _numbers(value)
+        numbers = read_numbers(value)
         assert value.startswith("[TRUE,[[") and len(numbers) == 7 + 11
         tools[name] = (abb_pose(numbers[:3], numbers[3:7]), tuple(numbers[7:11]))
     for name, value in re.findall(r"PERS wobjdata (\w+):=(.*?);", text):
-        numbers = _numbers(value)
+        numbers = read_numbers(value)
         assert value.startswith('[FALSE,TRUE,"",[[') and len(numbers) == 14
         objects[name] = abb_pose(numbers[:3], numbers[3:7]) @ abb_pose(numbers[7:10], numbers[10:])
     interpreter = _Rapid(procedures, tools, objects)

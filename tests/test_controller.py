@@ -87,6 +87,15 @@ def test_the_status_of_a_kuka_tells_its_three_words_apart() -> None:
     assert np.array_equal(status & 1 > 0, behind)
 
 
+def test_a_joint_beyond_half_a_turn_from_its_threshold_has_the_word_of_the_other_side() -> None:
+    """The elbow of the Fanuc is straight at 72.646 deg: 170 deg down the other way round it is folded up again."""
+    robot = load_robot("fanuc_m10ia")
+    q = np.zeros((5, 6))
+    q[:, 2] = np.radians([72.0, 73.0, -100.0, -110.0, 252.0])
+    words = name_words(load_controller(robot), robot, q)
+    assert words["elbow"].tolist() == ["up", "down", "up", "down", "down"]
+
+
 def test_without_a_controller_file_the_urdf_counts(folder: Path) -> None:
     (folder / "controller.toml").unlink()
     robot = load_robot(folder)

@@ -28,7 +28,11 @@ ATTACKS = {
     "nothing": "",
     "no plain letter": "\u4e2d\u6587",
 }
-LONGEST = {"krl": 24, "val3": 32, "fanuc_ls": 36, "rapid": 32, "csv": 80}
+#: Letters that the controllers take, and that the writers give a name before its endings.
+LONGEST = {"krl": 24, "val3": 32, "fanuc_ls": 36, "rapid": 32, "csv": 80, "urscript": 48, "sinumerik": 24, "inform": 32,
+           "kawasaki_as": 15}  # fmt: skip
+NAMES = {"krl": 20, "val3": 28, "fanuc_ls": 26, "rapid": 22, "csv": 60, "urscript": 40, "sinumerik": 20, "inform": 24,
+         "kawasaki_as": 9}  # fmt: skip
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -47,7 +51,9 @@ def test_text_never_becomes_robot_code(form: str, attack: str, tmp_path: Path) -
         assert len(file.stem) <= LONGEST[language] and re.fullmatch(r"[A-Za-z]\w*", file.stem)
         if file.suffix in (".pgx", ".dtx", ".pjx"):
             ElementTree.fromstring(content)
-    name = legal_name(text, {"krl": 20, "val3": 28, "fanuc_ls": 26, "rapid": 22, "csv": 60}[language])
+    name = legal_name(text, NAMES[language])
+    name = name.lower() if language == "kawasaki_as" else name
+    name = f"P_{name}" if language == "sinumerik" and not name[1].isalpha() and name[1] != "_" else name
     moves, expected = read_form(form, tmp_path / "out", name), read_form(form, tmp_path / "plain", "plain")
     assert [(move.kind, move.joints, move.stops, move.feed) for move in moves] == [
         (move.kind, move.joints, move.stops, move.feed) for move in expected

@@ -33,8 +33,9 @@ LONGEST_NAME, FARTHEST_ZERO = 32, 1e5
 class ConfigurationWord(StrictTable):
     """One word of a configuration: a number that has one value from its threshold up and another below it.
 
-    The number is a joint's position, or a coordinate of the origin of the link `point`, seen from the link `frame`.
-    `status` is what each value adds to S of a KRL position, `native` the word of the controller's own language.
+    The number is a joint's position less its threshold, between -180 and 180 deg, or a coordinate of the origin of the
+    link `point`, seen from the link `frame`. `status` is what each value adds to S of a KRL position, `native` the word
+    of the controller's own language.
     """
 
     joint: str | None = None
@@ -211,8 +212,8 @@ def name_words(controller: Counting, robot: Robot, q: Array) -> dict[str, NDArra
     named: dict[str, NDArray[np.str_]] = {}
     for key, word in controller.words.items():
         if word.joint is not None:
-            number = np.degrees(q[:, robot.joint_names.index(word.joint)])
-            above = number >= word.threshold_deg
+            angle = np.degrees(q[:, robot.joint_names.index(word.joint)]) - word.threshold_deg
+            above = (angle + 180.0) % 360.0 >= 180.0
         else:
             frame, point = locate_link(robot, q, word.frame or ""), locate_link(robot, q, word.point or "")
             seen = np.einsum("nji,nj->ni", frame[:, :3, :3], point[:, :3, 3] - frame[:, :3, 3])

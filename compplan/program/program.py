@@ -238,13 +238,13 @@ def order_joints(program: Program, wanted: Sequence[str], language: str) -> list
     return [program.joint_names.index(name) for name in wanted]
 
 
-def joint_percent(program: Program) -> Array:
-    """Return the share of the joint rates that each move asks for, 1 to 100; rapid moves 100, unknown ones 10.
+def joint_shares(program: Program) -> Array:
+    """Return the share of the joint rates that each move asks for; nan where it is not known, and for rapid moves.
 
     The move from one waypoint to the next takes the time that `time` says, else distance over feed; the joint that asks
-    for the greatest share of its rate decides. Shape (n,). [%]
+    for the greatest share of its rate decides. Shape (n,).
     """
-    percent = np.where(program.rapid, 100.0, 10.0)
+    shares = np.full(len(program), np.nan)
     duration = None
     if program.time is not None:
         duration = np.diff(program.time)
@@ -254,7 +254,30 @@ def joint_percent(program: Program) -> Array:
     if duration is not None and program.rates is not None and len(program) > 1:
         share = np.max(np.abs(np.diff(program.joints, axis=0)) / program.rates, axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            wanted = 100.0 * share / duration
-        known = np.isfinite(wanted) & ~program.rapid[1:]
-        percent[1:] = np.where(known, wanted, percent[1:])
+            wanted = share / duration
+        shares[1:] = np.where(np.isfinite(wanted) & ~program.rapid[1:], wanted, np.nan)
+    return shares
+
+
+def joint_percent(program: Program) -> Array:
+    """Return the share of the joint rates that each move asks for, 1 to 100; rapid moves 100, unknown ones 10.
+
+    Shape (n,). [%]
+    """
+    shares = joint_shares(program)
+    percent = np.where(np.isfinite(shares), 100.0 * shares, np.where(program.rapid, 100.0, 10.0))
     return np.clip(percent, 1.0, 100.0)
+
+
+def need_six_axes(program: Program, language: str, *, sliding: int) -> None:
+    """Refuse a robot that has not six rotating joints, or more sliding ones than the language takes.
+
+    Raises:
+        InputError: If the robot does not fit.
+
+    """
+    slides = int(program.prismatic.sum())
+    if len(program.joint_names) - slides != 6 or slides > sliding:
+        rail = f" and up to {sliding} sliding" if sliding else ""
+        own = list(program.joint_names)
+        raise InputError(f"{language} programs are written for six rotating{rail} joints, this robot has {own}")

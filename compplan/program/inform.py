@@ -1,0 +1,134 @@
+"""Yaskawa INFORM jobs (.JBI): positions as joint angles, or Cartesian in a user frame."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.files.tables import Array, write_text
+from compplan.program.frames import place_numbers, place_table
+from compplan.program.program import Program, head_lines, joint_shares, need_six_axes, split_parts
+from compplan.program.text import clean_text, legal_name
+
+BRAND = "Yaskawa"
+#: Positions in a job where the program's job says nothing.
+MOST = 2000
+#: A job's name has 32 letters (older controllers 8), its remarks 32.
+LONGEST_NAME, LONGEST_REMARK = 24, 32
+#: Tool and user frame that the jobs fill, and the position variables that they fill them through.
+TOOL, FRAME, TOOL_VARIABLE, FRAME_VARIABLE = 1, 1, 98, 99
+RAPID_PERCENT, UNKNOWN_PERCENT, SLOWEST_PERCENT = 20.0, 10.0, 0.01
+#: Position level within a cut: 1 is the one that passes nearest without a stop.
+BLEND = 1
+
+
+def write_inform(program: Program, folder: Path, most: int | None = None) -> list[Path]:
+    """Write NAME.JBI with joint angles and, where poses and configuration words are known, NAME_L.JBI with positions.
+
+    Cutting moves of the linear job are MOVL with their feed (mm/s), rapid moves and swings MOVJ at 20 %; the joint job
+    has MOVJ with percents of the joint rates, to two digits. Positions count from user frame 1, which the job sets to
+    the part frame (MFRAME), with tool 1 (SETTOOL). Joint angles need a controller that takes POSTYPE ANGLE.
+
+    Args:
+        program: The program, of an arm with six rotating joints.
+        folder: Folder to write to.
+        most: Greatest number of positions in a job.
+
+    Raises:
+        InputError: If the robot has not six rotating joints: external axes are in pulses, which nobody states here.
+
+    """
+    need_six_axes(program, "INFORM", sliding=0)
+    name = legal_name(program.name, LONGEST_NAME).upper()
+    files = _write_kind(program, folder, name, most, linear=False)
+    if program.tcp is not None and {"shoulder", "elbow", "wrist"} <= set(program.words):
+        files += _write_kind(program, folder, f"{name}_L", most, linear=True)
+    return files
+
+
+def configurations(program: Program) -> NDArray[np.int64]:
+    """Return the first six numbers of RCONF: no flip, lower arm, rear, turns of axes R, T and S. Shape (n, 6)."""
+    first = {"wrist": "noflip", "elbow": "down", "shoulder": "back"}
+    words = [(program.words[key] == value).astype(np.int64) for key, value in first.items()]
+    turned = (program.joints[:, [3, 5, 0]] >= 180.0).astype(np.int64)
+    return np.column_stack([*words, turned])
+
+
+def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, linear: bool) -> list[Path]:
+    parts = split_parts(len(program), most or MOST)
+    names = [name] if len(parts) == 1 else [f"{name}_{number}" for number in range(1, len(parts) + 1)]
+    files = []
+    for part, rows in zip(names, parts, strict=True):
+        points, moves = _points(program, rows, linear), _moves(program, rows, linear)
+        setting = _settings() if len(parts) == 1 else []
+        files.append(folder / f"{part}.JBI")
+        write_text(files[-1], _text(program, part, points, [*setting, *moves]), newline="\r\n")
+    if len(parts) > 1:
+        calls = [f"CALL JOB:{part}" for part in names]
+        files.append(folder / f"{name}.JBI")
+        write_text(files[-1], _text(program, name, [], [*_settings(), *calls]), newline="\r\n")
+    return files
+
+
+def _settings() -> list[str]:
+    return [f"MFRAME UF#({FRAME}) P{FRAME_VARIABLE:05d} BF", f"SETTOOL TL#({TOOL}) P{TOOL_VARIABLE:05d}"]
+
+
+def _points(program: Program, rows: slice, linear: bool) -> list[str]:
+    """Return the C positions of a job: joint angles first, then Cartesian ones, each number once."""
+    alone = program.alone(linear=linear)[rows] if linear else np.ones(rows.stop - rows.start, dtype=bool)
+    joints = program.joints[rows]
+    lines = ["///POSTYPE ANGLE", "///ANGLE"] if alone.any() else []
+    lines += [f"C{row:05d}={_values(joints[row], 6)}" for row in np.flatnonzero(alone).tolist()]
+    if alone.all():
+        return lines
+    table, configuration = place_table(program.positions[rows], "xyz"), configurations(program)[rows]
+    lines += [f"///USER {FRAME}", "///POSTYPE USER", "///RECTAN"]
+    last: list[int] = []
+    for row in np.flatnonzero(~alone).tolist():
+        if configuration[row].tolist() != last:
+            last = configuration[row].tolist()
+            lines.append(f"///RCONF {','.join(map(str, [*last, *[0] * 18]))}")
+        lines.append(f"C{row:05d}={_values(table[row], 6)}")
+    return lines
+
+
+def _moves(program: Program, rows: slice, linear: bool) -> list[str]:
+    alone, stops = program.alone(linear=linear), program.stops(linear=linear)
+    shares = joint_shares(program)
+    known = np.where(np.isfinite(shares), 100.0 * shares, UNKNOWN_PERCENT)
+    percent = np.clip(np.where(program.rapid, RAPID_PERCENT, known), SLOWEST_PERCENT, 100.0)
+    lines = []
+    for row in range(rows.start, rows.stop):
+        place, level = f"C{row - rows.start:05d}", f"PL={0 if stops[row] else BLEND}"
+        if linear and not alone[row]:
+            lines.append(f"MOVL {place} V={max(program.feed[row], 0.1):.1f} {level}")
+            continue
+        lines += ["'the configuration changes"] if linear and program.swings[row] else []
+        lines.append(f"MOVJ {place} VJ={percent[row]:.2f} {level}")
+    return lines
+
+
+def _text(program: Program, name: str, points: list[str], instructions: list[str]) -> str:
+    tool = np.eye(4) if program.tool is None else program.tool
+    variables = [
+        "///POSTYPE BASE", "///RECTAN", f"///RCONF {','.join(['0'] * 24)}",
+        f"P{TOOL_VARIABLE:05d}={_values(np.array(place_numbers(tool, 'xyz', 5)), 5)}",
+        f"P{FRAME_VARIABLE:05d}={_values(np.array(place_numbers(program.base_frame, 'xyz', 5)), 5)}",
+    ]  # fmt: skip
+    count = sum(line.startswith("C") for line in points)
+    remarks = [f"'{clean_text(line, LONGEST_REMARK)}" for line in head_lines(program)]
+    if program.mass is not None:
+        remarks.append(f"'tool mass {program.mass:.2f} kg: set it in TOOL")
+    head = ["/JOB", f"//NAME {name}", "//POS", f"///NPOS {count},0,0,2,0,0", f"///TOOL {TOOL}"]
+    attributes = [
+        "//INST", "///DATE 2000/01/01 00:00", "///COMM COMPPLAN", "///ATTR SC,RW,RJ", f"////FRAME USER {FRAME}",
+        "///GROUP1 RB1",
+    ]  # fmt: skip
+    return "\n".join([*head, *points, *variables, *attributes, "NOP", *remarks, *instructions, "END", ""])
+
+
+def _values(values: Array, digits: int) -> str:
+    return ",".join(f"{value:.{digits}f}" for value in values + 0.0)

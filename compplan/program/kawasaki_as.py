@@ -1,0 +1,102 @@
+"""Kawasaki AS: a file with a program, its joint positions (.JOINTS) and its transformations (.TRANS)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from compplan.files.tables import Array, write_text
+from compplan.program.frames import place_numbers, place_table
+from compplan.program.program import Program, head_lines, joint_shares, need_six_axes, split_parts
+from compplan.program.text import legal_name
+
+BRAND = "Kawasaki"
+#: Points in a program where the job says nothing.
+MOST = 2000
+#: AS takes 15 letters of a program's name; ending and number take the rest.
+LONGEST_NAME = 9
+RESERVED = frozenset({"if", "then", "else", "end", "for", "to", "while", "do", "case", "of", "goto", "call", "return",
+                      "tool", "base", "speed", "here", "point", "not", "and", "or", "mod", "on", "off"})  # fmt: skip
+#: How near a point within a cut has to be passed [mm], and percents of the joint rates.
+ACCURACY, RAPID_PERCENT, UNKNOWN_PERCENT, SLOWEST_PERCENT = 0.1, 20.0, 10.0, 0.01
+
+
+def write_kawasaki_as(program: Program, folder: Path, most: int | None = None) -> list[Path]:
+    """Write NAME.as with joint moves (JMOVE) and, where poses are known, NAME_L.as with linear ones (LMOVE).
+
+    Long ones hold further programs NAME_1 and so on, a file each, which the first calls. Transformations count from the
+    part frame (part+p1), angles are O A T: about z, the new y, the newest z. The language has no configuration in a
+    transformation: linear moves keep the branch of the joint move before them. A sliding joint is the seventh value.
+
+    Args:
+        program: The program, of an arm with six rotating joints and at most one sliding one.
+        folder: Folder to write to.
+        most: Greatest number of points in a program.
+
+    Raises:
+        InputError: If the robot has other joints.
+
+    """
+    need_six_axes(program, "Kawasaki AS", sliding=1)
+    name = legal_name(program.name, LONGEST_NAME, reserved=RESERVED).lower()
+    files = _write_kind(program, folder, name, most, linear=False)
+    if program.tcp is not None:
+        files += _write_kind(program, folder, f"{name}_l", most, linear=True)
+    return files
+
+
+def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, linear: bool) -> list[Path]:
+    parts = split_parts(len(program), most or MOST)
+    names = [f"{name}_{number}" for number in range(1, len(parts) + 1)]
+    files = []
+    for part, rows in zip(names, parts, strict=True):
+        files.append(folder / f"{part}.as")
+        write_text(files[-1], _part_text(program, part, rows, linear), newline="\r\n")
+    lines = [f".PROGRAM {name}()", *(f"  ; {line}" for line in head_lines(program)), *_settings(program)]
+    lines += [*(f"  CALL {part}" for part in names), ".END", ""]
+    files.append(folder / f"{name}.as")
+    write_text(files[-1], "\n".join(lines), newline="\r\n")
+    return files
+
+
+def _settings(program: Program) -> list[str]:
+    tool = np.eye(4) if program.tool is None else program.tool
+    lines = [f"  POINT part = TRANS({_numbers(program.base_frame)})", f"  TOOL TRANS({_numbers(tool)})"]
+    if program.mass is None:
+        lines.append("  ; mass of the tool: not known, load data are not set")
+    else:
+        x, y, z = (program.centre * 1e3).tolist()
+        lines.append(f"  WEIGHT {program.mass:.3f},{x:.3f},{y:.3f},{z:.3f}")
+    return [*lines, "  CP ON", f"  ACCURACY {ACCURACY} ALWAYS"]
+
+
+def _part_text(program: Program, part: str, rows: slice, linear: bool) -> str:
+    alone, stops = program.alone(linear=linear), program.stops(linear=linear)
+    lines, joints, places = [f".PROGRAM {part}()"], [".JOINTS"], [".TRANS"]
+    percent, slides = _percents(program), program.joints[:, program.prismatic]
+    table = place_table(program.positions, "ZYZ") if linear else np.zeros((len(program), 6))
+    arm = np.column_stack([program.joints[:, ~program.prismatic], slides])
+    for row in range(rows.start, rows.stop):
+        if linear and not alone[row]:
+            places.append(f"{part}p{row} " + " ".join(f"{value:.6f}" for value in [*table[row], *slides[row]]))
+            lines += [f"  SPEED {program.feed[row]:.4f} MM/S", f"  LMOVE part+{part}p{row}"]
+        else:
+            if linear and program.swings[row]:
+                lines.append("  ; the configuration changes: a joint move")
+            joints.append(f"#{part}j{row} " + " ".join(f"{value:.6f}" for value in arm[row]))
+            lines += [f"  SPEED {percent[row]:.4f}", f"  JMOVE #{part}j{row}"]
+        lines += ["  BREAK"] if stops[row] else []
+    lists = [*places, ".END"] * (len(places) > 1) + [*joints, ".END"] * (len(joints) > 1)
+    return "\n".join([*lines, ".END", *lists, ""])
+
+
+def _percents(program: Program) -> Array:
+    """Return the speed of joint moves: rapid ones 20, others what the feed asks for. Shape (n,) [%]."""
+    shares = joint_shares(program)
+    known = np.where(np.isfinite(shares), 100.0 * shares, UNKNOWN_PERCENT)
+    return np.clip(np.where(program.rapid, RAPID_PERCENT, known), SLOWEST_PERCENT, 100.0)
+
+
+def _numbers(pose: Array) -> str:
+    return ",".join(f"{value:.5f}" for value in place_numbers(pose, "ZYZ", 5))

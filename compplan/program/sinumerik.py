@@ -1,0 +1,116 @@
+"""Siemens SINUMERIK part programs for robots (Run MyRobot /Direct Control): orientation transformation, STAT and TU."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from compplan.errors import InputError
+from compplan.files.tables import Array, write_text
+from compplan.program.frames import place_numbers, place_table
+from compplan.program.krl import turn_bits
+from compplan.program.program import Program, head_lines, need_six_axes, split_parts
+from compplan.program.text import legal_name
+
+#: The control drives arms of many brands.
+BRAND = ""
+#: Waypoints in a part program where the job says nothing.
+MOST = 20000
+LONGEST_NAME = 20
+RESERVED = frozenset({"if", "else", "for", "while", "loop", "repeat", "until", "case", "goto", "proc", "def", "stopre"})
+
+
+def write_sinumerik(program: Program, folder: Path, most: int | None = None) -> list[Path]:
+    """Write NAME.MPF, or NAME_1.SPF and so on with a NAME.MPF that calls them.
+
+    Positions count from the part frame, set by TRANS and AROT on top of G500; X Y Z are the tool tip, A2 B2 C2 (ORIRPY)
+    turn the flange about x, the fixed y and the fixed z. The tool's offset is correction D1 of tool 1 (lengths in Z, Y
+    and X for G17), its turn is part of the programmed orientation. Cutting moves are G1 in CP travel with their feed
+    (G94, mm/min), rapid moves and swings G0 in PTP travel with STAT (status as in KRL) and TU (a bit an axis below 0).
+    A sliding joint is the axis E1. Names of axes and the transformation are the machine's: check them.
+
+    Args:
+        program: The program, of an arm with six rotating joints and at most one sliding one.
+        folder: Folder to write to.
+        most: Greatest number of waypoints in a part program.
+
+    Raises:
+        InputError: If the robot has other joints, or poses or status words are not known.
+
+    """
+    need_six_axes(program, "SINUMERIK", sliding=1)
+    if program.tcp is None or program.status is None:
+        raise InputError("SINUMERIK programs need poses and configuration words with status in controller.toml")
+    name = legal_name(program.name, LONGEST_NAME, reserved=RESERVED).upper()
+    name = name if name[1:2].isalpha() or name[1:2] == "_" else f"P_{name}"
+    parts = split_parts(len(program), most or MOST)
+    blocks = _blocks(program)
+    files = []
+    if len(parts) == 1:
+        bodies = blocks
+    else:
+        names = [f"{name}_{number}" for number in range(1, len(parts) + 1)]
+        bodies = names
+        for part, rows in zip(names, parts, strict=True):
+            files.append(folder / f"{part}.SPF")
+            write_text(files[-1], "\n".join([*blocks[rows], "M17", ""]))
+    files.append(folder / f"{name}.MPF")
+    head = [f"; {line}" for line in head_lines(program)]
+    write_text(files[-1], "\n".join([*head, *_settings(program), *bodies, "TRAFOOF", "M30", ""]))
+    return files
+
+
+def _settings(program: Program) -> list[str]:
+    tool = np.eye(4) if program.tool is None else program.tool
+    tool_x, tool_y, tool_z = (np.round(tool[:3, 3] * 1e3, 5) + 0.0).tolist()
+    x, y, z, a, b, c = place_numbers(program.base_frame, "ZYX", 5)
+    mass = "not known" if program.mass is None else f"{program.mass:.3f} kg"
+    coupled = "; the external axis is coupled: positions count from the standing base"
+    return [
+        f"; mass of the tool: {mass}, load data are the machine's",
+        "; TU counts axes A1 to A6 as the first six of the channel",
+        *([coupled] if program.prismatic.any() else []),
+        "$TC_DP1[1,1]=120",
+        f"$TC_DP3[1,1]={tool_z:.5f}",
+        f"$TC_DP4[1,1]={tool_y:.5f}",
+        f"$TC_DP5[1,1]={tool_x:.5f}",
+        "G17 G90 G94 G710 G500",
+        "T1 D1",
+        "TRAORI",
+        "ORIWKS",
+        "ORIRPY",
+        "G642",
+        f"TRANS X{x:.5f} Y{y:.5f} Z{z:.5f}",
+        f"AROT Z{a:.5f}",
+        f"AROT Y{b:.5f}",
+        f"AROT X{c:.5f}",
+    ]
+
+
+def _blocks(program: Program) -> list[str]:
+    tool = np.eye(4) if program.tool is None else program.tool
+    turned = program.positions.copy()
+    turned[:, :3, :3] = turned[:, :3, :3] @ tool[:3, :3].T
+    table, external = place_table(turned, "xyz"), program.joints[:, program.prismatic]
+    turns = turn_bits(program.joints[:, ~program.prismatic])
+    alone, stops = program.alone(linear=True).tolist(), program.stops(linear=True).tolist()
+    blocks, travel = [], ""
+    for row, values in enumerate(table.tolist()):
+        place = _words(np.array([*values, *external[row]]))
+        exact = " G9" if stops[row] else ""
+        kind = "PTP" if alone[row] else "CP"
+        change, travel = ("" if kind == travel else f"{kind}\n"), kind
+        note = "; the configuration changes: PTP travel\n" if program.swings[row] else ""
+        if alone[row]:
+            status = 0 if program.status is None else int(program.status[row])
+            blocks.append(f"{note}{change}G0 {place} STAT={status} TU={turns[row]}{exact}")
+        else:
+            blocks.append(f"{change}G1 {place} F{program.feed[row] * 60.0:.3f}{exact}")
+    return blocks
+
+
+def _words(values: Array) -> str:
+    digits = (5, 5, 5, 6, 6, 6, 5)
+    names = ("X", "Y", "Z", "A2=", "B2=", "C2=", "E1=")[: len(values)]
+    return " ".join(f"{name}{value:.{digit}f}" for name, value, digit in zip(names, values + 0.0, digits, strict=False))

@@ -1,0 +1,119 @@
+"""Universal Robots URScript: programs with joint moves (movej), and with linear ones (movel) in the part frame."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from compplan.files.tables import Array, write_text
+from compplan.program.frames import rotation_vectors
+from compplan.program.program import Program, head_lines, joint_shares, need_six_axes, split_parts
+from compplan.program.text import legal_name
+
+BRAND = "Universal Robots"
+#: Points in a program where the job says nothing.
+MOST = 2000
+LONGEST_NAME = 40
+RESERVED = frozenset(
+    {"def", "end", "if", "elif", "else", "while", "for", "return", "global", "local", "thread", "run", "join", "halt",
+     "and", "or", "not", "xor", "true", "false", "none", "break", "continue", "sec", "part", "pass", "struct"}
+)  # fmt: skip
+#: Rounding of corners within a cut, and its greatest share of the way to a neighbour.
+BLEND, BLEND_SHARE = 1e-4, 0.4
+#: Accelerations, which the language wants stated: its own defaults. [rad/s^2, m/s^2]
+JOINT_ACCELERATION, TOOL_ACCELERATION = 1.4, 1.2
+RAPID_SHARE, UNKNOWN_SHARE, SLOWEST = 0.2, 0.1, 1e-5
+
+
+def write_urscript(program: Program, folder: Path, most: int | None = None) -> list[Path]:
+    """Write NAME.script with joint moves and, where poses are known, NAME_L.script with linear ones.
+
+    Long ones are cut into NAME_1.script and so on, each a program of its own, to be run in order. Positions count from
+    the part frame through pose_trans; they are in m and rotation vectors, joints in rad. Rapid moves and swings are
+    joint moves at 20 % of the joint rates. The controller has no configuration words: linear moves keep the branch of
+    the joint move before them.
+
+    Args:
+        program: The program, of an arm with six rotating joints.
+        folder: Folder to write to.
+        most: Greatest number of points in a program.
+
+    Raises:
+        InputError: If the robot has not six rotating joints.
+
+    """
+    need_six_axes(program, "URScript", sliding=0)
+    name = legal_name(program.name, LONGEST_NAME, reserved=RESERVED)
+    files = _write_kind(program, folder, name, most, linear=False)
+    if program.tcp is not None:
+        files += _write_kind(program, folder, f"{name}_L", most, linear=True)
+    return files
+
+
+def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, linear: bool) -> list[Path]:
+    parts = split_parts(len(program), most or MOST)
+    names = [name] if len(parts) == 1 else [f"{name}_{number}" for number in range(1, len(parts) + 1)]
+    moves = _moves(program, linear)
+    files = []
+    for part, rows in zip(names, parts, strict=True):
+        head = [f"# {line}" for line in head_lines(program)]
+        lines = [*head, f"def {part}():", *_settings(program), *moves[rows], "end", ""]
+        files.append(folder / f"{part}.script")
+        write_text(files[-1], "\n".join(lines))
+    return files
+
+
+def _settings(program: Program) -> list[str]:
+    tool = np.eye(4) if program.tool is None else program.tool
+    lines = [f"  set_tcp({_poses(tool[None])[0]})"]
+    if program.mass is None:
+        lines.append("  # mass of the tool: not known, the payload of the installation holds")
+    else:
+        centre = ", ".join(f"{value:.6f}" for value in np.round(program.centre, 6) + 0.0)
+        lines.append(f"  set_payload({program.mass:.3f}, [{centre}])")
+    return [*lines, f"  part = {_poses(program.base_frame[None])[0]}"]
+
+
+def _moves(program: Program, linear: bool) -> list[str]:
+    alone, swings = program.alone(linear=linear).tolist(), program.swings.tolist()
+    speeds, radii = _joint_speeds(program), _blend_radii(program, linear)
+    poses = _poses(program.positions) if linear else []
+    moves = []
+    for row, joints in enumerate(np.radians(program.joints).tolist()):
+        end = f", r={radii[row]:.7f})" if radii[row] > 0.0 else ")"
+        if linear and not alone[row]:
+            feed = max(program.feed[row] * 1e-3, SLOWEST)
+            moves.append(f"  movel(pose_trans(part, {poses[row]}), a={TOOL_ACCELERATION}, v={feed:.6f}{end}")
+            continue
+        note = "  # the configuration changes: a joint move\n" if linear and swings[row] else ""
+        target = ", ".join(f"{value:.9f}" for value in joints)
+        moves.append(f"{note}  movej([{target}], a={JOINT_ACCELERATION}, v={speeds[row]:.6f}{end}")
+    return moves
+
+
+def _joint_speeds(program: Program) -> Array:
+    """Return the rate of the leading joint in each move. Shape (n,) [rad/s]."""
+    rates = np.full(program.joints.shape[1], 60.0) if program.rates is None else program.rates
+    turned = np.abs(np.diff(program.joints, axis=0, prepend=program.joints[:1]))
+    deciding = np.argmax(turned / rates, axis=1)
+    leading = turned.max(axis=1)
+    share = joint_shares(program)
+    at_share = np.where(np.isfinite(share), share, UNKNOWN_SHARE) * rates[deciding]
+    ratio = np.divide(leading, turned[np.arange(len(program)), deciding], out=np.ones(len(program)), where=leading > 0)
+    speeds = np.where(program.rapid, RAPID_SHARE * rates.min(), at_share * ratio)
+    return np.maximum(np.radians(speeds), SLOWEST)
+
+
+def _blend_radii(program: Program, linear: bool) -> Array:
+    """Return how far before each waypoint its corner may be rounded; 0 where it is reached exactly. Shape (n,) [m]."""
+    if program.tcp is None:
+        return np.zeros(len(program))
+    step = np.linalg.norm(np.diff(program.tcp[:, :3, 3], axis=0), axis=1)
+    room = np.minimum(np.append(np.inf, step), np.append(step, np.inf))
+    return np.where(program.stops(linear=linear), 0.0, np.minimum(BLEND, BLEND_SHARE * room))
+
+
+def _poses(poses: Array) -> list[str]:
+    table = np.round(np.column_stack([poses[:, :3, 3], rotation_vectors(poses)]), 9) + 0.0
+    return ["p[" + ", ".join(f"{value:.9f}" for value in row) + "]" for row in table.tolist()]
