@@ -55,7 +55,7 @@ def check(name: str, file: Path, folder: Path, *, keep: bool = False, limit_s: f
         "truth": found,
         "tolerance_mm": job.tolerance * 1e3,
         "breaches": breaches,
-        "verdict": judge_answer(expected, outcome, breaches, found),
+        "verdict": judge_answer(expected, outcome, breaches, found, planted=bool(mistake_of(name))),
     }
 
 

@@ -73,7 +73,9 @@ def list_breaches(job_table: dict, found: dict, plan: dict) -> list[str]:
     return breaches
 
 
-def judge_answer(expected: str, outcome: Outcome, breaches: list[str], found: dict | None) -> str:
+def judge_answer(
+    expected: str, outcome: Outcome, breaches: list[str], found: dict | None, *, planted: bool = False
+) -> str:
     """Return "trusted", "honest" (no promise, though a solution was expected) or "FAILS: why".
 
     Args:
@@ -81,6 +83,7 @@ def judge_answer(expected: str, outcome: Outcome, breaches: list[str], found: di
         outcome: What the command left.
         breaches: What does not hold.
         found: What was measured, or None.
+        planted: Whether a mistake was planted: what is written then need not keep the correction limit.
     """
     if outcome.status is None:
         return "FAILS: no answer in time"
@@ -88,7 +91,7 @@ def judge_answer(expected: str, outcome: Outcome, breaches: list[str], found: di
         return f"FAILS: exit status {outcome.status}"
     if outcome.status == 2 or outcome.plan is None:
         return "trusted" if expected == "refused" and outcome.status == 3 else f"FAILS: exit status {outcome.status}"
-    if found is not None and found["correction_mm"] > found["most_correction_mm"] * ROUNDING:
+    if not planted and found is not None and found["correction_mm"] > found["most_correction_mm"] * ROUNDING:
         return "FAILS: correction limit broken"
     if outcome.plan["status"] != "solved":
         return "honest" if expected == "solved" else "trusted"
