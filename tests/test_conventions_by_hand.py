@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.campaigns.description import write_robot_folder
+from benchmarks.campaigns.effects import play
 from benchmarks.campaigns.simulate import Scenario, nominal_scenario, simulate_rows
 from compplan.cell.predict import predict_campaign
 from compplan.diagnose import diagnose_campaign
@@ -63,6 +64,8 @@ def test_with_link_side_feedback_gears_yield_to_the_motor_and_not_to_the_link(ra
         sense = -1.0 if spring.axis == "ry" else 1.0
         yielded[:, rail.description.joint_names.index(spring.joint)] += sense * spring.compliance * truth.load[:, k]
     np.testing.assert_allclose(seen[0].attained.motor, rail.rows.q - yielded, rtol=0, atol=1e-8)
+    yielded[:, 2] += play(rail.rows.q[:, 2], 4e-4, -0.5) - rail.rows.q[:, 2]  # behind the rail, joint_2 is the third
+    np.testing.assert_allclose(seen[1].attained.motor, rail.rows.q - yielded, rtol=0, atol=1e-8)
 
 
 def test_with_motor_side_feedback_the_mode_changes_nothing(rail: Drawn) -> None:
