@@ -21,14 +21,15 @@ from compplan.job.names import STRATEGIES
 from compplan.job.noise import NoiseTable
 from compplan.path.cam.options import CamTable
 from compplan.path.corners import round_corners
+from compplan.path.force_law import ForceLaw, read_stock_top
 from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralTable, generate_toolpath
-from compplan.path.process import ColumnsProcess, Process, predict_wrench
+from compplan.path.process import ColumnsProcess, Process
 from compplan.path.reading import read_toolpath
 from compplan.path.toolpath import Toolpath, check_toolpath, place_toolpath, resample_toolpath
 from compplan.program import WRITERS
 
-#: Step that a CAM file is divided into where the job says nothing. [m]
-CAM_STEP = 1e-3
+#: Step that a toolpath file is divided into where the job says nothing. [m]
+FILE_STEP = 1e-3
 
 
 def make_pose(position_mm: Vector3, rotation_deg: Vector3) -> Array:
@@ -109,10 +110,15 @@ class OutputTable(StrictTable):
 
 
 class SamplingTable(StrictTable):
-    """[sampling]: how moves are divided before planning; CAM files 1 mm where nothing is said, others not at all."""
+    """[sampling]: how moves are divided before planning; toolpath files at 1 mm where nothing is said.
+
+    chord_mm is how far the loaded tip may stray from the path between waypoints, whichever way the controller goes from
+    one to the next; the plan divides moves further until it holds. Left out: a tenth of the tolerance.
+    """
 
     max_step_mm: float | None = Field(default=None, gt=0.0)
     max_turn_deg: float | None = Field(default=None, gt=0.0)
+    chord_mm: float | None = Field(default=None, gt=0.0)
 
 
 class FeedTable(StrictTable):
@@ -287,19 +293,28 @@ def load_nominal(job: Job) -> Toolpath:
         InputError: If toolpath or process are not what they have to be.
 
     """
+    return load_path(job)[0]
+
+
+def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
+    """Return what the plan has to reach, as `load_nominal`, and the law of its wrench.
+
+    Raises:
+        InputError: If toolpath or process are not what they have to be.
+
+    """
     toolpath = load_toolpath(job)
     if job.feed.constant_mm_s is not None:
         toolpath = replace(toolpath, feed=np.where(toolpath.rapid, toolpath.feed, job.feed.constant_mm_s * 1e-3))
-    step, turn = job.sampling.max_step_mm, job.sampling.max_turn_deg
+    rows_at, from_file = toolpath.arc_length, isinstance(job.toolpath, str)
     from_cam = isinstance(job.toolpath, str) and not job.toolpath.lower().endswith(".csv")
-    max_step = step * 1e-3 if step is not None else CAM_STEP if from_cam else np.inf
+    top, note = read_stock_top(job.process, toolpath, from_cam=from_cam)
+    step, turn = job.sampling.max_step_mm, job.sampling.max_turn_deg
+    max_step = step * 1e-3 if step is not None else FILE_STEP if from_file else np.inf
     if np.isfinite(max_step) or turn is not None:
         toolpath = resample_toolpath(toolpath, max_step, max_turn=np.inf if turn is None else float(np.radians(turn)))
     if job.feed.corner_tolerance_mm > 0.0:
         toolpath = round_corners(toolpath, job.feed.corner_tolerance_mm * 1e-3)
     nominal = place_toolpath(toolpath, job.T_base_part)
-    rotation = job.T_base_part[:3, :3]
-    wrench = predict_wrench(
-        job.process, nominal, R_base_part=rotation, tool_x=job.tool_x_base, folder=job.folder
-    )
-    return replace(nominal, wrench=wrench)
+    law = ForceLaw(job.process, job.T_base_part, job.tool_x_base, job.folder, rows_at, top, note)
+    return replace(nominal, wrench=law.predict(nominal)), law

@@ -144,14 +144,24 @@ def summarise_comparison(comparison: Comparison) -> dict[str, Any]:
 
 
 def write_joints(plan: Plan, path: Path) -> None:
-    """Write joints.csv: time, commanded joint positions, wanted tip and tool axis, predicted wrench, base frame."""
-    robot, task = plan.robot, plan.task
-    columns: dict[str, object] = {"time_s": plan.timing.time}
+    """Write joints.csv: time, commanded joint positions, wanted tip and tool axis, wrench planned with, kind of move."""
+    robot, task, before, after = plan.robot, plan.task, plan.approach, plan.retract
+    start = float(before.gap.sum())
+    end = start + float(plan.timing.time[-1])
+    time = np.r_[np.r_[0.0, np.cumsum(before.gap)][:-1], start + plan.timing.time, end + np.cumsum(after.gap)]
+    q = np.vstack([before.q, plan.q, after.q])
+    position = np.vstack([before.position, task.position, after.position])
+    wrench = np.vstack([before.wrench, task.wrench, after.wrench])
+    first, last = np.tile(task.nominal.axis[0], (len(before.q), 1)), np.tile(task.nominal.axis[-1], (len(after.q), 1))
+    axis = np.vstack([first, task.nominal.axis, last])
+    move = np.where(task.nominal.rapid, "rapid", np.where(task.lead, "approach", "cut"))
+    columns: dict[str, object] = {"time_s": time}
     for j, slides in enumerate(robot.prismatic):
-        columns[f"q{j + 1}_{'mm' if slides else 'deg'}"] = plan.q[:, j] * 1e3 if slides else np.degrees(plan.q[:, j])
-    columns |= {f"{name}_mm": task.position[:, k] * 1e3 for k, name in enumerate("xyz")}
-    columns |= {name: task.nominal.axis[:, k] for k, name in enumerate("ijk")}
-    columns |= {name: task.wrench[:, k] for k, name in enumerate(WRENCH_HEADERS)}
+        columns[f"q{j + 1}_{'mm' if slides else 'deg'}"] = q[:, j] * 1e3 if slides else np.degrees(q[:, j])
+    columns |= {f"{name}_mm": position[:, k] * 1e3 for k, name in enumerate("xyz")}
+    columns |= {name: axis[:, k] for k, name in enumerate("ijk")}
+    columns |= {name: wrench[:, k] for k, name in enumerate(WRENCH_HEADERS)}
+    columns["move"] = np.array(["approach"] * len(before.q) + move.tolist() + ["retract"] * len(after.q))
     write_table(path, columns, decimals=10)
 
 
@@ -162,16 +172,17 @@ def write_programs(plan: Plan, folder: Path) -> list[Path]:
     languages = () if plan.job is None else plan.job.output.programs
     if not languages:
         return []
-    before, after = len(plan.approach), len(plan.retract)
+    above, below = plan.approach.key_q, plan.retract.key_q
+    before, after = len(above), len(below)
     rapid = np.r_[np.ones(before, bool), plan.task.nominal.rapid, np.ones(after, bool)]
-    if before:
-        rapid[before] = True  # down from the approach in one joint move
-    feed = np.r_[np.zeros(before), plan.timing.feed, np.zeros(after)]
-    end = float(plan.timing.time[-1])
-    time = np.r_[np.zeros(before), plan.timing.time, np.full(after, end)]
+    feed = np.r_[np.zeros(before), plan.command_feed, np.zeros(after)]
+    start = float(plan.approach.key_gap.sum())
+    down = np.r_[0.0, np.cumsum(plan.approach.key_gap)][:before]
+    up = start + plan.timing.time[-1] + np.cumsum(plan.retract.key_gap)
+    time = np.r_[down, start + plan.timing.time, up]
     program = build_program(
         plan.robot,
-        np.vstack([plan.approach, plan.q, plan.retract]),
+        np.vstack([above, plan.q, below]),
         feed,
         rapid,
         name=plan.name if plan.job is None else plan.job.file.stem,

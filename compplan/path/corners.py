@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.files.tables import Array
-from compplan.path.toolpath import Toolpath
+from compplan.path.toolpath import Toolpath, divide_toolpath
 
 #: Turns of the travel below this are no corners. [rad]
 CORNER = float(np.radians(8.0))
@@ -65,7 +65,7 @@ def round_corners(toolpath: Toolpath, tolerance: float) -> Toolpath:
             places.append(i + away / after)
             shifts.append(np.zeros(3))
             leans.append(np.zeros(3))
-    divided = _divide(toolpath, np.array(places))
+    divided = divide_toolpath(toolpath, np.array(places))
     axis = divided.axis + np.array(leans)
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     return replace(divided, position=divided.position + np.array(shifts), axis=axis)
@@ -86,24 +86,6 @@ def find_corners(toolpath: Toolpath) -> tuple[NDArray[np.int_], Array]:
     around[1:-1] = np.minimum(turn[:-2], turn[2:])
     sharp = cut & (turn > CORNER) & (turn > SHARPER * around) & (turn < np.pi - CORNER)
     return np.flatnonzero(sharp), turn
-
-
-def _divide(toolpath: Toolpath, places: Array) -> Toolpath:
-    """Return the toolpath at fractional waypoints; feed and rapid are those of the move that a place lies on."""
-    before = np.clip(np.floor(places).astype(int), 0, len(toolpath) - 2)
-    share = (places - before)[:, None]
-    move = np.clip(np.ceil(places - 1e-12).astype(int), 0, len(toolpath) - 1)
-
-    def between(values: Array) -> Array:
-        return values[before] * (1 - share) + values[before + 1] * share
-
-    axis = between(toolpath.axis)
-    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    wrench = None if toolpath.wrench is None else between(toolpath.wrench)
-    return replace(
-        toolpath, position=between(toolpath.position), axis=axis, feed=toolpath.feed[move], rapid=toolpath.rapid[move],
-        wrench=wrench,
-    )  # fmt: skip
 
 
 def _crowd(nearest: float, farthest: float) -> list[float]:

@@ -50,7 +50,10 @@ class ConstantProcess(ContactTable):
 
 
 class MillingProcess(ContactTable):
-    """Mean force of one revolution of an end mill with constant cutting coefficients, see `milling_wrench`."""
+    """Mean force of one revolution of an end mill with constant cutting coefficients, see `milling_wrench`.
+
+    Above stock_top_mm (z of the part) there is no force, and less of it where the tool is in by less than depth_mm.
+    """
 
     model: Literal["milling"]
     depth_mm: float = Field(gt=0.0)
@@ -61,6 +64,7 @@ class MillingProcess(ContactTable):
     radial_ratio: float = Field(default=0.4, ge=0.0)
     axial_ratio: float = 0.0
     material_side: Literal["left", "right"] = "right"
+    stock_top_mm: float | None = None
 
     @model_validator(mode="after")
     def _check(self) -> MillingProcess:
@@ -112,6 +116,7 @@ def predict_wrench(
     R_base_part: Array | None = None,
     tool_x: Array | None = None,
     folder: Path | None = None,
+    rows_at: Array | None = None,
 ) -> Array:
     """Predict the wrench of the environment on the tool at every waypoint.
 
@@ -121,6 +126,8 @@ def predict_wrench(
         R_base_part: Part axes seen from the base, for wrenches in the part frame; default: the same axes. Shape (3, 3).
         tool_x: Where the x axis of the TCP frame points, base axes, for wrenches in the tool frame. Shape (3,).
         folder: Folder that a file name of the model is relative to.
+        rows_at: Length along the path of each row of the toolpath file, for wrench files of one row a waypoint; the
+            waypoints themselves if left out. Shape (r,). [m]
 
     Returns:
         The wrench at the tip, base axes, force first. Shape (n, 6). [N, N m]
@@ -143,12 +150,12 @@ def predict_wrench(
         if process.during_rapid:
             return wrench
     elif isinstance(process, FileProcess):
-        wrench = _read_wrench(process, nominal, folder or Path())
+        wrench = _read_wrench(process, nominal, folder or Path(), rows_at)
         wrench = _turn(wrench, _axes(process.frame, nominal, rotations, tool_x))
     elif isinstance(process, IsfProcess):
         wrench = _turn(isf_wrench(process, nominal), path_axes(nominal))
     else:
-        wrench = _turn(milling_wrench(process, nominal.feed), path_axes(nominal))
+        wrench = _turn(milling_wrench(process, nominal.feed * travel_across(nominal)), path_axes(nominal))
     return wrench * contact_share(nominal, process.ramp_mm * 1e-3, process.ramp_out_mm * 1e-3)[:, None]
 
 
@@ -172,6 +179,14 @@ def path_axes(nominal: Toolpath) -> Array:
     x = x - np.sum(x * nominal.axis, axis=1, keepdims=True) * nominal.axis
     x /= np.linalg.norm(x, axis=1, keepdims=True)
     return np.stack([x, np.cross(nominal.axis, x), nominal.axis], axis=2)
+
+
+def travel_across(nominal: Toolpath) -> Array:
+    """Return which share of each move goes across the tool axis: 1 in a plane, 0 in a plunge or a lift. Shape (n,)."""
+    steps = np.diff(nominal.position, axis=0)
+    travel = np.vstack([steps[:1], steps])
+    travel = travel / np.maximum(np.linalg.norm(travel, axis=1, keepdims=True), 1e-300)
+    return np.asarray(np.linalg.norm(np.cross(travel, nominal.axis), axis=1))
 
 
 def tool_axes(nominal: Toolpath, tool_x: Array | None) -> Array:
@@ -271,14 +286,15 @@ def milling_wrench(process: MillingProcess, feed: Array) -> Array:
     return (process.kc_N_mm2 * process.depth_mm * feed_mm_rev / (2.0 * np.pi))[:, None] * shape
 
 
-def _read_wrench(process: FileProcess, nominal: Toolpath, folder: Path) -> Array:
+def _read_wrench(process: FileProcess, nominal: Toolpath, folder: Path, rows_at: Array | None) -> Array:
     """Return the wrench of a file at every waypoint, in the frame of the file. Shape (n, 6)."""
     table = read_table(folder / process.file, FILE_COLUMNS)
     rows = np.column_stack([table.values[key] if key in table else np.zeros(len(table)) for key in WRENCH])
     if "s" not in table:
-        if len(rows) != len(nominal):
-            raise table.error(f"{len(rows)} rows, expected {len(nominal)}, one a waypoint; or add a column s_mm")
-        return rows
+        at = nominal.arc_length if rows_at is None else rows_at
+        if len(rows) != len(at):
+            raise table.error(f"{len(rows)} rows, expected {len(at)}, one a waypoint; or add a column s_mm")
+        return np.column_stack([np.interp(nominal.arc_length, at, column) for column in rows.T])
     s = table.values["s"]
     if len(s) < 2:
         raise table.error(f"{len(s)} rows, expected at least 2")

@@ -275,6 +275,30 @@ def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = 
     )
 
 
+def divide_toolpath(toolpath: Toolpath, places: Array) -> Toolpath:
+    """Return the toolpath at fractional waypoints; feed and rapid are those of the move that a place lies on.
+
+    Args:
+        toolpath: The toolpath.
+        places: Waypoint numbers, fractional between waypoints, never falling. Shape (m,).
+
+    """
+    before = np.clip(np.floor(places).astype(int), 0, len(toolpath) - 2)
+    share = (places - before)[:, None]
+    move = np.clip(np.ceil(places - 1e-12).astype(int), 0, len(toolpath) - 1)
+
+    def between(values: Array) -> Array:
+        return np.asarray(values[before] * (1 - share) + values[before + 1] * share)
+
+    axis = between(toolpath.axis)
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    wrench = None if toolpath.wrench is None else between(toolpath.wrench)
+    return replace(
+        toolpath, position=between(toolpath.position), axis=axis, feed=toolpath.feed[move], rapid=toolpath.rapid[move],
+        wrench=wrench,
+    )  # fmt: skip
+
+
 def join_waypoints(toolpath: Toolpath, shortest: float) -> Toolpath:
     """Leave out waypoints that repeat their predecessor within `shortest` [m] while the tool axis stays."""
     keep = np.ones(len(toolpath), dtype=bool)

@@ -58,13 +58,16 @@ class ConstantFeed:
     kind: str
 
 
-def time_run(task: PlanTask, q: Array, wish: FeedWish) -> tuple[PlanTask, Timing, tuple[str, ...]]:
+def time_run(
+    task: PlanTask, q: Array, wish: FeedWish, slow: Array | None = None
+) -> tuple[PlanTask, Timing, tuple[str, ...]]:
     """Time a command as the process asks.
 
     Args:
         task: The task that the command fulfils.
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         wish: What the process asks of the feed.
+        slow: Factor by which the run is to be slower than the limits ask for, or None. Shape (n,).
 
     Returns:
         The task with the feed that was programmed in the end, the run, and sentences for the user.
@@ -83,7 +86,7 @@ def time_run(task: PlanTask, q: Array, wish: FeedWish) -> tuple[PlanTask, Timing
     if wish.torque:
         rules = TorqueRules(task.robot, q, task.wrench)
         notes += rules.notes
-    return task, time_command(task, q, rules=rules), tuple(notes)
+    return task, time_command(task, q, rules=rules, slow=slow), tuple(notes)
 
 
 def find_constant_feed(task: PlanTask, q: Array) -> ConstantFeed:

@@ -8,16 +8,19 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compplan.cell.cell import JUDGE, build_cell
 from compplan.errors import InputError, UnknownNameError
-from compplan.job.job import Job, load_nominal
+from compplan.job.job import Job, load_path
+from compplan.path.force_law import ForceLaw
 from compplan.path.process import tool_axes
-from compplan.path.toolpath import Toolpath, check_toolpath, select_waypoints
+from compplan.path.toolpath import Toolpath, check_toolpath
+from compplan.plan.agreement import agree
+from compplan.plan.approach import Passage, plan_approach, plan_retract
+from compplan.plan.between import Between
 from compplan.plan.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch, evaluate_run, measure_margins
-from compplan.plan.feed import FeedWish, time_run
-from compplan.plan.strategies import command_path
+from compplan.plan.feed import FeedWish
+from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
 from compplan.plan.task import Command, PlanTask
 from compplan.plan.timing import Timing
 from compplan.posture.clearance import ClearanceProfile
@@ -25,10 +28,7 @@ from compplan.posture.stance import Wish, check_start
 from compplan.posture.start import PostureRequest, check_clearance, find_start, read_request
 from compplan.robot import Array, Robot, load_robot
 from compplan.statics.chain import build_chain, locate_frames
-from compplan.statics.ik import build_arm, pose_error, refine_ik
 
-#: Height of the approach and of the retract along the tool axis, where the toolpath has none of its own. [m]
-APPROACH = 0.05
 #: A joint that moves more than this between two waypoints of a cut swings over. [rad or m]
 SWING = 0.5
 
@@ -48,6 +48,9 @@ class PlanOptions:
         acceleration_scale: Share of the robot's acceleration limits that may be used.
         feed: What the process asks of the feed.
         posture: What is asked of the posture; None keeps one configuration and the tool's x where `tool_x` has it.
+        law: The law of the wrench; None where the path carries its wrench.
+        chord: How far the loaded tip may stray from the path between waypoints; a tenth of the tolerance if left out.
+            [m]
 
     """
 
@@ -61,6 +64,8 @@ class PlanOptions:
     acceleration_scale: float = 1.0
     posture: PostureRequest | None = None
     feed: FeedWish = field(default_factory=FeedWish)
+    law: ForceLaw | None = None
+    chord: float | None = None
 
 
 @dataclass(frozen=True)
@@ -76,8 +81,9 @@ class Plan:
         before: The uncorrected command (`task.q_start`) in the cell as modelled.
         after: The command in the cell as modelled.
         margins: Distance of the command from its limits.
-        approach: Joint positions before the first waypoint, where the toolpath has no rapid start. Shape (0 or 1, nq).
-        retract: Joint positions after the last waypoint, where the toolpath ends in a cut. Shape (0 or 1, nq).
+        approach: The way to the first waypoint, where the toolpath has no rapid start.
+        retract: The way from the last waypoint, where the toolpath ends in a cut.
+        between: Where the loaded tip goes between waypoints, by the planner's model.
         judge: Who computed `before` and `after`.
         clearance: How far arm and tool keep clear of part and fixture, or None.
         notes: Warnings, one sentence each.
@@ -93,8 +99,9 @@ class Plan:
     before: Evaluation
     after: Evaluation
     margins: Margins
-    approach: Array
-    retract: Array
+    approach: Passage
+    retract: Passage
+    between: Between
     judge: str = JUDGE
     clearance: ClearanceProfile | None = None
     notes: tuple[str, ...] = ()
@@ -114,6 +121,19 @@ class Plan:
     def status(self) -> str:
         """Tell "solved" or "infeasible"."""
         return self.command.status
+
+    @cached_property
+    def command_feed(self) -> Array:
+        """Feed of the move that ends at each waypoint; where the wanted tip stays, that of the commanded one. [m/s].
+
+        Shape (n,).
+        """
+        feed, still = self.timing.feed.copy(), np.r_[True, self.task.nominal.steps <= 0] & ~self.task.nominal.rapid
+        tip = np.vstack([locate_frames(self.task.chain, q).tcp_position for q in (self.approach.key_q[-1:], self.q)])
+        tip = np.vstack([tip[:1], tip])[-len(feed) - 1 :]
+        step = np.r_[self.approach.key_gap[-1:] if len(self.approach.key_gap) else 1.0, np.diff(self.timing.time)]
+        moved = np.linalg.norm(np.diff(tip, axis=0), axis=1) / np.maximum(step, 1e-9)
+        return np.asarray(np.where(still, np.maximum(moved, 1e-4), feed))
 
     @cached_property
     def correction(self) -> Array:
@@ -161,7 +181,8 @@ def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
 
     """
     robot = job_robot(job)
-    return robot, load_nominal(job), read_options(job, robot)
+    nominal, law = load_path(job)
+    return robot, nominal, replace(read_options(job, robot), law=law)
 
 
 def plan_compensation(
@@ -186,15 +207,14 @@ def plan_compensation(
 
 def plan_task(task: PlanTask, strategy: str, *, name: str = "path", feed: FeedWish | None = None) -> Plan:
     """Let one strategy command a task; time and judge its command."""
-    command = command_path(task, strategy)
+    found = agree(task, strategy, feed or FeedWish())
+    task, command, timing, feed_notes = found.task, found.command, found.timing, found.notes
     clearance, near = check_clearance(task.start, command.q)
     if near:
         command = replace(command, status="infeasible", failures={**near, **command.failures})
-    task, timing, feed_notes = time_run(task, command.q, feed or FeedWish())
     cell = build_cell(task.robot)
     after = evaluate_run(task, command.q, cell)
     before = after if command.q is task.q_start else evaluate_run(task, task.q_start, cell)
-    approach, retract = _approach(task, command.q, 0), _approach(task, command.q, len(task) - 1)
     return Plan(
         name=name,
         task=task,
@@ -204,8 +224,9 @@ def plan_task(task: PlanTask, strategy: str, *, name: str = "path", feed: FeedWi
         before=before,
         after=after,
         margins=measure_margins(task, command.q, timing),
-        approach=approach,
-        retract=retract,
+        approach=plan_approach(task, command.q),
+        retract=plan_retract(task, command.q),
+        between=found.between,
         clearance=clearance,
         notes=(*(task.start.notes if task.start else ()), *feed_notes, *_notes(task, timing)),
     )
@@ -237,13 +258,14 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
     except InputError as error:
         raise InputError(error.message, file=file, where=error.where if file else None) from None
     nominal = start.nominal
-    wrench, compensated = load_contacts(nominal)
-    return PlanTask(
+    compensated = ~nominal.rapid
+    compensated[find_contacts(nominal.rapid)] = True
+    task = PlanTask(
         robot=robot,
         chain=chain,
         nominal=nominal,
         rotation=start.rotation,
-        wrench=wrench,
+        wrench=np.zeros((len(nominal), 6)),
         compensated=compensated,
         q_start=start.q,
         configuration=start.configuration,
@@ -255,30 +277,13 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         tolerance=options.tolerance,
         spin_free=options.spin_free,
         start=start,
+        law=options.law,
+        chord=0.1 * options.tolerance if options.chord is None else options.chord,
     )
-
-
-def load_contacts(nominal: Toolpath) -> tuple[Array, NDArray[np.bool_]]:
-    """Give each point of contact the wrench of the cut that begins there, so that the correction ramps in before it.
-
-    Returns:
-        Wrench to plan with, shape (n, 6) [N, N m], and which waypoints are compensated, shape (n,).
-
-    """
-    rapid = nominal.rapid.copy()
-    wrench = np.zeros((len(nominal), 6)) if nominal.wrench is None else nominal.wrench.copy()
-    contact = np.flatnonzero(rapid[:-1] & ~rapid[1:])
-    wrench[contact] = wrench[contact + 1]
-    compensated = ~rapid
-    compensated[contact] = True
-    return wrench, compensated
-
-
-def programmed_times(nominal: Toolpath) -> Array:
-    """Return the time of every move at the programmed feed, of rapid moves at the median feed; (n - 1,) [s]."""
-    feed, cutting = nominal.feed[1:], ~nominal.rapid[1:]
-    typical = float(np.median(feed[cutting & (feed > 0)])) if (cutting & (feed > 0)).any() else 0.1
-    return np.asarray(nominal.steps / np.where(cutting & (feed > 0), feed, typical))
+    turns = options.law is not None and options.law.turns_with_travel
+    return prepare_sampling(
+        replace(task, wrench=predict_loads(task)), rest_at_corners=turns or not options.feed.constant
+    )
 
 
 def job_robot(job: Job) -> Robot:
@@ -310,6 +315,7 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         acceleration_scale=job.limits.acceleration_scale,
         posture=read_request(job, robot),
         feed=FeedWish(job.feed.mode == "constant", job.feed.torque_limits),
+        chord=None if job.sampling.chord_mm is None else job.sampling.chord_mm * 1e-3,
     )
 
 
@@ -317,23 +323,6 @@ def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
     """Group waypoints into spans (first, last)."""
     breaks = [0, *(k for k in range(1, len(waypoints)) if waypoints[k] != waypoints[k - 1] + 1), len(waypoints)]
     return [(waypoints[a], waypoints[b - 1]) for a, b in itertools.pairwise(breaks) if b > a]
-
-
-def _approach(task: PlanTask, q: Array, end: int) -> Array:
-    """Put the unloaded tool above the first or last waypoint, where the toolpath does not come there in a rapid."""
-    nothing = np.zeros((0, q.shape[1]))
-    if task.nominal.rapid[end]:
-        return nothing
-    row, arm = slice(end, end + 1), build_arm(task.robot)
-    position = task.position[row] + APPROACH * task.nominal.axis[row]
-    rotation = task.rotation[row]
-    if task.spin_free:
-        x = locate_frames(task.chain, q[row]).tcp_rotation[0, :, 0]
-        rotation = tool_axes(select_waypoints(task.nominal, np.array([end])), x)
-    above = refine_ik(arm, q[row], position, rotation, iterations=30)
-    reached = np.abs(pose_error(arm.chain, above, position, rotation)).max() < 1e-6
-    inside = ((above >= task.robot.lower) & (above <= task.robot.upper)).all()
-    return above if reached and inside else nothing
 
 
 def _notes(task: PlanTask, timing: Timing) -> tuple[str, ...]:

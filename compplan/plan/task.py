@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.effects.attained import attain_with_effects
+from compplan.path.force_law import ForceLaw
 from compplan.path.toolpath import Toolpath
 from compplan.plan.nlp import NlpSolution
 from compplan.plan.path_problem import PathProblem
@@ -21,6 +22,9 @@ from compplan.posture.start import Start
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 from compplan.statics.sensitivity import AttainedPose, attain_pose, chunk_rows
+
+#: Time over which motion is smoothed where no natural frequency is known. [s]
+SMOOTHING = 0.05
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,12 @@ class PlanTask:
         tolerance: Greatest deviation of the loaded tip that counts as on the path. [m]
         spin_free: Whether the rotation about the tool axis is free.
         start: How q_start was found, or None.
+        law: The law of the wrench, or None where the path carries it.
+        lead: Waypoints that bring the correction in at a contact, the wanted tip at rest. Shape (n,).
+        rests: Waypoints within a cut at which the tool comes to rest. Shape (n,).
+        chord: How far the loaded tip may stray from the path between waypoints. [m]
+        smoothing: Time over which the motion is smoothed. [s]
+        places: Number of each waypoint in the toolpath, fractional where a move was divided. Shape (n,).
 
     """
 
@@ -63,6 +73,16 @@ class PlanTask:
     tolerance: float
     spin_free: bool
     start: Start | None = None
+    law: ForceLaw | None = None
+    lead: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
+    rests: NDArray[np.bool_] | None = None
+    chord: float = np.inf
+    smoothing: float = SMOOTHING
+    places: Array | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.lead) != len(self.nominal):
+            object.__setattr__(self, "lead", np.zeros(len(self.nominal), bool))
 
     def __len__(self) -> int:
         return len(self.nominal)
@@ -71,6 +91,21 @@ class PlanTask:
     def position(self) -> Array:
         """Wanted tool tip. Shape (n, 3). [m]."""
         return self.nominal.position
+
+    @property
+    def origin(self) -> Array:
+        """Number of each waypoint in the toolpath, fractional where a move was divided. Shape (n,)."""
+        return np.arange(len(self), dtype=float) if self.places is None else self.places
+
+    @property
+    def follows_feed(self) -> bool:
+        """Tell whether the wrench depends on the feed that is driven."""
+        return self.law is not None and self.law.follows_feed
+
+    @property
+    def cut(self) -> NDArray[np.bool_]:
+        """Waypoints that are judged: those of the cut and the points of contact, not what leads in. Shape (n,)."""
+        return self.compensated & ~self.lead
 
     @property
     def problem(self) -> PathProblem:

@@ -1,7 +1,9 @@
 """When the robot is where: the fastest run along the commanded path within the programmed feed and the rate limits.
 
 Cuts are timed by TOPP-RA [Pham2018]: joint velocity and acceleration limits, the programmed feed as the upper bound,
-from rest to rest. Rapid moves are joint moves from rest to rest: every joint takes the time of the slowest one.
+from rest to rest, then smoothed (`compplan.plan.profile`). Where smoothing or the division of the path leaves a
+difference of joint positions beyond a limit, the run is slowed down there. Rapid moves are joint moves from rest to
+rest: every joint takes the time of the slowest one.
 """
 
 from __future__ import annotations
@@ -17,13 +19,17 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from compplan.errors import ConvergenceError
+from compplan.plan.profile import ease_duration, ease_times, smooth_profile
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
+from compplan.statics.chain import locate_frames
 
 #: A feed below this share of the programmed one counts as lowered.
 LOWERED = 0.995
 #: Stands for an acceleration limit that the robot folder does not state. [rad/s^2 or m/s^2]
 NO_LIMIT = 1e4
+#: Share of the limits that a run may use by finite differences, and rounds that slow it down where it uses more.
+FULL_USE, SLOW_ROUNDS = 0.999, 8
 #: Acceleration of a joint whose folder states none, in rapid moves: full speed after this time. [s]
 FULL_SPEED_AFTER = 0.5
 
@@ -72,32 +78,52 @@ class Timing:
         return self.share < LOWERED
 
 
-def time_command(task: PlanTask, q: Array, *, rules: TorqueRows | None = None) -> Timing:
+def time_command(
+    task: PlanTask, q: Array, *, rules: TorqueRows | None = None, slow: Array | None = None
+) -> Timing:
     """Time a command.
 
     Args:
         task: The task that it fulfils: programmed feed, limits, rapid moves.
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         rules: Joint torques to keep within limits, or None.
+        slow: Factor by which the run is to be slower than the limits ask for, or None. Shape (n,).
 
     Raises:
         ConvergenceError: If no run keeps the limits.
 
     """
-    n, nq = q.shape
-    step = np.zeros(n)
-    velocity, acceleration = np.zeros((n, nq)), np.zeros((n, nq))
-    rapid = task.nominal.rapid.copy()
-    rapid[0] = False
-    for start, end in cutting_runs(rapid):
-        along = np.r_[0.0, np.cumsum(parameter_steps(task, q, start, end))]
+    step = np.zeros(len(q))
+    rapid = np.r_[False, task.nominal.rapid[1:]]
+    for start, end in cutting_runs(rapid, task.rests):
         run = slice(start, end + 1)
+        if not task.nominal.steps[start:end].any():
+            step[start + 1 : end + 1] = np.diff(_turn_in_place(task, q[run], start))
+            continue
+        along = np.r_[0.0, np.cumsum(parameter_steps(task, q, start, end))]
         rows = None if rules is None else partial(rules.rows, start, end)
-        rate, change, speed, push = time_cut(along, q[run], task.velocity_limits, task.acceleration_limits, rows)
-        velocity[run], acceleration[run] = rate * speed[:, None], change * speed[:, None] ** 2 + rate * push[:, None]
-        step[start + 1 : end + 1] = 2 * np.diff(along) / np.maximum(speed[1:] + speed[:-1], 1e-12)
+        time = _time_run(task, along, q[run], rows, np.ones(end + 1 - start) if slow is None else slow[run])
+        step[start + 1 : end + 1] = np.diff(time)
     moves = np.flatnonzero(rapid)
     step[moves] = time_rapids(np.abs(q[moves] - q[moves - 1]), task.velocity_limits, task.acceleration_limits)
+    return state_timing(task, q, np.cumsum(step))
+
+
+def state_timing(task: PlanTask, q: Array, time: Array) -> Timing:
+    """Work out rates and feeds of a command at given times, by differences.
+
+    Args:
+        task: The task that it fulfils.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        time: Time at each waypoint. Shape (n,). [s]
+
+    """
+    velocity, acceleration = np.zeros(q.shape), np.zeros(q.shape)
+    rapid, step = np.r_[False, task.nominal.rapid[1:]], np.r_[0.0, np.diff(time)]
+    for start, end in cutting_runs(rapid, task.rests):
+        run = slice(start, end + 1)
+        mean, acceleration[run] = difference_motion(q[run], time[run])
+        velocity[run] = 0.5 * (np.vstack([mean, mean[-1:]]) + np.vstack([mean[:1], mean]))
     length = np.r_[0.0, task.nominal.steps]
     with np.errstate(divide="ignore", invalid="ignore"):
         feed = np.where(step > 0, length / step, task.nominal.feed)
@@ -108,13 +134,111 @@ def time_command(task: PlanTask, q: Array, *, rules: TorqueRows | None = None) -
     by_velocity = worst_v >= worst_a
     limiting = np.where(by_velocity, use_v.argmax(axis=1), use_a.argmax(axis=1))
     limiting = np.where(np.maximum(worst_v, worst_a) > 0.9, limiting, -1)
-    share[0] = share[1] if n > 1 and not rapid[1] else 1.0
+    share[0] = share[1] if len(q) > 1 and not rapid[1] else 1.0
     ratios = float(worst_v.max()), float(worst_a.max())
-    return Timing(np.cumsum(step), velocity, acceleration, feed, share, limiting, by_velocity, *ratios)
+    return Timing(time, velocity, acceleration, feed, share, limiting, by_velocity, *ratios)
+
+
+def _time_run(
+    task: PlanTask, along: Array, q: Array, rows: TorqueParts | None, slow: Array
+) -> Array:
+    """Time one run from rest to rest, smoothly, and slow it down where differences of q are beyond a limit."""
+    limits = FULL_USE * task.velocity_limits, FULL_USE * task.acceleration_limits
+    gentle = 1.0 / task.smoothing if task.smoothing > 0 and task.follows_feed else NO_LIMIT
+    for _ in range(SLOW_ROUNDS):
+        speed = time_cut(along, q, *limits, rows, slow=slow, gentle=gentle)[2]
+        time = smooth_profile(along, speed, task.smoothing).time
+        use = measure_use(q, time, task.velocity_limits, task.acceleration_limits)
+        if use.max() <= 1.0:
+            return time
+        slow = slow * np.minimum(_spread(use, time, task.smoothing), 4.0) * 1.002
+    return time * float(use.max()) * 1.001
+
+
+def find_slowdown(task: PlanTask, q: Array, time: Array) -> Array:
+    """Tell by what factor times are too short for joint positions, nearby waypoints included: 1 where they are not.
+
+    Args:
+        task: The task.
+        q: Joint positions. Shape (n, nq). [rad or m]
+        time: Time at each waypoint. Shape (n,). [s]
+
+    Returns:
+        Shape (n,).
+
+    """
+    slower, rapid = np.ones(len(q)), np.r_[False, task.nominal.rapid[1:]]
+    for start, end in cutting_runs(rapid, task.rests):
+        run = slice(start, end + 1)
+        use = measure_use(q[run], time[run], task.velocity_limits, task.acceleration_limits)
+        if use.max() > 1.0 and task.nominal.steps[start:end].any():
+            slower[run] = np.maximum(slower[run], _spread(use, time[run], task.smoothing))
+    return slower
+
+
+def measure_use(q: Array, time: Array, velocity_limits: Array, acceleration_limits: Array) -> Array:
+    """Tell by what factor a run from rest to rest is too fast, by differences of its joint positions: 1 at a limit.
+
+    Args:
+        q: Joint positions. Shape (k, nq). [rad or m]
+        time: Shape (k,). [s]
+        velocity_limits: Shape (nq,). [rad/s or m/s]
+        acceleration_limits: Shape (nq,). [rad/s^2 or m/s^2]
+
+    Returns:
+        max(|v| / v_max, sqrt(|a| / a_max)) at each waypoint. Shape (k,).
+
+    """
+    mean, change = difference_motion(q, time)
+    by_speed = np.abs(mean / velocity_limits).max(axis=1)
+    by_push = np.sqrt(np.abs(change / acceleration_limits).max(axis=1))
+    return np.asarray(np.maximum(np.maximum(np.r_[by_speed, 0.0], np.r_[0.0, by_speed]), by_push))
+
+
+def difference_motion(q: Array, time: Array) -> tuple[Array, Array]:
+    """Return mean velocities of the moves, shape (k - 1, nq), and accelerations at the waypoints, shape (k, nq).
+
+    The run starts and ends at rest.
+    """
+    step = np.maximum(np.diff(time), 1e-12)
+    mean = np.diff(q, axis=0) / step[:, None]
+    still = np.zeros((1, q.shape[1]))
+    change = np.diff(np.vstack([still, mean, still]), axis=0)
+    return mean, change / (0.5 * (np.r_[0.0, step] + np.r_[step, 0.0]))[:, None]
+
+
+def _spread(use: Array, time: Array, reach: float) -> Array:
+    """Widen factors above 1 to the waypoints within a reach of time."""
+    wide = np.maximum(use, 1.0)
+    found = np.flatnonzero(use > 1.0)
+    for group in np.split(found, np.flatnonzero(np.diff(found) > 1) + 1):
+        first = int(np.searchsorted(time, time[group[0]] - reach))
+        last = int(np.searchsorted(time, time[group[-1]] + reach, side="right"))
+        wide[first:last] = np.maximum(wide[first:last], use[group].max())
+    return wide
+
+
+def _turn_in_place(task: PlanTask, q: Array, start: int) -> Array:
+    """Time joint moves during which the wanted tip stays: gently, and the commanded tip no faster than the feed."""
+    distance = np.abs(np.diff(q, axis=0)).sum(axis=0)
+    duration = ease_duration(distance, FULL_USE * task.velocity_limits, FULL_USE * task.acceleration_limits)
+    way = np.r_[0.0, np.cumsum(np.abs(np.diff(q, axis=0)).max(axis=1))]
+    feed = task.nominal.feed[start + 1]
+    tip = locate_frames(task.chain, q[[0, -1]]).tcp_position
+    length = float(np.linalg.norm(tip[1] - tip[0]))
+    duration = max(1.1 * duration, 1.875 * length / feed if feed > 0 else 0.0, 1e-3)
+    return ease_times(way / max(way[-1], 1e-300), duration)
 
 
 def time_cut(
-    along: Array, q: Array, velocity_limits: Array, acceleration_limits: Array, torques: TorqueParts | None = None
+    along: Array,
+    q: Array,
+    velocity_limits: Array,
+    acceleration_limits: Array,
+    torques: TorqueParts | None = None,
+    *,
+    slow: Array | None = None,
+    gentle: float = NO_LIMIT,
 ) -> tuple[Array, Array, Array, Array]:
     """Time one cut by TOPP-RA.
 
@@ -125,20 +249,24 @@ def time_cut(
         acceleration_limits: Shape (nq,), infinite where there is none. [rad/s^2 or m/s^2]
         torques: From joint motion per programmed time and its derivative to the rows of `TorqueRows`, or None; not for
             cuts of fewer than three waypoints.
+        slow: Factor by which the run is to be slower than the limits ask for. Shape (k,).
+        gentle: Greatest change of the share of the programmed feed. [1/s]
 
     Returns:
         Joint motion per programmed time, its derivative (k, nq), share of the programmed feed and its rate (k,).
 
     """
     if len(along) < 3:
-        along, q = _subdivide(along, q)
-        rate, change, speed, push = time_cut(along, q, velocity_limits, acceleration_limits)
-        return rate[[0, -1]], change[[0, -1]], np.maximum(speed[[0, -1]], speed.max() / 2), push[[0, -1]]
+        fine, q = _subdivide(along, q)
+        rate, change, speed, push = time_cut(fine, q, velocity_limits, acceleration_limits, gentle=gentle)
+        even = np.diff(fine).mean() * 2 / np.maximum(speed[1:] + speed[:-1], 1e-12)
+        mean = 2 * (along[-1] - along[0]) / even.sum()
+        return rate[[0, -1]], change[[0, -1]], np.r_[0.0, mean][: len(along)], push[[0, -1]]
     spline = CubicSpline(along, q, bc_type="natural")
     rate, change = spline(along, 1), spline(along, 2)
     limits = np.where(np.isfinite(acceleration_limits), acceleration_limits, NO_LIMIT)
     bounds = [] if torques is None else [_bound_torques(*torques(rate, change))]
-    speed, push = _run_toppra(along, rate, change, velocity_limits, limits, bounds)
+    speed, push = _run_toppra(along, rate, change, velocity_limits, limits, bounds, slow, gentle)
     return rate, change, speed, push
 
 
@@ -180,16 +308,18 @@ def _bound_torques(a: Array, b: Array, c: Array, limits: Array) -> Any:
 
 
 def _run_toppra(
-    along: Array, rate: Array, change: Array, velocity: Array, acceleration: Array, bounds: list[Any]
-) -> tuple[Array, Array]:
+    along: Array, rate: Array, change: Array, velocity: Array, acceleration: Array, bounds: list[Any],
+    slow: Array | None, gentle: float,
+) -> tuple[Array, Array]:  # fmt: skip
     """Return the share of the programmed feed and its rate at every waypoint."""
     import toppra
     from toppra import algorithm, constraint
 
     logging.getLogger("toppra").setLevel(logging.ERROR)
-    path = _Path(along, rate, change)
+    slower = np.ones((len(along), 1)) if slow is None else slow[:, None]
+    path = _Path(along, np.hstack([rate * slower**2, slower]), np.hstack([change * slower**2, 0 * slower]))
     wide = np.column_stack([-np.r_[velocity, 1.0], np.r_[velocity, 1.0]])
-    push = np.column_stack([-np.r_[acceleration, NO_LIMIT], np.r_[acceleration, NO_LIMIT]])
+    push = np.column_stack([-np.r_[acceleration, gentle], np.r_[acceleration, gentle]])
     for scheme in (
         toppra.constraint.DiscretizationType.Interpolation,
         toppra.constraint.DiscretizationType.Collocation,
@@ -213,9 +343,8 @@ class _Path:
 
     def __init__(self, along: Array, rate: Array, change: Array) -> None:
         self.along = along
-        ones = np.ones((len(along), 1))
-        self.values = {1: np.hstack([rate, ones]), 2: np.hstack([change, 0 * ones])}
-        self.dof = rate.shape[1] + 1
+        self.values = {1: rate, 2: change}
+        self.dof = rate.shape[1]
         self.path_interval = np.array([along[0], along[-1]])
         self.duration = float(along[-1] - along[0])
 
@@ -226,13 +355,22 @@ class _Path:
         return np.asarray(self.values[order][rows])
 
 
-def cutting_runs(rapid: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """List first and last waypoint of every cut; the first is where it is reached."""
-    cutting = np.flatnonzero(~rapid[1:]) + 1
-    if not len(cutting):
+def cutting_runs(rapid: NDArray[np.bool_], rests: NDArray[np.bool_] | None = None) -> list[tuple[int, int]]:
+    """List first and last waypoint of every run from rest to rest; the first is where it is reached.
+
+    Args:
+        rapid: Whether the move that ends at a waypoint is rapid. Shape (n,).
+        rests: Waypoints within a cut at which the tool comes to rest, or None. Shape (n,).
+
+    """
+    moves = np.flatnonzero(~rapid[1:]) + 1
+    if not len(moves):
         return []
-    breaks = np.flatnonzero(np.diff(cutting) > 1)
-    firsts, lasts = np.r_[cutting[0], cutting[breaks + 1]], np.r_[cutting[breaks], cutting[-1]]
+    new = np.diff(moves) > 1
+    if rests is not None:
+        new |= rests[moves[:-1]]
+    breaks = np.flatnonzero(new)
+    firsts, lasts = np.r_[moves[0], moves[breaks + 1]], np.r_[moves[breaks], moves[-1]]
     return [(int(first) - 1, int(last)) for first, last in zip(firsts, lasts, strict=True)]
 
 

@@ -69,12 +69,31 @@ def command_path(task: PlanTask) -> Command:
         state = _review(task, problem, state)
         if state.settled and _size(_missed(task, problem, state.q), state.rows.released).max() < NEARLY:
             break
-    q = _polish(task, problem, state)
-    failures = name_failures(task, q, np.flatnonzero(_size(_missed(task, problem, q)) > KEPT))
-    failures |= judge_limits(replace(task, missed=np.zeros_like(task.missed)), q).failures
+    q = _polish(task, problem, state.q, state.rows.released)
     facts = {"passes": len(state.solutions), "rate_rows": len(state.rows.velocity) + len(state.rows.acceleration)}
     spent = sum(solution.time for solution in state.solutions)
-    return Command(q, "infeasible" if failures else "solved", failures, spent, state.solutions, facts)
+    return _finish(task, problem, q, Command(q, solve_time=spent, solutions=state.solutions, facts=facts))
+
+
+def correct_command(task: PlanTask, command: Command) -> Command:
+    """Bring a command up to date after a small change of the wrench, by Newton steps that move the joints least.
+
+    Args:
+        task: The task with its new wrench.
+        command: A command for another wrench; waypoints that fail in it are brought as near as the limits allow.
+
+    """
+    q, failing = command.q.copy(), np.array(sorted(command.failures), int)
+    if len(failing):
+        q[failing] = find_compromise(task, q, failing)
+    return _finish(task, task.problem, _polish(task, task.problem, q, failing), command)
+
+
+def _finish(task: PlanTask, problem: PathProblem, q: Array, command: Command) -> Command:
+    """Name the waypoints that miss the pose equations or leave a limit."""
+    failures = name_failures(task, q, np.flatnonzero(_size(_missed(task, problem, q)) > KEPT))
+    failures |= judge_limits(replace(task, missed=np.zeros_like(task.missed)), q).failures
+    return replace(command, q=q, status="infeasible" if failures else "solved", failures=failures)
 
 
 def hold_start(task: PlanTask, attained: AttainedPose) -> PathProblem:
@@ -95,8 +114,12 @@ def hold_start(task: PlanTask, attained: AttainedPose) -> PathProblem:
 
 
 def find_fast_rows(problem: PathProblem, q: Array) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Find pairs (waypoint, joint) beyond a velocity or acceleration limit at the programmed feed, and neighbours."""
-    within = problem.compensated[1:] & problem.compensated[:-1] & (problem.step_time > 0)
+    """Find pairs (waypoint, joint) beyond a velocity or acceleration limit at the programmed feed, and neighbours.
+
+    Short steps do not count: they stand beside rests, where the feed drops anyway.
+    """
+    short = 0.5 * float(np.median(problem.step_time[problem.step_time > 0], axis=0)) if problem.step_time.any() else 0.0
+    within = problem.compensated[1:] & problem.compensated[:-1] & (problem.step_time > short)
     h = np.maximum(problem.step_time, 1e-9)
     velocity = np.diff(q, axis=0) / h[:, None]
     acceleration = np.diff(velocity, axis=0) / (0.5 * (h[1:] + h[:-1]))[:, None]
@@ -158,9 +181,8 @@ def _review(task: PlanTask, problem: PathProblem, state: _State) -> _State:
     return replace(state, rows=rows, rate_passes=state.rate_passes + 1, settled=rows.same_program(state.rows))
 
 
-def _polish(task: PlanTask, problem: PathProblem, state: _State) -> Array:
+def _polish(task: PlanTask, problem: PathProblem, q: Array, held: NDArray[np.int_]) -> Array:
     """Bring the pose equations down to nothing by least-norm Newton steps of the joints that stand off their limits."""
-    q, held = state.q, state.rows.released
     busy = np.setdiff1d(np.arange(len(q)), held)
     for _ in range(6):
         busy = busy[_size(pose_equations(problem, attain_rows(task, q, busy, slope=False), busy)) > EXACT]

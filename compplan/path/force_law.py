@@ -1,0 +1,110 @@
+"""The force law of a job: it predicts the wrench along any division of the toolpath, at any feed that is driven."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from compplan.files.tables import Array
+from compplan.path.process import ColumnsProcess, ConstantProcess, MillingProcess, Process, predict_wrench
+from compplan.path.toolpath import Toolpath
+
+#: A CAM program has to move this far above and below z = 0 for that to be taken for the stock's top. [m]
+STOCK_ROOM = 1e-5
+
+
+@dataclass(frozen=True)
+class ForceLaw:
+    """What the process does to the tool, for a plan that divides the path further and changes its feed.
+
+    Attributes:
+        process: The model and its parameters.
+        T_base_part: Pose of the part frame seen from the base. Shape (4, 4). [m]
+        tool_x: Where x of the TCP points, base axes. Shape (3,).
+        folder: Folder that a file name of the model is relative to.
+        rows_at: Length along the path of each row of the toolpath file. Shape (r,). [m]
+        stock_top: Height of the stock's top in the part frame, None where none is known. [m]
+        note: What a user should know of it.
+
+    """
+
+    process: Process
+    T_base_part: Array = field(default_factory=lambda: np.eye(4))
+    tool_x: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    folder: Path = Path()
+    rows_at: Array | None = None
+    stock_top: float | None = None
+    note: str = ""
+
+    @property
+    def follows_feed(self) -> bool:
+        """Tell whether the force depends on the feed that is driven."""
+        return isinstance(self.process, MillingProcess)
+
+    @property
+    def turns_with_travel(self) -> bool:
+        """Tell whether the force turns with the travel, and so jumps at a corner."""
+        if isinstance(self.process, ColumnsProcess):
+            return False
+        return getattr(self.process, "frame", "path") == "path"
+
+    @property
+    def sudden(self) -> bool:
+        """Tell whether the force stands at once after a contact."""
+        if isinstance(self.process, ColumnsProcess) or getattr(self.process, "during_rapid", False):
+            return False
+        return not self.process.ramp_mm > 0.0
+
+    @property
+    def always(self) -> bool:
+        """Tell whether the wrench acts in rapid moves too (a dead weight)."""
+        return isinstance(self.process, ConstantProcess) and self.process.during_rapid
+
+    def predict(self, nominal: Toolpath, feed: Array | None = None) -> Array:
+        """Predict the wrench at every waypoint.
+
+        Args:
+            nominal: The path in the base frame.
+            feed: Feed of the move that ends at each waypoint, the programmed one if left out. Shape (n,). [m/s]
+
+        Returns:
+            The wrench of the environment on the tool at the tip, base axes. Shape (n, 6). [N, N m]
+
+        Raises:
+            InputError: If the toolpath has no wrench columns, or a wrench file does not fit the toolpath.
+
+        """
+        path = nominal if feed is None else replace(nominal, feed=feed)
+        wrench = predict_wrench(
+            self.process, path, R_base_part=self.T_base_part[:3, :3], tool_x=self.tool_x, folder=self.folder,
+            rows_at=self.rows_at,
+        )  # fmt: skip
+        if self.stock_top is None or not isinstance(self.process, MillingProcess):
+            return wrench
+        height = (nominal.position - self.T_base_part[:3, 3]) @ self.T_base_part[:3, 2]
+        share = np.clip((self.stock_top - height) / (self.process.depth_mm * 1e-3), 0.0, 1.0)
+        return np.asarray(wrench * share[:, None])
+
+
+def read_stock_top(process: Process, toolpath: Toolpath, *, from_cam: bool) -> tuple[float | None, str]:
+    """Tell where the stock's top is: as the job states it, or z = 0 of a CAM program that moves above and below it.
+
+    Args:
+        process: The model and its parameters.
+        toolpath: The toolpath in the part frame.
+        from_cam: Whether the toolpath comes from a CAM program, whose zero is by custom the top of the stock.
+
+    Returns:
+        Height in the part frame [m] or None, and a sentence for the user where it was inferred, otherwise "".
+
+    """
+    if not isinstance(process, MillingProcess):
+        return None, ""
+    if process.stock_top_mm is not None:
+        return process.stock_top_mm * 1e-3, ""
+    height = toolpath.position[~toolpath.rapid, 2]
+    if not from_cam or not len(height) or not (height.min() < -STOCK_ROOM and height.max() > STOCK_ROOM):
+        return None, ""
+    return 0.0, "The stock's top is taken to be z = 0 of the CAM program (assumed); above it the tool carries no force."

@@ -1,0 +1,165 @@
+"""Force, feed and motion made to agree, and the path divided until it is right between waypoints too.
+
+The force depends on the feed that is driven, the feed on the joint motion, the joint motion on the correction, the
+correction on the force: they are worked out in turn until the tip moves by no more than a small share of the tolerance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.plan.between import Between, measure_between, wanted_pieces
+from compplan.plan.feed import FeedWish, time_run
+from compplan.plan.sampling import divide_by, predict_loads
+from compplan.plan.strategies import command_path, nlp
+from compplan.plan.task import Command, PlanTask, attain_rows
+from compplan.plan.timing import Timing, find_slowdown, state_timing
+from compplan.robot import Array
+from compplan.statics.sensitivity import attain_pose
+
+#: Turns that force, feed and motion may take, and the shift of the tip that asks for no new correction. [m]
+TURNS, EXACT = 12, 1e-10
+#: Divisions of the path at most, before a command is computed and afterwards.
+DIVISIONS = 4
+#: Greatest change of the deflection over one move, in chords.
+STEP_CHORDS = 4.0
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """A command with the time and the force that go with it.
+
+    Attributes:
+        task: The task as it was divided in the end, with the feed programmed and the wrench at the feed driven.
+        command: The command.
+        timing: Its run.
+        between: Where the loaded tip goes between waypoints, by the planner's model.
+        excess: Factor by which a limit of a joint's motion is still passed; 1 at most where all agree.
+        turns: Turns taken.
+        notes: Sentences for the user.
+
+    """
+
+    task: PlanTask
+    command: Command
+    timing: Timing
+    between: Between
+    excess: float
+    turns: int
+    notes: tuple[str, ...] = ()
+
+
+def agree(task: PlanTask, strategy: str, wish: FeedWish) -> Agreement:
+    """Let a strategy command a task, time the command, and repeat until force, feed and division fit.
+
+    Args:
+        task: The task.
+        strategy: Name of the strategy.
+        wish: What the process asks of the feed.
+
+    """
+    task = _divide_ahead(task, wish)
+    for last in range(DIVISIONS + 1):
+        found = _take_turns(task, strategy, wish)
+        pieces = _missing_pieces(found)
+        if last == DIVISIONS or not (pieces > 1).any():
+            break
+        task = divide_by(task if not task.follows_feed else replace(task, wrench=found.task.wrench), pieces)
+        if task.follows_feed:
+            task = _drive(task, task.q_start, wish)[0]
+    return found
+
+
+def _divide_ahead(task: PlanTask, wish: FeedWish) -> PlanTask:
+    """Divide by what the uncorrected motion shows, and start from the force at the feed that it can be driven with."""
+    for last in range(DIVISIONS + 1):
+        time = None
+        if task.follows_feed:
+            task, timing = _drive(task, task.q_start, wish)
+            time = timing.time
+        pieces = wanted_pieces(measure_between(task, task.q_start, time, bow=True), task.chord)
+        if task.follows_feed:
+            pieces = np.maximum(pieces, _force_pieces(task))
+        if last == DIVISIONS or not (pieces > 1).any():
+            break
+        task = divide_by(task, pieces)
+    return task
+
+
+def _take_turns(task: PlanTask, strategy: str, wish: FeedWish) -> Agreement:
+    """Command the path; where the force follows the feed, slow the run down until its own corrections can follow.
+
+    The run is that of the uncorrected motion, so that it does not answer to the force; a turn only makes it slower.
+    """
+    command = command_path(task, strategy)
+    if not task.follows_feed:
+        driven, timing, notes = time_run(task, command.q, wish)
+        between = measure_between(driven, command.q, timing.time)
+        return Agreement(driven, command, timing, between, 0.0, 1, notes)
+    slow, excess = np.ones(len(task)), np.inf
+    for turn in range(1, TURNS + 1):
+        driven, timing, notes = time_run(task, task.q_start, wish, slow)
+        wrench = predict_loads(task, _moving_feed(timing))
+        change = _shift(task, command.q, wrench)
+        task = replace(task, wrench=wrench)
+        if change > EXACT:
+            command = nlp.correct_command(task, command) if strategy == "nlp" else command_path(task, strategy)
+        slower = find_slowdown(task, command.q, timing.time)
+        excess = float(slower.max())
+        if excess <= 1.0:
+            break
+        slow *= np.minimum(slower, 3.0) * 1.02
+    if excess > 1.0:
+        notes = (*notes, f"Force and motion do not agree: joint limits are passed by a factor of {excess:.3g}.")
+    timing = state_timing(driven, command.q, timing.time)
+    driven = replace(driven, wrench=task.wrench)
+    return Agreement(driven, command, timing, measure_between(driven, command.q, timing.time), excess, turn, notes)
+
+
+def _drive(task: PlanTask, q: Array, wish: FeedWish) -> tuple[PlanTask, Timing]:
+    """Time joint positions and put the force at that feed into the task."""
+    timing = time_run(task, q, wish)[1]
+    return replace(task, wrench=predict_loads(task, _moving_feed(timing))), timing
+
+
+def _moving_feed(timing: Timing) -> Array:
+    feed = timing.feed.copy()
+    feed[0] = feed[1]
+    return feed
+
+
+def _shift(task: PlanTask, q: Array, wrench: Array) -> float:
+    """Return by how much another wrench would move the loaded tip at most. [m]."""
+    rows = np.flatnonzero(task.compensated)
+    now, then = (attain_pose(task.chain, q[rows], load[rows], slope=False).position for load in (task.wrench, wrench))
+    return float(np.linalg.norm(now - then, axis=1).max(initial=0.0))
+
+
+def _force_pieces(task: PlanTask) -> NDArray[np.int_]:
+    """Tell into how many pieces moves have to be divided so that the deflection changes little in each."""
+    plain = replace(task, wrench=np.zeros_like(task.wrench))
+    every = np.arange(len(task))
+    bent = attain_rows(task, task.q_start, every, slope=False).position
+    bent = bent - attain_rows(plain, task.q_start, every, slope=False).position
+    change = np.linalg.norm(np.diff(bent, axis=0), axis=1)
+    change[task.nominal.rapid[1:] | task.lead[1:] | (task.nominal.steps < 1e-6)] = 0.0
+    return np.maximum(np.ceil(change / (STEP_CHORDS * task.chord)), 1.0).astype(int)
+
+
+def _missing_pieces(found: Agreement) -> NDArray[np.int_]:
+    """Tell which moves stray farther than a chord for a reason that a division mends, and into how many pieces."""
+    task, q = found.task, found.command.q
+    attained = attain_rows(task, q, np.arange(len(task)), slope=False).position
+    off = np.linalg.norm(attained - task.position, axis=1)
+    ends = np.maximum(off[:-1], off[1:])
+    between = Between(*(np.maximum(way - ends, 0.0) for way in _ways(found.between)))
+    pieces = wanted_pieces(between, task.chord)
+    pieces[task.nominal.steps < 1e-6] = 1
+    return pieces
+
+
+def _ways(between: Between) -> tuple[Array, Array, Array]:
+    return between.joint, between.cartesian, between.spline

@@ -1,0 +1,121 @@
+"""Where the loaded tool goes between waypoints, whichever way the controller takes from one to the next.
+
+Joint-linear (joints.csv, joint moves of programs), Cartesian-linear (the commanded tip on a straight line), and a cubic
+spline over time through each run. The wrench goes over linearly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from compplan.plan.task import PlanTask
+from compplan.plan.timing import cutting_runs
+from compplan.robot import Array
+from compplan.statics.chain import locate_frames
+from compplan.statics.sensitivity import attain_pose
+
+#: Places on a move that are looked at, as shares of it.
+SHARES = (0.25, 0.5, 0.75)
+#: A spline may stray by this many chords before moves are divided for it: no program that is written follows one.
+SPLINE_CHORDS = 4.0
+
+
+@dataclass(frozen=True)
+class Between:
+    """Greatest distance of the loaded tip from each move; n - 1 moves, zero in rapid moves.
+
+    Attributes:
+        joint: Joint positions linear in time. Shape (n - 1,). [m]
+        cartesian: Commanded tip on a straight line. Shape (n - 1,). [m]
+        spline: Cubic spline over time; like `joint` where no times are known. Shape (n - 1,). [m]
+
+    """
+
+    joint: Array
+    cartesian: Array
+    spline: Array
+
+    @property
+    def most(self) -> Array:
+        """Greatest distance of all three. Shape (n - 1,). [m]."""
+        return np.maximum(np.maximum(self.joint, self.cartesian), self.spline)
+
+    @property
+    def max_deviation(self) -> float:
+        """Greatest distance over the path. [m]."""
+        return float(self.most.max(initial=0.0))
+
+
+def judged_moves(task: PlanTask) -> NDArray[np.int_]:
+    """Return the moves of the cut, by the waypoint that they start at."""
+    return np.flatnonzero(~task.nominal.rapid[1:] & ~task.lead[1:])
+
+
+def measure_between(task: PlanTask, q: Array, time: Array | None = None, *, bow: bool = False) -> Between:
+    """Measure how far the loaded tip strays between waypoints, by the planner's own model.
+
+    Args:
+        task: The task; its wrench acts.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        time: Time at each waypoint, or None. Shape (n,). [s]
+        bow: Whether to measure against the straight line between the attained ends, so that what is missed at the
+            waypoints themselves does not count; otherwise against the wanted path.
+
+    """
+    moves, n = judged_moves(task), len(task)
+    joint, cartesian, spline = (np.zeros(n - 1) for _ in range(3))
+    if not len(moves):
+        return Between(joint, cartesian, spline)
+    start, end = task.position[moves], task.position[moves + 1]
+    if bow:
+        tip = attain_pose(task.chain, q, task.wrench, slope=False).position
+        start, end = tip[moves], tip[moves + 1]
+    plain = locate_frames(task.chain, q).tcp_position
+    for share in SHARES:
+        load = task.wrench[moves] * (1 - share) + task.wrench[moves + 1] * share
+        middle = q[moves] * (1 - share) + q[moves + 1] * share
+        loaded = attain_pose(task.chain, middle, load, slope=False).position
+        joint[moves] = np.maximum(joint[moves], _distance(loaded, start, end))
+        straight = plain[moves] * (1 - share) + plain[moves + 1] * share
+        bent = loaded - locate_frames(task.chain, middle).tcp_position
+        cartesian[moves] = np.maximum(cartesian[moves], _distance(straight + bent, start, end))
+        if time is not None:
+            curved = follow_spline(task, q, time, moves, share)
+            tip = attain_pose(task.chain, curved, load, slope=False).position
+            spline[moves] = np.maximum(spline[moves], _distance(tip, start, end))
+    return Between(joint, cartesian, joint if time is None else spline)
+
+
+def follow_spline(task: PlanTask, q: Array, time: Array, moves: NDArray[np.int_], share: float) -> Array:
+    """Return joint positions at a share of some moves, on cubic splines over time through each run at rest at its ends.
+
+    Shape (k, nq).
+    """
+    found = q[moves] * (1 - share) + q[moves + 1] * share
+    rapid = np.r_[False, task.nominal.rapid[1:]]
+    for first, last in cutting_runs(rapid):
+        mine = np.flatnonzero((moves >= first) & (moves < last))
+        if not len(mine) or last - first < 2:
+            continue
+        curve = CubicSpline(time[first : last + 1], q[first : last + 1], bc_type="clamped")
+        found[mine] = curve(time[moves[mine]] * (1 - share) + time[moves[mine] + 1] * share)
+    return found
+
+
+def wanted_pieces(between: Between, chord: float) -> NDArray[np.int_]:
+    """Tell into how many pieces each move has to be divided to stay within a chord [m]. Shape (n - 1,)."""
+    nearest = np.maximum(np.maximum(between.joint, between.cartesian), between.spline / SPLINE_CHORDS)
+    excess = np.maximum(nearest / max(chord, 1e-12), 0.0)
+    return np.where(excess > 1.0, np.ceil(np.sqrt(1.2 * excess)), 1.0).astype(int)
+
+
+def _distance(point: Array, start: Array, end: Array) -> Array:
+    """Return the distance of points from straight moves. Shape (k,)."""
+    along = end - start
+    square = np.maximum(np.einsum("ni,ni->n", along, along), 1e-30)
+    share = np.clip(np.einsum("ni,ni->n", point - start, along) / square, 0.0, 1.0)
+    return np.asarray(np.linalg.norm(point - start - share[:, None] * along, axis=1))
