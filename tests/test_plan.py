@@ -9,8 +9,7 @@ import pytest
 import compplan as cp
 from compplan.errors import InputError
 from compplan.job.job import check_job
-from compplan.path.toolpath import Toolpath
-from compplan.plan.plan import load_contacts, prepare_job
+from compplan.plan.plan import prepare_job
 from compplan.statics.chain import locate_frames
 
 PATHS = Path(__file__).parents[1] / "paths"
@@ -101,22 +100,28 @@ def test_failing_waypoints_and_limits_are_named_in_a_sentence():
     assert "the first is waypoint 0 (s = 0.0 mm)" in sentence
 
 
-def test_a_point_of_contact_carries_the_wrench_of_the_cut_that_begins():
-    rapid = np.array([True, True, False, False, True])
-    wrench = np.zeros((5, 6))
-    wrench[2:4, 2] = [500.0, 600.0]
-    position = np.column_stack([np.arange(5.0), np.zeros(5), np.zeros(5)])
-    path = Toolpath(position, np.tile([0.0, 0, 1], (5, 1)), np.full(5, 0.1), rapid, wrench, "base")
-    planned, compensated = load_contacts(path)
-    assert compensated.tolist() == [False, True, True, True, False]
-    assert planned[:, 2].tolist() == [0.0, 500.0, 500.0, 600.0, 0.0]
+def test_the_tool_comes_to_a_contact_without_force_and_the_correction_comes_in_while_it_grows():
+    # A force that stands at once: the rapid ends unloaded, rows that lead in take it share by share at the same place.
+    plan = cp.plan_job(shipped("isf_cone", process={"ramp_mm": 0.0}, toolpath={"depth_mm": 1.0}))
+    task, lead = plan.task, np.flatnonzero(plan.task.lead)
+    contact = lead[0] - 1
+    assert task.nominal.rapid[contact] and not task.nominal.rapid[lead].any()
+    assert np.linalg.norm(plan.correction[contact]) < 1e-9
+    assert np.ptp(task.position[contact : lead[-1] + 1], axis=0).max() < 1e-12
+    grown = np.linalg.norm(task.wrench[lead, :3], axis=1) / np.linalg.norm(task.wrench[lead[-1] + 1, :3])
+    assert grown == pytest.approx(np.arange(1, len(lead) + 1) / len(lead))
+    assert plan.after.max_deviation < 1e-6
+    assert (np.diff(plan.timing.time) > 0).all()
 
 
 def test_a_toolpath_without_rapids_is_approached_and_left_along_the_tool_axis():
     plan = cp.plan_job(shipped("circle_10mm", toolpath={"waypoints": 60}))
-    for q, end in ((plan.approach, 0), (plan.retract, -1)):
-        above = locate_frames(plan.task.chain, q).tcp_position[0]
+    for way, order, end in ((plan.approach, 1, 0), (plan.retract, -1, -1)):
+        above, touch = locate_frames(plan.task.chain, way.key_q[::order]).tcp_position
         assert above == pytest.approx(plan.task.position[end] + [0, 0, 0.05], abs=1e-8)
+        assert touch == pytest.approx(plan.task.position[end], abs=1e-9)  # unloaded on the path, not inside the part
+        load = np.linalg.norm(way.wrench[::order, :3], axis=1)
+        assert load[0] == 0 and (np.diff(load) >= 0).all() and load[-1] < np.linalg.norm(plan.task.wrench[end, :3])
 
 
 def test_plans_from_parts_and_from_a_job_agree():

@@ -144,7 +144,7 @@ def summarise_comparison(comparison: Comparison) -> dict[str, Any]:
 
 
 def write_joints(plan: Plan, path: Path) -> None:
-    """Write joints.csv: time, commanded joint positions, wanted tip and tool axis, wrench planned with, kind of move."""
+    """Write joints.csv: time, commanded joint positions, wanted tip and tool axis, the wrench, kind of move."""
     robot, task, before, after = plan.robot, plan.task, plan.approach, plan.retract
     start = float(before.gap.sum())
     end = start + float(plan.timing.time[-1])

@@ -100,7 +100,7 @@ def _take_turns(task: PlanTask, strategy: str, wish: FeedWish) -> Agreement:
         between = measure_between(driven, command.q, timing.time)
         return Agreement(driven, command, timing, between, 0.0, 1, notes)
     slow, excess = np.ones(len(task)), np.inf
-    for turn in range(1, TURNS + 1):
+    for turns in range(1, TURNS + 1):
         driven, timing, notes = time_run(task, task.q_start, wish, slow)
         wrench = predict_loads(task, _moving_feed(timing))
         change = _shift(task, command.q, wrench)
@@ -116,7 +116,8 @@ def _take_turns(task: PlanTask, strategy: str, wish: FeedWish) -> Agreement:
         notes = (*notes, f"Force and motion do not agree: joint limits are passed by a factor of {excess:.3g}.")
     timing = state_timing(driven, command.q, timing.time)
     driven = replace(driven, wrench=task.wrench)
-    return Agreement(driven, command, timing, measure_between(driven, command.q, timing.time), excess, turn, notes)
+    between = measure_between(driven, command.q, timing.time)
+    return Agreement(driven, command, timing, between, excess, turns, notes)
 
 
 def _drive(task: PlanTask, q: Array, wish: FeedWish) -> tuple[PlanTask, Timing]:

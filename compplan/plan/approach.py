@@ -106,7 +106,8 @@ def _unload(task: PlanTask, q: Array, end: int) -> Array:
     none = np.zeros((1, 6))
     for _ in range(8):
         here = attain_pose(task.chain, found, none)
-        missed = np.r_[here.position[0] - task.position[end], np.cross(wanted.rotation[0, :, 2], here.rotation[0, :, 2])]
+        lean = np.cross(wanted.rotation[0, :, 2], here.rotation[0, :, 2])
+        missed = np.r_[here.position[0] - task.position[end], lean]
         if np.abs(missed).max() < 1e-11:
             break
         found -= (np.linalg.pinv(here.jacobian[0], rcond=1e-6) @ missed)[None]
