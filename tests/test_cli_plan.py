@@ -43,12 +43,19 @@ def test_joints_csv_puts_the_loaded_tool_on_the_path(small_job, tmp_path, monkey
     run_command(["plan", small_job, "--out", tmp_path / "out"], monkeypatch, capsys)
     wrench = [Column(f"f{a}", "force") for a in "xyz"] + [Column(f"m{a}", "moment") for a in "xyz"]
     columns = [Column("time", "time"), Column("q#", "angle"), *(Column(a, "length") for a in "xyz")]
-    table = read_table(tmp_path / "out" / "joints.csv", [*columns, *(Column(a) for a in "ijk"), *wrench])
+    file = tmp_path / "out" / "joints.csv"
+    # the kind of the move stands last and is no number
+    lines = [line.rsplit(",", 1) for line in file.read_text(encoding="utf-8").splitlines()]
+    assert lines[0][1] == "move"
+    moves = [kind for _, kind in lines[1:]]
+    file.write_text("\n".join(line for line, _ in lines) + "\n", encoding="utf-8")
+    table = read_table(file, [*columns, *(Column(a) for a in "ijk"), *wrench])
     q, load = table.stack(table.numbered("q#")), table.stack(["fx", "fy", "fz", "mx", "my", "mz"])
     position, rotation, _ = judge_pose(build_judge(load_robot("kuka_kr270")), q, load)
-    assert len(table) == 80
-    assert np.abs(position - table.stack(["x", "y", "z"])).max() < 1e-8
-    assert np.abs(-rotation[:, :, 2] - table.stack(["i", "j", "k"])).max() < 1e-8
+    cut = np.array(moves) == "cut"
+    assert cut.sum() == 80 and {"approach", "retract"} <= set(moves)
+    assert np.abs(position - table.stack(["x", "y", "z"]))[cut].max() < 1e-8
+    assert np.abs(-rotation[:, :, 2] - table.stack(["i", "j", "k"]))[cut].max() < 1e-8
     assert (np.diff(table.values["time"]) > 0).all()
 
 

@@ -67,6 +67,7 @@ ramp_out_mm = 0.0                   # ... and falls to 0 over this length before
 # radial_ratio = 0.4                # radial and axial force as shares of the tangential one; axial > 0: towards spindle
 # axial_ratio = 0.0
 # material_side = "right"           # right: climb milling
+# stock_top_mm = 0.0                # z of the part; no force above. Left out: 0 in CAM files that move above and below
 # model = "file"                    # CSV: fx_N .. mz_Nm, a row a waypoint, or with s_mm, the length cut so far
 # file = "wrench.csv"
 
@@ -83,9 +84,10 @@ tool_x = [1.0, 0.0, 0.0]            # part axes: where the TCP frame's x points 
 programs = ["val3"]                 # <programs>
 # max_points_per_file = 5000        # programs are cut into files; left out: what each controller takes
 
-[sampling]                          # how cutting moves are divided; left out: CAM files at 1 mm, others not at all
+[sampling]                          # how cutting moves are divided; left out: toolpath files at 1 mm, others not at all
 # max_step_mm = 1.0
 # max_turn_deg = 1.0                # turn of the tool axis in a step
+# chord_mm = 0.01                   # the loaded tip between waypoints; left out: a tenth of the tolerance
 
 [cam]                               # what a CAM file does not say by itself
 # unit = "mm"                       # mm | inch, for files that do not say

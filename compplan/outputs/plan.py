@@ -95,6 +95,12 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
                 "waypoints": plan.mismatch.waypoints,
             }
         ],
+        "between_waypoints_mm": {
+            "max": plan.between.max_deviation * 1e3,
+            "joint_linear": float(plan.between.joint.max(initial=0.0)) * 1e3,
+            "cartesian_linear": float(plan.between.cartesian.max(initial=0.0)) * 1e3,
+            "spline": float(plan.between.spline.max(initial=0.0)) * 1e3,
+        },
         "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
         "within_tolerance": plan.after.share_within(plan.task.tolerance),
         "correction_mm": {"max": margins.max_correction * 1e3},

@@ -53,9 +53,7 @@ class ForceLaw:
     @property
     def sudden(self) -> bool:
         """Tell whether the force stands at once after a contact."""
-        if isinstance(self.process, ColumnsProcess) or getattr(self.process, "during_rapid", False):
-            return False
-        return not self.process.ramp_mm > 0.0
+        return not self.always and not getattr(self.process, "ramp_mm", 0.0) > 0.0
 
     @property
     def always(self) -> bool:

@@ -24,6 +24,8 @@ from compplan.statics.sensitivity import attain_pose
 TURNS, EXACT = 12, 1e-10
 #: Divisions of the path at most, before a command is computed and afterwards.
 DIVISIONS = 4
+#: Moves this near to a waypoint that fails are not divided for it.
+FAR = 8
 #: Greatest change of the deflection over one move, in chords.
 STEP_CHORDS = 4.0
 
@@ -83,6 +85,7 @@ def _divide_ahead(task: PlanTask, wish: FeedWish) -> PlanTask:
         pieces = wanted_pieces(measure_between(task, task.q_start, time, bow=True), task.chord)
         if task.follows_feed:
             pieces = np.maximum(pieces, _force_pieces(task))
+        pieces[task.missed[1:] | task.missed[:-1]] = 1
         if last == DIVISIONS or not (pieces > 1).any():
             break
         task = divide_by(task, pieces)
@@ -100,7 +103,9 @@ def _take_turns(task: PlanTask, strategy: str, wish: FeedWish) -> Agreement:
         between = measure_between(driven, command.q, timing.time)
         return Agreement(driven, command, timing, between, 0.0, 1, notes)
     slow, excess = np.ones(len(task)), np.inf
-    for turns in range(1, TURNS + 1):
+    turns = 0
+    while excess > 1.0 and turns < TURNS:
+        turns += 1
         driven, timing, notes = time_run(task, task.q_start, wish, slow)
         wrench = predict_loads(task, _moving_feed(timing))
         change = _shift(task, command.q, wrench)
@@ -109,8 +114,6 @@ def _take_turns(task: PlanTask, strategy: str, wish: FeedWish) -> Agreement:
             command = nlp.correct_command(task, command) if strategy == "nlp" else command_path(task, strategy)
         slower = find_slowdown(task, command.q, timing.time)
         excess = float(slower.max())
-        if excess <= 1.0:
-            break
         slow *= np.minimum(slower, 3.0) * 1.02
     if excess > 1.0:
         notes = (*notes, f"Force and motion do not agree: joint limits are passed by a factor of {excess:.3g}.")
@@ -159,6 +162,8 @@ def _missing_pieces(found: Agreement) -> NDArray[np.int_]:
     between = Between(*(np.maximum(way - ends, 0.0) for way in _ways(found.between)))
     pieces = wanted_pieces(between, task.chord)
     pieces[task.nominal.steps < 1e-6] = 1
+    for waypoint in found.command.failures:
+        pieces[max(waypoint - FAR, 0) : waypoint + FAR] = 1
     return pieces
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.robot import Array
 
@@ -114,6 +115,6 @@ class _Law:
         beyond = self.area[-1] + self.along[-1] * (when - self.time[-1])
         return np.asarray(np.where(when >= self.time[-1], beyond, np.where(when <= 0, self.along[0] * when, area)))
 
-    def _find(self, when: Array) -> tuple[Array, Array]:
-        piece = np.clip(np.searchsorted(self.time, when, side="right") - 1, 0, len(self.rate) - 1)
+    def _find(self, when: Array) -> tuple[NDArray[np.int_], Array]:
+        piece = np.clip(np.searchsorted(self.time, when, side="right") - 1, 0, len(self.rate) - 1).astype(int)
         return piece, when - self.time[piece]

@@ -115,7 +115,7 @@ def prepare_sampling(task: PlanTask, *, rest_at_corners: bool) -> PlanTask:
         rest_at_corners: Whether the tool rests at sharp corners.
 
     """
-    if task.law is not None and task.law.sudden:
+    if task.law is None or task.law.sudden:
         contacts = find_contacts(task.nominal.rapid)
         contacts = contacts[np.abs(task.wrench[contacts + 1]).max(axis=1) > 0]
         places = np.sort(np.r_[np.arange(len(task)), np.repeat(contacts, LEAD_ROWS)]).astype(float)
@@ -127,7 +127,9 @@ def prepare_sampling(task: PlanTask, *, rest_at_corners: bool) -> PlanTask:
     if rest_at_corners:
         rests[find_rests(task.nominal)] = True
     task = replace(task, rests=rests)
-    return divide_task(task, np.unique(np.r_[np.arange(len(task)), _grade(task), _bound_travel(task)]))
+    graded = _grade(task) if task.follows_feed else np.zeros(0)
+    places = np.unique(np.r_[np.arange(len(task)), graded, _bound_travel(task)])
+    return divide_task(task, places) if len(places) > len(task) else task
 
 
 def divide_by(task: PlanTask, pieces: NDArray[np.int_]) -> PlanTask:
@@ -158,7 +160,7 @@ def programmed_times(nominal: Toolpath) -> Array:
 
 
 def _grade(task: PlanTask) -> Array:
-    """Return places beside every rest, at distances that grow away from it."""
+    """Return places beside every rest, at distances that grow away from it: there the force grows with the feed."""
     runs, steps = cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests), task.nominal.steps
     places: list[float] = []
     for first, last in runs:
@@ -174,7 +176,7 @@ def _bound_travel(task: PlanTask) -> Array:
     """Return places that keep the joint motion of every move of the cut within bounds."""
     most = np.where(task.robot.prismatic, MOST_SLIDE, MOST_TURN)
     need = np.ceil((np.abs(np.diff(task.q_start, axis=0)) / most).max(axis=1) - 1e-9).astype(int)
-    need[task.nominal.rapid[1:]] = 1
+    need[task.nominal.rapid[1:] | task.missed[1:] | task.missed[:-1]] = 1
     need = np.clip(need, 1, MOST_PIECES)
     wide = np.flatnonzero(need > 1)
     return np.concatenate([np.zeros(0), *(i + np.arange(1, need[i]) / need[i] for i in wide)])
