@@ -23,6 +23,8 @@ from compplan.statics.sensitivity import attain_pose
 APPROACH = 0.05
 #: Rows that the way down and the loading are written in.
 DOWN_ROWS, LOADING_ROWS = 24, 8
+#: The tool stands this long where the cut begins or ends. [s]
+DWELL = 0.02
 
 
 @dataclass(frozen=True)
@@ -79,8 +81,10 @@ def _pass(task: PlanTask, q: Array, end: int) -> Passage:
     if not legs:
         return nothing
     parts = [_leg(task, *leg) for leg in legs]
+    parts.append((loaded[None], point[None], task.wrench[end : end + 1], np.array([DWELL])))
     q_rows, position, wrench, gap = (np.concatenate(column) for column in zip(*parts, strict=True))
-    key_gap = np.array([float(part[3].sum()) for part in parts])
+    key_gap = np.array([float(part[3].sum()) for part in parts[:-1]])
+    key_gap[-1] += DWELL
     return Passage(np.array(key).reshape(-1, nq), key_gap, q_rows, position, wrench, gap)
 
 
