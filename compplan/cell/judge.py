@@ -6,13 +6,14 @@ generalised gravity.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
 from compplan.errors import ConvergenceError
-from compplan.robot import Array, Joint, Robot
+from compplan.robot import Array, Robot
 
 MAX_ITERATIONS = 60
 #: Poses nearer than this start from where the last two lead. [rad or m]
@@ -42,62 +43,96 @@ class Judge:
     weighs: bool
 
 
-def build_judge(robot: Robot) -> Judge:
-    """Build the Pinocchio model of a robot with every spring as a joint."""
-    model = pin.Model()
-    gravity = np.zeros(3) if robot.gravity is None else robot.gravity
-    model.gravity = pin.Motion(np.r_[gravity, np.zeros(3)])
-    parent, pending = 0, pin.SE3.Identity()
-    rows: list[tuple[Array, float]] = []
-    elastic: list[int] = []
-    blocks: list[Array] = []
+class JudgeBuilder:
+    """Put a Pinocchio model together, from the base outwards."""
 
-    def append(name: str, axis: Array, slides: bool, row: Array | None, shift: float) -> None:
-        nonlocal parent, pending
+    def __init__(self, commanded: Sequence[str], gravity: Array) -> None:
+        self.names, self.model = list(commanded), pin.Model()
+        self.model.gravity = pin.Motion(np.r_[gravity, np.zeros(3)])
+        self.weighs = bool(np.any(gravity))
+        self.parent, self.pending = 0, pin.SE3.Identity()
+        self.rows: list[tuple[Array, float]] = []
+        self.elastic: list[int] = []
+        self.blocks: list[Array] = []
+
+    def move(self, placement: pin.SE3) -> None:
+        """Go on to another frame of the same body."""
+        self.pending = self.pending * placement
+
+    def drive(self, name: str, axis: Array, slides: bool, driver: str, factor: float, offset: float) -> None:
+        """Add a joint that a commanded one drives."""
+        row = np.zeros(len(self.names))
+        row[self.names.index(driver)] = factor
+        self._append(name, axis, slides, row, offset)
+
+    def spring(self, axis: Array, slides: bool, compliance: float, offset: Array) -> None:
+        """Add an elastic coordinate whose origin lies at an offset."""
+        shift = pin.SE3(np.eye(3), np.asarray(offset, float))
+        self.move(shift)
+        self._append(f"spring {len(self.blocks)}", axis, slides, None, 0.0)
+        self.blocks.append(np.array([[compliance]], float))
+        self.move(shift.inverse())
+
+    def elastic_link(self, far: pin.SE3, compliance: Array) -> None:
+        """Add the six elastic coordinates of a link at its far end."""
+        self.move(far)
+        for k in range(6):
+            self._append(f"link {len(self.blocks)}.{k}", np.eye(3)[k % 3], k < 3, None, 0.0)
+        self.blocks.append(np.asarray(compliance, float))
+        self.move(far.inverse())
+
+    def hang(self, masses: Iterable[tuple[str, float, Array]], link: str) -> None:
+        """Hang the masses of a link (its name, mass, centre in its frame) here."""
+        for name, mass, centre in masses:
+            if name == link:
+                body = pin.Inertia(mass, np.asarray(centre, float), 1e-6 * np.eye(3))
+                self.model.appendBodyToJoint(self.parent, body, self.pending)
+
+    def finish(self, tip: pin.SE3) -> Judge:
+        """Put the TCP here and return the judge."""
+        tcp = self.model.addFrame(pin.Frame("tcp", self.parent, 0, self.pending * tip, pin.FrameType.OP_FRAME))
+        size = sum(len(block) for block in self.blocks)
+        compliance, start = np.zeros((size, size)), 0
+        for matrix in self.blocks:
+            compliance[start : start + len(matrix), start : start + len(matrix)] = matrix
+            start += len(matrix)
+        select, shifts = np.array([row for row, _ in self.rows]), np.array([value for _, value in self.rows])
+        return Judge(self.model, tcp, select, shifts, np.array(self.elastic, int), compliance, self.weighs)
+
+    def _append(self, name: str, axis: Array, slides: bool, row: Array | None, shift: float) -> None:
         kind = pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned
-        parent = model.addJoint(parent, kind(*(float(v) for v in axis)), pending, name)
-        pending = pin.SE3.Identity()
+        self.parent = self.model.addJoint(self.parent, kind(*(float(v) for v in axis)), self.pending, name)
+        self.pending = pin.SE3.Identity()
         if row is None:
-            elastic.append(len(rows))
-        rows.append((np.zeros(robot.nq) if row is None else row, shift))
+            self.elastic.append(len(self.rows))
+        self.rows.append((np.zeros(len(self.names)) if row is None else row, shift))
 
-    def hang(link: str) -> None:
-        for body in robot.bodies:
-            if body.link == link:
-                model.appendBodyToJoint(parent, pin.Inertia(body.mass, body.centre, 1e-6 * np.eye(3)), pending)
 
-    hang(robot.base)
+def build_judge(robot: Robot) -> Judge:
+    """Build the Pinocchio model of a robot in memory with every spring as a joint; `read_judge` reads a folder."""
+    down = robot.loading_gravity
+    builder = JudgeBuilder(robot.joint_names, np.zeros(3) if down is None else down)
+    masses = [(body.link, body.mass, body.centre) for body in robot.loading_bodies]
+    builder.hang(masses, robot.base)
     for count, joint in enumerate(robot.joints):
-        pending = pending * pin.SE3(joint.placement)
+        builder.move(pin.SE3(joint.placement))
+        slides = joint.kind == "prismatic"
         if joint.kind != "fixed":
-            append(joint.name, joint.axis, joint.kind == "prismatic", *_drive(robot, joint))
-        for number, spring in enumerate(robot.springs):
-            if spring.joint != joint.name:
-                continue
-            shift = pin.SE3(np.eye(3), np.asarray(spring.offset))
-            pending = pending * shift
-            slides = joint.kind == "prismatic" if spring.axis == "own" else spring.axis[0] == "t"
-            axis = joint.axis if spring.axis == "own" else np.eye(3)["xyz".index(spring.axis[1])]
-            append(f"spring {number}", axis, slides, None, 0.0)
-            blocks.append(np.array([[spring.compliance]]))
-            pending = pending * shift.inverse()
-        hang(joint.child)
+            driver = (joint.name, 1.0, 0.0)
+            if joint.mimic is not None:
+                driver = (joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset)
+            builder.drive(joint.name, joint.axis, slides, *driver)
+        for spring in robot.springs:
+            if spring.joint == joint.name:
+                own = spring.axis == "own"
+                axis = joint.axis if own else np.eye(3)["xyz".index(spring.axis[1])]
+                builder.spring(axis, slides if own else spring.axis[0] == "t", spring.compliance, spring.offset)
+        builder.hang(masses, joint.child)
         far = pin.SE3(robot.joints[count + 1].placement) if count + 1 < len(robot.joints) else pin.SE3.Identity()
-        for number, block in enumerate(robot.link_elasticities):
+        for block in robot.link_elasticities:
             if block.link == joint.child:
-                pending = pending * far
-                for k in range(6):
-                    append(f"link {number}.{k}", np.eye(3)[k % 3], k < 3, None, 0.0)
-                blocks.append(block.compliance)
-                pending = pending * far.inverse()
-    tcp = model.addFrame(pin.Frame("tcp", parent, 0, pending, pin.FrameType.OP_FRAME))
-    size = sum(len(block) for block in blocks)
-    compliance, start = np.zeros((size, size)), 0
-    for matrix in blocks:
-        compliance[start : start + len(matrix), start : start + len(matrix)] = matrix
-        start += len(matrix)
-    select, shifts = np.array([row for row, _ in rows]), np.array([value for _, value in rows])
-    return Judge(model, tcp, select, shifts, np.array(elastic, int), compliance, bool(gravity.any()))
+                builder.elastic_link(far, block.compliance)
+    return builder.finish(pin.SE3.Identity())
 
 
 def judge_pose(
@@ -150,12 +185,3 @@ def _settle(judge: Judge, data: pin.Data, rigid: Array, wrench: Array, theta: Ar
             pin.updateFramePlacement(model, data, judge.tcp)
             return theta
     raise ConvergenceError(f"equilibrium did not settle, last step {step:.3g} rad", residual=step)
-
-
-def _drive(robot: Robot, joint: Joint) -> tuple[Array, float]:
-    row = np.zeros(robot.nq)
-    if joint.mimic is None:
-        row[robot.joint_names.index(joint.name)] = 1.0
-        return row, 0.0
-    row[robot.joint_names.index(joint.mimic.joint)] = joint.mimic.multiplier
-    return row, joint.mimic.offset

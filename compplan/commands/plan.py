@@ -40,8 +40,9 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
         for note in plan.notes:
             click.echo(note)
         click.echo(f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}")
-    if plan.status == "infeasible":
+    if plan.status != "solved":
         failing = sorted(plan.command.failures)
         limits = sorted(set(plan.command.failures.values()))
-        message = f"{plan.explain_failures()}; the best compromise is written, marked infeasible"
+        marked = "infeasible" if plan.status == "infeasible" else "not_confirmed"
+        message = f"{plan.explain_failures()}; the best compromise is written, marked {marked}"
         raise InfeasibleError(message, waypoints=failing, limits=limits)

@@ -210,7 +210,8 @@ def _head(plan: Plan) -> list[str]:
         f"robot {plan.robot.name}, model graded {plan.robot.grade}, strategy {plan.strategy}",
     ]
     if plan.status != "solved":
-        lines.append("INFEASIBLE: the best compromise, not a program to run")
+        word = "INFEASIBLE" if plan.status == "infeasible" else "NOT CONFIRMED"
+        lines.append(f"{word}: the best compromise, not a program to run")
     return lines
 
 

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from compplan.cell.cell import MISMATCHES, Cell, build_cell, run_cell
 from compplan.errors import ShapeError
 from compplan.plan.strategies.limits import measure_correction
-from compplan.plan.task import PlanTask
+from compplan.plan.task import PlanTask, attain_rows
 from compplan.plan.timing import Timing
 from compplan.robot import Array
+from compplan.statics.sensitivity import attain_pose
 
 
 @dataclass(frozen=True)
@@ -125,20 +126,33 @@ def evaluate_mismatch(task: PlanTask, q: Array, factor: float = MISMATCHES[0], m
     return Mismatch(cell.name, float(np.sqrt(np.mean(distance**2))), float(distance.max()), len(rows))
 
 
-def evaluate_run(task: PlanTask, q: Array, cell: Cell) -> Evaluation:
+def evaluate_run(task: PlanTask, q: Array, cell: Cell, wrench: Array | None = None) -> Evaluation:
     """Run a command in a cell and compare the loaded tool with the nominal path.
 
     Args:
-        task: The task; its predicted wrench acts.
+        task: The task.
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         cell: The cell.
+        wrench: Wrench that acts, the task's if left out. Shape (n, 6). [N, N m]
 
     """
-    run = run_cell(cell, q, task.wrench, task.step_time)
-    cosine = np.einsum("ni,ni->n", run.rotation[:, :, 2], task.rotation[:, :, 2])
-    sine = np.linalg.norm(np.cross(run.rotation[:, :, 2], task.rotation[:, :, 2]), axis=1)
-    deviation = run.position - task.position
-    return Evaluation(cell.name, run.position, run.rotation, deviation, np.arctan2(sine, cosine), task.compensated)
+    run = run_cell(cell, q, task.wrench if wrench is None else wrench, task.step_time)
+    return _compare(task, cell.name, run.position, run.rotation)
+
+
+def evaluate_model(task: PlanTask, q: Array) -> Evaluation:
+    """Compare with the nominal path where the planner's own model sees the loaded tool: fast, and no judge."""
+    if task.robot.effects:
+        attained = attain_rows(task, q, np.arange(len(q)), slope=False)
+    else:
+        attained = attain_pose(task.chain, q, task.wrench, slope=False)
+    return _compare(task, "planner's model", attained.position, attained.rotation)
+
+
+def _compare(task: PlanTask, name: str, position: Array, rotation: Array) -> Evaluation:
+    cosine = -np.einsum("ni,ni->n", rotation[:, :, 2], task.nominal.axis)
+    sine = np.linalg.norm(np.cross(rotation[:, :, 2], task.nominal.axis), axis=1)
+    return Evaluation(name, position, rotation, position - task.position, np.arctan2(sine, cosine), task.compensated)
 
 
 def measure_margins(task: PlanTask, q: Array, timing: Timing) -> Margins:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compplan.cell.cell import JUDGE, build_cell
+from compplan.cell.cell import JUDGE
 from compplan.errors import InputError, UnknownNameError
 from compplan.job.job import Job, load_path
 from compplan.path.force_law import ForceLaw
@@ -18,11 +18,20 @@ from compplan.path.toolpath import Toolpath, check_toolpath
 from compplan.plan.agreement import agree
 from compplan.plan.approach import Passage, plan_approach, plan_retract
 from compplan.plan.between import Between
-from compplan.plan.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch, evaluate_run, measure_margins
+from compplan.plan.evaluate import (
+    Evaluation,
+    Margins,
+    Mismatch,
+    evaluate_mismatch,
+    evaluate_model,
+    evaluate_run,
+    measure_margins,
+)
 from compplan.plan.feed import FeedWish
 from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
 from compplan.plan.task import Command, PlanTask
 from compplan.plan.timing import Timing
+from compplan.plan.verdict import find_breaches, find_jumps, find_overloads, set_up_bench
 from compplan.posture.clearance import ClearanceProfile
 from compplan.posture.stance import Wish, check_start
 from compplan.posture.start import PostureRequest, check_clearance, find_start, read_request
@@ -85,6 +94,7 @@ class Plan:
         retract: The way from the last waypoint, where the toolpath ends in a cut.
         between: Where the loaded tip goes between waypoints, by the planner's model.
         judge: Who computed `before` and `after`.
+        breaches: What keeps the judge from confirming the plan, one sentence each.
         clearance: How far arm and tool keep clear of part and fixture, or None.
         notes: Warnings, one sentence each.
         job: The job, or None.
@@ -103,6 +113,7 @@ class Plan:
     retract: Passage
     between: Between
     judge: str = JUDGE
+    breaches: tuple[str, ...] = ()
     clearance: ClearanceProfile | None = None
     notes: tuple[str, ...] = ()
     job: Job | None = None
@@ -119,8 +130,8 @@ class Plan:
 
     @property
     def status(self) -> str:
-        """Tell "solved" or "infeasible"."""
-        return self.command.status
+        """Tell "solved", "infeasible" or "not_confirmed"."""
+        return "not_confirmed" if self.command.status == "solved" and self.breaches else self.command.status
 
     @cached_property
     def command_feed(self) -> Array:
@@ -146,9 +157,9 @@ class Plan:
         return evaluate_mismatch(self.task, self.q)
 
     def explain_failures(self) -> str:
-        """Say in a sentence which waypoints fail and which limits stop them; empty where none fails."""
+        """Say in a sentence which waypoints fail and which limits stop them, or what is not confirmed; else nothing."""
         if not self.command.failures:
-            return ""
+            return f"not confirmed: {'; '.join(self.breaches)}" if self.breaches else ""
         failures = self.command.failures
         limits = sorted({name for text in failures.values() for name in text.split(", ")})
         first = min(failures)
@@ -169,8 +180,7 @@ def plan_job(job: Job) -> Plan:
     """
     robot, nominal, options = prepare_job(job)
     task = build_task(robot, nominal, options, file=job.file)
-    plan = plan_task(task, options.strategy, name=job.name or job.file.stem, feed=options.feed)
-    return replace(plan, job=job)
+    return plan_task(task, options.strategy, name=job.name or job.file.stem, feed=options.feed, job=job)
 
 
 def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
@@ -205,16 +215,21 @@ def plan_compensation(
     return plan_task(task, options.strategy, name=name, feed=options.feed)
 
 
-def plan_task(task: PlanTask, strategy: str, *, name: str = "path", feed: FeedWish | None = None) -> Plan:
+def plan_task(
+    task: PlanTask, strategy: str, *, name: str = "path", feed: FeedWish | None = None, job: Job | None = None
+) -> Plan:
     """Let one strategy command a task; time and judge its command."""
     found = agree(task, strategy, feed or FeedWish())
     task, command, timing, feed_notes = found.task, found.command, found.timing, found.notes
     clearance, near = check_clearance(task.start, command.q)
-    if near:
-        command = replace(command, status="infeasible", failures={**near, **command.failures})
-    cell = build_cell(task.robot)
-    after = evaluate_run(task, command.q, cell)
-    before = after if command.q is task.q_start else evaluate_run(task, task.q_start, cell)
+    bench = set_up_bench(task, timing, job)
+    stopped = {**find_jumps(task, command.q), **find_overloads(task, command.q, bench), **near, **command.failures}
+    if stopped:
+        command = replace(command, status="infeasible", failures=stopped)
+    after = evaluate_run(task, command.q, bench.cell, bench.wrench)
+    before = after if command.q is task.q_start else evaluate_model(task, task.q_start)
+    margins = measure_margins(task, command.q, timing)
+    breaches = find_breaches(task, command, timing, found.between, after, margins, bench)
     return Plan(
         name=name,
         task=task,
@@ -223,12 +238,14 @@ def plan_task(task: PlanTask, strategy: str, *, name: str = "path", feed: FeedWi
         timing=timing,
         before=before,
         after=after,
-        margins=measure_margins(task, command.q, timing),
+        margins=margins,
+        breaches=breaches,
+        job=job,
         approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q),
         between=found.between,
         clearance=clearance,
-        notes=(*(task.start.notes if task.start else ()), *feed_notes, *_notes(task, timing)),
+        notes=(*(task.start.notes if task.start else ()), *feed_notes, *_notes(task, timing, job)),
     )
 
 
@@ -295,7 +312,7 @@ def job_robot(job: Job) -> Robot:
     if job.tool is None:
         return robot
     centre = np.asarray(job.tool.centre_of_mass_mm) * 1e-3
-    return robot.with_tool(job.tool.T_flange_tcp, job.tool.mass_kg or 0.0, centre)
+    return robot.with_tool(job.tool.T_flange_tcp, job.tool.mass_kg, centre)
 
 
 def read_options(job: Job, robot: Robot) -> PlanOptions:
@@ -325,9 +342,11 @@ def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
     return [(waypoints[a], waypoints[b - 1]) for a, b in itertools.pairwise(breaks) if b > a]
 
 
-def _notes(task: PlanTask, timing: Timing) -> tuple[str, ...]:
-    """Say where the feed had to be lowered, and by which joint; where the arm swings over."""
-    notes = []
+def _notes(task: PlanTask, timing: Timing, job: Job | None) -> tuple[str, ...]:
+    """Say where the feed had to be lowered, and by which joint; where the arm swings over; what is not known."""
+    notes = [task.law.note] if task.law is not None and task.law.note else []
+    if job is not None and job.tool is not None and job.tool.mass_kg is None:
+        notes.append("The weight of the tool is not known: [tool] says no mass_kg, so none bends the arm.")
     spans = find_slow_spans(task, timing)
     if spans:
         count = sum(last - first + 1 for first, last in spans)

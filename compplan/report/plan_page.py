@@ -72,6 +72,8 @@ class PlanView:
         acceleration_limits: The same. Shape (nq,). [rad/s^2 or m/s^2]
         slowed: Waypoints whose feed had to be lowered; found from the feeds if left out. Shape (n,).
         failures: Waypoints that fail, each with the limit that stops it.
+        breaches: What keeps the judge from confirming the plan, one sentence each.
+        between: Greatest distance of the loaded tip from the path between waypoints, by the way a controller goes. [m]
         judge: Who computed the deviations.
         facts: Rows of name and value for the foot of the page.
         notes: Warnings of the plan, one sentence each.
@@ -104,6 +106,8 @@ class PlanView:
     tilt_before: Array | None = None
     tilt_after: Array | None = None
     failures: Mapping[int, str] = field(default_factory=dict)
+    breaches: Sequence[str] = ()
+    between: Mapping[str, float] = field(default_factory=dict)
     judge: str = ""
     facts: Sequence[tuple[str, str]] = ()
     notes: Sequence[str] = ()
@@ -165,7 +169,7 @@ def write_view(view: PlanView, file: Path) -> None:
 def summarise_plan(view: PlanView) -> str:
     """Say in a sentence or two what the plan reaches."""
     before, after = (np.linalg.norm(side, axis=1)[view.cut] for side in (view.before, view.after))
-    verb = "keeps" if view.status != "infeasible" else "is a compromise that keeps"
+    verb = "keeps" if view.status == "solved" else "is a compromise that keeps"
     text = f"The plan {verb} the loaded tool within {format_bound(float(after.max()))} of the path"
     if before.max() > 0 and view.strategy != "none":
         text += f"; uncorrected it strays up to {format_length(float(before.max()))}"
@@ -185,6 +189,8 @@ def summarise_plan(view: PlanView) -> str:
 
 
 def _warn(view: PlanView) -> str:
+    if view.status == "not_confirmed":
+        return f"Not confirmed: {'; '.join(view.breaches)}. Not a program to run."
     if view.status != "infeasible":
         return ""
     limits = ", ".join(sorted(set(view.failures.values()))) or "limits"
@@ -212,6 +218,8 @@ def _key_figures(view: PlanView) -> PageTable:
     before, after = (np.linalg.norm(side, axis=1)[cut] for side in (view.before, view.after))
     for name, reduce in (("rms", lambda size: np.sqrt(np.mean(size**2))), ("mean", np.mean), ("largest", np.max)):
         rows.append([f"deviation, {name}", *(_length_cell(float(reduce(size))) for size in (before, after))])
+    for way, distance in view.between.items():
+        rows.append([f"between waypoints, {way}", None, _length_cell(distance)])
     if view.mismatch is not None:
         wrong = format_length(view.mismatch.max_deviation)
         rows.append([f"largest, {view.mismatch.cell}", None, TableCell(wrong, "strong")])

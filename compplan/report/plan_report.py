@@ -73,6 +73,12 @@ def view_plan(plan: Plan, extra: Sequence[Section] = ()) -> PlanView:
         tilt_before=plan.before.tilt,
         tilt_after=plan.after.tilt,
         failures=plan.command.failures,
+        breaches=plan.breaches,
+        between={
+            "joints linear": float(plan.between.joint.max(initial=0.0)),
+            "tip linear": float(plan.between.cartesian.max(initial=0.0)),
+            "spline": float(plan.between.spline.max(initial=0.0)),
+        },
         judge=plan.judge,
         facts=_list_facts(plan),
         notes=plan.notes,

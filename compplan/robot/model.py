@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 SPRING_AXES = ("own", "tx", "ty", "tz", "rx", "ry", "rz")
+#: Gravity where the tool's weight bends the arm and the model gives none. [m/s^2]
+STANDARD_GRAVITY = 9.81
 GRADES = ("identified", "literature", "scaled", "placeholder")
 
 
@@ -137,6 +139,8 @@ class Robot:
         grade: How far the numbers can be trusted: identified, literature, scaled or placeholder.
         folder: Folder it was read from, or None.
         effects: Tables of effects.toml, one mapping per effect (see `compplan.effects`).
+        weights: Masses whose weight bends the arm although the model carries no gravity load: a mounted tool's, and
+            with a minus sign that of the tool which the springs were identified with.
     """
 
     name: str
@@ -155,6 +159,17 @@ class Robot:
     grade: str = "placeholder"
     folder: Path | None = None
     effects: tuple[Mapping[str, Any], ...] = ()
+    weights: tuple[Body, ...] = ()
+
+    @property
+    def loading_bodies(self) -> tuple[Body, ...]:
+        """Masses whose weight loads the springs: all where gravity is given, else the difference of the tools."""
+        return self.weights if self.gravity is None and self.weights else self.bodies
+
+    @property
+    def loading_gravity(self) -> Array | None:
+        """Gravity that loads the springs, base axes, or None. Shape (3,). [m/s^2]."""
+        return np.array([0.0, 0.0, -STANDARD_GRAVITY]) if self.gravity is None and self.weights else self.gravity
 
     @property
     def actuated(self) -> tuple[Joint, ...]:
@@ -196,14 +211,17 @@ class Robot:
         """Tell which commanded joints slide. Shape (nq,)."""
         return np.array([joint.kind == "prismatic" for joint in self.actuated])
 
-    def with_tool(self, T_flange_tcp: Array, mass: float = 0.0, centre: Sequence[float] | Array = (0, 0, 0)) -> Robot:
+    def with_tool(
+        self, T_flange_tcp: Array, mass: float | None = None, centre: Sequence[float] | Array = (0, 0, 0)
+    ) -> Robot:
         """Replace the TCP and the tool's mass.
 
-        Everything beyond the flange frame goes; a fixed joint from the flange to the new TCP takes its place.
+        Everything beyond the flange frame goes; a fixed joint from the flange to the new TCP takes its place. Without
+        gravity in the model, the springs were identified under the weight of what hung there: the difference counts.
 
         Args:
             T_flange_tcp: Pose of the TCP frame in the flange frame. Shape (4, 4). [m]
-            mass: Mass of the tool. [kg]
+            mass: Mass of the tool; None where it is not known. [kg]
             centre: Centre of the tool's mass in the flange frame. Shape (3,). [m]
         """
         kept: list[Joint] = []
@@ -216,8 +234,9 @@ class Robot:
             "tool_joint", "fixed", self.flange, "tool_tcp", np.array(T_flange_tcp, float), np.array([0.0, 0, 1])
         )
         bodies = tuple(body for body in self.bodies if body.link in links and body.link != self.flange)
-        if mass > 0:
-            bodies += (Body(self.flange, mass, np.asarray(centre, float)),)
+        mounted = (Body(self.flange, mass, np.asarray(centre, float)),) if mass else ()
+        weights = (*mounted, *self._bodies_on_flange()) if self.gravity is None and mass is not None else ()
+        bodies += mounted
         names = {joint.name for joint in kept}
         return replace(
             self,
@@ -227,7 +246,20 @@ class Robot:
             link_elasticities=tuple(block for block in self.link_elasticities if block.link in links),
             tcp=tool.child,
             urdf=_urdf_with_tool(self, tool),
+            weights=weights,
         )
+
+    def _bodies_on_flange(self) -> tuple[Body, ...]:
+        """List what hangs on the flange, in its frame, with a minus sign."""
+        place, gone = {self.flange: np.eye(4)}, []
+        for joint in self.joints:
+            if joint.parent in place:
+                place[joint.child] = place[joint.parent] @ joint.placement
+        for body in self.bodies:
+            if body.link in place:
+                pose = place[body.link]
+                gone.append(Body(self.flange, -body.mass, pose[:3, :3] @ body.centre + pose[:3, 3]))
+        return tuple(gone)
 
     def scale_compliance(self, factor: float) -> Robot:
         """Multiply every compliance (springs and links) by a factor."""

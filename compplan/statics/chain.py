@@ -199,7 +199,8 @@ def build_chain(robot: Robot, *, gravity: bool = True) -> Chain:
         gravity: Whether the robot's gravity loads the springs.
     """
     row = ElementRow()
-    bodies = {link: [body for body in robot.bodies if body.link == link] for link in {b.link for b in robot.bodies}}
+    hanging = robot.loading_bodies
+    bodies = {link: [body for body in hanging if body.link == link] for link in {b.link for b in hanging}}
     row.add_bodies(bodies.get(robot.base, []))
     for count, joint in enumerate(robot.joints):
         row.move(joint.placement)

@@ -88,7 +88,8 @@ class ElementRow:
         names, poses, axes, translates, q, multiplier, offset, theta = zip(*self.elements, strict=True)
         pose = np.array(poses)
         driver = {name: k for k, name in enumerate(names) if q[k] >= 0}
-        g = robot.gravity if gravity and robot.gravity is not None else np.zeros(3)
+        down = robot.loading_gravity
+        g = down if gravity and down is not None else np.zeros(3)
         return {
             "names": tuple(names),
             "rotation": pose[:, :3, :3].copy(),

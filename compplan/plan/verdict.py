@@ -1,0 +1,168 @@
+"""The judge's vote: what a plan has to show before it says "solved".
+
+The judge reads robot folder, tool and process by itself (`compplan.cell.reading`, `compplan.cell.forces`), and brings
+the loaded tool to rest at and between waypoints. Limits are held on the timed path by differences.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from compplan.cell.cell import AS_MODELLED, Cell, build_cell, run_cell
+from compplan.cell.forces import DrivenRows, read_forces
+from compplan.cell.judge import Judge
+from compplan.cell.reading import read_judge
+from compplan.job.job import Job
+from compplan.plan.between import Between, judged_moves
+from compplan.plan.evaluate import Evaluation, Margins
+from compplan.plan.strategies.limits import AT_CORRECTION
+from compplan.plan.task import Command, PlanTask
+from compplan.plan.timing import Timing, find_slowdown
+from compplan.robot import Array
+
+#: Rounding that limits on the timed path leave.
+ROUNDING = 1.001
+#: Moves that the judge looks at between waypoints where there are more: the worst by the planner's model, even ones.
+WORST, EVEN = 1500, 1500
+#: A joint that moves more than this in one move of a cut changes its branch. [rad, m]
+JUMP_TURN, JUMP_SLIDE = float(np.radians(20.0)), 0.2
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What the judge judges with: a cell of its own reading, and the wrench of its own reading at every waypoint."""
+
+    cell: Cell
+    wrench: Array
+
+
+def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
+    """Read robot, tool and process a second time; a robot or a path in memory is taken as it is."""
+    if job is None or not job.file.is_file() or task.robot.folder is None:
+        return Bench(build_cell(task.robot), task.wrench)
+    tool = tomllib.loads(job.file.read_text(encoding="utf-8")).get("tool")
+    cell = Cell(AS_MODELLED, task.robot, read_judge(Path(task.robot.folder), tool))
+    law = task.law
+    rows = DrivenRows(
+        task.position, task.nominal.axis, task.nominal.rapid, task.lead, timing.time,
+        None if law is None else law.stock_top, None if law is None else law.rows_at,
+    )  # fmt: skip
+    wrench = read_forces(job.file, rows)
+    if wrench is None:
+        return Bench(cell, task.wrench)
+    contact = np.flatnonzero(task.nominal.rapid & task.compensated)
+    if law is None or not law.always:
+        wrench[contact] = 0.0
+    return Bench(cell, wrench)
+
+
+def find_breaches(
+    task: PlanTask, command: Command, timing: Timing, between: Between, after: Evaluation, margins: Margins,
+    bench: Bench,
+) -> tuple[str, ...]:  # fmt: skip
+    """Say in a sentence each what keeps a plan from being confirmed.
+
+    Args:
+        task: The task.
+        command: The command.
+        timing: Its run.
+        between: Where the loaded tip goes between waypoints, by the planner's model.
+        after: The command in the judge's cell.
+        margins: Distance of the command from its limits.
+        bench: What the judge judges with.
+
+    """
+    breaches, tolerance = [], task.tolerance
+    if after.max_deviation > tolerance:
+        worst = int(np.flatnonzero(after.cut)[after.distance[after.cut].argmax()])
+        breaches.append(f"the judge finds the loaded tip {_mm(after.max_deviation)} off the path at waypoint {worst}")
+    judged, move = judge_between(task, command.q, between, bench)
+    if judged > tolerance:
+        breaches.append(f"the judge finds the loaded tip {_mm(judged)} off the path after waypoint {move}")
+    if between.max_deviation > tolerance and judged <= tolerance:
+        move = int(between.most.argmax())
+        breaches.append(f"between waypoints the tip strays by {_mm(between.max_deviation)}, after waypoint {move}")
+    slower = float((find_slowdown(task, command.q, timing.time)).max())
+    ratio = max(slower, timing.velocity_ratio, timing.acceleration_ratio**0.5)
+    if ratio > ROUNDING:
+        breaches.append(f"a joint's velocity or acceleration passes its limit by a factor of {ratio:.3g} in time")
+    if margins.position < -1e-9:
+        name = task.robot.joint_names[margins.joint]
+        breaches.append(f"the position limit of {name} is passed by {-margins.position:.3g} rad or m")
+    if margins.max_correction > task.max_correction + 2 * AT_CORRECTION:
+        breaches.append(f"the correction is {_mm(margins.max_correction)}, allowed are {_mm(task.max_correction)}")
+    return tuple(breaches)
+
+
+def judge_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[float, int]:
+    """Let the judge bring the tool to rest halfway between waypoints, joint positions and wrench gone over linearly.
+
+    Returns:
+        Greatest distance from the moves [m], and the waypoint that the move starts at.
+
+    """
+    moves = judged_moves(task)
+    if len(moves) > WORST + EVEN:
+        worst = moves[np.argsort(between.most[moves])[-WORST:]]
+        moves = np.union1d(worst, moves[np.linspace(0, len(moves) - 1, EVEN).astype(int)])
+    if not len(moves) or task.robot.effects:
+        return 0.0, -1
+    half = [0.5 * (values[moves] + values[moves + 1]) for values in (q, bench.wrench)]
+    tip = run_cell(bench.cell, *half).position
+    start, along = task.position[moves], task.position[moves + 1] - task.position[moves]
+    square = np.maximum(np.einsum("ni,ni->n", along, along), 1e-30)
+    share = np.clip(np.einsum("ni,ni->n", tip - start, along) / square, 0.0, 1.0)
+    distance = np.linalg.norm(tip - start - share[:, None] * along, axis=1)
+    return float(distance.max()), int(moves[distance.argmax()])
+
+
+def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:
+    """Find waypoints whose static load is beyond the effort of a joint, and name the joint and both torques."""
+    efforts = task.robot.effort_limits
+    if not np.isfinite(efforts).any():
+        return {}
+    rows = np.flatnonzero(task.compensated)
+    if len(rows) > WORST + EVEN:
+        heavy = rows[np.argsort(np.linalg.norm(bench.wrench[rows, :3], axis=1))[-WORST:]]
+        rows = np.union1d(heavy, rows[np.linspace(0, len(rows) - 1, EVEN).astype(int)])
+    share = np.abs(hold_load(bench.cell.judge, q[rows], bench.wrench[rows])) / np.maximum(efforts, 1e-9)
+    found = {}
+    for k in np.flatnonzero((share > ROUNDING).any(axis=1)).tolist():
+        waypoint, j = int(rows[k]), int(share[k].argmax())
+        unit = "N" if task.robot.prismatic[j] else "N m"
+        name = task.robot.joint_names[j]
+        found[waypoint] = f"effort limit of {name} ({efforts[j]:.4g} {unit})"
+    return found
+
+
+def hold_load(judge: Judge, q: Array, wrench: Array) -> Array:
+    """Return the torque that each commanded joint needs to hold wrench and weight, springs stiff. Shape (n, nq)."""
+    data, model = judge.model.createData(), judge.model
+    rigid = q @ judge.commanded.T + judge.shift
+    torque = np.empty((len(q), model.nv))
+    for i in range(len(q)):
+        columns = pin.computeFrameJacobian(model, data, rigid[i], judge.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        torque[i] = -columns.T @ wrench[i]
+        if judge.weighs:
+            torque[i] += pin.computeGeneralizedGravity(model, data, rigid[i])
+    return torque @ judge.commanded
+
+
+def find_jumps(task: PlanTask, q: Array) -> dict[int, str]:
+    """Find moves of the cut in which a joint jumps: the arm would change its branch in the material."""
+    most = np.where(task.robot.prismatic, JUMP_SLIDE, JUMP_TURN)
+    step = np.abs(np.diff(q, axis=0)) / most
+    jumps = (step.max(axis=1) > 1.0) & ~task.nominal.rapid[1:] & ~task.lead[1:]
+    return {
+        int(move) + 1: f"jump of {task.robot.joint_names[int(step[move].argmax())]} (change of branch in the cut)"
+        for move in np.flatnonzero(jumps)
+    }
+
+
+def _mm(length: float) -> str:
+    return f"{1e3 * length:.3g} mm"

@@ -1,0 +1,59 @@
+"""The judge reads robot folders by itself; sound readings agree, and a fault in one of them shows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from compplan.cell.judge import build_judge, judge_pose
+from compplan.cell.reading import read_judge
+from compplan.job.job import ToolTable
+from compplan.robot import load_robot, robot_folders
+
+TOOL = {
+    "position_mm": [150.0, 20.0, -300.0], "rotation_deg": [0.0, 120.0, 30.0], "mass_kg": 18.0,
+    "centre_of_mass_mm": [130.0, 0.0, -70.0],
+}  # fmt: skip
+
+
+def draw(robot, count=6):
+    """Draw joint positions within the limits, and wrenches."""
+    rng = np.random.default_rng(3)
+    low, high = np.clip(robot.lower, -2.0, 2.0), np.clip(robot.upper, -2.0, 2.0)
+    return rng.uniform(low, high, (count, robot.nq)), rng.normal(size=(count, 6)) * [200, 200, 200, 20, 20, 20]
+
+
+@pytest.mark.parametrize("tool", [None, TOOL])
+@pytest.mark.parametrize("name", sorted(robot_folders()))
+def test_the_judges_own_reading_of_a_shipped_folder_agrees_with_the_planners(name, tool):
+    robot = load_robot(name)
+    judge = read_judge(robot_folders()[name], tool)
+    if tool is not None:
+        table = ToolTable(**tool)
+        robot = robot.with_tool(table.T_flange_tcp, table.mass_kg, np.array(table.centre_of_mass_mm) * 1e-3)
+    q, wrench = draw(robot)
+    ours, theirs = judge_pose(judge, q, wrench), judge_pose(build_judge(robot), q, wrench)
+    assert ours[0] == pytest.approx(theirs[0], abs=1e-12)
+    assert ours[1] == pytest.approx(theirs[1], abs=1e-12)
+
+
+def test_a_compliance_that_the_planner_reads_doubled_is_not_doubled_for_the_judge():
+    robot = load_robot("kuka_kr270")
+    q, wrench = draw(robot)
+    soft = judge_pose(build_judge(robot.scale_compliance(2.0)), q, wrench)[0]
+    assert np.linalg.norm(soft - judge_pose(read_judge(robot.folder), q, wrench)[0], axis=1).max() > 1e-4
+
+
+def test_the_weight_of_a_tool_bends_an_arm_whose_folder_has_no_gravity_by_its_difference():
+    # TX200: 5 kg hang on the flange when the springs were identified; the same tool again changes nothing.
+    robot = load_robot("staubli_tx200")
+    same = [body for body in robot.bodies if body.mass == 5.0][0]
+    pose = np.eye(4)
+    q, none = draw(robot)[0], np.zeros((6, 6))
+    flange = next(joint for joint in robot.joints if joint.parent == robot.flange)
+    pose[:] = flange.placement
+    centre = pose[:3, :3] @ same.centre + pose[:3, 3]
+    rigid = judge_pose(build_judge(replace(robot, springs=())), q, none)[0]
+    for mass, moves in ((5.0, False), (23.0, True)):
+        bent = judge_pose(build_judge(robot.with_tool(pose, mass, centre)), q, none)[0]
+        assert (np.linalg.norm(bent - rigid, axis=1).max() > 5e-5) == moves
