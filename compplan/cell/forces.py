@@ -6,7 +6,6 @@ Written from the job's keys and the rows that are commanded; it shares nothing w
 from __future__ import annotations
 
 import csv
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,22 +50,22 @@ class DrivenRows:
         return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(self.position, axis=0), axis=1))]
 
 
-def read_forces(file: Path, rows: DrivenRows) -> Array | None:
+def read_forces(job: Mapping[str, Any], folder: Path, rows: DrivenRows) -> Array | None:
     """Work out the wrench at every row, or None where the file gives it in a way that is not read here.
 
     Args:
-        file: The job file.
+        job: The tables of the job as they are written.
+        folder: Folder that file names in it are relative to.
         rows: What is driven.
 
     Returns:
         Base axes, force first. Shape (n, 6). [N, N m]
 
     """
-    job = tomllib.loads(file.read_text(encoding="utf-8"))
     process = job.get("process", {"model": "columns"})
     turn = pin.exp3(np.radians(job.get("part", {}).get("rotation_deg", (0.0, 0.0, 0.0))))
     model = process.get("model", "columns")
-    local = _local(model, process, job, file, rows)
+    local = _local(model, process, job, folder, rows)
     if local is None:
         return None
     frame = process.get("frame", "part") if model in ("constant", "file") else "part" if model == "columns" else "path"
@@ -87,7 +86,7 @@ def read_forces(file: Path, rows: DrivenRows) -> Array | None:
 
 
 def _local(
-    model: str, process: Mapping[str, Any], job: Mapping[str, Any], file: Path, rows: DrivenRows
+    model: str, process: Mapping[str, Any], job: Mapping[str, Any], folder: Path, rows: DrivenRows
 ) -> Array | None:
     """Return the wrench in the frame of its process, contact aside. Shape (n, 6)."""
     n, arc = len(rows.position), rows.arc
@@ -110,7 +109,7 @@ def _local(
     named = process["file"] if model == "file" else job["toolpath"]
     if not isinstance(named, str) or not named.lower().endswith(".csv"):
         return np.zeros((n, 6)) if model == "columns" and not process.get("required", True) else None
-    values, lengths = _read_columns(file.parent / named)
+    values, lengths = _read_columns(folder / named)
     if values is None:
         return None
     if lengths is not None:

@@ -6,7 +6,6 @@ the loaded tool to rest at and between waypoints. Limits are held on the timed p
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -43,16 +42,16 @@ class Bench:
 
 def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
     """Read robot, tool and process a second time; a robot or a path in memory is taken as it is."""
-    if job is None or not job.file.is_file() or task.robot.folder is None:
+    if job is None or task.robot.folder is None:
         return Bench(build_cell(task.robot), task.wrench)
-    tool = tomllib.loads(job.file.read_text(encoding="utf-8")).get("tool")
-    cell = Cell(AS_MODELLED, task.robot, read_judge(Path(task.robot.folder), tool))
+    tables = job.model_dump(by_alias=True, exclude_unset=True)
+    cell = Cell(AS_MODELLED, task.robot, read_judge(Path(task.robot.folder), tables.get("tool")))
     law = task.law
     rows = DrivenRows(
         task.position, task.nominal.axis, task.nominal.rapid, task.lead, timing.time,
         None if law is None else law.stock_top, None if law is None else law.rows_at,
     )  # fmt: skip
-    wrench = read_forces(job.file, rows)
+    wrench = read_forces(tables, job.folder, rows)
     if wrench is None:
         return Bench(cell, task.wrench)
     contact = np.flatnonzero(task.nominal.rapid & task.compensated)
