@@ -47,7 +47,7 @@ def test_a_compliance_that_the_planner_reads_doubled_is_not_doubled_for_the_judg
 def test_the_weight_of_a_tool_bends_an_arm_whose_folder_has_no_gravity_by_its_difference():
     # TX200: 5 kg hang on the flange when the springs were identified; the same tool again changes nothing.
     robot = load_robot("staubli_tx200")
-    same = [body for body in robot.bodies if body.mass == 5.0][0]
+    same = next(body for body in robot.bodies if body.mass == 5.0)
     pose = np.eye(4)
     q, none = draw(robot)[0], np.zeros((6, 6))
     flange = next(joint for joint in robot.joints if joint.parent == robot.flange)
