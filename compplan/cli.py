@@ -33,7 +33,6 @@ COMMANDS = {
     "reproduce": "compplan.commands.reproduce",
     "place": "compplan.commands.place",
     "init": "compplan.commands.init",
-    "selftest-diagnosis": "compplan.commands.selftest_diagnosis",
 }
 
 
