@@ -256,7 +256,7 @@ def transmission_wave(e: Effect, angle: Array) -> Array:
     """Return the transmission error of one unit over a joint's position."""
     if e.params["shape"] == "bump":
         return np.asarray(np.exp(-0.5 * ((angle - e.params["centre"]) / e.params["width"]) ** 2))
-    waves = [w * np.sin(n * angle + f) for n, w, f in e.params["waves"]]
+    waves = [w * np.sin(n * angle + f) for w, n, f in e.params["waves"]]
     return np.asarray(np.sum(waves, axis=0))
 
 
