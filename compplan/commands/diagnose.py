@@ -15,6 +15,7 @@ from compplan.diagnose.where import split_diagnosis
 from compplan.effects import EFFECTS
 from compplan.errors import UnknownNameError
 from compplan.files.tables import dump_json
+from compplan.measure.checks import list_notes
 from compplan.measure.registration import parse_parts
 from compplan.outputs.diagnosis import write_diagnosis
 
@@ -51,7 +52,7 @@ def command(
         split = split_diagnosis(diagnosis)
         progress("what to measure next")
         extra = {"where": split.to_json(), "next_measurement": propose_measurements(diagnosis)}
-        table = diagnosis.to_table(extra)
+        table = {**diagnosis.to_table(extra), "log_notes": list(campaign.notes)}
         progress("report")
         table = write_diagnosis(diagnosis, split, table, out)
     if as_json:
@@ -60,6 +61,8 @@ def command(
     for question in asked:
         click.echo(f"assumed to be meant: {question}")
     click.echo(describe_diagnosis(diagnosis))
+    for note in list_notes(campaign.notes):
+        click.echo(note)
 
 
 def describe_diagnosis(diagnosis: Diagnosis) -> str:

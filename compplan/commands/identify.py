@@ -15,6 +15,7 @@ from compplan.identify.plan_campaign import CampaignPlan, describe_campaign_plan
 from compplan.identify.problem import IdentifyOptions
 from compplan.identify.robust import LOSSES
 from compplan.identify.summary import describe_identification
+from compplan.measure.checks import list_notes
 from compplan.measure.registration import parse_parts
 from compplan.outputs.identify import write_campaign_plan, write_identification
 from compplan.robot import load_robot
@@ -87,9 +88,9 @@ def command(
     settle_questions(robot, campaign, options.register, assume_ok)
     summary = write_identification(identify_campaign(robot, campaign, options), out)
     if as_json:
-        click.echo(dump_json(summary))
+        click.echo(dump_json({**summary, "log_notes": list(campaign.notes)}))
         return
-    for line in describe_identification(summary):
+    for line in (*describe_identification(summary), *list_notes(campaign.notes)):
         click.echo(line)
     click.echo(f"wrote {out / 'robot'}, {out / 'identify.json'} and {out / 'report.html'}")
 

@@ -15,6 +15,7 @@ from compplan.errors import InputError
 from compplan.files.tomlfile import check_table, read_toml
 from compplan.job.job import ToolTable
 from compplan.measure.campaign import Campaign, read_campaign
+from compplan.measure.checks import check_runs
 from compplan.robot import Array, Robot, load_robot
 
 Command = Callable[..., Any]
@@ -81,6 +82,7 @@ def settle_questions(robot: Robot, campaign: Campaign, parts: Sequence[str], ass
         InputError: With the first question, if it is not.
 
     """
+    check_runs(campaign)
     questions = [question.sentence for question in question_campaign(robot, campaign, parts)]
     if questions and not assume_ok:
         raise InputError(f"{questions[0]} (--assume-ok goes on as it is)", file=campaign.file)

@@ -9,7 +9,9 @@ import numpy as np
 
 from compplan.cell.predict import folder_registration, predict_campaign, write_prediction
 from compplan.commands.measured import load_measured, measured_options
+from compplan.files.origin import describe_origin
 from compplan.files.tables import dump_json
+from compplan.measure.checks import check_unit, list_notes
 from compplan.measure.registration import parse_parts
 from compplan.robot import load_robot
 
@@ -30,6 +32,8 @@ def command(
     robot, campaign = load_measured(measurements, robot_name, tool, target_offset)
     frames = folder_registration(load_robot(robot_name))
     prediction = predict_campaign(robot, campaign, register=parts, registration=frames)
+    if not parts:
+        check_unit(campaign, prediction.position)
     write_prediction(prediction, out)
     distance = np.linalg.norm(campaign.position - prediction.position, axis=1) * 1e3
     distance = distance[np.isfinite(distance)]
@@ -38,8 +42,13 @@ def command(
         "rms_mm": float(np.sqrt(np.mean(distance**2))) if len(distance) else None,
         "median_mm": float(np.median(distance)) if len(distance) else None,
         "registered": list(parts),
+        "notes": list(campaign.notes),
+        "made_by": describe_origin(),
     }
     if as_json:
         click.echo(dump_json(summary))
-    elif len(distance):
+        return
+    if len(distance):
         click.echo(f"{len(campaign)} rows; measured positions differ by {summary['rms_mm']:.3f} mm rms")
+    for note in list_notes(campaign.notes):
+        click.echo(note)

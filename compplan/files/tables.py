@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -129,7 +129,7 @@ def _read_rows(path: Path) -> tuple[int, list[str], list[list[str]], NDArray[np.
     header_line = 0
     rows: list[list[str]] = []
     lines: list[int] = []
-    for row in reader:
+    for row in _split_rows(reader, path):
         if not row or row[0].lstrip().startswith("#") or (len(row) == 1 and not row[0].strip()):
             continue
         if not header:
@@ -145,6 +145,14 @@ def _read_rows(path: Path) -> tuple[int, list[str], list[list[str]], NDArray[np.
     if not header:
         raise InputError("the file is empty, expected a header line with column names", file=path, where=1)
     return header_line, header, rows, np.array(lines, dtype=np.int64)
+
+
+def _split_rows(reader: Any, path: Path) -> Iterator[list[str]]:
+    """Yield the rows of a CSV reader."""
+    try:
+        yield from reader
+    except csv.Error as error:
+        raise InputError(f"is not a table: {error}", file=path, where=reader.line_num + 1) from None
 
 
 def _parse_numbers(path: Path, title: str, fields: Sequence[str], lines: NDArray[np.int64]) -> Array:

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import InputError
 from compplan.files.columns import Column
 from compplan.files.tables import Table, read_table
+from compplan.measure.checks import check_campaign
 from compplan.robot import Array, Robot
 
 #: Joint motion below this is encoder jitter, not a move [rad or m]; one unit of the fourth decimal of a degree.
@@ -53,6 +54,7 @@ class Campaign:
         mode: U1 U2 L1 L2 or "". Shape (n,).
         file: Where it was read from, or None.
         lines: Line of the file that each row stands in. Shape (n,).
+        notes: What was read past or left out, one sentence each.
         target_offset: Measured point in the TCP frame where it is known, the TCP if None. Shape (3,). [m]
 
     """
@@ -73,6 +75,7 @@ class Campaign:
     mode: NDArray[np.str_] | None = None
     file: Path | None = None
     lines: NDArray[np.int_] | None = None
+    notes: tuple[str, ...] = ()
     target_offset: Array | None = None
 
     def __len__(self) -> int:
@@ -254,7 +257,8 @@ def log_columns(robot: Robot) -> list[Column]:
         kind = "length" if slides else "angle"
         columns.append(Column(f"q{number}", kind, required=True, missing=True))
         columns += [Column(f"q{number}_{side}", kind, missing=True) for side in ("link", "motor")]
-    columns += [Column(name, "force" if name[0] == "f" else "moment", missing=True) for name in WRENCH]
+    columns += [Column(name, "force", missing=True, group="force") for name in WRENCH[:3]]
+    columns += [Column(name, "moment", missing=True, group="moment") for name in WRENCH[3:]]
     columns += [Column(name, "length", required=True, missing=True) for name in "xyz"]
     columns += [Column(name, "angle", missing=True, group="orientation") for name in ("rx", "ry", "rz")]
     columns.append(Column("temperature", "temperature", missing=True))
@@ -306,7 +310,7 @@ def read_campaign(file: str | Path, robot: Robot) -> Campaign:
         lines=table.lines,
     )
     _refuse_empty(campaign, table)
-    return campaign
+    return check_campaign(campaign, robot, table)
 
 
 def _refuse_empty(campaign: Campaign, table: Table) -> None:
