@@ -18,6 +18,7 @@ from compplan.study.judging import judge_points
 from compplan.study.runner import Settings, chunk_size, run_study
 from compplan.study.sensitivity import measure_sensitivity
 from compplan.study.statistics import estimate_mean
+from compplan.study.storage import discard_chunks
 from compplan.study.study import prepare_study
 from compplan.study.summary import summarise_run
 from compplan.study.workforce import Workforce
@@ -65,8 +66,21 @@ def test_an_interrupted_study_goes_on_where_it_stopped(tmp_path: Path, monkeypat
     np.testing.assert_array_equal(resumed.judged.along, whole.judged.along)
     prolonged = run_study(study, Settings(samples=80, seed=3), folder=tmp_path, workforce=HERE)
     assert prolonged.reused == 4
+    with pytest.raises(InputError, match=r"holds 5 finished chunks of another study .* --discard"):
+        run_study(study, Settings(samples=64, seed=4), folder=tmp_path, workforce=HERE)
+    assert len(list(tmp_path.glob("chunk-*.npz"))) == 5
+    discard_chunks(tmp_path)
     other = run_study(study, Settings(samples=64, seed=4), folder=tmp_path, workforce=HERE)
     assert other.reused == 0 and not np.array_equal(other.judged.rms, whole.judged.rms)
+
+
+def test_a_chunk_of_another_study_that_slips_in_is_not_taken(tmp_path: Path) -> None:
+    study = small_study()
+    run_study(study, Settings(samples=64, seed=3), folder=tmp_path / "a", workforce=HERE)
+    run_study(study, Settings(samples=64, seed=4), folder=tmp_path / "b", workforce=HERE)
+    (tmp_path / "b" / "chunk-000000.npz").replace(tmp_path / "a" / "chunk-000000.npz")
+    with pytest.raises(InputError, match="another study"):
+        run_study(study, Settings(samples=64, seed=3), folder=tmp_path / "a", workforce=HERE)
 
 
 def test_a_study_stops_when_its_intervals_are_narrow_enough(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -31,6 +31,7 @@ from compplan.files.tables import dump_json
 @click.option("--waypoints", type=click.IntRange(min=2), default=2500, show_default=True,
               help="A longer path is thinned evenly to this many waypoints.")  # fmt: skip
 @click.option("--no-sensitivity", is_flag=True, help="Leave out the sensitivity analysis.")
+@click.option("--discard", is_flag=True, help="Take away finished samples of another study in OUT first.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (montecarlo.json) to stdout.")
 def command(job: Path, folder: Path, workers: int | None, scheduler: str | None, as_json: bool, **choices: Any) -> None:
     """Let strategies cut JOB in many uncertain cells: write montecarlo.json, report.html and the samples.
@@ -38,6 +39,7 @@ def command(job: Path, folder: Path, workers: int | None, scheduler: str | None,
     Samples are kept in OUT/samples: an interrupted study goes on where it stopped when it is run again.
     """
     from compplan.errors import InputError
+    from compplan.files.transaction import hold_folder
     from compplan.job.job import load_job
     from compplan.outputs.montecarlo import write_study
     from compplan.study.job_study import study_job
@@ -56,7 +58,7 @@ def command(job: Path, folder: Path, workers: int | None, scheduler: str | None,
         sequence=choices["sequence"],
         stop_below=None if stop is None else stop * 1e-3,
     )
-    with show_bars() as (announce, progress):
+    with hold_folder(folder), show_bars() as (announce, progress):
         study = study_job(
             checked,
             settings,
@@ -64,6 +66,7 @@ def command(job: Path, folder: Path, workers: int | None, scheduler: str | None,
             strategies=names,
             most_waypoints=choices["waypoints"],
             sensitivity=not choices["no_sensitivity"],
+            discard=choices["discard"],
             workforce=Workforce(workers, scheduler),
             announce=announce,
             progress=progress,

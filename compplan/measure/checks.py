@@ -170,10 +170,11 @@ def _absurd_rows(campaign: Campaign, robot: Robot) -> dict[str, NDArray[np.bool_
     rows: dict[str, NDArray[np.bool_]] = {}
     for name, joints in (("joint", campaign.q), ("link", campaign.link), ("motor", campaign.motor)):
         if joints is not None:
-            rows[name] = ((joints < robot.lower - room) | (joints > robot.upper + room)).any(axis=1)
+            beyond = (joints < robot.lower - room) | (joints > robot.upper + room)
+            rows[name] = np.asarray(beyond.any(axis=1), bool)
     with np.errstate(over="ignore"):
         force, moment = (np.abs(part).max(axis=1) for part in (campaign.wrench[:, :3], campaign.wrench[:, 3:]))
-    rows["wrench"] = np.asarray((force > MOST_FORCE) | (moment > MOST_MOMENT), dtype=np.bool_)
+    rows["wrench"] = np.logical_or(force > MOST_FORCE, moment > MOST_MOMENT)
     return rows
 
 

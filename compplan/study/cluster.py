@@ -6,6 +6,7 @@ lost; a chunk that was lost with its worker is computed again elsewhere.
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Callable
 from functools import lru_cache
@@ -18,6 +19,8 @@ from compplan.study.judging import Chunks, Judged, judge_points
 from compplan.study.storage import pack_study, unpack_study
 from compplan.study.study import Study
 
+#: An address of a scheduler.
+ADDRESS = re.compile(r"(tcp|tls|ws|wss)://(\[[0-9a-fA-F:]+\]|[\w.-]+):(?P<port>\d{1,5})/?")
 #: Time to wait for the scheduler. [s]
 PATIENCE = 15
 #: Chunks on their way per worker, and how often a failed chunk is tried again.
@@ -44,9 +47,25 @@ def compute_on_cluster(study: Study, numbers: list[int], points: Callable[[int],
         client.close()
 
 
+def ask_scheduler(scheduler: str) -> None:
+    """Ask a scheduler whether it is there.
+
+    Raises:
+        InputError: If the address is none, or nobody answers.
+
+    """
+    match = ADDRESS.fullmatch(scheduler)
+    if match is None or int(match["port"]) > 65535:
+        raise InputError(f"--scheduler is {scheduler!r}, expected an address such as tcp://127.0.0.1:8786")
+    _connect(scheduler).close()
+
+
 def _connect(scheduler: str) -> Any:
+    import logging
+
     from distributed import Client
 
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what goes wrong is said in one line below
     try:
         return Client(scheduler, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:

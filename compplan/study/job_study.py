@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from compplan.errors import InputError
+from compplan.files.origin import note_seed
 from compplan.job.job import Job
 from compplan.path.toolpath import Toolpath
 from compplan.plan.plan import PlanOptions, build_task, prepare_job
@@ -18,6 +19,7 @@ from compplan.study.curves import ErrorCurves, trace_model_error
 from compplan.study.encoder_table import EncoderTable, tabulate_encoders
 from compplan.study.runner import Run, Settings, run_study
 from compplan.study.sensitivity import Sensitivity, measure_sensitivity
+from compplan.study.storage import discard_chunks
 from compplan.study.study import MOST_WAYPOINTS, prepare_study
 from compplan.study.summary import summarise_run
 from compplan.study.workforce import Workforce
@@ -55,6 +57,7 @@ def study_job(
     strategies: Sequence[str] = (),
     most_waypoints: int = MOST_WAYPOINTS,
     sensitivity: bool = True,
+    discard: bool = False,
     workforce: Workforce | None = None,
     announce: Callable[[str], None] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
@@ -68,6 +71,7 @@ def study_job(
         strategies: Names of the strategies; all that the robot can carry out if empty.
         most_waypoints: A longer path is thinned evenly to this many waypoints.
         sensitivity: Whether total Sobol indices are measured.
+        discard: Whether finished samples of another study in the folder are taken away first.
         workforce: Who computes.
         announce: Called with what is done next.
         progress: Called with the name of a stage, samples done and samples wanted.
@@ -80,8 +84,11 @@ def study_job(
 
     """
     say = announce or (lambda text: None)
+    note_seed("samples", settings.seed)
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file, expected a folder to write to", file=folder)
+    workforce = workforce or Workforce()
+    workforce.check()
     say("posture")
     robot, nominal, options = prepare_job(job)
     task = build_task(robot, nominal, options, file=job.file)
@@ -95,6 +102,8 @@ def study_job(
 
     say("samples")
     store = folder / SAMPLES
+    if discard:
+        discard_chunks(store)
     run = run_study(study, settings, folder=store, workforce=workforce, progress=tell("samples"))
     indices = None
     if sensitivity:

@@ -1,14 +1,13 @@
 """Chunks of a study on disk: one numpy archive a chunk, so that an interrupted study goes on where it stopped.
 
-A folder of chunks belongs to one study: `study.json` in it holds the fingerprint of everything that the numbers depend
-on. A folder with another fingerprint is emptied of its chunks first.
+A folder of chunks belongs to one study: `study.json` and every chunk hold the fingerprint of everything that the
+numbers depend on. A folder with finished chunks of another study is refused.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
 import pickle
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ import numpy as np
 
 from compplan.errors import InputError
 from compplan.files.tables import write_text
+from compplan.files.transaction import replace_file
 from compplan.robot import Array
 from compplan.study.judging import Judged
 from compplan.study.study import Study
@@ -52,21 +52,29 @@ class ChunkFolder:
         fingerprint: Fingerprint of the study.
 
     Raises:
-        InputError: If the folder cannot be written.
+        InputError: If the folder cannot be written, or holds finished chunks of another study.
 
     """
 
     def __init__(self, folder: Path, fingerprint: str) -> None:
-        self.folder = folder
+        self.folder, self.fingerprint = folder, fingerprint
+        others = sum(not self._is_ours(file) for file in folder.glob("chunk-*.npz"))
+        if others:
+            message = (
+                f"holds {others} finished chunks of another study (another job, robot, seed, number of waypoints or "
+                "version); name another folder, or take them away with --discard"
+            )
+            raise InputError(message, file=folder)
+
+    def _is_ours(self, file: Path) -> bool:
+        """Tell whether a chunk is of this study; one that was cut off is nobody's."""
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            mark = folder / "study.json"
-            if not mark.is_file() or json.loads(mark.read_text()).get("fingerprint") != fingerprint:
-                for old in folder.glob("chunk-*.npz"):
-                    old.unlink()
-                write_text(mark, json.dumps({"schema": 1, "fingerprint": fingerprint}) + "\n")
-        except (OSError, json.JSONDecodeError) as error:
-            raise InputError(f"cannot be used for the chunks of a study: {error}", file=folder) from None
+            with np.load(file, allow_pickle=False) as table:
+                return str(table["fingerprint"]) == self.fingerprint
+        except KeyError:
+            return False
+        except (OSError, ValueError, EOFError, BadZipFile):
+            return True
 
     def path(self, chunk: int) -> Path:
         """Return the file of a chunk."""
@@ -75,10 +83,11 @@ class ChunkFolder:
     def write(self, chunk: int, first: int, judged: Judged, strategies: tuple[str, ...]) -> None:
         """Write a chunk: number of its first sample, names of the strategies, and the figures with their units."""
         figures = {column: getattr(judged, name) for name, column in _COLUMNS.items()}
-        part = self.folder / f".chunk-{chunk:06d}.{os.getpid()}"
-        with part.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, first=first, strategies=np.array(strategies), **figures)
-        part.replace(self.path(chunk))
+        if _read_mark(self.folder / "study.json") != self.fingerprint:
+            write_text(self.folder / "study.json", json.dumps({"schema": 1, "fingerprint": self.fingerprint}) + "\n")
+        about: dict[str, Any] = {"first": first, "strategies": np.array(strategies), "fingerprint": self.fingerprint}
+        with replace_file(self.path(chunk)) as part, part.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **about, **figures)
 
     def read(self, chunk: int, strategies: tuple[str, ...]) -> Judged | None:
         """Read a chunk back; None where there is none, or where it was cut off."""
@@ -86,11 +95,33 @@ class ChunkFolder:
             return None
         try:
             with np.load(self.path(chunk), allow_pickle=False) as table:
-                if tuple(table["strategies"]) != strategies:
+                if tuple(table["strategies"]) != strategies or str(table["fingerprint"]) != self.fingerprint:
                     return None
                 return Judged(**{name: table[column] for name, column in _COLUMNS.items()})
         except (OSError, ValueError, KeyError, EOFError, BadZipFile):
             return None
+
+
+def discard_chunks(folder: Path) -> None:
+    """Take away the chunks in a folder and in those below it, whatever study they are of.
+
+    Raises:
+        InputError: If they cannot be taken away.
+
+    """
+    try:
+        for file in (*folder.rglob("chunk-*.npz"), *folder.rglob("study.json")):
+            file.unlink()
+    except OSError as error:
+        raise InputError(f"cannot be taken away: {error.strerror}", file=folder) from None
+
+
+def _read_mark(file: Path) -> str | None:
+    """Return the fingerprint in study.json; None where it is no mark."""
+    try:
+        return str(json.loads(file.read_text(encoding="utf-8"))["fingerprint"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
 
 
 def pack_study(study: Study) -> bytes:

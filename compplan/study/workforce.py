@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 from collections.abc import Callable
@@ -9,7 +10,9 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from itertools import islice
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
+from threading import Thread
+from time import sleep
 
 from compplan.errors import InputError
 from compplan.robot import Array
@@ -18,6 +21,8 @@ from compplan.study.judging import Chunks, Judged, judge_points
 from compplan.study.storage import pack_study, unpack_study
 from compplan.study.study import Study
 
+#: Greatest number of worker processes on one machine.
+MOST_WORKERS = 1024
 #: Threads of numeric libraries in a worker process.
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -34,6 +39,20 @@ class Workforce:
 
     workers: int | None = None
     scheduler: str | None = None
+
+    def check(self) -> None:
+        """Ask the scheduler whether it is there, before anything is computed or written.
+
+        Raises:
+            InputError: If there are more workers than a machine has, or the scheduler does not answer.
+
+        """
+        if self.workers is not None and self.workers > MOST_WORKERS:
+            raise InputError(f"--workers is {self.workers}, at most {MOST_WORKERS}")
+        if self.scheduler is not None:
+            from compplan.study.cluster import ask_scheduler
+
+            ask_scheduler(self.scheduler)
 
 
 def compute_chunks(study: Study, numbers: list[int], points: Callable[[int], Array], workforce: Workforce) -> Chunks:
@@ -66,7 +85,8 @@ def _compute_here(study: Study, numbers: list[int], points: Callable[[int], Arra
 def _compute_in_processes(study: Study, numbers: list[int], points: Callable[[int], Array], count: int) -> Chunks:
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
-    pool = ProcessPoolExecutor(count, get_context("spawn"), _start_worker, (pack_study(study),))
+    others = set(active_children())
+    pool = ProcessPoolExecutor(count, get_context("spawn"), _start_worker, (pack_study(study), os.getpid()))
     try:
         todo = iter(numbers)
         running: dict[Future[Judged], int] = {pool.submit(_work, points(n)): n for n in islice(todo, 2 * count)}
@@ -80,6 +100,8 @@ def _compute_in_processes(study: Study, numbers: list[int], points: Callable[[in
         message = "a worker process died; run again to go on with what is left, with fewer --workers if memory ran out"
         raise InputError(message) from None
     finally:
+        for worker in set(active_children()) - others:
+            worker.kill()  # finished, or working for nobody
         pool.shutdown(wait=True, cancel_futures=True)
         for name, value in before.items():
             if value is None:
@@ -91,9 +113,34 @@ def _compute_in_processes(study: Study, numbers: list[int], points: Callable[[in
 _HELD: list[Study] = []
 
 
-def _start_worker(packed: bytes) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is interrupted and ends its workers
+def _start_worker(packed: bytes, parent: int) -> None:
+    die_with_parent(parent)
     _HELD[:] = [unpack_study(packed)]
+
+
+def die_with_parent(parent: int) -> None:
+    """Let this worker process end with the process that started it, whatever that one dies of.
+
+    Linux sends SIGKILL when the parent is gone; elsewhere the worker looks for its parent every second.
+
+    Args:
+        parent: Number of the parent process.
+
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is interrupted and ends its workers
+    set_death_signal = 1  # PR_SET_PDEATHSIG of prctl(2)
+    try:
+        ctypes.CDLL(None).prctl(set_death_signal, signal.SIGKILL)
+    except (AttributeError, OSError):
+        Thread(target=_watch_parent, args=(parent,), daemon=True).start()
+    if os.getppid() != parent:
+        os._exit(1)
+
+
+def _watch_parent(parent: int) -> None:
+    while os.getppid() == parent:
+        sleep(1.0)
+    os._exit(1)
 
 
 def _work(points: Array) -> Judged:
