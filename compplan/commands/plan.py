@@ -18,14 +18,14 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
     """Plan JOB: write plan.json, joints.csv, report.html and native programs."""
     from compplan.commands.progress import show_progress
     from compplan.job.job import load_job
-    from compplan.outputs.plan import summarise_plan, write_plan
+    from compplan.outputs.plan import note_programs, summarise_plan, write_plan
     from compplan.plan.plan import plan_job
     from compplan.report.style import format_length
 
     checked = load_job(job)
     with show_progress() as announce:
         announce("plan: posture, compensation, timing, virtual cell")
-        plan = plan_job(checked)
+        plan = note_programs(plan_job(checked))
         announce("write: programs, joints.csv, report.html")
         files = write_plan(plan, folder)
     if as_json:

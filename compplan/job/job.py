@@ -107,6 +107,7 @@ class OutputTable(StrictTable):
 
     programs: Annotated[tuple[Annotated[str, OneOf(WRITERS)], ...], Field(strict=False)] = ()
     max_points_per_file: int | None = Field(default=None, ge=2)
+    any_brand: bool = False
 
 
 class SamplingTable(StrictTable):

@@ -5,6 +5,7 @@ A fault in any of the files leaves nothing behind (`compplan.files.transaction`)
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from compplan.plan.compare import Comparison
 from compplan.plan.evaluate import Evaluation
 from compplan.plan.plan import Plan
 from compplan.posture.clearance import describe_clearance
+from compplan.program import Program
 
 
 def write_plan(plan: Plan, folder: str | Path) -> list[Path]:
@@ -173,11 +175,31 @@ def write_joints(plan: Plan, path: Path) -> None:
 
 def write_programs(plan: Plan, folder: Path) -> list[Path]:
     """Write the native programs that the job asks for, approach and retract included."""
-    from compplan.program import build_program, write_program
+    from compplan.program import write_program
 
-    languages = () if plan.job is None else plan.job.output.programs
-    if not languages:
+    if plan.job is None or not plan.job.output.programs:
         return []
+    program, output, files = make_program(plan), plan.job.output, []
+    for language in output.programs:
+        files += write_program(program, language, folder, most=output.max_points_per_file, any_brand=output.any_brand)
+    return files
+
+
+def note_programs(plan: Plan) -> Plan:
+    """Return a plan whose notes say what has to be known of its native programs."""
+    from compplan.program import describe_program
+
+    if plan.job is None or not plan.job.output.programs:
+        return plan
+    program = make_program(plan)
+    notes = [note for language in plan.job.output.programs for note in describe_program(program, language)]
+    return replace(plan, notes=(*plan.notes, *notes))
+
+
+def make_program(plan: Plan) -> Program:
+    """Return what native programs are written from, approach and retract included."""
+    from compplan.program import build_program
+
     above, below = plan.approach.key_q, plan.retract.key_q
     before, after = len(above), len(below)
     rapid = np.r_[np.ones(before, bool), plan.task.nominal.rapid, np.ones(after, bool)]
@@ -186,7 +208,7 @@ def write_programs(plan: Plan, folder: Path) -> list[Path]:
     down = np.r_[0.0, np.cumsum(plan.approach.key_gap)][:before]
     up = start + plan.timing.time[-1] + np.cumsum(plan.retract.key_gap)
     time = np.r_[down, start + plan.timing.time, up]
-    program = build_program(
+    return build_program(
         plan.robot,
         np.vstack([above, plan.q, below]),
         feed,
@@ -196,12 +218,6 @@ def write_programs(plan: Plan, folder: Path) -> list[Path]:
         comments=_head(plan),
         part=None if plan.job is None else plan.job.T_base_part,
     )
-    files: list[Path] = []
-    for language in languages:
-        files += write_program(
-            program, language, folder, most=plan.job.output.max_points_per_file if plan.job else None
-        )
-    return files
 
 
 def _head(plan: Plan) -> list[str]:

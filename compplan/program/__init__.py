@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from compplan.errors import UnknownNameError
+import numpy as np
+
+from compplan.errors import InputError, UnknownNameError
 from compplan.program.fanuc_ls import write_fanuc_ls
 from compplan.program.inform import write_inform
 from compplan.program.joint_csv import write_joint_csv
@@ -17,7 +20,8 @@ from compplan.program.sinumerik import write_sinumerik
 from compplan.program.urscript import write_urscript
 from compplan.program.val3 import write_val3
 
-#: Writer of each language: (program, folder, greatest number of points in a file or None) -> files written.
+#: Writer of each language: (program, folder, greatest number of points in a file or None) -> files written. Its module
+#: may say whose controllers speak the language (BRAND), and what a user has to know of a program (describe).
 WRITERS: dict[str, Callable[[Program, Path, int | None], list[Path]]] = {
     "krl": write_krl,
     "val3": write_val3,
@@ -30,10 +34,12 @@ WRITERS: dict[str, Callable[[Program, Path, int | None], list[Path]]] = {
     "csv": write_joint_csv,
 }
 
-__all__ = ["WRITERS", "Program", "build_program", "write_program"]
+__all__ = ["WRITERS", "Program", "build_program", "check_brand", "describe_program", "write_program"]
 
 
-def write_program(program: Program, language: str, folder: str | Path, *, most: int | None = None) -> list[Path]:
+def write_program(
+    program: Program, language: str, folder: str | Path, *, most: int | None = None, any_brand: bool = False
+) -> list[Path]:
     """Write a program in a controller's language.
 
     Args:
@@ -41,6 +47,7 @@ def write_program(program: Program, language: str, folder: str | Path, *, most: 
         language: One of `WRITERS`.
         folder: Folder to write to; made if needed.
         most: Greatest number of points in a file; left out: what the controller takes.
+        any_brand: Whether a language of another brand than the robot's controller will do.
 
     Returns:
         The files written.
@@ -52,4 +59,56 @@ def write_program(program: Program, language: str, folder: str | Path, *, most: 
     """
     if language not in WRITERS:
         raise UnknownNameError("program language", language, list(WRITERS))
+    if not any_brand:
+        check_brand(program.controller, language)
     return WRITERS[language](program, Path(folder), most)
+
+
+def check_brand(controller: str, language: str) -> None:
+    """Refuse a language that controllers of another brand speak.
+
+    A controller of a brand that no language here belongs to, or that nobody names, may have any.
+
+    Args:
+        controller: What controller the robot has, as controller.toml names it.
+        language: One of `WRITERS`.
+
+    Raises:
+        InputError: If the controller is of another brand than the language.
+
+    """
+    brands = {name: _brand(name) for name in WRITERS}
+    own = {brand for brand in brands.values() if brand and brand.lower() in controller.lower()}
+    if not own or not brands[language] or brands[language] in own:
+        return
+    fitting = [name for name, brand in brands.items() if not brand or brand in own]
+    raise InputError(
+        f"{language} is the language of {brands[language]}, the robot's controller is a {controller}, choose from "
+        f"{fitting}; any_brand = true writes it all the same"
+    )
+
+
+def describe_program(program: Program, language: str) -> list[str]:
+    """Return what a user has to know of a program in a language, one sentence each.
+
+    Args:
+        program: The program.
+        language: One of `WRITERS`.
+
+    """
+    notes = []
+    if not program.known:
+        notes.append(
+            f"{language}: SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN: the robot folder has no controller.toml, they "
+            "are those of the URDF; check every axis against the controller's display"
+        )
+    swings = np.flatnonzero(program.swings).tolist()
+    if swings and language != "csv":
+        where = f"{', '.join(map(str, swings[:5]))}{' ...' if len(swings) > 5 else ''}"
+        notes.append(f"{language}: the configuration changes within a cut, at {where}: linear programs swing over")
+    describe = getattr(sys.modules[WRITERS[language].__module__], "describe", None)
+    return [*notes, *(f"{language}: {note}" for note in (describe(program) if describe else []))]
+
+
+def _brand(language: str) -> str:
+    return str(getattr(sys.modules[WRITERS[language].__module__], "BRAND", ""))

@@ -60,6 +60,13 @@ def write_fanuc_ls(program: Program, folder: Path, most: int | None = None) -> l
     return files
 
 
+def describe(program: Program) -> list[str]:
+    """Return what must be said where there is no program with positions."""
+    if configurations(program) is None:
+        return ["no program with positions: controller.toml has no native words N F, U D, T B"]
+    return []
+
+
 def configurations(program: Program) -> list[str] | None:
     """Return CONFIG of each position, such as "N U T, 0, 0, 0", or None where the words are not known.
 

@@ -48,6 +48,14 @@ def write_inform(program: Program, folder: Path, most: int | None = None) -> lis
     return files
 
 
+def describe(program: Program) -> list[str]:
+    """Return what must be said of joint angles, and where there is no job with positions."""
+    notes = ["joint angles need a controller that takes POSTYPE ANGLE"]
+    if not {"shoulder", "elbow", "wrist"} <= set(program.words):
+        notes.append("no job with positions: controller.toml has no configuration words")
+    return notes
+
+
 def configurations(program: Program) -> NDArray[np.int64]:
     """Return the first six numbers of RCONF: no flip, lower arm, rear, turns of axes R, T and S. Shape (n, 6)."""
     first = {"wrist": "noflip", "elbow": "down", "shoulder": "back"}

@@ -65,12 +65,12 @@ def _write_kind(program: Program, folder: Path, name: str, points: list[str], mo
         files.append(folder / f"{part}.src")
         write_text(files[-1], _source(part, program, rows, linear), newline="\r\n")
     files.append(folder / f"{name}.src")
-    remarks = [] if linear else [f"; {note}" for note in describe_krl(program)]
+    remarks = [] if linear else [f"; {note}" for note in describe(program)]
     write_text(files[-1], _main(name, names, program, remarks), newline="\r\n")
     return files
 
 
-def describe_krl(program: Program) -> list[str]:
+def describe(program: Program) -> list[str]:
     """Return what must be said where joint moves, which know whole percents of the axis rates only, miss the feed."""
     percent = joint_percent(program)
     whole = np.maximum(np.round(percent), 1.0)
@@ -81,7 +81,9 @@ def describe_krl(program: Program) -> list[str]:
     count = int(np.count_nonzero(wrong | slow))
     return [
         f"KRL joint moves know whole percents of the axis rates: {count} of {len(program)} do not hold their feed",
-        "the linear program holds it" if program.status is not None else "no linear program without status words",
+        "the linear program (_L) holds it"
+        if program.status is not None
+        else "no linear program: controller.toml has no configuration words with status",
     ]
 
 
