@@ -35,8 +35,7 @@ from compplan.plan.verdict import find_breaches, find_jumps, find_overloads, set
 from compplan.posture.clearance import ClearanceProfile
 from compplan.posture.stance import Wish, check_start
 from compplan.posture.start import PostureRequest, check_clearance, find_start, read_request
-from compplan.program import check_brand
-from compplan.program.counting import load_controller
+from compplan.program import check_languages
 from compplan.robot import Array, Robot, load_robot
 from compplan.statics.chain import build_chain, locate_frames
 
@@ -193,26 +192,10 @@ def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
 
     """
     robot = job_robot(job)
-    check_programs(job, robot)
+    if not job.output.any_brand:
+        check_languages(robot, job.output.programs, file=job.file)
     nominal, law = load_path(job)
     return robot, nominal, replace(read_options(job, robot), law=law)
-
-
-def check_programs(job: Job, robot: Robot) -> None:
-    """Refuse a job that asks for programs of another brand than the robot's controller, unless it says so.
-
-    Raises:
-        InputError: If it does, or the robot's controller.toml is not what it has to be.
-
-    """
-    if job.output.any_brand or not job.output.programs:
-        return
-    controller = load_controller(robot).name
-    for language in job.output.programs:
-        try:
-            check_brand(controller, language)
-        except InputError as error:
-            raise InputError(error.message, file=job.file, where="output.programs") from None
 
 
 def plan_compensation(

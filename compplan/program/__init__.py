@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from compplan.errors import InputError, UnknownNameError
+from compplan.program.counting import load_controller
 from compplan.program.fanuc_ls import write_fanuc_ls
 from compplan.program.inform import write_inform
 from compplan.program.joint_csv import write_joint_csv
@@ -19,6 +20,7 @@ from compplan.program.rapid import write_rapid
 from compplan.program.sinumerik import write_sinumerik
 from compplan.program.urscript import write_urscript
 from compplan.program.val3 import write_val3
+from compplan.robot import Robot
 
 #: Writer of each language: (program, folder, greatest number of points in a file or None) -> files written. Its module
 #: may say whose controllers speak the language (BRAND), and what a user has to know of a program (describe).
@@ -34,7 +36,7 @@ WRITERS: dict[str, Callable[[Program, Path, int | None], list[Path]]] = {
     "csv": write_joint_csv,
 }
 
-__all__ = ["WRITERS", "Program", "build_program", "check_brand", "describe_program", "write_program"]
+__all__ = ["WRITERS", "Program", "build_program", "check_brand", "check_languages", "describe_program", "write_program"]
 
 
 def write_program(
@@ -86,6 +88,26 @@ def check_brand(controller: str, language: str) -> None:
         f"{language} is the language of {brands[language]}, the robot's controller is a {controller}, choose from "
         f"{fitting}; any_brand = true writes it all the same"
     )
+
+
+def check_languages(robot: Robot, languages: Sequence[str], *, file: Path) -> None:
+    """Refuse a job that asks for programs of another brand than the robot's controller.
+
+    Args:
+        robot: The robot.
+        languages: The languages of `WRITERS` that the job asks for.
+        file: The job file, for the message.
+
+    Raises:
+        InputError: If it does, or the robot's controller.toml is not what it has to be.
+
+    """
+    controller = load_controller(robot).name if languages else ""
+    for language in languages:
+        try:
+            check_brand(controller, language)
+        except InputError as error:
+            raise InputError(error.message, file=file, where="output.programs") from None
 
 
 def describe_program(program: Program, language: str) -> list[str]:
