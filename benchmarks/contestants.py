@@ -114,6 +114,77 @@ def ask_rival(case: Path, register: list[str]) -> Table:
     }
 
 
+def ask_calibration(case: Path, register: list[str]) -> Table:
+    """Ask a plain geometric calibration, which names nothing: how far geometry alone predicts."""
+    from benchmarks.rival.calibration import calibrate
+    from benchmarks.rival.log import read_log
+
+    start = time.process_time()
+    done = calibrate(case / "robot", case / "measurements.csv", register)
+    seconds = time.process_time() - start
+    log = read_log(case / "fresh.csv", done.chain)
+    return {
+        **done.table,
+        "seconds": seconds,
+        "fresh_updated": distances(1e3 * log.position, 1e3 * done.predict(log)),
+        "fresh_nominal": distances(1e3 * log.position, 1e3 * done.predict(log, nominal=True)),
+    }
+
+
+def ask_figaroh(case: Path, python: Path, register: list[str]) -> Table:
+    """Ask FIGAROH's geometric calibration, which runs under an interpreter that has it.
+
+    Args:
+        case: Folder of the case.
+        python: The interpreter.
+        register: Frames to register.
+    """
+    from benchmarks.rival.chain import read_chain
+
+    chain = read_chain(case / "robot")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "robot.urdf").write_text((case / "robot" / "robot.urdf").read_text(encoding="utf-8"), encoding="utf-8")
+        rows = {part: _unbent(case / f"{part}.csv", chain, register) for part in ("measurements", "fresh")}
+        for part, file in (("measurements", "given"), ("fresh", "fresh")):
+            header, table, known = rows[part]
+            lines = [",".join(header), *(",".join(map(repr, row)) for row in table[known].tolist())]
+            (folder / f"{file}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        words = [str(python), str(Path(__file__).parent / "figaroh_peer.py"), name, chain.tcp]
+        words += ["--register"] if register else []
+        done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE, check=False, cwd=name)
+        if done.returncode:
+            return refused((done.stderr.strip().splitlines() or ["no answer"])[-1])
+        answer = json.loads((folder / "answer.json").read_text(encoding="utf-8"))
+    known = rows["fresh"][2]
+    fresh: list[float | None] = [None] * len(known)
+    for k, distance in zip(np.flatnonzero(known), answer["fresh"], strict=True):
+        fresh[int(k)] = distance
+    return {
+        "verdict": {"status": "calibrated", "effects": []},
+        "gap": {"after_rms_mm": answer["after_rms_mm"]},
+        "candidates": [],
+        "seconds": answer["seconds"],
+        "fresh_updated": fresh,
+    }
+
+
+def _unbent(file: Path, chain: Any, register: list[str]) -> tuple[list[str], NDArray[np.float64], NDArray[np.bool_]]:
+    """Return joints and positions of a log, what the nominal springs bend taken off: header, rows, and which are known."""
+    from benchmarks.rival.chain import load_chain
+    from benchmarks.rival.greedy import fit_frames
+    from benchmarks.rival.log import read_log
+
+    log = read_log(file, chain)
+    gravity = chain.gravity if chain.has_gravity else np.zeros(3)
+    bent, still = (load_chain(chain, log.q, w, g) for w, g in ((log.wrench, gravity), (0 * log.wrench, 0 * gravity)))
+    frames = fit_frames(log, bent.tip, bent.attitude, tuple(register))
+    position = log.position - (bent.tip - still.tip) @ frames.turn.T
+    moving = [s for s in chain.segments if s.kind != "fixed"]
+    joints = np.stack([s.gain * log.q[:, s.reading] + s.zero for s in moving], axis=1)
+    return [*(s.name for s in moving), "x1", "y1", "z1"], np.hstack([joints, position]), log.known
+
+
 def read_points(file: Path) -> NDArray[np.float64]:
     """Read the positions of a log or of a prediction. Shape (n, 3). [mm]"""
     with file.open(encoding="utf-8") as stream:

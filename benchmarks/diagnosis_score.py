@@ -18,9 +18,11 @@ from typing import Any
 import click
 
 from benchmarks.answer_scores import Score, score_answer, summarise
-from benchmarks.contestants import ask_product, ask_rival, frames_of, read_truth, refused, write_whole
+from benchmarks.contestants import ask_calibration, ask_product, ask_rival, frames_of, read_truth, refused, write_whole
 
 Table = dict[str, Any]
+#: Contestants that are no product: asked in this process.
+PLAIN = {"rival": ask_rival, "geometry": ask_calibration}
 
 
 def list_cases(suites: Sequence[Path]) -> list[Path]:
@@ -36,10 +38,11 @@ def name_of(case: Path) -> str:
 def answer_case(case: Path, contestant: str, tree: Path) -> Table:
     """Let one contestant answer one case."""
     register = frames_of(read_truth(case))
-    if contestant != "rival":
+    plain = PLAIN.get(contestant)
+    if plain is None:
         return ask_product(case, tree, register)
     try:
-        return ask_rival(case, register)
+        return plain(case, register)
     except Exception as error:  # a rival that breaks has given no answer, the study goes on
         return refused(f"{type(error).__name__}: {error}")
 

@@ -77,6 +77,7 @@ class Chain:
         gravity: What the folder says. Shape (3,). [m/s^2]
         has_gravity: Whether the folder says it.
         repeatability: One standard deviation, 0 where nothing is stated. [m]
+        tcp: Frame of the tool centre point.
     """
 
     segments: tuple[Segment, ...]
@@ -84,6 +85,7 @@ class Chain:
     gravity: Array
     has_gravity: bool
     repeatability: float
+    tcp: str
 
     def slides(self, joint: int) -> bool:
         """Tell whether a reading is a length."""
@@ -127,7 +129,8 @@ def read_chain(folder: Path) -> Chain:
     root = ElementTree.parse(folder / "robot.urdf").getroot()
     links = {e.attrib["name"]: e for e in root.findall("link")}
     behind = {_child(e): e for e in root.findall("joint")}
-    path, link = [], str(table["tcp"])
+    tcp = str(table["tcp"])
+    path, link = [], tcp
     while link in behind:
         path.append(behind[link])
         link = behind[link].find("parent").attrib["link"]  # type: ignore[union-attr]
@@ -137,7 +140,7 @@ def read_chain(folder: Path) -> Chain:
     springs = table.get("spring", [])
     segments = tuple(_segment(e, links[_child(e)], names, springs) for e in path)
     gravity = np.array(table.get("gravity", [0.0, 0.0, -9.81]), float)
-    return Chain(segments, names, gravity, "gravity" in table, 1e-3 * float(table.get("repeatability_mm", 0.0)))
+    return Chain(segments, names, gravity, "gravity" in table, 1e-3 * float(table.get("repeatability_mm", 0.0)), tcp)
 
 
 def _child(joint: ElementTree.Element) -> str:

@@ -1,0 +1,119 @@
+"""A plain geometric calibration: offsets and link geometry of all joints, base and tool, nothing that bends or moves.
+
+The unknowns are those of any geometric calibration of a serial arm; dependent ones are kept apart by a weak pull to the
+nominal robot (SPREAD) instead of being removed. It names nothing: it is a measure of what geometry alone can predict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.rival.chain import Array, Chain, read_chain
+from benchmarks.rival.greedy import Problem, fit_frames
+from benchmarks.rival.log import Log, read_log
+from benchmarks.rival.signatures import AXES, Columns, Spec, stage
+
+#: Standard deviation of lengths and angles about the nominal robot (assumed), and of frames. [m or rad]
+SPREAD, FRAMES = 2e-3, 1.0
+ROUNDS, FOLDS = 5, 5
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """A calibrated robot.
+
+    Attributes:
+        table: gap as in diagnosis.json, and a verdict without names.
+        chain: The nominal robot.
+        specs: What was fitted.
+        value: The parameters. [m or rad]
+        register: Frames that were unknown.
+    """
+
+    table: dict[str, Any]
+    chain: Chain
+    specs: list[Spec]
+    value: Array
+    register: tuple[str, ...]
+
+    def predict(self, log: Log, nominal: bool = False) -> Array:
+        """Predict the target of every row of a later campaign, frames registered anew. Shape (n, 3). [m]"""
+        scene = stage(self.chain, log, log.q, sagging=False, later=True)
+        tip, attitude = scene.posed.tip, scene.posed.attitude
+        if not nominal:
+            skip = tuple(f"{name}_frame" for name in self.register)
+            tip = tip + _stack(Columns(scene), self.specs) @ (self.value * _used(self.specs, skip))
+        frames = fit_frames(log, tip, attitude, self.register)
+        target = tip + np.einsum("nij,nj->ni", attitude, frames.of_targets(log))
+        return np.asarray(target @ frames.turn.T + frames.shift)
+
+
+def _stack(columns: Columns, specs: list[Spec]) -> Array:
+    return np.concatenate([_position(columns, s) for s in specs], axis=2)
+
+
+def _position(columns: Columns, spec: Spec) -> Array:
+    position = columns.of(spec).position
+    return position[:, :, :3] if spec.effect == "tool_frame" else position
+
+
+def _used(specs: list[Spec], skip: tuple[str, ...]) -> Array:
+    widths = {"base_frame": 6, "tool_frame": 3}
+    return np.concatenate([np.full(widths.get(s.effect, 1), float(s.effect not in skip)) for s in specs])
+
+
+def calibrate(robot: Path, measurements: Path, register: Sequence[str] = ()) -> Calibrated:
+    """Calibrate a robot's geometry on a campaign; far rows lose weight (Huber, 3 robust deviations)."""
+    chain = read_chain(robot)
+    log = read_log(measurements, chain)
+    problem = Problem(stage(chain, log, log.q, sagging=False), tuple(register))
+    moving = [s.name for s in chain.segments if s.kind != "fixed"]
+    specs = [Spec("base_frame"), Spec("tool_frame"), *(Spec("joint_offset", name) for name in chain.joints)]
+    specs += [Spec("link_geometry", name, axis) for name in moving for axis in AXES]
+    a, gap = _stack(problem.columns, specs), problem.gaps[0]
+    pull = np.where(_used(specs, ("base_frame", "tool_frame")) > 0.0, SPREAD, FRAMES)
+    rows = np.flatnonzero(log.known)
+    value = _solve(a[rows], gap[rows], pull)
+    held, fold = gap.copy(), log.stay % FOLDS
+    for k in range(FOLDS):
+        use = rows[fold[rows] != k]
+        held[fold == k] -= a[fold == k] @ _solve(a[use], gap[use], pull)
+    after, before = gap - a @ value, gap
+    kept = rows[_weights(after[rows]) > 0.5]
+    figures = {
+        "before_rms_mm": _rms(before[kept]),
+        "after_rms_mm": _rms(after[kept]),
+        "held_out_before_rms_mm": _rms(before[kept]),
+        "held_out_after_rms_mm": _rms(held[kept]),
+    }
+    table = {"verdict": {"status": "calibrated", "effects": []}, "gap": figures, "candidates": []}
+    return Calibrated(table, chain, specs, value, tuple(register))
+
+
+def _rms(gap: Array) -> float:
+    return 1e3 * float(np.sqrt(np.mean(np.sum(gap**2, axis=1))))
+
+
+def _weights(left: Array) -> Array:
+    miss = np.linalg.norm(left, axis=1)
+    far = 3.0 * max(float(np.median(miss)), 1e-9) / 1.54
+    return np.asarray(np.minimum(1.0, far / np.maximum(miss, 1e-12)))
+
+
+def _solve(a: Array, gap: Array, pull: Array) -> Array:
+    """Solve the ridged least squares; the noise that weighs the pull is what is left."""
+    weights, noise, value = np.ones(len(a)), 1e-3, np.zeros(a.shape[2])
+    for _ in range(ROUNDS):
+        root = np.sqrt(weights)[:, None]
+        m = np.vstack([(a * root[:, :, None]).reshape(-1, a.shape[2]) / noise, np.diag(1.0 / pull)])
+        y = np.concatenate([(gap * root).ravel() / noise, np.zeros(a.shape[2])])
+        value = np.linalg.lstsq(m, y, rcond=None)[0]
+        left = gap - a @ value
+        weights = _weights(left)
+        noise = max(float(np.median(np.linalg.norm(left, axis=1))) / 1.54, 1e-6)
+    return np.asarray(value)
