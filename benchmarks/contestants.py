@@ -144,7 +144,9 @@ def ask_figaroh(case: Path, python: Path, register: list[str]) -> Table:
     chain = read_chain(case / "robot")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / "robot.urdf").write_text((case / "robot" / "robot.urdf").read_text(encoding="utf-8"), encoding="utf-8")
+        (folder / "robot.urdf").write_text(
+            (case / "robot" / "robot.urdf").read_text(encoding="utf-8"), encoding="utf-8"
+        )
         rows = {part: _unbent(case / f"{part}.csv", chain, register) for part in ("measurements", "fresh")}
         for part, file in (("measurements", "given"), ("fresh", "fresh")):
             header, table, known = rows[part]
@@ -170,7 +172,7 @@ def ask_figaroh(case: Path, python: Path, register: list[str]) -> Table:
 
 
 def _unbent(file: Path, chain: Any, register: list[str]) -> tuple[list[str], NDArray[np.float64], NDArray[np.bool_]]:
-    """Return joints and positions of a log, what the nominal springs bend taken off: header, rows, and which are known."""
+    """Return joints and positions of a log, without what the nominal springs bend: header, rows, known ones."""
     from benchmarks.rival.chain import load_chain
     from benchmarks.rival.greedy import fit_frames
     from benchmarks.rival.log import read_log

@@ -18,7 +18,16 @@ from typing import Any
 import click
 
 from benchmarks.answer_scores import Score, score_answer, summarise
-from benchmarks.contestants import ask_calibration, ask_product, ask_rival, frames_of, read_truth, refused, write_whole
+from benchmarks.contestants import (
+    ask_calibration,
+    ask_figaroh,
+    ask_product,
+    ask_rival,
+    frames_of,
+    read_truth,
+    refused,
+    write_whole,
+)
 
 Table = dict[str, Any]
 #: Contestants that are no product: asked in this process.
@@ -36,8 +45,10 @@ def name_of(case: Path) -> str:
 
 
 def answer_case(case: Path, contestant: str, tree: Path) -> Table:
-    """Let one contestant answer one case."""
+    """Let one contestant answer one case: a name of PLAIN, figaroh=PYTHON, or any other name for the product."""
     register = frames_of(read_truth(case))
+    if contestant.startswith("figaroh="):
+        return ask_figaroh(case, Path(contestant.removeprefix("figaroh=")), register)
     plain = PLAIN.get(contestant)
     if plain is None:
         return ask_product(case, tree, register)
@@ -49,9 +60,11 @@ def answer_case(case: Path, contestant: str, tree: Path) -> Table:
 
 def answer_all(cases: Sequence[Path], contestant: str, tree: Path, out: Path, workers: int) -> dict[str, Table]:
     """Answer every case; those that OUT/CONTESTANT holds already are read."""
-    files = {case: out / contestant / f"{name_of(case)}.json" for case in cases}
+    files = {case: out / contestant.split("=")[0] / f"{name_of(case)}.json" for case in cases}
     missing = [case for case in cases if not _answered(files[case])]
-    bar: Any = click.progressbar(length=len(missing), label=contestant, file=click.get_text_stream("stderr"))
+    bar: Any = click.progressbar(
+        length=len(missing), label=contestant.split("=")[0], file=click.get_text_stream("stderr")
+    )
     with bar as progress:
         for case, answer in _run(missing, contestant, tree, workers):
             write_whole(files[case], json.dumps(answer) + "\n")

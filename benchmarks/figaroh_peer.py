@@ -1,4 +1,4 @@
-"""FIGAROH's geometric calibration as a contestant; run by `ask_figaroh` with an interpreter that has the package figaroh.
+"""FIGAROH's geometric calibration as a contestant; run by `ask_figaroh` under an interpreter that has figaroh.
 
     python benchmarks/figaroh_peer.py FOLDER TOOL [--register]
 

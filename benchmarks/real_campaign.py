@@ -1,6 +1,6 @@
 """A real campaign cut into parts: whole, mirrored, halves and thinned, one stretch of poses kept for the check.
 
-Rows of every eighth block of BLOCK consecutive rows are never given to anybody; they are the later campaign of each part.
+Every eighth block of BLOCK consecutive rows is never given to anybody; it is the later campaign of each part.
 Mirrored: every deviation from the registered nominal robot is negated, the common mistake of sign.
 """
 
@@ -11,6 +11,7 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -51,7 +52,9 @@ def cut_campaign(source: Path, suite: Path) -> list[str]:
     for name, chosen in parts.items():
         if not (suite / name / "truth.json").is_file():
             turn = _mirror(source, rows) if name == "mirror" else _same
-            _write_case(suite / name, source, turn([rows[k] for k in chosen], chosen), turn([rows[k] for k in fresh], fresh))
+            _write_case(
+                suite / name, source, turn([rows[k] for k in chosen], chosen), turn([rows[k] for k in fresh], fresh)
+            )
     return list(parts)
 
 
@@ -97,13 +100,13 @@ def _write_case(folder: Path, source: Path, given: Rows, fresh: Rows) -> None:
     write_whole(folder / "truth.json", json.dumps(truth) + "\n")
 
 
-def repeat_claims(first: list[dict[str, object]], second: list[dict[str, object]], least: float) -> tuple[int, int]:
+def repeat_claims(halves: list[list[dict[str, Any]]], least: float) -> tuple[int, int]:
     """Count claims of two halves stated at least so surely that the other half claims as well, and all of them."""
-    places = [{(e["effect"], e["joint"], e["axis"]) for e in half} for half in (first, second)]
+    places = [{(e["effect"], e["joint"], e["axis"]) for e in half} for half in halves]
     found = [
         (e["effect"], e["joint"], e["axis"]) in places[1 - k]
-        for k, half in enumerate((first, second))
+        for k, half in enumerate(halves)
         for e in half
-        if float(str(e["probability"])) >= least
+        if e["probability"] >= least
     ]
     return sum(found), len(found)
