@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 
 #: A diagnosis that takes longer is stopped, and counts as no answer. [s]
 PATIENCE = 1800
+#: FIGAROH gets rows at rest alone, and every so manieth where there are more than twice as many (it loops over them).
+FIGAROH_ROWS = 200
 #: Runs the product's own command line several times in one process; the arguments are a JSON list of lists.
 DRIVER = """
 import json, sys, time
@@ -149,7 +151,8 @@ def ask_figaroh(case: Path, python: Path, register: list[str]) -> Table:
         )
         rows = {part: _unbent(case / f"{part}.csv", chain, register) for part in ("measurements", "fresh")}
         for part, file in (("measurements", "given"), ("fresh", "fresh")):
-            header, table, known = rows[part]
+            header, table, known, few = rows[part]
+            known = known if part == "fresh" else few
             lines = [",".join(header), *(",".join(map(repr, row)) for row in table[known].tolist())]
             (folder / f"{file}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
         words = [str(python), str(Path(__file__).parent / "figaroh_peer.py"), name, chain.tcp]
@@ -171,20 +174,23 @@ def ask_figaroh(case: Path, python: Path, register: list[str]) -> Table:
     }
 
 
-def _unbent(file: Path, chain: Any, register: list[str]) -> tuple[list[str], NDArray[np.float64], NDArray[np.bool_]]:
-    """Return joints and positions of a log, without what the nominal springs bend: header, rows, known ones."""
+def _unbent(file: Path, chain: Any, register: list[str]) -> tuple[list[str], Any, Any, Any]:
+    """Return joints and unbent positions of a log: header, rows, which are known, and which FIGAROH is given."""
     from benchmarks.rival.chain import load_chain
     from benchmarks.rival.greedy import fit_frames
     from benchmarks.rival.log import read_log
 
     log = read_log(file, chain)
     gravity = chain.gravity if chain.has_gravity else np.zeros(3)
-    bent, still = (load_chain(chain, log.q, w, g) for w, g in ((log.wrench, gravity), (0 * log.wrench, 0 * gravity)))
+    bent, rigid = (load_chain(chain, log.q, w, g) for w, g in ((log.wrench, gravity), (0 * log.wrench, 0 * gravity)))
     frames = fit_frames(log, bent.tip, bent.attitude, tuple(register))
-    position = log.position - (bent.tip - still.tip) @ frames.turn.T
+    position = log.position - (bent.tip - rigid.tip) @ frames.turn.T
     moving = [s for s in chain.segments if s.kind != "fixed"]
     joints = np.stack([s.gain * log.q[:, s.reading] + s.zero for s in moving], axis=1)
-    return [*(s.name for s in moving), "x1", "y1", "z1"], np.hstack([joints, position]), log.known
+    still = np.flatnonzero(log.known & ~log.moving)
+    few = np.zeros(len(position), bool)
+    few[still[:: max(1, len(still) // FIGAROH_ROWS)]] = True
+    return [*(s.name for s in moving), "x1", "y1", "z1"], np.hstack([joints, position]), log.known, few
 
 
 def read_points(file: Path) -> NDArray[np.float64]:
