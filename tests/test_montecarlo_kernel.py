@@ -5,17 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from montecarlo_cases import cone_study, cone_task
+from scipy.stats import norm
 
+from compplan.cell.cell import build_cell, run_cell
 from compplan.cell.judge import build_judge, judge_pose
-from compplan.errors import ConvergenceError
+from compplan.effects import Effect, fold_effects
+from compplan.errors import ConvergenceError, UnknownNameError
+from compplan.job.noise import EffectNoise, NoiseTable
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium
 from compplan.study.curves import quiet_cells
-from compplan.study.draw import draw_cells
+from compplan.study.draw import draw_cells, move_by_effect
 from compplan.study.factors import draw_points
 from compplan.study.judging import run_strategy
 from compplan.study.kernel import build_kernel, settle_tips
+from compplan.study.study import prepare_study
 
 RNG = np.random.default_rng(11)
 
@@ -119,3 +124,25 @@ def test_errors_of_geometry_are_right_to_first_order() -> None:
     assert np.abs(exact).max() > 1e-5
     assert np.abs(shift - exact).max() < 1e-6
     assert cells.shift.shape == (3, 2, len(q))
+
+
+def test_a_cell_may_have_any_effect_of_the_vocabulary() -> None:
+    """One standard deviation moves the tip as the exact equilibrium of a robot that has the effect."""
+    parameters = {"compliance_rad_per_Nm": 5e-7}
+    entry = EffectNoise(effect="link_compliance", joint="joint_2", axis="rx", parameters=parameters)
+    task, noise = cone_task(), NoiseTable(effects=(entry,))
+    robots = (fold_effects(task.robot, [Effect("link_compliance", "joint_2", "rx", parameters)]), task.robot)
+    with_it, without = (run_cell(build_cell(robot), task.q_start, task.wrench).position for robot in robots)
+    assert np.abs(with_it - without).max() > 5e-5
+    np.testing.assert_allclose(move_by_effect(task, entry), with_it - without, atol=1e-9)
+    study = prepare_study(task, noise, ["none"], most_waypoints=12)
+    assert "effects" in study.factors.groups
+    points = np.full((2, study.factors.size), 0.5)
+    points[0, study.factors.columns["effects"]] = norm.cdf(1.5)
+    shift = draw_cells(study.surroundings, points).shift
+    np.testing.assert_allclose((shift[:, 0] - shift[:, 1]).T, 1.5 * move_by_effect(study.task, entry), atol=1e-12)
+
+
+def test_an_unknown_effect_of_a_cell_is_refused() -> None:
+    with pytest.raises(UnknownNameError, match="no effect named 'wind'"):
+        move_by_effect(cone_task(), EffectNoise(effect="wind", parameters={}))

@@ -6,6 +6,8 @@ literature that did not measure the machine in front of you: `describe_noise` sa
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from pydantic import Field
 
 from compplan.files.tomlfile import StrictTable
@@ -41,7 +43,17 @@ SOURCES: dict[str, str] = {
     "tracker_mm_per_m": "... and 6 um a metre",
     "plant_lag_ms": "derived from the gains of [Johra2022] by the rule of Ziegler and Nichols read backwards",
     "plant_delay_ms": "derived from the gains of [Johra2022] by the rule of Ziegler and Nichols read backwards",
+    "effects": "none assumed beside the keys above",
 }
+
+
+class EffectNoise(StrictTable):
+    """[[noise.effects]]: an effect of the vocabulary that the cell may have; parameters are standard deviations, SI."""
+
+    effect: str
+    joint: str | None = None
+    axis: str | None = None
+    parameters: dict[str, float | list[float]]
 
 
 class NoiseTable(StrictTable):
@@ -79,12 +91,19 @@ class NoiseTable(StrictTable):
     tracker_mm_per_m: float = Field(default=0.006, ge=0.0)
     plant_lag_ms: float = Field(default=13.5, gt=0.0)
     plant_delay_ms: float = Field(default=37.0, ge=0.0)
+    effects: Annotated[tuple[EffectNoise, ...], Field(strict=False)] = ()
 
 
 def describe_noise(table: NoiseTable) -> list[str]:
     """Say of every key its value and where it comes from, one sentence each."""
     stated = table.model_fields_set
     return [
-        f"noise.{key} = {getattr(table, key)}: {'set in the job' if key in stated else source}"
+        f"noise.{key} = {_show(getattr(table, key))}: {'set in the job' if key in stated else source}"
         for key, source in SOURCES.items()
     ]
+
+
+def _show(value: object) -> str:
+    if not isinstance(value, tuple):
+        return str(value)
+    return ", ".join(f"{e.effect} {e.joint or ''} {e.axis or ''} {e.parameters}" for e in value) or "none"

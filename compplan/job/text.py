@@ -163,6 +163,11 @@ tracker_mm = 0.015                  # laser tracker, datasheets: 15 um + 6 um/m
 tracker_mm_per_m = 0.006
 plant_lag_ms = 13.5                 # how the robot follows online corrections, derived from Johra 2022
 plant_delay_ms = 37.0
+# [[noise.effects]]                 # any effect of the vocabulary (compplan.effects), one table each:
+# effect = "link_compliance"        # parameters are standard deviations in SI, as in effects.toml
+# joint = "joint_2"
+# axis = "rx"
+# parameters = { compliance_rad_per_Nm = 1e-8 }
 
 # [collision]                       # meshes that the arm keeps clear of, relative to this file
 # part = "part.stl"

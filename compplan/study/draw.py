@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from compplan.job.noise import NoiseTable
+from compplan.effects import EFFECTS, fold_effects, robot_effects
+from compplan.effects.attained import attain_with_effects
+from compplan.job.noise import EffectNoise, NoiseTable
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import Chain, locate_frames
@@ -155,7 +157,30 @@ def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, 
     lever = task.position - task.position.mean(axis=0)
     parts += [np.broadcast_to(axis, lever.shape) for axis in np.eye(3)] + [np.cross(axis, lever) for axis in np.eye(3)]
     scale += [noise.part_frame_mm * 1e-3] * 3 + [float(np.radians(noise.part_frame_deg))] * 3
+    parts += [move_by_effect(task, entry) for entry in noise.effects]
+    scale += [1.0] * len(noise.effects)
     return np.ascontiguousarray(np.swapaxes(np.array(parts), 1, 2)), np.array(scale)
+
+
+def move_by_effect(task: PlanTask, entry: EffectNoise) -> Array:
+    """Move the tip by one standard deviation of an effect, by the effects' own forward model. Shape (n, 3). [m]
+
+    Samples scale it: exact where the effect is linear in its parameters. Effects of instruments and sensors move
+    nothing.
+
+    Raises:
+        UnknownNameError: If there is no such effect, or no such joint.
+
+    """
+    table = entry.model_dump(exclude_none=True)
+    (effect,) = robot_effects(replace(task.robot, effects=(table,), folder=None))
+    if getattr(EFFECTS[effect.name], "of_instrument", False):
+        return np.zeros((len(task), 3))
+    with_it, without = (
+        attain_with_effects(robot, task.q_start, task.wrench, task.step_time)[0]
+        for robot in (fold_effects(task.robot, [effect]), task.robot)
+    )
+    return with_it - without
 
 
 def draw_cells(at: Surroundings, points: Array) -> Cells:
@@ -176,7 +201,7 @@ def draw_cells(at: Surroundings, points: Array) -> Cells:
     factor[at.gears] = log_normal(take("gear_compliance"), noise.joint_compliance)
     for block, z in zip(at.links, take("link_compliance"), strict=True):
         factor[block] = log_normal(z, noise.link_compliance)
-    causes = np.vstack([take(name) for name in ("geometry", "temperature", "tool_frame", "part_frame")])
+    causes = np.vstack([take(name) for name in ("geometry", "temperature", "tool_frame", "part_frame", "effects")])
     causes *= at.scale[:, None]
     bias, noises = take("force_bias"), _Noises(at, points)
     wrench = [_draw_wrench(at, take, noises, part) for part in range(PARTS)]

@@ -76,6 +76,7 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
         "force_bias": 7,
         "force_noise": 1,
         "tracker": 1,
+        "effects": len(noise.effects),
     }
     starts = np.concatenate([[0], np.cumsum(list(sizes.values()))])
     columns = {name: slice(int(a), int(a) + size) for (name, size), a in zip(sizes.items(), starts, strict=False)}
@@ -97,6 +98,7 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
             ("force_bias", "force_noise"),
         ),
         "tracker": (max(noise.tracker_mm, noise.tracker_mm_per_m), ("tracker",)),
+        "effects": (float(len(noise.effects)), ("effects",)),
     }
     kept = {
         name: factors
