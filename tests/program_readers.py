@@ -295,9 +295,10 @@ class _Fanuc:
         pose = fanuc_pose(*(values[key] for key in "XYZWPR")) if "X" in values else None
         base, configuration = self.frames[self.active["UFRAME"]], ()
         if pose is not None:
-            frame, tool, text = re.findall(r"UF : (\d), UT : (\d),\t\tCONFIG : '(.*)'", point)[0]
-            assert self.active == {"UFRAME": f"UFRAME[{frame}]", "UTOOL": f"UTOOL[{tool}]"}
+            (text,) = re.findall(r"CONFIG : '(.*)'", point)
             configuration = tuple(text.replace(",", " ").split())
+        ((frame, tool),) = re.findall(r"UF : (\d), UT : (\d)", point)
+        assert self.active == {"UFRAME": f"UFRAME[{frame}]", "UTOOL": f"UTOOL[{tool}]"}
         feed, percent = (None, speed) if unit == "%" else (speed, None)
         external = tuple(values[key] for key in sorted(values) if key.startswith("E"))
         kind, stops = {"J": "joint", "L": "line"}[word], ending in ("FINE", "CNT0")

@@ -199,7 +199,7 @@ def test_linear_programs_cut_along_lines(rows: list[Row]) -> None:
 @pytest.mark.parametrize("rows", [form for form, (*_, tool) in FORMS.items() if tool], indirect=True)
 def test_every_program_carries_the_tool(rows: list[Row]) -> None:
     for row in rows:
-        assert row.move.tool == pytest.approx(TOOL, abs=2e-5)
+        assert row.move.tool == pytest.approx(TOOL, abs=1e-5)
         assert row.move.load in ((), pytest.approx((MASS, *CENTRE), abs=1e-3))
 
 
@@ -218,8 +218,9 @@ def test_the_tool_has_the_angles_and_the_quaternion_of_each_language(tmp_path: P
         write_program(make_program(tmp_path / language / "cell", language), language, tmp_path / language)
         files = [path for path in (tmp_path / language).rglob("*") if path.suffix in (".src", ".dtx", ".mod")]
         texts[language] = "\n".join(path.read_text() for path in files)
-    assert "$TOOL={X -50.00000,Y 30.00000,Z 140.00000,A 30.00000,B 20.00000,C 10.00000}" in texts["krl"]
-    assert 'x="-50.00000" y="30.00000" z="140.00000" rx="-1.11605" ry="22.24218" rz="28.45178"' in texts["val3"]
+    assert "$TOOL={X -50.0000000,Y 30.0000000,Z 140.0000000,A 30.0000000,B 20.0000000,C 10.0000000}" in texts["krl"]
+    assert 'x="-50.0000000" y="30.0000000" z="140.0000000"' in texts["val3"]
+    assert 'rx="-1.1160547" ry="22.2421809" rz="28.4517753"' in texts["val3"]
     assert "[[-50.00000,30.00000,140.00000],[0.951548525,0.038134576,0.189307857,0.239298338]]" in texts["rapid"]
 
 

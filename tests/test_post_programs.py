@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from program_readers import read_fanuc, read_val3
+from program_readers import read_krl as read_krl_program
 from scipy.spatial.transform import Rotation
+from script_readers import read_urscript
 
 from compplan.errors import InputError, UnknownNameError
 from compplan.files.columns import Column
@@ -65,7 +70,7 @@ def test_krl_programs_hold_joints_and_poses(tmp_path: Path) -> None:
             assert np.array_equal(table[:, 7], turn_bits(program.joints))
     main = (tmp_path / f"{legal_name(program.name, 20)}_L.src").read_text()
     assert len(re.findall(r"_L\d\(\)", main)) == 3
-    assert "$TOOL={X 0.00000,Y 0.00000,Z 0.00000,A 0.00000,B 0.00000,C 0.00000}" in main
+    assert "$TOOL={X 0.0000000,Y 0.0000000,Z 0.0000000,A 0.0000000,B 0.0000000,C 0.0000000}" in main
 
 
 def test_turn_bits_count_axes_below_zero() -> None:
@@ -147,6 +152,47 @@ def test_rapid_modules_hold_joints_feeds_and_external_axes(tmp_path: Path, name:
         assert rail == pytest.approx(program.joints[:, 0], abs=1e-5)
     assert [float(speed) for *_, speed in rows] == pytest.approx(np.where(program.rapid, 500, 20))
     assert len(re.findall(r"run_\w+;", files[-1].read_text())) == len(files) - 1
+
+
+#: Robots that ship, with the form that carries positions and the frame that it counts from, as SOURCES state them:
+#: the Fanuc's and the Staubli's where axis 1 meets axis 2. [mm]
+POSITIONS = {
+    "kuka_kr270": ("krl", "x_L.src", read_krl_program, 0.0),
+    "kuka_kr240_rail": ("krl", "x_L.src", read_krl_program, 0.0),
+    "fanuc_m10ia": ("fanuc_ls", "X_L.LS", read_fanuc, 450.0),
+    "staubli_tx200": ("val3", "x_L", read_val3, 642.0),
+    "ur10": ("urscript", "x_L.script", read_urscript, 0.0),
+}
+
+
+@pytest.mark.parametrize("name", POSITIONS)
+def test_positions_lead_back_to_the_poses_of_another_engine(name: str, tmp_path: Path) -> None:
+    """Pinocchio reads the URDF; the tool, the part and the height of the world frame are put in by hand."""
+    language, file, read, height = POSITIONS[name]
+    robot = load_robot(name)
+    tool, part = np.eye(4), np.eye(4)
+    tool[:3, :3] = Rotation.from_euler("ZYX", [30, 20, 10], degrees=True).as_matrix()
+    tool[:3, 3] = [0.11, -0.03, 0.07]
+    part[:3, :3] = Rotation.from_euler("ZYX", [-60, 25, 140], degrees=True).as_matrix()
+    part[:3, 3] = [0.9, -0.4, 0.3]
+    q = make_q(name)
+    program = build_program(
+        robot.with_tool(tool), q, np.full(N, 0.02), np.zeros(N, bool), name="x", part=part, time=np.arange(N) * 1.0
+    )
+    write_program(replace(program, words={}), language, tmp_path)
+    moves = read(tmp_path / file)
+    model = pin.buildModelFromXML(robot.urdf)
+    data = model.createData()
+    world = np.eye(4)
+    world[2, 3] = height
+    for row, move in enumerate(moves):
+        pin.framesForwardKinematics(model, data, q[row])
+        wanted = data.oMf[model.getFrameId(robot.flange)].homogeneous @ tool
+        found = world @ move.base @ move.pose
+        assert np.abs(found[:3, 3] - wanted[:3, 3] * 1e3).max() < 1e-4
+        turned = Rotation.from_matrix(found[:3, :3].T @ wanted[:3, :3]).magnitude()
+        assert np.degrees(turned) < 1e-5
+    assert len(moves) == N
 
 
 def test_joint_tables_lead_back_to_the_joints_of_the_plan(tmp_path: Path) -> None:

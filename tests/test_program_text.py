@@ -8,6 +8,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from commandline import run_command
+from golden_cell import write_job
 from test_golden_programs import FORMS, make_program, read_form
 
 from compplan.program import write_program
@@ -58,6 +60,18 @@ def test_text_never_becomes_robot_code(form: str, attack: str, tmp_path: Path) -
     assert [(move.kind, move.joints, move.stops, move.feed) for move in moves] == [
         (move.kind, move.joints, move.stops, move.feed) for move in expected
     ]
+
+
+def test_the_name_of_a_job_never_becomes_robot_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = write_job(tmp_path, "krl")
+    job.write_text(job.read_text().replace('name = "golden"', 'name = """a\nPTP {A1 90}\n;"""'))
+    answer = run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys)
+    assert answer.status == 0, answer.err
+    for file in (tmp_path / "out").glob("*.src"):
+        assert not re.search(r"^PTP \{A1 90", file.read_text(), re.M)
+        assert "; compplan: a PTP A1 90" in file.read_text()
 
 
 @pytest.mark.parametrize("text", [*ATTACKS.values(), "Fräsbahn ½ Ø 3 mm", "a" * 99 + ";" + "b" * 99])

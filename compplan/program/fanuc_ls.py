@@ -9,7 +9,7 @@ import numpy as np
 from compplan.errors import InputError
 from compplan.files.tables import write_text
 from compplan.program.frames import place_numbers, place_table
-from compplan.program.program import Program, head_lines, split_parts
+from compplan.program.program import Program, describe_feeds, head_lines, split_parts
 from compplan.program.text import clean_text, legal_name
 
 BRAND = "FANUC"
@@ -47,24 +47,25 @@ def write_fanuc_ls(program: Program, folder: Path, most: int | None = None) -> l
     if program.feed.max(initial=0.0) > FASTEST:
         raise InputError(f"feed is {program.feed.max():g} mm/s, FANUC programs take at most {FASTEST:g} mm/s")
     name = legal_name(program.name, LONGEST_NAME).upper()
-    joint = [_joint_entries(program, row) for row in range(len(program))]
+    joint = [_joint_entries(program, row, 0) for row in range(len(program))]
     files = _write_kind(program, folder, name, joint, 0, most)
     configuration = configurations(program)
     if program.tcp is not None and configuration is not None and len(turning) == 6:
         alone = program.alone(linear=True)
-        linear = [
-            joint[row] if alone[row] else [f"\tUF : {FRAME}, UT : {TOOL},\t\tCONFIG : '{configuration[row]}'", *place]
-            for row, place in enumerate(_places(program))
-        ]
+        linear = []
+        for row, place in enumerate(_places(program)):
+            head = f"\tUF : {FRAME}, UT : {TOOL},\t\tCONFIG : '{configuration[row]}'"
+            linear.append(_joint_entries(program, row, FRAME) if alone[row] else [head, *place])
         files += _write_kind(program, folder, f"{name}_L", linear, FRAME, most)
     return files
 
 
 def describe(program: Program) -> list[str]:
-    """Return what must be said where there is no program with positions."""
+    """Return what must be said of feeds, and where there is no program with positions."""
+    notes = describe_feeds(program, 0.1)
     if configurations(program) is None:
-        return ["no program with positions: controller.toml has no native words N F, U D, T B"]
-    return []
+        notes.append("no program with positions: controller.toml has no native words N F, U D, T B")
+    return notes
 
 
 def configurations(program: Program) -> list[str] | None:
@@ -118,8 +119,8 @@ def _set_frames(program: Program, frame: int) -> list[str]:
     for key, number, pose in wanted:
         if pose is None:
             continue
-        for index, value in enumerate(place_numbers(pose, "xyz", 5), start=1):
-            lines.append(f"  PR[{REGISTER},{index}]={f'({value:.5f})' if value < 0 else f'{value:.5f}'} ;")
+        for index, value in enumerate(place_numbers(pose, "xyz"), start=1):
+            lines.append(f"  PR[{REGISTER},{index}]={f'({value:.7f})' if value < 0 else f'{value:.7f}'} ;")
         lines.append(f"  {key}[{number}]=PR[{REGISTER}] ;")
     return lines
 
@@ -135,10 +136,10 @@ def _external(program: Program, row: int) -> list[str]:
     return [f"E{index}= {value:12.6f}  mm" for index, value in enumerate(values, start=1)]
 
 
-def _joint_entries(program: Program, row: int) -> list[str]:
+def _joint_entries(program: Program, row: int, frame: int) -> list[str]:
     values = program.joints[row, ~program.prismatic].tolist()
     entries = [f"J{index}= {value:12.6f} deg" for index, value in enumerate(values, start=1)]
-    return [f"\tUF : 0, UT : {TOOL}", *entries, *_external(program, row)]
+    return [f"\tUF : {frame}, UT : {TOOL}", *entries, *_external(program, row)]
 
 
 def _places(program: Program) -> list[list[str]]:

@@ -31,7 +31,7 @@ def euler_angles(rotation: Array, order: str) -> Array:
         return np.asarray(Rotation.from_matrix(rotation).as_euler(order, degrees=True)) + 0.0
 
 
-def place_numbers(pose: Array, order: str, digits: int = 6) -> list[float]:
+def place_numbers(pose: Array, order: str, digits: int = 7) -> list[float]:
     """Return a pose as controllers take it: x, y, z and three Euler angles. Shape (4, 4) [m] -> 6 numbers [mm, deg]."""
     angles = euler_angles(pose[None, :3, :3], order)[0]
     return [value + 0.0 for value in np.round(np.concatenate([pose[:3, 3] * 1e3, angles]), digits).tolist()]

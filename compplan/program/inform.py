@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 
 from compplan.files.tables import Array, write_text
 from compplan.program.frames import place_numbers, place_table
-from compplan.program.program import Program, head_lines, joint_shares, need_six_axes, split_parts
+from compplan.program.program import (
+    Program,
+    describe_feeds,
+    head_lines,
+    joint_shares,
+    need_six_axes,
+    split_parts,
+)
 from compplan.program.text import clean_text, legal_name
 
 BRAND = "Yaskawa"
@@ -50,7 +57,7 @@ def write_inform(program: Program, folder: Path, most: int | None = None) -> lis
 
 def describe(program: Program) -> list[str]:
     """Return what must be said of joint angles, and where there is no job with positions."""
-    notes = ["joint angles need a controller that takes POSTYPE ANGLE"]
+    notes = ["joint angles need a controller that takes POSTYPE ANGLE", *describe_feeds(program, 0.1)]
     if not {"shoulder", "elbow", "wrist"} <= set(program.words):
         notes.append("no job with positions: controller.toml has no configuration words")
     return notes
@@ -123,8 +130,8 @@ def _text(program: Program, name: str, points: list[str], instructions: list[str
     tool = np.eye(4) if program.tool is None else program.tool
     variables = [
         "///POSTYPE BASE", "///RECTAN", f"///RCONF {','.join(['0'] * 24)}",
-        f"P{TOOL_VARIABLE:05d}={_values(np.array(place_numbers(tool, 'xyz', 5)), 5)}",
-        f"P{FRAME_VARIABLE:05d}={_values(np.array(place_numbers(program.base_frame, 'xyz', 5)), 5)}",
+        f"P{TOOL_VARIABLE:05d}={_values(np.array(place_numbers(tool, 'xyz')), 7)}",
+        f"P{FRAME_VARIABLE:05d}={_values(np.array(place_numbers(program.base_frame, 'xyz')), 7)}",
     ]  # fmt: skip
     count = sum(line.startswith("C") for line in points)
     remarks = [f"'{clean_text(line, LONGEST_REMARK)}" for line in head_lines(program)]

@@ -99,4 +99,4 @@ def _percents(program: Program) -> Array:
 
 
 def _numbers(pose: Array) -> str:
-    return ",".join(f"{value:.5f}" for value in place_numbers(pose, "ZYZ", 5))
+    return ",".join(f"{value:.7f}" for value in place_numbers(pose, "ZYZ"))

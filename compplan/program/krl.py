@@ -209,5 +209,5 @@ def _main(name: str, parts: list[str], program: Program, remarks: list[str]) -> 
 
 
 def _frame(pose: Array) -> str:
-    values = place_numbers(pose, "ZYX", 5)
-    return "{" + ",".join(f"{name} {value:.5f}" for name, value in zip("XYZABC", values, strict=True)) + "}"
+    values = place_numbers(pose, "ZYX")
+    return "{" + ",".join(f"{name} {value:.7f}" for name, value in zip("XYZABC", values, strict=True)) + "}"

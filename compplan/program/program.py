@@ -269,6 +269,17 @@ def joint_percent(program: Program) -> Array:
     return np.clip(percent, 1.0, 100.0)
 
 
+def describe_feeds(program: Program, step: float) -> list[str]:
+    """Return what must be said where a language writes feeds in steps [mm/s] and some are off by more than 1 %."""
+    written = np.maximum(np.round(program.feed / step) * step, step)
+    wrong = ~program.rapid & (np.abs(written - program.feed) > 0.01 * program.feed)
+    if not wrong.any():
+        return []
+    count, slowest = int(np.count_nonzero(wrong)), program.feed[wrong].min()
+    steps = f"feeds are written in steps of {step:g} mm/s"
+    return [f"{steps}: {count} are off by more than 1 %, the slowest is {slowest:g} mm/s"]
+
+
 def need_six_axes(program: Program, language: str, *, sliding: int) -> None:
     """Refuse a robot that has not six rotating joints, or more sliding ones than the language takes.
 

@@ -64,7 +64,7 @@ def write_sinumerik(program: Program, folder: Path, most: int | None = None) -> 
 def _settings(program: Program) -> list[str]:
     tool = np.eye(4) if program.tool is None else program.tool
     tool_x, tool_y, tool_z = (np.round(tool[:3, 3] * 1e3, 5) + 0.0).tolist()
-    x, y, z, a, b, c = place_numbers(program.base_frame, "ZYX", 5)
+    x, y, z, a, b, c = place_numbers(program.base_frame, "ZYX")
     mass = "not known" if program.mass is None else f"{program.mass:.3f} kg"
     coupled = "; the external axis is coupled: positions count from the standing base"
     return [
@@ -82,9 +82,9 @@ def _settings(program: Program) -> list[str]:
         "ORIRPY",
         "G642",
         f"TRANS X{x:.5f} Y{y:.5f} Z{z:.5f}",
-        f"AROT Z{a:.5f}",
-        f"AROT Y{b:.5f}",
-        f"AROT X{c:.5f}",
+        f"AROT Z{a:.7f}",
+        f"AROT Y{b:.7f}",
+        f"AROT X{c:.7f}",
     ]
 
 

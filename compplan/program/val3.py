@@ -134,8 +134,8 @@ def _data(program: Program, parts: list[slice], linear: bool) -> str:
         "mRapid": f'accel="50" vel="20" decel="50" {limits} blend="off" leave="0" reach="0"',
     }
     lines = [f'{HEADER}<Database xmlns:xsi="{INSTANCE}" xmlns="{DATA}">', "  <Datas>"]
-    lines += _array("tTool", "tool", [f'{_place(place_numbers(tool, "XYZ", 5))} fatherId="flange[0]"'])
-    lines += _array("fPart", "frame", [f'{_place(place_numbers(program.base_frame, "XYZ", 5))} fatherId="world[0]"'])
+    lines += _array("tTool", "tool", [f'{_place(place_numbers(tool, "XYZ"))} fatherId="flange[0]"'])
+    lines += _array("fPart", "frame", [f'{_place(place_numbers(program.base_frame, "XYZ"))} fatherId="world[0]"'])
     for name, text in descriptors.items():
         lines += _array(name, "mdesc", [text])
     feeds = np.where(program.alone(linear=linear), 0.0, program.feed)
@@ -161,7 +161,7 @@ def _array(name: str, kind: str, values: list[str]) -> list[str]:
 
 def _place(values: list[float]) -> str:
     names = ("x", "y", "z", "rx", "ry", "rz")
-    return " ".join(f'{name}="{value:.5f}"' for name, value in zip(names, values, strict=True))
+    return " ".join(f'{name}="{value:.7f}"' for name, value in zip(names, values, strict=True))
 
 
 def _points(program: Program) -> list[str]:
