@@ -136,9 +136,9 @@ def test_a_cell_may_have_any_effect_of_the_vocabulary() -> None:
     assert np.abs(with_it - without).max() > 5e-5
     np.testing.assert_allclose(move_by_effect(task, entry), with_it - without, atol=1e-9)
     study = prepare_study(task, noise, ["none"], most_waypoints=12)
-    assert "effects" in study.factors.groups
-    points = np.full((2, study.factors.size), 0.5)
-    points[0, study.factors.columns["effects"]] = norm.cdf(1.5)
+    assert "effects" in study.surroundings.factors.groups
+    points = np.full((2, study.surroundings.factors.size), 0.5)
+    points[0, study.surroundings.factors.columns["effects"]] = norm.cdf(1.5)
     shift = draw_cells(study.surroundings, points).shift
     np.testing.assert_allclose((shift[:, 0] - shift[:, 1]).T, 1.5 * move_by_effect(study.task, entry), atol=1e-12)
 
