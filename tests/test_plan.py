@@ -77,6 +77,7 @@ def test_position_and_correction_limits_are_active_in_the_circle_out_of_limits()
     assert plan.status == "infeasible"
     assert named == {"correction limit", "lower position limit of joint_2"}
     assert plan.margins.position == pytest.approx(0.0, abs=1e-9)
+    assert np.linalg.norm(plan.correction, axis=1).max() <= 1.5e-3 + 1e-6  # hard where joints stop the arm too
     by_correction = [k for k, text in plan.command.failures.items() if text == "correction limit"]
     sizes = np.linalg.norm(plan.correction, axis=1)
     assert sizes[by_correction] == pytest.approx(1.5e-3, abs=1e-6)

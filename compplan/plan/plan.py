@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.cell.cell import JUDGE
-from compplan.errors import InputError, UnknownNameError
+from compplan.errors import ConvergenceError, InputError, UnknownNameError
 from compplan.job.job import Job, load_path
 from compplan.path.force_law import ForceLaw
 from compplan.path.process import tool_axes
@@ -18,6 +18,7 @@ from compplan.path.toolpath import Toolpath, check_toolpath
 from compplan.plan.agreement import agree
 from compplan.plan.approach import Passage, plan_approach, plan_retract
 from compplan.plan.between import Between
+from compplan.plan.buckling import explain_buckling
 from compplan.plan.evaluate import (
     Evaluation,
     Margins,
@@ -221,8 +222,16 @@ def plan_compensation(
 def plan_task(
     task: PlanTask, strategy: str, *, name: str = "path", feed: FeedWish | None = None, job: Job | None = None
 ) -> Plan:
-    """Let one strategy command a task; time and judge its command."""
-    found = agree(task, strategy, feed or FeedWish())
+    """Let one strategy command a task; time and judge its command.
+
+    Raises:
+        InfeasibleError: If the arm buckles under the load; with waypoint and joint.
+
+    """
+    try:
+        found = agree(task, strategy, feed or FeedWish())
+    except ConvergenceError as error:
+        raise explain_buckling(task, error) or error from None
     task, command, timing, feed_notes = found.task, found.command, found.timing, found.notes
     clearance, near = check_clearance(task.start, command.q)
     bench = set_up_bench(task, timing, job)

@@ -5,7 +5,8 @@ Waypoint by waypoint, for many at once:
     minimise    |pose equations|^2 + m |q - q_ref|^2    subject to  q_min <= q <= q_max,  |correction| <= c
 
 by Levenberg-Marquardt steps on the exact loaded pose, projected onto the joint limits; the correction limit is a steep
-penalty that is paid in nanometres. A waypoint whose pose equations vanish here can be reached within the limits.
+penalty, and kept to the letter in the end: the tool leans rather than leave it. A waypoint whose pose equations vanish
+here can be reached within the limits.
 """
 
 from __future__ import annotations
@@ -56,7 +57,25 @@ def find_compromise(task: PlanTask, q: Array, rows: NDArray[np.int_]) -> Array:
     path, here = np.array(q), reference
     for steep in STEEP if np.isfinite(task.max_correction) else STEEP[:1]:
         here = _descend(task, path, here, reference, rows, steep)
-    return here
+    return _keep_correction(task, here, rows)
+
+
+def _keep_correction(task: PlanTask, q: Array, rows: NDArray[np.int_]) -> Array:
+    """Bring corrections that are still beyond their limit within it, by the shortest motion of free joints."""
+    low, high, most = task.robot.lower, task.robot.upper, task.max_correction - INSIDE
+    for _ in range(STEPS):
+        frames = locate_frames(task.chain, q)
+        gap = frames.tcp_position - task.position[rows]
+        length = np.linalg.norm(gap, axis=1)
+        beyond = task.compensated[rows] & (length > most + 0.5 * INSIDE)
+        if not beyond.any():
+            break
+        along = gap / np.maximum(length, 1e-12)[:, None]
+        slope = np.einsum("ki,kij->kj", along, joint_jacobian(task.chain, frames)[:, :3])
+        slope *= ~(((q <= low) & (slope > 0)) | ((q >= high) & (slope < 0)))
+        step = slope * ((length - most) / np.maximum((slope**2).sum(axis=1), 1e-12))[:, None]
+        q = np.where(beyond[:, None], np.clip(q - np.clip(step, -0.1, 0.1), low, high), q)
+    return q
 
 
 def _descend(task: PlanTask, path: Array, q: Array, reference: Array, rows: NDArray[np.int_], steep: float) -> Array:
@@ -90,13 +109,18 @@ def _visit(task: PlanTask, path: Array, q: Array, reference: Array, rows: NDArra
     columns = [differentiate_equations(problem, attained, rows) * weight[:, None]]
     frames = locate_frames(task.chain, q)
     gap = frames.tcp_position - task.position[rows]
-    length = np.linalg.norm(gap, axis=1)
-    excess = np.where(task.compensated[rows], np.maximum(length - task.max_correction + INSIDE, 0.0), 0.0)
-    along = np.where((excess > 0)[:, None], gap / np.maximum(length, 1e-12)[:, None], 0.0)
-    residual += [steep**0.5 * excess[:, None], STRAY**0.5 * (q - reference)]
-    slope = np.einsum("ki,kij->kj", along, joint_jacobian(task.chain, frames)[:, :3])
+    length = np.maximum(np.linalg.norm(gap, axis=1), 1e-12)
+    most = task.max_correction - INSIDE if np.isfinite(task.max_correction) else np.inf
+    beyond = task.compensated[rows] & (length > most)
+    # the vector to the nearest place within the limit, and how it changes: along the gap wholly, across it in part
+    share = np.where(beyond, 1.0 - np.minimum(most / length, 1.0), 0.0)[:, None]
+    along = gap / length[:, None]
+    residual += [steep**0.5 * share * gap, STRAY**0.5 * (q - reference)]
+    tip = joint_jacobian(task.chain, frames)[:, :3]
+    lengthwise = along[:, :, None] * np.einsum("ki,kij->kj", along, tip)[:, None, :]
+    slope = share[..., None] * tip + np.where(beyond[:, None], 1.0 - share, 0.0)[..., None] * lengthwise
     columns += [
-        steep**0.5 * slope[:, None],
+        steep**0.5 * slope,
         np.broadcast_to(STRAY**0.5 * np.eye(q.shape[1]), (len(q), *[q.shape[1]] * 2)),
     ]
     together = np.hstack(residual)
