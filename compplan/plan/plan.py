@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -29,6 +28,7 @@ from compplan.plan.evaluate import (
     measure_margins,
 )
 from compplan.plan.feed import FeedWish
+from compplan.plan.notes import group_waypoints, list_notes
 from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
 from compplan.plan.task import Command, PlanTask
 from compplan.plan.timing import Timing
@@ -39,9 +39,6 @@ from compplan.posture.start import PostureRequest, check_clearance, find_start, 
 from compplan.program import check_languages
 from compplan.robot import Array, Robot, load_robot
 from compplan.statics.chain import build_chain, locate_frames
-
-#: A joint that moves more than this between two waypoints of a cut swings over. [rad or m]
-SWING = 0.5
 
 
 @dataclass(frozen=True)
@@ -257,7 +254,7 @@ def plan_task(
         retract=plan_retract(task, command.q),
         between=found.between,
         clearance=clearance,
-        notes=(*(task.start.notes if task.start else ()), *feed_notes, *_notes(task, timing, job)),
+        notes=(*(task.start.notes if task.start else ()), *feed_notes, *list_notes(task, timing, job)),
     )
 
 
@@ -346,57 +343,3 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         feed=FeedWish(job.feed.mode == "constant", job.feed.torque_limits),
         chord=None if job.sampling.chord_mm is None else job.sampling.chord_mm * 1e-3,
     )
-
-
-def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
-    """Group waypoints into spans (first, last)."""
-    breaks = [0, *(k for k in range(1, len(waypoints)) if waypoints[k] != waypoints[k - 1] + 1), len(waypoints)]
-    return [(waypoints[a], waypoints[b - 1]) for a, b in itertools.pairwise(breaks) if b > a]
-
-
-def _notes(task: PlanTask, timing: Timing, job: Job | None) -> tuple[str, ...]:
-    """Say where the feed had to be lowered, and by which joint; where the arm swings over; what is not known."""
-    notes = [task.law.note] if task.law is not None and task.law.note else []
-    if job is not None and job.tool is not None and job.tool.mass_kg is None:
-        notes.append("The weight of the tool is not known: [tool] says no mass_kg, so none bends the arm.")
-    spans = find_slow_spans(task, timing)
-    if spans:
-        count = sum(last - first + 1 for first, last in spans)
-        rows = np.concatenate([np.arange(first, last + 1) for first, last in spans])
-        least = rows[timing.share[rows].argmin()]
-        listed = ", ".join(f"{first}-{last}" for first, last in spans[:5]) + (", ..." if len(spans) > 5 else "")
-        notes.append(
-            f"The feed is lowered at {count} waypoints ({listed}), down to {100 * timing.share[least]:.3g} % "
-            f"at waypoint {least} by {_name_cause(task, timing, int(least))}."
-        )
-    swings = (np.abs(np.diff(task.q_start, axis=0)).max(axis=1) > SWING) & ~task.nominal.rapid[1:]
-    for waypoint in (np.flatnonzero(swings) + 1)[:3].tolist():
-        notes.append(f"The posture swings over in the move to waypoint {waypoint}: near a singularity.")
-    if not np.isfinite(task.robot.acceleration_limits).any():
-        notes.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
-    return tuple(notes)
-
-
-def find_slow_spans(task: PlanTask, timing: Timing) -> list[tuple[int, int]]:
-    """Find spans of waypoints where limits lower the feed; starting up and coming to rest do not count."""
-    lowered = timing.lowered & ~task.nominal.rapid
-    rest = task.nominal.rapid | np.isin(np.arange(len(task)), (0, len(task) - 1))
-    spans = []
-    for first, last in group_waypoints(np.flatnonzero(lowered).tolist()):
-        change = np.diff(timing.share[first : last + 1])
-        if rest[max(first - 1, 0) : first + 1].any():
-            first += int(np.argmax(np.r_[change < 0, True]))
-        if rest[last : last + 2].any():
-            last -= int(np.argmax(np.r_[change[::-1] > 0, True]))
-        if first < last:
-            spans.append((first, last))
-    return spans
-
-
-def _name_cause(task: PlanTask, timing: Timing, waypoint: int) -> str:
-    near = slice(max(waypoint - 1, 0), waypoint + 2)
-    joint = timing.limiting[near][timing.limiting[near] >= 0]
-    if not len(joint):
-        return "rate limits nearby"
-    kind = "velocity" if timing.by_velocity[waypoint] else "acceleration"
-    return f"the {kind} limit of {task.robot.joint_names[joint[0]]}"

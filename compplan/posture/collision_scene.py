@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 #: Arm and tool touch the arm where they come nearer than this. [m]
 TOUCH = 1e-3
+#: Radius of the capsule that stands for a tool without a mesh. [m]
+STAND_IN_RADIUS = 0.025
 #: A pair of the arm's own shapes that touches in this share of random postures is left out: they are drawn so.
 DRAWN_TOUCHING = 0.7
 
@@ -36,6 +38,7 @@ class CollisionScene:
         solids: Shapes of the arm, tool, part, fixture.
         outside: Pairs of arm or tool with part or fixture. Shape (p, 2).
         own: Pairs of arm or tool with the arm itself. Shape (o, 2).
+        note: What a user should know of it.
 
     """
 
@@ -43,6 +46,7 @@ class CollisionScene:
     solids: tuple[Solid, ...]
     outside: NDArray[np.int_]
     own: NDArray[np.int_]
+    note: str = ""
 
     @cached_property
     def reach(self) -> Array:
@@ -123,10 +127,33 @@ def load_scene(job: Job, robot: Robot) -> CollisionScene | None:
             meshes[name] = load_mesh(job.folder / file, table.unit)
         except InputError as error:
             raise InputError(error.message, file=job.file, where=f"collision.{name}") from None
-    return build_scene(
+    note = ""
+    if job.tool is not None and "tool" not in meshes:
+        capsule = stand_in_tool(robot)
+        if capsule is not None:
+            meshes["tool"] = capsule
+            note = (
+                f"No mesh of the tool is given: a capsule of {2e3 * STAND_IN_RADIUS:.0f} mm diameter (assumed) from "
+                "the flange to the tool's tip stands for it in the clearance."
+            )
+    scene = build_scene(
         robot, **meshes, T_base_part=job.T_base_part, tip_zone=table.tip_zone_mm * 1e-3,
         self_collision=table.self_collision,
     )  # fmt: skip
+    return replace(scene, note=note)
+
+
+def stand_in_tool(robot: Robot) -> Any:
+    """Return a capsule from the flange to the tool's tip as a mesh, flange frame [m]; None where they coincide."""
+    import trimesh
+
+    tip = _tip_in(robot, robot.flange)
+    length = float(np.linalg.norm(tip))
+    if length < 1e-3:
+        return None
+    place = trimesh.geometry.align_vectors([0.0, 0.0, 1.0], tip / length)
+    place[:3, 3] = 0.5 * tip
+    return trimesh.creation.capsule(height=length, radius=STAND_IN_RADIUS, count=[12, 12]).apply_transform(place)
 
 
 def _list_pairs(solids: Sequence[Solid], roles: Sequence[str]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:

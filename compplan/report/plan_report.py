@@ -92,7 +92,7 @@ def view_plan(plan: Plan, extra: Sequence[Section] = ()) -> PlanView:
 
 def _mark_slow(plan: Plan) -> NDArray[np.bool_]:
     """Mark the waypoints whose feed limits lower, starts and stops left out. Shape (n,)."""
-    from compplan.plan.plan import find_slow_spans
+    from compplan.plan.notes import find_slow_spans
 
     slow = np.zeros(len(plan.task), bool)
     for first, last in find_slow_spans(plan.task, plan.timing):

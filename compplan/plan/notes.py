@@ -1,0 +1,71 @@
+"""What a user should know of a plan: where the feed is lowered and why, where the arm swings over, what is assumed."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from compplan.job.job import Job
+from compplan.plan.task import PlanTask
+from compplan.plan.timing import Timing
+
+#: A joint that moves more than this between two waypoints of a cut swings over. [rad or m]
+SWING = 0.5
+
+
+def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
+    """Group waypoints into spans (first, last)."""
+    breaks = [0, *(k for k in range(1, len(waypoints)) if waypoints[k] != waypoints[k - 1] + 1), len(waypoints)]
+    return [(waypoints[a], waypoints[b - 1]) for a, b in itertools.pairwise(breaks) if b > a]
+
+
+def list_notes(task: PlanTask, timing: Timing, job: Job | None) -> tuple[str, ...]:
+    """Say where the feed had to be lowered, and by which joint; where the arm swings over; what is not known."""
+    notes = [task.law.note] if task.law is not None and task.law.note else []
+    if job is not None and job.tool is not None and job.tool.mass_kg is None:
+        notes.append("The weight of the tool is not known: [tool] says no mass_kg, so none bends the arm.")
+    scene = task.start.request.scene if task.start is not None and task.start.request is not None else None
+    if scene is not None and scene.note:
+        notes.append(scene.note)
+    spans = find_slow_spans(task, timing)
+    if spans:
+        count = sum(last - first + 1 for first, last in spans)
+        rows = np.concatenate([np.arange(first, last + 1) for first, last in spans])
+        least = rows[timing.share[rows].argmin()]
+        listed = ", ".join(f"{first}-{last}" for first, last in spans[:5]) + (", ..." if len(spans) > 5 else "")
+        notes.append(
+            f"The feed is lowered at {count} waypoints ({listed}), down to {100 * timing.share[least]:.3g} % "
+            f"at waypoint {least} by {_name_cause(task, timing, int(least))}."
+        )
+    swings = (np.abs(np.diff(task.q_start, axis=0)).max(axis=1) > SWING) & ~task.nominal.rapid[1:]
+    for waypoint in (np.flatnonzero(swings) + 1)[:3].tolist():
+        notes.append(f"The posture swings over in the move to waypoint {waypoint}: near a singularity.")
+    if not np.isfinite(task.robot.acceleration_limits).any():
+        notes.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
+    return tuple(notes)
+
+
+def find_slow_spans(task: PlanTask, timing: Timing) -> list[tuple[int, int]]:
+    """Find spans of waypoints where limits lower the feed; starting up and coming to rest do not count."""
+    lowered = timing.lowered & ~task.nominal.rapid
+    rest = task.nominal.rapid | np.isin(np.arange(len(task)), (0, len(task) - 1))
+    spans = []
+    for first, last in group_waypoints(np.flatnonzero(lowered).tolist()):
+        change = np.diff(timing.share[first : last + 1])
+        if rest[max(first - 1, 0) : first + 1].any():
+            first += int(np.argmax(np.r_[change < 0, True]))
+        if rest[last : last + 2].any():
+            last -= int(np.argmax(np.r_[change[::-1] > 0, True]))
+        if first < last:
+            spans.append((first, last))
+    return spans
+
+
+def _name_cause(task: PlanTask, timing: Timing, waypoint: int) -> str:
+    near = slice(max(waypoint - 1, 0), waypoint + 2)
+    joint = timing.limiting[near][timing.limiting[near] >= 0]
+    if not len(joint):
+        return "rate limits nearby"
+    kind = "velocity" if timing.by_velocity[waypoint] else "acceleration"
+    return f"the {kind} limit of {task.robot.joint_names[joint[0]]}"
