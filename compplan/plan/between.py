@@ -19,7 +19,9 @@ from compplan.statics.chain import locate_frames
 from compplan.statics.sensitivity import attain_pose
 
 #: Places on a move that are looked at, as shares of it.
-SHARES = (0.25, 0.5, 0.75)
+SHARES = (0.5, 0.25, 0.75)
+#: Moves that stray by less than this in the middle are not looked at elsewhere. [m]
+STRAIGHT = 2e-7
 #: A spline may stray by this many chords before moves are divided for it: no program that is written follows one.
 SPLINE_CHORDS = 4.0
 
@@ -68,14 +70,14 @@ def measure_between(task: PlanTask, q: Array, time: Array | None = None, *, bow:
     """
     moves, n = judged_moves(task), len(task)
     joint, cartesian, spline = (np.zeros(n - 1) for _ in range(3))
-    if not len(moves):
-        return Between(joint, cartesian, spline)
-    start, end = task.position[moves], task.position[moves + 1]
-    if bow:
-        tip = attain_pose(task.chain, q, task.wrench, slope=False).position
-        start, end = tip[moves], tip[moves + 1]
+    ends = attain_pose(task.chain, q, task.wrench, slope=False).position if bow else task.position
     plain = locate_frames(task.chain, q).tcp_position
     for share in SHARES:
+        if share != SHARES[0]:
+            moves = moves[np.maximum(np.maximum(joint, cartesian), spline)[moves] > STRAIGHT]
+        if not len(moves):
+            break
+        start, end = ends[moves], ends[moves + 1]
         load = task.wrench[moves] * (1 - share) + task.wrench[moves + 1] * share
         middle = q[moves] * (1 - share) + q[moves + 1] * share
         loaded = attain_pose(task.chain, middle, load, slope=False).position

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from compplan.robot import Array
 
-#: Halvings that bring the time of a waypoint down to rounding.
-HALVINGS = 48
+#: Halvings that bring the time of a waypoint near enough for Newton's steps, and those steps.
+HALVINGS, NEWTON_STEPS = 18, 3
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,10 @@ def smooth_profile(along: Array, speed: Array, window: float) -> Profile:
         place = (law.area_at(middle) - law.area_at(middle - window)) / window
         low, high = np.where(place < along, middle, low), np.where(place < along, high, middle)
     when = 0.5 * (low + high)
+    for _ in range(NEWTON_STEPS):
+        place = (law.area_at(when) - law.area_at(when - window)) / window
+        slope = (law.at(when)[0] - law.at(when - window)[0]) / window
+        when = np.clip(when - (place - along) / np.maximum(slope, 1e-12), low, high)
     when[0], when[-1] = 0.0, time[-1] + window
     there, before = law.at(when), law.at(when - window)
     share, push = (there[0] - before[0]) / window, (there[1] - before[1]) / window

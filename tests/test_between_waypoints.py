@@ -1,0 +1,122 @@
+"""Between waypoints, at the feed that is driven: profiles, divisions, force and motion that agree, the judge's vote."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import compplan as cp
+from compplan.job.job import check_job
+from compplan.plan.between import measure_between
+from compplan.plan.plan import build_task, prepare_job
+from compplan.plan.profile import ease_duration, ease_times, smooth_profile
+from compplan.plan.timing import measure_use
+
+PATHS = Path(__file__).parents[1] / "paths"
+
+
+def straight_profile(cap=20.0, n=401):
+    """Return the fastest speeds over a way of 1 s that start and end at rest and change by at most `cap` a second."""
+    along = np.linspace(0.0, 1.0, n)
+    return along, np.sqrt(np.minimum(1.0, 2 * cap * np.minimum(along, 1.0 - along)))
+
+
+def test_a_smoothed_profile_is_later_by_its_window_and_no_faster():
+    along, speed = straight_profile()
+    plain, smooth = smooth_profile(along, speed, 0.0), smooth_profile(along, speed, 0.1)
+    assert smooth.time[-1] == pytest.approx(plain.time[-1] + 0.1)
+    assert smooth.speed.max() <= 1.0 + 1e-12 and np.abs(smooth.push).max() <= 20.0 * (1 + 1e-9)
+    assert smooth.speed[[0, -1]] == pytest.approx(0.0)
+    # the mean of a step of speed over a window: speed and place of the ramp in closed form
+    t = smooth.time[(smooth.time > 0.05) & (smooth.time < 0.1)]
+    place = along[(smooth.time > 0.05) & (smooth.time < 0.1)]
+    expected = ((t - 0.025) ** 2 / 2 + 0.05**2 / 24) / 0.1
+    assert place == pytest.approx(expected, abs=2e-6)
+
+
+def test_a_gentle_move_keeps_the_limits_that_it_is_timed_for():
+    limits = np.array([2.0]), np.array([5.0])
+    duration = ease_duration(np.array([0.7]), *limits)
+    share = np.linspace(0.0, 1.0, 200)
+    use = measure_use(0.7 * share[:, None], ease_times(share, duration), *limits)
+    assert 0.95 < use.max() <= 1.0 + 1e-6
+
+
+def three_points(tmp_path, process, **tables):
+    """Write a job of a few waypoints far apart."""
+    rows = ["-60,0,20,0,1", "-60,0,0,0,1", "0,0,0,40,0", "0,50,0,40,0", "0,50,20,0,1"]
+    lines = ["x_mm,y_mm,z_mm,feed_mm_s,rapid", *rows]
+    (tmp_path / "path.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    data = {
+        "schema": 1, "robot": "kuka_kr270", "toolpath": "path.csv", "part": {"position_mm": [1700.0, 0.0, 900.0]},
+        "process": process, "plan": {"rotate_about_tool_axis": False}, **tables,
+    }  # fmt: skip
+    return check_job(data, tmp_path / "job.toml")
+
+
+CONSTANT = {"model": "constant", "force_N": [-300.0, 200.0, 400.0], "ramp_mm": 10.0}
+MILLING = {
+    "model": "milling", "depth_mm": 3.0, "width_mm": 8.0, "diameter_mm": 12.0, "spindle_rpm": 6000.0,
+    "kc_N_mm2": 900.0, "ramp_mm": 5.0,
+}  # fmt: skip
+
+
+def test_few_waypoints_far_apart_are_divided_until_the_tip_stays_on_the_straight_line(tmp_path):
+    job = three_points(tmp_path, CONSTANT, sampling={"max_step_mm": 1000.0, "chord_mm": 0.01})
+    task = build_task(*prepare_job(job))
+    assert len(task) < 20
+    coarse = measure_between(task, task.q_start, bow=True).max_deviation
+    plan = cp.plan_job(job)
+    assert coarse > 1e-4
+    assert max(plan.between.joint.max(), plan.between.cartesian.max()) < 1e-5 and plan.between.spline.max() < 4e-5
+    assert plan.status == "solved" and len(plan.task) > len(task)
+
+
+def test_the_milling_force_is_that_of_the_feed_that_is_driven_and_vanishes_at_corners(tmp_path):
+    plan = cp.plan_job(three_points(tmp_path, MILLING))
+    task, timing = plan.task, plan.timing
+    corner = int(np.flatnonzero(task.rests)[0])
+    force = np.linalg.norm(task.wrench[:, :3], axis=1)
+    assert task.position[corner] == pytest.approx([1.7, 0.0, 0.9])
+    assert force[corner] < 0.05 * force.max()
+    full = (timing.feed > 0.999 * 0.04) & ~task.nominal.rapid
+    ratio = force[~task.nominal.rapid] / np.maximum(timing.feed[~task.nominal.rapid], 1e-12)
+    assert ratio[full[~task.nominal.rapid]] == pytest.approx(ratio.max(), rel=1e-3)  # force over feed is constant
+    assert plan.status == "solved" and plan.after.max_deviation < 1e-8
+    assert plan.margins.acceleration_ratio <= 1.0 and plan.margins.velocity_ratio <= 1.0
+
+
+def test_milling_above_the_stock_and_straight_down_carries_no_lateral_force(tmp_path):
+    from compplan.path.force_law import ForceLaw
+    from compplan.path.process import MillingProcess
+    from compplan.path.toolpath import Toolpath
+
+    position = np.array([[0, 0, 5.0], [10, 0, 5], [10, 0, 1], [10, 0, -1], [20, 0, -1], [30, 0, -0.5]]) * 1e-3
+    path = Toolpath(position, np.tile([0.0, 0, 1], (6, 1)), np.full(6, 0.02), np.zeros(6, bool))
+    process = MillingProcess(**MILLING | {"depth_mm": 1.0, "ramp_mm": 0.0})
+    force = np.linalg.norm(ForceLaw(process, stock_top=0.0).predict(path)[:, :3], axis=1)
+    assert force[:4] == pytest.approx(0.0, abs=1e-9)  # in the air, down in the air, down into the stock
+    assert force[5] == pytest.approx(0.5 * force[4], rel=2e-2)  # half as deep in the end
+
+
+def test_a_planner_that_is_wrong_is_not_confirmed(tmp_path, monkeypatch):
+    from compplan.plan import plan as module
+
+    honest = module.build_chain
+
+    def mistaken(robot, **options):
+        chain = honest(robot, **options)
+        return replace(chain, compliance=-chain.compliance)
+
+    monkeypatch.setattr(module, "build_chain", mistaken)
+    plan = cp.plan_job(three_points(tmp_path, CONSTANT))
+    assert plan.status == "not_confirmed"
+    assert "the judge finds the loaded tip" in plan.explain_failures()
+
+
+def test_a_load_beyond_a_joints_effort_is_infeasible_and_names_it(tmp_path):
+    heavy = CONSTANT | {"force_N": [0.0, 0.0, 9000.0]}
+    plan = cp.plan_job(three_points(tmp_path, heavy, plan={"max_correction_mm": 100.0}))
+    assert plan.status == "infeasible"
+    assert any(text.startswith("effort limit of joint_") for text in plan.command.failures.values())
