@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,7 +46,7 @@ class Rival:
         return self.share >= ALIKE or self.difference < BELOW_NOISE
 
 
-def find_rivals(fit: Fit, signature: int) -> list[Rival]:
+def find_rivals(fit: Fit, signature: int, values: Array | None = None) -> list[Rival]:
     """Compare a claim's trace with what every other effect can explain, best first.
 
     The share is the squared cosine of the angle between the claim's trace and the other's space, after base and tool
@@ -56,11 +55,12 @@ def find_rivals(fit: Fit, signature: int) -> list[Rival]:
     Args:
         fit: The fit.
         signature: Number of the claimed signature.
+        values: Values of all columns; those of the fit's model where left out. Shape (p,).
     """
     ledger = fit.search.ledger
     gram, _, _, _ = combine_ledger(ledger, fit.model.posterior.hyper)
     columns = ledger.columns(signature)
-    values = fit.model.posterior.values(ledger.p)[columns]
+    values = (fit.model.posterior.values(ledger.p) if values is None else values)[columns]
     whole = float(values @ gram[np.ix_(columns, columns)] @ values)
     frames = _frame_columns(fit)
     free = _without(gram, frames)
@@ -80,22 +80,6 @@ def find_rivals(fit: Fit, signature: int) -> list[Rival]:
         if other.place not in best or rival.share > best[other.place].share:
             best[other.place] = rival
     return sorted(best.values(), key=lambda r: -r.share)[: 3 * MOST_RIVALS]
-
-
-def share_explained(fit: Fit, signature: int, others: Sequence[int]) -> float:
-    """Return the share of a claim's trace that other signatures together can explain.
-
-    Args:
-        fit: The fit.
-        signature: Number of the claimed signature.
-        others: Numbers of the others.
-    """
-    ledger = fit.search.ledger
-    gram, _, _, _ = combine_ledger(ledger, fit.model.posterior.hyper)
-    columns = ledger.columns(signature)
-    values = fit.model.posterior.values(ledger.p)[columns]
-    energy = float(values @ gram[np.ix_(columns, columns)] @ values)
-    return _share(gram, columns, values, ledger.join_columns(others), energy) if energy > 0 else 0.0
 
 
 def _frame_columns(fit: Fit) -> NDArray[np.int_]:

@@ -30,8 +30,9 @@ BACKGROUND: dict[str, tuple[str, float]] = {
     "backlash": ("hysteresis", 0.1),
     "thermal_drift": ("warm-up", 0.15),
 }
-#: An error that moves the target by more noise floors than this, one standard deviation, is no background any more.
-NO_CAUSE = 1.0
+#: An error that moves the target by this many noise floors is what a robot has that is calibrated as well as it can be
+#: measured: the scale of the classes; the campaign decides their size (assumed).
+NO_CAUSE = 0.5
 #: Probability that an effect of the vocabulary is present at all (assumed alike for all of them).
 PRESENT = 0.06
 

@@ -6,27 +6,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compplan.diagnose.channels import position_residual
 from compplan.diagnose.conventions import find_conventions
-from compplan.diagnose.evidence import WITNESSED, Hyper, Posterior, find_posterior
-from compplan.diagnose.fit import (
-    Fit,
-    Problem,
-    State,
-    advance_state,
-    bend_forwards,
-    fit_effects,
-    linearize_state,
-    stands,
-)
-from compplan.diagnose.held_out import HeldOut, hold_out, make_folds, prior_of
+from compplan.diagnose.doubt import raise_doubt
+from compplan.diagnose.fit import Fit, Problem, State, advance_state, attain_state, fit_effects, stands
+from compplan.diagnose.held_out import Folds, HeldOut, make_folds, with_claims
 from compplan.diagnose.polish import polish_fit
 from compplan.diagnose.result import Candidate, Diagnosis, Gap
 from compplan.diagnose.search import Claim, distinct_places
-from compplan.diagnose.unmodelled import UNMODELLED
-from compplan.diagnose.verdict import Finding, Verdict, look_again, reach_verdict
+from compplan.diagnose.verdict import Finding, Verdict, reach_verdict
 from compplan.effects import attain_scene, fold_effects, robot_effects
 from compplan.effects.linearization import Place
 from compplan.effects.scene import Scene
@@ -35,18 +24,15 @@ from compplan.measure.campaign import Campaign
 from compplan.measure.registration import Registration, fit_registration, stated_registration
 from compplan.robot import Array, Robot
 
-#: An updated robot has to shrink the held-out gap by this share, or the nominal one stays.
-WORTH_IT = 0.01
-#: The same where structure is left that no effect explains.
-WORTH_IT_IN_DOUBT = 0.1
+#: An updated robot has to shrink the held-out gap by this share, or the nominal one stays; a larger model has to
+#: shrink what a smaller one leaves by the second share (assumed: less is worth no change on the shop floor).
+WORTH_IT, WORTH_MORE = 0.01, 0.02
+#: What belongs to a campaign and not to its robot is delivered only where it is named.
+OF_THE_CAMPAIGN = ("base_frame", "frame_shift", "tool_shift", "wrench_bias", "wrench_scale", "time_skew", "tracking_lag")
+#: Candidates that are listed beside named effects and their rivals (assumed).
 RANKED = 12
+#: Fewest rows that a campaign needs (assumed: twice the frames of base and tool).
 FEWEST_ROWS = 12
-#: Claims that need no second look where no structure is left.
-PLAIN_CLAIMS = 1
-#: What a row called outlier costs an explanation, log posterior (assumed).
-OUTLIER_COST = 10.0
-#: Noise variance over its estimate beyond which the estimate stands for the floor and the rest is structure.
-EXCESS = 1.3
 
 
 def diagnose_campaign(
@@ -76,35 +62,20 @@ def diagnose_campaign(
     problem = Problem(robot, campaign, parts, tuple(without), (*known, *conventions))
     registration, nominal = _register(replace(problem, fixed=known), campaign)
     started = _register(problem, campaign)[0] if conventions else registration
-    fit = polish_fit(fit_effects(problem, started, ~campaign.first_visit, progress))
+    fit = polish_fit(fit_effects(problem, started, progress))
     progress("verdict")
-    verdict = reach_verdict(fit)
-    if parts:
-        verdict = look_again(fit, verdict)
-    elif verdict.structure.left or len(fit.model.claims) > PLAIN_CLAIMS:
-        # free shapes would take the many errors of a robot that is not calibrated; where frames are known, it is
-        free = replace(problem, unmodelled=True)
-        other = polish_fit(fit_effects(free, started, ~campaign.first_visit, progress))
-        if rate_fit(other) > rate_fit(fit):
-            progress("verdict")
-            fit, verdict = other, reach_verdict(other)
-    verdict = _with_conventions(verdict, problem, len(known))
-    return _conclude(fit, verdict, nominal, registration, len(known), progress)
-
-
-def rate_fit(fit: Fit) -> float:
-    """Rate a finished fit by its log posterior, rows that it calls outliers paid for."""
-    return fit.model.score - OUTLIER_COST * len(fit.outliers)
+    doubt = raise_doubt(fit, progress)
+    verdict = _with_conventions(reach_verdict(fit, doubt), problem, len(known))
+    return _conclude(fit, verdict, nominal, started, len(known), progress)
 
 
 def _register(problem: Problem, campaign: Campaign) -> tuple[Registration | None, Scene]:
     """Fit the registration of the nominal robot."""
     state = State(problem.fixed, {}, None, campaign.usable)
-    scene = linearize_state(problem, state).scene
+    scene, attained = attain_state(problem, state)
     if not problem.register:
         stated = stated_registration(campaign)
         return stated, replace(scene, registration=stated)
-    attained = attain_scene(scene)
     registration = fit_registration(campaign, attained.position, attained.rotation, problem.register)
     return registration, replace(scene, registration=registration)
 
@@ -125,84 +96,80 @@ def _conclude(
     """Hold out, choose the updated robot, and collect the record."""
     problem, campaign = fit.problem, fit.problem.campaign
     progress("held out")
-    folds = make_folds(campaign)
-    named = [f.signature for f in (*verdict.findings, *verdict.minor) if f.signature >= 0]
-    claims = [c for c in fit.model.claims if c.signature in named]
-    plain = hold_out(fit, prior_of(fit, [], background=False), fit.model.posterior.hyper, folds)
-    if verdict.status == "unknown":
-        # whatever is fitted to an unknown cause may harm elsewhere
-        state, held = _nominal_state(fit), plain
-    else:
-        state, held = _choose_update(
-            fit, claims, folds, plain, WORTH_IT_IN_DOUBT if verdict.structure.left else WORTH_IT
-        )
-    state = settle_play(problem, state)
-    residual_before = position_residual(campaign, nominal, attain_scene(nominal))
-    after = linearize_state(problem, state)
-    residual_after = position_residual(campaign, after.scene, after.attained)
+    folds = Folds(fit, make_folds(campaign))
+    before = position_residual(campaign, nominal, attain_scene(nominal))
+    plain = folds.hold_out([], background=False)
+    if not problem.register:
+        plain = replace(plain, residual=before[plain.rows])
+    chosen, held = choose_update(folds, verdict, plain)
+    state = settle_play(problem, chosen) if chosen is not None else _nominal_state(fit, registration)
+    residual = position_residual(campaign, *attain_state(problem, state))
     good = campaign.usable.copy()
     good[fit.outliers] = False
-    if _rms(residual_after[good]) > (1.0 - WORTH_IT) * _rms(residual_before[good]) and state.effects[known:]:
-        state, held = _nominal_state(fit), plain
-        after = linearize_state(problem, state)
-        residual_after = position_residual(campaign, after.scene, after.attained)
-    generic = hold_out(fit, prior_of(fit, [], background=True), _wide(fit), folds)
+    seen = good[held.rows]
     ranked = rank_candidates(fit, verdict, folds)
     taken = {f.effect.place for f in verdict.findings}
-    wrong = min((c.held_out for c in ranked if c.place not in taken), default=plain.rms)
-    before_rows = np.linalg.norm(residual_before, axis=1)
     gap = Gap(
-        before=_rms(residual_before[good]),
-        after=_rms(residual_after[good]),
-        held_out_before=float(np.sqrt(np.mean(before_rows[plain.rows] ** 2))) if not problem.register else plain.rms,
-        held_out_after=held.rms,
-        noise_floor=noise_floor(fit),
-        registration_only=plain.rms,
-        generic=generic.rms,
-        wrong=wrong,
+        before=_rms(before[good]),
+        after=_rms(residual[good]),
+        held_out_before=_rms(plain.residual[seen]),
+        held_out_after=_rms(held.residual[seen]),
+        noise_floor=verdict.structure.floor,
+        registration_only=_rms(plain.residual[seen]),
+        generic=_rms(folds.hold_out([]).residual[seen]),
+        wrong=min((c.held_out for c in ranked if c.place not in taken), default=plain.rms),
     )
-    effects = state.effects[known:]
-    updated = fold_effects(problem.robot, effects)
     return Diagnosis(
-        robot=problem.robot, updated=updated, fit=fit, verdict=verdict, gap=gap, candidates=ranked,
-        residual_before=residual_before, residual_after=residual_after, registration=state.registration,
-        outliers=fit.outliers, noise=fit.noises["position"].source,
+        robot=problem.robot, updated=fold_effects(problem.robot, state.effects[known:]), fit=fit,
+        verdict=_with_sizes(verdict, state), gap=gap, candidates=ranked, residual_before=before,
+        residual_after=residual, registration=state.registration, outliers=fit.outliers,
+        noise=fit.noises["position"].source,
     )  # fmt: skip
 
 
-def noise_floor(fit: Fit) -> float:
-    """Return the rms 3D distance that a perfect model leaves. [m]"""
-    noise = fit.noises["position"]
-    factor = float(np.exp(fit.model.posterior.hyper.log_noise[0]))
-    factor = factor if noise.witnesses < WITNESSED else min(factor, max(EXCESS, noise.leeway))
-    return float(np.sqrt(3.0 * factor) * noise.sigma)
+def choose_update(folds: Folds, verdict: Verdict, plain: HeldOut) -> tuple[State | None, HeldOut]:
+    """Choose what is delivered by what it predicts of poses that it never saw; None for the nominal robot.
+
+    Named causes alone are delivered where small errors everywhere, or claims that are too improbable to be named, do
+    not predict better.
+
+    Args:
+        folds: The fit, dealt to folds.
+        verdict: Its verdict.
+        plain: What the nominal robot predicts.
+    """
+    fit = folds.fit
+    unnamed = [f for f in (*verdict.minor, *verdict.doubtful) if f.effect.name not in OF_THE_CAMPAIGN]
+    sizes = {f.signature: f.size for f in (*verdict.findings, *unnamed) if f.signature >= 0}
+    named = [Claim(f.signature, f.size) for f in verdict.findings if f.signature >= 0]
+    every = [Claim(number, size) for number, size in sizes.items()]
+    options = [(named, False), (named, True)]
+    if len(every) > len(named):
+        options.append((every, True))
+    best, chosen, least = plain, None, (1.0 - WORTH_IT) * plain.rms
+    for claims, background in options:
+        held = folds.hold_out(claims, background=background)
+        if held.rms < least:
+            best, chosen, least = held, (claims, background), (1.0 - WORTH_MORE) * held.rms
+    if chosen is None:
+        return None, plain
+    fitted = with_claims(fit, chosen[0], background=chosen[1])
+    state = polish_fit(replace(fitted, state=advance_state(fitted), base=fit.base or fit.state)).state
+    return (state, best) if stands(fit.problem, state) else (None, plain)
 
 
-def _choose_update(
-    fit: Fit, claims: list[Claim], folds: NDArray[np.int_], plain: HeldOut, worth: float
-) -> tuple[State, HeldOut]:
-    """Choose between all that was fitted, the named effects alone, and the nominal robot, by the held-out gap."""
-    hyper = fit.model.posterior.hyper
-    prior, _ = bend_forwards(fit.search.ledger, prior_of(fit, fit.model.claims), fit.model.posterior)
-    options = [
-        (hold_out(fit, prior, hyper, folds, fit.search.ledger.columns_named(UNMODELLED)), True),
-        (hold_out(fit, prior_of(fit, claims, background=False), hyper, folds), False),
-    ]
-    held, everything = min(options, key=lambda o: o[0].rms * (1.0 if o[1] else 1.002))
-    if held.rms > (1.0 - worth) * plain.rms:
-        return _nominal_state(fit), plain
-    return (replace(fit.state, unmodelled=None) if everything else _refitted(fit, claims)), held
+def _with_sizes(verdict: Verdict, state: State) -> Verdict:
+    """Give the findings the parameters that the delivered robot holds."""
+    held = {effect.place: effect for effect in reversed(state.effects)}
+
+    def sized(finding: Finding) -> Finding:
+        return replace(finding, effect=held.get(finding.effect.place, finding.effect))
+
+    return replace(verdict, findings=tuple(sized(f) for f in verdict.findings))
 
 
-def _refitted(fit: Fit, claims: list[Claim]) -> State:
-    """Fit named effects alone, without background."""
-    prior = prior_of(fit, claims, background=False)
-    posterior: Posterior = find_posterior(fit.search.ledger, prior, fit.model.posterior.hyper, fit=False)
-    posterior = replace(posterior, hyper=replace(posterior.hyper, log_tau=np.full_like(posterior.hyper.log_tau, -4.0)))
-    model = replace(fit.model, claims=tuple(claims), posterior=posterior)
-    state = advance_state(replace(fit, model=model, state=fit.base or fit.state))
-    state = replace(state, unmodelled=None)
-    return state if stands(fit.problem, state) else replace(fit.state, unmodelled=None)
+def _nominal_state(fit: Fit, registration: Registration | None) -> State:
+    return State(fit.problem.fixed, {}, registration, fit.state.use)
 
 
 def settle_play(problem: Problem, state: State) -> State:
@@ -218,23 +185,13 @@ def settle_play(problem: Problem, state: State) -> State:
         tries = []
         for start in (-0.5, 0.5):
             effects[number] = replace(effect, parameters={**effect.parameters, "start_ratio": start})
-            at = linearize_state(problem, replace(state, effects=tuple(effects)))
-            gap = position_residual(campaign, at.scene, at.attained)[first]
+            gap = position_residual(campaign, *attain_state(problem, replace(state, effects=tuple(effects))))[first]
             tries.append((float(np.median(np.linalg.norm(gap, axis=1))), start, effects[number]))
         effects[number] = min(tries, key=lambda t: t[:2])[2]
     return replace(state, effects=tuple(effects))
 
 
-def _nominal_state(fit: Fit) -> State:
-    return _refitted(fit, [])
-
-
-def _wide(fit: Fit) -> Hyper:
-    hyper = fit.model.posterior.hyper
-    return replace(hyper, log_tau=np.zeros_like(hyper.log_tau))
-
-
-def rank_candidates(fit: Fit, verdict: Verdict, folds: NDArray[np.int_]) -> tuple[Candidate, ...]:
+def rank_candidates(fit: Fit, verdict: Verdict, folds: Folds) -> tuple[Candidate, ...]:
     """Rank effects: named ones, then their rivals and what else explains the gap on its own."""
     search, ledger = fit.search, fit.search.ledger
     hyper = fit.model.posterior.hyper
@@ -249,7 +206,7 @@ def rank_candidates(fit: Fit, verdict: Verdict, folds: NDArray[np.int_]) -> tupl
             left = 1.0 - finding.probability
             probability.setdefault(rival.place, 0.5 * finding.probability if rival.alike else 0.5 * left * rival.share)
     alone = search.model([], hyper, fit=False)
-    gains = [g for g in search.gains(alone) if ledger.signatures[g.signature].name != UNMODELLED]
+    gains = search.gains(alone)
     for gain in gains:
         place = ledger.signatures[gain.signature].place
         if place in probability and place not in chosen:
@@ -260,7 +217,7 @@ def rank_candidates(fit: Fit, verdict: Verdict, folds: NDArray[np.int_]) -> tupl
         probability.setdefault(place, 0.0)
     candidates = []
     for place, claim in list(chosen.items())[: 2 * RANKED]:
-        held = hold_out(fit, prior_of(fit, [claim], background=False), hyper, folds)
+        held = folds.hold_out_linear([claim])
         candidates.append(Candidate(place, held.rms, probability[place]))
     return tuple(sorted(candidates, key=lambda c: (-round(c.probability, 3), c.held_out)))
 

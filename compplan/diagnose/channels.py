@@ -8,44 +8,19 @@ count as independent witnesses against it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
+from compplan.diagnose.noise import Noise, estimate_noise
 from compplan.effects.scene import Attained, Scene
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array
 
 #: Neighbouring samples of a path share an error: a path is cut into about so many blocks, none shorter than the second.
 PATH_BLOCKS, SHORTEST_BLOCK = 16, 8
-#: Sources of the noise disagree where their variances differ by more than this factor.
-DISAGREE = 1.8
-#: Probability below which chance is no explanation of an estimate.
-BY_CHANCE = 1e-3
-#: Standard deviations where nothing tells them: assumed, and corrected by the fit. [m, rad, rad]
-ASSUMED_SIGMA = {"position": 3e-5, "orientation": 1e-4, "encoder": 5e-6}
-
-
-@dataclass(frozen=True, eq=False)
-class Noise:
-    """Standard deviation of a channel per axis, and how well it is known.
-
-    Attributes:
-        sigma: Standard deviation. [m or rad]
-        witnesses: Degrees of freedom that it rests on; 0 where it is assumed.
-        source: "repeats", "sigma column", "path" or "assumed".
-    """
-
-    sigma: float
-    witnesses: float
-    source: str
-
-    @property
-    def leeway(self) -> float:
-        """Factor by which the variance may exceed its estimate before chance no longer explains it (0.1 %)."""
-        return float(self.witnesses / chi2.ppf(BY_CHANCE, self.witnesses)) if self.witnesses > 0 else np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +40,11 @@ class Channel:
     residual: Array
     group: NDArray[np.int_]
     noise: Noise
+
+    @cached_property
+    def sigma(self) -> Array:
+        """Standard deviation of each row. Shape (r, 1). [m or rad]"""
+        return np.asarray(self.noise.sigma * self.noise.spread_of(self.rows)[:, None])
 
 
 def block_index(campaign: Campaign) -> NDArray[np.int_]:
@@ -120,76 +100,25 @@ def build_channels(
     return tuple(channel for channel in channels if len(channel.rows))
 
 
-def estimate_noises(campaign: Campaign, attained: Attained) -> dict[str, Noise]:
-    """Estimate the noise of every channel from repeats, from the roughness of paths, and from the stated sigma.
+def estimate_noises(campaign: Campaign, attained: Attained, repeatability: float | None = None) -> dict[str, Noise]:
+    """Estimate the noise of every channel from all that the campaign and the robot folder tell.
 
     Args:
         campaign: The campaign.
-        attained: What the nominal model expects; it only removes motion between neighbouring samples.
+        attained: What a model expects; it only removes what moves between neighbouring samples and between visits.
+        repeatability: What the robot folder states, per axis, or None. [m]
     """
     use = campaign.usable
     noises = {}
     gap = np.where(use[:, None], campaign.position - attained.position, np.nan)
-    noises["position"] = _channel_noise(campaign, gap, campaign.sigma, "position")
+    noises["position"] = estimate_noise(campaign, gap, campaign.sigma, "position", repeatability)
     if campaign.rotation is not None:
         known = use & np.isfinite(campaign.rotation).all((1, 2))
         turn = np.full((len(campaign), 3), np.nan)
         product = campaign.rotation[known] @ np.swapaxes(attained.rotation[known], 1, 2)
         turn[known] = Rotation.from_matrix(product).as_rotvec() if known.any() else np.zeros((0, 3))
         if known.sum() > 5:
-            noises["orientation"] = _channel_noise(campaign, turn, campaign.sigma_rotation, "orientation")
+            noises["orientation"] = estimate_noise(campaign, turn, campaign.sigma_rotation, "orientation")
     if campaign.link is not None and np.isfinite(campaign.link).any():
-        noises["encoder"] = _channel_noise(campaign, campaign.link - attained.link, None, "encoder")
+        noises["encoder"] = estimate_noise(campaign, campaign.link - attained.link, None, "encoder")
     return noises
-
-
-def _channel_noise(campaign: Campaign, gap: Array, stated: Array | None, name: str) -> Noise:
-    """Pool what repeats, paths and a stated sigma tell, as far as they agree."""
-    told: list[tuple[str, float, float]] = []
-    squares, count = _repeat_scatter(campaign, gap)
-    if count > 0 and squares > 0:
-        told.append(("repeats", squares / count, count))
-    rough, rough_count = _path_roughness(campaign, gap)
-    if rough_count > 30 and rough > 0:
-        told.append(("path", rough, min(rough_count, 300.0)))
-    known = None if stated is None or not np.isfinite(stated).any() else float(np.nanmedian(stated))
-    if known is not None and known > 0:
-        told.append(("sigma column", known**2, 60.0))
-    if not told:
-        return Noise(ASSUMED_SIGMA[name], 0.0, "assumed")
-    # what shakes on a path, or between repeats, is no noise of the instrument: sources far above the least one do not
-    # count
-    firm = [variance for _, variance, weight in told if weight >= 10] or [told[0][1]]
-    told = [source for source in told if source[1] < DISAGREE * min(firm) or source[2] < 10]
-    weight = sum(w for _, _, w in told)
-    variance = sum(v * w for _, v, w in told) / weight
-    return Noise(float(np.sqrt(variance)), float(weight), " and ".join(label for label, _, _ in told))
-
-
-def _repeat_scatter(campaign: Campaign, gap: Array) -> tuple[float, float]:
-    """Return squares and degrees of freedom of repeated rows, outlying pairs left out."""
-    static = ~campaign.on_path & np.isfinite(gap).all(1)
-    rows = np.flatnonzero(static)
-    if len(rows) < 2:
-        return 0.0, 0.0
-    pairs = rows[:-1][(np.diff(campaign.visit[rows]) == 0) & (np.diff(rows) == 1)]
-    if not len(pairs):
-        return 0.0, 0.0
-    half = (gap[pairs + 1] - gap[pairs]) ** 2 / 2.0
-    total = half.sum(1)
-    keep = total <= 12.0 * max(float(np.median(total)), 1e-30)
-    return float(half[keep].sum()), float(half[keep].size)
-
-
-def _path_roughness(campaign: Campaign, gap: Array) -> tuple[float, float]:
-    """Return variance and degrees of freedom from third differences along paths, robustly."""
-    pieces = []
-    for number in np.unique(campaign.run_index[campaign.on_path]):
-        rows = np.flatnonzero((campaign.run_index == number) & campaign.on_path)
-        values = gap[rows][np.isfinite(gap[rows]).all(1)]
-        if len(values) > 20:
-            pieces.append(np.diff(values, n=3, axis=0) / np.sqrt(20.0))
-    if not pieces:
-        return 0.0, 0.0
-    rough = np.vstack(pieces)
-    return float((1.4826 * np.median(np.abs(rough))) ** 2), rough.size / 3.0

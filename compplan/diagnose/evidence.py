@@ -13,12 +13,13 @@ to the campaign.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor
+from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 from scipy.special import log_ndtr
 
@@ -29,18 +30,16 @@ from compplan.robot import Array
 #: Sizes that an effect may have, in units of its prior scale; each is as probable as the others (assumed).
 SIZES = (0.1, 0.3, 1.0, 3.0, 10.0, 40.0)
 #: Logarithms of the smallest and largest background, shared error and noise that are fitted.
-TAU_RANGE, SHARED_RANGE = (-4.0, 0.4), (-3.5, 4.0)
-#: Scale of the half-normal prior of a class's background (assumed).
+TAU_RANGE, SHARED_RANGE, LOOSE_RANGE = (-4.0, 3.0), (-3.5, 4.0), (-4.0, 5.0)
+#: Scale of the half-Cauchy prior of a class's background (assumed).
 TAU_SCALE = 0.7
 #: Classes of one robot are alike: a robot that is slightly wrong is so everywhere. Spread of log tau among them
 #: (assumed).
-TAU_SPREAD = 1.0
-#: Standard deviation of log(noise variance) where the noise is assumed, and where it is known best.
-LOOSE, TIGHT = 4.0, 0.1
+TAU_SPREAD = 0.6
+#: Logarithm of the least noise variance, over its estimate, that is looked at.
+LEAST_NOISE = -6.0
 #: Log evidence has settled when a step changes it by less than this.
 SETTLED = 5e-3
-#: Degrees of freedom from which on a noise counts as known.
-WITNESSED = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,12 +76,15 @@ class Prior:
         spread: Background standard deviation of each column at tau = 1, in units of its scale. Shape (p,).
         free: Columns that every model fits freely (registration). Shape (p,).
         slab: Variance of claimed columns, 0 where nothing is claimed. Shape (p,).
+        loose: Classes that no other class resembles and that may be of any size: what an unknown cause follows. Their
+            tau is in noise floors, half-Cauchy. Shape (classes,), or (0,) for none.
     """
 
     background: NDArray[np.int_]
     spread: Array
     free: NDArray[np.bool_]
     slab: Array
+    loose: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
 
     def variance(self, log_tau: Array) -> Array:
         """Return the prior variance of every column. Shape (p,)."""
@@ -128,7 +130,7 @@ class Posterior:
 
 
 def excess_square(channels: Sequence[ChannelProducts], posterior: Posterior, columns: NDArray[np.int_]) -> float:
-    """Return the squares that some columns leave beyond the noise, in channels whose noise is known.
+    """Return the squares that some columns leave beyond the noise.
 
     Args:
         channels: The products.
@@ -138,10 +140,9 @@ def excess_square(channels: Sequence[ChannelProducts], posterior: Posterior, col
     mean = np.where(np.isin(posterior.columns, columns), posterior.mean, 0.0)
     total = 0.0
     for channel in channels:
-        if channel.witnesses >= WITNESSED:
-            part = channel.total.take(posterior.columns)
-            left = part.square - 2 * mean @ part.against + mean @ part.gram @ mean
-            total += float(left) - part.count
+        part = channel.total.take(posterior.columns)
+        left = part.square - 2 * mean @ part.against + mean @ part.gram @ mean
+        total += float(left) - part.count
     return total
 
 
@@ -168,9 +169,9 @@ def find_posterior(
     reduced = [channel.take(active) for channel in ledger.channels]
     if fit:
         bounds = (
-            [(-6.0 if ch.witnesses < WITNESSED else -1.5, _most_noise(ch)) for ch in reduced]
+            [(LEAST_NOISE, _most_noise(ch)) for ch in reduced]
             + [SHARED_RANGE if shared else (SHARED_RANGE[0], SHARED_RANGE[0])] * len(reduced)
-            + [TAU_RANGE] * len(hyper.log_tau)
+            + [LOOSE_RANGE if loose else TAU_RANGE for loose in _loose(prior, hyper)]
         )
         # the optimizer's tolerance is relative: evidence counts from where it starts; steps in units of likely errors
         start = _negative(reduced, prior, hyper)[0]
@@ -210,14 +211,15 @@ def _negative(channels: list[ChannelProducts], prior: Prior, hyper: Hyper) -> tu
         )
         gradient_shared.append(0.5 * slope * 2 * shared)
     residual = against - gram @ mean
-    spread = np.diag(gram) - np.einsum("ij,ij->j", gram, covariance @ gram)
-    slope_d = 0.5 * (residual**2 - spread)
+    # G - G S G = 1/D - S/D^2 on the diagonal, where S = (1/D + G)^-1
+    own = np.maximum(prior.variance(hyper.log_tau)[active], 1e-300)
+    slope_d = 0.5 * (residual**2 - (1.0 - np.diag(covariance) / own) / own)
     classes = prior.background[active]
     variance = np.where(
         classes >= 0, np.exp(2 * hyper.log_tau[np.maximum(classes, 0)]) * prior.spread[active] ** 2, 0.0
     )
     gradient_tau = np.array([np.sum((slope_d * variance * 2)[classes == k]) for k in range(len(hyper.log_tau))])
-    _, hyper_gradient = _hyperprior(channels, hyper)
+    _, hyper_gradient = _hyperprior(channels, hyper, _loose(prior, hyper))
     gradient = np.concatenate([gradient_noise, gradient_shared, gradient_tau]) + hyper_gradient
     return -value, -gradient
 
@@ -255,12 +257,11 @@ def _solve(
     root = np.sqrt(prior.variance(hyper.log_tau)[prior.active])
     inner = np.eye(len(root)) + root[:, None] * gram * root
     factor = _factor(inner)
-    half = cho_solve(factor, np.diag(root), check_finite=False)
-    covariance = root[:, None] * half
-    covariance = 0.5 * (covariance + covariance.T)
+    lower = np.tril(dpotri(factor[0], lower=1)[0]) if len(root) else inner
+    covariance = root[:, None] * (lower + np.tril(lower, -1).T) * root
     mean = covariance @ against
     log_det += 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
-    value = -0.5 * (log_det + square - float(against @ mean)) + _hyperprior(channels, hyper)[0]
+    value = -0.5 * (log_det + square - float(against @ mean)) + _hyperprior(channels, hyper, _loose(prior, hyper))[0]
     return value, mean, covariance, (gram, against)
 
 
@@ -275,21 +276,31 @@ def _factor(inner: Array) -> tuple[Array, bool]:
     raise ConvergenceError("the evidence of a model cannot be computed, its columns are degenerate", residual=jitter)
 
 
-def _hyperprior(channels: list[ChannelProducts], hyper: Hyper) -> tuple[float, Array]:
+def _loose(prior: Prior, hyper: Hyper) -> NDArray[np.bool_]:
+    """Tell which classes are loose. Shape (classes,)."""
+    return prior.loose if len(prior.loose) else np.zeros(len(hyper.log_tau), bool)
+
+
+def _hyperprior(
+    channels: list[ChannelProducts], hyper: Hyper, loose: NDArray[np.bool_]
+) -> tuple[float, Array]:  # fmt: skip
     """Return log prior of noise and background, and its gradient.
 
-    Noise is log-Cauchy as wide as its witnesses allow (a model may be wrong, and then rows scatter more); shared errors
-    and backgrounds are half-Cauchy and half-normal of scale one, and the classes of one robot resemble each other
-    (assumed: an error as large as the noise, a background as large as its class's scale, is no surprise).
+    Noise has the chi-square likelihood of the degrees of freedom that its estimate rests on: what repeats do not show
+    is no noise, but an error that stays share. Shared errors and backgrounds are half-Cauchy, and the classes of one
+    robot resemble each other (assumed: an error as large as the noise, a background as large as its class's scale, is
+    no surprise).
     """
-    width = np.array([LOOSE if ch.witnesses < 1 else max(np.sqrt(2.0 / ch.witnesses), TIGHT) for ch in channels])
+    witnesses = np.array([ch.witnesses for ch in channels])
+    factor = np.exp(-hyper.log_noise)
     shared2, tau2 = np.exp(2 * hyper.log_shared), np.exp(2 * hyper.log_tau)
-    ratio2 = (hyper.log_noise / width) ** 2
-    value = -np.sum(np.log1p(ratio2)) - np.sum(np.log1p(shared2)) - 0.5 * np.sum(tau2) / TAU_SCALE**2
-    apart = hyper.log_tau - np.mean(hyper.log_tau)
+    value = -0.5 * np.sum(witnesses * (hyper.log_noise + factor - 1.0)) - np.sum(np.log1p(shared2))
+    value -= np.sum(np.log1p(tau2[~loose] / TAU_SCALE**2)) + np.sum(np.log1p(tau2[loose]))
+    alike = hyper.log_tau[~loose]
+    apart = np.where(loose, 0.0, hyper.log_tau - np.mean(alike)) if len(alike) else np.zeros(len(loose))
     value -= 0.5 * np.sum(apart**2) / TAU_SPREAD**2
-    gradient_tau = -tau2 / TAU_SCALE**2 - apart / TAU_SPREAD**2
-    slope = -2 * hyper.log_noise / width**2 / (1 + ratio2)
+    gradient_tau = np.where(loose, -2 * tau2 / (1 + tau2), -2 * tau2 / (TAU_SCALE**2 + tau2) - apart / TAU_SPREAD**2)
+    slope = -0.5 * witnesses * (1.0 - factor)
     gradient = np.concatenate([slope, -2 * shared2 / (1 + shared2), gradient_tau])
     return float(value), gradient
 

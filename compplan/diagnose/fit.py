@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,22 +10,17 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from compplan.diagnose.background import CLASSES, build_prior, in_background, log_priors
-from compplan.diagnose.channels import Channel, Noise, build_channels, estimate_noises, position_residual
-from compplan.diagnose.evidence import Posterior, Prior, find_posterior, start_hyper
+from compplan.diagnose.channels import Channel, build_channels, estimate_noises, position_residual
+from compplan.diagnose.evidence import Hyper, Posterior, Prior, find_posterior, start_hyper
 from compplan.diagnose.ledger import Ledger, build_ledger, extend_ledger
+from compplan.diagnose.noise import Noise
 from compplan.diagnose.offers import REGISTRATION, Key, key_of, offer_again, offered_signatures, proposed_signatures
 from compplan.diagnose.outliers import find_gross_outliers, find_outliers
 from compplan.diagnose.proposals import propose_shifts, propose_waves
 from compplan.diagnose.search import MOST_EFFECTS, Claim, Model, Search, search_models
-from compplan.diagnose.unmodelled import (
-    UNMODELLED,
-    Unmodelled,
-    add_unmodelled,
-    grow_unmodelled,
-    propose_oscillation,
-)
 from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
 from compplan.effects.linearization import Linearization, linearize_scene
+from compplan.effects.scene import Attained, Scene
 from compplan.effects.signature import Signature
 from compplan.errors import ConvergenceError
 from compplan.measure.campaign import Campaign
@@ -33,6 +28,12 @@ from compplan.measure.registration import Registration
 from compplan.robot import Array, Robot
 
 ROUNDS = 8
+#: The round whose residual tells the noise; scores are compared from the next one on.
+NOISE_ROUND = 1
+#: Shares of a step that are tried until the exact model gains.
+STEPS = (1.0, 0.5, 0.25, 0.1)
+#: Standard deviations at which one value counts no further in the choice of a step (a gross error steers nothing).
+FAR_OFF = 8.0
 #: Most effects of the first rounds: what is small has to wait until the large ones are exact.
 FIRST_ROUNDS = (2, 4, 8, 16)
 #: Parameters have settled when no observation moves by more than this share of its noise.
@@ -53,7 +54,6 @@ class Problem:
         register: Frames that are fitted in every model.
         without: Effects that are left out of the candidates.
         fixed: Effects that are taken for granted (a convention of counting that was found beforehand).
-        unmodelled: Whether dependences that no effect makes are offered beside the effects.
     """
 
     robot: Robot
@@ -61,7 +61,6 @@ class Problem:
     register: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
     fixed: tuple[Effect, ...] = ()
-    unmodelled: bool = False
 
     @property
     def excluded(self) -> tuple[str, ...]:
@@ -81,7 +80,6 @@ class State:
         use: Rows that are not outliers and whose approach is known. Shape (n,).
         claims: Place and form of the claims, and their sizes.
         most: Most effects that may be claimed.
-        unmodelled: What no effect explains and yet follows something; None for none.
         scatter: Standard deviation that the model leaves per axis of position; 0 before there is a model. [m]
     """
 
@@ -92,7 +90,6 @@ class State:
     claims: tuple[tuple[Key, float], ...] = ()
     scatter: float = 0.0
     most: int = MOST_EFFECTS
-    unmodelled: Unmodelled | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +107,7 @@ class Fit:
         outliers: Rows reported as outliers.
         base: State that the linearization was taken at, where `state` has gone on.
         exact: Root mean square distance that the exact model leaves on the rows used. [m]
+        score: Log posterior with the squares that the exact model leaves.
     """
 
     problem: Problem
@@ -122,10 +120,11 @@ class Fit:
     outliers: NDArray[np.int_]
     base: State | None = None
     exact: float = 0.0
+    score: float = -np.inf
 
 
 def fit_effects(
-    problem: Problem, registration: Registration | None, use: NDArray[np.bool_],
+    problem: Problem, registration: Registration | None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Fit:  # fmt: skip
     """Find the effects of a campaign and fit them exactly.
@@ -133,30 +132,101 @@ def fit_effects(
     Args:
         problem: What is to be diagnosed.
         registration: Frames to begin with, or None.
-        use: Rows to use in the first round. Shape (n,).
         progress: Told what is being done.
     """
-    state = State(problem.fixed, {}, registration, use)
+    state = State(problem.fixed, {}, registration, problem.campaign.usable)
     noises: dict[str, Noise] | None = None
     proposals: list[Signature] = []
-    fit = whole = None
+    best: Fit | None = None
     for number in range(ROUNDS):
         progress(f"round {number + 1}")
         state = replace(state, most=FIRST_ROUNDS[number] if number < len(FIRST_ROUNDS) else MOST_EFFECTS)
-        fit, proposals = _round(problem, state, noises, proposals, progress)
+        # poses met again tell the noise once the first model has taken play and drift out of them
+        fit, proposals = _round(problem, state, noises if number > NOISE_ROUND else None, proposals, progress)
         noises = fit.noises
-        following = advance_state(fit)
-        if not stands(problem, following):
-            # parameters beyond what the exact model can bear: the last model that stood is the answer
-            fit = whole or replace(fit, model=fit.search.model([], fit.search.start))
-            return _finish(fit, state)
-        whole = fit
-        settled = number > 0 and len(fit.model.claims) < state.most and _settled(fit, state, following)
+        step = descend(fit, advance_state(fit))
+        if step is None:
+            break
+        following, score = step
+        if best is None or number <= NOISE_ROUND or score > best.score:
+            best = replace(fit, state=following, base=fit.state, score=score)
+        settled = number > NOISE_ROUND and len(fit.model.claims) < state.most and _settled(fit, state, following)
         state = following
         if settled:
             break
-    assert fit is not None
-    return _finish(fit, state)
+    if best is None:
+        # the exact model cannot bear the least step: the campaign stays as it is
+        best = replace(fit, model=fit.search.model([], fit.search.start), base=fit.state)
+    return _finish(best, best.state)
+
+
+def descend(fit: Fit, full: State) -> tuple[State, float] | None:
+    """Shorten a step until the exact model gains by it; returns the state and its exact score, or None.
+
+    The score is the log posterior of the model with the squares that the exact model leaves in the place of those that
+    its derivatives promise.
+
+    Args:
+        fit: The fit that the step starts from.
+        full: The whole step.
+    """
+    ledger, posterior = fit.search.ledger, fit.model.posterior
+    here = np.array([fit.state.values.get(name, 0.0) for name in ledger.names]) / ledger.scale
+    variance = fit.search.prior_of(fit.model.claims).variance(posterior.hyper.log_tau)
+    weight = 1.0 / np.maximum(variance[posterior.columns], 1e-12)
+    target = posterior.values(ledger.p)
+
+    def cost(channels: Sequence[Channel], vector: Array) -> float:
+        left = [channel.residual / channel.sigma for channel in channels]
+        own = vector[posterior.columns]
+        return square_left(channels, left, posterior.hyper) + float(np.sum(weight * own**2))
+
+    start = cost(fit.channels, here)
+    promised = square_left(fit.channels, ledger.left(target), posterior.hyper)
+    promised += float(np.sum(weight * target[posterior.columns] ** 2))
+    tried: list[tuple[float, State]] = []
+    for share in STEPS:
+        state = full if share == 1.0 else advance_state(fit, share)
+        channels = observe_state(fit, state)
+        if channels is None:
+            continue
+        tried.append((cost(channels, here + share * (target - here)), state))
+        if tried[-1][0] < start:
+            break
+    if not tried:
+        return None
+    least, state = min(tried, key=lambda t: t[0])
+    return state, fit.model.score - 0.5 * (least - promised)
+
+
+def square_left(channels: Sequence[Channel], left: Sequence[Array], hyper: Hyper) -> float:
+    """Return the squares that are left in units of the fitted noise, errors that stays share included.
+
+    Args:
+        channels: The channels of observations.
+        left: What is left in each, in units of its estimated noise. Shape (r, c) each.
+        hyper: Noise and background.
+    """
+    total = 0.0
+    for channel, rest, noise, shared in zip(channels, left, hyper.log_noise, hyper.log_shared, strict=True):
+        rest = rest * np.minimum(1.0, FAR_OFF / np.maximum(np.abs(rest) * np.exp(-0.5 * noise), 1e-12))
+        first = np.flatnonzero(np.r_[True, np.diff(channel.group) > 0])
+        sizes = np.diff(np.r_[first, len(channel.group)])
+        mean2 = np.sum(np.add.reduceat(rest, first, axis=0) ** 2, axis=1) / sizes
+        ratio = sizes * np.exp(2 * shared)
+        total += float(np.exp(-noise) * (np.sum(rest**2) - np.sum(ratio / (1 + ratio) * mean2)))
+    return total
+
+
+def observe_state(fit: Fit, state: State) -> tuple[Channel, ...] | None:
+    """Compare the campaign with the exact model of a state, or None where that finds no equilibrium."""
+    try:
+        scene, attained = attain_state(fit.problem, state)
+    except ConvergenceError:
+        return None
+    if not np.isfinite(attained.position).all():
+        return None
+    return build_channels(scene, attained, fit.state.use, fit.noises)
 
 
 def _round(
@@ -166,17 +236,17 @@ def _round(
     """Linearize at a state, search, look for rows and periods in what is left, and search again."""
     at = linearize_state(problem, state)
     if noises is None:
-        noises = estimate_noises(problem.campaign, at.attained)
+        noises = estimate_noises(problem.campaign, at.attained, problem.robot.repeatability)
     residual = position_residual(problem.campaign, at.scene, at.attained)
     if state.scatter > 0:
-        outliers = find_outliers(problem.campaign, residual, state.scatter, ~problem.campaign.first_visit)
+        outliers = find_outliers(problem.campaign, residual, state.scatter, known_approach(problem.campaign, state))
     else:
         outliers = find_gross_outliers(problem.campaign, residual)
-    use = ~problem.campaign.first_visit
+    use = known_approach(problem.campaign, state)
     use[outliers] = False
     state = replace(state, use=use)
     channels = build_channels(at.scene, at.attained, use, noises)
-    fixed = offered_signatures(at, problem.register, problem.excluded, problem.unmodelled)
+    fixed = offered_signatures(at, problem.register, problem.excluded)
     wanted = {key for key, _ in state.claims}
     kept = offer_again(at, proposals, wanted)
     fit = _search(problem, state, at, channels, [*fixed, *kept], noises, progress)
@@ -194,24 +264,32 @@ def _round(
     return fit, proposed_signatures(fit.search.ledger.signatures)
 
 
+def known_approach(campaign: Campaign, state: State) -> NDArray[np.bool_]:
+    """Tell which rows a model can predict: all, or with play those whose approach is known. Shape (n,)."""
+    play = any(key[0] == "backlash" for key, _ in state.claims)
+    return ~campaign.first_visit if play else np.ones(len(campaign), bool)
+
+
 def stands(problem: Problem, state: State) -> bool:
     """Tell whether the robot of a state finds its equilibrium at every row."""
     try:
-        scene = apply_effects(stage_scene(problem.robot, problem.campaign), state.effects)
-        attained = attain_scene(scene)
+        _, attained = attain_state(problem, state)
     except ConvergenceError:
         return False
     return bool(np.isfinite(attained.position).all())
 
 
-def linearize_state(problem: Problem, state: State) -> Linearization:
-    """Put the state's effects into a scene, solve it and linearize."""
+def attain_state(problem: Problem, state: State) -> tuple[Scene, Attained]:
+    """Put the state's effects into a scene and solve it."""
     scene = stage_scene(problem.robot, problem.campaign, registration=state.registration)
     scene = apply_effects(scene, state.effects)
-    if state.unmodelled is not None:
-        scene = add_unmodelled(scene, state.unmodelled)
-    current = {effect.place: effect.parameters for effect in state.effects}
-    return linearize_scene(scene, attain_scene(scene), current)
+    return scene, attain_scene(scene)
+
+
+def linearize_state(problem: Problem, state: State) -> Linearization:
+    """Put the state's effects into a scene, solve it and linearize."""
+    scene, attained = attain_state(problem, state)
+    return linearize_scene(scene, attained, {effect.place: effect.parameters for effect in state.effects})
 
 
 def _search(
@@ -271,23 +349,18 @@ def _propose(fit: Fit) -> list[Signature]:
         for index, columns in waves.items()
     }
     proposals = propose_shifts(fit.at, fit.channels, left)
-    proposals += propose_waves(fit.at, fit.channels, left, own)
-    if not fit.problem.unmodelled:
-        return proposals
-    swing = ledger.join_columns(n for n, s in enumerate(ledger.signatures) if "frequency_Hz" in s.fixed)
-    still = [rest + design[..., swing] @ values[swing] for rest, design in zip(left, ledger.designs, strict=True)]
-    return proposals + propose_oscillation(fit.at, fit.channels, still)
+    return proposals + propose_waves(fit.at, fit.channels, left, own)
 
 
-def advance_state(fit: Fit) -> State:
-    """Take the posterior mean into the exact model, and look for outliers."""
+def advance_state(fit: Fit, share: float = 1.0) -> State:
+    """Take the posterior mean into the exact model, or a share of the way to it from where the fit stands."""
     ledger = fit.search.ledger
     prior, posterior = bend_forwards(ledger, fit.search.prior_of(fit.model.claims), fit.model.posterior)
-    vector = posterior.values(ledger.p)
+    here = np.array([fit.state.values.get(name, 0.0) for name in ledger.names]) / ledger.scale
+    vector = here + share * (posterior.values(ledger.p) - here)
     claimed = list(fit.model.signatures)
     registration = fit.state.registration
     values: dict[str, float] = {}
-    unmodelled: Unmodelled | None = None
     effects = list(fit.problem.fixed)
     background = prior.background
     quiet = _quiet_classes(ledger, background, vector)
@@ -304,20 +377,17 @@ def advance_state(fit: Fit) -> State:
             if any(ledger.names[column] in values for column in columns) or idle(ledger, columns, vector):
                 continue
         part = vector[columns].copy()
-        if signature.positive and len(part) == 1:
+        if signature.positive:
             part = np.maximum(part, 0.0)
         if part.any():
             sizes = part * signature.scale
             values |= {ledger.names[column]: float(size) for column, size in zip(columns, sizes, strict=True)}
-            if signature.name == UNMODELLED:
-                unmodelled = grow_unmodelled(unmodelled, signature, sizes, fit.at)
-                continue
             effects.append(signature.effect(sizes))
     first = posterior.hyper
     scatter = fit.noises["position"].sigma * float(
         np.exp(0.5 * first.log_noise[0]) * np.hypot(1.0, np.exp(first.log_shared[0]))
     )
-    return State(tuple(effects), values, registration, fit.state.use, _claims(fit), scatter, unmodelled=unmodelled)
+    return State(tuple(effects), values, registration, fit.state.use, _claims(fit), scatter)
 
 
 def idle(ledger: Ledger, columns: NDArray[np.int_], vector: Array) -> bool:
@@ -382,10 +452,9 @@ def _settled(fit: Fit, old: State, new: State) -> bool:
 def _finish(fit: Fit, state: State) -> Fit:
     """Keep the last search, and the state that its posterior leads to, with the outliers seen from there."""
     campaign = fit.problem.campaign
-    attained = linearize_state(fit.problem, state).attained
-    scene = stage_scene(fit.problem.robot, campaign, registration=state.registration)
+    scene, attained = attain_state(fit.problem, state)
     residual = position_residual(campaign, scene, attained)
-    outliers = find_outliers(campaign, residual, state.scatter, ~campaign.first_visit)
+    outliers = find_outliers(campaign, residual, state.scatter, known_approach(campaign, state))
     rows = fit.channels[0].rows
     exact = float(np.sqrt(np.mean(np.sum(residual[rows] ** 2, axis=1))))
-    return replace(fit, state=state, base=fit.state, outliers=outliers, exact=exact)
+    return replace(fit, outliers=outliers, exact=exact)

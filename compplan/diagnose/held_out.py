@@ -1,24 +1,26 @@
-"""Held out: how far the gap shrinks on rows that a model never saw."""
+"""Held out: how far the gap shrinks on poses that a model never saw, predicted by the exact model."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnose.channels import block_index
-from compplan.diagnose.evidence import Hyper, Prior, find_posterior
-from compplan.diagnose.fit import Fit
-from compplan.diagnose.ledger import Ledger, select_rows
+from compplan.diagnose.channels import block_index, position_residual
+from compplan.diagnose.evidence import Posterior, Prior, find_posterior
+from compplan.diagnose.fit import Fit, State, advance_state, attain_state
+from compplan.diagnose.ledger import ChannelProducts, Ledger, Products, select_rows
 from compplan.diagnose.search import Claim
+from compplan.errors import ConvergenceError
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array
 
-FOLDS = 5
-#: Consecutive blocks that stay in one fold.
-RUN_OF_BLOCKS = 3
+#: Parts that a campaign is dealt to, and consecutive blocks that stay together (assumed: neighbours in time share
+#: drifts).
+FOLDS, RUN_OF_BLOCKS = 5, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,45 +55,99 @@ def make_folds(campaign: Campaign, folds: int = FOLDS) -> NDArray[np.int_]:
     return np.where(static, fold[first[campaign.pose]], fold)
 
 
-def hold_out(
-    fit: Fit, prior: Prior, hyper: Hyper, folds: NDArray[np.int_], unseen: NDArray[np.int_] | None = None
-) -> HeldOut:
-    """Predict every row by a model that was fitted to the other folds.
+@dataclass(frozen=True, eq=False)
+class Folds:
+    """A fit and its campaign dealt to folds.
+
+    Attributes:
+        fit: The fit.
+        fold: Fold of each row. Shape (n,).
+    """
+
+    fit: Fit
+    fold: NDArray[np.int_]
+
+    @cached_property
+    def ledgers(self) -> list[tuple[int, Ledger]]:
+        """The fit's ledger without each fold."""
+        ledger, every = self.fit.search.ledger, np.arange(self.fit.search.ledger.p)
+        rows = ledger.source[0].rows
+        result = []
+        for number in np.unique(self.fold[rows]):
+            own = select_rows(ledger, self.fold == number, every)
+            rest = tuple(_take_away(whole, part) for whole, part in zip(ledger.channels, own, strict=True))
+            result.append((int(number), replace(ledger, channels=rest)))
+        return result
+
+    def hold_out(self, claims: Sequence[Claim], *, background: bool = True) -> HeldOut:
+        """Predict every row by the exact model that the other folds lead to.
+
+        Args:
+            claims: Claims of the model.
+            background: Whether small errors everywhere are fitted and predicted with.
+        """
+        fit, rows = self.fit, self.fit.search.ledger.source[0].rows
+        campaign, residual = fit.problem.campaign, np.zeros((len(self.fold), 3))
+        for number, ledger in self.ledgers:
+            fitted = with_claims(fit, claims, background=background, ledger=ledger)
+            gap = predict_gap(fitted, advance_state(fitted))
+            if gap is None:
+                gap = np.where(campaign.usable[:, None], campaign.position, np.inf)
+            test = self.fold == number
+            residual[test] = gap[test]
+        return HeldOut(rows, residual[rows])
+
+
+    def hold_out_linear(self, claims: Sequence[Claim]) -> HeldOut:
+        """Predict every row to first order by claims alone; enough to rank candidates."""
+        whole = self.fit.search.ledger
+        rows, left = whole.source[0].rows, np.zeros_like(whole.observed[0])
+        for number, ledger in self.ledgers:
+            posterior = with_claims(self.fit, claims, background=False, ledger=ledger).model.posterior
+            test = self.fold[rows] == number
+            left[test] = whole.observed[0][test] - whole.designs[0][test][..., posterior.columns] @ posterior.mean
+        return HeldOut(rows, left * whole.source[0].sigma)
+
+
+def with_claims(fit: Fit, claims: Sequence[Claim], *, background: bool, ledger: Ledger | None = None) -> Fit:
+    """Return a fit with other claims, noise and sizes of classes held.
 
     Args:
-        fit: The fit that the ledger belongs to.
-        prior: Prior of the model: its claims and its background.
-        hyper: Noise and background.
-        folds: Fold of each row. Shape (n,).
-        unseen: Columns that are fitted, but not predicted with: what no robot model can hold.
+        fit: The fit.
+        claims: The claims.
+        background: Whether small errors everywhere are fitted, too.
+        ledger: Products to fit to; the fit's own where left out.
     """
-    ledger, active = fit.search.ledger, prior.active
-    channel, design, observed = ledger.source[0], ledger.designs[0], ledger.observed[0]
-    if not len(active):
-        return HeldOut(channel.rows, observed * channel.noise.sigma)
-    residual = np.zeros_like(observed)
-    for fold in np.unique(folds[channel.rows]):
-        train = _rows_ledger(ledger, folds != fold, active)
-        values = find_posterior(train, _take(prior, active), hyper, fit=False).values(len(active))
-        if unseen is not None:
-            values[np.isin(active, unseen)] = 0.0
-        test = folds[channel.rows] == fold
-        residual[test] = observed[test] - design[test][..., active] @ values
-    return HeldOut(channel.rows, residual * channel.noise.sigma)
+    prior = fit.search.prior
+    if not background:
+        prior = Prior(np.full_like(prior.background, -1), prior.spread, prior.free, prior.slab)
+    search = replace(fit.search, ledger=ledger or fit.search.ledger, prior=prior, cache={})
+    posterior: Posterior = find_posterior(
+        search.ledger, search.prior_of(claims), fit.model.posterior.hyper, fit=False
+    )
+    return replace(fit, search=search, model=replace(fit.model, claims=tuple(claims), posterior=posterior))
 
 
-def prior_of(fit: Fit, claims: Sequence[Claim], *, background: bool = True) -> Prior:
-    """Return the prior of a model with these claims, with or without the background."""
-    prior = fit.search.prior_of(claims)
-    if background:
-        return prior
-    return Prior(np.full_like(prior.background, -1), prior.spread, prior.free, prior.slab)
+def predict_gap(fit: Fit, state: State) -> Array | None:
+    """Return measured minus predicted positions of the exact model, or None without equilibrium. Shape (n, 3). [m]"""
+    try:
+        scene, attained = attain_state(fit.problem, state)
+    except ConvergenceError:
+        return None
+    gap = position_residual(fit.problem.campaign, scene, attained)
+    return gap if np.isfinite(gap[fit.problem.campaign.usable]).all() else None
 
 
-def _rows_ledger(ledger: Ledger, rows: NDArray[np.bool_], columns: NDArray[np.int_]) -> Ledger:
-    return Ledger((), (), tuple(ledger.names[c] for c in columns), ledger.scale[columns],
-                  select_rows(ledger, rows, columns), (), (), ())  # fmt: skip
+def _take_away(whole: ChannelProducts, part: ChannelProducts) -> ChannelProducts:
+    """Return the products of the rows that are left."""
+    means = {}
+    for size, products in whole.means.items():
+        means[size] = _difference(products, part.means[size]) if size in part.means else products
+    return replace(whole, total=_difference(whole.total, part.total), means=means)
 
 
-def _take(prior: Prior, columns: NDArray[np.int_]) -> Prior:
-    return Prior(prior.background[columns], prior.spread[columns], prior.free[columns], prior.slab[columns])
+def _difference(whole: Products, part: Products) -> Products:
+    return Products(
+        whole.count - part.count, whole.gram - part.gram, whole.against - part.against,
+        max(whole.square - part.square, 0.0),
+    )  # fmt: skip

@@ -121,7 +121,7 @@ def build_ledger(channels: Sequence[Channel], signatures: Sequence[Signature], v
     offset = np.array([values.get(name, 0.0) for name in names]) / np.array(scale)
     used = np.flatnonzero(offset)
     observed = [
-        channel.residual / channel.noise.sigma + design[..., used] @ offset[used]
+        channel.residual / channel.sigma + design[..., used] @ offset[used]
         for channel, design in zip(channels, designs, strict=True)
     ]
     products = [_multiply(c, d, y) for c, d, y in zip(channels, designs, observed, strict=True)]
@@ -199,7 +199,7 @@ def _design(channel: Channel, signatures: Sequence[Signature], picked: Sequence[
     part = {"position": slice(0, 3), "orientation": slice(3, 6)}.get(channel.name)
     for column, (number, k) in enumerate(picked):
         signature = signatures[number]
-        factor = signature.scale[k] / channel.noise.sigma
+        factor = signature.scale[k] / channel.sigma
         if part is not None:
             result[:, :, column] = signature.twist[channel.rows, part, k] * factor
         elif signature.encoder is not None:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from compplan.diagnose.unmodelled import UNMODELLED, oscillation_at, unmodelled_signatures
 from compplan.effects import EFFECTS, frame_shift, tool_shift
 from compplan.effects.base_frame import base_twists
 from compplan.effects.linearization import Linearization
@@ -24,9 +23,9 @@ def key_of(signature: Signature) -> Key:
 
 
 def offered_signatures(
-    at: Linearization, register: Sequence[str], excluded: Sequence[str], unmodelled: bool
+    at: Linearization, register: Sequence[str], excluded: Sequence[str]
 ) -> list[Signature]:
-    """List every signature that needs no search for rows or periods: registration, effects, unmodelled dependences."""
+    """List every signature that needs no search for rows or periods: registration and effects."""
     offered = registration_signatures(at, register)
     for name, model in EFFECTS.items():
         if name not in excluded:
@@ -34,7 +33,7 @@ def offered_signatures(
     if "joint_stiffness" in excluded:
         # a law of deflection with a linear part is a joint's stiffness under another name
         offered = [s for s in offered if not (s.name == "stiffness_nonlinearity" and linear_in_disguise(s.keys))]
-    return [*offered, *unmodelled_signatures(at)] if unmodelled else offered
+    return offered
 
 
 def registration_signatures(at: Linearization, parts: Sequence[str]) -> list[Signature]:
@@ -65,9 +64,7 @@ def offer_again(at: Linearization, proposals: list[Signature], wanted: set[Key])
     for old in proposals:
         if key_of(old) not in wanted:
             continue
-        if old.name == UNMODELLED:
-            found.append(oscillation_at(at, float(old.fixed["frequency_Hz"]), old.tried))
-        elif old.name in ("frame_shift", "tool_shift"):
+        if old.name in ("frame_shift", "tool_shift"):
             model = frame_shift if old.name == "frame_shift" else tool_shift
             found += [s for s in model.shift_at(at, int(old.fixed["row"]), old.tried) if s.form == old.form]
         else:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from compplan.diagnose.background import build_prior, in_background, log_priors
 from compplan.diagnose.channels import build_channels, position_residual
-from compplan.diagnose.fit import Fit, State, advance_state, linearize_state, stands
+from compplan.diagnose.fit import Fit, State, advance_state, attain_state, known_approach, linearize_state, stands
 from compplan.diagnose.ledger import build_ledger
 from compplan.diagnose.offers import REGISTRATION, key_of, offer_again, offered_signatures, proposed_signatures
 from compplan.diagnose.outliers import find_outliers
@@ -28,8 +28,8 @@ def polish_fit(fit: Fit) -> Fit:
         fit: The fit.
     """
     vector = fit.model.posterior.values(fit.search.ledger.p)
-    left = fit.search.ledger.left(vector)[0]
-    expected = float(np.sqrt(np.mean(np.sum(left**2, axis=1)))) * fit.noises["position"].sigma
+    left = fit.search.ledger.left(vector)[0] * fit.search.ledger.source[0].sigma
+    expected = float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
     use = fit.state.use.copy() if fit.base is None else fit.base.use.copy()
     state = register_again(fit, fit.state, use)
     best = state
@@ -45,9 +45,8 @@ def polish_fit(fit: Fit) -> Fit:
         if exact < least:
             best, least = state, exact
     campaign = fit.problem.campaign
-    at = linearize_state(fit.problem, best)
-    residual = position_residual(campaign, at.scene, at.attained)
-    outliers = find_outliers(campaign, residual, best.scatter, ~campaign.first_visit)
+    residual = position_residual(campaign, *attain_state(fit.problem, best))
+    outliers = find_outliers(campaign, residual, best.scatter, known_approach(campaign, best))
     return replace(fit, state=best, exact=least, outliers=outliers)
 
 
@@ -56,7 +55,7 @@ def register_again(fit: Fit, state: State, use: NDArray[np.bool_]) -> State:
     problem = fit.problem
     if not problem.register:
         return state
-    attained = linearize_state(problem, replace(state, registration=None)).attained
+    attained = attain_state(problem, replace(state, registration=None))[1]
     frames = fit_registration(problem.campaign, attained.position, attained.rotation, problem.register, rows=use)
     registered = replace(state, registration=frames)
     return registered if exact_rms(fit, registered, use) < exact_rms(fit, state, use) else state
@@ -65,8 +64,7 @@ def register_again(fit: Fit, state: State, use: NDArray[np.bool_]) -> State:
 def exact_rms(fit: Fit, state: State, use: NDArray[np.bool_]) -> float:
     """Return the root mean square distance that the exact model leaves on some rows. [m]"""
     campaign = fit.problem.campaign
-    at = linearize_state(fit.problem, state)
-    residual = position_residual(campaign, at.scene, at.attained)[use & campaign.usable]
+    residual = position_residual(campaign, *attain_state(fit.problem, state))[use & campaign.usable]
     return float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
 
 
@@ -77,7 +75,7 @@ def _step(fit: Fit, state: State, use: NDArray[np.bool_]) -> State:
     sizes = dict(state.claims)
     old = proposed_signatures(fit.search.ledger.signatures)
     problem = fit.problem
-    offered = offered_signatures(at, problem.register, problem.excluded, problem.unmodelled)
+    offered = offered_signatures(at, problem.register, problem.excluded)
     offered += offer_again(at, old, set(sizes))
     kept = [s for s in offered if key_of(s) in sizes or s.name == REGISTRATION or in_background(s)]
     ledger = build_ledger(channels, kept, state.values)

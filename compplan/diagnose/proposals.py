@@ -64,7 +64,7 @@ def _step_gains(channels: Sequence[Channel], left: Sequence[Array], twist: Array
         if channel.name == "encoder":
             continue
         part = slice(0, 3) if channel.name == "position" else slice(3, 6)
-        columns = twist[channel.rows, part] / channel.noise.sigma
+        columns = twist[channel.rows, part] / channel.sigma[:, :, None]
         length = np.linalg.norm(rest, axis=1)
         # a single row far off is no shift
         rest = rest * np.minimum(1.0, 3.0 * np.percentile(length, 80) / np.maximum(length, 1e-12))[:, None]
@@ -157,10 +157,10 @@ def _projected(
     for number, (channel, rest) in enumerate(zip(channels, left, strict=True)):
         if channel.name == "encoder":
             column = np.zeros_like(rest)
-            column[:, index] = 1.0 / channel.noise.sigma
+            column[:, index] = 1.0 / channel.sigma[:, 0]
         else:
             part = slice(0, 3) if channel.name == "position" else slice(3, 6)
-            column = at.motion[channel.rows, part, index] / channel.noise.sigma
+            column = at.motion[channel.rows, part, index] / channel.sigma
         total = rest if own is None else rest + own[number]
         pull[channel.rows] += np.einsum("ni,ni->n", column, total)
         weight[channel.rows] += np.einsum("ni,ni->n", column, column)

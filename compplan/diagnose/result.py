@@ -153,7 +153,7 @@ def finding_table(finding: Finding) -> dict[str, Any]:
         "ambiguous_with": [place_table(r.place) for r in finding.rivals if r.alike],
         "explained_rms_mm": _mm(finding.explained),
         "log_odds": round(finding.margin, 2),
-        "apart_rms_mm": _mm(min(finding.apart, finding.explained)),
+        "evidence": {} if finding.evidence is None else finding.evidence.to_table(),
         "nearest": [{**place_table(r.place), "share": round(r.share, 4)} for r in finding.rivals[:3]],
     }
 

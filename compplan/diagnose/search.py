@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from compplan.diagnose.evidence import (
     SIZES,
-    WITNESSED,
     Gain,
     Hyper,
     Posterior,
@@ -30,6 +29,13 @@ TRIED, CLOSE = 4, 12.0
 #: A claim that carries this much log likelihood is not tried for removal.
 SURE = 40.0
 MOST_EFFECTS = 24
+#: Standard deviation of the logarithm of an effect's size about its scale (assumed: two thirds of all effects lie
+#: within a factor of five). [decades]
+DECADES = 0.7
+#: Rounds in which parameters that came out negative are set to zero.
+ACTIVE_SETS = 4
+#: Components in which errors that cancel have to agree by chance: a position has three.
+COMPONENTS = 3.0
 #: An exchange or an addition has to gain this much log posterior.
 WORTHWHILE = 0.5
 #: One explanation of two claims is looked at closely if it is within this before noise and background are fitted anew.
@@ -119,15 +125,37 @@ class Search:
         key = frozenset(claims)
         if fit and key in self.cache:
             return self.cache[key]
-        posterior = find_posterior(self.ledger, self.prior_of(claims), hyper, fit=fit, steps=steps)
-        score = posterior.log_evidence + sum(self.log_prior[c.signature] - np.log(len(SIZES)) for c in claims)
+        posterior = self._bounded_posterior(claims, hyper, fit, steps)
+        score = posterior.log_evidence + sum(self.log_prior[c.signature] + log_prior_size(c.size) for c in claims)
         score -= TWO_CURVES * self._doubled_curves(claims)
         if self._backwards(claims, posterior):
             score = -np.inf
+        elif claims:
+            score -= self._coincidence(claims, posterior)
         model = Model(tuple(claims), posterior, float(score))
         if fit:
             self.cache[key] = model
         return model
+
+    def _bounded_posterior(self, claims: Sequence[Claim], hyper: Hyper, fit: bool, steps: int) -> Posterior:
+        """Return the posterior with parameters of which none can be negative at zero where they would be."""
+        prior = self.prior_of(claims)
+        posterior = find_posterior(self.ledger, prior, hyper, fit=fit, steps=steps)
+        several = [self.ledger.columns(c.signature) for c in claims if self._is_one_sided(c)]
+        for _ in range(ACTIVE_SETS):
+            values = posterior.values(self.ledger.p)
+            wrong = [column for columns in several for column in columns if values[column] < 0]
+            if not wrong:
+                break
+            slab = prior.slab.copy()
+            slab[wrong] = 0.0
+            prior = replace(prior, slab=slab)
+            posterior = find_posterior(self.ledger, prior, posterior.hyper, fit=False)
+        return posterior
+
+    def _is_one_sided(self, claim: Claim) -> bool:
+        signature = self.ledger.signatures[claim.signature]
+        return signature.positive and len(signature.keys) > 1
 
     def _doubled_curves(self, claims: Sequence[Claim]) -> int:
         """Count joints that two curves over the same angle are claimed of."""
@@ -139,12 +167,39 @@ class Search:
         values = posterior.values(self.ledger.p)
         for claim in claims:
             signature, columns = self.ledger.signatures[claim.signature], self.ledger.columns(claim.signature)
-            if len(columns) > 1:
-                continue
-            size = values[columns[0]] * signature.scale[0]
-            if (signature.positive and size < 0) or size < signature.least:
+            sizes = values[columns] * signature.scale
+            if (signature.positive and (sizes < 0).any()) or (signature.least and (sizes < signature.least).any()):
                 return True
         return False
+
+    def _coincidence(self, claims: Sequence[Claim], posterior: Posterior) -> float:
+        """Price claims that move the target further than the whole gap and cancel each other.
+
+        Three components of independent errors cancel to 1/c of their size by a chance of about c^-3. Frames that are
+        fitted in every model are taken out of both.
+        """
+        values = posterior.values(self.ledger.p)
+        price = 0.0
+        for claim in claims:
+            columns = self.ledger.columns(claim.signature)
+            own = values[columns]
+            energy = float(own @ self._framed[0][np.ix_(columns, columns)] @ own)
+            if energy > self._framed[1]:
+                price += COMPONENTS * 0.5 * float(np.log(energy / self._framed[1]))
+        return price
+
+    @cached_property
+    def _framed(self) -> tuple[Array, float]:
+        """Products of the positions' columns with each other, and the gap's squares, registered frames taken out."""
+        total = self.ledger.channels[0].total
+        frames = np.flatnonzero(self.prior.free)
+        if not len(frames):
+            return total.gram, max(total.square, 1e-300)
+        block = total.gram[np.ix_(frames, frames)]
+        block = block + 1e-9 * np.trace(block) / len(block) * np.eye(len(block))
+        solved = np.linalg.solve(block, np.column_stack([total.gram[frames], total.against[frames]]))
+        gram = total.gram - total.gram[:, frames] @ solved[:, :-1]
+        return gram, max(float(total.square - total.against[frames] @ solved[:, -1]), 1e-300)
 
     def gains(self, model: Model) -> list[Gain]:
         """Return what further claims would add, best first; prior odds included."""
@@ -156,8 +211,16 @@ class Search:
             if self.ledger.signatures[n].place not in taken and not used.intersection(self.ledger.columns(n).tolist())
         ]
         gains = find_gains(self.ledger, model.posterior, free)
-        scored = [Gain(g.signature, g.log_evidence + float(self.log_prior[g.signature]), g.size) for g in gains]
+        # a gain is a mean over sizes, of which the best carries nearly all
+        odds = {g.signature: float(self.log_prior[g.signature]) + log_prior_size(g.size) for g in gains}
+        scored = [Gain(g.signature, g.log_evidence + np.log(len(SIZES)) + odds[g.signature], g.size) for g in gains]
         return sorted(scored, key=lambda g: -g.log_evidence)
+
+
+def log_prior_size(size: float) -> float:
+    """Return the log probability of a size: log-normal about the scale of the effect."""
+    weights = np.exp(-0.5 * (np.log10(SIZES) / DECADES) ** 2)
+    return float(-0.5 * (np.log10(size) / DECADES) ** 2 - np.log(weights.sum()))
 
 
 def search_models(search: Search, first: Sequence[Claim] = (), most: int = MOST_EFFECTS) -> Model:
@@ -201,7 +264,7 @@ def explains_enough(search: Search, old: Model, new: Model) -> bool:
         return excess_square(channels, posterior, posterior.columns), excess_square(channels, posterior, known)
 
     before = measure(old)
-    if channels[0].witnesses < WITNESSED or before[0] < MUCH * sum(channel.total.count for channel in channels):
+    if before[0] < MUCH * sum(channel.total.count for channel in channels):
         return True
     return any(b - a > FAIR_PART * b for b, a in zip(before, measure(new), strict=True))
 

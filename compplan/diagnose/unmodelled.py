@@ -9,7 +9,7 @@ they are not, and it says what an unknown cause looks like.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -17,7 +17,6 @@ from numpy.polynomial import legendre
 
 from compplan.diagnose.channels import Channel
 from compplan.effects.linearization import AXES, Linearization
-from compplan.effects.scene import Scene
 from compplan.effects.signature import Signature
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array
@@ -33,27 +32,14 @@ TIME_DEGREE, CREEP_TIMES = 4, (60.0, 400.0)
 EARLY = (0.02, 0.1)
 #: Degree of the fields over the workspace.
 FIELD_DEGREE = 3
-#: An instrument stands so many times farther away than the target moves (assumed): what is curved about it is larger
-#: by this from degree to degree where it is expanded about the target.
+#: An instrument stands so many times farther away than the target moves (assumed): expanded about the target, what is
+#: curved about the instrument is smaller by this from degree to degree.
 FAR = 8.0
 TURNS = AXES[3:]
 #: Twists along the base axes.
 SHIFT = np.eye(6)[:, :3]
 #: Frequencies that are looked at on paths, at most, and log likelihood that an oscillation has to explain.
 MOST_FREQUENCIES, WORTH_A_WAVE = 3000, 15.0
-
-
-@dataclass(frozen=True, eq=False)
-class Unmodelled:
-    """What no effect explains and yet follows something, at the n rows of one campaign.
-
-    Attributes:
-        motion: Motion of the base that moves the target alike. Shape (n, 6). [m, rad]
-        encoder: Change of the link-side readings. Shape (n, nq). [rad or m]
-    """
-
-    motion: Array
-    encoder: Array
 
 
 def unmodelled_signatures(at: Linearization) -> list[Signature]:
@@ -71,15 +57,6 @@ def unmodelled_signatures(at: Linearization) -> list[Signature]:
     for index in range(at.robot.nq):
         found += _of_joint(at, index)
     return found
-
-
-def angle_signatures(at: Linearization) -> list[Signature]:
-    """List errors of a joint that follow another joint's angle alone.
-
-    Args:
-        at: The linearization.
-    """
-    return [s for index in range(at.robot.nq) for s in _of_joint(at, index) if s.form.startswith("wave")]
 
 
 def describe_unmodelled(joint: str | None, driver: str) -> str:
@@ -100,7 +77,8 @@ def _offer(
     if not seen.any():
         return
     size = np.full_like(size, np.sqrt(np.mean(size[seen] ** 2))) if common else size
-    scale = PLAIN_MOTION / (size[seen] * np.sqrt(seen.sum())) * np.broadcast_to(weight, seen.shape)[seen]
+    weight = np.broadcast_to(weight, seen.shape)[seen]
+    scale = PLAIN_MOTION / size[seen] * weight / np.sqrt(np.sum(weight**2))
     keys = tuple(f"{driver} {form} {k}" for k in np.flatnonzero(seen))
     visible = None if encoder is None else encoder[:, :, seen]
     yield Signature(UNMODELLED, joint, driver, form, keys, scale, twist[:, :, seen], visible)
@@ -112,11 +90,11 @@ def _of_position(at: Linearization) -> Iterable[Signature]:
     driver = "the place of the target"
     moved = np.concatenate([np.broadcast_to(np.eye(3), (len(point), 3, 3)), point[:, :, None]], axis=2)
     scaled = np.concatenate([moved, np.zeros_like(moved)], axis=1)
-    yield from _offer(at, None, driver, "scale", scaled, weight=np.array([FAR, FAR, FAR, 1.0]))
+    yield from _offer(at, None, driver, "scale", scaled, weight=np.array([1.0, 1.0, 1.0, 1.0 / FAR]))
     powers: list[tuple[int, ...]] = [()]
     for degree in range(1, FIELD_DEGREE + 1):
         powers += list(combinations_with_replacement(range(3), degree))
-        weight = np.tile([FAR ** (degree - len(power)) for power in powers], 3)
+        weight = np.tile([FAR ** -len(power) for power in powers], 3)
         twist = _times(np.broadcast_to(SHIFT, (len(point), 6, 3)), _monomials(at, powers))
         yield from _offer(at, None, driver, f"degree {degree}", twist, weight=weight)
 
@@ -290,20 +268,3 @@ def past_load(time: Array, load: Array, tau: float) -> Array:
 def _times(twists: Array, curves: Array) -> Array:
     """Multiply every twist with every curve. Shape (n, 6, a), (n, c) -> (n, 6, a c)."""
     return (twists[:, :, :, None] * curves[:, None, None, :]).reshape(len(twists), 6, -1)
-
-
-def grow_unmodelled(
-    known: Unmodelled | None, signature: Signature, sizes: Array, at: Linearization
-) -> Unmodelled:  # fmt: skip
-    """Add a dependence of a given size to those that there are."""
-    twist = signature.twist @ sizes
-    motion = np.concatenate([twist[:, :3] - np.cross(twist[:, 3:], at.point), twist[:, 3:]], axis=1)
-    encoder = np.zeros((len(twist), at.robot.nq)) if signature.encoder is None else signature.encoder @ sizes
-    if known is not None:
-        motion, encoder = known.motion + motion, known.encoder + encoder
-    return Unmodelled(motion, encoder)
-
-
-def add_unmodelled(scene: Scene, unmodelled: Unmodelled) -> Scene:
-    """Put what no effect explains into a scene, to first order."""
-    return replace(scene, base_twist=scene.base_twist + unmodelled.motion, encoder=scene.encoder + unmodelled.encoder)

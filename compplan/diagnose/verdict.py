@@ -1,4 +1,4 @@
-"""Verdict: which effects are named, how probable each is, and whether structure is left that none of them explains."""
+"""Verdict: which effects are named, how probable each is, and what is left that none of them explains."""
 
 from __future__ import annotations
 
@@ -7,50 +7,43 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit, logsumexp
 
-from compplan.diagnose.ambiguity import Rival, find_rivals, share_explained
-from compplan.diagnose.evidence import SHARED_RANGE, WITNESSED, find_posterior
-from compplan.diagnose.fit import Fit, search_again
+from compplan.diagnose.ambiguity import Rival, find_rivals
+from compplan.diagnose.certainty import Evidence, rate_certainty
+from compplan.diagnose.doubt import Doubt
+from compplan.diagnose.evidence import Hyper
+from compplan.diagnose.fit import Fit
 from compplan.diagnose.offers import REGISTRATION
-from compplan.diagnose.search import Claim, distinct_places
-from compplan.diagnose.unmodelled import UNMODELLED, angle_signatures
+from compplan.diagnose.repetition import count_repetitions
+from compplan.diagnose.search import Claim, Search, distinct_places
+from compplan.diagnose.unmodelled import UNMODELLED
+from compplan.effects.linearization import Place
 from compplan.effects.signature import Effect
 from compplan.robot import Array
 
-#: Log odds are divided by this: evidence of real campaigns is less sharp than its model (assumed).
-TEMPER = 2.0
-MOST_SURE = 0.99
-#: An effect is named from this probability on.
+#: An effect is named from this probability on (contracts: claimed from a half up).
 CLAIMED = 0.5
 #: Rivals of each claim that are fitted in its place.
-FITTED_RIVALS = 3
-#: Structure is left where an error that stays share gains this much log evidence, and is this large against the noise,
-STRUCTURE_GAIN, STRUCTURE_SIZE = 6.0, 0.35
-#: or where the noise is this much larger than its estimate (variance, less one),
-EXCESS = 0.5
-#: or where rows of one kind scatter more than those of another by this factor (variance). Median of chi-square of
-#: three.
-UNEVEN, MEDIAN_SQUARE = 1.4, 2.366
-#: or where small errors everywhere would have to move the target by this many noise floors (then they are not small).
-LARGE_BACKGROUND = 6.0
-#: or where the exact model leaves this many times what its linearization promises.
-DIVERGED = 1.25
-#: An error that moves the target less than this share of the noise floor is no cause of a gap and is not named.
+RIVALS = 3
+#: Noise floors that may be left where a gap counts as explained, or as none at all (the project's own rule).
+FLOORS_LEFT = 1.5
+#: Less than that is structure all the same where it gains this much log evidence (odds of 400 to one) and is as large
+#: as this share of the noise floor (assumed: smaller errors cost a campaign nothing).
+STRUCTURE_GAIN, STRUCTURE_SIZE = 6.0, 0.5
+#: An error that moves the target less than this share of the noise floor is no cause of a gap and is not named
+#: (assumed).
 NAMEABLE = 0.8
 #: Neither is one that is less than this share of the gap where frames were registered (assumed).
 NAMEABLE_SHARE = 0.1
-#: What shows in the readings alone has to be this many standard deviations large.
+#: What shows in the readings alone has to be this many standard deviations large (convention).
 PLAIN = 3.0
-#: A zero that is off by more than this [rad or m] is counted wrongly, not adjusted badly: centimetres at the tool.
+#: A zero that is off by more than this [rad or m] is counted wrongly, not adjusted badly: centimetres at the tool
+#: (assumed).
 FAR_ZERO = 0.02
-#: Names are withheld where the structure left is larger than this share of what they explain. Where even the frames
-#: were unknown the robot is far from calibrated, and small causes beside the named ones are no surprise (assumed).
-UNTRUSTED, UNTRUSTED_REGISTERED = 0.15, 0.28
-#: Greatest probability of a name that a second look gives up.
-GIVEN_UP = 0.4
-#: Structure counts however small it is where it gains this much log evidence.
-PLAIN_STRUCTURE = 25.0
+#: What an unknown error follows is said where it carries this share of it (assumed).
+SPOKEN_OF = 0.4
+#: Probability of a claim that errors without a name explain as well (assumed: one in five).
+GIVEN_UP = 0.2
 
 
 @dataclass(frozen=True)
@@ -61,11 +54,11 @@ class Finding:
         effect: The effect, with its parameters.
         probability: Probability that it, or one that the campaign cannot tell from it, is present.
         explained: Root mean square motion of the target that it explains. [m]
-        margin: Log posterior odds against the best model without it.
+        margin: Log posterior odds against the best model without it, errors that no effect makes allowed in both.
         rivals: Effects that explain the same, best first; those with `alike` are ambiguous with it.
         size: Size of its prior, in units of its scale.
         signature: Number of its signature in the fit's ledger.
-        apart: Part of `explained` that the errors which no effect explains could not imitate. [m]
+        evidence: What its probability rests on.
     """
 
     effect: Effect
@@ -75,7 +68,7 @@ class Finding:
     rivals: tuple[Rival, ...]
     size: float
     signature: int
-    apart: float = np.inf
+    evidence: Evidence | None = None
 
 
 @dataclass(frozen=True)
@@ -83,12 +76,13 @@ class Structure:
     """What no effect explains.
 
     Attributes:
-        gain: Log evidence that an error shared by the rows of a stay gains over noise alone.
-        rms: Root mean square of that error, 3D. [m]
+        gain: Log evidence that errors without a name gain over noise and small errors alone.
+        rms: Root mean square of what is left beyond the noise floor, 3D. [m]
         gap: Root mean square gap of the model without effects, 3D. [m]
-        background: Root mean square motion that the background of small errors explains, 3D. [m]
+        background: Root mean square motion that small errors everywhere explain, 3D. [m]
         explained: Root mean square motion that all claims together explain, 3D. [m]
         left: Whether it counts as structure.
+        floor: Noise floor, 3D. [m]
         dependences: What an error that no effect explains depends on, largest first.
     """
 
@@ -98,6 +92,7 @@ class Structure:
     background: float
     explained: float
     left: bool
+    floor: float
     dependences: tuple[Finding, ...] = ()
 
 
@@ -120,86 +115,102 @@ class Verdict:
     structure: Structure
 
 
-def reach_verdict(fit: Fit) -> Verdict:
+def reach_verdict(fit: Fit, doubt: Doubt) -> Verdict:
     """Judge a finished fit.
 
     Args:
         fit: The fit.
+        doubt: Its claims among errors that no effect makes.
     """
-    structure = measure_structure(fit)
-    findings = [weigh_claim(fit, claim) for claim in fit.model.claims]
+    structure = measure_structure(fit, doubt)
+    repeated = count_repetitions(fit, doubt)
+    findings = [weigh_claim(fit, doubt, claim, repeated[claim], structure) for claim in doubt.model.claims]
     findings = sorted((name_far_zero(f) for f in findings), key=lambda f: -f.explained)
-    noise = fit.noises["position"].sigma * float(np.exp(0.5 * fit.model.posterior.hyper.log_noise[0]))
-    small = NAMEABLE * np.sqrt(3.0) * noise
-    foreign = [f for f in findings if f.effect.name == UNMODELLED]
-    findings = [f for f in findings if f.effect.name != UNMODELLED]
-    foreign = [f for f in foreign if f.explained >= small and f.probability >= CLAIMED]
-    if foreign:
-        numbers = [f.signature for f in foreign]
-        shares = [share_explained(fit, f.signature, numbers) for f in findings]
-        findings = [set_apart(f, share, small) for f, share in zip(findings, shares, strict=True)]
-    if structure.left:
-        limit = UNTRUSTED_REGISTERED if fit.problem.register else UNTRUSTED
-        findings = [replace(f, probability=f.probability * trust_in(f, structure, limit)) for f in findings]
-    structure = add_dependences(structure, foreign)
+    small = NAMEABLE * structure.floor
     if fit.problem.register:
         # where even the frames were unknown the robot is far from calibrated: what is small beside the gap is no cause
         small = max(small, NAMEABLE_SHARE * structure.gap)
-    minor = tuple(f for f in findings if f.explained < small and not only_in_readings(fit, f))
+    minor = tuple(f for f in findings if f.explained < small and not only_in_readings(fit, doubt, f))
     named = tuple(f for f in findings if f.probability >= CLAIMED and f not in minor)
     doubtful = tuple(f for f in findings if f.probability < CLAIMED and f not in minor)
+    doubtful += given_up(fit, doubt, small)
     if named:
         status = "partly_explained" if structure.left else "explained"
     else:
-        status = "unknown" if structure.left or any(f.margin > 5.0 for f in doubtful) else "none"
+        status = "none" if structure.gap <= FLOORS_LEFT * structure.floor else "unknown"
     return Verdict(status, named, doubtful, minor, structure)
 
 
-def look_again(fit: Fit, verdict: Verdict) -> Verdict:
-    """Doubt the names that a search gives up as soon as errors of joints may follow other joints' angles.
-
-    A robot that is not calibrated has errors that no effect of the vocabulary makes; some effects imitate them well.
+def weigh_claim(fit: Fit, doubt: Doubt, claim: Claim, repeated: float, structure: Structure) -> Finding:
+    """Compare the model with the best ones that lack a claim, among errors that no effect makes.
 
     Args:
-        fit: The fit, without such errors.
-        verdict: Its verdict.
+        fit: The fit.
+        doubt: Its claims among errors that no effect makes.
+        claim: The claim.
+        repeated: Share of the halves of the campaign that tell it, too.
+        structure: What is left.
     """
-    second = search_again(fit, angle_signatures(fit.at))
-    ledger = second.search.ledger
-    kept = {ledger.signatures[n].place for n in second.model.signatures}
-    given_up = [f for f in verdict.findings if f.signature >= 0 and f.effect.place not in kept]
-    doubted = [replace(f, probability=min(f.probability, GIVEN_UP)) for f in given_up]
-    foreign = [weigh_claim(second, c) for c in second.model.claims if ledger.signatures[c.signature].name == UNMODELLED]
-    foreign = [f for f in foreign if f.explained >= NAMEABLE_SHARE * verdict.structure.gap and f.probability >= CLAIMED]
-    named = tuple(f for f in verdict.findings if f not in given_up)
-    structure = add_dependences(verdict.structure, foreign)
-    status = verdict.status
-    if structure.left:
-        status = "partly_explained" if named else "unknown"
-    return replace(
-        verdict, status=status, findings=named, doubtful=(*verdict.doubtful, *doubted), structure=structure
+    values = doubt.model.posterior.values(doubt.search.ledger.p)
+    rivals = find_rivals(fit, claim.signature, values[: fit.search.ledger.p])
+    alike = {r.place for r in rivals if r.alike}
+    margin = margin_of(doubt.search, doubt.model.claims, doubt.model.posterior.hyper, claim, alike)
+    claims = [c for c in fit.model.claims if fit.search.ledger.signatures[c.signature].place != place_of(doubt, claim)]
+    plain = margin_of(fit.search, [*claims, claim], fit.model.posterior.hyper, claim, alike)
+    ledger = doubt.search.ledger
+    columns = ledger.columns(claim.signature)
+    signature = ledger.signatures[claim.signature]
+    explained = motion_of(fit, columns, values)
+    evidence = Evidence(margin, plain, repeated, explained / structure.floor, explained / max(structure.gap, 1e-12),
+                        structure.rms / max(structure.gap, 1e-12), len(columns), signature.tried)  # fmt: skip
+    return Finding(
+        effect=signature.effect(values[columns] * signature.scale),
+        probability=rate_certainty(evidence),
+        explained=explained,
+        margin=margin,
+        rivals=tuple(rivals),
+        size=claim.size,
+        signature=claim.signature,
+        evidence=evidence,
     )
 
 
-def set_apart(finding: Finding, share: float, small: float) -> Finding:
-    """Doubt an effect as far as errors that no effect explains could have left its trace.
+def place_of(doubt: Doubt, claim: Claim) -> Place:
+    """Return the place of a claim."""
+    return doubt.search.ledger.signatures[claim.signature].place
 
-    Args:
-        finding: The effect.
-        share: Share of its trace that those errors can explain.
-        small: Motion below which an error is no cause. [m]
+
+def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Claim, alike: set[Place]) -> float:
+    """Return the log posterior odds of a set of claims against the best set without one of them.
+
+    Noise and the sizes of all classes are held.
     """
-    apart = finding.explained * float(np.sqrt(1.0 - share))
-    return replace(finding, apart=apart, probability=float(finding.probability * apart**2 / (apart**2 + small**2)))
+    rest = [c for c in claims if c != claim]
+    whole = search.model(claims, hyper, fit=False)
+    without = search.model(rest, hyper, fit=False)
+    scores = [without.score]
+    own = search.ledger.signatures[claim.signature].place
+    gains = [g for g in search.gains(without) if search.ledger.signatures[g.signature].place not in alike | {own}]
+    for gain in distinct_places(search, gains, RIVALS):
+        scores.append(search.model((*rest, Claim(gain.signature, gain.size)), hyper, fit=False).score)
+    best = float(np.logaddexp.reduce(scores))
+    return float(np.clip(whole.score - best, -1e3, 1e3)) if np.isfinite(best) else 0.0
 
 
-def add_dependences(structure: Structure, dependences: Sequence[Finding]) -> Structure:
-    """Count errors that follow something, and that no effect explains, as structure."""
-    if not dependences:
-        return structure
-    rest = structure.rms if structure.left else 0.0
-    rms = float(np.sqrt(rest**2 + sum(f.explained**2 for f in dependences)))
-    return replace(structure, left=True, rms=rms, dependences=tuple(dependences))
+def given_up(fit: Fit, doubt: Doubt, small: float) -> tuple[Finding, ...]:
+    """List claims of the fit that errors without a name explain as well."""
+    ledger = fit.search.ledger
+    values = fit.model.posterior.values(ledger.p)
+    kept = {ledger.signatures[c.signature].place for c in doubt.model.claims}
+    found = []
+    for claim in fit.model.claims:
+        signature, columns = ledger.signatures[claim.signature], ledger.columns(claim.signature)
+        explained = motion_of(fit, columns, values)
+        if signature.place not in kept and explained >= small:
+            effect = signature.effect(values[columns] * signature.scale)
+            rivals = tuple(find_rivals(fit, claim.signature, values))
+            found.append(Finding(effect, GIVEN_UP, explained, 0.0, rivals, claim.size, claim.signature))
+    return tuple(found)
 
 
 def name_far_zero(finding: Finding) -> Finding:
@@ -214,117 +225,99 @@ def name_far_zero(finding: Finding) -> Finding:
     return replace(finding, effect=counted, rivals=(Rival(effect.place, 1.0, 0.0, 1), *rivals))
 
 
-def only_in_readings(fit: Fit, finding: Finding) -> bool:
+def only_in_readings(fit: Fit, doubt: Doubt, finding: Finding) -> bool:
     """Tell whether an effect does not move the target at all, but shows plainly in the encoders."""
-    columns = fit.search.ledger.columns(finding.signature)
-    values = fit.model.posterior.values(fit.search.ledger.p)[columns]
-    moves = [np.sqrt(np.mean(np.sum((d[..., columns] @ values) ** 2, axis=1))) for d in fit.search.ledger.designs]
+    ledger = fit.search.ledger
+    columns = ledger.columns(finding.signature)
+    values = doubt.model.posterior.values(doubt.search.ledger.p)[columns]
+    moves = [np.sqrt(np.mean(np.sum((d[..., columns] @ values) ** 2, axis=1))) for d in ledger.designs]
     return bool(moves[0] < 1e-6 and max(moves) > PLAIN)
 
 
-def trust_in(finding: Finding, structure: Structure, limit: float) -> float:
-    """Return how far a name can be trusted where structure is left: a cause explains far more than it leaves.
-
-    What is left is compared with the geometric mean of what the effect and all effects together explain: a small effect
-    of many that together explain nearly everything is no imitation.
-
-    Args:
-        finding: The effect.
-        structure: What is left.
-        limit: Ratio at which a name is worth half.
-    """
-    alone = min(finding.explained, structure.gap)
-    together = min(max(structure.explained, alone), structure.gap)
-    ratio = structure.rms / max(np.sqrt(alone * together), 1e-12)
-    return float(1.0 / (1.0 + (ratio / limit) ** 4))
-
-
-def weigh_claim(fit: Fit, claim: Claim) -> Finding:
-    """Compare the model with the best ones that lack a claim."""
-    search, model = fit.search, fit.model
-    ledger = search.ledger
-    rivals = find_rivals(fit, claim.signature)
-    alike = {r.place for r in rivals if r.alike}
-    rest = [c for c in model.claims if c != claim]
-    without = search.model(rest, model.posterior.hyper)
-    scores = [without.score]
-    frozen = search.model(rest, model.posterior.hyper, fit=False)
-    own = ledger.signatures[claim.signature].place
-    gains = [g for g in search.gains(frozen) if ledger.signatures[g.signature].place not in alike | {own}]
-    for gain in distinct_places(search, gains, FITTED_RIVALS):
-        if frozen.score + gain.log_evidence > model.score - 25.0:
-            tried = search.model((*rest, Claim(gain.signature, gain.size)), model.posterior.hyper)
-            scores.append(tried.score)
-    margin = float(model.score - logsumexp(scores))
-    probability = min(float(expit(margin / TEMPER)), MOST_SURE)
-    values = model.posterior.values(ledger.p)
-    columns = ledger.columns(claim.signature)
-    signature = ledger.signatures[claim.signature]
-    return Finding(
-        effect=signature.effect(values[columns] * signature.scale),
-        probability=probability,
-        explained=_motion(fit, columns, values),
-        margin=margin,
-        rivals=tuple(rivals),
-        size=claim.size,
-        signature=claim.signature,
-    )
+def measure_structure(fit: Fit, doubt: Doubt) -> Structure:
+    """Measure what claims and small errors leave, and what it follows."""
+    ledger, posterior, source = doubt.search.ledger, doubt.model.posterior, doubt.search.ledger.source[0]
+    values = posterior.values(ledger.p)
+    foreign = np.concatenate([np.zeros(0, int), *doubt.members]).astype(int)
+    values[foreign] = 0.0
+    left = (ledger.observed[0] - ledger.designs[0][..., np.flatnonzero(values)] @ values[values != 0]) * source.sigma
+    used = 3.0 * len(left) - count_used(doubt, foreign)
+    rms = float(np.sqrt(3.0 * np.sum(left**2) / max(used, 0.5 * left.size)))
+    floor = noise_floor(fit)
+    claimed = ledger.join_columns(doubt.model.signatures)
+    frames = ledger.columns_named(REGISTRATION)
+    small = np.setdiff1d(np.flatnonzero(values), np.concatenate([claimed, frames]))
+    beyond = float(np.sqrt(max(rms**2 - floor**2, 0.0)))
+    free = fit.search.model(doubt.model.claims, fit.model.posterior.hyper, steps=8)
+    gain = float(posterior.log_evidence - free.posterior.log_evidence)
+    plain = gain > STRUCTURE_GAIN and beyond > STRUCTURE_SIZE * floor
+    gap = float(np.sqrt(np.mean(np.sum((fit_frames(fit, doubt) * source.sigma) ** 2, axis=1))))
+    structure = Structure(
+        gain, beyond, gap, motion_of(fit, small, values), motion_of(fit, claimed, values),
+        bool(rms > FLOORS_LEFT * floor or plain), floor,
+    )  # fmt: skip
+    return replace(structure, dependences=find_dependences(doubt, structure))
 
 
-def measure_structure(fit: Fit) -> Structure:
-    """Measure what is left: errors that rows of a stay share, beyond noise and background."""
-    model, ledger = fit.model, fit.search.ledger
-    prior = fit.search.prior_of(model.claims)
-    silent = replace(model.posterior.hyper, log_shared=np.full_like(model.posterior.hyper.log_shared, SHARED_RANGE[0]))
-    alone = find_posterior(ledger, prior, silent, shared=False)
-    gain = model.posterior.log_evidence - alone.log_evidence
-    hyper, noise = model.posterior.hyper, fit.noises["position"]
-    sigma = noise.sigma * float(np.exp(0.5 * hyper.log_noise[0]))
-    shared = float(np.exp(hyper.log_shared[0]))
-    values = model.posterior.values(ledger.p)
-    claimed = ledger.join_columns(n for n in model.signatures if ledger.signatures[n].name != UNMODELLED)
-    apart = ledger.columns_named(REGISTRATION, UNMODELLED)
-    others = np.setdiff1d(np.flatnonzero(values), np.concatenate([claimed, apart]))
-    factor = float(np.exp(hyper.log_noise[0]))
-    excess = factor - 1.0 if noise.witnesses >= WITNESSED and factor > noise.leeway else 0.0
-    uneven = uneven_scatter(fit, values)
-    excess = max(excess, uneven)
-    rms = np.sqrt(3.0) * np.sqrt((sigma * shared) ** 2 + excess * noise.sigma**2)
-    left = (gain > STRUCTURE_GAIN and shared > STRUCTURE_SIZE) or gain > PLAIN_STRUCTURE or excess > EXCESS
-    expected = np.sqrt(np.mean(np.sum(ledger.left(values)[0] ** 2, axis=1))) * noise.sigma
-    if fit.exact > DIVERGED * expected:
-        # the exact model does not do what its derivatives promise: what was fitted is no cause
-        rms, left = max(rms, float(np.sqrt(fit.exact**2 - expected**2))), True
-    background = _motion(fit, others, values)
-    if background > LARGE_BACKGROUND * np.sqrt(3.0) * noise.sigma and noise.witnesses >= WITNESSED:
-        rms, left = np.hypot(rms, background), True
-    gap = np.sqrt(np.mean(np.sum(ledger.observed[0] ** 2, axis=1))) * noise.sigma
-    explained = _motion(fit, claimed, values)
-    return Structure(float(gain), float(rms), float(gap), background, explained, bool(left))
+def count_used(doubt: Doubt, foreign: NDArray[np.int_]) -> float:
+    """Count the degrees of freedom that claims and small errors take: sum of 1 - posterior over prior variance."""
+    posterior, prior = doubt.model.posterior, doubt.search.prior_of(doubt.model.claims)
+    variance = prior.variance(posterior.hyper.log_tau)[posterior.columns]
+    share = 1.0 - np.diag(posterior.covariance) / np.maximum(variance, 1e-300)
+    return float(np.sum(share[~np.isin(posterior.columns, foreign)]))
 
 
-def uneven_scatter(fit: Fit, values: Array) -> float:
-    """Return by how much the rows of one kind scatter more than those of another, in units of the noise variance.
+def fit_frames(fit: Fit, doubt: Doubt) -> Array:
+    """Return the gap without effects, in units of the noise: frames that are fitted anyway taken out."""
+    ledger = doubt.search.ledger
+    frames = ledger.columns_named(REGISTRATION)
+    observed = ledger.observed[0]
+    if not len(frames):
+        return observed
+    columns = ledger.designs[0][..., frames].reshape(-1, len(frames))
+    values = np.linalg.lstsq(columns, observed.reshape(-1), rcond=1e-9)[0]
+    return np.asarray(observed - ledger.designs[0][..., frames] @ values)
 
-    Kinds are rest and motion, and with and without load. Zero where they scatter alike or are too few.
-    """
-    channel, campaign = fit.channels[0], fit.problem.campaign
-    square = np.sum(fit.search.ledger.left(values)[0] ** 2, axis=1)
-    worst = 0.0
-    for kind in (campaign.on_path, campaign.unloaded):
-        inside = kind[channel.rows]
-        if min(inside.sum(), (~inside).sum()) < 20:
+
+def find_dependences(doubt: Doubt, structure: Structure) -> tuple[Finding, ...]:
+    """Say what the errors without a name follow, where structure is left."""
+    if not structure.left:
+        return ()
+    ledger = doubt.search.ledger
+    values = doubt.model.posterior.values(ledger.p)
+    found = []
+    for driver in dict.fromkeys(doubt.classes):
+        columns = np.concatenate([m for m, d in zip(doubt.members, doubt.classes, strict=True) if d == driver])
+        motion = motion_at(doubt, columns, values)
+        if motion < SPOKEN_OF * max(structure.rms, structure.floor):
             continue
-        pair = sorted((float(np.median(square[inside])), float(np.median(square[~inside]))))
-        spread = 2.5 * np.sqrt(1.0 / inside.sum() + 1.0 / (~inside).sum())
-        if pair[1] > pair[0] * np.exp(3.0 * spread) * UNEVEN:
-            worst = max(worst, (pair[1] - pair[0]) / MEDIAN_SQUARE)
-    return worst
+        owners = [n for n, s in enumerate(ledger.signatures) if s.name == UNMODELLED]
+        owners = [n for n in owners if np.isin(ledger.columns(n), columns).all()]
+        moves = {n: motion_at(doubt, ledger.columns(n), values) for n in owners}
+        largest = ledger.signatures[max(moves, key=lambda n: moves[n])]
+        effect = Effect(UNMODELLED, largest.joint, driver if largest.joint is None else str(largest.axis))
+        found.append(Finding(effect, CLAIMED, motion, structure.gain, (), 1.0, -1))
+    return tuple(sorted(found, key=lambda f: -f.explained))
 
 
-def _motion(fit: Fit, columns: NDArray[np.int_], values: Array) -> float:
+def noise_floor(fit: Fit) -> float:
+    """Return the rms 3D distance that a perfect model leaves. [m]"""
+    noise = fit.noises["position"]
+    factor = min(float(np.exp(fit.model.posterior.hyper.log_noise[0])), noise.leeway)
+    return float(np.sqrt(3.0 * (factor * noise.sigma**2 + noise.stay**2)))
+
+
+def motion_at(doubt: Doubt, columns: NDArray[np.int_], values: Array) -> float:
+    """Return the root mean square motion that some columns of a doubt's ledger explain. [m]"""
+    ledger = doubt.search.ledger
+    moved = ledger.designs[0][..., columns] @ values[columns] * ledger.source[0].sigma
+    return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
+
+
+def motion_of(fit: Fit, columns: NDArray[np.int_], values: Array) -> float:
     """Return the root mean square motion that some columns explain, over all rows. [m]"""
     if not len(columns):
         return 0.0
-    moved = fit.search.ledger.designs[0][..., columns] @ values[columns] * fit.noises["position"].sigma
+    ledger = fit.search.ledger
+    moved = ledger.designs[0][..., columns] @ values[columns] * ledger.source[0].sigma
     return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))

@@ -23,7 +23,17 @@ def find_joint(robot: Robot, joint: str | None) -> Joint:
 
 
 def shift_zero(robot: Robot, joint: str, offset: float) -> Robot:
-    """Add a constant to a joint's position by turning (or moving) its origin about (or along) its own axis."""
+    """Add a constant to a joint's position by turning (or moving) its origin about (or along) its own axis.
+
+    Joints that follow it follow the true position, so their origins turn by their share of it.
+    """
+    for follower in robot.joints:
+        if follower.mimic is not None and follower.mimic.joint == joint:
+            robot = _shift_own(robot, follower.name, offset * follower.mimic.multiplier)
+    return _shift_own(robot, joint, offset)
+
+
+def _shift_own(robot: Robot, joint: str, offset: float) -> Robot:
     old = find_joint(robot, joint)
     move = np.eye(4)
     if old.kind == "prismatic":

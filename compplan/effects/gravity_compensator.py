@@ -21,6 +21,8 @@ SCALE = 1000.0
 HIGHER = 0.5
 #: A balancer carries weight: it is offered at joints that the weights load by this share of the most loaded one.
 WORTH_BALANCING = 0.2
+#: Least mass of the links of an arm that has a balancer (assumed: collaborative and bench robots have none). [kg]
+LEAST_MASS = 60.0
 FORMS = {
     "sine": ("sine_Nm", "cosine_Nm"),
     "sine+constant": ("sine_Nm", "cosine_Nm", "constant_Nm"),
@@ -41,7 +43,9 @@ def shapes(angle: Array) -> dict[str, Array]:
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer every revolute joint with a spring of its own that there is weight to balance at."""
+    """Offer every revolute joint of a heavy arm with a spring of its own that there is weight to balance at."""
+    if sum(body.mass for body in at.robot.bodies) < LEAST_MASS:
+        return
     weight = np.abs(at.own_weight_load).max(axis=0, initial=0.0)
     balanced = weight >= WORTH_BALANCING * weight.max(initial=0.0)
     motor_side = ~at.campaign.link_controlled
@@ -55,7 +59,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
             encoder = np.zeros((len(bent), at.robot.nq, len(keys)))
             if spring.actuator:
                 encoder[:, index] = bent
-            twist = at.motion[:, :, index, None] * bent[:, None]
+            twist = at.spring_motion[:, :, index, None] * bent[:, None]
             scale = np.array([SCALE * (HIGHER if "_2_" in key else 1.0) for key in keys])
             yield Signature(name, joint.name, None, form, keys, scale, twist, encoder, columns=keys)
 

@@ -43,7 +43,7 @@ def _bending_joints(at: Linearization) -> Iterable[Signature]:
     joints = [k for k in range(at.robot.nq) if np.abs(loads[:, k]).max(initial=0.0) > 1e-3]
     if not joints:
         return
-    twist = np.stack([at.motion[:, :, k] * loads[:, None, k] for k in joints], axis=-1)
+    twist = np.stack([at.spring_motion[:, :, k] * loads[:, None, k] for k in joints], axis=-1)
     encoder = np.zeros((len(loads), at.robot.nq, len(joints)))
     for column, k in enumerate(joints):
         encoder[:, k, column] = loads[:, k]
@@ -51,7 +51,7 @@ def _bending_joints(at: Linearization) -> Iterable[Signature]:
     keys = tuple(f"compliance_rad_per_Nm#{column}" for column in range(len(joints)))
     # assumed: small robots bend more, so that a load of 1 N m turns a joint by ten times the scale of a medium robot
     scale = np.array([10 * RIGID_SCALE[at.robot.actuated[k].kind] for k in joints])
-    yield Signature(name, None, None, JOINTS, keys, scale, twist, encoder, {JOINTS: names})
+    yield Signature(name, None, None, JOINTS, keys, scale, twist, encoder, {JOINTS: names}, positive=True)
 
 
 def apply(scene: Scene, effect: Effect) -> Scene:

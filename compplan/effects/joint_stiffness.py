@@ -44,9 +44,9 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         encoder = np.zeros((len(load), at.robot.nq, 1))
         if index not in at.own or at.own[index].actuator:
             encoder[:, index] = load
-        twist = at.motion[:, :, index, None] * load[:, None]
+        twist = at.spring_motion[:, :, index, None] * load[:, None]
         keys = (compliance_key(joint.kind),)
-        least = -LEAST_SHARE * nominal
+        least = (-LEAST_SHARE * nominal,)
         yield Signature(name, joint.name, None, "", keys, np.array([scale]), twist, encoder, least=least)
 
 

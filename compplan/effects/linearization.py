@@ -38,7 +38,10 @@ class Linearization:
         scene: The scene.
         attained: What it comes to.
         point: Target in the base frame. Shape (n, 3). [m]
-        motion: Motion of the target per motion of each commanded joint. Shape (n, 6, nq).
+        motion: Motion of the target per motion of each commanded joint, joints that follow it included. Shape (n, 6,
+            nq).
+        spring_motion: The same per deflection of the joint's own spring, which no other joint follows. Shape (n, 6,
+            nq).
         elements: Number in `axis`, `origin` and `load` of joint j's axis a: `elements[joint, "rx"]`; of the base:
             "base".
         axis: Axes, base axes. Shape (n, e, 3).
@@ -53,6 +56,7 @@ class Linearization:
     attained: Attained
     point: Array
     motion: Array
+    spring_motion: Array
     elements: dict[tuple[str, str], int]
     axis: Array
     origin: Array
@@ -202,12 +206,12 @@ def linearize_scene(
         ],
         axis=-1,
     )
-    motion = _with_mimics(attained, motion)
     return Linearization(
         scene=scene,
         attained=attained,
         point=attained.target,
-        motion=motion,
+        motion=_with_mimics(attained, motion),
+        spring_motion=motion,
         elements=elements,
         axis=np.concatenate([axis, eye], axis=1),
         origin=np.concatenate([origin, np.zeros((n, 6, 3))], axis=1),

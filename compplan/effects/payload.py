@@ -27,7 +27,19 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         return
     wrench = np.stack([payload_wrench(at.robot, at.attained.frames, unit) for unit in np.eye(4)], axis=-1)
     twist, encoder = at.wrench_response(wrench)
-    yield Signature(name, None, None, "", KEYS, SCALE, twist, encoder)
+    unbound = -np.inf
+    least = (-carried_mass(at.robot), unbound, unbound, unbound)
+    yield Signature(name, None, None, "", KEYS, SCALE, twist, encoder, least=least)
+
+
+def carried_mass(robot: Robot) -> float:
+    """Return the mass that the model hangs on the flange; no tool weighs less than nothing. [kg]"""
+    links, beyond = {robot.flange}, robot.flange == robot.base
+    for joint in robot.joints:
+        if beyond:
+            links.add(joint.child)
+        beyond = beyond or joint.child == robot.flange
+    return float(sum(body.mass for body in robot.bodies if body.link in links))
 
 
 def payload_values(effect: Effect) -> Array:

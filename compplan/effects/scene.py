@@ -157,20 +157,21 @@ def attain_scene(scene: Scene) -> Attained:
     motor_side = ~campaign.link_controlled[:, None]
     drive = np.where(motor_side, scene.drive, 0.0)
     bias = _spring_load(scene, chain, springs)
-    q_reading = np.nan_to_num(campaign.q)
-    wrench, bent = scene.wrench, np.zeros_like(drive)
+    q = np.nan_to_num(campaign.q) + drive + scene.zero
+    wrench, bent = scene.wrench, np.zeros((len(q), chain.n_springs))
     for repeat in range(LAW_PASSES if scene.laws or scene.payload.any() else 1):
-        q = q_reading + drive + bent + scene.zero
-        loaded = solve_equilibrium(chain, q, wrench, tolerance=TOLERANCE, torque_bias=bias)
+        extra = bias + bent if bias is not None else bent if scene.laws else None
+        loaded = solve_equilibrium(chain, q, wrench, tolerance=TOLERANCE, torque_bias=extra)
         if repeat == LAW_PASSES - 1:
             break
         if scene.payload.any():
             wrench = scene.wrench + payload_wrench(robot, loaded.frames, scene.payload)
-        bent = np.where(motor_side, _bend(scene, springs, loaded.torque), 0.0)
+        bent = _bend(scene, springs, loaded.torque - bent)
+    # the load on a spring holds what its law bends it beyond the linear part
     lift = np.where(
         motor_side,
-        drive + bent + own_deflection(springs, loaded.theta, robot.nq),
-        scene.drive + _bend(scene, springs, loaded.torque) + own_yield(springs, loaded.torque, robot.nq),
+        drive + own_deflection(springs, loaded.theta, robot.nq),
+        scene.drive + own_yield(springs, loaded.torque, robot.nq),
     )
     return _observe(scene, chain, loaded.frames, q, loaded.theta, wrench, lift)
 
@@ -341,11 +342,13 @@ def _tilt(scene: Scene, frames: Frames, wrench: Array) -> Array:
 
 
 def _bend(scene: Scene, springs: dict[int, OwnSpring], torque: Array) -> Array:
-    bent = np.zeros_like(scene.drive)
+    """Return the loads that bend springs as far as their laws bend them beyond the linear part. Shape (n, s)."""
+    bent = np.zeros_like(torque)
     for index, law in scene.laws:
-        if index in springs:
+        if index in springs and springs[index].compliance > 0:
             spring = springs[index]
-            bent[:, index] += law(spring.sign * torque[:, spring.coordinate])
+            k = spring.coordinate
+            bent[:, k] += spring.sign * law(spring.sign * torque[:, k]) / spring.compliance
     return bent
 
 

@@ -60,8 +60,8 @@ class Signature:
         twist: Motion of the target, base axes, per unit of each parameter. Shape (n, 6, k). [m, rad]
         encoder: Change of the link-side readings; None for none. Shape (n, nq, k). [rad or m]
         fixed: Settings that the form holds fixed, such as a row or a period.
-        positive: Whether the (single) parameter can only be positive.
-        least: Least value that the (single) parameter can have.
+        positive: Whether no parameter can be negative.
+        least: Least value that each parameter can have; empty for no bound. Length k.
         tried: Number of alternatives (rows, periods) that this form was picked from.
         columns: Names of the parameters' columns. Signatures of one effect whose columns have the same name share them;
             empty for columns of its own.
@@ -78,7 +78,7 @@ class Signature:
     encoder: Array | None = None
     fixed: Mapping[str, Any] = field(default_factory=dict)
     positive: bool = False
-    least: float = -np.inf
+    least: tuple[float, ...] = ()
     tried: int = 1
     columns: tuple[str, ...] = ()
 

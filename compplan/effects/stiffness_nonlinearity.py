@@ -22,6 +22,9 @@ ZONES = (0.05, 0.12, 0.25, 0.5)
 LINEAR, QUADRATIC, CUBIC, SOFT, BENT = (
     "linear_ratio", "quadratic_ratio", "cubic_ratio", "soft_zone_ratio", "saturating_ratio",
 )  # fmt: skip
+#: Least ratios: more load never bends a joint less. From the slopes 1, 2, 3, 1 and 9/8 of the shapes where they are
+#: steepest, a tenth of the modelled compliance kept (assumed).
+LEAST = {LINEAR: -0.9, QUADRATIC: -0.45, CUBIC: -0.3, SOFT: -0.9, BENT: -0.8}
 FORMS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("quadratic", (QUADRATIC,)),
     ("cubic", (CUBIC,)),
@@ -71,9 +74,10 @@ def signatures(at: Linearization) -> Iterable[Signature]:
                 encoder[:, index] = bent
             fixed = {"compliance": spring.compliance, "reference_load": reference, "zone_load": zone}
             scale = np.array([SCALE * (reference / zone if key == SOFT else 1.0) for key in keys])
-            twist = at.motion[:, :, index, None] * bent[:, None]
+            twist = at.spring_motion[:, :, index, None] * bent[:, None]
             columns = tuple(f"{key} {zone if key in (SOFT, BENT) else 0.0:.6g}" for key in keys)
-            yield Signature(name, joint, None, form, keys, scale, twist, encoder, fixed, columns=columns)
+            least = tuple(LEAST[key] for key in keys)
+            yield Signature(name, joint, None, form, keys, scale, twist, encoder, fixed, least=least, columns=columns)
 
 
 def linear_in_disguise(keys: Iterable[str]) -> bool:

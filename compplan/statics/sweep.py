@@ -241,6 +241,10 @@ def entry(values: Array) -> Array | float:
 
 def vector_terms(vector: Array) -> Terms:
     """Keep the components of a vector that are not zero. Shape (..., k)."""
+    if vector.size == vector.shape[-1]:
+        numbers = np.asarray(vector, float).reshape(-1).tolist()
+        whole = [float(round(v)) if abs(v - round(v)) < 2e-16 else v for v in numbers]
+        return [(i, value) for i, value in enumerate(whole) if value]
     entries = ((i, entry(vector[..., i])) for i in range(vector.shape[-1]))
     return [(i, value) for i, value in entries if np.any(value)]
 

@@ -1,0 +1,52 @@
+"""Certainty: from what the evidence of a claim shows to the probability that it is stated with."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from scipy.special import expit
+
+#: No claim is surer than this (assumed: one campaign in a hundred holds what nobody thought of).
+MOST_SURE = 0.99
+#: Log odds are divided by this: evidence of real campaigns is less sharp than its model (assumed).
+TEMPER = 2.0
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the probability of a claim rests on.
+
+    Attributes:
+        margin: Log posterior odds against the best model without it, errors that no effect makes allowed.
+        plain: The same where nothing but effects and small errors is allowed.
+        repeated: Share of the halves of the campaign that tell it, too.
+        floors: Motion that it explains, in noise floors.
+        part: Motion that it explains over the gap.
+        left: What is left beyond the noise floor over the gap.
+        parameters: Number of its parameters.
+        tried: Number of alternatives that its form was picked from.
+    """
+
+    margin: float
+    plain: float
+    repeated: float
+    floors: float
+    part: float
+    left: float
+    parameters: int
+    tried: int
+
+    def to_table(self) -> dict[str, float]:
+        """Return what diagnosis.json holds."""
+        return {key: round(float(value), 4) for key, value in asdict(self).items()}
+
+
+def rate_certainty(evidence: Evidence) -> float:
+    """Return the probability that a claim is stated with.
+
+    Args:
+        evidence: What the claim shows.
+    """
+    odds = min(evidence.margin, evidence.plain) / TEMPER
+    return float(np.clip(expit(odds), 0.0, MOST_SURE))
