@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from compplan.diagnose import Diagnosis, diagnose_campaign
+from compplan.diagnose.campaign_diagnosis import OF_THE_CAMPAIGN
 from compplan.diagnose.unmodelled import describe_unmodelled, past_load
 from compplan.effects import Effect
 from compplan.measure.campaign import Campaign
@@ -39,7 +40,9 @@ def test_an_instrument_with_a_wrong_scale_is_unknown_and_follows_the_place(robot
     diagnosis = diagnose_campaign(robot, campaign)
     assert diagnosis.verdict.status == "unknown"
     assert drivers(diagnosis) == ["the place of the target"]
-    assert diagnosis.updated.effects == ()
+    assert names(diagnosis) == []
+    # small errors everywhere may be delivered where they predict better; what is no part of the robot never is
+    assert not {str(e["effect"]) for e in diagnosis.updated.effects} & set(OF_THE_CAMPAIGN)
 
 
 def test_an_effect_beside_an_unknown_cause_keeps_its_name(robot: Robot) -> None:

@@ -28,7 +28,9 @@ from compplan.robot import Array, Robot
 #: shrink what a smaller one leaves by the second share (assumed: less is worth no change on the shop floor).
 WORTH_IT, WORTH_MORE = 0.01, 0.02
 #: What belongs to a campaign and not to its robot is delivered only where it is named.
-OF_THE_CAMPAIGN = ("base_frame", "frame_shift", "tool_shift", "wrench_bias", "wrench_scale", "time_skew", "tracking_lag")
+OF_THE_CAMPAIGN = (
+    "base_frame", "frame_shift", "tool_shift", "wrench_bias", "wrench_scale", "time_skew", "tracking_lag",
+)  # fmt: skip
 #: Candidates that are listed beside named effects and their rivals (assumed).
 RANKED = 12
 #: Fewest rows that a campaign needs (assumed: twice the frames of base and tool).
