@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from compplan.diagnose.evidence import Hyper, Prior, find_posterior
 from compplan.diagnose.fit import Fit
 from compplan.diagnose.ledger import Ledger, extend_ledger
-from compplan.diagnose.search import Claim, Model, Search
+from compplan.diagnose.search import Model, Search, add_claim
 from compplan.diagnose.unmodelled import PLAIN_MOTION, unmodelled_signatures
 from compplan.effects.signature import Signature
 
@@ -121,10 +121,9 @@ def _settle(search: Search, model: Model, changes: int) -> Model:
         here = search.model(model.claims, model.posterior.hyper, fit=False)
         best = _leave_out(search, here)
         if best.score <= here.score:
-            gains = search.gains(here)
-            if not gains or gains[0].log_evidence < WORTHWHILE:
+            best = add_claim(search, model)
+            if best.score < model.score + WORTHWHILE:
                 return model
-            best = replace(here, claims=(*model.claims, Claim(gains[0].signature, gains[0].size)))
         fitted = search.model(best.claims, best.posterior.hyper, steps=FURTHER)
         if fitted.score < model.score:
             return model

@@ -236,7 +236,7 @@ def search_models(search: Search, first: Sequence[Claim] = (), most: int = MOST_
     best = search.model(first, search.start, steps=40)
     concerned = tuple(best.claims)
     for _ in range(MOST_EFFECTS):
-        grown = best if len(best.claims) >= most else _add(search, best)
+        grown = best if len(best.claims) >= most else add_claim(search, best)
         if grown is not best and not explains_enough(search, best, grown):
             grown = best
         concerned = (*concerned, *entangled(search, grown, [c for c in grown.claims if c not in best.claims]))
@@ -287,7 +287,8 @@ def distinct_places(search: Search, gains: list[Gain], count: int) -> list[Gain]
     return result
 
 
-def _add(search: Search, model: Model) -> Model:
+def add_claim(search: Search, model: Model) -> Model:
+    """Return the model with the claim that gains most, noise and background fitted anew; or the model itself."""
     best = model
     gains = distinct_places(search, search.gains(model), TRIED)
     for gain in gains:
