@@ -15,7 +15,8 @@ from benchmarks.campaigns.effects import play
 from benchmarks.campaigns.simulate import Scenario, nominal_scenario, simulate_rows
 from compplan.cell.predict import predict_campaign
 from compplan.diagnose import diagnose_campaign
-from compplan.diagnose.fit import Problem, fit_effects
+from compplan.diagnose.fit import fit_effects
+from compplan.diagnose.state import Problem
 from compplan.effects import EFFECTS, Effect, command_campaign
 from compplan.measure.campaign import Campaign
 from compplan.measure.registration import fit_registration, write_registration
@@ -245,7 +246,7 @@ def test_a_rigid_model_is_told_which_joints_bend_under_their_weights(tmp_path: P
     springs = [{"joint": joint, "compliance": size} for joint, size in soft.items()]
     campaign, _ = robot.measure(caused("gravity_sag", springs=springs)(robot.nominal), rows=rows, noise=1e-5)
     others = tuple(name for name in EFFECTS if name != "gravity_sag")
-    fit = fit_effects(Problem(robot.robot, campaign, (), others), None, ~campaign.first_visit)
+    fit = fit_effects(Problem(robot.robot, campaign, (), others), None)
     (found,) = fit.state.effects
     sizes = dict(zip(found.parameters["joints"], found.parameters["compliance_rad_per_Nm"], strict=True))
     for joint, size in soft.items():

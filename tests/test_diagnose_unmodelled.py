@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.campaign_diagnosis import OF_THE_CAMPAIGN
+from compplan.diagnose.campaign_diagnosis import of_instrument
 from compplan.diagnose.unmodelled import describe_unmodelled, past_load
-from compplan.effects import Effect
+from compplan.effects import Effect, robot_effects
 from compplan.measure.campaign import Campaign
 from compplan.robot import Robot
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
@@ -42,7 +42,7 @@ def test_an_instrument_with_a_wrong_scale_is_unknown_and_follows_the_place(robot
     assert drivers(diagnosis) == ["the place of the target"]
     assert names(diagnosis) == []
     # small errors everywhere may be delivered where they predict better; what is no part of the robot never is
-    assert not {str(e["effect"]) for e in diagnosis.updated.effects} & set(OF_THE_CAMPAIGN)
+    assert not any(of_instrument(effect) for effect in robot_effects(diagnosis.updated))
 
 
 def test_an_effect_beside_an_unknown_cause_keeps_its_name(robot: Robot) -> None:

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.diagnose.fit import Problem, fit_effects
+from compplan.diagnose.fit import fit_effects
+from compplan.diagnose.state import Problem
 from compplan.effects import EFFECTS, Effect
 from tests.drawn_campaigns import Drawn, draw_robot_files, turn_between
 from tests.effect_cases import CASES, FITTED, ROBOTS, Place
@@ -85,7 +86,7 @@ def test_the_fit_of_one_effect_finds_its_size_and_sign(place: Place, drawn: Call
     if case.effect.name in BETWEEN:
         campaign = replace(campaign, link=None)
     others = tuple(name for name in EFFECTS if name != case.effect.name)
-    fit = fit_effects(Problem(robot.robot, campaign, (), others), None, ~campaign.first_visit)
+    fit = fit_effects(Problem(robot.robot, campaign, (), others), None)
     effects = [effect for effect in fit.state.effects if effect.place == case.effect.place]
     moved = truth.position - robot.predict(campaign, []).position
     left = truth.position - robot.predict(campaign, effects).position

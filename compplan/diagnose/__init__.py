@@ -7,9 +7,9 @@
     diagnosis.fit                                            everything else: linearization `at`, ledger, models
 
 The method is Bayesian comparison of sets of effects over a background of small errors, with exact forward models:
-`channels` (observations, noise) -> `ledger` (inner products) -> `evidence` -> `search` -> `fit` (rounds of exact
-models) ->
-`ambiguity`, `verdict`, `held_out` -> `result`.
+`channels` and `noise` (observations) -> `ledger` (inner products) -> `evidence` -> `search` -> `fit` (rounds of exact
+models, each step as far as `descent` lets it) -> `doubt` (the same beside errors that no effect makes) ->
+`repetition`, `ambiguity`, `certainty`, `verdict` -> `held_out` -> `result`.
 """
 
 from compplan.diagnose.campaign_diagnosis import diagnose_campaign

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnose.evidence import combine_ledger
-from compplan.diagnose.fit import Fit
 from compplan.diagnose.offers import REGISTRATION
+from compplan.diagnose.state import Fit
 from compplan.diagnose.unmodelled import UNMODELLED
 from compplan.effects.linearization import Place
 from compplan.effects.signature import Signature

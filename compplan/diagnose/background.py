@@ -35,6 +35,9 @@ BACKGROUND: dict[str, tuple[str, float]] = {
 NO_CAUSE = 0.5
 #: Probability that an effect of the vocabulary is present at all (assumed alike for all of them).
 PRESENT = 0.06
+#: Effects that fewer robots can have at all: an arm has a balancer or has none, and its maker's model then holds it
+#: (assumed).
+RARE = {"gravity_compensator": 0.15}
 
 
 def in_background(signature: Signature) -> bool:
@@ -78,6 +81,6 @@ def log_priors(signatures: Sequence[Signature]) -> Array:
     places = Counter(name for name, _, _ in {s.place for s in signatures})
     forms = Counter(s.place for s in signatures if s.tried == 1)
     forms.update({s.place: 1 for s in signatures if s.tried > 1})
-    odds = np.log(PRESENT / (1.0 - PRESENT))
+    odds = np.array([np.log(p / (1.0 - p)) for p in (PRESENT * RARE.get(s.name, 1.0) for s in signatures)])
     chances = [np.log(float(places[s.name] * forms[s.place] * s.tried)) for s in signatures]
     return np.asarray(odds - np.array(chances))

@@ -10,13 +10,14 @@ import numpy as np
 from compplan.diagnose.channels import position_residual
 from compplan.diagnose.conventions import find_conventions
 from compplan.diagnose.doubt import raise_doubt
-from compplan.diagnose.fit import Fit, Problem, State, advance_state, attain_state, fit_effects, stands
+from compplan.diagnose.fit import fit_effects
 from compplan.diagnose.held_out import Folds, HeldOut, make_folds, with_claims
 from compplan.diagnose.polish import polish_fit
 from compplan.diagnose.result import Candidate, Diagnosis, Gap
 from compplan.diagnose.search import Claim, distinct_places
+from compplan.diagnose.state import Fit, Problem, State, advance_state, attain_state, stands
 from compplan.diagnose.verdict import Finding, Verdict, reach_verdict
-from compplan.effects import attain_scene, fold_effects, robot_effects
+from compplan.effects import EFFECTS, Effect, attain_scene, fold_effects, robot_effects
 from compplan.effects.linearization import Place
 from compplan.effects.scene import Scene
 from compplan.errors import InputError
@@ -27,10 +28,6 @@ from compplan.robot import Array, Robot
 #: An updated robot has to shrink the held-out gap by this share, or the nominal one stays; a larger model has to
 #: shrink what a smaller one leaves by the second share (assumed: less is worth no change on the shop floor).
 WORTH_IT, WORTH_MORE = 0.01, 0.02
-#: What belongs to a campaign and not to its robot is delivered only where it is named.
-OF_THE_CAMPAIGN = (
-    "base_frame", "frame_shift", "tool_shift", "wrench_bias", "wrench_scale", "time_skew", "tracking_lag",
-)  # fmt: skip
 #: Candidates that are listed beside named effects and their rivals (assumed).
 RANKED = 12
 #: Fewest rows that a campaign needs (assumed: twice the frames of base and tool).
@@ -141,7 +138,7 @@ def choose_update(folds: Folds, verdict: Verdict, plain: HeldOut) -> tuple[State
         plain: What the nominal robot predicts.
     """
     fit = folds.fit
-    unnamed = [f for f in (*verdict.minor, *verdict.doubtful) if f.effect.name not in OF_THE_CAMPAIGN]
+    unnamed = [f for f in (*verdict.minor, *verdict.doubtful) if not of_instrument(f.effect)]
     sizes = {f.signature: f.size for f in (*verdict.findings, *unnamed) if f.signature >= 0}
     named = [Claim(f.signature, f.size) for f in verdict.findings if f.signature >= 0]
     every = [Claim(number, size) for number, size in sizes.items()]
@@ -158,6 +155,11 @@ def choose_update(folds: Folds, verdict: Verdict, plain: HeldOut) -> tuple[State
     fitted = with_claims(fit, chosen[0], background=chosen[1])
     state = polish_fit(replace(fitted, state=advance_state(fitted), base=fit.base or fit.state)).state
     return (state, best) if stands(fit.problem, state) else (None, plain)
+
+
+def of_instrument(effect: Effect) -> bool:
+    """Tell whether an effect is no part of the robot: instrument, sensor or clock. It is delivered only where named."""
+    return bool(getattr(EFFECTS[effect.name], "of_instrument", False))
 
 
 def _with_sizes(verdict: Verdict, state: State) -> Verdict:

@@ -11,6 +11,11 @@ from scipy.special import expit
 MOST_SURE = 0.99
 #: Log odds are divided by this: evidence of real campaigns is less sharp than its model (assumed).
 TEMPER = 2.0
+#: The map from evidence to log odds, fitted by penalised logistic regression to the claims of the development suite
+#: (benchmarks/calibrate_certainty.py): constant, margin (arsinh of it over its scale), share of halves that repeat the
+#: claim, and logarithm of the number of free values. No weight may be negative.
+CONSTANT, MARGIN, REPEATED, FREE = -2.45, 0.33, 3.25, 1.12
+MARGIN_SCALE, LEAST_MARGIN = 5.0, -20.0
 
 
 @dataclass(frozen=True)
@@ -24,8 +29,8 @@ class Evidence:
         floors: Motion that it explains, in noise floors.
         part: Motion that it explains over the gap.
         left: What is left beyond the noise floor over the gap.
-        parameters: Number of its parameters.
-        tried: Number of alternatives that its form was picked from.
+        free: Number of values of a form whose shape no law of physics gives; 1 for all others.
+        apart: What it explains beside the other claims over what all of them leave, rms.
     """
 
     margin: float
@@ -34,8 +39,8 @@ class Evidence:
     floors: float
     part: float
     left: float
-    parameters: int
-    tried: int
+    free: int
+    apart: float
 
     def to_table(self) -> dict[str, float]:
         """Return what diagnosis.json holds."""
@@ -48,5 +53,6 @@ def rate_certainty(evidence: Evidence) -> float:
     Args:
         evidence: What the claim shows.
     """
-    odds = min(evidence.margin, evidence.plain) / TEMPER
+    margin = np.arcsinh(max(min(evidence.margin, evidence.plain), LEAST_MARGIN) / MARGIN_SCALE)
+    odds = CONSTANT + MARGIN * margin + REPEATED * evidence.repeated - FREE * np.log(evidence.free)
     return float(np.clip(expit(odds), 0.0, MOST_SURE))

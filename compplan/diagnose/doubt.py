@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnose.evidence import Hyper, Prior, find_posterior
-from compplan.diagnose.fit import Fit
 from compplan.diagnose.ledger import Ledger, extend_ledger
 from compplan.diagnose.search import Model, Search, add_claim
+from compplan.diagnose.state import Fit
 from compplan.diagnose.unmodelled import PLAIN_MOTION, unmodelled_signatures
 from compplan.effects.signature import Signature
 
@@ -58,6 +58,8 @@ def foreign_signatures(fit: Fit) -> list[Signature]:
         form, driver = signature.form, str(signature.axis)
         inside = form in ("degree 1", "degree 2", "frame", "joints", "link")
         inside |= form == "linear" and driver.startswith("an unknown force")
+        # links that bend about the axis of their load are an effect of the vocabulary, unless it is left out
+        inside |= form == "bending" and "link_compliance" not in fit.problem.without
         if not inside:
             found.append(signature)
     return found

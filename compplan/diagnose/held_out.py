@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from compplan.diagnose.channels import block_index, position_residual
 from compplan.diagnose.evidence import Posterior, Prior, find_posterior
-from compplan.diagnose.fit import Fit, State, advance_state, attain_state
 from compplan.diagnose.ledger import ChannelProducts, Ledger, Products, select_rows
 from compplan.diagnose.search import Claim
+from compplan.diagnose.state import Fit, State, advance_state, attain_state
 from compplan.errors import ConvergenceError
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array

@@ -20,11 +20,11 @@ from scipy.special import expit, logit
 
 from compplan.diagnose.ambiguity import is_comparable
 from compplan.diagnose.certainty import TEMPER
-from compplan.diagnose.fit import Fit
 from compplan.diagnose.measurement_moves import KINDS, Move, lay_out_moves
 from compplan.diagnose.offers import registration_signatures
 from compplan.diagnose.result import Diagnosis, place_table
 from compplan.diagnose.search import Claim, Model
+from compplan.diagnose.state import Fit
 from compplan.diagnose.unmodelled import UNMODELLED
 from compplan.diagnose.verdict import Finding
 from compplan.effects import EFFECTS, apply_effects, attain_scene, stage_scene

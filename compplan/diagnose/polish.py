@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from compplan.diagnose.background import build_prior, in_background, log_priors
 from compplan.diagnose.channels import build_channels, position_residual
-from compplan.diagnose.fit import Fit, State, advance_state, attain_state, known_approach, linearize_state, stands
 from compplan.diagnose.ledger import build_ledger
 from compplan.diagnose.offers import REGISTRATION, key_of, offer_again, offered_signatures, proposed_signatures
 from compplan.diagnose.outliers import find_outliers
 from compplan.diagnose.search import Claim, Search
+from compplan.diagnose.state import Fit, State, advance_state, attain_state, known_approach, linearize_state, stands
 from compplan.measure.registration import fit_registration
 
 PASSES = 3

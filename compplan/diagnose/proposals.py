@@ -26,7 +26,7 @@ WORTH_A_WAVE = 9.0
 #: Centres of a bump that are looked at, and its widths as shares of the visited range.
 BUMP_CENTRES, BUMP_WIDTHS = 48, (0.02, 0.04, 0.08, 0.16)
 #: Fewest rows for which waves and splines beyond the first harmonics are looked for.
-ENOUGH_ROWS = 40
+ENOUGH_ROWS = 24
 
 
 def propose_shifts(

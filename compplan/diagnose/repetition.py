@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from compplan.diagnose.channels import block_index
 from compplan.diagnose.doubt import Doubt
 from compplan.diagnose.evidence import find_posterior
-from compplan.diagnose.fit import Fit
 from compplan.diagnose.ledger import Ledger, select_rows
 from compplan.diagnose.search import Claim
+from compplan.diagnose.state import Fit
 from compplan.measure.campaign import Campaign
 
 #: Pairs of halves that are drawn, and the seed of the draw.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnose.fit import Fit
+from compplan.diagnose.state import Fit
 from compplan.diagnose.verdict import Finding, Verdict
 from compplan.effects.linearization import Place
 from compplan.effects.signature import plain

@@ -151,6 +151,8 @@ def _of_links(at: Linearization) -> Iterable[Signature]:
         if at.campaign.load_varies:
             loads = np.stack([at.joint_load(joint.name, axis) for axis in TURNS], axis=-1)
             turn = np.stack([at.twist(joint.name, axis) for axis in TURNS], axis=-1)
+            across = np.concatenate([turn * np.roll(loads, step, axis=1)[:, None] for step in (1, 2)], axis=-1)
+            yield from _offer(at, joint.name, "the moments on it", "across", across, common=True)
             yield from _offer(at, joint.name, "the moments on it", "bending", turn * loads[:, None], common=True)
     own = at.motion * at.own_weight_load[:, None, :]
     yield from _offer(at, None, "the weight of the links", "joints", own, common=True)

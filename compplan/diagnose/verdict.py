@@ -12,13 +12,13 @@ from compplan.diagnose.ambiguity import Rival, find_rivals
 from compplan.diagnose.certainty import Evidence, rate_certainty
 from compplan.diagnose.doubt import Doubt
 from compplan.diagnose.evidence import Hyper
-from compplan.diagnose.fit import Fit
 from compplan.diagnose.offers import REGISTRATION
 from compplan.diagnose.repetition import count_repetitions
 from compplan.diagnose.search import Claim, Search, distinct_places
+from compplan.diagnose.state import Fit
 from compplan.diagnose.unmodelled import UNMODELLED
 from compplan.effects.linearization import Place
-from compplan.effects.signature import Effect
+from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array
 
 #: An effect is named from this probability on (contracts: claimed from a half up).
@@ -42,6 +42,8 @@ PLAIN = 3.0
 FAR_ZERO = 0.02
 #: What an unknown error follows is said where it carries this share of it (assumed).
 SPOKEN_OF = 0.4
+#: Effects whose form is a free curve.
+FREE_FORMS = ("transmission_error", "gravity_compensator", "stiffness_nonlinearity")
 #: Probability of a claim that errors without a name explain as well (assumed: one in five).
 GIVEN_UP = 0.2
 
@@ -155,14 +157,16 @@ def weigh_claim(fit: Fit, doubt: Doubt, claim: Claim, repeated: float, structure
     rivals = find_rivals(fit, claim.signature, values[: fit.search.ledger.p])
     alike = {r.place for r in rivals if r.alike}
     margin = margin_of(doubt.search, doubt.model.claims, doubt.model.posterior.hyper, claim, alike)
-    claims = [c for c in fit.model.claims if fit.search.ledger.signatures[c.signature].place != place_of(doubt, claim)]
-    plain = margin_of(fit.search, [*claims, claim], fit.model.posterior.hyper, claim, alike)
+    plain = margin
+    if claim in fit.model.claims:
+        plain = margin_of(fit.search, fit.model.claims, fit.model.posterior.hyper, claim, alike)
     ledger = doubt.search.ledger
     columns = ledger.columns(claim.signature)
     signature = ledger.signatures[claim.signature]
     explained = motion_of(fit, columns, values)
     evidence = Evidence(margin, plain, repeated, explained / structure.floor, explained / max(structure.gap, 1e-12),
-                        structure.rms / max(structure.gap, 1e-12), len(columns), signature.tried)  # fmt: skip
+                        structure.rms / max(structure.gap, 1e-12), count_free(signature),
+                        stand_out(doubt, claim))  # fmt: skip
     return Finding(
         effect=signature.effect(values[columns] * signature.scale),
         probability=rate_certainty(evidence),
@@ -175,9 +179,30 @@ def weigh_claim(fit: Fit, doubt: Doubt, claim: Claim, repeated: float, structure
     )
 
 
-def place_of(doubt: Doubt, claim: Claim) -> Place:
-    """Return the place of a claim."""
-    return doubt.search.ledger.signatures[claim.signature].place
+def stand_out(doubt: Doubt, claim: Claim) -> float:
+    """Return what a claim explains beside all other claims over what all of them leave, both rms.
+
+    Plain least squares, frames that are fitted anyway included, small errors and errors without a name not.
+    """
+    ledger = doubt.search.ledger
+    total = ledger.channels[0].total
+    frames = ledger.columns_named(REGISTRATION)
+    every = np.union1d(ledger.join_columns(doubt.model.signatures), frames)
+    rest = ledger.join_columns(n for n in doubt.model.signatures if n != claim.signature)
+
+    def squares(columns: NDArray[np.int_]) -> float:
+        part = total.take(columns)
+        ridge = 1e-9 * (np.trace(part.gram) / max(len(columns), 1) + 1.0)
+        solved = np.linalg.solve(part.gram + ridge * np.eye(len(columns)), part.against)
+        return part.square - float(part.against @ solved)
+
+    left = max(squares(every), 1e-12)
+    return float(np.sqrt(max(squares(np.union1d(rest, frames)) - left, 0.0) / left))
+
+
+def count_free(signature: Signature) -> int:
+    """Count the values of a form whose shape no law of physics gives: those of curves over an angle or a load."""
+    return len(signature.keys) if signature.name in FREE_FORMS else 1
 
 
 def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Claim, alike: set[Place]) -> float:
