@@ -14,7 +14,7 @@ TEMPER = 2.0
 #: The map from evidence to log odds, fitted by penalised logistic regression to the claims of the development suite
 #: (benchmarks/calibrate_certainty.py): constant, margin (arsinh of it over its scale), share of halves that repeat the
 #: claim, and logarithm of the number of free values. No weight may be negative.
-CONSTANT, MARGIN, REPEATED, FREE = -2.45, 0.33, 3.25, 1.12
+CONSTANT, MARGIN, REPEATED, FREE = -0.96, 0.24, 1.76, 1.02
 MARGIN_SCALE, LEAST_MARGIN = 5.0, -20.0
 
 
