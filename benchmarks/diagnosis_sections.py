@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.answer_scores import CONFIDENT, Score
+from benchmarks.answer_scores import BESIDE, CONFIDENT, Score
 from compplan.report.page import Block, Chart, Column, Columns, Fold, PageTable, Section, TableCell
 from compplan.report.style import AFTER, BEFORE, NEUTRAL, TOLERANCE, format_number
 
@@ -154,8 +154,8 @@ def list_answers(title: str, truths: Sequence[Table], scores: Mapping[str, Seque
     heads = [Column("campaign"), Column("kind"), Column("there"), *(Column(f"{word_of(n)} says") for n in names)]
     heads += [Column("stated", "mm"), Column("true", "mm")]
     caption = (
-        "Green: everything required is named and nothing false; red: a false name; plain: something is missed. Stated "
-        "and true error of the product's updated robot on later rows."
+        "Green: everything required is named, nothing false; red: a false name; plain: something is missed, or an "
+        "unknown cause is not mentioned. Stated and true error of the product's updated robot on later rows."
     )
     return Section(title, [PageTable(heads, rows, caption)])
 
@@ -172,6 +172,8 @@ def _tone(score: Score) -> str:
         return "bad"
     if score.kind == "unknown":
         return "good" if score.status in ("unknown", "partly_explained") else ""
+    if score.kind in BESIDE and score.status == "explained":
+        return ""
     return "good" if score.complete else ""
 
 

@@ -43,7 +43,14 @@ ROOMS = {
     "statics": Room(
         ("statics/*",),
         (
-            "chain", "elastic", "elastic_mujoco", "statics_outside", "stiffness", "encoders", "ik", "kinematics",
+            "chain",
+            "elastic",
+            "elastic_mujoco",
+            "statics_outside",
+            "stiffness",
+            "encoders",
+            "ik",
+            "kinematics",
             "quality",
         ),
     ),

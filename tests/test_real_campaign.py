@@ -1,0 +1,60 @@
+"""A real campaign cut into parts: nothing that is kept for the check is given, and a mirror negates the deviations."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.contestants import read_points
+from benchmarks.real_campaign import BLOCK, cut_campaign, repeat_claims
+from benchmarks.rival.chain import load_chain, read_chain
+
+ROBOT = Path(__file__).parent.parent / "robots" / "staubli_tx200"
+
+
+def claim(effect: str, probability: float) -> dict[str, object]:
+    return {"effect": effect, "joint": None, "axis": None, "probability": probability}
+
+
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
+    """Cut a campaign of 16 blocks whose deviation from the nominal robot is (0.5, 0, 0) mm in every second row."""
+    folder = tmp_path_factory.mktemp("real")
+    (folder / "source").mkdir()
+    (folder / "source" / "robot").symlink_to(ROBOT)
+    chain = read_chain(ROBOT)
+    q = np.random.default_rng(7).uniform(-1.0, 1.0, (16 * BLOCK, len(chain.joints)))
+    model = 1e3 * load_chain(chain, q, np.zeros((len(q), 6)), np.zeros(3)).tip
+    seen = model + 0.5 * (np.arange(len(q)) % 2)[:, None] * np.array([1.0, 0.0, 0.0])
+    heads = ["run", *(f"q{k + 1}_deg" for k in range(q.shape[1])), "x_mm", "y_mm", "z_mm"]
+    table = np.hstack([np.rad2deg(q), seen])
+    lines = [",".join(heads), *(",".join(["static_1", *map(repr, row)]) for row in table.tolist())]
+    (folder / "source" / "measurements.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    cut_campaign(folder / "source", folder / "suite")
+    return folder / "suite", model
+
+
+def test_rows_kept_for_the_check_are_in_no_part_and_halves_share_no_row(parts: tuple[Path, np.ndarray]) -> None:
+    suite, _ = parts
+    fresh = {tuple(row) for row in read_points(suite / "whole" / "fresh.csv").tolist()}
+    given = {name: {tuple(r) for r in read_points(suite / name / "measurements.csv").tolist()} for name in
+             ("whole", "half_a", "half_b", "thin_015")}  # fmt: skip
+    assert len(fresh) == 2 * BLOCK and not any(fresh & rows for rows in given.values())
+    assert given["half_a"] | given["half_b"] == given["whole"] and not given["half_a"] & given["half_b"]
+    assert len(given["thin_015"]) == 15
+
+
+def test_a_mirror_negates_the_deviations_from_the_registered_nominal_robot(parts: tuple[Path, np.ndarray]) -> None:
+    """Mirrored and as measured are halfway apart at the registered model, which is 0.25 mm off along x (the mean)."""
+    suite, model = parts
+    mirrored, measured = (read_points(suite / name / "fresh.csv") for name in ("mirror", "mirror_control"))
+    kept = np.arange(len(model)) // BLOCK % 8 == 4
+    expected = model[kept] + np.array([0.25, 0.0, 0.0])
+    assert 0.5 * (mirrored + measured) == pytest.approx(expected, abs=0.06)
+
+
+def test_claims_repeat_where_the_other_half_names_the_same_place() -> None:
+    halves = [[claim("payload", 0.9), claim("tool_frame", 0.85)], [claim("payload", 0.6), claim("base_frame", 0.7)]]
+    assert repeat_claims(halves, 0.8) == (1, 2)
