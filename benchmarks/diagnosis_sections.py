@@ -220,7 +220,7 @@ def _learning(parts: Mapping[str, Mapping[str, Score]], contestants: Sequence[st
                 shown = [v if np.isfinite(v) else None for v in y]
                 figure.add_scatter(x=count, y=shown, mode="lines+markers", name=word, line=line)
     figure.update_xaxes(type="log", title="poses given", tickvals=count, ticktext=[str(n) for n in count])
-    figure.update_yaxes(title="rms error, mm", rangemode="tozero")
+    figure.update_yaxes(title="rms error, mm", type="log")
     return Chart(figure, "What the diagnosis of fewer poses is worth: error on rows given to nobody, and stated.", 400)
 
 

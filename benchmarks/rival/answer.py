@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.rival.chain import Array, Chain, read_chain
-from benchmarks.rival.greedy import ALIKE, Problem, Selection, Spec, Trial, fit_frames, select, try_all
+from benchmarks.rival.greedy import ALIKE, MOST, WIDE, Problem, Selection, Spec, Trial, fit_frames, select, try_all
 from benchmarks.rival.log import Log, read_log
 from benchmarks.rival.signatures import Columns, stage
 
@@ -30,7 +30,7 @@ class Answer:
     Attributes:
         table: As diagnosis.json.
         chain: The nominal robot.
-        selection: What was chosen.
+        selection: What was chosen to predict with: more than was chosen to be named where MOST was not enough.
         value: Parameters of frames and effects, in the order of the columns.
     """
 
@@ -99,6 +99,11 @@ def diagnose(robot: Path, measurements: Path, register: Sequence[str] = ()) -> A
     named = problem.fit([s for s in selection.chosen if s.place in places])[1][0]
     open_end = rms(named[problem.kept]) > LEFT * floor
     status = ("partly_explained" if open_end else "explained") if claimed else ("unknown" if open_end else "none")
+    if len(selection.chosen) >= MOST:
+        selection = select(chain, log, tuple(register), WIDE)
+        problem = selection.problem
+        value, left = problem.fit(selection.chosen)
+        after = rms(left[0][problem.kept])
     held = held_out(problem, selection.chosen)
     gap = {
         "before_rms_mm": 1e3 * rms(before[problem.kept]),

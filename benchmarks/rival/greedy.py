@@ -12,8 +12,9 @@ from benchmarks.rival.chain import Array, Chain
 from benchmarks.rival.log import Log
 from benchmarks.rival.signatures import WAVES, Columns, Motion, Scene, Spec, list_specs, rotation_gap, stage
 
-#: At most so many effects, share of rows set aside, and times the robust scale from which a row is an outlier.
-MOST, ASIDE, FAR = 8, 0.03, 6.0
+#: At most so many effects that may be named, and that may predict; share of rows set aside, and times the robust scale
+#: from which a row is an outlier.
+MOST, WIDE, ASIDE, FAR = 8, 20, 0.03, 6.0
 #: Samples of a path count as one pose in so many.
 PATH_SHARE = 10
 #: Two explanations whose fits differ by less than so many standard deviations over the campaign are the same.
@@ -278,17 +279,17 @@ class Selection:
     coupling: Spec | None
 
 
-def select(chain: Chain, log: Log, register: tuple[str, ...]) -> Selection:
+def select(chain: Chain, log: Log, register: tuple[str, ...], most: int = MOST) -> Selection:
     """Choose effects one by one while BIC falls; drop those that later ones make idle."""
     q, coupling = correct_readings(chain, log, register)
     problem = Problem(stage(chain, log, q, sagging=False), register)
     specs = list(list_specs(problem.scene, register))
     chosen: list[Spec] = []
-    for _ in range(2 * MOST):
+    for _ in range(2 * most):
         problem.settle(chosen)
         offered = [s for s in specs if s.place not in {c.place for c in chosen}] + scan_waves(problem, chosen)
         trials = try_all(problem, chosen, offered, len(specs))
-        if not trials or trials[0].gain <= 0.0 or len(chosen) >= MOST:
+        if not trials or trials[0].gain <= 0.0 or len(chosen) >= most:
             break
         chosen = prune(problem, [*chosen, trials[0].spec], len(specs))
         if any(c.effect == "gravity_sag" for c in chosen) and not problem.scene.gravity.any():
