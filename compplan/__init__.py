@@ -9,6 +9,7 @@ Planning:
     print(plan.status, plan.before.max_deviation, plan.after.max_deviation)
     cp.write_plan(plan, "out")
 
+or native programs alone, from joint positions: `build_program`, `write_program`;
 or from parts: `load_robot`, `read_toolpath`, `place_toolpath`, `plan_compensation`, `build_cell`, `evaluate_run`.
 
 Diagnosis:
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
     from compplan.plan.nlp import build_nlp, solve_nlp
     from compplan.plan.path_problem import PathProblem, Rows
     from compplan.plan.plan import Plan, PlanOptions, build_task, plan_compensation, plan_job, plan_task
+    from compplan.program import Program, build_program, write_program
     from compplan.robot import Robot, load_robot, write_robot_folder
     from compplan.study.job_study import JobStudy, study_job
     from compplan.study.runner import Run, Settings, run_study
@@ -85,6 +87,7 @@ _MODULES = {
     "outputs.montecarlo": ("write_study",),
     "outputs.plan": ("write_comparison", "write_plan"),
     "path.reading": ("read_toolpath",),
+    "program": ("Program", "build_program", "write_program"),
     "path.toolpath": ("Toolpath", "place_toolpath", "write_toolpath"),
     "plan.compare": ("Comparison", "compare_job", "compare_task"),
     "plan.evaluate": ("Evaluation", "evaluate_run", "path_accuracy"),
@@ -118,6 +121,7 @@ __all__ = [
     "Plan",
     "PlanOptions",
     "Prediction",
+    "Program",
     "Registration",
     "Robot",
     "Rows",
@@ -129,6 +133,7 @@ __all__ = [
     "attain_scene",
     "build_cell",
     "build_nlp",
+    "build_program",
     "build_task",
     "check_job",
     "compare_job",
@@ -162,6 +167,7 @@ __all__ = [
     "write_identification",
     "write_plan",
     "write_prediction",
+    "write_program",
     "write_robot_folder",
     "write_study",
     "write_toolpath",

@@ -108,6 +108,8 @@ class OutputTable(StrictTable):
     programs: Annotated[tuple[Annotated[str, OneOf(WRITERS)], ...], Field(strict=False)] = ()
     max_points_per_file: int | None = Field(default=None, ge=2)
     any_brand: bool = False
+    header: dict[Annotated[str, OneOf(WRITERS)], str] = Field(default_factory=dict)
+    footer: dict[Annotated[str, OneOf(WRITERS)], str] = Field(default_factory=dict)
 
 
 class SamplingTable(StrictTable):

@@ -83,6 +83,8 @@ tool_x = [1.0, 0.0, 0.0]            # part axes: where the TCP frame's x points 
 [output]
 programs = ["val3"]                 # <programs>
 any_brand = false                   # true: programs for another brand than the robot's controller too
+# header = { val3 = "spindle_on.txt" }  # lines of the language before the first move (spindle, coolant), as they are
+# footer = { val3 = "spindle_off.txt" } # ... and after the last; files relative to this one
 # max_points_per_file = 5000        # programs are cut into files; left out: what each controller takes
 
 [sampling]                          # how cutting moves are divided; left out: toolpath files at 1 mm, others not at all

@@ -14,6 +14,7 @@ import numpy as np
 from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json, write_table
 from compplan.files.transaction import list_files, replace_folder
+from compplan.job.job import Job
 from compplan.path.toolpath import WRENCH_HEADERS
 from compplan.plan.compare import Comparison
 from compplan.plan.evaluate import Evaluation
@@ -181,8 +182,16 @@ def write_programs(plan: Plan, folder: Path) -> list[Path]:
         return []
     program, output, files = make_program(plan), plan.job.output, []
     for language in output.programs:
-        files += write_program(program, language, folder, most=output.max_points_per_file, any_brand=output.any_brand)
+        header, footer = (_read_lines(plan.job, table.get(language)) for table in (output.header, output.footer))
+        own = replace(program, header=header, footer=footer)
+        files += write_program(own, language, folder, most=output.max_points_per_file, any_brand=output.any_brand)
     return files
+
+
+def _read_lines(job: Job, name: str | None) -> tuple[str, ...]:
+    from compplan.program.text import read_code
+
+    return () if name is None else read_code(job.folder / name)
 
 
 def note_programs(plan: Plan) -> Plan:

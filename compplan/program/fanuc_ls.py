@@ -92,6 +92,7 @@ def _write_kind(
     parts = split_parts(len(program), most or MOST)
     names = [name] if len(parts) == 1 else [f"{name}_{number}" for number in range(1, len(parts) + 1)]
     setting = _set_frames(program, frame)
+    before, after = ([f"  {line.rstrip(' ;')} ;" for line in lines] for lines in (program.header, program.footer))
     alone, stops = program.alone(linear=bool(frame)), program.stops(linear=bool(frame))
     files = []
     for part, rows in zip(names, parts, strict=True):
@@ -103,11 +104,13 @@ def _write_kind(
             moves.append(_move(program, row, number, bool(alone[row]), bool(stops[row])))
         positions = [_position(entries[row], number) for row, number in zip(indices, numbers, strict=True)]
         head = [*(setting if len(parts) == 1 else []), f"  UFRAME_NUM={frame} ;", f"  UTOOL_NUM={TOOL} ;"]
+        if len(parts) == 1:
+            head, moves = head + before, moves + after
         files.append(folder / f"{part}.LS")
         write_text(files[-1], _text(part, program, head + moves, positions), newline="\r\n")
     if len(parts) > 1:
         files.append(folder / f"{name}.LS")
-        calls = [*setting, *(f"  CALL {part} ;" for part in names)]
+        calls = [*setting, *before, *(f"  CALL {part} ;" for part in names), *after]
         write_text(files[-1], _text(name, program, calls, []), newline="\r\n")
     return files
 

@@ -77,13 +77,15 @@ def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, 
     files = []
     for part, rows in zip(names, parts, strict=True):
         points, moves = _points(program, rows, linear), _moves(program, rows, linear)
-        setting = _settings() if len(parts) == 1 else []
+        setting = [*_settings(), *program.header] if len(parts) == 1 else []
+        moves += program.footer if len(parts) == 1 else ()
         files.append(folder / f"{part}.JBI")
         write_text(files[-1], _text(program, part, points, [*setting, *moves]), newline="\r\n")
     if len(parts) > 1:
         calls = [f"CALL JOB:{part}" for part in names]
         files.append(folder / f"{name}.JBI")
-        write_text(files[-1], _text(program, name, [], [*_settings(), *calls]), newline="\r\n")
+        instructions = [*_settings(), *program.header, *calls, *program.footer]
+        write_text(files[-1], _text(program, name, [], instructions), newline="\r\n")
     return files
 
 

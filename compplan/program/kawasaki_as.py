@@ -54,7 +54,7 @@ def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, 
         files.append(folder / f"{part}.as")
         write_text(files[-1], _part_text(program, part, rows, linear), newline="\r\n")
     lines = [f".PROGRAM {name}()", *(f"  ; {line}" for line in head_lines(program)), *_settings(program)]
-    lines += [*(f"  CALL {part}" for part in names), ".END", ""]
+    lines += [*program.header, *(f"  CALL {part}" for part in names), *program.footer, ".END", ""]
     files.append(folder / f"{name}.as")
     write_text(files[-1], "\n".join(lines), newline="\r\n")
     return files

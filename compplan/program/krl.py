@@ -204,7 +204,8 @@ def _main(name: str, parts: list[str], program: Program, remarks: list[str]) -> 
         lines += ["; inertia of the tool: not known", f"$LOAD={{M {program.mass:.3f},{centre}}}"]
     else:
         lines.append("; mass of the tool: not known, load data are not set")
-    lines += ["$APO.CPTP=1", "$APO.CDIS=0.1", "$ADVANCE=3", *(f"{part}()" for part in parts)]
+    lines += ["$APO.CPTP=1", "$APO.CDIS=0.1", "$ADVANCE=3", *program.header]
+    lines += [*(f"{part}()" for part in parts), *program.footer]
     return "\n".join([*lines, "END", ""])
 
 

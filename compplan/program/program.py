@@ -54,6 +54,8 @@ class Program:
         robot: Name of the robot.
         controller: What controller it is.
         comments: Lines for the head of every file.
+        header: Lines of the language itself that run before the first move, such as what starts the spindle.
+        footer: Lines of the language itself that run after the last move.
 
     """
 
@@ -78,6 +80,8 @@ class Program:
     robot: str = ""
     controller: str = ""
     comments: tuple[str, ...] = ()
+    header: tuple[str, ...] = ()
+    footer: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         n, nq = self.joints.shape
@@ -220,6 +224,8 @@ def head_lines(program: Program) -> list[str]:
     lines = [f"{program.name}: {len(program)} waypoints for {program.robot} {program.controller}".rstrip()]
     if not program.known:
         lines.append("SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN: no controller.toml; they are those of the URDF")
+    if not program.header:
+        lines.append("no header lines: spindle and coolant are not started here")
     return [clean_text(line) for line in [*lines, *program.comments]]
 
 

@@ -67,7 +67,7 @@ def _write_kind(program: Program, folder: Path, name: str, moves: list[str], mos
     ]
     calls = [f"    run_{part};" for part in names]
     files.append(folder / f"{name}.mod")
-    main = ["  PROC main()", "    ConfL\\Off;", *calls, "  ENDPROC"]
+    main = ["  PROC main()", "    ConfL\\Off;", *program.header, *calls, *program.footer, "  ENDPROC"]
     body = [f"MODULE {name}", *comments, *data, *main, "ENDMODULE", ""]
     write_text(files[-1], "\n".join(body))
     return files

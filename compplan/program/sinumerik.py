@@ -18,6 +18,7 @@ BRAND = ""
 #: Waypoints in a part program where the job says nothing.
 MOST = 20000
 LONGEST_NAME = 20
+END = ("TRAFOOF", "M30", "")
 RESERVED = frozenset({"if", "else", "for", "while", "loop", "repeat", "until", "case", "goto", "proc", "def", "stopre"})
 
 
@@ -57,7 +58,7 @@ def write_sinumerik(program: Program, folder: Path, most: int | None = None) -> 
             write_text(files[-1], "\n".join([*blocks[rows], "M17", ""]))
     files.append(folder / f"{name}.MPF")
     head = [f"; {line}" for line in head_lines(program)]
-    write_text(files[-1], "\n".join([*head, *_settings(program), *bodies, "TRAFOOF", "M30", ""]))
+    write_text(files[-1], "\n".join([*head, *_settings(program), *program.header, *bodies, *program.footer, *END]))
     return files
 
 

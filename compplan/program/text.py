@@ -5,6 +5,10 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Collection
+from pathlib import Path
+
+from compplan.errors import InputError
+from compplan.files.tables import read_text
 
 #: Letters of a comment; controllers cut longer lines or refuse them.
 LONGEST_COMMENT = 100
@@ -28,6 +32,23 @@ def clean_text(text: str, longest: int = LONGEST_COMMENT) -> str:
     plain = "".join(letter for letter in head if not unicodedata.combining(letter))
     line = " ".join(FOREIGN.sub(" ", plain).split())
     return line if len(line) <= longest else f"{line[: longest - 3].rstrip()}..."
+
+
+def read_code(path: Path) -> tuple[str, ...]:
+    """Read lines that go into a program as they are.
+
+    Raises:
+        InputError: If the file cannot be read, or holds what would break a program: control letters, letters beyond
+            ASCII, or the end of a block of XML.
+
+    """
+    lines = []
+    for number, line in enumerate(read_text(path).split("\n"), start=1):
+        line = line.removesuffix("\r")
+        if not all(letter == "\t" or " " <= letter <= "~" for letter in line) or "]]>" in line:
+            raise InputError("has letters that no program takes, expected plain ASCII", file=path, where=number)
+        lines.append(line)
+    return tuple(lines[:-1] if lines[-1:] == [""] else lines)
 
 
 def legal_name(text: str, longest: int, *, reserved: Collection[str] = ()) -> str:

@@ -58,7 +58,8 @@ def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, 
     files = []
     for part, rows in zip(names, parts, strict=True):
         head = [f"# {line}" for line in head_lines(program)]
-        lines = [*head, f"def {part}():", *_settings(program), *moves[rows], "end", ""]
+        before, after = program.header * (rows.start == 0), program.footer * (rows.stop == len(program))
+        lines = [*head, f"def {part}():", *_settings(program), *before, *moves[rows], *after, "end", ""]
         files.append(folder / f"{part}.script")
         write_text(files[-1], "\n".join(lines))
     return files

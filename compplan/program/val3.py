@@ -65,7 +65,9 @@ def _write_kind(program: Program, project: Path, most: int | None, *, linear: bo
         texts[f"{part}.pgx"] = _program(part, _moves(number, rows, linear), local=True)
     calls = "".join(f"  call {part}()\n" for part in names)
     comments = "".join(f"  // {line}\n" for line in _remarks(program, linear))
-    texts["start.pgx"] = _program("start", f"{comments}  resetMotion()\n{calls}  waitEndMove()\n")
+    before, after = ("".join(f"{line}\n" for line in lines) for lines in (program.header, program.footer))
+    body = f"{comments}  resetMotion()\n{before}{calls}  waitEndMove()\n{after}"
+    texts["start.pgx"] = _program("start", body)
     texts["stop.pgx"] = _program("stop", "  resetMotion()\n")
     files = []
     for file, text in texts.items():
