@@ -61,7 +61,7 @@ def test_a_job_names_the_files_of_its_lines(
 def test_lines_that_would_break_a_file_are_refused(tmp_path: Path) -> None:
     for text in ("a\x00", "\xe4", "]]>", "a\x0bb"):
         (tmp_path / "lines.txt").write_text(text, encoding="utf-8")
-        with pytest.raises(InputError, match="plain ASCII|binary file"):
+        with pytest.raises(InputError, match=r"plain ASCII|binary file"):
             read_code(tmp_path / "lines.txt")
 
 
