@@ -127,7 +127,7 @@ def test_arc_centres_may_be_absolute_as_the_program_says(read) -> None:
 
 @pytest.mark.parametrize(("centre", "meaning"), [("I10 J0", "absolute"), ("I10 J-0", "absolute"), ("I5 J0", "")])
 def test_arc_centres_are_read_as_every_arc_of_the_file_demands(read, centre: str, meaning: str) -> None:
-    text = f"G21 G0 X20 Y0 Z0\nG3 X10 Y10 {centre} F9\n"
+    text = f"G21 G0 X20 Y0 Z0\nG3 X10 Y10 {centre} F9\nX0 Y0 {centre}\n"
     if meaning:
         assert meaning in read(text).facts.notes[0]
     else:
@@ -136,7 +136,7 @@ def test_arc_centres_are_read_as_every_arc_of_the_file_demands(read, centre: str
 
 
 def test_reversed_arc_centres_are_told_and_may_be_demanded(read) -> None:
-    text = "G21 G0 X30 Y0 Z0\nG3 X20 Y10 I10 J0 F9\n"
+    text = "G21 G0 X30 Y0 Z0\nG3 X20 Y10 I10 J0 F9\nG2 X30 Y20 I0 J-10\n"
     assert "from the centre to the start" in read(text).facts.notes[0]
     with pytest.raises(InputError, match="option arc_centres"):
         read(text, arc_centres="incremental")

@@ -10,7 +10,7 @@ import click
 
 from compplan.files.tables import dump_json
 from compplan.files.tomlfile import check_table
-from compplan.path.cam import CamFacts, read_cam
+from compplan.path.cam import CamFacts, read_cam, refuse_idle
 from compplan.path.cam.options import CamTable
 from compplan.path.toolpath import check_toolpath, resample_toolpath, write_toolpath
 
@@ -31,11 +31,12 @@ CHOICES = {
 @click.option("--circle-sense", type=click.Choice(CHOICES["circle_sense"]), help="Sense of an APT CIRCLE.")
 @click.option("--rotary", type=click.Choice(CHOICES["rotary"]), help="What A B C words turn.")
 @click.option("--cycles", type=click.Choice(CHOICES["cycles"]), help="Whether drilling cycles are cut.")
+@click.option("--strict", is_flag=True, default=None, help="Refuse a file that is read with any note.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def command(camfile: Path, out: Path, max_step_mm: float | None, as_json: bool, **options: Any) -> None:
     """Convert CAMFILE (a CAM file of a known language) to a toolpath table, and say what was read."""
     cam = read_cam(camfile, check_table(CamTable, {key: value for key, value in options.items() if value is not None}))
-    toolpath = cam.toolpath
+    toolpath = refuse_idle(cam)
     if max_step_mm is not None:
         toolpath = resample_toolpath(toolpath, max_step_mm * 1e-3)
     write_toolpath(check_toolpath(toolpath, need_feed=False), out)

@@ -183,6 +183,13 @@ class CollisionTable(StrictTable):
     self_collision: bool = True
 
 
+class FileTable(StrictTable):
+    """[toolpath] with a file: the same as `toolpath = "FILE"`; strict refuses a CAM file that is read with any note."""
+
+    file: str
+    strict: bool = False
+
+
 class Job(StrictTable):
     """Hold a job as its file says it; `load_job` reads it, `load_nominal` follows its references."""
 
@@ -247,7 +254,13 @@ def check_job(data: dict[str, Any], file: str | Path = Path()) -> Job:
     """
     data = dict(data)
     table = data.get("toolpath")
-    if isinstance(table, dict):
+    if isinstance(table, dict) and "file" in table:
+        named = check_table(FileTable, table, file=file, key="toolpath")
+        data["toolpath"] = named.file
+        if named.strict:
+            cam = check_table(CamTable, data.get("cam", {}), file=file, key="cam")
+            data["cam"] = {**cam.model_dump(exclude_unset=True), "strict": True}
+    elif isinstance(table, dict):
         kind = table.get("generator")
         if kind not in GENERATORS:
             fault = "missing key" if kind is None else f"is {kind!r}"

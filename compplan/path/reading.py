@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.files.tables import read_table
-from compplan.path.cam import read_cam
+from compplan.path.cam import read_cam, refuse_idle
 from compplan.path.cam.options import CamTable
 from compplan.path.toolpath import COLUMNS, Toolpath, check_toolpath, toolpath_from_table
 
@@ -22,7 +22,7 @@ def read_toolpath(path: str | Path, *, cam: CamTable | None = None, feed: float 
         feed: Feed of cutting moves in place of the file's own. [m/s]
 
     Returns:
-        The toolpath in the part frame.
+        The toolpath in the part frame; its notes say what was assumed or read past.
 
     Raises:
         InputError: With file and line, if the file is not what it has to be.
@@ -31,7 +31,7 @@ def read_toolpath(path: str | Path, *, cam: CamTable | None = None, feed: float 
     path = Path(path)
     if path.suffix.lower() == ".csv":
         return toolpath_from_table(read_table(path, COLUMNS), feed=feed)
-    return check_toolpath(_set_feed(read_cam(path, cam).toolpath, feed))
+    return check_toolpath(_set_feed(refuse_idle(read_cam(path, cam)), feed))
 
 
 def _set_feed(toolpath: Toolpath, feed: float | None) -> Toolpath:

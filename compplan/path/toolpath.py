@@ -47,6 +47,7 @@ class Toolpath:
         wrench: Predicted wrench of the environment on the tool, at the tip, or None. Shape (n, 6). [N, N m]
         frame: Frame of position, axis and wrench: "part" or "base".
         source: File or generator that it came from, for messages.
+        notes: What was assumed or read past when it was read, one sentence each.
 
     Raises:
         ShapeError: If an array does not have the shape above.
@@ -60,6 +61,7 @@ class Toolpath:
     wrench: Array | None = None
     frame: Literal["part", "base"] = "part"
     source: str = ""
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         n = len(self.position)
@@ -225,7 +227,7 @@ def select_waypoints(toolpath: Toolpath, index: NDArray[np.int64]) -> Toolpath:
     """Return the toolpath at some of its waypoints."""
     wrench = None if toolpath.wrench is None else toolpath.wrench[index]
     rows = (toolpath.position[index], toolpath.axis[index], toolpath.feed[index], toolpath.rapid[index])
-    return Toolpath(*rows, wrench, toolpath.frame, toolpath.source)
+    return Toolpath(*rows, wrench, toolpath.frame, toolpath.source, toolpath.notes)
 
 
 def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = np.inf) -> Toolpath:

@@ -75,8 +75,6 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
         reader.run(text)
         note = "arcs run against the usual sense of their axis: only so they leave the moves before them smoothly"
         reader.log.note(note, 1)
-    if reader.log.counts["cutting_moves"] == 0:
-        raise InputError("no cutting move (GOTO without RAPID) in this file", file=file, where=1)
     return reader.log.finish(file, "apt", reader.unit or "not stated", len(text.splitlines()))
 
 

@@ -17,6 +17,8 @@ COARSEST = math.radians(10.0)
 #: How far start and end may differ in radius: rounding of CAM output. [mm, share of the radius]
 MISMATCH_MM = 0.02
 MISMATCH_SHARE = 2e-3
+#: ... and never more than this, as in LinuxCNC. [mm]
+MOST_MISMATCH_MM = 0.5
 #: Angles [rad] and lengths [mm] below this count as zero.
 NOTHING = 1e-9
 
@@ -78,7 +80,22 @@ def combine(a: float, one: Point, b: float, other: Point) -> Point:
 
 def fits_circle(radius: float, end_radius: float) -> bool:
     """Return whether start and end lie on one circle but for rounding."""
-    return radius > NOTHING and abs(radius - end_radius) <= max(MISMATCH_MM, MISMATCH_SHARE * radius)
+    return radius > NOTHING and abs(radius - end_radius) <= allow_mismatch(radius)
+
+
+def allow_mismatch(radius: float) -> float:
+    """Return how far the radii at start and end of an arc may differ [mm]."""
+    return min(max(MISMATCH_MM, MISMATCH_SHARE * radius), MOST_MISMATCH_MM)
+
+
+def count_chords(arc: Arc, chord: float) -> int:
+    """Return how many chords an arc takes, its extremes aside."""
+    return int(min(abs(arc.sweep) / _chord_angle(arc.radius, chord), 1e9)) + 1
+
+
+def _chord_angle(radius: float, chord: float) -> float:
+    """Return the angle of a chord that keeps to its arc [rad]."""
+    return 2.0 * math.acos(max(1.0 - chord / radius, math.cos(0.5 * COARSEST)))
 
 
 def arc_about(start: Point, end: Point, centre: Point, normal: Point, *, right_hand: bool, turns: int = 1) -> Arc:
@@ -124,7 +141,7 @@ def centre_from_radius(start: Point, end: Point, normal: Point, radius: float, *
     across = combine(1.0, travel, -dot(travel, normal), normal)
     chord = math.hypot(*across)
     size = abs(radius)
-    if chord <= NOTHING or 0.5 * chord - size > max(0.25 * MISMATCH_MM, 0.25 * MISMATCH_SHARE * size):
+    if chord <= NOTHING or 0.5 * chord - size > 0.25 * allow_mismatch(size):
         return None
     height = math.sqrt(max(radius * radius - 0.25 * chord * chord, 0.0))
     sign = 1.0 if right_hand == (radius > 0.0) else -1.0

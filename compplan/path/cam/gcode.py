@@ -4,36 +4,36 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 from compplan.errors import InputError
 from compplan.path.cam.arcs import Point, arc_about, centre_from_radius, combine, cross, dot, fits_circle
+from compplan.path.cam.gcode_codes import (
+    ALONE,
+    CYCLES,
+    MODES,
+    MOST_TURNS,
+    NOTED,
+    OFFSETS,
+    PROBES,
+    REFUSED,
+    SILENT,
+    TURN_STEP,
+)
+from compplan.path.cam.gcode_corners import Corner, cut_corner
 from compplan.path.cam.gcode_cycles import run_cycle
 from compplan.path.cam.gcode_state import AXES, PLANE_AXES, PLANE_NORMALS, State
-from compplan.path.cam.gcode_words import CONTROL, CONVERSATIONAL, TIP_CONTROL, split_words, strip_comments
-from compplan.path.cam.moves import CamFile, MoveLog
+from compplan.path.cam.gcode_text import TextReader
+from compplan.path.cam.gcode_words import CORNER_WORDS
+from compplan.path.cam.lines import split_lines
+from compplan.path.cam.moves import CamFile
 from compplan.path.cam.options import CamTable
 
 CENTRE_READINGS = ("incremental", "absolute", "reversed")
-REFUSED = {
-    5.2: "NURBS", 6.2: "NURBS", 7.0: "lathe diameters", 12.0: "pocket cycles",
-    13.0: "pocket cycles", 16.0: "polar coordinates", 32.0: "threading", 33.0: "threading", 33.1: "rigid tapping",
-    34.0: "threading", 51.0: "scaling", 51.1: "mirroring", 65.0: "macro calls", 66.0: "modal macro calls",
-    68.0: "coordinate rotation", 68.1: "coordinate rotation", 68.2: "tilted work planes",
-    107.0: "cylindrical interpolation", 112.0: "polar interpolation",
-    12.1: "polar interpolation", 7.1: "cylindrical interpolation",
-}
-CYCLES = {73.0, 74.0, 76.0, *(float(number) for number in range(81, 90))}
-#: Codes that say nothing about the programmed path.
-SILENT = {4.0, 9.0, 15.0, 40.0, 49.0, 50.0, 50.1, 61.0, 61.1, 64.0, 67.0, 69.0, 80.0, 94.0, 96.0, 97.0}
-NOTED = {
-    10.0: "G10 offsets are not read",
-    41.0: "cutter compensation (G41, G42) is not applied: the path is taken as programmed",
-    43.0: "tool length compensation (G43) is not applied: the path is that of the tool tip",
-    54.0: "work offsets (G54 ..) are not known: all coordinates are taken in one frame",
-}
-NOTED |= {41.1: NOTED[41.0], 42.0: NOTED[41.0], 42.1: NOTED[41.0], 43.1: NOTED[43.0], 44.0: NOTED[43.0]}
+#: Words that a move may have.
+MOVING = "XYZABCIJKRUVW"
+#: Different arcs that must fit another reading of I J K, and not the usual one, before it is taken.
+FEWEST_PROOFS = 2
 
 
 class _OffCircleError(InputError):
@@ -52,6 +52,9 @@ def recognise(text: str) -> bool:
 def read(text: str, file: Path, options: CamTable) -> CamFile:
     """Read G-code.
 
+    I J K count from the start of an arc. Where that leaves arcs off their circles, another reading is taken if every
+    arc of the file then lies on its circle and at least two different ones prove it: a full circle fits any reading.
+
     Args:
         text: The program.
         file: Its file, for messages.
@@ -59,12 +62,12 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 
     Raises:
         InputError: With file and line, if the program has an arc without centre or off its circle, or uses what is not
-            read here: expressions, subprograms, splines, rotated or scaled coordinates, conversational blocks.
+            read here: expressions, splines, rotated or scaled coordinates, conversational blocks.
 
     """
     readings = CENTRE_READINGS if options.arc_centres is None else (options.arc_centres,)
     first_fault: _OffCircleError | None = None
-    lines = text.splitlines()
+    lines = list(split_lines(text))
     for reading in readings:
         reader = _Reader(file, options, reading)
         try:
@@ -74,7 +77,11 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
             if reader.state.centres_stated:
                 break
             continue
-        if reading != "incremental" and options.arc_centres is None and first_fault is not None:
+        except InputError as fault:
+            raise fault if fault.file else reader.error(fault.message) from None
+        if first_fault is not None:
+            if len(reader.proofs) < FEWEST_PROOFS:
+                continue
             meaning = {"absolute": "absolute", "reversed": "counted from the centre to the start"}[reading]
             note = f"arc centres I J K are read as {meaning}: only so every arc of the file lies on a circle"
             reader.log.note(note, int(first_fault.where or 1))
@@ -83,64 +90,21 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     raise first_fault
 
 
-class _Reader:
-    """Follow a program line by line."""
+class _Reader(TextReader):
+    """Carry out a program block by block."""
 
     def __init__(self, file: Path, options: CamTable, reading: str) -> None:
-        self.file, self.options = file, options
-        self.log = MoveLog(options.chord_tolerance_mm)
-        self.state = State(scale=25.4 if options.unit == "inch" else 1.0, centres=reading)
-        self.line = 0
+        super().__init__(file, options, State(scale=25.4 if options.unit == "inch" else 1.0, centres=reading))
+        self.corner: Corner | None = None
+        self.proofs: set[tuple[float, ...]] = set()
 
-    def error(self, message: str) -> InputError:
-        return InputError(message, file=self.file, where=self.line)
+    def finish(self) -> None:
+        """Refuse a corner that no move follows."""
+        if self.corner is not None:
+            self.line = self.corner.line
+            raise self.error("a rounded or cut corner has no straight move after it")
 
-    def run(self, lines: list[str]) -> None:
-        """Read every line up to the end of the program."""
-        for self.line, raw in enumerate(lines, start=1):
-            line = strip_comments(raw)
-            if not line or line == "%":
-                if line and self.state.moved:
-                    break
-                continue
-            if line[0] == "/":
-                self.log.note("blocks marked with / are read", self.line)
-                line = line[1:].lstrip()
-            words, rest = split_words(line)
-            if rest and not self._explain(line, rest):
-                continue
-            if self._run_block(words):
-                break
-        if not self.state.unit_stated:
-            unit = self.options.unit or "mm"
-            self.log.note(f"no unit is stated (G20, G21): {unit} is assumed", 1)
-
-    def _explain(self, line: str, rest: str) -> bool:
-        """Deal with text that is no word; return whether the words of the line are to be read all the same."""
-        line = re.sub(r"^N\d+\s*", "", line)
-        if CONVERSATIONAL.match(line):
-            raise self.error(f"conversational block {line[:40]!r}; post-process the program to ISO G-code (G0 to G3)")
-        if "#" in rest or "[" in rest or re.search(r"\bR\d+\s*=|=\s*[A-Z(]", line):
-            raise self.error(f"expression {line[:40]!r} is not read, only numbers are; write the program out")
-        if CONTROL.match(line):
-            raise self.error(f"program control {line[:40]!r} is not read; write the program out in the CAM system")
-        if TIP_CONTROL.search(line):
-            self.state.tip_control = True
-        if line.startswith("SUPA") or " SUPA" in line:
-            self.log.note("moves in machine coordinates (SUPA) are left out", self.line)
-            return False
-        word = re.match(r"[A-Z]{2,}\w*", line)
-        if word:
-            self.log.note(f"vendor word {word.group(0)[:20]} is not read", self.line)
-            return False
-        if line.startswith(":"):
-            return False
-        if set(rest) <= set("*%,:$!") or re.fullmatch(r"[A-Z]", rest):
-            self.log.note(f"character {rest[0]!r} is not read", self.line)
-            return True
-        raise self.error(f"cannot read {rest[:40]!r}, expected words such as X12.5")
-
-    def _run_block(self, words: list[tuple[str, float]]) -> bool:
+    def run_block(self, words: list[tuple[str, float]]) -> bool:
         """Carry out one block; return whether the program ends."""
         values: dict[str, float] = {}
         codes: list[float] = []
@@ -158,7 +122,9 @@ class _Reader:
             state.set_feed(values["F"])
         if "S" in values:
             state.spindle = values["S"]
-        if not once and not values.keys().isdisjoint("XYZABCIJKRUVW"):
+        if once == "machine":
+            self._move_in_machine(values)
+        elif not once and not values.keys().isdisjoint(MOVING):
             self._move(values)
         return ends
 
@@ -167,7 +133,7 @@ class _Reader:
             raise self.error(f"subprogram call M{number:g} is not read; write the program out in the CAM system")
         if number == 128.0:
             self.state.tip_control = True
-        return ends or number in (2.0, 30.0, 99.0)
+        return ends or number in (2.0, 17.0, 30.0, 99.0)
 
     def _run_codes(self, codes: list[float], values: dict[str, float]) -> str:
         """Set what G codes set; return a reason where the coordinates of the block are no move."""
@@ -185,56 +151,117 @@ class _Reader:
                     raise self.error(f"G{code:g} (splines) is not read; post-process without it")
             elif code in MODES:
                 MODES[code](state)
-            elif code in (70.0, 71.0) and values.keys() & {"P", "Q", "U", "W"}:
-                raise self.error(f"G{code:g} as a lathe cycle is not read; post-process without it")
+            elif code in (70.0, 71.0) and values.keys() & set("PQUWIJL"):
+                raise self.error(f"G{code:g} as a lathe cycle or bolt circle is not read; post-process without it")
             elif code in (20.0, 21.0, 70.0, 71.0):
                 state.set_unit(25.4 if code in (20.0, 70.0) else 1.0)
-            elif code in (28.0, 30.0, 53.0) or code in PROBES or code in OFFSETS or code in (4.0, 10.0):
+            elif code in ALONE:
                 once = self._run_once(code, values)
-            elif 54.0 <= code < 60.0:
+            elif 54.0 <= code < 60.0 or 500.0 <= code < 600.0:
                 self._use_offset(code)
             elif code in (43.4, 43.5):
                 state.tip_control = True
             elif code in NOTED:
                 self.log.note(NOTED[code], self.line)
             elif code not in SILENT:
-                self.log.note(f"G{code:g} is not read", self.line)
+                self._pass_over(code, codes, values)
             if code == 80.0:
                 state.motion = None
         return once
 
+    def _pass_over(self, code: float, codes: list[float], values: dict[str, float]) -> None:
+        """Note a code that is not known; refuse it where it may claim the coordinates of its block."""
+        if not values.keys().isdisjoint(MOVING) and not {0.0, 1.0, 2.0, 3.0} & set(codes):
+            raise self.error(f"G{code:g} with coordinates is not read and may move the tool; post-process without it")
+        self.log.note(f"G{code:g} is not read", self.line)
+
     def _use_offset(self, code: float) -> None:
-        if self.state.work_offset not in (None, code):
-            self.log.note(NOTED[54.0], self.line)
-        self.state.work_offset = code
+        """Put a work offset in force; the first one before any coordinate is that of the path."""
+        state = self.state
+        if not state.moved and not state.known:
+            state.offsets.active = code
+            return
+        step, note = state.offsets.switch(code)
+        state.base = combine(1.0, state.base, 1.0, step)
+        if note:
+            self.log.note(note, self.line)
+
+    def _set_offset(self, values: dict[str, float]) -> None:
+        """Read G10: L2 sets a work offset."""
+        state = self.state
+        named = {axis: values[AXES[axis]] * state.scale for axis in range(3) if AXES[axis] in values}
+        kind = values.get("L", 0.0)
+        if kind == 20.0 or (kind == 2.0 and (state.incremental or values.get("R", 0.0) != 0.0)):
+            raise self.error("G10 that turns a work offset, or counts from where the tool is, is not read")
+        if kind != 2.0:
+            self.log.note(NOTED[10.0], self.line)
+            return
+        number = values.get("P", 0.0)
+        if number not in range(16):
+            raise self.error(f"G10 L2 P{number:g} names no work offset, expected P0 to P15")
+        cutting = state.moved or bool(state.known)
+        try:
+            moved = state.offsets.set_origin(int(number), named)
+        except ValueError:
+            if cutting:
+                raise self.error("G10 L2 moves the work offset in force, and what it was is not known") from None
+            return
+        if cutting:
+            state.base = combine(1.0, state.base, 1.0, (moved.get(0, 0.0), moved.get(1, 0.0), moved.get(2, 0.0)))
 
     def _run_once(self, code: float, values: dict[str, float]) -> str:
         """Carry out a code that takes the coordinates of its block for itself."""
         state, named = self.state, [axis for axis in range(3) if AXES[axis] in values]
-        if code in OFFSETS:
-            if code == 92.0:
-                before, cutting = state.position, state.moved
-                state.set_origin({axis: values[AXES[axis]] for axis in named})
-                if not cutting:
-                    self.log.shift(combine(1.0, state.position, -1.0, before))
-                elif state.position != before:
-                    self.log.rapid(state.position)
-            elif code == 52.0:
-                state.set_shift({axis: values[AXES[axis]] for axis in named})
-            else:
-                state.clear_origin()
-            return "offset"
-        if code in (28.0, 30.0):
+        if code in (92.0, 52.0):
+            self._offset(code, {axis: values[AXES[axis]] for axis in named})
+        elif code in OFFSETS:
+            state.clear_origin()
+        elif code == 10.0:
+            self._set_offset(values)
+        elif code in (28.0, 30.0):
             self.log.note(f"G{code:g} (home) is left out but for its intermediate point", self.line)
             if named and not state.incremental:
                 self._rapid(state.target(values, range(3)))
-        elif code == 53.0:
-            if named:
-                self.log.note("moves in machine coordinates (G53) are left out", self.line)
+        elif code in (53.0, 153.0):
+            return "machine"
         elif code in PROBES:
             self.log.note(f"G{code:g} (probing) is left out; where it ended is not known", self.line)
             state.lost.update(named)
         return "once"
+
+    def _offset(self, code: float, coordinates: dict[int, float]) -> None:
+        """Carry out G52 and G92."""
+        state = self.state
+        if code == 52.0:
+            state.set_shift(coordinates)
+            return
+        before, cutting = state.position, state.moved
+        state.set_origin(coordinates)
+        if not cutting:
+            self.log.shift(combine(1.0, state.position, -1.0, before))
+        elif state.position != before:
+            self.log.rapid(state.position)
+
+    def _move_in_machine(self, values: dict[str, float]) -> None:
+        """Carry out a move in machine coordinates (G53) where the work offset in force is known, else leave it out."""
+        state = self.state
+        named = [axis for axis in range(3) if AXES[axis] in values]
+        places = {axis: state.offsets.from_machine(axis, values[AXES[axis]] * state.scale) for axis in named}
+        if not named:
+            return
+        if any(place is None for place in places.values()):
+            self.log.note("moves in machine coordinates (G53) are left out", self.line)
+            return
+        point = [state.base[axis] + (places.get(axis) or 0.0) if axis in places else state.position[axis]
+                 for axis in range(3)]  # fmt: skip
+        target = (point[0], point[1], point[2])
+        state.known.update(named)
+        if state.motion == 1.0:
+            state.note_start(self.log, self.line)
+            self.log.line(target, self._feed(math.dist(target, self.log.position)))
+            state.position = target
+        else:
+            self._rapid(target)
 
     def _move(self, values: dict[str, float]) -> None:
         """Carry out the motion of a block."""
@@ -244,9 +271,13 @@ class _Reader:
             return
         if not values.keys().isdisjoint("UVW"):
             self.log.note("axes U V W are not read", self.line)
+        corner = next((kind for kind in set(CORNER_WORDS.values()) if kind in values), None)
+        if (corner or self.corner) and state.motion != 1.0:
+            raise self.error("a corner is rounded or cut between two straight moves (G1) only; post-process without it")
         if state.motion in (2.0, 3.0):
             self._arc(values)
             return
+        self._check_straight(values)
         if values.keys().isdisjoint("XYZABC"):
             return
         target = state.target(values, range(3))
@@ -256,7 +287,9 @@ class _Reader:
             before = self.log.axis
             pieces = 1 if axis is None else math.ceil(math.degrees(_angle(before, axis)) / TURN_STEP - 1e-9) or 1
             feed = self._feed(math.dist(target, self.log.position))
-            if axis is None or pieces == 1:
+            if corner or self.corner:
+                self._cut_corner(target, feed, (corner, values[corner] * state.scale) if corner else None, axis)
+            elif axis is None or pieces == 1:
                 self.log.line(target, feed, axis)
             else:
                 self._turning_line(target, feed, pieces)
@@ -265,6 +298,32 @@ class _Reader:
             if state.motion is None:
                 self.log.note("coordinates without G0 or G1 are read as rapid moves", self.line)
             self._rapid(target, axis)
+
+    def _check_straight(self, values: dict[str, float]) -> None:
+        """Refuse or note words of an arc in a straight move."""
+        if values.get("R", 0.0) != 0.0:
+            raise self.error(f"R{values['R']:g} in a straight move is not read; a rounded corner is written ,R")
+        if not values.keys().isdisjoint("IJK"):
+            self.log.note("I J K in straight moves are not read", self.line)
+
+    def _cut_corner(self, target: Point, feed: float, asked: tuple[str, float] | None, axis: Point | None) -> None:
+        """Cut a straight move that a rounded or cut corner begins, ends, or both."""
+        if axis is not None:
+            raise self.error("a rounded or cut corner while rotary axes turn is not read")
+        log, before, start = self.log, self.corner, self.log.position
+        if before is not None:
+            try:
+                first, start, arc = cut_corner(before, target)
+            except ValueError as fault:
+                raise self.error(f"{fault}, in the block of line {before.line}") from None
+            log.line(first, before.feed)
+            if arc is not None:
+                log.arc(arc, start, feed)
+            elif start != first:
+                log.line(start, feed)
+        self.corner = Corner(*asked, start, target, feed, self.line) if asked else None
+        if asked is None:
+            log.line(target, feed)
 
     def _turning_line(self, target: Point, feed: float, pieces: int) -> None:
         """Cut to a point while the rotary axes turn evenly: one move, in pieces."""
@@ -330,38 +389,28 @@ class _Reader:
         else:
             names = " ".join(("I", "J", "K")[axis] for axis in plane)
             raise self.error(f"arc has neither a centre ({names}) nor a radius (R)")
-        turns = int(values["P"]) if values.get("P", 1.0) >= 1.0 and "P" in values else 1
-        arc = arc_about(start, target, centre, normal, right_hand=right_hand, turns=turns)
+        turns = values.get("P", 1.0) if values.get("P", 1.0) >= 1.0 else 1.0
+        if not turns <= MOST_TURNS:
+            raise self.error(f"arc of P{turns:g} turns, at most {MOST_TURNS} are read")
+        arc = arc_about(start, target, centre, normal, right_hand=right_hand, turns=int(turns))
         if not fits_circle(arc.radius, arc.end_radius):
             message = f"arc starts {arc.radius:.4f} mm from its centre and ends {arc.end_radius:.4f} mm from it"
             hint = "expected the same radius; I J K may count otherwise (option arc_centres)"
             raise _OffCircleError(f"{message}, {hint}", file=self.file, where=self.line)
+        if letters and "R" not in values and state.centres != "incremental":
+            self._prove(start, target, values, right_hand=right_hand)
         self.log.arc(arc, target, self._feed(arc.length))
         state.position = target
 
-
-#: Greatest turn of the rotary axes between waypoints. [deg]
-TURN_STEP = 1.0
-PROBES = {31.0, 38.2, 38.3, 38.4, 38.5}
-OFFSETS = {52.0, 92.0, 92.1, 92.2, 92.3}
+    def _prove(self, start: Point, target: Point, values: dict[str, float], *, right_hand: bool) -> None:
+        """Keep an arc that lies on no circle where its I J K count as usual."""
+        state, plane = self.state, PLANE_AXES[self.state.plane]
+        usual = combine(1.0, start, state.scale, tuple(values.get(letter, 0.0) for letter in "IJK"))  # type: ignore
+        arc = arc_about(start, target, usual, PLANE_NORMALS[state.plane], right_hand=right_hand)
+        if not fits_circle(arc.radius, arc.end_radius):
+            ends = [place[axis] for place in (start, target) for axis in plane]
+            self.proofs.add((*(round(number, 3) for number in ends), *(values.get(letter, 0.0) for letter in "IJK")))
 
 
 def _angle(before: Point, after: Point) -> float:
     return math.atan2(math.hypot(*cross(before, after)), dot(before, after))
-
-
-def _setter(**changes: object) -> Callable[[State], None]:
-    def change(state: State) -> None:
-        for name, value in changes.items():
-            setattr(state, name, value)
-
-    return change
-
-
-MODES: dict[float, Callable[[State], None]] = {
-    17.0: _setter(plane=17), 18.0: _setter(plane=18), 19.0: _setter(plane=19),
-    90.0: _setter(incremental=False), 91.0: _setter(incremental=True),
-    90.1: _setter(centres="absolute", centres_stated=True), 91.1: _setter(centres="incremental", centres_stated=True),
-    93.0: _setter(feed_mode=93), 94.0: _setter(feed_mode=94), 95.0: _setter(feed_mode=95),
-    98.0: _setter(retract_to_start=True), 99.0: _setter(retract_to_start=False),
-}

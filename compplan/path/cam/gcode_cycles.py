@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from compplan.errors import InputError
 from compplan.path.cam.arcs import Point
 from compplan.path.cam.gcode_state import State
 from compplan.path.cam.moves import MoveLog
+
+#: Greatest number of holes of one block.
+MOST_HOLES = 10_000
 
 
 def run_cycle(
@@ -26,6 +30,9 @@ def run_cycle(
         expand: Whether holes are cut.
         line: Line of the block.
 
+    Raises:
+        InputError: If the block asks for more holes than any part has.
+
     """
     for letter in "RZ":
         if letter in values:
@@ -35,6 +42,8 @@ def run_cycle(
     repeats = int(values.get("L", values.get("K", 1.0))) if state.incremental else 1
     if values.get("L", values.get("K", 1.0)) == 0.0:
         return
+    if repeats > MOST_HOLES:
+        raise InputError(f"cycle with {repeats} repeats, at most {MOST_HOLES} are read")
     start = state.cycle_start
     clear = state.cycle.get("R", start)
     bottom = state.cycle.get("Z", clear)
@@ -68,5 +77,5 @@ def _level(letter: str, number: float, state: State) -> float:
     value = number * state.scale
     if not state.incremental:
         state.known.add(2)
-        return value + state.origin[2] + state.shift[2]
+        return value + state.zero(2)
     return value + (state.cycle_start if letter == "R" else state.cycle.get("R", state.cycle_start))

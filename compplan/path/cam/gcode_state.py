@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.path.cam.arcs import Point
+from compplan.path.cam.gcode_offsets import Offsets
 from compplan.path.cam.moves import MoveLog
 
 AXES = "XYZ"
@@ -21,7 +22,7 @@ class State:
     """Hold the modal state of a program.
 
     Positions stand in the frame that is in force at the first cut; `origin` is where the program's own origin stands
-    in it since then (G92, G52).
+    in it since then (G92, G52), `base` where that of the work offset in force does.
     """
 
     scale: float
@@ -38,10 +39,11 @@ class State:
     spindle: float = 0.0
     origin: Point = (0.0, 0.0, 0.0)
     shift: Point = (0.0, 0.0, 0.0)
+    base: Point = (0.0, 0.0, 0.0)
+    offsets: Offsets = field(default_factory=Offsets)
     known: set[int] = field(default_factory=set)
     lost: set[int] = field(default_factory=set)
     moved: bool = False
-    work_offset: float | None = None
     tip_control: bool = False
     rotary: Point = (0.0, 0.0, 0.0)
     rotary_before: Point = (0.0, 0.0, 0.0)
@@ -71,10 +73,14 @@ class State:
             if self.incremental:
                 point[axis] += number
             else:
-                point[axis] = number + self.origin[axis] + self.shift[axis]
+                point[axis] = number + self.zero(axis)
                 self.lost.discard(axis)
                 self.known.add(axis)
         return point[0], point[1], point[2]
+
+    def zero(self, axis: int) -> float:
+        """Return where the program's origin stands."""
+        return self.origin[axis] + self.shift[axis] + self.base[axis]
 
     def knows_position(self) -> bool:
         """Return whether the tool's place is known, or a cut has begun."""
@@ -99,7 +105,7 @@ class State:
                 self.lost.discard(axis)
                 self.known.add(axis)
             else:
-                origin[axis] = position[axis] - value - self.shift[axis]
+                origin[axis] = position[axis] - value - self.shift[axis] - self.base[axis]
         self.position = position[0], position[1], position[2]
         self.origin = origin[0], origin[1], origin[2]
 
@@ -135,7 +141,7 @@ class State:
             letter = ("I", "J", "K")[axis]
             if self.centres == "absolute":
                 if letter in values:
-                    centre[axis] = values[letter] * self.scale + self.origin[axis] + self.shift[axis]
+                    centre[axis] = values[letter] * self.scale + self.zero(axis)
             else:
                 sign = -1.0 if self.centres == "reversed" else 1.0
                 centre[axis] += sign * values.get(letter, 0.0) * self.scale

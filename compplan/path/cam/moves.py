@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,11 +12,19 @@ import numpy as np
 
 from compplan.errors import InputError
 from compplan.files.tables import Array
-from compplan.path.cam.arcs import Arc, Point, combine, sample_arcs
+from compplan.path.cam.arcs import Arc, Point, combine, count_chords, sample_arcs
 from compplan.path.toolpath import Toolpath
 
+#: Greatest number of waypoints that a file may make, chords of arcs counted.
+MOST_WAYPOINTS = 2_000_000
+#: Greatest coordinate that is taken for true: a hundred kilometres. [mm]
+FARTHEST = 1e8
 #: Moves shorter than this do not count as moves. [mm]
 STILL = 1e-9
+#: Greatest radius of an arc: a kilometre. [mm]
+LARGEST_RADIUS = 1e6
+#: Numbers of a row: tip, tool axis, feed, rapid.
+WIDTH = 8
 COUNTERS = (
     "cutting_moves", "rapid_moves", "arcs", "full_circles", "helical_arcs", "unmoved_blocks", "rotary_only_moves",
     "cycles",
@@ -30,7 +39,7 @@ class CamFacts:
 
     Args:
         file: The file.
-        kind: "gcode" or "apt".
+        kind: Language of the file: the name of its reader.
         unit: "mm", "inch", "mm, inch" where the file changes, or "not stated".
         lines: Number of lines.
         cutting_moves: Number of cutting moves.
@@ -92,7 +101,8 @@ class MoveLog:
     length: float = 0.0
     arc_length: float = 0.0
     notes: dict[str, tuple[int, int]] = field(default_factory=dict)
-    _rows: list[tuple[float, ...]] = field(default_factory=list)
+    waypoints: int = 0
+    _rows: array[float] = field(default_factory=lambda: array("d"))
     _arcs: dict[int, Arc] = field(default_factory=dict)
 
     def place(self, point: Point, axis: Point | None = None) -> None:
@@ -101,7 +111,9 @@ class MoveLog:
 
     def shift(self, step: Point) -> None:
         """Move everything so far: the origin turns out to be elsewhere."""
-        self._rows = [(x + step[0], y + step[1], z + step[2], *rest) for x, y, z, *rest in self._rows]
+        rows = np.array(self._rows).reshape(-1, WIDTH)
+        rows[:, :3] += step
+        self._rows = array("d", rows.ravel())
         self.position = combine(1.0, self.position, 1.0, step)
 
     def rapid(self, point: Point, axis: Point | None = None) -> None:
@@ -110,7 +122,7 @@ class MoveLog:
         if point != self.position or axis != self.axis or not self._started:
             self.counts["rapid_moves"] += 1
             self.position, self.axis = point, axis
-            self._rows.append((*point, *axis, 0.0, 1.0))
+            self._put(point, 0.0, 1.0)
 
     def line(self, point: Point, feed: float, axis: Point | None = None) -> None:
         """Cut straight to a point with a feed in mm/s; the tool axis turns on the way."""
@@ -128,13 +140,21 @@ class MoveLog:
         else:
             self.counts["rotary_only_moves"] += 1
         self.position, self.axis = point, axis
-        self._rows.append((*point, *axis, feed, 0.0))
+        self._put(point, feed, 0.0)
 
     def arc(self, arc: Arc, end: Point, feed: float) -> None:
-        """Cut along an arc that ends at a point; the tool axis stays."""
+        """Cut along an arc that ends at a point; the tool axis stays.
+
+        Raises:
+            InputError: If the arc is too large or too long.
+
+        """
         self._start()
-        self._arcs[len(self._rows)] = arc
-        self._rows.append((*end, *self.axis, feed, 0.0))
+        if not arc.radius <= LARGEST_RADIUS:
+            raise InputError(f"arc of radius {arc.radius:g} mm, at most {LARGEST_RADIUS:g} mm is read")
+        self.waypoints += count_chords(arc, self.chord)
+        self._arcs[len(self._rows) // WIDTH] = arc
+        self._put(end, feed, 0.0)
         self.counts["cutting_moves"] += 1
         self.counts["arcs"] += 1
         self.counts["full_circles"] += int(abs(arc.sweep) > 2.0 * math.pi - 1e-9)
@@ -148,6 +168,20 @@ class MoveLog:
         first, times = self.notes.get(message, (line, 0))
         self.notes[message] = (first, times + 1)
 
+    def _put(self, point: Point, feed: float, rapid: float) -> None:
+        """Put down a row at a point.
+
+        Raises:
+            InputError: If the file makes too many, or the point is too far off.
+
+        """
+        self.waypoints += 1
+        if self.waypoints > MOST_WAYPOINTS:
+            raise InputError(f"more than {MOST_WAYPOINTS} waypoints come out, arcs as their chords; no more are read")
+        if not (abs(point[0]) < FARTHEST and abs(point[1]) < FARTHEST and abs(point[2]) < FARTHEST):
+            raise InputError(f"coordinate {max(map(abs, point)):g} mm, less than {FARTHEST:g} mm is allowed")
+        self._rows.extend((*point, *self.axis, feed, rapid))
+
     @property
     def _started(self) -> bool:
         return bool(self._rows)
@@ -155,11 +189,11 @@ class MoveLog:
     def _start(self) -> None:
         """Put down where the first cut begins."""
         if not self._started:
-            self._rows.append((*self.position, *self.axis, 0.0, 1.0))
+            self._put(self.position, 0.0, 1.0)
 
     def _tabulate(self) -> Array:
-        """Return the rows, arcs as their chords. Shape (n, 8)."""
-        table = np.array(self._rows, dtype=np.float64).reshape(-1, 8)
+        """Return the rows, arcs as their chords. Shape (n, WIDTH)."""
+        table = np.array(self._rows, dtype=np.float64).reshape(-1, WIDTH)
         points, number = sample_arcs(list(self._arcs.values()), self.chord)
         if not len(points):
             return table
@@ -185,7 +219,6 @@ class MoveLog:
         if not np.isfinite(table).all():
             raise InputError("a coordinate is too great to be a number", file=file)
         rapid = table[:, 7] == 1.0
-        toolpath = Toolpath(table[:, :3] * 1e-3, table[:, 3:6], table[:, 6] * 1e-3, rapid, None, "part", str(file))
         moved = np.concatenate([[False], np.any(np.abs(np.diff(table[:, :3], axis=0)) > STILL, axis=1)])[: len(table)]
         cut = ~rapid & moved
         touched = cut | np.concatenate([cut[1:], [False]])[: len(table)]
@@ -198,8 +231,10 @@ class MoveLog:
             f"line {first}: {message}" + (f" ({times} times)" if times > 1 else "")
             for message, (first, times) in self.notes.items()
         )
+        told = tuple(f"{file.name}, {note}." for note in notes)
+        rows = (table[:, :3] * 1e-3, table[:, 3:6], table[:, 6] * 1e-3, rapid)
         return CamFile(
-            toolpath,
+            Toolpath(*rows, None, "part", str(file), told),
             CamFacts(
                 str(file), kind, unit, lines, cutting_length_mm=self.length, box_mm=box, arc_length_mm=self.arc_length,
                 waypoints=len(table), notes=notes, **facts

@@ -20,6 +20,7 @@ class CamTable(StrictTable):
     rotary: how A B C words turn the tool axis in a file that moves the tool tip in the part frame: the axes turn the
         head, or the table, or are left out.
     cycles: drilling cycles are skipped, the tool moves rapidly above the holes, or expanded into cutting moves.
+    strict: a file that is read with any note is refused.
     """
 
     unit: Literal["mm", "inch"] | None = None
@@ -28,3 +29,4 @@ class CamTable(StrictTable):
     circle_sense: Literal["auto", "right_hand", "left_hand"] = "auto"
     rotary: Literal["head", "table", "ignore"] = "head"
     cycles: Literal["skip", "expand"] = "skip"
+    strict: bool = False
