@@ -21,7 +21,7 @@ def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
 
 
 def list_notes(task: PlanTask, timing: Timing, job: Job | None) -> tuple[str, ...]:
-    """Say what the reader of the path noted; where the feed had to be lowered, and by which joint; where the arm swings over; what is not known."""
+    """Say what the reader of the path noted, where the feed had to be lowered, where the arm swings over, and more."""
     notes = [*task.nominal.notes, *([task.law.note] if task.law is not None and task.law.note else [])]
     if job is not None and job.tool is not None and job.tool.mass_kg is None:
         notes.append("The weight of the tool is not known: [tool] says no mass_kg, so none bends the arm.")
