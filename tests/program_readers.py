@@ -278,7 +278,7 @@ class _Fanuc:
             self.active[match[1]] = f"{match[1]}[{match[2]}]"
         elif match := re.fullmatch(r"PR\[(\d+)\]=LPOS", line):
             self.registers[match[1]] = [0.0] * 6
-        elif match := re.fullmatch(rf"PR\[(\d+),([1-6])\]=(?:\((-{NUMBER})\)|({NUMBER}))", line):
+        elif match := re.fullmatch(rf"PR\[(\d+),([1-6])\]=(?:\((-{NUMBER})\)|(?!-)({NUMBER}))", line):
             self.registers[match[1]][int(match[2]) - 1] = float(match[3] or match[4])
         else:
             match = re.fullmatch(r"((?:UFRAME|UTOOL)\[\d\])=PR\[(\d+)\]", line)

@@ -73,6 +73,8 @@ class _Sinumerik:
                 self.frame = shift(*map(float, match.groups()))
             elif match := re.fullmatch(rf"AROT ([XYZ])({NUMBER})", line):
                 self.frame = self.frame @ turn(match[1].lower(), float(match[2]))
+            elif line == "TRANS":
+                self.frame = np.eye(4)
             elif line in ("PTP", "CP"):
                 self.travel = line
             elif line.startswith(("G0 ", "G1 ")):

@@ -303,6 +303,14 @@ def test_turns_beyond_half_a_turn_are_counted(tmp_path: Path) -> None:
     assert found == {"fanuc_ls": ("F", "U", "T", "0", "0", "1"), "rapid": (0, 0, -2, 1)}
 
 
+def test_a_fanuc_counts_turns_of_its_first_fourth_and_sixth_joint(tmp_path: Path) -> None:
+    program = make_program(tmp_path / "cell", "fanuc_ls")
+    joints = np.array([[0.0, -190, 0, 0, 200, 185, 545], [0.0, -179, 0, 0, -181, 0, 179]])
+    write_program(replace(program, joints=joints), "fanuc_ls", tmp_path)
+    found = [move.configuration[3:] for move in read_form("fanuc_ls linear", tmp_path, "two")]
+    assert found == [("-1", "1", "2"), ("0", "-1", "0")]
+
+
 @pytest.mark.parametrize("form", LINEAR_FORMS)
 def test_where_the_wrist_flips_a_linear_program_swings_over_in_a_joint_move(form: str, tmp_path: Path) -> None:
     language = form.split()[0]

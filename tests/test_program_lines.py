@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from commandline import run_command
 from golden_cell import write_job
+from program_readers import read_krl
+from script_readers import read_urscript
 from test_golden_programs import FORMS, make_program, read_form
 
 import compplan as cp
@@ -56,6 +58,24 @@ def test_a_job_names_the_files_of_its_lines(
     answer = run_command(["plan", job, "--out", tmp_path / "bad"], monkeypatch, capsys)
     assert answer.status == 2 and not (tmp_path / "bad").exists()
     assert "on.txt:2: has letters that no program takes" in answer.err
+
+
+@pytest.mark.parametrize("robot", ["kuka_kr270", "ur10"])
+def test_the_tool_stands_where_a_cut_begins_that_the_plan_approaches(
+    robot: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    language, name, x = {"kuka_kr270": ("krl", "c_L.src", 1700), "ur10": ("urscript", "c_L.script", -700)}[robot]
+    job = tmp_path / "c.toml"
+    job.write_text(
+        f'schema = 1\nrobot = "{robot}"\n[toolpath]\ngenerator = "circle"\nradius_mm = 10.0\nfeed_mm_s = 10.0\n'
+        f"waypoints = 20\n[part]\nposition_mm = [{x}.0, 0.0, 300.0]\n"
+        '[process]\nmodel = "constant"\nforce_N = [0.0, 10.0, -35.0]\n'
+        f'[plan]\nrotate_about_tool_axis = false\n[output]\nprograms = ["{language}"]\n'
+    )
+    assert run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys).status == 0
+    moves = {"krl": read_krl, "urscript": read_urscript}[language](tmp_path / "out" / name)
+    first = next(index for index, move in enumerate(moves) if move.kind == "line")
+    assert moves[first].stops and not moves[first + 1].stops
 
 
 def test_lines_that_would_break_a_file_are_refused(tmp_path: Path) -> None:

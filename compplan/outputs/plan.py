@@ -212,6 +212,8 @@ def make_program(plan: Plan) -> Program:
     above, below = plan.approach.key_q, plan.retract.key_q
     before, after = len(above), len(below)
     rapid = np.r_[np.ones(before, bool), plan.task.nominal.rapid, np.ones(after, bool)]
+    exact = np.zeros(len(rapid), dtype=bool)
+    exact[before] = before > 0  # the tool stands where the cut begins
     feed = np.r_[np.zeros(before), plan.command_feed, np.zeros(after)]
     start = float(plan.approach.key_gap.sum())
     down = np.r_[0.0, np.cumsum(plan.approach.key_gap)][:before]
@@ -226,6 +228,7 @@ def make_program(plan: Plan) -> Program:
         time=time,
         comments=_head(plan),
         part=None if plan.job is None else plan.job.T_base_part,
+        exact=exact,
     )
 
 

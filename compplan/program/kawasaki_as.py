@@ -16,6 +16,8 @@ BRAND = "Kawasaki"
 MOST = 2000
 #: AS takes 15 letters of a program's name; ending and number take the rest.
 LONGEST_NAME = 9
+#: Letters of the program's name in a variable; variables have 15 too, and joint and linear program share theirs.
+LONGEST_VARIABLE = 6
 RESERVED = frozenset({"if", "then", "else", "end", "for", "to", "while", "do", "case", "of", "goto", "call", "return",
                       "tool", "base", "speed", "here", "point", "not", "and", "or", "mod", "on", "off"})  # fmt: skip
 #: How near a point within a cut has to be passed [mm], and percents of the joint rates.
@@ -73,19 +75,20 @@ def _settings(program: Program) -> list[str]:
 
 def _part_text(program: Program, part: str, rows: slice, linear: bool) -> str:
     alone, stops = program.alone(linear=linear), program.stops(linear=linear)
+    name = part[:LONGEST_VARIABLE]
     lines, joints, places = [f".PROGRAM {part}()"], [".JOINTS"], [".TRANS"]
     percent, slides = _percents(program), program.joints[:, program.prismatic]
     table = place_table(program.positions, "ZYZ") if linear else np.zeros((len(program), 6))
     arm = np.column_stack([program.joints[:, ~program.prismatic], slides])
     for row in range(rows.start, rows.stop):
         if linear and not alone[row]:
-            places.append(f"{part}p{row} " + " ".join(f"{value:.6f}" for value in [*table[row], *slides[row]]))
-            lines += [f"  SPEED {program.feed[row]:.4f} MM/S", f"  LMOVE part+{part}p{row}"]
+            places.append(f"{name}p{row} " + " ".join(f"{value:.6f}" for value in [*table[row], *slides[row]]))
+            lines += [f"  SPEED {program.feed[row]:.4f} MM/S", f"  LMOVE part+{name}p{row}"]
         else:
             if linear and program.swings[row]:
                 lines.append("  ; the configuration changes: a joint move")
-            joints.append(f"#{part}j{row} " + " ".join(f"{value:.6f}" for value in arm[row]))
-            lines += [f"  SPEED {percent[row]:.4f}", f"  JMOVE #{part}j{row}"]
+            joints.append(f"#{name}j{row} " + " ".join(f"{value:.6f}" for value in arm[row]))
+            lines += [f"  SPEED {percent[row]:.4f}", f"  JMOVE #{name}j{row}"]
         lines += ["  BREAK"] if stops[row] else []
     lists = [*places, ".END"] * (len(places) > 1) + [*joints, ".END"] * (len(joints) > 1)
     return "\n".join([*lines, ".END", *lists, ""])

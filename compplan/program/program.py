@@ -37,6 +37,7 @@ class Program:
         prismatic: Which joints slide. Shape (nq,).
         feed: Feed; 0 for rapid moves. Shape (n,). [mm/s]
         rapid: Which moves are rapid. Shape (n,).
+        exact: Waypoints where the tool stands still, beside those that `stops` finds, or None. Shape (n,).
         time: Time at each waypoint, or None. Shape (n,). [s]
         rates: Greatest joint rates, or None. Shape (nq,). [deg/s or mm/s]
         tcp: Commanded TCP poses in the geometry that the controller believes, base frame, or None. [m]
@@ -65,6 +66,7 @@ class Program:
     prismatic: NDArray[np.bool_]
     feed: Array
     rapid: NDArray[np.bool_]
+    exact: NDArray[np.bool_] | None = None
     time: Array | None = None
     rates: Array | None = None
     tcp: Array | None = None
@@ -85,7 +87,15 @@ class Program:
 
     def __post_init__(self) -> None:
         n, nq = self.joints.shape
-        shapes = {"feed": (n,), "rapid": (n,), "time": (n,), "rates": (nq,), "tcp": (n, 4, 4), "status": (n,)}
+        shapes = {
+            "feed": (n,),
+            "rapid": (n,),
+            "exact": (n,),
+            "time": (n,),
+            "rates": (nq,),
+            "tcp": (n, 4, 4),
+            "status": (n,),
+        }
         for name, shape in shapes.items():
             array = getattr(self, name)
             if array is not None and np.shape(array) != shape:
@@ -126,9 +136,10 @@ class Program:
         return self.rapid | self.swings if linear else self.rapid
 
     def stops(self, *, linear: bool) -> NDArray[np.bool_]:
-        """Tell the moves whose end is reached exactly: those alone, and what comes before one. Shape (n,)."""
+        """Tell the moves whose end is reached exactly: those alone, what comes before one, and `exact`. Shape (n,)."""
         alone = self.alone(linear=linear)
-        return np.asarray(alone | np.append(alone[1:], True))
+        stops = alone | np.append(alone[1:], True)
+        return np.asarray(stops if self.exact is None else stops | self.exact)
 
 
 def build_program(
@@ -141,6 +152,7 @@ def build_program(
     time: Array | None = None,
     comments: Sequence[str] = (),
     part: Array | None = None,
+    exact: NDArray[np.bool_] | None = None,
 ) -> Program:
     """Build a program from commanded joint positions: in the controller's counting, and with its geometry.
 
@@ -153,6 +165,7 @@ def build_program(
         time: Time at each waypoint, or None. Shape (n,). [s]
         comments: Lines for the head of every file.
         part: Pose of the part frame seen from the base; left out: the base itself. Shape (4, 4). [m]
+        exact: Waypoints where the tool stands still, beside the ends of cuts and of rapid moves. Shape (n,).
 
     Raises:
         InputError: If controller.toml or controller.urdf of the robot's folder is not what it has to be.
@@ -172,6 +185,7 @@ def build_program(
         prismatic=robot.prismatic,
         feed=np.where(rapid, 0.0, np.asarray(feed) * 1e3),
         rapid=np.asarray(rapid, dtype=bool),
+        exact=exact,
         time=time,
         rates=rates_to_controller(controller, limits) if np.isfinite(limits).all() else None,
         tcp=tip,

@@ -18,7 +18,7 @@ BRAND = ""
 #: Waypoints in a part program where the job says nothing.
 MOST = 20000
 LONGEST_NAME = 20
-END = ("TRAFOOF", "M30", "")
+END = ("TRANS", "TRAFOOF", "M30", "")
 RESERVED = frozenset({"if", "else", "for", "while", "loop", "repeat", "until", "case", "goto", "proc", "def", "stopre"})
 
 
