@@ -14,7 +14,9 @@ from compplan.path.corners import find_corners
 from compplan.path.toolpath import Toolpath, divide_toolpath
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import cutting_runs
+from compplan.posture.trace import reach_tip_and_axis
 from compplan.robot import Array
+from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
 
 #: Waypoints that bring the correction in where a force stands at once.
@@ -93,10 +95,13 @@ def divide_task(task: PlanTask, places: Array, lead: NDArray[np.bool_] | None = 
     fresh &= share[:, 0] > 0
     if fresh.any():
         arm, position = build_arm(task.robot), nominal.position[fresh]
-        q[fresh] = refine_ik(arm, q[fresh], position, rotation[fresh])
-        error = np.abs(pose_error(arm.chain, q[fresh], position, rotation[fresh])).max(axis=1)
-        outside = ((q[fresh] < task.robot.lower) | (q[fresh] > task.robot.upper)).any(axis=1)
-        missed[fresh] = (error > REACHED) | outside
+        if task.robot.nq < 6:
+            q[fresh], reached = reach_tip_and_axis(arm, q[fresh], position, rotation[fresh])
+            rotation[fresh] = locate_frames(arm.chain, q[fresh]).tcp_rotation
+        else:
+            q[fresh] = refine_ik(arm, q[fresh], position, rotation[fresh])
+            reached = np.abs(pose_error(arm.chain, q[fresh], position, rotation[fresh])).max(axis=1) <= REACHED
+        missed[fresh] = ~reached | ((q[fresh] < task.robot.lower) | (q[fresh] > task.robot.upper)).any(axis=1)
     compensated = ~nominal.rapid
     compensated[find_contacts(nominal.rapid)] = True
     new = replace(

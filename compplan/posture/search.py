@@ -239,7 +239,8 @@ def _near_rows(source: Array, here: Array, value: Array, limit: float, joints: _
     """Return the nodes that any predecessor alive may reach, by the joint that turns the most."""
     alive = np.isfinite(value) & np.isfinite(here[:, :1])
     if np.isfinite(limit):
-        for j in np.flatnonzero(~joints.slides)[[-1, -3]] if len(joints.slides) >= 3 else ():
+        turning = np.flatnonzero(~joints.slides)
+        for j in turning[[-1, -3]] if len(turning) >= 3 else turning:
             step = here[:, j, None] - source[..., j]
             if joints.turns[j]:
                 step -= 2 * np.pi * np.round(step / (2 * np.pi))

@@ -9,16 +9,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.errors import InfeasibleError
+from compplan.errors import InfeasibleError, InputError
 from compplan.path.toolpath import Toolpath
 from compplan.posture.choose import choose_stance
 from compplan.posture.clearance import ClearanceProfile, measure_clearance, measure_margin
 from compplan.posture.collision_scene import CollisionScene, load_scene
 from compplan.posture.contacts import describe_contact
+from compplan.posture.few_joints import follow_path
 from compplan.posture.settings import PostureSettings, read_settings
 from compplan.posture.stance import Wish, choose_posture
 from compplan.posture.summary import Stance
 from compplan.robot import Array, Robot
+from compplan.statics.chain import locate_frames
+from compplan.statics.ik import build_arm
 
 if TYPE_CHECKING:
     from compplan.job.job import Job
@@ -97,6 +100,12 @@ def find_start(
 
     """
     note: tuple[str, ...] = ()
+    if robot.nq < 6:
+        arm = build_arm(robot)
+        q, missed = follow_path(arm, nominal.position, rotation)
+        if missed.all():
+            raise InputError(f"robot {robot.name!r} of {robot.nq} joints reaches no waypoint of the path in one branch")
+        return Start(nominal, q, locate_frames(arm.chain, q).tcp_rotation, {}, missed, None, request, note)
     if request is not None:
         try:
             stance = _ask_graph(robot, nominal, tool_x, request)

@@ -92,7 +92,8 @@ def trace_line(
     torn = _find_torn(followed, nominal, most_step)
     if free_spin and (lost | torn).any():
         stretch = _whole_stretches(lost | torn, stations)
-        followed[stretch], reached = _pass_through(arm, between[stretch], nominal.position[stretch], rotation[stretch])
+        wanted = nominal.position[stretch], rotation[stretch]
+        followed[stretch], reached = reach_tip_and_axis(arm, between[stretch], *wanted)
         lost[stretch] = ~reached
         torn = _find_torn(followed, nominal, most_step)
         rotation = np.array(rotation)
@@ -122,7 +123,7 @@ def _whole_stretches(marked: NDArray[np.bool_], stations: NDArray[np.int_]) -> N
     return np.flatnonzero(chosen)
 
 
-def _pass_through(arm: Arm, q: Array, position: Array, rotation: Array) -> tuple[Array, NDArray[np.bool_]]:
+def reach_tip_and_axis(arm: Arm, q: Array, position: Array, rotation: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Put the tool's tip and axis right from nearby, with least joint motion; the rotation about the axis gives way.
 
     Returns:

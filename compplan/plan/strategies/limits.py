@@ -16,6 +16,8 @@ from compplan.statics.chain import locate_frames
 AT_LIMIT = 1e-6
 #: A correction this near to its limit stands at it. [m]
 AT_CORRECTION = 1e-6
+#: What stops a waypoint that stands at no limit.
+OUT_OF_REACH = "reach of the arm"
 
 
 def judge_limits(task: PlanTask, q: Array, facts: Mapping[str, Any] | None = None) -> Command:
@@ -50,5 +52,5 @@ def name_failures(task: PlanTask, q: Array, failing: NDArray[np.int_]) -> dict[i
         ]
         if far[k] and task.compensated[waypoint]:
             stopping.append("correction limit")
-        names[waypoint] = ", ".join(stopping) or "reach of the arm"
+        names[waypoint] = ", ".join(stopping) or OUT_OF_REACH
     return names

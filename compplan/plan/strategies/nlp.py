@@ -18,7 +18,13 @@ from compplan.plan.nlp import Nlp, NlpSolution, build_nlp, solve_nlp
 from compplan.plan.path_problem import ANCHOR_WEIGHT, PathProblem, Rows, smoothness_matrix
 from compplan.plan.strategies.compromise import find_compromise
 from compplan.plan.strategies.equations import differentiate_equations, pose_equations
-from compplan.plan.strategies.limits import AT_CORRECTION, judge_limits, measure_correction, name_failures
+from compplan.plan.strategies.limits import (
+    AT_CORRECTION,
+    OUT_OF_REACH,
+    judge_limits,
+    measure_correction,
+    name_failures,
+)
 from compplan.plan.task import Command, PlanTask, attain_rows
 from compplan.robot import Array
 from compplan.statics.sensitivity import AttainedPose
@@ -91,7 +97,12 @@ def correct_command(task: PlanTask, command: Command) -> Command:
 
 def _finish(task: PlanTask, problem: PathProblem, q: Array, command: Command) -> Command:
     """Name the waypoints that miss the pose equations or leave a limit."""
-    failures = name_failures(task, q, np.flatnonzero(_size(_missed(task, problem, q)) > KEPT))
+    missed = _size(_missed(task, problem, q))
+    failures = name_failures(task, q, np.flatnonzero(missed > KEPT))
+    if task.robot.effects:
+        # what no command can mend, such as lost motion at a reversal, is judged by the tolerance
+        slight = 0.5 * task.tolerance
+        failures = {k: name for k, name in failures.items() if name != OUT_OF_REACH or missed[k] > slight}
     failures |= judge_limits(replace(task, missed=np.zeros_like(task.missed)), q).failures
     return replace(command, q=q, status="infeasible" if failures else "solved", failures=failures)
 
