@@ -69,7 +69,7 @@ def test_few_waypoints_far_apart_are_divided_until_the_tip_stays_on_the_straight
     coarse = measure_between(task, task.q_start, bow=True).max_deviation
     plan = cp.plan_job(job)
     assert coarse > 1e-4
-    assert max(plan.between.joint.max(), plan.between.cartesian.max()) < 1e-5 and plan.between.spline.max() < 4e-5
+    assert max(plan.between.joint.max(), plan.between.cartesian.max()) < 1e-5 and plan.between.spline.max() < 7e-5
     assert plan.status == "solved" and len(plan.task) > len(task)
 
 
@@ -80,9 +80,10 @@ def test_the_milling_force_is_that_of_the_feed_that_is_driven_and_vanishes_at_co
     force = np.linalg.norm(task.wrench[:, :3], axis=1)
     assert task.position[corner] == pytest.approx([1.7, 0.0, 0.9])
     assert force[corner] < 0.05 * force.max()
-    full = (timing.feed > 0.999 * 0.04) & ~task.nominal.rapid
-    ratio = force[~task.nominal.rapid] / np.maximum(timing.feed[~task.nominal.rapid], 1e-12)
-    assert ratio[full[~task.nominal.rapid]] == pytest.approx(ratio.max(), rel=1e-3)  # force over feed is constant
+    engaged = ~task.nominal.rapid & (task.nominal.arc_length > 0.020 + 0.005)  # beyond the way down and the ramp
+    ratio = force[engaged] / timing.feed[engaged]
+    assert timing.feed[engaged].min() < 0.05 * timing.feed.max()
+    assert ratio == pytest.approx(ratio[0], rel=1e-6)  # force over feed is constant
     assert plan.status == "solved" and plan.after.max_deviation < 1e-8
     assert plan.margins.acceleration_ratio <= 1.0 and plan.margins.velocity_ratio <= 1.0
 

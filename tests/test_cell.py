@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from arms import one_joint_arm
 
 from compplan.cell.cell import AS_MODELLED, build_cell, run_cell, standard_cells
+from compplan.cell.vibration import build_dynamics, inertial_loads, natural_frequencies
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium
@@ -39,3 +41,11 @@ def test_effects_of_the_robot_folder_act_in_the_cell():
     turned = Q + np.array([0, 1e-3, 0, 0, 0, 0])
     assert np.linalg.norm(shifted - plain, axis=1).min() > 5e-4
     assert np.abs(shifted - run_cell(build_cell(robot), turned, WRENCH).position).max() < 1e-6
+
+
+def test_a_mass_on_a_torsion_spring_rings_at_its_closed_form_and_is_bent_by_its_own_motion(tmp_path):
+    robot = one_joint_arm(tmp_path / "arm", length=0.8, compliance=2e-5, mass=12.0)
+    dynamics, inertia, none = build_dynamics(robot), 12.0 * 0.8**2, np.zeros((1, 1))
+    found = natural_frequencies(dynamics, none, 1)
+    assert found[0, 0] == pytest.approx(1.0 / (2 * np.pi * np.sqrt(2e-5 * inertia)), rel=1e-6)
+    assert inertial_loads(dynamics, none, none, none + 3.0)[0, 0] == pytest.approx(-3.0 * inertia, rel=1e-6)

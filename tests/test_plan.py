@@ -63,7 +63,7 @@ def test_the_velocity_limit_is_active_in_the_fast_cut_and_lowers_the_feed():
     joints = [replace(joint, velocity=10 * joint.velocity) for joint in robot.joints]
     free = cp.plan_compensation(replace(robot, joints=tuple(joints)), nominal, options)
     assert plan.status == "solved"
-    assert plan.margins.velocity_ratio == pytest.approx(1.0, abs=1e-3)
+    assert plan.margins.velocity_ratio == pytest.approx(1.0, abs=1e-2)  # smoothing takes the tip off the peak
     assert any("by the velocity limit of joint_1" in note for note in plan.notes)
     middle = len(nominal) // 2
     assert plan.timing.share[middle] < 0.6

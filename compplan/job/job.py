@@ -88,6 +88,7 @@ class PlanTable(StrictTable):
     max_correction_mm: float = Field(default=10.0, gt=0.0)
     tolerance_mm: float = Field(default=0.1, gt=0.0)
     tool_x: Vector3 = (1.0, 0.0, 0.0)
+    inertia: bool = False
 
     @field_validator("tool_x")
     @classmethod

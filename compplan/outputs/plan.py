@@ -104,6 +104,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
             "cartesian_linear": float(plan.between.cartesian.max(initial=0.0)) * 1e3,
             "spline": float(plan.between.spline.max(initial=0.0)) * 1e3,
         },
+        **plan.bending.describe(),
         "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
         "within_tolerance": plan.after.share_within(plan.task.tolerance),
         "correction_mm": {"max": margins.max_correction * 1e3},

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.plan.bending import slow_for_inertia
 from compplan.plan.between import Between, measure_between, wanted_pieces
 from compplan.plan.feed import FeedWish, time_run
 from compplan.plan.sampling import divide_by, predict_loads
@@ -95,10 +96,12 @@ def _divide_ahead(task: PlanTask, wish: FeedWish) -> PlanTask:
 def _take_turns(task: PlanTask, strategy: str, wish: FeedWish) -> Agreement:
     """Command the path; where the force follows the feed, slow the run down until its own corrections can follow.
 
+    Where the inertia of the motion is to bend the arm little, slow it down until it does.
+
     The run is that of the uncorrected motion, so that it does not answer to the force; a turn only makes it slower.
     """
     command = command_path(task, strategy)
-    if not task.follows_feed:
+    if not task.follows_feed and not task.inertia:
         driven, timing, notes = time_run(task, command.q, wish)
         between = measure_between(driven, command.q, timing.time)
         return Agreement(driven, command, timing, between, 0.0, 1, notes)
@@ -113,6 +116,8 @@ def _take_turns(task: PlanTask, strategy: str, wish: FeedWish) -> Agreement:
         if change > EXACT:
             command = nlp.correct_command(task, command) if strategy == "nlp" else command_path(task, strategy)
         slower = find_slowdown(task, command.q, timing.time)
+        if task.inertia:
+            slower = np.maximum(slower, slow_for_inertia(task, command.q, timing))
         excess = float(slower.max())
         slow *= np.minimum(slower, 3.0) * 1.02
     if excess > 1.0:

@@ -23,7 +23,7 @@ SHARES = (0.5, 0.25, 0.75)
 #: Moves that stray by less than this in the middle are not looked at elsewhere. [m]
 STRAIGHT = 2e-7
 #: A spline may stray by this many chords before moves are divided for it: no program that is written follows one.
-SPLINE_CHORDS = 4.0
+SPLINE_CHORDS = 7.0
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,12 @@ import itertools
 import numpy as np
 
 from compplan.job.job import Job
+from compplan.plan.bending import Bending
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing
 
+#: Share of the tolerance from which on the inertia of the motion is told.
+WORTH_A_NOTE = 0.1
 #: A joint that moves more than this between two waypoints of a cut swings over. [rad or m]
 SWING = 0.5
 
@@ -20,11 +23,16 @@ def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
     return [(waypoints[a], waypoints[b - 1]) for a, b in itertools.pairwise(breaks) if b > a]
 
 
-def list_notes(task: PlanTask, timing: Timing, job: Job | None) -> tuple[str, ...]:
+def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None) -> tuple[str, ...]:
     """Say what the reader of the path noted, where the feed had to be lowered, where the arm swings over, and more."""
     notes = [*task.nominal.notes, *([task.law.note] if task.law is not None and task.law.note else [])]
     if job is not None and job.tool is not None and job.tool.mass_kg is None:
         notes.append("The weight of the tool is not known: [tool] says no mass_kg, so none bends the arm.")
+    if not task.inertia and bending.inertia > WORTH_A_NOTE * task.tolerance:
+        notes.append(
+            f"The inertia of the motion bends the arm by up to {1e3 * bending.inertia:.2g} mm "
+            f"(masses: {bending.masses}); the plan does not compensate it, [plan] inertia = true slows the run for it."
+        )
     scene = task.start.request.scene if task.start is not None and task.start.request is not None else None
     if scene is not None and scene.note:
         notes.append(scene.note)

@@ -16,6 +16,7 @@ from compplan.path.process import tool_axes
 from compplan.path.toolpath import Toolpath, check_toolpath
 from compplan.plan.agreement import agree
 from compplan.plan.approach import Passage, plan_approach, plan_retract
+from compplan.plan.bending import Bending, choose_smoothing, measure_bending
 from compplan.plan.between import Between
 from compplan.plan.buckling import explain_buckling
 from compplan.plan.evaluate import (
@@ -30,7 +31,7 @@ from compplan.plan.evaluate import (
 from compplan.plan.feed import FeedWish
 from compplan.plan.notes import group_waypoints, list_notes
 from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
-from compplan.plan.task import Command, PlanTask
+from compplan.plan.task import SMOOTHING, Command, PlanTask
 from compplan.plan.timing import Timing
 from compplan.plan.verdict import find_breaches, find_jumps, find_overloads, set_up_bench
 from compplan.posture.clearance import ClearanceProfile
@@ -59,6 +60,7 @@ class PlanOptions:
         law: The law of the wrench; None where the path carries its wrench.
         chord: How far the loaded tip may stray from the path between waypoints; a tenth of the tolerance if left out.
             [m]
+        inertia: Whether the run is slowed until its inertia bends the arm little.
 
     """
 
@@ -74,6 +76,7 @@ class PlanOptions:
     feed: FeedWish = field(default_factory=FeedWish)
     law: ForceLaw | None = None
     chord: float | None = None
+    inertia: bool = False
 
 
 @dataclass(frozen=True)
@@ -92,6 +95,7 @@ class Plan:
         approach: The way to the first waypoint, where the toolpath has no rapid start.
         retract: The way from the last waypoint, where the toolpath ends in a cut.
         between: Where the loaded tip goes between waypoints, by the planner's model.
+        bending: What bends the arm along the path, cause by cause.
         judge: Who computed `before` and `after`.
         breaches: What keeps the judge from confirming the plan, one sentence each.
         clearance: How far arm and tool keep clear of part and fixture, or None.
@@ -111,6 +115,7 @@ class Plan:
     approach: Passage
     retract: Passage
     between: Between
+    bending: Bending
     judge: str = JUDGE
     breaches: tuple[str, ...] = ()
     clearance: ClearanceProfile | None = None
@@ -238,7 +243,10 @@ def plan_task(
     after = evaluate_run(task, command.q, bench.cell, bench.wrench)
     before = after if command.q is task.q_start else evaluate_model(task, task.q_start)
     margins = measure_margins(task, command.q, timing)
+    bending = measure_bending(task, command.q, timing)
     breaches = find_breaches(task, command, timing, found.between, after, margins, bench)
+    if task.inertia and not after.max_deviation + bending.inertia <= task.tolerance:
+        breaches += ("with the inertia of the motion the tip may stray beyond the tolerance, or masses are missing",)
     return Plan(
         name=name,
         task=task,
@@ -253,8 +261,9 @@ def plan_task(
         approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q),
         between=found.between,
+        bending=bending,
         clearance=clearance,
-        notes=(*(task.start.notes if task.start else ()), *feed_notes, *list_notes(task, timing, job)),
+        notes=(*(task.start.notes if task.start else ()), *feed_notes, *list_notes(task, timing, bending, job)),
     )
 
 
@@ -286,6 +295,7 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
     nominal = start.nominal
     compensated = ~nominal.rapid
     compensated[find_contacts(nominal.rapid)] = True
+    few = start.q[np.unique(np.linspace(0, len(start.q) - 1, 5).astype(int))]
     task = PlanTask(
         robot=robot,
         chain=chain,
@@ -304,6 +314,8 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         spin_free=options.spin_free,
         start=start,
         law=options.law,
+        inertia=options.inertia,
+        smoothing=choose_smoothing(robot, few, SMOOTHING),
         chord=0.1 * options.tolerance if options.chord is None else options.chord,
     )
     turns = options.law is not None and options.law.turns_with_travel
@@ -341,5 +353,6 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         acceleration_scale=job.limits.acceleration_scale,
         posture=read_request(job, robot),
         feed=FeedWish(job.feed.mode == "constant", job.feed.torque_limits),
+        inertia=table.inertia,
         chord=None if job.sampling.chord_mm is None else job.sampling.chord_mm * 1e-3,
     )

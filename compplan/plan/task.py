@@ -53,6 +53,7 @@ class PlanTask:
         rests: Waypoints within a cut at which the tool comes to rest. Shape (n,).
         chord: How far the loaded tip may stray from the path between waypoints. [m]
         smoothing: Time over which the motion is smoothed. [s]
+        inertia: Whether the run is slowed until its inertia bends the arm little.
         places: Number of each waypoint in the toolpath, fractional where a move was divided. Shape (n,).
 
     """
@@ -78,6 +79,7 @@ class PlanTask:
     rests: NDArray[np.bool_] | None = None
     chord: float = np.inf
     smoothing: float = SMOOTHING
+    inertia: bool = False
     places: Array | None = None
 
     def __post_init__(self) -> None:

@@ -151,7 +151,7 @@ def _time_run(
         use = measure_use(q, time, task.velocity_limits, task.acceleration_limits)
         if use.max() <= 1.0:
             return time
-        slow = slow * np.minimum(_spread(use, time, task.smoothing), 4.0) * 1.002
+        slow = slow * np.minimum(spread_factors(use, time, task.smoothing), 4.0) * 1.002
     return time * float(use.max()) * 1.001
 
 
@@ -172,7 +172,7 @@ def find_slowdown(task: PlanTask, q: Array, time: Array) -> Array:
         run = slice(start, end + 1)
         use = measure_use(q[run], time[run], task.velocity_limits, task.acceleration_limits)
         if use.max() > 1.0 and task.nominal.steps[start:end].any():
-            slower[run] = np.maximum(slower[run], _spread(use, time[run], task.smoothing))
+            slower[run] = np.maximum(slower[run], spread_factors(use, time[run], task.smoothing))
     return slower
 
 
@@ -207,10 +207,12 @@ def difference_motion(q: Array, time: Array) -> tuple[Array, Array]:
     return mean, change / (0.5 * (np.r_[0.0, step] + np.r_[step, 0.0]))[:, None]
 
 
-def _spread(use: Array, time: Array, reach: float) -> Array:
+def spread_factors(use: Array, time: Array, reach: float) -> Array:
     """Widen factors above 1 to the waypoints within a reach of time."""
     wide = np.maximum(use, 1.0)
     found = np.flatnonzero(use > 1.0)
+    if not len(found):
+        return wide
     for group in np.split(found, np.flatnonzero(np.diff(found) > 1) + 1):
         first = int(np.searchsorted(time, time[group[0]] - reach))
         last = int(np.searchsorted(time, time[group[-1]] + reach, side="right"))

@@ -73,6 +73,7 @@ class PlanView:
         slowed: Waypoints whose feed had to be lowered; found from the feeds if left out. Shape (n,).
         failures: Waypoints that fail, each with the limit that stops it.
         breaches: What keeps the judge from confirming the plan, one sentence each.
+        bending: Further rows of figures: name and value.
         between: Greatest distance of the loaded tip from the path between waypoints, by the way a controller goes. [m]
         judge: Who computed the deviations.
         facts: Rows of name and value for the foot of the page.
@@ -108,6 +109,7 @@ class PlanView:
     failures: Mapping[int, str] = field(default_factory=dict)
     breaches: Sequence[str] = ()
     between: Mapping[str, float] = field(default_factory=dict)
+    bending: Mapping[str, str] = field(default_factory=dict)
     judge: str = ""
     facts: Sequence[tuple[str, str]] = ()
     notes: Sequence[str] = ()
@@ -236,6 +238,7 @@ def _key_figures(view: PlanView) -> PageTable:
         share = np.abs(rates) / limits
         joint = view.robot.joint_names[int(np.argmax(share.max(axis=0)))]
         rows.append([f"{name} used", None, TableCell(f"{format_percent(float(share.max()))} ({joint})")])
+    rows += [[name, None, TableCell(value)] for name, value in view.bending.items()]
     rows.append(["waypoints", None, TableCell(f"{format_number(len(cut))}")])
     rows.append(["path length", None, TableCell(f"{format_number(1e3 * float(view.length[-1]), 4)} mm")])
     rows.append(["time", None, TableCell(f"{format_number(float(view.time[-1]), 4)} s")])

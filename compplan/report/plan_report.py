@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from compplan.report.page import Section
 from compplan.report.plan_page import PlanView, write_view
 from compplan.report.posture_section import list_uncertainties, show_posture
+from compplan.report.style import format_length
 
 if TYPE_CHECKING:
     from compplan.job.job import Job
@@ -74,6 +75,7 @@ def view_plan(plan: Plan, extra: Sequence[Section] = ()) -> PlanView:
         tilt_after=plan.after.tilt,
         failures=plan.command.failures,
         breaches=plan.breaches,
+        bending=_list_bending(plan),
         between={
             "joints linear": float(plan.between.joint.max(initial=0.0)),
             "tip linear": float(plan.between.cartesian.max(initial=0.0)),
@@ -88,6 +90,17 @@ def view_plan(plan: Plan, extra: Sequence[Section] = ()) -> PlanView:
     if stance is not None:
         sections.insert(0, show_posture(stance, view.stations, plan.clearance))
     return replace(view, extra=sections)
+
+
+def _list_bending(plan: Plan) -> dict[str, str]:
+    """Return what bends the arm, cause by cause, and how it rings."""
+    bending, assumed = plan.bending, " (assumed masses)" if "assumed" in plan.bending.masses else ""
+    rows = {"bent by the process": format_length(bending.process), "bent by weight": format_length(bending.weight)}
+    if np.isfinite(bending.inertia):
+        rows[f"bent by inertia, not compensated{assumed}"] = format_length(bending.inertia)
+    if np.isfinite(bending.frequencies).all():
+        rows[f"lowest natural frequencies{assumed}"] = f"{', '.join(f'{f:.3g}' for f in bending.frequencies)}\u00a0Hz"
+    return rows
 
 
 def _mark_slow(plan: Plan) -> NDArray[np.bool_]:

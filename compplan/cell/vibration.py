@@ -1,0 +1,82 @@
+"""The lowest natural frequencies of a robot on its springs, and the loads that its own motion puts on them.
+
+Masses count at their centres, whether or not the folder's gravity does. With M the mass matrix and C the compliance of the elastic
+coordinates at a posture, frequencies f solve det(1 / (2 pi f)^2 - C M) = 0; the drives hold still. A motion loads the
+springs by the inverse dynamics of the stiff arm, weight left out [Featherstone2008].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from compplan.cell.judge import Judge, build_judge
+from compplan.robot import Array, Robot
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """A robot with all its masses as a Pinocchio model, springs as joints.
+
+    Attributes:
+        judge: The model; its gravity is zero.
+        compliance: Compliance of the elastic coordinates. Shape (s, s).
+
+    """
+
+    judge: Judge
+    compliance: Array
+
+    @property
+    def known(self) -> bool:
+        """Tell whether there are masses on springs."""
+        return bool(len(self.judge.elastic)) and sum(inertia.mass for inertia in self.judge.model.inertias) > 0
+
+
+def build_dynamics(robot: Robot) -> Dynamics:
+    """Build the dynamics of a robot, all bodies of its URDF and the tool included."""
+    judge = build_judge(replace(robot, gravity=np.zeros(3), weights=()))
+    return Dynamics(judge, judge.compliance)
+
+
+def natural_frequencies(dynamics: Dynamics, q: Array, count: int = 2) -> Array:
+    """Return the lowest natural frequencies at some postures, NaN where there are fewer. Shape (k, count) [Hz].
+
+    Args:
+        dynamics: The robot.
+        q: Joint positions. Shape (k, nq). [rad or m]
+        count: How many frequencies.
+
+    """
+    judge, found = dynamics.judge, np.full((len(q), count), np.nan)
+    if not dynamics.known:
+        return found
+    data, rigid = judge.model.createData(), q @ judge.commanded.T + judge.shift
+    for i in range(len(q)):
+        mass = pin.crba(judge.model, data, rigid[i])
+        mass = np.triu(mass) + np.triu(mass, 1).T
+        square = np.linalg.eigvals(dynamics.compliance @ mass[np.ix_(judge.elastic, judge.elastic)]).real
+        slow = np.sort(square[square > 1e-12])[::-1][:count]
+        found[i, : len(slow)] = 1.0 / (2.0 * np.pi * np.sqrt(slow))
+    return found
+
+
+def inertial_loads(dynamics: Dynamics, q: Array, velocity: Array, acceleration: Array) -> Array:
+    """Return what a motion puts on each elastic coordinate, weight left out. Shape (k, s). [N m or N].
+
+    Args:
+        dynamics: The robot.
+        q: Joint positions. Shape (k, nq). [rad or m]
+        velocity: Shape (k, nq). [rad/s or m/s]
+        acceleration: Shape (k, nq). [rad/s^2 or m/s^2]
+
+    """
+    judge, data = dynamics.judge, dynamics.judge.model.createData()
+    rigid = q @ judge.commanded.T + judge.shift
+    rate, change = velocity @ judge.commanded.T, acceleration @ judge.commanded.T
+    loads = np.empty((len(q), len(judge.elastic)))
+    for i in range(len(q)):
+        loads[i] = -pin.rnea(judge.model, data, rigid[i], rate[i], change[i])[judge.elastic]
+    return loads
