@@ -1,8 +1,8 @@
 """The lowest natural frequencies of a robot on its springs, and the loads that its own motion puts on them.
 
-Masses count at their centres, whether or not the folder's gravity does. With M the mass matrix and C the compliance of the elastic
-coordinates at a posture, frequencies f solve det(1 / (2 pi f)^2 - C M) = 0; the drives hold still. A motion loads the
-springs by the inverse dynamics of the stiff arm, weight left out [Featherstone2008].
+Masses count at their centres, whether or not the folder's gravity does. With M the mass matrix and C the compliance of
+the elastic coordinates at a posture, frequencies f solve det(1 / (2 pi f)^2 - C M) = 0; the drives hold still. A motion
+loads the springs by the inverse dynamics of the stiff arm, weight left out [Featherstone2008].
 """
 
 from __future__ import annotations
