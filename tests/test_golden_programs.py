@@ -369,7 +369,7 @@ BLENDED = {
     "rapid joint": (".mod", ",z0,", ",fine,"),
     "rapid linear": (".mod", ",z0,", ",fine,"),
     "fanuc_ls linear": (".LS", "CNT100", "FINE"),
-    "val3 linear": (".dtx", 'blend="cartesian"', 'blend="off"'),
+    "val3 linear": (".dtx", 'blend="joint"', 'blend="off"'),
     "inform linear": (".JBI", "PL=1", "PL=0"),
     "kawasaki_as linear": (".as", "ACCURACY 0.1", "ACCURACY 0"),
 }

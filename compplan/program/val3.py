@@ -129,9 +129,8 @@ def _data(program: Program, parts: list[slice], linear: bool) -> str:
     tool = np.eye(4) if program.tool is None else program.tool
     limits = 'tmax="99999" rmax="99999"'
     full = f'accel="100" vel="100" decel="100" {limits}'
-    blend = "cartesian" if linear else "joint"
     descriptors = {
-        "mPath": f'{full} blend="{blend}" leave="0.1" reach="0.1"',
+        "mPath": f'{full} blend="joint" leave="0.1" reach="0.1"',
         "mEnd": f'{full} blend="off" leave="0" reach="0"',
         "mRapid": f'accel="50" vel="20" decel="50" {limits} blend="off" leave="0" reach="0"',
     }
