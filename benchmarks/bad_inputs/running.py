@@ -18,7 +18,7 @@ from benchmarks.bad_inputs.making import make_workspace
 from benchmarks.bad_inputs.tables import BadInput
 
 #: What a case may take: processor and wall time [s], and memory [bytes]; the address space bounds the machine's risk.
-SECONDS, WALL, MEMORY, ADDRESSES = 60, 120, 2 * 2**30, 8 * 2**30
+SECONDS, WALL, MEMORY, ADDRESSES = 60, 300, 2 * 2**30, 8 * 2**30
 TRACEBACK, HUNG, KILLED = -1, -2, -3
 
 
@@ -110,6 +110,7 @@ def _run_child(command: str, work: Path, streams: Path) -> None:
         for number, stream in ((1, "out"), (2, "err")):
             handle = os.open(streams / stream, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
             os.dup2(handle, number)
+        sys.stdout, sys.stderr = (open(number, "w", closefd=False) for number in (1, 2))  # noqa: SIM115
         resource.setrlimit(resource.RLIMIT_CPU, (SECONDS + 2, SECONDS + 4))
         resource.setrlimit(resource.RLIMIT_AS, (ADDRESSES, ADDRESSES))
         sys.argv = ["compplan", *shlex.split(command)]

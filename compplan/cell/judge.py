@@ -161,7 +161,14 @@ def judge_pose(
     rigid = q @ judge.commanded.T + judge.shift
     for i in range(len(q)):
         start = 2 * theta - before if i and np.abs(q[i] - q[i - 1]).max() < NEIGHBOUR else theta
-        before, theta = theta, _settle(judge, data, rigid[i], load[i], start, tolerance)
+        try:
+            before, theta = theta, _settle(judge, data, rigid[i], load[i], start, tolerance)
+        except ConvergenceError as error:
+            message = f"{error} at waypoint {i} under {np.linalg.norm(load[i, :3]):.3g} N"
+            raise ConvergenceError(
+                f"{message}; the load is near or beyond buckling: check forces, and compliances of the robot",
+                residual=error.residual,
+            ) from None
         placement = data.oMf[judge.tcp]
         position[i], rotation[i], thetas[i] = placement.translation, placement.rotation, theta
     return position, rotation, thetas

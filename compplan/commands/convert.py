@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from compplan.errors import InputError
 from compplan.files.tables import dump_json
 from compplan.files.tomlfile import check_table
 from compplan.path.cam import CamFacts, read_cam, refuse_idle
@@ -37,6 +38,8 @@ def command(camfile: Path, out: Path, max_step_mm: float | None, as_json: bool, 
     """Convert CAMFILE (a CAM file of a known language) to a toolpath table, and say what was read."""
     cam = read_cam(camfile, check_table(CamTable, {key: value for key, value in options.items() if value is not None}))
     toolpath = refuse_idle(cam)
+    if max_step_mm is not None and not max_step_mm > 0.0:
+        raise InputError(f"--max-step-mm is {max_step_mm:g}, expected more than 0")
     if max_step_mm is not None:
         toolpath = resample_toolpath(toolpath, max_step_mm * 1e-3)
     write_toolpath(check_toolpath(toolpath, need_feed=False), out)

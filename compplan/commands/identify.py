@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+import numpy as np
 
 from compplan.commands.measured import load_measured, measured_options, settle_questions
 from compplan.errors import InputError
@@ -34,10 +35,13 @@ from compplan.robot import load_robot
 @click.option("--reference", type=click.Choice(["absolute", "difference", "auto"]), default="auto",
               help="Absolute positions, or each pose against itself under other loads.")  # fmt: skip
 @click.option("--loss", type=click.Choice(LOSSES), default="tukey", help="How rows far from the model count.")
-@click.option("--choose-poses", type=int, metavar="N", help="Instead: choose N poses and loads to measure.")
-@click.option("--force-N", "force", type=float, default=1000.0, help="Force of the chosen loads (1000).")
-@click.option("--lever-mm", "lever", type=float, default=300.0, help="Lever of the chosen loads (300).")
-@click.option("--seed", type=int, default=0, help="Seed of the candidates to choose from (0).")
+@click.option("--choose-poses", type=click.IntRange(1, 1000), metavar="N",
+              help="Instead: choose N poses and loads to measure.")  # fmt: skip
+@click.option("--force-N", "force", type=click.FloatRange(0.0, 1e5, min_open=True), default=1000.0,
+              help="Force of the chosen loads (1000).")  # fmt: skip
+@click.option("--lever-mm", "lever", type=click.FloatRange(0.0, 1e5), default=300.0,
+              help="Lever of the chosen loads (300).")  # fmt: skip
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of the candidates to choose from (0).")
 @measured_options
 @click.option("--assume-ok", is_flag=True, help="Go on where the log raises a question.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
@@ -78,6 +82,8 @@ def command(
         reference=reference,
         loss=loss,
     )
+    if not np.isfinite([force, lever]).all():
+        raise InputError("--force-N and --lever-mm are finite numbers")
     if choose_poses is not None:
         plan = plan_campaign(robot, options, choose_poses, force=force, lever=lever * 1e-3, seed=seed)
         _choose(plan, out, as_json=as_json)

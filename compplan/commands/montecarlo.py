@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +16,22 @@ from compplan.files.tables import dump_json
 
 @click.command()
 @click.argument("job", type=click.Path(path_type=Path))
-@click.option("--samples", type=click.IntRange(min=2), default=1000, show_default=True, help="Number of samples.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of everything.")
+@click.option("--samples", type=click.IntRange(2, 10_000_000), default=1000, show_default=True,
+              help="Number of samples.")  # fmt: skip
+@click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="Seed of everything.")
 @click.option("--out", "folder", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one a core.")
 @click.option("--scheduler", help="Address of a Dask scheduler (tcp://HOST:PORT) whose workers compute.")
 @click.option("--strategies", help="Names of the strategies, with commas; default: all that the robot can carry out.")
-@click.option("--replicates", type=click.IntRange(min=2), default=8, show_default=True, help="Independent replicates.")
+@click.option("--replicates", type=click.IntRange(2, 1024), default=8, show_default=True,
+              help="Independent replicates.")  # fmt: skip
 @click.option(
     "--sequence", type=click.Choice(["sobol", "latin_hypercube"]), default="sobol", show_default=True,
     help="How the samples are spread.",
 )  # fmt: skip
 @click.option("--stop-below", type=click.FloatRange(min=0, min_open=True), metavar="MM",
               help="Stop when the 95 % interval of every mean rms is within this many mm.")  # fmt: skip
-@click.option("--waypoints", type=click.IntRange(min=2), default=2500, show_default=True,
+@click.option("--waypoints", type=click.IntRange(2, 5_000_000), default=2500, show_default=True,
               help="A longer path is thinned evenly to this many waypoints.")  # fmt: skip
 @click.option("--no-sensitivity", is_flag=True, help="Leave out the sensitivity analysis.")
 @click.option("--discard", is_flag=True, help="Take away finished samples of another study in OUT first.")
@@ -51,6 +54,8 @@ def command(job: Path, folder: Path, workers: int | None, scheduler: str | None,
     checked = load_job(job)
     names = [name.strip() for name in (choices["strategies"] or "").split(",") if name.strip()]
     stop = choices["stop_below"]
+    if stop is not None and not isfinite(stop):
+        raise InputError("--stop-below is a finite number of mm")
     settings = Settings(
         samples=choices["samples"],
         seed=choices["seed"],

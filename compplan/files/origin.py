@@ -33,6 +33,11 @@ def note_input(path: Path, content: bytes) -> None:
         read[str(path)] = hashlib.sha256(content).hexdigest()
 
 
+def is_input(path: Path) -> bool:
+    """Tell whether a file was read since `record_inputs`."""
+    return any(Path(name).resolve() == path.resolve() for name in _READ.get() or ())
+
+
 def note_seed(name: str, seed: int) -> None:
     """Note the seed of something random."""
     seeds = _SEEDS.get()

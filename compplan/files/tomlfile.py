@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -29,6 +30,9 @@ class StrictTable(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
+
+#: A key of more than fifty parts: tomllib takes the square of their number to read it.
+KEY_WITHOUT_END = re.compile(r"\s*\[*\s*(?:[\w-]+\s*\.\s*){50}")
 
 Model = TypeVar("Model", bound=StrictTable)
 
@@ -75,6 +79,9 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
     """
     text = read_text(path)
+    long = next((n for n, words in enumerate(text.splitlines(), 1) if KEY_WITHOUT_END.match(words)), None)
+    if long is not None:
+        raise InputError("is not TOML: a key has too many dots", file=path, where=long)
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -149,6 +156,12 @@ def _walk(details: ErrorDetails, model: type[BaseModel]) -> tuple[list[str | int
     return keys, holder
 
 
+def shorten_value(value: Any, length: int = 100) -> str:
+    """Return a value as a message shows it, its middle left out where it is long."""
+    text = repr(value)
+    return text if len(text) <= length else f"{text[: length // 2]}...{text[-length // 4 :]}"
+
+
 def _models_in(annotation: Any) -> list[Any]:
     """Return the models that a type annotation mentions."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
@@ -170,7 +183,7 @@ def _join(keys: list[str | int], prefix: str) -> str:
 
 def _say(details: ErrorDetails, holder: Any) -> str:
     """Return the sentence for one fault."""
-    kind, given, context = details["type"], details.get("input"), details.get("ctx", {})
+    kind, given, context = details["type"], shorten_value(details.get("input")), details.get("ctx", {})
     if kind == "extra_forbidden":
         if holder is None:
             return "unknown key"
@@ -182,9 +195,9 @@ def _say(details: ErrorDetails, holder: Any) -> str:
     if kind == "union_tag_invalid":
         return f"is {context.get('tag')!r}, choose from {context.get('expected_tags')}"
     if kind == "model_type":
-        return f"is {given!r}, must be a table"
+        return f"is {given}, must be a table"
     if kind == "literal_error":
-        return f"is {given!r}, choose from {context.get('expected')}"
+        return f"is {given}, choose from {context.get('expected')}"
     if kind == "value_error":
         return str(context.get("error", details["msg"]))
-    return f"is {given!r}, must be {details['msg'].removeprefix('Input should be ').replace('a valid ', 'a ')}"
+    return f"is {given}, must be {details['msg'].removeprefix('Input should be ').replace('a valid ', 'a ')}"

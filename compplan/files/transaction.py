@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from compplan.errors import InputError
-from compplan.files.origin import describe_origin
+from compplan.files.origin import describe_origin, is_input
 
 MANIFEST = "manifest.json"
 #: Ends of the names of hidden files and folders: still being written; complete, to be moved to their place.
@@ -43,6 +43,8 @@ def replace_file(path: str | Path) -> Iterator[Path]:
 
     """
     path = Path(path)
+    if is_input(path):
+        raise InputError("is a file that this run reads, name another one to write", file=path)
     with _say_faults(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         _clear_leftovers(path.parent, path)

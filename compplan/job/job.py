@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, PrivateAttr, field_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, field_validator
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
@@ -30,6 +30,10 @@ from compplan.program import WRITERS
 
 #: Step that a toolpath file is divided into where the job says nothing. [m]
 FILE_STEP = 1e-3
+#: Longest name and longest path of a file, in letters.
+LONGEST_NAME, LONGEST_PATH = 200, 1000
+#: Greatest position [mm] and mass of a tool [kg], and force or moment of a process [N, N m], that are taken for true.
+FARTHEST_MM, HEAVIEST_KG, MOST_LOAD = 1e6, 1e4, 1e5
 
 
 def make_pose(position_mm: Vector3, rotation_deg: Vector3) -> Array:
@@ -40,20 +44,29 @@ def make_pose(position_mm: Vector3, rotation_deg: Vector3) -> Array:
     return pose
 
 
+def _check_near(value: Vector3) -> Vector3:
+    if max(map(abs, value)) > FARTHEST_MM:
+        raise ValueError(f"is {list(value)}, at most {FARTHEST_MM:g}")
+    return value
+
+
+Place = Annotated[Vector3, AfterValidator(_check_near)]
+
+
 class PartTable(StrictTable):
     """[part]: pose of the part frame, seen from the robot base."""
 
-    position_mm: Vector3 = (0.0, 0.0, 0.0)
-    rotation_deg: Vector3 = (0.0, 0.0, 0.0)
+    position_mm: Place = (0.0, 0.0, 0.0)
+    rotation_deg: Place = (0.0, 0.0, 0.0)
 
 
 class ToolTable(StrictTable):
     """[tool]: from the flange frame to the TCP frame, in place of the robot folder's TCP; mass where it is known."""
 
-    position_mm: Vector3 = (0.0, 0.0, 0.0)
-    rotation_deg: Vector3 = (0.0, 0.0, 0.0)
-    mass_kg: float | None = Field(default=None, ge=0.0)
-    centre_of_mass_mm: Vector3 = (0.0, 0.0, 0.0)
+    position_mm: Place = (0.0, 0.0, 0.0)
+    rotation_deg: Place = (0.0, 0.0, 0.0)
+    mass_kg: float | None = Field(default=None, ge=0.0, le=HEAVIEST_KG)
+    centre_of_mass_mm: Place = (0.0, 0.0, 0.0)
 
     @property
     def T_flange_tcp(self) -> Array:
@@ -195,9 +208,9 @@ class Job(StrictTable):
     """Hold a job as its file says it; `load_job` reads it, `load_nominal` follows its references."""
 
     schema_: SchemaOne = Field(alias="schema")
-    name: str = ""
-    robot: str
-    toolpath: str | CircleTable | SpiralTable | ConeTable
+    name: str = Field(default="", max_length=LONGEST_NAME)
+    robot: str = Field(max_length=LONGEST_PATH)
+    toolpath: Annotated[str, Field(max_length=LONGEST_PATH)] | CircleTable | SpiralTable | ConeTable
     part: PartTable = PartTable()
     tool: ToolTable | None = None
     process: Process = ColumnsProcess()
@@ -263,7 +276,7 @@ def check_job(data: dict[str, Any], file: str | Path = Path()) -> Job:
             data["cam"] = {**cam.model_dump(exclude_unset=True), "strict": True}
     elif isinstance(table, dict):
         kind = table.get("generator")
-        if kind not in GENERATORS:
+        if not isinstance(kind, str) or kind not in GENERATORS:
             fault = "missing key" if kind is None else f"is {kind!r}"
             raise InputError(f"{fault}, choose from {list(GENERATORS)}", file=file, where="toolpath.generator")
         data["toolpath"] = check_table(GENERATORS[kind], table, file=file, key="toolpath")
@@ -334,4 +347,14 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
         toolpath = round_corners(toolpath, job.feed.corner_tolerance_mm * 1e-3)
     nominal = place_toolpath(toolpath, job.T_base_part)
     law = ForceLaw(job.process, job.T_base_part, job.tool_x_base, job.folder, rows_at, top, note)
-    return replace(nominal, wrench=law.predict(nominal)), law
+    wrench = law.predict(nominal)
+    _check_load(wrench, job)
+    return replace(nominal, wrench=wrench), law
+
+
+def _check_load(wrench: Array, job: Job) -> None:
+    size = np.nan_to_num(np.abs(wrench), nan=np.inf).max(axis=1)
+    if (size > MOST_LOAD).any():
+        row = int(np.argmax(size))
+        message = f"force or moment of {size[row]:.4g} N or Nm at waypoint {row}, at most {MOST_LOAD:g}"
+        raise InputError(message, file=job.file, where="process")

@@ -16,9 +16,11 @@ from scipy.optimize import brentq
 from compplan.errors import InputError
 from compplan.files.tables import Array
 from compplan.files.tomlfile import StrictTable, Vector3
-from compplan.path.toolpath import Toolpath
+from compplan.path.toolpath import MOST_WAYPOINTS, Toolpath
 
 UP = (0.0, 0.0, 1.0)
+#: Feeds that are taken for true. [m/s]
+SLOWEST, FASTEST = 1e-9, 1e3
 PLANES = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 
 
@@ -74,15 +76,26 @@ class Pace:
             raise InputError(f"{len(density)} of step, waypoints and rate are given, expected exactly one")
         if min(*speed, *density) <= 0.0:
             raise InputError("feed, duration, step, waypoints and rate must be greater than 0")
+        if self.feed is not None and not SLOWEST <= self.feed <= FASTEST:
+            message = f"feed is {self.feed * 1e3:g} mm/s, expected {SLOWEST * 1e3:g} to {FASTEST * 1e3:g} mm/s"
+            raise InputError(message)
 
     def resolve(self, length: float) -> tuple[float, int]:
-        """Return the feed [m/s] and the number of waypoints for a curve of this length [m]."""
+        """Return the feed [m/s] and the number of waypoints for a curve of this length [m].
+
+        Raises:
+            InputError: If that makes more waypoints than can be planned.
+        """
         feed = self.feed if self.feed is not None else length / (self.duration or 1.0)
         if self.waypoints is not None:
-            return feed, max(2, self.waypoints)
-        if self.rate is not None:
-            return feed, max(2, round(length / feed * self.rate))
-        return feed, max(2, 1 + round(length / (self.step or length)))
+            count = float(self.waypoints)
+        elif self.rate is not None:
+            count = length / feed * self.rate
+        else:
+            count = 1.0 + length / (self.step or length)
+        if not count <= MOST_WAYPOINTS:
+            raise InputError(f"this makes {count:.3g} waypoints, at most {MOST_WAYPOINTS} can be planned")
+        return feed, max(2, round(count))
 
 
 def walk_curve(curve: Curve, pace: Pace, *, axis: tuple[float, float, float] = UP, approach: float = 0.0) -> Toolpath:

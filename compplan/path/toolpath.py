@@ -20,6 +20,8 @@ WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 WRENCH_HEADERS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 #: Greatest extent of a toolpath that is taken for true. [m]
 WIDEST = 100.0
+#: Feeds of cutting moves that are taken for true. [m/s]
+SLOWEST, FASTEST = 1e-6, 1e2
 #: Greatest number of waypoints that a division may make.
 MOST_WAYPOINTS = 5_000_000
 #: Greatest departure of |(i, j, k)| from 1 that is taken for rounding.
@@ -143,6 +145,10 @@ def check_toolpath(
         refuse(f"tool axis (i, j, k) has length {norms[crooked[0]]:.6g}, expected 1", int(crooked[0]))
     cutting = ~toolpath.rapid.copy()
     cutting[0] = False
+    odd = np.flatnonzero(cutting & (toolpath.feed > 0.0) & ~((toolpath.feed >= SLOWEST) & (toolpath.feed <= FASTEST)))
+    if len(odd):
+        feed = toolpath.feed[odd[0]] * 1e3
+        refuse(f"feed is {feed:g} mm/s, expected {SLOWEST * 1e3:g} to {FASTEST * 1e3:g} mm/s", int(odd[0]))
     still = np.flatnonzero((cutting & need_feed & (toolpath.feed == 0.0)) | (toolpath.feed < 0.0))
     if len(still):
         feed = toolpath.feed[still[0]] * 1e3

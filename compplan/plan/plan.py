@@ -198,6 +198,10 @@ def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
     if not job.output.any_brand:
         check_languages(robot, job.output.programs, file=job.file)
     nominal, law = load_path(job)
+    span = float(np.ptp(nominal.position, axis=0).max())
+    if span > 2.0 * robot.longest_reach:
+        message = f"toolpath spans {span:.4g} m, the robot reaches {robot.longest_reach:.3g} m; is it in another unit?"
+        raise InputError(message, file=job.file, where="toolpath")
     return robot, nominal, replace(read_options(job, robot), law=law)
 
 

@@ -238,6 +238,9 @@ def _grid_axes(job: Job) -> tuple[Array, Array, Array]:
             raise InputError("has its bounds in the wrong order", file=job.file, where=f"place.{'xyz'[k]}_mm")
         if k == 2:
             low, high = low - high_height, high - low_height
+        if not (np.isfinite([low, high]).all() and (high - low) / step < MOST_PLACES):
+            message = f"from {low * 1e3:g} to {high * 1e3:g} mm in steps of {table.step_mm:g} mm are too many places"
+            raise InputError(f"{message}, at most {MOST_PLACES} are allowed", file=job.file, where="place.step_mm")
         axes.append(np.linspace(low, high, max(1, int(np.ceil((high - low) / step - 1e-9)) + 1)))
     count = int(np.prod([len(v) for v in axes]))
     if count > MOST_PLACES:

@@ -261,6 +261,12 @@ class Robot:
                 gone.append(Body(self.flange, -body.mass, pose[:3, :3] @ body.centre + pose[:3, 3]))
         return tuple(gone)
 
+    @property
+    def longest_reach(self) -> float:
+        """Bound the distance of the TCP from the base: every placement stretched out, every slide at its end. [m]."""
+        slides = sum(max(abs(joint.lower), abs(joint.upper)) for joint in self.joints if joint.kind == "prismatic")
+        return float(sum(np.linalg.norm(joint.placement[:3, 3]) for joint in self.joints) + slides)
+
     def scale_compliance(self, factor: float) -> Robot:
         """Multiply every compliance (springs and links) by a factor."""
         return replace(

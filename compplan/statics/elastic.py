@@ -80,7 +80,7 @@ def solve_equilibrium(
         part = chain.take(rows)
         extra = None if bias is None else list(np.ascontiguousarray(bias[rows].T))
         columns = np.ascontiguousarray((load[:1] if _one_row(load) else load[rows]).T)
-        solution = _iterate(part, np.ascontiguousarray(q[rows].T), columns, extra, tolerance)
+        solution = _iterate(part, np.ascontiguousarray(q[rows].T), columns, extra, tolerance, rows.start)
         fill_frames(frames, rows, solution.walk)
         for j, (coordinate, moment) in enumerate(zip(solution.theta, solution.torque, strict=True)):
             theta[rows, j], torque[rows, j] = coordinate, moment
@@ -95,7 +95,9 @@ class _Solution(NamedTuple):
     walk: Walk
 
 
-def _iterate(chain: Chain, q: Array, wrench: Array, bias: list[Array] | None, tolerance: float) -> _Solution:
+def _iterate(
+    chain: Chain, q: Array, wrench: Array, bias: list[Array] | None, tolerance: float, first: int = 0
+) -> _Solution:
     """Iterate theta <- C (J^T w + tau_g) until the geometric series of the changes falls below the tolerance."""
     compiled, elements = chain.compiled, [int(k) for k in chain.spring_elements]
     turns = joint_turns(compiled, q)
@@ -116,7 +118,13 @@ def _iterate(chain: Chain, q: Array, wrench: Array, bias: list[Array] | None, to
         if not np.isfinite(change):
             break
         previous = change
-    message = f"equilibrium did not settle, last change {change:.3g} rad; the load is near or beyond buckling"
+    steps = np.stack([np.broadcast_to(np.nan_to_num(np.abs(a - b), nan=np.inf), q.shape[1:])
+                      for a, b in zip(update, before, strict=True)])  # fmt: skip
+    spring, row = np.unravel_index(int(np.argmax(steps)), steps.shape)
+    message = (
+        f"equilibrium did not settle at waypoint {first + int(row)}, spring {chain.spring_names[int(spring)]!r}, last "
+        f"change {change:.3g} rad or m; the load is near or beyond buckling: check forces, and compliances of the robot"
+    )
     raise ConvergenceError(message, residual=change)
 
 

@@ -97,12 +97,13 @@ def split_records(text: str) -> Iterator[tuple[int, str]]:
 
 @dataclass(frozen=True)
 class Pending:
-    """Hold an arc record until the point that ends it: a point of its axis [mm], the axis, its sense and its turns."""
+    """Hold an arc record until the point that ends it: a point of its axis [mm], the axis, sense, turns, radius."""
 
     centre: Point
     normal: Point
     right_hand: bool
     turns: int = 1
+    radius: float | None = None
 
 
 class _Reader:
@@ -237,6 +238,8 @@ class _Reader:
                 self.revolution_feed = numbers[0] * (REVOLUTION_UNITS[word] or self.scale)
                 return
         self.feed = numbers[0] * self.scale / 60.0  # PERMIN, UPM, or no word at all
+        if unknown := [word for word in re.findall(r"[A-Z]+", words) if word not in ("PERMIN", "UPM", "FEED")]:
+            self.log.note(f"feed unit {unknown[0][:20]!r} is not known: feeds are taken per minute", self.line)
         if not re.search(r"[A-Z]", words):
             self.log.note("feeds without a unit are taken per minute", self.line)
 
@@ -313,7 +316,9 @@ class _Reader:
         turns = int(float(times.group(1))) if times else 1
         if angle:
             turns = math.ceil(abs(float(angle.group(1))) / 360.0 - 1e-6)
-        self.arc = Pending(self._scaled(numbers), self._axis(numbers[3:6]), clockwise == self.flipped, max(1, turns))
+        radius = numbers[6] * self.scale if len(numbers) > 6 else None
+        centre, normal = self._scaled(numbers), self._axis(numbers[3:6])
+        self.arc = Pending(centre, normal, clockwise == self.flipped, max(1, turns), radius)
 
     def _cut_lettered(self, words: str) -> None:
         """Cut along CIRCLE/X,x,Y,y,Z,z,I,i,J,j,K,k[,CCLW]: end and centre from the start; clockwise."""
@@ -353,6 +358,9 @@ class _Reader:
         if not fits_circle(arc.radius, arc.end_radius):
             message = f"arc starts {arc.radius:.4f} mm from its axis and ends {arc.end_radius:.4f} mm from it"
             raise self.error(f"{message}, expected the same radius")
+        if pending.radius is not None and abs(pending.radius - arc.radius) > max(0.1, 0.02 * arc.radius):
+            message = f"an arc record states the radius {pending.radius:g} mm, its points lie on {arc.radius:.4g} mm"
+            self.log.note(f"{message}: the points are taken", self.line)
         self._vote(arc)
         self.log.arc(arc, end, self._speed())
         if max(abs(one - other) for one, other in zip(axis, self.log.axis, strict=True)) > 1e-6:

@@ -24,7 +24,7 @@ class CamTable(StrictTable):
     """
 
     unit: Literal["mm", "inch"] | None = None
-    chord_tolerance_mm: float = Field(default=0.001, gt=0.0)
+    chord_tolerance_mm: float = Field(default=0.001, ge=1e-6, le=10.0)
     arc_centres: Literal["incremental", "absolute", "reversed"] | None = None
     circle_sense: Literal["auto", "right_hand", "left_hand"] = "auto"
     rotary: Literal["head", "table", "ignore"] = "head"
