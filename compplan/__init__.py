@@ -48,7 +48,8 @@ if TYPE_CHECKING:
     from compplan.identify.campaign import Identification, identify_campaign
     from compplan.identify.problem import IdentifyOptions
     from compplan.job.job import Job, check_job, load_job, load_nominal
-    from compplan.measure.campaign import Campaign, read_campaign
+    from compplan.measure.campaign import Campaign
+    from compplan.measure.reading import read_campaign
     from compplan.measure.registration import Registration, fit_registration
     from compplan.outputs.identify import write_identification
     from compplan.outputs.montecarlo import write_study
@@ -81,7 +82,8 @@ _MODULES = {
     "identify.campaign": ("Identification", "identify_campaign"),
     "identify.problem": ("IdentifyOptions",),
     "job.job": ("Job", "check_job", "load_job", "load_nominal"),
-    "measure.campaign": ("Campaign", "read_campaign"),
+    "measure.campaign": ("Campaign",),
+    "measure.reading": ("read_campaign",),
     "measure.registration": ("Registration", "fit_registration"),
     "outputs.identify": ("write_identification",),
     "outputs.montecarlo": ("write_study",),

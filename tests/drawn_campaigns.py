@@ -20,7 +20,8 @@ from benchmarks.campaigns.simulate import Reading, Rows, Scenario, nominal_scena
 from benchmarks.campaigns.templates import TEMPLATES, draw_robot
 from compplan.cell.predict import Prediction, predict_campaign
 from compplan.effects import Effect, fold_effects
-from compplan.measure.campaign import Campaign, read_campaign
+from compplan.measure.campaign import Campaign
+from compplan.measure.reading import read_campaign
 from compplan.robot import Robot
 from compplan.robot.folder import read_robot_folder
 from compplan.robot.folder import write_robot_folder as write_updated_folder

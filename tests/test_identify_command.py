@@ -21,7 +21,7 @@ from compplan.identify.campaign_log import write_campaign_log
 from compplan.identify.parameters import link_springs
 from compplan.identify.pose_choice import draw_candidates
 from compplan.identify.problem import IdentifyOptions
-from compplan.measure.campaign import read_campaign
+from compplan.measure.reading import read_campaign
 from compplan.robot import Robot, Spring, load_robot
 from compplan.robot.folder import write_robot_folder
 

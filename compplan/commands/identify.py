@@ -92,9 +92,9 @@ def command(
         raise InputError("no measurement log is given; name one, or ask for poses to measure with --choose-poses N")
     robot, campaign = load_measured(measurements, robot_name, tool, target_offset)
     settle_questions(robot, campaign, options.register, assume_ok)
-    summary = write_identification(identify_campaign(robot, campaign, options), out)
+    summary = write_identification(identify_campaign(robot, campaign, options), out, list(campaign.notes))
     if as_json:
-        click.echo(dump_json({**summary, "log_notes": list(campaign.notes)}))
+        click.echo(dump_json(summary))
         return
     for line in (*describe_identification(summary), *list_notes(campaign.notes)):
         click.echo(line)

@@ -14,8 +14,9 @@ from compplan.diagnose.questions import question_campaign
 from compplan.errors import InputError
 from compplan.files.tomlfile import check_table, read_toml
 from compplan.job.job import ToolTable
-from compplan.measure.campaign import Campaign, read_campaign
+from compplan.measure.campaign import Campaign
 from compplan.measure.checks import check_runs
+from compplan.measure.reading import read_campaign
 from compplan.robot import Array, Robot, load_robot
 
 Command = Callable[..., Any]

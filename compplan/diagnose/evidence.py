@@ -118,7 +118,7 @@ class Posterior:
 
     def loss_without(self, columns: NDArray[np.int_]) -> float:
         """Return the log likelihood that is lost where these columns are set to zero, the rest refitted."""
-        at = np.searchsorted(self.columns, columns)
+        at = np.flatnonzero(np.isin(self.columns, columns))
         mean, block = self.mean[at], self.covariance[np.ix_(at, at)]
         return 0.5 * float(mean @ np.linalg.solve(block + 1e-12 * np.trace(block) * np.eye(len(at)), mean))
 

@@ -315,13 +315,15 @@ def entangled(search: Search, model: Model, fresh: Sequence[Claim]) -> list[Clai
     """Return fresh claims, and those whose parameters the campaign cannot fix apart from theirs."""
     posterior = model.posterior
     deviation = np.sqrt(np.maximum(np.diag(posterior.covariance), 1e-300))
-    places = {c: np.searchsorted(posterior.columns, search.ledger.columns(c.signature)) for c in model.claims}
+    places = {
+        c: np.flatnonzero(np.isin(posterior.columns, search.ledger.columns(c.signature))) for c in model.claims
+    }
     result = list(fresh)
     for claim in model.claims:
         for other in fresh:
             block = posterior.covariance[np.ix_(places[claim], places[other])]
             together = np.abs(block) / np.outer(deviation[places[claim]], deviation[places[other]])
-            if claim not in result and together.max() > ENTANGLED:
+            if claim not in result and together.max(initial=0.0) > ENTANGLED:
                 result.append(claim)
     return result
 

@@ -13,13 +13,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from compplan.errors import InputError
-from compplan.files.columns import Column
-from compplan.files.tables import Table, read_table
-from compplan.measure.checks import check_campaign
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 
 #: Joint motion below this is encoder jitter, not a move [rad or m]; one unit of the fourth decimal of a degree.
 STATIC_JITTER = 2e-5
@@ -243,107 +238,3 @@ class Campaign:
             value = getattr(self, name)
             fields[name] = None if value is None else value[rows]
         return replace(self, **fields)
-
-
-def log_columns(robot: Robot) -> list[Column]:
-    """List the columns that a log of this robot may have."""
-    columns = [
-        Column("run", "text"),
-        Column("mode", "text"),
-        Column("target", "text"),
-        Column("time", "time", missing=True),
-    ]
-    for number, slides in enumerate(robot.prismatic, 1):
-        kind = "length" if slides else "angle"
-        columns.append(Column(f"q{number}", kind, required=True, missing=True))
-        columns += [Column(f"q{number}_{side}", kind, missing=True) for side in ("link", "motor")]
-    columns += [Column(name, "force", missing=True, group="force") for name in WRENCH[:3]]
-    columns += [Column(name, "moment", missing=True, group="moment") for name in WRENCH[3:]]
-    columns += [Column(name, "length", required=True, missing=True) for name in "xyz"]
-    columns += [Column(name, "angle", missing=True, group="orientation") for name in ("rx", "ry", "rz")]
-    columns.append(Column("temperature", "temperature", missing=True))
-    columns.append(Column("sigma", "length", missing=True, key="sigma_position"))
-    columns.append(Column("sigma", "angle", missing=True, key="sigma_rotation"))
-    return columns
-
-
-def read_campaign(file: str | Path, robot: Robot) -> Campaign:
-    """Read a measurement log.
-
-    Args:
-        file: The CSV file.
-        robot: The robot it belongs to: how many joints it has, and which of them slide.
-
-    Raises:
-        InputError: If the file is not a measurement log of this robot.
-
-    """
-    table = read_table(file, log_columns(robot), unknown="note")
-    if not len(table):
-        raise table.error("the log has no rows, expected one row a measured pose")
-    values, n = table.values, len(table)
-    joints = [f"q{number}" for number in range(1, robot.nq + 1)]
-    wrench = np.column_stack([values.get(name, np.zeros(n)) for name in WRENCH])
-    rotation = None
-    if "rx" in table:
-        vectors = table.stack(["rx", "ry", "rz"])
-        rotation = np.full((n, 3, 3), np.nan)
-        known = np.isfinite(vectors).all(1)
-        rotation[known] = Rotation.from_rotvec(vectors[known]).as_matrix()
-    names, target = _targets(table)
-    campaign = Campaign(
-        run=table.text.get("run", np.array(["static"] * n, dtype=np.str_)),
-        q=table.stack(joints),
-        wrench=wrench,
-        position=table.stack(["x", "y", "z"]),
-        rotation=rotation,
-        time=values.get("time"),
-        temperature=values.get("temperature"),
-        link=_encoders(table, robot, "link"),
-        motor=_encoders(table, robot, "motor"),
-        sigma=values.get("sigma_position"),
-        sigma_rotation=values.get("sigma_rotation"),
-        target=target,
-        target_names=names,
-        mode=_modes(table),
-        file=Path(file),
-        lines=table.lines,
-    )
-    _refuse_empty(campaign, table)
-    return check_campaign(campaign, robot, table)
-
-
-def _refuse_empty(campaign: Campaign, table: Table) -> None:
-    if not campaign.usable.any():
-        raise table.error("no row holds joints and a position, expected at least one")
-    reach = float(np.nanmax(np.abs(campaign.position)))
-    if reach > 500.0:
-        title = table.headers["x"]
-        raise table.error(
-            f"positions reach {reach:.0f} m with column '{title}'; name the columns x_mm y_mm z_mm if in mm"
-        )
-
-
-def _targets(table: Table) -> tuple[tuple[str, ...], NDArray[np.int_] | None]:
-    if "target" not in table:
-        return ("",), None
-    labels = list(dict.fromkeys(table.text["target"].tolist()))
-    return tuple(labels), np.array([labels.index(label) for label in table.text["target"]], int)
-
-
-def _encoders(table: Table, robot: Robot, side: str) -> Array | None:
-    keys = [f"q{number}_{side}" for number in range(1, robot.nq + 1)]
-    if not any(key in table for key in keys):
-        return None
-    nothing = np.full(len(table), np.nan)
-    return np.column_stack([table.values.get(key, nothing) for key in keys])
-
-
-def _modes(table: Table) -> NDArray[np.str_] | None:
-    if "mode" not in table:
-        return None
-    for row, mode in enumerate(table.text["mode"]):
-        if mode not in (*MODES, ""):
-            message = f"mode is {mode!r}, choose from {list(MODES)}"
-            raise InputError(message, file=table.file, where=int(table.lines[row]))
-    return table.text["mode"]

@@ -8,17 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError
 from compplan.files.tables import Table
+from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot
-
-if TYPE_CHECKING:
-    from compplan.measure.campaign import Campaign
 
 #: Beyond its limits a joint may read one turn [rad] or this way [m] more: zeros that are off, limits that were opened.
 TURN, WAY = 2.0 * np.pi, 10.0

@@ -90,7 +90,7 @@ class RegistrationTable(StrictTable):
     """registration.toml of a robot folder."""
 
     schema_: SchemaOne = Field(alias="schema")
-    fitted: Annotated[tuple[Literal["base", "tool"], ...], Field(strict=False, min_length=1)]
+    fitted: Annotated[tuple[Literal["base", "tool"], ...], Field(strict=False)]
     base: PoseTable
     tool: Annotated[tuple[TargetTable, ...], Field(strict=False, min_length=1)]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +20,16 @@ from compplan.report.identify_page import write_identification_page
 from compplan.robot.folder import write_robot_folder
 
 
-def write_identification(result: Identification, out: Path) -> dict[str, Any]:
+def write_identification(result: Identification, out: Path, log_notes: Sequence[str] = ()) -> dict[str, Any]:
     """Write identify.json, report.html and the updated robot folder, and return the summary.
 
     Args:
         result: The identification.
         out: Folder to write into; made if needed.
+        log_notes: What the reading of the log noted.
     """
-    summary = {**summarise_identification(result), "made_by": describe_origin()}
+    said = {"log_notes": list(log_notes), "made_by": describe_origin()}
+    summary = {**summarise_identification(result), **said}
     with replace_folder(out, "identify") as part:
         folder = part / "robot"
         write_robot_folder(result.robot, folder)

@@ -30,13 +30,14 @@ def describe_reproduction(result: Reproduction) -> dict[str, Any]:
         "rows": [asdict(row) for row in result.rows],
         "missing_in_the_paper": list(result.missing),
         "inconsistent_in_the_paper": list(result.inconsistencies),
+        "made_by": describe_origin(),
     }
 
 
 def write_reproduction(result: Reproduction, folder: Path) -> None:
     """Write reproduction.json, report.html and the figures into a folder."""
     with replace_folder(folder, "reproduce") as part:
-        write_json(part / "reproduction.json", {**describe_reproduction(result), "made_by": describe_origin()})
+        write_json(part / "reproduction.json", describe_reproduction(result))
         for number, figure in enumerate(result.figures, start=1):
             (part / f"figure_{number}.png").write_bytes(figure.png)
         _write_report(result, part / "report.html")
