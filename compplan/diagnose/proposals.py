@@ -19,8 +19,9 @@ from compplan.robot import Array
 
 #: Rows proposed for each kind of shift, and how many rows they stand apart.
 SHIFT_ROWS, APART = 2, 5
-#: Cycles per turn that are looked at, and waves of one joint at most.
-MOST_CYCLES, MOST_WAVES = 160.0, 16
+#: Cycles per turn that are looked at, and waves of one joint at most; each wave has two values, and a value of a free
+#: form needs ten poses (the usual rule of regression), but two waves may always be tried.
+MOST_CYCLES, MOST_WAVES, FEWEST_WAVES, POSES_A_WAVE = 160.0, 16, 2, 20
 #: A further wave has to explain this much log likelihood.
 WORTH_A_WAVE = 9.0
 #: Centres of a bump that are looked at, and its widths as shares of the visited range.
@@ -107,7 +108,8 @@ def propose_waves(
             continue
         slides = joint.kind == "prismatic"
         grid = wave_grid(spread, slides)
-        picked = _match_waves(angle[seen], pull[seen], weight[seen], grid, slides)
+        most = int(np.clip(len(np.unique(at.campaign.stay[seen])) // POSES_A_WAVE, FEWEST_WAVES, MOST_WAVES))
+        picked = _match_waves(angle[seen], pull[seen], weight[seen], grid, slides)[:most]
         for count in {1, 2, len(picked)}:
             if 0 < count <= len(picked):
                 tried = int(min(len(grid) ** count, 10 ** (2 + count)))

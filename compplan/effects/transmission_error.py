@@ -23,7 +23,9 @@ words = "{at} has an error periodic in its angle"
 SCALE = {"revolute": 1e-4, "prismatic": 1e-4}
 HARMONICS = 4
 SPLINE_SPACING = np.deg2rad(10.0)
-MAX_SPLINES = 30
+#: Most and fewest pieces of a spline; between them as many as there are ten poses each for (the usual rule of
+#: regression).
+MAX_SPLINES, FEWEST_SPLINES, POSES_A_VALUE = 30, 5, 10
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
@@ -71,9 +73,9 @@ def bump_at(at: Linearization, index: int, centre: float, width: float, tried: i
     return replace(_signature(at, index, label, (f"height_{unit}#0",), shape, fixed), tried=tried)
 
 
-def spline_knots(low: float, high: float, spacing: float = SPLINE_SPACING) -> Array:
+def spline_knots(low: float, high: float, spacing: float = SPLINE_SPACING, most: int = MAX_SPLINES) -> Array:
     """Place the knots of a cubic spline that ends at zero at both ends of the visited range."""
-    count = int(np.clip(np.ceil((high - low) / spacing), 5, MAX_SPLINES))
+    count = int(np.clip(np.ceil((high - low) / spacing), FEWEST_SPLINES, max(most, FEWEST_SPLINES)))
     return np.linspace(low, high, count + 1)
 
 
@@ -87,7 +89,8 @@ def spline_at(at: Linearization, index: int, spacing: float = SPLINE_SPACING) ->
     """Offer a spline over the visited angles of a joint, mean and slope left to offset and geometry."""
     joint = at.robot.actuated[index]
     angle = np.nan_to_num(at.campaign.q[:, index])
-    inner = spline_knots(float(angle.min()) - 1e-9, float(angle.max()) + 1e-9, spacing)
+    most = min(len(np.unique(at.campaign.stay)) // POSES_A_VALUE, MAX_SPLINES)
+    inner = spline_knots(float(angle.min()) - 1e-9, float(angle.max()) + 1e-9, spacing, most)
     step = inner[1] - inner[0]
     knots = np.r_[inner[0] - step * np.arange(3, 0, -1), inner, inner[-1] + step * np.arange(1, 4)]
     shape = spline_basis(angle, knots)
