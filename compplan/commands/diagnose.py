@@ -76,6 +76,8 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
         lines.append(
             f"  {place}: probability {finding.probability:.2f}, moves the target {finding.explained * 1e3:.3f} mm{tie}"
         )
+    if verdict.structure.background > verdict.structure.floor:
+        lines.append(f"  calibration, small errors everywhere: {verdict.structure.background * 1e3:.3f} mm")
     for left in verdict.structure.dependences:
         what = describe_unmodelled(left.effect.joint, str(left.effect.axis))
         lines.append(f"  no effect explains {what}: {left.explained * 1e3:.3f} mm")

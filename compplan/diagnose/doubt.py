@@ -141,10 +141,8 @@ def _leave_out(search: Search, model: Model) -> Model:
     best = replace(model, score=-np.inf)
     for out in model.claims:
         rest = [c for c in model.claims if c is not out]
-        for start in (hyper, grown):
-            start_model = search.model(rest, start, fit=False)
-            posterior = find_posterior(search.ledger, search.prior_of(rest), start, steps=FURTHER)
-            score = start_model.score - start_model.posterior.log_evidence + posterior.log_evidence
-            if score > best.score:
-                best = Model(tuple(rest), posterior, score)
+        held, start = search.model(rest, hyper, fit=False), search.model(rest, grown, fit=False)
+        posterior = find_posterior(search.ledger, search.prior_of(rest), grown, steps=FURTHER)
+        score = start.score - start.posterior.log_evidence + posterior.log_evidence
+        best = max(best, held, Model(tuple(rest), posterior, score), key=lambda m: m.score)
     return best

@@ -118,6 +118,7 @@ class Diagnosis:
                 "explained_rms_mm": _mm(structure.explained),
                 "depends_on": [dependence_table(f) for f in structure.dependences],
             },
+            "calibration": {"explained_rms_mm": _mm(structure.background)},
             "outliers": [int(row) for row in self.outliers],
             "where": {},
             "candidates": [
