@@ -7,15 +7,20 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from scipy.special import expit
 
+from compplan.robot import Array
+
 #: No claim is surer than this (assumed: one campaign in a hundred holds what nobody thought of).
 MOST_SURE = 0.99
 #: Log odds are divided by this: evidence of real campaigns is less sharp than its model (assumed).
 TEMPER = 2.0
 #: The map from evidence to log odds, fitted by penalised logistic regression to the claims of the development suite
 #: (benchmarks/calibrate_certainty.py): constant, margin (arsinh of it over its scale), share of halves that repeat the
-#: claim, and logarithm of the number of free values. No weight may be negative.
-CONSTANT, MARGIN, REPEATED, FREE = -0.96, 0.24, 1.76, 1.02
+#: claim, logarithm of the number of free values, and logarithm of what it explains beside the others over what all of
+#: them leave. No weight may be negative.
+CONSTANT, MARGIN, REPEATED, FREE, APART = -0.88, 0.03, 1.14, 1.07, 1.77
 MARGIN_SCALE, LEAST_MARGIN = 5.0, -20.0
+#: Beyond these, what a claim explains over what is left tells no more (assumed).
+LEAST_APART, MOST_APART = 0.7, 3.0
 
 
 @dataclass(frozen=True)
@@ -47,12 +52,19 @@ class Evidence:
         return {key: round(float(value), 4) for key, value in asdict(self).items()}
 
 
+def features_of(evidence: Evidence) -> Array:
+    """Return what the map weighs: margin, repetition, freedom, size beside what is left. Shape (4,)."""
+    margin = np.arcsinh(max(min(evidence.margin, evidence.plain), LEAST_MARGIN) / MARGIN_SCALE)
+    apart = np.log(np.clip(evidence.apart, LEAST_APART, MOST_APART))
+    return np.array([margin, evidence.repeated, -np.log(evidence.free), apart])
+
+
 def rate_certainty(evidence: Evidence) -> float:
     """Return the probability that a claim is stated with.
 
     Args:
         evidence: What the claim shows.
     """
-    margin = np.arcsinh(max(min(evidence.margin, evidence.plain), LEAST_MARGIN) / MARGIN_SCALE)
-    odds = CONSTANT + MARGIN * margin + REPEATED * evidence.repeated - FREE * np.log(evidence.free)
+    weights = np.array([MARGIN, REPEATED, FREE, APART])
+    odds = CONSTANT + weights @ features_of(evidence)
     return float(np.clip(expit(odds), 0.0, MOST_SURE))
