@@ -53,7 +53,7 @@ class Evidence:
 
 
 def features_of(evidence: Evidence) -> Array:
-    """Return what the map weighs: margin, repetition, freedom, size beside what is left, and what is left. Shape (5,)."""
+    """Return what the map weighs: margin, repetition, freedom, size beside what is left, what is left. Shape (5,)."""
     margin = np.arcsinh(max(min(evidence.margin, evidence.plain), LEAST_MARGIN) / MARGIN_SCALE)
     apart = np.log(np.clip(evidence.apart, LEAST_APART, MOST_APART))
     return np.array([margin, evidence.repeated, -np.log(evidence.free), apart, -min(evidence.left, 1.0)])
