@@ -43,6 +43,9 @@ def command(camfile: Path, out: Path, max_step_mm: float | None, as_json: bool, 
     if max_step_mm is not None:
         toolpath = resample_toolpath(toolpath, max_step_mm * 1e-3)
     write_toolpath(check_toolpath(toolpath, need_feed=False), out)
+    if still := int(((toolpath.feed == 0.0) & ~toolpath.rapid)[1:].sum()):
+        note = f"{still} cutting moves have no feed: state feed.constant_mm_s in the job"
+        cam = dataclasses.replace(cam, facts=dataclasses.replace(cam.facts, notes=(*cam.facts.notes, note)))
     if as_json:
         facts = {**dataclasses.asdict(cam.facts), "waypoints": len(toolpath)}
         click.echo(dump_json({"schema": 1, "out": str(out), **facts}))

@@ -34,6 +34,8 @@ CENTRE_READINGS = ("incremental", "absolute", "reversed")
 MOVING = "XYZABCIJKRUVW"
 #: Different arcs that must fit another reading of I J K, and not the usual one, before it is taken.
 FEWEST_PROOFS = 2
+#: Codes of which a block may hold one.
+CONTRARY = ({20.0, 21.0}, {90.0, 91.0})
 
 
 class _OffCircleError(InputError):
@@ -139,6 +141,10 @@ class _Reader(TextReader):
         """Set what G codes set; return a reason where the coordinates of the block are no move."""
         once = ""
         state = self.state
+        for group in CONTRARY:
+            if len(group & set(codes)) > 1:
+                said = " and ".join(f"G{code:g}" for code in sorted(group & set(codes)))
+                raise self.error(f"{said} in one block contradict each other")
         for code in codes:
             if code in (0.0, 1.0, 2.0, 3.0):
                 state.motion = code
