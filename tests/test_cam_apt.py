@@ -154,3 +154,45 @@ def test_what_is_not_read_is_refused_with_its_line(read, text: str, sentence: st
 def test_a_file_of_unknown_suffix_is_read_as_what_its_text_says(read) -> None:
     assert read("UNITS/MM\nGOTO/0,0,0\nGOTO/1,0,0\n", ".txt").facts.kind == "apt"
     assert read("N1 G21 G0 X0 Y0 Z0\nN2 G1 X1 F9\n", ".txt").facts.kind == "gcode"
+
+
+@pytest.mark.parametrize(
+    ("record", "sentence"),
+    [
+        ("GOTO/1O,3,0", "field '1O' is neither a number nor a word"), ("GOTO/nan,1,2", "field 'NAN' is no number"),
+        ("GOTO/1,,2", "field .. is neither"),
+        ("GOTO/1.2.3,0,0", "field '1.2.3'"), ("GOTO/P1", "field 'P1' is no number"),
+        ("FEDRAT/1O0,MMPM", "field '1O0'"), ("TRANS/10,0,0", "TRANS/10,0,0 turns or shifts the path"),
+        ("ROTATE/TABLE,AAXIS,ABSANG,30", "ROTATE/TABLE"), ("MIRROR/X", "MIRROR"),
+        ("CIRCLE/0,0,0,0,0,1,5,TIMES,1000000", r"arc of 1e\+06 turns"), ("GODLTA/1,2", "2 numbers"),
+    ],
+)  # fmt: skip
+def test_numbers_are_read_whole_and_frames_are_not_skipped(read, record: str, sentence: str) -> None:
+    with pytest.raises(InputError, match=f"part.apt:2: .*{sentence}"):
+        read(f"UNITS/MM\n{record}\nFEDRAT/60\nGOTO/0,0,0\nGOTO/5,0,0\n")
+
+
+def test_frames_that_change_nothing_are_read(read) -> None:
+    still = "TRANS/0,0,0\nROTATE/TABLE,0.0\n"
+    assert read(f"UNITS/MM\n{still}FEDRAT/60\nGOTO/0,0,0\nGOTO/5,0,0,\n").facts.cutting_moves == 1
+
+
+@pytest.mark.parametrize(
+    "cycle",
+    ["CYCLE/DRILL,DEPTH,10,MMPM,120,CLEAR,2", "CYCLE/DRILL,10,MMPM,120,2", "CYCLE/DRILL,RAPTO,2,FEDTO,-10,MMPM,120"],
+)
+def test_holes_are_cut_along_the_tool_axis_where_they_are_asked_for(read, cycle: str) -> None:
+    text = f"UNITS/MM\nFEDRAT/60\nRAPID\nGOTO/0,0,50,0,0,1\n{cycle}\nGOTO/5,0,0\nGOTO/5,7,0,0,1,0\n"
+    text += "CYCLE/OFF\nGOTO/0,0,50\n"
+    cam = read(text, cycles="expand")
+    cut = [point for point, rapid in zip(ends(cam), cam.toolpath.rapid, strict=True) if not rapid]
+    assert cut == [[5, 0, -10], [5, -3, 0], [0, 0, 50]] and cam.facts.cycles == 2
+    assert cam.toolpath.feed[~cam.toolpath.rapid][0] == pytest.approx(2e-3)
+    assert [5, 0, 2] in ends(cam) and [5, 9, 0] in ends(cam)
+
+
+def test_tapped_holes_are_left_with_the_feed_and_holes_without_depth_refused(read) -> None:
+    head = "UNITS/MM\nFEDRAT/60\nRAPID\nGOTO/0,0,50\n"
+    assert read(head + "CYCLE/TAP,DEPTH,10,CLEAR,2\nGOTO/5,0,0\n", cycles="expand").facts.cutting_length_mm == 24
+    with pytest.raises(InputError, match=r":6: CYCLE/DRILL states no depth"):
+        read(head + "CYCLE/DRILL,CLEAR,2\nGOTO/5,0,0\n", cycles="expand")

@@ -18,7 +18,7 @@ from compplan.path.toolpath import check_toolpath, resample_toolpath, write_tool
 CHOICES = {
     "unit": ["mm", "inch"], "arc_centres": ["incremental", "absolute", "reversed"],
     "circle_sense": ["auto", "right_hand", "left_hand"], "rotary": ["head", "table", "ignore"],
-    "cycles": ["skip", "expand"],
+    "cycles": ["skip", "expand"], "tool_direction": ["x", "y", "z", "-x", "-y", "-z"],
 }
 
 
@@ -32,6 +32,7 @@ CHOICES = {
 @click.option("--circle-sense", type=click.Choice(CHOICES["circle_sense"]), help="Sense of an APT CIRCLE.")
 @click.option("--rotary", type=click.Choice(CHOICES["rotary"]), help="What A B C words turn.")
 @click.option("--cycles", type=click.Choice(CHOICES["cycles"]), help="Whether drilling cycles are cut.")
+@click.option("--tool-direction", type=click.Choice(CHOICES["tool_direction"]), help="Where the TCP frame points out.")
 @click.option("--strict", is_flag=True, default=None, help="Refuse a file that is read with any note.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def command(camfile: Path, out: Path, max_step_mm: float | None, as_json: bool, **options: Any) -> None:

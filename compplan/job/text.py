@@ -99,6 +99,7 @@ chord_tolerance_mm = 0.001          # greatest distance between an arc and its c
 # arc_centres = "incremental"       # G-code I J K: incremental | absolute | reversed, for files that do not say
 rotary = "head"                     # A B C words turn the head | table | ignore
 cycles = "skip"                     # drilling cycles: skip | expand into cutting moves
+# tool_direction = "z"              # robot programs: the axis of the TCP frame that points out of the tool
 # strict = true                     # refuse a file read with any note; as [toolpath] file = "..", strict = true
 circle_sense = "auto"               # APT CIRCLE: auto | right_hand | left_hand about its axis
 

@@ -10,14 +10,14 @@ from pathlib import Path
 from types import ModuleType
 
 from compplan.errors import InputError
-from compplan.path.cam import apt, gcode
+from compplan.path.cam import apt, gcode, krl, rapid
 from compplan.path.cam.lines import read_bounded
 from compplan.path.cam.moves import CamFacts, CamFile
 from compplan.path.cam.options import CamTable
 from compplan.path.toolpath import Toolpath
 
 #: Every reader, by the name of its language.
-READERS: dict[str, ModuleType] = {module.name: module for module in (gcode, apt)}
+READERS: dict[str, ModuleType] = {module.name: module for module in (gcode, apt, krl, rapid)}
 
 __all__ = ["READERS", "CamFacts", "CamFile", "CamTable", "list_suffixes", "read_cam", "refuse_idle"]
 

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from compplan.errors import InputError
+from compplan.path.cam.apt_cycles import FEED_OUT, Cycle, read_cycle
+from compplan.path.cam.apt_words import NUMBER, read_numbers, split_fields, split_records
 from compplan.path.cam.arcs import Arc, Point, arc_about, combine, cross, dot, fits_circle
+from compplan.path.cam.lines import count_lines
 from compplan.path.cam.moves import CamFile, MoveLog
 from compplan.path.cam.options import CamTable
 
 INCH = 25.4
-NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?")
 REFUSED = {
     "COPY": "repeated paths", "TRACUT": "transformed paths", "MACRO": "macros", "CALL": "macros", "LOOPST": "loops",
     "SPLINE": "splines", "BSPLINE": "splines", "POCKET": "pocket cycles", "GOLFT": "part programs",
     "GORGT": "part programs", "GOUP": "part programs", "GODOWN": "part programs", "GOBACK": "part programs",
-    "GO": "part programs", "HELIX": "helix records",
+    "GO": "part programs", "HELIX": "helix records", "REFSYS": "transformed paths", "MIRROR": "mirrored paths",
+    "SCALE": "scaled paths",
 }
 SILENT = {
     "PARTNO", "PPRINT", "MACHIN", "TOOL PATH", "TLDATA", "LOADTL", "LOAD", "SELECT", "COOLNT", "CUTTER", "INTOL",
@@ -37,6 +39,8 @@ FEED_UNITS = {
 REVOLUTION_UNITS = {"MMPR": 1.0, "IPR": INCH, "PERREV": None, "UPR": None}
 CLOCKWISE = {"CLW", "CLOCKWISE", "CW"}
 ANTICLOCKWISE = {"CCLW", "CCW", "ANTICLOCKWISE", "COUNTERCLOCKWISE"}
+#: Greatest number of turns of one arc.
+MOST_TURNS = 10_000
 #: Tangent arcs that must speak against the sense that is assumed before it is turned round.
 FEWEST_VOTES = 3
 
@@ -47,7 +51,7 @@ suffixes = (".apt", ".cls", ".cl", ".ncl", ".clsf", ".aptsource", ".cldata")
 
 def recognise(text: str) -> bool:
     """Tell whether a text of unknown suffix is APT/CL."""
-    return re.search(r"^\s*GOTO\s*/", text, re.MULTILINE) is not None
+    return re.search(r"^[ \t]*GOTO[ \t]*/", text, re.MULTILINE) is not None
 
 
 def read(text: str, file: Path, options: CamTable) -> CamFile:
@@ -75,24 +79,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
         reader.run(text)
         note = "arcs run against the usual sense of their axis: only so they leave the moves before them smoothly"
         reader.log.note(note, 1)
-    return reader.log.finish(file, "apt", reader.unit or "not stated", len(text.splitlines()))
-
-
-def split_records(text: str) -> Iterator[tuple[int, str]]:
-    """Yield each record with the line that it begins in; $ continues a record, $$ begins a comment."""
-    pending, first = "", 0
-    for number, raw in enumerate(text.splitlines(), start=1):
-        line = raw.partition("$$")[0].rstrip()
-        first = first if pending else number
-        if line.endswith("$"):
-            pending += line[:-1]
-            continue
-        record = (pending + line).strip()
-        pending = ""
-        if record:
-            yield first, record
-    if pending.strip():
-        yield first, pending.strip()
+    return reader.log.finish(file, "apt", reader.unit or "not stated", count_lines(text))
 
 
 @dataclass(frozen=True)
@@ -118,7 +105,8 @@ class _Reader:
         self.feed: float | None = None
         self.revolution_feed: float | None = None
         self.spindle = 0.0
-        self.rapid = self.cycle = self.placed = self.nx = False
+        self.rapid = self.placed = self.nx = False
+        self.cycle: Cycle | None = None
         self.arc: Pending | None = None
         self.direction: Point | None = None
         self.before: Point | None = None
@@ -129,7 +117,20 @@ class _Reader:
         return InputError(message, file=self.file, where=self.line)
 
     def run(self, text: str) -> None:
-        """Read every record."""
+        """Read every record.
+
+        Raises:
+            InputError: With the line, if a record is not what it has to be.
+
+        """
+        try:
+            self._run(text)
+        except ValueError as fault:
+            raise self.error(str(fault)) from None
+        except InputError as fault:
+            raise fault if fault.file else self.error(fault.message) from None
+
+    def _run(self, text: str) -> None:
         for self.line, record in split_records(text):
             major, _, minor = record.partition("/")
             major = re.sub(r"^N?\d+\s+", "", major.strip().upper())
@@ -145,27 +146,27 @@ class _Reader:
     def _carry_out(self, major: str, minor: str, record: str) -> None:
         """Carry out one record."""
         if major == "GOTO":
-            self._goto(self._numbers(minor))
+            self._goto(read_numbers(minor))
         elif major == "GODLTA":
-            self._shift(self._numbers(minor))
+            self._shift(read_numbers(minor))
         elif major == "RAPID":
             self.rapid = True
         elif major in ("FEDRAT", "FEED"):
             self._set_feed(minor.upper())
         elif major == "SPINDL":
-            self.spindle = next(iter(self._numbers(minor)), self.spindle)
+            self.spindle = float(next(iter(NUMBER.findall(minor)), self.spindle))
         elif major in ("UNITS", "UNIT"):
             self._set_unit(minor.upper())
         elif major == "FROM":
-            point = self._point(self._numbers(minor))
+            point = self._point(read_numbers(minor))
             self.placed = True
             self.log.place(point[0], point[1])
         elif major == "TLAXIS":
-            self.log.axis = self._axis(self._numbers(minor)[:3])
+            self.log.axis = self._axis(read_numbers(minor)[:3])
         elif major in ("CIRCLE", "MOVARC", "ARC"):
             self._note_arc(minor.upper())
         elif major == "INDIRV":
-            self.direction = self._axis(self._numbers(minor)[:3])
+            self.direction = self._axis(read_numbers(minor)[:3])
         elif "GOFWD" in major:
             self._follow_circle(minor.upper())
         elif major.startswith("CYCLE"):
@@ -193,7 +194,8 @@ class _Reader:
             self.log.note(f"record {major[:20]} is not read", self.line)
 
     def _numbers(self, minor: str) -> list[float]:
-        return [float(number.upper().replace("D", "E")) for number in NUMBER.findall(minor)]
+        """Return the numbers of a record that may hold words as well."""
+        return [field for field in split_fields(minor) if not isinstance(field, str)] if minor else []
 
     def _axis(self, vector: list[float]) -> Point:
         length = math.hypot(*vector)
@@ -264,9 +266,35 @@ class _Reader:
         if major != "CYCLE":
             self.log.note(f"record {major[:20]} is not read", self.line)
             return
-        self.cycle = not words.startswith(("OFF", "NOMORE"))
+        self.cycle = None
+        if not words.startswith(("OFF", "NOMORE", "ON")):
+            self.cycle = read_cycle(split_fields(words))
+            if self.options.cycles == "expand" and self.cycle.feed:
+                self._set_feed(self.cycle.feed)
+
+    def _drill(self, cycle: Cycle, point: Point, axis: Point) -> None:
+        """Go to a hole, and cut it where holes are cut; pecks, dwells and turned tools are left out."""
+        log = self.log
+        log.counts["cycles"] += 1
+        if self.options.cycles != "expand":
+            log.note("drilling cycles are left out: the tool moves rapidly above the holes (option cycles)", self.line)
+            log.rapid(point, axis)
+            return
+        if cycle.depth is None:
+            raise self.error(f"CYCLE/{cycle.kind} states no depth (DEPTH, FEDTO), so its holes cannot be cut")
+        above = combine(1.0, point, cycle.clear * self.scale, axis)
+        log.rapid(above, axis)
+        log.line(combine(1.0, point, -cycle.depth * self.scale, axis), self._speed(), axis)
+        if cycle.kind.startswith(tuple(FEED_OUT)):
+            log.line(above, self._speed(), axis)
+        else:
+            log.rapid(above, axis)
 
     def _change_frame(self, major: str, minor: str) -> None:
+        if major in ("TRANS", "ROTABL", "ROTATE", "ROTHED"):
+            if any(self._numbers(minor)):
+                raise self.error(f"{major}/{minor[:30]} turns or shifts the path and is not read; write the path out")
+            return
         self.frames.add(re.sub(r"\s", "", minor))
         if len(self.frames) > 1:
             self.log.note(f"{major} changes on the way: all coordinates are taken in one frame", self.line)
@@ -277,10 +305,8 @@ class _Reader:
         start = self.log.position
         rapid, self.rapid = self.rapid, False
         arc, self.arc = self.arc, None
-        if self.cycle:
-            self.log.counts["cycles"] += 1
-            self.log.note("drilling cycles are left out: the tool moves rapidly above the holes", self.line)
-            self.log.rapid(point, axis)
+        if self.cycle is not None:
+            self._drill(self.cycle, point, axis)
         elif rapid:
             self.log.rapid(point, axis)
         elif not self.placed:
@@ -305,7 +331,7 @@ class _Reader:
             raise self.error(f"arc record {words[:40]!r} is not read, expected x, y, z, i, j, k, r")
         angle = re.search(r"ANGLE\s*,\s*([-+.\d]+)", words)
         times = re.search(r"TIMES\s*,\s*([\d.]+)", words)
-        plain = re.sub(r"(ANGLE|TIMES)\s*,\s*[-+.\d]+", "", words)
+        plain = re.sub(r",?\s*(ANGLE|TIMES)\s*,\s*[-+.\d]+", "", words).strip(", ")
         numbers = self._numbers(plain)
         if len(numbers) < 6:
             raise self.error(f"arc record with {len(numbers)} numbers, expected x, y, z, i, j, k, r")
@@ -313,9 +339,12 @@ class _Reader:
         clockwise = bool(found & CLOCKWISE) or (not found & ANTICLOCKWISE and (self.nx or len(numbers) >= 11))
         if self.options.circle_sense != "auto":
             clockwise = self.options.circle_sense == "left_hand"
-        turns = int(float(times.group(1))) if times else 1
+        count = float(times.group(1)) if times else 1.0
         if angle:
-            turns = math.ceil(abs(float(angle.group(1))) / 360.0 - 1e-6)
+            count = abs(float(angle.group(1))) / 360.0 - 1e-6
+        if count > MOST_TURNS:
+            raise self.error(f"arc of {count:g} turns, at most {MOST_TURNS} are read")
+        turns = math.ceil(count) if angle else int(count)
         radius = numbers[6] * self.scale if len(numbers) > 6 else None
         centre, normal = self._scaled(numbers), self._axis(numbers[3:6])
         self.arc = Pending(centre, normal, clockwise == self.flipped, max(1, turns), radius)

@@ -48,7 +48,7 @@ suffixes = (".nc", ".gcode", ".tap", ".ngc", ".cnc", ".ncc", ".mpf", ".spf", ".i
 
 def recognise(text: str) -> bool:
     """Tell whether a text of unknown suffix is G-code."""
-    return re.search(r"^\s*(N\d+\s*)?G\d", text, re.MULTILINE | re.IGNORECASE) is not None
+    return re.search(r"^[ \t]*(N\d+[ \t]*)?G\d", text, re.MULTILINE | re.IGNORECASE) is not None
 
 
 def read(text: str, file: Path, options: CamTable) -> CamFile:

@@ -93,6 +93,8 @@ class TextReader(ABC):
             raise self.error(str(fault)) from None
         if not line:
             return False
+        if len(line) > 200:
+            line = " ".join(line.split())
         if line[0] in "%<:O" and NAME_LINE.fullmatch(line):
             self.siemens = self.siemens or line.startswith("%_N_")
             return line[0] == "%" and (self.state.moved or (self.begun and line.startswith("%_N_")))

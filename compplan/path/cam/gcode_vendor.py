@@ -30,7 +30,7 @@ IDENTIFIER = re.compile(r"(?<![A-Z0-9_])[A-Z]{2,}[A-Z0-9_]*")
 COORDINATE = re.compile(r"(?<![A-Z0-9_])[XYZABCIJKUVW]\s*=?\s*[-+.\d]")
 SIEMENS = re.compile(r"%_N_|\b(TRAORI|TRAFOOF|CYCLE\d{3}|WORKPIECE|STOPRE|SUPA|ORIWKS|ORIMKS|G500|ATRANS)\b")
 SHIFT = re.compile(r"(A?TRANS)((?:\s*[XYZ]\s*=?\s*[-+]?(?:\d+\.?\d*|\.\d+))*)\s*$")
-CALL = re.compile(r"(?:N\d+\s*)?(L\d+|[A-Z_]{2}\w*)\s*(?:P\s*=?\s*(\d+))?\s*$")
+CALL = re.compile(r"(?:N\d+\s*)?(L\d{1,9}|[A-Z_]{2}\w{0,60})\s*(?:P\s*=?\s*(\d{1,9}))?\s*$")
 
 
 def find_words(line: str) -> list[str]:

@@ -20,6 +20,7 @@ class CamTable(StrictTable):
     rotary: how A B C words turn the tool axis in a file that moves the tool tip in the part frame: the axes turn the
         head, or the table, or are left out.
     cycles: drilling cycles are skipped, the tool moves rapidly above the holes, or expanded into cutting moves.
+    tool_direction: axis of the TCP frame that points out of the tool in robot programs (left out: z, with a note).
     strict: a file that is read with any note is refused.
     """
 
@@ -29,4 +30,5 @@ class CamTable(StrictTable):
     circle_sense: Literal["auto", "right_hand", "left_hand"] = "auto"
     rotary: Literal["head", "table", "ignore"] = "head"
     cycles: Literal["skip", "expand"] = "skip"
+    tool_direction: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
     strict: bool = False

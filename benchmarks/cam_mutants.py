@@ -1,0 +1,259 @@
+"""Mutants of CAM files: whatever is in a file, it is read or refused in one line, in bounded time and memory.
+
+    python -m benchmarks.cam_mutants FORMAT --count 10000 --seed 1 [--from FOLDER]
+
+FORMAT is the name of a reader. Mutants are drawn by the seed from a small program of each language that stands here,
+and from the files of a folder where one is named. It prints how many were read, refused and failed, the slowest one and
+the memory of the whole run; exit status 1 if any failed, took longer than 5 s, or the run took more than 1 GB.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import resource
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from compplan.errors import InputError
+from compplan.path.cam import READERS, CamTable, read_cam, refuse_idle
+from compplan.path.toolpath import check_toolpath
+
+SLOWEST = 5.0
+MOST_MEMORY = 2**30
+PROGRAMS = {
+    "gcode": """%
+O1000 (PART)
+G21 G17 G90 G94
+G10 L2 P1 X0 Y0 Z0
+G54 G0 X0 Y0 Z5
+T1 M6
+S6000 M3
+G1 Z-1 F300
+X10 ,R1
+Y10 ,C2
+X20
+G2 X30 Y20 I0 J10 F200
+G3 X20 Y20 R5
+G18 G2 X30 I5 K0
+G17 G91 G1 X1 Y1
+G90 G2 I5 Z-8 P3
+G81 X5 Y5 Z-3 R2 F60
+G91 X5 L3
+G80 G90
+MSG("done; here")
+TRAORI
+G1 X1 A10 C20
+TRANS X5
+G53 G0 Z0
+G1 X2
+L100 P2
+M30
+%_N_L100_SPF
+G1 X3
+M17
+""",
+    "apt": """PARTNO/PART
+UNITS/MM
+MULTAX/ON
+CUTTER/10
+FROM/0,0,50
+SPINDL/3000,CLW
+FEDRAT/300,MMPM
+RAPID
+GOTO/20,0,5,0,0,1
+GOTO/20,0,0
+CIRCLE/10,0,0,0,0,1,10
+GOTO/10,10,0
+GODLTA/1,2,3
+GOTO/ 20.0, $
+ 10.0, 0.0, 0.0, 0.6, 0.8
+GOTO/20,0,0,0,0,1
+INDIRV/0,1,0
+TLON,GOFWD/(CIRCLE/10,0,0,10),ON,(LINE/10,0,0,10,10,0)
+CYCLE/DRILL,DEPTH,5,CLEAR,2
+GOTO/1,1,0
+CYCLE/OFF
+GOTO/5,0,0
+MOVARC/0,0,0,0,0,1,5,ANGLE,90
+GOTO/3,4,0
+TRANS/0,0,0
+FINI
+""",
+    "krl": """&ACCESS RVP
+DEF part()
+;FOLD INI
+BAS(#INITMOV,0)
+;ENDFOLD
+BASE_DATA[1]={X 100,Y 0,Z 0,A 0,B 0,C 0}
+BAS(#BASE,1)
+DECL E6POS P1={X 0,Y 0,Z 50,A 0,B 180,C 0,S 2,T 3}
+$VEL.CP=0.05
+PTP {A1 0,A2 -90,A3 90}
+PTP P1
+LIN {E6POS: X 0,Y 0,Z 0,A 0,B 180,C 0} C_DIS
+CIRC {X 5,Y 5},{X 10,Y 0,B 170} C_DIS
+CIRC {X 5,Y 5},{X 0,Y 0},CA 720
+SPLINE
+SPL {X 20}
+SPL {X 30,Y 10}
+ENDSPLINE
+IF $IN[1] THEN
+HALT
+ENDIF
+cut()
+END
+DEF cut()
+LIN {X 5}
+END
+""",
+    "rapid": """%%%
+VERSION:1
+LANGUAGE:ENGLISH
+%%%
+MODULE part
+PERS wobjdata w:=[FALSE,TRUE,"",[[100,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];
+CONST robtarget p:=[[0,0,50],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+CONST robtarget via:=[[15,5,0],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+CONST speeddata v:=[25,500,5000,1000];
+PROC main()
+ConfL\\Off;
+MoveAbsJ [[0,0,0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,t;
+MoveJ p,v100,z10,t\\WObj:=w;
+MoveL Offs(p,10,0,
+-50),v,fine,t\\WObj:=w; ! in
+MoveC via,[[20,0,0],[0,0.1,0.995,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v20,z1,t\\WObj:=w;
+MoveL p,v50,z0,t\\WObj:=w;
+TPWrite "done; !";
+cut;
+ENDPROC
+PROC cut()
+MoveL Offs(p,5,5,5),v50\\V:=10,z0,t\\WObj:=w;
+ENDPROC
+ENDMODULE
+""",
+}
+ODD = ["1e999", "nan", "-inf", "1000000000000", "1E-300", "0", "-0", "1O", "1.2.3", "", "99999999",
+       "0.0000001", "1,5", "--1"]
+SIGNS = list("()[]{}\"';,$%!#&=/\\*:+-. \t\r\n\x85\x0c\x00\u2028\u2029\ufeff\xe4")
+SIGNS += ["$\n", "\n%\n", "(((", ")))", "$$"]
+
+
+@dataclass
+class Tally:
+    """Count what became of the mutants."""
+
+    read: int = 0
+    refused: int = 0
+    failures: list[str] = field(default_factory=list)
+    slowest: float = 0.0
+    slowest_number: int = -1
+
+    @property
+    def memory(self) -> int:
+        """Greatest memory of the process so far [bytes]."""
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def mutate(text: str, draw: random.Random) -> str:
+    """Return a text with one to three faults."""
+    for _ in range(draw.randint(1, 3)):
+        place = draw.randrange(len(text) + 1)
+        kind = draw.randrange(9)
+        lines = text.split("\n")
+        if kind == 0:
+            text = text[:place] + text[place + draw.randint(1, 3) :]
+        elif kind == 1:
+            text = text[:place] + draw.choice(SIGNS) + text[place:]
+        elif kind == 2:
+            text = text[:place] + chr(draw.randrange(32, 127)) + text[place + 1 :]
+        elif kind == 3:
+            text = _odd_number(text, place, draw)
+        elif kind == 4:
+            lines.insert(draw.randrange(len(lines)), draw.choice(lines))
+            text = "\n".join(lines)
+        elif kind == 5:
+            del lines[draw.randrange(len(lines))]
+            text = "\n".join(lines)
+        elif kind == 6:
+            text = text[:place] if draw.random() < 0.2 else text
+        elif kind == 7:
+            end = min(len(text), place + draw.randint(1, 30))
+            text = text[:end] + text[place:end] * draw.choice([1, 2, 400]) + text[end:]
+        else:
+            text = text[:place] + draw.choice("GXYZIJKRPLFABCE") + draw.choice(ODD) + text[place:]
+    return text
+
+
+def _odd_number(text: str, place: int, draw: random.Random) -> str:
+    """Put an odd number in place of the first one after a place."""
+    digits = "0123456789."
+    first = next((k for k in range(place, len(text)) if text[k] in digits), None)
+    if first is None:
+        return text
+    last = next((k for k in range(first, len(text)) if text[k] not in digits), len(text))
+    return text[:first] + draw.choice(ODD) + text[last:]
+
+
+def run_mutants(language: str, count: int, seed: int, folder: Path | None = None) -> Tally:
+    """Read mutants of programs of one language.
+
+    Args:
+        language: Name of the reader.
+        count: How many.
+        seed: What they are drawn by; the same seed draws the same ones.
+        folder: Folder with more programs to draw from, or None.
+
+    """
+    draw, tally = random.Random(f"{language} {seed}"), Tally()
+    suffix = READERS[language].suffixes[0]
+    programs = [PROGRAMS[language]] if language in PROGRAMS else []
+    for path in sorted(folder.rglob("*")) if folder else []:
+        if path.suffix.lower() in READERS[language].suffixes:
+            programs.append(path.read_text(encoding="latin-1"))
+    with tempfile.TemporaryDirectory() as made:
+        file = Path(made) / f"part{suffix}"
+        for number in range(count):
+            file.write_bytes(mutate(draw.choice(programs), draw).encode(draw.choice(["utf-8", "latin-1"]), "replace"))
+            _read_one(file, CamTable(cycles=draw.choice(["skip", "expand"])), number, tally)
+    return tally
+
+
+def _read_one(file: Path, options: CamTable, number: int, tally: Tally) -> None:
+    began = time.perf_counter()
+    try:
+        check_toolpath(refuse_idle(read_cam(file, options)), need_feed=False)
+        tally.read += 1
+    except InputError as error:
+        tally.refused += 1
+        if "\n" in str(error) or str(file) not in str(error):
+            tally.failures.append(f"mutant {number}: refused in more than a line, or without the file: {error!s:.200}")
+    except Exception as error:
+        tally.failures.append(f"mutant {number}: {type(error).__name__}: {error!s:.200}")
+    took = time.perf_counter() - began
+    if took > tally.slowest:
+        tally.slowest, tally.slowest_number = took, number
+
+
+def main() -> int:
+    """Run the command; return the exit status."""
+    parser = argparse.ArgumentParser(description="Read mutants of CAM files.")
+    parser.add_argument("language", metavar="FORMAT", choices=[*READERS])
+    parser.add_argument("--count", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--from", dest="folder", type=Path)
+    given = parser.parse_args()
+    tally = run_mutants(given.language, given.count, given.seed, given.folder)
+    for failure in tally.failures[:20]:
+        print(failure)
+    told = f"{tally.read} read, {tally.refused} refused, {len(tally.failures)} failed"
+    print(f"{given.language}: {given.count} mutants, {told}")
+    print(f"slowest {tally.slowest:.2f} s (mutant {tally.slowest_number}), memory {tally.memory / 2**20:.0f} MB")
+    return int(bool(tally.failures) or tally.slowest > SLOWEST or tally.memory > MOST_MEMORY)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,337 @@
+"""KUKA KRL programs (.src, with positions in the .dat beside them): LIN, CIRC, SPLINE and PTP in a base frame."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from compplan.errors import InputError
+from compplan.files.tables import Array
+from compplan.path.cam.lines import MOST_LINES, count_lines, read_bounded, split_lines
+from compplan.path.cam.moves import FARTHEST, CamFile
+from compplan.path.cam.options import CamTable
+from compplan.path.cam.robot_moves import RobotMoves, make_pose
+
+name = "krl"
+suffixes = (".src", ".sub")
+
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?"
+ITEM = re.compile(rf"\s*([A-Z]\w*)\s+({NUMBER}|'[BH][0-9A-F]+')\s*(?:,|$)")
+AGGREGATE = re.compile(r"\{\s*(?:[A-Z]\w*\s*:)?([^{}]*)\}")
+ASSIGN = re.compile(r"(?:DECL\s+|GLOBAL\s+|CONST\s+)*(?:[A-Z]\w*\s+)?(\$?[A-Z][\w.]*(?:\[\d+\])?)\s*=\s*(.+)$")
+MOTION = re.compile(r"(S?LIN|S?CIRC|S?PTP|SPL|SPLINE|ENDSPLINE|LIN_REL|PTP_REL|CIRC_REL|S\w+_REL)\b")
+OPENS = re.compile(r"(IF|FOR|WHILE|LOOP|REPEAT|SWITCH)\b")
+CLOSES = re.compile(r"(ENDIF|ENDFOR|ENDWHILE|ENDLOOP|UNTIL|ENDSWITCH)\b")
+CALL = re.compile(r"([A-Z_]\w{0,60})\s*\((.*)\)\s*$")
+HEAD = re.compile(r"(?:GLOBAL\s+)?DEF(?:FCT\s+\w+)?\s+(\w+)\s*\(")
+BAS = re.compile(r"BAS\s*\(\s*#(\w+)\s*,\s*([^)]*)\)")
+PLACE, ANGLES, AXES = ("X", "Y", "Z"), ("A", "B", "C"), tuple(f"A{number}" for number in range(1, 7))
+EXTERNAL = tuple(f"E{number}" for number in range(1, 7))
+#: Statements that say nothing about the path.
+SILENT = re.compile(
+    r"DECL|INT|REAL|BOOL|CHAR|EXT|INTERRUPT|GLOBAL|WAIT|HALT|CONTINUE|TRIGGER|SIGNAL|RETURN|BRAKE|PULSE|ENDFCT|ENUM|STRUC|"
+    r"DEFDAT|ENDDAT|ANOUT|ANIN|CASE|DEFAULT|ELSE|IMPORT|RESUME|CREAD|CWRITE|COPEN|CCLOSE|E6POS|E6AXIS|FRAME|POS|AXIS|"
+    r"CHANNEL|CONFIRM|FDAT|LDAT|PDAT|ON_ERROR_PROCEED|TIME_BLOCK|CONST_VEL"
+)
+DEEPEST = 20
+
+
+def recognise(text: str) -> bool:
+    """Tell whether a text of unknown suffix is KRL."""
+    return re.search(r"^[ \t]*(&ACCESS|(GLOBAL )?DEF +\w+ *\()", text, re.MULTILINE | re.IGNORECASE) is not None
+
+
+def read(text: str, file: Path, options: CamTable) -> CamFile:
+    """Read a KRL program: the first one of the file, with those that it calls in the file or beside it.
+
+    The path stands in the base that is in force at the first position. PTP moves are rapid.
+
+    Args:
+        text: The program.
+        file: Its file, for messages; NAME.dat beside it holds positions.
+        options: What the program does not say by itself.
+
+    Raises:
+        InputError: With file and line, if a move stands in a loop or a branch, is relative, or goes nowhere known.
+
+    """
+    reader = _Reader(file, options)
+    reader.run(text)
+    return reader.moves.log.finish(file, "krl", "mm", count_lines(text))
+
+
+class _Reader:
+    """Follow a program statement by statement."""
+
+    def __init__(self, file: Path, options: CamTable) -> None:
+        self.file, self.line = file, 0
+        self.moves = RobotMoves(options)
+        self.feed = 0.0
+        self.frames: dict[str, Array] = {"$NULLFRAME": np.eye(4)}
+        self.base: Array | None = None
+        self.base_name = ""
+        self.placed = False
+        self.positions: dict[str, str] = {}
+        self.programs: dict[str, tuple[list[str], int, Path]] = {}
+        self.last: dict[str, float] = {}
+        self.blocks = self.depth = self.executed = 0
+        self.spline: list[Array] | None = None
+
+    def error(self, message: str) -> InputError:
+        return InputError(message, file=self.file, where=self.line)
+
+    def run(self, text: str) -> None:
+        """Carry out the first program of the file."""
+        lines = list(split_lines(text))
+        self._load_data(self.file)
+        first = self._find_programs(lines, self.file)
+        self._run_lines(lines, first)
+
+    def _load_data(self, file: Path) -> None:
+        """Keep the positions and frames that the .dat file beside a program declares."""
+        beside = next((file.with_suffix(end) for end in (".dat", ".DAT") if file.with_suffix(end).is_file()), None)
+        for raw in split_lines(read_bounded(beside)) if beside else ():
+            self._assign(_clean(raw))
+
+    def _find_programs(self, lines: list[str], file: Path) -> int:
+        """Find DEF NAME() in a file; return the line after the first."""
+        first = -1
+        for index, raw in enumerate(lines):
+            found = HEAD.match(_clean(raw)) if "DEF" in raw.upper() else None
+            if found:
+                self.programs[found.group(1)] = (lines, index + 1, file)
+                first = index + 1 if first < 0 else first
+        return max(first, 0)
+
+    def _run_lines(self, lines: list[str], first: int) -> None:
+        for index in range(first, len(lines)):
+            self.line = index + 1
+            self.executed += 1
+            if self.executed > MOST_LINES:
+                raise self.error(f"more than {MOST_LINES} statements are carried out; no more are read")
+            statement = _clean(lines[index])
+            if statement in ("END", "ENDFCT") or (statement == "RETURN" and not self.blocks):
+                return
+            if statement:
+                try:
+                    self._carry_out(statement)
+                except InputError as fault:
+                    raise fault if fault.file else self.error(fault.message) from None
+
+    def _carry_out(self, statement: str) -> None:
+        if OPENS.match(statement):
+            self.blocks += 1
+        elif CLOSES.match(statement):
+            self.blocks = max(0, self.blocks - 1)
+        elif re.match(r"GOTO\b", statement):
+            raise self.error("GOTO is not read; write the moves out in a row")
+        elif MOTION.match(statement) and not re.match(r"\w+\s*(=|\()", statement):
+            if self.blocks:
+                raise self.error(f"{statement[:30]!r} stands in a loop or a branch; write the moves out in a row")
+            self._move(statement)
+        elif BAS.match(statement):
+            self._set_up(*BAS.match(statement).groups())  # type: ignore[union-attr]
+        elif self._assign(statement) or SILENT.match(statement) or statement.endswith(":"):
+            pass
+        elif CALL.match(statement):
+            self._call(statement)
+        else:
+            self.moves.log.note(f"statement {statement.split()[0][:20]} is not read", self.line)
+
+    def _assign(self, statement: str) -> bool:
+        """Carry out an assignment; return whether it is one."""
+        found = ASSIGN.match(statement)
+        if not found or MOTION.match(statement):
+            return False
+        target, value = found.groups()
+        if target in ("$BASE", "$TOOL", "$IPO_MODE", "$VEL", "$VEL.CP"):
+            self._set_system(target, statement, value)
+        elif target.startswith("BASE_DATA["):
+            self.frames[target] = self._frame(value)
+        elif AGGREGATE.match(value) and not target.startswith("$"):
+            self.positions[target] = value
+        return True
+
+    def _set_system(self, target: str, statement: str, value: str) -> None:
+        if self.blocks and target != "$TOOL":
+            raise self.error(f"{target} is set in a loop or a branch; write the program out")
+        if target == "$BASE":
+            self._use_base(value.strip())
+        elif target == "$TOOL" and self.moves.pose is not None:
+            self.moves.log.note("the tool changes on the way: the path is that of the tip of each", self.line)
+        elif target == "$IPO_MODE" and "TCP" in value:
+            raise self.error("$IPO_MODE=#TCP (the part in the robot's hand) is not read")
+        elif target.startswith("$VEL") and re.search(r"\bCP\b", statement):
+            speed = re.search(rf"\bCP\s*=?\s*({NUMBER})\s*(?:[,}}]|$)", statement)
+            if not speed:
+                raise self.error(f"{statement[:40]!r} sets no speed in m/s")
+            self.feed = float(speed.group(1)) * 1e3
+
+    def _set_up(self, word: str, value: str) -> None:
+        """Carry out BAS(#word, value)."""
+        if word == "VEL_CP":
+            if not re.fullmatch(NUMBER, value.strip()):
+                raise self.error(f"speed {value!r} is no number")
+            self.feed = float(value) * 1e3
+        elif word == "BASE":
+            self._use_base("$NULLFRAME" if value.strip() == "0" else f"BASE_DATA[{value.strip()}]")
+        elif word == "TOOL" and self.moves.pose is not None:
+            self.moves.log.note("the tool changes on the way: the path is that of the tip of each", self.line)
+
+    def _use_base(self, value: str) -> None:
+        """Put a base in force; the path stays in the one that was in force at its first position."""
+        known = self._frame(value) if value.startswith("{") else self.frames.get(value)
+        if not self.placed:
+            self.base, self.base_name = known, value
+            return
+        if known is None and self.base is None and value == self.base_name:
+            return
+        if known is None or self.base is None:
+            before = self.base_name or "the one before"
+            raise self.error(f"base changes from {before} to {value}, and their places are not both known")
+        self.moves.frame = self.moves.frame @ np.linalg.inv(self.base) @ known
+        self.base, self.base_name, self.last = known, value, {}
+
+    def _frame(self, value: str) -> Array:
+        numbers = self._numbers(value)
+        return _pose({**dict.fromkeys((*PLACE, *ANGLES), 0.0), **numbers})
+
+    def _numbers(self, text: str) -> dict[str, float]:
+        """Return the numbers of {X 1,Y 2,..}."""
+        found = AGGREGATE.match(text.strip())
+        if not found:
+            raise self.error(f"position {text.strip()[:30]!r} is not read, expected {{X 1,Y 2,Z 3,A 0,B 0,C 0}}")
+        inside, place = found.group(1).strip(), 0
+        numbers: dict[str, float] = {}
+        while place < len(inside):
+            item = ITEM.match(inside, place)
+            if not item or item.group(1) in numbers:
+                text = inside[place : place + 20].strip()
+                raise self.error(f"position {text!r} is not read, expected numbers by name, each once")
+            numbers[item.group(1)] = 0.0 if item.group(2).startswith("'") else float(item.group(2))
+            if not abs(numbers[item.group(1)]) < FARTHEST:
+                raise self.error(f"coordinate {item.group(0).strip(' ,')}, less than {FARTHEST:g} is allowed")
+            place = item.end()
+        return numbers
+
+    def _target(self, text: str) -> dict[str, float]:
+        """Return the numbers of a position: written out, or declared by name."""
+        text = text.strip()
+        if not text.startswith("{"):
+            word = re.match(r"\$?[A-Z]\w*(\[\d+\])?", text)
+            if not word or word.group(0) not in self.positions:
+                raise self.error(f"position {text[:24]!r} is not known here or in the .dat file")
+            text = self.positions[word.group(0)]
+        return self._numbers(text)
+
+    def _pose(self, numbers: dict[str, float]) -> Array:
+        """Return a pose; coordinates that are not named stay."""
+        turned = {key: abs(value - self.last.get(key, value)) for key, value in numbers.items() if key in EXTERNAL}
+        if max(turned.values(), default=0.0) > 1e-6:
+            self.moves.log.note("external axes move: the path is taken in the base as it is written", self.line)
+        full = {**self.last, **numbers}
+        missing = [key for key in (*PLACE, *ANGLES) if key not in full]
+        if missing:
+            raise self.error(f"position without {' '.join(missing)}, which nothing before it states")
+        self.last, self.placed = full, True
+        return _pose(full)
+
+    def _move(self, statement: str) -> None:
+        kind, rest = re.match(r"(\w+)\s*(.*)$", statement).groups()  # type: ignore[union-attr]
+        if kind.endswith("_REL"):
+            raise self.error(f"{kind} (relative moves) is not read; write absolute positions")
+        if kind == "SPLINE":
+            self.spline = []
+            return
+        if kind == "ENDSPLINE":
+            poses, self.spline = self.spline, None
+            if poses:
+                self.moves.spline(poses, self._speed(), self.line)
+            return
+        if self.spline is not None and kind != "SPL":
+            raise self.error(f"{kind} within SPLINE is not read, only SPL is")
+        parts = split_positions(rest)
+        numbers = self._target(parts[0])
+        if kind in ("PTP", "SPTP"):
+            self._joint(numbers)
+        elif kind in ("LIN", "SLIN"):
+            self.moves.straight(self._pose(numbers), self._speed(), self.line)
+        elif kind == "SPL":
+            if self.spline is None:
+                raise self.error("SPL outside of SPLINE is not read")
+            self.spline.append(self._pose(numbers))
+        else:
+            self._circle(numbers, parts[1:])
+
+    def _joint(self, numbers: dict[str, float]) -> None:
+        if numbers.keys() & set(AXES):
+            note = "joint moves to axis values are left out: where they take the tip is not known"
+            self.moves.log.note(note, self.line)
+            self.moves.lose()
+        else:
+            self.moves.rapid(self._pose(numbers), self.line)
+
+    def _circle(self, via: dict[str, float], parts: list[str]) -> None:
+        if not parts:
+            raise self.error("circle has no end position")
+        middle = np.array([{**self.last, **via}.get(key, math.nan) for key in PLACE])
+        if np.isnan(middle).any():
+            raise self.error("circle has no middle position")
+        words = re.search(rf"\bCA\s*=?\s*({NUMBER})", " ".join(parts))
+        angle = math.radians(float(words.group(1))) if words else None
+        self.moves.circle(middle, self._pose(self._target(parts[0])), self._speed(), self.line, angle=angle)
+
+    def _speed(self) -> float:
+        if self.feed <= 0.0:
+            self.moves.log.note("cutting moves before any speed $VEL.CP have none", self.line)
+        return self.feed
+
+    def _call(self, statement: str) -> None:
+        """Carry out a program of the file, or NAME.src beside it; note calls of others."""
+        called = CALL.match(statement).group(1)  # type: ignore[union-attr]
+        if called not in self.programs:
+            beside = next((path for end in (".src", ".SRC") for word in (called, called.lower())
+                           if (path := self.file.with_name(word + end)).is_file()), None)  # fmt: skip
+            if beside is not None:
+                self._find_programs(list(split_lines(read_bounded(beside))), beside)
+        if called not in self.programs:
+            note = f"call of {called[:24]}() is not read: it is neither here nor beside the file"
+            self.moves.log.note(note, self.line)
+            return
+        if self.blocks or self.depth >= DEEPEST:
+            raise self.error(f"call of {called}() in a loop, a branch or too deep; write the moves out")
+        lines, first, file = self.programs[called]
+        here, at, self.file = self.line, self.file, file
+        if file != at:
+            self._load_data(file)
+        self.depth += 1
+        self._run_lines(lines, first)
+        self.depth -= 1
+        self.line, self.file = here, at
+
+
+def split_positions(text: str) -> list[str]:
+    """Split the arguments of a move at commas outside of braces."""
+    parts, depth, start = [], 0, 0
+    for index, letter in enumerate(text):
+        depth += (letter == "{") - (letter == "}")
+        if letter == "," and depth == 0:
+            parts.append(text[start:index])
+            start = index + 1
+    return [*parts, text[start:]]
+
+
+def _clean(raw: str) -> str:
+    """Return a statement in capitals, without its comment."""
+    text = raw.partition(";")[0].strip()
+    return "" if text.startswith("&") else text.upper()
+
+
+def _pose(numbers: dict[str, float]) -> Array:
+    """Return the pose of X Y Z A B C: R = Rz(A) Ry(B) Rx(C)."""
+    rotation = Rotation.from_euler("ZYX", [numbers[key] for key in ANGLES], degrees=True).as_matrix()
+    return make_pose(np.array([numbers[key] for key in PLACE]), rotation)

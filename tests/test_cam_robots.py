@@ -1,0 +1,196 @@
+"""KRL and RAPID programs as toolpaths; every figure follows by hand from the program's text."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compplan.errors import InputError
+from compplan.path.cam import CamFile, CamTable, read_cam
+
+KRL = "&ACCESS RVP\n&REL 1\nDEF part( )\n;FOLD INI\nINTERRUPT ON 3\nBAS (#INITMOV,0)\n;ENDFOLD\n{}\nEND\n"
+DOWN = "A 0,B 180,C 0"  # z of the TCP frame points down: the tool axis is 0 0 1
+RAPID = "%%%\n  VERSION:1\n  LANGUAGE:ENGLISH\n%%%\nMODULE part\n{}\nPROC main()\n{}\nENDPROC\nENDMODULE\n"
+REST = ",[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+
+
+@pytest.fixture
+def read(tmp_path: Path):
+    def read_text(text: str, suffix: str, **options: object) -> CamFile:
+        file = tmp_path / f"part{suffix}"
+        file.write_text(text)
+        return read_cam(file, CamTable.model_validate({"tool_direction": "z", **options}))
+
+    return read_text
+
+
+@pytest.fixture
+def krl(read):
+    return lambda body, **options: read(KRL.format(body), ".src", **options)
+
+
+@pytest.fixture
+def rapid(read):
+    return lambda data, body, **options: read(RAPID.format(data, body), ".mod", **options)
+
+
+def tips(cam: CamFile) -> list[list[float]]:
+    return (cam.toolpath.position * 1e3).round(6).tolist()
+
+
+def target(x: float, y: float, z: float, turn: str = "0,0,1,0") -> str:
+    return f"[[{x},{y},{z}],[{turn}]{REST}"
+
+
+def test_krl_moves_are_read_with_their_speed(krl) -> None:
+    cam = krl(
+        f"$VEL.CP=0.05\n$VEL.ORI1=200\nPTP {{E6POS: X 0,Y 0,Z 50,{DOWN},S 2,T 3,E1 0.0}} C_PTP\n"
+        f"LIN {{X 0,Y 0,Z 0,{DOWN}}} C_DIS ; down\n"
+        "$VEL = {CP 0.1,ORI1 200}\nLIN {X 30.0,Y 40.0}\nBAS(#VEL_CP,0.2)\nlin {y 41,z 1E+1}\n"
+    )
+    assert tips(cam) == [[0, 0, 50], [0, 0, 0], [30, 40, 0], [30, 41, 10]]
+    assert cam.toolpath.feed.tolist() == pytest.approx([0, 0.05, 0.1, 0.2])
+    assert cam.toolpath.rapid.tolist() == [True, False, False, False]
+    assert cam.toolpath.axis == pytest.approx(np.tile([0, 0, 1], (4, 1)), abs=1e-12)
+    assert (cam.facts.kind, cam.facts.cutting_moves, cam.facts.notes) == ("krl", 3, ())
+
+
+def test_krl_orientation_is_z_y_x_and_the_tool_points_where_it_is_told(krl) -> None:
+    body = "$VEL.CP=0.05\nPTP {X 0,Y 0,Z 0,A 90,B 30,C 0}\nLIN {X 10}\n"
+    # Rz(90) Ry(30): x goes to (0, cos 30, -sin 30), z to (0, sin 30, cos 30)
+    assert krl(body).toolpath.axis[-1] == pytest.approx([0, -0.5, -np.sqrt(0.75)])
+    assert krl(body, tool_direction="x").toolpath.axis[-1] == pytest.approx([0, -np.sqrt(0.75), 0.5])
+    assert "is taken to point out of the tool" in krl(body, tool_direction=None).facts.notes[0]
+
+
+def test_krl_circles_go_through_their_middle(krl) -> None:
+    start = f"$VEL.CP=0.05\nPTP {{X 10,Y 0,Z 0,{DOWN}}}\n"
+    cam = krl(start + "CIRC {X 0,Y 10,Z 0},{X -10,Y 0,Z 0} C_DIS\n")
+    assert cam.facts.arcs == 1 and cam.facts.cutting_length_mm == pytest.approx(10 * np.pi)
+    assert cam.toolpath.position[:, 1].max() == pytest.approx(0.01) and tips(cam)[-1] == [-10, 0, 0]
+    short = krl(start + "CIRC {X 7.0710678,Y -7.0710678},{X 0,Y -10}\n")
+    assert short.facts.cutting_length_mm == pytest.approx(5 * np.pi, rel=1e-6)
+    full = krl(start + "CIRC {X 0,Y 10,Z 0},{X -10,Y 0,Z 0},CA 360\n")
+    assert full.facts.cutting_length_mm == pytest.approx(20 * np.pi) and tips(full)[-1] == pytest.approx([10, 0, 0])
+    with pytest.raises(InputError, match=r"part.src:10: start, middle and end of a circle lie on a line"):
+        krl(start + "CIRC {X 20,Y 0,Z 0},{X 30,Y 0,Z 0}\n")
+
+
+def test_krl_turning_arcs_are_one_move_that_turns_evenly(krl) -> None:
+    cam = krl(f"$VEL.CP=0.05\nPTP {{X 10,Y 0,Z 0,{DOWN}}}\nCIRC {{X 0,Y 10,Z 0}},{{X -10,Y 0,Z 0,A 0,B 120,C 0}}\n")
+    assert (cam.facts.cutting_moves, cam.facts.arcs) == (1, 1)
+    assert cam.facts.cutting_length_mm == pytest.approx(10 * np.pi)
+    halfway = np.abs(cam.toolpath.position[:, 0]).argmin()
+    assert cam.toolpath.axis[halfway] == pytest.approx([-0.5, 0, np.sqrt(0.75)], abs=0.02)
+    assert cam.toolpath.axis[-1] == pytest.approx([-np.sqrt(0.75), 0, 0.5])
+
+
+def test_krl_splines_pass_through_their_points(krl) -> None:
+    points = "".join(f"SPL {{X {x},Y {y}}}\n" for x, y in ((10, 5), (20, 0), (30, -5)))
+    cam = krl(f"$VEL.CP=0.05\nPTP {{X 0,Y 0,Z 0,{DOWN}}}\nSPLINE\n{points}ENDSPLINE\n")
+    near = [np.hypot(cam.toolpath.position[:, 0] * 1e3 - x, cam.toolpath.position[:, 1] * 1e3 - y).min() for x, y in
+            ((10, 5), (20, 0), (30, -5))]  # fmt: skip
+    assert max(near) < 1e-9 and "(assumed: the controller's own is not published)" in cam.facts.notes[0]
+
+
+def test_krl_positions_and_bases_come_from_the_data_beside_and_subprograms_are_followed(krl, tmp_path: Path) -> None:
+    (tmp_path / "part.dat").write_text(
+        f"DEFDAT part\nDECL E6POS XP1={{X 1.0,Y 2.0,Z 3.0,{DOWN},S 2,T 10,E1 0.0}}\nENDDAT\n"
+    )
+    (tmp_path / "cut.src").write_text("DEF cut()\nLIN {X 9}\nEND\n")
+    cam = krl("$VEL.CP=0.05\nPTP XP1\ncut()\nother()\nLIN XP1 C_DIS\n")
+    assert tips(cam) == [[1, 2, 3], [9, 2, 3], [1, 2, 3]]
+    assert [note.split(": ", 1)[1] for note in cam.facts.notes] == [
+        "call of OTHER() is not read: it is neither here nor beside the file"
+    ]
+
+
+def test_krl_bases_that_change_are_followed_where_they_are_known(krl) -> None:
+    frames = "BASE_DATA[1]={X 100,Y 0,Z 0,A 0,B 0,C 0}\nBASE_DATA[2]={FRAME: X 100,Y 50,Z 0,A 90,B 0,C 0}\n"
+    body = f"$VEL.CP=0.05\n$BASE=BASE_DATA[1]\nPTP {{X 0,Y 0,Z 0,{DOWN}}}\nBAS(#BASE,2)\nLIN {{X 10,Y 0,Z 0,{DOWN}}}\n"
+    assert tips(krl(frames + body))[-1] == [0, 60, 0]
+    with pytest.raises(InputError, match=r"part.src:11: base changes from BASE_DATA\[1\] to BASE_DATA\[2\], and their"):
+        krl(body)
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ("LIN_REL {X 5}", "LIN_REL"), ("FOR I=1 TO 3\nLIN {X 5}\nENDFOR", "stands in a loop or a branch"),
+        ("LIN PT[I]", r"position 'PT\[I\]' is not known"), ("LIN {X 5+A}", "position 'X 5"),
+        ("LIN {X 1O}", "position 'X 1O'"),
+        ("LIN {X 1,X 2}", "each once"), ("GOTO M1", "GOTO is not read"), ("$IPO_MODE=#TCP", "in the robot's hand"),
+        ("SPLINE\nSLIN {X 5}\nENDSPLINE", "SLIN within SPLINE"), ("LIN {X 1E30}", "coordinate X 1E30"),
+        ("CIRC {X 0,Y 10}", "circle has no end"), ("PTP {A1 0,A2 0}\nCIRC {X 0,Y 10},{X -10}", "not known"),
+    ],
+)  # fmt: skip
+def test_krl_that_cannot_be_followed_is_refused(krl, line: str, sentence: str) -> None:
+    with pytest.raises(InputError, match=f"part.src:1[01]: .*{sentence}"):
+        krl(f"$VEL.CP=0.05\nPTP {{X 10,Y 0,Z 0,{DOWN}}}\n{line}\nLIN {{X 20,Y 0,Z 0}}\n")
+
+
+def test_rapid_moves_are_read_with_their_speed(rapid) -> None:
+    data = f"CONST robtarget p10:={target(0, 0, 50)};\nPERS speeddata vCut:=[25,500,5000,1000];\nPERS num n:=0;"
+    cam = rapid(
+        data,
+        f"ConfL\\Off;\nMoveJ p10,v1000,z10,tMill\\WObj:=wPart;\n"
+        f"MoveL {target(0, 0, 0)},v50,z1,tMill\\WObj:=wPart; ! in\n"
+        f'TPWrite "MoveL; !";\nMoveL Offs(p10,30,40,\n-50),vCut,fine,tMill\\WObj:=wPart;\n'
+        f"MoveL {target(30, 41, 0)},v50\\V:=10,z0,tMill\\WObj:=wPart;SetDO a,1;\n",
+    )
+    assert tips(cam) == [[0, 0, 50], [0, 0, 0], [30, 40, 0], [30, 41, 0]]
+    assert cam.toolpath.feed.tolist() == pytest.approx([0, 0.05, 0.025, 0.01])
+    assert cam.toolpath.axis[-1] == pytest.approx([0, 0, 1], abs=1e-12)
+    assert (cam.facts.kind, cam.facts.cutting_moves, cam.facts.notes) == ("rapid", 3, ())
+
+
+def test_rapid_quaternions_begin_with_their_scalar(rapid) -> None:
+    turned = f"0,{np.cos(np.radians(15)):.9f},0,{np.sin(np.radians(15)):.9f}"  # z goes to (sin 30, 0, -cos 30)
+    cam = rapid("", f"MoveJ {target(0, 0, 0, turned)},v50,fine,t;\nMoveL {target(9, 0, 0, turned)},v50,fine,t;\n")
+    assert cam.toolpath.axis[-1] == pytest.approx([-0.5, 0, np.sqrt(0.75)])
+
+
+def test_rapid_circles_and_procedures_are_followed(rapid) -> None:
+    data = f"PROC Path_10()\nMoveC {target(0, 10, 0)},{target(-10, 0, 0)},v20,z1,t;\nENDPROC"
+    cam = rapid(data, f"MoveJ {target(10, 0, 0)},v50,fine,t;\nPath_10;\n")
+    assert cam.facts.arcs == 1 and cam.facts.cutting_length_mm == pytest.approx(10 * np.pi)
+    assert cam.toolpath.position[:, 1].max() == pytest.approx(0.01)
+
+
+def test_rapid_work_objects_that_change_are_followed_where_they_are_known(rapid) -> None:
+    objects = (
+        'PERS wobjdata w1:=[FALSE,TRUE,"",[[100,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\n'
+        'PERS wobjdata w2:=[FALSE,TRUE,"",[[100,0,0],[1,0,0,0]],[[0,50,0],[0.707106781,0,0,0.707106781]]];'
+    )
+    body = f"MoveJ {target(0, 0, 0)},v50,fine,t\\WObj:=w1;\nMoveL {target(10, 0, 0)},v50,fine,t\\WObj:=w2;\n"
+    assert tips(rapid(objects, body))[-1] == [0, 60, 0]
+    with pytest.raises(InputError, match=r"work object changes from W1 to W2, and their places are not both known"):
+        rapid("", body)
+    with pytest.raises(InputError, match=r"work object W1 is held by the robot"):
+        rapid(objects.replace("[FALSE,TRUE", "[TRUE,TRUE", 1), body)
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ("MoveL p99,v50,fine,t;", "target 'P99' is not known"), ("MoveL {},vX,fine,t;", "speed 'VX' is not known"),
+        ("FOR i FROM 1 TO 3 DO\nMoveL {},v50,fine,t;\nENDFOR", "stands in a loop or a branch"),
+        ("IF a=1 MoveL {},v50,fine,t;", "holds a move in a branch"), ("MoveL {},v50\\T:=3,fine,t;", "with a time"),
+        ("MoveL [[1,2,x],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v50,fine,t;", "'X' is no number"),
+        ("MoveL [[1,2,3],[0,0,2,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v50,fine,t;", "has length 2, expected 1"),
+        ("PDispOn p1,p2,t;", "PDISPON is not read"), ("MoveL {};", "with 1 arguments"), ("GOTO a;", "GOTO"),
+    ],
+)  # fmt: skip
+def test_rapid_that_cannot_be_followed_is_refused(rapid, line: str, sentence: str) -> None:
+    body = line.replace("{}", target(5, 0, 0))
+    with pytest.raises(InputError, match=f"part.mod:[89]|part.mod:10.*{sentence}") as fault:
+        rapid("", f"MoveJ {target(0, 0, 0)},v50,fine,t;\n{body}\nMoveL {target(9, 0, 0)},v50,fine,t;\n")
+    assert sentence in str(fault.value)
+
+
+def test_robot_programs_of_unknown_suffix_are_known_by_their_text(read) -> None:
+    assert read(KRL.format("$VEL.CP=1\nPTP {X 0,Y 0,Z 0,A 0,B 0,C 0}\nLIN {X 1}"), ".txt").facts.kind == "krl"
+    body = f"MoveJ {target(0, 0, 0)},v50,fine,t;\nMoveL {target(1, 0, 0)},v50,fine,t;"
+    assert read(RAPID.format("", body), ".txt").facts.kind == "rapid"
