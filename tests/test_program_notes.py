@@ -43,6 +43,14 @@ def test_a_program_for_another_brand_is_refused(controller: str, language: str, 
         check_brand(controller, language)
 
 
+def test_a_program_from_arrays_is_refused_too_unless_any_brand_will_do(tmp_path: Path) -> None:
+    program = replace(make_program(tmp_path / "cell", "krl"), controller="Universal Robots CB3")
+    with pytest.raises(InputError, match="krl is the language of KUKA"):
+        write_program(program, "krl", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    assert write_program(program, "krl", tmp_path / "out", any_brand=True)
+
+
 def test_a_job_that_asks_for_another_brand_leaves_with_2_and_writes_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
