@@ -30,6 +30,7 @@ COMMANDS = {
     "diagnose": "compplan.commands.diagnose",
     "predict": "compplan.commands.predict",
     "convert": "compplan.commands.convert",
+    "post": "compplan.commands.post",
     "reproduce": "compplan.commands.reproduce",
     "place": "compplan.commands.place",
     "init": "compplan.commands.init",

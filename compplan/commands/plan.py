@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from compplan.errors import InfeasibleError
 from compplan.files.tables import dump_json
+
+if TYPE_CHECKING:
+    from compplan.job.job import Job
 
 
 @click.command()
@@ -16,16 +21,33 @@ from compplan.files.tables import dump_json
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (plan.json) to stdout.")
 def command(job: Path, folder: Path, as_json: bool) -> None:
     """Plan JOB: write plan.json, joints.csv, report.html and native programs."""
-    from compplan.commands.progress import show_progress
     from compplan.job.job import load_job
+
+    carry_out(load_job(job), folder, as_json=as_json)
+
+
+def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
+    """Plan a job, write what came of it, and say so.
+
+    Args:
+        job: The job.
+        folder: Folder to write to.
+        as_json: Whether plan.json is printed in place of sentences.
+        note: What the plan's notes begin with, "" for nothing.
+
+    Raises:
+        InfeasibleError: If the plan is not what was asked for; it is written all the same.
+
+    """
+    from compplan.commands.progress import show_progress
     from compplan.outputs.plan import note_programs, summarise_plan, write_plan
     from compplan.plan.plan import plan_job
     from compplan.report.style import format_length
 
-    checked = load_job(job)
     with show_progress() as announce:
         announce("plan: posture, compensation, timing, virtual cell")
-        plan = note_programs(plan_job(checked))
+        plan = note_programs(plan_job(job))
+        plan = replace(plan, notes=(note, *plan.notes)) if note else plan
         announce("write: programs, joints.csv, report.html")
         files = write_plan(plan, folder)
     if as_json:

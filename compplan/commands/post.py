@@ -1,0 +1,76 @@
+"""`compplan post`: from a CAM file to the corrected robot program, in one command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from compplan.errors import InputError
+from compplan.files.tomlfile import read_toml
+
+
+@click.command()
+@click.argument("camfile", type=click.Path(path_type=Path))
+@click.option("--robot", required=True, help="A folder in robots/ or a path.")
+@click.option("--part", required=True, metavar="X,Y,Z[,RX,RY,RZ] | FILE", help="Part frame, mm and rotation vector.")
+@click.option("--tool", metavar="FILE", help="TOML file as [tool] of a job; left out: the robot folder's TCP.")
+@click.option("--process", metavar="FILE", help="TOML file as [process] of a job; left out: no force is predicted.")
+@click.option("--program", "programs", multiple=True, required=True, help="Language; may be given more than once.")
+@click.option("--cam", metavar="FILE", help="TOML file as [cam] of a job: how the file is read.")
+@click.option("--plan", "wishes", metavar="FILE", help="TOML file as [plan] of a job: strategy, tolerance, posture.")
+@click.option("--out", "folder", type=click.Path(path_type=Path), help="Folder to write to (CAMFILE_program).")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary (plan.json) to stdout.")
+def command(
+    camfile: Path, robot: str, part: str, tool: str | None, process: str | None, programs: tuple[str, ...],
+    cam: str | None, wishes: str | None, folder: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Read CAMFILE, plan it and write the programs, plan.json, joints.csv and report.html."""
+    from compplan.commands.plan import carry_out
+    from compplan.job.job import check_job
+
+    folder = folder or camfile.with_name(f"{camfile.stem}_program")
+    data: dict[str, Any] = {
+        "schema": 1,
+        "name": camfile.stem,
+        "robot": str(Path(robot).resolve()) if Path(robot).is_dir() else robot,
+        "toolpath": str(camfile.resolve()),
+        "part": read_part(part),
+        "process": {"model": "constant", "force_N": [0.0, 0.0, 0.0]},
+        "output": {"programs": list(programs)},
+    }
+    for name, file in (("tool", tool), ("process", process), ("cam", cam), ("plan", wishes)):
+        if file is not None:
+            data[name] = read_part_of_job(name, file)
+    note = "No --process is given: no force is predicted, the arm bends under weights alone." if process is None else ""
+    carry_out(check_job(data, folder.resolve() / f"{camfile.stem}.toml"), folder, as_json=as_json, note=note)
+
+
+def read_part(text: str) -> dict[str, Any]:
+    """Read the value of --part: three or six numbers, or a file.
+
+    Raises:
+        InputError: If it is neither.
+
+    """
+    if Path(text).suffix == ".toml":
+        return read_part_of_job("part", text)
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (3, 6):
+        raise InputError(f"--part is {text!r}, expected X,Y,Z in mm, or X,Y,Z,RX,RY,RZ with a rotation vector in deg")
+    return {"position_mm": numbers[:3], "rotation_deg": numbers[3:] or [0.0, 0.0, 0.0]}
+
+
+def read_part_of_job(name: str, file: str) -> dict[str, Any]:
+    """Read a table of a job from a file of its own, or from the job that it stands in."""
+    data = read_toml(file)
+    table = data.get(name, data)
+    if not isinstance(table, dict):
+        raise InputError(f"is {table!r}, expected a table", file=file, where=name)
+    if "file" in table:
+        table = {**table, "file": str((Path(file).parent / str(table["file"])).resolve())}
+    return table
