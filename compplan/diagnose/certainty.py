@@ -16,8 +16,8 @@ TEMPER = 2.0
 #: The map from evidence to log odds, fitted by penalised logistic regression to the claims of the development suite
 #: (benchmarks/calibrate_certainty.py): constant, margin (arsinh of it over its scale), share of halves that repeat the
 #: claim, logarithm of the number of free values, and logarithm of what it explains beside the others over what all of
-#: them leave, and what is left over the gap. No weight may be negative.
-CONSTANT, MARGIN, REPEATED, FREE, APART, LEFT = -0.19, 0.17, 0.57, 0.82, 0.90, 0.44
+#: them leave. No weight may be negative.
+CONSTANT, MARGIN, REPEATED, FREE, APART = -0.32, 0.17, 0.57, 0.82, 0.97
 MARGIN_SCALE, LEAST_MARGIN = 5.0, -20.0
 #: Beyond these, what a claim explains over what is left tells no more (assumed).
 LEAST_APART, MOST_APART = 0.7, 2.0
@@ -53,10 +53,10 @@ class Evidence:
 
 
 def features_of(evidence: Evidence) -> Array:
-    """Return what the map weighs: margin, repetition, freedom, size beside what is left, what is left. Shape (5,)."""
+    """Return what the map weighs: margin, repetition, freedom, size beside what is left. Shape (4,)."""
     margin = np.arcsinh(max(min(evidence.margin, evidence.plain), LEAST_MARGIN) / MARGIN_SCALE)
     apart = np.log(np.clip(evidence.apart, LEAST_APART, MOST_APART))
-    return np.array([margin, evidence.repeated, -np.log(evidence.free), apart, -min(evidence.left, 1.0)])
+    return np.array([margin, evidence.repeated, -np.log(evidence.free), apart])
 
 
 def rate_certainty(evidence: Evidence) -> float:
@@ -65,6 +65,6 @@ def rate_certainty(evidence: Evidence) -> float:
     Args:
         evidence: What the claim shows.
     """
-    weights = np.array([MARGIN, REPEATED, FREE, APART, LEFT])
+    weights = np.array([MARGIN, REPEATED, FREE, APART])
     odds = CONSTANT + weights @ features_of(evidence)
     return float(np.clip(expit(odds), 0.0, MOST_SURE))
