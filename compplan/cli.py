@@ -14,7 +14,7 @@ from pathlib import Path
 
 import click
 
-from compplan.errors import CompplanError
+from compplan.errors import CompplanError, InputError
 from compplan.files.origin import record_inputs
 from compplan.version import VERSION
 
@@ -94,8 +94,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         os.environ.setdefault("PYTHONWARNINGS", "ignore")  # of worker processes
     previous = signal.signal(signal.SIGTERM, _leave_on_term)
     try:
+        words = list(sys.argv[1:] if arguments is None else arguments)
+        if "" in words:
+            raise InputError("an argument is empty, expected a name or a path")
         with record_inputs():
-            status = group.main(None if arguments is None else list(arguments), standalone_mode=False)
+            status = group.main(words, standalone_mode=False)
     except (KeyboardInterrupt, click.Abort):
         click.echo("interrupted", err=True)
         sys.exit(130)
