@@ -103,7 +103,11 @@ def follow_spline(task: PlanTask, q: Array, time: Array, moves: NDArray[np.int_]
         mine = np.flatnonzero((moves >= first) & (moves < last))
         if not len(mine) or last - first < 2:
             continue
-        curve = CubicSpline(time[first : last + 1], q[first : last + 1], bc_type="clamped")
+        run = np.arange(first, last + 1)
+        run = run[np.r_[True, np.diff(time[run]) > 0.0]]  # two rows at one place take no time
+        if len(run) < 2:
+            continue
+        curve = CubicSpline(time[run], q[run], bc_type="clamped")
         found[mine] = curve(time[moves[mine]] * (1 - share) + time[moves[mine] + 1] * share)
     return found
 
