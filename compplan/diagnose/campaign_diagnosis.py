@@ -17,7 +17,7 @@ from compplan.diagnose.result import Candidate, Diagnosis, Gap
 from compplan.diagnose.search import Claim, distinct_places
 from compplan.diagnose.state import Fit, Problem, State, advance_state, attain_state, stands
 from compplan.diagnose.verdict import Finding, Verdict, reach_verdict
-from compplan.effects import EFFECTS, Effect, attain_scene, fold_effects, robot_effects
+from compplan.effects import Effect, attain_scene, fold_effects, is_of_instrument, robot_effects
 from compplan.effects.linearization import Place
 from compplan.effects.scene import Scene
 from compplan.errors import InputError
@@ -159,7 +159,7 @@ def choose_update(folds: Folds, verdict: Verdict, plain: HeldOut) -> tuple[State
 
 def of_instrument(effect: Effect) -> bool:
     """Tell whether an effect is no part of the robot: instrument, sensor or clock. It is delivered only where named."""
-    return bool(getattr(EFFECTS[effect.name], "of_instrument", False))
+    return is_of_instrument(effect.name)
 
 
 def _with_sizes(verdict: Verdict, state: State) -> Verdict:

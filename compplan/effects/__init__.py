@@ -87,8 +87,13 @@ EFFECTS: dict[str, ModuleType] = {
 
 __all__ = [
     "EFFECTS", "Attained", "Effect", "Scene", "Signature", "apply_effects", "attain_scene", "command_campaign",
-    "fold_effects", "robot_effects", "stage_scene",
+    "fold_effects", "is_of_instrument", "robot_effects", "stage_scene",
 ]  # fmt: skip
+
+
+def is_of_instrument(name: str) -> bool:
+    """Tell whether the instrument, a sensor or a clock has an effect, so that the tool itself goes right."""
+    return bool(getattr(EFFECTS[name], "of_instrument", False))
 
 
 def _in_order(effects: Iterable[Effect]) -> list[Effect]:

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from compplan.effects import EFFECTS, apply_effects, attain_scene, command_campaign, robot_effects, stage_scene
+from compplan.effects import (
+    apply_effects,
+    attain_scene,
+    command_campaign,
+    is_of_instrument,
+    robot_effects,
+    stage_scene,
+)
 from compplan.robot import Array, Robot
 
 
@@ -14,6 +21,6 @@ def attain_with_effects(robot: Robot, q: Array, wrench: Array, step_time: Array)
     The rows are passed in order at the programmed feed; the state is the one after the last shift.
     """
     campaign = command_campaign(q, wrench, time=np.r_[0.0, np.cumsum(step_time)])
-    effects = [effect for effect in robot_effects(robot) if not getattr(EFFECTS[effect.name], "of_instrument", False)]
+    effects = [effect for effect in robot_effects(robot) if not is_of_instrument(effect.name)]
     attained = attain_scene(apply_effects(stage_scene(robot, campaign, later=True), effects))
     return attained.position, attained.rotation

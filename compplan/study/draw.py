@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from compplan.effects import EFFECTS, fold_effects, robot_effects
+from compplan.effects import fold_effects, is_of_instrument, robot_effects
 from compplan.effects.attained import attain_with_effects
 from compplan.job.noise import EffectNoise, NoiseTable
 from compplan.plan.task import PlanTask
@@ -174,7 +174,7 @@ def move_by_effect(task: PlanTask, entry: EffectNoise) -> Array:
     """
     table = entry.model_dump(exclude_none=True)
     (effect,) = robot_effects(replace(task.robot, effects=(table,), folder=None))
-    if getattr(EFFECTS[effect.name], "of_instrument", False):
+    if is_of_instrument(effect.name):
         return np.zeros((len(task), 3))
     with_it, without = (
         attain_with_effects(robot, task.q_start, task.wrench, task.step_time)[0]
