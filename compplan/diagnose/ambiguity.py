@@ -15,12 +15,14 @@ from compplan.effects.linearization import Place
 from compplan.effects.signature import Signature
 from compplan.robot import Array
 
-#: Two effects cannot be told apart if one explains this share of what the other does, frames fitted to both,
+#: Two effects cannot be told apart if one explains this share of what the other does, frames fitted to both (assumed),
 ALIKE = 0.975
-#: or if what it leaves of the other is this small: sum of squares over the campaign, in units of the noise variance.
+#: or if what it leaves of the other is this small: sum of squares over the campaign, in units of the noise variance
+#: (theory: four standard deviations, log odds of 8).
 BELOW_NOISE = 16.0
-#: Where frames explain all but this share of an effect, the whole of it counts.
+#: Where frames explain all but this share of an effect, the whole of it counts (assumed).
 LEFT_BY_FRAMES = 0.02
+#: Rivals of a claim that are kept at most, in each of three lists (assumed).
 MOST_RIVALS = 8
 
 

@@ -18,7 +18,7 @@ from compplan.effects.signature import Signature
 from compplan.robot import Array
 
 CLASSES = ("zeros", "lengths", "compliances", "bending", "waves", "hysteresis", "warm-up")
-#: Class and scale of the background of each effect, in units of the signature's own scale.
+#: Class and scale of the background of each effect, in units of the signature's own scale (assumed).
 BACKGROUND: dict[str, tuple[str, float]] = {
     "joint_offset": ("zeros", 0.05),
     "link_geometry": ("lengths", 0.1),

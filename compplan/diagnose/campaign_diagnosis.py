@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from compplan.diagnose.certainty import MOST_SURE
 from compplan.diagnose.channels import position_residual
 from compplan.diagnose.conventions import find_conventions
 from compplan.diagnose.doubt import raise_doubt
@@ -32,6 +33,8 @@ WORTH_IT, WORTH_MORE = 0.01, 0.02
 RANKED = 12
 #: Fewest rows that a campaign needs (assumed: twice the frames of base and tool).
 FEWEST_ROWS = 12
+#: Log odds of a convention that was found beforehand: beyond doubt (assumed).
+CONVENTION_MARGIN = 100.0
 
 
 def diagnose_campaign(
@@ -81,7 +84,8 @@ def _register(problem: Problem, campaign: Campaign) -> tuple[Registration | None
 
 def _with_conventions(verdict: Verdict, problem: Problem, known: int) -> Verdict:
     """Put conventions that were found beforehand first among the findings."""
-    found = tuple(Finding(effect, 0.99, float("inf"), 100.0, (), 1.0, -1) for effect in problem.fixed[known:])
+    beforehand = problem.fixed[known:]
+    found = tuple(Finding(e, MOST_SURE, float("inf"), CONVENTION_MARGIN, (), 1.0, -1) for e in beforehand)
     if not found:
         return verdict
     status = {"none": "explained", "unknown": "partly_explained"}.get(verdict.status, verdict.status)

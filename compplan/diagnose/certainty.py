@@ -14,10 +14,11 @@ MOST_SURE = 0.99
 #: Log odds are divided by this: evidence of real campaigns is less sharp than its model (assumed).
 TEMPER = 2.0
 #: The map from evidence to log odds, fitted by penalised logistic regression to the claims of the development suite
-#: (benchmarks/calibrate_certainty.py): constant, margin (arsinh of it over its scale), share of halves that repeat the
-#: claim, logarithm of the number of free values, and logarithm of what it explains beside the others over what all of
-#: them leave. No weight may be negative.
+#: (study: python -m benchmarks.calibrate_certainty): constant, margin (arsinh of it over its scale), share of halves
+#: that repeat the claim, logarithm of the number of free values, and logarithm of what it explains beside the others
+#: over what all of them leave. No weight may be negative.
 CONSTANT, MARGIN, REPEATED, FREE, APART = -0.32, 0.17, 0.57, 0.82, 0.97
+#: Margins beyond the first count by their logarithm alone; those below the second tell no more (assumed).
 MARGIN_SCALE, LEAST_MARGIN = 5.0, -20.0
 #: Beyond these, what a claim explains over what is left tells no more (assumed).
 LEAST_APART, MOST_APART = 0.7, 2.0

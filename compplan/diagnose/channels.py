@@ -19,8 +19,12 @@ from compplan.effects.scene import Attained, Scene
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array
 
-#: Neighbouring samples of a path share an error: a path is cut into about so many blocks, none shorter than the second.
+#: Neighbouring samples of a path share an error: a path is cut into about so many blocks, none shorter than the second
+#: (assumed).
 PATH_BLOCKS, SHORTEST_BLOCK = 16, 8
+#: An encoder is used where it is known in more than this share of the rows; an orientation, in more rows than this
+#: (assumed).
+MOSTLY_KNOWN, FEW_ROWS = 0.5, 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +98,7 @@ def build_channels(
             campaign.q if campaign.motor is None else np.where(np.isfinite(campaign.motor), campaign.motor, campaign.q)
         )
         seen = campaign.link - motor - (attained.link - attained.motor)
-        known = np.isfinite(campaign.link).all(0) | (np.isfinite(campaign.link).mean(0) > 0.5)
+        known = np.isfinite(campaign.link).all(0) | (np.isfinite(campaign.link).mean(0) > MOSTLY_KNOWN)
         rows = np.flatnonzero(use & ~campaign.link_controlled & np.isfinite(seen[:, known]).all(1) & known.any())
         channels.append(Channel("encoder", rows, np.where(known, seen, 0.0)[rows], block[rows], noises["encoder"]))
     return tuple(channel for channel in channels if len(channel.rows))
@@ -117,7 +121,7 @@ def estimate_noises(campaign: Campaign, attained: Attained, repeatability: float
         turn = np.full((len(campaign), 3), np.nan)
         product = campaign.rotation[known] @ np.swapaxes(attained.rotation[known], 1, 2)
         turn[known] = Rotation.from_matrix(product).as_rotvec() if known.any() else np.zeros((0, 3))
-        if known.sum() > 5:
+        if known.sum() > FEW_ROWS:
             noises["orientation"] = estimate_noise(campaign, turn, campaign.sigma_rotation, "orientation")
     if campaign.link is not None and np.isfinite(campaign.link).any():
         noises["encoder"] = estimate_noise(campaign, campaign.link - attained.link, None, "encoder")

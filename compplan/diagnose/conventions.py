@@ -15,13 +15,16 @@ from compplan.measure.campaign import Campaign
 from compplan.measure.registration import fit_registration, stated_registration
 from compplan.robot import Array, Robot
 
-#: A gap of this size calls for a wrong convention [m]; a convention has to leave less than this share of it.
+#: A gap of this size calls for a wrong convention [m]; a convention has to leave less than this share of it (assumed).
 SUSPICIOUS, CONVINCING = 5e-3, 0.3
-#: Rows that are compared.
+#: Rows that are compared (assumed: enough for a median).
 SAMPLE = 400
+#: Ratios of two coupled axes that are tried (assumed: those that controllers have).
 PAIRS = (-1.0, 1.0)
-#: Steps of the search for a ratio or a zero, the longest of them, and the nudge of its derivative.
-STEPS, LONGEST_STEP, NUDGE = 12, 0.3, 1e-5
+#: Steps of the search for a ratio or a zero, the longest of them, the nudge of its derivative, and the step at which it
+#: has settled (assumed).
+STEPS, LONGEST_STEP, NUDGE, SETTLED = 12, 0.3, 1e-5, 1e-7
+#: Shifts of a joint's zero that are tried (assumed: what the drawings of an arm differ by). [rad]
 ZEROS = (np.pi / 2, -np.pi / 2, np.pi)
 
 
@@ -97,7 +100,7 @@ def size_convention(
         best = min(best, (float(np.median(gap)), here), key=lambda b: b[0])
         weight = 1.0 / np.maximum(gap, float(np.median(gap)))
         step = float(np.sum(weight[:, None] * slope * left) / max(np.sum(weight[:, None] * slope**2), 1e-300))
-        if abs(step) < 1e-7:
+        if abs(step) < SETTLED:
             break
         size += float(np.clip(step, -LONGEST_STEP, LONGEST_STEP))
     return best

@@ -12,9 +12,10 @@ from compplan.diagnose.state import Fit, State, advance_state, attain_state
 from compplan.errors import ConvergenceError
 from compplan.robot import Array
 
-#: Shares of a step that are tried until the exact model gains.
+#: Shares of a step that are tried until the exact model gains (assumed).
 STEPS = (1.0, 0.5, 0.25, 0.1)
-#: Standard deviations at which one value counts no further in the choice of a step (a gross error steers nothing).
+#: Standard deviations at which one value counts no further in the choice of a step (assumed: a gross
+#: error steers nothing).
 FAR_OFF = 8.0
 
 

@@ -22,15 +22,15 @@ from compplan.diagnose.unmodelled import PLAIN_MOTION, unmodelled_signatures
 from compplan.effects.signature import Signature
 
 Indices = NDArray[np.int_]
-#: Logarithm of the size that every class begins with, in noise floors.
+#: Logarithm of the size that every class begins with, in noise floors (assumed: a fifth).
 SMALL = -1.5
-#: Logarithm of the size that they are given where a claim is left out: one noise floor.
+#: Logarithm of the size that they are given where a claim is left out: one noise floor (assumed).
 PLAIN = 0.0
-#: Steps of the fit of noise and classes, first and after a change of claims.
+#: Steps of the fit of noise and classes, first and after a change of claims (assumed).
 STEPS, FURTHER = 40, 8
-#: Changes of the claims that are made at most, from all of them and from none.
+#: Changes of the claims that are made at most, from all of them and from none (assumed).
 MOST_CHANGES, MOST_GROWN = 4, 10
-#: Log posterior that an addition has to gain.
+#: Log posterior that an addition has to gain (assumed).
 WORTHWHILE = 1.0
 
 

@@ -29,17 +29,30 @@ from compplan.robot import Array
 
 #: Sizes that an effect may have, in units of its prior scale; each is as probable as the others (assumed).
 SIZES = (0.1, 0.3, 1.0, 3.0, 10.0, 40.0)
-#: Logarithms of the smallest and largest background, shared error and noise that are fitted.
+#: Logarithms of the smallest and largest background, shared error and error without a name that are fitted (assumed:
+#: far beyond what any campaign has shown).
 TAU_RANGE, SHARED_RANGE, LOOSE_RANGE = (-4.0, 3.0), (-3.5, 4.0), (-4.0, 5.0)
 #: Scale of the half-Cauchy prior of a class's background (assumed).
 TAU_SCALE = 0.7
 #: Classes of one robot are alike: a robot that is slightly wrong is so everywhere. Spread of log tau among them
 #: (assumed).
 TAU_SPREAD = 0.6
-#: Logarithm of the least noise variance, over its estimate, that is looked at.
-LEAST_NOISE = -6.0
-#: Log evidence has settled when a step changes it by less than this.
+#: Logarithms of the noise variance over its estimate: the least that is looked at, and the most, all that was observed
+#: and a factor e within these (assumed).
+LEAST_NOISE, MOST_NOISE = -6.0, (1.0, 12.0)
+#: Log evidence has settled when a step changes it by less than this share (assumed: far below what decides).
 SETTLED = 5e-3
+#: Logarithm of the shared error and of the backgrounds that a fit begins with (assumed: a fifth of their scale).
+START = -1.5
+#: Likely error of the logarithm of a shared error or a background: the unit of a fit's steps (assumed).
+LIKELY = 0.3
+#: Steps of a fit of noise and background at most (assumed: most settle in ten).
+MOST_STEPS = 25
+#: Variance of columns that every model fits freely, in units of their scale (assumed: as good as free).
+FREE_VARIANCE = 1e6
+#: What is added to a matrix that rounding made indefinite, over its trace; how often, and by which factor more
+#: (assumed).
+JITTER, MOST_JITTERS, MORE_JITTER = 1e-13, 8, 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +103,7 @@ class Prior:
         """Return the prior variance of every column. Shape (p,)."""
         tau2 = np.exp(2.0 * log_tau)
         small = np.where(self.background >= 0, tau2[np.maximum(self.background, 0)] * self.spread**2, 0.0)
-        return np.asarray(small + self.slab + 1e6 * self.free)
+        return np.asarray(small + self.slab + FREE_VARIANCE * self.free)
 
     @cached_property
     def active(self) -> NDArray[np.int_]:
@@ -149,11 +162,11 @@ def excess_square(channels: Sequence[ChannelProducts], posterior: Posterior, col
 def start_hyper(ledger: Ledger, classes: int) -> Hyper:
     """Start with the estimated noise, little shared error and little background."""
     c = len(ledger.channels)
-    return Hyper(np.zeros(c), np.full(c, -1.5), np.full(classes, -1.5))
+    return Hyper(np.zeros(c), np.full(c, START), np.full(classes, START))
 
 
 def find_posterior(
-    ledger: Ledger, prior: Prior, hyper: Hyper, *, fit: bool = True, steps: int = 25, shared: bool = True
+    ledger: Ledger, prior: Prior, hyper: Hyper, *, fit: bool = True, steps: int = MOST_STEPS, shared: bool = True
 ) -> Posterior:
     """Compute evidence and posterior, noise and background fitted to the campaign unless told otherwise.
 
@@ -175,7 +188,8 @@ def find_posterior(
         )
         # the optimizer's tolerance is relative: evidence counts from where it starts; steps in units of likely errors
         start = _negative(reduced, prior, hyper)[0]
-        unit = np.array([np.sqrt(2.0 / ch.total.count) for ch in reduced] + [0.3] * (len(hyper.vector) - len(reduced)))
+        others = len(hyper.vector) - len(reduced)
+        unit = np.array([np.sqrt(2.0 / ch.total.count) for ch in reduced] + [LIKELY] * others)
 
         def cost(vector: Array) -> tuple[float, Array]:
             value, gradient = _negative(reduced, prior, hyper.with_vector(vector * unit))
@@ -192,7 +206,7 @@ def find_posterior(
 
 def _most_noise(channel: ChannelProducts) -> float:
     """Return the logarithm of the largest noise worth trying: all that was observed, and some."""
-    return float(np.clip(np.log(max(channel.total.square, 1e-300) / channel.total.count) + 1.0, 1.0, 12.0))
+    return float(np.clip(np.log(max(channel.total.square, 1e-300) / channel.total.count) + 1.0, *MOST_NOISE))
 
 
 def _negative(channels: list[ChannelProducts], prior: Prior, hyper: Hyper) -> tuple[float, Array]:
@@ -268,11 +282,11 @@ def _solve(
 def _factor(inner: Array) -> tuple[Array, bool]:
     """Factorize a matrix that rounding may have made slightly indefinite."""
     jitter = 0.0
-    for _ in range(8):
+    for _ in range(MOST_JITTERS):
         try:
             return cho_factor(inner + jitter * np.eye(len(inner)), lower=True, check_finite=False)  # type: ignore[no-any-return]
         except LinAlgError:
-            jitter = max(100.0 * jitter, 1e-13 * float(np.trace(inner)))
+            jitter = max(MORE_JITTER * jitter, JITTER * float(np.trace(inner)))
     raise ConvergenceError("the evidence of a model cannot be computed, its columns are degenerate", residual=jitter)
 
 

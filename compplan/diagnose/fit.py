@@ -31,12 +31,17 @@ from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Signature
 from compplan.measure.registration import Registration
 
+#: Rounds of linearization and search at most (assumed: most campaigns settle in five).
 ROUNDS = 8
-#: The round whose residual tells the noise; scores are compared from the next one on.
+#: Searches of one round at most, while proposals from what is left gain this much log posterior (assumed).
+SEARCHES, WORTHWHILE = 3, 0.5
+#: The round whose residual tells the noise; scores are compared from the next one on (assumed: the first
+#: model has taken play and drift out of poses met again).
 NOISE_ROUND = 1
-#: Most effects of the first rounds: what is small has to wait until the large ones are exact.
+#: Most effects of the first rounds: what is small has to wait until the large ones are exact (assumed).
 FIRST_ROUNDS = (2, 4, 8, 16)
-#: Parameters have settled when no observation moves by more than this share of its noise.
+#: Parameters have settled when no observation moves by more than this share of its noise (assumed: a hundredth of its
+#: variance).
 SETTLED = 0.1
 
 
@@ -98,7 +103,7 @@ def _round(
     wanted = {key for key, _ in state.claims}
     kept = offer_again(at, proposals, wanted)
     fit = _search(problem, state, at, channels, [*fixed, *kept], noises, progress)
-    for _ in range(3):
+    for _ in range(SEARCHES):
         fresh = _propose(fit)
         known = {key_of(s) for s in fit.search.ledger.signatures}
         fresh = [s for s in fresh if key_of(s) not in known and s.name not in problem.excluded]
@@ -107,7 +112,7 @@ def _round(
         before = fit.model.score
         fit = search_again(fit, fresh, progress)
         claimed = {key_of(fit.search.ledger.signatures[n]) for n in fit.model.signatures}
-        if fit.model.score < before + 0.5 or not claimed & {key_of(s) for s in fresh}:
+        if fit.model.score < before + WORTHWHILE or not claimed & {key_of(s) for s in fresh}:
             break
     return fit, proposed_signatures(fit.search.ledger.signatures)
 

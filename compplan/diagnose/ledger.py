@@ -16,6 +16,9 @@ from compplan.diagnose.channels import Channel
 from compplan.effects.signature import Signature
 from compplan.robot import Array
 
+#: Sizes of groups that are told apart (assumed: a half more each, which changes the weight of a mean by little).
+TYPICAL = np.array([1, 2, 3, 4, 6, 9, 14, 22, 34, 52, 80, 120])
+
 
 @dataclass(frozen=True, eq=False)
 class Products:
@@ -170,8 +173,7 @@ def select_rows(ledger: Ledger, rows: NDArray[np.bool_], columns: NDArray[np.int
 
 def typical_size(sizes: NDArray[np.int_]) -> NDArray[np.int_]:
     """Round sizes of groups to a few; only the weight of their means depends on it."""
-    typical = np.array([1, 2, 3, 4, 6, 9, 14, 22, 34, 52, 80, 120])
-    return typical[np.abs(np.log(sizes[:, None] / typical)).argmin(1)]
+    return np.asarray(TYPICAL[np.abs(np.log(sizes[:, None] / TYPICAL)).argmin(1)])
 
 
 def _number_columns(

@@ -27,19 +27,33 @@ KINDS = {
     "warm_up": "let the robot cool down, then measure each pose cold, half warm and warm",
     "two_speeds": "drive the same path slowly and fast",
 }
-#: Share of the joint range that is left free at either end, and largest joint range that is used at all. [rad]
+#: Share of the joint range that is left free at either end, and largest range that is used at all (assumed). [rad]
 MARGIN, WIDEST = 0.03, np.pi
 #: Backing off before a pose is approached from a side: assumed ample for any lost motion. [rad, m]
 BACK_OFF = {"revolute": np.deg2rad(6.0), "prismatic": 0.05}
+#: Candidates of each kind, from which the telling ones are picked (assumed); rows of a sweep and of a path (assumed).
 POSES, LOADED_POSES, REVERSED_POSES, WARM_POSES, SWEEP_ROWS, PATH_ROWS = 40, 16, 4, 10, 11, 24
-#: Seconds between stays; seconds at which a robot is cold, half warm and warm. [s]
+#: Seconds between stays; seconds at which a robot is cold, half warm and warm (assumed). [s]
 PACE, COURSE = 15.0, (0.0, 1800.0, 7200.0)
 #: Warm-up where the campaign saw none: assumed. [K]
 ASSUMED_RISE = 8.0
 #: Weight that is proposed where the campaign held no load: assumed possible for any robot here. [N]
 ASSUMED_WEIGHT = 50.0
+#: Speeds of a path that is driven slowly and fast (assumed: safe for any joint). [rad/s]
 SPEEDS = (0.05, 0.25)
+#: Amplitude of its swing (assumed). [rad]
 SWING = 0.15
+#: Poses drawn for each that is wanted: some are not clear (assumed). Rows of the campaign that show what is clear, and
+#: the radius about the base axis beyond which it always is (assumed). [m]
+DRAWN, SEEN, COLUMN = 40, 400, 0.3
+#: Forces count as different below this cosine of the angle between them; loads at most (assumed).
+DIFFERENT, MOST_LOADS = 0.7, 4
+#: The light one of two payloads, over the heavy one (assumed).
+LIGHT = 0.3
+#: Seconds between one run and the next (assumed). Fewest rows of a sweep (theory: a wave with its mean and one more).
+PAUSE, FEWEST_ROWS = 60.0, 4
+#: A rise of temperature above this was a warm-up (assumed). [K]
+WARMED = 1.0
 
 
 @dataclass(frozen=True)
@@ -113,7 +127,7 @@ def lay_out_moves(robot: Robot, campaign: Campaign, seed: int = 0) -> tuple[Camp
 def draw_poses(robot: Robot, campaign: Campaign, count: int, random: np.random.Generator) -> Array:
     """Draw poses within joint limits that keep clear of floor and column as the campaign did. Shape (<= count, nq)."""
     lower, upper = joint_range(robot, campaign)
-    q = random.uniform(lower, upper, (40 * count, robot.nq))
+    q = random.uniform(lower, upper, (DRAWN * count, robot.nq))
     return q[keeps_clear(robot, campaign, q)][:count]
 
 
@@ -131,9 +145,9 @@ def joint_range(robot: Robot, campaign: Campaign) -> tuple[Array, Array]:
 def keeps_clear(robot: Robot, campaign: Campaign, q: Array) -> NDArray[np.bool_]:
     """Tell which poses stand no lower and no nearer to the base axis than the campaign did. Shape (n,)."""
     usable = np.flatnonzero(campaign.usable)
-    some = usable[:: max(1, len(usable) // 400)]
+    some = usable[:: max(1, len(usable) // SEEN)]
     seen, tip = _tips(robot, campaign.q[some]), _tips(robot, q)
-    near = min(float(np.hypot(seen[:, 0], seen[:, 1]).min()), 0.3)
+    near = min(float(np.hypot(seen[:, 0], seen[:, 1]).min()), COLUMN)
     return np.asarray((tip[:, 2] >= seen[:, 2].min()) & (np.hypot(tip[:, 0], tip[:, 1]) >= near))
 
 
@@ -152,9 +166,9 @@ def given_loads(campaign: Campaign) -> list[Array]:
     picked: list[Array] = []
     for row in order:
         force = wrench[row, :3]
-        if all(force @ other[:3] < 0.7 * np.linalg.norm(force) * np.linalg.norm(other[:3]) for other in picked):
+        if all(force @ other[:3] < DIFFERENT * np.linalg.norm(force) * np.linalg.norm(other[:3]) for other in picked):
             picked.append(np.round(wrench[row], 1))
-        if len(picked) == 4:
+        if len(picked) == MOST_LOADS:
             break
     return picked
 
@@ -174,7 +188,7 @@ def _add_static(pool: Pool, robot: Robot, campaign: Campaign, poses: Array) -> N
         load = loads[number % len(loads)]
         pool.moves.append(Move("loaded_unloaded", (stay(q, nothing), stay(q, load))))
         pool.moves.append(Move("sign_flip", (stay(q, load), stay(q, -load))))
-        pool.moves.append(Move("two_payloads", (stay(q, 0.3 * weight), stay(q, weight))))
+        pool.moves.append(Move("two_payloads", (stay(q, LIGHT * weight), stay(q, weight))))
 
 
 def _add_reversals(pool: Pool, robot: Robot, poses: Array) -> None:
@@ -199,7 +213,7 @@ def _add_sweeps(pool: Pool, robot: Robot, campaign: Campaign, poses: Array) -> N
             sweep = np.repeat(q[None], SWEEP_ROWS, axis=0)
             sweep[:, index] = np.linspace(lower[index], upper[index], SWEEP_ROWS)
             sweep = sweep[keeps_clear(robot, campaign, sweep)]
-            if len(sweep) < 4:
+            if len(sweep) < FEWEST_ROWS:
                 continue
             rows = tuple(pool.add(s, nothing, "static_next", clock + PACE * len(pool.q), 1.0) for s in sweep)
             pool.moves.append(Move("joint_sweep", rows, joint.name))
@@ -224,7 +238,7 @@ def _add_paths(pool: Pool, robot: Robot, poses: Array) -> None:
         rows: list[int] = []
         centre = np.clip(poses[0], robot.lower + SWING, robot.upper - SWING)
         for number, speed in enumerate(SPEEDS):
-            clock += 60.0
+            clock += PAUSE
             for angle in phase:
                 q = centre.copy()
                 q[index] += SWING * np.sin(angle)
@@ -235,7 +249,7 @@ def _add_paths(pool: Pool, robot: Robot, poses: Array) -> None:
 
 
 def _clock(campaign: Campaign) -> float:
-    return 0.0 if campaign.time is None else float(np.nanmax(campaign.time)) + 60.0
+    return 0.0 if campaign.time is None else float(np.nanmax(campaign.time)) + PAUSE
 
 
 def _continue_campaign(campaign: Campaign, pool: Pool) -> Campaign:
@@ -243,7 +257,7 @@ def _continue_campaign(campaign: Campaign, pool: Pool) -> Campaign:
     q, temperature = np.array(pool.q), None
     if campaign.temperature is not None and campaign.warming is not None:
         rise = float(np.max(campaign.warming))
-        rise = rise if rise > 1.0 else ASSUMED_RISE
+        rise = rise if rise > WARMED else ASSUMED_RISE
         temperature = campaign.reference_temperature + rise * np.array(pool.warmth)
     return Campaign(
         run=np.array(pool.run, dtype=np.str_),

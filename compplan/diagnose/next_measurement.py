@@ -32,17 +32,23 @@ from compplan.effects.linearization import Linearization, Place, linearize_scene
 from compplan.effects.signature import Signature
 from compplan.robot import Array
 
-#: Moves of one kind at least, since a single reading may be a gross error, and at most; proposals at most.
+#: Moves of one kind at least, since a single reading may be a gross error, and at most; proposals at most
+#: (assumed).
 FEWEST_MOVES, MOST_MOVES, MOST_PROPOSALS = 3, 8, 6
-#: A move has to add this much expected probability, and a proposal this much; rivals of a claim, at most.
+#: A move has to add this much expected probability, and a proposal this much; rivals of a claim, at most
+#: (assumed).
 WORTH_A_MOVE, WORTH_IT, RIVALS = 0.01, 0.05, 3
 #: Effects that show in motion only; a path at two speeds is laid out for them.
 OF_MOTION = ("tracking_lag", "time_skew", "backlash")
 #: Claims below this probability are to be separated from the model that lacks them; of two that a campaign cannot tell
-#: apart none is surer than this.
+#: apart none is surer than this (assumed).
 UNSURE = 0.9
-#: A kind of move that needs fewer rows is preferred where it is as good within this.
+#: A kind of move that needs fewer rows is preferred where it is as good within this (assumed).
 AS_GOOD = 0.02
+#: Step of the finite differences of an exact model, in units of a parameter's scale (assumed).
+NUDGE = 1e-2
+#: Nodes of the Gauss-Hermite rule (assumed: exact to 1e-6 for the odds that occur).
+NODES = 31
 NOTHING = "none"
 
 
@@ -190,7 +196,7 @@ def _probe(at: Linearization, signature: Signature) -> Signature:
     twists, encoders = [], []
     for k, scale in enumerate(signature.scale):
         values = np.zeros(len(signature.scale))
-        values[k] = 1e-2 * scale
+        values[k] = NUDGE * scale
         moved = attain_scene(apply_effects(at.scene, [signature.effect(values)]))
         step = (moved.position - at.attained.position) / values[k]
         turn = np.einsum("nij,nkj->nik", moved.rotation, at.attained.rotation) / values[k]
@@ -309,7 +315,7 @@ def expected_gain(log_odds: float, information: float, temper: float = 1.0) -> f
         information: Expected log likelihood ratio, divided by the temper.
         temper: What log odds are divided by.
     """
-    nodes, weights = np.polynomial.hermite_e.hermegauss(31)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
     weights = weights / weights.sum()
     spread = np.sqrt(2.0 * information / temper) * nodes
     first = float(expit(log_odds))

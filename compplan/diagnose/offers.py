@@ -14,6 +14,8 @@ from compplan.effects.stiffness_nonlinearity import linear_in_disguise
 from compplan.effects.transmission_error import bump_at, spline_at, waves_at
 
 REGISTRATION = "registration"
+#: Scale of the frames that are fitted freely; their prior is as good as none (assumed). [m, rad]
+REGISTRATION_SCALE = 1e-3
 Key = tuple[str, str | None, str | None, str]
 
 
@@ -39,7 +41,7 @@ def offered_signatures(
 def registration_signatures(at: Linearization, parts: Sequence[str]) -> list[Signature]:
     """Return the columns of frames that are fitted freely: the base, and the tool of each target."""
     found = []
-    scale = np.array([1e-3] * 3 + [1e-3] * 3)
+    scale = np.full(6, REGISTRATION_SCALE)
     keys = ("tx_m", "ty_m", "tz_m", "rx_rad", "ry_rad", "rz_rad")
     if "base" in parts:
         found.append(Signature(REGISTRATION, None, None, "base", keys, scale, base_twists(at)))

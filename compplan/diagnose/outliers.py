@@ -8,10 +8,13 @@ from numpy.typing import NDArray
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array
 
-#: Rows further off than this many standard deviations are outliers; at most this share of the rows.
+#: Rows further off than this many standard deviations are outliers (theory: one row in 10^6 by
+#: chance); at most this share of the rows (assumed: the contract says 2 %).
 OUTLYING, MOST = 5.5, 0.03
-#: Before anything is known of the gap: times its 95th percentile.
-GROSS = 5.0
+#: Before anything is known of the gap: so many times its percentile, from so many rows on (assumed).
+GROSS, PERCENTILE, ENOUGH_ROWS = 5.0, 95, 20
+#: Where more rows stand out than may: only those beyond the others by this factor (assumed).
+BEYOND = 2.0
 
 
 def find_gross_outliers(campaign: Campaign, gap: Array) -> NDArray[np.int_]:
@@ -23,9 +26,9 @@ def find_gross_outliers(campaign: Campaign, gap: Array) -> NDArray[np.int_]:
     """
     length = np.linalg.norm(np.where(campaign.usable[:, None], gap, 0.0), axis=1)
     usable = length[campaign.usable]
-    if len(usable) < 20:
+    if len(usable) < ENOUGH_ROWS:
         return np.zeros(0, int)
-    far = np.flatnonzero(length > GROSS * np.percentile(usable, 95))
+    far = np.flatnonzero(length > GROSS * np.percentile(usable, PERCENTILE))
     return far if len(far) <= MOST * len(usable) + 1 else np.zeros(0, int)
 
 
@@ -45,6 +48,6 @@ def find_outliers(campaign: Campaign, residual: Array, sigma: float, considered:
     count = int(np.ceil(MOST * (length > 0).sum()))
     far = np.flatnonzero(length > OUTLYING * sigma)
     if len(far) > count:
-        limit = 2.0 * np.sort(length)[-count - 1]
+        limit = BEYOND * np.sort(length)[-count - 1]
         far = np.flatnonzero(length > max(limit, OUTLYING * sigma))
     return far

@@ -16,8 +16,9 @@ from compplan.diagnose.search import Claim, Search
 from compplan.diagnose.state import Fit, State, advance_state, attain_state, known_approach, linearize_state, stands
 from compplan.measure.registration import fit_registration
 
+#: Exact steps at most (assumed: Gauss-Newton from nearby).
 PASSES = 3
-#: The exact model has arrived when it leaves this little more than its linearization promises.
+#: The exact model has arrived when it leaves this little more than its linearization promises (assumed).
 ARRIVED = 1.02
 
 

@@ -17,17 +17,31 @@ from compplan.effects.tool_frame import tool_twists
 from compplan.effects.transmission_error import bump, bump_at, spline_at, waves, waves_at
 from compplan.robot import Array
 
-#: Rows proposed for each kind of shift, and how many rows they stand apart.
+#: Rows proposed for each kind of shift, and how many rows they stand apart (assumed).
 SHIFT_ROWS, APART = 2, 5
 #: Cycles per turn that are looked at, and waves of one joint at most; each wave has two values, and a value of a free
-#: form needs ten poses (the usual rule of regression), but two waves may always be tried.
+#: form needs ten poses (assumed: the usual rule of regression), but two waves may always be tried.
 MOST_CYCLES, MOST_WAVES, FEWEST_WAVES, POSES_A_WAVE = 160.0, 16, 2, 20
-#: A further wave has to explain this much log likelihood.
+#: A further wave has to explain this much log likelihood (theory: the best of some hundred waves of pure noise).
 WORTH_A_WAVE = 9.0
-#: Centres of a bump that are looked at, and its widths as shares of the visited range.
+#: Centres of a bump that are looked at, and its widths as shares of the visited range
+#: (assumed).
 BUMP_CENTRES, BUMP_WIDTHS = 48, (0.02, 0.04, 0.08, 0.16)
-#: Fewest rows for which waves and splines beyond the first harmonics are looked for.
+#: Fewest rows for which waves and splines beyond the first harmonics are looked for (assumed).
 ENOUGH_ROWS = 24
+#: Least range of a joint that waves are looked for in (assumed). [rad or m]
+LEAST_RANGE = 0.3
+#: One row counts for a shift up to this many times the percentile of all (assumed: a single row far off is no shift).
+ROW_COUNTS, PERCENTILE = 3.0, 80
+#: What holds a shift that the rows on one side do not fix at zero, in squares of the noise (assumed).
+HOLD = 1e-2
+#: Frequencies lie this part of a turn over the range apart, and two waves at least as far (theory: a wave's own width
+#: is one turn, a quarter loses little); whole cycles are all looked at up to the last (assumed).
+BETWEEN, WHOLE_CYCLES = 0.25, 31.0
+#: n waves together count as at most this many tried: the first times the second to the n (assumed: not all were).
+TRIED, TRIED_A_WAVE = 100, 10
+#: A shift has to explain this much log likelihood (assumed). Least cycles per turn, or per metre (assumed).
+WORTH_A_SHIFT, LEAST_CYCLES = 6.0, 0.5
 
 
 def propose_shifts(
@@ -49,7 +63,7 @@ def propose_shifts(
         order = starts[np.argsort(-gains[starts])]
         taken: list[int] = []
         for row in order:
-            if len(taken) == most or gains[row] < 6.0:
+            if len(taken) == most or gains[row] < WORTH_A_SHIFT:
                 break
             if all(abs(int(row) - other) > APART for other in taken):
                 taken.append(int(row))
@@ -68,7 +82,8 @@ def _step_gains(channels: Sequence[Channel], left: Sequence[Array], twist: Array
         columns = twist[channel.rows, part] / channel.sigma[:, :, None]
         length = np.linalg.norm(rest, axis=1)
         # a single row far off is no shift
-        rest = rest * np.minimum(1.0, 3.0 * np.percentile(length, 80) / np.maximum(length, 1e-12))[:, None]
+        far = ROW_COUNTS * np.percentile(length, PERCENTILE)
+        rest = rest * np.minimum(1.0, far / np.maximum(length, 1e-12))[:, None]
         gram[channel.rows] += np.einsum("nik,nil->nkl", columns, columns)
         against[channel.rows] += np.einsum("nik,ni->nk", columns, rest)
     gram_before, against_before = np.cumsum(gram, axis=0), np.cumsum(against, axis=0)
@@ -83,7 +98,7 @@ def _step_gains(channels: Sequence[Channel], left: Sequence[Array], twist: Array
 
 
 def _explained(gram: Array, against: Array) -> Array:
-    solved = np.linalg.solve(gram + 1e-2 * np.eye(gram.shape[-1]), against[..., None])[..., 0]
+    solved = np.linalg.solve(gram + HOLD * np.eye(gram.shape[-1]), against[..., None])[..., 0]
     return np.asarray(np.einsum("nk,nk->n", against, solved))
 
 
@@ -104,7 +119,7 @@ def propose_waves(
         angle = np.nan_to_num(at.campaign.q[:, index])
         seen = weight > 0
         spread = float(np.ptp(angle[seen])) if seen.sum() > ENOUGH_ROWS else 0.0
-        if spread < 0.3:
+        if spread < LEAST_RANGE:
             continue
         slides = joint.kind == "prismatic"
         grid = wave_grid(spread, slides)
@@ -112,7 +127,7 @@ def propose_waves(
         picked = _match_waves(angle[seen], pull[seen], weight[seen], grid, slides)[:most]
         for count in {1, 2, len(picked)}:
             if 0 < count <= len(picked):
-                tried = int(min(len(grid) ** count, 10 ** (2 + count)))
+                tried = int(min(len(grid) ** count, TRIED * TRIED_A_WAVE**count))
                 found.append(waves_at(at, index, picked[:count], tried=tried))
         if picked:
             found.append(spline_at(at, index))
@@ -145,9 +160,9 @@ def _best_bumps(at: Linearization, index: int, angle: Array, pull: Array, weight
 def wave_grid(spread: float, slides: bool) -> Array:
     """Return the cycles per turn (per metre) to look at, close enough that no wave falls between."""
     turns = spread if slides else spread / (2 * np.pi)
-    step = 0.25 / turns
-    whole = np.arange(1.0, 31.0) if not slides else np.zeros(0)
-    return np.unique(np.concatenate([whole, np.arange(max(0.5, step), MOST_CYCLES, min(step, 1.0))]))
+    step = BETWEEN / turns
+    whole = np.arange(1.0, WHOLE_CYCLES) if not slides else np.zeros(0)
+    return np.unique(np.concatenate([whole, np.arange(max(LEAST_CYCLES, step), MOST_CYCLES, min(step, 1.0))]))
 
 
 def _projected(
@@ -181,7 +196,7 @@ def _match_waves(angle: Array, pull: Array, weight: Array, grid: Array, slides: 
         against = np.einsum("n,nfk->fk", rest, phases)
         gain = 0.5 * np.einsum("fk,fk->f", against, np.linalg.solve(moments, against[..., None])[..., 0])
         if picked:
-            gain[np.min(np.abs(grid[:, None] - np.array(picked)), axis=1) < 0.25 * grid[0]] = 0.0
+            gain[np.min(np.abs(grid[:, None] - np.array(picked)), axis=1) < BETWEEN * grid[0]] = 0.0
         best = int(np.argmax(gain))
         if gain[best] < WORTH_A_WAVE:
             break

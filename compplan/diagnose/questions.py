@@ -27,21 +27,29 @@ from compplan.statics.elements import ELASTIC_AXES
 NO_EFFECT = 20e-3
 #: What an answer has to leave of the gap before it is offered (assumed: a fifth is never a matter of taste).
 CONVINCING = 0.2
-#: Units that logs are written in by mistake, against the millimetres that the column says.
+#: Units that logs are written in by mistake, against the millimetres that the column says (theory).
 UNITS = {1e-3: "metres", 1e-2: "decimetres", 1e-1: "centimetres", 1 / 25.4: "inches", 1e3: "micrometres"}
 #: The ratio of distances that is read as another unit is this close to it (assumed: a tool that nobody stated).
 UNIT_ROOM = 0.2
 #: The sign test: log likelihood ratio of the wrong sign, a stay counted as one number (theory: odds of 20,000 to 1),
 #: and the share of the squares that springs of the wrong sign may leave (assumed: they have to be what is there).
 SURE, WRONG_SIGN = 10.0, 0.5
-#: Signs of weight and load under each hypothesis.
+#: Signs of weight and load under each hypothesis (theory).
 SIGNS = {"right": (1.0, 1.0), "deviations": (-1.0, -1.0), "wrench": (1.0, -1.0), "none": (0.0, 0.0)}
 #: Noise of a row, and errors of geometry (metres, and radians) that the sign test allows, assumed. [m]
 NOISE, GEOMETRY = 5e-5, 2e-3
 #: A clock that is further off than this is no lag of a controller (assumed). [s]
 CLOCK = 0.1
-#: Rows that are looked at.
-SAMPLE = 400
+#: Rows that are looked at (assumed: enough for a median), and the fewest that tell anything (assumed).
+SAMPLE, FEWEST_ROWS = 400, 4
+#: Rows on paths from which a clock is asked about (assumed).
+PATH_ROWS = 10
+#: Distances count from this share of the largest one on, if that is larger than this [m] (assumed).
+LONG, MOVED = 0.3, 1e-3
+#: Moments about the flange that tell anything [N m], and the share of them that the right point leaves (assumed).
+MOMENT, SAME_MOMENT = 1.0, 0.05
+#: Standard gravity, where the folder states none (theory). [m/s^2]
+GRAVITY = 9.81
 
 
 class Rows(NamedTuple):
@@ -90,7 +98,7 @@ def question_campaign(robot: Robot, campaign: Campaign, register: Sequence[str] 
         Questions, the most basic first; none where nothing is odd.
     """
     rows = stage_rows(robot, campaign)
-    if len(rows.campaign) < 4:
+    if len(rows.campaign) < FEWEST_ROWS:
         return []
     if question := ask_unit(rows) or ask_hand(rows) or ask_step(rows):
         return [question]
@@ -119,8 +127,8 @@ def ask_unit(rows: Rows) -> Question | None:
     here, there = np.arange(half), np.arange(half) + half
     expected = np.linalg.norm(rows.position[there] - rows.position[here], axis=1)
     seen = np.linalg.norm(rows.measured[there] - rows.measured[here], axis=1)
-    far = expected > 0.3 * expected.max(initial=0.0)
-    if not far.any() or expected.max() < 1e-3:
+    far = expected > LONG * expected.max(initial=0.0)
+    if not far.any() or expected.max() < MOVED:
         return None
     ratio = float(np.median(seen[far] / expected[far]))
     for factor, unit in UNITS.items():
@@ -208,10 +216,10 @@ def ask_moment_point(robot: Robot, rows: Rows) -> Question | None:
     force, moment = rows.campaign.wrench[:, :3], rows.campaign.wrench[:, 3:]
     about_flange = np.cross(lever, force)
     size = float(np.sqrt(np.mean(about_flange**2)))
-    if not len(chain.names) or size < 1.0 or not rows.campaign.is_load(np.hstack([0 * force, moment])).any():
+    if not len(chain.names) or size < MOMENT or not rows.campaign.is_load(np.hstack([0 * force, moment])).any():
         return None
     left = float(np.sqrt(np.mean((moment - about_flange) ** 2)))
-    if left > 0.05 * size:
+    if left > SAME_MOMENT * size:
         return None
     length = float(np.median(np.linalg.norm(lever, axis=1)))
     return Question(
@@ -255,7 +263,7 @@ def ask_sign(robot: Robot, rows: Rows, register: Sequence[str]) -> Question | No
 def ask_clock(robot: Robot, rows: Rows, register: Sequence[str]) -> Question | None:
     """Ask about the clock where positions on paths run ahead of the joints, or behind, by more than any lag."""
     path = rows.campaign.on_path
-    if register or path.sum() < 10 or not rows.campaign.speed[path].any():
+    if register or path.sum() < PATH_ROWS or not rows.campaign.speed[path].any():
         return None
     chain = build_chain(robot)
     turn = jacobian(chain, locate_frames(chain, rows.campaign.q))[:, :3, chain.joint_elements]
@@ -289,7 +297,7 @@ class _Shapes(NamedTuple):
 
 
 def _shape_elastics(robot: Robot, rows: Rows, register: Sequence[str]) -> _Shapes:
-    gravity = np.array([0.0, 0.0, -9.81]) if robot.gravity is None else robot.gravity
+    gravity = np.array([0.0, 0.0, -GRAVITY]) if robot.gravity is None else robot.gravity
     own = tuple(Spring(joint.name, "own", 0.0) for joint in robot.actuated)
     frames_of = tuple(Spring(joint.name, axis, 0.0) for joint in robot.joints for axis in ELASTIC_AXES)
     chain = build_chain(replace(robot, springs=own + frames_of, link_elasticities=(), gravity=gravity, effects=()))

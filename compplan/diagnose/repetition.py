@@ -13,7 +13,7 @@ from compplan.diagnose.search import Claim
 from compplan.diagnose.state import Fit
 from compplan.measure.campaign import Campaign
 
-#: Pairs of halves that are drawn, and the seed of the draw.
+#: Pairs of halves that are drawn, and the seed of the draw (assumed).
 PAIRS, SEED = 4, 20
 
 

@@ -24,27 +24,35 @@ from compplan.diagnose.ledger import Ledger
 from compplan.effects.linearization import Place
 from compplan.robot import Array
 
-#: Candidates of each round that are tried with noise and background fitted anew, if they are this close to the best.
-TRIED, CLOSE = 4, 12.0
-#: A claim that carries this much log likelihood is not tried for removal.
+#: Candidates of each round that are tried with noise and background fitted anew, if their log odds are this close to
+#: the best or within this share of it, and above the least (assumed: a new fit moves them about so far).
+TRIED, CLOSE, CLOSE_SHARE, LEAST_GAIN = 4, 12.0, 0.15, -8.0
+#: Places, and forms of a claim's own place, that are tried in exchange for a claim (assumed).
+EXCHANGED, OWN_FORMS = 3, 2
+#: Steps of the fit of noise and background of a set of claims, and of the first one (assumed: later ones begin near).
+STEPS, FIRST_STEPS = 12, 40
+#: A claim that carries this much log likelihood is not tried for removal (theory: no prior odds outweigh e^40).
 SURE = 40.0
+#: Effects of one campaign at most (assumed: several times what any robot has).
 MOST_EFFECTS = 24
 #: Standard deviation of the logarithm of an effect's size about its scale (assumed: two thirds of all effects lie
 #: within a factor of five). [decades]
 DECADES = 0.7
-#: Rounds in which parameters that came out negative are set to zero.
+#: Rounds in which parameters that came out negative are set to zero (assumed).
 ACTIVE_SETS = 4
-#: Components in which errors that cancel have to agree by chance: a position has three.
+#: Components in which errors that cancel have to agree by chance (theory: a position has three).
 COMPONENTS = 3.0
-#: An exchange or an addition has to gain this much log posterior.
+#: An exchange or an addition has to gain this much log posterior (assumed: less is no reason to change a model).
 WORTHWHILE = 0.5
-#: One explanation of two claims is looked at closely if it is within this before noise and background are fitted anew.
+#: One explanation of two claims is looked at closely if it is within this before noise and background are fitted anew
+#: (assumed: what a fit anew has been seen to gain).
 MERGE_MARGIN = 15.0
-#: Squares beyond the noise that are much, per observation, and the part of them that a further claim has to take.
+#: Squares beyond the noise that are much, per observation, and the part of them that a further claim has to take
+#: (assumed: twelve claims of this part at least would take all of it).
 MUCH, FAIR_PART = 0.3, 0.08
 #: Effects that are curves over a joint's angle, and the log prior odds against two of them at one joint (assumed).
 CURVES, TWO_CURVES = ("transmission_error", "gravity_compensator"), 10.0
-#: Correlation from which on two claims are looked at together; up to so many claims all pairs are.
+#: Correlation from which on two claims are looked at together; up to so many claims all pairs are (assumed).
 ENTANGLED, FEW = 0.2, 5
 
 
@@ -120,7 +128,7 @@ class Search:
                 by_place.setdefault(signature.place, []).append(columns)
         return [by_place.get(signature.place, []) for signature in self.ledger.signatures]
 
-    def model(self, claims: Sequence[Claim], hyper: Hyper, *, fit: bool = True, steps: int = 12) -> Model:
+    def model(self, claims: Sequence[Claim], hyper: Hyper, *, fit: bool = True, steps: int = STEPS) -> Model:
         """Return the model of a set of claims, from memory if it was looked at before."""
         key = frozenset(claims)
         if fit and key in self.cache:
@@ -233,7 +241,7 @@ def search_models(search: Search, first: Sequence[Claim] = (), most: int = MOST_
         first: Claims to begin with.
         most: Most effects to claim.
     """
-    best = search.model(first, search.start, steps=40)
+    best = search.model(first, search.start, steps=FIRST_STEPS)
     concerned = tuple(best.claims)
     for _ in range(MOST_EFFECTS):
         grown = best if len(best.claims) >= most else add_claim(search, best)
@@ -292,7 +300,8 @@ def add_claim(search: Search, model: Model) -> Model:
     best = model
     gains = distinct_places(search, search.gains(model), TRIED)
     for gain in gains:
-        if gain.log_evidence < max(-8.0, gains[0].log_evidence - max(CLOSE, 0.15 * gains[0].log_evidence)):
+        best_gain = gains[0].log_evidence
+        if gain.log_evidence < max(LEAST_GAIN, best_gain - max(CLOSE, CLOSE_SHARE * best_gain)):
             break
         tried = search.model((*model.claims, Claim(gain.signature, gain.size)), model.posterior.hyper)
         if tried.score > best.score:
@@ -336,7 +345,7 @@ def _exchange(search: Search, model: Model, concerned: Sequence[Claim]) -> Model
         rest = [c for c in model.claims if c != claim]
         reduced = search.model(rest, model.posterior.hyper, fit=False)
         gains = search.gains(reduced)
-        for gain in [*distinct_places(search, gains, 3), *forms_of(search, gains, claim)]:
+        for gain in [*distinct_places(search, gains, EXCHANGED), *forms_of(search, gains, claim)]:
             same = gain.signature == claim.signature and gain.size == claim.size
             if same or reduced.score + gain.log_evidence < model.score - CLOSE:
                 continue
@@ -370,6 +379,6 @@ def _merge(search: Search, model: Model, concerned: Sequence[Claim]) -> Model:
 
 
 def forms_of(search: Search, gains: list[Gain], claim: Claim) -> list[Gain]:
-    """Return the two best forms of a claim's own place."""
+    """Return the best forms of a claim's own place."""
     place = search.ledger.signatures[claim.signature].place
-    return [g for g in gains if search.ledger.signatures[g.signature].place == place][:2]
+    return [g for g in gains if search.ledger.signatures[g.signature].place == place][:OWN_FORMS]

@@ -24,10 +24,14 @@ from compplan.measure.campaign import Campaign
 from compplan.measure.registration import Registration
 from compplan.robot import Array, Robot
 
-#: Classes of the background that move the target by less than this share of the noise are left out of the model.
+#: Classes of the background that move the target by less than this share of the noise are left out of the model
+#: (assumed).
 NO_BACKGROUND = 0.1
-#: Single background errors that move the target by less than this share of the noise are left out as well.
+#: Single background errors that move the target by less than this share of the noise are left out as well
+#: (assumed).
 IDLE = 0.03
+#: Rounds in which background errors that came out negative leave the model (assumed).
+ACTIVE_SETS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +204,7 @@ def bend_forwards(ledger: Ledger, prior: Prior, posterior: Posterior) -> tuple[P
     for number, signature in enumerate(ledger.signatures):
         if signature.positive and len(signature.scale) == 1:
             one_sided[ledger.columns(number)] = True
-    for _ in range(6):
+    for _ in range(ACTIVE_SETS):
         wrong = one_sided & (prior.background >= 0) & (posterior.values(ledger.p) < 0)
         if not wrong.any():
             break

@@ -24,22 +24,35 @@ from compplan.robot import Array
 UNMODELLED = "unmodelled"
 #: Root mean square motion of the target that a dependence has where it is plain to see (assumed). [m]
 PLAIN_MOTION = 1e-4
-#: Motion below which a dependence cannot be seen at all. [m per unit of the driver's spread]
+#: Motion below which a dependence cannot be seen at all (assumed). [m per unit of the driver's spread]
 UNSEEN = 1e-9
 #: Degree of the curves over time, and time constants of creep (assumed). [s]
 TIME_DEGREE, CREEP_TIMES = 4, (60.0, 400.0)
 #: Time constants of what settles early, as shares of the campaign (assumed).
 EARLY = (0.02, 0.1)
-#: Degree of the fields over the workspace.
+#: Degree of the fields over the workspace (assumed).
 FIELD_DEGREE = 3
 #: An instrument stands so many times farther away than the target moves (assumed): expanded about the target, what is
 #: curved about the instrument is smaller by this from degree to degree.
 FAR = 8.0
 TURNS = AXES[3:]
-#: Twists along the base axes.
+#: Twists along the base axes (theory).
 SHIFT = np.eye(6)[:, :3]
-#: Frequencies that are looked at on paths, at most, and log likelihood that an oscillation has to explain.
+#: Frequencies that are looked at on paths, at most, and log likelihood that an oscillation has to explain
+#: (theory: the best of some thousand of pure noise, with room).
 MOST_FREQUENCIES, WORTH_A_WAVE = 3000, 15.0
+#: Fewest samples on paths, and gaps between samples that are breaks, over the median (assumed).
+PATH_ROWS, BREAK = 40, 10.0
+#: Frequencies lie this part of a turn over the span apart (theory: a quarter loses little), the closer look goes this
+#: many turns to either side, in this part of a turn over the whole campaign, and the last one in this part of that
+#: (assumed).
+BETWEEN, AROUND, FINE, FINEST = 0.25, 1.5, 0.1, 0.02
+#: Least range of another joint whose angle an error may follow (assumed). [rad]
+LEAST_RANGE = 0.1
+#: Speeds at which friction fades, over the fastest, and the least that counts as motion (assumed). [-, rad/s or m/s]
+FADING, MOVING = (0.05, 0.2, 0.8), 1e-6
+#: Spread of the target along an axis below which it counts as this (assumed). [m]
+LEAST_SPREAD = 1e-3
 
 
 def unmodelled_signatures(at: Linearization) -> list[Signature]:
@@ -104,8 +117,8 @@ def _of_load(at: Linearization) -> Iterable[Signature]:
     force, n = at.scene.wrench[:, :3], len(at.point)
     R = at.attained.frames.tcp_rotation
     local = np.einsum("nji,nj->ni", R, force)
-    fixed, turned = np.zeros((n, 6, 9)), np.zeros((n, 6, 9))
-    for column in range(9):
+    fixed, turned = np.zeros((n, 6, 3 * 3)), np.zeros((n, 6, 3 * 3))
+    for column in range(3 * 3):
         i, k = divmod(column, 3)
         fixed[:, i, column] = force[:, k]
         turned[:, :3, column] = R[:, :, i] * local[:, k, None]
@@ -129,7 +142,7 @@ def _of_hidden_force(at: Linearization) -> Iterable[Signature]:
 
 def _monomials(at: Linearization, powers: Sequence[tuple[int, ...]]) -> Array:
     """Return products of the target's coordinates, from their mean, in units of their spread. Shape (n, k)."""
-    seen = (at.point - at.point.mean(axis=0)) / np.maximum(at.point.std(axis=0), 1e-3)
+    seen = (at.point - at.point.mean(axis=0)) / np.maximum(at.point.std(axis=0), LEAST_SPREAD)
     return np.column_stack([np.prod(seen[:, list(power)], axis=1) for power in powers])
 
 
@@ -182,7 +195,7 @@ def _own_errors(at: Linearization, index: int) -> Iterable[tuple[str, str, Array
             continue
         if campaign.load_varies:
             yield f"the load on {names[other]}", "linear", load[:, [other]]
-        if at.robot.actuated[other].kind == "revolute" and np.ptp(q[:, other]) > 0.1:
+        if at.robot.actuated[other].kind == "revolute" and np.ptp(q[:, other]) > LEAST_RANGE:
             wave = np.column_stack([np.sin(q[:, other]), np.cos(q[:, other]) - np.cos(q[:, other]).mean()])
             yield f"the angle of {names[other]}", "wave", wave
     direction = campaign.approach[:, index]
@@ -190,9 +203,9 @@ def _own_errors(at: Linearization, index: int) -> Iterable[tuple[str, str, Array
         both = [direction, direction * np.abs(part), direction * part**2][: 3 if campaign.load_varies else 1]
         yield "load and direction of approach", "product", np.column_stack(both)
     speed = campaign.speed[:, index]
-    if np.abs(speed).max(initial=0.0) > 1e-6:
+    if np.abs(speed).max(initial=0.0) > MOVING:
         fast = speed / np.abs(speed).max()
-        slow = [np.sign(fast) * np.exp(-np.abs(fast) / width) for width in (0.05, 0.2, 0.8)]
+        slow = [np.sign(fast) * np.exp(-np.abs(fast) / width) for width in FADING]
         yield "its speed", "friction", np.column_stack([fast, *slow])
     if campaign.time is not None and campaign.load_varies:
         past = np.column_stack([past_load(campaign.time, load[:, index], tau) for tau in CREEP_TIMES])
@@ -218,15 +231,15 @@ def propose_oscillation(at: Linearization, channels: Sequence[Channel], left: Se
     """
     campaign, rows = at.campaign, channels[0].rows
     moving = campaign.on_path[rows]
-    if campaign.time is None or moving.sum() < 40:
+    if campaign.time is None or moving.sum() < PATH_ROWS:
         return []
     time, rest = campaign.time[rows][moving], left[0][moving]
     steps = np.diff(time)
-    steps = steps[(steps > 0) & (steps < 10.0 * np.median(steps))]
+    steps = steps[(steps > 0) & (steps < BREAK * np.median(steps))]
     if not len(steps):
         return []
     span = float(steps.sum())
-    frequencies = np.arange(2.0 / span, 0.5 / float(np.median(steps)), 0.25 / span)
+    frequencies = np.arange(2.0 / span, 0.5 / float(np.median(steps)), BETWEEN / span)
     if not 0 < len(frequencies) <= MOST_FREQUENCIES:
         return []
     rest = rest - rest.mean(axis=0)
@@ -234,8 +247,8 @@ def propose_oscillation(at: Linearization, channels: Sequence[Channel], left: Se
     if gain < WORTH_A_WAVE:
         return []
     # runs lie far apart in time: between them the phase tells the frequency much closer
-    fine = max(0.1 / float(np.ptp(time)), 1.0 / (span * MOST_FREQUENCIES))
-    for width, step in ((1.5 / span, fine), (fine, 0.02 * fine)):
+    fine = max(FINE / float(np.ptp(time)), 1.0 / (span * MOST_FREQUENCIES))
+    for width, step in ((AROUND / span, fine), (fine, FINEST * fine)):
         frequency, _ = _strongest(np.arange(frequency - width, frequency + width, step), time, rest)
     return [oscillation_at(at, frequency, len(frequencies))]
 

@@ -21,11 +21,11 @@ from compplan.effects.linearization import Place
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array
 
-#: An effect is named from this probability on (contracts: claimed from a half up).
+#: An effect is named from this probability on (theory: more likely than not; the contract of diagnosis.json).
 CLAIMED = 0.5
-#: Rivals of each claim that are fitted in its place.
+#: Rivals of each claim that are fitted in its place (assumed).
 RIVALS = 3
-#: Noise floors that may be left where a gap counts as explained, or as none at all (the project's own rule).
+#: Noise floors that may be left where a gap counts as explained, or as none at all (assumed: the project's own rule).
 FLOORS_LEFT = 1.5
 #: Less than that is structure all the same where it gains this much log evidence (odds of 400 to one) and is as large
 #: as this share of the noise floor (assumed: smaller errors cost a campaign nothing).
@@ -35,8 +35,9 @@ STRUCTURE_GAIN, STRUCTURE_SIZE = 6.0, 0.5
 NAMEABLE = 0.8
 #: Neither is one that is less than this share of the gap where frames were registered (assumed).
 NAMEABLE_SHARE = 0.1
-#: What shows in the readings alone has to be this many standard deviations large (convention).
-PLAIN = 3.0
+#: What shows in the readings alone has to be this many standard deviations large (theory: one in 370 by
+#: chance); what moves the target less than this does not show there, in noise floors (assumed).
+PLAIN, UNSEEN = 3.0, 1e-6
 #: A zero that is off by more than this [rad or m] is counted wrongly, not adjusted badly: centimetres at the tool
 #: (assumed).
 FAR_ZERO = 0.02
@@ -46,6 +47,10 @@ SPOKEN_OF = 0.4
 FREE_FORMS = ("transmission_error", "gravity_compensator", "stiffness_nonlinearity")
 #: Probability of a claim that errors without a name explain as well (assumed: one in five).
 GIVEN_UP = 0.2
+#: Margins beyond this are not told apart; steps of the fit of noise without errors that have no name (assumed).
+MOST_MARGIN, STEPS = 1e3, 8
+#: Share of the values that is left to the noise at least, however many a model takes (assumed).
+LEFT_TO_NOISE = 0.5
 
 
 @dataclass(frozen=True)
@@ -219,7 +224,7 @@ def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Clai
     for gain in distinct_places(search, gains, RIVALS):
         scores.append(search.model((*rest, Claim(gain.signature, gain.size)), hyper, fit=False).score)
     best = float(np.logaddexp.reduce(scores))
-    return float(np.clip(whole.score - best, -1e3, 1e3)) if np.isfinite(best) else 0.0
+    return float(np.clip(whole.score - best, -MOST_MARGIN, MOST_MARGIN)) if np.isfinite(best) else 0.0
 
 
 def given_up(fit: Fit, doubt: Doubt, small: float) -> tuple[Finding, ...]:
@@ -256,7 +261,7 @@ def only_in_readings(fit: Fit, doubt: Doubt, finding: Finding) -> bool:
     columns = ledger.columns(finding.signature)
     values = doubt.model.posterior.values(doubt.search.ledger.p)[columns]
     moves = [np.sqrt(np.mean(np.sum((d[..., columns] @ values) ** 2, axis=1))) for d in ledger.designs]
-    return bool(moves[0] < 1e-6 and max(moves) > PLAIN)
+    return bool(moves[0] < UNSEEN and max(moves) > PLAIN)
 
 
 def measure_structure(fit: Fit, doubt: Doubt) -> Structure:
@@ -267,13 +272,13 @@ def measure_structure(fit: Fit, doubt: Doubt) -> Structure:
     values[foreign] = 0.0
     left = (ledger.observed[0] - ledger.designs[0][..., np.flatnonzero(values)] @ values[values != 0]) * source.sigma
     used = 3.0 * len(left) - count_used(doubt, foreign)
-    rms = float(np.sqrt(3.0 * np.sum(left**2) / max(used, 0.5 * left.size)))
+    rms = float(np.sqrt(3.0 * np.sum(left**2) / max(used, LEFT_TO_NOISE * left.size)))
     floor = noise_floor(fit)
     claimed = ledger.join_columns(doubt.model.signatures)
     frames = ledger.columns_named(REGISTRATION)
     small = np.setdiff1d(np.flatnonzero(values), np.concatenate([claimed, frames]))
     beyond = float(np.sqrt(max(rms**2 - floor**2, 0.0)))
-    free = fit.search.model(doubt.model.claims, fit.model.posterior.hyper, steps=8)
+    free = fit.search.model(doubt.model.claims, fit.model.posterior.hyper, steps=STEPS)
     gain = float(posterior.log_evidence - free.posterior.log_evidence)
     plain = gain > STRUCTURE_GAIN and beyond > STRUCTURE_SIZE * floor
     gap = float(np.sqrt(np.mean(np.sum((fit_frames(fit, doubt) * source.sigma) ** 2, axis=1))))
