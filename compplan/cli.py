@@ -34,6 +34,7 @@ COMMANDS = {
     "reproduce": "compplan.commands.reproduce",
     "place": "compplan.commands.place",
     "init": "compplan.commands.init",
+    "doctor": "compplan.commands.doctor",
 }
 
 

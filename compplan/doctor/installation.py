@@ -1,0 +1,121 @@
+"""The installation: interpreter, libraries with their versions, and whether they do what compplan needs of them."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import platform
+import sys
+from collections.abc import Callable, Iterator
+from importlib import metadata
+
+import numpy as np
+from packaging.requirements import Requirement
+
+from compplan.doctor.findings import Finding
+from compplan.robot.folder import robot_folders
+from compplan.version import VERSION
+
+#: Oldest Python, as pyproject.toml states it.
+OLDEST_PYTHON = (3, 11)
+
+
+def examine_installation() -> list[Finding]:
+    """Look at interpreter, libraries and what ships with compplan."""
+    return [*_look_at_platform(), *_look_at_libraries(), *_try_engines(), _look_at_robots()]
+
+
+def _look_at_platform() -> Iterator[Finding]:
+    version = platform.python_version()
+    if sys.version_info < OLDEST_PYTHON:
+        yield Finding("odd", "python", f"Python {version}, expected 3.11 or newer", "make a new environment")
+    else:
+        yield Finding("fine", "python", f"Python {version}, compplan {VERSION}")
+    machine = f"{platform.system()} {platform.machine()}"
+    if machine != "Linux x86_64":
+        yield Finding("note", "platform", f"{machine}; Pinocchio and TOPP-RA have wheels for Linux x86_64 alone")
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    yield Finding("fine", "processor", f"{cores} cores for --workers of montecarlo")
+
+
+def _look_at_libraries() -> Iterator[Finding]:
+    """Hold the versions that are installed against those that compplan asks for."""
+    try:
+        wanted = [Requirement(text) for text in metadata.requires("compplan") or ()]
+    except metadata.PackageNotFoundError:
+        yield Finding("note", "libraries", "compplan is not installed, it runs from its source tree", "pip install .")
+        return
+    faults = []
+    for requirement in wanted:
+        if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
+            continue
+        try:
+            version = metadata.version(requirement.name)
+        except metadata.PackageNotFoundError:
+            faults.append(f"{requirement.name} is missing")
+            continue
+        if not requirement.specifier.contains(version, prereleases=True):
+            faults.append(f"{requirement.name} {version}, expected {requirement.specifier}")
+    if faults:
+        yield Finding("odd", "libraries", "; ".join(faults), "pip install . in the checkout mends it")
+    else:
+        yield Finding("fine", "libraries", "all that compplan asks for are there, in versions it knows")
+
+
+def _try_engines() -> Iterator[Finding]:
+    """Let each engine solve something whose answer is known."""
+    engines: dict[str, tuple[str, Callable[[], bool]]] = {
+        "casadi": ("solver of the plans (IPOPT)", _try_ipopt),
+        "pinocchio": ("judge of the plans", _try_pinocchio),
+        "toppra": ("timing of the motion", _try_toppra),
+        "eaik": ("inverse kinematics", lambda: importlib.import_module("eaik.IK_URDF") is not None),
+    }
+    for name, (purpose, attempt) in engines.items():
+        try:
+            works, why = attempt(), "a wrong answer"
+        except Exception as error:  # whatever an engine ends with is the finding
+            works, why = False, f"{type(error).__name__}: {error}"
+        if works:
+            yield Finding("fine", name, f"works ({purpose})")
+        else:
+            yield Finding("odd", name, f"does not work ({purpose}): {why}", f"pip install --force-reinstall {name}")
+
+
+def _try_ipopt() -> bool:
+    """Find the least (x - 2)^2: it is at 2."""
+    casadi = importlib.import_module("casadi")
+    x = casadi.SX.sym("x")
+    quiet = {"ipopt.print_level": 0, "print_time": False, "ipopt.sb": "yes"}
+    answer = casadi.nlpsol("trial", "ipopt", {"x": x, "f": (x - 2.0) ** 2}, quiet)(x0=0.0)
+    return abs(float(answer["x"]) - 2.0) < 1e-6
+
+
+def _try_pinocchio() -> bool:
+    """Hold a pendulum of 1 kg at 1 m level: it needs 9.81 N m."""
+    pin = importlib.import_module("pinocchio")
+    model, zero = pin.Model(), np.zeros(1)
+    joint = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "swing")
+    bob = pin.Inertia(1.0, np.array([1.0, 0.0, 0.0]), np.zeros((3, 3)))
+    model.appendBodyToJoint(joint, bob, pin.SE3.Identity())
+    torque = pin.rnea(model, model.createData(), zero, zero, zero)
+    return abs(abs(float(torque[0])) - 9.81) < 1e-6
+
+
+def _try_toppra() -> bool:
+    """Time a metre: within 1 m/s it takes 1 s and a little more."""
+    toppra = importlib.import_module("toppra")
+    constraint, algorithm = (importlib.import_module(f"toppra.{name}") for name in ("constraint", "algorithm"))
+    path = toppra.SplineInterpolator(np.linspace(0.0, 1.0, 5), np.linspace(0.0, 1.0, 5)[:, None])
+    limits = [
+        constraint.JointVelocityConstraint(np.array([[-1.0, 1.0]])),
+        constraint.JointAccelerationConstraint(np.array([[-100.0, 100.0]])),
+    ]
+    timed = algorithm.TOPPRA(limits, path).compute_trajectory(0.0, 0.0)
+    return timed is not None and 1.0 <= timed.duration < 1.1
+
+
+def _look_at_robots() -> Finding:
+    names = list(robot_folders())
+    if not names:
+        return Finding("odd", "robots", "no robot folders ship with this installation", "pip install . in the checkout")
+    return Finding("fine", "robots", f"{len(names)} ship with compplan: {', '.join(names)}")

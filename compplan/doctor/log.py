@@ -1,0 +1,133 @@
+"""A measurement log: what it holds, what cannot be seen with it, and what looks like a mistake."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from compplan.diagnose.questions import question_campaign
+from compplan.doctor.findings import Finding
+from compplan.files.columns import Column
+from compplan.files.tables import Table, read_table
+from compplan.measure.campaign import WRENCH, Campaign
+from compplan.measure.checks import list_notes
+from compplan.measure.reading import read_campaign
+from compplan.robot import Robot
+
+#: Poses below which a calibration of six joints has hardly more equations than unknowns (theory: about 30 parameters,
+#: 3 coordinates a pose, half of them held out).
+FEW_POSES = 20
+#: A joint that moves less shows neither its zero nor its stiffness well (assumed). [rad]
+NARROW = np.radians(15.0)
+#: Columns of a log that nobody knows the robot of.
+COLUMNS = (
+    *(Column(name, "text") for name in ("run", "mode", "target")),
+    Column("time", "time", missing=True),
+    Column("q#", ("angle", "length"), required=True, missing=True),
+    *(Column(f"q#_{side}", ("angle", "length"), missing=True) for side in ("link", "motor")),
+    *(Column(name, "force", missing=True, group="force") for name in WRENCH[:3]),
+    *(Column(name, "moment", missing=True, group="moment") for name in WRENCH[3:]),
+    *(Column(name, "length", required=True, missing=True) for name in "xyz"),
+    *(Column(name, "angle", missing=True, group="orientation") for name in ("rx", "ry", "rz")),
+    Column("temperature", "temperature", missing=True),
+    Column("sigma", "length", missing=True, key="sigma_position"),
+    Column("sigma", "angle", missing=True, key="sigma_rotation"),
+)
+
+
+def examine_log(file: Path, robot: Robot | None = None) -> list[Finding]:
+    """Look at a measurement log, and at how it goes with its robot where that is given.
+
+    Args:
+        file: The log.
+        robot: The robot that it was taken on.
+
+    Raises:
+        InputError: If it is no measurement log, or none of this robot.
+
+    """
+    table = read_table(file, COLUMNS, unknown="note")
+    if not len(table):
+        raise table.error("the log has no rows, expected one row a measured pose")
+    findings = [_describe(table), *_look_at_columns(table)]
+    if robot is None:
+        return [*findings, Finding("note", "robot", "not given: signs, units and frames were not looked at", "--robot")]
+    campaign = read_campaign(file, robot)
+    return [*findings, *_look_at_rows(campaign, robot), *_look_at_poses(campaign, robot), *_question(campaign, robot)]
+
+
+def _describe(table: Table) -> Finding:
+    joints = len(table.numbered("q#"))
+    runs = len(set(table.text["run"].tolist())) if "run" in table else 1
+    return Finding("fine", "log", f"{len(table)} rows, {joints} joints, {runs} run{'s' if runs > 1 else ''}")
+
+
+def _look_at_columns(table: Table) -> Iterator[Finding]:
+    """Say what is not in the log, and what cannot be told without it."""
+    for note in table.notes:
+        yield Finding("odd", "column", note, "units belong in the name: x_mm, q1_deg, fx_N")
+    absent = {
+        "run": "run: all rows count as one run without a break",
+        "fx": "a load: stiffness can be told from weight alone",
+        "rx": "an orientation: tool and wrist errors are harder to tell apart",
+        "time": "a time: warm-up and lag cannot be told",
+        "temperature": "a temperature: warm-up is taken as a function of time",
+        "sigma_position": "sigma_mm: the instrument's noise is found from poses met again",
+    }
+    for key, without in absent.items():
+        if key not in table:
+            yield Finding("note", "column", f"no column with {without}")
+    for name in ("x", "y", "z"):
+        lost = int(np.isnan(table.values[name]).sum())
+        if lost:
+            yield Finding("note", "rows", f"{lost} rows have no {table.headers[name]}")
+
+
+def _look_at_rows(campaign: Campaign, robot: Robot) -> Iterator[Finding]:
+    for note in list_notes(campaign.notes):
+        yield Finding("odd", "rows", note)
+    beyond = ((campaign.q < robot.lower - 1e-9) | (campaign.q > robot.upper + 1e-9)).any(axis=1)
+    if beyond.any():
+        said = f"{int(beyond.sum())} rows stand beyond the joint limits of the folder"
+        yield Finding("odd", "rows", said, "is it this robot, and are signs and zeros the folder's?")
+    loaded = int((~campaign.unloaded).sum())
+    if not loaded:
+        yield Finding("note", "load", "no row is loaded: compliances show by weight alone")
+    elif not campaign.load_varies:
+        yield Finding("note", "load", f"{loaded} rows carry one and the same load")
+
+
+def _look_at_poses(campaign: Campaign, robot: Robot) -> Iterator[Finding]:
+    still = ~campaign.on_path
+    poses = len(np.unique(campaign.pose[still]))
+    again = _met_again(campaign)
+    if still.any() and poses < FEW_POSES:
+        yield Finding("odd", "poses", f"{poses} different poses", f"{FEW_POSES} and more tell causes apart")
+    elif still.any():
+        yield Finding("fine", "poses", f"{poses} different poses")
+    if still.any() and not again:
+        yield Finding("note", "repeats", "no pose is met again after another one", "repeat five: they show the noise")
+    elif again:
+        yield Finding("fine", "repeats", f"{again} poses are met again")
+    moved = np.ptp(np.nan_to_num(campaign.q), axis=0)
+    for joint, span in zip(robot.actuated, moved, strict=True):
+        if joint.kind != "prismatic" and span < NARROW:
+            said = f"{joint.name} moves over {np.degrees(span):.1f} deg only: its zero and stiffness hardly show"
+            yield Finding("odd", "poses", said)
+
+
+def _met_again(campaign: Campaign) -> int:
+    """Count the poses that more than one stay returns to."""
+    stays = {(int(pose), int(stay)) for pose, stay in zip(campaign.pose, campaign.stay, strict=True)}
+    poses = [pose for pose, _ in stays]
+    return sum(poses.count(pose) > 1 for pose in set(poses))
+
+
+def _question(campaign: Campaign, robot: Robot) -> Iterator[Finding]:
+    questions = question_campaign(robot, campaign)
+    for question in questions:
+        yield Finding("odd", question.about, question.sentence)
+    if not questions:
+        yield Finding("fine", "conventions", "units, frames, signs, point of the wrench and clock go with the robot")
