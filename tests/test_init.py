@@ -1,0 +1,70 @@
+"""What `compplan init` writes can be used at once: a job of a robot and a toolpath, a robot folder, an empty log."""
+
+import shutil
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import run_command
+
+from compplan.job.job import load_job
+from compplan.measure.reading import read_campaign
+from compplan.robot import load_robot
+from compplan.robot.folder import find_robot_folder, robot_folders
+
+
+def test_a_job_names_the_robot_its_own_language_and_the_toolpath(tmp_path: Path, monkeypatch, capsys) -> None:
+    (tmp_path / "part.nc").write_text("G21 G90\nG1 X10 F600\nX20\n")
+    file = tmp_path / "part.toml"
+    done = run_command(["init", file, "--robot", "kuka_kr240", "--toolpath", "part.nc"], monkeypatch, capsys)
+    assert done.status == 0
+    job = load_job(file)
+    data = tomllib.loads(file.read_text())
+    assert data["toolpath"] == "part.nc" and "generator" not in file.read_text().partition("[part]")[0]
+    assert job.robot == "kuka_kr240" and data["output"]["programs"] == ["krl"]
+
+
+@pytest.mark.parametrize("name", sorted(robot_folders()))
+def test_a_robot_folder_is_made_from_its_urdf_alone(name: str, tmp_path: Path, monkeypatch, capsys) -> None:
+    urdf = tmp_path / "arm.urdf"
+    shutil.copy(find_robot_folder(name) / "robot.urdf", urdf)
+    done = run_command(["init", "robot", urdf, "--out", tmp_path / "arm"], monkeypatch, capsys)
+    assert done.status == 0, done.err
+    made, shipped = load_robot(tmp_path / "arm"), load_robot(name)
+    assert made.joint_names == shipped.joint_names and made.springs == () and made.grade == "placeholder"
+    np.testing.assert_allclose(made.acceleration_limits, 2.0 * made.velocity_limits, rtol=0.01)
+    file = tmp_path / "arm" / "elasticity.toml"
+    head, *springs = file.read_text().split("\n# [[spring]]\n")
+    file.write_text(head + "".join("\n[[spring]]\n" + block.replace("# ", "") for block in springs))
+    assert len(load_robot(tmp_path / "arm").springs) == made.nq
+
+
+def test_the_empty_log_is_read_once_it_has_rows(tmp_path: Path, monkeypatch, capsys) -> None:
+    file = tmp_path / "log.csv"
+    assert run_command(["init", "log", "--robot", "kuka_kr240_rail", "--out", file], monkeypatch, capsys).status == 0
+    robot = load_robot("kuka_kr240_rail")
+    assert "q1_mm,q2_deg" in file.read_text()
+    rows = [f"static1,{k},{100 * k},0,-90,90,0,10,0,0,0,-{100 * k},0,0,0,{1500 + k},0,1800,20,0.03" for k in range(4)]
+    file.write_text(file.read_text() + "\n".join(rows) + "\n")
+    campaign = read_campaign(file, robot)
+    assert len(campaign) == 4 and campaign.q[2, 0] == pytest.approx(0.2) and campaign.wrench[3, 2] == -300.0
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["init", "robot"],
+        ["init", "log"],
+        ["init", "a.toml", "b.toml"],
+        ["init", "robot", "no.urdf"],
+        ["init", "x.toml", "--tcp", "tool0"],
+        ["init", "x.toml", "--toolpath", "no.nc"],
+        ["init", "x.toml", "--robot", "no_robot"],
+    ],
+)
+def test_words_that_make_no_sense_end_in_one_line_and_write_nothing(words, tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = run_command(words, monkeypatch, capsys)
+    assert done.status == 2 and done.err.startswith("error: ") and done.err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
