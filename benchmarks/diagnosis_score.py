@@ -62,10 +62,8 @@ def answer_all(cases: Sequence[Path], contestant: str, tree: Path, out: Path, wo
     """Answer every case; those that OUT/CONTESTANT holds already are read."""
     files = {case: out / contestant.split("=")[0] / f"{name_of(case)}.json" for case in cases}
     missing = [case for case in cases if not _answered(files[case])]
-    bar: Any = click.progressbar(
-        length=len(missing), label=contestant.split("=")[0], file=click.get_text_stream("stderr")
-    )
-    with bar as progress:
+    label, stderr = contestant.split("=")[0], click.get_text_stream("stderr")
+    with click.progressbar(range(len(missing)), label=label, file=stderr) as progress:
         for case, answer in _run(missing, contestant, tree, workers):
             write_whole(files[case], json.dumps(answer) + "\n")
             progress.update(1)

@@ -74,7 +74,9 @@ def test_few_waypoints_far_apart_are_divided_until_the_tip_stays_on_the_straight
 
 
 def test_the_milling_force_is_that_of_the_feed_that_is_driven_and_vanishes_at_corners(tmp_path):
-    plan = cp.plan_job(three_points(tmp_path, MILLING))
+    told = []
+    plan = cp.plan_job(three_points(tmp_path, MILLING), progress=told.append)
+    assert "force and feed, turn 1" in told
     task, timing = plan.task, plan.timing
     corner = int(np.flatnonzero(task.rests)[0])
     force = np.linalg.norm(task.wrench[:, :3], axis=1)

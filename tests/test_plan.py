@@ -151,3 +151,25 @@ def test_fifty_thousand_waypoints_stay_within_a_micrometre():
     plan = cp.plan_job(cp.load_job(PATHS / "isf_cone_50k.toml"))
     assert len(plan.task) >= 50_000
     assert plan.after.max_deviation < 1e-6
+
+
+class CancelledError(Exception):
+    """What somebody raises who has waited long enough."""
+
+
+def test_a_plan_tells_its_stages_in_order_and_ends_where_it_is_cancelled():
+    job, told = shipped("circle_10mm", toolpath={"waypoints": 12}), []
+
+    def progress(text, until=""):
+        told.append(text.split(" of ")[0])
+        if told[-1] == until:
+            raise CancelledError
+
+    cp.plan_job(job, progress=progress)
+    stages = ["robot and toolpath", "posture", "sampling", "compensation", "virtual cell"]
+    assert list(dict.fromkeys(told)) == [*stages, "margins, approach and retract"]
+    for stop in ("posture", "compensation"):
+        told.clear()
+        with pytest.raises(CancelledError):
+            cp.plan_job(job, progress=lambda text, stop=stop: progress(text, stop))
+        assert told == stages[: stages.index(stop) + 1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,16 +35,54 @@ def apply_unknown(effect: Effect, scenario: Scenario) -> Scenario:
     return APPLY_UNKNOWN[effect.name](effect, scenario)
 
 
+@dataclass(frozen=True)
+class Place:
+    """Where an effect may sit, drawn for every one alike.
+
+    Attributes:
+        arm: Joints of the arm.
+        big: Those of its first three that have springs of their own.
+        joint: One of the first five.
+        along: A direction. Shape (3,).
+        station: Where the instrument stands. [m]
+        phase: An angle. [rad]
+    """
+
+    arm: list[str]
+    big: list[str]
+    joint: str
+    along: list[float]
+    station: list[float]
+    phase: float
+
+
 def draw_unknown(rng: np.random.Generator, name: str, scenario: Scenario, rows: Rows) -> Effect:
     """Draw the shape of an effect from outside the vocabulary, at a size that is yet to be scaled."""
-    names = scenario.description.joint_names
-    arm = [n for n in names if n != "rail"]
+    arm = [n for n in scenario.description.joint_names if n != "rail"]
     big = [n for n in arm[:3] if scenario.own_springs(n)]
     joint = str(rng.choice(arm[:5]))
     along = rng.normal(size=3)
-    along = (along / np.linalg.norm(along)).tolist()
     station = [float(v) for v in rng.uniform(-1.0, 1.0, 3) * [4.0, 4.0, 0.3] + [0.0, 0.0, 1.2]]
-    phase = float(rng.uniform(0.0, 6.28))
+    place = Place(arm, big, joint, (along / np.linalg.norm(along)).tolist(), station, float(rng.uniform(0.0, 6.28)))
+    if name.startswith(("tracker", "force")):
+        return _draw_of_instrument(rng, name, place)
+    return _draw_of_robot(rng, name, place, scenario, rows)
+
+
+def _draw_of_instrument(rng: np.random.Generator, name: str, place: Place) -> Effect:
+    if name == "tracker_refraction":
+        return Effect(name, None, None, 1e-5, "1/m", {"station_m": place.station}, known=False)
+    if name == "tracker_eccentricity":
+        params = {"station_m": place.station, "phase_rad": place.phase, "cycles": int(rng.choice([3, 4, 6]))}
+        return Effect(name, None, None, 1e-5, "rad", params, known=False)
+    if name == "tracker_scale":
+        return Effect(name, None, None, 1e-5, "1", {"station_m": place.station}, known=False)
+    matrix = rng.normal(size=(3, 3))
+    np.fill_diagonal(matrix, 0.0)
+    return Effect(name, None, None, 0.02, "1", {"matrix": matrix.tolist()}, known=False)
+
+
+def _draw_of_robot(rng: np.random.Generator, name: str, place: Place, scenario: Scenario, rows: Rows) -> Effect:
     if name == "hose_pull":
         anchor = [float(v) for v in rng.uniform(-0.4, 0.4, 3) + np.array([0.0, 0.0, 2.0])]
         return Effect(
@@ -55,48 +93,37 @@ def draw_unknown(rng: np.random.Generator, name: str, scenario: Scenario, rows: 
             known=False,
         )
     if name == "stick_scatter":
-        return Effect(name, joint, None, 1e-4, "rad", {"seed": int(rng.integers(2**31))}, known=False)
+        return Effect(name, place.joint, None, 1e-4, "rad", {"seed": int(rng.integers(2**31))}, known=False)
     if name == "loose_flange":
         return Effect(name, None, None, 1e-4, "rad", {"moment_Nm": float(rng.uniform(15.0, 60.0))}, known=False)
-    if name == "tracker_refraction":
-        return Effect(name, None, None, 1e-5, "1/m", {"station_m": station}, known=False)
-    if name == "tracker_eccentricity":
-        params = {"station_m": station, "phase_rad": phase, "cycles": int(rng.choice([3, 4, 6]))}
-        return Effect(name, None, None, 1e-5, "rad", params, known=False)
-    if name == "tracker_scale":
-        return Effect(name, None, None, 1e-5, "1", {"station_m": station}, known=False)
-    if name == "force_cross_talk":
-        matrix = rng.normal(size=(3, 3))
-        np.fill_diagonal(matrix, 0.0)
-        return Effect(name, None, None, 0.02, "1", {"matrix": matrix.tolist()}, known=False)
     if name == "creep":
         return Effect(
-            name, str(rng.choice(big)), None, 0.3, "1", {"tau_s": float(rng.uniform(60.0, 600.0))}, known=False
+            name, str(rng.choice(place.big)), None, 0.3, "1", {"tau_s": float(rng.uniform(60.0, 600.0))}, known=False
         )
     if name == "path_vibration":
-        params = {"frequency_Hz": float(rng.uniform(0.4, 3.0)), "along": along, "phase_rad": phase}
+        params = {"frequency_Hz": float(rng.uniform(0.4, 3.0)), "along": place.along, "phase_rad": place.phase}
         return Effect(name, None, None, 1e-4, "m", params, known=False)
     if name == "load_dependent_backlash":
-        chosen = str(rng.choice(big))
+        chosen = str(rng.choice(place.big))
         load = simulate_rows(scenario, rows).load[:, scenario.own_springs(chosen)[0]]
         torque = float(np.sqrt(np.mean(load**2))) + 1e-6
         return Effect(name, chosen, None, 1e-4, "rad, full width", {"torque_Nm": torque}, known=False)
     if name == "settling_foundation":
-        return Effect(name, None, None, 1e-4, "rad", {"about": along, "seconds": float(rows.time[-1])}, known=False)
+        params = {"about": place.along, "seconds": float(rows.time[-1])}
+        return Effect(name, None, None, 1e-4, "rad", params, known=False)
     if name == "elastic_cross_coupling":
-        k = int(rng.integers(1, len(big)))
-        return Effect(
-            name, big[k], None, 1e-7, "rad/(N m)", {"bends": big[k - 1] if rng.random() < 0.5 else arm[3]}, known=False
-        )
+        k = int(rng.integers(1, len(place.big)))
+        bends = place.big[k - 1] if rng.random() < 0.5 else place.arm[3]
+        return Effect(name, place.big[k], None, 1e-7, "rad/(N m)", {"bends": bends}, known=False)
     if name == "sun_on_link":
         params = {
-            "about": along,
+            "about": place.along,
             "tau_s": float(rng.uniform(1500.0, 5000.0)),
-            "phase_rad": phase,
+            "phase_rad": place.phase,
             "sway": float(rng.uniform(0.5, 1.5)),
         }
-        return Effect(name, str(rng.choice(arm[1:4])), None, 1e-4, "rad", params, known=False)
-    return Effect(name, joint, None, 1e-4, "rad", {"speed_rad_s": float(rng.uniform(0.003, 0.02))}, known=False)
+        return Effect(name, str(rng.choice(place.arm[1:4])), None, 1e-4, "rad", params, known=False)
+    return Effect(name, place.joint, None, 1e-4, "rad", {"speed_rad_s": float(rng.uniform(0.003, 0.02))}, known=False)
 
 
 def _hose_pull(e: Effect, s: Scenario) -> Scenario:

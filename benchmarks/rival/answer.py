@@ -12,7 +12,8 @@ import numpy as np
 from benchmarks.rival.chain import Array, Chain, read_chain
 from benchmarks.rival.greedy import ALIKE, MOST, WIDE, Problem, Selection, Spec, Trial, fit_frames, select, try_all
 from benchmarks.rival.log import Log, read_log
-from benchmarks.rival.signatures import Columns, stage
+from benchmarks.rival.scene import stage
+from benchmarks.rival.signatures import Columns
 
 #: Where more than so many noise floors are left, something is not explained (assumed: robots are wrong by as much).
 LEFT = 2.0

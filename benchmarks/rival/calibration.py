@@ -16,7 +16,8 @@ import numpy as np
 from benchmarks.rival.chain import Array, Chain, read_chain
 from benchmarks.rival.greedy import Problem, fit_frames
 from benchmarks.rival.log import Log, read_log
-from benchmarks.rival.signatures import Columns, Spec, stage
+from benchmarks.rival.scene import Spec, stage
+from benchmarks.rival.signatures import Columns
 from benchmarks.rival.vocabulary import AXES
 
 #: Standard deviation of lengths and angles about the nominal robot (assumed), and of frames. [m or rad]

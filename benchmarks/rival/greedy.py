@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.rival.chain import Array, Chain
 from benchmarks.rival.log import Log
-from benchmarks.rival.signatures import Columns, Motion, Scene, Spec, rotation_gap, stage
+from benchmarks.rival.scene import Motion, Scene, Spec, stage
+from benchmarks.rival.signatures import Columns, rotation_gap
 from benchmarks.rival.vocabulary import WAVES, list_specs
 
 #: At most so many effects that may be named, and that may predict; share of rows set aside, and times the robust scale

@@ -8,7 +8,8 @@ import numpy as np
 
 from benchmarks.rival.chain import Chain
 from benchmarks.rival.log import Log
-from benchmarks.rival.signatures import Columns, Scene, Spec
+from benchmarks.rival.scene import Scene, Spec
+from benchmarks.rival.signatures import Columns
 
 AXES = ("rx", "ry", "rz", "tx", "ty", "tz")
 #: Waves a turn that are tried for an error of a gear, and time constants of a warm-up without thermometer. [s]

@@ -8,6 +8,7 @@ import click
 import numpy as np
 
 from compplan.commands.measured import load_measured, measured_options, settle_questions
+from compplan.commands.progress import show_progress
 from compplan.errors import InputError
 from compplan.files.tables import dump_json
 from compplan.identify.campaign import identify_campaign
@@ -92,7 +93,9 @@ def command(
         raise InputError("no measurement log is given; name one, or ask for poses to measure with --choose-poses N")
     robot, campaign = load_measured(measurements, robot_name, tool, target_offset)
     settle_questions(robot, campaign, options.register, assume_ok)
-    summary = write_identification(identify_campaign(robot, campaign, options), out, list(campaign.notes))
+    with show_progress() as progress:
+        found = identify_campaign(robot, campaign, options, progress=progress)
+    summary = write_identification(found, out, list(campaign.notes))
     if as_json:
         click.echo(dump_json(summary))
         return

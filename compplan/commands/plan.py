@@ -45,8 +45,7 @@ def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
     from compplan.report.style import format_length
 
     with show_progress() as announce:
-        announce("plan: posture, compensation, timing, virtual cell")
-        plan = note_programs(plan_job(job))
+        plan = note_programs(plan_job(job, progress=lambda text: announce(f"plan: {text}")))
         plan = replace(plan, notes=(note, *plan.notes)) if note else plan
         announce("write: programs, joints.csv, report.html")
         files = write_plan(plan, folder)

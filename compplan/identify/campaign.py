@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from compplan.identify.estimate import Estimate
@@ -61,7 +61,10 @@ class Identification:
     notes: tuple[str, ...]
 
 
-def identify_campaign(robot: Robot, campaign: Campaign, options: IdentifyOptions | None = None) -> Identification:
+def identify_campaign(
+    robot: Robot, campaign: Campaign, options: IdentifyOptions | None = None, *,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Identification:  # fmt: skip
     """Identify a robot from a campaign.
 
     Frames are fitted first (to unloaded poses where there are enough), then along with everything else, so that the
@@ -72,10 +75,12 @@ def identify_campaign(robot: Robot, campaign: Campaign, options: IdentifyOptions
         robot: The nominal robot.
         campaign: The measurement log.
         options: What is fitted, and how.
+        progress: Told what is being done; an exception raised in it ends the call.
 
     Raises:
         InputError: If the log holds too little, or an option names something that does not exist.
     """
+    progress("frames and outliers")
     chosen = IdentifyOptions() if options is None else options
     check_options(chosen)
     frames = place_frames(robot, campaign, chosen.register)
@@ -83,12 +88,14 @@ def identify_campaign(robot: Robot, campaign: Campaign, options: IdentifyOptions
     if observations.encoder is not None or len(set(observations.link_side.tolist())) > 1:
         chosen = replace(chosen, link_side=True)
     screened, outliers, said = screen_outliers(IdentifyProblem(robot, chosen, observations, frames))
+    progress("geometry")
     problem, more = choose_reference(choose_geometry(screened))
-    growth = _grow(problem)
+    growth = _grow(problem, progress)
     if chosen.stepwise and chosen.geometry == "auto":
-        growth = _prefer_less_geometry(growth)
+        growth = _prefer_less_geometry(growth, progress)
     problem, estimate, kept = growth.problem, growth.estimate, growth.kept
     source = f"identified from {campaign.file.name if campaign.file else 'measurements'}, {len(observations)} rows"
+    progress("held-out poses")
     updated, unwritten = update_robot(robot, kept, source=source)
     return Identification(
         robot=updated,
@@ -123,8 +130,9 @@ class _Growth:
     notes: tuple[str, ...]
 
 
-def _grow(problem: IdentifyProblem) -> _Growth:
+def _grow(problem: IdentifyProblem, progress: Callable[[str], None]) -> _Growth:
     """Fit everything that is considered, grow the model from what is demanded, and place what was added."""
+    progress(f"compliances, geometry {problem.geometry}")
     structure = problem.structure()
     estimate = problem.fit(structure)
     told = {name for name, free in zip(estimate.names, estimate.free, strict=True) if free}
@@ -144,10 +152,10 @@ def _grow(problem: IdentifyProblem) -> _Growth:
     return _Growth(problem, grown, estimate, refinement, kept, notes)
 
 
-def _prefer_less_geometry(growth: _Growth) -> _Growth:
+def _prefer_less_geometry(growth: _Growth, progress: Callable[[str], None]) -> _Growth:
     """Take less geometry where springs explain as much: bending that is left out looks like wrong geometry."""
     for level in GEOMETRY[: GEOMETRY.index(growth.problem.geometry)]:
-        plainer = _grow(replace(growth.problem, geometry=level))
+        plainer = _grow(replace(growth.problem, geometry=level), progress)
         scores = [held_out_score(entry.problem, entry.kept) for entry in (plainer, growth)]
         if gain_score(*scores) < GAIN_LIMIT:
             return plainer

@@ -113,9 +113,7 @@ def estimate_parameters(
         UnknownNameError: If a loss or a reference does not exist.
         ConvergenceError: If the iteration does not settle.
     """
-    check_loss(loss)
-    if reference not in REFERENCES:
-        raise UnknownNameError("reference", reference, list(REFERENCES))
+    _check_choices(loss, reference)
     start = KNOWN_FRAMES if registration is None else registration
     group = pose_groups(observations) if reference == "difference" else None
     parameters = (*structure.parameters, *frame_parameters(start, observations.rotation is not None))
@@ -124,12 +122,7 @@ def estimate_parameters(
     matrix = information(system, system.whitener(np.ones(3)), group)
     free = find_free(matrix, parameters)
     held = explain_held(structure, observations, prediction, matrix, parameters, free)
-    if parameters and not free.any():
-        raise InputError(f"nothing can be identified: {'; '.join(item.sentence for item in held[:3])}")
-    if system.known.sum() <= free.sum():
-        raise InputError(
-            f"{system.known.sum()} measured numbers for {free.sum()} parameters, expected more; add poses"
-        )
+    _check_enough(system, free, held)
     values, frames, prediction, system, noise, steps = _iterate(
         structure, observations, start, parameters, free, group, loss, sigma, (prediction, system)
     )
@@ -152,6 +145,23 @@ def estimate_parameters(
         clustered=clustered,
         iterations=steps,
     )
+
+
+def _check_choices(loss: str, reference: str) -> None:
+    """Refuse a loss or a reference that does not exist."""
+    check_loss(loss)
+    if reference not in REFERENCES:
+        raise UnknownNameError("reference", reference, list(REFERENCES))
+
+
+def _check_enough(system: System, free: NDArray[np.bool_], held: tuple[Inseparable, ...]) -> None:
+    """Refuse poses that tell nothing, or less than there are parameters."""
+    if len(free) and not free.any():
+        raise InputError(f"nothing can be identified: {'; '.join(item.sentence for item in held[:3])}")
+    if system.known.sum() <= free.sum():
+        raise InputError(
+            f"{system.known.sum()} measured numbers for {free.sum()} parameters, expected more; add poses"
+        )
 
 
 def pose_groups(observations: Observations) -> NDArray[np.int_]:

@@ -1,4 +1,10 @@
-"""What the model says about measured rows, and how that changes with the parameters."""
+"""What the model says about measured rows, and how that changes with the parameters.
+
+It stands beside the forward model of `compplan.effects` on purpose: single terms of a link's 6x6 compliance and the
+place where a spring sits are no effects of the vocabulary, and a step of the fit needs the derivative by each of them
+at the loaded equilibrium. What both know of springs, links and geometry is the same to 1e-9 m, which
+`tests/test_identify_forward.py` checks.
+"""
 
 from __future__ import annotations
 

@@ -6,6 +6,7 @@ correction on the force: they are worked out in turn until the tip moves by no m
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -55,18 +56,23 @@ class Agreement:
     notes: tuple[str, ...] = ()
 
 
-def agree(task: PlanTask, strategy: str, wish: FeedWish) -> Agreement:
+def agree(
+    task: PlanTask, strategy: str, wish: FeedWish, progress: Callable[[str], None] = lambda text: None
+) -> Agreement:
     """Let a strategy command a task, time the command, and repeat until force, feed and division fit.
 
     Args:
         task: The task.
         strategy: Name of the strategy.
         wish: What the process asks of the feed.
+        progress: Told what is being done.
 
     """
+    progress("sampling")
     task = _divide_ahead(task, wish)
     for last in range(DIVISIONS + 1):
-        found = _take_turns(task, strategy, wish)
+        progress(f"compensation of {len(task)} waypoints")
+        found = _take_turns(task, strategy, wish, progress)
         pieces = _missing_pieces(found)
         if last == DIVISIONS or not (pieces > 1).any():
             break
@@ -93,7 +99,7 @@ def _divide_ahead(task: PlanTask, wish: FeedWish) -> PlanTask:
     return task
 
 
-def _take_turns(task: PlanTask, strategy: str, wish: FeedWish) -> Agreement:
+def _take_turns(task: PlanTask, strategy: str, wish: FeedWish, progress: Callable[[str], None]) -> Agreement:
     """Command the path; where the force follows the feed, slow the run down until its own corrections can follow.
 
     Where the inertia of the motion is to bend the arm little, slow it down until it does.
@@ -109,6 +115,7 @@ def _take_turns(task: PlanTask, strategy: str, wish: FeedWish) -> Agreement:
     turns = 0
     while excess > 1.0 and turns < TURNS:
         turns += 1
+        progress(f"force and feed, turn {turns}")
         driven, timing, notes = time_run(task, task.q_start, wish, slow)
         wrench = predict_loads(task, _moving_feed(timing))
         change = _shift(task, command.q, wrench)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -175,16 +176,23 @@ class Plan:
         )
 
 
-def plan_job(job: Job) -> Plan:
+def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -> Plan:
     """Plan a job.
+
+    Args:
+        job: The job.
+        progress: Told what is being done; an exception raised in it ends the call.
 
     Raises:
         InputError: If the job, or a file that it names, is not what it has to be, or the part is out of reach.
 
     """
+    progress("robot and toolpath")
     robot, nominal, options = prepare_job(job)
+    progress("posture")
     task = build_task(robot, nominal, options, file=job.file)
-    return plan_task(task, options.strategy, name=job.name or job.file.stem, feed=options.feed, job=job)
+    name = job.name or job.file.stem
+    return plan_task(task, options.strategy, name=name, feed=options.feed, job=job, progress=progress)
 
 
 def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
@@ -206,8 +214,9 @@ def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
 
 
 def plan_compensation(
-    robot: Robot, nominal: Toolpath, options: PlanOptions | None = None, *, name: str = "path"
-) -> Plan:
+    robot: Robot, nominal: Toolpath, options: PlanOptions | None = None, *, name: str = "path",
+    progress: Callable[[str], None] = lambda text: None,
+) -> Plan:  # fmt: skip
     """Plan a path: choose the posture, compensate, time, and judge in the cell as modelled.
 
     Args:
@@ -215,30 +224,34 @@ def plan_compensation(
         nominal: The path with its predicted wrench, base frame.
         options: What the plan may do.
         name: Name of the plan.
+        progress: Told what is being done; an exception raised in it ends the call.
 
     Raises:
         InputError: If the path cannot be followed, or no waypoint is within reach.
 
     """
     options = options or PlanOptions()
+    progress("posture")
     task = build_task(robot, nominal, options)
-    return plan_task(task, options.strategy, name=name, feed=options.feed)
+    return plan_task(task, options.strategy, name=name, feed=options.feed, progress=progress)
 
 
 def plan_task(
-    task: PlanTask, strategy: str, *, name: str = "path", feed: FeedWish | None = None, job: Job | None = None
-) -> Plan:
-    """Let one strategy command a task; time and judge its command.
+    task: PlanTask, strategy: str, *, name: str = "path", feed: FeedWish | None = None, job: Job | None = None,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Plan:  # fmt: skip
+    """Let one strategy command a task; time and judge its command; `progress` is told what is being done.
 
     Raises:
         InfeasibleError: If the arm buckles under the load; with waypoint and joint.
 
     """
     try:
-        found = agree(task, strategy, feed or FeedWish())
+        found = agree(task, strategy, feed or FeedWish(), progress)
     except ConvergenceError as error:
         raise explain_buckling(task, error) or error from None
     task, command, timing, feed_notes = found.task, found.command, found.timing, found.notes
+    progress("virtual cell")
     clearance, near = check_clearance(task.start, command.q)
     bench = set_up_bench(task, timing, job)
     stopped = {**find_jumps(task, command.q), **find_overloads(task, command.q, bench), **near, **command.failures}
@@ -246,6 +259,7 @@ def plan_task(
         command = replace(command, status="infeasible", failures=stopped)
     after = evaluate_run(task, command.q, bench.cell, bench.wrench)
     before = after if command.q is task.q_start else evaluate_model(task, task.q_start)
+    progress("margins, approach and retract")
     margins = measure_margins(task, command.q, timing)
     bending = measure_bending(task, command.q, timing)
     breaches = find_breaches(task, command, timing, found.between, after, margins, bench)

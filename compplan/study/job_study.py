@@ -20,7 +20,7 @@ from compplan.study.encoder_table import EncoderTable, tabulate_encoders
 from compplan.study.runner import Run, Settings, run_study
 from compplan.study.sensitivity import Sensitivity, measure_sensitivity
 from compplan.study.storage import discard_chunks
-from compplan.study.study import MOST_WAYPOINTS, prepare_study
+from compplan.study.study import MOST_WAYPOINTS, Study, prepare_study
 from compplan.study.summary import summarise_run
 from compplan.study.workforce import Workforce
 
@@ -89,13 +89,7 @@ def study_job(
         raise InputError("is a file, expected a folder to write to", file=folder)
     workforce = workforce or Workforce()
     workforce.check()
-    say("posture")
-    robot, nominal, options = prepare_job(job)
-    task = build_task(robot, nominal, options, file=job.file)
-    plain = _plain_task(robot, nominal, options) if not strategies or PLAIN in strategies else None
-    study = prepare_study(
-        task, job.noise, strategies or None, most_waypoints=most_waypoints, plain=plain, announce=say
-    )
+    study, main = _prepare(job, strategies, most_waypoints, say)
 
     def tell(stage: str) -> Callable[[int, int], None] | None:
         return None if progress is None else lambda done, total: progress(stage, done, total)
@@ -112,9 +106,22 @@ def study_job(
             study, settings.seed, folder=store / "sensitivity", workforce=workforce, progress=tell("sensitivity")
         )
     say("summary")
-    main = options.strategy
     summary = summarise_run(run, indices, name=job.name or job.file.stem, main=main)
     return JobStudy(job, run, indices, trace_model_error(study), tabulate_encoders(study.task), summary)
+
+
+def _prepare(
+    job: Job, strategies: Sequence[str], most_waypoints: int, say: Callable[[str], None]
+) -> tuple[Study, str]:
+    """Find the posture and let every strategy command the path; the study, and the job's own strategy."""
+    say("posture")
+    robot, nominal, options = prepare_job(job)
+    task = build_task(robot, nominal, options, file=job.file)
+    plain = _plain_task(robot, nominal, options) if not strategies or PLAIN in strategies else None
+    study = prepare_study(
+        task, job.noise, strategies or None, most_waypoints=most_waypoints, plain=plain, announce=say
+    )
+    return study, options.strategy
 
 
 def _plain_task(robot: Robot, nominal: Toolpath, options: PlanOptions) -> PlanTask | None:
