@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compplan.diagnose.where import split_deviation
+from compplan.diagnose.shares import CALIBRATION, UNEXPLAINED, Carrier, Share, Shares
+from compplan.diagnose.where import Split, spread_gap
 from compplan.effects import EFFECTS
 from compplan.measure.campaign import Campaign
 from compplan.report.diagnosis_page import DiagnosisView, say_how_far, say_where, say_which, write_diagnosis
@@ -49,10 +50,20 @@ def make_view(**changes: Any) -> DiagnosisView:
             "held_out_before_rms_mm": 0.6, "held_out_after_rms_mm": 0.0525, "noise_floor_mm": 1e3 * floor,
         },
         candidates=[{**SPRING, "held_out_rms_mm": 0.0525}], next_measurement=[],
-        split=split_deviation(robot, campaign, before, noise=floor), point=point, before=before, after=noise,
-        used=np.ones(120, bool),
+        split=Split(make_shares(0.94), spread_gap(robot, campaign, before, noise, np.ones(120, bool)), {}),
+        point=point, before=before, after=noise, used=np.ones(120, bool),
     )  # fmt: skip
     return replace(view, **changes)
+
+
+def make_shares(soft: float) -> Shares:
+    """Give joint 3 a share by its stiffness, 4 % to small errors and the rest to noise."""
+    carried, nothing = Share(soft, soft - 0.02, soft + 0.01), Share(0.0, 0.0, 0.01)
+    carriers = (Carrier("joint_3", "joint_stiffness", carried, 0.97),) if soft else ()
+    return Shares(
+        {"joint_3": Share(soft, 0.0, soft), CALIBRATION: Share(0.04, 0.01, 0.06), UNEXPLAINED: nothing},
+        {"load": carried, UNEXPLAINED: nothing}, carriers, {"joint_3": {"joint_stiffness": soft}}, 0.96 - soft,
+    )  # fmt: skip
 
 
 def own_part(html: str) -> str:
@@ -67,8 +78,9 @@ def test_the_three_answers_stand_on_top_and_name_place_cause_and_gain(tmp_path: 
     assert found
     answers = re.findall(r"<li>(.*?)</li>", found.group(1))
     assert len(answers) == 3
-    assert "joint_3 carries 9" in answers[0]
-    assert "by its spring" in answers[0]
+    assert "joint_3 carries 94" in answers[0]
+    assert "by joint stiffness (probability 0.97, 95 %: 92\u00a0% to 95\u00a0% if so)" in answers[0]
+    assert "small errors everywhere (calibration) carry 4" in answers[0]
     assert "the compliance of joint_3 differs from the model (probability 0.97)" in answers[1]
     assert "to 52.5\u00a0µm rms, 1.01 times the noise floor of 52.0\u00a0µm" in answers[2]
     assert (tmp_path / "report.html").stat().st_size < 6e6
@@ -83,8 +95,8 @@ def test_unknown_and_none_are_said_plainly() -> None:
 
 def test_a_gap_of_noise_has_no_place() -> None:
     view = make_view()
-    quiet = split_deviation(view.robot, view.campaign, view.after, noise=float(np.sqrt(3) * SIGMA))
-    assert "no joint, frame, load or time carries a part of it" in say_where(replace(view, split=quiet))
+    quiet = replace(view.split, shares=make_shares(0.0))
+    assert "no joint, frame, sensor or load is named that carries a part of it" in say_where(replace(view, split=quiet))
 
 
 def test_rivals_and_unexplained_structure_are_said() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from compplan.diagnose.certainty import MOST_SURE
 from compplan.diagnose.channels import position_residual
 from compplan.diagnose.conventions import find_conventions
-from compplan.diagnose.doubt import raise_doubt
+from compplan.diagnose.doubt import Doubt, raise_doubt
 from compplan.diagnose.fit import fit_effects
 from compplan.diagnose.held_out import Folds, HeldOut, make_folds, with_claims
 from compplan.diagnose.polish import polish_fit
@@ -68,7 +68,7 @@ def diagnose_campaign(
     progress("verdict")
     doubt = raise_doubt(fit, progress)
     verdict = _with_conventions(reach_verdict(fit, doubt), problem, len(known))
-    return _conclude(fit, verdict, nominal, started, len(known), progress)
+    return _conclude(fit, doubt, verdict, nominal, started, len(known), progress)
 
 
 def _register(problem: Problem, campaign: Campaign) -> tuple[Registration | None, Scene]:
@@ -93,7 +93,7 @@ def _with_conventions(verdict: Verdict, problem: Problem, known: int) -> Verdict
 
 
 def _conclude(
-    fit: Fit, verdict: Verdict, nominal: Scene, registration: Registration | None, known: int,
+    fit: Fit, doubt: Doubt, verdict: Verdict, nominal: Scene, registration: Registration | None, known: int,
     progress: Callable[[str], None],
 ) -> Diagnosis:  # fmt: skip
     """Hold out, choose the updated robot, and collect the record."""
@@ -124,7 +124,7 @@ def _conclude(
     )
     return Diagnosis(
         robot=problem.robot, updated=fold_effects(problem.robot, state.effects[known:]), fit=fit,
-        verdict=_with_sizes(verdict, state), gap=gap, candidates=ranked, residual_before=before,
+        doubt=doubt, verdict=_with_sizes(verdict, state), gap=gap, candidates=ranked, residual_before=before,
         residual_after=residual, registration=state.registration, outliers=fit.outliers,
         noise=fit.noises["position"].source,
     )  # fmt: skip

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.doubt import Doubt
 from compplan.diagnose.state import Fit
 from compplan.diagnose.verdict import Finding, Verdict
 from compplan.effects.linearization import Place
@@ -65,6 +66,7 @@ class Diagnosis:
         robot: The nominal robot.
         updated: The updated robot: URDF, springs and effects. The nominal one where nothing was found.
         fit: The fit: campaign, exact effects, linearization, ledger with all models that were looked at.
+        doubt: Its claims among errors that no effect makes; names and shares come from its posterior.
         verdict: Status and named effects.
         gap: How far the gap shrinks.
         candidates: Effects one by one, ranked.
@@ -79,6 +81,7 @@ class Diagnosis:
     robot: Robot
     updated: Robot
     fit: Fit
+    doubt: Doubt
     verdict: Verdict
     gap: Gap
     candidates: tuple[Candidate, ...]

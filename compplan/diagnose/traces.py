@@ -1,30 +1,27 @@
-"""Traces: the error that a joint would have to make at every row, against what the error depends on.
+"""Traces: the error that a named joint makes at every row, against what it follows.
 
-The other mechanisms that carry the deviation are taken out first, so that a soft spring shows as a line over torque,
-lost motion as two levels, a gear error as a wave over the joint's angle.
+What the rest of the diagnosis explains is taken out first, so that a soft spring shows as a line over load, lost motion
+as two levels, a gear error as a wave over the joint's angle.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from compplan.diagnose.pattern_fit import Cell
-from compplan.diagnose.patterns import Patterns
+from compplan.effects import driver_of
+from compplan.effects.linearization import Linearization
 from compplan.robot import Array
+
+if TYPE_CHECKING:
+    from compplan.diagnose.result import Diagnosis
+    from compplan.diagnose.verdict import Finding
 
 #: Rows whose point lies nearer to the joint's axis than this share of the usual distance tell nothing about it.
 NEAR_AXIS = 0.25
-#: What stands on the horizontal axis, by mechanism.
-DRIVERS = {
-    "spring": ("load about the joint's axis", "N m", "N"),
-    "lost motion": ("direction of the last move", "", ""),
-    "lag": ("joint speed", "rad/s", "m/s"),
-    "periodic error": ("joint position", "deg", "mm"),
-    "zero": ("joint position", "deg", "mm"),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,66 +30,68 @@ class Trace:
 
     Attributes:
         place: The joint.
-        mechanism: The mechanism that stays in.
+        effect: The effect that stays in.
         driver: What the error is drawn over. Shape (k,). [`driver_unit`]
-        error: Error that the joint would have to make. Shape (k,). [`error_unit`]
+        error: Error that the joint makes. Shape (k,). [`error_unit`]
         driver_name: What the driver is.
         driver_unit: Its unit.
         error_unit: "mrad" or "mm".
     """
 
     place: str
-    mechanism: str
+    effect: str
     driver: Array
     error: Array
     driver_name: str
     driver_unit: str
     error_unit: str
 
+    @property
+    def two_sided(self) -> bool:
+        """Tell whether the driver is a direction: minus, unknown, plus."""
+        return self.driver_name == "direction of the last move"
 
-def trace_cells(
-    patterns: Patterns, nuisance: Array | None, deviation: Array, cells: Sequence[Cell], joints: Sequence[str], q: Array
-) -> tuple[Trace, ...]:
-    """Trace the joint errors that cells stand for.
+
+def trace_findings(diagnosis: Diagnosis) -> tuple[Trace, ...]:
+    """Trace the errors of the joints that a diagnosis names.
 
     Args:
-        patterns: The patterns at n rows.
-        nuisance: Columns that a registration has fitted, or None. Shape (n, 3, k).
-        deviation: Measured minus predicted point, base axes. Shape (n, 3). [m]
-        cells: Places and mechanisms that carry the deviation.
-        joints: Names of the joints.
-        q: Joint positions. Shape (n, nq). [rad or m]
+        diagnosis: The diagnosis.
     """
-    labels = list(zip(patterns.place, patterns.mechanism, strict=True))
-    kept = [k for k, label in enumerate(labels) if label in set(cells)]
-    if not kept:
-        return ()
-    design = patterns.columns[:, :, kept]
-    whole = design if nuisance is None else np.concatenate([design, nuisance], axis=2)
-    flat = whole.reshape(-1, whole.shape[2])
-    length = np.maximum(np.linalg.norm(flat, axis=0), 1e-300)
-    unknown = np.linalg.lstsq(flat / length, deviation.ravel(), rcond=1e-8)[0] / length
-    left = deviation - (whole @ unknown)
+    doubt, at = diagnosis.doubt, diagnosis.fit.at
+    ledger, values = doubt.search.ledger, doubt.model.posterior.values(doubt.search.ledger.p)
+    source = ledger.source[0]
+    left = ledger.left(values)[0] * source.sigma
     traces = []
-    for place, mechanism in cells:
-        if place not in joints or mechanism not in DRIVERS or (place, "zero") not in labels:
+    for finding in diagnosis.verdict.findings:
+        if finding.signature not in doubt.model.signatures or finding.effect.joint not in at.robot.joint_names:
             continue
-        inside = [k for k, column in enumerate(kept) if labels[column] == (place, mechanism)]
-        own = patterns.columns[:, :, labels.index((place, "zero"))]
-        square = (own**2).sum(1)
-        seen = square > NEAR_AXIS**2 * square.mean()
-        part = left + design[:, :, inside] @ unknown[inside]
-        error = 1e3 * (own * part).sum(1) / np.maximum(square, 1e-300)
-        index = list(joints).index(place)
-        slides = patterns.unit[labels.index((place, "zero"))] == "m"
-        name, unit, sliding_unit = DRIVERS[mechanism]
-        if mechanism in ("zero", "periodic error"):
-            driver = q[:, index] * (1e3 if slides else 180 / np.pi)
-        else:
-            summed = design[:, :, inside].sum(axis=2)
-            driver = (own * summed).sum(1) / np.maximum(square, 1e-300)
-        error_unit = "mm" if slides else "mrad"
-        traces.append(
-            Trace(place, mechanism, driver[seen], error[seen], name, sliding_unit if slides else unit, error_unit)
-        )
+        columns = ledger.columns(finding.signature)
+        part = left + ledger.designs[0][..., columns] @ values[columns] * source.sigma
+        traces.append(_trace(finding, at, source.rows, part))
     return tuple(traces)
+
+
+def _trace(finding: Finding, at: Linearization, rows: NDArray[np.int_], part: Array) -> Trace:
+    """Turn what a finding has to explain into an error about the joint's own axis."""
+    joint = str(finding.effect.joint)
+    index = at.robot.joint_names.index(joint)
+    slides = bool(at.robot.prismatic[index])
+    own = at.motion[rows][:, :3, index]
+    square = (own**2).sum(axis=1)
+    seen = square > NEAR_AXIS**2 * square.mean()
+    error = 1e3 * (own * part).sum(axis=1) / np.maximum(square, 1e-300)
+    driver, name, unit = _driver(finding.effect.name, at, index, slides)
+    return Trace(joint, finding.effect.name, driver[rows][seen], error[seen], name, unit, "mm" if slides else "mrad")
+
+
+def _driver(effect: str, at: Linearization, index: int, slides: bool) -> tuple[Array, str, str]:
+    """Return what stands on the horizontal axis, its name and its unit."""
+    follows, campaign = driver_of(effect), at.campaign
+    if follows in ("load", "gravity"):
+        return at.own_load[:, index], "load about the joint's axis", "N" if slides else "N m"
+    if follows == "direction of approach":
+        return campaign.approach[:, index], "direction of the last move", ""
+    if follows == "speed":
+        return campaign.speed[:, index], "joint speed", "m/s" if slides else "rad/s"
+    return campaign.q[:, index] * (1e3 if slides else 180 / np.pi), "joint position", "mm" if slides else "deg"

@@ -1,7 +1,7 @@
 """Effects: what may be wrong with a robot, its instrument and its sensors, one file each.
 
-Each file of an effect holds `name`, what it says in `words` ({at} is its place), and three verbs
-(and `of_instrument` where the tool itself goes right):
+Each file of an effect holds `name`, what it says in `words` ({at} is its place), where it `sits` if not at its joint,
+what its error `follows`, `of_instrument` where the tool itself goes right, and three verbs:
 
     signatures(at)          the places and forms in which a campaign could show the effect, to first order
     apply(scene, effect)    the exact forward model
@@ -87,13 +87,24 @@ EFFECTS: dict[str, ModuleType] = {
 
 __all__ = [
     "EFFECTS", "Attained", "Effect", "Scene", "Signature", "apply_effects", "attain_scene", "command_campaign",
-    "fold_effects", "is_of_instrument", "robot_effects", "stage_scene",
+    "driver_of", "fold_effects", "is_of_instrument", "locate_effect", "robot_effects", "stage_scene",
 ]  # fmt: skip
 
 
 def is_of_instrument(name: str) -> bool:
     """Tell whether the instrument, a sensor or a clock has an effect, so that the tool itself goes right."""
     return bool(getattr(EFFECTS[name], "of_instrument", False))
+
+
+def locate_effect(name: str, joint: str | None) -> str:
+    """Say where an effect sits: its joint, or a part of the cell that is no joint."""
+    sits = getattr(EFFECTS[name], "sits", "robot")
+    return str(joint or sits)
+
+
+def driver_of(name: str) -> str:
+    """Say what the error of an effect follows, such as the load."""
+    return str(getattr(EFFECTS[name], "follows", "posture"))
 
 
 def _in_order(effects: Iterable[Effect]) -> list[Effect]:

@@ -15,6 +15,8 @@ from compplan.robot import Array, Robot
 name = "backlash"
 #: What it says; {at} is its place.
 words = "{at} has lost motion (backlash)"
+#: What its error follows.
+follows = "direction of approach"
 #: Assumed: full width of a worn gear's lost motion, rad or m.
 SCALE = {"revolute": 2e-4, "prismatic": 1e-4}
 #: Where nothing is known of what was before the first row, the joint came from below (assumed).

@@ -16,6 +16,8 @@ from compplan.robot import Robot
 name = "base_compliance"
 #: What it says; {at} is its place.
 words = "the base tilts under load about {at}"
+#: Where it sits and what its error follows.
+sits, follows = "base", "load"
 #: Assumed: a bolted base plate of a heavy robot.
 SCALE = 1e-7
 KEY = "compliance_rad_per_Nm"

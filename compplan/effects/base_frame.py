@@ -16,6 +16,8 @@ from compplan.robot import Array, Robot
 name = "base_frame"
 #: What it says; {at} is its place.
 words = "measurement frame and robot base are misaligned"
+#: Where it sits and what its error follows.
+sits, follows = "base", "posture"
 #: It is no part of where the tool goes: the instrument, a sensor or a clock has it.
 of_instrument = True
 #: Assumed: an instrument set up over a few target points.

@@ -17,6 +17,8 @@ from compplan.robot import Array, Robot
 name = "frame_shift"
 #: What it says; {at} is its place.
 words = "base or measuring instrument moved during the campaign"
+#: Where it sits and what its error follows.
+sits, follows = "instrument or base", "temperature and time"
 #: It is no part of where the tool goes: the instrument, a sensor or a clock has it.
 of_instrument = True
 

@@ -15,6 +15,8 @@ from compplan.robot import Array, Robot
 name = "gravity_compensator"
 #: What it says; {at} is its place.
 words = "a balancing spring or cylinder loads {at}"
+#: What its error follows.
+follows = "gravity"
 #: Assumed: a balancer of a heavy robot.
 SCALE = 1000.0
 #: Second harmonics of a balancer are smaller than its first: assumed half.

@@ -18,6 +18,8 @@ from compplan.statics.chain import gravity_torque
 name = "gravity_sag"
 #: What it says; {at} is its place.
 words = "link weights bend the arm and the model leaves them out"
+#: Where it sits and what its error follows.
+sits, follows = "links", "gravity"
 SHARE, JOINTS = "gravity_m_s2", "joints"
 
 

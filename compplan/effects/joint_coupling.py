@@ -15,6 +15,8 @@ from compplan.robot import Robot
 name = "joint_coupling"
 #: What it says; {at} is its place.
 words = "the reading of {at} contains another joint's motion, or counts against the model"
+#: What its error follows.
+follows = "posture"
 #: Assumed: a gear that drags its neighbour by a thousandth.
 SCALE = 1e-3
 

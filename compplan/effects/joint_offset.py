@@ -16,6 +16,8 @@ from compplan.robot import Robot
 name = "joint_offset"
 #: What it says; {at} is its place.
 words = "the zero of {at} is off"
+#: What its error follows.
+follows = "posture"
 #: Assumed: a zero found with a dial gauge.
 SCALE = 1e-3
 

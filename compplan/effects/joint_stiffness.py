@@ -16,6 +16,8 @@ from compplan.robot import Robot
 name = "joint_stiffness"
 #: What it says; {at} is its place.
 words = "the compliance of {at} differs from the model"
+#: What its error follows.
+follows = "load"
 #: Assumed: half of the modelled compliance; of a joint that the model holds rigid, that of a medium robot's joint.
 RELATIVE_SCALE = 0.5
 #: A joint keeps at least a tenth of its modelled compliance (assumed).

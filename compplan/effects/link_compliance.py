@@ -16,6 +16,8 @@ from compplan.robot import Robot
 name = "link_compliance"
 #: What it says; {at} is its place.
 words = "the link behind {at} bends where the model holds it rigid"
+#: What its error follows.
+follows = "load"
 #: Assumed: bearings and links of industrial arms, about and along an axis.
 SCALE = {"r": 4e-7, "t": 1e-7}
 KEYS = {"r": "compliance_rad_per_Nm", "t": "compliance_m_per_N"}

@@ -16,6 +16,8 @@ from compplan.robot import Joint, Robot
 name = "link_geometry"
 #: What it says; {at} is its place.
 words = "a length or direction at {at} differs"
+#: What its error follows.
+follows = "posture"
 #: Assumed: lengths to half a millimetre, directions to half a milliradian.
 SCALE = {"t": 5e-4, "r": 5e-4}
 UNIT = {"t": "m", "r": "rad"}

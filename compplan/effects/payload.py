@@ -16,6 +16,8 @@ from compplan.robot import Array, Robot
 name = "payload"
 #: What it says; {at} is its place.
 words = "the mass of tool or payload, or its centre, differs"
+#: Where it sits and what its error follows.
+sits, follows = "tool", "gravity"
 KEYS = ("mass_kg", "first_moment_kg_m#0", "first_moment_kg_m#1", "first_moment_kg_m#2")
 #: Assumed: a tenth of a heavy robot's payload, a quarter of a metre off.
 SCALE = np.array([20.0, 5.0, 5.0, 5.0])

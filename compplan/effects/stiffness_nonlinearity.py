@@ -15,6 +15,8 @@ from compplan.robot import Array, Robot
 name = "stiffness_nonlinearity"
 #: What it says; {at} is its place.
 words = "the deflection of {at} is not proportional to its torque"
+#: What its error follows.
+follows = "load"
 #: Assumed: the deflection at a large load changes by a third.
 SCALE = 0.3
 #: Soft zones that are tried, as shares of a large load.

@@ -17,6 +17,8 @@ from compplan.robot import Array, Robot
 name = "thermal_drift"
 #: What it says; {at} is its place.
 words = "the links grow as the robot warms up"
+#: Where it sits and what its error follows.
+sits, follows = "links", "temperature and time"
 #: Assumed: the expansion of steel and aluminium; where no temperature is known, the same over ten kelvin.
 SCALE_PER_K, SCALE = 1.5e-5, 1.5e-4
 TIME_CONSTANTS = (900.0, 1300.0, 1800.0, 2300.0, 3000.0, 3900.0, 5000.0, 7000.0, 10000.0)

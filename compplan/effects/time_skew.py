@@ -16,6 +16,8 @@ from compplan.robot import Array, Robot
 name = "time_skew"
 #: What it says; {at} is its place.
 words = "joint readings and positions were not taken at the same instant"
+#: Where it sits and what its error follows.
+sits, follows = "clock", "speed"
 #: It is no part of where the tool goes: the instrument, a sensor or a clock has it.
 of_instrument = True
 #: Assumed: a few milliseconds between clocks; readings stale by a part in ten thousand of the move.

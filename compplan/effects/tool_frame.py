@@ -17,6 +17,8 @@ from compplan.robot import Array, Robot
 name = "tool_frame"
 #: What it says; {at} is its place.
 words = "the tool centre point differs"
+#: Where it sits and what its error follows.
+sits, follows = "tool", "posture"
 #: Assumed: a TCP taught by touching a tip.
 SCALE = np.array([1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3])
 KEYS = ("tx_m", "ty_m", "tz_m", "rx_rad", "ry_rad", "rz_rad")

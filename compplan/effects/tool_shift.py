@@ -17,6 +17,8 @@ from compplan.robot import Robot
 name = "tool_shift"
 #: What it says; {at} is its place.
 words = "tool or target moved on the flange during the campaign"
+#: Where it sits and what its error follows.
+sits, follows = "tool", "temperature and time"
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:

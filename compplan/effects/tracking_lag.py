@@ -16,6 +16,8 @@ from compplan.robot import Array, Robot
 name = "tracking_lag"
 #: What it says; {at} is its place.
 words = "{at} lags behind the command in motion"
+#: Where it sits if not at its joint and what its error follows.
+sits, follows = "drives", "speed"
 #: Assumed: one or two interpolation cycles.
 SCALE = 0.01
 

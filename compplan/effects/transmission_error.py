@@ -19,6 +19,8 @@ from compplan.robot import Array, Robot
 name = "transmission_error"
 #: What it says; {at} is its place.
 words = "{at} has an error periodic in its angle"
+#: What its error follows.
+follows = "joint angle"
 #: Assumed: a tenth of a milliradian at the link.
 SCALE = {"revolute": 1e-4, "prismatic": 1e-4}
 HARMONICS = 4

@@ -16,6 +16,8 @@ from compplan.statics.chain import build_chain, locate_frames
 name = "wrench_bias"
 #: What it says; {at} is its place.
 words = "the force sensor reads with a constant offset"
+#: Where it sits and what its error follows.
+sits, follows = "force sensor", "load"
 #: It is no part of where the tool goes: the instrument, a sensor or a clock has it.
 of_instrument = True
 #: Rows that read exactly zero come from no sensor with an offset, nor from any sensor with noise; so many are no chance

@@ -15,6 +15,8 @@ from compplan.robot import Robot
 name = "wrench_scale"
 #: What it says; {at} is its place.
 words = "the force sensor reads with a wrong gain"
+#: Where it sits and what its error follows.
+sits, follows = "force sensor", "load"
 #: It is no part of where the tool goes: the instrument, a sensor or a clock has it.
 of_instrument = True
 KEY = "gain_error_ratio"

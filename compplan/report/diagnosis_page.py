@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.shares import CALIBRATION, UNEXPLAINED, Share
 from compplan.report.effect_words import describe_effect, describe_parameters, name_effect
 from compplan.report.gap_figures import (
-    draw_alone,
     draw_candidates,
     draw_factors,
     draw_histogram,
     draw_residuals,
     draw_shares,
+    draw_together,
     draw_traces,
 )
 from compplan.report.page import Block, Chart, Column, Columns, Fold, PageTable, Section, TableCell, write_page
@@ -101,20 +102,29 @@ def write_diagnosis(view: DiagnosisView, file: Path) -> None:
 
 def say_where(view: DiagnosisView) -> str:
     """Answer where the gap lies, in a sentence."""
-    split = view.split
-    gap = f"Where: the nominal model leaves {format_length(split.rms)} rms"
-    if not split.cells:
-        noise = f"; {format_percent(split.noise)} of its square is noise" if split.noise > 0 else ""
-        return f"{gap}, and no joint, frame, load or time carries a part of it that stands out{noise}."
-    carriers = sorted(split.by_joint.items(), key=lambda item: -item[1].share)
+    shares, split = view.split.shares, view.split
+    gap = f"Where: the nominal model leaves {format_length(split.spread.rms)} rms"
     parts: list[str] = []
-    for name, share in carriers[:3]:
-        if share.share >= 0.05 or not parts:
-            how = " and ".join(dict.fromkeys(mechanism for place, mechanism in split.cells if place == name))
-            interval = f"{format_number(100 * share.low)} to {format_number(100 * share.high)}"
-            parts.append(f"{name} carries {format_percent(share.share)} (95 %: {interval}), by its {how}")
-    rest = "" if split.unexplained < 0.02 else f"; {format_percent(split.unexplained)} is not placed"
-    return f"{gap}; {'; '.join(parts)}{rest}."
+    for carrier in shares.carriers[:3]:
+        if carrier.share.share >= 0.05 or not parts:
+            sure = f"probability {carrier.probability:.2f}, {_say_interval(carrier.share)} if so"
+            how = carrier.effect.replace("_", " ")
+            parts.append(f"{carrier.place} carries {format_percent(carrier.share.share)} by {how} ({sure})")
+    rest = {
+        "small errors everywhere (calibration) carry": shares.by_place[CALIBRATION],
+        "no model explains": shares.by_place[UNEXPLAINED],
+    }
+    parts += [f"{what} {format_percent(share.share)} ({_say_interval(share)})"
+              for what, share in rest.items() if share.share >= 0.02]  # fmt: skip
+    if shares.noise >= 0.02:
+        parts.append(f"noise is {format_percent(shares.noise)}")
+    if not shares.carriers:
+        parts.insert(0, "no joint, frame, sensor or load is named that carries a part of it")
+    return f"{gap}; {'; '.join(parts)}."
+
+
+def _say_interval(share: Share) -> str:
+    return f"95 %: {format_percent(share.low)} to {format_percent(share.high)}"
 
 
 def say_which(view: DiagnosisView) -> str:
@@ -168,9 +178,7 @@ def _count_rows(view: DiagnosisView) -> list[tuple[str, str]]:
 
 
 def _where(view: DiagnosisView) -> Section:
-    from compplan.diagnose.patterns import MECHANISMS
-
-    split, used = view.split, view.used
+    split, shares, used = view.split, view.split.shares, view.used
     q = np.nan_to_num(view.campaign.q[used])
     point, before = view.point[used], view.before[used]
     figure = draw_residuals(view.robot, q, point, before, view.after[used])
@@ -178,48 +186,48 @@ def _where(view: DiagnosisView) -> Section:
     blocks: list[Block] = [
         Chart(figure, f"Measured minus predicted point, {magnified}; turning one scene turns the other.", 430, True),
         Columns([
-            [Chart(draw_shares(split.by_joint, "place"), "Which joint would have to err; lines: 95 % intervals.", 340)],
-            [Chart(draw_shares(split.by_factor, "factor"), "What the error depends on; lines: 95 % intervals.", 340)],
+            [Chart(draw_shares(shares.by_place, "place"), "Where what is named sits; lines: 95 % intervals.", 340)],
+            [Chart(draw_shares(shares.by_factor, "factor"), "What the error follows; lines: 95 % intervals.", 340)],
         ]),
     ]  # fmt: skip
     if split.traces:
         caption = (
-            "The error that the joint would have to make at every row, the other carriers taken out: a soft spring is "
+            "The error that the named joint makes at every row, everything else explained taken out: a soft spring is "
             "a sloped line, lost motion two levels, a gear error a wave."
         )
         blocks.append(Chart(draw_traces(split.traces), caption, 60 + 250 * -(-len(split.traces) // 3)))
-    caption = (
-        "How much of the gap, in per cent, each place could explain alone by each mechanism, on rows left out of the "
-        "fit. Several dark fields in one gap are rivals."
-    )
-    blocks.append(Chart(draw_alone(split.alone, MECHANISMS), caption, 90 + 30 * len(split.alone)))
+    caption = "How much of the gap, in per cent, each place carries by each effect."
+    together = {place: own for place, own in shares.together.items() if any(s >= 0.005 for s in own.values())}
+    if together:
+        blocks.append(Chart(draw_together(together), caption, 120 + 30 * len(together)))
     blocks.append(Fold("By run, time, load, direction, approach and region", _split_tables(split)))
     return Section("Where it lies", blocks)
 
 
 def _split_tables(split: Split) -> list[Block]:
-    end = [Column("rows"), Column("rms", "mm"), Column("share of the gap"), Column("95 %")]
+    end = [Column("rows"), Column("rms", "mm"), Column("updated", "mm"), Column("share of the gap"), Column("95 %")]
 
     def tail(entry: Mapping[str, Any]) -> Row:
         interval = f"{format_percent(entry['low'])} to {format_percent(entry['high'])}"
-        return [int(entry["rows"]), float(entry["rms_mm"]), format_percent(entry["share"]), interval]
+        after = float(entry["after_rms_mm"])
+        return [int(entry["rows"]), float(entry["rms_mm"]), after, format_percent(entry["share"]), interval]
 
     def reach(pair: Sequence[float]) -> str:
         return f"{format_number(float(pair[0]), 4)} to {format_number(float(pair[1]), 4)}"
 
     runs = PageTable(
-        [Column("run"), *end], [[name, *tail(entry)] for name, entry in split.by_run.items()], "By run.", 12
+        [Column("run"), *end], [[name, *tail(entry)] for name, entry in split.spread.by_run.items()], "By run.", 12
     )
     times: list[Row] = []
-    for entry in split.by_time:
+    for entry in split.spread.by_time:
         span = reach(entry["time_s"]) if "time_s" in entry else "–"
         times.append([f"{entry['rows_from']} to {entry['rows_to']}", span, *tail(entry)])
     loads = PageTable(
-        [Column("force", "N"), *end], [[reach(e["force_N"]), *tail(e)] for e in split.by_load], "By load."
+        [Column("force", "N"), *end], [[reach(e["force_N"]), *tail(e)] for e in split.spread.by_load], "By load."
     )
     regions = PageTable(
         [Column("reach", "mm"), Column("height", "mm"), *end],
-        [[reach(entry["reach_mm"]), reach(entry["height_mm"]), *tail(entry)] for entry in split.by_region],
+        [[reach(entry["reach_mm"]), reach(entry["height_mm"]), *tail(entry)] for entry in split.spread.by_region],
         "By region: distance from the axis of the base, and height.",
     )
     axes: list[Row] = [
@@ -228,7 +236,7 @@ def _split_tables(split: Split) -> list[Block]:
             format_percent(share.share),
             f"{format_percent(share.low)} to {format_percent(share.high)}",
         ]
-        for name, share in split.by_axis.items()
+        for name, share in split.spread.by_axis.items()
     ]
     approach: list[Row] = []
     for name, numbers in split.by_approach.items():
@@ -315,7 +323,7 @@ def _list_factors(view: DiagnosisView) -> dict[str, tuple[Array, str]]:
     speed = np.abs(campaign.speed[used]).max(axis=1)
     if speed.max(initial=0.0) > 0:
         factors["fastest joint"] = speed, "rad/s"
-    for name, share in sorted(view.split.by_joint.items(), key=lambda item: -item[1].share)[:2]:
+    for name, share in sorted(view.split.shares.by_place.items(), key=lambda item: -item[1].share)[:2]:
         if name in view.robot.joint_names and share.share > 0.05 and len(factors) < 6:
             k = view.robot.joint_names.index(name)
             scale, unit = (1e3, "mm") if view.robot.prismatic[k] else (180 / np.pi, "deg")

@@ -23,7 +23,7 @@ from compplan.report.style import (
 from compplan.robot import Array, Robot
 
 if TYPE_CHECKING:
-    from compplan.diagnose.pattern_fit import Share
+    from compplan.diagnose.shares import Share
     from compplan.diagnose.traces import Trace
 
 #: Residual vectors and dots that a chart draws at most.
@@ -134,24 +134,25 @@ def draw_shares(shares: Mapping[str, Share], title: str) -> Any:
     return figure
 
 
-def draw_alone(alone: Mapping[str, Mapping[str, float]], mechanisms: Sequence[str]) -> Any:
-    """Draw how much each place could explain alone by each mechanism, as a heat map.
+def draw_together(together: Mapping[str, Mapping[str, float]]) -> Any:
+    """Draw how much each place carries by each effect, as a heat map.
 
     Args:
-        alone: By place and mechanism.
-        mechanisms: Mechanisms in the order of columns.
+        together: By place and effect, from 0 to 1.
     """
     import plotly.graph_objects as go
 
-    places = list(alone)
-    kinds = [kind for kind in mechanisms if any(kind in alone[place] for place in places)]
-    values = np.array([[100 * alone[place].get(kind, np.nan) for kind in kinds] for place in places])
+    places = list(together)
+    effects = list(dict.fromkeys(name for own in together.values() for name in own))
+    effects = [name for name in effects if any(together[place].get(name, 0.0) >= 0.005 for place in places)]
+    values = np.array([[100 * together[place].get(name, np.nan) for name in effects] for place in places])
     text = [["" if np.isnan(value) else f"{value:.0f}" for value in row] for row in values]
     figure = go.Figure(
         go.Heatmap(
-            z=values, x=kinds, y=places, text=text, texttemplate="%{text}", zmin=0, zmax=100, xgap=2, ygap=2,
-            colorscale=[[0, "rgba(140,150,160,0.10)"], [0.5, "#7fb0cf"], [1, "#2b6ca8"]], hoverongaps=False,
-            hovertemplate="%{y}, %{x}: %{z:.1f} %<extra></extra>", showscale=False,
+            z=values, x=[name.replace("_", " ") for name in effects], y=places, text=text, texttemplate="%{text}",
+            zmin=0, zmax=100, xgap=2, ygap=2, hoverongaps=False, showscale=False,
+            colorscale=[[0, "rgba(140,150,160,0.10)"], [0.5, "#7fb0cf"], [1, "#2b6ca8"]],
+            hovertemplate="%{y}, %{x}: %{z:.1f} %<extra></extra>",
         )
     )  # fmt: skip
     figure.update_yaxes(autorange="reversed", showgrid=False)
@@ -170,7 +171,7 @@ def draw_traces(traces: Sequence[Trace]) -> Any:
 
     columns = min(len(traces), 3)
     lines = -(-len(traces) // columns)
-    titles = [f"<b>{trace.place}</b>, {trace.mechanism}" for trace in traces]
+    titles = [f"<b>{trace.place}</b>, {trace.effect.replace('_', ' ')}" for trace in traces]
     figure = make_subplots(
         rows=lines, cols=columns, subplot_titles=titles, horizontal_spacing=0.08, vertical_spacing=0.3 / lines
     )
@@ -178,7 +179,7 @@ def draw_traces(traces: Sequence[Trace]) -> Any:
         row, col = number // columns + 1, number % columns + 1
         rows = thin_dots(np.abs(trace.error), DOTS)
         driver, error = trace.driver[rows], trace.error[rows]
-        if trace.mechanism == "lost motion":
+        if trace.two_sided:
             driver = driver + 0.25 * np.sin(997.0 * np.arange(len(driver)))
         dots = go.Scatter(
             x=driver.astype(np.float32), y=error.astype(np.float32), mode="markers", showlegend=False,
@@ -188,10 +189,10 @@ def draw_traces(traces: Sequence[Trace]) -> Any:
         figure.add_trace(dots, row=row, col=col)
         unit = f", {trace.driver_unit}" if trace.driver_unit else ""
         figure.update_xaxes(title_text=f"{trace.driver_name}{unit}", row=row, col=col)
-        if trace.mechanism == "lost motion":
+        if trace.two_sided:
             figure.update_xaxes(tickvals=[-1, 0, 1], ticktext=["minus", "unknown", "plus"], row=row, col=col)
         low, high = np.percentile(trace.error, (0.5, 99.5))
-        if trace.mechanism == "zero":
+        if trace.effect == "joint_offset":
             low, high = min(low, 0.0), max(high, 0.0)
         room = 0.25 * max(float(high - low), 1e-9)
         figure.update_yaxes(
