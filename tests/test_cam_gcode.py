@@ -183,7 +183,8 @@ def test_reading_stops_at_the_end_of_the_program(read) -> None:
 def test_vendor_records_are_read_past_with_a_note(read) -> None:
     cam = read('G21\nMSG("Fräser")\nTRAORI\nG0 X0 Y0 Z0\nG1 X1 F9 M8\nCYCLE832(0.1)\n')
     assert cam.facts.cutting_moves == 1
-    assert [note.split(" ")[4] for note in cam.facts.notes] == ["MSG", "TRAORI", "CYCLE832"]
+    assert [note.split(" ")[4] for note in cam.facts.notes] == ["TRAORI", "CYCLE832"]
+    assert cam.toolpath.events[0].text == "Fräser"
 
 
 def test_home_machine_and_probing_moves_are_left_out_with_a_note(read) -> None:

@@ -71,4 +71,6 @@ def describe_facts(facts: CamFacts) -> list[str]:
         lines.append("box [mm]        " + ", ".join(f"{name} {low:.3f} to {high:.3f}" for name, low, high in sides))
     if facts.cycles:
         lines.append(f"drilled holes   {facts.cycles}")
+    if facts.events:
+        lines.append(f"events          {facts.events} (spindle, coolant, ..: plan and post carry them)")
     return lines + [f"note: {note}" for note in facts.notes]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from compplan.errors import InputError, ShapeError
 from compplan.files.columns import Column, to_unit
 from compplan.files.tables import Array, Table, write_table
+from compplan.path.events import Event, move_events
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 WRENCH_HEADERS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
@@ -50,6 +51,7 @@ class Toolpath:
         frame: Frame of position, axis and wrench: "part" or "base".
         source: File or generator that it came from, for messages.
         notes: What was assumed or read past when it was read, one sentence each.
+        events: What happens beside motion, in order.
 
     Raises:
         ShapeError: If an array does not have the shape above.
@@ -64,6 +66,7 @@ class Toolpath:
     frame: Literal["part", "base"] = "part"
     source: str = ""
     notes: tuple[str, ...] = ()
+    events: tuple[Event, ...] = ()
 
     def __post_init__(self) -> None:
         n = len(self.position)
@@ -233,7 +236,8 @@ def select_waypoints(toolpath: Toolpath, index: NDArray[np.int64]) -> Toolpath:
     """Return the toolpath at some of its waypoints."""
     wrench = None if toolpath.wrench is None else toolpath.wrench[index]
     rows = (toolpath.position[index], toolpath.axis[index], toolpath.feed[index], toolpath.rapid[index])
-    return Toolpath(*rows, wrench, toolpath.frame, toolpath.source, toolpath.notes)
+    events = move_events(toolpath.events, index.astype(float))
+    return Toolpath(*rows, wrench, toolpath.frame, toolpath.source, toolpath.notes, events)
 
 
 def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = np.inf) -> Toolpath:
@@ -278,9 +282,11 @@ def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = 
     ends = np.concatenate([[0], move + 1])
     wrench = None if toolpath.wrench is None else between(toolpath.wrench)
     position = between(toolpath.position)
+    events = move_events(toolpath.events, np.concatenate([[0.0], move + share]))
     return replace(
-        toolpath, position=position, axis=axis, feed=toolpath.feed[ends], rapid=toolpath.rapid[ends], wrench=wrench
-    )
+        toolpath, position=position, axis=axis, feed=toolpath.feed[ends], rapid=toolpath.rapid[ends], wrench=wrench,
+        events=events,
+    )  # fmt: skip
 
 
 def divide_toolpath(toolpath: Toolpath, places: Array) -> Toolpath:
@@ -303,7 +309,7 @@ def divide_toolpath(toolpath: Toolpath, places: Array) -> Toolpath:
     wrench = None if toolpath.wrench is None else between(toolpath.wrench)
     return replace(
         toolpath, position=between(toolpath.position), axis=axis, feed=toolpath.feed[move], rapid=toolpath.rapid[move],
-        wrench=wrench,
+        wrench=wrench, events=move_events(toolpath.events, places),
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.path.corners import find_corners
+from compplan.path.events import find_halts
 from compplan.path.toolpath import Toolpath, divide_toolpath
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import cutting_runs
@@ -131,6 +132,8 @@ def prepare_sampling(task: PlanTask, *, rest_at_corners: bool) -> PlanTask:
     rests[:-1] = task.lead[:-1] & ~task.lead[1:]
     if rest_at_corners:
         rests[find_rests(task.nominal)] = True
+    rapid = task.nominal.rapid
+    rests[[k for k in find_halts(task.nominal.events) if not rapid[k : k + 2].any() and k + 1 < len(task)]] = True
     task = replace(task, rests=rests)
     graded = _grade(task) if task.follows_feed else np.zeros(0)
     places = np.unique(np.r_[np.arange(len(task)), graded, _bound_travel(task)])

@@ -39,6 +39,8 @@ def read_cycle(fields: Sequence[float | str]) -> Cycle:
         ValueError: If a number belongs to no word that is known.
 
     """
+    if not fields:
+        raise ValueError("a cycle has no kind, expected CYCLE/DRILL, ..")
     kind = str(fields[0])
     depth: float | None = None
     clear, feed, bare = 0.0, "", []

@@ -12,7 +12,7 @@ WORD = re.compile(r"[A-Z][A-Z0-9._+\-/ ]*")
 
 
 def split_records(text: str) -> Iterator[tuple[int, str]]:
-    """Yield each record with the line that it begins in; $ continues a record, $$ begins a comment.
+    """Yield each record with the line that it begins in; $ continues it, $$ begins a comment: whole lines are yielded.
 
     Raises:
         ValueError: If a record is longer than any line may be.
@@ -20,6 +20,9 @@ def split_records(text: str) -> Iterator[tuple[int, str]]:
     """
     pending, first = "", 0
     for number, raw in enumerate(split_lines(text), start=1):
+        if not pending and raw.lstrip().startswith("$$"):
+            yield number, raw.strip()
+            continue
         line = raw.partition("$$")[0].rstrip()
         first = first if pending else number
         if line.endswith("$"):

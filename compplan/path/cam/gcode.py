@@ -14,24 +14,25 @@ from compplan.path.cam.gcode_codes import (
     MODES,
     MOST_TURNS,
     NOTED,
-    OFFSETS,
-    PROBES,
     REFUSED,
     SILENT,
     TURN_STEP,
 )
 from compplan.path.cam.gcode_corners import Corner, cut_corner
 from compplan.path.cam.gcode_cycles import run_cycle
-from compplan.path.cam.gcode_state import AXES, PLANE_AXES, PLANE_NORMALS, State
-from compplan.path.cam.gcode_text import TextReader
+from compplan.path.cam.gcode_frames import FrameReader
+from compplan.path.cam.gcode_machine import end_machine, start_machine, stop_machine
+from compplan.path.cam.gcode_state import PLANE_AXES, PLANE_NORMALS, State
 from compplan.path.cam.gcode_words import CORNER_WORDS
 from compplan.path.cam.lines import split_lines
 from compplan.path.cam.moves import CamFile
 from compplan.path.cam.options import CamTable
 
 CENTRE_READINGS = ("incremental", "absolute", "reversed")
+#: Words that turn the tool: rotary axes, and its direction (Siemens).
+ROTARY = (*"ABC", "A3", "B3", "C3")
 #: Words that a move may have.
-MOVING = "XYZABCIJKRUVW"
+MOVING = frozenset((*"XYZABCIJKRUVW", "A3", "B3", "C3"))
 #: Different arcs that must fit another reading of I J K, and not the usual one, before it is taken.
 FEWEST_PROOFS = 2
 #: Codes of which a block may hold one.
@@ -92,7 +93,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     raise first_fault
 
 
-class _Reader(TextReader):
+class _Reader(FrameReader):
     """Carry out a program block by block."""
 
     def __init__(self, file: Path, options: CamTable, reading: str) -> None:
@@ -101,41 +102,40 @@ class _Reader(TextReader):
         self.proofs: set[tuple[float, ...]] = set()
 
     def finish(self) -> None:
-        """Refuse a corner that no move follows."""
+        """Refuse a corner that no move follows; stop what still turns."""
         if self.corner is not None:
             self.line = self.corner.line
             raise self.error("a rounded or cut corner has no straight move after it")
+        end_machine(self.state, self.log, self.line)
 
     def run_block(self, words: list[tuple[str, float]]) -> bool:
         """Carry out one block; return whether the program ends."""
         values: dict[str, float] = {}
         codes: list[float] = []
-        ends = False
+        machine: list[float] = []
         for letter, number in words:
-            if letter == "G":
-                codes.append(number)
-            elif letter == "M":
-                ends = self._run_m(number, ends)
+            if letter in "GM":
+                (codes if letter == "G" else machine).append(number)
             else:
                 values[letter] = number
+        self._check_machine(machine)
         once = self._run_codes(codes, values) if codes else ""
-        state = self.state
-        if "F" in values:
+        state, dwells = self.state, 4.0 in codes
+        if "F" in values and not dwells:
             state.set_feed(values["F"])
-        if "S" in values:
-            state.spindle = values["S"]
+        if machine or dwells or "S" in values or "T" in values:
+            start_machine(machine, values, codes, state, self.log, self.line)
         if once == "machine":
             self._move_in_machine(values)
         elif not once and not values.keys().isdisjoint(MOVING):
             self._move(values)
-        return ends
+        return stop_machine(machine, state, self.log, self.line) if machine else False
 
-    def _run_m(self, number: float, ends: bool) -> bool:
-        if number in (97.0, 98.0):
-            raise self.error(f"subprogram call M{number:g} is not read; write the program out in the CAM system")
-        if number == 128.0:
-            self.state.tip_control = True
-        return ends or number in (2.0, 17.0, 30.0, 99.0)
+    def _check_machine(self, machine: list[float]) -> None:
+        if called := {97.0, 98.0}.intersection(machine):
+            code = called.pop()
+            raise self.error(f"subprogram call M{code:g} is not read; write the program out in the CAM system")
+        self.state.tip_control = self.state.tip_control or 128.0 in machine
 
     def _run_codes(self, codes: list[float], values: dict[str, float]) -> str:
         """Set what G codes set; return a reason where the coordinates of the block are no move."""
@@ -163,8 +163,8 @@ class _Reader(TextReader):
                 state.set_unit(25.4 if code in (20.0, 70.0) else 1.0)
             elif code in ALONE:
                 once = self._run_once(code, values)
-            elif 54.0 <= code < 60.0 or 500.0 <= code < 600.0:
-                self._use_offset(code)
+            elif 54.0 <= code < 60.0 or 500.0 <= code < 600.0 or code == 154.0:
+                self._use_offset(code, values)
             elif code in (43.4, 43.5):
                 state.tip_control = True
             elif code in NOTED:
@@ -181,94 +181,6 @@ class _Reader(TextReader):
             raise self.error(f"G{code:g} with coordinates is not read and may move the tool; post-process without it")
         self.log.note(f"G{code:g} is not read", self.line)
 
-    def _use_offset(self, code: float) -> None:
-        """Put a work offset in force; the first one before any coordinate is that of the path."""
-        state = self.state
-        if not state.moved and not state.known:
-            state.offsets.active = code
-            return
-        step, note = state.offsets.switch(code)
-        state.base = combine(1.0, state.base, 1.0, step)
-        if note:
-            self.log.note(note, self.line)
-
-    def _set_offset(self, values: dict[str, float]) -> None:
-        """Read G10: L2 sets a work offset."""
-        state = self.state
-        named = {axis: values[AXES[axis]] * state.scale for axis in range(3) if AXES[axis] in values}
-        kind = values.get("L", 0.0)
-        if kind == 20.0 or (kind == 2.0 and (state.incremental or values.get("R", 0.0) != 0.0)):
-            raise self.error("G10 that turns a work offset, or counts from where the tool is, is not read")
-        if kind != 2.0:
-            self.log.note(NOTED[10.0], self.line)
-            return
-        number = values.get("P", 0.0)
-        if number not in range(16):
-            raise self.error(f"G10 L2 P{number:g} names no work offset, expected P0 to P15")
-        cutting = state.moved or bool(state.known)
-        try:
-            moved = state.offsets.set_origin(int(number), named)
-        except ValueError:
-            if cutting:
-                raise self.error("G10 L2 moves the work offset in force, and what it was is not known") from None
-            return
-        if cutting:
-            state.base = combine(1.0, state.base, 1.0, (moved.get(0, 0.0), moved.get(1, 0.0), moved.get(2, 0.0)))
-
-    def _run_once(self, code: float, values: dict[str, float]) -> str:
-        """Carry out a code that takes the coordinates of its block for itself."""
-        state, named = self.state, [axis for axis in range(3) if AXES[axis] in values]
-        if code in (92.0, 52.0):
-            self._offset(code, {axis: values[AXES[axis]] for axis in named})
-        elif code in OFFSETS:
-            state.clear_origin()
-        elif code == 10.0:
-            self._set_offset(values)
-        elif code in (28.0, 30.0):
-            self.log.note(f"G{code:g} (home) is left out but for its intermediate point", self.line)
-            if named and not state.incremental:
-                self._rapid(state.target(values, range(3)))
-        elif code in (53.0, 153.0):
-            return "machine"
-        elif code in PROBES:
-            self.log.note(f"G{code:g} (probing) is left out; where it ended is not known", self.line)
-            state.lost.update(named)
-        return "once"
-
-    def _offset(self, code: float, coordinates: dict[int, float]) -> None:
-        """Carry out G52 and G92."""
-        state = self.state
-        if code == 52.0:
-            state.set_shift(coordinates)
-            return
-        before, cutting = state.position, state.moved
-        state.set_origin(coordinates)
-        if not cutting:
-            self.log.shift(combine(1.0, state.position, -1.0, before))
-        elif state.position != before:
-            self.log.rapid(state.position)
-
-    def _move_in_machine(self, values: dict[str, float]) -> None:
-        """Carry out a move in machine coordinates (G53) where the work offset in force is known, else leave it out."""
-        state = self.state
-        named = [axis for axis in range(3) if AXES[axis] in values]
-        places = {axis: state.offsets.from_machine(axis, values[AXES[axis]] * state.scale) for axis in named}
-        if not named:
-            return
-        if any(place is None for place in places.values()):
-            self.log.note("moves in machine coordinates (G53) are left out", self.line)
-            return
-        point = [state.base[axis] + (places.get(axis) or 0.0) if axis in places else state.position[axis]
-                 for axis in range(3)]  # fmt: skip
-        target = (point[0], point[1], point[2])
-        state.known.update(named)
-        if state.motion == 1.0:
-            state.note_start(self.log, self.line)
-            self.log.line(target, self._feed(math.dist(target, self.log.position)))
-            state.position = target
-        else:
-            self._rapid(target)
-
     def _move(self, values: dict[str, float]) -> None:
         """Carry out the motion of a block."""
         state = self.state
@@ -277,6 +189,8 @@ class _Reader(TextReader):
             return
         if not values.keys().isdisjoint("UVW"):
             self.log.note("axes U V W are not read", self.line)
+        if "E" in values:
+            self.log.note("axis E is not read", self.line)
         corner = next((kind for kind in set(CORNER_WORDS.values()) if kind in values), None)
         if (corner or self.corner) and state.motion != 1.0:
             raise self.error("a corner is rounded or cut between two straight moves (G1) only; post-process without it")
@@ -284,7 +198,7 @@ class _Reader(TextReader):
             self._arc(values)
             return
         self._check_straight(values)
-        if values.keys().isdisjoint("XYZABC"):
+        if values.keys().isdisjoint(("X", "Y", "Z", *ROTARY)):
             return
         target = state.target(values, range(3))
         axis = self._turn(values)
@@ -298,7 +212,7 @@ class _Reader(TextReader):
             elif axis is None or pieces == 1:
                 self.log.line(target, feed, axis)
             else:
-                self._turning_line(target, feed, pieces)
+                self._turning_line(target, feed, pieces, values, axis)
             state.position = target
         else:
             if state.motion is None:
@@ -331,20 +245,31 @@ class _Reader(TextReader):
         if asked is None:
             log.line(target, feed)
 
-    def _turning_line(self, target: Point, feed: float, pieces: int) -> None:
-        """Cut to a point while the rotary axes turn evenly: one move, in pieces."""
+    def _turning_line(
+        self, target: Point, feed: float, pieces: int, values: dict[str, float], end: Point
+    ) -> None:
+        """Cut to a point while the rotary axes, or the tool's direction, turn evenly: one move, in pieces."""
         state, log = self.state, self.log
-        start, counts = log.position, dict(log.counts)
+        start, before, counts = log.position, log.axis, dict(log.counts)
         for piece in range(1, pieces + 1):
             share = piece / pieces
             point = target if piece == pieces else combine(1.0 - share, start, share, target)
-            log.line(point, feed, state.rotary_axis(self.options.rotary, share))
+            on_way = turn_towards(before, end, share)
+            axis = on_way if "A3" in values else state.rotary_axis(self.options.rotary, share)
+            log.line(point, feed, axis)
         for name in ("cutting_moves", "rotary_only_moves"):
             log.counts[name] = min(log.counts[name], counts[name] + 1)
 
     def _turn(self, values: dict[str, float]) -> Point | None:
-        """Return the tool axis that A B C words ask for, or None where they ask for nothing."""
+        """Return the tool axis that A B C or A3 B3 C3 ask for, or None where they ask for nothing."""
         state = self.state
+        named = [letter for letter in ("A3", "B3", "C3") if letter in values]
+        if named:
+            axis = tuple(values.get(letter, 0.0) for letter in ("A3", "B3", "C3"))
+            length = math.hypot(*axis)
+            if len(named) < 3 or not 1e-3 < length < 1e3:
+                raise self.error(f"tool direction A3 B3 C3 is {axis}, expected three numbers that are not all 0")
+            return axis[0] / length, axis[1] / length, axis[2] / length
         if values.keys().isdisjoint("ABC") or self.options.rotary == "ignore":
             return None
         state.turn(values)
@@ -355,23 +280,6 @@ class _Reader(TextReader):
             )
             self.log.note(note, self.line)
         return state.rotary_axis(self.options.rotary, 1.0)
-
-    def _rapid(self, target: Point, axis: Point | None = None) -> None:
-        state = self.state
-        state.position = target
-        if state.knows_position():
-            self.log.rapid(target, axis)
-        else:
-            self.log.counts["rapid_moves"] += 1
-            self.log.place(target, axis)
-
-    def _feed(self, length: float) -> float:
-        """Return the feed of a move of this length [mm] in mm/s; 0 where no feed is known."""
-        feed = self.state.feed_mm_s(length)
-        if feed is None:
-            self.log.note("cutting moves before any feed F have none", self.line)
-            return 0.0
-        return feed
 
     def _arc(self, values: dict[str, float]) -> None:
         """Cut along an arc: G2 clockwise, G3 counter-clockwise, seen from the positive end of the plane's normal."""
@@ -420,3 +328,12 @@ class _Reader(TextReader):
 
 def _angle(before: Point, after: Point) -> float:
     return math.atan2(math.hypot(*cross(before, after)), dot(before, after))
+
+
+def turn_towards(start: Point, end: Point, share: float) -> Point:
+    """Return a direction on the great circle between two, which are not opposite, after a share of the turn."""
+    angle = _angle(start, end)
+    if angle < 1e-9 or share == 1.0:
+        return end
+    sine = math.sin(angle)
+    return combine(math.sin((1.0 - share) * angle) / sine, start, math.sin(share * angle) / sine, end)

@@ -37,6 +37,10 @@ class State:
     feed: float | None = None
     feed_mode: int = 94
     spindle: float = 0.0
+    turning: str = ""
+    cooling: bool = False
+    tool: float = 0.0
+    tool_name: str = ""
     origin: Point = (0.0, 0.0, 0.0)
     shift: Point = (0.0, 0.0, 0.0)
     base: Point = (0.0, 0.0, 0.0)

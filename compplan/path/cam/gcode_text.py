@@ -42,6 +42,8 @@ Words = list[tuple[str, float]]
 #: Greatest number of passes of one subprogram call, and of calls within calls.
 MOST_CALLS = 9999
 DEEPEST = 11
+TOOL_NAME = re.compile(r"\bT\d*\s*=\s*\"([^\"]*)\"", re.IGNORECASE)
+MOTION = re.compile(r"(?<![A-Z0-9])G0*[0-3](?![\d.])")
 
 
 class TextReader(ABC):
@@ -88,9 +90,11 @@ class TextReader(ABC):
     def _run_line(self, raw: str) -> bool:
         """Carry out one line; return whether the program ends."""
         try:
-            line = strip_comments(raw)
+            line, comments = strip_comments(raw)
         except ValueError as fault:
             raise self.error(str(fault)) from None
+        for comment in comments:
+            self.log.happen("comment", self.line, text=comment)
         if not line:
             return False
         if len(line) > 200:
@@ -103,6 +107,7 @@ class TextReader(ABC):
         words, rest = split_words(line)
         if (rest or (words and words[0][0] in "LN")) and self._call(line):
             return False
+        named = TOOL_NAME.search(raw) if '"' in raw else None
         if rest:
             explained = self._explain(re.sub(r"^N\d+\s*", "", line), raw)
             if explained is None:
@@ -113,6 +118,8 @@ class TextReader(ABC):
         fault_text = check_words(words)
         if fault_text:
             raise self.error(fault_text)
+        if named:
+            self.state.tool_name = named.group(1)
         self.begun = self.begun or any(letter not in "NO" for letter, _ in words)
         return self.run_block(words)
 
@@ -135,6 +142,9 @@ class TextReader(ABC):
         if SHIFT.match(line):
             self._shift(line)
             return None
+        if line.startswith("MSG") and (told := re.search(r'MSG\s*\(\s*"([^"]*)"', raw, re.IGNORECASE)):
+            self.log.happen("comment", self.line, text=told.group(1))
+            return None
         geometry = find_geometry(line, raw)
         if geometry:
             raise self.error(f"{geometry} is not read and changes the path or its frame; post-process without it")
@@ -152,11 +162,16 @@ class TextReader(ABC):
         """Read past the words of a line that say nothing of the path."""
         if re.search(r"#|\bR\d+\s*=|=\s*[A-Z(]|(?<![A-Z\d])[A-Z]\s*=?\s*\[", line):
             raise self.error(f"expression {line[:40]!r} is not read, only numbers are; write the program out")
+        if re.search(r"[\d.]O", line):
+            raise self.error(f"letter O stands in or beside a number in {line[:40]!r}, expected digits")
+        if re.search(r"(?<![A-Z0-9])[ABC][2-7]\s*=", line):
+            raise self.error(f"orientation {line[:40]!r} is not read, expected A3= B3= C3= or rotary axes A B C")
         bare, known, unknown = drop_harmless(line)
         if unknown:
             word = unknown[0][:20]
             plain = unknown[0] in TEXT or not (self.begun or self.siemens)
-            if not plain and (self.siemens or COORDINATE.search(IDENTIFIER.sub(" ", bare))):
+            rest_of_line = IDENTIFIER.sub(" ", bare)
+            if not plain and (self.siemens or COORDINATE.search(rest_of_line) or MOTION.search(rest_of_line)):
                 raise self.error(f"word {word} is not read and may move the tool; post-process without it")
             self.log.note(f"vendor word {word} is not read", self.line)
             return None

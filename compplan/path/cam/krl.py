@@ -7,36 +7,41 @@ import re
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.files.tables import Array
+from compplan.path.cam.krl_words import (
+    AGGREGATE,
+    ANGLES,
+    ASKED,
+    ASSIGN,
+    AXES,
+    BAS,
+    CALL,
+    CLOSES,
+    ENDING,
+    EXTERNAL,
+    HEAD,
+    ITEM,
+    MOTION,
+    NUMBER,
+    OPENS,
+    OUTPUT,
+    PLACE,
+    SILENT,
+    WAITS,
+    clean_line,
+    read_pose,
+    split_positions,
+)
 from compplan.path.cam.lines import MOST_LINES, count_lines, read_bounded, split_lines
 from compplan.path.cam.moves import FARTHEST, CamFile
 from compplan.path.cam.options import CamTable
-from compplan.path.cam.robot_moves import RobotMoves, make_pose
+from compplan.path.cam.robot_moves import RobotMoves
 
 name = "krl"
 suffixes = (".src", ".sub")
 
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?"
-ITEM = re.compile(rf"\s*([A-Z]\w*)\s+({NUMBER}|'[BH][0-9A-F]+')\s*(?:,|$)")
-AGGREGATE = re.compile(r"\{\s*(?:[A-Z]\w*\s*:)?([^{}]*)\}")
-ASSIGN = re.compile(r"(?:DECL\s+|GLOBAL\s+|CONST\s+)*(?:[A-Z]\w*\s+)?(\$?[A-Z][\w.]*(?:\[\d+\])?)\s*=\s*(.+)$")
-MOTION = re.compile(r"(S?LIN|S?CIRC|S?PTP|SPL|SPLINE|ENDSPLINE|LIN_REL|PTP_REL|CIRC_REL|S\w+_REL)\b")
-OPENS = re.compile(r"(IF|FOR|WHILE|LOOP|REPEAT|SWITCH)\b")
-CLOSES = re.compile(r"(ENDIF|ENDFOR|ENDWHILE|ENDLOOP|UNTIL|ENDSWITCH)\b")
-CALL = re.compile(r"([A-Z_]\w{0,60})\s*\((.*)\)\s*$")
-HEAD = re.compile(r"(?:GLOBAL\s+)?DEF(?:FCT\s+\w+)?\s+(\w+)\s*\(")
-BAS = re.compile(r"BAS\s*\(\s*#(\w+)\s*,\s*([^)]*)\)")
-PLACE, ANGLES, AXES = ("X", "Y", "Z"), ("A", "B", "C"), tuple(f"A{number}" for number in range(1, 7))
-EXTERNAL = tuple(f"E{number}" for number in range(1, 7))
-#: Statements that say nothing about the path.
-SILENT = re.compile(
-    r"DECL|INT|REAL|BOOL|CHAR|EXT|INTERRUPT|GLOBAL|WAIT|HALT|CONTINUE|TRIGGER|SIGNAL|RETURN|BRAKE|PULSE|ENDFCT|ENUM|STRUC|"
-    r"DEFDAT|ENDDAT|ANOUT|ANIN|CASE|DEFAULT|ELSE|IMPORT|RESUME|CREAD|CWRITE|COPEN|CCLOSE|E6POS|E6AXIS|FRAME|POS|AXIS|"
-    r"CHANNEL|CONFIRM|FDAT|LDAT|PDAT|ON_ERROR_PROCEED|TIME_BLOCK|CONST_VEL"
-)
 DEEPEST = 20
 
 
@@ -71,6 +76,7 @@ class _Reader:
         self.file, self.line = file, 0
         self.moves = RobotMoves(options)
         self.feed = 0.0
+        self.own: float | None = None
         self.frames: dict[str, Array] = {"$NULLFRAME": np.eye(4)}
         self.base: Array | None = None
         self.base_name = ""
@@ -95,13 +101,13 @@ class _Reader:
         """Keep the positions and frames that the .dat file beside a program declares."""
         beside = next((file.with_suffix(end) for end in (".dat", ".DAT") if file.with_suffix(end).is_file()), None)
         for raw in split_lines(read_bounded(beside)) if beside else ():
-            self._assign(_clean(raw))
+            self._assign(clean_line(raw))
 
     def _find_programs(self, lines: list[str], file: Path) -> int:
         """Find DEF NAME() in a file; return the line after the first."""
         first = -1
         for index, raw in enumerate(lines):
-            found = HEAD.match(_clean(raw)) if "DEF" in raw.upper() else None
+            found = HEAD.match(clean_line(raw)) if "DEF" in raw.upper() else None
             if found:
                 self.programs[found.group(1)] = (lines, index + 1, file)
                 first = index + 1 if first < 0 else first
@@ -113,7 +119,8 @@ class _Reader:
             self.executed += 1
             if self.executed > MOST_LINES:
                 raise self.error(f"more than {MOST_LINES} statements are carried out; no more are read")
-            statement = _clean(lines[index])
+            statement = clean_line(lines[index])
+            self._tell(lines[index])
             if statement in ("END", "ENDFCT") or (statement == "RETURN" and not self.blocks):
                 return
             if statement:
@@ -129,18 +136,43 @@ class _Reader:
             self.blocks = max(0, self.blocks - 1)
         elif re.match(r"GOTO\b", statement):
             raise self.error("GOTO is not read; write the moves out in a row")
+        elif re.match(r"ASY?S?PTP\b|ASYPTP\b", statement):
+            raise self.error("ASYPTP (external axes on their own) is not read; write positions with E1 .. E6")
         elif MOTION.match(statement) and not re.match(r"\w+\s*(=|\()", statement):
             if self.blocks:
                 raise self.error(f"{statement[:30]!r} stands in a loop or a branch; write the moves out in a row")
             self._move(statement)
         elif BAS.match(statement):
             self._set_up(*BAS.match(statement).groups())  # type: ignore[union-attr]
-        elif self._assign(statement) or SILENT.match(statement) or statement.endswith(":"):
+        elif self._switch(statement) or self._assign(statement) or SILENT.match(statement) or statement.endswith(":"):
             pass
         elif CALL.match(statement):
             self._call(statement)
         else:
             self.moves.log.note(f"statement {statement.split()[0][:20]} is not read", self.line)
+
+    def _tell(self, raw: str) -> None:
+        """Keep a comment; folds are the editor's."""
+        text = raw.partition(";")[2].strip() if ";" in raw else ""
+        if text and not re.match(r"(END)?FOLD\b|%\{", text, re.IGNORECASE):
+            self.moves.log.happen("comment", self.line, text=text)
+
+    def _switch(self, statement: str) -> bool:
+        """Carry out a statement that waits, stops or sets a signal; return whether it is one."""
+        log, output, waits = self.moves.log, OUTPUT.match(statement), WAITS.match(statement)
+        if self.blocks and (output or waits or ASKED.match(statement) or statement == "HALT"):
+            log.happen("call", self.line, text=f"in a loop or a branch: {statement}")
+        elif output:
+            log.happen("output", self.line, value=float(output.group(2) == "TRUE"), text=output.group(1))
+        elif waits:
+            log.happen("dwell", self.line, value=max(float(waits.group(1)), 0.0))
+        elif statement == "HALT":
+            log.happen("stop", self.line)
+        elif ASKED.match(statement):
+            log.happen("call", self.line, text=statement)
+        else:
+            return False
+        return True
 
     def _assign(self, statement: str) -> bool:
         """Carry out an assignment; return whether it is one."""
@@ -148,13 +180,31 @@ class _Reader:
         if not found or MOTION.match(statement):
             return False
         target, value = found.groups()
+        whole, _, part = target.partition(".")
         if target in ("$BASE", "$TOOL", "$IPO_MODE", "$VEL", "$VEL.CP"):
             self._set_system(target, statement, value)
-        elif target.startswith("BASE_DATA["):
+        elif whole in ("$BASE", "$TOOL"):
+            raise self.error(f"a part of {whole} is set ({statement[:30]}); write the whole frame")
+        elif whole in self.positions or whole in self.frames:
+            self._set_position(whole, part, value)
+        elif target.startswith("BASE_DATA[") and not self.blocks:
             self.frames[target] = self._frame(value)
-        elif AGGREGATE.match(value) and not target.startswith("$"):
+        elif AGGREGATE.match(value) and not target.startswith("$") and not self.blocks:
             self.positions[target] = value
         return True
+
+    def _set_position(self, name: str, part: str, value: str) -> None:
+        """Give a position or a frame that is known another value, or forget it where the value is not known."""
+        position, frame = self.positions.pop(name, None), self.frames.pop(name, None)
+        if self.blocks:
+            return
+        if position is not None and not part and (AGGREGATE.match(value) or value in self.positions):
+            self.positions[name] = self.positions.get(value, value)
+        elif frame is not None and not part and (AGGREGATE.match(value) or value in self.frames):
+            self.frames[name] = self.frames[value] if value in self.frames else self._frame(value)
+        elif position is not None and part and re.fullmatch(NUMBER, value):
+            numbers = {**self._numbers(position), part: float(value)}
+            self.positions[name] = "{" + ",".join(f"{key} {number!r}" for key, number in numbers.items()) + "}"
 
     def _set_system(self, target: str, statement: str, value: str) -> None:
         if self.blocks and target != "$TOOL":
@@ -198,7 +248,7 @@ class _Reader:
 
     def _frame(self, value: str) -> Array:
         numbers = self._numbers(value)
-        return _pose({**dict.fromkeys((*PLACE, *ANGLES), 0.0), **numbers})
+        return read_pose({**dict.fromkeys((*PLACE, *ANGLES), 0.0), **numbers})
 
     def _numbers(self, text: str) -> dict[str, float]:
         """Return the numbers of {X 1,Y 2,..}."""
@@ -221,12 +271,31 @@ class _Reader:
     def _target(self, text: str) -> dict[str, float]:
         """Return the numbers of a position: written out, or declared by name."""
         text = text.strip()
-        if not text.startswith("{"):
+        if text.startswith("{"):
+            end = text.find("}") + 1
+            position = text
+        else:
             word = re.match(r"\$?[A-Z]\w*(\[\d+\])?", text)
             if not word or word.group(0) not in self.positions:
                 raise self.error(f"position {text[:24]!r} is not known here or in the .dat file")
-            text = self.positions[word.group(0)]
-        return self._numbers(text)
+            end, position = word.end(), self.positions[word.group(0)]
+        if not ENDING.match(text, end):
+            raise self.error(f"{text[end : end + 24].strip()!r} after a position is not read, expected C_DIS and such")
+        return self._numbers(position)
+
+    def _read_with(self, extra: str) -> None:
+        """Read what holds for one move (WITH): its speed; frames and modes are refused."""
+        self.own = None
+        for item in split_positions(extra):
+            if re.match(r"\s*\$(BASE|TOOL|IPO_MODE)\b", item):
+                raise self.error(f"{item.strip()[:30]!r} for one move is not read; write it as a statement")
+            if "$VEL" not in item or "CP" not in item:
+                continue
+            speed = re.search(rf"CP\s*=?\s*({NUMBER})\s*(?:[,}}]|$)", item)
+            if speed:
+                self.own = float(speed.group(1)) * 1e3
+            else:
+                raise self.error(f"{item.strip()[:40]!r} sets no speed in m/s")
 
     def _pose(self, numbers: dict[str, float]) -> Array:
         """Return a pose; coordinates that are not named stay."""
@@ -238,10 +307,15 @@ class _Reader:
         if missing:
             raise self.error(f"position without {' '.join(missing)}, which nothing before it states")
         self.last, self.placed = full, True
-        return _pose(full)
+        return read_pose(full)
 
     def _move(self, statement: str) -> None:
+        statement, _, extra = statement.partition(" WITH ")
         kind, rest = re.match(r"(\w+)\s*(.*)$", statement).groups()  # type: ignore[union-attr]
+        if extra and kind == "SPL":
+            raise self.error("SPL with data of its own (WITH) is not read; give them to the SPLINE")
+        if self.spline is None:
+            self._read_with(extra)
         if kind.endswith("_REL"):
             raise self.error(f"{kind} (relative moves) is not read; write absolute positions")
         if kind == "SPLINE":
@@ -255,6 +329,12 @@ class _Reader:
         if self.spline is not None and kind != "SPL":
             raise self.error(f"{kind} within SPLINE is not read, only SPL is")
         parts = split_positions(rest)
+        named = re.match(r"\$?[A-Z]\w*(\[\w+\])?", parts[0])
+        if kind in ("PTP", "SPTP") and named and named.group(0) not in self.positions:
+            note = f"joint move to {named.group(0)[:24]} is left out: it is not known here or in the .dat file"
+            self.moves.log.note(note, self.line)
+            self.moves.lose()
+            return
         numbers = self._target(parts[0])
         if kind in ("PTP", "SPTP"):
             self._joint(numbers)
@@ -286,9 +366,10 @@ class _Reader:
         self.moves.circle(middle, self._pose(self._target(parts[0])), self._speed(), self.line, angle=angle)
 
     def _speed(self) -> float:
-        if self.feed <= 0.0:
+        feed = self.feed if self.own is None else self.own
+        if feed <= 0.0:
             self.moves.log.note("cutting moves before any speed $VEL.CP have none", self.line)
-        return self.feed
+        return feed
 
     def _call(self, statement: str) -> None:
         """Carry out a program of the file, or NAME.src beside it; note calls of others."""
@@ -301,6 +382,8 @@ class _Reader:
         if called not in self.programs:
             note = f"call of {called[:24]}() is not read: it is neither here nor beside the file"
             self.moves.log.note(note, self.line)
+            where = "in a loop or a branch: " if self.blocks else ""
+            self.moves.log.happen("call", self.line, text=f"{where}{statement}")
             return
         if self.blocks or self.depth >= DEEPEST:
             raise self.error(f"call of {called}() in a loop, a branch or too deep; write the moves out")
@@ -312,26 +395,3 @@ class _Reader:
         self._run_lines(lines, first)
         self.depth -= 1
         self.line, self.file = here, at
-
-
-def split_positions(text: str) -> list[str]:
-    """Split the arguments of a move at commas outside of braces."""
-    parts, depth, start = [], 0, 0
-    for index, letter in enumerate(text):
-        depth += (letter == "{") - (letter == "}")
-        if letter == "," and depth == 0:
-            parts.append(text[start:index])
-            start = index + 1
-    return [*parts, text[start:]]
-
-
-def _clean(raw: str) -> str:
-    """Return a statement in capitals, without its comment."""
-    text = raw.partition(";")[0].strip()
-    return "" if text.startswith("&") else text.upper()
-
-
-def _pose(numbers: dict[str, float]) -> Array:
-    """Return the pose of X Y Z A B C: R = Rz(A) Ry(B) Rx(C)."""
-    rotation = Rotation.from_euler("ZYX", [numbers[key] for key in ANGLES], degrees=True).as_matrix()
-    return make_pose(np.array([numbers[key] for key in PLACE]), rotation)

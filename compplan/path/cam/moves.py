@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from compplan.errors import InputError
 from compplan.files.tables import Array
 from compplan.path.cam.arcs import Arc, Point, combine, count_chords, sample_arcs
+from compplan.path.events import Event, guard_cuts
 from compplan.path.toolpath import Toolpath
 
 #: Greatest number of waypoints that a file may make, chords of arcs counted.
@@ -21,6 +22,10 @@ MOST_WAYPOINTS = 2_000_000
 FARTHEST = 1e8
 #: Moves shorter than this do not count as moves. [mm]
 STILL = 1e-9
+#: Greatest number of events, and of comments, that a file may have.
+MOST_EVENTS, MOST_COMMENTS = 20_000, 2_000
+#: Letters of a comment that are kept.
+LONGEST_TEXT = 200
 #: Greatest radius of an arc: a kilometre. [mm]
 LARGEST_RADIUS = 1e6
 #: Numbers of a row: tip, tool axis, feed, rapid.
@@ -54,6 +59,7 @@ class CamFacts:
         rotary_only_moves: Blocks with feed that turn the tool axis and leave the tip.
         cycles: Canned or drilling cycles, holes counted.
         waypoints: Rows of the toolpath.
+        events: Events beside motion (spindle, coolant, tools, dwells, stops, signals), comments not counted.
         notes: What was assumed or read past, with the line where it first occurs.
 
     """
@@ -74,6 +80,7 @@ class CamFacts:
     rotary_only_moves: int
     cycles: int
     waypoints: int
+    events: int
     notes: tuple[str, ...]
 
 
@@ -102,6 +109,8 @@ class MoveLog:
     arc_length: float = 0.0
     notes: dict[str, tuple[int, int]] = field(default_factory=dict)
     waypoints: int = 0
+    events: list[Event] = field(default_factory=list)
+    comments: int = 0
     _rows: array[float] = field(default_factory=lambda: array("d"))
     _arcs: dict[int, Arc] = field(default_factory=dict)
 
@@ -168,6 +177,23 @@ class MoveLog:
         first, times = self.notes.get(message, (line, 0))
         self.notes[message] = (first, times + 1)
 
+    def happen(self, kind: str, line: int, *, value: float = 0.0, text: str = "") -> None:
+        """Let something happen where the tool is now.
+
+        Raises:
+            InputError: If the file has more events than any program.
+
+        """
+        place = len(self._rows) // WIDTH - 1
+        if kind == "comment":
+            self.comments += 1
+            if self.comments > MOST_COMMENTS:
+                self.note(f"comments after the first {MOST_COMMENTS} are not kept", line)
+                return
+        elif len(self.events) - min(self.comments, MOST_COMMENTS) >= MOST_EVENTS:
+            raise InputError(f"more than {MOST_EVENTS} events beside motion; no more are read")
+        self.events.append(Event(place, kind, value, text[:LONGEST_TEXT]))
+
     def _put(self, point: Point, feed: float, rapid: float) -> None:
         """Put down a row at a point.
 
@@ -191,22 +217,24 @@ class MoveLog:
         if not self._started:
             self._put(self.position, 0.0, 1.0)
 
-    def _tabulate(self) -> Array:
-        """Return the rows, arcs as their chords. Shape (n, WIDTH)."""
+    def _tabulate(self) -> tuple[Array, list[Event]]:
+        """Return the rows, arcs as their chords, shape (n, WIDTH), and the events at them."""
         table = np.array(self._rows, dtype=np.float64).reshape(-1, WIDTH)
         points, number = sample_arcs(list(self._arcs.values()), self.chord)
         if not len(points):
-            return table
+            return table, self.events
         ends = np.array(list(self._arcs), dtype=np.int64)
         repeats = np.ones(len(table), dtype=np.int64)
         repeats[ends] = number
         full = np.repeat(table, repeats, axis=0)
-        last = np.cumsum(repeats)[ends] - 1  # the end of each arc stays as it was programmed
+        place = np.cumsum(repeats) - 1
+        events = [replace(event, place=int(place[event.place]) if event.place >= 0 else -1) for event in self.events]
+        last = place[ends]  # the end of each arc stays as it was programmed
         chords = np.repeat(np.isin(np.arange(len(table)), ends), repeats)
         programmed = full[last, :3].copy()
         full[chords, :3] = points
         full[last, :3] = programmed
-        return full
+        return full, events
 
     def finish(self, file: Path, kind: str, unit: str, lines: int) -> CamFile:
         """Return toolpath and facts.
@@ -215,7 +243,7 @@ class MoveLog:
             InputError: If a coordinate is not finite.
 
         """
-        table = self._tabulate()
+        table, found = self._tabulate()
         if not np.isfinite(table).all():
             raise InputError("a coordinate is too great to be a number", file=file)
         rapid = table[:, 7] == 1.0
@@ -226,7 +254,12 @@ class MoveLog:
         if touched.any():
             lowest, greatest = table[touched, :3].min(axis=0), table[touched, :3].max(axis=0)
             box = (tuple(lowest.round(9).tolist()), tuple(greatest.round(9).tolist()))
+        events, stopped = guard_cuts(found, cut)
+        if stopped:
+            first = f"the file cuts with a spindle that it has stopped, {stopped} times: the program stops before"
+            self.note(first, 1)
         facts: dict[str, Any] = dict(self.counts)
+        facts["events"] = sum(event.kind != "comment" for event in events)
         notes = tuple(
             f"line {first}: {message}" + (f" ({times} times)" if times > 1 else "")
             for message, (first, times) in self.notes.items()
@@ -234,7 +267,7 @@ class MoveLog:
         told = tuple(f"{file.name}, {note}." for note in notes)
         rows = (table[:, :3] * 1e-3, table[:, 3:6], table[:, 6] * 1e-3, rapid)
         return CamFile(
-            Toolpath(*rows, None, "part", str(file), told),
+            Toolpath(*rows, None, "part", str(file), told, events),
             CamFacts(
                 str(file), kind, unit, lines, cutting_length_mm=self.length, box_mm=box, arc_length_mm=self.arc_length,
                 waypoints=len(table), notes=notes, **facts

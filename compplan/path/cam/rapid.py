@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -31,8 +32,14 @@ DATA = re.compile(
     r"(?:LOCAL\s+|TASK\s+)?(?:CONST|PERS|VAR)\s+(ROBTARGET|WOBJDATA|SPEEDDATA|JOINTTARGET|TOOLDATA)\s+(\w+)\s*:=\s*(.+)$"
 )
 MOVE = re.compile(r"(MOVE(?:L|J|C)(?:DO|SYNC|AO|GO)?|TRIGG[LJC]|MOVEABSJ|MOVEEXTJ)\s*\\?\s*(.*)$")
+ASSIGN = re.compile(r"(\w+)\s*([.{].*?)?\s*:=\s*(.+)$")
+OUTPUT = re.compile(r"(?:SETDO\s*(?:\\[^,]*,)?\s*(\w+)\s*,\s*([01])|(SET|RESET)\s+(\w+))$")
+WAITS = re.compile(rf"WAITTIME\s*(?:\\INPOS\s*,)?\s*({NUMBER})$")
+#: Statements that a robot program of another language cannot repeat: the operator is asked.
+ASKED = re.compile(r"(WAIT\w*|SET[A-Z]O\w*|SET|RESET|PULSEDO|INVERTDO|TRIGGIO|TRIGGEQUIP|TRIGGINT)\b")
+VELSET = re.compile(rf"VELSET\s+({NUMBER})\s*,\s*({NUMBER})$")
 #: Statements that move the tool, or the frames that it moves in, in ways that are not read.
-REFUSED = re.compile(r"(SEARCH[LC]|ARC\w+|SPOT\w*|PAINT\w*|CORRCON|PDISP\w+|EOFFS\w+|GOTO|CSS\w+ACT)\b")
+REFUSED = re.compile(r"((SEARCH[LC]|ARC\w+|SPOT\w*|PAINT\w*|CORRCON|PDISP\w+|EOFFS\w+|GOTO)\b|CSS\w+ACT|%|CALLBYVAR)")
 SILENT = re.compile(
     r"(CONST|PERS|VAR|LOCAL|TASK|CONF[LJ]|ACCSET|VELSET|SINGAREA|WAIT\w*|SET\w*|RESET|TP\w+|PULSEDO|STOP|EXIT\w*|RETURN|"
     r"CLK\w+|GRIPLOAD|PATHACCLIM|WORLDACCLIM|MOTIONSUP|ACTUNIT|DEACTUNIT|INCR|DECR|ISIGNAL\w+|CONNECT|IDELETE|OPEN|CLOSE|"
@@ -78,6 +85,7 @@ class _Reader:
         self.first = np.eye(4)
         self.placed = False
         self.external: Sequence[float] = ()
+        self.share, self.fastest = 1.0, math.inf
         self.blocks = self.depth = self.executed = 0
 
     def error(self, message: str) -> InputError:
@@ -118,10 +126,14 @@ class _Reader:
 
     def _carry_out(self, statement: str) -> bool:
         """Carry out a statement; return whether the procedure ends."""
-        if OPENS.match(statement):
+        if statement.startswith("!"):
+            self.moves.log.happen("comment", self.line, text=statement[1:].strip())
+        elif OPENS.match(statement):
             self.blocks += 0 if re.match(r"IF\b(?!.*\bTHEN$)", statement) else 1
             if "MOVE" in statement:
                 raise self.error(f"{statement[:30]!r} holds a move in a branch; write the moves out in a row")
+            if re.search(r"\b(SETDO|SET|RESET|PULSEDO|STOP)\b", statement):
+                self._ask(statement)
         elif CLOSES.match(statement):
             self.blocks = max(0, self.blocks - 1)
         elif MOVE.match(statement):
@@ -130,13 +142,58 @@ class _Reader:
             self._move(*MOVE.match(statement).groups())  # type: ignore[union-attr]
         elif REFUSED.match(statement):
             raise self.error(f"{statement.split()[0][:20]} is not read and may move the tool or its frame")
+        elif self._switch(statement) or self._assign(statement):
+            pass
         elif re.match(r"(RETURN|EXIT)\b", statement) and not self.blocks:
             return True
         elif statement in self.programs or statement.split()[0] in self.programs:
             self._call(statement.split()[0])
-        elif not SILENT.match(statement) and ":=" not in statement and not statement.startswith("ELSE"):
+        elif not SILENT.match(statement) and not statement.startswith("ELSE"):
             self.moves.log.note(f"statement {statement.split()[0][:20]} is not read", self.line)
+            self._ask(statement)
         return False
+
+    def _ask(self, statement: str) -> None:
+        """Let the operator do what no program of another language can repeat."""
+        where = "in a loop or a branch: " if self.blocks else ""
+        self.moves.log.happen("call", self.line, text=f"{where}{statement}")
+
+    def _switch(self, statement: str) -> bool:
+        """Carry out a statement that waits, stops or sets a signal or the speed; return whether it is one."""
+        log, output, waits, velset = self.moves.log, *(f.match(statement) for f in (OUTPUT, WAITS, VELSET))
+        if statement.startswith("VELSET"):
+            if velset is None or self.blocks:
+                raise self.error(f"{statement[:30]!r} changes the speed and is not read, expected two numbers in a row")
+            self.share, self.fastest = float(velset.group(1)) / 100.0, float(velset.group(2))
+        elif (output or waits or statement == "STOP" or ASKED.match(statement)) and self.blocks:
+            self._ask(statement)
+        elif output:
+            name, state, word, other = output.groups()
+            log.happen("output", self.line, value=float(state == "1" or word == "SET"), text=name or other)
+        elif waits:
+            log.happen("dwell", self.line, value=max(float(waits.group(1)), 0.0))
+        elif re.match(r"STOP\b", statement):
+            log.happen("stop", self.line)
+        elif ASKED.match(statement):
+            self._ask(statement)
+        else:
+            return False
+        return True
+
+    def _assign(self, statement: str) -> bool:
+        """Carry out an assignment; return whether it is one."""
+        found = ASSIGN.match(statement)
+        if not found:
+            return False
+        name, part, value = found.groups()
+        kind = next((kind for kind in ("ROBTARGET", "WOBJDATA", "SPEEDDATA") if (kind, name) in self.data), None)
+        if kind is not None:
+            if part or self.blocks or not value.startswith("["):
+                raise self.error(f"{name} changes on the way ({statement[:30]}) and is not read; write the values out")
+            self.data[kind, name] = value
+        elif ("TOOLDATA", name) in self.data:
+            self.moves.log.note("the tool changes on the way: the path is that of the tip of each", self.line)
+        return True
 
     def _call(self, called: str) -> None:
         if self.blocks or self.depth >= DEEPEST:
@@ -162,8 +219,17 @@ class _Reader:
         if re.search(r"\\T\s*:=", switches):
             raise self.error(f"{word} with a time (\\T) is not read; give it a speed")
         self._use_wobj(switches)
-        self._note_tool(fields[-1])
+        self._note_tool(fields[min(count + 2 + word.startswith("TRIGG"), len(fields) - 1)])
         poses = [self._target(field) for field in fields[:count]]
+        self._carry_over(word, fields, poses, circle=circle)
+        if word.startswith("TRIGG") or word[5:] in ("SYNC", "AO", "GO"):
+            self._ask(f"{word} {','.join(fields[count + 1 :])}")
+        elif word.endswith("DO") and len(fields) >= count + 5:
+            state = float(fields[-1].strip() not in ("0", "LOW"))
+            self.moves.log.happen("output", self.line, value=state, text=fields[-2].strip())
+
+    def _carry_over(self, word: str, fields: list[str], poses: list[Array], *, circle: bool) -> None:
+        """Carry out the motion of a move."""
         if word.startswith(("MOVEJ", "TRIGGJ")):
             self.moves.rapid(poses[0], self.line)
         elif circle:
@@ -219,7 +285,15 @@ class _Reader:
             if len(parts) != 4:
                 raise self.error(f"Offs with {len(parts)} arguments, expected target, x, y, z")
             pose = self._target(parts[0])
-            pose[:3, 3] += [self._number(part) for part in parts[1:]]
+            pose[:3, 3] += [self._coordinate(part) for part in parts[1:]]
+            return pose
+        in_tool = re.fullmatch(r"RELTOOL\s*\(([^\\]*)\)", field)
+        if in_tool:
+            parts = split_fields(in_tool.group(1))
+            if len(parts) != 4:
+                raise self.error(f"RelTool with {len(parts)} arguments, expected target, x, y, z")
+            pose = self._target(parts[0])
+            pose[:3, 3] += pose[:3, :3] @ [self._coordinate(part) for part in parts[1:]]
             return pose
         if not field.startswith("["):
             if ("ROBTARGET", field) not in self.data:
@@ -241,13 +315,12 @@ class _Reader:
         inside = [part.strip() for part in parts[:2]]
         if len(parts) != count or not all(part.startswith("[") and part.endswith("]") for part in inside):
             raise self.error(f"pose {field[:30]!r} is not read, expected [[x, y, z], [q1, q2, q3, q4], ..]")
-        place, turn = ([self._number(word) for word in split_fields(part[1:-1])] for part in inside)
+        place = [self._coordinate(word) for word in split_fields(inside[0][1:-1])]
+        turn = [self._number(word) for word in split_fields(inside[1][1:-1])]
         if len(place) != 3 or len(turn) != 4:
             raise self.error(f"pose has {len(place)} coordinates and {len(turn)} of a quaternion, expected 3 and 4")
-        if not max(map(abs, place)) < FARTHEST:
-            raise self.error(f"coordinate {max(map(abs, place)):g} mm, less than {FARTHEST:g} mm is allowed")
         size = float(np.linalg.norm(turn))
-        if abs(size - 1.0) > 1e-2:
+        if not abs(size - 1.0) <= 1e-2:
             raise self.error(f"quaternion {turn} has length {size:.4g}, expected 1")
         return make_pose(np.array(place), Rotation.from_quat([*turn[1:], turn[0]]).as_matrix())
 
@@ -256,7 +329,17 @@ class _Reader:
             raise self.error(f"{word.strip()[:24]!r} is no number; write the program out")
         return float(word)
 
+    def _coordinate(self, word: str) -> float:
+        number = self._number(word)
+        if not abs(number) < FARTHEST:
+            raise self.error(f"coordinate {number:g} mm, less than {FARTHEST:g} mm is allowed")
+        return number
+
     def _speed(self, field: str) -> float:
+        """Return the speed of the tip in mm/s, after VelSet."""
+        return min(self._programmed_speed(field) * self.share, self.fastest)
+
+    def _programmed_speed(self, field: str) -> float:
         r"""Return the speed of the tip in mm/s: v100, [v, ..], a name, or what \V says."""
         override = re.search(rf"\\V\s*:=\s*({NUMBER})\s*(?:\\|$)", field)
         if override:
@@ -281,6 +364,9 @@ def split_statements(text: str) -> Iterator[tuple[int, str]]:
     pending, first = "", 0
     for number, raw in enumerate(split_lines(text), start=1):
         line = re.sub(r'"[^"]*"', '""', raw) if '"' in raw else raw
+        if not pending.strip() and raw.lstrip().startswith("!"):
+            yield number, raw.strip()
+            continue
         line = line.partition("!")[0].upper()
         if line.replace('""', "").count('"'):
             raise ValueError(f'line {number}: a quote (") is opened and never closed')
