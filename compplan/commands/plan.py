@@ -57,6 +57,10 @@ def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
         click.echo(f"greatest deviation {before} uncorrected, {after} planned ({plan.judge})")
         wrong = plan.mismatch
         click.echo(f"{format_length(wrong.max_deviation)} planned where the robot is not as modelled ({wrong.cell})")
+        if plan.promise is not None:
+            promised, whole = format_length(plan.promise.greatest), format_length(plan.promise.whole)
+            click.echo(f"true tip within {promised} with 95 %, the whole path within {whole}")
+            click.echo(f"  from: {plan.promise.known.source}; force {plan.promise.force.source}")
         click.echo(f"robot {plan.robot.name}: model graded {plan.robot.grade}")
         for note in plan.notes:
             click.echo(note)

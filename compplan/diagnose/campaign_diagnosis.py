@@ -14,6 +14,7 @@ from compplan.diagnose.doubt import Doubt, raise_doubt
 from compplan.diagnose.fit import fit_effects
 from compplan.diagnose.held_out import Folds, HeldOut, make_folds, with_claims
 from compplan.diagnose.polish import polish_fit
+from compplan.diagnose.posterior import state_uncertainty
 from compplan.diagnose.result import Candidate, Diagnosis, Gap
 from compplan.diagnose.search import Claim, distinct_places
 from compplan.diagnose.state import Fit, Problem, State, advance_state, attain_state, stands
@@ -109,6 +110,8 @@ def _conclude(
     residual = position_residual(campaign, *attain_state(problem, state))
     good = campaign.usable.copy()
     good[fit.outliers] = False
+    possible = [Claim(f.signature, f.size) for f in possible_findings(verdict)]
+    uncertainty = state_uncertainty(fit, possible, state, held, good)
     seen = good[held.rows]
     ranked = rank_candidates(fit, verdict, folds)
     taken = {f.effect.place for f in verdict.findings}
@@ -123,8 +126,9 @@ def _conclude(
         wrong=min((c.held_out for c in ranked if c.place not in taken), default=plain.rms),
     )
     return Diagnosis(
-        robot=problem.robot, updated=fold_effects(problem.robot, state.effects[known:]), fit=fit,
-        doubt=doubt, verdict=_with_sizes(verdict, state), gap=gap, candidates=ranked, residual_before=before,
+        robot=problem.robot, fit=fit, doubt=doubt,
+        updated=replace(fold_effects(problem.robot, state.effects[known:]), uncertainty=uncertainty),
+        verdict=_with_sizes(verdict, state), gap=gap, candidates=ranked, residual_before=before,
         residual_after=residual, registration=state.registration, outliers=fit.outliers,
         noise=fit.noises["position"].source,
     )  # fmt: skip
@@ -142,8 +146,7 @@ def choose_update(folds: Folds, verdict: Verdict, plain: HeldOut) -> tuple[State
         plain: What the nominal robot predicts.
     """
     fit = folds.fit
-    unnamed = [f for f in (*verdict.minor, *verdict.doubtful) if not of_instrument(f.effect)]
-    sizes = {f.signature: f.size for f in (*verdict.findings, *unnamed) if f.signature >= 0}
+    sizes = {f.signature: f.size for f in possible_findings(verdict)}
     named = [Claim(f.signature, f.size) for f in verdict.findings if f.signature >= 0]
     every = [Claim(number, size) for number, size in sizes.items()]
     options = [(named, False), (named, True)]
@@ -159,6 +162,12 @@ def choose_update(folds: Folds, verdict: Verdict, plain: HeldOut) -> tuple[State
     fitted = with_claims(fit, chosen[0], background=chosen[1])
     state = polish_fit(replace(fitted, state=advance_state(fitted), base=fit.base or fit.state)).state
     return (state, best) if stands(fit.problem, state) else (None, plain)
+
+
+def possible_findings(verdict: Verdict) -> list[Finding]:
+    """List what is named, and what is too small or too improbable to be named but is of the robot."""
+    unnamed = [f for f in (*verdict.minor, *verdict.doubtful) if not of_instrument(f.effect)]
+    return [f for f in (*verdict.findings, *unnamed) if f.signature >= 0]
 
 
 def of_instrument(effect: Effect) -> bool:

@@ -21,6 +21,7 @@ from compplan.plan.evaluate import Evaluation
 from compplan.plan.plan import Plan
 from compplan.posture.clearance import describe_clearance
 from compplan.program import Program
+from compplan.promise.band import Promise
 
 
 def write_plan(plan: Plan, folder: str | Path) -> list[Path]:
@@ -105,6 +106,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
             "spline": float(plan.between.spline.max(initial=0.0)) * 1e3,
         },
         **plan.bending.describe(),
+        **summarise_promise(plan.promise),
         "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
         "within_tolerance": plan.after.share_within(plan.task.tolerance),
         "correction_mm": {"max": margins.max_correction * 1e3},
@@ -127,6 +129,31 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         summary["failures"] = [{"waypoint": waypoint, "limit": limit} for waypoint, limit in sorted(failures.items())]
         summary["failure"] = plan.explain_failures()
     return summary
+
+
+def summarise_promise(promise: Promise | None) -> dict[str, Any]:
+    """Return what plan.json says of the band; nothing where there is none."""
+    if promise is None:
+        return {}
+    widest, known = promise.widest, promise.known
+    return {
+        "promise_mm": {
+            "p95_max": promise.greatest * 1e3,
+            "p95_rms": float(np.sqrt(np.mean(promise.radius[promise.cut] ** 2))) * 1e3,
+            "whole_path_p95": promise.whole * 1e3,
+            "widest_waypoint": widest,
+            "at_widest": {name: float(values[widest]) * 1e3 for name, values in promise.parts.items()},
+        },
+        "promise_from": {
+            "grade": known.grade,
+            "source": known.source,
+            "force": promise.force.source,
+            "calibration_factor": known.calibration,
+            "calibration_groups": known.groups,
+            "leading": [{"unknown": name, "share_of_variance": share} for name, share in promise.leading],
+            "assumed": list(promise.assumed),
+        },
+    }
 
 
 def summarise_comparison(comparison: Comparison) -> dict[str, Any]:

@@ -39,6 +39,8 @@ from compplan.posture.clearance import ClearanceProfile
 from compplan.posture.stance import Wish, check_start
 from compplan.posture.start import PostureRequest, check_clearance, find_start, read_request
 from compplan.program import check_languages
+from compplan.promise.band import Promise, promise_path
+from compplan.promise.slopes import read_force_spread, stage_path
 from compplan.robot import Array, Robot, load_robot
 from compplan.statics.chain import build_chain, locate_frames
 
@@ -160,6 +162,17 @@ class Plan:
     def mismatch(self) -> Mismatch:
         """What the command leaves where the robot's compliances differ from the model's."""
         return evaluate_mismatch(self.task, self.q)
+
+    @cached_property
+    def promise(self) -> Promise | None:
+        """The band that holds the true tip with 95 %; None where a robot within it finds no equilibrium."""
+        task, bow = self.task, max(self.between.max_deviation - self.after.max_deviation, 0.0)
+        scene = stage_path(task.robot, self.q, task.wrench, task.step_time)
+        force = read_force_spread(None if self.job is None else self.job.noise)
+        try:
+            return promise_path(task.robot, scene, task.cut, force, left=self.after.distance, between=bow)
+        except ConvergenceError:
+            return None
 
     def explain_failures(self) -> str:
         """Say in a sentence which waypoints fail and which limits stop them, or what is not confirmed; else nothing."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from compplan.report.page import Section
 from compplan.report.plan_page import PlanView, write_view
 from compplan.report.posture_section import list_uncertainties, show_posture
+from compplan.report.promise_section import show_promise
 from compplan.report.style import format_length
 
 if TYPE_CHECKING:
@@ -86,9 +87,10 @@ def view_plan(plan: Plan, extra: Sequence[Section] = ()) -> PlanView:
         notes=plan.notes,
         assumptions=assumptions,
     )
-    sections = list(extra)
+    sections = [] if plan.promise is None else [show_promise(plan.promise, view.stations, task.tolerance)]
+    sections += list(extra)
     if stance is not None:
-        sections.insert(0, show_posture(stance, view.stations, plan.clearance))
+        sections.insert(len(sections) - len(extra), show_posture(stance, view.stations, plan.clearance))
     return replace(view, extra=sections)
 
 

@@ -1,4 +1,4 @@
-"""Read and write a robot folder: robot.urdf, elasticity.toml, effects.toml."""
+"""Read and write a robot folder: robot.urdf, elasticity.toml, effects.toml, uncertainty.toml."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from compplan.files.tables import read_text, write_text
 from compplan.files.tomlfile import SchemaOne, StrictTable, read_toml_model
 from compplan.robot.elasticity import build_links, build_springs, read_elasticity
 from compplan.robot.model import Array, Joint, Robot, roll_pitch_yaw_of
+from compplan.robot.uncertainty import FILE as UNCERTAINTY
+from compplan.robot.uncertainty import format_uncertainty, read_uncertainty
 from compplan.robot.urdf import read_numbers, read_placement, read_urdf
 
 
@@ -124,6 +126,7 @@ def read_robot_folder(folder: Path) -> Robot:
         grade=table.grade,
         folder=folder,
         effects=_read_effects(folder / "effects.toml"),
+        uncertainty=read_uncertainty(folder / UNCERTAINTY),
     )
 
 
@@ -144,6 +147,10 @@ def write_robot_folder(robot: Robot, folder: Path) -> None:
         write_text(folder / "effects.toml", tomli_w.dumps(table))
     else:
         (folder / "effects.toml").unlink(missing_ok=True)
+    if robot.uncertainty is not None:
+        write_text(folder / UNCERTAINTY, format_uncertainty(robot.uncertainty))
+    else:
+        (folder / UNCERTAINTY).unlink(missing_ok=True)
     if robot.folder is not None:
         for name in ("controller.toml", "controller.urdf"):
             source = robot.folder / name

@@ -16,6 +16,8 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.robot.uncertainty import Uncertainty
+
 Array = NDArray[np.float64]
 
 SPRING_AXES = ("own", "tx", "ty", "tz", "rx", "ry", "rz")
@@ -141,6 +143,7 @@ class Robot:
         effects: Tables of effects.toml, one mapping per effect (see `compplan.effects`).
         weights: Masses whose weight bends the arm although the model carries no gravity load: a mounted tool's, and
             with a minus sign that of the tool which the springs were identified with.
+        uncertainty: How surely it is known (uncertainty.toml), or None where nobody has said so.
     """
 
     name: str
@@ -160,6 +163,7 @@ class Robot:
     folder: Path | None = None
     effects: tuple[Mapping[str, Any], ...] = ()
     weights: tuple[Body, ...] = ()
+    uncertainty: Uncertainty | None = None
 
     @property
     def loading_bodies(self) -> tuple[Body, ...]:
@@ -247,7 +251,15 @@ class Robot:
             tcp=tool.child,
             urdf=_urdf_with_tool(self, tool),
             weights=weights,
+            uncertainty=None if self.uncertainty is None else self._uncertainty_with_tool(names),
         )
+
+    def _uncertainty_with_tool(self, joints: set[str]) -> Uncertainty | None:
+        """Keep what is known of the arm; of another tool's place on the flange nothing is known."""
+        known = self.uncertainty
+        if known is None:
+            return None
+        return known.select(u.effect != "tool_frame" and (u.joint is None or u.joint in joints) for u in known.unknowns)
 
     def _bodies_on_flange(self) -> tuple[Body, ...]:
         """List what hangs on the flange, in its frame, with a minus sign."""

@@ -1,0 +1,201 @@
+"""What is known of a robot: its folder's uncertainty.toml, or widths that are assumed by the folder's grade."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.effects import EFFECTS
+from compplan.effects.checks import check_effect
+from compplan.effects.scene import own_springs
+from compplan.effects.signature import pack_parameters
+from compplan.errors import InputError, UnknownNameError
+from compplan.robot import Robot
+from compplan.robot.folder import robot_folders
+from compplan.robot.uncertainty import FILE, Uncertainty, Unknown
+
+#: Relative standard deviation of a compliance by the folder's grade (assumed: force models of identified robots explain
+#: some 90 % of the deflection, machines of one type differ by some 20 %).
+COMPLIANCE = {"identified": 0.10, "literature": 0.20, "scaled": 0.35, "placeholder": 0.50}
+#: Compliance of a revolute and of a prismatic joint that the model holds rigid; the grade's share of it is the width
+#: (assumed: a medium robot's joint).
+RIGID = {"revolute": 1e-6, "prismatic": 1e-7}
+#: Zeros [deg], lengths [mm] and directions [deg] of an arm that was calibrated, and of one as delivered (assumed:
+#: together some .15 and .6 mm at two metres, as robot calibration reports).
+CALIBRATED, DELIVERED = (0.003, 0.03, 0.001), (0.010, 0.10, 0.003)
+#: Lost motion and gear error, full width and amplitude once a turn [deg], as in [noise] (assumed).
+PLAY, GEAR = 0.002, 0.002
+#: A touched-off tool tip, per axis, as in [noise] (assumed). [m]
+TOOL = 3e-5
+#: What no parameter explains where nobody has measured: rms distance and scale (assumed). [m]
+UNEXPLAINED, SCALE = 5e-5, 0.3
+#: Repeatability where the folder states none, per axis (assumed, as in [noise]). [m]
+REPEATABILITY = 2e-5
+#: A factor on the 6x6 elasticity of a link: an unknown of this room, not of the vocabulary.
+LINK_ELASTICITY, RATIO = "link_elasticity", "compliance_change_ratio"
+TURNS = ("tx", "ty", "tz", "rx", "ry", "rz")
+
+
+def known_uncertainty(robot: Robot) -> Uncertainty:
+    """Return what is known of a robot and how surely: its folder's file, otherwise assumed widths.
+
+    A tool whose place on the flange nobody has identified gets the assumed width of one that was touched off.
+
+    Raises:
+        InputError: If the folder's file names no effect, joint or parameter of this robot.
+    """
+    known = robot.uncertainty
+    if known is None:
+        return assume_uncertainty(robot)
+    check_uncertainty(robot, known)
+    if not any(unknown.effect == "tool_frame" for unknown in known.unknowns):
+        known = _add(known, _tool())
+    return replace(known, repeatability=_repeatability(robot, known))
+
+
+def check_uncertainty(robot: Robot, known: Uncertainty) -> None:
+    """Refuse unknowns that this robot does not have.
+
+    Raises:
+        InputError: With file and key.
+    """
+    file = None if robot.folder is None else robot.folder / FILE
+    links = [block.link for block in robot.link_elasticities]
+    for number, unknown in enumerate(known.unknowns):
+        where = f"unknown[{number}]"
+        if unknown.effect == LINK_ELASTICITY:
+            children = {joint.name: joint.child for joint in robot.joints}
+            if children.get(str(unknown.joint)) not in links or unknown.keys != (RATIO,):
+                message = f"expected joint: one that carries an elastic link, and keys = ['{RATIO}']"
+                raise InputError(message, file=file, where=where)
+            continue
+        if unknown.effect not in EFFECTS:
+            raise UnknownNameError("effect", unknown.effect, list(EFFECTS), file=file, where=f"{where}.effect")
+        if unknown.joint is not None and unknown.joint not in (names := [joint.name for joint in robot.joints]):
+            raise UnknownNameError("joint", unknown.joint, names, file=file, where=f"{where}.joint")
+        try:
+            parameters = pack_parameters(unknown.keys, unknown.deviation, unknown.fixed)
+        except AttributeError:
+            message = "a list of `fixed` cannot be unknown too"
+            raise InputError(message, file=file, where=f"{where}.keys") from None
+        table = {"effect": unknown.effect, "joint": unknown.joint, "axis": unknown.axis, "parameters": parameters}
+        check_effect(table, robot, file, where)
+
+
+def assume_uncertainty(robot: Robot) -> Uncertainty:
+    """Return assumed widths by the folder's grade: every spring, zero, length and direction, play, gear error, tool."""
+    unknowns = [*_springs(robot), *_geometry(robot), *_drives(robot), _tool()]
+    grade = "literature" if robot.grade == "literature" else "assumed"
+    p = sum(len(unknown.keys) for unknown in unknowns)
+    return Uncertainty(
+        grade=grade,
+        source=f"widths assumed for a folder graded {robot.grade}; no {FILE}",
+        unknowns=tuple(unknowns),
+        factor=np.eye(p),
+        unexplained=UNEXPLAINED,
+        scale=SCALE,
+        repeatability=REPEATABILITY if robot.repeatability is None else robot.repeatability,
+    )
+
+
+def list_assumed(robot: Robot) -> list[str]:
+    """Say which widths are assumed, one sentence each; none where the folder has its own file and repeatability."""
+    said = []
+    if robot.uncertainty is None:
+        zero, length, turn = _widths(robot)
+        said.append(
+            f"no {FILE} in the robot folder: assumed by its grade ({robot.grade}) are compliances to"
+            f" {COMPLIANCE[robot.grade]:.0%}, zeros to {zero:g} deg, lengths to {length:g} mm, directions to"
+            f" {turn:g} deg, lost motion and gear error of {PLAY:g} deg, tool tip to {TOOL * 1e3:g} mm,"
+            f" {UNEXPLAINED * 1e3:g} mm unexplained"
+        )
+    elif not any(unknown.effect == "tool_frame" for unknown in robot.uncertainty.unknowns):
+        said.append(f"the tool tip on the flange is assumed to be known to {TOOL * 1e3:g} mm per axis")
+    if robot.repeatability is None and (robot.uncertainty is None or robot.uncertainty.repeatability is None):
+        said.append(f"repeatability is assumed: {REPEATABILITY * 1e3:g} mm per axis, one standard deviation")
+    return said
+
+
+def _widths(robot: Robot) -> tuple[float, float, float]:
+    folder = robot.folder
+    calibrated = robot.grade == "identified" or (folder is not None and (folder / "controller.urdf").is_file())
+    return CALIBRATED if calibrated else DELIVERED
+
+
+def _springs(robot: Robot) -> list[Unknown]:
+    share, own, found = COMPLIANCE[robot.grade], own_springs(robot), []
+    taken = {spring.spring for spring in own.values()}
+    for index, joint in enumerate(robot.actuated):
+        key = "compliance_change_m_per_N" if joint.kind == "prismatic" else "compliance_change_rad_per_Nm"
+        size = own[index].compliance if index in own else RIGID[joint.kind]
+        found.append(Unknown("joint_stiffness", joint.name, None, (key,), np.array([share * size])))
+    for number, spring in enumerate(robot.springs):
+        if number not in taken and spring.axis != "own":
+            key = "compliance_m_per_N" if spring.axis[0] == "t" else "compliance_rad_per_Nm"
+            width = np.array([share * spring.compliance])
+            found.append(Unknown("link_compliance", spring.joint, spring.axis, (key,), width))
+    carriers = {joint.child: joint.name for joint in robot.joints}
+    for link in dict.fromkeys(block.link for block in robot.link_elasticities):
+        if link in carriers:
+            found.append(Unknown(LINK_ELASTICITY, carriers[link], None, (RATIO,), np.array([share])))
+    return found
+
+
+def _geometry(robot: Robot) -> list[Unknown]:
+    zero, length, turn = _widths(robot)
+    found = []
+    for joint in robot.actuated:
+        slides = joint.kind == "prismatic"
+        size = length * 1e-3 if slides else np.radians(zero)
+        found.append(
+            Unknown("joint_offset", joint.name, None, ("offset_m" if slides else "offset_rad",), np.array([size]))
+        )
+        for k, axis in enumerate(TURNS):
+            along = abs(float((joint.placement[:3, :3] @ joint.axis)[k % 3])) > 0.9
+            if along and slides == (axis[0] == "t"):
+                continue
+            key, width = (f"{axis}_m", length * 1e-3) if axis[0] == "t" else (f"{axis}_rad", np.radians(turn))
+            found.append(Unknown("link_geometry", joint.name, axis, (key,), np.array([width])))
+    return found
+
+
+def _drives(robot: Robot) -> list[Unknown]:
+    found = []
+    for joint in robot.actuated:
+        if joint.kind == "prismatic":
+            continue
+        found.append(Unknown("backlash", joint.name, None, ("width_rad",), np.radians([PLAY])))
+        waves = np.radians([GEAR, GEAR]) / np.sqrt(2.0)
+        fixed = {"cycles_per_turn": [1.0]}
+        found.append(Unknown("transmission_error", joint.name, None, ("sine_rad#0", "cosine_rad#0"), waves, fixed))
+    return found
+
+
+def _tool() -> Unknown:
+    return Unknown("tool_frame", None, None, ("tx_m", "ty_m", "tz_m"), np.full(3, TOOL))
+
+
+def _repeatability(robot: Robot, known: Uncertainty) -> float:
+    for told in (known.repeatability, robot.repeatability):
+        if told is not None:
+            return told
+    return REPEATABILITY
+
+
+def _add(known: Uncertainty, unknown: Unknown) -> Uncertainty:
+    """Add an unknown that is independent of the others."""
+    (p, r), k = known.factor.shape, len(unknown.keys)
+    factor = np.block([[known.factor, np.zeros((p, k))], [np.zeros((k, r)), np.eye(k)]])
+    return replace(known, unknowns=(*known.unknowns, unknown), factor=factor)
+
+
+def literature_folder(robot: Robot) -> Robot | None:
+    """Return the shipped robot of the same type (by the name in the URDF), or None."""
+    from xml.etree import ElementTree
+
+    from compplan.robot.folder import read_robot_folder
+
+    name = ElementTree.fromstring(robot.urdf).get("name", "")
+    folder = robot_folders().get(name)
+    return None if folder is None else read_robot_folder(folder)

@@ -1,0 +1,201 @@
+"""The band that holds the true tip with 95 %, split by what makes it.
+
+To first order the tip is off by e = J p + u + r + f with independent normal parts: parameters p of covariance S, what
+no parameter explains u, repeatability r, force f. Its covariance is
+
+    V = k^2 (J S J^T + s_u^2/3 1) + s_r^2 1 + V_f,     k: the calibration on poses that the fit never saw,
+
+and the radius that |e| keeps within with probability 0.95 is the square root of that quantile of sum_i lambda_i z_i^2,
+lambda the eigenvalues of V (`compplan.measure.distance`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+
+from compplan.effects.scene import Scene
+from compplan.measure.distance import LEVEL, band_radius
+from compplan.promise.assumed import known_uncertainty, list_assumed
+from compplan.promise.slopes import ForceSpread, measure_force_slopes, measure_slopes, pick_rows, tip_of
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Uncertainty
+
+#: What makes the band, in the order of the page.
+PARTS = ("model", "unexplained", "repeatability", "force")
+#: Drawn paths that tell what the whole path keeps within, and their seed.
+PATHS, SEED = 2000, 20260601
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """A path to first order; k rows, p parameters.
+
+    Attributes:
+        rows: Rows of the path. Shape (k,).
+        tip: Where the loaded tip goes. Shape (k, 3). [m]
+        model: Motion of the tip per unit of every parameter. Shape (k, 3, p).
+        shared: Motion by one standard deviation of the force, alike along the path. Shape (k, 3, 4). [m]
+        local: The same, from place to place. Shape (k, 3, 1). [m]
+    """
+
+    rows: NDArray[np.int_]
+    tip: Array
+    model: Array
+    shared: Array
+    local: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Promise:
+    """How far the true tip may be from the planned one; n rows of a path.
+
+    Attributes:
+        radius: Distance that holds the true tip with 95 %, what the plan itself leaves included. Shape (n,). [m]
+        parts: The same by each part alone. Shape (n,) each. [m]
+        covariance: Covariance of the tip, interpolated between the differentiated rows. Shape (n, 3, 3). [m^2]
+        cut: Rows that it is promised for. Shape (n,).
+        between: Greatest distance between rows beyond that at the rows. [m]
+        whole: Distance that the whole path keeps within with 95 %. [m]
+        leading: Parameters and their share of the variance at the widest row, largest first.
+        known: What is known of the robot.
+        force: How surely the force is known.
+        assumed: What is assumed, one sentence each.
+    """
+
+    radius: Array
+    parts: Mapping[str, Array]
+    covariance: Array
+    cut: NDArray[np.bool_]
+    between: float
+    whole: float
+    leading: tuple[tuple[str, float], ...]
+    known: Uncertainty
+    force: ForceSpread
+    assumed: tuple[str, ...]
+
+    @property
+    def greatest(self) -> float:
+        """Greatest distance of the band over the cut, between its rows too. [m]."""
+        return float(self.radius[self.cut].max(initial=0.0)) + self.between
+
+    @property
+    def widest(self) -> int:
+        """Row of the cut where the band is widest."""
+        rows = np.flatnonzero(self.cut)
+        return int(rows[self.radius[rows].argmax()])
+
+
+def linearise_path(scene: Scene, known: Uncertainty, force: ForceSpread, cut: NDArray[np.bool_]) -> Slopes:
+    """Differentiate a path by every parameter and by the force at a few rows of the cut."""
+    rows = pick_rows(cut)
+    shared, local = measure_force_slopes(scene, rows, force)
+    return Slopes(rows, tip_of(scene, rows), measure_slopes(scene, known.unknowns, rows), shared, local)
+
+
+def split_covariance(slopes: Slopes, known: Uncertainty) -> dict[str, Array]:
+    """Return the covariance of the tip that each part makes. Shape (k, 3, 3) each. [m^2]."""
+    eye = np.broadcast_to(np.eye(3), (len(slopes.rows), 3, 3))
+    moved = known.calibration * slopes.model @ known.root
+    force = np.concatenate([slopes.shared, slopes.local], axis=2)
+    return {
+        "model": moved @ np.swapaxes(moved, 1, 2),
+        "unexplained": eye * (known.calibration * known.unexplained) ** 2 / 3.0,
+        "repeatability": eye * (known.repeatability or 0.0) ** 2,
+        "force": force @ np.swapaxes(force, 1, 2),
+    }
+
+
+def promise_path(
+    robot: Robot, scene: Scene, cut: NDArray[np.bool_], force: ForceSpread, *,
+    left: Array | None = None, between: float = 0.0,
+) -> Promise:  # fmt: skip
+    """Promise how far the true tip is from the planned one along a path.
+
+    Args:
+        robot: The robot.
+        scene: The robot at all rows of the path, the effects of its folder in it.
+        cut: Rows that matter. Shape (n,).
+        force: How surely the force is known.
+        left: Distance that the plan itself leaves at every row. Shape (n,). [m]
+        between: Greatest distance between rows beyond that at the rows. [m]
+
+    Raises:
+        InputError: If the folder's uncertainty.toml names what this robot does not have.
+    """
+    known = known_uncertainty(robot)
+    slopes = linearise_path(scene, known, force, cut)
+    parts = split_covariance(slopes, known)
+    n = len(cut)
+    total = _spread(slopes.rows, sum(parts.values(), np.zeros((1, 3, 3))), n)
+    left = np.zeros(n) if left is None else left
+    return Promise(
+        radius=band_radius(total) + left,
+        parts={name: band_radius(_spread(slopes.rows, parts[name], n)) for name in PARTS},
+        covariance=total,
+        cut=cut,
+        between=between,
+        whole=whole_path(slopes, known) + float(left[cut].max(initial=0.0)) + between,
+        leading=lead_unknowns(slopes, known, parts),
+        known=known,
+        force=force,
+        assumed=(*list_assumed(robot), *([f"force: {force.source}"] if "assumed" in force.source else [])),
+    )
+
+
+def whole_path(slopes: Slopes, known: Uncertainty, level: float = LEVEL) -> float:
+    """Return the distance that the whole path keeps within with a probability, by drawing paths to first order. [m]
+
+    Parameters, force and one error of repeatability hold for a whole run; what is unexplained is smooth over the place.
+    """
+    random = np.random.default_rng(SEED)
+    k = len(slopes.rows)
+    columns = np.concatenate([known.calibration * slopes.model @ known.root, slopes.shared], axis=2)
+    moved = columns.reshape(3 * k, -1) @ random.standard_normal((columns.shape[2], PATHS))
+    moved = moved.reshape(k, 3, PATHS)
+    moved += (known.repeatability or 0.0) * random.standard_normal((1, 3, PATHS))
+    moved += slopes.local * random.standard_normal((k, 1, PATHS))
+    size = known.calibration * known.unexplained / np.sqrt(3.0)
+    if size > 0.0:
+        apart = cdist(slopes.tip, slopes.tip) / known.scale
+        value, vector = np.linalg.eigh(np.exp(-0.5 * apart**2))
+        root = vector * np.sqrt(np.maximum(value, 0.0))
+        moved += size * np.einsum("kr,rcp->kcp", root, random.standard_normal((k, 3, PATHS)), optimize=True)
+    farthest = np.linalg.norm(moved, axis=1).max(axis=0)
+    return float(np.quantile(farthest, level))
+
+
+def lead_unknowns(
+    slopes: Slopes, known: Uncertainty, parts: Mapping[str, Array], most: int = 8
+) -> tuple[tuple[str, float], ...]:
+    """Rank parameters by how much smaller the mean variance along the path would be if they were known exactly."""
+    total = float(np.mean([np.trace(part, axis1=1, axis2=2) for part in parts.values()]) * len(parts))
+    gain = measure_gain(slopes.model, known.calibration**2 * known.covariance)
+    order = np.argsort(-gain)[:most]
+    names = known.names
+    return tuple((names[k], float(gain[k] / max(total, 1e-300))) for k in order if gain[k] > 1e-3 * total)
+
+
+def measure_gain(model: Array, covariance: Array) -> Array:
+    """Return the variance of the tip, mean over the rows, that goes with exact knowledge of each parameter. Shape (p,).
+
+    To know parameter j takes S e_j e_j^T S / S_jj off the covariance S.
+    """
+    k = len(model)
+    flat = model.reshape(3 * k, -1)
+    along = flat @ covariance
+    variance = np.maximum(np.diag(covariance), 1e-300)
+    return np.asarray((along**2).sum(axis=0) / variance / k)
+
+
+def _spread(rows: NDArray[np.int_], values: Array, n: int) -> Array:
+    """Interpolate covariances linearly between the rows that were looked at. Shape (k, 3, 3) -> (n, 3, 3)."""
+    if len(rows) == n:
+        return values
+    at = np.arange(n)
+    flat = values.reshape(len(rows), 9)
+    return np.stack([np.interp(at, rows, column) for column in flat.T], axis=-1).reshape(n, 3, 3)

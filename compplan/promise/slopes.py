@@ -1,0 +1,119 @@
+"""How the loaded tip moves with every unknown parameter and with the force: columns of a Jacobian along a path.
+
+Secants of the exact equilibrium over one standard deviation. What a memory decides (lost motion) is staged over the
+whole path; the equilibrium is solved at a few of its rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from compplan.effects import attain_scene, command_campaign
+from compplan.effects.scene import Scene
+from compplan.job.noise import NoiseTable
+from compplan.promise.vary import stage_robot, vary_scene
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Unknown
+
+#: Rows of a path at which the equilibrium is differentiated.
+ROWS = 200
+#: Steps where a deviation is zero, and of the force.
+TINY, SHARE = 1e-9, 1e-3
+_BY_ROW = ("zero", "drive", "wrench", "joint_load", "growth", "base_twist", "tool_twist", "encoder")
+
+
+@dataclass(frozen=True, eq=False)
+class ForceSpread:
+    """How surely the wrench on the tool is known; relative standard deviations.
+
+    Attributes:
+        level: Of its size, alike along the path.
+        direction: Of its direction, alike along the path. [rad]
+        path: Of its size, from place to place.
+        source: Where it comes from.
+    """
+
+    level: float
+    direction: float
+    path: float
+    source: str
+
+
+def read_force_spread(noise: NoiseTable | None) -> ForceSpread:
+    """Return what a job's [noise] says of the force, its assumed defaults where there is no job."""
+    table = NoiseTable() if noise is None else noise
+    stated = {"wrench_level", "wrench_direction_deg", "wrench_path"} & table.model_fields_set
+    said = "[noise] of the job" if stated else "assumed: force models of milling and forming err by 10 to 20 %"
+    return ForceSpread(table.wrench_level, float(np.radians(table.wrench_direction_deg)), table.wrench_path, said)
+
+
+def pick_rows(cut: NDArray[np.bool_], most: int = ROWS) -> NDArray[np.int_]:
+    """Pick rows of the cut, evenly, the first and the last included."""
+    rows = np.flatnonzero(cut)
+    return rows if len(rows) <= most else rows[np.unique(np.linspace(0, len(rows) - 1, most).astype(int))]
+
+
+def stage_path(robot: Robot, q: Array, wrench: Array, step_time: Array | None = None) -> Scene:
+    """Stage a robot at the rows of a commanded path, with the effects of its folder."""
+    time = None if step_time is None else np.r_[0.0, np.cumsum(step_time)]
+    return stage_robot(robot, command_campaign(q, wrench, time=time))
+
+
+def take_rows(scene: Scene, rows: NDArray[np.int_]) -> Scene:
+    """Take some rows of a scene; what the others have left behind in it stays."""
+    parts = {name: getattr(scene, name)[rows] for name in _BY_ROW}
+    return replace(scene, campaign=scene.campaign.take(rows), **parts)
+
+
+def measure_slopes(scene: Scene, unknowns: Sequence[Unknown], rows: NDArray[np.int_]) -> Array:
+    """Return the motion of the target per unit of every parameter. Shape (k, 3, p). [m per SI unit]
+
+    Args:
+        scene: The robot at all rows of the path.
+        unknowns: The parameters; p in all.
+        rows: Rows to differentiate at. Shape (k,).
+    """
+    rest = attain_scene(take_rows(scene, rows)).position
+    columns = []
+    for unknown in unknowns:
+        for k, deviation in enumerate(unknown.deviation):
+            step = float(deviation) if deviation > 0 else TINY
+            values = np.zeros(len(unknown.keys))
+            values[k] = step
+            moved = attain_scene(take_rows(vary_scene(scene, [unknown], values), rows)).position
+            columns.append((moved - rest) / step)
+    return np.stack(columns, axis=-1) if columns else np.zeros((len(rows), 3, 0))
+
+
+def measure_force_slopes(scene: Scene, rows: NDArray[np.int_], spread: ForceSpread) -> tuple[Array, Array]:
+    """Return the motion of the tip by one standard deviation of the force: shared (k, 3, 4) and local (k, 3, 1). [m]
+
+    The shared ones hold all along the path: its level, and a turn about each base axis.
+    """
+    here = take_rows(scene, rows)
+    rest = attain_scene(here).position
+
+    def move(wrench: Array) -> Array:
+        return (attain_scene(replace(here, wrench=wrench)).position - rest) / SHARE
+
+    if not here.wrench.any():
+        return np.zeros((len(rows), 3, 4)), np.zeros((len(rows), 3, 1))
+    level = move(here.wrench * (1.0 + SHARE))
+    turned = []
+    for axis in np.eye(3):
+        turn = Rotation.from_rotvec(SHARE * axis)
+        turned.append(move(np.concatenate([turn.apply(here.wrench[:, :3]), turn.apply(here.wrench[:, 3:])], axis=1)))
+    shared = np.stack([spread.level * level, *(spread.direction * column for column in turned)], axis=-1)
+    return shared, spread.path * level[:, :, None]
+
+
+def tip_of(scene: Scene, rows: NDArray[np.int_]) -> Array:
+    """Return where the loaded tip of a scene goes at some rows. Shape (k, 3). [m]."""
+    return attain_scene(take_rows(scene, rows)).position
+
+

@@ -1,0 +1,149 @@
+"""Robots that might be the true one: a robot whose unknown parameters have some values.
+
+Compliances change by a spring in series, C = C_folder + dC, which holds for either sign of dC; everything else goes
+through the effects' own forward model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compplan.effects import Effect, apply_effects, fold_effects, is_of_instrument, robot_effects, stage_scene
+from compplan.effects.folding import base_joint
+from compplan.effects.scene import Scene
+from compplan.effects.signature import pack_parameters
+from compplan.measure.campaign import Campaign
+from compplan.promise.assumed import LINK_ELASTICITY, known_uncertainty
+from compplan.robot import Array, Robot, Spring
+from compplan.robot.uncertainty import Uncertainty, Unknown
+
+#: Waves that a drawn field is made of.
+WAVES = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """A smooth random error over the workspace: e(x) = a sum_k c_k cos(w_k . x + f_k), Gaussian of a given scale.
+
+    Attributes:
+        frequency: Shape (k, 3). [rad/m]
+        phase: Shape (k,). [rad]
+        amplitude: Shape (k, 3). [m]
+    """
+
+    frequency: Array
+    phase: Array
+    amplitude: Array
+
+    def at(self, position: Array) -> Array:
+        """Return the error at places in the base frame. Shape (n, 3). [m]."""
+        return np.asarray(np.cos(position @ self.frequency.T + self.phase) @ self.amplitude)
+
+
+@dataclass(frozen=True, eq=False)
+class Draw:
+    """One robot that might be the true one.
+
+    Attributes:
+        robot: The robot with its drawn parameters.
+        field: What no parameter explains.
+        values: The parameters about the folder's. Shape (p,). [SI]
+    """
+
+    robot: Robot
+    field: Field
+    values: Array
+
+
+def split_unknowns(unknowns: Sequence[Unknown], values: Array) -> list[tuple[Unknown, Array]]:
+    """Return each unknown with its own values."""
+    ends = np.cumsum([len(unknown.keys) for unknown in unknowns])
+    return list(zip(unknowns, np.split(np.asarray(values, float), ends[:-1]), strict=True)) if len(ends) else []
+
+
+def vary_robot(robot: Robot, unknown: Unknown, values: Array) -> tuple[Robot, Effect | None]:
+    """Change the parameters of one unknown; an effect that URDF and springs cannot say is returned beside the robot."""
+    change = float(values[0])
+    if unknown.effect == "joint_stiffness":
+        return _in_series(robot, Spring(str(unknown.joint), "own", change, actuator=True)), None
+    if unknown.effect == "link_compliance":
+        return _in_series(robot, Spring(str(unknown.joint), str(unknown.axis), change)), None
+    if unknown.effect == "base_compliance" and (joint := base_joint(robot)) is not None:
+        return _in_series(robot, Spring(joint, str(unknown.axis), change)), None
+    if unknown.effect == LINK_ELASTICITY:
+        children = {joint.name: joint.child for joint in robot.joints}
+        link = children[str(unknown.joint)]
+        blocks = tuple(
+            replace(b, compliance=b.compliance * (1.0 + change)) if b.link == link else b
+            for b in robot.link_elasticities
+        )
+        return replace(robot, link_elasticities=blocks), None
+    effect = Effect(unknown.effect, unknown.joint, unknown.axis, pack_parameters(unknown.keys, values, unknown.fixed))
+    if unknown.effect == "base_compliance":
+        return robot, effect
+    folded = fold_effects(replace(robot, effects=()), [effect])
+    if folded.effects:
+        return robot, effect
+    return replace(folded, effects=robot.effects), None
+
+
+def stage_robot(robot: Robot, campaign: Campaign) -> Scene:
+    """Put a robot with the effects of its folder at rows that it is commanded to; instruments see nothing here."""
+    effects = [effect for effect in robot_effects(robot) if not is_of_instrument(effect.name)]
+    return apply_effects(stage_scene(robot, campaign, later=True), effects)
+
+
+def vary_scene(scene: Scene, unknowns: Sequence[Unknown], values: Array) -> Scene:
+    """Put values of the unknowns into a scene, exactly."""
+    robot, beside = scene.robot, []
+    for unknown, own in split_unknowns(unknowns, values):
+        robot, effect = vary_robot(robot, unknown, own)
+        if effect is not None:
+            beside.append(effect)
+    return apply_effects(scene if robot is scene.robot else replace(scene, robot=robot), beside)
+
+
+def draw_values(known: Uncertainty, count: int, seed: int) -> Array:
+    """Draw parameters about the folder's values, as calibrated. Shape (count, p). [SI]."""
+    normal = np.random.default_rng(seed).standard_normal((count, known.factor.shape[1]))
+    return np.asarray(known.calibration * normal @ known.root.T)
+
+
+def draw_field(known: Uncertainty, seed: int) -> Field:
+    """Draw what no parameter explains: Gaussian process with covariance exp(-d^2 / 2 l^2), by random waves."""
+    random = np.random.default_rng(seed)
+    frequency = random.standard_normal((WAVES, 3)) / known.scale
+    phase = random.uniform(0.0, 2.0 * np.pi, WAVES)
+    size = known.calibration * known.unexplained / np.sqrt(3.0)
+    return Field(frequency, phase, size * np.sqrt(2.0 / WAVES) * random.standard_normal((WAVES, 3)))
+
+
+def draw_robots(robot: Robot, count: int, seed: int) -> Iterator[Draw]:
+    """Draw robots that might be the true one; the same seed gives the same robots.
+
+    Springs may come out softer or stiffer than the folder's, below zero where the folder's width allows it: a spring in
+    series that takes away. What a folder of a robot cannot hold (a negative tilt of the base) is cut at zero.
+
+    Args:
+        robot: The robot; its uncertainty.toml, or widths assumed by its grade.
+        count: How many.
+        seed: Seed.
+    """
+    known = known_uncertainty(robot)
+    for number, values in enumerate(draw_values(known, count, seed)):
+        drawn = robot
+        for unknown, own in split_unknowns(known.unknowns, values):
+            drawn, effect = vary_robot(drawn, unknown, own)
+            if effect is not None:
+                floor = effect.name == "base_compliance"
+                table = replace(effect, parameters={k: max(v, 0.0) for k, v in effect.parameters.items()})
+                drawn = fold_effects(drawn, [table if floor else effect])
+        yield Draw(drawn, draw_field(known, seed + 7919 * (number + 1)), values)
+
+
+def _in_series(robot: Robot, spring: Spring) -> Robot:
+    """Add a spring behind those of its joint."""
+    return replace(robot, springs=(*robot.springs, spring))

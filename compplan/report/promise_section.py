@@ -1,0 +1,90 @@
+"""The promise on a page: the band along the path against the tolerance, what makes it, and what would narrow it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from compplan.promise.band import PARTS, Promise
+from compplan.report.along_path import Stations, draw_lines
+from compplan.report.page import Block, Chart, Column, Fold, PageTable, Section, TableCell
+from compplan.report.style import AFTER, CATEGORIES, format_length, format_percent, format_set_value
+
+#: What the parts are called.
+WORDS = {
+    "model": "parameters of the robot",
+    "unexplained": "what no parameter explains",
+    "repeatability": "repeatability",
+    "force": "the force",
+}
+
+
+def show_promise(promise: Promise, stations: Stations, tolerance: float) -> Section:
+    """Show the band that holds the true tip with 95 %.
+
+    Args:
+        promise: The promise.
+        stations: Where the waypoints are.
+        tolerance: Greatest deviation that counts as within tolerance. [m]
+    """
+    judged = np.where(promise.cut, 1.0, np.nan)
+    series = {"all together": 1e3 * promise.radius * judged}
+    series |= {WORDS[name]: 1e3 * promise.parts[name] * judged for name in PARTS}
+    chart = draw_lines(
+        stations,
+        series,
+        "mm",
+        title="95 % band",
+        colours=(AFTER, *CATEGORIES),
+        zero=True,
+        limit=(1e3 * tolerance, f"tolerance {format_set_value(1e3 * tolerance)} mm"),
+    )
+    caption = "Distance from the path that holds the true tip with 95 %, and the same by each cause alone."
+    blocks: list[Block] = [Chart(chart, caption, height=360), _table(promise)]
+    if promise.leading:
+        blocks.append(_leading(promise))
+    if promise.assumed:
+        blocks.append(Fold("What is assumed", list(promise.assumed)))
+    return Section("Promise", blocks, say_promise(promise, tolerance))
+
+
+def say_promise(promise: Promise, tolerance: float) -> str:
+    """Say in a sentence or two what can be promised."""
+    text = (
+        f"At any point the true tip is within {format_length(promise.greatest)} of the path with 95 %; the tolerance"
+        f" that can be promised for the whole part is {format_length(promise.whole)}."
+    )
+    kept = "That keeps" if promise.whole <= tolerance else "That does not keep"
+    text += f" {kept} the tolerance of {format_set_value(1e3 * tolerance)} mm."
+    known = promise.known
+    if known.grade != "measured":
+        return f"{text} The widths are {'assumed' if known.grade == 'assumed' else 'from literature'}: {known.source}."
+    if known.groups:
+        text += (
+            f" Widths are measured ({known.source}) and widened by {known.calibration:.3g} for what {known.groups}"
+            " groups of poses showed that the fit had never seen."
+        )
+    return text
+
+
+def _table(promise: Promise) -> PageTable:
+    rows: list[list[TableCell | str | float | int | None]] = []
+    cut, widest = promise.cut, promise.widest
+    total = promise.radius[widest] ** 2
+    for name in PARTS:
+        values = promise.parts[name]
+        share = float(values[widest] ** 2 / total) if total > 0 else 0.0
+        mean = float(np.sqrt(np.mean(values[cut] ** 2)))
+        rows.append([WORDS[name], 1e3 * mean, 1e3 * float(values[widest]), format_percent(share)])
+    together = [1e3 * float(np.sqrt(np.mean(promise.radius[cut] ** 2))), 1e3 * float(promise.radius[widest])]
+    rows.append(["all together", *(TableCell(value, "strong") for value in together), None])
+    if promise.between > 0:
+        rows.append(["between waypoints, on top", None, 1e3 * promise.between, None])
+    rows.append(["the whole path at once", None, TableCell(1e3 * promise.whole, "strong"), None])
+    columns = [Column("95 % band by"), Column("rms", "mm"), Column("at its widest", "mm"), Column("of its square")]
+    return PageTable(columns, rows, f"The band is widest at waypoint {widest}.")
+
+
+def _leading(promise: Promise) -> PageTable:
+    rows = [[name, format_percent(share)] for name, share in promise.leading]
+    columns = [Column("if this were known exactly"), Column("the variance of the tip would shrink by")]
+    return PageTable(columns, rows, "What would narrow the band most, mean over the path.")

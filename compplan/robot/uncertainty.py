@@ -1,0 +1,289 @@
+"""uncertainty.toml: how surely a robot folder is known: named unknowns, their covariance, and what no name explains.
+
+    schema = 1
+    grade  = "measured"                # measured | literature | assumed
+    source = "diagnosed from log.csv, 120 rows at 60 poses"
+    repeatability_mm = 0.03            # optional; one standard deviation, per axis
+
+    [unexplained]                      # a smooth error over the workspace that no unknown below makes
+    rms_mm   = 0.02                    # of the 3D distance
+    scale_mm = 300.0                   # distance over which it forgets itself
+
+    [calibration]                      # conformal step on poses that the fit never saw
+    factor = 1.1                       # widens unknowns and unexplained
+    groups = 60
+
+    [[unknown]]                        # parameters of one effect, as effects.toml writes them, about the folder's
+    effect    = "joint_stiffness"
+    joint     = "joint_2"
+    keys      = ["compliance_change_rad_per_Nm"]
+    deviation = [1.2e-8]               # one standard deviation, SI
+    factor    = [[0.6, 0.8]]           # one row a key: correlation = F F^T, rows of length 1
+
+A row of F gives the columns from the first on; the rest are zero. Unknowns without `factor` are independent of all
+others. A key "name#i" is item i of the list "name"; `fixed` holds settings of the effect that are not unknown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+from pydantic import Field
+
+from compplan.errors import InputError
+from compplan.files.tomlfile import Numbers, SchemaOne, StrictTable, Words, read_toml_model
+
+Array = NDArray[np.float64]
+
+FILE = "uncertainty.toml"
+#: Most parameters of a folder; the factor holds at most half the square of it.
+MOST_UNKNOWN = 1000
+#: Rows of the factor have length one up to rounding.
+ROUNDING = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Unknown:
+    """Parameters of one effect at one place, about what the robot folder holds.
+
+    Attributes:
+        effect: Name of the effect.
+        joint: Its joint, or None.
+        axis: Its axis, or None.
+        keys: Parameters; "name#i" is item i of the list "name". Length k.
+        deviation: Standard deviation of each. Shape (k,). [SI]
+        fixed: Settings of the effect that are not unknown.
+    """
+
+    effect: str
+    joint: str | None
+    axis: str | None
+    keys: tuple[str, ...]
+    deviation: Array
+    fixed: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters for people."""
+        place = " ".join(part for part in (self.effect, self.joint, self.axis) if part is not None)
+        waves = self.fixed.get("cycles_per_turn") or self.fixed.get("cycles_per_m")
+        label = f"{place}, {', '.join(f'{w:g}' for w in waves)} cycles" if waves else place
+        return tuple(label if len(self.keys) == 1 else f"{label}, {key}" for key in self.keys)
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """How surely a robot is known: p parameters about the values of its folder, normal, mean zero.
+
+    Attributes:
+        grade: "measured", "literature" or "assumed".
+        source: Where it comes from.
+        unknowns: The parameters, effect by effect; p in all.
+        factor: Correlation is F F^T. Shape (p, r).
+        unexplained: Root mean square 3D distance of what no parameter explains. [m]
+        scale: Distance over which that forgets itself. [m]
+        repeatability: Standard deviation of the robot per axis, or None where nothing tells it. [m]
+        calibration: Factor on the deviations of parameters and unexplained from poses that the fit never saw.
+        groups: Groups of such poses; 0 where there were none.
+    """
+
+    grade: str
+    source: str
+    unknowns: tuple[Unknown, ...] = ()
+    factor: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    unexplained: float = 0.0
+    scale: float = 0.3
+    repeatability: float | None = None
+    calibration: float = 1.0
+    groups: int = 0
+
+    @property
+    def deviation(self) -> Array:
+        """Standard deviation of every parameter. Shape (p,). [SI]."""
+        return np.concatenate([unknown.deviation for unknown in self.unknowns]) if self.unknowns else np.zeros(0)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters. Length p."""
+        return tuple(name for unknown in self.unknowns for name in unknown.names)
+
+    @property
+    def root(self) -> Array:
+        """Square root of the covariance: covariance = root root^T. Shape (p, r). [SI]."""
+        return np.asarray(self.deviation[:, None] * self.factor)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the parameters. Shape (p, p). [SI]."""
+        return np.asarray(self.root @ self.root.T)
+
+    def select(self, keep: Iterable[bool]) -> Uncertainty:
+        """Keep some of the unknowns, one truth value each; what they share with the others is kept in their rows."""
+        flags = list(keep)
+        rows = np.concatenate(
+            [np.full(len(u.keys), flag) for u, flag in zip(self.unknowns, flags, strict=True)] or [np.zeros(0, bool)]
+        )
+        unknowns = tuple(u for u, flag in zip(self.unknowns, flags, strict=True) if flag)
+        return replace(self, unknowns=unknowns, factor=self.factor[rows])
+
+
+def factor_covariance(covariance: Array) -> tuple[Array, Array]:
+    """Return deviations, shape (p,), and the lower triangular factor of the correlation, shape (p, p).
+
+    Args:
+        covariance: Symmetric, no eigenvalue below zero but for rounding. Shape (p, p).
+    """
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    unit = np.where(deviation > 0, deviation, 1.0)
+    value, vector = np.linalg.eigh(covariance / np.outer(unit, unit))
+    # the triangular factor of V sqrt(D): its rows have the same products
+    triangle = np.asarray(np.linalg.qr((vector * np.sqrt(np.maximum(value, 0.0))).T).R).T.copy()
+    length = np.linalg.norm(triangle, axis=1, keepdims=True)
+    alone = length[:, 0] < 1e-12
+    triangle[alone] = np.eye(len(covariance))[alone]
+    return deviation, np.asarray(triangle / np.where(length < 1e-12, 1.0, length))
+
+
+class UnexplainedTable(StrictTable):
+    """[unexplained]: what no parameter explains."""
+
+    rms_mm: float = Field(ge=0.0, le=100.0)
+    scale_mm: float = Field(default=300.0, gt=0.0, le=1e5)
+
+
+class CalibrationTable(StrictTable):
+    """[calibration]: what poses that the fit never saw say about the band."""
+
+    factor: float = Field(ge=0.1, le=100.0)
+    groups: Annotated[int, Field(ge=0)]
+
+
+class UnknownTable(StrictTable):
+    """[[unknown]]: parameters of one effect."""
+
+    effect: str = Field(min_length=1)
+    joint: str | None = None
+    axis: str | None = None
+    keys: Annotated[Words, Field(min_length=1, max_length=MOST_UNKNOWN)]
+    deviation: Annotated[tuple[Annotated[float, Field(ge=0.0)], ...], Field(strict=False)]
+    fixed: dict[str, Any] = Field(default_factory=dict)
+    factor: Annotated[tuple[Numbers, ...], Field(strict=False)] | None = None
+
+
+class UncertaintyTable(StrictTable):
+    """uncertainty.toml of a robot folder."""
+
+    schema_: SchemaOne = Field(alias="schema")
+    grade: Literal["measured", "literature", "assumed"]
+    source: str
+    repeatability_mm: float | None = Field(default=None, ge=0.0, le=10.0)
+    unexplained: UnexplainedTable = UnexplainedTable(rms_mm=0.0)
+    calibration: CalibrationTable = CalibrationTable(factor=1.0, groups=0)
+    unknown: Annotated[tuple[UnknownTable, ...], Field(strict=False, max_length=MOST_UNKNOWN)] = ()
+
+
+def read_uncertainty(file: Path) -> Uncertainty | None:
+    """Read uncertainty.toml; None where there is no such file.
+
+    Raises:
+        InputError: With file and key, if it is not what it has to be.
+    """
+    if not file.exists():
+        return None
+    table = read_toml_model(UncertaintyTable, file)
+    rows: list[tuple[float, ...] | None] = []
+    for index, entry in enumerate(table.unknown):
+        where = f"unknown[{index}]"
+        if len(entry.deviation) != len(entry.keys):
+            message = f"has {len(entry.deviation)} numbers, expected {len(entry.keys)}, one a key"
+            raise InputError(message, file=file, where=f"{where}.deviation")
+        if len(set(entry.keys)) < len(entry.keys):
+            raise InputError("names a parameter twice", file=file, where=f"{where}.keys")
+        rows += _check_factor(entry, file, where)
+    if len(rows) > MOST_UNKNOWN:
+        raise InputError(f"{len(rows)} parameters, at most {MOST_UNKNOWN}", file=file, where="unknown")
+    unknowns = tuple(
+        Unknown(e.effect, e.joint, e.axis, e.keys, np.array(e.deviation, float), dict(e.fixed)) for e in table.unknown
+    )
+    scatter = table.repeatability_mm
+    return Uncertainty(
+        grade=table.grade,
+        source=table.source,
+        unknowns=unknowns,
+        factor=_fill_factor(rows),
+        unexplained=table.unexplained.rms_mm * 1e-3,
+        scale=table.unexplained.scale_mm * 1e-3,
+        repeatability=None if scatter is None else scatter * 1e-3,
+        calibration=table.calibration.factor,
+        groups=table.calibration.groups,
+    )
+
+
+def format_uncertainty(uncertainty: Uncertainty) -> str:
+    """Return the text of uncertainty.toml. The factor is written to six digits, lower triangle only."""
+    table: dict[str, Any] = {"schema": 1, "grade": uncertainty.grade, "source": uncertainty.source}
+    if uncertainty.repeatability is not None:
+        table["repeatability_mm"] = _short(uncertainty.repeatability * 1e3)
+    table["unexplained"] = {
+        "rms_mm": _short(uncertainty.unexplained * 1e3), "scale_mm": _short(uncertainty.scale * 1e3)
+    }  # fmt: skip
+    table["calibration"] = {"factor": _short(uncertainty.calibration), "groups": int(uncertainty.groups)}
+    table["unknown"], first = [], 0
+    plain = uncertainty.factor.shape[0] == uncertainty.factor.shape[1] and not np.any(
+        uncertainty.factor - np.diag(np.diag(uncertainty.factor))
+    )
+    for unknown in uncertainty.unknowns:
+        place = {"effect": unknown.effect, "joint": unknown.joint, "axis": unknown.axis}
+        entry: dict[str, Any] = {key: value for key, value in place.items() if value is not None}
+        entry["keys"] = list(unknown.keys)
+        entry["deviation"] = [_short(value) for value in unknown.deviation]
+        if unknown.fixed:
+            entry["fixed"] = dict(unknown.fixed)
+        if not plain:
+            own = uncertainty.factor[first : first + len(unknown.keys)]
+            entry["factor"] = [[_short(v) for v in row[: _length(row)]] for row in own]
+        first += len(unknown.keys)
+        table["unknown"].append(entry)
+    return tomli_w.dumps(table)
+
+
+def _check_factor(entry: UnknownTable, file: Path, where: str) -> list[tuple[float, ...] | None]:
+    if entry.factor is None:
+        return [None] * len(entry.keys)
+    if len(entry.factor) != len(entry.keys):
+        message = f"has {len(entry.factor)} rows, expected {len(entry.keys)}, one a key"
+        raise InputError(message, file=file, where=f"{where}.factor")
+    for row in entry.factor:
+        if not 0 < len(row) <= 2 * MOST_UNKNOWN:
+            raise InputError(f"a row has {len(row)} numbers", file=file, where=f"{where}.factor")
+        if abs(float(np.linalg.norm(row)) - 1.0) > ROUNDING:
+            message = f"a row has length {float(np.linalg.norm(row)):.6g}, expected 1; deviations stand in `deviation`"
+            raise InputError(message, file=file, where=f"{where}.factor")
+    return list(entry.factor)
+
+
+def _fill_factor(rows: list[tuple[float, ...] | None]) -> Array:
+    """Return the factor; a row that is left out gets a column of its own."""
+    shared = max((len(row) for row in rows if row is not None), default=0)
+    alone = [index for index, row in enumerate(rows) if row is None]
+    factor = np.zeros((len(rows), shared + len(alone)))
+    for index, row in enumerate(rows):
+        if row is not None:
+            factor[index, : len(row)] = row
+    factor[alone, shared + np.arange(len(alone))] = 1.0
+    return factor
+
+
+def _length(row: Array) -> int:
+    """Count the numbers of a row up to the last one that matters."""
+    return int(np.flatnonzero(np.abs(row) > 1e-9).max(initial=0)) + 1
+
+
+def _short(value: float) -> float:
+    return float(f"{float(value):.6g}")
