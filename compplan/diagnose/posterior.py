@@ -1,9 +1,9 @@
 """Posterior: how surely the updated robot is known after a campaign, and how far it is off where no parameter explains.
 
-The parameters of all claims and of the background are normal about their posterior mean. The folder holds some of them;
-of the others it holds zero, so that their mean m counts as well: the second moment about the folder is S + m m^T. What
-the held-out poses show beyond noise and parameters is unexplained, and a conformal step widens both until the band holds
-those poses.
+The parameters of all claims and of the background are normal about their posterior mean. The folder holds some of
+them; of the others it holds zero, so that their mean m counts as well: the second moment about the folder is
+S + m m^T. What the held-out poses show beyond noise and parameters is unexplained, and a conformal step widens both
+until the band holds those poses.
 """
 
 from __future__ import annotations

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from compplan.identify.estimate import Estimate
 from compplan.identify.gap import Gap, measure_gap
 from compplan.identify.heldout import gain_score
 from compplan.identify.observations import Observations
 from compplan.identify.parameters import GEOMETRY, Structure
+from compplan.identify.posterior import identified_uncertainty
 from compplan.identify.problem import (
     IdentifyOptions,
     IdentifyProblem,
@@ -97,20 +100,25 @@ def identify_campaign(
     source = f"identified from {campaign.file.name if campaign.file else 'measurements'}, {len(observations)} rows"
     progress("held-out poses")
     updated, unwritten = update_robot(robot, kept, source=source)
+    gap = measure_gap(
+        replace(problem, frames=frames, reference="absolute"),
+        growth.structure,
+        kept,
+        difference=problem.reference == "difference",
+    )
+    known = identified_uncertainty(
+        updated, kept, gap, difference=problem.reference == "difference",
+        sigma=float(np.median(observations.sigma_position)), source=source,
+    )  # fmt: skip
     return Identification(
-        robot=updated,
+        robot=replace(updated, uncertainty=known),
         nominal=robot,
         estimate=estimate,
         kept=kept,
         refinement=growth.refinement,
         geometry=problem.geometry,
         reference=problem.reference,
-        gap=measure_gap(
-            replace(problem, frames=frames, reference="absolute"),
-            growth.structure,
-            kept,
-            difference=problem.reference == "difference",
-        ),
+        gap=gap,
         registration=kept.registration,
         observations=problem.observations,
         outliers=outliers,

@@ -166,7 +166,9 @@ class Plan:
     @cached_property
     def promise(self) -> Promise | None:
         """The band that holds the true tip with 95 %; None where a robot within it finds no equilibrium."""
-        task, bow = self.task, max(self.between.max_deviation - self.after.max_deviation, 0.0)
+        task = self.task
+        driven = max(float(way.max(initial=0.0)) for way in (self.between.joint, self.between.cartesian))
+        bow = max(driven - self.after.max_deviation, 0.0)
         scene = stage_path(task.robot, self.q, task.wrench, task.step_time)
         force = read_force_spread(None if self.job is None else self.job.noise)
         try:

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
+from compplan.effects.assumed import known_uncertainty, list_assumed
 from compplan.effects.scene import Scene
 from compplan.measure.distance import LEVEL, band_radius
-from compplan.promise.assumed import known_uncertainty, list_assumed
 from compplan.promise.slopes import ForceSpread, measure_force_slopes, measure_slopes, pick_rows, tip_of
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compplan.effects import Effect, apply_effects, fold_effects, is_of_instrument, robot_effects, stage_scene
+from compplan.effects.assumed import LINK_ELASTICITY, known_uncertainty
 from compplan.effects.folding import base_joint
 from compplan.effects.scene import Scene
 from compplan.effects.signature import pack_parameters
 from compplan.measure.campaign import Campaign
-from compplan.promise.assumed import LINK_ELASTICITY, known_uncertainty
 from compplan.robot import Array, Robot, Spring
 from compplan.robot.uncertainty import Uncertainty, Unknown
 
@@ -137,10 +137,10 @@ def draw_robots(robot: Robot, count: int, seed: int) -> Iterator[Draw]:
         drawn = robot
         for unknown, own in split_unknowns(known.unknowns, values):
             drawn, effect = vary_robot(drawn, unknown, own)
+            if effect is not None and effect.name == "base_compliance":
+                effect = replace(effect, parameters={k: max(v, 0.0) for k, v in effect.parameters.items()})
             if effect is not None:
-                floor = effect.name == "base_compliance"
-                table = replace(effect, parameters={k: max(v, 0.0) for k, v in effect.parameters.items()})
-                drawn = fold_effects(drawn, [table if floor else effect])
+                drawn = fold_effects(drawn, [effect])
         yield Draw(drawn, draw_field(known, seed + 7919 * (number + 1)), values)
 
 

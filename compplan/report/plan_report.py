@@ -97,7 +97,10 @@ def view_plan(plan: Plan, extra: Sequence[Section] = ()) -> PlanView:
 def _list_bending(plan: Plan) -> dict[str, str]:
     """Return what bends the arm, cause by cause, and how it rings."""
     bending, assumed = plan.bending, " (assumed masses)" if "assumed" in plan.bending.masses else ""
-    rows = {"bent by the process": format_length(bending.process), "bent by weight": format_length(bending.weight)}
+    rows = {}
+    if plan.promise is not None:
+        rows["true tip within, with 95\u00a0%"] = format_length(plan.promise.greatest)
+    rows |= {"bent by the process": format_length(bending.process), "bent by weight": format_length(bending.weight)}
     if np.isfinite(bending.inertia):
         rows[f"bent by inertia, not compensated{assumed}"] = format_length(bending.inertia)
     if np.isfinite(bending.frequencies).all():

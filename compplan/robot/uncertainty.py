@@ -44,8 +44,8 @@ Array = NDArray[np.float64]
 FILE = "uncertainty.toml"
 #: Most parameters of a folder; the factor holds at most half the square of it.
 MOST_UNKNOWN = 1000
-#: Rows of the factor have length one up to rounding.
-ROUNDING = 1e-3
+#: Rows of the factor have length one up to rounding; shares of it below the second number are not written.
+ROUNDING, NOTHING = 1e-3, 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,31 +226,32 @@ def read_uncertainty(file: Path) -> Uncertainty | None:
 
 
 def format_uncertainty(uncertainty: Uncertainty) -> str:
-    """Return the text of uncertainty.toml. The factor is written to six digits, lower triangle only."""
-    table: dict[str, Any] = {"schema": 1, "grade": uncertainty.grade, "source": uncertainty.source}
+    """Return the text of uncertainty.toml; deviations and factor have six digits, a row ends with its last number."""
+    head: dict[str, Any] = {"schema": 1, "grade": uncertainty.grade, "source": uncertainty.source}
     if uncertainty.repeatability is not None:
-        table["repeatability_mm"] = _short(uncertainty.repeatability * 1e3)
-    table["unexplained"] = {
+        head["repeatability_mm"] = _short(uncertainty.repeatability * 1e3)
+    head["unexplained"] = {
         "rms_mm": _short(uncertainty.unexplained * 1e3), "scale_mm": _short(uncertainty.scale * 1e3)
     }  # fmt: skip
-    table["calibration"] = {"factor": _short(uncertainty.calibration), "groups": int(uncertainty.groups)}
-    table["unknown"], first = [], 0
-    plain = uncertainty.factor.shape[0] == uncertainty.factor.shape[1] and not np.any(
-        uncertainty.factor - np.diag(np.diag(uncertainty.factor))
-    )
+    head["calibration"] = {"factor": _short(uncertainty.calibration), "groups": int(uncertainty.groups)}
+    lines, first = [tomli_w.dumps(head)], 0
+    shape = uncertainty.factor.shape
+    plain = shape[0] == shape[1] and not np.any(uncertainty.factor - np.diag(np.diag(uncertainty.factor)))
     for unknown in uncertainty.unknowns:
         place = {"effect": unknown.effect, "joint": unknown.joint, "axis": unknown.axis}
-        entry: dict[str, Any] = {key: value for key, value in place.items() if value is not None}
-        entry["keys"] = list(unknown.keys)
-        entry["deviation"] = [_short(value) for value in unknown.deviation]
-        if unknown.fixed:
-            entry["fixed"] = dict(unknown.fixed)
+        lines.append("[[unknown]]")
+        lines += [f"{key} = {_quote(value)}" for key, value in place.items() if value is not None]
+        lines.append(f"keys = [{', '.join(map(_quote, unknown.keys))}]")
+        lines.append(f"deviation = {_format_row(unknown.deviation)}")
         if not plain:
             own = uncertainty.factor[first : first + len(unknown.keys)]
-            entry["factor"] = [[_short(v) for v in row[: _length(row)]] for row in own]
+            kept = np.where(np.abs(own) > NOTHING, own, 0.0)
+            lines.append(f"factor = [{', '.join(_format_row(row[: _length(row)]) for row in kept)}]")
+        if unknown.fixed:
+            lines += ["[unknown.fixed]", tomli_w.dumps(dict(unknown.fixed)).rstrip()]
+        lines.append("")
         first += len(unknown.keys)
-        table["unknown"].append(entry)
-    return tomli_w.dumps(table)
+    return "\n".join(lines)
 
 
 def _check_factor(entry: UnknownTable, file: Path, where: str) -> list[tuple[float, ...] | None]:
@@ -282,7 +283,15 @@ def _fill_factor(rows: list[tuple[float, ...] | None]) -> Array:
 
 def _length(row: Array) -> int:
     """Count the numbers of a row up to the last one that matters."""
-    return int(np.flatnonzero(np.abs(row) > 1e-9).max(initial=0)) + 1
+    return int(np.flatnonzero(np.abs(row) > NOTHING).max(initial=0)) + 1
+
+
+def _format_row(values: Array) -> str:
+    return f"[{', '.join(repr(_short(value)) for value in values)}]"
+
+
+def _quote(text: str) -> str:
+    return tomli_w.dumps({"k": text}).partition(" = ")[2].strip()
 
 
 def _short(value: float) -> float:

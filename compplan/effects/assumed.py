@@ -32,7 +32,7 @@ TOOL = 3e-5
 UNEXPLAINED, SCALE = 5e-5, 0.3
 #: Repeatability where the folder states none, per axis (assumed, as in [noise]). [m]
 REPEATABILITY = 2e-5
-#: A factor on the 6x6 elasticity of a link: an unknown of this room, not of the vocabulary.
+#: A factor on the 6x6 elasticity of a link: an unknown, no effect of the vocabulary.
 LINK_ELASTICITY, RATIO = "link_elasticity", "compliance_change_ratio"
 TURNS = ("tx", "ty", "tz", "rx", "ry", "rz")
 
@@ -85,7 +85,7 @@ def check_uncertainty(robot: Robot, known: Uncertainty) -> None:
 
 def assume_uncertainty(robot: Robot) -> Uncertainty:
     """Return assumed widths by the folder's grade: every spring, zero, length and direction, play, gear error, tool."""
-    unknowns = [*_springs(robot), *_geometry(robot), *_drives(robot), _tool()]
+    unknowns = [*_springs(robot), *assume_geometry(robot), *_drives(robot), _tool()]
     grade = "literature" if robot.grade == "literature" else "assumed"
     p = sum(len(unknown.keys) for unknown in unknowns)
     return Uncertainty(
@@ -142,7 +142,8 @@ def _springs(robot: Robot) -> list[Unknown]:
     return found
 
 
-def _geometry(robot: Robot) -> list[Unknown]:
+def assume_geometry(robot: Robot) -> list[Unknown]:
+    """Return zeros, lengths and directions with the widths of an arm that was calibrated, or of one as delivered."""
     zero, length, turn = _widths(robot)
     found = []
     for joint in robot.actuated:

@@ -1,0 +1,157 @@
+"""The promise: the band against closed forms, and against robots drawn and solved exactly."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import run_command
+
+from compplan.effects.assumed import known_uncertainty
+from compplan.measure.distance import band_radius, calibrate_band
+from compplan.promise.band import promise_path
+from compplan.promise.sampling import sample_promise
+from compplan.promise.slopes import ForceSpread, measure_slopes, stage_path
+from compplan.promise.vary import draw_field, draw_robots, draw_values
+from compplan.robot import load_robot
+from compplan.robot.uncertainty import Uncertainty, Unknown
+from tests.arms import one_joint_arm
+
+PATHS = Path(__file__).parents[1] / "paths"
+SURE = ForceSpread(0.0, 0.0, 0.0, "known")
+
+
+def soft_joint(deviation: float, **more: float) -> Uncertainty:
+    unknown = Unknown("joint_stiffness", "joint_1", None, ("compliance_change_rad_per_Nm",), np.array([deviation]))
+    tool = Unknown("tool_frame", None, None, ("tx_m",), np.zeros(1))
+    return Uncertainty("measured", "made up", (unknown, tool), np.eye(2), repeatability=0.0, **more)
+
+
+@pytest.mark.parametrize(
+    ("spread", "tolerance"),
+    [((1.0, 0, 0), 1e-6), ((1.0, 1.0, 1.0), 1e-6), ((1.0, 0.5, 0.1), 6e-3), ((1, 0.9, 0), 6e-3)],
+)
+def test_the_radius_holds_its_share_of_normal_errors(spread: tuple[float, ...], tolerance: float) -> None:
+    """One and three equal directions against tables (1.959964, 2.795483); others against 400,000 draws."""
+    radius = band_radius(np.diag(spread)[None])[0]
+    if spread == (1.0, 0, 0):
+        assert radius == pytest.approx(1.959964, abs=tolerance)
+    elif spread == (1.0, 1.0, 1.0):
+        assert radius == pytest.approx(2.795483, abs=tolerance)
+    else:
+        drawn = np.random.default_rng(1).standard_normal((400000, 3)) * np.sqrt(spread)
+        assert np.mean(np.linalg.norm(drawn, axis=1) <= radius) == pytest.approx(0.95, abs=tolerance)
+
+
+def test_a_soft_joint_moves_the_tip_by_load_times_lever_squared(tmp_path: Path) -> None:
+    """dz = C F L^2: with F = 100 N, L = 1.5 m and a deviation of 1e-8 rad/(N m) the band is 1.96 * 2.25 um."""
+    robot = replace(one_joint_arm(tmp_path, length=1.5), uncertainty=soft_joint(1e-8))
+    wrench = np.tile([0.0, 0, 100.0, 0, 0, 0], (4, 1))
+    scene = stage_path(robot, np.zeros((4, 1)), wrench)
+    promise = promise_path(robot, scene, np.ones(4, bool), SURE)
+    assert promise.radius == pytest.approx(1.959964 * 1e-8 * 100.0 * 1.5**2, rel=2e-3)
+    assert promise.parts["force"] == pytest.approx(0.0, abs=1e-12)
+    assert promise.leading[0] == ("joint_stiffness joint_1", pytest.approx(1.0))
+
+
+def test_the_parts_of_the_band_are_what_makes_it(tmp_path: Path) -> None:
+    """Force level of 10 %: .1 C F L^2 up; unexplained and repeatability alike in all directions."""
+    robot = one_joint_arm(tmp_path, length=1.0, compliance=1e-6)
+    known = replace(soft_joint(0.0, unexplained=3e-5), repeatability=1e-5)
+    robot = replace(robot, uncertainty=known)
+    wrench = np.tile([0.0, 0, 200.0, 0, 0, 0], (3, 1))
+    scene = stage_path(robot, np.zeros((3, 1)), wrench)
+    promise = promise_path(robot, scene, np.ones(3, bool), ForceSpread(0.1, 0.0, 0.0, "made up"))
+    assert promise.parts["force"] == pytest.approx(1.959964 * 0.1 * 1e-6 * 200.0, rel=2e-3)
+    assert promise.parts["unexplained"] == pytest.approx(2.795483 * 3e-5 / np.sqrt(3.0), rel=1e-6)
+    assert promise.parts["repeatability"] == pytest.approx(2.795483e-5, rel=1e-6)
+
+
+def test_lost_motion_counts_by_the_direction_of_travel(tmp_path: Path) -> None:
+    """The tip lags by half the width on the way up and leads by it on the way back: both give one slope, L / 2."""
+    robot = one_joint_arm(tmp_path, length=2.0, compliance=0.0)
+    play = Unknown("backlash", "joint_1", None, ("width_rad",), np.array([1e-5]))
+    q = np.r_[np.linspace(0, 0.1, 6), np.linspace(0.1, 0, 6)[1:]][:, None]
+    slopes = measure_slopes(stage_path(robot, q, np.zeros((11, 6))), [play], np.array([3, 8]))
+    assert np.linalg.norm(slopes[:, :, 0], axis=1) == pytest.approx(1.0, rel=1e-4)
+    assert slopes[0, :, 0] == pytest.approx(-slopes[1, :, 0], abs=0.1)
+
+
+@pytest.mark.parametrize("name", ["kuka_kr270", "staubli_tx200"])
+def test_the_band_holds_the_tips_of_drawn_robots(name: str) -> None:
+    robot = load_robot(name)
+    phase = np.linspace(0, 2 * np.pi, 40)[:, None]
+    middle = 0.5 * (robot.lower + robot.upper)
+    bent = middle + np.array([0.0, 0.4, 0.6, 0.2, 0.5, 0.1]) + 0.1 * np.sin(phase + np.arange(6))
+    wrench = np.tile([300.0, -200.0, 500.0, 0, 0, 0], (40, 1))
+    scene = stage_path(robot, bent, wrench)
+    promise = promise_path(robot, scene, np.ones(40, bool), ForceSpread(0.15, 0.05, 0.05, "made up"))
+    sampled = sample_promise(scene, promise, 300, seed=11, most=8)
+    assert 0.92 < sampled.held < 0.98
+
+
+def test_drawn_robots_follow_their_seed_and_their_covariance() -> None:
+    robot = load_robot("kuka_kr270")
+    known = known_uncertainty(robot)
+    first, again, other = (list(draw_robots(robot, 2, seed)) for seed in (1, 1, 2))
+    assert np.array_equal(first[0].values, again[0].values)
+    assert not np.array_equal(first[0].values, other[0].values)
+    point = np.array([[1.0, 0.5, 0.2]])
+    assert np.array_equal(first[1].field.at(point), again[1].field.at(point))
+    values = draw_values(replace(known, calibration=1.5), 4000, seed=3)
+    assert values.std(axis=0) == pytest.approx(1.5 * known.deviation, rel=0.08)
+
+
+def test_a_drawn_field_has_its_size_and_forgets_itself_over_its_scale(tmp_path: Path) -> None:
+    known = soft_joint(0.0, unexplained=3e-5, scale=0.2)
+    points = np.array([[0.0, 0, 0], [0.2, 0, 0], [2.0, 0, 0]])
+    drawn = np.stack([draw_field(known, seed).at(points) for seed in range(1500)])
+    assert np.sqrt(np.mean(np.sum(drawn**2, axis=2))) == pytest.approx(3e-5, rel=0.05)
+    product = np.einsum("sni,smi->nm", drawn, drawn) / 1500 / 9e-10
+    assert product[0, 1] == pytest.approx(np.exp(-0.5), abs=0.06)
+    assert product[0, 2] == pytest.approx(0.0, abs=0.06)
+
+
+def test_a_conformal_step_widens_a_model_that_is_too_sure_and_leaves_a_true_one() -> None:
+    random = np.random.default_rng(4)
+    model = np.tile(np.eye(3) * 1e-8, (600, 1, 1))
+    error = 1e-4 * random.standard_normal((600, 3))
+    alone = np.arange(600)
+    honest, groups = calibrate_band(error, model, np.zeros(600), alone)
+    assert groups == 600
+    assert honest == pytest.approx(1.0, abs=0.08)
+    assert calibrate_band(3.0 * error, model, np.zeros(600), alone)[0] == pytest.approx(3.0 * honest, rel=0.08)
+    held = np.linalg.norm(3.0 * error, axis=1) <= band_radius(9.0 * model)
+    assert held.mean() == pytest.approx(0.95, abs=0.02)
+
+
+def test_plan_states_its_promise_and_what_it_rests_on(tmp_path, monkeypatch, capsys) -> None:
+    text = (PATHS / "circle_10mm.toml").read_text(encoding="utf-8").replace("waypoints = 500", "waypoints = 40")
+    job = tmp_path / "circle.toml"
+    job.write_text(text, encoding="utf-8")
+    answer = run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys)
+    assert answer.status == 0
+    assert "true tip within" in answer.out
+    plan = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))
+    promised, parts = plan["promise_mm"], plan["promise_mm"]["at_widest"]
+    assert max(parts.values()) < promised["p95_max"] < 1.01 * np.sqrt(sum(v**2 for v in parts.values())) + 0.05
+    assert promised["p95_max"] <= promised["whole_path_p95"]
+    assert any("assumed" in sentence for sentence in plan["promise_from"]["assumed"])
+    assert "that can be promised" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_folder_whose_uncertainty_is_broken_ends_in_one_line(tmp_path, monkeypatch, capsys) -> None:
+    folder = tmp_path / "robot"
+    shutil.copytree(PATHS.parent / "robots" / "kuka_kr270", folder)
+    (folder / "uncertainty.toml").write_text('schema = 1\ngrade = "measured"\nsource = "x"\nrms = 3\n')
+    text = (PATHS / "circle_10mm.toml").read_text(encoding="utf-8").replace('robot = "kuka_kr270"', 'robot = "robot"')
+    (tmp_path / "circle.toml").write_text(text, encoding="utf-8")
+    answer = run_command(["plan", tmp_path / "circle.toml", "--out", tmp_path / "out"], monkeypatch, capsys)
+    assert answer.status == 2
+    assert answer.err.count("\n") == 1
+    assert "uncertainty.toml: rms: unknown key" in answer.err
+    assert not (tmp_path / "out").exists()
