@@ -29,6 +29,7 @@ COMMANDS = {
     "identify": "compplan.commands.identify",
     "diagnose": "compplan.commands.diagnose",
     "predict": "compplan.commands.predict",
+    "certificate": "compplan.commands.certificate",
     "convert": "compplan.commands.convert",
     "post": "compplan.commands.post",
     "reproduce": "compplan.commands.reproduce",

@@ -1,0 +1,49 @@
+"""`compplan certificate`: how a robot stands today, on one page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from compplan.files.tables import dump_json
+
+
+@click.command("certificate")
+@click.argument("robot_name", metavar="ROBOT")
+@click.option("--log", "log", type=click.Path(path_type=Path), help="Measurement log: accuracy and repeatability.")
+@click.option("--since", "older", help="Robot folder of the last certificate: drift.")
+@click.option("--out", "file", type=click.Path(path_type=Path), required=True, help="HTML file to write.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def command(robot_name: str, log: Path | None, older: str | None, file: Path, as_json: bool) -> None:
+    """Certify ROBOT: stiffness, lost motion, gear error, drift, and the tolerance within reach, on one page.
+
+    Example: compplan certificate out/robot --log campaign.csv --since last/robot --out certificate.html
+    """
+    from compplan.commands.progress import show_progress
+    from compplan.errors import InputError
+    from compplan.loop.certificate import certify_robot
+    from compplan.measure.reading import read_campaign
+    from compplan.outputs.certificate import write_certificate
+    from compplan.report.certificate_page import summarise
+    from compplan.robot import load_robot
+
+    if file.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"--out is {str(file)!r}, expected a file that ends in .html")
+    robot = load_robot(robot_name)
+    before = None if older is None else load_robot(older)
+    if before is not None and before.joint_names != robot.joint_names:
+        raise InputError(f"robot {before.name!r} has other joints than {robot.name!r}: no drift between them")
+    campaign = None if log is None else read_campaign(log, robot)
+    with show_progress() as announce:
+        announce("reference paths, stiffness, drift")
+        certificate = certify_robot(robot, campaign, before)
+        announce("report")
+        summary = write_certificate(certificate, file)
+    if as_json:
+        click.echo(dump_json(summary, indent=2))
+        return
+    click.echo(summarise(certificate).replace("\u00a0", " "))
+    for sentence in certificate.next_steps:
+        click.echo(f"next: {sentence}")
+    click.echo(f"wrote {file}")

@@ -1,0 +1,271 @@
+"""A certificate: what is known of a robot today, joint by joint, against literature and against the last one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compplan.effects.assumed import known_uncertainty, literature_folder
+from compplan.effects.scene import own_springs
+from compplan.loop.accuracy import Accuracy, measure_accuracy
+from compplan.loop.reference import Reference, plan_references
+from compplan.measure.campaign import Campaign
+from compplan.promise.slopes import stage_path, tip_of
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Uncertainty
+from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
+
+#: Two-sided 95 % of a normal value.
+REACH = 1.959964
+#: Changes beyond so many standard deviations are drift.
+DRIFTED = 2.0
+#: Lost motion or gear error that makes this share of the tolerance's square is worth a repair (assumed).
+WORTH_REPAIR = 0.1
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """Stiffness about a joint's own axis. [N m/rad, N/m]; infinite where the model holds it rigid.
+
+    Attributes:
+        joint: The joint.
+        value: Of the folder.
+        low: Least of the 95 % interval.
+        high: Greatest of it.
+        literature: Of the shipped robot of this type, or None.
+        older: Of the last certificate's folder, or None.
+        change: Change of the compliance since then, in standard deviations, or None.
+    """
+
+    joint: str
+    value: float
+    low: float
+    high: float
+    literature: float | None
+    older: float | None
+    change: float | None
+
+
+@dataclass(frozen=True)
+class DriveError:
+    """Lost motion and gear error of a joint. [rad or m]
+
+    Attributes:
+        joint: The joint.
+        play: Full width of its lost motion.
+        play_spread: Half of its 95 % interval; None where it is assumed to be absent and nobody looked.
+        gear: Amplitude of its periodic error, all waves together.
+        gear_spread: Half of its 95 % interval, or None.
+        older_play: Lost motion of the last certificate's folder, or None.
+        lever: Greatest distance of the tip from the joint's axis on the reference paths. [m]
+    """
+
+    joint: str
+    play: float
+    play_spread: float | None
+    gear: float
+    gear_spread: float | None
+    older_play: float | None
+    lever: float
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """What is known of a robot today.
+
+    Attributes:
+        robot: The robot.
+        known: How surely it is known.
+        stiffness: Joint by joint.
+        drives: Joint by joint.
+        references: Reference paths and what can be promised there.
+        accuracy: Of the log, or None.
+        log: Name of the log, or "".
+        older: Folder of the last certificate, or None.
+        moved: Change of the tip since then at the same commands on every reference path, rms and greatest. [m]
+        literature: Shipped robot of this type, or None.
+        next_steps: What to measure or repair next, one sentence each.
+    """
+
+    robot: Robot
+    known: Uncertainty
+    stiffness: tuple[Stiffness, ...]
+    drives: tuple[DriveError, ...]
+    references: tuple[Reference, ...]
+    accuracy: Accuracy | None
+    log: str
+    older: Robot | None
+    moved: tuple[tuple[str, float, float], ...]
+    literature: Robot | None
+    next_steps: tuple[str, ...]
+
+
+def certify_robot(robot: Robot, campaign: Campaign | None = None, older: Robot | None = None) -> Certificate:
+    """Certify a robot.
+
+    Args:
+        robot: The robot of today's folder.
+        campaign: A log to take accuracy and repeatability from.
+        older: The robot of the last certificate's folder.
+
+    Raises:
+        InputError: If the older folder is of another robot, or a file is not what it has to be.
+    """
+    known = known_uncertainty(robot)
+    references = tuple(plan_references(robot))
+    literature = literature_folder(robot)
+    if literature is not None and literature.joint_names != robot.joint_names:
+        literature = None
+    stiffness = tuple(measure_stiffness(robot, known, literature, older))
+    drives = tuple(measure_drives(robot, known, references, older))
+    certificate = Certificate(
+        robot=robot,
+        known=known,
+        stiffness=stiffness,
+        drives=drives,
+        references=references,
+        accuracy=None if campaign is None else measure_accuracy(robot, campaign),
+        log="" if campaign is None or campaign.file is None else campaign.file.name,
+        older=older,
+        moved=() if older is None else tuple(measure_drift(robot, older, references)),
+        literature=literature,
+        next_steps=(),
+    )
+    return replace(certificate, next_steps=tuple(advise(certificate)))
+
+
+def deviation_of(known: Uncertainty, effect: str, joint: str) -> Array | None:
+    """Return the deviations of the parameters of an effect at a joint, or None where it is not among the unknowns."""
+    parts = [u.deviation for u in known.unknowns if (u.effect, u.joint) == (effect, joint)]
+    return np.concatenate(parts) if parts else None
+
+
+def measure_stiffness(
+    robot: Robot, known: Uncertainty, literature: Robot | None, older: Robot | None
+) -> list[Stiffness]:
+    """State the stiffness of every joint with its interval."""
+    own, found = own_springs(robot), []
+    for index, joint in enumerate(robot.actuated):
+        compliance = own[index].compliance if index in own else 0.0
+        told = deviation_of(known, "joint_stiffness", joint.name)
+        spread = 0.0 if told is None else known.calibration * float(np.linalg.norm(told))
+        before = _compliance(older, index)
+        past = None if older is None else deviation_of(known_uncertainty(older), "joint_stiffness", joint.name)
+        both = float(np.hypot(spread, 0.0 if past is None else np.linalg.norm(past)))
+        found.append(
+            Stiffness(
+                joint=joint.name,
+                value=_inverse(compliance),
+                low=_inverse(compliance + REACH * spread),
+                high=_inverse(compliance - REACH * spread),
+                literature=None if literature is None else _inverse(_compliance(literature, index) or 0.0),
+                older=None if before is None else _inverse(before),
+                change=None if before is None or both <= 0 else (compliance - before) / both,
+            )
+        )
+    return found
+
+
+def measure_drives(
+    robot: Robot, known: Uncertainty, references: tuple[Reference, ...], older: Robot | None
+) -> list[DriveError]:
+    """State lost motion and gear error of every joint."""
+    levers = _levers(robot, references)
+    found = []
+    for index, joint in enumerate(robot.actuated):
+        play, gear = deviation_of(known, "backlash", joint.name), deviation_of(known, "transmission_error", joint.name)
+        found.append(
+            DriveError(
+                joint=joint.name,
+                play=_play(robot, joint.name),
+                play_spread=None if play is None else REACH * float(np.linalg.norm(play)),
+                gear=_gear(robot, joint.name),
+                gear_spread=None if gear is None else REACH * float(np.linalg.norm(gear)),
+                older_play=None if older is None else _play(older, joint.name),
+                lever=float(levers[index]),
+            )
+        )
+    return found
+
+
+def measure_drift(robot: Robot, older: Robot, references: tuple[Reference, ...]) -> list[tuple[str, float, float]]:
+    """Compare where both robots put the tip at the same commands: name, rms and greatest distance. [m]"""
+    found = []
+    for reference in references:
+        if reference.plan is None or older.nq != robot.nq:
+            continue
+        plan, task = reference.plan, reference.plan.task
+        rows = np.flatnonzero(task.cut)
+        tips = [tip_of(stage_path(r, plan.q, task.wrench, task.step_time), rows) for r in (robot, older)]
+        distance = np.linalg.norm(tips[0] - tips[1], axis=1)
+        found.append((reference.name, float(np.sqrt(np.mean(distance**2))), float(distance.max())))
+    return found
+
+
+def advise(certificate: Certificate) -> list[str]:
+    """Say what to repair or to measure next, one sentence each; the most useful first."""
+    said = []
+    tolerance = min((r.promise.whole for r in certificate.references if r.promise is not None), default=np.inf)
+    for drive in certificate.drives:
+        for what, size in (("lost motion", 0.5 * drive.play), ("gear error", drive.gear)):
+            moved = size * drive.lever
+            if np.isfinite(tolerance) and moved**2 > WORTH_REPAIR * tolerance**2:
+                said.append(f"repair or adjust {drive.joint}: its {what} moves the tip by {moved * 1e3:.3f} mm")
+    for entry in certificate.stiffness:
+        if entry.change is not None and abs(entry.change) > DRIFTED:
+            word = "softer" if entry.change > 0 else "stiffer"
+            said.append(
+                f"look at {entry.joint}: it is {word} than at the last certificate by"
+                f" {abs(entry.change):.1f} standard deviations"
+            )
+    for reference in certificate.references:
+        if reference.promise is not None and reference.promise.leading:
+            name, share = reference.promise.leading[0]
+            said.append(
+                f"measure {name}: {share:.0%} of the variance on the {reference.name} would go"
+                " (compplan campaign designs the poses)"
+            )
+    if certificate.known.grade != "measured":
+        said.append("measure this machine: identify or diagnose a campaign, the widths are assumed so far")
+    accuracy = certificate.accuracy
+    if accuracy is not None and not accuracy.again:
+        said.append("meet poses again in the next log: nothing tells the repeatability")
+    return list(dict.fromkeys(said))
+
+
+def _compliance(robot: Robot | None, index: int) -> float | None:
+    if robot is None:
+        return None
+    own = own_springs(robot)
+    return own[index].compliance if index in own else 0.0
+
+
+def _inverse(compliance: float) -> float:
+    return float("inf") if compliance <= 0.0 else 1.0 / compliance
+
+
+def _play(robot: Robot, joint: str) -> float:
+    tables = [e["parameters"] for e in robot.effects if (e.get("effect"), e.get("joint")) == ("backlash", joint)]
+    return float(sum(float(t.get("width_rad", t.get("width_m", 0.0))) for t in tables))
+
+
+def _gear(robot: Robot, joint: str) -> float:
+    square = 0.0
+    for table in robot.effects:
+        if (table.get("effect"), table.get("joint")) != ("transmission_error", joint):
+            continue
+        for key, value in table["parameters"].items():
+            if key.startswith(("sine", "cosine", "height", "spline")):
+                square += float(np.sum(np.asarray(value, float) ** 2))
+    return float(np.sqrt(square))
+
+
+def _levers(robot: Robot, references: tuple[Reference, ...]) -> Array:
+    """Return the greatest motion of the tip per unit of each joint on the reference paths. Shape (nq,). [m or 1]"""
+    chain, levers = build_chain(robot), np.zeros(robot.nq)
+    for reference in references:
+        if reference.plan is not None:
+            columns = joint_jacobian(chain, locate_frames(chain, reference.plan.q))
+            levers = np.maximum(levers, np.linalg.norm(columns[:, :3], axis=1).max(axis=0))
+    return levers

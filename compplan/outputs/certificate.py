@@ -1,0 +1,71 @@
+"""What `compplan certificate` writes: one page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from compplan.files.origin import describe_origin
+from compplan.files.transaction import replace_file
+from compplan.loop.certificate import Certificate
+from compplan.report.certificate_page import write_certificate_page
+
+
+def write_certificate(certificate: Certificate, file: Path) -> dict[str, Any]:
+    """Write the page and return a summary of it.
+
+    Args:
+        certificate: The certificate.
+        file: The HTML file.
+
+    Raises:
+        InputError: If the file cannot be written.
+    """
+    with replace_file(file) as part:
+        write_certificate_page(certificate, part)
+    return summarise_certificate(certificate)
+
+
+def summarise_certificate(certificate: Certificate) -> dict[str, Any]:
+    """Return what the certificate says, ready for JSON; a rigid joint has no stiffness."""
+    accuracy = certificate.accuracy
+    summary: dict[str, Any] = {
+        "schema": 1,
+        "robot": certificate.robot.name,
+        "known": {"grade": certificate.known.grade, "source": certificate.known.source},
+        "stiffness_Nm_per_rad": {
+            entry.joint: {
+                "value": _finite(entry.value), "interval_95": [_finite(entry.low), _finite(entry.high)],
+                "literature": _finite(entry.literature), "older": _finite(entry.older),
+                "change_in_standard_deviations": entry.change,
+            }
+            for entry in certificate.stiffness
+        },
+        "lost_motion_urad": {drive.joint: drive.play * 1e6 for drive in certificate.drives},
+        "gear_error_urad": {drive.joint: drive.gear * 1e6 for drive in certificate.drives},
+        "references": [
+            {
+                "name": reference.name,
+                "any_point_p95_mm": None if reference.promise is None else reference.promise.greatest * 1e3,
+                "whole_path_p95_mm": None if reference.promise is None else reference.promise.whole * 1e3,
+                "reason": reference.reason or None,
+            }
+            for reference in certificate.references
+        ],
+        "drift_mm": [{"name": name, "rms": rms * 1e3, "max": most * 1e3} for name, rms, most in certificate.moved],
+        "next": list(certificate.next_steps),
+        "made_by": describe_origin(),
+    }  # fmt: skip
+    if accuracy is not None:
+        summary["accuracy"] = {
+            "poses": accuracy.poses,
+            "accuracy_max_mm": float(accuracy.accuracy.max()) * 1e3,
+            "rms_mm": accuracy.rms * 1e3,
+            "poses_met_again": accuracy.again,
+            "repeatability_mm": accuracy.pooled * 1e3 if accuracy.again else None,
+        }
+    return summary
+
+
+def _finite(value: float | None) -> float | None:
+    return None if value is None or value in (float("inf"), float("-inf")) else value

@@ -1,0 +1,193 @@
+"""The page of a certificate: one look at how a robot stands today."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compplan.effects.assumed import list_assumed
+from compplan.loop.accuracy import VISITS, Accuracy
+from compplan.loop.certificate import DRIFTED, Certificate
+from compplan.report.page import Block, Chart, Column, PageTable, Section, TableCell, write_page
+from compplan.report.provenance import describe_robot
+from compplan.report.style import AFTER, BEFORE, CATEGORIES, format_length, format_number
+
+Row = list[TableCell | str | float | int | None]
+GRADES = {"measured": "measured", "literature": "assumed for a robot from literature", "assumed": "assumed"}
+
+
+def write_certificate_page(certificate: Certificate, file: Path) -> None:
+    """Write the page of a certificate.
+
+    Args:
+        certificate: The certificate.
+        file: The HTML file.
+    """
+    sections = [_reach(certificate), _stiffness(certificate), _drives(certificate)]
+    if certificate.accuracy is not None:
+        sections.insert(0, _accuracy(certificate.accuracy, certificate.log))
+    if certificate.older is not None:
+        sections.append(_drift(certificate))
+    lede = "To measure or to repair, most useful first."
+    sections.append(Section("What next", [_list(certificate.next_steps)], lede))
+    robot, same = certificate.robot, certificate.literature
+    name = robot.name if same is None or same.name == robot.name else f"{same.name} ({robot.name})"
+    provenance = describe_robot(robot, [("known from", certificate.known.source)], list_assumed(robot))
+    write_page(file, f"{name}: certificate", summarise(certificate), sections, kind="Robot certificate",
+               provenance=provenance)  # fmt: skip
+
+
+def summarise(certificate: Certificate) -> str:
+    """Say in a few sentences how the robot stands."""
+    known, accuracy = certificate.known, certificate.accuracy
+    text = f"Widths of what is known of this robot are {GRADES[known.grade]}."
+    reached = [r for r in certificate.references if r.promise is not None]
+    for reference in reached:
+        if reference.promise is not None:
+            text += f" On the {reference.name} a tolerance of {format_length(reference.promise.whole)} can be promised."
+    if accuracy is not None and accuracy.again:
+        text += f" Its repeatability RP is {format_length(accuracy.pooled)} over {accuracy.again} poses met again."
+    drifted = [e.joint for e in certificate.stiffness if e.change is not None and abs(e.change) > DRIFTED]
+    if certificate.older is not None:
+        worst = max((most for _, _, most in certificate.moved), default=0.0)
+        text += f" Since the last certificate the tip has moved by up to {format_length(worst)}"
+        text += f"; {', '.join(drifted)} changed beyond chance." if drifted else "; no stiffness changed beyond chance."
+    return text
+
+
+def _accuracy(accuracy: Accuracy, log: str) -> Section:
+    rows: list[Row] = [
+        ["poses in the log", accuracy.poses, None],
+        ["accuracy AP, median over poses", format_length(float(np.median(accuracy.accuracy))), None],
+        ["accuracy AP, greatest", format_length(float(accuracy.accuracy.max())), None],
+        ["distance from the model, rms of rows", format_length(accuracy.rms), None],
+    ]
+    if accuracy.again:
+        visits = f"{int(accuracy.visits.min())} to {int(accuracy.visits.max())} visits"
+        greatest = float(accuracy.repeatability.max())
+        rows.append(["repeatability RP, pooled", TableCell(format_length(accuracy.pooled), "strong"), visits])
+        rows.append(["repeatability RP, greatest", format_length(greatest), f"{accuracy.again} poses met again"])
+    else:
+        rows.append(["repeatability RP", TableCell("no pose was met again", "muted"), None])
+    caption = (
+        f"As ISO 9283 defines them, from {log or 'the log'}; the standard asks for {VISITS} visits from one side under"
+        f" full load. Fitted first: {' and '.join(accuracy.registered)}; AP is what is left of the model."
+    )
+    return Section("Accuracy and repeatability", [PageTable([Column(""), Column("value"), Column("")], rows, caption)])
+
+
+def _reach(certificate: Certificate) -> Section:
+    rows: list[Row] = []
+    for reference in certificate.references:
+        force = f"{format_number(float(np.linalg.norm(reference.force)))} N"
+        if reference.promise is None:
+            rows.append([reference.name, force, None, None, None, TableCell(reference.reason[:120], "muted")])
+            continue
+        promise, centre = reference.promise, reference.centre
+        place = "–" if centre is None else ", ".join(f"{1e3 * v:.0f}" for v in centre)
+        rows.append(
+            [reference.name, force, place, 1e3 * promise.greatest, TableCell(1e3 * promise.whole, "strong"),
+             promise.leading[0][0] if promise.leading else None]
+        )  # fmt: skip
+    columns = [
+        Column("reference path"), Column("force"), Column("centre", "mm"), Column("any point, 95 %", "mm"),
+        Column("whole path, 95 %", "mm"), Column("most of it from"),
+    ]  # fmt: skip
+    caption = (
+        "Tolerance that can be promised after compensation, the force known exactly. Place and forces are assumed"
+        " (published ones; a twentieth of them on small arms)."
+    )
+    return Section("Tolerance within reach", [PageTable(columns, rows, caption)])
+
+
+def _stiffness(certificate: Certificate) -> Section:
+    rows: list[Row] = []
+    for entry in certificate.stiffness:
+        past: Row = [] if certificate.older is None else [_mega(entry.older), _change(entry.change)]
+        outside = entry.literature is not None and not entry.low <= entry.literature <= entry.high
+        literature = TableCell(_mega(entry.literature), "bad" if outside else "")
+        rows.append([entry.joint, _mega(entry.value), _mega(entry.low), _mega(entry.high), literature, *past])
+    columns = [
+        Column("joint"), Column("stiffness", "MN m/rad"), Column("from"), Column("to"), Column("literature"),
+    ]  # fmt: skip
+    if certificate.older is not None:
+        columns += [Column("last time"), Column("change", "standard deviations", 2)]
+    named = certificate.literature
+    source = "no shipped robot of this type"
+    if named is not None:
+        source = f"{named.name}, {named.sources.get('compliance', '')}"
+    lede = f"With 95 % intervals, {GRADES[certificate.known.grade]}. Literature: {source}."
+    blocks: list[Block] = [PageTable(columns, rows, "Infinite: the model holds the joint rigid. MN/m where it slides.")]
+    if any(np.isfinite(entry.value) for entry in certificate.stiffness):
+        blocks.append(Chart(_draw_stiffness(certificate), "Dots: today; whiskers: 95 %.", height=320))
+    return Section("Stiffness", blocks, lede)
+
+
+def _draw_stiffness(certificate: Certificate) -> Any:
+    import plotly.graph_objects as go
+
+    entries = [entry for entry in certificate.stiffness if np.isfinite(entry.value)]
+    names = [entry.joint for entry in entries]
+    value = np.array([entry.value for entry in entries]) * 1e-6
+    low = np.array([entry.low for entry in entries]) * 1e-6
+    high = np.array([min(entry.high, 10.0 * entry.value) for entry in entries]) * 1e-6
+    figure = go.Figure()
+    bars = {"type": "data", "array": high - value, "arrayminus": value - low, "thickness": 1.6}
+    figure.add_trace(
+        go.Scatter(x=names, y=value, error_y=bars, mode="markers", name="today", marker={"color": AFTER, "size": 9})
+    )
+    others = (("literature", CATEGORIES[1], "literature"), ("last time", BEFORE, "older"))
+    for label, colour, key in others:
+        points = [getattr(entry, key) for entry in entries]
+        if any(point is not None for point in points):
+            y = [None if p is None or not np.isfinite(p) else 1e-6 * p for p in points]
+            marker = {"color": colour, "size": 9, "symbol": "diamond-open"}
+            figure.add_trace(go.Scatter(x=names, y=y, mode="markers", name=label, marker=marker))
+    figure.update_yaxes(title_text="stiffness, MN m/rad", type="log")
+    return figure
+
+
+def _drives(certificate: Certificate) -> Section:
+    rows: list[Row] = []
+    for drive in certificate.drives:
+        past: Row = [] if certificate.older is None else [_micro(drive.older_play)]
+        cells: Row = []
+        for size, spread, before in ((drive.play, drive.play_spread, past), (drive.gear, drive.gear_spread, [])):
+            looked = size > 0 or spread is not None
+            cells += [_micro(size), _micro(spread), 1e3 * size * drive.lever] if looked else [None, None, None]
+            cells += before
+        rows.append([drive.joint, *cells])
+    columns = [Column("joint"), Column("lost motion", "µrad"), Column("95 % ±", "µrad"), Column("at the tip", "mm")]
+    columns += [Column("last time", "µrad")] if certificate.older is not None else []
+    columns += [Column("gear error", "µrad"), Column("95 % ±", "µrad"), Column("at the tip", "mm")]
+    caption = (
+        "Lost motion: full width. Gear error: amplitude. At the tip: at its farthest from the joint on the paths above."
+        " A dash: nobody has looked."
+    )
+    return Section("Lost motion and gear error", [PageTable(columns, rows, caption)], "µm for joints that slide.")
+
+
+def _drift(certificate: Certificate) -> Section:
+    rows: list[Row] = [[name, 1e3 * rms, TableCell(1e3 * most, "strong")] for name, rms, most in certificate.moved]
+    columns = [Column("reference path"), Column("rms", "mm"), Column("greatest", "mm")]
+    older = certificate.older
+    lede = f"Where the tip goes at the same commands, today against {'' if older is None else older.folder}."
+    return Section("Drift since the last certificate", [PageTable(columns, rows)], lede)
+
+
+def _list(sentences: tuple[str, ...]) -> PageTable:
+    return PageTable([Column("")], [[sentence] for sentence in sentences] or [["nothing stands out"]])
+
+
+def _mega(value: float | None) -> float | None:
+    return None if value is None else 1e-6 * value
+
+
+def _micro(value: float | None) -> float | None:
+    return None if value is None else 1e6 * value
+
+
+def _change(value: float | None) -> TableCell:
+    return TableCell(value, "bad" if value is not None and abs(value) > DRIFTED else "")

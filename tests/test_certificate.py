@@ -1,0 +1,104 @@
+"""The certificate: accuracy and repeatability by hand, stiffness intervals in closed form, drift, the command."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from commandline import run_command
+
+from compplan.cell.predict import predict_campaign
+from compplan.effects import Effect, fold_effects
+from compplan.effects.assumed import known_uncertainty
+from compplan.loop.accuracy import measure_accuracy
+from compplan.loop.certificate import measure_drift, measure_drives, measure_stiffness
+from compplan.loop.reference import Reference, promise_plan
+from compplan.measure.campaign import Campaign
+from compplan.path.toolpath import Toolpath
+from compplan.plan.plan import PlanOptions, plan_compensation
+from compplan.robot import load_robot, write_robot_folder
+from compplan.robot.uncertainty import Uncertainty, Unknown
+
+
+def known_stiffness(deviation: float) -> Uncertainty:
+    unknown = Unknown("joint_stiffness", "joint_2", None, ("compliance_change_rad_per_Nm",), np.array([deviation]))
+    play = Unknown("backlash", "joint_3", None, ("width_rad",), np.array([1e-5]))
+    return Uncertainty("measured", "made up", (unknown, play), np.eye(2))
+
+
+def test_accuracy_and_repeatability_are_those_of_the_standard() -> None:
+    """Visits off by (0, 0, 3), (0, 0, 5), (0, 0, 4) mm: AP 4, l = 1, 1, 0, RP = 2/3 + 3 sqrt(1/3) mm."""
+    robot = load_robot("kuka_kr270")
+    a, b = np.radians([10.0, -70, 80, 20, 40, 5]), np.radians([-20.0, -60, 90, 10, 60, 5])
+    q = np.stack([a, b, a, b, a, b])
+    off = np.array([3.0, 1, 5, 1, 4, 1]) * 1e-3
+    log = Campaign(run=np.array(["static_1"] * 6), q=q, wrench=np.zeros((6, 6)), position=np.zeros((6, 3)))
+    log = replace(log, position=predict_campaign(robot, log).position + np.outer(off, [0, 0, 1.0]))
+    found = measure_accuracy(robot, log, register=())
+    assert (found.poses, found.again, found.visits.tolist()) == (2, 2, [3, 3])
+    assert sorted(found.accuracy * 1e3) == pytest.approx([1.0, 4.0])
+    assert sorted(found.repeatability * 1e3) == pytest.approx([0.0, 2 / 3 + 3 * np.sqrt(1 / 3)], abs=1e-9)
+
+
+def test_the_interval_of_a_stiffness_is_that_of_its_compliance() -> None:
+    robot = load_robot("kuka_kr270")
+    nominal = next(s.compliance for s in robot.springs if s.joint == "joint_2")
+    known = known_stiffness(0.1 * nominal)
+    older = replace(robot, uncertainty=known_stiffness(0.0))
+    change = Effect("joint_stiffness", "joint_2", None, {"compliance_change_rad_per_Nm": nominal})
+    softer = fold_effects(robot, [change])
+    entry = measure_stiffness(replace(softer, uncertainty=known), known, robot, older)[1]
+    assert entry.value == pytest.approx(0.5 / nominal)
+    assert entry.low == pytest.approx(1 / (2 * nominal + 0.1959964 * nominal), rel=1e-6)
+    assert entry.high == pytest.approx(1 / (2 * nominal - 0.1959964 * nominal), rel=1e-6)
+    assert entry.literature == pytest.approx(1 / nominal)
+    assert entry.change == pytest.approx(10.0)
+
+
+def test_lost_motion_and_drift_are_what_was_put_in() -> None:
+    robot = replace(load_robot("kuka_kr270"), uncertainty=known_stiffness(1e-8))
+    worn = fold_effects(robot, [Effect("backlash", "joint_3", None, {"width_rad": 2e-4})])
+    path = Toolpath(
+        position=np.array([1.8, 0, 0.9]) + np.linspace(0, 0.1, 12)[:, None] * np.array([0.0, 1.0, 0.0]),
+        axis=np.tile([0.0, 0, 1.0], (12, 1)), feed=np.full(12, 0.05), rapid=np.zeros(12, bool),
+        wrench=np.zeros((12, 6)),
+    )  # fmt: skip
+    plan = plan_compensation(robot, path, PlanOptions(chord=1.0))
+    reference = Reference("line", np.zeros(3), np.zeros(3), plan, promise_plan(plan))
+    drive = measure_drives(worn, known_uncertainty(worn), (reference,), robot)[2]
+    assert (drive.play, drive.older_play) == (pytest.approx(2e-4), 0.0)
+    assert drive.play_spread == pytest.approx(1.959964e-5)
+    assert 1.0 < drive.lever < 2.5
+    ((name, rms, most),) = measure_drift(worn, robot, (reference,))
+    assert name == "line"
+    assert 0.3 * 1e-4 * drive.lever < rms <= most < 1.1e-4 * drive.lever
+
+
+def test_the_command_writes_one_page_and_says_what_to_do_next(tmp_path, monkeypatch, capsys) -> None:
+    robot = load_robot("kuka_kr240")
+    write_robot_folder(replace(robot, uncertainty=known_stiffness(1e-8)), tmp_path / "today")
+    page = tmp_path / "certificate.html"
+    arguments = ["certificate", tmp_path / "today", "--since", "kuka_kr240", "--out", page, "--json"]
+    answer = run_command(arguments, monkeypatch, capsys)
+    assert answer.status == 0
+    said = json.loads(answer.out)
+    assert said["known"]["grade"] == "measured"
+    assert said["drift_mm"][0]["max"] == pytest.approx(0.0, abs=1e-9)
+    assert said["next"]
+    text = page.read_text(encoding="utf-8")
+    assert "Tolerance within reach" in text
+    assert "joint_6" in text
+
+
+def test_a_certificate_is_refused_in_one_line(tmp_path, monkeypatch, capsys) -> None:
+    for arguments, words in (
+        (["kuka_kr270", "--out", tmp_path / "page.pdf"], ".html"),
+        (["kuka_kr270", "--since", "kuka_kr240_rail", "--out", tmp_path / "page.html"], "other joints"),
+    ):
+        answer = run_command(["certificate", *arguments], monkeypatch, capsys)
+        assert answer.status == 2
+        assert answer.err.count("\n") == 1
+        assert words in answer.err
+    assert not list(tmp_path.iterdir())
