@@ -23,6 +23,7 @@ class Move:
     seen from the base in force. A speed is mm/s along the path (`feed`) or a share of the axis rates (`percent`).
     `configuration` is as the language writes it; `load` is the tool's mass [kg] and its centre, flange frame [mm];
     `rate` that of the leading joint [deg/s]; with `flange_turn` a pose has the tool's tip and the flange's turn.
+    `action` is what a program does beside motion; its `kind` is "act".
     """
 
     kind: str
@@ -38,6 +39,7 @@ class Move:
     load: tuple[float, ...] = ()
     rate: float | None = None
     flange_turn: bool = False
+    action: tuple[object, ...] = ()
 
 
 def turn(axis: str, angle: float) -> Pose:

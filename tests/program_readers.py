@@ -14,6 +14,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+from program_actions import mark_actions, read_action
 from program_moves import NUMBER, Move, Pose, abb_pose, fanuc_pose, kuka_pose, read_numbers, staubli_pose
 
 # --------------------------------------------------------------------------------------------------------------- KRL
@@ -63,7 +64,8 @@ class _Krl:
         for line in data.read_text().splitlines() if data.exists() else []:
             if "=" in line and not line.startswith(";"):
                 self.assign(*line.split("=", 1))
-        lines = [line.split(";")[0].strip() for line in (self.folder / f"{name}.src").read_text().splitlines()]
+        text = mark_actions((self.folder / f"{name}.src").read_text(), "krl")
+        lines = [line.split(";")[0].strip() for line in text.splitlines()]
         start = lines.index(f"DEF {name}()")
         self.run([line for line in lines[start + 1 : lines.index("END")] if line])
 
@@ -104,7 +106,9 @@ class _Krl:
         self.run(body[:other] if holds else body[other + 1 :])
 
     def step(self, line: str) -> None:
-        if match := re.fullmatch(r"DECL INT ([\w,]+)", line):
+        if act := read_action(line):
+            self.moves.append(act)
+        elif match := re.fullmatch(r"DECL INT ([\w,]+)", line):
             self.whole |= set(match[1].split(","))
         elif line == "BAS(#INITMOV,0)" or line.startswith("EXT "):
             self.values |= {"$APO.CPTP": 0.0, "$APO.CDIS": 0.0, "$ADVANCE": 3.0}
@@ -160,12 +164,13 @@ class _Val3:
     folder: Path
     data: dict[str, list[dict[str, str]]]
     scalars: dict[str, float] = field(default_factory=dict)
+    waited: bool = True
     moves: list[Move] = field(default_factory=list)
 
     def call(self, name: str) -> None:
         root = ElementTree.fromstring((self.folder / f"{name}.pgx").read_text())
         code = next(element.text or "" for element in root.iter() if _val3_tag(element) == "Code")
-        lines = [line.split("//")[0].strip() for line in code.splitlines()]
+        lines = [line.split("//")[0].strip() for line in mark_actions(code, "val3").splitlines()]
         lines = [line for line in lines if line]
         assert (lines[0], lines[-1]) == ("begin", "end")
         self.run(lines[1:-1])
@@ -204,7 +209,10 @@ class _Val3:
         return self.data[name][int(self.scalars[index])]
 
     def step(self, line: str) -> None:
-        if match := re.fullmatch(r"call (\w+)\(\)", line):
+        if act := read_action(line):
+            assert self.waited, "what happens beside motion does not wait for the arm"
+            self.moves.append(act)
+        elif match := re.fullmatch(r"call (\w+)\(\)", line):
             self.call(match[1])
         elif match := re.fullmatch(r"(\w+)\.tvel=(\w+)\[(\w+)\]", line):
             self.data[match[1]][0]["tmax"] = self.element(match[2], match[3])["value"]
@@ -212,11 +220,13 @@ class _Val3:
             self.move(match[1], self.element(match[2], match[3]), self.data[match[4]][0], self.data[match[5]][0])
         elif line == "waitEndMove()":
             self.moves[-1:] = [Move(**{**vars(move), "stops": True}) for move in self.moves[-1:]]
+            self.waited = True
         else:
             assert line == "resetMotion()", f"unknown line: {line}"
 
     def move(self, kind: str, point: dict[str, str], tool: dict[str, str], how: dict[str, str]) -> None:
         assert tool["fatherId"] == "flange[0]"
+        self.waited = False
         joints, pose, base = None, None, np.eye(4)
         if kind == "j":
             joints = tuple(float(point[f"j{number}"]) for number in range(1, 7))
@@ -262,11 +272,13 @@ class _Fanuc:
     moves: list[Move] = field(default_factory=list)
 
     def run(self, path: Path) -> None:
-        text = path.read_text()
+        text = mark_actions(path.read_text(), "fanuc_ls")
         points = {int(number): body for number, body in re.findall(r"P\[(\d+)\]\{(.*?)\};", text, re.S)}
         body = text[text.index("/MN") : text.index("/POS")]
         for line in re.findall(r"^ *\d+: *(.*?) *;", body, re.M):
-            if match := re.fullmatch(rf"([JL]) P\[(\d+)\] ({NUMBER})(%|mm/sec) (FINE|CNT\d+)", line):
+            if act := read_action(line):
+                self.moves.append(act)
+            elif match := re.fullmatch(rf"([JL]) P\[(\d+)\] ({NUMBER})(%|mm/sec) (FINE|CNT\d+)", line):
                 self.move(match[1], points[int(match[2])], float(match[3]), match[4], match[5])
             elif match := re.fullmatch(r"CALL (\w+)", line):
                 self.run(path.with_name(f"{match[1]}.LS"))
@@ -327,7 +339,9 @@ class _Rapid:
 
     def run(self, procedure: str) -> None:
         for line in filter(None, (text.split("!")[0].strip() for text in self.procedures[procedure].splitlines())):
-            if match := re.fullmatch(r"(MoveAbsJ|MoveL) \[(.*)\],(\[.*?\]),(\w+),(\w+)(?:\\WObj:=(\w+))?;", line):
+            if act := read_action(line):
+                self.moves.append(act)
+            elif match := re.fullmatch(r"(MoveAbsJ|MoveL) \[(.*)\],(\[.*?\]),(\w+),(\w+)(?:\\WObj:=(\w+))?;", line):
                 self.move(match[1], match[2], read_numbers(match[3])[0], *match.groups()[3:])
             elif line != r"ConfL\Off;":
                 match = re.fullmatch(r"(\w+);", line)
@@ -355,7 +369,8 @@ def read_rapid(path: Path) -> list[Move]:
     parts = sorted(path.parent.glob("*.mod"))
     modules = "\n".join(file.read_text() for file in parts if file.stem[:-1].rstrip("0123456789").endswith("_"))
     text = path.read_text()
-    procedures = dict(re.findall(r"PROC (\w+)\(\)\n(.*?)ENDPROC", modules + text, re.S))
+    marked = mark_actions(modules + text, "rapid")
+    procedures = dict(re.findall(r"PROC (\w+)\(\)\n(.*?)ENDPROC", marked, re.S))
     tools, objects = {}, {}
     for name, value in re.findall(r"PERS tooldata (\w+):=(.*?);", text):
         numbers = read_numbers(value)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from program_actions import mark_actions, read_action
 from program_moves import NUMBER, Move, Pose, fanuc_pose, kawasaki_pose, read_numbers, shift, turn, vector_pose
 
 # ---------------------------------------------------------------------------------------------------------- URScript
@@ -20,14 +21,16 @@ def read_urscript(path: Path) -> list[Move]:
 
 
 def _run_script(path: Path) -> list[Move]:
-    lines = [line.split("#")[0].strip() for line in path.read_text().splitlines()]
+    lines = [line.split("#")[0].strip() for line in mark_actions(path.read_text(), "urscript").splitlines()]
     lines = [line for line in lines if line]
     assert (lines[0], lines[-1]) == (f"def {path.stem}():", "end")
     frames: dict[str, Pose] = {}
     load: tuple[float, ...] = ()
     moves = []
     for line in lines[1:-1]:
-        if match := re.fullmatch(r"set_tcp\(p\[(.*)\]\)", line):
+        if act := read_action(line):
+            moves.append(act)
+        elif match := re.fullmatch(r"set_tcp\(p\[(.*)\]\)", line):
             frames["tool"] = vector_pose(*read_numbers(match[1]))
         elif match := re.fullmatch(r"part = p\[(.*)\]", line):
             frames["part"] = vector_pose(*read_numbers(match[1]))
@@ -66,8 +69,11 @@ class _Sinumerik:
     moves: list[Move] = field(default_factory=list)
 
     def run(self, text: str) -> None:
-        for line in filter(None, (line.split(";")[0].strip() for line in text.splitlines())):
-            if match := re.fullmatch(rf"\$TC_DP([1345])\[1,1\]=({NUMBER})", line):
+        marked = mark_actions(text, "sinumerik")
+        for line in filter(None, (line.split(";")[0].strip() for line in marked.splitlines())):
+            if act := read_action(line):
+                self.moves.append(act)
+            elif match := re.fullmatch(rf"\$TC_DP([1345])\[1,1\]=({NUMBER})", line):
                 self.lengths[match[1]] = float(match[2])
             elif match := re.fullmatch(rf"TRANS X({NUMBER}) Y({NUMBER}) Z({NUMBER})", line):
                 self.frame = shift(*map(float, match.groups()))
@@ -119,7 +125,7 @@ def read_inform(path: Path) -> list[Move]:
 
 
 def _run_job(path: Path, frames: dict[str, Pose]) -> list[Move]:
-    head, body = path.read_text().split("NOP\n")
+    head, body = mark_actions(path.read_text(), "inform").split("NOP\n")
     points, variables, configuration, kind = {}, {}, (), ""
     for line in head.splitlines():
         if line.startswith("///POSTYPE "):
@@ -135,7 +141,9 @@ def _run_job(path: Path, frames: dict[str, Pose]) -> list[Move]:
     assert re.search(rf"^///NPOS {len(points)},0,0,{len(variables)},0,0$", head, re.M)
     moves: list[Move] = []
     for line in body.removesuffix("END\n").splitlines():
-        if match := re.fullmatch(r"(MFRAME UF#\(1\)|SETTOOL TL#\(1\)) P(\d{5})( BF)?", line):
+        if act := read_action(line):
+            moves.append(act)
+        elif match := re.fullmatch(r"(MFRAME UF#\(1\)|SETTOOL TL#\(1\)) P(\d{5})( BF)?", line):
             frames[match[1][0]] = variables[match[2]]
         elif match := re.fullmatch(r"CALL JOB:(\w+)", line):
             moves += _run_job(path.with_name(f"{match[1]}.JBI"), frames)
@@ -162,7 +170,8 @@ def read_kawasaki(path: Path) -> list[Move]:
     programs: dict[str, list[str]] = {}
     values: dict[str, list[float]] = {}
     for file in path.parent.glob("*.as"):
-        for head, body in re.findall(r"^\.(PROGRAM \w+\(\)|JOINTS|TRANS)\n(.*?)^\.END", file.read_text(), re.M | re.S):
+        text = mark_actions(file.read_text(), "kawasaki_as")
+        for head, body in re.findall(r"^\.(PROGRAM \w+\(\)|JOINTS|TRANS)\n(.*?)^\.END", text, re.M | re.S):
             if head.startswith("PROGRAM"):
                 programs[head[8:-2]] = body.splitlines()
             else:
@@ -184,7 +193,9 @@ class _Kawasaki:
 
     def run(self, name: str) -> None:
         for line in filter(None, (line.split(";")[0].strip() for line in self.programs[name])):
-            if match := re.fullmatch(r"POINT part = TRANS\((.*)\)|TOOL TRANS\((.*)\)", line):
+            if act := read_action(line):
+                self.moves.append(act)
+            elif match := re.fullmatch(r"POINT part = TRANS\((.*)\)|TOOL TRANS\((.*)\)", line):
                 numbers = read_numbers(match[1] or match[2])
                 self.frames["part" if match[1] else "tool"] = kawasaki_pose(*numbers)
             elif line.startswith("WEIGHT "):

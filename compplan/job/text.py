@@ -86,6 +86,10 @@ programs = ["val3"]                 # <programs>
 any_brand = false                   # true: programs for another brand than the robot's controller too
 # header = { val3 = "spindle_on.txt" }  # lines of the language before the first move (spindle, coolant), as they are
 # footer = { val3 = "spindle_off.txt" } # ... and after the last; files relative to this one
+# io = { spindle = 3, coolant = 4 } # signals for what the CAM file switches: spindle, spindle_reverse, spindle_ready
+                                    #   (input), spindle_wait_s, coolant, mist, tool_change (a program), optional_stop
+                                    #   (input), signals = { "$OUT[3]" = 5 }; numbers, names in RAPID and VAL3.
+                                    #   Left out: the program stops there and asks the operator
 # max_points_per_file = 5000        # programs are cut into files; left out: what each controller takes
 
 [sampling]                          # how cutting moves are divided; left out: toolpath files at 1 mm, others not at all

@@ -5,6 +5,7 @@ A fault in any of the files leaves nothing behind (`compplan.files.transaction`)
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json, write_table
 from compplan.files.transaction import list_files, replace_folder
 from compplan.job.job import Job
+from compplan.path.events import ENDING, Event
 from compplan.path.toolpath import WRENCH_HEADERS
 from compplan.plan.compare import Comparison
 from compplan.plan.evaluate import Evaluation
@@ -257,7 +259,27 @@ def make_program(plan: Plan) -> Program:
         comments=_head(plan),
         part=None if plan.job is None else plan.job.T_base_part,
         exact=exact,
+        events=place_events(plan.task.nominal.events, before, len(plan.task), after),
+        wiring=None if plan.job is None else plan.job.output.io.wiring,
     )
+
+
+def place_events(events: Sequence[Event], before: int, count: int, after: int) -> list[Event]:
+    """Return the events of a path at the rows of its program, which begins with the approach.
+
+    Args:
+        events: The events.
+        before: Rows of the approach.
+        count: Rows of the path. What ends something at the last of them waits until the tool is retracted.
+        after: Rows of the retract.
+
+    """
+    rows = [
+        -1 if event.place < 0 else event.place + before + after * (event.place == count - 1 and event.kind in ENDING)
+        for event in events
+    ]
+    in_order = np.maximum.accumulate(rows).tolist() if rows else []
+    return [replace(event, place=row) for event, row in zip(events, in_order, strict=True)]
 
 
 def _head(plan: Plan) -> list[str]:

@@ -15,6 +15,7 @@ from compplan.program.inform import write_inform
 from compplan.program.joint_csv import write_joint_csv
 from compplan.program.kawasaki_as import write_kawasaki_as
 from compplan.program.krl import write_krl
+from compplan.program.machine import Wiring, describe_events
 from compplan.program.program import Program, build_program
 from compplan.program.rapid import write_rapid
 from compplan.program.sinumerik import write_sinumerik
@@ -36,7 +37,10 @@ WRITERS: dict[str, Callable[[Program, Path, int | None], list[Path]]] = {
     "csv": write_joint_csv,
 }
 
-__all__ = ["WRITERS", "Program", "build_program", "check_brand", "check_languages", "describe_program", "write_program"]
+__all__ = [
+    "WRITERS", "Program", "Wiring", "build_program", "check_brand", "check_languages", "describe_program",
+    "write_program",
+]  # fmt: skip
 
 
 def write_program(
@@ -128,8 +132,14 @@ def describe_program(program: Program, language: str) -> list[str]:
     if swings and language != "csv":
         where = f"{', '.join(map(str, swings[:5]))}{' ...' if len(swings) > 5 else ''}"
         notes.append(f"{language}: the configuration changes within a cut, at {where}: linear programs swing over")
-    describe = getattr(sys.modules[WRITERS[language].__module__], "describe", None)
-    return [*notes, *(f"{language}: {note}" for note in (describe(program) if describe else []))]
+    module = sys.modules[WRITERS[language].__module__]
+    describe, phrases = getattr(module, "describe", None), getattr(module, "PHRASES", None)
+    own = describe(program) if describe else []
+    if phrases is not None:
+        own += describe_events(program.events, program.wiring, phrases.native)
+    elif any(event.kind != "comment" for event in program.events):
+        own.append("spindle, coolant, dwells and stops of the CAM file are not in this table")
+    return [*notes, *(f"{language}: {note}" for note in own)]
 
 
 def _brand(language: str) -> str:

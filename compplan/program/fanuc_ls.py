@@ -9,8 +9,9 @@ import numpy as np
 from compplan.errors import InputError
 from compplan.files.tables import write_text
 from compplan.program.frames import place_numbers, place_table
+from compplan.program.machine import Phrases, phrase_events
 from compplan.program.program import Program, describe_feeds, head_lines, split_parts
-from compplan.program.text import clean_text, legal_name
+from compplan.program.text import clean_text, legal_name, wrap_text
 
 BRAND = "FANUC"
 #: Positions in a program where the job says nothing.
@@ -22,6 +23,17 @@ LONGEST_REMARK = 32
 FASTEST, SLOWEST = 2000.0, 0.1
 #: Tool and user frame that the programs fill, and the position register that they fill them through.
 TOOL, FRAME, REGISTER = 1, 1, 99
+
+
+PHRASES = Phrases(
+    say=lambda text: [f"!{part}" for part in wrap_text(text, LONGEST_REMARK)],
+    switch=lambda signal, on: [f"DO[{signal}]={'ON' if on else 'OFF'}"],
+    wait=lambda seconds: [f"WAIT {seconds:7.2f}(sec)"],
+    expect=lambda signal: [f"WAIT DI[{signal}]=ON"],
+    pause=lambda task: ["PAUSE"],
+    pause_if=lambda signal, task: [f"IF DI[{signal}]=OFF,JMP LBL[@]", "PAUSE", "LBL[@]"],
+    call=lambda name, number: [f"CALL {name.upper()}({number:.0f})"],
+)
 
 
 def write_fanuc_ls(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -94,14 +106,20 @@ def _write_kind(
     setting = _set_frames(program, frame)
     before, after = ([f"  {line.rstrip(' ;')} ;" for line in lines] for lines in (program.header, program.footer))
     alone, stops = program.alone(linear=bool(frame)), program.stops(linear=bool(frame))
+    events = {
+        row: [f"  {line.replace('@', str(label))} ;" for line in lines]
+        for label, (row, lines) in enumerate(
+            phrase_events(program.events, program.wiring, PHRASES, "FANUC").items(), start=1
+        )
+    }
     files = []
     for part, rows in zip(names, parts, strict=True):
         numbers = range(1, rows.stop - rows.start + 1)
         indices = range(rows.start, rows.stop)
-        moves = []
+        moves = list(events.get(-1, [])) if rows.start == 0 else []
         for row, number in zip(indices, numbers, strict=True):
             moves += ["  !the configuration changes ;"] if frame and program.swings[row] else []
-            moves.append(_move(program, row, number, bool(alone[row]), bool(stops[row])))
+            moves += [_move(program, row, number, bool(alone[row]), bool(stops[row])), *events.get(row, [])]
         positions = [_position(entries[row], number) for row, number in zip(indices, numbers, strict=True)]
         head = [*(setting if len(parts) == 1 else []), f"  UFRAME_NUM={frame} ;", f"  UTOOL_NUM={TOOL} ;"]
         if len(parts) == 1:

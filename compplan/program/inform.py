@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from compplan.files.tables import Array, write_text
 from compplan.program.frames import place_numbers, place_table
+from compplan.program.machine import Phrases, phrase_events
 from compplan.program.program import (
     Program,
     describe_feeds,
@@ -17,7 +18,7 @@ from compplan.program.program import (
     need_six_axes,
     split_parts,
 )
-from compplan.program.text import clean_text, legal_name
+from compplan.program.text import clean_text, legal_name, wrap_text
 
 BRAND = "Yaskawa"
 #: Positions in a job where the program's job says nothing.
@@ -29,6 +30,17 @@ TOOL, FRAME, TOOL_VARIABLE, FRAME_VARIABLE = 1, 1, 98, 99
 RAPID_PERCENT, UNKNOWN_PERCENT, SLOWEST_PERCENT = 20.0, 10.0, 0.01
 #: Position level within a cut: 1 is the one that passes nearest without a stop.
 BLEND = 1
+
+
+PHRASES = Phrases(
+    say=lambda text: [f"'{part}" for part in wrap_text(text, LONGEST_REMARK)],
+    switch=lambda signal, on: [f"DOUT OT#({signal}) {'ON' if on else 'OFF'}"],
+    wait=lambda seconds: [f"TIMER T={seconds:.2f}"],
+    expect=lambda signal: [f"WAIT IN#({signal})=ON"],
+    pause=lambda task: ["PAUSE"],
+    pause_if=lambda signal, task: [f"PAUSE IF IN#({signal})=ON"],
+    call=lambda name, number: [f"CALL JOB:{name.upper()}"],
+)
 
 
 def write_inform(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -114,17 +126,17 @@ def _points(program: Program, rows: slice, linear: bool) -> list[str]:
 
 def _moves(program: Program, rows: slice, linear: bool) -> list[str]:
     alone, stops = program.alone(linear=linear), program.stops(linear=linear)
-    shares = joint_shares(program)
+    shares, events = joint_shares(program), phrase_events(program.events, program.wiring, PHRASES, "INFORM")
     known = np.where(np.isfinite(shares), 100.0 * shares, UNKNOWN_PERCENT)
     percent = np.clip(np.where(program.rapid, RAPID_PERCENT, known), SLOWEST_PERCENT, 100.0)
-    lines = []
+    lines = events.get(-1, []) if rows.start == 0 else []
     for row in range(rows.start, rows.stop):
         place, level = f"C{row - rows.start:05d}", f"PL={0 if stops[row] else BLEND}"
         if linear and not alone[row]:
-            lines.append(f"MOVL {place} V={max(program.feed[row], 0.1):.1f} {level}")
+            lines += [f"MOVL {place} V={max(program.feed[row], 0.1):.1f} {level}", *events.get(row, [])]
             continue
         lines += ["'the configuration changes"] if linear and program.swings[row] else []
-        lines.append(f"MOVJ {place} VJ={percent[row]:.2f} {level}")
+        lines += [f"MOVJ {place} VJ={percent[row]:.2f} {level}", *events.get(row, [])]
     return lines
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from compplan.files.tables import Array, write_text
 from compplan.program.frames import place_numbers, place_table
+from compplan.program.machine import Phrases, phrase_events
 from compplan.program.program import Program, head_lines, joint_shares, need_six_axes, split_parts
 from compplan.program.text import legal_name
 
@@ -22,6 +23,19 @@ RESERVED = frozenset({"if", "then", "else", "end", "for", "to", "while", "do", "
                       "tool", "base", "speed", "here", "point", "not", "and", "or", "mod", "on", "off"})  # fmt: skip
 #: How near a point within a cut has to be passed [mm], and percents of the joint rates.
 ACCURACY, RAPID_PERCENT, UNKNOWN_PERCENT, SLOWEST_PERCENT = 0.1, 20.0, 10.0, 0.01
+
+
+#: Inputs are counted from here.
+INPUTS = 1000
+PHRASES = Phrases(
+    say=lambda text: [f"; {text}"],
+    switch=lambda signal, on: [f"SIGNAL {signal if on else f'-{signal}'}"],
+    wait=lambda seconds: [f"TWAIT {seconds:.3f}"],
+    expect=lambda signal: [f"SWAIT {INPUTS + int(signal)}"],
+    pause=lambda task: [f'TYPE "{task}"', "PAUSE"],
+    pause_if=lambda signal, task: [f"IF SIG({INPUTS + int(signal)}) THEN", f'  TYPE "{task}"', "  PAUSE", "END"],
+    call=lambda name, number: [f"CALL {name.lower()}({number:.0f})"],
+)
 
 
 def write_kawasaki_as(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -80,6 +94,8 @@ def _part_text(program: Program, part: str, rows: slice, linear: bool) -> str:
     percent, slides = _percents(program), program.joints[:, program.prismatic]
     table = place_table(program.positions, "ZYZ") if linear else np.zeros((len(program), 6))
     arm = np.column_stack([program.joints[:, ~program.prismatic], slides])
+    events = phrase_events(program.events, program.wiring, PHRASES, "Kawasaki AS")
+    lines += [f"  {line}" for line in events.get(-1, [])] if rows.start == 0 else []
     for row in range(rows.start, rows.stop):
         if linear and not alone[row]:
             places.append(f"{name}p{row} " + " ".join(f"{value:.6f}" for value in [*table[row], *slides[row]]))
@@ -90,6 +106,7 @@ def _part_text(program: Program, part: str, rows: slice, linear: bool) -> str:
             joints.append(f"#{name}j{row} " + " ".join(f"{value:.6f}" for value in arm[row]))
             lines += [f"  SPEED {percent[row]:.4f}", f"  JMOVE #{name}j{row}"]
         lines += ["  BREAK"] if stops[row] else []
+        lines += [f"  {line}" for line in events.get(row, [])]
     lists = [*places, ".END"] * (len(places) > 1) + [*joints, ".END"] * (len(joints) > 1)
     return "\n".join([*lines, ".END", *lists, ""])
 

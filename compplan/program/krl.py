@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from compplan.errors import InputError
 from compplan.files.tables import Array, write_text
 from compplan.program.frames import place_numbers, place_table
+from compplan.program.machine import Phrases, phrase_events
 from compplan.program.program import Program, head_lines, joint_percent, order_joints, split_parts
 from compplan.program.text import legal_name
 
@@ -23,6 +24,48 @@ LONGEST_NAME = 20
 RAPID_PERCENT = 20
 #: A joint move whose whole percent is off by more than this share does not hold its feed.
 UNTRUE = 0.1
+
+
+#: Body of the loop over points: E6POS with speeds in m/s, E6AXIS with percents; K counts rapid moves or is a percent.
+LINEAR = (
+    "  IF SP[I]>0.0 THEN",
+    "    $VEL.CP=SP[I]",
+    "    IF EX[I]>0 THEN",
+    "      LIN PT[I]",
+    "    ELSE",
+    "      LIN PT[I] C_DIS",
+    "    ENDIF",
+    "  ELSE",
+    "    K=K+1",
+    "    FOR J=1 TO 6",
+    f"      $VEL_AXIS[J]={RAPID_PERCENT}",
+    "    ENDFOR",
+    "    PTP AX[K]",
+    "  ENDIF",
+)
+JOINT = (
+    f"  K={RAPID_PERCENT}",
+    "  IF SP[I]>0.0 THEN",
+    "    K=SP[I]",
+    "  ENDIF",
+    "  FOR J=1 TO 6",
+    "    $VEL_AXIS[J]=K",
+    "  ENDFOR",
+    "  IF EX[I]>0 THEN",
+    "    PTP PT[I]",
+    "  ELSE",
+    "    PTP PT[I] C_PTP",
+    "  ENDIF",
+)
+PHRASES = Phrases(
+    say=lambda text: [f"; {text}"],
+    switch=lambda signal, on: [f"$OUT[{signal}]={'TRUE' if on else 'FALSE'}"],
+    wait=lambda seconds: [f"WAIT SEC {seconds:.3f}"],
+    expect=lambda signal: [f"WAIT FOR $IN[{signal}]"],
+    pause=lambda task: ["HALT"],
+    pause_if=lambda signal, task: [f"IF $IN[{signal}] THEN", "  HALT", "ENDIF"],
+    call=lambda name, number: [f"{name}({number:.0f})"],
+)
 
 
 def write_krl(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -58,12 +101,13 @@ def _write_kind(program: Program, folder: Path, name: str, points: list[str], mo
     parts = split_parts(len(program), most)
     names = [f"{name}{number}" for number in range(1, len(parts) + 1)]
     percent = joint_percent(program)
+    events = phrase_events(program.events, program.wiring, PHRASES, "KRL")
     files = []
     for part, rows in zip(names, parts, strict=True):
         files.append(folder / f"{part}.dat")
         write_text(files[-1], _data(part, points[rows], program, percent, rows, linear), newline="\r\n")
         files.append(folder / f"{part}.src")
-        write_text(files[-1], _source(part, program, rows, linear), newline="\r\n")
+        write_text(files[-1], _source(part, program, rows, linear, events), newline="\r\n")
     files.append(folder / f"{name}.src")
     remarks = [] if linear else [f"; {note}" for note in describe(program)]
     write_text(files[-1], _main(name, names, program, remarks), newline="\r\n")
@@ -137,48 +181,16 @@ def _data(name: str, points: list[str], program: Program, percent: Array, rows: 
     return "\n".join([*lines, "ENDDAT", ""])
 
 
-def _source(name: str, program: Program, rows: slice, linear: bool) -> str:
-    """Return a .src file: a loop over the points of its .dat file."""
-    lines = ["&ACCESS RVO", f"DEF {name}()", *(f"; {line}" for line in head_lines(program))]
-    lines += [f"; waypoints {rows.start} to {rows.stop - 1}", "DECL INT I,J,K"]
-    count = rows.stop - rows.start
-    if linear:
-        lines += [
-            "K=0",
-            f"FOR I=1 TO {count}",
-            "  IF SP[I]>0.0 THEN",
-            "    $VEL.CP=SP[I]",
-            "    IF EX[I]>0 THEN",
-            "      LIN PT[I]",
-            "    ELSE",
-            "      LIN PT[I] C_DIS",
-            "    ENDIF",
-            "  ELSE",
-            "    K=K+1",
-            "    FOR J=1 TO 6",
-            f"      $VEL_AXIS[J]={RAPID_PERCENT}",
-            "    ENDFOR",
-            "    PTP AX[K]",
-            "  ENDIF",
-            "ENDFOR",
-        ]
-    else:
-        lines += [
-            f"FOR I=1 TO {count}",
-            f"  K={RAPID_PERCENT}",
-            "  IF SP[I]>0.0 THEN",
-            "    K=SP[I]",
-            "  ENDIF",
-            "  FOR J=1 TO 6",
-            "    $VEL_AXIS[J]=K",
-            "  ENDFOR",
-            "  IF EX[I]>0 THEN",
-            "    PTP PT[I]",
-            "  ELSE",
-            "    PTP PT[I] C_PTP",
-            "  ENDIF",
-            "ENDFOR",
-        ]
+def _source(name: str, program: Program, rows: slice, linear: bool, events: dict[int, list[str]]) -> str:
+    """Return a .src file: loops over the points of its .dat file, cut where something happens beside motion."""
+    lines = ["&ACCESS RVO", f"DEF {name}()", "DECL INT I,J,K", *(f"; {line}" for line in head_lines(program))]
+    lines += [f"; waypoints {rows.start} to {rows.stop - 1}", "K=0"]
+    lines += events.get(-1, []) if rows.start == 0 else []
+    first = rows.start
+    for row in [*sorted(row for row in events if rows.start <= row < rows.stop - 1), rows.stop - 1]:
+        lines += [f"FOR I={first - rows.start + 1} TO {row - rows.start + 1}", *(LINEAR if linear else JOINT), "ENDFOR"]
+        lines += events.get(row, [])
+        first = row + 1
     return "\n".join([*lines, "END", ""])
 
 

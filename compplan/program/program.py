@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from compplan.errors import InputError, ShapeError
 from compplan.files.tables import Array
+from compplan.path.events import Event, find_halts
 from compplan.program.counting import (
     believed_robot,
     krl_status,
@@ -22,6 +23,7 @@ from compplan.program.counting import (
     to_controller,
 )
 from compplan.program.frames import flange_turn
+from compplan.program.machine import Wiring
 from compplan.program.text import clean_text
 from compplan.robot import Robot
 
@@ -57,6 +59,8 @@ class Program:
         comments: Lines for the head of every file.
         header: Lines of the language itself that run before the first move, such as what starts the spindle.
         footer: Lines of the language itself that run after the last move.
+        events: What happens beside motion, each after the row that it names; -1: before the first move.
+        wiring: Signals of the cell that do it.
 
     """
 
@@ -84,6 +88,8 @@ class Program:
     comments: tuple[str, ...] = ()
     header: tuple[str, ...] = ()
     footer: tuple[str, ...] = ()
+    events: tuple[Event, ...] = ()
+    wiring: Wiring = field(default_factory=Wiring)
 
     def __post_init__(self) -> None:
         n, nq = self.joints.shape
@@ -136,9 +142,10 @@ class Program:
         return self.rapid | self.swings if linear else self.rapid
 
     def stops(self, *, linear: bool) -> NDArray[np.bool_]:
-        """Tell the moves whose end is reached exactly: those alone, what comes before one, and `exact`. Shape (n,)."""
+        """Tell the moves that stop at their end: those alone, what comes before one, events, `exact`. Shape (n,)."""
         alone = self.alone(linear=linear)
         stops = alone | np.append(alone[1:], True)
+        stops[find_halts(self.events)] = True
         return np.asarray(stops if self.exact is None else stops | self.exact)
 
 
@@ -153,6 +160,8 @@ def build_program(
     comments: Sequence[str] = (),
     part: Array | None = None,
     exact: NDArray[np.bool_] | None = None,
+    events: Sequence[Event] = (),
+    wiring: Wiring | None = None,
 ) -> Program:
     """Build a program from commanded joint positions: in the controller's counting, and with its geometry.
 
@@ -166,6 +175,8 @@ def build_program(
         comments: Lines for the head of every file.
         part: Pose of the part frame seen from the base; left out: the base itself. Shape (4, 4). [m]
         exact: Waypoints where the tool stands still, beside the ends of cuts and of rapid moves. Shape (n,).
+        events: What happens beside motion, each after the waypoint that it names; -1: before the first move.
+        wiring: Signals of the cell that do it; left out: none, the programs stop and ask the operator.
 
     Raises:
         InputError: If controller.toml or controller.urdf of the robot's folder is not what it has to be.
@@ -201,6 +212,8 @@ def build_program(
         robot=robot.name,
         controller=controller.name,
         comments=tuple(comments),
+        events=tuple(events),
+        wiring=wiring or Wiring(),
     )
 
 
@@ -238,7 +251,7 @@ def head_lines(program: Program) -> list[str]:
     lines = [f"{program.name}: {len(program)} waypoints for {program.robot} {program.controller}".rstrip()]
     if not program.known:
         lines.append("SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN: no controller.toml; they are those of the URDF")
-    if not program.header:
+    if not program.header and not any(event.kind.startswith("spindle") for event in program.events):
         lines.append("no header lines: spindle and coolant are not started here")
     return [clean_text(line) for line in [*lines, *program.comments]]
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from compplan.errors import InputError
 from compplan.files.tables import Array, write_text
 from compplan.program.frames import quaternions
+from compplan.program.machine import Phrases, Signal, name_signal, phrase_events
 from compplan.program.program import Program, head_lines, split_parts
 from compplan.program.text import legal_name
 
@@ -20,8 +21,30 @@ MOST = 5000
 LONGEST_NAME = 22
 RESERVED = frozenset({"test", "module", "main", "proc", "func", "trap", "record", "alias", "with", "local", "task"})
 UNUSED = "9E9"
+#: Letters of a message on the teach pendant.
+LONGEST_MESSAGE = 80
 #: What RAPID adds up to cfx: wrist centre behind axis 1, behind the lower arm, axis 5 below 0.
 CFX = {"shoulder": {"front": 0, "back": 4}, "elbow": {"up": 0, "down": 2}, "wrist": {"noflip": 0, "flip": 1}}
+
+
+def _tell(task: str) -> str:
+    return f'TPWrite "{task[:LONGEST_MESSAGE]}";'
+
+
+def _switch(signal: Signal, on: bool) -> list[str]:
+    return [f"SetDO {name_signal(signal, 'do')},{int(on)};"]
+
+
+PHRASES = Phrases(
+    say=lambda text: [f"! {text}"],
+    switch=_switch,
+    wait=lambda seconds: [f"WaitTime {seconds:.3f};"],
+    expect=lambda signal: [f"WaitDI {name_signal(signal, 'di')},1;"],
+    pause=lambda task: [_tell(task), "Stop;"],
+    pause_if=lambda signal, task: [f"IF {name_signal(signal, 'di')}=1 THEN", f"  {_tell(task)}", "  Stop;", "ENDIF"],
+    call=lambda name, number: [f"{name} {number:.0f};"],
+    named=True,
+)
 
 
 def write_rapid(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -53,6 +76,9 @@ def write_rapid(program: Program, folder: Path, most: int | None = None) -> list
 def _write_kind(program: Program, folder: Path, name: str, moves: list[str], most: int | None) -> list[Path]:
     parts = split_parts(len(program), most or MOST)
     names = [f"{name}_{number}" for number in range(1, len(parts) + 1)]
+    for row, lines in phrase_events(program.events, program.wiring, PHRASES, "RAPID").items():
+        text = "\n".join(f"    {line}" for line in lines)
+        moves[max(row, 0)] = f"{text}\n{moves[0]}" if row < 0 else f"{moves[row]}\n{text}"
     files = []
     for part, rows in zip(names, parts, strict=True):
         files.append(folder / f"{part}.mod")

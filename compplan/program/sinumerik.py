@@ -8,8 +8,10 @@ import numpy as np
 
 from compplan.errors import InputError
 from compplan.files.tables import Array, write_text
+from compplan.path.events import Event
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.krl import turn_bits
+from compplan.program.machine import Phrases, phrase_events
 from compplan.program.program import Program, head_lines, need_six_axes, split_parts
 from compplan.program.text import legal_name
 
@@ -20,6 +22,28 @@ MOST = 20000
 LONGEST_NAME = 20
 END = ("TRANS", "TRAFOOF", "M30", "")
 RESERVED = frozenset({"if", "else", "for", "while", "loop", "repeat", "until", "case", "goto", "proc", "def", "stopre"})
+
+
+def _say_natively(event: Event) -> list[str] | None:
+    speed = f" S{event.value:g}" if event.value > 0.0 else ""
+    return {
+        "spindle_cw": [f"M3{speed}"], "spindle_ccw": [f"M4{speed}"], "spindle_off": ["M5"], "coolant": ["M8"],
+        "mist": ["M7"], "coolant_off": ["M9"], "dwell": [f"G4 F{event.value:.3f}"], "stop": ["M0"],
+        "optional_stop": ["M1"],
+    }.get(event.kind)  # fmt: skip
+
+
+#: The control has words of its own; a tool change, which would change the tool data in force, stops the program.
+PHRASES = Phrases(
+    say=lambda text: [f"; {text}"],
+    switch=lambda signal, on: [f"$A_OUT[{signal}]={int(on)}"],
+    wait=lambda seconds: [f"G4 F{seconds:.3f}"],
+    expect=lambda signal: [f"WHILE $A_IN[{signal}]==0", "ENDWHILE"],
+    pause=lambda task: ["M0"],
+    pause_if=lambda signal, task: ["M1"],
+    call=lambda name, number: [f"{name}({number:.0f})"],
+    native=_say_natively,
+)
 
 
 def write_sinumerik(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -47,6 +71,9 @@ def write_sinumerik(program: Program, folder: Path, most: int | None = None) -> 
     name = name if name[1:2].isalpha() or name[1:2] == "_" else f"P_{name}"
     parts = split_parts(len(program), most or MOST)
     blocks = _blocks(program)
+    for row, lines in phrase_events(program.events, program.wiring, PHRASES, "SINUMERIK").items():
+        text = "\n".join(lines)
+        blocks[max(row, 0)] = f"{text}\n{blocks[0]}" if row < 0 else f"{blocks[row]}\n{text}"
     files = []
     if len(parts) == 1:
         bodies = blocks

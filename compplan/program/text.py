@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 import unicodedata
 from collections.abc import Collection
 from pathlib import Path
@@ -32,6 +33,11 @@ def clean_text(text: str, longest: int = LONGEST_COMMENT) -> str:
     plain = "".join(letter for letter in head if not unicodedata.combining(letter))
     line = " ".join(FOREIGN.sub(" ", plain).split())
     return line if len(line) <= longest else f"{line[: longest - 3].rstrip()}..."
+
+
+def wrap_text(text: str, longest: int) -> list[str]:
+    """Return text that is already clean in lines of at most so many letters."""
+    return textwrap.wrap(text, longest) or [""]
 
 
 def read_code(path: Path) -> tuple[str, ...]:

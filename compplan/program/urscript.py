@@ -8,6 +8,7 @@ import numpy as np
 
 from compplan.files.tables import Array, write_text
 from compplan.program.frames import rotation_vectors
+from compplan.program.machine import Phrases, phrase_events
 from compplan.program.program import Program, head_lines, joint_shares, need_six_axes, split_parts
 from compplan.program.text import legal_name
 
@@ -24,6 +25,21 @@ BLEND, BLEND_SHARE = 1e-4, 0.4
 #: Accelerations, which the language wants stated: its own defaults. [rad/s^2, m/s^2]
 JOINT_ACCELERATION, TOOL_ACCELERATION = 1.4, 1.2
 RAPID_SHARE, UNKNOWN_SHARE, SLOWEST = 0.2, 0.1, 1e-5
+
+
+def _ask(task: str) -> str:
+    return f'popup("{task}", title="compplan", blocking=True)'
+
+
+PHRASES = Phrases(
+    say=lambda text: [f"# {text}"],
+    switch=lambda signal, on: [f"set_standard_digital_out({signal}, {on})"],
+    wait=lambda seconds: [f"sleep({seconds:.3f})"],
+    expect=lambda signal: [f"while (not get_standard_digital_in({signal})):", "  sync()", "end"],
+    pause=lambda task: [_ask(task)],
+    pause_if=lambda signal, task: [f"if (get_standard_digital_in({signal})):", f"  {_ask(task)}", "end"],
+    call=lambda name, number: [f"{name}({number:.0f})"],
+)
 
 
 def write_urscript(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -55,6 +71,9 @@ def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, 
     parts = split_parts(len(program), most or MOST)
     names = [name] if len(parts) == 1 else [f"{name}_{number}" for number in range(1, len(parts) + 1)]
     moves = _moves(program, linear)
+    for row, lines in phrase_events(program.events, program.wiring, PHRASES, "URScript").items():
+        text = "\n".join(f"  {line}" for line in lines)
+        moves[max(row, 0)] = f"{text}\n{moves[0]}" if row < 0 else f"{moves[row]}\n{text}"
     files = []
     for part, rows in zip(names, parts, strict=True):
         head = [f"# {line}" for line in head_lines(program)]

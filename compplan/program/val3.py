@@ -10,6 +10,7 @@ import numpy as np
 from compplan.errors import InputError
 from compplan.files.tables import Array, write_text
 from compplan.program.frames import place_numbers, place_table
+from compplan.program.machine import Phrases, Signal, name_signal, phrase_events
 from compplan.program.program import Program, head_lines, split_parts
 from compplan.program.text import legal_name
 
@@ -17,6 +18,7 @@ BRAND = "Staubli"
 #: Points in an array where the job says nothing.
 MOST = 5000
 LONGEST_NAME = 28
+LOCALS = ("l_nIndex", "l_nKey")
 PROJECT = "http://www.staubli.com/robotics/VAL3/Project/3"
 PROGRAM = "http://www.staubli.com/robotics/VAL3/Program/2"
 DATA = "http://www.staubli.com/robotics/VAL3/Data/2"
@@ -28,6 +30,27 @@ WORDS = {
     "elbow": ({"epositive", "enegative"}, "esame"),
     "wrist": ({"wpositive", "wnegative"}, "wsame"),
 }
+
+
+def _ask(task: str) -> list[str]:
+    return ["userPage()", f'putln("{task}, then press a key")', "l_nKey=get()"]
+
+
+def _switch(signal: Signal, on: bool) -> list[str]:
+    return [f"{name_signal(signal, 'doOut')}={'true' if on else 'false'}"]
+
+
+#: Signals are data of the project: they have to be linked to the cell's.
+PHRASES = Phrases(
+    say=lambda text: [f"// {text}"],
+    switch=_switch,
+    wait=lambda seconds: [f"delay({seconds:.3f})"],
+    expect=lambda signal: [f"wait({name_signal(signal, 'diIn')}==true)"],
+    pause=_ask,
+    pause_if=lambda signal, task: [f"if {name_signal(signal, 'diIn')}==true", *_ask(task), "endIf"],
+    call=lambda name, number: [f"call {name}({number:.0f})"],
+    named=True,
+)
 
 
 def write_val3(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -61,8 +84,9 @@ def _write_kind(program: Program, project: Path, most: int | None, *, linear: bo
     parts = split_parts(len(program), most or MOST)
     names = [f"part{number}" for number in range(1, len(parts) + 1)]
     texts = {f"{name}.pjx": _project(name, names), f"{name}.dtx": _data(program, parts, linear)}
+    events = phrase_events(program.events, program.wiring, PHRASES, "VAL3")
     for number, (part, rows) in enumerate(zip(names, parts, strict=True), start=1):
-        texts[f"{part}.pgx"] = _program(part, _moves(number, rows, linear), local=True)
+        texts[f"{part}.pgx"] = _program(part, _moves(number, rows, linear, events), local=True)
     calls = "".join(f"  call {part}()\n" for part in names)
     comments = "".join(f"  // {line}\n" for line in _remarks(program, linear))
     before, after = ("".join(f"{line}\n" for line in lines) for lines in (program.header, program.footer))
@@ -95,7 +119,8 @@ def _project(name: str, parts: list[str]) -> str:
 
 
 def _program(name: str, code: str, *, local: bool = False) -> str:
-    counter = '    <Locals>\n      <Local name="l_nIndex" type="num" xsi:type="array" size="1" />\n    </Locals>\n'
+    locals_ = "".join(f'      <Local name="{each}" type="num" xsi:type="array" size="1" />\n' for each in LOCALS)
+    counter = f"    <Locals>\n{locals_}    </Locals>\n"
     return (
         f'{HEADER}<Programs xmlns:xsi="{INSTANCE}" xmlns="{PROGRAM}">\n'
         f'  <Program name="{name}" access="public">\n{counter if local else ""}'
@@ -103,11 +128,10 @@ def _program(name: str, code: str, *, local: bool = False) -> str:
     )
 
 
-def _moves(number: int, rows: slice, linear: bool) -> str:
+def _moves(number: int, rows: slice, linear: bool, events: dict[int, list[str]]) -> str:
+    """Return loops over the points of a part, cut where something happens beside motion: once the arm stands there."""
     move = f"movel(pPath{number}[l_nIndex],tTool,%s)" if linear else f"movej(jPath{number}[l_nIndex],tTool,%s)"
-    return (
-        f"  // waypoints {rows.start} to {rows.stop - 1}\n"
-        f"  for l_nIndex=0 to {rows.stop - rows.start - 1}\n"
+    body = (
         f"    if nFeed{number}[l_nIndex]>0\n"
         f"      if nExact{number}[l_nIndex]>0\n"
         f"        mEnd.tvel=nFeed{number}[l_nIndex]\n"
@@ -122,6 +146,26 @@ def _moves(number: int, rows: slice, linear: bool) -> str:
         "    endIf\n"
         "  endFor\n"
     )
+    text = f"  // waypoints {rows.start} to {rows.stop - 1}\n"
+    text += "".join(f"  {line}\n" for line in events.get(-1, [])) if rows.start == 0 else ""
+    first = rows.start
+    for row in [*sorted(row for row in events if rows.start <= row < rows.stop - 1), rows.stop - 1]:
+        text += f"  for l_nIndex={first - rows.start} to {row - rows.start}\n{body}"
+        acts = any(not line.startswith("//") for line in events.get(row, []))
+        text += "".join(f"  {line}\n" for line in ["waitEndMove()"] * acts + events.get(row, []))
+        first = row + 1
+    return text
+
+
+def _signals(program: Program) -> list[str]:
+    """Return the digital inputs and outputs that the programs use, as data of the project."""
+    wiring = program.wiring
+    outputs = [wiring.spindle, wiring.spindle_reverse, wiring.coolant, wiring.mist, *wiring.signals.values()]
+    inputs = [wiring.spindle_ready, wiring.optional_stop]
+    names = [name_signal(signal, "doOut") for signal in outputs if signal is not None]
+    names += [name_signal(signal, "diIn") for signal in inputs if signal is not None]
+    used = dict.fromkeys(names) if program.events else {}
+    return [line for name in used for line in _array(name, "dio", ['link=""'])]
 
 
 def _data(program: Program, parts: list[slice], linear: bool) -> str:
@@ -152,7 +196,7 @@ def _data(program: Program, parts: list[slice], linear: bool) -> str:
             lines += _array(f"pPath{number}", "pointRx", points[rows])
         lines += _array(f"nFeed{number}", "num", [f'value="{feed:.4f}"' for feed in feeds[rows]])
         lines += _array(f"nExact{number}", "num", [f'value="{int(stop)}"' for stop in stops[rows]])
-    return "\n".join([*lines, "  </Datas>", "</Database>", ""])
+    return "\n".join([*lines, *_signals(program), "  </Datas>", "</Database>", ""])
 
 
 def _array(name: str, kind: str, values: list[str]) -> list[str]:

@@ -118,7 +118,8 @@ class _Reader(FrameReader):
                 (codes if letter == "G" else machine).append(number)
             else:
                 values[letter] = number
-        self._check_machine(machine)
+        if machine:
+            self._check_machine(machine)
         once = self._run_codes(codes, values) if codes else ""
         state, dwells = self.state, 4.0 in codes
         if "F" in values and not dwells:
