@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 import compplan as cp
 from compplan.job.job import check_job
@@ -123,3 +124,48 @@ def test_a_load_beyond_a_joints_effort_is_infeasible_and_names_it(tmp_path):
     plan = cp.plan_job(three_points(tmp_path, heavy, plan={"max_correction_mm": 100.0}))
     assert plan.status == "infeasible"
     assert any(text.startswith("effort limit of joint_") for text in plan.command.failures.values())
+
+
+def test_a_path_without_a_clear_posture_is_planned_within_the_correction_limit_and_says_what_is_in_the_way(tmp_path):
+    # the tool passes through the slab at every posture
+    slab = trimesh.creation.box((200.0, 200.0, 20.0))
+    slab.apply_translation([0.0, 0.0, 60.0])
+    slab.export(tmp_path / "slab.stl")
+    tool = {"position_mm": [0.0, 0.0, 300.0]}
+    plan = cp.plan_job(three_points(tmp_path, CONSTANT, tool=tool, collision={"fixture": "slab.stl"}))
+    assert plan.status == "infeasible" and "clearance" in plan.explain_failures()
+    assert plan.margins.max_correction < 2e-3
+    assert any("without anything in the way" in note for note in plan.notes)
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameters", "most"),
+    [
+        ("joint_offset", {"offset_rad": 3e-4}, 20),
+        ("backlash", {"width_rad": 3e-4}, 20),
+        ("transmission_error", {"sine_rad": [1e-4], "cosine_rad": [0.0], "cycles_per_turn": [60.0]}, 1000),
+    ],
+)
+def test_effects_of_a_folder_count_between_waypoints_too_and_divide_the_path_no_further_than_they_bow(
+    tmp_path, effect, parameters, most
+):
+    # ten waypoints on a line that starts under load: the correction of a shift of the joint is no bow
+    lines = ["x_mm,y_mm,z_mm,feed_mm_s", *(f"{10 * k},0,0,20" for k in range(10))]
+    (tmp_path / "path.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    data = {
+        "schema": 1, "robot": "kuka_kr270", "toolpath": "path.csv", "part": {"position_mm": [1700.0, 0.0, 900.0]},
+        "process": CONSTANT | {"ramp_mm": 0.0}, "sampling": {"max_step_mm": 1000.0},
+    }  # fmt: skip
+    robot, nominal, options = prepare_job(check_job(data, tmp_path / "job.toml"))
+    wrong = {"effect": effect, "joint": "joint_2", "parameters": parameters}
+    plan = cp.plan_compensation(replace(robot, effects=(wrong,)), nominal, options)
+    assert plan.status == "solved" and 10 <= len(plan.task) <= most
+    assert plan.after.max_deviation < 1e-6
+    assert max(plan.between.joint.max(), plan.between.cartesian.max()) < 1.05e-5
+
+
+def test_a_path_that_would_need_too_many_waypoints_is_refused_with_the_waypoint(tmp_path, monkeypatch):
+    monkeypatch.setattr("compplan.plan.sampling.MOST_WAYPOINTS", 10)
+    job = three_points(tmp_path, CONSTANT, sampling={"max_step_mm": 1000.0, "chord_mm": 0.01})
+    with pytest.raises(cp.InfeasibleError, match=r"after waypoint \d+ \(s = .* mm\); raise sampling.chord_mm"):
+        cp.plan_job(job)

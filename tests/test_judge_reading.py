@@ -9,6 +9,8 @@ from compplan.cell.judge import build_judge, judge_pose
 from compplan.cell.reading import read_judge
 from compplan.job.job import ToolTable
 from compplan.robot import load_robot, robot_folders
+from compplan.statics.chain import build_chain
+from compplan.statics.sensitivity import attain_pose
 
 TOOL = {
     "position_mm": [150.0, 20.0, -300.0], "rotation_deg": [0.0, 120.0, 30.0], "mass_kg": 18.0,
@@ -57,3 +59,18 @@ def test_the_weight_of_a_tool_bends_an_arm_whose_folder_has_no_gravity_by_its_di
     for mass, moves in ((5.0, False), (23.0, True)):
         bent = judge_pose(build_judge(robot.with_tool(pose, mass, centre)), q, none)[0]
         assert (np.linalg.norm(bent - rigid, axis=1).max() > 5e-5) == moves
+
+
+@pytest.mark.parametrize("mass", [0.5, 3.0, 5.0, 5.001])
+def test_a_tool_lighter_than_the_one_the_springs_were_identified_with_lifts_the_arm(mass):
+    # Pinocchio's bodies cannot have masses below 0; the planner's chain takes each weight as a force.
+    robot = load_robot("staubli_tx200")
+    tool = {"position_mm": [0.0, 0.0, 150.0], "mass_kg": mass, "centre_of_mass_mm": [0.0, 10.0, 60.0]}
+    table = ToolTable(**tool)
+    mounted = robot.with_tool(table.T_flange_tcp, mass, np.array(table.centre_of_mass_mm) * 1e-3)
+    q, wrench = draw(robot)
+    ours = attain_pose(build_chain(mounted), q, wrench, slope=False).position
+    for judge in (build_judge(mounted), read_judge(robot.folder, tool)):
+        assert judge_pose(judge, q, wrench)[0] == pytest.approx(ours, abs=1e-11)
+    bare = attain_pose(build_chain(robot.with_tool(table.T_flange_tcp)), q, wrench, slope=False).position
+    assert 2e-6 < np.linalg.norm(ours - bare, axis=1).max() < 4e-4

@@ -302,5 +302,9 @@ def test_an_answer_is_judged_by_what_was_expected(tmp_path: Path) -> None:
     wrong = {**found, "correction_mm": 700.0}
     assert judge_answer("refused", infeasible, [], wrong, planted=True) == "trusted"
     assert judge_answer("refused", solved, [], wrong, planted=True).startswith("FAILS")
+    said = Outcome(2, "error: elasticity.toml: compliance 0.1 rad/(N m), at most 0.01", 1.0, None, tmp_path)
+    assert judge_answer("refused", said, [], None) == "trusted"
+    assert judge_answer("solved", said, [], None).startswith("FAILS")
+    assert judge_answer("refused", replace(said, lines=12), [], None).startswith("FAILS")
     assert judge_answer("any", Outcome(1, "", 1.0, None, tmp_path), [], None).startswith("FAILS")
     assert judge_answer("any", Outcome(None, "", 1.0, None, tmp_path), [], None).startswith("FAILS")

@@ -36,7 +36,7 @@ def check(name: str, file: Path, folder: Path, *, keep: bool = False, limit_s: f
     outcome = _kept(folder) if keep else None
     if outcome is None:
         outcome = run_plan(file, folder, mistake=mistake_of(name), limit_s=limit_s)
-        note = {"status": outcome.status, "said": outcome.said, "cpu_s": outcome.cpu_s}
+        note = {"status": outcome.status, "said": outcome.said, "lines": outcome.lines, "cpu_s": outcome.cpu_s}
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "outcome.json").write_text(json.dumps(note), encoding="utf-8")
     job, found, breaches = read_job(file), None, []
@@ -80,7 +80,7 @@ def _kept(folder: Path) -> Outcome | None:
     note = json.loads(file.read_text(encoding="utf-8"))
     plan = folder / "plan.json"
     known = json.loads(plan.read_text(encoding="utf-8")) if plan.is_file() else None
-    return Outcome(note["status"], note["said"], note["cpu_s"], known, folder)
+    return Outcome(note["status"], note["said"], note["cpu_s"], known, folder, note.get("lines", 1))
 
 
 def main() -> None:

@@ -17,13 +17,14 @@ COMMAND = "from compplan.cli import main; main()"
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run of the command left: exit status (None: out of time), last line of stderr, CPU time, plan.json."""
+    """What a run of the command left: exit status (None: out of time), stderr's last line and lines, CPU time, plan."""
 
     status: int | None
     said: str
     cpu_s: float
     plan: dict | None
     folder: Path
+    lines: int = 1
 
 
 def run_plan(job: Path, folder: Path, *, mistake: str = "", limit_s: float = 900.0) -> Outcome:
@@ -45,4 +46,4 @@ def run_plan(job: Path, folder: Path, *, mistake: str = "", limit_s: float = 900
     file = folder / "plan.json"
     plan = json.loads(file.read_text(encoding="utf-8")) if file.is_file() and status in (0, 3) else None
     said = lines[-1] if lines else ""
-    return Outcome(status, said, cpu if status is not None else time.monotonic() - clock, plan, folder)
+    return Outcome(status, said, cpu if status is not None else time.monotonic() - clock, plan, folder, len(lines))

@@ -41,7 +41,9 @@ def list_breaches(job_table: dict, found: dict, plan: dict) -> list[str]:
         breaches.append("no between_waypoints_mm")
     else:
         worst = max(found[f"between_{way}_mm"] for way in ("joint", "cartesian", "spline"))
-        beyond("between beyond the claim by", worst - claim, max(CLAIM_ROOM, SPLINE_ROOM * tolerance))
+        # corners that the job allows to be rounded are off the CAM path, and on the path that the claim speaks of
+        asked = min(found["wanted_off_path_mm"], on_path - tolerance)
+        beyond("between beyond the claim by", worst - claim - asked, max(CLAIM_ROOM, SPLINE_ROOM * tolerance))
     beyond("force off the law by", found["force_off_N"], 0.01 * found["force_greatest_N"] + 0.1, "N")
     notes = " ".join(plan.get("notes", [])).lower()
     if found["feed_mean_share"] < SILENT_FEED and "feed" not in notes:
@@ -90,7 +92,9 @@ def judge_answer(
     if outcome.status not in (0, 2, 3):
         return f"FAILS: exit status {outcome.status}"
     if outcome.status == 2 or outcome.plan is None:
-        return "trusted" if expected == "refused" and outcome.status == 3 else f"FAILS: exit status {outcome.status}"
+        one_line = outcome.said.startswith("error: ") and outcome.lines == 1
+        right = expected == "refused" and (outcome.status == 3 or one_line)
+        return "trusted" if right else f"FAILS: exit status {outcome.status}"
     if not planted and found is not None and found["correction_mm"] > found["most_correction_mm"] * ROUNDING:
         return "FAILS: correction limit broken"
     if outcome.plan["status"] != "solved":

@@ -16,6 +16,10 @@ from compplan.errors import ConvergenceError
 from compplan.robot import Array, Robot
 
 MAX_ITERATIONS = 60
+#: Rotational inertia of a mass about its own centre; small, none is known. [kg m^2]
+INERTIA = 1e-6
+#: Masses whose sum is less than this share of their sizes count as none.
+LEAST_SHARE = 1e-3
 #: Poses nearer than this start from where the last two lead. [rad or m]
 NEIGHBOUR = 0.02
 
@@ -32,6 +36,9 @@ class Judge:
         elastic: Model coordinates that are elastic, in chain order. Shape (s,).
         compliance: Compliance of the elastic coordinates. Shape (s, s).
         weighs: Whether gravity loads the springs.
+        lifts: Joints whose masses are together none or less, as where a tool is lighter than the one that the springs
+            were identified with: joint, mass [kg] and first moment in its frame, shape (3,) [kg m]. Pinocchio's bodies
+            have masses above 0.
     """
 
     model: pin.Model
@@ -41,6 +48,19 @@ class Judge:
     elastic: np.ndarray
     compliance: Array
     weighs: bool
+    lifts: tuple[tuple[int, float, Array], ...] = ()
+
+    def weigh(self, data: pin.Data, coordinates: Array) -> Array:
+        """Return the torque that holds the weights at every model coordinate. Shape (n_coordinates,). [N m or N]."""
+        torque = np.array(pin.computeGeneralizedGravity(self.model, data, coordinates))
+        if self.lifts:
+            pin.computeJointJacobians(self.model, data, coordinates)
+            gravity = self.model.gravity.linear
+            for joint, mass, moment in self.lifts:
+                columns = pin.getJointJacobian(self.model, data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+                load = np.r_[mass * gravity, np.cross(data.oMi[joint].rotation @ moment, gravity)]
+                torque -= columns.T @ load
+        return torque
 
 
 class JudgeBuilder:
@@ -54,6 +74,7 @@ class JudgeBuilder:
         self.rows: list[tuple[Array, float]] = []
         self.elastic: list[int] = []
         self.blocks: list[Array] = []
+        self.hung: dict[int, list[tuple[float, Array]]] = {}
 
     def move(self, placement: pin.SE3) -> None:
         """Go on to another frame of the same body."""
@@ -85,8 +106,8 @@ class JudgeBuilder:
         """Hang the masses of a link (its name, mass, centre in its frame) here."""
         for name, mass, centre in masses:
             if name == link:
-                body = pin.Inertia(mass, np.asarray(centre, float), 1e-6 * np.eye(3))
-                self.model.appendBodyToJoint(self.parent, body, self.pending)
+                where = np.asarray(self.pending.act(np.asarray(centre, float)))
+                self.hung.setdefault(self.parent, []).append((mass, where))
 
     def finish(self, tip: pin.SE3) -> Judge:
         """Put the TCP here and return the judge."""
@@ -97,7 +118,23 @@ class JudgeBuilder:
             compliance[start : start + len(matrix), start : start + len(matrix)] = matrix
             start += len(matrix)
         select, shifts = np.array([row for row, _ in self.rows]), np.array([value for _, value in self.rows])
-        return Judge(self.model, tcp, select, shifts, np.array(self.elastic, int), compliance, self.weighs)
+        lifts = self._settle_masses()
+        return Judge(self.model, tcp, select, shifts, np.array(self.elastic, int), compliance, self.weighs, lifts)
+
+    def _settle_masses(self) -> tuple[tuple[int, float, Array], ...]:
+        """Give every joint its masses, and return those that are together none or less."""
+        lifts = []
+        for joint, masses in self.hung.items():
+            total, moment = sum(mass for mass, _ in masses), sum((mass * at for mass, at in masses), np.zeros(3))
+            if total > LEAST_SHARE * sum(abs(mass) for mass, _ in masses):
+                spread = INERTIA * np.eye(3)
+                for mass, at in masses:
+                    arm = at - moment / total
+                    spread += max(mass, 0.0) * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+                self.model.appendBodyToJoint(joint, pin.Inertia(total, moment / total, spread), pin.SE3.Identity())
+            elif joint:
+                lifts.append((joint, total, moment))
+        return tuple(lifts)
 
     def _append(self, name: str, axis: Array, slides: bool, row: Array | None, shift: float) -> None:
         kind = pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned
@@ -182,7 +219,7 @@ def _settle(judge: Judge, data: pin.Data, rigid: Array, wrench: Array, theta: Ar
         configuration[elastic] = rigid[elastic] + theta
         torque = pin.computeFrameJacobian(model, data, configuration, judge.tcp, world).T[elastic] @ wrench
         if judge.weighs:
-            torque -= pin.computeGeneralizedGravity(model, data, configuration)[elastic]
+            torque -= judge.weigh(data, configuration)[elastic]
         update = judge.compliance @ torque
         step = float(np.abs(update - theta).max(initial=0.0))
         theta = update

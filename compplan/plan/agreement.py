@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from compplan.plan.bending import slow_for_inertia
 from compplan.plan.between import Between, measure_between, wanted_pieces
 from compplan.plan.feed import FeedWish, time_run
-from compplan.plan.sampling import divide_by, predict_loads
+from compplan.plan.sampling import Mending, divide_by, predict_loads
 from compplan.plan.strategies import command_path, nlp
 from compplan.plan.task import Command, PlanTask, attain_rows
 from compplan.plan.timing import Timing, find_slowdown, state_timing
@@ -70,10 +70,12 @@ def agree(
     """
     progress("sampling")
     task = _divide_ahead(task, wish)
+    mending = Mending()
     for last in range(DIVISIONS + 1):
         progress(f"compensation of {len(task)} waypoints")
         found = _take_turns(task, strategy, wish, progress)
-        pieces = _missing_pieces(found)
+        excess, pieces = _missing_pieces(found)
+        pieces = mending.allow(task, pieces, excess)
         if last == DIVISIONS or not (pieces > 1).any():
             break
         task = divide_by(task if not task.follows_feed else replace(task, wrench=found.task.wrench), pieces)
@@ -84,12 +86,14 @@ def agree(
 
 def _divide_ahead(task: PlanTask, wish: FeedWish) -> PlanTask:
     """Divide by what the uncorrected motion shows, and start from the force at the feed that it can be driven with."""
+    mending = Mending()
     for last in range(DIVISIONS + 1):
         time = None
         if task.follows_feed:
             task, timing = _drive(task, task.q_start, wish)
             time = timing.time
-        pieces = wanted_pieces(measure_between(task, task.q_start, time, bow=True), task.chord)
+        bow = measure_between(task, task.q_start, time, bow=True)
+        pieces = mending.allow(task, wanted_pieces(bow, task.chord), bow.most)
         if task.follows_feed:
             pieces = np.maximum(pieces, _force_pieces(task))
         pieces[task.missed[1:] | task.missed[:-1]] = 1
@@ -165,8 +169,8 @@ def _force_pieces(task: PlanTask) -> NDArray[np.int_]:
     return np.maximum(np.ceil(change / (STEP_CHORDS * task.chord)), 1.0).astype(int)
 
 
-def _missing_pieces(found: Agreement) -> NDArray[np.int_]:
-    """Tell which moves stray farther than a chord for a reason that a division mends, and into how many pieces."""
+def _missing_pieces(found: Agreement) -> tuple[Array, NDArray[np.int_]]:
+    """Tell by how much more than their ends moves stray [m], and into how many pieces that asks to divide them."""
     task, q = found.task, found.command.q
     attained = attain_rows(task, q, np.arange(len(task)), slope=False).position
     off = np.linalg.norm(attained - task.position, axis=1)
@@ -176,7 +180,7 @@ def _missing_pieces(found: Agreement) -> NDArray[np.int_]:
     pieces[task.nominal.steps < 1e-6] = 1
     for waypoint in found.command.failures:
         pieces[max(waypoint - FAR, 0) : waypoint + FAR] = 1
-    return pieces
+    return between.most, pieces
 
 
 def _ways(between: Between) -> tuple[Array, Array, Array]:

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from compplan.plan.task import PlanTask
+from compplan.effects.attained import attain_with_effects
+from compplan.plan.task import PlanTask, attain_rows
 from compplan.plan.timing import cutting_runs
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
@@ -70,7 +71,7 @@ def measure_between(task: PlanTask, q: Array, time: Array | None = None, *, bow:
     """
     moves, n = judged_moves(task), len(task)
     joint, cartesian, spline = (np.zeros(n - 1) for _ in range(3))
-    ends = attain_pose(task.chain, q, task.wrench, slope=False).position if bow else task.position
+    ends = attain_rows(task, q, np.arange(n), slope=False).position if bow else task.position
     plain = locate_frames(task.chain, q).tcp_position
     for share in SHARES:
         if share != SHARES[0]:
@@ -80,16 +81,37 @@ def measure_between(task: PlanTask, q: Array, time: Array | None = None, *, bow:
         start, end = ends[moves], ends[moves + 1]
         load = task.wrench[moves] * (1 - share) + task.wrench[moves + 1] * share
         middle = q[moves] * (1 - share) + q[moves + 1] * share
-        loaded = attain_pose(task.chain, middle, load, slope=False).position
+        loaded = _attain(task, q, middle, load, moves, share)
         joint[moves] = np.maximum(joint[moves], _distance(loaded, start, end))
         straight = plain[moves] * (1 - share) + plain[moves + 1] * share
         bent = loaded - locate_frames(task.chain, middle).tcp_position
         cartesian[moves] = np.maximum(cartesian[moves], _distance(straight + bent, start, end))
         if time is not None:
             curved = follow_spline(task, q, time, moves, share)
-            tip = attain_pose(task.chain, curved, load, slope=False).position
+            tip = _attain(task, q, curved, load, moves, share)
             spline[moves] = np.maximum(spline[moves], _distance(tip, start, end))
     return Between(joint, cartesian, joint if time is None else spline)
+
+
+def insert_between(values: Array, inside: Array, moves: NDArray[np.int_], share: float) -> Array:
+    """Put one row into every move: those given at `moves`, the others on a straight line. Shape (2 n - 1, ...)."""
+    rows = np.empty((2 * len(values) - 1, *values.shape[1:]))
+    rows[::2], rows[1::2] = values, values[:-1] * (1 - share) + values[1:] * share
+    rows[2 * moves + 1] = inside
+    return rows
+
+
+def divide_times(step_time: Array, share: float) -> Array:
+    """Return the times of all moves of a path of `insert_between`. Shape (2 n - 2,). [s]."""
+    return np.stack([step_time * share, step_time * (1 - share)], axis=1).ravel()
+
+
+def _attain(task: PlanTask, q: Array, middle: Array, load: Array, moves: NDArray[np.int_], share: float) -> Array:
+    """Return the loaded tip at a share of some moves; effects of the robot's folder see the whole path in order."""
+    if not task.robot.effects:
+        return attain_pose(task.chain, middle, load, slope=False).position
+    path, acting = (insert_between(*parts, moves, share) for parts in ((q, middle), (task.wrench, load)))
+    return attain_with_effects(task.robot, path, acting, divide_times(task.step_time, share))[0][2 * moves + 1]
 
 
 def follow_spline(task: PlanTask, q: Array, time: Array, moves: NDArray[np.int_], share: float) -> Array:

@@ -19,7 +19,7 @@ from compplan.plan.agreement import agree
 from compplan.plan.approach import Passage, plan_approach, plan_retract
 from compplan.plan.bending import Bending, choose_smoothing, measure_bending
 from compplan.plan.between import Between
-from compplan.plan.buckling import explain_buckling
+from compplan.plan.buckling import explain_buckling, find_buckling
 from compplan.plan.evaluate import (
     Evaluation,
     Margins,
@@ -269,7 +269,9 @@ def plan_task(
     progress("virtual cell")
     clearance, near = check_clearance(task.start, command.q)
     bench = set_up_bench(task, timing, job)
-    stopped = {**find_jumps(task, command.q), **find_overloads(task, command.q, bench), **near, **command.failures}
+    stopped = {**find_jumps(task, command.q), **find_overloads(task, command.q, bench), **near}
+    for waypoint, limit in (*find_buckling(task, command.q).items(), *command.failures.items()):
+        stopped[waypoint] = f"{stopped[waypoint]}, {limit}" if waypoint in stopped else limit
     if stopped:
         command = replace(command, status="infeasible", failures=stopped)
     after = evaluate_run(task, command.q, bench.cell, bench.wrench)

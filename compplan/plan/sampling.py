@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.errors import InfeasibleError
 from compplan.path.corners import find_corners
 from compplan.path.events import find_halts
 from compplan.path.toolpath import Toolpath, divide_toolpath
@@ -27,7 +28,9 @@ FIRST_STEP, GROWTH = 1e-4, 1.8
 #: Greatest motion of a joint in one move of a cut. [rad, m]
 MOST_TURN, MOST_SLIDE = float(np.radians(4.0)), 0.05
 #: Pieces that one division makes of a move at most, and waypoints that a path may have at most.
-MOST_PIECES, MOST_WAYPOINTS = 16, 2_000_000
+MOST_PIECES, MOST_WAYPOINTS = 16, 1_000_000
+#: A piece that strays by more than this share of what the undivided move did is not divided again: it does not bow.
+MENDED = 0.7
 #: Divided waypoints miss the pose by less than this, or count as not reached. [m and rad]
 REACHED = 1e-6
 
@@ -140,9 +143,47 @@ def prepare_sampling(task: PlanTask, *, rest_at_corners: bool) -> PlanTask:
     return divide_task(task, places) if len(places) > len(task) else task
 
 
+class Mending:
+    """What divisions have brought: a move whose pieces stray as far as it did itself is left as it is."""
+
+    def __init__(self) -> None:
+        self.places, self.stray, self.given_up = np.zeros(0), np.zeros(0), np.zeros(0, bool)
+
+    def allow(self, task: PlanTask, pieces: NDArray[np.int_], stray: Array) -> NDArray[np.int_]:
+        """Return the pieces that moves may be divided into.
+
+        Args:
+            task: The task as it is divided now.
+            pieces: Pieces that are asked for. Shape (n - 1,).
+            stray: How far each move strays. Shape (n - 1,). [m]
+
+        """
+        places, given_up = task.origin, np.zeros(len(stray), bool)
+        if len(self.places):
+            middle = 0.5 * (places[:-1] + places[1:])
+            parent = np.clip(np.searchsorted(self.places, middle) - 1, 0, len(self.stray) - 1)
+            divided = np.diff(places) < 0.99 * np.diff(self.places)[parent]
+            given_up = self.given_up[parent] | (divided & (stray > MENDED * self.stray[parent]))
+        self.places, self.stray, self.given_up = places, stray, given_up
+        return np.where(given_up, 1, pieces)
+
+
 def divide_by(task: PlanTask, pieces: NDArray[np.int_]) -> PlanTask:
-    """Divide the move that starts at each waypoint into equal pieces. Shape of `pieces`: (n - 1,)."""
+    """Divide the move that starts at each waypoint into equal pieces. Shape of `pieces`: (n - 1,).
+
+    Raises:
+        InfeasibleError: If that makes more waypoints than can be planned; with the waypoint that asks for the most.
+
+    """
     count = np.clip(pieces, 1, MOST_PIECES)
+    if count.sum() > MOST_WAYPOINTS:
+        worst = int(np.argmax(count))
+        message = (
+            f"path makes {count.sum()} waypoints when it is divided to stay within {1e3 * task.chord:.3g} mm between "
+            f"them, at most {MOST_WAYPOINTS}, the most after waypoint {worst} (s = "
+            f"{1e3 * task.nominal.arc_length[worst]:.1f} mm); raise sampling.chord_mm or take a part of the path"
+        )
+        raise InfeasibleError(message, waypoints=[worst], limits=["number of waypoints"])
     extra = np.repeat(np.arange(len(task) - 1), count - 1)
     first = np.concatenate([[0], np.cumsum(count - 1)[:-1]])
     share = (np.arange(len(extra)) - first[extra] + 1.0) / count[extra]

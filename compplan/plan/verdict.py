@@ -17,7 +17,7 @@ from compplan.cell.forces import DrivenRows, read_forces
 from compplan.cell.judge import Judge
 from compplan.cell.reading import read_judge
 from compplan.job.job import Job
-from compplan.plan.between import Between, judged_moves
+from compplan.plan.between import Between, divide_times, insert_between, judged_moves
 from compplan.plan.evaluate import Evaluation, Margins
 from compplan.plan.strategies.limits import AT_CORRECTION
 from compplan.plan.task import Command, PlanTask
@@ -109,10 +109,14 @@ def judge_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> t
     if len(moves) > WORST + EVEN:
         worst = moves[np.argsort(between.most[moves])[-WORST:]]
         moves = np.union1d(worst, moves[np.linspace(0, len(moves) - 1, EVEN).astype(int)])
-    if not len(moves) or task.robot.effects:
+    if not len(moves):
         return 0.0, -1
     half = [0.5 * (values[moves] + values[moves + 1]) for values in (q, bench.wrench)]
-    tip = run_cell(bench.cell, *half).position
+    if task.robot.effects:  # they see the whole path in order
+        path, load = insert_between(q, half[0], moves, 0.5), insert_between(bench.wrench, half[1], moves, 0.5)
+        tip = run_cell(bench.cell, path, load, divide_times(task.step_time, 0.5)).position[2 * moves + 1]
+    else:
+        tip = run_cell(bench.cell, half[0], half[1]).position
     start, along = task.position[moves], task.position[moves + 1] - task.position[moves]
     square = np.maximum(np.einsum("ni,ni->n", along, along), 1e-30)
     share = np.clip(np.einsum("ni,ni->n", tip - start, along) / square, 0.0, 1.0)
@@ -148,7 +152,7 @@ def hold_load(judge: Judge, q: Array, wrench: Array) -> Array:
         columns = pin.computeFrameJacobian(model, data, rigid[i], judge.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         torque[i] = -columns.T @ wrench[i]
         if judge.weighs:
-            torque[i] += pin.computeGeneralizedGravity(model, data, rigid[i])
+            torque[i] += judge.weigh(data, rigid[i])
     return torque @ judge.commanded
 
 

@@ -112,18 +112,26 @@ def find_start(
         except InfeasibleError as error:
             sentence = str(error)
             note = (f"{sentence[0].upper()}{sentence[1:]}. One configuration is kept instead, x where the job has it.",)
+            if request.scene is not None:
+                blind = find_start(robot, nominal, tool_x, rotation, wish, replace(request, scene=None))
+                if blind.stance is not None:
+                    note = (f"{sentence[0].upper()}{sentence[1:]}. The posture is that without anything in the way.",)
+                    return replace(blind, request=request, notes=(*note, *blind.notes))
         else:
-            leaning = request.settings.lead > 0 or request.settings.lean > 0
-            path = replace(nominal, axis=stance.axis) if leaning else nominal
-            words = tuple(
-                f"The arm changes its configuration from {before} to {after} before waypoint {waypoint}."
-                for waypoint, before, after in stance.changes
-            )
-            return Start(
-                path, stance.q, stance.rotation, stance.configuration, stance.missed, stance, request, words
-            )
+            return _stand(stance, nominal, request)
     posture = choose_posture(robot, nominal.position, rotation, wish)
     return Start(nominal, posture.q, rotation, posture.configuration, posture.missed, None, request, note)
+
+
+def _stand(stance: Stance, nominal: Toolpath, request: PostureRequest) -> Start:
+    """Start where the graph stands."""
+    leaning = request.settings.lead > 0 or request.settings.lean > 0
+    path = replace(nominal, axis=stance.axis) if leaning else nominal
+    words = tuple(
+        f"The arm changes its configuration from {before} to {after} before waypoint {waypoint}."
+        for waypoint, before, after in stance.changes
+    )
+    return Start(path, stance.q, stance.rotation, stance.configuration, stance.missed, stance, request, words)
 
 
 def check_clearance(start: Start | None, q: Array) -> tuple[ClearanceProfile | None, dict[int, str]]:
