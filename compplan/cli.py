@@ -57,11 +57,34 @@ class LazyGroup(click.Group):
         command: click.Command = importlib.import_module(COMMANDS[cmd_name]).command
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command of a line; refuse an option that is given twice where one value counts."""
+        name, command, rest = super().resolve_command(ctx, args)
+        if command is not None:
+            refuse_twice(command, rest)
+        return name, command, rest
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands with the first lines of their modules, none of which is imported for that."""
         width = formatter.width - 6 - max(map(len, COMMANDS))
         with formatter.section("Commands"):
             formatter.write_dl([(name, shorten(describe_command(name), width)) for name in COMMANDS])
+
+
+def refuse_twice(command: click.Command, words: Sequence[str]) -> None:
+    """Refuse a command line that gives an option twice, unless the option takes several values.
+
+    Raises:
+        InputError: With the option.
+
+    """
+    given = [word.partition("=")[0] for word in words]
+    single = [p for p in command.params if isinstance(p, click.Option) and not p.multiple and not p.is_flag]
+    for option in single:
+        if sum(given.count(name) for name in option.opts) > 1:
+            raise InputError(f"{option.opts[0]} is given twice, choose one")
 
 
 def describe_command(name: str) -> str:

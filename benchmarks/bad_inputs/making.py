@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 import re
 import shutil
 from collections.abc import Mapping
@@ -21,10 +22,12 @@ def make_workspace(case: BadInput, folder: Path) -> None:
     if not edits:
         return
     file = folder / case.edit["file"]
-    if "delete" in edits or "folder" in edits:
-        file.unlink()
-        if "folder" in edits:
-            file.mkdir()
+    if "mode" in edits:
+        file.chmod(int(case.edit["mode"], 8))
+    elif "encode" in edits:
+        file.write_bytes(file.read_text(encoding="utf-8").encode(case.edit["encode"]))
+    elif set(edits) & {"delete", "folder", "link", "pipe", "sparse"}:
+        replace_thing(file, case.edit)
     elif "bytes" in edits:
         file.write_bytes(bytes.fromhex(case.edit["bytes"]))
     else:
@@ -34,6 +37,20 @@ def make_workspace(case: BadInput, folder: Path) -> None:
             raise ValueError(f"{case.name}: the edit changes nothing")
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(new, encoding="utf-8")
+
+
+def replace_thing(file: Path, edit: Mapping[str, Any]) -> None:
+    """Take a file away and put something in its place that is no ordinary file."""
+    file.unlink()
+    if "folder" in edit:
+        file.mkdir()
+    elif "link" in edit:
+        file.symlink_to(edit["link"])
+    elif "pipe" in edit:
+        os.mkfifo(file)
+    elif "sparse" in edit:
+        with file.open("wb") as stream:
+            stream.truncate(int(edit["sparse"]))
 
 
 def edit_text(text: str, edit: Mapping[str, Any]) -> str:

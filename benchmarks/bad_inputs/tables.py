@@ -27,6 +27,11 @@ and one edit (every list of these gives one case an item; `to` combines with all
     repeat  = ["piece", 100000], head = "", tail = ""     the whole file: head, the piece many times, tail
     delete  = true                                 no such file
     folder  = true                                 a folder of that name
+    encode  = "utf-16"                             the good file in another encoding
+    link    = "/dev/zero"                          a symbolic link in its place, to whatever is named
+    pipe    = true                                 a named pipe in its place, which nobody writes
+    sparse  = 3e9                                  a file of so many bytes, all zero, that takes no room
+    mode    = "000"                                permissions taken away; the command runs as nobody
     none                                           the command line alone is at fault
 """
 
@@ -53,11 +58,20 @@ COMMANDS = {
     "diagnose": "diagnose log.csv --robot robot --out out",
     "convert": "convert part.gcode --out out.csv",
     "convert apt": "convert part.apt --out out.csv",
+    "post": "post part.gcode --robot robot --part 1700,0,900 --program krl --out out",
+    "post apt": "post part.apt --robot robot --part 1700,0,900 --program krl --out out",
+    "identify poses": "identify --robot robot --choose-poses 5 --out out",
+    "reproduce": "reproduce dumas2011 --out out",
+    "doctor": "doctor robot",
+    "doctor log": "doctor log.csv --robot robot",
+    "init": "init new.toml",
+    "init log": "init log --robot robot --out new.csv",
+    "init robot": "init robot robot/robot.urdf --out new",
     "": "",
 }
 EDITS = (
     "set", "drop", "attr", "remove", "insert", "column", "rename", "cut", "rows", "replace", "text", "bytes", "repeat",
-    "delete", "folder",
+    "delete", "folder", "encode", "link", "pipe", "sparse", "mode",
 )  # fmt: skip
 ALTERNATIVES = ("run", "args", "file", "to", "row", "scale", *(edit for edit in EDITS if edit != "repeat"))
 KNOWN = {*ALTERNATIVES, "repeat", "head", "tail", "status", "says", "robot"}

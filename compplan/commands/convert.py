@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from compplan.commands.places import OUT_FILE
 from compplan.errors import InputError
 from compplan.files.tables import dump_json
 from compplan.files.tomlfile import check_table
@@ -24,7 +25,7 @@ CHOICES = {
 
 @click.command()
 @click.argument("camfile", type=click.Path(path_type=Path))
-@click.option("--out", "out", type=click.Path(path_type=Path), required=True, help="The toolpath table to write (CSV).")
+@click.option("--out", "out", type=OUT_FILE, required=True, help="The toolpath table to write (CSV).")
 @click.option("--unit", type=click.Choice(CHOICES["unit"]), help="Unit of a file that does not state one.")
 @click.option("--chord-tolerance-mm", type=float, help="Greatest distance between an arc and its chords (0.001).")
 @click.option("--max-step-mm", type=float, help="Divide cutting moves that are longer.")

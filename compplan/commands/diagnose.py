@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from compplan.commands.measured import load_measured, measured_options, settle_questions
+from compplan.commands.places import OUT_FOLDER
 from compplan.commands.progress import show_progress
 from compplan.diagnose import Diagnosis, diagnose_campaign
 from compplan.diagnose.next_measurement import propose_measurements
@@ -23,7 +24,7 @@ from compplan.outputs.diagnosis import write_diagnosis
 @click.command("diagnose")
 @click.argument("measurements", type=click.Path(path_type=Path))
 @click.option("--robot", "robot_name", required=True, help="Robot folder, or name of a shipped robot.")
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder to write.")
+@click.option("--out", required=True, type=OUT_FOLDER, help="Folder to write.")
 @click.option("--register", help="Fit these frames in every model: base, tool or base,tool.")
 @click.option(
     "--without", multiple=True, metavar="EFFECT", help="Leave an effect out of the candidates; may be repeated."

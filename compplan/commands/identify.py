@@ -8,6 +8,7 @@ import click
 import numpy as np
 
 from compplan.commands.measured import load_measured, measured_options, settle_questions
+from compplan.commands.places import OUT_FOLDER
 from compplan.commands.progress import show_progress
 from compplan.errors import InputError
 from compplan.files.tables import dump_json
@@ -26,7 +27,7 @@ from compplan.robot import load_robot
 @click.command()
 @click.argument("measurements", type=click.Path(path_type=Path), required=False)
 @click.option("--robot", "robot_name", required=True, help="Robot folder, or name of a shipped robot.")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder to write.")
+@click.option("--out", type=OUT_FOLDER, required=True, help="Folder to write.")
 @click.option("--register", help='Frames that are unknown: "base", "tool" or "base,tool".')
 @click.option("--springs", help="Springs to identify, by name; default: those of the robot and one a joint.")
 @click.option("--add", help='Springs that the robot lacks and gets, such as "joint_3.rx,base_joint.ry".')

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 import numpy as np
 
+from compplan.commands.places import OUT_FOLDER
 from compplan.effects import robot_effects
 from compplan.errors import InputError
 from compplan.files.tables import dump_json
@@ -21,7 +22,7 @@ MOST_LOAD, FARTHEST_MM = 1e5, 1e5
 
 @click.command()
 @click.argument("robot")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
+@click.option("--out", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @click.option("--posture", type=click.Choice(POSTURES), default="down", show_default=True,
               help="How the tool points; straight: wrist joints at zero.")  # fmt: skip
 @click.option("--force", nargs=3, type=float, default=(0.0, 0.0, 1000.0), show_default=True,

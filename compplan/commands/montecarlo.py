@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from compplan.commands.places import OUT_FOLDER
 from compplan.files.tables import dump_json
 
 
@@ -19,7 +20,7 @@ from compplan.files.tables import dump_json
 @click.option("--samples", type=click.IntRange(2, 10_000_000), default=1000, show_default=True,
               help="Number of samples.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="Seed of everything.")
-@click.option("--out", "folder", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
+@click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one a core.")
 @click.option("--scheduler", help="Address of a Dask scheduler (tcp://HOST:PORT) whose workers compute.")
 @click.option("--strategies", help="Names of the strategies, with commas; default: all that the robot can carry out.")

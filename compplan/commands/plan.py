@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from compplan.commands.places import OUT_FOLDER
 from compplan.errors import InfeasibleError
 from compplan.files.tables import dump_json
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("job", type=click.Path(path_type=Path))
-@click.option("--out", "folder", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
+@click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (plan.json) to stdout.")
 def command(job: Path, folder: Path, as_json: bool) -> None:
     """Plan JOB: write plan.json, joints.csv, report.html and native programs."""

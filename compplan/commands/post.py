@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from compplan.commands.places import OUT_FOLDER
 from compplan.errors import InputError
 from compplan.files.tomlfile import read_toml
 
@@ -20,7 +21,7 @@ from compplan.files.tomlfile import read_toml
 @click.option("--program", "programs", multiple=True, required=True, help="Language; may be given more than once.")
 @click.option("--cam", metavar="FILE", help="TOML file as [cam] of a job: how the file is read.")
 @click.option("--plan", "wishes", metavar="FILE", help="TOML file as [plan] of a job: strategy, tolerance, posture.")
-@click.option("--out", "folder", type=click.Path(path_type=Path), help="Folder to write to (CAMFILE_program).")
+@click.option("--out", "folder", type=OUT_FOLDER, help="Folder to write to (CAMFILE_program).")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (plan.json) to stdout.")
 def command(
     camfile: Path, robot: str, part: str, tool: str | None, process: str | None, programs: tuple[str, ...],

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from compplan.commands.places import OUT_FOLDER
 from compplan.files.tables import dump_json
 from compplan.reproduce import PAPERS, reproduce_paper
 from compplan.reproduce.page import describe_reproduction, write_reproduction
@@ -13,7 +14,7 @@ from compplan.reproduce.page import describe_reproduction, write_reproduction
 
 @click.command()
 @click.argument("paper", metavar="|".join(PAPERS))
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
+@click.option("--out", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def command(paper: str, out: Path, as_json: bool) -> None:
     """Compute what a paper states, and show it beside the paper's figures."""

@@ -43,8 +43,8 @@ def replace_file(path: str | Path) -> Iterator[Path]:
 
     """
     path = Path(path)
-    if is_input(path):
-        raise InputError("is a file that this run reads, name another one to write", file=path)
+    check_file(path)
+    path = path.resolve()
     with _say_faults(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         _clear_leftovers(path.parent, path)
@@ -75,6 +75,7 @@ def replace_folder(folder: str | Path, command: str) -> Iterator[Path]:
 
     """
     folder = Path(folder)
+    check_folder(folder)
     place = folder.resolve()
     with _say_faults(folder), hold_folder(folder):
         home = _home_of(place)
@@ -83,6 +84,7 @@ def replace_folder(folder: str | Path, command: str) -> Iterator[Path]:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX)
             yield part
+            _refuse_inputs(part, folder)
             part.chmod(0o777 & ~_umask())
             _write_manifest(part, place, command)
             for path in [*part.rglob("*"), part]:
@@ -128,6 +130,52 @@ def hold_folder(folder: str | Path) -> Iterator[None]:
             for path in made:
                 with suppress(OSError):
                     path.rmdir()
+
+
+def check_file(path: Path) -> None:
+    """Refuse what no file can be written to: a folder, a device, a file that this run reads, a place that takes none.
+
+    Raises:
+        InputError: With what is in the way; nothing is tried.
+
+    """
+    with _say_faults(path):
+        if path.is_dir():
+            raise InputError("cannot be written: is a folder, name a file", file=path)
+        if path.exists() and not path.is_file():
+            raise InputError("cannot be written: is no ordinary file, name another one", file=path)
+        if is_input(path):
+            raise InputError("is a file that this run reads, name another one to write", file=path)
+        _check_parent(path)
+
+
+def check_folder(path: Path) -> None:
+    """Refuse what no folder can be made of or written to.
+
+    Raises:
+        InputError: With what is in the way; nothing is tried.
+
+    """
+    with _say_faults(path):
+        if path.exists() and not path.is_dir():
+            raise InputError("cannot be written: is a file, name a folder", file=path)
+        _check_parent(path if path.exists() else path.resolve())
+
+
+def _check_parent(path: Path) -> None:
+    """Refuse a path whose nearest folder that is there is none, or takes no files."""
+    there = next(place for place in (path, *path.absolute().parents) if place.is_dir() or place.is_file())
+    if there.is_file() and there != path:
+        raise InputError(f"cannot be written: {there} is a file", file=path)
+    if there.is_dir() and not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f"cannot be written: folder {there} takes no files from you", file=path)
+
+
+def _refuse_inputs(part: Path, folder: Path) -> None:
+    """Refuse to replace what this run reads."""
+    for name in list_files(part):
+        if is_input(folder / name):
+            raise InputError("is a file that this run reads, name another folder to write", file=folder / name)
 
 
 def list_files(folder: Path) -> list[str]:
