@@ -157,6 +157,8 @@ def describe_fault(error: Exception) -> tuple[str, int]:
         return cut(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else said), 2
     if isinstance(error, MemoryError):
         return "this needs more memory than there is; use fewer waypoints, samples or points", 2
+    if isinstance(error, RuntimeError) and "Symlink loop" in said:
+        return cut(f"a symbolic link leads back to itself: {said.partition(' from ')[2]}"), 2
     if isinstance(error, RecursionError):
         return "the input is nested too deeply", 2
     place = traceback.extract_tb(error.__traceback__)[-1]

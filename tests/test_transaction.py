@@ -1,6 +1,7 @@
 """The output folder: the old result or the new one, the user's own files, and what dead runs left."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +10,8 @@ import pytest
 
 from compplan.errors import InputError
 from compplan.files import transaction
+from compplan.files.origin import record_inputs
+from compplan.files.tables import read_text
 from compplan.files.transaction import MANIFEST, READY, hold_folder, list_files, replace_file, replace_folder
 
 
@@ -111,6 +114,8 @@ def test_a_process_that_dies_at_any_step_leaves_the_old_result_or_the_new_one(st
     code = f"""
 import os, pathlib, shutil, signal, sys
 from compplan.files import transaction
+from compplan.files.origin import record_inputs
+from compplan.files.tables import read_text
 left = [{step}]
 def count(function):
     def counted(*a, **k):
@@ -188,3 +193,28 @@ def test_a_folder_that_cannot_be_made_is_one_sentence(name, tmp_path):
     (tmp_path / "file").write_text("x")
     with pytest.raises(InputError, match="cannot be written"):
         write(tmp_path / name, {"a": "1"})
+
+
+def test_a_file_that_is_read_is_not_replaced_by_a_folder_of_results(tmp_path):
+    (tmp_path / "robot").mkdir()
+    (tmp_path / "robot" / "robot.urdf").write_text("the measured robot")
+    with record_inputs(), pytest.raises(InputError, match=r"robot\.urdf: is a file that this run reads"):
+        read_text(tmp_path / "robot" / "robot.urdf")
+        write(tmp_path, {"robot/robot.urdf": "updated"}, "diagnose")
+    assert (tmp_path / "robot" / "robot.urdf").read_text() == "the measured robot"
+
+
+def test_a_device_is_never_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="no ordinary file"), replace_file(tmp_path / "pipe"):
+        raise AssertionError("the place is refused before anything is written")
+    with pytest.raises(InputError, match="device or a pipe"):
+        read_text(tmp_path / "pipe")
+
+
+def test_a_file_is_written_where_its_link_points(tmp_path):
+    (tmp_path / "real.csv").write_text("old")
+    (tmp_path / "link.csv").symlink_to("real.csv")
+    with replace_file(tmp_path / "link.csv") as part:
+        part.write_text("new")
+    assert (tmp_path / "real.csv").read_text() == "new" and (tmp_path / "link.csv").is_symlink()

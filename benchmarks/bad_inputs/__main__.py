@@ -1,4 +1,4 @@
-"""Run every bad input: `python -m benchmarks.bad_inputs [--table NAME] [--only TEXT] [--out FILE]`."""
+"""Run every bad input: `python -m benchmarks.bad_inputs [--table NAME] [--only TEXT] [--part K/N] [--out FILE]`."""
 
 from __future__ import annotations
 
@@ -18,11 +18,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.bad_inputs", description=__doc__)
     parser.add_argument("--table", help="only this table")
     parser.add_argument("--only", default="", help="only cases whose name holds this")
+    parser.add_argument("--part", default="1/1", help="share of the cases: 2/5 is the second of five parts")
     parser.add_argument("--out", type=Path, help="JSON file for every answer")
     parser.add_argument("--show", action="store_true", help="show the line of every case")
     parser.add_argument("--list", action="store_true", help="count the cases and leave")
     given = parser.parse_args()
     cases = [case for case in read_tables() if given.table in (None, case.table) and given.only in case.name]
+    part, parts = map(int, given.part.split("/"))
+    cases = cases[part - 1 :: parts]
     tables = collections.Counter(case.table for case in cases)
     print(f"{len(cases)} bad inputs: " + ", ".join(f"{count} {name}" for name, count in tables.items()))
     if given.list:

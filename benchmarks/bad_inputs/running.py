@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 import re
 import resource
@@ -68,6 +69,8 @@ def load_commands() -> None:
         importlib.import_module(module)
     for module in ("compplan.report", "matplotlib.pyplot", "plotly.graph_objects", "rich.table", "casadi", "eaik"):
         importlib.import_module(module)
+    for encoding in ("utf-8-sig", "utf-16", "latin-1"):
+        codecs.lookup(encoding)
 
 
 def run_case(case: BadInput) -> Answer:

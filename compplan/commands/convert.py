@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from math import inf
 from pathlib import Path
 from typing import Any
 
 import click
 
-from compplan.commands.places import OUT_FILE
+from compplan.commands.places import OUT_TABLE
 from compplan.errors import InputError
 from compplan.files.tables import dump_json
 from compplan.files.tomlfile import check_table
@@ -25,7 +26,7 @@ CHOICES = {
 
 @click.command()
 @click.argument("camfile", type=click.Path(path_type=Path))
-@click.option("--out", "out", type=OUT_FILE, required=True, help="The toolpath table to write (CSV).")
+@click.option("--out", "out", type=OUT_TABLE, required=True, help="The toolpath table to write (CSV).")
 @click.option("--unit", type=click.Choice(CHOICES["unit"]), help="Unit of a file that does not state one.")
 @click.option("--chord-tolerance-mm", type=float, help="Greatest distance between an arc and its chords (0.001).")
 @click.option("--max-step-mm", type=float, help="Divide cutting moves that are longer.")
@@ -40,8 +41,8 @@ def command(camfile: Path, out: Path, max_step_mm: float | None, as_json: bool, 
     """Convert CAMFILE (a CAM file of a known language) to a toolpath table, and say what was read."""
     cam = read_cam(camfile, check_table(CamTable, {key: value for key, value in options.items() if value is not None}))
     toolpath = refuse_idle(cam)
-    if max_step_mm is not None and not max_step_mm > 0.0:
-        raise InputError(f"--max-step-mm is {max_step_mm:g}, expected more than 0")
+    if max_step_mm is not None and not 0.0 < max_step_mm < inf:
+        raise InputError(f"--max-step-mm is {max_step_mm:g}, expected a finite number of mm, more than 0")
     if max_step_mm is not None:
         toolpath = resample_toolpath(toolpath, max_step_mm * 1e-3)
     write_toolpath(check_toolpath(toolpath, need_feed=False), out)

@@ -87,6 +87,8 @@ def command(
     if not np.isfinite([force, lever]).all():
         raise InputError("--force-N and --lever-mm are finite numbers")
     if choose_poses is not None:
+        if measurements is not None:
+            raise InputError("a log and --choose-poses are both given: poses are chosen before there is a log")
         plan = plan_campaign(robot, options, choose_poses, force=force, lever=lever * 1e-3, seed=seed)
         _choose(plan, out, as_json=as_json)
         return

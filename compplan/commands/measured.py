@@ -12,7 +12,7 @@ import numpy as np
 
 from compplan.diagnose.questions import question_campaign
 from compplan.errors import InputError
-from compplan.files.tomlfile import check_table, read_toml
+from compplan.files.tomlfile import check_table, read_named_table
 from compplan.job.job import ToolTable
 from compplan.measure.campaign import Campaign
 from compplan.measure.checks import check_runs
@@ -20,6 +20,8 @@ from compplan.measure.reading import read_campaign
 from compplan.robot import Array, Robot, load_robot
 
 Command = Callable[..., Any]
+#: Farthest that a measured point may be from the TCP, along an axis. [m]
+MOST_OFFSET = 10.0
 
 
 def measured_options(command: Command) -> Command:
@@ -47,8 +49,8 @@ def load_measured(
     """
     robot = load_robot(robot_name)
     if tool is not None:
-        data = read_toml(tool)
-        table = check_table(ToolTable, data.get("tool", data), file=tool, key="tool" if "tool" in data else "")
+        data, key = read_named_table(tool, "tool")
+        table = check_table(ToolTable, data, file=tool, key=key)
         centre = np.asarray(table.centre_of_mass_mm) * 1e-3
         robot = robot.with_tool(table.T_flange_tcp, table.mass_kg or 0.0, centre)
     campaign = read_campaign(measurements, robot)
@@ -68,8 +70,9 @@ def parse_offset(text: str) -> Array:
         offset = np.array([float(part) for part in text.split(",")]) * 1e-3
     except ValueError:
         offset = np.full(1, np.nan)
-    if offset.shape != (3,) or not np.isfinite(offset).all():
-        raise InputError(f"--target-offset is {text!r}, expected three numbers X,Y,Z in mm")
+    if offset.shape != (3,) or not (np.abs(offset) <= MOST_OFFSET).all():
+        most = f"at most {MOST_OFFSET * 1e3:.0f} each"
+        raise InputError(f"--target-offset is {text!r}, expected three numbers X,Y,Z in mm, {most}")
     return offset
 
 

@@ -54,6 +54,8 @@ def command(job: Path, folder: Path, workers: int | None, scheduler: str | None,
         raise InputError("--workers and --scheduler are both given, choose one")
     checked = load_job(job)
     names = [name.strip() for name in (choices["strategies"] or "").split(",") if name.strip()]
+    if choices["strategies"] is not None and (not names or len(set(names)) < len(names)):
+        raise InputError(f"--strategies is {choices['strategies']!r}, expected names with commas, each once")
     stop = choices["stop_below"]
     if stop is not None and not isfinite(stop):
         raise InputError("--stop-below is a finite number of mm")

@@ -9,7 +9,7 @@ import click
 
 from compplan.commands.places import OUT_FOLDER
 from compplan.errors import InputError
-from compplan.files.tomlfile import read_toml
+from compplan.files.tomlfile import read_named_table
 
 
 @click.command()
@@ -35,8 +35,8 @@ def command(
     data: dict[str, Any] = {
         "schema": 1,
         "name": camfile.stem,
-        "robot": str(Path(robot).resolve()) if Path(robot).is_dir() else robot,
-        "toolpath": str(camfile.resolve()),
+        "robot": str(Path(robot).absolute()) if Path(robot).is_dir() else robot,
+        "toolpath": str(camfile.absolute()),
         "part": read_part(part),
         "process": {"model": "constant", "force_N": [0.0, 0.0, 0.0]},
         "output": {"programs": list(programs)},
@@ -45,7 +45,7 @@ def command(
         if file is not None:
             data[name] = read_part_of_job(name, file)
     note = "No --process is given: no force is predicted, the arm bends under weights alone." if process is None else ""
-    carry_out(check_job(data, folder.resolve() / f"{camfile.stem}.toml"), folder, as_json=as_json, note=note)
+    carry_out(check_job(data, folder.absolute() / f"{camfile.stem}.toml"), folder, as_json=as_json, note=note)
 
 
 def read_part(text: str) -> dict[str, Any]:
@@ -68,10 +68,7 @@ def read_part(text: str) -> dict[str, Any]:
 
 def read_part_of_job(name: str, file: str) -> dict[str, Any]:
     """Read a table of a job from a file of its own, or from the job that it stands in."""
-    data = read_toml(file)
-    table = data.get(name, data)
-    if not isinstance(table, dict):
-        raise InputError(f"is {table!r}, expected a table", file=file, where=name)
+    table = read_named_table(file, name)[0]
     if "file" in table:
-        table = {**table, "file": str((Path(file).parent / str(table["file"])).resolve())}
+        table = {**table, "file": str((Path(file).parent / str(table["file"])).absolute())}
     return table

@@ -9,7 +9,7 @@ import numpy as np
 
 from compplan.cell.predict import folder_registration, predict_campaign, write_prediction
 from compplan.commands.measured import load_measured, measured_options
-from compplan.commands.places import OUT_FILE
+from compplan.commands.places import OUT_TABLE
 from compplan.files.origin import describe_origin
 from compplan.files.tables import dump_json
 from compplan.measure.checks import check_unit, list_notes
@@ -20,7 +20,7 @@ from compplan.robot import load_robot
 @click.command("predict")
 @click.argument("measurements", type=click.Path(path_type=Path))
 @click.option("--robot", "robot_name", required=True, help="Robot folder, or name of a shipped robot.")
-@click.option("--out", required=True, type=OUT_FILE, help="CSV file to write.")
+@click.option("--out", required=True, type=OUT_TABLE, help="CSV file to write.")
 @click.option("--register", default=None, help="Fit these frames to the campaign first: base, tool or base,tool.")
 @measured_options
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")

@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import stat
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -186,7 +187,9 @@ def read_text(path: str | Path) -> str:
     """
     path = Path(path)
     try:
-        size = path.stat().st_size
+        kind, size = path.stat().st_mode, path.stat().st_size
+        if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
+            raise InputError("is no ordinary file but a device or a pipe", file=path)
         if size > MOST_BYTES:
             raise InputError(f"holds {size / 2**20:.0f} MB, at most {MOST_BYTES >> 20} MB are read", file=path)
         content = path.read_bytes()

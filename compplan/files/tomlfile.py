@@ -123,6 +123,25 @@ def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path
         raise InputError(_say(details, holder), file=file, where=_join(keys, key) or None) from None
 
 
+def read_named_table(path: str | Path, name: str) -> tuple[dict[str, Any], str]:
+    """Read a table of its name from a TOML file, such as a job, or the whole file where that has no such table.
+
+    Returns:
+        The table, and its key in the file, "" for the whole file.
+
+    Raises:
+        InputError: If there is no such file, it is no TOML, it is empty, or the name stands for something else.
+
+    """
+    data = read_toml(path)
+    if not data:
+        raise InputError(f"is empty, expected the keys of [{name}]", file=path)
+    table = data.get(name, data)
+    if not isinstance(table, dict):
+        raise InputError(f"is {table!r}, expected a table", file=path, where=name)
+    return table, name if name in data else ""
+
+
 def read_toml_model(model: type[Model], path: str | Path) -> Model:
     """Read a TOML file into a model.
 

@@ -121,6 +121,7 @@ def read_spring(robot: Robot, name: str) -> Spring:
 
     Raises:
         UnknownNameError: If the robot has no such joint, or there is no such axis.
+        InputError: If the robot has that spring already.
     """
     joint, _, axis = name.rpartition(".") if name.rpartition(".")[2] in SPRING_AXES else (name, "", "own")
     joints = {entry.name: entry for entry in robot.joints}
@@ -128,6 +129,8 @@ def read_spring(robot: Robot, name: str) -> Spring:
         raise UnknownNameError("joint", joint, list(joints))
     if axis == "own" and joints[joint].kind == "fixed":
         raise InputError(f"fixed joint {joint!r} has no own axis, name one such as {joint}.rx")
+    if any((spring.joint, spring.axis) == (joint, axis) for spring in robot.springs):
+        raise InputError(f"spring {name!r} is to be added, but the robot has it already")
     return Spring(joint, axis, 0.0, actuator=axis == "own")
 
 

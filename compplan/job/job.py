@@ -99,8 +99,8 @@ class PlanTable(StrictTable):
     rotate_about_tool_axis: bool = True
     configuration: Annotated[Configuration, BeforeValidator(_expand_auto)] = Configuration()
     start_deg: Numbers | None = None
-    max_correction_mm: float = Field(default=10.0, gt=0.0)
-    tolerance_mm: float = Field(default=0.1, gt=0.0)
+    max_correction_mm: float = Field(default=10.0, gt=0.0, le=1000.0)
+    tolerance_mm: float = Field(default=0.1, gt=0.0, le=100.0)
     tool_x: Vector3 = (1.0, 0.0, 0.0)
     inertia: bool = False
 

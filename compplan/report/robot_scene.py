@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import ShapeError
 from compplan.robot import Array, Joint, Robot
+from compplan.robot.solids import load_mesh
 
 UNPAINTED = (0.62, 0.65, 0.68, 1.0)
 #: Least distance from flange to TCP that is drawn as a rod where the URDF shows no tool. [m]
@@ -259,7 +260,7 @@ def _triangulate(geometry: ElementTree.Element | None, folder: Path | None) -> t
         file = _mesh_file(form.attrib.get("filename", ""), folder)
         if file is None:
             return None
-        mesh = trimesh.load(file, force="mesh")
+        mesh = load_mesh(file, "m")
         mesh.apply_scale(_numbers(form, "scale", "1 1 1"))
     return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)
 

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
+from compplan.files.tables import MOST_BYTES
 from compplan.robot import Array, Robot
 
 UNITS = {"mm": 1e-3, "m": 1.0, "inch": 0.0254}
@@ -67,6 +68,8 @@ def load_mesh(path: Path, unit: str = "mm") -> Any:
 
     if not path.is_file():
         raise InputError(f"no mesh file {path}")
+    if path.stat().st_size > MOST_BYTES:
+        raise InputError(f"mesh {path} holds more than {MOST_BYTES >> 20} MB, at most that is read")
     try:
         mesh = trimesh.load(path, force="mesh")
     except Exception as error:

@@ -304,10 +304,12 @@ class _Reader(FrameReader):
         else:
             names = " ".join(("I", "J", "K")[axis] for axis in plane)
             raise self.error(f"arc has neither a centre ({names}) nor a radius (R)")
-        turns = values.get("P", 1.0) if values.get("P", 1.0) >= 1.0 else 1.0
-        if not turns <= MOST_TURNS:
-            raise self.error(f"arc of P{turns:g} turns, at most {MOST_TURNS} are read")
-        arc = arc_about(start, target, centre, normal, right_hand=right_hand, turns=int(turns))
+        turns = values.get("P", 1.0)
+        if turns == 0.0:
+            self.log.note("arc of P0 turns is read as a single arc", self.line)
+        elif not 1.0 <= turns <= MOST_TURNS or turns != int(turns):
+            raise self.error(f"arc of P{turns:g} turns, expected a whole number from 1 to {MOST_TURNS}")
+        arc = arc_about(start, target, centre, normal, right_hand=right_hand, turns=max(1, int(turns)))
         if not fits_circle(arc.radius, arc.end_radius):
             message = f"arc starts {arc.radius:.4f} mm from its centre and ends {arc.end_radius:.4f} mm from it"
             hint = "expected the same radius; I J K may count otherwise (option arc_centres)"

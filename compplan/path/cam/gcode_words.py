@@ -6,7 +6,7 @@ import re
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]\d{1,3}(?![\d.]))?"
 #: A word: one letter and a number. Siemens writes X=12.5 and CR=5 (a radius).
-WORD = re.compile(rf"(?<![A-Z,])([A-Z])\s*=?\s*({NUMBER})")
+WORD = re.compile(rf"(?<![A-Z,])([A-Z])\s*=?\s*({NUMBER})", re.ASCII)
 #: What makes a corner round or cuts it off: ,R2 and ,C2 (Fanuc), RND=2, CHR=2 and CHF=2 (Siemens).
 CORNER = re.compile(rf"(?:,\s*([RC])\s*|\b(RND|CHR|CHF)\s*=\s*)({NUMBER})")
 CORNER_WORDS = {"R": "ROUND", "RND": "ROUND", "C": "LEG", "CHR": "LEG", "CHF": "CHAMFER"}
