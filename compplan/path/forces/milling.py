@@ -1,0 +1,224 @@
+"""Mechanistic force of a rotating cutter: mean wrench and ripple of every waypoint, from its engagement.
+
+An edge slice at angle u (from the travel to the left) meets a chip h = f v.n (f: feed a tooth, v: direction of travel,
+n: outward normal) [Altintas2012, generalised to any profile]. The spindle turns clockwise, seen from the spindle. The
+force on the slice is F_t (z x r) - F_r n - F_a e, e along the edge towards the spindle, so that a positive axial
+coefficient draws the tool out of the spindle. Over a turn of a cutter with N teeth
+
+    w = N / (2 pi) * sum over slices and angles of (K h^(1 - m) + K_edge) * length * du,
+
+which is linear in the coefficients; their columns are kept. Valid where a waypoint is many turns long, teeth stand
+evenly, and the chip is thin beside the cutter's radius. Path axes: x travel across the axis, z the tool axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.files.tables import Array
+from compplan.path.forces.cutter import Slices
+from compplan.path.forces.engagement import Engagement, outward_speed
+from compplan.path.forces.materials import Coefficients
+
+#: Rows that are worked out at once.
+ROWS = 4096
+#: Angles of a turn, in a bin of the engagement, and pieces of a slice, that a ripple is followed with.
+FINE, PIECES = 8, 24
+#: Chip thickness below which no Kienzle exponent is trusted: it is held there. [mm]
+THINNEST = 1e-4
+
+
+@dataclass(frozen=True)
+class Spindle:
+    """How the cutter turns.
+
+    Attributes:
+        teeth: Number of teeth.
+        speed: Turns a second. [1/s]
+        helix: Helix angle. [rad]
+        runout: Radial offset of the cutter from the spindle's axis. [m]
+
+    """
+
+    teeth: int
+    speed: float
+    helix: float = 0.0
+    runout: float = 0.0
+
+    def feed_per_tooth(self, feed: Array) -> Array:
+        """Return the feed a tooth [m] from the feed [m/s]."""
+        return np.asarray(feed / (self.speed * self.teeth))
+
+
+@dataclass(frozen=True)
+class MillingShape:
+    """The geometry of the mean wrench: what each coefficient is multiplied with.
+
+    Attributes:
+        cutting: By 1 N/mm^2 (tangential, radial, axial) at a feed a tooth of 1 mm. Shape (n, 3, 6). [N, N m]
+        edge: By 1 N/mm. Shape (n, 3, 6). [N, N m]
+
+    """
+
+    cutting: Array
+    edge: Array
+
+    def wrench(self, coefficients: Coefficients, feed_per_tooth: Array) -> Array:
+        """Return the mean wrench on the tool at its tip, path axes.
+
+        Args:
+            coefficients: Of the material.
+            feed_per_tooth: Shape (n,). [m]
+
+        Returns:
+            Shape (n, 6). [N, N m]
+
+        """
+        thickness = np.maximum(feed_per_tooth * 1e3, 0.0)[:, None] ** (1.0 - np.array(coefficients.exponent))
+        cutting = np.einsum("nc,c,ncw->nw", thickness, np.array(coefficients.cutting), self.cutting)
+        return np.asarray(cutting + np.einsum("c,ncw->nw", np.array(coefficients.edge), self.edge))
+
+
+def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, float]) -> MillingShape:
+    """Work out what each coefficient of a cutter contributes to the mean wrench.
+
+    Args:
+        found: The engagement.
+        teeth: Number of teeth.
+        exponent: Kienzle's exponent of the tangential, radial and axial part.
+
+    """
+    edge, angle = found.cutter.slices, found.angles
+    at_low, by_rise = _edge_wrenches(edge, angle)
+    cutting, constant = np.zeros((len(found), 3, 6)), np.zeros((len(found), 3, 6))
+    turn = teeth / len(angle)  # N / (2 pi) du
+    length = edge.length * 1e3
+    for first in range(0, len(found), ROWS):
+        rows = slice(first, first + ROWS)
+        share = found.depth[rows].astype(np.float64)
+        some = np.flatnonzero(share.any(axis=(1, 2)))
+        if not len(some):
+            continue
+        share = share[some]
+        out = np.maximum(outward_speed(edge.normal, found.travel[rows][some], angle), 0.0)
+        weight = turn * share * length[:, None]
+        for c in range(3):
+            for target, part in ((cutting, weight * out ** (1.0 - exponent[c])), (constant, weight)):
+                target[first + some, c] = np.einsum("nkm,kmw->nw", part, at_low[c]) + np.einsum(
+                    "nkm,kmw->nw", 0.5 * share * part, by_rise[c]
+                )
+    return MillingShape(cutting, constant)
+
+
+def _edge_wrenches(edge: Slices, angle: Array) -> tuple[Array, Array]:
+    """Return the wrench at the tip of a unit force (tangential, radial, axial) on slices at angles.
+
+    Returns:
+        At the lower end of each slice, and what is added when it acts at its upper end. Shapes (3, k, m, 6).
+
+    """
+    k, m = len(edge), len(angle)
+    out, up = edge.normal[:, 0], edge.normal[:, 1]
+    cos, sin = np.broadcast_to(np.cos(angle), (k, m)), np.broadcast_to(np.sin(angle), (k, m))
+    ones = np.ones((k, m))
+    along = np.stack([-sin, cos, 0.0 * ones], axis=-1)
+    normal = np.stack([out[:, None] * cos, out[:, None] * sin, up[:, None] * ones], axis=-1)
+    upward = np.stack([-up[:, None] * cos, -up[:, None] * sin, out[:, None] * ones], axis=-1)
+    force = np.stack([along, -normal, -upward])
+    arm = np.stack([edge.radius[:, None] * cos, edge.radius[:, None] * sin, edge.low[:, None] * ones], axis=-1)
+    rise = np.zeros((k, m, 3))
+    rise[:, :, 2] = edge.rise[:, None]
+    at_low = np.concatenate([force, np.cross(arm[None], force)], axis=-1)
+    by_rise = np.concatenate([np.zeros_like(force), np.cross(rise[None], force)], axis=-1)
+    return at_low, by_rise
+
+
+def ripple_force(
+    found: Engagement, rows: NDArray[np.int_], coefficients: Coefficients, spindle: Spindle, feed_per_tooth: Array
+) -> Array:
+    """Return the force through one turn of the spindle at some waypoints, path axes, run-out included.
+
+    Args:
+        found: The engagement.
+        rows: The waypoints. Shape (r,).
+        coefficients: Of the material.
+        spindle: How the cutter turns.
+        feed_per_tooth: At the waypoints. Shape (r,). [m]
+
+    Returns:
+        Shape (r, a, 3), a angles of a turn. [N]
+
+    """
+    edge = found.cutter.slices
+    count = found.depth.shape[2] * FINE
+    angle = (np.arange(count) + 0.5) * (2.0 * np.pi / count)
+    share, height = _spread_arcs(found.depth[rows])
+    out = np.maximum(outward_speed(edge.normal, found.travel[rows], angle), 0.0) * feed_per_tooth[:, None, None] * 1e3
+    force = np.zeros((len(rows), count, 3))
+    directions = _edge_wrenches(edge, angle)[0][..., :3]
+    turning = np.arange(count)
+    offsets = _runout_offsets(spindle)
+    for k in range(len(edge)):
+        pieces = PIECES if edge.rise[k] > 0.0 and spindle.helix > 0.0 else 1
+        for piece in range(pieces):
+            level = (piece + 0.5) / pieces
+            top = height[:, k].max(axis=1)  # the pieces stand on the engaged part of the slice
+            lag = (edge.low[k] + level * top * edge.rise[k]) * np.tan(spindle.helix) / max(edge.radius[k], 1e-9)
+            engaged = share[:, k] * (height[:, k] >= level * top[:, None] - 1e-6)
+            width = edge.length[k] * 1e3 * (top if edge.rise[k] > 0.0 else np.ones(len(rows))) / pieces
+            for tooth in range(spindle.teeth):
+                # a clockwise spindle turns teeth to smaller angles; higher parts of a right-hand helix lag behind
+                place = 2.0 * np.pi * tooth / spindle.teeth + lag
+                shift = np.rint(place / (2.0 * np.pi) * count).astype(int)
+                at = (turning[None, :] + shift[:, None]) % count
+                chip = np.take_along_axis(out[:, k], at, axis=1) + offsets[tooth] * edge.normal[k, 0] * 1e3
+                on = np.take_along_axis(engaged, at, axis=1) * (chip > 0.0)
+                force += _slice_force(chip, on * width[:, None], coefficients, directions[:, k][:, at])
+    return force
+
+
+def _slice_force(chip: Array, width: Array, coefficients: Coefficients, directions: Array) -> Array:
+    """Return the force of slices from chip thickness and width [mm]. Shape (r, a, 3). [N]"""
+    total = np.zeros((*chip.shape, 3))
+    thick = np.maximum(chip, THINNEST)
+    for c in range(3):
+        size = (coefficients.cutting[c] * thick ** (1.0 - coefficients.exponent[c]) + coefficients.edge[c]) * width
+        total += size[..., None] * directions[c]
+    return total
+
+
+def _runout_offsets(spindle: Spindle) -> Array:
+    """Return by how much the run-out makes each tooth's chip thicker than the feed alone. Shape (teeth,). [m]
+
+    The path of a tooth is farther out by r cos(a); the one before it in the cut stands a tooth farther round.
+    """
+    angle = 2.0 * np.pi * np.arange(spindle.teeth) / spindle.teeth
+    return np.asarray(spindle.runout * (np.cos(angle) - np.cos(angle - 2.0 * np.pi / spindle.teeth)))
+
+
+def _spread_arcs(depth: NDArray[np.float32]) -> tuple[Array, Array]:
+    """Divide the bins of an engagement; where one is engaged in part, that part lies beside its engaged neighbour.
+
+    Returns:
+        Whether each fine bin is engaged, and the height of its engaged part as a share of the slice.
+        Shapes (r, k, fine m).
+
+    """
+    depth = depth.astype(np.float64)
+    around = np.maximum(np.roll(depth, 1, axis=2), np.roll(depth, -1, axis=2))
+    lonely = (np.roll(depth, 1, axis=2) > 0) & (np.roll(depth, -1, axis=2) > 0)
+    part = np.where((depth < around) & ~lonely, depth / np.maximum(around, 1e-30), np.where(depth > 0, 1.0, 0.0))
+    height = np.where((depth < around) & ~lonely, around, depth) * (depth > 0)
+    after = np.roll(depth, -1, axis=2) > np.roll(depth, 1, axis=2)
+    inner = (np.arange(FINE) + 0.5) / FINE
+    fine = np.where(after[..., None], inner > 1.0 - part[..., None], inner < part[..., None])
+    share = fine.reshape(*depth.shape[:2], -1).astype(np.float64)
+    return share * (np.repeat(depth, FINE, axis=2) > 0), np.repeat(height, FINE, axis=2)
+
+
+def ripple_amplitude(force: Array) -> Array:
+    """Return half of the range of each component through a turn. Shape (r, 3) from (r, a, 3). [N]"""
+    return np.asarray(0.5 * (force.max(axis=1) - force.min(axis=1)))

@@ -1,0 +1,230 @@
+"""The stock that is cut: a block or a closed mesh, seen along one direction as columns from a bottom to a top."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InputError
+from compplan.files.origin import note_input
+from compplan.files.tables import Array
+
+UNITS = {"mm": 1e-3, "m": 1.0, "inch": 25.4e-3}
+#: Cells of the height map of a mesh at most, and columns across its smaller side.
+MESH_CELLS = 4_000_000
+#: Share of a mesh's volume by which its columns may differ before a note says so.
+HOLLOW = 0.02
+
+
+class Columns(Protocol):
+    """Stock seen along a direction: every column is solid from a bottom to a top."""
+
+    def interval(self, place: Array) -> tuple[Array, Array]:
+        """Return bottom and top of the columns at places across the direction; empty where top < bottom.
+
+        Args:
+            place: Shape (..., 2). [m]
+
+        Returns:
+            Two arrays of shape (...). [m]
+
+        """
+
+    def bounds(self) -> Array:
+        """Return the box around it, rows lowest and highest. Shape (2, 3). [m]"""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A box; its half spaces n x <= c are those of the frame that it is seen in.
+
+    Args:
+        normal: Shape (6, 3).
+        offset: Shape (6,). [m]
+        corners: Shape (8, 3). [m]
+
+    """
+
+    normal: Array
+    offset: Array
+    corners: Array
+
+    def interval(self, place: Array) -> tuple[Array, Array]:
+        """Return bottom and top of the columns, see `Columns`."""
+        low, high = np.full(place.shape[:-1], -np.inf), np.full(place.shape[:-1], np.inf)
+        for n, c in zip(self.normal, self.offset, strict=True):
+            left = c - place @ n[:2]
+            if n[2] > 1e-9:
+                high = np.minimum(high, left / n[2])
+            elif n[2] < -1e-9:
+                low = np.maximum(low, left / n[2])
+            else:
+                high = np.where(left < 0.0, -np.inf, high)
+        return low, high
+
+    def bounds(self) -> Array:
+        """Return the box around it, see `Columns`."""
+        return np.stack([self.corners.min(axis=0), self.corners.max(axis=0)])
+
+
+@dataclass(frozen=True)
+class HeightMap:
+    """Columns of a mesh on a grid: between four neighbours heights go over linearly.
+
+    Args:
+        origin: Place of the first cell's centre. Shape (2,). [m]
+        cell: Distance of columns. [m]
+        low: Bottom of each column, +inf where there is none. Shape (a, b). [m]
+        high: Top of each column, -inf where there is none. Shape (a, b). [m]
+
+    """
+
+    origin: Array
+    cell: float
+    low: Array
+    high: Array
+
+    def interval(self, place: Array) -> tuple[Array, Array]:
+        """Return bottom and top of the columns, see `Columns`."""
+        at = (place - self.origin) / self.cell
+        limit = np.array(self.high.shape)
+        first = np.clip(np.floor(at).astype(int), 0, limit - 2)
+        share = at - first
+        inside = ((at >= -0.5) & (at <= limit - 0.5)).all(axis=-1)
+        share = np.clip(share, 0.0, 1.0)
+        near = np.clip(np.rint(at).astype(int), 0, limit - 1)
+        found = []
+        for grid, none in ((self.low, np.inf), (self.high, -np.inf)):
+            nearest = grid[near[..., 0], near[..., 1]]
+            corner = [grid[first[..., 0] + i, first[..., 1] + j] for i in (0, 1) for j in (0, 1)]
+            weight = [(1 - share[..., 0]) * (1 - share[..., 1]), (1 - share[..., 0]) * share[..., 1],
+                      share[..., 0] * (1 - share[..., 1]), share[..., 0] * share[..., 1]]  # fmt: skip
+            whole = np.isfinite(corner).all(axis=0)
+            smooth = sum(w * np.where(np.isfinite(c), c, 0.0) for w, c in zip(weight, corner, strict=True))
+            found.append(np.where(inside, np.where(whole, smooth, nearest), none))
+        return found[0], found[1]
+
+    def bounds(self) -> Array:
+        """Return the box around it, see `Columns`."""
+        full = np.isfinite(self.high)
+        last = self.origin + self.cell * (np.array(self.high.shape) - 1)
+        return np.array([[*self.origin, self.low[full].min()], [*last, self.high[full].max()]])
+
+
+def build_block(low: Array, high: Array, R_view: Array) -> Block:
+    """Return a box of the part frame as it is seen along a direction.
+
+    Args:
+        low: Lowest corner, part frame. Shape (3,). [m]
+        high: Highest corner. Shape (3,). [m]
+        R_view: Axes of the view as columns, part frame; the third is the direction. Shape (3, 3).
+
+    """
+    normal = np.vstack([np.eye(3), -np.eye(3)])
+    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    return Block(normal @ R_view, np.concatenate([high, -np.asarray(low)]), corners @ R_view)
+
+
+def read_mesh(file: Path, unit: str, where: str, job: Path) -> Any:
+    """Read a closed mesh of the stock, in metres, part frame.
+
+    Raises:
+        InputError: If there is none, it cannot be read, or it is not closed.
+
+    """
+    if not file.is_file():
+        raise InputError(f"no file {file}", file=job, where=where)
+    import trimesh
+
+    note_input(file, file.read_bytes())
+    try:
+        mesh = trimesh.load(file, force="mesh")
+    except Exception as error:  # trimesh raises whatever its readers raise
+        raise InputError(f"cannot be read as a mesh: {type(error).__name__}", file=file) from None
+    if not len(getattr(mesh, "faces", ())):
+        raise InputError("holds no triangles", file=file)
+    if not np.isfinite(mesh.vertices).all():
+        raise InputError("has vertices that are not finite", file=file)
+    mesh.merge_vertices()
+    if not mesh.is_watertight:
+        once = int((np.bincount(mesh.edges_unique_inverse) != 2).sum())
+        raise InputError(f"is an open mesh ({once} edges without a second triangle), stock must be closed", file=file)
+    mesh.apply_scale(UNITS[unit])
+    return mesh
+
+
+def build_height_map(mesh: Any, R_view: Array, cell: float) -> tuple[HeightMap, str]:
+    """Return a closed mesh as columns along a direction, and a sentence where it has hollows that they fill.
+
+    Args:
+        mesh: The mesh, part frame. [m]
+        R_view: Axes of the view as columns, part frame. Shape (3, 3).
+        cell: Wanted distance of columns. [m]
+
+    """
+    corner = (np.asarray(mesh.vertices) @ R_view)[np.asarray(mesh.faces)]
+    low, high = corner.min(axis=(0, 1)), corner.max(axis=(0, 1))
+    cell = max(cell, float(np.sqrt(np.prod(high[:2] - low[:2]) / MESH_CELLS)))
+    shape = np.maximum(np.ceil((high[:2] - low[:2]) / cell).astype(int), 2)
+    origin = low[:2] + 0.5 * ((high[:2] - low[:2]) - (shape - 1) * cell)
+    tops, bottoms = np.full(shape, -np.inf), np.full(shape, np.inf)
+    for part in np.array_split(np.arange(len(corner)), max(1, len(corner) // 20_000)):
+        _raster(corner[part], origin, cell, tops, bottoms)
+    full = np.isfinite(tops)
+    bottoms[~full] = np.inf
+    volume = float((tops - bottoms)[full].sum() * cell**2)
+    note = ""
+    if abs(volume / mesh.volume - 1.0) > HOLLOW:
+        held = f"{volume * 1e9:.4g} mm3, the stock's mesh {mesh.volume * 1e9:.4g} mm3"
+        note = f"Columns along the tool axis hold {held}: hollows and undercuts are taken for solid."
+    return HeightMap(origin, cell, bottoms, tops), note
+
+
+def _raster(corner: Array, origin: Array, cell: float, tops: Array, bottoms: Array) -> None:
+    """Bring triangles into a height map: each column takes the highest and the lowest crossing."""
+    shape = np.array(tops.shape)
+    at = (corner[:, :, :2] - origin) / cell
+    first = np.clip(np.ceil(at.min(axis=1) - 1e-9).astype(int), 0, shape)
+    after = np.clip(np.floor(at.max(axis=1) + 1e-9).astype(int) + 1, 0, shape)
+    item, place = expand_boxes(first, after)
+    if not len(item):
+        return
+    a, b, c = at[item, 0], at[item, 1], at[item, 2]
+    area = _cross(b - a, c - a)
+    flat = np.abs(area) < 1e-12
+    area = np.where(flat, 1.0, area)
+    v, w = _cross(place - a, c - a) / area, _cross(b - a, place - a) / area
+    inside = ~flat & (v >= -1e-9) & (w >= -1e-9) & (v + w <= 1.0 + 1e-9)
+    item, place, v, w = item[inside], place[inside], v[inside], w[inside]
+    z = corner[item, :, 2]
+    height = z[:, 0] + v * (z[:, 1] - z[:, 0]) + w * (z[:, 2] - z[:, 0])
+    np.maximum.at(tops, (place[:, 0], place[:, 1]), height)
+    np.minimum.at(bottoms, (place[:, 0], place[:, 1]), height)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def expand_boxes(first: NDArray[np.int_], after: NDArray[np.int_]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """List the cells of boxes of a grid.
+
+    Args:
+        first: First cell of each box. Shape (m, 2).
+        after: The cell after the last. Shape (m, 2).
+
+    Returns:
+        Which box each cell belongs to, shape (c,), and the cell, shape (c, 2).
+
+    """
+    size = np.maximum(after - first, 0)
+    count = size[:, 0] * size[:, 1]
+    item = np.repeat(np.arange(len(first)), count)
+    start = np.concatenate([[0], np.cumsum(count)[:-1]])
+    number = np.arange(count.sum()) - start[item]
+    width = np.maximum(size[item, 1], 1)
+    return item, np.column_stack([first[item, 0] + number // width, first[item, 1] + number % width])

@@ -1,0 +1,123 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from compplan.errors import InputError
+from compplan.path.forces.cutter import Cutter
+from compplan.path.forces.engagement import Engagement, find_engagement
+from compplan.path.forces.stock import build_block, build_height_map, read_mesh
+
+BLOCK = np.array([[-50.0, -50.0, -20.0], [50.0, 50.0, 0.0]])  # mm
+FLAT, BALL = Cutter(5e-3, 0.03), Cutter(3e-3, 0.02, 3e-3)
+
+
+def straight(start: tuple[float, float, float], end: tuple[float, float, float], step: float = 1.0) -> np.ndarray:
+    count = round(np.linalg.norm(np.subtract(end, start)) / step)
+    return np.array(start) + np.linspace(0, 1, count + 1)[:, None] * np.subtract(end, start)
+
+
+def engage(cutter: Cutter, path: np.ndarray, cutting: np.ndarray | None = None) -> Engagement:
+    block = build_block(*(BLOCK * 1e-3), np.eye(3))
+    every = np.ones(len(path), bool) if cutting is None else cutting
+    return find_engagement(cutter, path * 1e-3, every, block)[0]
+
+
+def test_a_slot_is_engaged_on_the_whole_front() -> None:
+    found = engage(FLAT, straight((-60, 0.3, -2), (0, 0.3, -2)))
+    assert found.axial[-1] == pytest.approx(2e-3, rel=1e-6)
+    assert found.radial[-1] == pytest.approx(10e-3, rel=1e-3)
+    assert np.degrees(found.arc[-1]) == pytest.approx([-90, 90], abs=0.1)
+    assert found.section[-1] == pytest.approx(20e-6, rel=2e-3)
+
+
+@pytest.mark.parametrize(("y", "arc"), [(-50.0, (0.0, 90.0)), (50.0, (-90.0, 0.0)), (-54.0, (53.13, 90.0))])
+def test_a_side_cut_enters_where_the_wall_stands(y: float, arc: tuple[float, float]) -> None:
+    found = engage(FLAT, straight((-60, y, -3), (0, y, -3)))
+    assert np.degrees(found.arc[-1]) == pytest.approx(arc, abs=0.5)
+    assert found.radial[-1] == pytest.approx(5e-3 if abs(y) == 50 else 1e-3, rel=0.01)
+    assert found.axial[-1] == pytest.approx(3e-3, rel=1e-6)
+
+
+def test_a_plunge_is_engaged_on_the_whole_floor_and_nowhere_else() -> None:
+    found = engage(FLAT, straight((1, 2, 1), (1, 2, -4), 0.5))
+    assert found.section[-1] == pytest.approx(np.pi * 25e-6, rel=1e-6)
+    assert (found.depth[-1, :-1] == 1.0).all() and not found.depth[-1, -1].any()
+
+
+def test_in_the_air_above_the_stock_and_in_a_slot_that_is_cut_there_is_no_engagement() -> None:
+    there = straight((-60, 0, -2), (60, 0, -2))
+    path = np.vstack([straight((-60, 0, 1), (60, 0, 1)), there, there[::-1], straight((-60, 0, -2), (-60, 0, 5))])
+    found = engage(FLAT, path)
+    again = np.arange(len(path)) >= 2 * len(there)
+    assert not found.touches[: len(there)].any()
+    assert not found.touches[again].any()
+    assert found.touches[len(there) : 2 * len(there)].any()
+
+
+def test_a_second_pass_meets_only_what_the_first_left() -> None:
+    first, second = straight((-60, 0, -2), (60, 0, -2)), straight((60, 2, -2), (-60, 2, -2))
+    found = engage(FLAT, np.vstack([first, second]))
+    middle = len(first) + 60
+    assert found.radial[middle] == pytest.approx(2e-3, rel=0.01)
+    assert np.degrees(found.arc[middle]) == pytest.approx([-90, np.degrees(np.arcsin(-3 / 5))], abs=0.5)
+
+
+def test_the_volume_of_all_moves_is_the_volume_of_the_swept_pocket() -> None:
+    rows, z = [(-30.0, -30.0, 2.0)], -1.5
+    for number, y in enumerate(np.arange(-30, 31, 6.0)):
+        rows += [(x, y, z) for x in np.arange(-30, 31, 1.0)[:: -1 if number % 2 else 1]]
+    path = np.vstack([straight(rows[0], rows[1], 0.5), rows[2:]])
+    found = engage(FLAT, path)
+    lengths = np.linalg.norm(np.diff(path, axis=0), axis=1) * 1e-3
+    swept = (60 * 60 + 4 * 60 * 5 + np.pi * 25) * 1.5e-9
+    assert float((found.section[1:] * lengths).sum()) == pytest.approx(swept, rel=0.02)
+
+
+def test_a_ball_cuts_the_segment_of_a_circle() -> None:
+    found = engage(BALL, straight((-60, 0, -1), (0, 0, -1)))
+    segment = 9 * np.arccos(2 / 3) - 2 * np.sqrt(5)
+    assert found.section[-1] == pytest.approx(segment * 1e-6, rel=0.01)
+    assert found.axial[-1] == pytest.approx(1e-3, rel=0.01)
+
+
+def test_rapid_moves_take_nothing_away_and_are_named_where_they_meet_material() -> None:
+    path = np.vstack([straight((-60, 0, -2), (0, 0, -2)), straight((-60, 0, -2), (0, 0, -2))])
+    cutting = np.arange(len(path)) > 61
+    block = build_block(*(BLOCK * 1e-3), np.eye(3))
+    found, meets = find_engagement(FLAT, path * 1e-3, cutting, block)
+    assert not found.touches[:61].any() and found.touches[-1]
+    assert meets[30] and not meets[0] and not meets[62:].any()
+
+
+def test_a_mesh_of_a_box_is_engaged_as_the_box() -> None:
+    mesh = trimesh.creation.box(extents=[0.1, 0.1, 0.02])
+    mesh.apply_translation([0, 0, -0.01])
+    columns, note = build_height_map(mesh, np.eye(3), 1e-3)
+    path = straight((-60, 10, -2), (0, 10, -2)) * 1e-3
+    found = find_engagement(FLAT, path, np.ones(len(path), bool), columns)[0]
+    assert note == ""
+    assert found.section[-1] == pytest.approx(20e-6, rel=2e-3)
+
+
+def test_hollows_of_a_mesh_are_told() -> None:
+    mesh = trimesh.creation.annulus(r_min=0.02, r_max=0.03, height=0.05)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    assert "hollows and undercuts are taken for solid" in build_height_map(mesh, np.eye(3), 1e-3)[1]
+
+
+def test_an_open_mesh_is_refused(tmp_path) -> None:
+    mesh = trimesh.creation.box(extents=[10, 10, 10])
+    mesh.update_faces(np.arange(len(mesh.faces)) > 0)
+    mesh.export(tmp_path / "open.stl")
+    with pytest.raises(InputError, match="is an open mesh \\(3 edges"):
+        read_mesh(tmp_path / "open.stl", "mm", "process.stock.mesh", tmp_path / "job.toml")
+
+
+def test_a_block_seen_along_another_direction_has_the_same_columns() -> None:
+    turn = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # the view's z is the part's x
+    block = build_block(np.array([0, 0, 0]), np.array([1.0, 2.0, 3.0]), turn)
+    low, high = block.interval(np.array([[1.0, 1.5], [2.5, 1.5]]))
+    assert low[0] == pytest.approx(0.0) and high[0] == pytest.approx(1.0)
+    assert high[1] < low[1]
