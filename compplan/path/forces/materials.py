@@ -50,6 +50,6 @@ MATERIALS: dict[str, Coefficients] = {
     ),
     "c45": Coefficients(
         (1600.0, 640.0, 320.0), exponent=(0.25, 0.25, 0.25), uncertainty=0.25, assumed=True,
-        source="assumed: kc1.1 and m of the size that tool makers give for unalloyed steel, radial 0.4, axial 0.2 of it",
+        source="assumed: kc1.1 and m as tool makers give for unalloyed steel, radial 0.4 and axial 0.2 of it",
     ),
 }  # fmt: skip

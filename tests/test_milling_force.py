@@ -1,0 +1,112 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from compplan.path.forces.cutter import Cutter
+from compplan.path.forces.engagement import Engagement, find_engagement
+from compplan.path.forces.materials import MATERIALS, Coefficients
+from compplan.path.forces.milling import Spindle, ripple_amplitude, ripple_force, shape_milling
+from compplan.path.forces.stock import build_block
+from compplan.path.process import MillingProcess, milling_wrench
+
+FLAT = Cutter(5e-3, 0.03)
+PLAIN = Coefficients((800.0, 320.0, 0.0))
+
+
+def engage(cutter: Cutter, start: tuple[float, float, float], end: tuple[float, float, float]) -> Engagement:
+    path = np.array(start) + np.linspace(0, 1, 61)[:, None] * np.subtract(end, start)
+    block = build_block(np.array([-0.05, -0.05, -0.02]), np.array([0.05, 0.05, 0.0]), np.eye(3))
+    return find_engagement(cutter, path * 1e-3, np.ones(61, bool), block)[0]
+
+
+def mean(found: Engagement, material: Coefficients, feed_per_tooth: float, teeth: int = 2) -> np.ndarray:
+    shape = shape_milling(found, teeth, material.exponent)
+    return shape.wrench(material, np.full(len(found), feed_per_tooth))[-1]
+
+
+@pytest.mark.parametrize(("y", "width", "side"), [(0.0, 10.0, "right"), (50.0, 5.0, "right"), (-50.0, 5.0, "left")])
+def test_without_edge_force_and_exponent_it_is_the_force_of_constant_coefficients(y, width, side) -> None:
+    found = engage(FLAT, (-60, y, -2), (0, y, -2))
+    plain = MillingProcess.model_validate({
+        "model": "milling", "depth_mm": 2.0, "width_mm": width, "diameter_mm": 10.0, "spindle_rpm": 6000.0,
+        "kc_N_mm2": 800.0, "radial_ratio": 0.4, "material_side": side,
+    })  # fmt: skip
+    feed = 0.02
+    expected = milling_wrench(plain, np.array([feed]))[0]
+    wrench = mean(found, PLAIN, feed / (100 * 2))
+    assert wrench[:3] == pytest.approx(expected[:3], abs=0.01 * np.linalg.norm(expected[:3]))
+    assert wrench[5] == pytest.approx(expected[5], rel=0.01)
+
+
+def test_the_edge_force_stays_when_the_feed_goes_to_nothing() -> None:
+    found = engage(FLAT, (-60, 0, -2), (0, 0, -2))
+    material = Coefficients((800.0, 320.0, 0.0), (20.0, 0.0, 0.0))
+    wrench = mean(found, material, 1e-9)
+    # a slot: half of each tooth's turn, tangential 20 N/mm on 2 mm, two teeth
+    assert wrench[1] == pytest.approx(2 / (2 * np.pi) * 20 * 2 * 2, rel=1e-3)
+    assert wrench[5] == pytest.approx(0.5 * 2 * 20 * 2 * 5e-3, rel=1e-3)
+
+
+def test_the_exponent_makes_thin_chips_dear() -> None:
+    found = engage(FLAT, (-60, 0, -2), (0, 0, -2))
+    material = Coefficients((800.0, 0.0, 0.0), exponent=(0.25, 0.0, 0.0))
+    ratio = mean(found, material, 0.1e-3)[5] / mean(found, material, 0.05e-3)[5]
+    assert ratio == pytest.approx(2**0.75, rel=1e-6)
+
+
+def test_a_plunge_and_a_lift_do_not_push_sideways() -> None:
+    down = engage(FLAT, (0, 0, 1), (0, 0, -3))
+    wrench = mean(down, MATERIALS["al7075_t6"], 0.05e-3)
+    assert wrench[2] > 100.0
+    assert np.abs(wrench[:2]).max() < 1e-9 * wrench[2]
+    path = np.zeros((40, 3))
+    path[:, 2] = np.r_[np.linspace(1, -3, 20), np.linspace(-3, 5, 20)]
+    block = build_block(np.array([-0.05, -0.05, -0.02]), np.array([0.05, 0.05, 0.0]), np.eye(3))
+    found = find_engagement(FLAT, path * 1e-3, np.ones(40, bool), block)[0]
+    shape = shape_milling(found, 2, (0.0, 0.0, 0.0))
+    assert not shape.wrench(MATERIALS["al7075_t6"], np.full(40, 5e-5))[20:].any()
+
+
+def test_a_drill_has_the_torque_and_thrust_of_the_handbook() -> None:
+    drill = Cutter(5e-3, 0.04, point=np.radians(118.0))
+    found = engage(drill, (0, 0, 1), (0, 0, -10))
+    wrench = mean(found, Coefficients((2000.0, 1000.0, 0.0)), 0.1e-3)
+    per_turn, diameter = 0.2, 10.0
+    # kc f D^2 / 8 and kr f D / 2 sin(half the point's angle)
+    assert wrench[5] == pytest.approx(2000 * per_turn * diameter**2 / 8 * 1e-3, rel=0.01)
+    assert wrench[2] == pytest.approx(1000 * per_turn * diameter / 2 * np.sin(np.radians(59.0)), rel=0.01)
+
+
+def test_straight_teeth_in_a_half_slot_range_from_nothing_to_a_full_tooth() -> None:
+    found = engage(FLAT, (-60, 50, -2), (0, 50, -2))  # up milling: the chip grows from nothing to the feed
+    turn = ripple_force(found, np.array([60]), PLAIN, Spindle(2, 100.0), np.array([5e-5]))
+    full = 800 * 0.05 * 2
+    assert turn[0, :, 1].max() - turn[0, :, 1].min() > 0.0
+    assert np.linalg.norm(turn[0], axis=1).max() == pytest.approx(full * np.hypot(1, 0.4), rel=0.01)
+    assert np.linalg.norm(turn[0], axis=1).min() == 0.0
+
+
+def test_the_mean_of_a_turn_is_the_mean_wrench() -> None:
+    ball = Cutter(3e-3, 0.02, 3e-3)
+    for cutter, end in ((FLAT, (0, 2, -3)), (ball, (0, 2, -1))):
+        found = engage(cutter, (-60, 2, end[2]), end)
+        material, spindle = MATERIALS["al7075_t6"], Spindle(3, 100.0, np.radians(30.0))
+        turn = ripple_force(found, np.array([60]), material, spindle, np.array([5e-5]))
+        wrench = mean(found, material, 5e-5, teeth=3)
+        assert turn[0].mean(axis=0) == pytest.approx(wrench[:3], abs=0.02 * np.linalg.norm(wrench[:3]))
+
+
+def test_run_out_makes_the_teeth_unequal_and_the_ripple_larger() -> None:
+    found = engage(FLAT, (-60, 0, -2), (0, 0, -2))
+    even, odd = (
+        ripple_amplitude(ripple_force(found, np.array([60]), PLAIN, Spindle(2, 100.0, 0.5, r), np.array([5e-5])))
+        for r in (0.0, 10e-6)
+    )
+    assert np.linalg.norm(odd) > 1.1 * np.linalg.norm(even)
+
+
+def test_every_material_says_where_it_comes_from_and_which_are_assumed() -> None:
+    for name, material in MATERIALS.items():
+        assert material.source, name
+        assert material.assumed == material.source.startswith("assumed"), name
