@@ -17,6 +17,12 @@ from numpy.typing import NDArray
 
 from compplan.robot import Array
 
+#: Models that are not read a second time: the wrench is the recorded one, checked by simulations of its own instead.
+RECORDED = {
+    "end_mill": "its engagement with the stock is checked by benchmarks.engagement and benchmarks.milling",
+    "drill": "its engagement with the stock is checked by benchmarks.engagement and benchmarks.milling",
+    "isf_regression": "its wall angle follows from the whole path",
+}
 COLUMNS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -65,7 +71,7 @@ def read_forces(job: Mapping[str, Any], folder: Path, rows: DrivenRows) -> Array
     process = job.get("process", {"model": "columns"})
     turn = pin.exp3(np.radians(job.get("part", {}).get("rotation_deg", (0.0, 0.0, 0.0))))
     model = process.get("model", "columns")
-    local = _local(model, process, job, folder, rows)
+    local = None if model in RECORDED else _local(model, process, job, folder, rows)
     if local is None:
         return None
     frame = process.get("frame", "part") if model in ("constant", "file") else "part" if model == "columns" else "path"
@@ -98,9 +104,13 @@ def _local(
         side = -1.0 if process.get("wall_side", "right") == "left" else 1.0
         push = [-process.get("drag_N", 0.0), side * process.get("lateral_N", 0.0), process["axial_N"], 0.0, 0.0, 0.0]
         return np.outer(begin + (1.0 - begin) * cut_arc / cut_arc[-1], push)
+    if model == "friction_stir":
+        return np.tile(_weld(process), (n, 1))
+    step = np.diff(rows.time)
+    feed = np.divide(np.diff(arc), step, out=np.zeros(n - 1), where=step > 0)
+    if model == "grinding":
+        return np.outer(np.ones(n) if "normal_N" in process else np.r_[feed[:1], feed], _grind(process))
     if model == "milling":
-        step = np.diff(rows.time)
-        feed = np.divide(np.diff(arc), step, out=np.zeros(n - 1), where=step > 0)
         travel = np.diff(rows.position, axis=0)
         along = np.einsum("ni,ni->n", travel, rows.axis[1:])
         size = np.maximum(np.linalg.norm(travel, axis=1), 1e-300)
@@ -115,6 +125,29 @@ def _local(
     if lengths is not None:
         return _follow(lengths, values, cut_arc)
     return None if rows.rows_at is None else _follow(rows.rows_at, values, arc)
+
+
+def _weld(process: Mapping[str, Any]) -> Array:
+    """Return the wrench of a friction stir weld, path axes: shear stress on shoulder, probe side and probe tip."""
+    big, small = process["shoulder_diameter_mm"] / 2.0, process["probe_diameter_mm"] / 2.0
+    down = process.get("axial_N") or process["pressure_N_mm2"] * np.pi * big**2
+    slant = 1.0 + np.tan(np.radians(process.get("shoulder_cone_deg", 0.0)))
+    faces = 2.0 * np.pi / 3.0 * (big**3 - small**3) * slant
+    faces += 2.0 * np.pi / 3.0 * small**3 + 2.0 * np.pi * small**2 * process["probe_length_mm"]
+    sense = 1.0 if process.get("clockwise", True) else -1.0
+    push = [-process.get("traverse_ratio", 0.12), sense * process.get("side_ratio", 0.05), 1.0]
+    return np.array([*(down * np.array(push)), 0.0, 0.0, sense * process["shear_N_mm2"] * faces / 1000.0])
+
+
+def _grind(process: Mapping[str, Any]) -> Array:
+    """Return the wrench of grinding, path axes: whole, or per unit of feed where it follows from the removal."""
+    ratio, sense = process.get("force_ratio", 0.45), 1.0 if process.get("direction") == "along" else -1.0
+    if "normal_N" in process:
+        normal = process["normal_N"]
+    else:
+        power = process["specific_energy_J_mm3"] * process["depth_mm"] * process["width_mm"] * 1000.0
+        normal = power / process["wheel_speed_m_s"] / ratio
+    return np.array([sense * ratio * normal, 0.0, normal, 0.0, 0.0, 0.0])
 
 
 def _mean_of_a_turn(process: Mapping[str, Any]) -> Array:

@@ -23,8 +23,9 @@ from compplan.job.noise import NoiseTable
 from compplan.path.cam.options import CamTable
 from compplan.path.corners import round_corners
 from compplan.path.force_law import ForceLaw, read_stock_top
+from compplan.path.forces.cutting import CuttingTable, prepare_cutting
 from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralTable, generate_toolpath
-from compplan.path.process import ColumnsProcess, Process
+from compplan.path.process import ColumnsProcess, Process, describe_process
 from compplan.path.reading import read_toolpath
 from compplan.path.toolpath import Toolpath, check_toolpath, place_toolpath, resample_toolpath
 from compplan.program import WRITERS, Wiring
@@ -316,6 +317,9 @@ def check_job(data: dict[str, Any], file: str | Path = Path()) -> Job:
     elif table is not None and not isinstance(table, str):
         raise InputError(f"is {table!r}, must be a file name or a table with a generator", file=file, where="toolpath")
     job = check_table(Job, data, file=file)
+    level = getattr(job.process, "uncertainty", None)
+    if level is not None and "wrench_level" not in job.noise.model_fields_set:
+        job = job.model_copy(update={"noise": job.noise.model_copy(update={"wrench_level": level})})
     job._file = Path(file)
     return job
 
@@ -378,8 +382,12 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
         toolpath = resample_toolpath(toolpath, max_step, max_turn=np.inf if turn is None else float(np.radians(turn)))
     if job.feed.corner_tolerance_mm > 0.0:
         toolpath = round_corners(toolpath, job.feed.corner_tolerance_mm * 1e-3)
+    cutting = None
+    if isinstance(job.process, CuttingTable):
+        cutting = prepare_cutting(job.process, toolpath, top, job.file)
     nominal = place_toolpath(toolpath, job.T_base_part)
-    law = ForceLaw(job.process, job.T_base_part, job.tool_x_base, job.folder, rows_at, top, note)
+    note = " ".join([*([note] if note else []), *describe_process(job.process, nominal, cutting)])
+    law = ForceLaw(job.process, job.T_base_part, job.tool_x_base, job.folder, rows_at, top, note, cutting)
     wrench = law.predict(nominal)
     _check_load(wrench, job)
     return replace(nominal, wrench=wrench), law

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from compplan.job.names import STRATEGIES
 from compplan.path.cam import READERS, list_suffixes
+from compplan.path.forces.materials import MATERIALS
 from compplan.program import WRITERS
 
 _TEXT = """\
@@ -43,13 +44,14 @@ rotation_deg = [0.0, 0.0, 0.0]      # rotation vector
 # centre_of_mass_mm = [0.0, 0.0, 60.0]  # flange frame
 
 [process]                           # what the environment does to the tool, at the tip
-model = "isf"                       # columns | constant | milling | isf | file
+model = "isf"                       # columns | constant | milling | isf | file, from what is given here, and
+                                    #   end_mill | drill | isf_regression | friction_stir | grinding, from material
 axial_N = 1200.0                    # isf: along the tool axis towards the spindle, at the end of the path
 lateral_N = 400.0                   # isf: away from the wall that is formed
 drag_N = 0.0                        # isf: against the travel
 start_share = 0.4                   # isf: share of these forces at the start; they grow linearly along the path
 wall_side = "right"                 # isf: side of the wall, seen down the tool axis along the travel
-ramp_mm = 20.0                      # all but columns: the wrench grows from 0 over this length after contact
+ramp_mm = 20.0                      # all but columns, end_mill, drill: grows from 0 over this length after contact
 ramp_out_mm = 0.0                   # ... and falls to 0 over this length before the tool leaves
 # model = "columns"                 # fx_N .. mz_Nm of the toolpath file, part axes
 # required = true                   # columns: refuse a file without them
@@ -68,6 +70,45 @@ ramp_out_mm = 0.0                   # ... and falls to 0 over this length before
 # axial_ratio = 0.0
 # material_side = "right"           # right: climb milling
 # stock_top_mm = 0.0                # z of the part; no force above. Left out: 0 in CAM files that move above and below
+# model = "end_mill"                # force from what the cutter meets of the stock along the path, clockwise spindle
+# diameter_mm = 10.0
+# teeth = 2
+# spindle_rpm = 12000.0
+# corner_radius_mm = 0.0            # end_mill: half of the diameter is a ball
+# helix_deg = 30.0                  # end_mill: of the ripple; the mean does not depend on it
+# runout_mm = 0.0                   # end_mill: of the ripple
+# flute_mm = 30.0                   # left out: three diameters, assumed
+# material = "al7075_t6"            # <materials>
+# coefficients = { cutting_N_mm2 = [800.0, 300.0, 150.0], edge_N_mm = [15.0, 12.0, 2.0], exponent = [0.0, 0.0, 0.0],
+#                  uncertainty = 0.1, source = "own tests" }  # in place of a material: tangential, radial, axial
+# stock = { block_mm = [[0.0, 0.0, -20.0], [100.0, 80.0, 0.0]] }  # or { mesh = "blank.stl", unit = "mm" }; left out:
+#                                   #   a block below stock_top_mm that is wider than the path, assumed
+# model = "drill"                   # the keys of end_mill but corner_radius_mm, helix_deg and runout_mm, and
+# point_deg = 118.0
+# model = "isf_regression"          # steady force by the regression of Aerens and others (2010)
+# thickness_mm = 1.2
+# tool_diameter_mm = 10.0
+# tensile_N_mm2 = 110.0             # or material = "aa3003_o" | "aa5754_h22" | "dc01" | "aisi304" (assumed strengths)
+# wall_angle_deg = 45.0             # left out: from the path, as is the step-down
+# step_down_mm = 1.0
+# build_up_mm = 5.0                 # depth over which the force grows; left out: the tool's radius, assumed
+# friction = 0.1                    # assumed
+# model = "friction_stir"           # torque by Schmidt and others (2004)
+# shoulder_diameter_mm = 15.0
+# probe_diameter_mm = 5.0
+# probe_length_mm = 4.0
+# shoulder_cone_deg = 0.0
+# shear_N_mm2 = 25.0                # contact shear stress at welding temperature
+# axial_N = 5000.0                  # or pressure_N_mm2 = 30.0 under the shoulder
+# traverse_ratio = 0.12             # traverse and side force as shares of the axial one, assumed
+# side_ratio = 0.05
+# clockwise = true
+# model = "grinding"                # sanding with normal_N, or removal by its specific energy
+# normal_N = 40.0
+# specific_energy_J_mm3 = 30.0      # in place of normal_N: with depth_mm, width_mm and
+# wheel_speed_m_s = 30.0
+# force_ratio = 0.45                # tangential by normal force, assumed
+# direction = "against"             # tangential force against | along the travel
 # model = "file"                    # CSV: fx_N .. mz_Nm, a row a waypoint, or with s_mm, the length cut so far
 # file = "wrench.csv"
 
@@ -194,6 +235,7 @@ def write_job_text() -> str:
     choices = {
         "<strategies>": " | ".join(STRATEGIES),
         "<programs>": " | ".join(WRITERS),
+        "<materials>": " | ".join(MATERIALS),
         "<readers>": ", ".join(READERS),
         "<suffixes>": " ".join(list_suffixes()),
     }

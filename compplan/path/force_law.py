@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from compplan.files.tables import Array
+from compplan.path.forces.cutting import CuttingForce, CuttingTable
+from compplan.path.forces.grinding import GrindingProcess
 from compplan.path.process import ColumnsProcess, ConstantProcess, MillingProcess, Process, predict_wrench
 from compplan.path.toolpath import Toolpath
 
@@ -27,6 +29,7 @@ class ForceLaw:
         rows_at: Length along the path of each row of the toolpath file. Shape (r,). [m]
         stock_top: Height of the stock's top in the part frame, None where none is known. [m]
         note: What a user should know of it.
+        cutting: The engagement of the path, for cutters that follow from it.
 
     """
 
@@ -37,11 +40,14 @@ class ForceLaw:
     rows_at: Array | None = None
     stock_top: float | None = None
     note: str = ""
+    cutting: CuttingForce | None = None
 
     @property
     def follows_feed(self) -> bool:
         """Tell whether the force depends on the feed that is driven."""
-        return isinstance(self.process, MillingProcess)
+        if isinstance(self.process, GrindingProcess):
+            return self.process.normal_N is None
+        return isinstance(self.process, MillingProcess | CuttingTable)
 
     @property
     def turns_with_travel(self) -> bool:
@@ -77,7 +83,7 @@ class ForceLaw:
         path = nominal if feed is None else replace(nominal, feed=feed)
         wrench = predict_wrench(
             self.process, path, R_base_part=self.T_base_part[:3, :3], tool_x=self.tool_x, folder=self.folder,
-            rows_at=self.rows_at,
+            rows_at=self.rows_at, cutting=self.cutting,
         )  # fmt: skip
         if self.stock_top is None or not isinstance(self.process, MillingProcess):
             return wrench
@@ -98,7 +104,7 @@ def read_stock_top(process: Process, toolpath: Toolpath, *, from_cam: bool) -> t
         Height in the part frame [m] or None, and a sentence for the user where it was inferred, otherwise "".
 
     """
-    if not isinstance(process, MillingProcess):
+    if not isinstance(process, MillingProcess | CuttingTable) or getattr(process, "stock", None) is not None:
         return None, ""
     if process.stock_top_mm is not None:
         return process.stock_top_mm * 1e-3, ""

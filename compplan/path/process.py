@@ -1,8 +1,4 @@
-"""The predicted process wrench along a toolpath: what the environment does to the tool, at the tip, base axes.
-
-The path frame stands at the tool tip: z is the tool axis (tip to spindle), x the direction of travel across it, and
-y = z x x, the left-hand side for somebody who looks down the tool axis along the travel.
-"""
+"""The predicted process wrench along a toolpath: what the environment does to the tool, at the tip, base axes."""
 
 from __future__ import annotations
 
@@ -12,24 +8,18 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from compplan.errors import InputError
+from compplan.errors import InputError, ShapeError
 from compplan.files.columns import Column
 from compplan.files.tables import Array, read_table
 from compplan.files.tomlfile import StrictTable, Vector3
+from compplan.path.contact import ContactTable, contact_share, cutting_progress, path_axes, tool_axes, travel_across
+from compplan.path.forces.cutting import CuttingForce, CuttingTable, DrillProcess, EndMillProcess
+from compplan.path.forces.friction_stir import FrictionStirProcess, describe_weld, weld_wrench
+from compplan.path.forces.grinding import GrindingProcess, describe_grinding, grinding_wrench
+from compplan.path.forces.sheet_forming import IsfRegressionProcess, describe_sheet, sheet_wrench
 from compplan.path.toolpath import WRENCH, Toolpath
 
 Frame = Literal["part", "base", "tool", "path"]
-
-
-class ContactTable(StrictTable):
-    """Keys of every model that switches on at contact and off in rapid moves.
-
-    ramp_mm is the length over which the wrench grows from 0 after contact, ramp_out_mm that over which it falls to 0
-    before the tool leaves.
-    """
-
-    ramp_mm: float = Field(default=0.0, ge=0.0)
-    ramp_out_mm: float = Field(default=0.0, ge=0.0)
 
 
 class ColumnsProcess(StrictTable):
@@ -99,7 +89,17 @@ class FileProcess(ContactTable):
 
 
 Process = Annotated[
-    ColumnsProcess | ConstantProcess | MillingProcess | IsfProcess | FileProcess, Field(discriminator="model")
+    ColumnsProcess
+    | ConstantProcess
+    | MillingProcess
+    | EndMillProcess
+    | DrillProcess
+    | IsfProcess
+    | IsfRegressionProcess
+    | FrictionStirProcess
+    | GrindingProcess
+    | FileProcess,
+    Field(discriminator="model"),
 ]
 
 FILE_COLUMNS = (
@@ -117,6 +117,7 @@ def predict_wrench(
     tool_x: Array | None = None,
     folder: Path | None = None,
     rows_at: Array | None = None,
+    cutting: CuttingForce | None = None,
 ) -> Array:
     """Predict the wrench of the environment on the tool at every waypoint.
 
@@ -128,6 +129,7 @@ def predict_wrench(
         folder: Folder that a file name of the model is relative to.
         rows_at: Length along the path of each row of the toolpath file, for wrench files of one row a waypoint; the
             waypoints themselves if left out. Shape (r,). [m]
+        cutting: The engagement of the path, for cutters that follow from it.
 
     Returns:
         The wrench at the tip, base axes, force first. Shape (n, 6). [N, N m]
@@ -152,55 +154,42 @@ def predict_wrench(
     elif isinstance(process, FileProcess):
         wrench = _read_wrench(process, nominal, folder or Path(), rows_at)
         wrench = _turn(wrench, _axes(process.frame, nominal, rotations, tool_x))
-    elif isinstance(process, IsfProcess):
-        wrench = _turn(isf_wrench(process, nominal), path_axes(nominal))
+    elif isinstance(process, CuttingTable):
+        if cutting is None:
+            raise ShapeError(f"process {process.model!r} needs the engagement of its path")  # type: ignore[attr-defined]
+        return _turn(cutting.wrench(nominal), path_axes(nominal))
     else:
-        wrench = _turn(milling_wrench(process, nominal.feed * travel_across(nominal)), path_axes(nominal))
+        wrench = _turn(_along_path(process, nominal), path_axes(nominal))
     return wrench * contact_share(nominal, process.ramp_mm * 1e-3, process.ramp_out_mm * 1e-3)[:, None]
 
 
-def path_axes(nominal: Toolpath) -> Array:
-    """Return the axes of the path frame at every waypoint as columns; a plunge keeps the x of its neighbours.
-
-    Shape (n, 3, 3).
-    """
-    steps = np.diff(nominal.position, axis=0)
-    travel = np.vstack([steps[:1], steps])
-    travel = travel / np.maximum(np.linalg.norm(travel, axis=1, keepdims=True), 1e-300)
-    across = travel - np.sum(travel * nominal.axis, axis=1, keepdims=True) * nominal.axis
-    known = np.linalg.norm(across, axis=1) > 1e-6
-    cutting = known & ~nominal.rapid
-    chosen = cutting if cutting.any() else known
-    if not chosen.any():
-        return tool_axes(nominal, None) * np.array([1.0, -1.0, -1.0])
-    rows = np.flatnonzero(chosen)
-    last = rows[np.maximum(np.searchsorted(rows, np.arange(len(nominal)), side="right") - 1, 0)]
-    x = across[last]
-    x = x - np.sum(x * nominal.axis, axis=1, keepdims=True) * nominal.axis
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
-    return np.stack([x, np.cross(nominal.axis, x), nominal.axis], axis=2)
+def _along_path(
+    process: MillingProcess | IsfProcess | IsfRegressionProcess | FrictionStirProcess | GrindingProcess,
+    nominal: Toolpath,
+) -> Array:
+    """Return the wrench of a model that has path axes. Shape (n, 6)."""
+    if isinstance(process, IsfProcess):
+        return isf_wrench(process, nominal)
+    if isinstance(process, IsfRegressionProcess):
+        return sheet_wrench(process, nominal)
+    if isinstance(process, FrictionStirProcess):
+        return weld_wrench(process, nominal)
+    if isinstance(process, GrindingProcess):
+        return grinding_wrench(process, nominal)
+    return milling_wrench(process, nominal.feed * travel_across(nominal))
 
 
-def travel_across(nominal: Toolpath) -> Array:
-    """Return which share of each move goes across the tool axis: 1 in a plane, 0 in a plunge or a lift. Shape (n,)."""
-    steps = np.diff(nominal.position, axis=0)
-    travel = np.vstack([steps[:1], steps])
-    travel = travel / np.maximum(np.linalg.norm(travel, axis=1, keepdims=True), 1e-300)
-    return np.asarray(np.linalg.norm(np.cross(travel, nominal.axis), axis=1))
-
-
-def tool_axes(nominal: Toolpath, tool_x: Array | None) -> Array:
-    """Return the axes of the TCP frame as columns: z out of the tool, x as near to `tool_x` as that allows.
-
-    Shape (n, 3, 3).
-    """
-    wanted = np.array([1.0, 0.0, 0.0]) if tool_x is None else np.asarray(tool_x, dtype=np.float64)
-    z = -nominal.axis
-    x = wanted - (z @ wanted)[:, None] * z
-    spare = np.array([0.0, 1.0, 0.0]) - z[:, 1:2] * z
-    x = np.where(np.linalg.norm(x, axis=1, keepdims=True) > 1e-6, x, spare)
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
-    return np.stack([x, np.cross(z, x), z], axis=2)
+def describe_process(process: Process, nominal: Toolpath, cutting: CuttingForce | None = None) -> tuple[str, ...]:
+    """Say in a sentence each where a model's numbers come from and what was assumed."""
+    if isinstance(process, CuttingTable):
+        return () if cutting is None else cutting.notes
+    if isinstance(process, IsfRegressionProcess):
+        return tuple(describe_sheet(process, nominal))
+    if isinstance(process, FrictionStirProcess):
+        return tuple(describe_weld(process))
+    if isinstance(process, GrindingProcess):
+        return tuple(describe_grinding(process))
+    return ()
 
 
 def _axes(frame: Frame, nominal: Toolpath, R_base_part: Array, tool_x: Array | None) -> Array:
@@ -217,36 +206,6 @@ def _turn(wrench: Array, axes: Array) -> Array:
     stacked = axes if axes.ndim == 3 else axes[None]
     return np.hstack([np.einsum("nij,nj->ni", np.broadcast_to(stacked, (len(wrench), 3, 3)), part)
                       for part in (wrench[:, :3], wrench[:, 3:])])
-
-
-def contact_share(nominal: Toolpath, ramp: float, ramp_out: float = 0.0) -> Array:
-    """Return the share of the wrench that acts: 0 in rapid moves, growing after contact, falling before leaving.
-
-    Args:
-        nominal: The toolpath.
-        ramp: Length over which the wrench grows after contact. [m]
-        ramp_out: Length over which it falls before the tool leaves. [m]
-
-    Returns:
-        Share between 0 and 1. Shape (n,).
-
-    """
-    length, n = nominal.arc_length, len(nominal)
-    share = np.where(nominal.rapid, 0.0, 1.0)
-    index = np.arange(n)
-    # contact: the last waypoint that was reached in a rapid move, or the first waypoint; leaving: the end of the cut
-    contact = np.maximum.accumulate(np.where(nominal.rapid, index, 0))
-    after = np.minimum.accumulate(np.where(nominal.rapid, index, n)[::-1])[::-1]
-    if ramp > 0.0:
-        share *= np.clip((length - length[contact]) / ramp, 0.0, 1.0)
-    if ramp_out > 0.0:
-        share *= np.clip((length[np.minimum(after, n) - 1] - length) / ramp_out, 0.0, 1.0)
-    return share
-
-
-def cutting_progress(nominal: Toolpath) -> Array:
-    """Return the length cut so far at every waypoint, rapid moves not counted. Shape (n,) [m]."""
-    return np.concatenate([[0.0], np.cumsum(np.where(nominal.rapid[1:], 0.0, nominal.steps))])
 
 
 def isf_wrench(process: IsfProcess, nominal: Toolpath) -> Array:

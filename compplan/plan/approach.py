@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compplan.path.process import tool_axes
+from compplan.path.contact import tool_axes
 from compplan.path.toolpath import select_waypoints
 from compplan.plan.profile import ease_duration, ease_times
 from compplan.plan.task import PlanTask

@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 
+from compplan.cell.forces import RECORDED
 from compplan.job.job import Job
 from compplan.plan.bending import Bending
 from compplan.plan.task import PlanTask
@@ -26,6 +27,9 @@ def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
 def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None) -> tuple[str, ...]:
     """Say what the reader of the path noted, where the feed had to be lowered, where the arm swings over, and more."""
     notes = [*task.nominal.notes, *([task.law.note] if task.law is not None and task.law.note else [])]
+    if job is not None and job.process.model in RECORDED:
+        reason = RECORDED[job.process.model]
+        notes.append(f"The judge takes the wrench of {job.process.model!r} as the planner recorded it: {reason}.")
     if job is not None and job.tool is not None and job.tool.mass_kg is None:
         notes.append("The weight of the tool is not known: [tool] says no mass_kg, so none bends the arm.")
     if not task.inertia and bending.inertia > WORTH_A_NOTE * task.tolerance:

@@ -12,8 +12,8 @@ import numpy as np
 from compplan.cell.cell import JUDGE
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
 from compplan.job.job import Job, load_path
+from compplan.path.contact import tool_axes
 from compplan.path.force_law import ForceLaw
-from compplan.path.process import tool_axes
 from compplan.path.toolpath import Toolpath, check_toolpath
 from compplan.plan.agreement import agree
 from compplan.plan.approach import Passage, plan_approach, plan_retract

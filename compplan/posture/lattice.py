@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from compplan.path.process import path_axes, tool_axes
+from compplan.path.contact import path_axes, tool_axes
 from compplan.path.toolpath import Toolpath, select_waypoints
 from compplan.posture.costs import measure_nodes
 from compplan.posture.settings import PostureSettings

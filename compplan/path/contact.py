@@ -1,0 +1,99 @@
+"""When and along which axes a process acts: contact, the length cut so far, path axes and tool axes.
+
+The path frame stands at the tool tip: z is the tool axis (tip to spindle), x the direction of travel across it, and
+y = z x x, the left-hand side for somebody who looks down the tool axis along the travel.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field
+
+from compplan.files.tables import Array
+from compplan.files.tomlfile import StrictTable
+from compplan.path.toolpath import Toolpath
+
+
+class ContactTable(StrictTable):
+    """Keys of every model that switches on at contact and off in rapid moves.
+
+    ramp_mm is the length over which the wrench grows from 0 after contact, ramp_out_mm that over which it falls to 0
+    before the tool leaves.
+    """
+
+    ramp_mm: float = Field(default=0.0, ge=0.0)
+    ramp_out_mm: float = Field(default=0.0, ge=0.0)
+
+
+def path_axes(nominal: Toolpath) -> Array:
+    """Return the axes of the path frame at every waypoint as columns; a plunge keeps the x of its neighbours.
+
+    Shape (n, 3, 3).
+    """
+    steps = np.diff(nominal.position, axis=0)
+    travel = np.vstack([steps[:1], steps])
+    travel = travel / np.maximum(np.linalg.norm(travel, axis=1, keepdims=True), 1e-300)
+    across = travel - np.sum(travel * nominal.axis, axis=1, keepdims=True) * nominal.axis
+    known = np.linalg.norm(across, axis=1) > 1e-6
+    cutting = known & ~nominal.rapid
+    chosen = cutting if cutting.any() else known
+    if not chosen.any():
+        return tool_axes(nominal, None) * np.array([1.0, -1.0, -1.0])
+    rows = np.flatnonzero(chosen)
+    last = rows[np.maximum(np.searchsorted(rows, np.arange(len(nominal)), side="right") - 1, 0)]
+    x = across[last]
+    x = x - np.sum(x * nominal.axis, axis=1, keepdims=True) * nominal.axis
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(nominal.axis, x), nominal.axis], axis=2)
+
+
+def travel_across(nominal: Toolpath) -> Array:
+    """Return which share of each move goes across the tool axis: 1 in a plane, 0 in a plunge or a lift. Shape (n,)."""
+    steps = np.diff(nominal.position, axis=0)
+    travel = np.vstack([steps[:1], steps])
+    travel = travel / np.maximum(np.linalg.norm(travel, axis=1, keepdims=True), 1e-300)
+    return np.asarray(np.linalg.norm(np.cross(travel, nominal.axis), axis=1))
+
+
+def tool_axes(nominal: Toolpath, tool_x: Array | None) -> Array:
+    """Return the axes of the TCP frame as columns: z out of the tool, x as near to `tool_x` as that allows.
+
+    Shape (n, 3, 3).
+    """
+    wanted = np.array([1.0, 0.0, 0.0]) if tool_x is None else np.asarray(tool_x, dtype=np.float64)
+    z = -nominal.axis
+    x = wanted - (z @ wanted)[:, None] * z
+    spare = np.array([0.0, 1.0, 0.0]) - z[:, 1:2] * z
+    x = np.where(np.linalg.norm(x, axis=1, keepdims=True) > 1e-6, x, spare)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=2)
+
+
+def contact_share(nominal: Toolpath, ramp: float, ramp_out: float = 0.0) -> Array:
+    """Return the share of the wrench that acts: 0 in rapid moves, growing after contact, falling before leaving.
+
+    Args:
+        nominal: The toolpath.
+        ramp: Length over which the wrench grows after contact. [m]
+        ramp_out: Length over which it falls before the tool leaves. [m]
+
+    Returns:
+        Share between 0 and 1. Shape (n,).
+
+    """
+    length, n = nominal.arc_length, len(nominal)
+    share = np.where(nominal.rapid, 0.0, 1.0)
+    index = np.arange(n)
+    # contact: the last waypoint that was reached in a rapid move, or the first waypoint; leaving: the end of the cut
+    contact = np.maximum.accumulate(np.where(nominal.rapid, index, 0))
+    after = np.minimum.accumulate(np.where(nominal.rapid, index, n)[::-1])[::-1]
+    if ramp > 0.0:
+        share *= np.clip((length - length[contact]) / ramp, 0.0, 1.0)
+    if ramp_out > 0.0:
+        share *= np.clip((length[np.minimum(after, n) - 1] - length) / ramp_out, 0.0, 1.0)
+    return share
+
+
+def cutting_progress(nominal: Toolpath) -> Array:
+    """Return the length cut so far at every waypoint, rapid moves not counted. Shape (n,) [m]."""
+    return np.concatenate([[0.0], np.cumsum(np.where(nominal.rapid[1:], 0.0, nominal.steps))])

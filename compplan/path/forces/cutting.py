@@ -1,0 +1,338 @@
+"""Cutting with a rotating cutter along a path: what a job says of cutter, material and stock, and the force from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator, model_validator
+
+from compplan.errors import InputError
+from compplan.files.tables import Array
+from compplan.files.tomlfile import StrictTable, Vector3
+from compplan.path.forces.cutter import Cutter
+from compplan.path.forces.engagement import Engagement, find_engagement
+from compplan.path.forces.materials import MATERIALS, Coefficients
+from compplan.path.forces.milling import MillingShape, Spindle, ripple_amplitude, ripple_force, shape_milling
+from compplan.path.forces.stock import Columns, build_block, build_height_map, read_mesh
+from compplan.path.toolpath import Toolpath
+
+#: Flute length that is assumed where none is given, in diameters.
+FLUTES = 3.0
+#: Lean of the tool axis from its mean from which on a note tells it. [rad]
+LEANS = float(np.radians(0.5))
+#: Waypoints whose ripple is worked out at most; the others take that of the nearest.
+RIPPLES = 1500
+#: Stock without a known shape reaches this many diameters beyond the path.
+BEYOND = 2.0
+#: Columns of a mesh, to a radius of the cutter.
+MESH_COLUMNS = 8.0
+#: Feeds a tooth that are taken for true. [mm]
+FEED_PER_TOOTH = (1e-5, 3.0)
+
+Corner = Annotated[tuple[Vector3, Vector3], Field(strict=False)]
+Force3 = Annotated[tuple[float, float, float], Field(strict=False)]
+
+
+class StockTable(StrictTable):
+    """[process.stock]: what is cut, part frame: `block_mm` (two corners), or `mesh`, a closed STL, PLY or OBJ file."""
+
+    block_mm: Corner | None = None
+    mesh: str | None = None
+    unit: Literal["mm", "m", "inch"] = "mm"
+
+    @model_validator(mode="after")
+    def _check(self) -> StockTable:
+        if (self.block_mm is None) == (self.mesh is None):
+            raise ValueError("needs one of block_mm and mesh, not both")
+        if self.block_mm is not None and not np.all(np.diff(self.block_mm, axis=0) > 0.0):
+            raise ValueError("block_mm needs its lowest corner first, then its highest")
+        return self
+
+
+class CoefficientTable(StrictTable):
+    """[process.coefficients]: tangential, radial, axial; `exponent` is Kienzle's m of each (K is then at h = 1 mm)."""
+
+    cutting_N_mm2: Force3
+    edge_N_mm: Force3 = (0.0, 0.0, 0.0)
+    exponent: Force3 = (0.0, 0.0, 0.0)
+    uncertainty: float = Field(default=0.1, ge=0.0, le=1.0)
+    source: str = "the job"
+
+    @model_validator(mode="after")
+    def _check(self) -> CoefficientTable:
+        if not 10.0 <= self.cutting_N_mm2[0] <= 20_000.0 or max(map(abs, self.cutting_N_mm2)) > 20_000.0:
+            raise ValueError(
+                f"cutting_N_mm2 is {list(self.cutting_N_mm2)}, the tangential one is 10 to 20000 N/mm2 "
+                "and none is larger: check the unit"
+            )
+        if not all(0.0 <= value <= 500.0 for value in self.edge_N_mm):
+            raise ValueError(f"edge_N_mm is {list(self.edge_N_mm)}, 0 to 500 N/mm is allowed: check the unit")
+        if not all(0.0 <= value <= 0.9 for value in self.exponent):
+            raise ValueError(f"exponent is {list(self.exponent)}, 0 to 0.9 is allowed")
+        return self
+
+    def coefficients(self) -> Coefficients:
+        """Return them as a material's."""
+        return Coefficients(
+            self.cutting_N_mm2, self.edge_N_mm, self.exponent, uncertainty=self.uncertainty, source=self.source
+        )
+
+
+class CuttingTable(StrictTable):
+    """Keys of every rotating cutter; the spindle turns clockwise, seen from the spindle."""
+
+    diameter_mm: float = Field(gt=0.0, le=500.0)
+    teeth: int = Field(default=2, ge=1, le=60)
+    spindle_rpm: float = Field(gt=0.0, le=2e5)
+    flute_mm: float | None = Field(default=None, gt=0.0, le=1000.0)
+    material: str | None = None
+    coefficients: CoefficientTable | None = None
+    stock: StockTable | None = None
+    stock_top_mm: float | None = None
+
+    @field_validator("material")
+    @classmethod
+    def _check_name(cls, value: str | None) -> str | None:
+        if value is not None and value not in MATERIALS:
+            raise ValueError(f"is {value!r}, choose from {list(MATERIALS)}, or give coefficients")
+        return value
+
+    @model_validator(mode="after")
+    def _check_material(self) -> CuttingTable:
+        if (self.material is None) == (self.coefficients is None):
+            raise ValueError(f"needs one of coefficients and material, choose from {list(MATERIALS)}")
+        return self
+
+    @property
+    def resistance(self) -> Coefficients:
+        """Coefficients of the material."""
+        return MATERIALS[str(self.material)] if self.coefficients is None else self.coefficients.coefficients()
+
+    @property
+    def uncertainty(self) -> float:
+        """Relative standard deviation of the level."""
+        return self.resistance.uncertainty
+
+    def spindle(self) -> Spindle:
+        """Return how the cutter turns."""
+        return Spindle(self.teeth, self.spindle_rpm / 60.0)
+
+    def cutter(self) -> Cutter:
+        """Return the cutter's shape."""
+        raise NotImplementedError
+
+
+class EndMillProcess(CuttingTable):
+    """An end mill whose engagement follows from stock and path, see `compplan.path.forces.milling`."""
+
+    model: Literal["end_mill"]
+    corner_radius_mm: float = Field(default=0.0, ge=0.0)
+    helix_deg: float = Field(default=30.0, ge=0.0, le=70.0)
+    runout_mm: float = Field(default=0.0, ge=0.0, le=0.5)
+
+    @model_validator(mode="after")
+    def _check(self) -> EndMillProcess:
+        if self.corner_radius_mm > 0.5 * self.diameter_mm:
+            raise ValueError(
+                f"corner_radius_mm is {self.corner_radius_mm:g}, at most half of diameter_mm = {self.diameter_mm:g} "
+                "is allowed (a ball end mill)"
+            )
+        return self
+
+    def spindle(self) -> Spindle:
+        """Return how the cutter turns."""
+        return Spindle(
+            self.teeth, self.spindle_rpm / 60.0, float(np.radians(self.helix_deg)), 1e-3 * self.runout_mm
+        )
+
+    def cutter(self) -> Cutter:
+        """Return the cutter's shape."""
+        radius, corner = 0.5e-3 * self.diameter_mm, 1e-3 * self.corner_radius_mm
+        flute = 2.0 * FLUTES * radius if self.flute_mm is None else 1e-3 * self.flute_mm
+        return Cutter(radius, max(flute, corner), corner)
+
+
+class DrillProcess(CuttingTable):
+    """A drill: thrust and torque of its lips, see `compplan.path.forces.milling`; the chisel edge counts as lip."""
+
+    model: Literal["drill"]
+    point_deg: float = Field(default=118.0, ge=60.0, le=180.0)
+
+    def cutter(self) -> Cutter:
+        """Return the drill's shape; its margins do not cut, so that its flute ends with its point."""
+        radius = 0.5e-3 * self.diameter_mm
+        point = float(np.radians(self.point_deg))
+        return Cutter(radius, radius / float(np.tan(0.5 * point)) if point < np.pi else 0.0, point=point)
+
+
+@dataclass(frozen=True)
+class CuttingForce:
+    """The engagement of a job's path and the force that follows from it at any feed; r waypoints of the path.
+
+    Attributes:
+        process: What the job says.
+        arc: Length along the path. Shape (r,). [m]
+        rapid: Moves that do not cut. Shape (r,).
+        engagement: What the cutter touches.
+        shape: What each coefficient contributes.
+        notes: What a user should know.
+
+    """
+
+    process: CuttingTable
+    arc: Array
+    rapid: NDArray[np.bool_]
+    engagement: Engagement
+    shape: MillingShape
+    notes: tuple[str, ...]
+
+    def wrench(self, nominal: Toolpath) -> Array:
+        """Return the mean wrench at any division of the path, at its feed, path axes. Shape (n, 6). [N, N m]"""
+        where = nominal.arc_length
+        columns = np.concatenate([self.shape.cutting, self.shape.edge], axis=1).reshape(len(self.arc), -1)
+        shape = np.column_stack([np.interp(where, self.arc, column) for column in columns.T]).reshape(-1, 6, 6)
+        per_tooth = self.process.spindle().feed_per_tooth(nominal.feed)
+        wrench = MillingShape(shape[:, :3], shape[:, 3:]).wrench(self.process.resistance, per_tooth)
+        return np.asarray(wrench * ~nominal.rapid[:, None])
+
+    def ripple(self, feed: Array) -> Array:
+        """Return half of the range of the force through a turn, path axes; those of the waypoints between are near.
+
+        Args:
+            feed: Shape (r,). [m/s]
+
+        Returns:
+            Shape (r, 3). [N]
+
+        """
+        touches = np.flatnonzero(self.engagement.touches)
+        ripple = np.zeros((len(self.arc), 3))
+        if not len(touches):
+            return ripple
+        chosen = touches[np.unique(np.linspace(0, len(touches) - 1, min(RIPPLES, len(touches))).astype(int))]
+        spindle, parts = self.process.spindle(), []
+        per_tooth = spindle.feed_per_tooth(feed)
+        for rows in np.array_split(chosen, max(len(chosen) // 100, 1)):
+            turn = ripple_force(self.engagement, rows, self.process.resistance, spindle, per_tooth[rows])
+            parts.append(ripple_amplitude(turn))
+        near = np.clip(np.searchsorted(chosen, touches), 0, len(chosen) - 1)
+        ripple[touches] = np.vstack(parts)[near]
+        return ripple
+
+
+def prepare_cutting(
+    process: CuttingTable, toolpath: Toolpath, stock_top: float | None, job: Path
+) -> CuttingForce:
+    """Work out the engagement of a job's path.
+
+    Args:
+        process: What the job says.
+        toolpath: The path as it is planned, part frame.
+        stock_top: Height of the stock's top where the job gives no stock, part frame. [m]
+        job: The job file; the mesh's name is relative to it.
+
+    Raises:
+        InputError: If stock, cutter and path do not go together.
+
+    """
+    cutter, cutting = process.cutter(), ~toolpath.rapid
+    axis = toolpath.axis[cutting].mean(axis=0) if cutting.any() else np.array([0.0, 0.0, 1.0])
+    axis /= max(float(np.linalg.norm(axis)), 1e-12)
+    R_view = _view_along(axis)
+    position, notes = _bring_upright(cutter, toolpath, axis, cutting)
+    position = position @ R_view
+    stock, said = _read_stock(process, cutter, toolpath, stock_top, R_view, job)
+    size = np.ptp(stock.bounds(), axis=0)[:2].max()
+    if 2.0 * cutter.radius > size:
+        message = (f"is {process.diameter_mm:g}, larger than the stock, which is {1e3 * size:.4g} mm across the tool "
+                   "axis; give the stock that is cut")  # fmt: skip
+        raise InputError(message, file=job, where="process.diameter_mm")
+    found, inside = find_engagement(cutter, position, cutting, stock)
+    if not found.touches.any():
+        low, high = 1e3 * (stock.bounds() @ R_view.T)
+        message = (f"no cutting move meets the stock, which reaches from {_place(np.minimum(low, high))} to "
+                   f"{_place(np.maximum(low, high))} mm, while the path goes from "
+                   f"{_place(1e3 * toolpath.position.min(axis=0))} to {_place(1e3 * toolpath.position.max(axis=0))} mm "
+                   "(part frame)")  # fmt: skip
+        raise InputError(message, file=job, where="process.stock")
+    notes += said + _describe_cut(process, toolpath, found, inside, job)
+    shape = shape_milling(found, process.teeth, process.resistance.exponent)
+    return CuttingForce(process, toolpath.arc_length, toolpath.rapid, found, shape, tuple(notes))
+
+
+def _bring_upright(
+    cutter: Cutter, toolpath: Toolpath, axis: Array, cutting: NDArray[np.bool_]
+) -> tuple[Array, list[str]]:
+    """Return the tips as if the axis stood still: a ball keeps its centre."""
+    lean = float(np.arccos(np.clip(toolpath.axis[cutting] @ axis, -1.0, 1.0)).max(initial=0.0))
+    position = toolpath.position + cutter.corner * (toolpath.axis - axis) if cutter.round else toolpath.position
+    if lean <= LEANS:
+        return position, []
+    kept = "the ball's centre is kept" if cutter.round else "the tip is kept"
+    return position, [
+        f"The tool axis leans by up to {np.degrees(lean):.3g} deg from its mean: engagement is worked out along the "
+        f"mean, {kept}."
+    ]
+
+
+def _view_along(axis: Array) -> Array:
+    """Return axes whose third is the tool axis; the part's own where that is its z. Shape (3, 3)."""
+    if axis[2] > 1.0 - 1e-12:
+        return np.eye(3)
+    x = np.cross([0.0, 1.0, 0.0], axis) if abs(axis[1]) < 0.9 else np.cross(axis, [1.0, 0.0, 0.0])
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(axis, x), axis])
+
+
+def _read_stock(
+    process: CuttingTable, cutter: Cutter, toolpath: Toolpath, top: float | None, R_view: Array, job: Path
+) -> tuple[Columns, list[str]]:
+    """Return the stock as it is seen along the tool axis, and what was assumed of it."""
+    table = process.stock
+    if table is not None and table.block_mm is not None:
+        return build_block(1e-3 * np.array(table.block_mm[0]), 1e-3 * np.array(table.block_mm[1]), R_view), []
+    if table is not None:
+        mesh = read_mesh(job.parent / str(table.mesh), table.unit, "process.stock.mesh", job)
+        columns, note = build_height_map(mesh, R_view, cutter.radius / MESH_COLUMNS)
+        return columns, [note] if note else []
+    if top is None:
+        message = "missing key: the force follows from the stock, give [process.stock] or the height of its top"
+        raise InputError(message, file=job, where="process.stock_top_mm")
+    reach = BEYOND * 2.0 * cutter.radius
+    low, high = toolpath.position.min(axis=0) - reach, toolpath.position.max(axis=0) + reach
+    low[2], high[2] = min(low[2], top - reach), top
+    note = (f"No stock is given: a block below z = {1e3 * top:g} mm, {1e3 * reach:.3g} mm wider than the path, is "
+            "assumed; the first pass cuts it in full, later ones what is left.")  # fmt: skip
+    return build_block(low, high, R_view), [note]
+
+
+def _describe_cut(
+    process: CuttingTable, toolpath: Toolpath, found: Engagement, inside: NDArray[np.bool_], job: Path
+) -> list[str]:
+    """Say where coefficients come from, and what is odd about the cut."""
+    resistance, notes = process.resistance, []
+    name = process.material or "coefficients"
+    scatter = f"+- {100 * resistance.uncertainty:.3g} % (assumed)"
+    notes.append(f"Cutting coefficients ({name}): {resistance.source}; {scatter}.")
+    touches = found.touches & ~toolpath.rapid
+    chip = 1e3 * process.spindle().feed_per_tooth(toolpath.feed[touches])
+    if len(chip) and not (FEED_PER_TOOTH[0] <= chip.min() and chip.max() <= FEED_PER_TOOTH[1]):
+        message = (f"feed a tooth is {chip.min():.3g} to {chip.max():.3g} mm, {FEED_PER_TOOTH[0]:g} to "
+                   f"{FEED_PER_TOOTH[1]:g} mm is allowed; check feed, spindle_rpm and teeth")  # fmt: skip
+        raise InputError(message, file=job, where="process.spindle_rpm")
+    low, high = resistance.valid_chip_mm
+    if len(chip) and (chip.max() > high or chip.max() < low):
+        notes.append(f"Feed a tooth of up to {chip.max():.3g} mm lies outside the range of the coefficients, "
+                     f"{low:g} to {high:g} mm.")  # fmt: skip
+    if inside.any():
+        row = int(np.flatnonzero(inside)[0])
+        notes.append(f"{inside.sum()} rapid moves end in material, the first at waypoint {row}; they carry no force.")
+    return notes
+
+
+def _place(position: Array) -> str:
+    return "(" + ", ".join(f"{value:.4g}" for value in position) + ")"

@@ -1,0 +1,181 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compplan.cell.forces import DrivenRows, read_forces
+from compplan.errors import InputError
+from compplan.job.job import check_job, load_job, load_path
+from compplan.path.forces.friction_stir import FrictionStirProcess, weld_torque, weld_wrench
+from compplan.path.forces.grinding import GrindingProcess, grinding_wrench
+from compplan.path.forces.sheet_forming import (
+    IsfRegressionProcess,
+    find_step_down,
+    find_wall_angle,
+    sheet_wrench,
+    steady_axial_force,
+)
+from compplan.path.generators import Pace, generate_cone
+from compplan.path.toolpath import Toolpath, divide_toolpath
+
+EXAMPLES = sorted((Path(__file__).parent.parent / "examples" / "forces").glob("*.toml"))
+SLOT = "x_mm,y_mm,z_mm,feed_mm_s,rapid\n-20,20,10,0,1\n-20,20,-2,0,1\n60,20,-2,20,0\n60,20,10,20,0\n"
+MILL = {
+    "model": "end_mill", "diameter_mm": 10.0, "teeth": 2, "spindle_rpm": 6000.0, "material": "al7075_t6",
+    "stock": {"block_mm": [[0.0, 0.0, -20.0], [40.0, 40.0, 0.0]]},
+}  # fmt: skip
+
+
+def make_job(folder: Path, process: dict, toolpath: str = SLOT):
+    (folder / "path.csv").write_text(toolpath)
+    data = {"schema": 1, "robot": "staubli_tx200", "toolpath": "path.csv", "process": process,
+            "part": {"position_mm": [1500.0, 0.0, 300.0]}}  # fmt: skip
+    return check_job(data, folder / "job.toml")
+
+
+def line(feed: float = 0.02) -> Toolpath:
+    position = np.column_stack([np.linspace(0, 0.1, 11), np.zeros(11), np.zeros(11)])
+    return Toolpath(position, np.tile([0.0, 0, 1], (11, 1)), np.full(11, feed), np.zeros(11, bool))
+
+
+@pytest.mark.parametrize("file", EXAMPLES, ids=lambda f: f.stem)
+def test_every_example_has_force_in_material_and_none_in_rapid_moves(file) -> None:
+    nominal, law = load_path(load_job(file))
+    force = np.linalg.norm(nominal.wrench[:, :3], axis=1)
+    assert force.max() > 1.0 and not force[nominal.rapid].any()
+    assert "assumed" in law.note
+
+
+def test_in_the_air_there_is_no_force_and_a_lift_carries_none(tmp_path) -> None:
+    nominal, _ = load_path(make_job(tmp_path, MILL))
+    local = nominal.position - [1.5, 0.0, 0.3]
+    force = np.linalg.norm(nominal.wrench[:, :3], axis=1)
+    outside = (local[:, 0] < -5e-3) | (local[:, 0] > 45e-3)
+    assert not force[outside].any()
+    assert force[np.abs(local[:, 0] - 20e-3) < 5e-3].min() > 50.0
+
+
+def test_the_force_at_any_division_and_feed_is_that_of_the_path_there(tmp_path) -> None:
+    nominal, law = load_path(make_job(tmp_path, MILL))
+    finer = divide_toolpath(nominal, np.arange(0, len(nominal) - 0.75, 0.25))
+    at = np.flatnonzero(np.isclose(finer.position[:, 0], 1.52) & ~finer.rapid)
+    wrench = law.predict(finer)[at[0]]
+    there = np.flatnonzero(np.isclose(nominal.position[:, 0], 1.52) & ~nominal.rapid)
+    assert wrench == pytest.approx(nominal.wrench[there[0]], rel=1e-6)
+    assert law.follows_feed
+    slow, fast = (law.predict(nominal, np.full(len(nominal), f))[there[0], 5] for f in (0.01, 0.02))
+    edge = 2 * slow - fast  # linear in the feed, with the edge force left at none
+    assert edge == pytest.approx(0.5 * 2 * 27.7 * 2 * 5e-3, rel=5e-3)
+
+
+def test_a_turned_part_turns_the_force(tmp_path) -> None:
+    straight = load_path(make_job(tmp_path, MILL))[0].wrench
+    job = make_job(tmp_path, MILL)
+    turned = load_path(job.model_copy(update={"part": job.part.model_copy(update={"rotation_deg": (0.0, 0.0, 90.0)})}))
+    assert turned[0].wrench[:, 0] == pytest.approx(-straight[:, 1], abs=1e-9)
+    assert turned[0].wrench[:, 2] == pytest.approx(straight[:, 2], abs=1e-9)
+
+
+def test_without_stock_a_block_below_the_top_is_assumed_and_said(tmp_path) -> None:
+    bare = {key: value for key, value in MILL.items() if key != "stock"}
+    nominal, law = load_path(make_job(tmp_path, {**bare, "stock_top_mm": 0.0}))
+    assert "No stock is given: a block below z = 0 mm" in law.note
+    assert np.linalg.norm(nominal.wrench[:, :3], axis=1).max() > 50.0
+    with pytest.raises(InputError, match=r"stock_top_mm: missing key: the force follows from the stock"):
+        load_path(make_job(tmp_path, bare))
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"stock": {"block_mm": [[200, 0, -20], [240, 40, 0]]}}, "no cutting move meets the stock"),
+        ({"diameter_mm": 90.0}, "is 90, larger than the stock"),
+        ({"spindle_rpm": 1.0}, "feed a tooth is"),
+        ({"material": "cheese"}, "is 'cheese', choose from"),
+        ({"material": None, "coefficients": {"cutting_N_mm2": [0.8, 0.3, 0.1]}}, "check the unit"),
+        ({"material": None, "coefficients": {"cutting_N_mm2": [800, 300, 100], "edge_N_mm": [2e4, 0, 0]}}, "check the"),
+        ({"material": None}, "needs one of coefficients and material"),
+        ({"corner_radius_mm": 6.0}, "at most half of diameter_mm"),
+        ({"stock": {"block_mm": [[0, 0, 0], [0, 1, 1]]}}, "lowest corner first"),
+        ({"stock": {"mesh": "none.stl"}}, "no file"),
+    ],
+)
+def test_what_does_not_go_together_is_refused_in_a_sentence(change, sentence, tmp_path) -> None:
+    process = {key: value for key, value in {**MILL, **change}.items() if value is not None}
+    with pytest.raises(InputError, match=sentence):
+        load_path(make_job(tmp_path, process))
+
+
+def test_the_model_brings_its_uncertainty_to_monte_carlo_unless_the_job_says_its_own(tmp_path) -> None:
+    assert make_job(tmp_path, {**MILL, "material": "c45"}).noise.wrench_level == 0.25
+    job = make_job(tmp_path, MILL)
+    own = check_job({**job.model_dump(by_alias=True, exclude_unset=True), "noise": {"wrench_level": 0.05}}, job.file)
+    assert own.noise.wrench_level == 0.05
+
+
+def test_the_regression_has_its_printed_exponents() -> None:
+    base = float(steady_axial_force(100.0, 1.0, 10.0, np.array(0.5), np.radians(50.0)))
+    assert base == pytest.approx(0.0716 * 100 * 10**0.41 * 0.5**0.09 * 50 * np.cos(np.radians(50)), rel=1e-12)
+    assert float(steady_axial_force(100.0, 2.0, 10.0, np.array(0.5), np.radians(50.0))) / base == pytest.approx(2**1.57)
+
+
+@pytest.mark.parametrize("angle", [30.0, 45.0, 60.0])
+@pytest.mark.parametrize("levels", [False, True])
+def test_wall_angle_and_step_down_are_found_from_the_path(angle, levels) -> None:
+    cone = generate_cone(0.08, 0.012, np.radians(angle), 1e-3, Pace(feed=0.02, step=5e-4), levels=levels)
+    assert find_step_down(cone) == pytest.approx(1e-3, rel=0.05)
+    assert np.degrees(np.median(find_wall_angle(cone, 1e-3))) == pytest.approx(angle, abs=1.0)
+
+
+def test_forming_builds_up_and_then_stays() -> None:
+    cone = generate_cone(0.08, 0.02, np.radians(45), 1e-3, Pace(feed=0.02, step=5e-4))
+    process = IsfRegressionProcess(model="isf_regression", thickness_mm=1.0, tool_diameter_mm=10.0, tensile_N_mm2=300.0)
+    axial = sheet_wrench(process, cone)[:, 2]
+    deep = np.arange(len(cone)) > 0.6 * len(cone)
+    assert axial[5] < 0.35 * axial[deep].mean()
+    assert np.ptp(axial[deep]) < 0.03 * axial[deep].mean()
+
+
+def test_a_weld_has_the_torque_of_its_faces_and_the_force_of_its_pressure() -> None:
+    process = FrictionStirProcess(
+        model="friction_stir", shoulder_diameter_mm=20.0, probe_diameter_mm=8.0, probe_length_mm=4.0, shear_N_mm2=30.0,
+        pressure_N_mm2=20.0,
+    )  # fmt: skip
+    ring = 2 / 3 * np.pi * 30 * (10**3 - 4**3)
+    side, tip = 2 * np.pi * 4**2 * 4 * 30, 2 / 3 * np.pi * 30 * 4**3
+    assert weld_torque(process) == pytest.approx((ring + side + tip) * 1e-3)
+    assert weld_wrench(process, line())[3, 2] == pytest.approx(20 * np.pi * 100)
+
+
+def test_grinding_power_is_energy_times_removal() -> None:
+    process = GrindingProcess(
+        model="grinding", specific_energy_J_mm3=40.0, depth_mm=0.1, width_mm=20.0, wheel_speed_m_s=30.0
+    )
+    wrench = grinding_wrench(process, line(0.05))
+    assert -wrench[4, 0] * 30.0 == pytest.approx(40.0 * 0.1 * 20.0 * 50.0)  # W
+    assert wrench[4, 0] / wrench[4, 2] == pytest.approx(-0.45)
+
+
+@pytest.mark.parametrize(
+    "process",
+    [
+        {"model": "friction_stir", "shoulder_diameter_mm": 20.0, "probe_diameter_mm": 8.0, "probe_length_mm": 4.0,
+         "shear_N_mm2": 30.0, "axial_N": 5000.0, "shoulder_cone_deg": 8.0, "ramp_mm": 5.0},
+        {"model": "grinding", "normal_N": 30.0},
+        {"model": "grinding", "specific_energy_J_mm3": 40.0, "depth_mm": 0.1, "width_mm": 20.0,
+         "wheel_speed_m_s": 30.0, "direction": "along"},
+    ],
+)  # fmt: skip
+def test_the_judge_reads_the_same_wrench_by_itself(process, tmp_path) -> None:
+    job = make_job(tmp_path, process)
+    nominal, law = load_path(job)
+    cut = ~nominal.rapid
+    step = np.r_[0.0, nominal.steps / np.maximum(nominal.feed[1:], 1e-9)]
+    time = np.cumsum(np.where(nominal.rapid, 1.0, step))
+    rows = DrivenRows(nominal.position, nominal.axis, nominal.rapid, np.zeros(len(nominal), bool), time)
+    tables = job.model_dump(by_alias=True, exclude_unset=True)
+    read = read_forces(tables, tmp_path, rows)
+    assert read is not None
+    assert read[cut] == pytest.approx(law.predict(nominal)[cut], rel=1e-9, abs=1e-9)
