@@ -29,6 +29,7 @@ COMMANDS = {
     "identify": "compplan.commands.identify",
     "diagnose": "compplan.commands.diagnose",
     "predict": "compplan.commands.predict",
+    "campaign": "compplan.commands.campaign",
     "certificate": "compplan.commands.certificate",
     "convert": "compplan.commands.convert",
     "post": "compplan.commands.post",

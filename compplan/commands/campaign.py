@@ -1,0 +1,64 @@
+"""`compplan campaign`: the measurements that make a path's promise smallest."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from compplan.files.tables import dump_json
+
+
+@click.command("campaign")
+@click.argument("job", type=click.Path(path_type=Path))
+@click.option("--poses", "count", type=click.IntRange(1, 200), required=True, help="How many poses to measure.")
+@click.option("--out", "folder", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
+@click.option("--log", "log", type=click.Path(path_type=Path), help="What has been measured already.")
+@click.option("--weights-kg", "weights", default="0", show_default=True, metavar="KG,KG",
+              help="Weights that can hang at the tool; 0: none.")  # fmt: skip
+@click.option("--pull-N", "pull", type=click.FloatRange(0.0, 1e5), default=0.0, show_default=True,
+              help="Force with which the tool can be pulled sideways, along x or y of the base.")  # fmt: skip
+@click.option("--sigma-mm", "sigma", type=click.FloatRange(0.0, 10.0, min_open=True), default=0.03, show_default=True,
+              help="Standard deviation of the instrument, per axis.")  # fmt: skip
+@click.option("--register", help="Frames that are unknown: base, tool or base,tool.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the candidates.")
+@click.option("--json", "as_json", is_flag=True, help="Print campaign.json to stdout.")
+def command(
+    job: Path, count: int, folder: Path, log: Path | None, weights: str, pull: float, sigma: float,
+    register: str | None, seed: int, as_json: bool,
+) -> None:  # fmt: skip
+    """Design the measurements that make the promise for JOB's path smallest.
+
+    Writes campaign.csv (an empty log to fill in), programs that move to the poses, campaign.json and report.html.
+
+    Example: compplan campaign paths/isf_cone.toml --poses 12 --weights-kg 0,50 --pull-N 300 --out poses
+    """
+    from compplan.commands.progress import show_progress
+    from compplan.errors import InputError
+    from compplan.job.job import load_job
+    from compplan.loop.campaign import Shop, design_campaign, parse_weights
+    from compplan.measure.reading import read_campaign
+    from compplan.measure.registration import parse_parts
+    from compplan.outputs.campaign import write_campaign
+    from compplan.plan.plan import plan_job
+
+    if not sigma < 10.0 or not pull < 1e5:
+        raise InputError("--sigma-mm and --pull-N are finite numbers")
+    shop = Shop(parse_weights(weights), pull, sigma * 1e-3, parse_parts(register), seed)
+    checked = load_job(job)
+    with show_progress() as announce:
+        announce("plan")
+        plan = plan_job(checked)
+        measured = None if log is None else read_campaign(log, plan.robot)
+        campaign = design_campaign(plan, shop, count, measured, announce)
+        announce("report")
+        summary = write_campaign(campaign, folder)
+    if as_json:
+        click.echo(dump_json(summary, indent=2))
+        return
+    click.echo(summary["says"])
+    for note in campaign.notes:
+        click.echo(note)
+    if len(campaign.touching):
+        click.echo(f"the way to pose {', '.join(str(k + 1) for k in campaign.touching)} touches something: go around")
+    click.echo(f"wrote {', '.join(summary['files'])} to {folder}")

@@ -1,0 +1,209 @@
+"""Design the few measurements that make the promise for one path smallest, and say what they will bring."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from compplan.cell.predict import predict_campaign
+from compplan.effects.assumed import known_uncertainty, list_assumed
+from compplan.errors import InputError
+from compplan.loop.candidates import Candidates, find_postures, list_candidates, run_up
+from compplan.loop.design import Choice, Design, choose_measurements, learn_rows, random_choice, update_known
+from compplan.loop.order import order_poses
+from compplan.measure.campaign import Campaign
+from compplan.measure.distance import band_radius
+from compplan.plan.plan import Plan
+from compplan.posture.collision_scene import CollisionScene, build_scene
+from compplan.promise.band import lead_unknowns, linearise_path, split_covariance
+from compplan.promise.slopes import measure_slopes, read_force_spread, stage_path
+from compplan.promise.vary import stage_robot
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Uncertainty
+
+#: Random poses that the design is compared with, and how often they are drawn.
+MANY, DRAWS = 50, 5
+#: A log lies beyond its widths where chance would do so once in a thousand.
+BY_CHANCE = 0.999
+
+
+@dataclass(frozen=True)
+class Shop:
+    """What a shop has to measure with.
+
+    Attributes:
+        weights: Weights that can hang at the tool, 0 for none. [kg]
+        pull: Force with which the tool can be pulled sideways, 0 for none. [N]
+        sigma: Standard deviation of the instrument per axis. [m]
+        register: Frames that are unknown, of "base" and "tool".
+        seed: Seed of the candidates.
+    """
+
+    weights: tuple[float, ...] = (0.0,)
+    pull: float = 0.0
+    sigma: float = 3e-5
+    register: tuple[str, ...] = ()
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class PoseCampaign:
+    """Poses to measure, in the order in which to measure them; the last is the first once more.
+
+    Attributes:
+        plan: The plan of the path that they are for.
+        shop: What there is to measure with.
+        poses: The measurements, in the order of measuring.
+        choice: What they bring, in the order of their worth.
+        design: What is known, and the path.
+        start: Covariance before the first of them.
+        random: Root mean square model part of the band after as many, and after `MANY`, random poses (medians). [m]
+        rest: What would narrow the band further afterwards: parameter and share of the variance.
+        touching: Places in the order to which the way touches something.
+        log: Rows of the partial log that counted.
+        notes: What a user has to know, one sentence each.
+    """
+
+    plan: Plan
+    shop: Shop
+    poses: Candidates
+    choice: Choice
+    design: Design
+    start: Array
+    random: tuple[float, float]
+    rest: tuple[tuple[str, float], ...]
+    touching: NDArray[np.int_]
+    log: int
+    notes: tuple[str, ...]
+
+    @property
+    def approach_start(self) -> Array:
+        """Where the approach of every pose begins. Shape (m, nq). [rad or m]."""
+        robot = self.plan.robot
+        return np.asarray(self.poses.q - self.poses.approach[:, None] * run_up(robot))
+
+    def model_part(self, covariance: Array) -> float:
+        """Return the root mean square band of the parameters alone. [m]"""
+        return model_part(self.design, covariance)
+
+
+def design_campaign(
+    plan: Plan, shop: Shop, count: int, log: Campaign | None = None,
+    announce: Callable[[str], None] = lambda words: None,
+) -> PoseCampaign:  # fmt: skip
+    """Design measurements for the path of a plan.
+
+    Args:
+        plan: The plan.
+        shop: What there is to measure with.
+        count: How many poses.
+        log: What has been measured already, or None.
+        announce: Told what is being done.
+
+    Raises:
+        InputError: If the arm finds too few postures.
+    """
+    task, robot = plan.task, plan.robot
+    announce("the path and what is known")
+    known = known_uncertainty(robot)
+    scene = stage_path(robot, plan.q, task.wrench, task.step_time)
+    noise = None if plan.job is None else plan.job.noise
+    path = linearise_path(scene, known, read_force_spread(noise), task.cut)
+    design = Design(known, path, shop.sigma, shop.register)
+    notes = list_assumed(robot)
+    start, used, said = learn_log(design, robot, log)
+    notes += said
+    announce("postures")
+    solids = _scene_of(plan)
+    postures = find_postures(robot, plan.q, float(task.position[:, 2].min()), solids, shop.seed)
+    if len(postures) < count:
+        raise InputError(
+            f"the arm finds {len(postures)} postures to measure in, {count} are asked for; check limits and collisions"
+        )
+    candidates = list_candidates(robot, postures, shop.weights, shop.pull, known.unknowns)
+    announce("choice")
+    choice = choose_measurements(design, candidates, count, start)
+    chosen = candidates.take(choice.rows)
+    order, touching = order_poses(
+        robot, chosen.q, chosen.q - chosen.approach[:, None] * run_up(robot), chosen.wrench, plan.q[0], solids
+    )
+    again = np.r_[order, order[0]]
+    return PoseCampaign(
+        plan=plan, shop=shop, poses=chosen.take(again), choice=choice, design=design, start=start,
+        random=compare_random(design, candidates, count, start, shop.seed),
+        rest=_find_rest(design, known, choice.covariance), touching=touching, log=used, notes=tuple(notes),
+    )  # fmt: skip
+
+
+def learn_log(design: Design, robot: Robot, log: Campaign | None) -> tuple[Array, int, list[str]]:
+    """Take what a partial log tells off the covariance; also return how many rows counted and what is odd."""
+    if log is None:
+        return design.start, 0, []
+    use = np.flatnonzero(log.usable & ~log.on_path)
+    scene = stage_robot(robot, log)
+    predicted = predict_campaign(robot, log, register=design.frames)
+    slopes = measure_slopes(scene, design.known.unknowns, use)
+    rows = design.rows(slopes, predicted.position[use], predicted.rotation[use])
+    gap = (log.position - predicted.position)[use].reshape(-1)
+    flat = rows.reshape(3 * len(use), -1)
+    spread = flat @ design.start @ flat.T + design.noise * np.eye(len(flat))
+    distance, freedom = float(gap @ np.linalg.solve(spread, gap)), max(len(gap) - 3 * len(design.frames) ** 2, 1)
+    said = []
+    if distance > chi2.ppf(BY_CHANCE, freedom):
+        said.append(
+            f"the log lies {np.sqrt(distance / freedom):.2g} times as far from the robot folder as its widths allow:"
+            " diagnose it, and design with the updated folder"
+        )
+    return learn_rows(design.start, rows, design.noise), len(use), said
+
+
+def compare_random(
+    design: Design, candidates: Candidates, count: int, start: Array, seed: int
+) -> tuple[float, float]:
+    """Return the model part of the band after as many, and after many, random poses: medians. [m]"""
+    found = []
+    for number in (count, MANY):
+        tries = [
+            model_part(design, random_choice(design, candidates, number, seed + 1 + k, start).covariance)
+            for k in range(DRAWS)
+        ]
+        found.append(float(np.median(tries)))
+    return found[0], found[1]
+
+
+def model_part(design: Design, covariance: Array) -> float:
+    """Return the root mean square along the path of the band that parameters alone make. [m]"""
+    p, model = len(design.known.deviation), design.path.model
+    band = band_radius(model @ covariance[:p, :p] @ np.swapaxes(model, 1, 2))
+    return float(np.sqrt(np.mean(band**2)))
+
+
+def _find_rest(design: Design, known: Uncertainty, covariance: Array) -> tuple[tuple[str, float], ...]:
+    after = update_known(known, covariance)
+    return lead_unknowns(design.path, after, split_covariance(design.path, after))
+
+
+def _scene_of(plan: Plan) -> CollisionScene:
+    start = plan.task.start
+    if start is not None and start.request is not None and start.request.scene is not None:
+        return start.request.scene
+    return build_scene(plan.robot)
+
+
+def parse_weights(text: str) -> tuple[float, ...]:
+    """Read the weights of a shop: numbers in kg with commas between them.
+
+    Raises:
+        InputError: If they are not numbers from 0 to 5000 kg.
+    """
+    try:
+        weights: Sequence[float] = [float(part) for part in text.split(",")]
+    except ValueError:
+        weights = [-1.0]
+    if not all(0.0 <= weight <= 5000.0 for weight in weights):
+        raise InputError(f"--weights-kg is {text!r}, expected numbers from 0 to 5000 with commas, such as 0,20")
+    return tuple(dict.fromkeys(weights))

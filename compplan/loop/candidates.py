@@ -1,0 +1,150 @@
+"""Candidates for measurements: postures that an arm can take and hold, loads that a shop has, both ways to approach.
+
+Half of the postures lie around the path, half anywhere within the joint limits; those that touch something, or put the
+tool below the base, are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.effects import attain_scene
+from compplan.effects.scene import Scene
+from compplan.measure.campaign import Campaign
+from compplan.posture.clearance import measure_margin
+from compplan.posture.collision_scene import CollisionScene
+from compplan.promise.slopes import measure_slopes, take_rows
+from compplan.promise.vary import stage_robot
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Unknown
+from compplan.statics.chain import build_chain, locate_frames
+
+#: Postures that are kept, and drawn for it at most.
+KEPT, DRAWN = 300, 3000
+#: Spread around the path, and distance from the joint limits that is kept [rad, share of the range of slides].
+AROUND, MARGIN = 0.35, np.radians(5.0)
+#: Revolute joints are taken within this of zero, whatever their limits: cables. [rad]
+TURN = np.radians(170.0)
+#: A pose is approached over this distance of every joint: [rad], [m]. Longer than any play.
+RUN_UP = (np.radians(1.5), 0.01)
+#: Lowest place of the tip over the base plane, where the path is not lower itself. [m]
+FLOOR = 0.05
+GRAVITY = 9.81
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Measurements that could be taken; m of them, p parameters.
+
+    Attributes:
+        q: Joint positions. Shape (m, nq). [rad or m]
+        approach: Sign of the last move of all joints. Shape (m,).
+        wrench: Load at the TCP, base axes. Shape (m, 6). [N, N m]
+        weight: Weight that hangs at the tool. Shape (m,). [kg]
+        pull: Horizontal force on the tool, base axes. Shape (m, 3). [N]
+        tip: Where the tip goes. Shape (m, 3). [m]
+        rotation: Orientation of the TCP. Shape (m, 3, 3).
+        slopes: Motion of the tip per unit of every parameter. Shape (m, 3, p).
+    """
+
+    q: Array
+    approach: NDArray[np.int_]
+    wrench: Array
+    weight: Array
+    pull: Array
+    tip: Array
+    rotation: Array
+    slopes: Array
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def take(self, rows: NDArray[np.int_]) -> Candidates:
+        """Take some of them."""
+        return Candidates(
+            self.q[rows], self.approach[rows], self.wrench[rows], self.weight[rows], self.pull[rows],
+            self.tip[rows], self.rotation[rows], self.slopes[rows],
+        )  # fmt: skip
+
+
+def run_up(robot: Robot) -> Array:
+    """Return how far before a pose its approach begins, joint by joint. Shape (nq,). [rad or m]."""
+    return np.where(robot.prismatic, RUN_UP[1], RUN_UP[0])
+
+
+def find_postures(
+    robot: Robot, path_q: Array, lowest: float, scene: CollisionScene | None, seed: int, kept: int = KEPT
+) -> Array:
+    """Draw postures that the arm can take. Shape (k, nq). [rad or m]
+
+    Args:
+        robot: The robot with its tool.
+        path_q: Joint positions along the path. Shape (n, nq). [rad or m]
+        lowest: Lowest place of the path over the base plane. [m]
+        scene: What may touch what, or None.
+        seed: Seed.
+        kept: How many to keep at most.
+    """
+    random = np.random.default_rng(seed)
+    span = np.where(robot.prismatic, np.inf, TURN)
+    low, high = np.maximum(robot.lower, -span), np.minimum(robot.upper, span)
+    edge = np.where(robot.prismatic, 0.02 * (high - low), MARGIN) + run_up(robot)
+    low, high = low + edge, high - edge
+    near = path_q[random.integers(0, len(path_q), DRAWN // 2)] + AROUND * random.standard_normal((DRAWN // 2, robot.nq))
+    far = low + (high - low) * random.random((DRAWN - len(near), robot.nq))
+    drawn = np.stack([near, far], axis=1).reshape(-1, robot.nq)
+    drawn = drawn[((drawn >= low) & (drawn <= high)).all(axis=1)]
+    tip = locate_frames(build_chain(robot), drawn).tcp_position
+    drawn = drawn[tip[:, 2] >= min(FLOOR, lowest)]
+    found: list[Array] = []
+    for start in range(0, len(drawn), kept):
+        part = drawn[start : start + kept]
+        clear = part if scene is None else part[measure_margin(scene, part, 0.0) >= 0.0]
+        found.append(clear)
+        if sum(map(len, found)) >= kept:
+            break
+    return np.concatenate(found)[:kept] if found else np.zeros((0, robot.nq))
+
+
+def list_candidates(
+    robot: Robot, postures: Array, weights: Sequence[float], pull: float, unknowns: tuple[Unknown, ...]
+) -> Candidates:
+    """Combine postures with ways to approach, weights and pulls, and differentiate what would be measured.
+
+    Args:
+        robot: The robot with its tool.
+        postures: Joint positions. Shape (k, nq). [rad or m]
+        weights: Weights that can hang at the tool. [kg]
+        pull: Force with which the tool can be pulled along x and y of the base, either way; 0 for none. [N]
+        unknowns: What is to be known better.
+    """
+    k = len(postures)
+    loads = [(weight, np.zeros(3)) for weight in weights]
+    loads += [(0.0, pull * np.array(way, float)) for way in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)) if pull > 0]
+    sign = np.tile(np.repeat([1, -1], k), len(loads))
+    weight = np.repeat([load[0] for load in loads], 2 * k)
+    force = np.repeat([load[1] for load in loads], 2 * k, axis=0)
+    q = np.tile(postures, (2 * len(loads), 1))
+    wrench = np.zeros((len(q), 6))
+    wrench[:, :3] = force
+    wrench[:, 2] -= GRAVITY * weight
+    scene, rows = stage_measurements(robot, q, sign, wrench)
+    attained = attain_scene(take_rows(scene, rows))
+    slopes = measure_slopes(scene, unknowns, rows)
+    return Candidates(q, sign, wrench, weight, force, attained.position, attained.rotation, slopes)
+
+
+def stage_measurements(
+    robot: Robot, q: Array, approach: NDArray[np.int_], wrench: Array
+) -> tuple[Scene, NDArray[np.int_]]:
+    """Stage poses, each behind its run-up; also return the rows at which they are measured."""
+    way = np.stack([q - approach[:, None] * run_up(robot), q], axis=1).reshape(-1, robot.nq)
+    n = len(way)
+    log = Campaign(
+        run=np.array(["static_1"] * n), q=way, wrench=np.repeat(wrench, 2, axis=0), position=np.full((n, 3), np.nan)
+    )
+    return stage_robot(robot, log), np.arange(1, n, 2)

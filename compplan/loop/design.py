@@ -1,0 +1,225 @@
+"""Which measurements make the promise for a path smallest: the posterior variance of the tip on that path.
+
+State x of parameters and unknown frames, covariance S. A measurement of the tip y = H x + noise of covariance R takes
+
+    S H^T (H S H^T + R)^-1 H S        off S, and        tr(L S H^T (H S H^T + R)^-1 H S L^T)
+
+off the variance summed along the path, L the slopes there. Poses are chosen one after the other, then exchanged one by
+one while that helps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.loop.candidates import Candidates
+from compplan.measure.distance import band_radius
+from compplan.promise.band import Slopes, split_covariance
+from compplan.robot import Array
+from compplan.robot.uncertainty import Uncertainty, factor_covariance
+
+#: Standard deviations of frames that are not known. [m, rad]
+LOOSE = (1.0, 0.5)
+#: Rounds of exchange.
+ROUNDS = 3
+#: A further pose is not worth it where it narrows the band by less than this share.
+WORTH = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """Linear-Gaussian bookkeeping of what measurements tell; p parameters, f numbers of frames.
+
+    Attributes:
+        known: What is known before.
+        path: The path to first order.
+        sigma: Standard deviation of the instrument per axis. [m]
+        frames: Which frames are unknown, of "base" and "tool".
+    """
+
+    known: Uncertainty
+    path: Slopes
+    sigma: float
+    frames: tuple[str, ...] = ()
+
+    @property
+    def start(self) -> Array:
+        """Covariance before the first measurement. Shape (p + f, p + f)."""
+        p = len(self.known.deviation)
+        loose = np.zeros(0)
+        if "base" in self.frames:
+            loose = np.repeat(LOOSE, 3)
+        if "tool" in self.frames:
+            loose = np.r_[loose, np.full(3, LOOSE[0])]
+        full = np.zeros((p + len(loose), p + len(loose)))
+        full[:p, :p] = self.known.calibration**2 * self.known.covariance
+        full[p:, p:] = np.diag(loose**2)
+        return full
+
+    @property
+    def target(self) -> Array:
+        """Slopes along the path, frames included: they do not move the tip. Shape (3 k, p + f)."""
+        k, _, p = self.path.model.shape
+        return np.concatenate([self.path.model.reshape(3 * k, p), np.zeros((3 * k, len(self.start) - p))], axis=1)
+
+    @property
+    def noise(self) -> float:
+        """Variance of one measurement per axis: instrument, repeatability, what no parameter explains. [m^2]."""
+        unexplained = (self.known.calibration * self.known.unexplained) ** 2 / 3.0
+        return self.sigma**2 + (self.known.repeatability or 0.0) ** 2 + unexplained
+
+    def rows(self, slopes: Array, tip: Array, rotation: Array) -> Array:
+        """Return what measurements see of parameters and frames. Shape (m, 3, p + f)."""
+        parts = [slopes]
+        if "base" in self.frames:
+            turn = np.zeros((len(tip), 3, 3))
+            turn[:, 0, 1], turn[:, 0, 2], turn[:, 1, 2] = tip[:, 2], -tip[:, 1], tip[:, 0]
+            turn[:, 1, 0], turn[:, 2, 0], turn[:, 2, 1] = -tip[:, 2], tip[:, 1], -tip[:, 0]
+            parts += [np.broadcast_to(np.eye(3), (len(tip), 3, 3)), turn]
+        if "tool" in self.frames:
+            parts.append(rotation)
+        return np.concatenate(parts, axis=2)
+
+    def band(self, covariance: Array) -> Array:
+        """Return the 95 % band along the path with a covariance of the state. Shape (k,). [m]."""
+        p = len(self.known.deviation)
+        parts = split_covariance(self.path, self.known)
+        model = self.path.model @ covariance[:p, :p] @ np.swapaxes(self.path.model, 1, 2)
+        return band_radius(model + parts["unexplained"] + parts["repeatability"] + parts["force"])
+
+    @property
+    def floor(self) -> Array:
+        """Return the band where every parameter is known exactly. Shape (k,). [m]."""
+        return self.band(np.zeros_like(self.start))
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """Measurements that were chosen.
+
+    Attributes:
+        rows: Their numbers among the candidates, in the order in which they help most.
+        greatest: Greatest band along the path after none, one, two ... of them. [m]
+        rms: Root mean square band after none, one, two ... of them. [m]
+        covariance: Covariance of parameters after all of them. Shape (p, p).
+    """
+
+    rows: NDArray[np.int_]
+    greatest: Array
+    rms: Array
+    covariance: Array
+
+    @property
+    def enough(self) -> int | None:
+        """Number of poses after which no further one is worth it; None where the last one still was."""
+        gain = 1.0 - self.rms[1:] / np.maximum(self.rms[:-1], 1e-300)
+        worth = np.flatnonzero(gain >= WORTH)
+        last = int(worth[-1]) + 1 if len(worth) else 0
+        return None if last == len(gain) else last
+
+
+def learn_rows(covariance: Array, rows: Array, noise: float) -> Array:
+    """Return the covariance after measurements, one after the other. rows: shape (m, 3, P)."""
+    for H in rows:
+        along = covariance @ H.T
+        covariance = covariance - along @ np.linalg.solve(H @ along + noise * np.eye(len(H)), along.T)
+        covariance = 0.5 * (covariance + covariance.T)
+    return covariance
+
+
+def measure_gains(covariance: Array, rows: Array, weight: Array, noise: float) -> Array:
+    """Return what each measurement would take off the variance along the path. Shape (m,). [m^2]
+
+    Args:
+        covariance: Shape (P, P).
+        rows: Shape (m, 3, P).
+        weight: L^T L along the path. Shape (P, P).
+        noise: Variance of a measurement per axis. [m^2]
+    """
+    m = len(rows)
+    flat = rows.reshape(3 * m, -1)
+    along = flat @ covariance
+    inner = np.einsum("mip,mjp->mij", along.reshape(m, 3, -1), rows) + noise * np.eye(3)
+    outer = np.einsum("mip,mjp->mij", (along @ weight).reshape(m, 3, -1), along.reshape(m, 3, -1))
+    return np.asarray(np.trace(np.linalg.solve(inner, outer), axis1=1, axis2=2))
+
+
+def choose_measurements(design: Design, candidates: Candidates, count: int, start: Array | None = None) -> Choice:
+    """Choose measurements: greedily, then exchanged one by one while that helps.
+
+    Args:
+        design: What is known, and the path.
+        candidates: What could be measured.
+        count: How many.
+        start: Covariance before the first of them; from `design` where left out.
+    """
+    before = design.start if start is None else start
+    rows = design.rows(candidates.slopes, candidates.tip, candidates.rotation)
+    weight = design.target.T @ design.target
+    chosen: list[int] = []
+    covariance = before
+    for _ in range(count):
+        gains = measure_gains(covariance, rows, weight, design.noise)
+        gains[chosen] = -1.0
+        chosen.append(int(gains.argmax()))
+        covariance = learn_rows(covariance, rows[chosen[-1:]], design.noise)
+    for _ in range(ROUNDS):
+        if not _exchange(chosen, before, rows, weight, design.noise):
+            break
+    return grade_choice(design, rows, _sort(chosen, before, rows, weight, design.noise), before)
+
+
+def grade_choice(design: Design, rows: Array, chosen: Sequence[int], before: Array) -> Choice:
+    """State the band along the path after none, one, two ... of some measurements."""
+    covariance, bands = before, [design.band(before)]
+    for number in chosen:
+        covariance = learn_rows(covariance, rows[[number]], design.noise)
+        bands.append(design.band(covariance))
+    p = len(design.known.deviation)
+    greatest = np.array([band.max() for band in bands])
+    rms = np.array([np.sqrt(np.mean(band**2)) for band in bands])
+    return Choice(np.array(chosen, int), greatest, rms, covariance[:p, :p])
+
+
+def random_choice(design: Design, candidates: Candidates, count: int, seed: int, start: Array | None = None) -> Choice:
+    """Choose measurements by chance, to compare with."""
+    rows = design.rows(candidates.slopes, candidates.tip, candidates.rotation)
+    picked = np.random.default_rng(seed).choice(len(rows), size=count, replace=count > len(rows))
+    return grade_choice(design, rows, picked.tolist(), design.start if start is None else start)
+
+
+def update_known(known: Uncertainty, covariance: Array) -> Uncertainty:
+    """Return what is known with another covariance of the parameters (calibration included in it)."""
+    deviation, factor = factor_covariance(covariance / known.calibration**2)
+    ends = np.cumsum([len(unknown.keys) for unknown in known.unknowns])
+    parts = np.split(deviation, ends[:-1])
+    unknowns = tuple(replace(u, deviation=part) for u, part in zip(known.unknowns, parts, strict=True))
+    return replace(known, unknowns=unknowns, factor=factor)
+
+
+def _exchange(chosen: list[int], before: Array, rows: Array, weight: Array, noise: float) -> bool:
+    """Try to replace each measurement by a better one; tell whether any was."""
+    better = False
+    for place in range(len(chosen)):
+        others = chosen[:place] + chosen[place + 1 :]
+        gains = measure_gains(learn_rows(before, rows[others], noise), rows, weight, noise)
+        gains[others] = -1.0
+        best = int(gains.argmax())
+        if gains[best] > gains[chosen[place]] * (1.0 + 1e-9) and best != chosen[place]:
+            chosen[place] = best
+            better = True
+    return better
+
+
+def _sort(chosen: list[int], before: Array, rows: Array, weight: Array, noise: float) -> list[int]:
+    """Order measurements by what each adds to those before it."""
+    left, order, covariance = list(chosen), [], before
+    while left:
+        gains = measure_gains(covariance, rows[left], weight, noise)
+        order.append(left.pop(int(gains.argmax())))
+        covariance = learn_rows(covariance, rows[order[-1:]], noise)
+    return order

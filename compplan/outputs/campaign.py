@@ -1,0 +1,106 @@
+"""What `compplan campaign` writes: campaign.csv to fill in, programs to the poses, campaign.json, report.html."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compplan.files.columns import to_unit
+from compplan.files.origin import describe_origin
+from compplan.files.tables import write_json, write_table
+from compplan.files.transaction import list_files, replace_folder
+from compplan.loop.campaign import MANY, PoseCampaign
+from compplan.path.toolpath import WRENCH_HEADERS
+from compplan.program import build_program, write_program
+from compplan.report.campaign_page import say_campaign, write_campaign_page
+
+
+def write_campaign(campaign: PoseCampaign, folder: Path) -> dict[str, Any]:
+    """Write a designed campaign and return what campaign.json holds.
+
+    Args:
+        campaign: The campaign.
+        folder: The folder.
+
+    Raises:
+        InputError: If the folder cannot be written; nothing is written then.
+    """
+    with replace_folder(folder, "campaign") as part:
+        write_log(campaign, part / "campaign.csv")
+        write_moves(campaign, part)
+        write_campaign_page(campaign, part / "report.html")
+        summary = {**summarise_campaign(campaign), "files": [*map(str, list_files(part)), "campaign.json"]}
+        write_json(part / "campaign.json", summary, indent=2)
+    return summary
+
+
+def write_log(campaign: PoseCampaign, file: Path) -> None:
+    """Write the empty log: one row a pose in the order of measuring; x_mm y_mm z_mm are to be filled in."""
+    poses, n = campaign.poses, len(campaign.poses)
+    columns: dict[str, object] = {"run": np.array(["static1"] * n)}
+    for k, slides in enumerate(campaign.plan.robot.prismatic, 1):
+        header = f"q{k}_mm" if slides else f"q{k}_deg"
+        columns[header] = to_unit(poses.q[:, k - 1], header)
+    columns |= {header: poses.wrench[:, k] for k, header in enumerate(WRENCH_HEADERS)}
+    columns |= {f"{axis}_mm": np.full(n, np.nan) for axis in "xyz"}
+    columns["sigma_mm"] = np.full(n, campaign.shop.sigma * 1e3)
+    write_table(file, columns, decimals=7)
+
+
+def write_moves(campaign: PoseCampaign, folder: Path) -> list[Path]:
+    """Write programs of joint moves: to where each approach begins, then to the pose, stopping at every point."""
+    plan = campaign.plan
+    if plan.job is None or not plan.job.output.programs:
+        return []
+    robot, n = plan.robot, len(campaign.poses)
+    q = np.stack([campaign.approach_start, campaign.poses.q], axis=1).reshape(-1, robot.nq)
+    comments = [
+        f"compplan: {n} poses to measure for {plan.name}",
+        "every second point is a pose: stop there, let it settle, measure",
+        "loads change between poses as campaign.csv says",
+    ]
+    moves = np.ones(2 * n, bool)
+    program = build_program(
+        robot, q, np.zeros(2 * n), moves, name=f"{plan.job.file.stem}_poses", comments=comments, exact=moves
+    )
+    files: list[Path] = []
+    for language in plan.job.output.programs:
+        files += write_program(program, language, folder, any_brand=plan.job.output.any_brand)
+    return files
+
+
+def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
+    """Return the content of campaign.json."""
+    choice, design, shop = campaign.choice, campaign.design, campaign.shop
+    return {
+        "schema": 1,
+        "name": campaign.plan.name,
+        "robot": campaign.plan.robot.name,
+        "poses": len(choice.rows),
+        "rows_of_log": campaign.log,
+        "promise_mm": {
+            "p95_max_now": choice.greatest[0] * 1e3,
+            "p95_max_after": choice.greatest[-1] * 1e3,
+            "p95_max_after_each": (choice.greatest * 1e3).tolist(),
+            "p95_rms_after_each": (choice.rms * 1e3).tolist(),
+            "p95_max_floor": float(design.floor.max()) * 1e3,
+        },
+        "parameters_alone_p95_rms_mm": {
+            "now": campaign.model_part(campaign.start) * 1e3,
+            "designed": campaign.model_part(choice.covariance) * 1e3,
+            "as_many_random": campaign.random[0] * 1e3,
+            f"random_{MANY}": campaign.random[1] * 1e3,
+        },
+        "stop_after": choice.enough,
+        "says": say_campaign(campaign).replace("\u00a0", " "),
+        "remaining": [{"unknown": name, "share_of_variance": share} for name, share in campaign.rest],
+        "ways_that_touch": [int(k) + 1 for k in campaign.touching],
+        "instrument_sigma_mm": shop.sigma * 1e3,
+        "weights_kg": list(shop.weights),
+        "pull_N": shop.pull,
+        "register": list(shop.register),
+        "notes": list(campaign.notes),
+        "made_by": describe_origin(),
+    }

@@ -1,0 +1,146 @@
+"""Designed measurements: the bookkeeping in closed form, the choice against chance, order, files, a partial log."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import run_command
+
+from compplan.cell.predict import predict_campaign
+from compplan.loop.candidates import find_postures, list_candidates
+from compplan.loop.design import Design, choose_measurements, learn_rows, measure_gains, random_choice, update_known
+from compplan.loop.order import order_poses
+from compplan.measure.campaign import Campaign
+from compplan.promise.band import linearise_path
+from compplan.promise.slopes import ForceSpread, stage_path
+from compplan.promise.vary import draw_robots
+from compplan.robot import Robot, load_robot
+from compplan.robot.uncertainty import Uncertainty, Unknown
+
+PATHS = Path(__file__).parents[1] / "paths"
+
+
+def stiffness_unknowns(deviation: float = 1e-7) -> Uncertainty:
+    unknowns = tuple(
+        Unknown("joint_stiffness", f"joint_{k}", None, ("compliance_change_rad_per_Nm",), np.array([deviation]))
+        for k in range(1, 7)
+    )
+    return Uncertainty("assumed", "made up", unknowns, np.eye(6), repeatability=1e-5)
+
+
+def make_design(frames: tuple[str, ...] = ()) -> tuple[Design, np.ndarray]:
+    robot = load_robot("kuka_kr270")
+    q = np.radians([0.0, -60, 80, 10, 50, 5]) + 0.2 * np.sin(np.linspace(0, 6, 30)[:, None] + np.arange(6))
+    wrench = np.tile([400.0, 900.0, -600.0, 0, 0, 0], (30, 1))
+    known = stiffness_unknowns()
+    path = linearise_path(stage_path(robot, q, wrench), known, ForceSpread(0, 0, 0, "known"), np.ones(30, bool))
+    return Design(known, path, 3e-5, frames), q
+
+
+def test_a_measurement_takes_off_what_a_scalar_filter_takes_off() -> None:
+    """Prior variance 4, three readings of noise 1: 1 / (1/4 + 3)."""
+    rows = np.zeros((1, 3, 1)) + 1.0
+    assert learn_rows(np.array([[4.0]]), rows, 1.0) == pytest.approx(1 / (0.25 + 3.0))
+    gain = measure_gains(np.array([[4.0]]), rows, np.array([[2.0]]), 1.0)
+    assert gain == pytest.approx(2.0 * (4.0 - 1 / 3.25))
+
+
+def test_an_unknown_base_and_tool_are_seen_as_they_move_the_target() -> None:
+    design, _ = make_design(("base", "tool"))
+    random = np.random.default_rng(2)
+    tip, turn = random.normal(size=(1, 3)), np.linalg.qr(random.normal(size=(3, 3)))[0][None]
+    rows = design.rows(np.zeros((1, 3, 6)), tip, turn)
+    step = random.normal(size=9) * 1e-3
+    moved = step[:3] + np.cross(step[3:6], tip[0]) + turn[0] @ step[6:]
+    assert rows[0, :, 6:] @ step == pytest.approx(moved)
+
+
+def test_designed_poses_beat_random_ones_and_never_widen_the_band() -> None:
+    design, q = make_design()
+    robot = load_robot("kuka_kr270")
+    postures = find_postures(robot, q, 0.5, None, seed=1, kept=60)
+    assert (postures > robot.lower).all()
+    assert (postures < robot.upper).all()
+    candidates = list_candidates(robot, postures, [0.0, 100.0], 300.0, design.known.unknowns)
+    choice = choose_measurements(design, candidates, 6)
+    chance = [random_choice(design, candidates, 6, seed).rms[-1] for seed in range(9)]
+    assert (np.diff(choice.rms) <= 1e-12).all()
+    assert choice.rms[-1] < min(chance)
+    after = update_known(design.known, choice.covariance)
+    assert after.covariance == pytest.approx(choice.covariance, rel=1e-9, abs=1e-30)
+    # weights alone cannot turn joint 1 about its vertical axis
+    still = choose_measurements(design, list_candidates(robot, postures, [100.0], 0.0, design.known.unknowns), 6)
+    assert still.covariance[0, 0] == pytest.approx(1e-14, rel=1e-3)
+    assert choice.covariance[0, 0] < 0.1e-14
+
+
+def test_poses_of_one_load_are_measured_together_and_on_a_short_way() -> None:
+    robot = load_robot("kuka_kr270")
+    home = np.radians([0.0, -90, 90, 0, 0, 0])
+    q = home + np.radians([[40.0], [10.0], [30.0], [20.0]]) * np.array([1.0, 0, 0, 0, 0, 0])
+    load = np.zeros((4, 6))
+    load[2, 2] = -500.0
+    order, touching = order_poses(robot, q, q, load, home, None)
+    assert order.tolist() == [1, 3, 0, 2]
+    assert not len(touching)
+
+
+@pytest.fixture
+def small_job(tmp_path: Path) -> Path:
+    text = (PATHS / "circle_10mm.toml").read_text(encoding="utf-8").replace("waypoints = 500", "waypoints = 40")
+    file = tmp_path / "circle.toml"
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+def test_the_log_that_is_filled_in_narrows_the_promise(small_job, tmp_path, monkeypatch, capsys) -> None:
+    out = tmp_path / "poses"
+    words = ["campaign", small_job, "--poses", "6", "--weights-kg", "0,100", "--pull-N", "300", "--out"]
+    answer = run_command([*words, out], monkeypatch, capsys)
+    assert answer.status == 0
+    first = json.loads((out / "campaign.json").read_text(encoding="utf-8"))
+    promised = first["promise_mm"]
+    assert promised["p95_max_floor"] < promised["p95_max_after"] < promised["p95_max_now"]
+    alone = first["parameters_alone_p95_rms_mm"]
+    assert alone["designed"] < alone["as_many_random"] < alone["now"]
+    assert list(out.glob("*poses*.src"))
+    assert "What it brings" in (out / "report.html").read_text(encoding="utf-8")
+
+    robot = load_robot("kuka_kr270")
+    lines = (out / "campaign.csv").read_text(encoding="utf-8").splitlines()
+    assert len(lines) == 8
+    (drawn,) = draw_robots(robot, 1, 5)
+    fill(out / "campaign.csv", tmp_path / "log.csv", drawn.robot)
+    answer = run_command([*words, tmp_path / "next", "--log", tmp_path / "log.csv"], monkeypatch, capsys)
+    assert answer.status == 0
+    second = json.loads((tmp_path / "next" / "campaign.json").read_text(encoding="utf-8"))
+    assert second["rows_of_log"] == 7
+    assert second["promise_mm"]["p95_max_now"] == pytest.approx(promised["p95_max_after"], rel=0.02)
+    assert not any("diagnose it" in note for note in second["notes"])
+
+
+def fill(empty: Path, file: Path, robot: Robot) -> None:
+    """Write what an instrument would see of a robot into an empty log."""
+    head, *lines = empty.read_text(encoding="utf-8").splitlines()
+    names, rows = head.split(","), [line.split(",") for line in lines]
+    numbers = {name: [row[k] for row in rows] for k, name in enumerate(names)}
+    q = np.radians(np.array([numbers[f"q{k}_deg"] for k in range(1, 7)], float).T)
+    wrench = np.array([numbers[name] for name in ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")], float).T
+    log = Campaign(run=np.array(numbers["run"]), q=q, wrench=wrench, position=np.zeros((len(q), 3)))
+    at = names.index("x_mm")
+    for row, point in zip(rows, predict_campaign(robot, log).position * 1e3, strict=True):
+        row[at : at + 3] = [f"{value:.5f}" for value in point]
+    file.write_text("\n".join([head, *map(",".join, rows)]) + "\n", encoding="utf-8")
+
+
+def test_a_campaign_is_refused_in_one_line(small_job, tmp_path, monkeypatch, capsys) -> None:
+    for more, words in ((["--weights-kg", "0,heavy"], "--weights-kg"), (["--register", "tip"], "--register")):
+        arguments = ["campaign", small_job, "--poses", "3", *more, "--out", tmp_path / "out"]
+        answer = run_command(arguments, monkeypatch, capsys)
+        assert answer.status == 2
+        assert answer.err.count("\n") == 1
+        assert words in answer.err
+    assert not (tmp_path / "out").exists()
