@@ -11,12 +11,18 @@ import pytest
 
 from compplan.cell.predict import predict_campaign
 from compplan.diagnose import Diagnosis, diagnose_campaign
+from compplan.diagnose.accuracy import _summarise, draw_learning
+from compplan.diagnose.assessment import assess_diagnosis
+from compplan.diagnose.calibration import list_corrections
 from compplan.diagnose.evidence import _negative, find_gains, find_posterior
-from compplan.diagnose.held_out import make_folds
+from compplan.diagnose.fit import fit_effects
+from compplan.diagnose.held_out import Folds, make_folds
 from compplan.diagnose.search import Claim
+from compplan.diagnose.state import Problem
 from compplan.diagnose.where import split_diagnosis
-from compplan.effects import Effect
+from compplan.effects import EFFECTS, Effect
 from compplan.errors import InputError
+from compplan.measure.registration import Registration
 from compplan.outputs.diagnosis import write_diagnosis
 from compplan.robot import Robot
 from compplan.robot.folder import read_robot_folder
@@ -90,13 +96,68 @@ def test_an_offset_lists_the_origin_that_does_the_same(diagnosis: Diagnosis) -> 
 
 
 def test_the_updated_folder_predicts_a_fresh_campaign(diagnosis: Diagnosis, robot: Robot, tmp_path: Path) -> None:
-    write_diagnosis(diagnosis, split_diagnosis(diagnosis), diagnosis.to_table(), tmp_path)
+    write_diagnosis(
+        diagnosis, split_diagnosis(diagnosis), assess_diagnosis(diagnosis), diagnosis.to_table(), tmp_path
+    )
     table = json.loads((tmp_path / "diagnosis.json").read_text())
     assert {e["effect"] for e in table["verdict"]["effects"]} == {"joint_stiffness", "joint_offset"}
     updated = read_robot_folder(tmp_path / "robot")
     fresh = measure(robot, plan_rows(robot, 77), [CAUSE, SECOND], 77)
     gap = np.linalg.norm(fresh.position - predict_campaign(updated, fresh).position, axis=1)
     assert np.sqrt(np.mean(gap**2)) < 1.15 * diagnosis.gap.noise_floor
+
+
+def test_every_figure_belongs_to_the_folder_that_is_written(diagnosis: Diagnosis, tmp_path: Path) -> None:
+    table = {**diagnosis.to_table(), **assess_diagnosis(diagnosis).to_json()}
+    write_diagnosis(diagnosis, split_diagnosis(diagnosis), assess_diagnosis(diagnosis), table, tmp_path)
+    campaign = diagnosis.fit.problem.campaign
+    good = np.setdiff1d(np.flatnonzero(campaign.usable), diagnosis.outliers)
+    assert [d["folder"] for d in table["delivered"]] == sorted(p.name for p in tmp_path.glob("robot*"))
+    for delivery, entry in zip(diagnosis.deliveries, table["delivered"], strict=True):
+        folder = read_robot_folder(tmp_path / entry["folder"])
+        gap = campaign.position - predict_campaign(folder, campaign, later=False).position
+        np.testing.assert_allclose(gap[good], delivery.residual[good], rtol=0, atol=2e-8)
+    first = diagnosis.deliveries[0]
+    after = float(np.sqrt(np.mean(np.sum(first.residual[good] ** 2, axis=1))))
+    assert table["gap"]["after_rms_mm"] == pytest.approx(1e3 * after, abs=1e-5)
+    assert table["gap"]["held_out_after_rms_mm"] == pytest.approx(1e3 * first.held.rms, rel=0.02)
+    assert table["accuracy"]["after"]["rms_mm"] < 1.1 * table["gap"]["held_out_after_rms_mm"]
+
+
+def test_frames_are_fitted_to_the_campaign_around_a_robot_that_never_saw_the_rows(robot: Robot) -> None:
+    """With no effect the held-out gap is that of the registered nominal robot, whose frames every row has a part in."""
+    campaign = measure(robot, plan_rows(robot, 23, poses=16), [SECOND], 23)
+    problem = Problem(robot, campaign, ("base", "tool"))
+    fit = fit_effects(replace(problem, without=tuple(EFFECTS)), Registration.identity(campaign))
+    held = Folds(fit, make_folds(campaign)).hold_out([], background=False)
+    nominal = predict_campaign(robot, campaign, register=("base", "tool"))
+    registered = np.linalg.norm(campaign.position - nominal.position, axis=1)[held.rows]
+    assert np.linalg.norm(held.residual, axis=1) == pytest.approx(registered, abs=2e-6)
+
+
+def test_a_zero_to_enter_has_an_interval_that_holds_the_truth(diagnosis: Diagnosis) -> None:
+    zeros = {c.joint: c for c in list_corrections(diagnosis) if c.effect == "joint_offset"}
+    truth = np.rad2deg(6e-4)
+    assert zeros["joint_5"].named and zeros["joint_5"].unit == "deg"
+    assert zeros["joint_5"].low < truth < zeros["joint_5"].high
+    assert zeros["joint_5"].high - zeros["joint_5"].low < 0.2 * truth
+    others = [c for joint, c in zeros.items() if joint != "joint_5"]
+    assert not any(c.named or c.plain for c in others)
+
+
+def test_pose_accuracy_is_mean_largest_and_three_sigma_of_the_distances() -> None:
+    """By hand: 1, 2, 3 mm have mean 2 and standard deviation 1."""
+    found = _summarise(np.array([1e-3, 2e-3, 3e-3]))
+    assert found.to_json() == {"poses": 3, "mean_mm": 2.0, "max_mm": 3.0, "mean_and_3_sigma_mm": 5.0,
+                               "rms_mm": pytest.approx(2.16025)}  # fmt: skip
+
+
+def test_a_learning_curve_falls_to_the_noise_and_no_farther(diagnosis: Diagnosis) -> None:
+    learning = draw_learning(diagnosis)
+    assert learning is not None
+    more = learning.to_json()["expected_with_10_more_mm"]
+    assert 1e-3 * more <= learning.at(learning.now) + 1e-8
+    assert learning.floor == pytest.approx(diagnosis.gap.noise_floor, rel=0.1)
 
 
 def test_the_same_campaign_gives_the_same_answer(robot: Robot) -> None:

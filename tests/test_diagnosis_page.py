@@ -51,7 +51,7 @@ def make_view(**changes: Any) -> DiagnosisView:
         },
         candidates=[{**SPRING, "held_out_rms_mm": 0.0525}], next_measurement=[],
         split=Split(make_shares(0.94), spread_gap(robot, campaign, before, noise, np.ones(120, bool)), {}),
-        point=point, before=before, after=noise, used=np.ones(120, bool),
+        assessment=None, point=point, before=before, after=noise, used=np.ones(120, bool),
     )  # fmt: skip
     return replace(view, **changes)
 

@@ -10,6 +10,7 @@ from compplan.commands.measured import load_measured, measured_options, settle_q
 from compplan.commands.places import OUT_FOLDER
 from compplan.commands.progress import show_progress
 from compplan.diagnose import Diagnosis, diagnose_campaign
+from compplan.diagnose.assessment import assess_diagnosis
 from compplan.diagnose.next_measurement import propose_measurements
 from compplan.diagnose.unmodelled import describe_unmodelled
 from compplan.diagnose.where import split_diagnosis
@@ -38,7 +39,9 @@ def command(
 ) -> None:  # fmt: skip
     """Diagnose the gap between ROBOT and MEASUREMENTS (a measurement log).
 
-    Writes DIR/diagnosis.json, DIR/robot (the updated robot folder) and DIR/report.html.
+    Writes DIR/diagnosis.json, DIR/robot (the updated robot folder, which every figure belongs to) and DIR/report.html;
+    where named causes alone and with small errors everywhere are both worth a folder, DIR/robot is the one that
+    predicts better, and DIR/robot_causes or DIR/robot_calibrated the other.
     """
     parts = parse_parts(register)
     for name in without:
@@ -51,11 +54,15 @@ def command(
         diagnosis = diagnose_campaign(robot, campaign, register=parts, without=without, progress=progress)
         progress("where")
         split = split_diagnosis(diagnosis)
+        progress("accuracy")
+        assessment = assess_diagnosis(diagnosis)
         progress("what to measure next")
-        extra = {"where": split.to_json(), "next_measurement": propose_measurements(diagnosis)}
+        extra = {
+            "where": split.to_json(), **assessment.to_json(), "next_measurement": propose_measurements(diagnosis)
+        }  # fmt: skip
         table = {**diagnosis.to_table(extra), "log_notes": list(campaign.notes)}
         progress("report")
-        table = write_diagnosis(diagnosis, split, table, out)
+        table = write_diagnosis(diagnosis, split, assessment, table, out)
     if as_json:
         click.echo(dump_json(table))
         return

@@ -10,16 +10,16 @@ import numpy as np
 from compplan.diagnose.certainty import MOST_SURE
 from compplan.diagnose.channels import position_residual
 from compplan.diagnose.conventions import find_conventions
+from compplan.diagnose.delivery import deliver_folders
 from compplan.diagnose.doubt import Doubt, raise_doubt
 from compplan.diagnose.fit import fit_effects
-from compplan.diagnose.held_out import Folds, HeldOut, make_folds, with_claims
+from compplan.diagnose.held_out import Folds, make_folds
 from compplan.diagnose.polish import polish_fit
-from compplan.diagnose.posterior import state_uncertainty
 from compplan.diagnose.result import Candidate, Diagnosis, Gap
 from compplan.diagnose.search import Claim, distinct_places
-from compplan.diagnose.state import Fit, Problem, State, advance_state, attain_state, stands
+from compplan.diagnose.state import Fit, Problem, State, attain_state
 from compplan.diagnose.verdict import Finding, Verdict, reach_verdict
-from compplan.effects import Effect, attain_scene, fold_effects, is_of_instrument, robot_effects
+from compplan.effects import attain_scene, robot_effects
 from compplan.effects.linearization import Place
 from compplan.effects.scene import Scene
 from compplan.errors import InputError
@@ -27,9 +27,6 @@ from compplan.measure.campaign import Campaign
 from compplan.measure.registration import Registration, fit_registration, stated_registration
 from compplan.robot import Array, Robot
 
-#: An updated robot has to shrink the held-out gap by this share, or the nominal one stays; a larger model has to
-#: shrink what a smaller one leaves by the second share (assumed: less is worth no change on the shop floor).
-WORTH_IT, WORTH_MORE = 0.01, 0.02
 #: Candidates that are listed beside named effects and their rivals (assumed).
 RANKED = 12
 #: Fewest rows that a campaign needs (assumed: twice the frames of base and tool).
@@ -105,74 +102,30 @@ def _conclude(
     plain = folds.hold_out([], background=False)
     if not problem.register:
         plain = replace(plain, residual=before[plain.rows])
-    chosen, held = choose_update(folds, verdict, plain)
-    state = settle_play(problem, chosen) if chosen is not None else _nominal_state(fit, registration)
-    residual = position_residual(campaign, *attain_state(problem, state))
     good = campaign.usable.copy()
     good[fit.outliers] = False
-    possible = [Claim(f.signature, f.size) for f in possible_findings(verdict)]
-    uncertainty = state_uncertainty(fit, possible, state, held, good)
-    seen = good[held.rows]
+    state = State(problem.fixed, {}, registration, fit.state.use)
+    deliveries = deliver_folders(folds, verdict, plain, state, good)
+    first = deliveries[0]
+    seen = good[plain.rows]
     ranked = rank_candidates(fit, verdict, folds)
     taken = {f.effect.place for f in verdict.findings}
     gap = Gap(
         before=_rms(before[good]),
-        after=_rms(residual[good]),
+        after=_rms(first.residual[good]),
         held_out_before=_rms(plain.residual[seen]),
-        held_out_after=_rms(held.residual[seen]),
+        held_out_after=_rms(first.held.residual[seen]),
         noise_floor=verdict.structure.floor,
         registration_only=_rms(plain.residual[seen]),
         generic=_rms(folds.hold_out([]).residual[seen]),
         wrong=min((c.held_out for c in ranked if c.place not in taken), default=plain.rms),
     )
     return Diagnosis(
-        robot=problem.robot, fit=fit, doubt=doubt,
-        updated=replace(fold_effects(problem.robot, state.effects[known:]), uncertainty=uncertainty),
-        verdict=_with_sizes(verdict, state), gap=gap, candidates=ranked, residual_before=before,
-        residual_after=residual, registration=state.registration, outliers=fit.outliers,
-        noise=fit.noises["position"].source,
+        robot=problem.robot, updated=first.robot(problem.robot, known), fit=fit,
+        doubt=doubt, verdict=_with_sizes(verdict, first.state), gap=gap, candidates=ranked, residual_before=before,
+        residual_after=first.residual, registration=first.state.registration, outliers=fit.outliers,
+        deliveries=deliveries, noise=fit.noises["position"].source,
     )  # fmt: skip
-
-
-def choose_update(folds: Folds, verdict: Verdict, plain: HeldOut) -> tuple[State | None, HeldOut]:
-    """Choose what is delivered by what it predicts of poses that it never saw; None for the nominal robot.
-
-    Named causes alone are delivered where small errors everywhere, or claims that are too improbable to be named, do
-    not predict better.
-
-    Args:
-        folds: The fit, dealt to folds.
-        verdict: Its verdict.
-        plain: What the nominal robot predicts.
-    """
-    fit = folds.fit
-    sizes = {f.signature: f.size for f in possible_findings(verdict)}
-    named = [Claim(f.signature, f.size) for f in verdict.findings if f.signature >= 0]
-    every = [Claim(number, size) for number, size in sizes.items()]
-    options = [(named, False), (named, True)]
-    if len(every) > len(named):
-        options.append((every, True))
-    best, chosen, least = plain, None, (1.0 - WORTH_IT) * plain.rms
-    for claims, background in options:
-        held = folds.hold_out(claims, background=background)
-        if held.rms < least:
-            best, chosen, least = held, (claims, background), (1.0 - WORTH_MORE) * held.rms
-    if chosen is None:
-        return None, plain
-    fitted = with_claims(fit, chosen[0], background=chosen[1])
-    state = polish_fit(replace(fitted, state=advance_state(fitted), base=fit.base or fit.state)).state
-    return (state, best) if stands(fit.problem, state) else (None, plain)
-
-
-def possible_findings(verdict: Verdict) -> list[Finding]:
-    """List what is named, and what is too small or too improbable to be named but is of the robot."""
-    unnamed = [f for f in (*verdict.minor, *verdict.doubtful) if not of_instrument(f.effect)]
-    return [f for f in (*verdict.findings, *unnamed) if f.signature >= 0]
-
-
-def of_instrument(effect: Effect) -> bool:
-    """Tell whether an effect is no part of the robot: instrument, sensor or clock. It is delivered only where named."""
-    return is_of_instrument(effect.name)
 
 
 def _with_sizes(verdict: Verdict, state: State) -> Verdict:
@@ -183,29 +136,6 @@ def _with_sizes(verdict: Verdict, state: State) -> Verdict:
         return replace(finding, effect=held.get(finding.effect.place, finding.effect))
 
     return replace(verdict, findings=tuple(sized(f) for f in verdict.findings))
-
-
-def _nominal_state(fit: Fit, registration: Registration | None) -> State:
-    return State(fit.problem.fixed, {}, registration, fit.state.use)
-
-
-def settle_play(problem: Problem, state: State) -> State:
-    """Find on which side of its play each joint stood when the campaign began: where the first rows say so."""
-    campaign = problem.campaign
-    first = campaign.first_visit & campaign.usable & (campaign.run_index == 0)
-    if not first.any():
-        return state
-    effects = list(state.effects)
-    for number, effect in enumerate(effects):
-        if effect.name != "backlash":
-            continue
-        tries = []
-        for start in (-0.5, 0.5):
-            effects[number] = replace(effect, parameters={**effect.parameters, "start_ratio": start})
-            gap = position_residual(campaign, *attain_state(problem, replace(state, effects=tuple(effects))))[first]
-            tries.append((float(np.median(np.linalg.norm(gap, axis=1))), start, effects[number]))
-        effects[number] = min(tries, key=lambda t: t[:2])[2]
-    return replace(state, effects=tuple(effects))
 
 
 def rank_candidates(fit: Fit, verdict: Verdict, folds: Folds) -> tuple[Candidate, ...]:

@@ -1,4 +1,8 @@
-"""Held out: how far the gap shrinks on poses that a model never saw, predicted by the exact model."""
+"""Held out: how far the gap shrinks on poses that a model never saw, predicted by the exact model.
+
+Frames that are registered belong to the campaign and not to the robot: a later campaign brings its own, fitted to its
+rows with everything else fixed. So they are fitted here, to all rows, around a robot that never saw those it predicts.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +16,9 @@ from numpy.typing import NDArray
 from compplan.diagnose.channels import block_index, position_residual
 from compplan.diagnose.evidence import Posterior, Prior, find_posterior
 from compplan.diagnose.ledger import ChannelProducts, Ledger, Products, select_rows
+from compplan.diagnose.polish import register_again
 from compplan.diagnose.search import Claim
-from compplan.diagnose.state import Fit, State, advance_state, attain_state
+from compplan.diagnose.state import Fit, State, advance_state, attain_state, stands
 from compplan.errors import ConvergenceError
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array
@@ -90,7 +95,10 @@ class Folds:
         campaign, residual = fit.problem.campaign, np.zeros((len(self.fold), 3))
         for number, ledger in self.ledgers:
             fitted = with_claims(fit, claims, background=background, ledger=ledger)
-            gap = predict_gap(fitted, advance_state(fitted))
+            state = advance_state(fitted)
+            if fit.problem.register and stands(fit.problem, state):
+                state = register_again(fitted, state, fit.state.use)
+            gap = predict_gap(fitted, state)
             if gap is None:
                 gap = np.where(campaign.usable[:, None], campaign.position, np.inf)
             test = self.fold == number

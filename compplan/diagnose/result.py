@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.delivery import Delivery
 from compplan.diagnose.doubt import Doubt
 from compplan.diagnose.state import Fit
 from compplan.diagnose.verdict import Finding, Verdict
+from compplan.effects import robot_effects
 from compplan.effects.linearization import Place
 from compplan.effects.signature import plain
 from compplan.measure.registration import Registration
@@ -40,7 +42,7 @@ class Gap:
     Attributes:
         before: Nominal robot, registered where asked.
         after: Updated robot.
-        held_out_before: The same on rows that the registration never saw.
+        held_out_before: The same over the rows that are held out in turn.
         held_out_after: Updated robot, on rows that its fit never saw.
         noise_floor: What is left of a perfect model.
         registration_only: Held out, base and tool fitted and nothing else.
@@ -75,6 +77,7 @@ class Diagnosis:
         residual_after: Measured minus expected by the updated robot, base axes, all rows. Shape (n, 3). [m]
         registration: Frames fitted with the updated robot, or None.
         outliers: Rows reported as outliers.
+        deliveries: Robot folders that are written; the first is `updated`, and every figure is its own.
         noise: Where the noise floor comes from.
     """
 
@@ -89,7 +92,12 @@ class Diagnosis:
     residual_after: Array
     registration: Registration | None
     outliers: NDArray[np.int_]
+    deliveries: tuple[Delivery, ...]
     noise: str
+
+    def robot_of(self, delivery: Delivery) -> Robot:
+        """Return the robot folder of a delivery."""
+        return delivery.robot(self.robot, len(robot_effects(self.robot)))
 
     def to_table(self, extra: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """Return what diagnosis.json holds; `extra` adds or replaces keys (where, next_measurement)."""
@@ -121,6 +129,7 @@ class Diagnosis:
                 "explained_rms_mm": _mm(structure.explained),
                 "depends_on": [dependence_table(f) for f in structure.dependences],
             },
+            "delivered": [delivery.to_json(number) for number, delivery in enumerate(self.deliveries)],
             "calibration": {"explained_rms_mm": _mm(structure.background)},
             "outliers": [int(row) for row in self.outliers],
             "where": {},

@@ -1,4 +1,4 @@
-"""What `compplan diagnose` writes: diagnosis.json, report.html and the updated robot folder."""
+"""What `compplan diagnose` writes: diagnosis.json, report.html and the updated robot folders."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from compplan.diagnose import Diagnosis
+from compplan.diagnose.assessment import Assessment
 from compplan.diagnose.where import Split
 from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json
@@ -16,12 +17,15 @@ from compplan.report.diagnosis_report import write_diagnosis_report
 from compplan.robot.folder import write_robot_folder
 
 
-def write_diagnosis(diagnosis: Diagnosis, split: Split, table: Mapping[str, Any], out: Path) -> dict[str, Any]:
-    """Write diagnosis.json, report.html and the updated robot folder; return what diagnosis.json holds.
+def write_diagnosis(
+    diagnosis: Diagnosis, split: Split, assessment: Assessment, table: Mapping[str, Any], out: Path
+) -> dict[str, Any]:
+    """Write diagnosis.json, report.html and the updated robot folders; return what diagnosis.json holds.
 
     Args:
         diagnosis: The diagnosis.
         split: Where the gap lies.
+        assessment: What it is worth to the one who calibrates.
         table: What `Diagnosis.to_table` gave.
         out: The folder.
 
@@ -30,9 +34,11 @@ def write_diagnosis(diagnosis: Diagnosis, split: Split, table: Mapping[str, Any]
     """
     table = {**table, "made_by": describe_origin()}
     with replace_folder(out, "diagnose") as part:
-        write_robot_folder(diagnosis.updated, part / "robot")
-        if diagnosis.registration is not None:
-            write_registration(diagnosis.registration, part / "robot" / "registration.toml")
-        write_diagnosis_report(diagnosis, part, split=split, table=table)
+        for number, delivery in enumerate(diagnosis.deliveries):
+            folder = part / delivery.folder(number)
+            write_robot_folder(diagnosis.robot_of(delivery), folder)
+            if delivery.state.registration is not None:
+                write_registration(delivery.state.registration, folder / "registration.toml")
+        write_diagnosis_report(diagnosis, part, split=split, assessment=assessment, table=table)
         write_json(part / "diagnosis.json", table, indent=2)
     return table

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnose.shares import CALIBRATION, UNEXPLAINED, Share
+from compplan.report.calibration_section import show_calibration
 from compplan.report.effect_words import describe_effect, describe_parameters, name_effect
 from compplan.report.gap_figures import (
     draw_candidates,
@@ -28,6 +29,7 @@ from compplan.report.style import format_length, format_number, format_percent
 from compplan.robot import Array, Robot
 
 if TYPE_CHECKING:
+    from compplan.diagnose.assessment import Assessment
     from compplan.diagnose.where import Split
     from compplan.measure.campaign import Campaign
 
@@ -51,6 +53,7 @@ class DiagnosisView:
         candidates: `candidates` of diagnosis.json, the most probable first.
         next_measurement: `next_measurement` of diagnosis.json.
         split: Where the gap lies.
+        assessment: What it is worth to the one who calibrates; left out of the page if None.
         point: Measured points, base frame. Shape (n, 3). [m]
         before: Measured minus predicted by the nominal robot, base axes. Shape (n, 3). [m]
         after: Measured minus predicted by the updated robot, base axes. Shape (n, 3). [m]
@@ -70,6 +73,7 @@ class DiagnosisView:
     candidates: Sequence[Mapping[str, Any]]
     next_measurement: Sequence[Mapping[str, Any]]
     split: Split
+    assessment: Assessment | None
     point: Array
     before: Array
     after: Array
@@ -88,7 +92,10 @@ def write_diagnosis(view: DiagnosisView, file: Path) -> None:
         view: What it shows.
         file: The HTML file.
     """
-    sections = [_where(view), _which(view), _how_far(view), _next(view)]
+    sections = [_where(view), _which(view), _how_far(view)]
+    if view.assessment is not None:
+        sections.append(show_calibration(view.assessment, view.split.spread.by_region, view.robot.joint_names))
+    sections.append(_next(view))
     write_page(
         file,
         view.title,

@@ -16,21 +16,31 @@ from compplan.report.style import format_length
 from compplan.robot import Array
 
 if TYPE_CHECKING:
+    from compplan.diagnose.assessment import Assessment
     from compplan.diagnose.result import Diagnosis
     from compplan.diagnose.where import Split
     from compplan.measure.campaign import Campaign
     from compplan.measure.registration import Registration
 
+#: Kinds of robot folders in words.
+DELIVERED = {
+    "nominal": "the nominal robot as it was",
+    "causes": "the named causes alone",
+    "calibrated": "named causes and small errors everywhere",
+}
+
 
 def write_diagnosis_report(
-    diagnosis: Diagnosis, out: str | Path, *, split: Split | None = None, table: Mapping[str, Any] | None = None
-) -> Path:
+    diagnosis: Diagnosis, out: str | Path, *, split: Split | None = None, assessment: Assessment | None = None,
+    table: Mapping[str, Any] | None = None,
+) -> Path:  # fmt: skip
     """Write the page of a diagnosis: report.html in a folder.
 
     Args:
         diagnosis: The diagnosis.
         out: The folder.
         split: Where the gap lies; computed if left out.
+        assessment: What it is worth to the one who calibrates; computed if left out.
         table: What diagnosis.json holds, `next_measurement` included; made from the diagnosis if left out.
 
     Returns:
@@ -40,14 +50,16 @@ def write_diagnosis_report(
         InputError: If the folder cannot be written.
     """
     file = Path(out) / "report.html"
-    write_diagnosis(view_diagnosis(diagnosis, split, table), file)
+    write_diagnosis(view_diagnosis(diagnosis, split, assessment, table), file)
     return file
 
 
 def view_diagnosis(
-    diagnosis: Diagnosis, split: Split | None = None, table: Mapping[str, Any] | None = None
-) -> DiagnosisView:
+    diagnosis: Diagnosis, split: Split | None = None, assessment: Assessment | None = None,
+    table: Mapping[str, Any] | None = None,
+) -> DiagnosisView:  # fmt: skip
     """Collect what the page of a diagnosis shows; arguments as for `write_diagnosis_report`."""
+    from compplan.diagnose.assessment import assess_diagnosis
     from compplan.diagnose.where import split_diagnosis
 
     campaign = diagnosis.fit.problem.campaign
@@ -58,6 +70,8 @@ def view_diagnosis(
     used[diagnosis.outliers] = False
     gap, named = diagnosis.gap, bool(diagnosis.verdict.findings)
     rivals = {"generic fit of zeros and lengths": gap.generic, "best effect that is not named, alone": gap.wrong}
+    for number, delivery in enumerate(diagnosis.deliveries[1:], start=1):
+        rivals = {f"{delivery.folder(number)}: {DELIVERED[delivery.kind]}": delivery.held.rms, **rivals}
     parts = diagnosis.fit.problem.register
     if parts:
         rivals = {f"registration only ({', '.join(parts)})": gap.registration_only, **rivals}
@@ -70,6 +84,7 @@ def view_diagnosis(
         candidates=table["candidates"],
         next_measurement=table["next_measurement"],
         split=split or split_diagnosis(diagnosis),
+        assessment=assessment or assess_diagnosis(diagnosis),
         point=_to_base(campaign.position, diagnosis.registration),
         before=diagnosis.residual_before,
         after=diagnosis.residual_after,
@@ -77,6 +92,7 @@ def view_diagnosis(
         rivals=rivals,
         structure=_describe_structure(diagnosis, named),
         facts=[
+            ("robot folder that is delivered", DELIVERED[diagnosis.deliveries[0].kind]),
             ("noise floor from", diagnosis.noise),
             ("frames fitted first", ", ".join(parts) or "none"),
             ("outliers", _list_rows(diagnosis.outliers)),

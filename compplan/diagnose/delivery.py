@@ -1,0 +1,149 @@
+"""Delivery: the robot folders that a diagnosis writes, each judged by what it predicts of poses that it never saw.
+
+Two folders at most: `causes` holds the named effects alone, `calibrated` the small errors everywhere as well. The one
+that predicts held-out poses better is delivered as `robot`; every figure of the page belongs to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.diagnose.channels import position_residual
+from compplan.diagnose.held_out import Folds, HeldOut, with_claims
+from compplan.diagnose.polish import polish_fit
+from compplan.diagnose.posterior import state_uncertainty
+from compplan.diagnose.search import Claim
+from compplan.diagnose.state import Fit, Problem, State, advance_state, attain_state, stands
+from compplan.diagnose.verdict import Verdict
+from compplan.effects import Effect, fold_effects, is_of_instrument
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Uncertainty
+
+#: An updated robot has to shrink the held-out gap by this share, or the nominal one stays; a larger model has to
+#: shrink what a smaller one leaves by the second share (assumed: less is worth no change on the shop floor).
+WORTH_IT, WORTH_MORE = 0.01, 0.02
+NOMINAL, CAUSES, CALIBRATED = "nominal", "causes", "calibrated"
+
+
+@dataclass(frozen=True, eq=False)
+class Delivery:
+    """A robot folder and what it is worth.
+
+    Attributes:
+        kind: "nominal", "causes" or "calibrated".
+        state: Effects, frames and rows of its exact model.
+        held: What its model predicts of rows that it never saw.
+        fitted: Fit with its claims, whose posterior tells how sure its parameters are; None for the nominal robot.
+        residual: Measured minus expected by its exact model, base axes, all rows. Shape (n, 3). [m]
+        uncertainty: How surely it is known.
+    """
+
+    kind: str
+    state: State
+    held: HeldOut
+    fitted: Fit | None
+    residual: Array
+    uncertainty: Uncertainty
+
+    def folder(self, number: int) -> str:
+        """Return the name of its folder, the first being `robot`."""
+        return f"robot_{self.kind}" if number else "robot"
+
+    def to_json(self, number: int) -> dict[str, Any]:
+        """Return what diagnosis.json says of it, its place among the folders given."""
+        held = round(1e3 * self.held.rms, 5)
+        return {"folder": self.folder(number), "kind": self.kind, "held_out_rms_mm": held}
+
+    def robot(self, nominal: Robot, known: int) -> Robot:
+        """Return the robot folder: the nominal robot with the effects behind the `known` first ones."""
+        return replace(fold_effects(nominal, self.state.effects[known:]), uncertainty=self.uncertainty)
+
+
+def deliver_folders(
+    folds: Folds, verdict: Verdict, plain: HeldOut, nominal: State, good: NDArray[np.bool_]
+) -> tuple[Delivery, ...]:
+    """Build the folders that are worth delivering, the one to use first.
+
+    Named causes alone come first where small errors everywhere, or claims that are too improbable to be named, do not
+    predict better.
+
+    Args:
+        folds: The fit, dealt to folds.
+        verdict: Its verdict.
+        plain: What the nominal robot predicts.
+        nominal: State of the nominal robot.
+        good: Rows that are no outliers. Shape (n,).
+    """
+    fit = folds.fit
+    named = [Claim(f.signature, f.size) for f in verdict.findings if f.signature >= 0]
+    every = possible_claims(verdict)
+    options = [(CAUSES, named, False), (CALIBRATED, named, True)]
+    if len(every) > len(named):
+        options.append((CALIBRATED, every, True))
+    sure = partial(state_uncertainty, fit, every, good=good)
+    rest = Delivery(NOMINAL, nominal, plain, None, _residual(fit.problem, nominal), sure(nominal, plain))
+    judged = [(kind, claims, folds.hold_out(claims, background=kind == CALIBRATED)) for kind, claims, _ in options]
+    useful = [option for option in judged if option[2].rms < (1.0 - WORTH_IT) * plain.rms]
+    if not useful:
+        return (rest,)
+    first = useful[0]
+    for option in useful[1:]:
+        if option[2].rms < (1.0 - WORTH_MORE) * first[2].rms:
+            first = option
+    second = [o for o in useful if o[0] != first[0] and o[1]]
+    chosen = [first, *sorted(second, key=lambda o: o[2].rms)[:1]]
+    built = [_build(fit, kind, claims, held, sure) for kind, claims, held in chosen]
+    return tuple(delivery for delivery in built if delivery is not None) or (rest,)
+
+
+def possible_claims(verdict: Verdict) -> list[Claim]:
+    """List claims that may be true and can be delivered: named ones, and others that are no part of the instrument."""
+    unnamed = [f for f in (*verdict.minor, *verdict.doubtful) if not of_instrument(f.effect)]
+    sizes = {f.signature: f.size for f in (*verdict.findings, *unnamed) if f.signature >= 0}
+    return [Claim(number, size) for number, size in sizes.items()]
+
+
+def _build(
+    fit: Fit, kind: str, claims: Sequence[Claim], held: HeldOut, sure: Callable[[State, HeldOut], Uncertainty]
+) -> Delivery | None:
+    """Fit a folder to all rows, exactly; None where its robot finds no equilibrium."""
+    fitted = with_claims(fit, claims, background=kind == CALIBRATED)
+    state = polish_fit(replace(fitted, state=advance_state(fitted), base=fit.base or fit.state)).state
+    if not stands(fit.problem, state):
+        return None
+    state = settle_play(fit.problem, state)
+    return Delivery(kind, state, held, fitted, _residual(fit.problem, state), sure(state, held))
+
+
+def _residual(problem: Problem, state: State) -> Array:
+    return position_residual(problem.campaign, *attain_state(problem, state))
+
+
+def of_instrument(effect: Effect) -> bool:
+    """Tell whether an effect is no part of the robot: instrument, sensor or clock. It is delivered only where named."""
+    return is_of_instrument(effect.name)
+
+
+def settle_play(problem: Problem, state: State) -> State:
+    """Find on which side of its play each joint stood when the campaign began: where the first rows say so."""
+    campaign = problem.campaign
+    first = campaign.first_visit & campaign.usable & (campaign.run_index == 0)
+    if not first.any():
+        return state
+    effects = list(state.effects)
+    for number, effect in enumerate(effects):
+        if effect.name != "backlash":
+            continue
+        tries = []
+        for start in (-0.5, 0.5):
+            effects[number] = replace(effect, parameters={**effect.parameters, "start_ratio": start})
+            gap = position_residual(campaign, *attain_state(problem, replace(state, effects=tuple(effects))))[first]
+            tries.append((float(np.median(np.linalg.norm(gap, axis=1))), start, effects[number]))
+        effects[number] = min(tries, key=lambda t: t[:2])[2]
+    return replace(state, effects=tuple(effects))
