@@ -341,7 +341,7 @@ def test_a_program_in_parts_makes_the_same_moves(form: str, tmp_path: Path) -> N
     language = form.split()[0]
     two = make_program(tmp_path / "cell", language)
     rows = np.array([0, 1, 0, 1, 0, 1, 0])
-    taken = {name: getattr(two, name)[rows] for name in ("joints", "feed", "tcp", "status")}
+    taken = {name: getattr(two, name)[rows] for name in ("joints", "feed", "tcp", "status", "bent")}
     words = {key: values[rows] for key, values in two.words.items()}
     native = {key: values[rows] for key, values in two.native.items()}
     rapid = np.array([True, False, False, False, True, False, False])

@@ -53,7 +53,7 @@ def test_krl_programs_hold_joints_and_poses(tmp_path: Path) -> None:
     for kind, columns in (("J", 6), ("L", 8)):
         rows = []
         for part in (1, 2, 3):
-            text = (tmp_path / f"{legal_name(program.name, 20)}_{kind}{part}.dat").read_text()
+            text = (tmp_path / f"{legal_name(program.name, 21)}_{kind}{part}.dat").read_text()
             points = re.findall(r"^PT\[\d+\]=\{(.*)\}", text, re.M)
             assert f"PT[{len(points)}]" in text and len(points) <= 20
             rows += [read_krl(point)[:columns] for point in points]
@@ -68,7 +68,7 @@ def test_krl_programs_hold_joints_and_poses(tmp_path: Path) -> None:
             assert np.abs(turned - pose.tcp_rotation).max() < 1e-7
             assert program.status is not None and np.array_equal(table[:, 6], program.status)
             assert np.array_equal(table[:, 7], turn_bits(program.joints))
-    main = (tmp_path / f"{legal_name(program.name, 20)}_L.src").read_text()
+    main = (tmp_path / f"{legal_name(program.name, 21)}_L.src").read_text()
     assert len(re.findall(r"_L\d\(\)", main)) == 3
     assert "$TOOL={X 0.0000000,Y 0.0000000,Z 0.0000000,A 0.0000000,B 0.0000000,C 0.0000000}" in main
 
@@ -179,7 +179,7 @@ def test_positions_lead_back_to_the_poses_of_another_engine(name: str, tmp_path:
     program = build_program(
         robot.with_tool(tool), q, np.full(N, 0.02), np.zeros(N, bool), name="x", part=part, time=np.arange(N) * 1.0
     )
-    write_program(replace(program, words={}), language, tmp_path)
+    write_program(replace(program, words={}, bent=None), language, tmp_path)
     moves = read(tmp_path / file)
     model = pin.buildModelFromXML(robot.urdf)
     data = model.createData()

@@ -75,7 +75,7 @@ def test_events_stay_between_their_waypoints_when_programs_are_cut_up(form: str,
     language = form.split()[0]
     two = make_program(tmp_path / "cell", language)
     rows = np.repeat([0, 1], 3)
-    many = {name: getattr(two, name)[rows] for name in ("joints", "feed", "rapid", "tcp", "status")
+    many = {name: getattr(two, name)[rows] for name in ("joints", "feed", "rapid", "tcp", "status", "bent")
             if getattr(two, name) is not None}  # fmt: skip
     words = {key: values[rows] for key, values in two.words.items()}
     native = {key: values[rows] for key, values in two.native.items()}

@@ -84,7 +84,7 @@ def make_creeping_program(folder: Path) -> Program:
     """Joint 1 turns by 1, 2 and 20 deg in a second each: 0.87, 1.75 and 17.45 % of 2 rad/s."""
     two = make_program(folder, "krl")
     joints = two.joints[[0, 0, 0, 0]] + np.outer([0.0, 1, 3, 23], [0, 1, 0, 0, 0, 0, 0])
-    rows = {name: getattr(two, name)[[0, 0, 0, 0]] for name in ("feed", "rapid", "tcp", "status")}
+    rows = {name: getattr(two, name)[[0, 0, 0, 0]] for name in ("feed", "rapid", "tcp", "status", "bent")}
     words = {key: values[[0, 0, 0, 0]] for key, values in two.words.items()}
     return replace(two, joints=joints, **rows, words=words, native={}, time=np.arange(4.0))
 
@@ -120,3 +120,17 @@ def test_swings_are_told_by_waypoint(tmp_path: Path) -> None:
     program = build_program(robot, q, np.full(4, 0.1), np.zeros(4, bool), name="x", time=np.arange(4.0) * 0.01)
     notes = describe_program(program, "krl")
     assert "krl: the configuration changes within a cut, at 2: linear programs swing over" in notes
+
+
+def test_a_wrist_that_stretches_out_swings_over_whatever_the_folder_says(tmp_path: Path) -> None:
+    """The ur10 has no word for its wrist; axes 4 and 6 are in line where joint 5 is at 0."""
+    robot = load_robot("ur10")
+    q = np.tile(np.radians([0.0, -90, 90, -60, 0, 0]), (4, 1))
+    q[:, 4] = np.radians([8, 2, -2, -8])
+    program = build_program(robot, q, np.full(4, 0.1), np.zeros(4, bool), name="x", time=np.arange(4.0))
+    assert program.swings.tolist() == [False, False, True, False]
+    write_program(program, "urscript", tmp_path)
+    text = (tmp_path / "x_L.script").read_text()
+    assert re.findall(r"^  (?:# the configuration changes|move[jl])", text, re.M) == [
+        "  movel", "  movel", "  # the configuration changes", "  movej", "  movel",
+    ]  # fmt: skip

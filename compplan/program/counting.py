@@ -201,6 +201,18 @@ def locate_link(robot: Robot, q: Array, link: str) -> Array:
     raise InputError(f"no link named {link!r}, choose from {[joint.child for joint in robot.joints]}")
 
 
+def find_bend(robot: Robot, q: Array) -> NDArray[np.bool_] | None:
+    """Return which way the wrist of a six-axis arm is bent; it changes where the fourth and last axis are in line.
+
+    With the unit vectors of the last three axes it is the sign of a5 . (a4 x a6). None for other arms. Shape (n,).
+    """
+    turning = [joint for joint in robot.joints if joint.name in robot.joint_names and joint.kind != "prismatic"]
+    if len(turning) != 6:
+        return None
+    fourth, fifth, sixth = (locate_link(robot, q, joint.child)[:, :3, :3] @ joint.axis for joint in turning[3:])
+    return np.asarray(np.einsum("ni,ni->n", fifth, np.cross(fourth, sixth)) >= 0.0)
+
+
 def _joint_value(joint: Joint, q: Array, column: Mapping[str, int]) -> Array | None:
     if joint.mimic is not None:
         return np.asarray(joint.mimic.multiplier * q[:, column[joint.mimic.joint]] + joint.mimic.offset)

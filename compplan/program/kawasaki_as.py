@@ -9,14 +9,14 @@ import numpy as np
 from compplan.files.tables import Array, write_text
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, phrase_events
-from compplan.program.program import Program, head_lines, joint_shares, need_six_axes, split_parts
+from compplan.program.program import Program, count_digits, head_lines, joint_shares, need_six_axes, split_parts
 from compplan.program.text import legal_name
 
 BRAND = "Kawasaki"
 #: Points in a program where the job says nothing.
 MOST = 2000
-#: AS takes 15 letters of a program's name; ending and number take the rest.
-LONGEST_NAME = 9
+#: AS takes 15 letters of a program's name; "_l_" and the number of a part take the rest.
+LONGEST_NAME = 12
 #: Letters of the program's name in a variable; variables have 15 too, and joint and linear program share theirs.
 LONGEST_VARIABLE = 6
 RESERVED = frozenset({"if", "then", "else", "end", "for", "to", "while", "do", "case", "of", "goto", "call", "return",
@@ -55,7 +55,7 @@ def write_kawasaki_as(program: Program, folder: Path, most: int | None = None) -
 
     """
     need_six_axes(program, "Kawasaki AS", sliding=1)
-    name = legal_name(program.name, LONGEST_NAME, reserved=RESERVED).lower()
+    name = legal_name(program.name, LONGEST_NAME - count_digits(program, most or MOST), reserved=RESERVED).lower()
     files = _write_kind(program, folder, name, most, linear=False)
     if program.tcp is not None:
         files += _write_kind(program, folder, f"{name}_l", most, linear=True)

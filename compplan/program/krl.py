@@ -11,7 +11,7 @@ from compplan.errors import InputError
 from compplan.files.tables import Array, write_text
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, phrase_events
-from compplan.program.program import Program, head_lines, joint_percent, order_joints, split_parts
+from compplan.program.program import Program, count_digits, head_lines, joint_percent, order_joints, split_parts
 from compplan.program.text import legal_name
 
 BRAND = "KUKA"
@@ -19,8 +19,8 @@ ARM = ("A1", "A2", "A3", "A4", "A5", "A6")
 EXTERNAL = ("E1", "E2", "E3", "E4", "E5", "E6")
 #: Points in a file where the job says nothing: a size that KRC2 and later load without complaint.
 MOST = 2000
-#: KRL takes 24 letters; the ending takes up to four.
-LONGEST_NAME = 20
+#: KRL takes 24 letters; "_J" and the number of a part take the rest.
+LONGEST_NAME = 22
 RAPID_PERCENT = 20
 #: A joint move whose whole percent is off by more than this share does not hold its feed.
 UNTRUE = 0.1
@@ -85,7 +85,7 @@ def write_krl(program: Program, folder: Path, most: int | None = None) -> list[P
 
     """
     order_joints(program, ARM, "KRL")
-    name = legal_name(program.name, LONGEST_NAME)
+    name = legal_name(program.name, LONGEST_NAME - count_digits(program, most or MOST))
     files = _write_kind(program, folder, f"{name}_J", _joint_points(program), most or MOST, linear=False)
     if program.tcp is not None and program.status is not None:
         files += _write_kind(program, folder, f"{name}_L", _linear_points(program), most or MOST, linear=True)

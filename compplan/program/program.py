@@ -14,6 +14,7 @@ from compplan.files.tables import Array
 from compplan.path.events import Event, find_halts
 from compplan.program.counting import (
     believed_robot,
+    find_bend,
     krl_status,
     load_controller,
     locate_link,
@@ -51,6 +52,7 @@ class Program:
         mass: Mass of the tool, or None where nobody states it. [kg]
         centre: Centre of its mass in the controller's flange frame. Shape (3,). [m]
         status: S of KRL positions, or None. Shape (n,).
+        bent: Which way the wrist is bent: False below the fifth axis' singular angle, or None. Shape (n,).
         words: Value of each configuration word at every waypoint: {"wrist": ["flip", ...], ...}. Shape (n,) each.
         native: The controller's own words for them, where controller.toml has them. Shape (n,) each.
         known: Whether the robot folder says how its controller counts.
@@ -80,6 +82,7 @@ class Program:
     mass: float | None = None
     centre: Array = field(default_factory=lambda: np.zeros(3))
     status: NDArray[np.int64] | None = None
+    bent: NDArray[np.bool_] | None = None
     words: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
     native: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
     known: bool = True
@@ -101,6 +104,7 @@ class Program:
             "rates": (nq,),
             "tcp": (n, 4, 4),
             "status": (n,),
+            "bent": (n,),
         }
         for name, shape in shapes.items():
             array = getattr(self, name)
@@ -131,9 +135,12 @@ class Program:
 
     @property
     def swings(self) -> NDArray[np.bool_]:
-        """Tell the cutting moves in which a configuration word changes: no straight move leads there. Shape (n,)."""
+        """Tell the cutting moves in which a configuration word or the wrist's bend changes: a straight move cannot.
+
+        Shape (n,).
+        """
         changed = np.zeros(len(self), dtype=bool)
-        for values in self.words.values():
+        for values in (*self.words.values(), *([] if self.bent is None else [self.bent])):
             changed[1:] |= values[1:] != values[:-1]
         return changed & ~self.rapid
 
@@ -209,6 +216,7 @@ def build_program(
         native=native_words(controller, words),
         known=controller.known,
         status=krl_status(controller, robot, q),
+        bent=find_bend(believed, q),
         robot=robot.name,
         controller=controller.name,
         comments=tuple(comments),
@@ -244,6 +252,11 @@ def split_parts(count: int, most: int) -> list[slice]:
     parts = max(1, -(-count // most))
     edges = np.linspace(0, count, parts + 1).round().astype(int)
     return [slice(int(low), int(high)) for low, high in pairwise(edges)]
+
+
+def count_digits(program: Program, most: int) -> int:
+    """Return how many digits the number of a program's last part has."""
+    return len(str(max(1, -(-len(program) // max(most, 1)))))
 
 
 def head_lines(program: Program) -> list[str]:

@@ -11,14 +11,14 @@ from compplan.errors import InputError
 from compplan.files.tables import Array, write_text
 from compplan.program.frames import quaternions
 from compplan.program.machine import Phrases, Signal, name_signal, phrase_events
-from compplan.program.program import Program, head_lines, split_parts
+from compplan.program.program import Program, count_digits, head_lines, split_parts
 from compplan.program.text import legal_name
 
 BRAND = "ABB"
 #: Points in a module where the job says nothing.
 MOST = 5000
-#: RAPID takes 32 letters; prefix and number take the rest.
-LONGEST_NAME = 22
+#: RAPID takes 32 letters; "run_", "_L_" and the number of a part take the rest.
+LONGEST_NAME = 25
 RESERVED = frozenset({"test", "module", "main", "proc", "func", "trap", "record", "alias", "with", "local", "task"})
 UNUSED = "9E9"
 #: Letters of a message on the teach pendant.
@@ -66,7 +66,7 @@ def write_rapid(program: Program, folder: Path, most: int | None = None) -> list
     turning, sliding = np.flatnonzero(~program.prismatic), np.flatnonzero(program.prismatic)
     if len(turning) > 6 or len(sliding) > 6:
         raise InputError(f"RAPID targets take six rotating and six external axes, not {list(program.joint_names)}")
-    name = legal_name(program.name, LONGEST_NAME, reserved=RESERVED)
+    name = legal_name(program.name, LONGEST_NAME - count_digits(program, most or MOST), reserved=RESERVED)
     files = _write_kind(program, folder, name, _joint_moves(program, name), most)
     if program.tcp is not None and len(turning) == 6:
         files += _write_kind(program, folder, f"{name}_L", _linear_moves(program, f"{name}_L"), most)

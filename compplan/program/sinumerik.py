@@ -12,14 +12,15 @@ from compplan.path.events import Event
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.krl import turn_bits
 from compplan.program.machine import Phrases, phrase_events
-from compplan.program.program import Program, head_lines, need_six_axes, split_parts
+from compplan.program.program import Program, count_digits, head_lines, need_six_axes, split_parts
 from compplan.program.text import legal_name
 
 #: The control drives arms of many brands.
 BRAND = ""
 #: Waypoints in a part program where the job says nothing.
 MOST = 20000
-LONGEST_NAME = 20
+#: A program's name has 24 letters; "_" and the number of a part take the rest.
+LONGEST_NAME = 23
 END = ("TRANS", "TRAFOOF", "M30", "")
 RESERVED = frozenset({"if", "else", "for", "while", "loop", "repeat", "until", "case", "goto", "proc", "def", "stopre"})
 
@@ -67,7 +68,7 @@ def write_sinumerik(program: Program, folder: Path, most: int | None = None) -> 
     need_six_axes(program, "SINUMERIK", sliding=1)
     if program.tcp is None or program.status is None:
         raise InputError("SINUMERIK programs need poses and configuration words with status in controller.toml")
-    name = legal_name(program.name, LONGEST_NAME, reserved=RESERVED).upper()
+    name = legal_name(program.name, LONGEST_NAME - 2 - count_digits(program, most or MOST), reserved=RESERVED).upper()
     name = name if name[1:2].isalpha() or name[1:2] == "_" else f"P_{name}"
     parts = split_parts(len(program), most or MOST)
     blocks = _blocks(program)
