@@ -28,6 +28,7 @@ from benchmarks.diagnosis_sections import (
     list_wrong,
     show_real,
     show_share,
+    word_of,
 )
 from benchmarks.real_campaign import cut_campaign, repeat_claims
 from compplan.report.page import Provenance, Section, write_page
@@ -123,6 +124,25 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
+def say_real(results: Table) -> list[str]:
+    """Say what a real campaign shows: error on rows given to nobody, and how far the stated one is off."""
+    parts: Table = results.get("real", {})
+    if not parts:
+        return []
+    whole = [f"{word_of(name)} {row['true_mm']:.3g}" for name, row in parts["whole"].items() if row["true_mm"]]
+    rows = {part: row["product"] for part, row in parts.items() if row["product"]["true_mm"]}
+    ratios = {part: row["stated_mm"] / row["true_mm"] for part, row in rows.items() if row["stated_mm"]}
+    if not ratios:
+        return []
+    least = min(ratios, key=lambda part: ratios[part])
+    off = float(np.median([abs(ratio - 1.0) for ratio in ratios.values()]))
+    return [
+        f"A real robot, rms of rows given to nobody, whole campaign: {', '.join(whole)} mm.",
+        f"What the diagnosis states of itself is off by {100 * off:.0f} % in the median of {len(ratios)} parts, and "
+        f"{ratios[least]:.2f} of the true error at the least ({least.replace('_', ' ')}).",
+    ]
+
+
 def say_lede(results: Table) -> list[str]:
     """Say the answer in a few sentences."""
     out = []
@@ -134,7 +154,7 @@ def say_lede(results: Table) -> list[str]:
             f"campaigns (plain rival {show_share(rival[singles])}); claims stated .8 and more are wrong in "
             f"{show_share(product[sure])} (rival {show_share(rival[sure])})."
         )
-    return out
+    return [*out, *say_real(results)]
 
 
 @click.command()

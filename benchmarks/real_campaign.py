@@ -1,5 +1,7 @@
 """A real campaign cut into parts: whole, mirrored, halves and thinned, one stretch of poses kept for the check.
 
+    python -m benchmarks.diagnosis_report --real DIR --out OUT      everybody's answers to the parts, on one page
+
 Every eighth block of BLOCK consecutive rows is never given to anybody; it is the later campaign of each part.
 Mirrored: every deviation from the registered nominal robot is negated, the common mistake of sign.
 """

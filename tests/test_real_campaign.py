@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.contestants import read_points
+from benchmarks.diagnosis_report import say_real
 from benchmarks.real_campaign import BLOCK, cut_campaign, repeat_claims
 from benchmarks.rival.chain import load_chain, read_chain
 
@@ -58,3 +59,14 @@ def test_a_mirror_negates_the_deviations_from_the_registered_nominal_robot(parts
 def test_claims_repeat_where_the_other_half_names_the_same_place() -> None:
     halves = [[claim("payload", 0.9), claim("tool_frame", 0.85)], [claim("payload", 0.6), claim("base_frame", 0.7)]]
     assert repeat_claims(halves, 0.8) == (1, 2)
+
+
+def test_the_page_says_how_far_the_stated_error_of_a_real_robot_is_off() -> None:
+    """By hand: ratios 1.1, 0.9 and 0.5 are off by 10 % in the median, the third is the least."""
+    parts = {
+        part: {"product": {"status": "explained", "stated_mm": stated, "true_mm": 0.2}}
+        for part, stated in (("whole", 0.22), ("half_a", 0.18), ("thin_015", 0.1))
+    }
+    first, second = say_real({"real": parts})
+    assert "whole campaign: product 0.2 mm" in first
+    assert "off by 10 % in the median of 3 parts, and 0.50 of the true error at the least (thin 015)" in second

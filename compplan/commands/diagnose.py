@@ -10,7 +10,8 @@ from compplan.commands.measured import load_measured, measured_options, settle_q
 from compplan.commands.places import OUT_FOLDER
 from compplan.commands.progress import show_progress
 from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.assessment import assess_diagnosis
+from compplan.diagnose.accuracy import MORE
+from compplan.diagnose.assessment import Assessment, assess_diagnosis
 from compplan.diagnose.next_measurement import propose_measurements
 from compplan.diagnose.unmodelled import describe_unmodelled
 from compplan.diagnose.where import split_diagnosis
@@ -69,6 +70,7 @@ def command(
     for question in asked:
         click.echo(f"assumed to be meant: {question}")
     click.echo(describe_diagnosis(diagnosis))
+    click.echo(describe_assessment(diagnosis, assessment))
     for note in list_notes(campaign.notes):
         click.echo(note)
 
@@ -96,4 +98,20 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
     )
     if len(diagnosis.outliers):
         lines.append(f"{len(diagnosis.outliers)} rows are reported as outliers")
+    return "\n".join(lines)
+
+
+def describe_assessment(diagnosis: Diagnosis, assessment: Assessment) -> str:
+    """Write what the folders are worth in a few lines."""
+    folders = [f"{d.folder(k)} ({d.kind}): {d.held.rms * 1e3:.3f} mm" for k, d in enumerate(diagnosis.deliveries)]
+    before, after = assessment.accuracy["before"], assessment.accuracy["after"]
+    lines = [
+        f"folders, held out: {'; '.join(folders)}",
+        f"pose accuracy over {before.poses} poses: mean {before.mean * 1e3:.3f} mm before, "
+        f"{after.mean * 1e3:.3f} mm held out",
+    ]
+    learning = assessment.learning
+    if learning is not None:
+        now, then = learning.at(learning.now), learning.at(learning.now + MORE)
+        lines.append(f"{MORE} more poses would bring {now * 1e3:.3f} mm to {then * 1e3:.3f} mm")
     return "\n".join(lines)
