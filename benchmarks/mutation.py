@@ -56,7 +56,15 @@ ROOMS = {
     ),
     "effects": Room(
         ("effects/*",),
-        ("effects_signatures", "outside_truth", "conventions_by_hand", "registries", "predict", "diagnose_traps"),
+        (
+            "effects_signatures",
+            "effects_offers",
+            "outside_truth",
+            "conventions_by_hand",
+            "registries",
+            "predict",
+            "diagnose_traps",
+        ),
     ),
     "strategies": Room(
         ("plan/strategies/*", "plan/nlp.py", "plan/path_problem.py"),
