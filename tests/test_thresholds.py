@@ -15,9 +15,7 @@ from pathlib import Path
 import pytest
 
 DIAGNOSE = Path(__file__).parent.parent / "compplan" / "diagnose"
-#: Modules of "where", which is about to be replaced as a whole.
-LEAVING = {"where", "patterns", "pattern_fit", "traces"}
-MODULES = sorted({path.stem for path in DIAGNOSE.glob("*.py")} - LEAVING)
+MODULES = sorted(path.stem for path in DIAGNOSE.glob("*.py"))
 SOURCES = ("assumed", "theory", "study: python -m ")
 COUNTS, GUARD = 6, 1e-6
 FRACTIONS = {0.5, 1e3, 180.0, 100.0}

@@ -25,11 +25,13 @@ if TYPE_CHECKING:
     from compplan.diagnose.result import Diagnosis
     from compplan.diagnose.state import Fit
 
-#: Parts that the poses are dealt to, shares of them that a learning curve is drawn from, windows of each, and the seed.
+#: Parts that the poses are dealt to, shares of them that a learning curve is drawn from, windows of each, and the seed
+#: (assumed).
 PARTS, PORTIONS, WINDOWS, SEED = 20, (0.4, 0.5, 0.6, 0.7, 0.8, 0.9), 10, 12
-#: Fewest groups of poses that a learning curve is drawn from, and fewest poses that are listed as worst.
+#: Fewest groups of poses that a learning curve is drawn from, and fewest poses that are listed as worst
+#: (assumed).
 FEWEST_GROUPS, WORST = 10, 5
-#: How many more poses the curve is asked for.
+#: How many more poses the curve is asked for (assumed).
 MORE = 10
 
 

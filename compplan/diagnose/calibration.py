@@ -27,7 +27,7 @@ HALF_WIDTH = 1.96
 TOLD = 0.1
 #: Effects that a controller's tables can hold.
 ZEROS, LENGTHS, FRAMES = "joint_offset", "link_geometry", ("tool_frame", "base_frame")
-#: Unit of a table and its factor, by the unit of a parameter.
+#: Unit of a table and its factor, by the unit of a parameter (theory).
 SHOWN = {"m": ("mm", 1e3), "rad": ("deg", 180.0 / np.pi)}
 
 

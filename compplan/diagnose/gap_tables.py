@@ -11,8 +11,12 @@ from compplan.diagnose.shares import Share, find_interval
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array
 
-#: Rows that a region, a load or a stretch of time needs to be listed.
+#: Rows that a region, a load or a stretch of time needs to be listed (assumed).
 FEWEST = 5
+#: Stretches of time at most, and rows of one at least (assumed).
+STRETCHES, STRETCH_ROWS = 8, 20
+#: Percentiles that cut a workspace or the loads into three parts (theory).
+THIRDS = (100 / 3, 200 / 3)
 
 
 class GapTable:
@@ -54,8 +58,8 @@ def split_runs(table: GapTable, run: NDArray[np.str_]) -> dict[str, dict[str, An
 
 
 def split_time(table: GapTable, campaign: Campaign, rows: NDArray[np.int_]) -> list[dict[str, Any]]:
-    """Split the log into up to eight stretches with equally many rows."""
-    count = min(8, max(len(rows) // 20, 1))
+    """Split the log into some stretches with equally many rows."""
+    count = min(STRETCHES, max(len(rows) // STRETCH_ROWS, 1))
     stretch = np.arange(len(rows)) * count // len(rows)
     entries = []
     for number in range(count):
@@ -73,7 +77,7 @@ def split_load(table: GapTable, campaign: Campaign, rows: NDArray[np.int_]) -> l
     loaded = ~campaign.unloaded[rows]
     level = np.zeros(len(rows), int)
     if loaded.any():
-        edges = np.unique(np.percentile(force[loaded], (100 / 3, 200 / 3)))
+        edges = np.unique(np.percentile(force[loaded], THIRDS))
         level[loaded] = 1 + np.searchsorted(edges, force[loaded])
     entries = []
     for number in np.unique(level):
@@ -89,7 +93,7 @@ def split_region(table: GapTable, position: Array) -> list[dict[str, Any]]:
     reach, height = np.hypot(position[:, 0], position[:, 1]), position[:, 2]
     parts = []
     for values in (reach, height):
-        edges = np.percentile(values, (0, 100 / 3, 200 / 3, 100))
+        edges = np.percentile(values, (0, *THIRDS, 100))
         parts.append((np.clip(np.searchsorted(edges[1:-1], values, side="right"), 0, 2), edges))
     (ring, ring_edges), (layer, layer_edges) = parts
     entries = []

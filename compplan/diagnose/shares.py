@@ -33,8 +33,15 @@ if TYPE_CHECKING:
     from compplan.diagnose.result import Diagnosis
 
 CALIBRATION, UNEXPLAINED = "small errors everywhere", "not explained"
-#: Groups of poses that are drawn anew, draws, and the rows that are looked at, at most; more are thinned evenly.
+#: Groups of poses that are drawn anew, draws, and the rows that are looked at, at most; more are thinned evenly
+#: (assumed: an interval to a twentieth of its width).
 BLOCKS, DRAWS, ROWS = 40, 400, 2000
+#: Rows of a stretch of a path that is drawn as one (assumed: neighbours share their errors).
+STRETCH_ROWS = 15
+#: Probability that an effect sits at one of its rivals' places, where it has some (assumed: no better, no worse).
+ELSEWHERE = 0.5
+#: Ends of an interval of 95 % (theory). [percent]
+ENDS = (2.5, 97.5)
 
 
 @dataclass(frozen=True)
@@ -233,7 +240,7 @@ class PosteriorMotion:
         fates = []
         for part in parts:
             rivals = self.rng.integers(1, len(part.elsewhere) + 1, DRAWS) if part.elsewhere else np.zeros(DRAWS, int)
-            fate = np.where(self.rng.random(DRAWS) < 0.5, rivals, 0)
+            fate = np.where(self.rng.random(DRAWS) < ELSEWHERE, rivals, 0)
             fates.append(np.where(self.rng.random(DRAWS) < part.probability, fate, -1))
         return fates
 
@@ -282,7 +289,7 @@ def draw_blocks(campaign: Campaign, rng: np.random.Generator) -> NDArray[np.int_
     on_path = campaign.on_path
     for run in np.unique(campaign.run_index[on_path]):
         inside = np.flatnonzero(on_path & (campaign.run_index == run))
-        stretches = max(len(inside) // 15, 1)
+        stretches = max(len(inside) // STRETCH_ROWS, 1)
         start = int(label.max()) + 1
         label[inside] = start + np.arange(len(inside)) * stretches // len(inside)
     _, block = np.unique(label % BLOCKS, return_inverse=True)
@@ -291,7 +298,7 @@ def draw_blocks(campaign: Campaign, rng: np.random.Generator) -> NDArray[np.int_
 
 def find_interval(share: float, drawn: Array) -> Share:
     """Return a share with the interval of its draws."""
-    low, high = np.percentile(drawn, (2.5, 97.5))
+    low, high = np.percentile(drawn, ENDS)
     return Share(*(float(np.clip(value, 0.0, 1.0)) for value in (share, min(low, share), max(high, share))))
 
 

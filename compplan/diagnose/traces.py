@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from compplan.diagnose.result import Diagnosis
     from compplan.diagnose.verdict import Finding
 
-#: Rows whose point lies nearer to the joint's axis than this share of the usual distance tell nothing about it.
+#: Rows whose point lies nearer to the joint's axis than this share of the usual distance tell nothing about it
+#: (assumed).
 NEAR_AXIS = 0.25
 
 

@@ -22,7 +22,7 @@ from compplan.statics.chain import build_chain, locate_frames
 if TYPE_CHECKING:
     from compplan.diagnose.result import Diagnosis
 
-#: Rows that tables are made of, at most; longer logs are thinned evenly.
+#: Rows that tables are made of, at most; longer logs are thinned evenly (assumed: seconds of work).
 ROWS = 6000
 
 
