@@ -333,8 +333,8 @@ ROWS: dict[str, dict[str, Row]] = {
 }  # fmt: skip
 #: Probes that take seconds.
 SLOW = {
-    "convincing", "convention_named", "diagnosis", "doubt", "fit", "next", "search", "short", "told", "update", "verdict",
-    "whole_search",
+    "convincing", "convention_named", "diagnosis", "doubt", "fit", "next", "search", "short", "told", "update",
+    "verdict", "whole_search",
 }  # fmt: skip
 
 
