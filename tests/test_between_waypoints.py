@@ -2,17 +2,23 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import trimesh
+from arms import one_joint_arm
 
 import compplan as cp
+from compplan.cell.vibration import build_dynamics
 from compplan.job.job import check_job
+from compplan.plan.bending import find_bias, relax_bias
 from compplan.plan.between import measure_between
 from compplan.plan.plan import build_task, prepare_job
-from compplan.plan.profile import ease_duration, ease_times, smooth_profile
+from compplan.plan.profile import ease, ease_duration, ease_times, smooth_profile
 from compplan.plan.timing import measure_use
+from compplan.statics.chain import build_chain
+from compplan.statics.sensitivity import attain_pose
 
 PATHS = Path(__file__).parents[1] / "paths"
 
@@ -169,3 +175,38 @@ def test_a_path_that_would_need_too_many_waypoints_is_refused_with_the_waypoint(
     job = three_points(tmp_path, CONSTANT, sampling={"max_step_mm": 1000.0, "chord_mm": 0.01})
     with pytest.raises(cp.InfeasibleError, match=r"after waypoint \d+ \(s = .* mm\); raise sampling.chord_mm"):
         cp.plan_job(job)
+
+
+def test_the_inertia_of_the_motion_is_compensated_and_judged_where_a_job_asks_for_it(tmp_path):
+    plain = cp.plan_job(three_points(tmp_path, MILLING))
+    plan = cp.plan_job(three_points(tmp_path, MILLING, plan={"rotate_about_tool_axis": False, "inertia": True}))
+    assert plain.bending.inertia > 2e-5 and not plain.bending.compensated
+    assert plan.status == "solved" and plan.bending.compensated and plan.bending.inertia > 2e-5
+    assert plan.after.max_deviation < 0.2 * plan.bending.inertia  # the judge takes masses and motion by itself
+    moving = find_bias(plan.task, plan.q, plan.timing.time, build_dynamics(plan.robot))
+    loaded = attain_pose(plan.task.chain, plan.q, plan.task.wrench, slope=False, torque_bias=moving).position
+    off = np.linalg.norm(loaded - plan.task.position, axis=1)[plan.task.cut]
+    still = attain_pose(plan.task.chain, plan.q, plan.task.wrench, slope=False).position
+    assert off.max() < 0.2 * np.linalg.norm(still - plan.task.position, axis=1)[plan.task.cut].max()
+
+
+def test_one_joint_and_a_mass_are_driven_ahead_of_the_path_by_what_their_inertia_bends(tmp_path):
+    # b = m l^2 (q'' of the command), c = C b: with q = q0 + c and w^2 = 1 / (C m l^2) the load is b0 / (1 - D / w^2)
+    robot = one_joint_arm(tmp_path, 1.0, 1e-5, mass=50.0)
+    chain, dynamics = build_chain(robot), build_dynamics(robot)
+    time = np.linspace(0.0, 2.0, 401)
+    q0 = 0.1 * ease(time / 2.0)[:, None]
+    nominal = cp.Toolpath(
+        np.stack([np.cos(q0[:, 0]), 0 * time, -np.sin(q0[:, 0])], axis=1), np.tile([0, 0, 1.0], (401, 1)),
+        np.full(401, 0.1), np.zeros(401, bool),
+    )  # fmt: skip
+    task = SimpleNamespace(nominal=nominal, rests=None, chain=chain, smoothing=2 * np.pi * np.sqrt(1e-5 * 50.0))
+    q, bias = q0, np.zeros((401, 1))
+    for _ in range(3):
+        bias = relax_bias(task, time, bias, find_bias(task, q, time, dynamics))
+        q = q0 - 1e-5 * bias
+    left = find_bias(task, q, time, dynamics) - bias
+    assert np.abs(left).max() < 1e-9 * np.abs(bias).max()
+    u = time[1:-1] / 2.0
+    push = 0.1 * (60 * u - 180 * u**2 + 120 * u**3) / 2.0**2
+    assert bias[1:-1, 0] == pytest.approx(-50.0 * push, abs=0.02 * 50.0 * np.abs(push).max())

@@ -133,15 +133,7 @@ def _at_rows(job: Job, cell: Cell, motion: Motion, weights: bool) -> dict:
 
 def _inertia(job: Job, cell: Cell, motion: Motion, chosen: np.ndarray, weights: bool) -> dict:
     """Let the inertia of the timed motion load the springs too (velocity and acceleration by differences)."""
-    rows = motion.rows
-    rate, change = np.zeros(rows.q.shape), np.zeros(rows.q.shape)
-    for first, last in motion.runs:
-        time = rows.time[first : last + 1]
-        if last - first < 2 or np.diff(time).min() <= 0:
-            continue
-        rate[first : last + 1] = np.gradient(rows.q[first : last + 1], time, axis=0)
-        mean = np.diff(rows.q[first : last + 1], axis=0) / np.diff(time)[:, None]
-        change[first + 1 : last] = np.diff(mean, axis=0) / (0.5 * (time[2:] - time[:-2]))[:, None]
+    rows, (rate, change) = motion.rows, _rates(motion)
     q, wrench = rows.q[chosen], motion.wrench[chosen]
     still = cell.rest(q, wrench, weights=weights).position
     moving = cell.rest(q, wrench, weights=weights, rate=rate[chosen], change=change[chosen]).position
@@ -151,6 +143,20 @@ def _inertia(job: Job, cell: Cell, motion: Motion, chosen: np.ndarray, weights: 
         "at_with_inertia_mm": float(off.max() * MM),
         "inertia_planned": bool(job.plan.get("inertia", False)),
     }
+
+
+def _rates(motion: Motion) -> tuple[Array, Array]:
+    """Return joint velocities and accelerations at every row, by differences. Shapes (n, nq)."""
+    rows = motion.rows
+    rate, change = np.zeros(rows.q.shape), np.zeros(rows.q.shape)
+    for first, last in motion.runs:
+        time = rows.time[first : last + 1]
+        if last - first < 2 or np.diff(time).min() <= 0:
+            continue
+        rate[first : last + 1] = np.gradient(rows.q[first : last + 1], time, axis=0)
+        mean = np.diff(rows.q[first : last + 1], axis=0) / np.diff(time)[:, None]
+        change[first + 1 : last] = np.diff(mean, axis=0) / (0.5 * (time[2:] - time[:-2]))[:, None]
+    return rate, change
 
 
 def _between(job: Job, cell: Cell, kinematics: Kinematics, motion: Motion, weights: bool) -> dict:
@@ -171,8 +177,13 @@ def _between(job: Job, cell: Cell, kinematics: Kinematics, motion: Motion, weigh
     ways["cartesian"] = cartesian_linear(kinematics, rows.q, moves)
     ways["spline"] = (spline(rows.time, rows.q, motion.runs, moves), np.ones(len(moves), bool))
     found: dict = {"moves_between": len(moves)}
+    moving: dict[str, Array] = {}
+    if job.plan.get("inertia", False):
+        for name, values in zip(("rate", "change"), _rates(motion), strict=True):
+            inside = values[moves][:, None] * (1 - share) + values[moves + 1][:, None] * share
+            moving[name] = inside.reshape(-1, values.shape[1])
     for name, (q, follows) in ways.items():
-        rest = cell.rest(q.reshape(-1, q.shape[2]), wrench.reshape(-1, 6), weights=weights)
+        rest = cell.rest(q.reshape(-1, q.shape[2]), wrench.reshape(-1, 6), weights=weights, **moving)
         off = distance_to_path(job.path, np.repeat(low, len(SHARES)), np.repeat(high, len(SHARES)), rest.position)
         off = off.reshape(len(moves), -1).max(axis=1)
         known = off[follows]

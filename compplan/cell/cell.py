@@ -65,7 +65,9 @@ def standard_cells(robot: Robot) -> tuple[Cell, ...]:
     return (build_cell(robot), *others)
 
 
-def run_cell(cell: Cell, q: Array, wrench: Array, step_time: Array | None = None) -> CellRun:
+def run_cell(
+    cell: Cell, q: Array, wrench: Array, step_time: Array | None = None, bias: Array | None = None
+) -> CellRun:
     """Run a command in a cell.
 
     Args:
@@ -73,9 +75,10 @@ def run_cell(cell: Cell, q: Array, wrench: Array, step_time: Array | None = None
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         wrench: Wrench of the environment on the tool at the tip, base axes. Shape (n, 6). [N, N m]
         step_time: Time from each waypoint to the next, for effects of motion; 1 s if left out. Shape (n - 1,). [s]
+        bias: Load of inertia on each elastic coordinate, none if left out. Shape (n, s). [N m or N]
 
     """
-    position, rotation, _ = judge_pose(cell.judge, q, wrench, TOLERANCE)
+    position, rotation, _ = judge_pose(cell.judge, q, wrench, TOLERANCE, bias)
     if not cell.robot.effects:
         return CellRun(position, rotation)
     steps = np.ones(len(q) - 1) if step_time is None else step_time

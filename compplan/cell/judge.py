@@ -74,7 +74,7 @@ class JudgeBuilder:
         self.rows: list[tuple[Array, float]] = []
         self.elastic: list[int] = []
         self.blocks: list[Array] = []
-        self.hung: dict[int, list[tuple[float, Array]]] = {}
+        self.hung: dict[int, list[tuple[float, Array, Array]]] = {}
 
     def move(self, placement: pin.SE3) -> None:
         """Go on to another frame of the same body."""
@@ -102,12 +102,13 @@ class JudgeBuilder:
         self.blocks.append(np.asarray(compliance, float))
         self.move(far.inverse())
 
-    def hang(self, masses: Iterable[tuple[str, float, Array]], link: str) -> None:
-        """Hang the masses of a link (its name, mass, centre in its frame) here."""
-        for name, mass, centre in masses:
+    def hang(self, masses: Iterable[tuple[str, float, Array, Array]], link: str) -> None:
+        """Hang the masses of a link (its name, mass, centre and inertia about it in its frame) here."""
+        for name, mass, centre, inertia in masses:
             if name == link:
                 where = np.asarray(self.pending.act(np.asarray(centre, float)))
-                self.hung.setdefault(self.parent, []).append((mass, where))
+                turned = self.pending.rotation @ inertia @ self.pending.rotation.T
+                self.hung.setdefault(self.parent, []).append((mass, where, turned))
 
     def finish(self, tip: pin.SE3) -> Judge:
         """Put the TCP here and return the judge."""
@@ -125,12 +126,14 @@ class JudgeBuilder:
         """Give every joint its masses, and return those that are together none or less."""
         lifts = []
         for joint, masses in self.hung.items():
-            total, moment = sum(mass for mass, _ in masses), sum((mass * at for mass, at in masses), np.zeros(3))
-            if total > LEAST_SHARE * sum(abs(mass) for mass, _ in masses):
+            total, moment = sum(mass for mass, _, _ in masses), sum((mass * at for mass, at, _ in masses), np.zeros(3))
+            if total > LEAST_SHARE * sum(abs(mass) for mass, _, _ in masses):
                 spread = INERTIA * np.eye(3)
-                for mass, at in masses:
+                for mass, at, inertia in masses:
                     arm = at - moment / total
-                    spread += max(mass, 0.0) * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+                    spread += inertia + max(mass, 0.0) * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+                if np.linalg.eigvalsh(spread).min() <= 0:  # no physical inertia in the file
+                    spread = INERTIA * np.eye(3)
                 self.model.appendBodyToJoint(joint, pin.Inertia(total, moment / total, spread), pin.SE3.Identity())
             elif joint:
                 lifts.append((joint, total, moment))
@@ -149,7 +152,7 @@ def build_judge(robot: Robot) -> Judge:
     """Build the Pinocchio model of a robot in memory with every spring as a joint; `read_judge` reads a folder."""
     down = robot.loading_gravity
     builder = JudgeBuilder(robot.joint_names, np.zeros(3) if down is None else down)
-    masses = [(body.link, body.mass, body.centre) for body in robot.loading_bodies]
+    masses = [(body.link, body.mass, body.centre, body.inertia) for body in robot.loading_bodies]
     builder.hang(masses, robot.base)
     for count, joint in enumerate(robot.joints):
         builder.move(pin.SE3(joint.placement))
@@ -173,7 +176,7 @@ def build_judge(robot: Robot) -> Judge:
 
 
 def judge_pose(
-    judge: Judge, q: Array, wrench: Array | None = None, tolerance: float = 1e-13
+    judge: Judge, q: Array, wrench: Array | None = None, tolerance: float = 1e-13, bias: Array | None = None
 ) -> tuple[Array, Array, Array]:
     """Solve the exact loaded equilibrium at every pose.
 
@@ -182,6 +185,7 @@ def judge_pose(
         q: Joint positions. Shape (n, nq). [rad or m]
         wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
         tolerance: Largest change of an elastic coordinate in the last iteration. [rad or m]
+        bias: Further load on each elastic coordinate, such as that of inertia. Shape (n, s). [N m or N]
 
     Returns:
         TCP position (n, 3) [m], orientation (n, 3, 3), both in the base frame, elastic coordinates (n, s) [rad or m].
@@ -194,12 +198,13 @@ def judge_pose(
     data = judge.model.createData()
     position, rotation = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
     thetas = np.zeros((len(q), len(judge.elastic)))
+    more = np.zeros((len(q), len(judge.elastic))) if bias is None else bias
     theta = before = np.zeros(len(judge.elastic))
     rigid = q @ judge.commanded.T + judge.shift
     for i in range(len(q)):
         start = 2 * theta - before if i and np.abs(q[i] - q[i - 1]).max() < NEIGHBOUR else theta
         try:
-            before, theta = theta, _settle(judge, data, rigid[i], load[i], start, tolerance)
+            before, theta = theta, _settle(judge, data, rigid[i], load[i], more[i], start, tolerance)
         except ConvergenceError as error:
             message = f"{error} at waypoint {i} under {np.linalg.norm(load[i, :3]):.3g} N"
             raise ConvergenceError(
@@ -211,13 +216,15 @@ def judge_pose(
     return position, rotation, thetas
 
 
-def _settle(judge: Judge, data: pin.Data, rigid: Array, wrench: Array, theta: Array, tolerance: float) -> Array:
+def _settle(
+    judge: Judge, data: pin.Data, rigid: Array, wrench: Array, bias: Array, theta: Array, tolerance: float
+) -> Array:
     """Iterate theta <- C tau(theta) until the step vanishes."""
     model, configuration, elastic = judge.model, rigid.copy(), judge.elastic
     step, world = np.inf, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     for _ in range(MAX_ITERATIONS):
         configuration[elastic] = rigid[elastic] + theta
-        torque = pin.computeFrameJacobian(model, data, configuration, judge.tcp, world).T[elastic] @ wrench
+        torque = pin.computeFrameJacobian(model, data, configuration, judge.tcp, world).T[elastic] @ wrench + bias
         if judge.weighs:
             torque -= judge.weigh(data, configuration)[elastic]
         update = judge.compliance @ torque

@@ -17,17 +17,20 @@ import pinocchio as pin
 from compplan.cell.judge import Judge, JudgeBuilder
 from compplan.robot import Array
 
+#: Link that carries it, mass [kg], centre (3,) [m] and inertia about it (3, 3) [kg m^2] in that link's frame.
+Mass = tuple[str, float, Array, Array]
 #: Gravity under which a mounted tool bends the arm where the folder gives none. [m/s^2]
 GRAVITY = np.array([0.0, 0.0, -9.81])
 AXES = {"x": np.array([1.0, 0, 0]), "y": np.array([0, 1.0, 0]), "z": np.array([0, 0, 1.0])}
 
 
-def read_judge(folder: Path, tool: Mapping[str, Any] | None = None) -> Judge:
+def read_judge(folder: Path, tool: Mapping[str, Any] | None = None, *, moving: bool = False) -> Judge:
     """Read a robot folder and build the judge of the robot in it.
 
     Args:
         folder: The robot folder.
         tool: The table [tool] of a job as it stands in the file, or None for the folder's own tool.
+        moving: Whether the judge is for the inertia of motion: all masses, and no weight.
 
     """
     urdf, table = folder / "robot.urdf", tomllib.loads((folder / "elasticity.toml").read_text(encoding="utf-8"))
@@ -35,6 +38,7 @@ def read_judge(folder: Path, tool: Mapping[str, Any] | None = None) -> Judge:
     names = tree.chain_to(table["tcp"])
     flange = table.get("flange") or tree.default_flange(names)
     gravity = None if table.get("gravity") is None else np.array(table["gravity"], float)
+    gravity = np.zeros(3) if moving else gravity
     masses = tree.masses(names)
     mounted, beyond = None, [name for name in names if flange in tree.links_above(name)]
     if tool is not None:
@@ -105,7 +109,7 @@ class _Tree:
                 self.mimic[name] = (follows.get("joint", ""), *numbers)
         self.where = where
         self.inertials = [
-            (link.get("name", ""), float(_entry(entry, "mass", "value")), entry.find("origin"))
+            (link.get("name", ""), float(_entry(entry, "mass", "value")), entry.find("origin"), entry.find("inertia"))
             for link in text.findall("link")
             for entry in link.findall("inertial")
         ]
@@ -136,21 +140,24 @@ class _Tree:
         """Return the commanded joint behind a joint, its factor and its offset."""
         return self.mimic.get(name, (name, 1.0, 0.0))
 
-    def masses(self, names: list[str]) -> list[tuple[str, float, Array]]:
-        """Return mass and centre on the links of a chain, those of other links at the link that carries them."""
+    def masses(self, names: list[str]) -> list[Mass]:
+        """Return the masses on the links of a chain, those of other links at the link that carries them."""
         chain, found = {self.root(names), *(self.child[name] for name in names)}, []
-        for link, mass, origin in self.inertials:
-            centre = np.zeros(3) if origin is None else np.array(origin.get("xyz", "0 0 0").split(), float)
+        for link, mass, origin, inertia in self.inertials:
+            words = {} if origin is None else origin.attrib
+            xyz, rpy = (np.array(words.get(key, "0 0 0").split(), float) for key in ("xyz", "rpy"))
             carrier = link
             while carrier not in chain:
                 carrier = self.parent[self.carrier[carrier]]
-            found.append((carrier, mass, np.asarray((self.where[carrier].inverse() * self.where[link]).act(centre))))
+            place = self.where[carrier].inverse() * self.where[link] * pin.SE3(pin.rpy.rpyToMatrix(*rpy), xyz)
+            found.append((carrier, mass, place.translation, place.rotation @ _tensor(inertia) @ place.rotation.T))
         return found
 
-    def seen_from(self, flange: str, masses: list[tuple[str, float, Array]]) -> list[tuple[str, float, Array]]:
-        """Move masses to the flange, taken away there."""
-        back = self.where[flange].inverse()
-        return [(flange, -mass, np.asarray((back * self.where[link]).act(centre))) for link, mass, centre in masses]
+    def seen_from(self, flange: str, masses: list[Mass]) -> list[Mass]:
+        """Move masses to the flange, taken away there; only their weight counts."""
+        back, none = self.where[flange].inverse(), np.zeros((3, 3))
+        seen = [(mass, np.asarray((back * self.where[link]).act(centre))) for link, mass, centre, _ in masses]
+        return [(flange, -mass, centre, none) for mass, centre in seen]
 
 
 def _entry(element: ElementTree.Element, tag: str, key: str) -> str:
@@ -158,10 +165,18 @@ def _entry(element: ElementTree.Element, tag: str, key: str) -> str:
     return "" if found is None else found.get(key, "")
 
 
-def _tool_mass(tool: Mapping[str, Any], flange: str) -> list[tuple[str, float, Array]]:
+def _tensor(inertia: ElementTree.Element | None) -> Array:
+    """Return the matrix of a URDF's inertia. Shape (3, 3). [kg m^2]."""
+    if inertia is None:
+        return np.zeros((3, 3))
+    xx, xy, xz, yy, yz, zz = (float(inertia.get(f"i{key}", "0")) for key in ("xx", "xy", "xz", "yy", "yz", "zz"))
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _tool_mass(tool: Mapping[str, Any], flange: str) -> list[Mass]:
     mass = float(tool.get("mass_kg") or 0.0)
     centre = np.array(tool.get("centre_of_mass_mm", (0.0, 0.0, 0.0)), float) / 1000.0
-    return [(flange, mass, centre)] if mass else []
+    return [(flange, mass, centre, np.zeros((3, 3)))] if mass else []
 
 
 def _direction(axis: str, tree: _Tree, joint: str) -> tuple[Array, bool]:

@@ -1,6 +1,6 @@
 """The lowest natural frequencies of a robot on its springs, and the loads that its own motion puts on them.
 
-Masses count at their centres, whether or not the folder's gravity does. With M the mass matrix and C the compliance of
+Masses count whether or not the folder's gravity does. With M the mass matrix and C the compliance of
 the elastic coordinates at a posture, frequencies f solve det(1 / (2 pi f)^2 - C M) = 0; the drives hold still. A motion
 loads the springs by the inverse dynamics of the stiff arm, weight left out [Featherstone2008].
 """
@@ -80,3 +80,25 @@ def inertial_loads(dynamics: Dynamics, q: Array, velocity: Array, acceleration: 
     for i in range(len(q)):
         loads[i] = -pin.rnea(judge.model, data, rigid[i], rate[i], change[i])[judge.elastic]
     return loads
+
+
+def differentiate_run(q: Array, time: Array, runs: list[tuple[int, int]]) -> tuple[Array, Array]:
+    """Return joint velocities and accelerations of a timed motion by differences; zero at the ends of runs and outside.
+
+    Args:
+        q: Joint positions. Shape (n, nq). [rad or m]
+        time: Shape (n,). [s]
+        runs: First and last row of every run from rest to rest.
+
+    Returns:
+        Shapes (n, nq). [rad/s or m/s, and a second]
+
+    """
+    velocity, acceleration = np.zeros(q.shape), np.zeros(q.shape)
+    for first, last in runs:
+        step = np.maximum(np.diff(time[first : last + 1]), 1e-12)[:, None]
+        mean, inside = np.diff(q[first : last + 1], axis=0) / step, slice(first + 1, last)
+        both = step[:-1] + step[1:]
+        velocity[inside] = (step[:-1] * mean[1:] + step[1:] * mean[:-1]) / both
+        acceleration[inside] = 2.0 * np.diff(mean, axis=0) / both
+    return velocity, acceleration

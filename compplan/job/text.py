@@ -120,7 +120,7 @@ configuration = "auto"              # or { shoulder = "front", elbow = "up", wri
 max_correction_mm = 10.0
 tolerance_mm = 0.1                  # in-tolerance verdicts and shares refer to it
 tool_x = [1.0, 0.0, 0.0]            # part axes: where the TCP frame's x points when rotation about the axis is not free
-inertia = false                     # slow the run until its inertia bends the arm little (masses of the URDF)
+inertia = false                     # compensate the inertia of the motion too (masses of the URDF)
 
 [output]
 programs = ["val3"]                 # <programs>

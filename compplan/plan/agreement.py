@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.plan.bending import slow_for_inertia
+from compplan.cell.vibration import Dynamics, build_dynamics
+from compplan.plan.bending import find_bias, relax_bias
 from compplan.plan.between import Between, measure_between, wanted_pieces
 from compplan.plan.feed import FeedWish, time_run
 from compplan.plan.sampling import Mending, divide_by, predict_loads
@@ -24,6 +25,8 @@ from compplan.statics.sensitivity import attain_pose
 
 #: Turns that force, feed and motion may take, and the shift of the tip that asks for no new correction. [m]
 TURNS, EXACT = 12, 1e-10
+#: Inertia and motion agree where a turn moves the tip by less than this share of the tolerance.
+SETTLED = 1e-3
 #: Divisions of the path at most, before a command is computed and afterwards.
 DIVISIONS = 4
 #: Moves this near to a waypoint that fails are not divided for it.
@@ -106,7 +109,7 @@ def _divide_ahead(task: PlanTask, wish: FeedWish) -> PlanTask:
 def _take_turns(task: PlanTask, strategy: str, wish: FeedWish, progress: Callable[[str], None]) -> Agreement:
     """Command the path; where the force follows the feed, slow the run down until its own corrections can follow.
 
-    Where the inertia of the motion is to bend the arm little, slow it down until it does.
+    Where inertia counts, it is that of the commanded motion: command and inertia are worked out in turn.
 
     The run is that of the uncorrected motion, so that it does not answer to the force; a turn only makes it slower.
     """
@@ -115,26 +118,28 @@ def _take_turns(task: PlanTask, strategy: str, wish: FeedWish, progress: Callabl
         driven, timing, notes = time_run(task, command.q, wish)
         between = measure_between(driven, command.q, timing.time)
         return Agreement(driven, command, timing, between, 0.0, 1, notes)
-    slow, excess = np.ones(len(task)), np.inf
+    dynamics = build_dynamics(task.robot) if task.inertia else None
+    slow, excess, change = np.ones(len(task)), np.inf, np.inf
     turns = 0
-    while excess > 1.0 and turns < TURNS:
+    while (excess > 1.0 or (task.inertia and change > SETTLED * task.tolerance)) and turns < TURNS:
         turns += 1
         progress(f"force and feed, turn {turns}")
         driven, timing, notes = time_run(task, task.q_start, wish, slow)
-        wrench = predict_loads(task, _moving_feed(timing))
-        change = _shift(task, command.q, wrench)
-        task = replace(task, wrench=wrench)
+        loads = predict_loads(task, _moving_feed(timing)) if task.follows_feed else task.wrench
+        bias = None if dynamics is None else _find_inertia(task, command.q, timing.time, dynamics)
+        changed = replace(task, wrench=loads, bias=bias)
+        change, task = _shift(task, changed, command.q), changed
         if change > EXACT:
             command = nlp.correct_command(task, command) if strategy == "nlp" else command_path(task, strategy)
         slower = find_slowdown(task, command.q, timing.time)
-        if task.inertia:
-            slower = np.maximum(slower, slow_for_inertia(task, command.q, timing))
         excess = float(slower.max())
-        slow *= np.minimum(slower, 3.0) * 1.02
+        slow *= np.minimum(slower, 3.0) * (1.02 if excess > 1.0 else 1.0)
     if excess > 1.0:
         notes = (*notes, f"Force and motion do not agree: joint limits are passed by a factor of {excess:.3g}.")
+    if task.inertia and change > SETTLED * task.tolerance:
+        notes = (*notes, f"Inertia and motion do not agree: the last turn moves the tip by {1e3 * change:.2g} mm.")
     timing = state_timing(driven, command.q, timing.time)
-    driven = replace(driven, wrench=task.wrench)
+    driven = replace(driven, wrench=task.wrench, bias=task.bias)
     between = measure_between(driven, command.q, timing.time)
     return Agreement(driven, command, timing, between, excess, turns, notes)
 
@@ -145,16 +150,26 @@ def _drive(task: PlanTask, q: Array, wish: FeedWish) -> tuple[PlanTask, Timing]:
     return replace(task, wrench=predict_loads(task, _moving_feed(timing))), timing
 
 
+def _find_inertia(task: PlanTask, q: Array, time: Array, dynamics: Dynamics) -> Array:
+    """Return the load of inertia to plan with next."""
+    new = find_bias(task, q, time, dynamics)
+    return relax_bias(task, time, np.zeros_like(new) if task.bias is None else task.bias, new)
+
+
 def _moving_feed(timing: Timing) -> Array:
     feed = timing.feed.copy()
     feed[0] = feed[1]
     return feed
 
 
-def _shift(task: PlanTask, q: Array, wrench: Array) -> float:
-    """Return by how much another wrench would move the loaded tip at most. [m]."""
+def _shift(task: PlanTask, other: PlanTask, q: Array) -> float:
+    """Return by how much the loads of another task would move the loaded tip at most. [m]."""
     rows = np.flatnonzero(task.compensated)
-    now, then = (attain_pose(task.chain, q[rows], load[rows], slope=False).position for load in (task.wrench, wrench))
+    biases = (None if each.bias is None else each.bias[rows] for each in (task, other))
+    now, then = (
+        attain_pose(task.chain, q[rows], each.wrench[rows], slope=False, torque_bias=bias).position
+        for each, bias in zip((task, other), biases, strict=True)
+    )
     return float(np.linalg.norm(now - then, axis=1).max(initial=0.0))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from compplan.path.contact import tool_axes
 from compplan.path.toolpath import select_waypoints
-from compplan.plan.profile import ease_duration, ease_times
+from compplan.plan.profile import ease, ease_duration
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
@@ -21,8 +21,8 @@ from compplan.statics.sensitivity import attain_pose
 
 #: Height of the approach and of the retract along the tool axis, where the toolpath has none of its own. [m]
 APPROACH = 0.05
-#: Rows that the way down and the loading are written in.
-DOWN_ROWS, LOADING_ROWS = 24, 8
+#: Rows that the way down and the loading are written in, even in time.
+DOWN_ROWS, LOADING_ROWS = 24, 16
 #: The tool stands this long where the cut begins or ends. [s]
 DWELL = 0.02
 
@@ -92,13 +92,14 @@ def _leg(
     task: PlanTask, start: Array, end: Array, here: Array, there: Array, before: Array, after: Array, rows: int
 ) -> tuple[Array, Array, Array, Array]:
     """Return rows of a gentle joint move, its end left out, and the times to the next row."""
-    share = (np.arange(rows + 1) / rows)[:, None]
+    u = np.arange(rows + 1) / rows
+    share = ease(u)[:, None]
     duration = 1.05 * ease_duration(np.abs(end - start), task.velocity_limits, task.acceleration_limits)
     feed = float(np.median(task.nominal.feed[task.nominal.feed > 0])) if (task.nominal.feed > 0).any() else 0.1
     if not np.any(here - there):
         tips = locate_frames(task.chain, np.array([start, end])).tcp_position
         duration = max(duration, 1.875 * float(np.linalg.norm(tips[1] - tips[0])) / feed)
-    time = ease_times(share[:, 0], max(duration, 1e-2))
+    time = u * max(duration, task.gentle_time)
     columns = (start * (1 - share) + end * share, here * (1 - share) + there * share)
     wrench = before * (1 - share) + after * share
     return columns[0][:-1], columns[1][:-1], wrench[:-1], np.diff(time)

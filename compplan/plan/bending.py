@@ -5,10 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_banded
 
-from compplan.cell.vibration import build_dynamics, inertial_loads, natural_frequencies
+from compplan.cell.vibration import (
+    Dynamics,
+    build_dynamics,
+    differentiate_run,
+    inertial_loads,
+    natural_frequencies,
+)
 from compplan.plan.task import PlanTask
-from compplan.plan.timing import Timing, spread_factors, state_timing
+from compplan.plan.timing import Timing, cutting_runs
 from compplan.robot import Array, Robot
 from compplan.statics.chain import locate_frames
 from compplan.statics.elastic import solve_equilibrium
@@ -17,8 +25,6 @@ from compplan.statics.elastic import solve_equilibrium
 LOOKED_AT = 2000
 #: Postures at which frequencies are computed.
 POSTURES = 25
-#: Share of the tolerance that inertia may bend the arm by, where a job asks for it to be kept small.
-INERTIA_SHARE = 0.3
 #: Shortest and longest time over which motion is smoothed. [s]
 SHORTEST, LONGEST = 0.02, 0.3
 
@@ -30,7 +36,8 @@ class Bending:
     Attributes:
         process: By the wrench on the tool. [m]
         weight: By the weights that the model carries. [m]
-        inertia: By the inertia of the timed motion, which the plan does not compensate; NaN without masses. [m]
+        inertia: By the inertia of the timed motion; NaN without masses. [m]
+        compensated: Whether the plan compensates that.
         frequencies: The two lowest natural frequencies, least along the path; NaN without masses. Shape (2,). [Hz]
         masses: Where the folder has its masses from.
 
@@ -39,12 +46,14 @@ class Bending:
     process: float
     weight: float
     inertia: float
+    compensated: bool
     frequencies: Array
     masses: str
 
     def describe(self) -> dict[str, object]:
         """Describe it for plan.json; what is not known is left out."""
-        sizes = {"process": self.process, "weight": self.weight, "inertia_not_compensated": self.inertia}
+        name = "inertia" if self.compensated else "inertia_not_compensated"
+        sizes = {"process": self.process, "weight": self.weight, name: self.inertia}
         rings = [float(value) for value in self.frequencies if np.isfinite(value)]
         return {
             "bending_mm": {name: 1e3 * value for name, value in sizes.items() if np.isfinite(value)},
@@ -73,33 +82,64 @@ def measure_bending(task: PlanTask, q: Array, timing: Timing) -> Bending:
     loaded = solve_equilibrium(task.chain, q[rows], task.wrench[rows], tolerance=1e-10).position
     inertia, rings = float("nan"), np.full(2, np.nan)
     if dynamics.known:
-        loads = inertial_loads(dynamics, q[rows], timing.velocity[rows], timing.acceleration[rows])
+        loads = find_bias(task, q, timing.time, dynamics, rows)[rows]
         moving = solve_equilibrium(task.chain, q[rows], task.wrench[rows], tolerance=1e-10, torque_bias=loads).position
         inertia = _greatest(moving - loaded)
         few = rows[np.linspace(0, len(rows) - 1, min(POSTURES, len(rows))).astype(int)]
         rings = natural_frequencies(dynamics, q[few]).min(axis=0)
     masses = str(task.robot.sources.get("masses", "the folder does not say"))
-    return Bending(_greatest(loaded - free), _greatest(free - stiff), inertia, rings, masses)
+    return Bending(_greatest(loaded - free), _greatest(free - stiff), inertia, task.inertia, rings, masses)
 
 
-def slow_for_inertia(task: PlanTask, q: Array, timing: Timing) -> Array:
-    """Tell by what factor the run is too fast for its inertia to bend the arm little: 1 where it is not. Shape (n,).
+def find_bias(
+    task: PlanTask, q: Array, time: Array, dynamics: Dynamics, among: NDArray[np.int_] | None = None
+) -> Array:
+    """Return what the inertia of a timed motion puts on each elastic coordinate. Shape (n, s). [N m or N].
 
-    The bending grows with the square of the speed; a share of the tolerance is left to it.
+    Nothing acts in rapid moves, and where the tool rests.
+
+    Args:
+        task: The task.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        time: Time at each waypoint. Shape (n,). [s]
+        dynamics: The robot with its masses.
+        among: Waypoints that are looked at, the others stay without; all if left out. Shape (k,).
+
     """
-    rows, slower = np.flatnonzero(task.compensated), np.ones(len(q))
-    dynamics = build_dynamics(task.robot)
-    if not dynamics.known or not len(rows):
-        return slower
-    moving = state_timing(task, q, timing.time)
-    loads = inertial_loads(dynamics, q[rows], moving.velocity[rows], moving.acceleration[rows])
-    tips = [
-        solve_equilibrium(task.chain, q[rows], task.wrench[rows], tolerance=1e-10, torque_bias=bias).position
-        for bias in (None, loads)
-    ]
-    bent = np.linalg.norm(tips[1] - tips[0], axis=1)
-    slower[rows] = np.sqrt(np.maximum(bent / (INERTIA_SHARE * task.tolerance), 1.0))
-    return spread_factors(slower, timing.time, task.smoothing)
+    bias = np.zeros((len(q), task.chain.n_springs))
+    if dynamics.known:
+        runs = cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
+        velocity, acceleration = differentiate_run(q, time, runs)
+        rows = np.flatnonzero(acceleration.any(axis=1))
+        rows = rows if among is None else np.intersect1d(rows, among)
+        bias[rows] = inertial_loads(dynamics, q[rows], velocity[rows], acceleration[rows])
+    return bias
+
+
+def relax_bias(task: PlanTask, time: Array, old: Array, new: Array) -> Array:
+    """Go from one load of inertia towards that of the command which it leads to, as far as converges.
+
+    A correction d = C b of a load b has an inertia of its own: with D the second difference in time and w the lowest
+    natural frequency, b = b0 + D b / w^2 along that mode. Steps (1 - D / w^2)^-1 (new - old) arrive there at once, and
+    gradually in the stiffer ones; plain repetition grows at what is faster than w.
+
+    Args:
+        task: The task.
+        time: Time at each waypoint. Shape (n,). [s]
+        old: Load that the command was computed with. Shape (n, s). [N m or N]
+        new: Load of that command's motion. Shape (n, s). [N m or N]
+
+    """
+    change, square = np.zeros_like(new), (2 * np.pi / task.smoothing) ** 2
+    for first, last in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests):
+        if last - first < 2:
+            continue
+        step = np.maximum(np.diff(time[first : last + 1]), 1e-12)
+        left, right = (2.0 / (side * (step[:-1] + step[1:])) / square for side in (step[:-1], step[1:]))
+        bands = np.stack([np.r_[0.0, -right[:-1]], 1.0 + left + right, np.r_[-left[1:], 0.0]])
+        inside = slice(first + 1, last)
+        change[inside] = solve_banded((1, 1), bands, new[inside] - old[inside])
+    return np.asarray(old + change)
 
 
 def choose_smoothing(robot: Robot, q: Array, default: float) -> float:

@@ -81,14 +81,15 @@ def measure_between(task: PlanTask, q: Array, time: Array | None = None, *, bow:
         start, end = ends[moves], ends[moves + 1]
         load = task.wrench[moves] * (1 - share) + task.wrench[moves + 1] * share
         middle = q[moves] * (1 - share) + q[moves + 1] * share
-        loaded = _attain(task, q, middle, load, moves, share)
+        bias = None if task.bias is None else task.bias[moves] * (1 - share) + task.bias[moves + 1] * share
+        loaded = _attain(task, q, middle, load, bias, moves, share)
         joint[moves] = np.maximum(joint[moves], _distance(loaded, start, end))
         straight = plain[moves] * (1 - share) + plain[moves + 1] * share
         bent = loaded - locate_frames(task.chain, middle).tcp_position
         cartesian[moves] = np.maximum(cartesian[moves], _distance(straight + bent, start, end))
         if time is not None:
             curved = follow_spline(task, q, time, moves, share)
-            tip = _attain(task, q, curved, load, moves, share)
+            tip = _attain(task, q, curved, load, bias, moves, share)
             spline[moves] = np.maximum(spline[moves], _distance(tip, start, end))
     return Between(joint, cartesian, joint if time is None else spline)
 
@@ -106,12 +107,18 @@ def divide_times(step_time: Array, share: float) -> Array:
     return np.stack([step_time * share, step_time * (1 - share)], axis=1).ravel()
 
 
-def _attain(task: PlanTask, q: Array, middle: Array, load: Array, moves: NDArray[np.int_], share: float) -> Array:
+def _attain(
+    task: PlanTask, q: Array, middle: Array, load: Array, bias: Array | None, moves: NDArray[np.int_], share: float
+) -> Array:
     """Return the loaded tip at a share of some moves; effects of the robot's folder see the whole path in order."""
+    loaded = attain_pose(task.chain, middle, load, slope=False, torque_bias=bias).position
     if not task.robot.effects:
-        return attain_pose(task.chain, middle, load, slope=False).position
+        return loaded
+    if bias is not None:
+        loaded = loaded - attain_pose(task.chain, middle, load, slope=False).position
     path, acting = (insert_between(*parts, moves, share) for parts in ((q, middle), (task.wrench, load)))
-    return attain_with_effects(task.robot, path, acting, divide_times(task.step_time, share))[0][2 * moves + 1]
+    tip = attain_with_effects(task.robot, path, acting, divide_times(task.step_time, share))[0][2 * moves + 1]
+    return tip if bias is None else tip + loaded
 
 
 def follow_spline(task: PlanTask, q: Array, time: Array, moves: NDArray[np.int_], share: float) -> Array:

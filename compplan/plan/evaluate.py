@@ -126,7 +126,9 @@ def evaluate_mismatch(task: PlanTask, q: Array, factor: float = MISMATCHES[0], m
     return Mismatch(cell.name, float(np.sqrt(np.mean(distance**2))), float(distance.max()), len(rows))
 
 
-def evaluate_run(task: PlanTask, q: Array, cell: Cell, wrench: Array | None = None) -> Evaluation:
+def evaluate_run(
+    task: PlanTask, q: Array, cell: Cell, wrench: Array | None = None, bias: Array | None = None
+) -> Evaluation:
     """Run a command in a cell and compare the loaded tool with the nominal path.
 
     Args:
@@ -134,9 +136,11 @@ def evaluate_run(task: PlanTask, q: Array, cell: Cell, wrench: Array | None = No
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         cell: The cell.
         wrench: Wrench that acts, the task's if left out. Shape (n, 6). [N, N m]
+        bias: Load of inertia on each elastic coordinate, the task's if left out. Shape (n, s). [N m or N]
 
     """
-    run = run_cell(cell, q, task.wrench if wrench is None else wrench, task.step_time)
+    load, more = task.wrench if wrench is None else wrench, task.bias if bias is None else bias
+    run = run_cell(cell, q, load, task.step_time, more)
     return _compare(task, cell.name, run.position, run.rotation)
 
 
@@ -145,7 +149,7 @@ def evaluate_model(task: PlanTask, q: Array) -> Evaluation:
     if task.robot.effects:
         attained = attain_rows(task, q, np.arange(len(q)), slope=False)
     else:
-        attained = attain_pose(task.chain, q, task.wrench, slope=False)
+        attained = attain_pose(task.chain, q, task.wrench, slope=False, torque_bias=task.bias)
     return _compare(task, "planner's model", attained.position, attained.rotation)
 
 

@@ -35,7 +35,7 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
     if not task.inertia and bending.inertia > WORTH_A_NOTE * task.tolerance:
         notes.append(
             f"The inertia of the motion bends the arm by up to {1e3 * bending.inertia:.2g} mm "
-            f"(masses: {bending.masses}); the plan does not compensate it, [plan] inertia = true slows the run for it."
+            f"(masses: {bending.masses}); the plan does not compensate it, with [plan] inertia = true it does."
         )
     scene = task.start.request.scene if task.start is not None and task.start.request is not None else None
     if scene is not None and scene.note:

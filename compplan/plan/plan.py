@@ -63,7 +63,7 @@ class PlanOptions:
         law: The law of the wrench; None where the path carries its wrench.
         chord: How far the loaded tip may stray from the path between waypoints; a tenth of the tolerance if left out.
             [m]
-        inertia: Whether the run is slowed until its inertia bends the arm little.
+        inertia: Whether the inertia of the motion counts as a load and is compensated.
 
     """
 
@@ -268,20 +268,20 @@ def plan_task(
     task, command, timing, feed_notes = found.task, found.command, found.timing, found.notes
     progress("virtual cell")
     clearance, near = check_clearance(task.start, command.q)
-    bench = set_up_bench(task, timing, job)
+    bench = set_up_bench(task, command.q, timing, job)
     stopped = {**find_jumps(task, command.q), **find_overloads(task, command.q, bench), **near}
     for waypoint, limit in (*find_buckling(task, command.q).items(), *command.failures.items()):
         stopped[waypoint] = f"{stopped[waypoint]}, {limit}" if waypoint in stopped else limit
     if stopped:
         command = replace(command, status="infeasible", failures=stopped)
-    after = evaluate_run(task, command.q, bench.cell, bench.wrench)
+    after = evaluate_run(task, command.q, bench.cell, bench.wrench, bench.bias)
     before = after if command.q is task.q_start else evaluate_model(task, task.q_start)
     progress("margins, approach and retract")
     margins = measure_margins(task, command.q, timing)
     bending = measure_bending(task, command.q, timing)
     breaches = find_breaches(task, command, timing, found.between, after, margins, bench)
-    if task.inertia and not after.max_deviation + bending.inertia <= task.tolerance:
-        breaches += ("with the inertia of the motion the tip may stray beyond the tolerance, or masses are missing",)
+    if task.inertia and not np.isfinite(bending.inertia):
+        breaches += ("plan.inertia is true, and the robot folder knows no masses or no springs",)
     return Plan(
         name=name,
         task=task,

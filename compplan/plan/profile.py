@@ -72,6 +72,11 @@ def smooth_profile(along: Array, speed: Array, window: float) -> Profile:
     return Profile(np.maximum.accumulate(when), np.maximum(share, 0.0), push)
 
 
+def ease(u: Array) -> Array:
+    """Return how far a move has come that starts and ends gently, at shares of its time: 10 u^3 - 15 u^4 + 6 u^5."""
+    return np.asarray(u**3 * (10 - 15 * u + 6 * u**2))
+
+
 def ease_times(places: Array, duration: float) -> Array:
     """Return when a move that starts and ends gently passes places: s = 10 u^3 - 15 u^4 + 6 u^5, u = t / duration.
 
@@ -81,7 +86,7 @@ def ease_times(places: Array, duration: float) -> Array:
 
     """
     u = np.linspace(0.0, 1.0, 4001)
-    return np.asarray(duration * np.interp(places, u**3 * (10 - 15 * u + 6 * u**2), u))
+    return np.asarray(duration * np.interp(places, ease(u), u))
 
 
 def ease_duration(distance: Array, velocity_limits: Array, acceleration_limits: Array) -> float:

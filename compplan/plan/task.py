@@ -25,6 +25,8 @@ from compplan.statics.sensitivity import AttainedPose, attain_pose, chunk_rows
 
 #: Time over which motion is smoothed where no natural frequency is known. [s]
 SMOOTHING = 0.05
+#: Such times that a move takes at least which loads the tool where it stands, and where inertia counts.
+PERIODS, CALM_PERIODS = 2.0, 6.0
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,8 @@ class PlanTask:
         rests: Waypoints within a cut at which the tool comes to rest. Shape (n,).
         chord: How far the loaded tip may stray from the path between waypoints. [m]
         smoothing: Time over which the motion is smoothed. [s]
-        inertia: Whether the run is slowed until its inertia bends the arm little.
+        inertia: Whether the inertia of the motion counts as a load.
+        bias: What it puts on each elastic coordinate, or None. Shape (n, s). [N m or N]
         places: Number of each waypoint in the toolpath, fractional where a move was divided. Shape (n,).
 
     """
@@ -80,6 +83,7 @@ class PlanTask:
     chord: float = np.inf
     smoothing: float = SMOOTHING
     inertia: bool = False
+    bias: Array | None = None
     places: Array | None = None
 
     def __post_init__(self) -> None:
@@ -98,6 +102,11 @@ class PlanTask:
     def origin(self) -> Array:
         """Number of each waypoint in the toolpath, fractional where a move was divided. Shape (n,)."""
         return np.arange(len(self), dtype=float) if self.places is None else self.places
+
+    @property
+    def gentle_time(self) -> float:
+        """Least time of a move that loads or unloads the tool where it stands [s]; its inertia is not compensated."""
+        return (CALM_PERIODS if self.inertia else PERIODS) * self.smoothing
 
     @property
     def follows_feed(self) -> bool:
@@ -160,10 +169,17 @@ def attain(task: PlanTask, q: Array) -> AttainedPose:
         q: Commanded joint positions. Shape (n, nq). [rad or m]
 
     """
-    loaded = attain_pose(task.chain, q, task.wrench)
-    if not task.robot.effects:
-        return loaded
-    position, rotation = attain_with_effects(task.robot, q, task.wrench, task.step_time)
+    loaded = attain_pose(task.chain, q, task.wrench, torque_bias=task.bias)
+    return _add_effects(task, q, np.arange(len(q)), loaded) if task.robot.effects else loaded
+
+
+def _add_effects(task: PlanTask, q: Array, rows: NDArray[np.int_], loaded: AttainedPose) -> AttainedPose:
+    """Put what the effects of the folder do in the place of the model without them; inertia bends on top of it."""
+    position, rotation = (part[rows] for part in attain_with_effects(task.robot, q, task.wrench, task.step_time))
+    if task.bias is not None:
+        still = attain_pose(task.chain, q[rows], task.wrench[rows], slope=False)
+        position = position + loaded.position - still.position
+        rotation = loaded.rotation @ np.swapaxes(still.rotation, 1, 2) @ rotation
     return AttainedPose(position, rotation, loaded.jacobian)
 
 
@@ -176,10 +192,10 @@ def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool
         rows: The waypoints. Shape (k,).
         slope: Whether the derivative is wanted; it is zero otherwise, and cheaper.
     """
-    loaded = attain_pose(task.chain, q[rows], task.wrench[rows], slope=slope)
+    bias = None if task.bias is None else task.bias[rows]
+    loaded = attain_pose(task.chain, q[rows], task.wrench[rows], slope=slope, torque_bias=bias)
     if task.robot.effects:
-        position, rotation = attain_with_effects(task.robot, q, task.wrench, task.step_time)
-        loaded = AttainedPose(position[rows], rotation[rows], loaded.jacobian)
+        loaded = _add_effects(task, q, rows, loaded)
     rapid = np.flatnonzero(~task.compensated[rows])
     if not len(rapid):
         return loaded

@@ -147,7 +147,10 @@ def _time_run(
     gentle = 1.0 / task.smoothing if task.smoothing > 0 and task.follows_feed else NO_LIMIT
     for _ in range(SLOW_ROUNDS):
         speed = time_cut(along, q, *limits, rows, slow=slow, gentle=gentle)[2]
-        time = smooth_profile(along, speed, task.smoothing).time
+        profile = smooth_profile(along, speed, task.smoothing)
+        if task.inertia:  # the correction follows the acceleration: that has to be smooth itself
+            profile = smooth_profile(along, profile.speed, task.smoothing)
+        time = profile.time
         use = measure_use(q, time, task.velocity_limits, task.acceleration_limits)
         if use.max() <= 1.0:
             return time
@@ -228,7 +231,7 @@ def _turn_in_place(task: PlanTask, q: Array, start: int) -> Array:
     feed = task.nominal.feed[start + 1]
     tip = locate_frames(task.chain, q[[0, -1]]).tcp_position
     length = float(np.linalg.norm(tip[1] - tip[0]))
-    duration = max(1.1 * duration, 1.875 * length / feed if feed > 0 else 0.0, 1e-3)
+    duration = max(1.1 * duration, 1.875 * length / feed if feed > 0 else 0.0, task.gentle_time)
     return ease_times(way / max(way[-1], 1e-300), duration)
 
 

@@ -16,7 +16,9 @@ from compplan.cell.cell import AS_MODELLED, Cell, build_cell, run_cell
 from compplan.cell.forces import DrivenRows, read_forces
 from compplan.cell.judge import Judge
 from compplan.cell.reading import read_judge
+from compplan.cell.vibration import Dynamics, build_dynamics
 from compplan.job.job import Job
+from compplan.plan.bending import find_bias
 from compplan.plan.between import Between, divide_times, insert_between, judged_moves
 from compplan.plan.evaluate import Evaluation, Margins
 from compplan.plan.strategies.limits import AT_CORRECTION
@@ -34,18 +36,24 @@ JUMP_TURN, JUMP_SLIDE = float(np.radians(20.0)), 0.2
 
 @dataclass(frozen=True)
 class Bench:
-    """What the judge judges with: a cell of its own reading, and the wrench of its own reading at every waypoint."""
+    """What the judge judges with, of its own reading: a cell, and at every waypoint the wrench and inertia's load."""
 
     cell: Cell
     wrench: Array
+    bias: Array | None = None
 
 
-def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
+def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> Bench:
     """Read robot, tool and process a second time; a robot or a path in memory is taken as it is."""
     if job is None or task.robot.folder is None:
-        return Bench(build_cell(task.robot), task.wrench)
+        bias = find_bias(task, q, timing.time, build_dynamics(task.robot)) if task.inertia else None
+        return Bench(build_cell(task.robot), task.wrench, bias)
     tables = job.model_dump(by_alias=True, exclude_unset=True)
     cell = Cell(AS_MODELLED, task.robot, read_judge(Path(task.robot.folder), tables.get("tool")))
+    bias = None
+    if task.inertia:
+        moving = read_judge(Path(task.robot.folder), tables.get("tool"), moving=True)
+        bias = find_bias(task, q, timing.time, Dynamics(moving, moving.compliance))
     law = task.law
     rows = DrivenRows(
         task.position, task.nominal.axis, task.nominal.rapid, task.lead, timing.time,
@@ -53,11 +61,11 @@ def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
     )  # fmt: skip
     wrench = read_forces(tables, job.folder, rows)
     if wrench is None:
-        return Bench(cell, task.wrench)
+        return Bench(cell, task.wrench, bias)
     contact = np.flatnonzero(task.nominal.rapid & task.compensated)
     if law is None or not law.always:
         wrench[contact] = 0.0
-    return Bench(cell, wrench)
+    return Bench(cell, wrench, bias)
 
 
 def find_breaches(
@@ -112,11 +120,13 @@ def judge_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> t
     if not len(moves):
         return 0.0, -1
     half = [0.5 * (values[moves] + values[moves + 1]) for values in (q, bench.wrench)]
+    bias = None if bench.bias is None else 0.5 * (bench.bias[moves] + bench.bias[moves + 1])
     if task.robot.effects:  # they see the whole path in order
         path, load = insert_between(q, half[0], moves, 0.5), insert_between(bench.wrench, half[1], moves, 0.5)
-        tip = run_cell(bench.cell, path, load, divide_times(task.step_time, 0.5)).position[2 * moves + 1]
+        more = None if bench.bias is None or bias is None else insert_between(bench.bias, bias, moves, 0.5)
+        tip = run_cell(bench.cell, path, load, divide_times(task.step_time, 0.5), more).position[2 * moves + 1]
     else:
-        tip = run_cell(bench.cell, half[0], half[1]).position
+        tip = run_cell(bench.cell, half[0], half[1], bias=bias).position
     start, along = task.position[moves], task.position[moves + 1] - task.position[moves]
     square = np.maximum(np.einsum("ni,ni->n", along, along), 1e-30)
     share = np.clip(np.einsum("ni,ni->n", tip - start, along) / square, 0.0, 1.0)

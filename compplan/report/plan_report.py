@@ -102,7 +102,8 @@ def _list_bending(plan: Plan) -> dict[str, str]:
         rows["true tip within, with 95\u00a0%"] = format_length(plan.promise.greatest)
     rows |= {"bent by the process": format_length(bending.process), "bent by weight": format_length(bending.weight)}
     if np.isfinite(bending.inertia):
-        rows[f"bent by inertia, not compensated{assumed}"] = format_length(bending.inertia)
+        word = "compensated" if bending.compensated else "not compensated"
+        rows[f"bent by inertia, {word}{assumed}"] = format_length(bending.inertia)
     if np.isfinite(bending.frequencies).all():
         rows[f"lowest natural frequencies{assumed}"] = f"{', '.join(f'{f:.3g}' for f in bending.frequencies)}\u00a0Hz"
     return rows

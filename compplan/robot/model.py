@@ -73,11 +73,20 @@ class Joint:
 
 @dataclass(frozen=True)
 class Body:
-    """Mass that moves with a link: mass [kg] and its centre in the link's frame, shape (3,) [m]."""
+    """Mass that moves with a link, in the link's frame.
+
+    Attributes:
+        link: The link.
+        mass: Its mass. [kg]
+        centre: Centre of the mass. Shape (3,). [m]
+        inertia: Rotational inertia about the centre; zero where none is known. Shape (3, 3). [kg m^2]
+
+    """
 
     link: str
     mass: float
     centre: Array
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
 
 @dataclass(frozen=True)

@@ -62,12 +62,12 @@ class Urdf:
             body = _read_body(element, link, self.file)
             if body is None:
                 continue
-            mass, centre = body
+            mass, place, tensor = body
             carrier = link
             while carrier not in chain_links:
-                centre = by_child[carrier].placement @ centre
+                place = by_child[carrier].placement @ place
                 carrier = by_child[carrier].parent
-            bodies.append(Body(carrier, mass, centre[:3]))
+            bodies.append(Body(carrier, mass, place[:3, 3], place[:3, :3] @ tensor @ place[:3, :3].T))
         return tuple(bodies)
 
 
@@ -266,8 +266,8 @@ def _check_tree(links: Sequence[str], joints: Sequence[Joint], file: Path) -> No
         reached.update(path)
 
 
-def _read_body(element: ElementTree.Element, link: str, file: Path) -> tuple[float, Array] | None:
-    """Read mass [kg] and centre, homogeneous in the link's frame, shape (4,) [m]; None where there is no mass."""
+def _read_body(element: ElementTree.Element, link: str, file: Path) -> tuple[float, Array, Array] | None:
+    """Read mass [kg], its placement in the link's frame (4, 4) [m] and the inertia there (3, 3) [kg m^2], or None."""
     inertial, where = element.find("inertial"), f"link {link!r}"
     if inertial is None:
         return None
@@ -277,11 +277,16 @@ def _read_body(element: ElementTree.Element, link: str, file: Path) -> tuple[flo
     mass = _read_number(mass_element, "value", file, where)
     if not 0.0 <= mass <= HEAVIEST:
         raise InputError(f"mass is {mass:g} kg, expected 0 to {HEAVIEST:g} kg", file=file, where=where)
+    tensor = np.zeros((3, 3))
     if inertia is not None:
-        for key in ("ixx", "iyy", "izz"):
-            if _read_number(inertia, key, file, where) < 0.0:
+        for i, j in zip(*np.triu_indices(3), strict=True):
+            key = f"i{'xyz'[i]}{'xyz'[j]}"
+            if i != j and inertia.get(key) is None:
+                continue
+            tensor[i, j] = tensor[j, i] = _read_number(inertia, key, file, where)
+            if i == j and tensor[i, i] < 0.0:
                 raise InputError(f"inertia {key} is {inertia.get(key)}, expected 0 or more", file=file, where=where)
-    return mass, np.asarray(read_placement(inertial.find("origin"), file, where)[:, 3])
+    return mass, read_placement(inertial.find("origin"), file, where), tensor
 
 
 def _check_shape(shape: ElementTree.Element, link: str, file: Path) -> None:

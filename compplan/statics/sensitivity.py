@@ -36,7 +36,8 @@ class AttainedPose(NamedTuple):
 
 
 def attain_pose(
-    chain: Chain, q: Array, wrench: Array | None, *, tolerance: float = 1e-12, slope: bool = True
+    chain: Chain, q: Array, wrench: Array | None, *, tolerance: float = 1e-12, slope: bool = True,
+    torque_bias: Array | None = None,
 ) -> AttainedPose:
     """Solve the loaded equilibrium at every pose and differentiate it with respect to the commanded joints.
 
@@ -46,6 +47,7 @@ def attain_pose(
         wrench: Wrench of the environment on the tool at the TCP, base axes; none if left out. Shape (n, 6). [N, N m]
         tolerance: Largest change of an elastic coordinate in the last equilibrium step. [rad or m]
         slope: Whether the derivative is wanted; it is zero otherwise, and cheaper.
+        torque_bias: Further load on each elastic coordinate, such as that of inertia. Shape (n, s). [N m or N]
 
     Raises:
         ConvergenceError: If a load is near or beyond buckling.
@@ -55,7 +57,8 @@ def attain_pose(
     load = np.zeros((n, 6)) if wrench is None else wrench
     position, rotation, columns = np.empty((n, 3)), np.empty((n, 3, 3)), np.zeros((n, 6, chain.nq))
     for rows in chunk_rows(n, chain):
-        loaded = solve_equilibrium(chain, q[rows], load[rows], tolerance=tolerance)
+        bias = None if torque_bias is None else torque_bias[rows]
+        loaded = solve_equilibrium(chain, q[rows], load[rows], tolerance=tolerance, torque_bias=bias)
         position[rows], rotation[rows] = loaded.position, loaded.rotation
         if slope:
             columns[rows] = loaded_jacobian(chain, loaded.frames, load[rows])
