@@ -1,9 +1,10 @@
 """Kill commands at random moments: `python -m benchmarks.kills [--kills 200] [--seed 1] [--only TEXT] [--out FILE]`.
 
 Every command first writes its result for one input, then runs on another input into the same folder and is killed
-(SIGKILL) at a random moment. The folder must then hold the first result or the second one, whole, beside the user's own
-file; no process may live on; finished chunks of a study stay. At the end each command runs once more: it must succeed,
-and no hidden file may be left.
+(SIGKILL) at a random moment, of the whole run and of its end in turn. The folder must then hold the first result or
+the second one, whole, beside the user's own file; no process may live on; finished chunks of a study stay. Where the
+dead run left anything behind, and after every fifth kill in any case, the command runs once more: it must succeed, and
+no hidden file may be left.
 """
 
 from __future__ import annotations
@@ -21,12 +22,13 @@ import subprocess
 import sys
 import tempfile
 import time
-import uuid
 from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.bad_inputs.making import set_key
+from benchmarks.bad_inputs.running import load_commands
 from benchmarks.bad_inputs.tables import GOOD
+from compplan.cli import main as run_command
 
 #: Command lines: the first makes the old result, the second is killed. {out} is a folder, or a file for some.
 LINES = {
@@ -42,10 +44,17 @@ LINES = {
     "diagnose": ("diagnose log.csv --robot robot --out out", "diagnose other.csv --robot robot --out out"),
     "predict": ("predict log.csv --robot robot --out out/p.csv", "predict other.csv --robot robot --out out/p.csv"),
     "convert": ("convert part.gcode --out out/p.csv", "convert part.apt --out out/p.csv"),
+    "place": ("place job.toml --out out", "place other.toml --out out"),
+    "post": ("post part.gcode {post} --program krl", "post part.gcode {post} --program rapid --program csv"),
     "reproduce": ("reproduce dumas2011 --out out", "reproduce klimchik2018 --out out"),
     "init": ("", "init out/job.toml"),
+    "init robot": ("", "init robot robot/robot.urdf --out out/arm"),
+    "init log": ("", "init log --robot robot --out out/log.csv"),
 }  # fmt: skip
 MC = "--samples 4096 --replicates 4 --strategies none,mirror --out out"
+POST = "--robot robot --part 1600,0,900 --out out"
+#: When a command is killed, in shares of the time that it takes: at any moment, or while it writes.
+ANY, WRITING = (0.0, 1.1), (0.85, 1.05)
 OWN = "my_notes.txt"
 
 
@@ -70,17 +79,20 @@ def main() -> None:
     given = parser.parse_args()
     rng, faults, outcomes, done = random.Random(given.seed), collections.Counter(), collections.Counter(), []
     names = [name for name in LINES if given.only in name]
+    load_commands()
     with tempfile.TemporaryDirectory(prefix="kills-") as folder:
         setups = [prepare(name, Path(folder)) for name in names]
         for number in range(given.kills):
             setup = setups[number % len(setups)]
-            moment = rng.uniform(0.0, 1.1) * setup.seconds
-            found, state = kill_once(setup, moment, Path(folder) / "trial")
+            moment = rng.uniform(*(ANY if number // len(setups) % 2 else WRITING)) * setup.seconds
+            found, state = kill_once(setup, moment, Path(folder) / "trial", again=number % 5 == 0)
             faults.update(found)
             outcomes[state] += 1
             done.append({"command": setup.name, "at_s": round(moment, 3), "state": state, "faults": found})
             if found:
                 print(f"{setup.name}: killed after {moment:.2f} s: {'; '.join(found)}", flush=True)
+            if (number + 1) % len(setups) == 0:
+                print(f"after {number + 1} kills: {sum(faults.values())} faults, {dict(outcomes)}", flush=True)
     print(f"{given.kills} kills over {len(names)} commands: " + ", ".join(f"{n} {s}" for s, n in outcomes.items()))
     print(f"{sum(bool(entry['faults']) for entry in done)} kills with a fault: {dict(faults)}")
     if given.out:
@@ -106,36 +118,49 @@ def prepare(name: str, folder: Path) -> Setup:
     shutil.copytree(work, again)
     drop_samples(name, again)
     started = time.monotonic()
-    run(second, again, check=True)
+    process = start(second, again)
+    if status := os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]):
+        raise RuntimeError(f"{second}: status {status}")
     return Setup(name, work, time.monotonic() - started, old, set(read_folder(again / "out")))
 
 
-def kill_once(setup: Setup, moment: float, trial: Path) -> tuple[list[str], str]:
+def kill_once(setup: Setup, moment: float, trial: Path, *, again: bool) -> tuple[list[str], str]:
     """Run the second line on a copy of the workspace, kill it, and list what is wrong; say what the folder holds."""
     shutil.rmtree(trial, ignore_errors=True)
     shutil.copytree(setup.work, trial)
     drop_samples(setup.name, trial)
-    mark = uuid.uuid4().hex
-    process = start(LINES[setup.name][1], trial, mark)
+    process = start(LINES[setup.name][1], trial)
     time.sleep(moment)
-    chunks = {path.name for path in trial.rglob("chunk-*.parquet")}
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-    found = ["a process lives on"] if outlives(mark) else []
+    chunks = list_chunks(trial)
+    os.kill(process, signal.SIGKILL)
+    os.waitpid(process, 0)
+    found = ["a process lives on"] if outlives(process) else []
     state, wrong = judge_folder(setup, trial / "out")
     found += wrong
-    if lost := chunks - {path.name for path in trial.rglob("chunk-*.parquet")}:
+    if lost := chunks - list_chunks(trial):
         found.append(f"{len(lost)} finished chunks lost")
-    if setup.name == "init" and (trial / "out" / "job.toml").exists():
+    if setup.name.startswith("init") and state == "new":
+        return found, state  # init replaces nothing
+    if not (again or list_hidden(trial)):
         return found, state
-    again = run(LINES[setup.name][1], trial)
-    if again.returncode != 0:
-        found.append(f"the next run fails: {again.stderr.strip()[-200:]}")
+    next_run = run(LINES[setup.name][1], trial)
+    if next_run.returncode != 0:
+        found.append(f"the next run fails: {next_run.stderr.strip()[-200:]}")
     elif judge_folder(setup, trial / "out")[0] != "new" and set(setup.old) != setup.new:
         found.append("the next run does not complete the result")
-    if hidden := sorted(str(p.relative_to(trial)) for p in trial.rglob(".*") if p.is_dir() or p.suffix == ".part"):
+    if hidden := list_hidden(trial):
         found.append(f"hidden files stay: {hidden[:3]}")
     return found, state
+
+
+def list_hidden(trial: Path) -> list[str]:
+    """List what a run leaves behind while it is not done."""
+    return sorted(str(p.relative_to(trial)) for p in trial.rglob(".*") if p.is_dir() or p.suffix == ".part")
+
+
+def list_chunks(trial: Path) -> set[str]:
+    """List the finished chunks of a study."""
+    return {path.name for path in (trial / "out" / "samples").glob("*") if path.name[0] != "."}
 
 
 def judge_folder(setup: Setup, out: Path) -> tuple[str, list[str]]:
@@ -179,35 +204,46 @@ def drop_samples(name: str, work: Path) -> None:
         shutil.rmtree(work / "out" / "samples", ignore_errors=True)
 
 
-def outlives(mark: str) -> bool:
-    """Tell whether a process of the killed command is there after five seconds."""
+def outlives(session: int) -> bool:
+    """Tell whether a process of the killed command's session is there after five seconds."""
     for _ in range(50):
-        if not any(mark.encode() in read_environment(path) for path in Path("/proc").glob("[0-9]*/environ")):
+        if not any(read_session(path) == session for path in Path("/proc").glob("[0-9]*/stat")):
             return False
         time.sleep(0.1)
     return True
 
 
-def read_environment(path: Path) -> bytes:
-    """Return the environment of a process, nothing if it is gone."""
+def read_session(path: Path) -> int:
+    """Return the session of a process, 0 if it is gone."""
     try:
-        return path.read_bytes()
+        return int(path.read_text().rpartition(")")[2].split()[3])
     except OSError:
-        return b""
+        return 0
 
 
-def start(line: str, work: Path, mark: str) -> subprocess.Popen[str]:
-    """Start a command line in a workspace."""
-    command = [sys.executable, "-c", "from compplan.cli import main; main()", *shlex.split(line.format(mc=MC))]
-    return subprocess.Popen(
-        command, cwd=work, env={**os.environ, "KILL_MARK": mark}, text=True, stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+def start(line: str, work: Path) -> int:
+    """Start a command line in a workspace, from a warm copy of this process; return its number and its session's."""
+    child = os.fork()
+    if child == 0:
+        status = 1
+        try:
+            os.setsid()
+            os.chdir(work)
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            for number in (0, 1, 2):
+                os.dup2(nowhere, number)
+            run_command(shlex.split(line.format(mc=MC, post=POST)))
+        except SystemExit as leaving:
+            status = int(leaving.code or 0)
+        finally:
+            os._exit(status)
+    return child
 
 
 def run(line: str, work: Path, check: bool = False) -> subprocess.CompletedProcess[str]:
     """Run a command line in a workspace to its end."""
-    command = [sys.executable, "-c", "from compplan.cli import main; main()", *shlex.split(line.format(mc=MC))]
+    words = shlex.split(line.format(mc=MC, post=POST))
+    command = [sys.executable, "-c", "from compplan.cli import main; main()", *words]
     result = subprocess.run(command, cwd=work, text=True, capture_output=True, check=False)
     if check and result.returncode:
         raise RuntimeError(f"{line}: {result.stderr}")

@@ -19,7 +19,7 @@ def make_workspace(case: BadInput, folder: Path) -> None:
     """Copy the good workspace to a folder and carry out the edit of a case there."""
     shutil.copytree(GOOD, folder, dirs_exist_ok=True)
     edits = [name for name in EDITS if name in case.edit]
-    if not edits:
+    if not edits or "disk" in edits:
         return
     file = folder / case.edit["file"]
     if "mode" in edits:

@@ -129,6 +129,8 @@ def _run_child(case: BadInput, work: Path, streams: Path) -> None:
         sys.stdout, sys.stderr = (open(number, "w", closefd=False) for number in (1, 2))  # noqa: SIM115
         resource.setrlimit(resource.RLIMIT_CPU, (SECONDS + 2, SECONDS + 4))
         resource.setrlimit(resource.RLIMIT_AS, (ADDRESSES, ADDRESSES))
+        if "disk" in case.edit:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (case.edit["disk"], case.edit["disk"]))
         sys.argv = ["compplan", *shlex.split(case.command)]
         from compplan.cli import main
 

@@ -32,6 +32,7 @@ and one edit (every list of these gives one case an item; `to` combines with all
     pipe    = true                                 a named pipe in its place, which nobody writes
     sparse  = 3e9                                  a file of so many bytes, all zero, that takes no room
     mode    = "000"                                permissions taken away; the command runs as nobody
+    disk    = 600                                  no file may grow beyond so many bytes, as on a full disk
     none                                           the command line alone is at fault
 """
 
@@ -71,7 +72,7 @@ COMMANDS = {
 }
 EDITS = (
     "set", "drop", "attr", "remove", "insert", "column", "rename", "cut", "rows", "replace", "text", "bytes", "repeat",
-    "delete", "folder", "encode", "link", "pipe", "sparse", "mode",
+    "delete", "folder", "encode", "link", "pipe", "sparse", "mode", "disk",
 )  # fmt: skip
 ALTERNATIVES = ("run", "args", "file", "to", "row", "scale", *(edit for edit in EDITS if edit != "repeat"))
 KNOWN = {*ALTERNATIVES, "repeat", "head", "tail", "status", "says", "robot"}
@@ -102,6 +103,8 @@ def read_table(file: Path) -> Iterator[BadInput]:
         entry = {**defaults, **given}
         if wrong := set(entry) - KNOWN:
             raise ValueError(f"{file.name}, entry {number}: unknown keys {sorted(wrong)}")
+        if not set(given) & {"args", *EDITS}:
+            raise ValueError(f"{file.name}, entry {number}: nothing is bad about it")
         varied = [key for key in ALTERNATIVES if isinstance(entry.get(key), list)]
         for chosen in itertools.product(*(entry[key] for key in varied)):
             yield _make_case(file.stem, number, {**entry, **dict(zip(varied, chosen, strict=True))})

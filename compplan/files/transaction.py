@@ -19,7 +19,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -42,24 +42,26 @@ def replace_file(path: str | Path) -> Iterator[Path]:
         InputError: If the file cannot be written.
 
     """
-    path = Path(path)
-    check_file(path)
-    path = path.resolve()
-    with _say_faults(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _clear_leftovers(path.parent, path)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}."[:200], suffix=PART)
+    check_file(Path(path))
+    place = Path(path).resolve()
+    home = place.parent
+    made = [folder for folder in (home, *home.parents) if not folder.exists()]
+    with _say_faults(Path(path)):
+        home.mkdir(parents=True, exist_ok=True)
+        _clear_leftovers(home, place)
+        handle, name = tempfile.mkstemp(dir=home, prefix=f".{place.name}."[:200], suffix=PART)
         part = Path(name)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX)
             yield part
             part.chmod(0o666 & ~_umask())
             _sync(part)
-            part.replace(path)
-            _sync(path.parent)
+            part.replace(place)
+            _sync(home)
         finally:
             os.close(handle)
             part.unlink(missing_ok=True)
+            _remove_empty(made)
 
 
 @contextmanager
@@ -91,6 +93,11 @@ def replace_folder(folder: str | Path, command: str) -> Iterator[Path]:
                 _sync(path)
             _put_in_place(part, place, command)
             _sync(place.parent)
+        except InputError as error:
+            file = Path(error.file or "")
+            if not file.is_relative_to(part):
+                raise
+            raise InputError(error.message, file=folder / file.relative_to(part), where=error.where) from None
         finally:
             os.close(handle)
             shutil.rmtree(part, ignore_errors=True)
@@ -127,9 +134,7 @@ def hold_folder(folder: str | Path) -> Iterator[None]:
             yield
         finally:
             _HELD.discard(place)
-            for path in made:
-                with suppress(OSError):
-                    path.rmdir()
+            _remove_empty(made)
 
 
 def check_file(path: Path) -> None:
@@ -196,6 +201,13 @@ def _say_faults(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise InputError(f"cannot be written: {error.strerror or error}", file=path) from None
+
+
+def _remove_empty(folders: Iterable[Path]) -> None:
+    """Take away folders in which nothing is, the innermost first."""
+    for folder in folders:
+        with suppress(OSError):
+            folder.rmdir()
 
 
 def _umask() -> int:

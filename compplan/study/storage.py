@@ -83,11 +83,11 @@ class ChunkFolder:
     def write(self, chunk: int, first: int, judged: Judged, strategies: tuple[str, ...]) -> None:
         """Write a chunk: number of its first sample, names of the strategies, and the figures with their units."""
         figures = {column: getattr(judged, name) for name, column in _COLUMNS.items()}
-        if _read_mark(self.folder / "study.json") != self.fingerprint:
-            write_text(self.folder / "study.json", json.dumps({"schema": 1, "fingerprint": self.fingerprint}) + "\n")
         about: dict[str, Any] = {"first": first, "strategies": np.array(strategies), "fingerprint": self.fingerprint}
         with replace_file(self.path(chunk)) as part, part.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **about, **figures)
+        if _read_mark(self.folder / "study.json") != self.fingerprint:
+            write_text(self.folder / "study.json", json.dumps({"schema": 1, "fingerprint": self.fingerprint}) + "\n")
 
     def read(self, chunk: int, strategies: tuple[str, ...]) -> Judged | None:
         """Read a chunk back; None where there is none, or where it was cut off."""
