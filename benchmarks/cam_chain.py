@@ -10,9 +10,10 @@ there; configuration, tool, base, external axes, and what is switched on the way
 from __future__ import annotations
 
 import argparse
+import contextlib
 import csv
+import io
 import math
-import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
@@ -124,13 +125,28 @@ def run_chain(source: str, language: str, folder: Path) -> list[Row]:
     (folder / f"cut{INPUTS[source]}").write_text(WRITE[source](points))
     text = job.read_text().replace("path.csv", f"cut{INPUTS[source]}")
     job.write_text(text + IO + '[cam]\ntool_direction = "z"\n')
-    command = [sys.executable, "-m", "compplan", "plan", str(job), "--out", str(folder / "out")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        return [Row(source, language, 0, math.inf, math.inf, math.inf, math.inf, (done.stderr.strip()[-200:],))]
+    status, said = run_command("plan", str(job), "--out", str(folder / "out"))
+    if status:
+        return [Row(source, language, 0, math.inf, math.inf, math.inf, math.inf, (said[-200:],))]
     planned = read_joints(folder / "out" / "joints.csv", cell.COUNTING[language].rail)
     forms = [form for form in FORMS if form.split()[0] == language]
     return [judge_form(source, form, read_form(form, folder / "out", "golden"), planned) for form in forms]
+
+
+def run_command(*words: str) -> tuple[int, str]:
+    """Run a command of compplan in this process; return its exit status and what it said."""
+    from compplan.cli import main as compplan
+
+    said, before = io.StringIO(), sys.argv
+    sys.argv = ["compplan", *words]
+    try:
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            compplan()
+    except SystemExit as done:
+        return int(done.code or 0), said.getvalue().strip()
+    finally:
+        sys.argv = before
+    return 0, said.getvalue().strip()
 
 
 # ---------------------------------------------------------------------------------------------------------- the judge
@@ -267,6 +283,7 @@ def main() -> int:
         for language in given.languages:
             with tempfile.TemporaryDirectory() as folder:
                 rows += run_chain(source, language, Path(folder))
+                print(f"{source} to {language}", file=sys.stderr, flush=True)
     print(format_rows(rows))
     wrong = sum(bool(row.faults) for row in rows)
     print(f"{len(given.sources) * len(given.languages)} programs in {len(rows)} forms, {wrong} not as they have to be")

@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from compplan.outputs.identify import write_identification
     from compplan.outputs.montecarlo import write_study
     from compplan.outputs.plan import write_comparison, write_plan
+    from compplan.path.events import Event
     from compplan.path.reading import read_toolpath
     from compplan.path.toolpath import Toolpath, place_toolpath, write_toolpath
     from compplan.plan.compare import Comparison, compare_job, compare_task
@@ -61,7 +62,7 @@ if TYPE_CHECKING:
     from compplan.plan.nlp import build_nlp, solve_nlp
     from compplan.plan.path_problem import PathProblem, Rows
     from compplan.plan.plan import Plan, PlanOptions, build_task, plan_compensation, plan_job, plan_task
-    from compplan.program import Program, build_program, write_program
+    from compplan.program import Program, Wiring, build_program, write_program
     from compplan.robot import Robot, load_robot, write_robot_folder
     from compplan.study.job_study import JobStudy, study_job
     from compplan.study.runner import Run, Settings, run_study
@@ -88,8 +89,9 @@ _MODULES = {
     "outputs.identify": ("write_identification",),
     "outputs.montecarlo": ("write_study",),
     "outputs.plan": ("write_comparison", "write_plan"),
+    "path.events": ("Event",),
     "path.reading": ("read_toolpath",),
-    "program": ("Program", "build_program", "write_program"),
+    "program": ("Program", "Wiring", "build_program", "write_program"),
     "path.toolpath": ("Toolpath", "place_toolpath", "write_toolpath"),
     "plan.compare": ("Comparison", "compare_job", "compare_task"),
     "plan.evaluate": ("Evaluation", "evaluate_run", "path_accuracy"),
@@ -113,6 +115,7 @@ __all__ = [
     "Diagnosis",
     "Effect",
     "Evaluation",
+    "Event",
     "Identification",
     "IdentifyOptions",
     "InfeasibleError",
@@ -131,6 +134,7 @@ __all__ = [
     "Settings",
     "Study",
     "Toolpath",
+    "Wiring",
     "apply_effects",
     "attain_scene",
     "build_cell",

@@ -21,11 +21,12 @@ from compplan.files.tomlfile import read_named_table
 @click.option("--program", "programs", multiple=True, required=True, help="Language; may be given more than once.")
 @click.option("--cam", metavar="FILE", help="TOML file as [cam] of a job: how the file is read.")
 @click.option("--plan", "wishes", metavar="FILE", help="TOML file as [plan] of a job: strategy, tolerance, posture.")
+@click.option("--output", metavar="FILE", help="TOML file as [output] of a job: signals (io), header, footer, ..")
 @click.option("--out", "folder", type=OUT_FOLDER, help="Folder to write to (CAMFILE_program).")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (plan.json) to stdout.")
 def command(
     camfile: Path, robot: str, part: str, tool: str | None, process: str | None, programs: tuple[str, ...],
-    cam: str | None, wishes: str | None, folder: Path | None, as_json: bool,
+    cam: str | None, wishes: str | None, output: str | None, folder: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Read CAMFILE, plan it and write the programs, plan.json, joints.csv and report.html."""
     from compplan.commands.plan import carry_out
@@ -44,6 +45,8 @@ def command(
     for name, file in (("tool", tool), ("process", process), ("cam", cam), ("plan", wishes)):
         if file is not None:
             data[name] = read_part_of_job(name, file)
+    if output is not None:
+        data["output"] = {**read_output(output), "programs": list(programs)}
     note = "No --process is given: no force is predicted, the arm bends under weights alone." if process is None else ""
     carry_out(check_job(data, folder.absolute() / f"{camfile.stem}.toml"), folder, as_json=as_json, note=note)
 
@@ -64,6 +67,16 @@ def read_part(text: str) -> dict[str, Any]:
     if len(numbers) not in (3, 6):
         raise InputError(f"--part is {text!r}, expected X,Y,Z in mm, or X,Y,Z,RX,RY,RZ with a rotation vector in deg")
     return {"position_mm": numbers[:3], "rotation_deg": numbers[3:] or [0.0, 0.0, 0.0]}
+
+
+def read_output(file: str) -> dict[str, Any]:
+    """Read [output] from a file of its own, or from the job that it stands in; files of lines are relative to it."""
+    table = read_part_of_job("output", file)
+    for key in ("header", "footer"):
+        if isinstance(table.get(key), dict):
+            lines = {language: str((Path(file).parent / str(name)).resolve()) for language, name in table[key].items()}
+            table = {**table, key: lines}
+    return table
 
 
 def read_part_of_job(name: str, file: str) -> dict[str, Any]:
