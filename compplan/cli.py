@@ -30,6 +30,7 @@ COMMANDS = {
     "diagnose": "compplan.commands.diagnose",
     "predict": "compplan.commands.predict",
     "campaign": "compplan.commands.campaign",
+    "learn": "compplan.commands.learn",
     "certificate": "compplan.commands.certificate",
     "convert": "compplan.commands.convert",
     "post": "compplan.commands.post",

@@ -112,6 +112,13 @@ def measure_force_slopes(scene: Scene, rows: NDArray[np.int_], spread: ForceSpre
     return shared, spread.path * level[:, :, None]
 
 
+def push_scene(scene: Scene, force: Array, spread: ForceSpread) -> Scene:
+    """Put shares of the force's spread into a scene: its level, and a turn about each base axis. force: shape (4,)."""
+    turn = Rotation.from_rotvec(spread.direction * np.asarray(force[1:]))
+    wrench = scene.wrench * (1.0 + spread.level * float(force[0]))
+    return replace(scene, wrench=np.concatenate([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])], axis=1))
+
+
 def tip_of(scene: Scene, rows: NDArray[np.int_]) -> Array:
     """Return where the loaded tip of a scene goes at some rows. Shape (k, 3). [m]."""
     return attain_scene(take_rows(scene, rows)).position

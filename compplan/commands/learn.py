@@ -1,0 +1,51 @@
+"""`compplan learn`: the next program from the measured deviations of a cut part."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from compplan.files.tables import dump_json
+
+
+@click.command("learn")
+@click.argument("job", type=click.Path(path_type=Path))
+@click.argument("measured", type=click.Path(path_type=Path))
+@click.option("--robot", "robot_name", required=True, help="Robot folder that the part's program was planned with.")
+@click.option("--out", "folder", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
+@click.option("--frame", type=click.Choice(["part", "base"]), default="part", show_default=True,
+              help="Frame of the measured points.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print learn.json to stdout.")
+def command(job: Path, measured: Path, robot_name: str, folder: Path, frame: str, as_json: bool) -> None:
+    """Learn from MEASURED points of a part cut with JOB: write the corrected program and the updated robot folder.
+
+    MEASURED has columns x_mm y_mm z_mm of the attained tool tip, and where they are known s_mm (path length) and
+    sigma_mm. The next part learns with --robot DIR/robot.
+
+    Example: compplan learn paths/circle_500mm.toml part1.csv --robot kuka_kr270 --out part2
+    """
+    from compplan.commands.progress import show_progress
+    from compplan.errors import InfeasibleError
+    from compplan.job.job import load_job
+    from compplan.loop.teach import teach_part
+    from compplan.outputs.learn import write_lesson
+
+    checked = load_job(job)
+    with show_progress() as announce:
+        teaching = teach_part(checked, robot_name, measured, in_base=frame == "base", announce=announce)
+        announce("report")
+        summary = write_lesson(teaching, folder)
+    if as_json:
+        click.echo(dump_json(summary, indent=2))
+    else:
+        click.echo(f"measured {summary['measured_rms_mm']:.4g} mm rms at {summary['points']} points")
+        for note in teaching.notes:
+            click.echo(note)
+        if teaching.lesson.taken:
+            click.echo(f"expected of the next part: {summary['expected_rms_mm']:.4g} mm rms")
+        click.echo(f"wrote {', '.join(summary['files'])} to {folder}")
+    if teaching.after.status != "solved":
+        failing, limits = teaching.after.command.failures, set(teaching.after.command.failures.values())
+        message = f"{teaching.after.explain_failures()}; the best compromise is written"
+        raise InfeasibleError(message, waypoints=sorted(failing), limits=sorted(limits))

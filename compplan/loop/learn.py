@@ -1,0 +1,389 @@
+"""What a cut part teaches: the robot's parameters where physics explains its deviations, the path itself where not.
+
+The deviation of a point at length s of the path is, to first order,
+
+    d(s) = J(s) p + F(s) f + r(s) + o + noise,   p ~ N(0, S), f ~ N(0, 1), r ~ GP(0, a^2 s_u^2 / 3), o ~ N(0, s_r^2)
+
+with parameters p, force f, a residual r that is smooth over the place, and the offset o of this very run, which the
+next one does not repeat. The size a of the residual is the one under which the part is most probable. The next program
+takes the posterior mean of all but o off. It is written only where the part, dealt to stretches, says that this helps
+on stretches that were not used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.spatial.distance import cdist
+from scipy.stats import chi2
+
+from compplan.effects import EFFECTS, Effect
+from compplan.effects.assumed import LINK_ELASTICITY
+from compplan.effects.signature import pack_parameters
+from compplan.loop.design import update_known
+from compplan.loop.measured_path import MeasuredPath, take_points
+from compplan.measure.distance import band_radius
+from compplan.promise.band import Slopes
+from compplan.promise.vary import split_unknowns, vary_robot
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Uncertainty
+
+#: Sizes of the residual that are tried, in widths of the folder; and the least width. [m]
+SIZES, LEAST = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0), 2e-5
+#: Distances over which the residual forgets itself that are tried, in scales of the folder.
+SCALES = (0.1, 0.3, 1.0)
+#: Parts that a cut part is dealt to, and neighbouring rows of the path that stay together.
+PARTS, STRETCH = 5, 2
+#: Points within this distance along the path count for a row of it. [m]
+NEAR = 2e-3
+#: Passes about what was found: compliance and force multiply.
+PASSES = 2
+#: A part whose deviations noise alone explains once in twenty teaches nothing.
+BY_CHANCE = 0.95
+
+
+#: Motion of the tip along the path, (k, 3) [m], by values of the parameters, (p,), and shares of the force, (4,).
+Exact = Callable[[Array, Array], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Gathered:
+    """Measured points gathered at rows of the path; b rows.
+
+    Attributes:
+        row: Row of `Slopes` that each stands at. Shape (b,).
+        deviation: Mean deviation in the directions that count. Shape (b, 3). [m]
+        counts: Projector on those. Shape (b, 3, 3).
+        variance: Variance of the mean per axis. Shape (b,). [m^2]
+        points: Points of each. Shape (b,).
+    """
+
+    row: NDArray[np.int_]
+    deviation: Array
+    counts: Array
+    variance: Array
+    points: NDArray[np.int_]
+
+
+@dataclass(frozen=True, eq=False)
+class Lesson:
+    """What a part teaches; k rows along the path, p parameters.
+
+    Attributes:
+        taken: Whether a corrected program is written.
+        reason: Why, or why not.
+        values: Posterior mean of the parameters about the folder. Shape (p,). [SI]
+        force: Posterior mean of the force's shares: level and turns, in standard deviations. Shape (4,).
+        force_left: Share of their standard deviation that is left.
+        physics: What the parameters move along the path. Shape (k, 3). [m]
+        pushed: What the force moves beyond them. Shape (k, 3). [m]
+        residual: What is left for the path itself. Shape (k, 3). [m]
+        weight: Weights of the kernel that make it. Shape (k, 3). [1/m]
+        covariance: Posterior covariance of the parameters. Shape (p, p).
+        band_before: Radius that holds the true tip with 95 %, before. Shape (k,). [m]
+        band_after: The same for the next part. Shape (k,). [m]
+        size: Standard deviation of the residual per axis that the part asks for. [m]
+        scale: Distance over which it forgets itself. [m]
+        gathered: The measurements.
+        rms: Root mean square of the measured deviation. [m]
+        held_out: The same after correction, on stretches that were not used. [m]
+        expected: Root mean square deviation that is expected of the next part. [m]
+    """
+
+    taken: bool
+    reason: str
+    values: Array
+    force: Array
+    force_left: float
+    physics: Array
+    pushed: Array
+    residual: Array
+    weight: Array
+    covariance: Array
+    band_before: Array
+    band_after: Array
+    size: float
+    scale: float
+    gathered: Gathered
+    rms: float
+    held_out: float
+    expected: float
+
+    def residual_at(self, place: Array, tip: Array) -> Array:
+        """Return what is left for the path at other places. Shape (n, 3). [m]
+
+        Args:
+            place: Places, base frame. Shape (n, 3). [m]
+            tip: Where the tip went at the rows of the path. Shape (k, 3). [m]
+        """
+        shape = np.exp(-0.5 * (cdist(place, tip) / self.scale) ** 2)
+        return np.asarray(self.size**2 * shape @ self.weight)
+
+
+@dataclass(frozen=True, eq=False)
+class _Model:
+    """Prior covariances at the rows of the path, flattened to 3 k."""
+
+    slopes: Slopes
+    known: Uncertainty
+    size: float
+    scale: float
+
+    def repeats(self) -> tuple[Array, Array, Array]:
+        """Return what the next part repeats: parameters, shared force (columns), residual (covariance)."""
+        k = len(self.slopes.rows)
+        columns = self.known.calibration * (self.slopes.model @ self.known.root).reshape(3 * k, -1)
+        force = self.slopes.shared.reshape(3 * k, -1)
+        apart = cdist(self.slopes.tip, self.slopes.tip) / self.scale
+        field = np.kron(self.size**2 * np.exp(-0.5 * apart**2), np.eye(3))
+        local = self.slopes.local[:, :, 0]
+        for row in range(k):
+            field[3 * row : 3 * row + 3, 3 * row : 3 * row + 3] += np.outer(local[row], local[row])
+        return columns, force, field
+
+
+def gather_points(measured: MeasuredPath, slopes: Slopes, length: Array) -> Gathered:
+    """Gather measured points at the nearest rows of the path; those far from any row do not count.
+
+    Args:
+        measured: The points.
+        slopes: The path to first order.
+        length: Length of the path at its rows. Shape (k,). [m]
+    """
+    middle = 0.5 * (length[1:] + length[:-1])
+    row = np.searchsorted(middle, measured.length)
+    window = max(NEAR, 3.0 * (length[-1] - length[0]) / len(measured))
+    near = np.abs(measured.length - length[row]) <= window
+    measured, row = take_points(measured, near), row[near]
+    rows, index, count = np.unique(row, return_inverse=True, return_counts=True)
+    index = index.reshape(-1)
+    projector = np.zeros((len(rows), 3, 3))
+    np.add.at(projector, index, measured.counts)
+    # points of one row look the same way, but for corners: the mean projector, its eigenvalues rounded
+    value, vector = np.linalg.eigh(projector / count[:, None, None])
+    counts = np.einsum("bik,bk,bjk->bij", vector, np.round(value), vector)
+    total, inverse = np.zeros((len(rows), 3)), np.zeros(len(rows))
+    weight = 1.0 / measured.sigma**2
+    np.add.at(total, index, weight[:, None] * measured.seen)
+    np.add.at(inverse, index, weight)
+    deviation = np.einsum("bij,bj->bi", counts, total / inverse[:, None])
+    return Gathered(rows, deviation, counts, 1.0 / inverse, count)
+
+
+def learn_part(
+    slopes: Slopes, known: Uncertainty, gathered: Gathered, exact: Exact, least_size: float | None = None
+) -> Lesson:
+    """Learn from a cut part: to first order, then again about what was found, exactly.
+
+    Args:
+        slopes: The path to first order, as it was cut.
+        known: What is known of the robot.
+        gathered: The measured deviations.
+        exact: Motion of the tip by values of parameters and force, exactly.
+        least_size: Standard deviation per axis that an earlier lesson left of the residual, or None. [m]
+    """
+    width = max(known.calibration * known.unexplained / np.sqrt(3.0), LEAST) if least_size is None else least_size
+    tries = [
+        (score, size, scale)
+        for scale in SCALES
+        for size in SIZES
+        if (score := _log_evidence(_Model(slopes, known, size * width, scale * known.scale), gathered)) > -np.inf
+    ]
+    _, size, scale = max(tries)
+    model = _Model(slopes, known, size * width, scale * known.scale)
+    seen = np.sqrt(np.mean(np.sum(gathered.deviation**2, axis=1)))
+    plain, state = gathered, _posterior(model, gathered)
+    for _ in range(PASSES):
+        curved = exact(state.values, state.force) - (state.physics + state.pushed).reshape(-1, 3)
+        shifted = plain.deviation - np.einsum("bij,bj->bi", plain.counts, curved[plain.row])
+        gathered = replace(plain, deviation=shifted)
+        state = _posterior(model, gathered)
+    held = _hold_out(model, gathered)
+    taken, reason = _decide(model, plain, float(seen), held)
+    k, p = len(slopes.rows), len(known.deviation)
+    before = band_radius(_with_run(model, _blocks(_prior(model), k)))
+    after = band_radius(_with_run(model, _blocks(state.tip, k)))
+    return Lesson(
+        taken=taken, reason=reason, values=state.values, force=state.force,
+        physics=state.physics.reshape(k, 3), pushed=state.pushed.reshape(k, 3),
+        residual=state.residual.reshape(k, 3), weight=state.weight.reshape(k, 3),
+        covariance=state.covariance if taken else _prior_parameters(known, p), force_left=state.force_left,
+        band_before=before, band_after=after if taken else before, size=size * width, scale=scale * known.scale,
+        gathered=plain, rms=float(seen), held_out=held,
+        expected=float(np.sqrt(np.trace(state.tip) / k + 3.0 * (known.repeatability or 0.0) ** 2)),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    values: Array
+    force: Array
+    force_left: float
+    covariance: Array
+    physics: Array
+    pushed: Array
+    residual: Array
+    weight: Array
+    tip: Array
+
+
+def _observe(model: _Model, gathered: Gathered) -> tuple[Array, Array, Array]:
+    """Return observations, the rows of the state that they see (o, 3 k), and their own covariance."""
+    k, rank = len(model.slopes.rows), np.round(np.trace(gathered.counts, axis1=1, axis2=2)).astype(int)
+    _, vector = np.linalg.eigh(gathered.counts)
+    seen, values, noise, offset = [], [], [], []
+    for number, row in enumerate(gathered.row):
+        for axis in range(3 - rank[number], 3):
+            line = np.zeros(3 * k)
+            line[3 * row : 3 * row + 3] = vector[number, :, axis]
+            seen.append(line)
+            values.append(float(vector[number, :, axis] @ gathered.deviation[number]))
+            noise.append(gathered.variance[number])
+            offset.append(vector[number, :, axis])
+    scatter = (model.known.repeatability or 0.0) ** 2
+    own = np.diag(noise) + scatter * np.array(offset) @ np.array(offset).T
+    return np.array(values), np.array(seen), own
+
+
+def _prior(model: _Model) -> Array:
+    columns, force, field = model.repeats()
+    return np.asarray(columns @ columns.T + force @ force.T + field)
+
+
+def _prior_parameters(known: Uncertainty, p: int) -> Array:
+    return np.asarray(known.calibration**2 * known.covariance[:p, :p])
+
+
+def _posterior(model: _Model, gathered: Gathered) -> _State:
+    """Condition parameters, force and residual on the observations."""
+    columns, force, field = model.repeats()
+    y, H, own = _observe(model, gathered)
+    prior = columns @ columns.T + force @ force.T + field
+    factor = cho_factor(H @ prior @ H.T + own + 1e-18 * np.eye(len(y)))
+    weight = H.T @ cho_solve(factor, y)
+    root = model.known.calibration * model.known.root
+    normal = columns.T @ weight
+    gain = cho_solve(factor, H @ columns)
+    left = np.eye(len(normal)) - columns.T @ H.T @ gain
+    unsure = np.eye(force.shape[1]) - force.T @ H.T @ cho_solve(factor, H @ force)
+    return _State(
+        values=root @ normal,
+        force=force.T @ weight,
+        force_left=float(np.sqrt(np.clip(np.mean(np.diag(unsure)), 0.0, 1.0))),
+        covariance=root @ left @ root.T,
+        physics=columns @ normal,
+        pushed=force @ (force.T @ weight),
+        residual=field @ weight,
+        weight=weight,
+        tip=prior - prior @ H.T @ cho_solve(factor, H @ prior),
+    )
+
+
+def _log_evidence(model: _Model, gathered: Gathered) -> float:
+    y, H, own = _observe(model, gathered)
+    total = H @ _prior(model) @ H.T + own + 1e-18 * np.eye(len(y))
+    try:
+        factor = cho_factor(total)
+    except np.linalg.LinAlgError:
+        return -np.inf
+    return float(-0.5 * y @ cho_solve(factor, y) - np.log(np.diag(factor[0])).sum())
+
+
+def _hold_out(model: _Model, gathered: Gathered) -> float:
+    """Return the rms that correction leaves on stretches of the path that were not used. [m]"""
+    stretch = np.arange(len(gathered.row)) // STRETCH % PARTS
+    left = np.zeros_like(gathered.deviation)
+    for number in np.unique(stretch):
+        test = stretch == number
+        if test.all():
+            return float("inf")
+        state = _posterior(model, _take(gathered, ~test))
+        moved = (state.physics + state.pushed + state.residual).reshape(-1, 3)[gathered.row[test]]
+        left[test] = gathered.deviation[test] - np.einsum("bij,bj->bi", gathered.counts[test], moved)
+    return float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
+
+
+def _take(gathered: Gathered, rows: NDArray[np.bool_]) -> Gathered:
+    return Gathered(
+        gathered.row[rows], gathered.deviation[rows], gathered.counts[rows], gathered.variance[rows],
+        gathered.points[rows],
+    )  # fmt: skip
+
+
+def _decide(model: _Model, gathered: Gathered, rms: float, held: float) -> tuple[bool, str]:
+    """Decide whether the step is supported, and say why."""
+    y, _, own = _observe(model, gathered)
+    distance = float(y @ cho_solve(cho_factor(own + 1e-18 * np.eye(len(y))), y))
+    if distance <= chi2.ppf(BY_CHANCE, len(y)):
+        return False, (
+            f"the measured deviation of {rms * 1e3:.3g} mm rms is no more than the instrument and the robot's"
+            " repeatability make by chance: the program stays as it is"
+        )
+    if held >= rms:
+        return False, (
+            f"on stretches that were left out in turn the correction leaves {held * 1e3:.3g} mm rms where"
+            f" {rms * 1e3:.3g} mm were measured: the part does not support the step, the program stays as it is"
+        )
+    return True, (
+        f"on stretches that were left out in turn the correction leaves {held * 1e3:.3g} mm of the"
+        f" {rms * 1e3:.3g} mm rms that were measured"
+    )
+
+
+def _blocks(matrix: Array, k: int) -> Array:
+    """Return the 3x3 blocks on the diagonal. Shape (k, 3, 3)."""
+    return np.asarray(matrix.reshape(k, 3, k, 3)[np.arange(k), :, np.arange(k), :])
+
+
+def _with_run(model: _Model, covariance: Array) -> Array:
+    """Add what every run has of its own."""
+    return covariance + (model.known.repeatability or 0.0) ** 2 * np.eye(3)
+
+
+def teach_robot(robot: Robot, known: Uncertainty, values: Array, covariance: Array) -> tuple[Robot, Array]:
+    """Put what was learned into a robot folder: what URDF and springs can say, and how surely all of it is known.
+
+    What they cannot say (lost motion, gear error, the tool of the job) stays with the path; its mean counts as not
+    known, m m^T.
+
+    Args:
+        robot: The robot of the folder.
+        known: What was known; its unknowns order the values.
+        values: Posterior means about the folder. Shape (p,). [SI]
+        covariance: Posterior covariance. Shape (p, p).
+
+    Returns:
+        The robot, and which parameters it holds now. Shape (p,).
+    """
+    held: list[bool] = []
+    joints = {joint.name for joint in robot.joints}
+    for unknown, own in split_unknowns(known.unknowns, values):
+        if unknown.effect == LINK_ELASTICITY:
+            folded: Robot | None = vary_robot(robot, unknown, own)[0]
+        elif unknown.effect == "tool_frame" or (unknown.joint is not None and unknown.joint not in joints):
+            folded = None
+        else:
+            parameters = pack_parameters(unknown.keys, own, unknown.fixed)
+            effect = Effect(unknown.effect, unknown.joint, unknown.axis, parameters)
+            folded = EFFECTS[unknown.effect].fold(robot, effect)
+        held += [folded is not None] * len(unknown.keys)
+        robot = robot if folded is None else folded
+    kept = np.array(held, bool)
+    missing = np.where(kept, 0.0, values)
+    after = update_known(known, covariance + np.outer(missing, missing))
+    folder = after.select(u.effect != "tool_frame" for u in after.unknowns)
+    return replace(robot, uncertainty=replace(folder, grade=known.grade)), kept
+
+
+def list_learned(
+    known: Uncertainty, values: Array, kept: Array, most: int = 10
+) -> list[tuple[str, float, float, bool]]:
+    """List the parameters that moved most for their width: name, value, width before, whether the folder holds it."""
+    width = known.calibration * known.deviation
+    share = np.abs(values) / np.maximum(width, 1e-300)
+    names: Sequence[str] = known.names
+    return [(names[k], float(values[k]), float(width[k]), bool(kept[k])) for k in np.argsort(-share)[:most]]

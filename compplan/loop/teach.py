@@ -1,0 +1,280 @@
+"""A cut part, from measured points to the next program: the plan that was cut, the lesson, the plan that follows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from compplan.effects import attain_scene
+from compplan.effects.assumed import known_uncertainty
+from compplan.effects.scene import Scene
+from compplan.files.columns import Column
+from compplan.files.tables import read_table
+from compplan.job.job import Job
+from compplan.loop.learn import Lesson, gather_points, learn_part, list_learned, teach_robot
+from compplan.loop.measured_path import MeasuredPath, read_measured_path
+from compplan.path.toolpath import Toolpath
+from compplan.plan.plan import Plan, build_task, plan_task, prepare_job
+from compplan.plan.task import PlanTask
+from compplan.posture.trace import reach_tip_and_axis
+from compplan.promise.band import Slopes, linearise_path
+from compplan.promise.slopes import (
+    ForceSpread,
+    measure_force_slopes,
+    pick_rows,
+    push_scene,
+    read_force_spread,
+    stage_path,
+    take_rows,
+    tip_of,
+)
+from compplan.promise.vary import vary_scene
+from compplan.robot import Array, Robot, load_robot
+from compplan.robot.uncertainty import Uncertainty
+from compplan.statics.chain import locate_frames
+from compplan.statics.ik import build_arm, pose_error, refine_ik
+
+#: Places along the path that a lesson is kept at, at most; waypoints nearer to the path than this are reached. [m, rad]
+MOST_PLACES, REACHED = 5000, 1e-6
+#: Moves longer than this are corrected at their ends only. [m]
+LONG_MOVE = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """What a path keeps beyond its robot: the deviation that the next program takes off; b places along it.
+
+    Attributes:
+        length: Places along the path. Shape (b,). [m]
+        deviation: Deviation there, base axes. Shape (b, 3). [m]
+        spread: Standard deviation of it per axis. Shape (b,). [m]
+        q: How the arm stood there, unloaded on the path. Shape (b, nq). [rad or m]
+        force: Share that is left of the force's standard deviations on this path.
+    """
+
+    length: Array
+    deviation: Array
+    spread: Array
+    q: Array
+    force: float = 1.0
+
+    def at(self, length: Array) -> Array:
+        """Return the deviation at places along the path. Shape (n, 3). [m]."""
+        return np.stack([np.interp(length, self.length, column) for column in self.deviation.T], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Teaching:
+    """A lesson with the plans before and after it.
+
+    Attributes:
+        job: The job.
+        robot: The robot of the folder before.
+        taught: The robot of the folder after.
+        lesson: What the part teaches.
+        measured: The measured points.
+        slopes: The path to first order, as it was cut.
+        length: Length of the path at its rows. Shape (k,). [m]
+        before: The plan that was cut.
+        after: The plan that follows.
+        residual: What the next program takes off beside the robot's model.
+        learned: Parameters that moved most: name, value, width before, whether the folder holds it.
+        notes: What a user has to know, one sentence each.
+    """
+
+    job: Job
+    robot: Robot
+    taught: Robot
+    lesson: Lesson
+    measured: MeasuredPath
+    slopes: Slopes
+    length: Array
+    before: Plan
+    after: Plan
+    residual: Residual
+    learned: tuple[tuple[str, float, float, bool], ...]
+    notes: tuple[str, ...]
+
+
+def teach_part(
+    job: Job, robot_name: str, measured_file: Path, *, in_base: bool = False,
+    announce: Callable[[str], None] = lambda words: None,
+) -> Teaching:  # fmt: skip
+    """Learn from a cut part and plan the next one.
+
+    Args:
+        job: The job.
+        robot_name: The robot folder that the program was planned with; what it learned on this path lies in it.
+        measured_file: The measured points.
+        in_base: Whether they are in the base frame; otherwise in the part frame.
+        announce: Told what is being done.
+
+    Raises:
+        InputError: If a file is not what it has to be.
+    """
+    robot = load_robot(robot_name)
+    old = read_residual(residual_file(robot, job), robot)
+    announce("the plan that was cut")
+    wanted, before = plan_learned(job, robot, old)
+    measured = read_measured_path(measured_file, wanted, job.T_base_part, in_base=in_base)
+    known, task = known_uncertainty(before.robot), before.task
+    announce("what the part teaches")
+    scene = stage_path(before.robot, before.q, task.wrench, task.step_time)
+    spread = narrow_force(read_force_spread(job.noise), old)
+    slopes = linearise_path(scene, known, spread, task.cut)
+    # the wanted path's own lengths: the corrected path is a little longer or shorter
+    places = np.interp(task.origin, np.arange(len(wanted)), wanted.arc_length)
+    length = places[slopes.rows]
+    gathered = gather_points(measured, slopes, length)
+
+    def exact(values: Array, force: Array) -> Array:
+        moved = push_scene(take_rows(vary_scene(scene, known.unknowns, values), slopes.rows), force, spread)
+        return np.asarray(attain_scene(moved).position - slopes.tip)
+
+    lesson = learn_part(slopes, known, gathered, exact, None if old is None else float(np.mean(old.spread)))
+    taught, residual, kept = robot, old, np.zeros(len(lesson.values), bool)
+    if lesson.taken:
+        taught, kept = teach_robot(robot, known, lesson.values, lesson.covariance)
+        residual = add_residual(old, lesson, scene, task, places, known, kept, slopes, spread)
+    announce("the plan that follows")
+    after = before if not lesson.taken else plan_learned(job, taught, residual)[1]
+    after = with_promise(after, lesson, slopes, known)
+    notes = [lesson.reason]
+    if measured.left_out:
+        notes.append(f"{measured.left_out} measured points are not of the cut, or two stretches claim them: left out")
+    if lesson.taken and float(wanted.steps[~wanted.rapid[1:]].max(initial=0.0)) > LONG_MOVE:
+        notes.append(f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer")
+    nothing = Residual(length, np.zeros((len(length), 3)), np.full(len(length), lesson.size), task.q_start[slopes.rows])
+    return Teaching(
+        job, robot, taught, lesson, measured, slopes, length, before, after, residual or nothing,
+        tuple(list_learned(known, lesson.values, kept)), tuple(notes),
+    )  # fmt: skip
+
+
+def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Toolpath, Plan]:
+    """Plan a job with a robot of one's own; also return the wanted path before the residual is taken off.
+
+    A path that has learned keeps the posture in which it learned.
+    """
+    _, nominal, options = prepare_job(job)
+    mounted = robot
+    if job.tool is not None:
+        centre = np.asarray(job.tool.centre_of_mass_mm) * 1e-3
+        mounted = robot.with_tool(job.tool.T_flange_tcp, job.tool.mass_kg, centre)
+    aimed = nominal
+    if residual is not None:
+        aimed = replace(nominal, position=nominal.position - residual.at(nominal.arc_length))
+    task = build_task(mounted, aimed, options, file=job.file)
+    if residual is not None:
+        task = keep_posture(task, residual, np.interp(task.origin, np.arange(len(nominal)), nominal.arc_length))
+    # the judge of a job reads the job's own robot and path: here both have learned, and the task's own force acts
+    plan = replace(plan_task(task, options.strategy, name=job.name or job.file.stem, feed=options.feed), job=job)
+    if residual is not None:
+        most = float(np.linalg.norm(residual.deviation, axis=1).max(initial=0.0)) * 1e3
+        said = f"the path is shifted by up to {most:.3g} mm for what cut parts taught; deviations count from there"
+        plan = replace(plan, notes=(said, *plan.notes))
+    return nominal, plan
+
+
+def narrow_force(spread: ForceSpread, old: Residual | None) -> ForceSpread:
+    """Narrow what is not known of the force's level and direction by what this path has taught."""
+    if old is None:
+        return spread
+    return replace(spread, level=spread.level * old.force, direction=spread.direction * old.force)
+
+
+def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
+    """Return a task whose start stands as the arm stood when the path was learned.
+
+    Args:
+        task: The task, its posture chosen anew.
+        residual: What was learned, with the posture.
+        length: Length of the wanted path at every waypoint of the task. Shape (n,). [m]
+    """
+    near = np.stack([np.interp(length, residual.length, column) for column in residual.q.T], axis=1)
+    if task.robot.nq < 6:
+        q, reached = reach_tip_and_axis(build_arm(task.robot), near, task.position, task.rotation)
+        return replace(task, q_start=q, rotation=locate_frames(task.chain, q).tcp_rotation, missed=~reached)
+    stood = locate_frames(task.chain, near).tcp_rotation
+    z = -task.nominal.axis
+    x = stood[:, :, 0] - np.einsum("ni,ni->n", stood[:, :, 0], z)[:, None] * z
+    x = x / np.linalg.norm(x, axis=1, keepdims=True)
+    rotation = np.stack([x, np.cross(z, x), z], axis=2)
+    arm = build_arm(task.robot)
+    q = refine_ik(arm, near, task.position, rotation)
+    missed = np.abs(pose_error(arm.chain, q, task.position, rotation)).max(axis=1) > REACHED
+    return replace(task, q_start=q, rotation=rotation, missed=missed)
+
+
+def add_residual(
+    old: Residual | None, lesson: Lesson, scene: Scene, task: PlanTask, length: Array, known: Uncertainty, kept: Array,
+    slopes: Slopes, spread: ForceSpread,
+) -> Residual:  # fmt: skip
+    """Add what the lesson leaves to the path: the force's part, the residual, and what the robot folder cannot hold.
+
+    Args:
+        old: What was learned before, or None.
+        lesson: The lesson.
+        scene: The robot on the path as it was cut.
+        task: Its task.
+        length: Length of the wanted path at every waypoint of the task. Shape (n,). [m]
+        known: What was known of the robot.
+        kept: Which parameters the robot folder holds now. Shape (p,).
+        slopes: The path to first order.
+        spread: How surely the force is known.
+    """
+    rows = pick_rows(task.cut, MOST_PLACES)
+    softer = vary_scene(scene, known.unknowns, lesson.values)
+    beside = vary_scene(scene, known.unknowns, np.where(kept, 0.0, lesson.values))
+    moved = tip_of(beside, rows) - tip_of(scene, rows)
+    moved = moved + measure_force_slopes(softer, rows, spread)[0] @ lesson.force
+    moved = moved + lesson.residual_at(task.position[rows], slopes.tip)
+    if old is not None:
+        moved = moved + old.at(length[rows])
+    left = np.interp(length[rows], length[slopes.rows], np.minimum(lesson.band_after / 2.8, max(lesson.size, 1e-7)))
+    before = 1.0 if old is None else old.force
+    return Residual(length[rows], moved, left, task.q_start[rows], before * lesson.force_left)
+
+
+def with_promise(plan: Plan, lesson: Lesson, slopes: Slopes, known: Uncertainty) -> Plan:
+    """Give a plan the promise of the lesson: this path is known better than the robot is elsewhere."""
+    promise = plan.promise
+    if promise is None or not lesson.taken:
+        return plan
+    n = len(plan.task)
+    rows = slopes.rows * (n - 1) / max(len(promise.cut) - 1, 1)
+    radius = np.interp(np.arange(n), rows, lesson.band_after)
+    parts = {**promise.parts, "model": radius, "unexplained": np.zeros(n), "force": np.zeros(n)}
+    better = replace(promise, radius=radius + plan.after.distance, parts=parts, known=known, whole=float(radius.max()))
+    plan.__dict__["promise"] = better
+    return plan
+
+
+def residual_file(robot: Robot, job: Job) -> Path | None:
+    """Return the file of a robot folder that holds what it learned on the path of a job."""
+    return None if robot.folder is None else robot.folder / f"learned_{job.file.stem}.csv"
+
+
+def read_residual(file: Path | None, robot: Robot) -> Residual | None:
+    """Read what was learned on a path; None where there is no such file.
+
+    Raises:
+        InputError: If it is not such a table.
+    """
+    if file is None or not file.exists():
+        return None
+    columns = [Column(name, "length", required=True) for name in ("s", "dx", "dy", "dz", "sigma")]
+    for number, slides in enumerate(robot.prismatic, 1):
+        columns.append(Column(f"q{number}", "length" if slides else "angle", required=True))
+    columns.append(Column("force_share", required=True))
+    table = read_table(file, columns)
+    length = table.values["s"]
+    if not len(length) or (np.diff(length) < 0).any():
+        raise table.error("s_mm has to rise from row to row, and there has to be one")
+    joints = table.stack([f"q{number}" for number in range(1, robot.nq + 1)])
+    return Residual(
+        length, table.stack(["dx", "dy", "dz"]), table.values["sigma"], joints, float(table.values["force_share"][0])
+    )

@@ -1,0 +1,104 @@
+"""What `compplan learn` writes: the updated robot folder, the corrected program and its plan, learn.json, the page."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compplan.files.columns import to_unit
+from compplan.files.origin import describe_origin
+from compplan.files.tables import write_json, write_table
+from compplan.files.transaction import list_files, replace_folder
+from compplan.loop.teach import Residual, Teaching, residual_file
+from compplan.outputs.plan import summarise_plan, write_joints, write_programs
+from compplan.report.learn_page import write_learn_page
+from compplan.report.plan_page import write_view
+from compplan.report.plan_report import view_plan
+from compplan.robot import Robot
+from compplan.robot.folder import write_robot_folder
+
+
+def write_lesson(teaching: Teaching, folder: Path) -> dict[str, Any]:
+    """Write what a part taught and return what learn.json holds.
+
+    Args:
+        teaching: The lesson with its plans.
+        folder: The folder.
+
+    Raises:
+        InputError: If the folder cannot be written; nothing is written then.
+    """
+    with replace_folder(folder, "learn") as part:
+        write_taught(teaching, part / "robot")
+        write_programs(teaching.after, part)
+        write_joints(teaching.after, part / "joints.csv")
+        write_view(view_plan(teaching.after), part / "plan.html")
+        write_json(part / "plan.json", summarise_plan(teaching.after), indent=2)
+        write_learn_page(teaching, part / "report.html")
+        summary = {**summarise_lesson(teaching), "files": [*map(str, list_files(part)), "learn.json"]}
+        write_json(part / "learn.json", summary, indent=2)
+    return summary
+
+
+def write_taught(teaching: Teaching, folder: Path) -> None:
+    """Write the robot folder as it is known now, with what every path has learned."""
+    write_robot_folder(teaching.taught, folder)
+    source = teaching.robot.folder
+    if source is not None:
+        for file in (*source.glob("learned_*.csv"), *source.glob("registration.toml")):
+            shutil.copyfile(file, folder / file.name)
+        if not (folder / "controller.urdf").exists():
+            # the controller goes on believing the geometry from before
+            (folder / "controller.urdf").write_text(teaching.robot.urdf, encoding="utf-8")
+    name = residual_file(teaching.robot, teaching.job)
+    file_name = f"learned_{teaching.job.file.stem}.csv" if name is None else name.name
+    if teaching.lesson.taken:
+        write_residual(teaching.residual, teaching.robot, folder / file_name)
+
+
+def write_residual(residual: Residual, robot: Robot, file: Path) -> None:
+    """Write what a path has learned, with the posture in which it has."""
+    columns: dict[str, object] = {"s_mm": residual.length * 1e3}
+    columns |= {f"d{axis}_mm": residual.deviation[:, k] * 1e3 for k, axis in enumerate("xyz")}
+    columns["sigma_mm"] = residual.spread * 1e3
+    for k, slides in enumerate(robot.prismatic, 1):
+        header = f"q{k}_mm" if slides else f"q{k}_deg"
+        columns[header] = to_unit(residual.q[:, k - 1], header)
+    columns["force_share"] = np.full(len(residual.length), residual.force)
+    write_table(file, columns, decimals=10)
+
+
+def summarise_lesson(teaching: Teaching) -> dict[str, Any]:
+    """Return the content of learn.json."""
+    lesson = teaching.lesson
+    return {
+        "schema": 1,
+        "name": teaching.job.name or teaching.job.file.stem,
+        "robot": teaching.robot.name,
+        "step_taken": lesson.taken,
+        "reason": lesson.reason,
+        "status": teaching.after.status,
+        "points": len(teaching.measured),
+        "points_left_out": teaching.measured.left_out,
+        "measured_rms_mm": lesson.rms * 1e3,
+        "held_out_rms_mm": lesson.held_out * 1e3 if np.isfinite(lesson.held_out) else None,
+        "expected_rms_mm": lesson.expected * 1e3 if lesson.taken else None,
+        "physics_rms_mm": _rms(lesson.physics) * 1e3,
+        "force_rms_mm": _rms(lesson.pushed) * 1e3,
+        "residual_rms_mm": _rms(lesson.residual) * 1e3,
+        "band_before_mm": {"p95_max": float(lesson.band_before.max()) * 1e3},
+        "band_after_mm": {"p95_max": float(lesson.band_after.max()) * 1e3},
+        "learned": [
+            {"unknown": name, "value_SI": value, "width_before_SI": width, "in_robot_folder": kept}
+            for name, value, width, kept in teaching.learned
+        ],
+        "notes": list(teaching.notes),
+        "made_by": describe_origin(),
+    }
+
+
+def _rms(vectors: np.ndarray[Any, Any]) -> float:
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))

@@ -1,0 +1,132 @@
+"""The page of a lesson: what was measured, what explains it, whether the step is taken, what to expect next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compplan.loop.teach import Teaching
+from compplan.report.page import Chart, Column, PageTable, Section, TableCell, write_page
+from compplan.report.provenance import describe_robot
+from compplan.report.style import AFTER, BEFORE, CATEGORIES, format_length
+from compplan.robot import Array
+
+Row = list[TableCell | str | float | int | None]
+
+
+def write_learn_page(teaching: Teaching, file: Path) -> None:
+    """Write the page of a lesson.
+
+    Args:
+        teaching: The lesson with its plans.
+        file: The HTML file.
+    """
+    lesson = teaching.lesson
+    sections = [
+        Section(
+            "The part",
+            [Chart(_draw_part(teaching), "Dots: measured. Lines: what explains them; distances, without sign.", 380)],
+            "Distance of the cut part from the wanted path, in the directions that were measured.",
+        ),
+        Section("What explains it", [_explain(teaching), _learned(teaching)]),
+        Section(
+            "The next part",
+            [Chart(_draw_bands(teaching), "Distance that holds the true tip with 95 %, along the path.", 320)],
+            _expect(teaching),
+        ),
+    ]
+    word = "the step is taken" if lesson.taken else "no step is taken"
+    warning = "" if lesson.taken else f"No step is taken: {lesson.reason}."
+    write_page(
+        file, f"{teaching.after.name}: {word}", _summarise(teaching), sections, kind=f"Lesson, {teaching.robot.name}",
+        warning=warning, notes=teaching.notes[1:],
+        provenance=describe_robot(teaching.robot, [("corrected plan", "plan.html")]),
+    )  # fmt: skip
+
+
+def _summarise(teaching: Teaching) -> str:
+    lesson = teaching.lesson
+    text = f"The part is off by {format_length(lesson.rms)} rms at {len(teaching.measured)} measured points."
+    if not lesson.taken:
+        return f"{text} The program stays as it is."
+    return (
+        f"{text} The corrected program should leave {format_length(lesson.expected)};"
+        f" on stretches left out in turn it leaves {format_length(lesson.held_out)} of what was measured."
+    )
+
+
+def _expect(teaching: Teaching) -> str:
+    before, after = (float(band.max()) for band in (teaching.lesson.band_before, teaching.lesson.band_after))
+    if not teaching.lesson.taken:
+        return f"Nothing changes: the band stays at {format_length(before)} at its widest."
+    return f"The band narrows from {format_length(before)} to {format_length(after)} at its widest."
+
+
+def _size(vectors: Array) -> Array:
+    return np.asarray(np.linalg.norm(vectors, axis=1))
+
+
+def _draw_part(teaching: Teaching) -> Any:
+    import plotly.graph_objects as go
+
+    lesson, figure = teaching.lesson, go.Figure()
+    gathered, at = lesson.gathered, 1e3 * teaching.length
+    few = np.unique(np.linspace(0, len(teaching.measured) - 1, 1500).astype(int))
+    figure.add_trace(
+        go.Scatter(x=1e3 * teaching.measured.length[few], y=1e3 * _size(teaching.measured.seen[few]), mode="markers",
+                   name="measured", marker={"size": 4, "color": BEFORE})
+    )  # fmt: skip
+    parts = (
+        ("robot", lesson.physics, CATEGORIES[0]), ("force", lesson.pushed, CATEGORIES[1]),
+        ("path itself", lesson.residual, CATEGORIES[2]),
+        ("all three", lesson.physics + lesson.pushed + lesson.residual, AFTER),
+    )  # fmt: skip
+    for name, part, colour in parts:
+        seen = np.einsum("bij,bj->bi", gathered.counts, part[gathered.row])
+        figure.add_trace(
+            go.Scatter(x=at[gathered.row], y=1e3 * _size(seen), mode="lines", name=name, line={"color": colour})
+        )
+    figure.update_xaxes(title_text="path length, mm")
+    figure.update_yaxes(title_text="distance, mm", rangemode="tozero")
+    return figure
+
+
+def _draw_bands(teaching: Teaching) -> Any:
+    import plotly.graph_objects as go
+
+    lesson, figure = teaching.lesson, go.Figure()
+    for name, band, colour in (("before", lesson.band_before, BEFORE), ("after", lesson.band_after, AFTER)):
+        figure.add_trace(
+            go.Scatter(x=1e3 * teaching.length, y=1e3 * band, mode="lines", name=name, line={"color": colour})
+        )
+    figure.update_xaxes(title_text="path length, mm")
+    figure.update_yaxes(title_text="95 % band, mm", rangemode="tozero")
+    return figure
+
+
+def _explain(teaching: Teaching) -> PageTable:
+    lesson = teaching.lesson
+    rows: list[Row] = [["measured deviation", 1e3 * lesson.rms]]
+    for name, part in (
+        ("the robot's parameters", lesson.physics), ("the force, other than predicted", lesson.pushed),
+        ("the path itself", lesson.residual),
+    ):  # fmt: skip
+        rows.append([name, 1e3 * float(np.sqrt(np.mean(_size(part) ** 2)))])
+    held = 1e3 * lesson.held_out if np.isfinite(lesson.held_out) else None
+    rows.append(["left on stretches that were not used", TableCell(held, "strong")])
+    caption = "Robot, force and path partly do the same; the likeliest share is shown."
+    return PageTable([Column(""), Column("rms", "mm")], rows, caption)
+
+
+def _learned(teaching: Teaching) -> PageTable:
+    rows: list[Row] = []
+    for name, value, width, kept in teaching.learned:
+        place = TableCell("robot folder", "good") if kept else TableCell("this path", "muted")
+        rows.append([name, value, width, value / width if width > 0 else None, place])
+    columns = [
+        Column("parameter"), Column("change", "SI"), Column("width before", "SI"), Column("change", "widths", 2),
+        Column("kept in"),
+    ]  # fmt: skip
+    return PageTable(columns, rows, "What moved most for its width.")

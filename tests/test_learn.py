@@ -1,0 +1,133 @@
+"""Learning from cut parts: points brought to the path, three parts of a robot that hides errors, steps not taken."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import run_command
+
+from compplan.errors import InputError
+from compplan.job.job import Job, load_job
+from compplan.loop.measured_path import read_measured_path
+from compplan.loop.teach import plan_learned, read_residual, residual_file
+from compplan.path.toolpath import Toolpath
+from compplan.promise.slopes import stage_path, tip_of
+from compplan.promise.vary import draw_robots
+from compplan.robot import Robot, load_robot
+
+PATHS = Path(__file__).parents[1] / "paths"
+
+
+def straight_path() -> Toolpath:
+    x = np.linspace(0.0, 0.1, 11)
+    position = np.column_stack([1.5 + x, np.zeros(11), np.full(11, 0.5)])
+    return Toolpath(position, np.tile([0.0, 0, 1], (11, 1)), np.full(11, 0.05), np.zeros(11, bool), frame="base")
+
+
+def write_points(file: Path, header: str, rows: np.ndarray) -> Path:
+    lines = "\n".join(",".join(f"{value:.6f}" for value in row) for row in rows)
+    file.write_text(f"{header}\n{lines}\n", encoding="utf-8")
+    return file
+
+
+def test_a_point_counts_across_the_path_and_with_its_length_along_it_too(tmp_path: Path) -> None:
+    """Points off by (2, 0.3, -0.1) mm: without s the 2 mm along the path are a place, not a deviation."""
+    s = np.linspace(20.0, 80.0, 12)
+    points = np.column_stack([1500 + s + 2.0, np.full(12, 0.3), np.full(12, 499.9)])
+    plain = read_measured_path(
+        write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm", points), straight_path(), np.eye(4), in_base=True
+    )
+    assert plain.seen == pytest.approx(np.tile([0.0, 3e-4, -1e-4], (12, 1)), abs=1e-9)
+    assert plain.length == pytest.approx((s + 2.0) * 1e-3, abs=1e-9)
+    placed = read_measured_path(
+        write_points(tmp_path / "b.csv", "x_mm,y_mm,z_mm,s_mm", np.column_stack([points, s])),
+        straight_path(), np.eye(4), in_base=True,
+    )  # fmt: skip
+    assert placed.seen == pytest.approx(np.tile([2e-3, 3e-4, -1e-4], (12, 1)), abs=1e-9)
+
+
+def test_points_that_two_stretches_claim_are_left_out_and_foreign_ones_refused(tmp_path: Path) -> None:
+    there = straight_path()
+    back = there.position[::-1] + np.array([0.0, 1e-3, 0.0])
+    hairpin = Toolpath(
+        np.vstack([there.position, back]), np.tile(there.axis[:1], (22, 1)), np.full(22, 0.05), np.zeros(22, bool)
+    )
+    s = np.linspace(20.0, 80.0, 20)
+    points = np.column_stack([1500 + s, np.where(np.arange(20) < 10, 0.05, 0.5), np.full(20, 500.0)])
+    found = read_measured_path(
+        write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm", points), hairpin, np.eye(4), in_base=True
+    )
+    assert len(found) == 10
+    assert found.left_out == 10
+    with pytest.raises(InputError, match="0 of 20 points are of the cut"):
+        far = write_points(tmp_path / "b.csv", "x_mm,y_mm,z_mm", points + 300.0)
+        read_measured_path(far, hairpin, np.eye(4), in_base=True)
+
+
+@pytest.fixture
+def small_job(tmp_path: Path) -> Job:
+    text = (PATHS / "circle_10mm.toml").read_text(encoding="utf-8").replace("waypoints = 500", "waypoints = 60")
+    (tmp_path / "circle.toml").write_text(text, encoding="utf-8")
+    return load_job(tmp_path / "circle.toml")
+
+
+def cut_part(job: Job, folder: str, truth: Robot, level: float, file: Path, seed: int) -> float:
+    """Cut the part on the true robot with another force, and measure it; return the true rms deviation. [m]"""
+    robot = load_robot(folder)
+    wanted, plan = plan_learned(job, robot, read_residual(residual_file(robot, job), robot))
+    rows, task = np.flatnonzero(plan.task.cut), plan.task
+    tip = tip_of(stage_path(truth, plan.q, level * task.wrench, task.step_time), rows)
+    length = np.interp(task.origin[rows], np.arange(len(wanted)), wanted.arc_length)
+    path = np.stack([np.interp(length, wanted.arc_length, wanted.position[:, k]) for k in range(3)], axis=1)
+    place = job.T_base_part
+    noise = 5e-6 * np.random.default_rng(seed).standard_normal(tip.shape)
+    points = ((tip - place[:3, 3]) @ place[:3, :3] + noise) * 1e3
+    rows_of_file = np.column_stack([points, length * 1e3, np.full(len(tip), 0.005)])
+    write_points(file, "x_mm,y_mm,z_mm,s_mm,sigma_mm", rows_of_file)
+    return float(np.sqrt(np.mean(np.sum((tip - path) ** 2, axis=1))))
+
+
+def test_the_second_part_is_right_and_a_third_lesson_is_not_taken(small_job, tmp_path, monkeypatch, capsys) -> None:
+    """A robot whose compliances, zeros, play and gears hide what its widths allow, cut with a force 10 % too high."""
+    (drawn,) = draw_robots(load_robot("kuka_kr270"), 1, seed=3)
+    folder, seen, summaries = "kuka_kr270", [], []
+    for part in range(3):
+        measured = tmp_path / f"part{part}.csv"
+        seen.append(cut_part(small_job, folder, drawn.robot, 1.1, measured, part))
+        out = tmp_path / f"out{part}"
+        answer = run_command(["learn", small_job.file, measured, "--robot", folder, "--out", out], monkeypatch, capsys)
+        assert answer.status == 0
+        summaries.append(json.loads((out / "learn.json").read_text(encoding="utf-8")))
+        folder = str(out / "robot")
+    assert seen[0] > 5e-4
+    assert seen[1] < 0.1 * seen[0]
+    assert seen[2] <= 1.2 * seen[1] + 1e-5
+    first, *_, last = summaries
+    assert first["step_taken"]
+    assert first["band_after_mm"]["p95_max"] < 0.5 * first["band_before_mm"]["p95_max"]
+    assert seen[1] * 1e3 < first["band_after_mm"]["p95_max"]
+    assert not last["step_taken"]
+    assert "by chance" in last["reason"]
+    assert (tmp_path / "out0" / "robot" / "learned_circle.csv").is_file()
+    assert list((tmp_path / "out0").glob("*.src"))
+    assert "No step is taken" in (tmp_path / "out2" / "report.html").read_text(encoding="utf-8")
+    assert load_robot(tmp_path / "out0" / "robot").uncertainty is not None
+
+
+def test_bad_measurements_end_in_one_line(small_job, tmp_path, monkeypatch, capsys) -> None:
+    for text, words in (
+        ("x_mm,y_mm\n1,2\n", "z_mm"),
+        ("x_mm,y_mm,z_mm\n", "no rows"),
+        ("x_mm,y_mm,z_mm\n900,0,0\n901,0,0\n", "0 of 2 points"),
+    ):
+        file = tmp_path / "bad.csv"
+        file.write_text(text, encoding="utf-8")
+        arguments = ["learn", small_job.file, file, "--robot", "kuka_kr270", "--out", tmp_path / "out"]
+        answer = run_command(arguments, monkeypatch, capsys)
+        assert answer.status == 2
+        assert answer.err.count("\n") == 1
+        assert words in answer.err
+    assert not (tmp_path / "out").exists()
