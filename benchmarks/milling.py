@@ -27,11 +27,11 @@ def polyline(*knots: tuple[float, float, float]) -> np.ndarray:
 
 #: Knots of the path, the half space y < limit that holds material, and the lengths along the path to look at [mm].
 CASES: dict[str, tuple[np.ndarray, float, list[float]]] = {
-    "slot": (polyline((-50, 0, -3), (0, 0, -3)), np.inf, [50.0]),
-    "half immersion, up": (polyline((-50, 40, -3), (0, 40, -3)), 40.0, [50.0]),
-    "half immersion, down": (polyline((-50, -40, -3), (0, -40, -3)), -40.0, [50.0]),
-    "ramp, 8 deg": (polyline((-30, 0, 1), (4, 0, 1 - 34 * np.tan(np.radians(8)))), np.inf, [34.3]),
-    "plunge": (polyline((0, 0, 2), (0, 0, -3)), np.inf, [5.0]),
+    "slot": (polyline((-50, 0, -3), (2, 0, -3)), np.inf, [50.0]),
+    "half immersion, up": (polyline((-50, 40, -3), (2, 40, -3)), 40.0, [50.0]),
+    "half immersion, down": (polyline((-50, -40, -3), (2, -40, -3)), -40.0, [50.0]),
+    "ramp, 8 deg": (polyline((-30, 0, 1), (4, 0, 1 - 34 * np.tan(np.radians(8)))), np.inf, [33.0]),
+    "plunge": (polyline((0, 0, 2), (0, 0, -4)), np.inf, [5.0]),
     "corner": (polyline((-50, 0, -3), (0, 0, -3), (0, 20, -3)), np.inf, [51.0, 52.5, 55.0, 58.0]),
 }
 

@@ -36,6 +36,7 @@ COMMANDS = {
     "post": "compplan.commands.post",
     "reproduce": "compplan.commands.reproduce",
     "place": "compplan.commands.place",
+    "forces": "compplan.commands.forces",
     "init": "compplan.commands.init",
     "doctor": "compplan.commands.doctor",
 }

@@ -11,6 +11,8 @@ from compplan.files.tables import Array
 
 #: Slices of the flat bottom, of a corner (per quarter turn) and of a drill's point.
 BOTTOM_SLICES, CORNER_SLICES, POINT_SLICES = 4, 7, 5
+#: What stands this near to the cutter's side counts as taken away: a wall that was cut there is not cut twice. [m]
+TOUCHING = 1e-8
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class Cutter:
 
         Infinite beyond the radius.
         """
-        inside = distance <= self.radius
+        inside = distance <= self.radius + TOUCHING
         if self.even:
             return np.where(inside, 0.0, np.inf)
         ring = np.clip(distance - (self.radius - self.corner), 0.0, self.corner)

@@ -25,7 +25,7 @@ FLUTES = 3.0
 #: Lean of the tool axis from its mean from which on a note tells it. [rad]
 LEANS = float(np.radians(0.5))
 #: Waypoints whose ripple is worked out at most; the others take that of the nearest.
-RIPPLES = 1500
+RIPPLES = 300
 #: Stock without a known shape reaches this many diameters beyond the path.
 BEYOND = 2.0
 #: Columns of a mesh, to a radius of the cutter.

@@ -27,6 +27,9 @@ from compplan.path.forces.materials import Coefficients
 ROWS = 4096
 #: Angles of a turn, in a bin of the engagement, and pieces of a slice, that a ripple is followed with.
 FINE, PIECES = 8, 24
+#: The edge force stands in full where the edge moves outwards by this share of the feed, and from this feed a tooth on
+#: [m]; below it grows from nothing (assumed): a floor that is slid over, or a tool at rest, is not ploughed.
+PLOUGHS, PLOUGHING_FEED = 0.005, 2e-6
 #: Chip thickness below which no Kienzle exponent is trusted: it is held there. [mm]
 THINNEST = 1e-4
 
@@ -79,7 +82,8 @@ class MillingShape:
         """
         thickness = np.maximum(feed_per_tooth * 1e3, 0.0)[:, None] ** (1.0 - np.array(coefficients.exponent))
         cutting = np.einsum("nc,c,ncw->nw", thickness, np.array(coefficients.cutting), self.cutting)
-        return np.asarray(cutting + np.einsum("c,ncw->nw", np.array(coefficients.edge), self.edge))
+        ploughing = np.clip(feed_per_tooth / PLOUGHING_FEED, 0.0, 1.0)
+        return np.asarray(cutting + np.einsum("n,c,ncw->nw", ploughing, np.array(coefficients.edge), self.edge))
 
 
 def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, float]) -> MillingShape:
@@ -106,7 +110,8 @@ def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, f
         out = np.maximum(outward_speed(edge.normal, found.travel[rows][some], angle), 0.0)
         weight = turn * share * length[:, None]
         for c in range(3):
-            for target, part in ((cutting, weight * out ** (1.0 - exponent[c])), (constant, weight)):
+            ploughs = weight * np.minimum(out / PLOUGHS, 1.0)
+            for target, part in ((cutting, weight * out ** (1.0 - exponent[c])), (constant, ploughs)):
                 target[first + some, c] = np.einsum("nkm,kmw->nw", part, at_low[c]) + np.einsum(
                     "nkm,kmw->nw", 0.5 * share * part, by_rise[c]
                 )
@@ -162,31 +167,39 @@ def ripple_force(
     turning = np.arange(count)
     offsets = _runout_offsets(spindle)
     for k in range(len(edge)):
-        pieces = PIECES if edge.rise[k] > 0.0 and spindle.helix > 0.0 else 1
+        span = edge.rise[k] * np.tan(spindle.helix) / max(edge.radius[k], 1e-9) * float(height[:, k].max(initial=0.0))
+        pieces = int(np.clip(np.ceil(span / (2.0 * np.pi / count)), 1, PIECES))
         for piece in range(pieces):
             level = (piece + 0.5) / pieces
             top = height[:, k].max(axis=1)  # the pieces stand on the engaged part of the slice
             lag = (edge.low[k] + level * top * edge.rise[k]) * np.tan(spindle.helix) / max(edge.radius[k], 1e-9)
             engaged = share[:, k] * (height[:, k] >= level * top[:, None] - 1e-6)
             width = edge.length[k] * 1e3 * (top if edge.rise[k] > 0.0 else np.ones(len(rows))) / pieces
-            for tooth in range(spindle.teeth):
+            for tooth in range(spindle.teeth if spindle.runout > 0.0 else 1):
                 # a clockwise spindle turns teeth to smaller angles; higher parts of a right-hand helix lag behind
                 place = 2.0 * np.pi * tooth / spindle.teeth + lag
                 shift = np.rint(place / (2.0 * np.pi) * count).astype(int)
                 at = (turning[None, :] + shift[:, None]) % count
                 chip = np.take_along_axis(out[:, k], at, axis=1) + offsets[tooth] * edge.normal[k, 0] * 1e3
                 on = np.take_along_axis(engaged, at, axis=1) * (chip > 0.0)
-                force += _slice_force(chip, on * width[:, None], coefficients, directions[:, k][:, at])
-    return force
+                ploughs = np.clip(chip / (PLOUGHS * 1e3 * feed_per_tooth[:, None]), 0.0, 1.0)
+                force += _slice_force(chip, on * width[:, None], ploughs, coefficients, directions[:, k][:, at])
+    if spindle.runout > 0.0:
+        return force
+    shifts = [round(tooth * count / spindle.teeth) for tooth in range(spindle.teeth)]
+    return np.asarray(sum(np.roll(force, shift, axis=1) for shift in shifts))
 
 
-def _slice_force(chip: Array, width: Array, coefficients: Coefficients, directions: Array) -> Array:
-    """Return the force of slices from chip thickness and width [mm]. Shape (r, a, 3). [N]"""
+def _slice_force(chip: Array, width: Array, ploughs: Array, coefficients: Coefficients, directions: Array) -> Array:
+    """Return the force of slices from chip thickness and width [mm], and the share of the edge force that acts.
+
+    Shape (r, a, 3). [N]
+    """
     total = np.zeros((*chip.shape, 3))
     thick = np.maximum(chip, THINNEST)
     for c in range(3):
-        size = (coefficients.cutting[c] * thick ** (1.0 - coefficients.exponent[c]) + coefficients.edge[c]) * width
-        total += size[..., None] * directions[c]
+        size = coefficients.cutting[c] * thick ** (1.0 - coefficients.exponent[c]) + coefficients.edge[c] * ploughs
+        total += (size * width)[..., None] * directions[c]
     return total
 
 

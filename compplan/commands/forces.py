@@ -1,0 +1,49 @@
+"""`compplan forces`: engagement and force along the path, and which coefficients fit a measured log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from compplan.files.tables import dump_json
+
+
+@click.command()
+@click.argument("job", type=click.Path(path_type=Path))
+@click.option("--out", "folder", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
+@click.option("--log", type=click.Path(path_type=Path), help="Measured forces: CSV with s_mm, the length cut so far, "
+              "and fx_N fy_N fz_N, part axes.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print the summary (forces.json) to stdout.")
+def command(job: Path, folder: Path, log: Path | None, as_json: bool) -> None:
+    """Predict engagement and force along the path of JOB: write forces.json, forces.csv and report.html."""
+    from compplan.commands.progress import show_progress
+    from compplan.job.job import load_job
+    from compplan.outputs.forces import predict_forces, write_forces
+
+    checked = load_job(job)
+    with show_progress() as announce:
+        announce("forces: engagement and wrench along the path")
+        found = predict_forces(checked, log)
+        announce("write: forces.json, forces.csv, report.html")
+        summary = write_forces(found, folder)
+    if as_json:
+        click.echo(dump_json(summary))
+        return
+    force = summary["force_N"]
+    click.echo(f"{summary['model']}: {summary['waypoints_in_contact']} of {summary['waypoints']} waypoints in contact, "
+               f"force up to {force['max']:.4g} N, {force['mean_in_contact']:.4g} N on average there")  # fmt: skip
+    if "engagement" in summary:
+        cut = summary["engagement"]
+        deep, wide, ripple = cut["axial_depth_mm"]["max"], cut["radial_width_mm"]["max"], summary["ripple_N"]["max"]
+        click.echo(f"axial depth up to {deep:.3g} mm, radial width up to {wide:.3g} mm, ripple up to {ripple:.3g} N")
+    if "log" in summary:
+        fit = summary["log"]
+        click.echo(f"log: {fit['rows']} rows in the cut of {fit['rms_N']:.3g} N (rms), the prediction is off by "
+                   f"{fit['rms_before_N']:.3g} N, with fitted numbers by {fit['rms_after_N']:.3g} N")  # fmt: skip
+        for number in fit["fitted"]:
+            click.echo(f"  {number['name']}: {number['value']:.4g} {number['unit']} "
+                       f"[{number['low']:.4g}, {number['high']:.4g}], {number['in_job']:.4g} in the job")  # fmt: skip
+    for note in summary["notes"]:
+        click.echo(note)
+    click.echo(f"wrote forces.json, forces.csv, report.html to {folder}")

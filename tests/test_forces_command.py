@@ -1,0 +1,77 @@
+"""`compplan forces`: what it writes, and what it makes of a measured log."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import run_command
+
+from compplan.job.job import load_job, load_path
+from compplan.path.contact import cutting_progress
+
+POCKET = Path(__file__).parent.parent / "examples" / "forces" / "pocket.toml"
+
+
+def write_job(folder: Path, coefficients: str) -> Path:
+    text = POCKET.read_text(encoding="utf-8").replace('material = "al7075_t6"', coefficients)
+    (folder / "pocket.csv").write_text((POCKET.parent / "pocket.csv").read_text(encoding="utf-8"), encoding="utf-8")
+    (folder / "job.toml").write_text(text, encoding="utf-8")
+    return folder / "job.toml"
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory) -> Path:
+    """A log of another material than the job's, with noise."""
+    folder = tmp_path_factory.mktemp("truth")
+    truth = "coefficients = { cutting_N_mm2 = [900.0, 300.0, 120.0], edge_N_mm = [20.0, 18.0, 1.0] }"
+    nominal, _ = load_path(load_job(write_job(folder, truth)))
+    force = nominal.wrench[:, :3] + np.random.default_rng(5).normal(0.0, 3.0, (len(nominal), 3))
+    rows = np.column_stack([1e3 * cutting_progress(nominal), force])[~nominal.rapid]
+    np.savetxt(folder / "log.csv", rows, delimiter=",", header="s_mm,fx_N,fy_N,fz_N", comments="")
+    return folder / "log.csv"
+
+
+def test_it_writes_table_page_and_summary(tmp_path, monkeypatch, capsys) -> None:
+    answer = run_command(["forces", POCKET, "--out", tmp_path / "out", "--json"], monkeypatch, capsys)
+    assert answer.status == 0, answer.err
+    summary = json.loads(answer.out)
+    assert {"forces.csv", "forces.json", "report.html"} <= {p.name for p in (tmp_path / "out").iterdir()}
+    # two levels of 3 mm: the rectangle that the tool's side reaches, corners of its radius
+    swept = (60.0 * 40.0 - (4.0 - np.pi) * 25.0) * 6.0
+    assert summary["engagement"]["removed_mm3"] == pytest.approx(swept, rel=0.03)
+    assert summary["engagement"]["axial_depth_mm"]["max"] == pytest.approx(3.0, abs=0.01)
+    assert summary["waypoints_in_contact"] < summary["waypoints"]
+    rows = (tmp_path / "out" / "forces.csv").read_text(encoding="utf-8").splitlines()
+    assert len(rows) == summary["waypoints"] + 1 and rows[0].startswith("s_mm,rapid,feed_mm_s,axial_depth_mm")
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Duan et al. 2021" in page and "The path coloured by the size of the force" in page
+
+
+def test_a_log_gives_back_the_coefficients_that_made_it_within_their_intervals(log, tmp_path, monkeypatch, capsys):
+    answer = run_command(["forces", POCKET, "--out", tmp_path / "out", "--log", log, "--json"], monkeypatch, capsys)
+    assert answer.status == 0, answer.err
+    found = json.loads(answer.out)["log"]
+    truth = dict(zip([number["name"] for number in found["fitted"]], [900, 300, 120, 20, 18, 1], strict=True))
+    for number in found["fitted"]:
+        half = 0.5 * (number["high"] - number["low"])
+        assert abs(number["value"] - truth[number["name"]]) < 1.5 * half, number
+    assert found["fitted"][0]["value"] == pytest.approx(900, rel=0.03)
+    assert found["rms_after_N"] == pytest.approx(3.0 * 3**0.5, rel=0.05)
+    assert found["rms_before_N"] > 1.5 * found["rms_after_N"]
+
+
+def test_a_log_that_misses_the_cut_is_refused_and_nothing_is_written(log, tmp_path, monkeypatch, capsys) -> None:
+    far = tmp_path / "far.csv"
+    far.write_text("s_mm,fx_N,fy_N,fz_N\n1e6,0,0,0\n2e6,0,0,0\n", encoding="utf-8")
+    answer = run_command(["forces", POCKET, "--out", tmp_path / "out", "--log", far], monkeypatch, capsys)
+    assert answer.status == 2 and "0 rows lie in the cut" in answer.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_job_without_a_cutter_has_forces_too(tmp_path, monkeypatch, capsys) -> None:
+    answer = run_command(["forces", POCKET.with_name("weld.toml"), "--out", tmp_path / "out"], monkeypatch, capsys)
+    assert answer.status == 0 and "friction_stir: " in answer.out
+    assert "engagement" not in json.loads((tmp_path / "out" / "forces.json").read_text(encoding="utf-8"))
