@@ -121,3 +121,11 @@ def test_a_block_seen_along_another_direction_has_the_same_columns() -> None:
     low, high = block.interval(np.array([[1.0, 1.5], [2.5, 1.5]]))
     assert low[0] == pytest.approx(0.0) and high[0] == pytest.approx(1.0)
     assert high[1] < low[1]
+
+
+def test_a_wall_that_the_level_above_cut_is_not_cut_again_by_the_level_below() -> None:
+    top, below = straight((-60, 0, -3), (60, 0, -3)), straight((60, 0, -6), (-60, 0, -6))
+    found = engage(FLAT, np.vstack([top, below]))
+    inside = np.arange(len(top) + 20, len(top) + 100)
+    assert found.axial[inside] == pytest.approx(np.full(80, 3e-3), rel=1e-5)
+    assert found.section[inside] == pytest.approx(np.full(80, 30e-6), rel=5e-3)

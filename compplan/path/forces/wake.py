@@ -22,6 +22,8 @@ MOST_CELLS, CELLS_A_RADIUS = 12_000_000, 8.0
 LONGEST_PIECE = 4.0
 #: Of two moves that are equally low at a column the one that passes nearer owns it: it reaches the walls around.
 LEAN = 1e-6
+#: A column that is lowered by more than this is on another level. [m]
+LEVEL = 1e-7
 #: Places along a sloped move at which a rounded cutter is looked at.
 STATIONS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 
@@ -82,6 +84,7 @@ class Wake:
         cell: Distance of columns. [m]
         height: How low each column was cut. Shape (a, b). [m]
         owner: The move that did it, -1 for none. Shape (a, b).
+        above: The move that had lowered it before, on a higher level, -1 for none: walls above a step. Shape (a, b).
 
     """
 
@@ -92,6 +95,7 @@ class Wake:
     cell: float
     height: Array
     owner: NDArray[np.int32]
+    above: NDArray[np.int32]
 
     def cut(self, moves: NDArray[np.int_]) -> None:
         """Enter moves into the map."""
@@ -117,9 +121,13 @@ class Wake:
         flat = cells[:, 0] * shape[1] + cells[:, 1]
         better = z < self.height.reshape(-1)[flat]
         flat, z, box = flat[better], z[better], box[better]
-        np.minimum.at(self.height.reshape(-1), flat, z)
-        won = z <= self.height.reshape(-1)[flat]
-        self.owner.reshape(-1)[flat[won]] = moves[item[box[won]]]
+        height, owner, above = (grid.reshape(-1) for grid in (self.height, self.owner, self.above))
+        before, former = height[flat], owner[flat]
+        np.minimum.at(height, flat, z)
+        won = z <= height[flat]
+        deeper = won & (before - z > LEVEL) & (former >= 0)
+        above[flat[deeper]] = former[deeper]
+        owner[flat[won]] = moves[item[box[won]]]
 
     def lowest(self, place: Array) -> Array:
         """Return how low the cutter went so far at places; infinite where it never was. Shape (...) from (..., 2)."""
@@ -127,8 +135,8 @@ class Wake:
         first = np.clip(np.floor((place - self.origin) / self.cell).astype(int), 0, shape - 2)
         seen: list[Array] = []
         lowest = np.full(place.shape[:-1], np.inf)
-        for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
-            owner = self.owner[first[..., 0] + i, first[..., 1] + j]
+        corners = [(first[..., 0] + i, first[..., 1] + j) for i in (0, 1) for j in (0, 1)]
+        for owner in [grid[corner] for grid in (self.owner, self.above) for corner in corners]:
             fresh = owner >= 0
             for other in seen:
                 fresh &= owner != other
@@ -153,5 +161,5 @@ def build_wake(cutter: Cutter, start: Array, end: Array, bounds: Array) -> Wake:
     size = np.maximum(bounds[1] - bounds[0], 1e-6)
     cell = max(cutter.radius / CELLS_A_RADIUS, float(np.sqrt(np.prod(size) / MOST_CELLS)))
     shape = tuple((np.ceil(size / cell).astype(int) + 2).tolist())
-    owner = np.full(shape, -1, dtype=np.int32)
-    return Wake(cutter, start, end, bounds[0] - 0.5 * cell, cell, np.full(shape, np.inf, dtype=np.float64), owner)
+    owner, above = (np.full(shape, -1, dtype=np.int32) for _ in range(2))
+    return Wake(cutter, start, end, bounds[0] - 0.5 * cell, cell, np.full(shape, np.inf), owner, above)
