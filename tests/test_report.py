@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 import pytest
+import trimesh
 
 from compplan.errors import ShapeError
 from compplan.report import (
@@ -28,10 +29,11 @@ from compplan.report import (
 )
 from compplan.report.along_path import draw_lines, find_spans
 from compplan.report.compare_page import CompareView, summarise_comparison, write_comparison
-from compplan.report.path_scene import choose_magnification
+from compplan.report.force_moves import mark_force, tell_force
+from compplan.report.path_scene import choose_magnification, draw_cell
 from compplan.report.plan_page import PlanView, summarise_plan, write_view
 from compplan.report.robot_picture import project_points, save_robot_picture
-from compplan.report.robot_scene import draw_robot, shade_faces
+from compplan.report.robot_scene import draw_robot, place_meshes, shade_faces
 from compplan.report.style import format_angle, format_length, format_number, format_percent, mark_decades
 from compplan.robot import load_robot, robot_folders
 from compplan.statics.chain import build_chain, locate_frames
@@ -379,3 +381,30 @@ def test_the_page_of_a_comparison_names_the_closest_strategy_in_each_cell(tmp_pa
     write_comparison(comparison, tmp_path / "report.html")
     html = own_part((tmp_path / "report.html").read_text())
     assert html.count('<td class=" good">') == 2
+
+
+def test_moves_with_force_are_told_from_those_without():
+    wrench = np.zeros((6, 6))
+    wrench[2:4, 2] = 100.0
+    cut = np.array([False, True, True, True, True, True])
+    pushed = mark_force(wrench, cut)
+    assert pushed.tolist() == [False, False, True, True, True, False]  # a move carries force if either end does
+    length = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
+    assert tell_force(length, cut, pushed).startswith("The tool carries force on 60") and "2 stretches" in tell_force(
+        length, cut, pushed
+    )
+    assert tell_force(length, cut, cut) == "The tool carries force all along the cut."
+    assert tell_force(length, cut, ~cut & cut) == "No force is predicted."
+
+
+def test_meshes_of_a_cell_are_drawn_where_they_stand():
+    robot = load_robot("kuka_kr270")
+    q = np.array([0.3, -0.2, 0.4, 0.1, 0.6, 0.2])
+    box, ball = trimesh.creation.box((0.2, 0.2, 0.2)), trimesh.creation.icosphere(subdivisions=2, radius=0.05)
+    part, tool = place_meshes(robot, q, [("part", "", box), ("tool", robot.flange, ball)])
+    assert part.vertices == pytest.approx(np.asarray(box.vertices))
+    assert tool.vertices.mean(axis=0) == pytest.approx(locate_links(robot, q)[robot.flange][:3, 3], abs=1e-9)
+    kinds = np.repeat([0, 1, 2], 5)
+    path = np.column_stack([np.linspace(1.0, 1.2, 15), np.zeros(15), np.ones(15)])
+    names = [trace.name for trace in draw_cell(robot, np.tile(q, (15, 1)), path, around=[part, tool], kinds=kinds).data]
+    assert names == ["kuka_kr270", "part", "tool", "cut with force", "cut without force", "rapid"]

@@ -39,6 +39,7 @@ class CollisionScene:
         outside: Pairs of arm or tool with part or fixture. Shape (p, 2).
         own: Pairs of arm or tool with the arm itself. Shape (o, 2).
         note: What a user should know of it.
+        meshes: What was given, to be drawn: name, link that carries it ("" where it stands still), and mesh [m].
 
     """
 
@@ -47,6 +48,7 @@ class CollisionScene:
     outside: NDArray[np.int_]
     own: NDArray[np.int_]
     note: str = ""
+    meshes: tuple[tuple[str, str, Any], ...] = ()
 
     @cached_property
     def reach(self) -> Array:
@@ -78,6 +80,7 @@ def build_scene(
     pose = np.eye(4) if T_base_part is None else T_base_part
     body = _bodies(robot)
     solids, roles = [], []
+    given: list[tuple[str, str, Any]] = [] if tool is None else [("tool", robot.flange, tool)]
 
     def add(name: str, link: str, mesh_or_shape: Any, role: str, placement: Array | None = None) -> None:
         geometry, centre, radius, box = make_geometry(mesh_or_shape, placement)
@@ -101,11 +104,12 @@ def build_scene(
             add("tool (above the tip)", robot.flange, cut, "shank")
     for name, mesh in (("part", part), ("fixture", fixture)):
         if mesh is not None:
-            add(name, "", mesh.copy().apply_transform(pose), name)
+            given.append((name, "", mesh.copy().apply_transform(pose)))
+            add(name, "", given[-1][2], name)
     outside, own = _list_pairs(solids, roles)
     if not self_collision:
         own = own[:0]
-    return _leave_out_touching(CollisionScene(robot, tuple(solids), outside, own))
+    return _leave_out_touching(CollisionScene(robot, tuple(solids), outside, own, meshes=tuple(given)))
 
 
 def load_scene(job: Job, robot: Robot) -> CollisionScene | None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.errors import ShapeError
 from compplan.report.along_path import FLOOR
-from compplan.report.robot_scene import draw_robot, frame_scene, place_shapes
-from compplan.report.style import AFTER, NEUTRAL, SEQUENTIAL, format_length, mark_decades
+from compplan.report.robot_scene import Shape, draw_robot, draw_shapes, frame_scene, place_shapes
+from compplan.report.style import AFTER, BEFORE, NEUTRAL, SEQUENTIAL, format_length, mark_decades
 from compplan.report.thinning import thin_path
 from compplan.robot import Array, Robot
 
@@ -17,11 +19,16 @@ from compplan.robot import Array, Robot
 POINTS = 3500
 #: The largest deviation is drawn about this long, as a share of the extent of the path.
 DRAWN_SHARE = 0.09
+#: What a move can be, with its colour and the width it is drawn in.
+KINDS = (("cut with force", AFTER, 7), ("cut without force", BEFORE, 5), ("rapid", NEUTRAL, 2))
 #: Decades of deviation that the colours span at most.
 DECADES = 5.0
 
 
-def draw_cell(robot: Robot, q: Array, path: Array, *, start: int = 0) -> Any:
+def draw_cell(
+    robot: Robot, q: Array, path: Array, *, start: int = 0, around: Sequence[Shape] = (),
+    kinds: NDArray[np.int_] | None = None,
+) -> Any:  # fmt: skip
     """Draw the robot at one waypoint, and its path.
 
     Args:
@@ -29,18 +36,27 @@ def draw_cell(robot: Robot, q: Array, path: Array, *, start: int = 0) -> Any:
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         path: Nominal path of the tool tip, base frame. Shape (n, 3). [m]
         start: The waypoint that the robot is drawn at.
+        around: What else stands there: part, fixture, tool.
+        kinds: What the tool does in the move to each waypoint, as numbers of `KINDS`; not told if left out. Shape (n,).
     """
     import plotly.graph_objects as go
 
-    rows = thin_path(path, path, POINTS)
+    told = np.zeros(len(path), int) if kinds is None else kinds
+    rows = thin_path(path, np.column_stack([path, 1e-3 * told]), POINTS)
     points = 1e3 * path[rows]
-    figure = go.Figure(draw_robot(robot, q[start]))
-    figure.add_trace(_line(points, {"color": AFTER, "width": 7}, "path of the tool tip", hover=False))
-    shapes = place_shapes(robot, q[start])
+    figure = go.Figure([*draw_robot(robot, q[start]), *draw_shapes(around)])
+    for number, (name, colour, width) in enumerate(KINDS):
+        if (told == number).any():
+            mine = told[rows] == number
+            mine |= np.r_[mine[1:], False]  # the move begins at the waypoint before
+            broken = np.where(mine[:, None], points, np.nan)
+            figure.add_trace(_line(broken, {"color": colour, "width": width}, name, hover=False))
+    shapes = [*place_shapes(robot, q[start]), *around]
     figure.update_layout(
         scene=frame_scene(np.vstack([points, *(1e3 * shape.vertices for shape in shapes)])),
         margin={"l": 0, "r": 0, "t": 0, "b": 0},
-        showlegend=False,
+        showlegend=kinds is not None,
+        legend={"x": 0.01, "y": 0.99, "xanchor": "left", "yanchor": "top"},
     )
     return figure
 

@@ -20,9 +20,11 @@ from compplan.report.along_path import (
     draw_wrench,
     find_spans,
 )
+from compplan.report.force_moves import busiest_rate, mark_force, tell_force
 from compplan.report.page import Block, Chart, Column, Columns, Fold, PageTable, Section, TableCell, write_page
 from compplan.report.path_scene import describe_magnification, draw_cell, draw_deviation_paths
 from compplan.report.provenance import describe_grade, describe_robot
+from compplan.report.robot_scene import Shape
 from compplan.report.style import (
     AFTER,
     BEFORE,
@@ -80,6 +82,7 @@ class PlanView:
         notes: Warnings of the plan, one sentence each.
         assumptions: What was assumed, one sentence each.
         extra: Further sections, such as the map of postures.
+        around: Part, fixture and tool where their meshes are known, as they stand at the first waypoint of the cut.
     """
 
     title: str
@@ -115,6 +118,17 @@ class PlanView:
     notes: Sequence[str] = ()
     assumptions: Sequence[str] = ()
     extra: Sequence[Section] = ()
+    around: Sequence[Shape] = ()
+
+    @property
+    def start(self) -> int:
+        """The first waypoint of the cut."""
+        return int(np.flatnonzero(self.cut)[0])
+
+    @cached_property
+    def pushed(self) -> NDArray[np.bool_]:
+        """Moves of the cut that carry force, by the waypoint that they end at. Shape (n,)."""
+        return mark_force(self.wrench, self.cut)
 
     @cached_property
     def cut(self) -> NDArray[np.bool_]:
@@ -205,10 +219,13 @@ def _set_length(metres: float) -> str:
 
 
 def _overview(view: PlanView) -> Section:
-    start = int(np.flatnonzero(view.cut)[0])
+    kinds = np.where(view.pushed, 0, np.where(view.cut, 1, 2))
+    named = ", ".join(shape.link for shape in view.around)
+    with_them = f", with the meshes that the job names ({named})" if named else ""
     cell = Chart(
-        draw_cell(view.robot, view.q, view.nominal, start=start),
-        "The robot at the first waypoint of the cut, drawn from its URDF shapes, and the path of the tool tip.",
+        draw_cell(view.robot, view.q, view.nominal, start=view.start, around=view.around, kinds=kinds),
+        f"The robot at the first waypoint of the cut, drawn from its URDF shapes{with_them}, and the path of the tool "
+        "tip: which moves carry force, which are in the cut without, and which are rapid.",
         height=400,
     )
     return Section("What it reaches", [Columns([[_key_figures(view)], [cell]], (0.5, 0.5))])
@@ -341,7 +358,7 @@ def _corrections(view: PlanView) -> Section:
         tall = 440 if np.abs(view.wrench[:, 3:]).max() > 1e-9 else 300
         caption = "Predicted wrench of the environment on the tool at its tip, base axes."
         blocks.append(Chart(draw_wrench(view.stations, view.wrench), caption, height=tall))
-    return Section("Corrections and forces", blocks)
+    return Section("Corrections and forces", blocks, tell_force(view.length, view.cut, view.pushed))
 
 
 def _feed(view: PlanView) -> Section:
@@ -373,21 +390,10 @@ def _lowered_table(view: PlanView) -> PageTable:
         slowest = a + int(np.argmin(view.feed[a : b + 1] / view.feed_wanted[a : b + 1]))
         reach = [1e3 * float(view.length[a]), 1e3 * float(view.length[b])]
         lowest = [1e3 * float(view.feed_wanted[slowest]), 1e3 * float(view.feed[slowest])]
-        rows.append([int(a), int(b), *reach, *lowest, _busiest(view, slowest)])
+        rows.append([int(a), int(b), *reach, *lowest, busiest_rate(_rates(view), view.robot.joint_names, slowest)])
     columns = [
         Column("from waypoint"), Column("to"), Column("from", "mm", 4), Column("to", "mm", 4),
         Column("programmed", "mm/s"), Column("lowest", "mm/s"), Column("busiest there"),
     ]  # fmt: skip
     more = f" The {LISTED} deepest of {len(spans)} stretches." if len(spans) > LISTED else ""
     return PageTable(columns, rows, f"Where the feed is lowered.{more}", scroll=12)
-
-
-def _busiest(view: PlanView, row: int) -> str:
-    best, said = 0.0, "–"
-    for name, rates, limits in _rates(view):
-        near = np.abs(rates[max(row - 3, 0) : row + 4]) / limits
-        k = int(np.argmax(near.max(axis=0)))
-        if near.max() > best:
-            best = float(near.max())
-            said = f"{name} of {view.robot.joint_names[k]} ({format_percent(best)})"
-    return said

@@ -15,6 +15,7 @@ from compplan.report.page import Section
 from compplan.report.plan_page import PlanView, write_view
 from compplan.report.posture_section import list_uncertainties, show_posture
 from compplan.report.promise_section import show_promise
+from compplan.report.robot_scene import place_meshes
 from compplan.report.style import format_length
 
 if TYPE_CHECKING:
@@ -91,7 +92,9 @@ def view_plan(plan: Plan, extra: Sequence[Section] = ()) -> PlanView:
     sections += list(extra)
     if stance is not None:
         sections.insert(len(sections) - len(extra), show_posture(stance, view.stations, plan.clearance))
-    return replace(view, extra=sections)
+    scene = task.start.request.scene if task.start is not None and task.start.request is not None else None
+    around = [] if scene is None else place_meshes(plan.robot, plan.q[view.start], scene.meshes)
+    return replace(view, extra=sections, around=around)
 
 
 def _list_bending(plan: Plan) -> dict[str, str]:

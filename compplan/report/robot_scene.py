@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,11 @@ from compplan.errors import ShapeError
 from compplan.robot import Array, Joint, Robot
 from compplan.robot.solids import load_mesh
 
+#: Colours of part, fixture and tool, and the most triangles of one of them that are drawn as they are.
+MESH_COLOURS = {
+    "part": (0.80, 0.68, 0.45, 0.7), "fixture": (0.45, 0.55, 0.62, 0.7), "tool": (0.55, 0.55, 0.60, 1.0),
+}  # fmt: skip
+FINEST = 20_000
 UNPAINTED = (0.62, 0.65, 0.68, 1.0)
 #: Least distance from flange to TCP that is drawn as a rod where the URDF shows no tool. [m]
 SHORTEST_ROD = 0.01
@@ -138,6 +144,47 @@ def draw_robot(
         scene=scene,
     )  # fmt: skip
     return [mesh]
+
+
+def draw_shapes(shapes: Sequence[Shape]) -> list[Any]:
+    """Draw single shapes as plotly traces, in millimetres, each under its own name."""
+    import plotly.graph_objects as go
+
+    traces = []
+    for shape in shapes:
+        x, y, z = (1e3 * shape.vertices).astype(np.float32).T
+        i, j, k = shape.faces.astype(np.int32).T
+        paint = np.round(255 * shade_faces([shape])).astype(int)
+        traces.append(
+            go.Mesh3d(
+                x=x, y=y, z=z, i=i, j=j, k=k,
+                facecolor=[f"rgb({red},{green},{blue})" for red, green, blue in paint],
+                opacity=shape.colour[3],
+                lighting={"ambient": 1.0, "diffuse": 0.0, "specular": 0.0, "fresnel": 0.0},
+                name=shape.link,
+                hoverinfo="name",
+            )
+        )  # fmt: skip
+    return traces
+
+
+def place_meshes(robot: Robot, q: Array, meshes: Sequence[tuple[str, str, Any]]) -> list[Shape]:
+    """Put meshes of a cell where they stand at a pose of the arm.
+
+    Args:
+        robot: The robot.
+        q: Joint positions. Shape (nq,). [rad or m]
+        meshes: Name, link that carries it or "", mesh in that link's frame or in the base frame [m]. Finer ones than
+            `FINEST` are drawn as their convex hulls.
+
+    """
+    poses, shapes = locate_links(robot, q), []
+    for name, link, mesh in meshes:
+        plain = mesh if len(mesh.faces) <= FINEST else mesh.convex_hull
+        pose = poses[link] if link else np.eye(4)
+        corners = np.asarray(plain.vertices, float) @ pose[:3, :3].T + pose[:3, 3]
+        shapes.append(Shape(name, corners, np.asarray(plain.faces, int), MESH_COLOURS[name]))
+    return shapes
 
 
 def shade_faces(shapes: list[Shape]) -> Array:
