@@ -210,3 +210,13 @@ def test_one_joint_and_a_mass_are_driven_ahead_of_the_path_by_what_their_inertia
     u = time[1:-1] / 2.0
     push = 0.1 * (60 * u - 180 * u**2 + 120 * u**3) / 2.0**2
     assert bias[1:-1, 0] == pytest.approx(-50.0 * push, abs=0.02 * 50.0 * np.abs(push).max())
+
+
+def test_a_margin_of_the_joint_limits_that_is_not_kept_is_told_with_the_limit(tmp_path):
+    job = three_points(tmp_path, CONSTANT, plan={}, posture={"limit_margin_deg": 170.0})
+    plan = cp.plan_job(job)
+    said = [note for note in plan.notes if note.startswith("The posture comes within")]
+    assert len(said) == 1 and "limit_margin_deg asks for 170" in said[0]
+    room = np.degrees(np.minimum(plan.task.q_start - plan.robot.lower, plan.robot.upper - plan.task.q_start).min())
+    assert f"within {room:.3g} deg" in said[0]
+    assert not any("comes within" in note for note in cp.plan_job(three_points(tmp_path, CONSTANT, plan={})).notes)

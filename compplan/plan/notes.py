@@ -40,6 +40,7 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
     scene = task.start.request.scene if task.start is not None and task.start.request is not None else None
     if scene is not None and scene.note:
         notes.append(scene.note)
+    notes += _tell_margin(task)
     spans = find_slow_spans(task, timing)
     if spans:
         count = sum(last - first + 1 for first, last in spans)
@@ -56,6 +57,26 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
     if not np.isfinite(task.robot.acceleration_limits).any():
         notes.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
     return tuple(notes)
+
+
+def _tell_margin(task: PlanTask) -> list[str]:
+    """Say where the posture comes nearer to a joint limit than was asked for, and which limit that is."""
+    stance = None if task.start is None else task.start.stance
+    turning = np.flatnonzero(~task.robot.prismatic)
+    if stance is None or not len(turning):
+        return []
+    room = np.minimum(task.q_start - task.robot.lower, task.robot.upper - task.q_start)[:, turning]
+    row, column = np.unravel_index(int(room.argmin()), room.shape)
+    kept, asked = float(room[row, column]), stance.settings.limit_margin
+    if kept >= 0.99 * asked:
+        return []
+    joint = int(turning[column])
+    low = task.q_start[row, joint] - task.robot.lower[joint] < task.robot.upper[joint] - task.q_start[row, joint]
+    return [
+        f"The posture comes within {np.degrees(kept):.3g} deg of the {'lower' if low else 'upper'} limit of "
+        f"{task.robot.joint_names[joint]} at waypoint {row}; posture.limit_margin_deg asks for "
+        f"{np.degrees(asked):.3g}: nearness costs, and the preset weighs the rest higher here."
+    ]
 
 
 def find_slow_spans(task: PlanTask, timing: Timing) -> list[tuple[int, int]]:
