@@ -131,7 +131,7 @@ def test_machine_moves_are_kept_where_the_offset_is_known(read) -> None:
 @pytest.mark.parametrize(
     ("block", "sentence"),
     [
-        ("G2 I5 Z-1 P1000000 F9", r"arc of P1e\+06 turns, at most 10000"),
+        ("G2 I5 Z-1 P1000000 F9", r"arc of P1e\+06 turns, expected a whole number from 1 to 10000"),
         ("G2 I500 Z-1 P9999 F9", "more than 2000000 waypoints"),
         ("G91 G81 X1 Z-1 R1 L3000000 F9", "cycle with 3000000 repeats, at most 10000"),
         ("G2 X10 R1000000000000 F9", r"arc of radius 1e\+12 mm, at most 1e\+06 mm"),
