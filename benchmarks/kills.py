@@ -45,7 +45,7 @@ LINES = {
     "predict": ("predict log.csv --robot robot --out out/p.csv", "predict other.csv --robot robot --out out/p.csv"),
     "convert": ("convert part.gcode --out out/p.csv", "convert part.apt --out out/p.csv"),
     "place": ("place job.toml --out out", "place other.toml --out out"),
-    "post": ("post part.gcode {post} --program krl", "post part.gcode {post} --program rapid --program csv"),
+    "post": ("post part.gcode {post} --program krl", "post part.gcode {post} --program sinumerik --program csv"),
     "reproduce": ("reproduce dumas2011 --out out", "reproduce klimchik2018 --out out"),
     "init": ("", "init out/job.toml"),
     "init robot": ("", "init robot robot/robot.urdf --out out/arm"),
@@ -104,7 +104,7 @@ def prepare(name: str, folder: Path) -> Setup:
     """Make the workspace of a command: inputs, the user's own file, the old result; time the second run."""
     work = folder / name.replace(" ", "_")
     shutil.copytree(GOOD, work)
-    job = set_key((work / "job.toml").read_text(), "name", '"other line"').replace("krl", "rapid")
+    job = set_key((work / "job.toml").read_text(), "name", '"other line"').replace("krl", "sinumerik")
     (work / "other.toml").write_text(job)
     lines = (work / "log.csv").read_text().splitlines()
     (work / "other.csv").write_text("\n".join(lines[:-6]) + "\n")
