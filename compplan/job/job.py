@@ -6,7 +6,6 @@ line in `Job`. Keys carry their units; properties give SI.
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -20,6 +19,7 @@ from compplan.files.tables import Array
 from compplan.files.tomlfile import Numbers, OneOf, SchemaOne, StrictTable, Vector3, check_table, read_toml
 from compplan.job.names import STRATEGIES
 from compplan.job.noise import NoiseTable
+from compplan.job.signals import IoTable
 from compplan.path.cam.options import CamTable
 from compplan.path.corners import round_corners
 from compplan.path.force_law import ForceLaw, read_stock_top
@@ -28,7 +28,7 @@ from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralT
 from compplan.path.process import ColumnsProcess, Process, describe_process
 from compplan.path.reading import read_toolpath
 from compplan.path.toolpath import Toolpath, check_toolpath, place_toolpath, resample_toolpath
-from compplan.program import WRITERS, Wiring
+from compplan.program import WRITERS
 
 #: Step that a toolpath file is divided into where the job says nothing. [m]
 FILE_STEP = 1e-3
@@ -116,37 +116,6 @@ class PlanTable(StrictTable):
     def start(self) -> Numbers | None:
         """Joint positions to start near [deg, prismatic joints mm], or None."""
         return self.start_deg if self.start_deg is not None else self.configuration.start_deg
-
-
-def _check_signal(value: object) -> object:
-    if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= 99999:
-        return value
-    if isinstance(value, str) and re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,31}", value):
-        return value
-    raise ValueError(f"is {value!r}, expected the number of a signal (0 to 99999), or its name")
-
-
-SignalValue = Annotated[int | str, BeforeValidator(_check_signal)]
-
-
-class IoTable(StrictTable):
-    """[output.io]: signals of the cell for what the CAM file switches; what is left out asks the operator."""
-
-    spindle: SignalValue | None = None
-    spindle_reverse: SignalValue | None = None
-    spindle_ready: SignalValue | None = None
-    spindle_wait_s: float = Field(default=5.0, ge=0.0, le=600.0)
-    coolant: SignalValue | None = None
-    mist: SignalValue | None = None
-    tool_change: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")] | None = None
-    optional_stop: SignalValue | None = None
-    signals: dict[str, SignalValue] = Field(default_factory=dict)
-
-    @property
-    def wiring(self) -> Wiring:
-        """The same, as programs take it; names of signals count without regard to case."""
-        signals = {name.upper(): signal for name, signal in self.signals.items()}
-        return Wiring(**{**self.model_dump(exclude={"signals"}), "signals": signals})
 
 
 class OutputTable(StrictTable):

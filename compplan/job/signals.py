@@ -1,0 +1,42 @@
+"""[output.io] of a job: the signals of the cell."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated
+
+from pydantic import BeforeValidator, Field
+
+from compplan.files.tomlfile import StrictTable
+from compplan.program import Wiring
+
+
+def _check_signal(value: object) -> object:
+    if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= 99999:
+        return value
+    if isinstance(value, str) and re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,31}", value):
+        return value
+    raise ValueError(f"is {value!r}, expected the number of a signal (0 to 99999), or its name")
+
+
+SignalValue = Annotated[int | str, BeforeValidator(_check_signal)]
+
+
+class IoTable(StrictTable):
+    """[output.io]: signals of the cell for what the CAM file switches; what is left out asks the operator."""
+
+    spindle: SignalValue | None = None
+    spindle_reverse: SignalValue | None = None
+    spindle_ready: SignalValue | None = None
+    spindle_wait_s: float = Field(default=5.0, ge=0.0, le=600.0)
+    coolant: SignalValue | None = None
+    mist: SignalValue | None = None
+    tool_change: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")] | None = None
+    optional_stop: SignalValue | None = None
+    signals: dict[str, SignalValue] = Field(default_factory=dict)
+
+    @property
+    def wiring(self) -> Wiring:
+        """The same, as programs take it; names of signals count without regard to case."""
+        signals = {name.upper(): signal for name, signal in self.signals.items()}
+        return Wiring(**{**self.model_dump(exclude={"signals"}), "signals": signals})
