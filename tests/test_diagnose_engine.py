@@ -135,6 +135,18 @@ def test_frames_are_fitted_to_the_campaign_around_a_robot_that_never_saw_the_row
     assert np.linalg.norm(held.residual, axis=1) == pytest.approx(registered, abs=2e-6)
 
 
+def test_a_choice_in_doubt_is_made_anew_from_every_part_of_the_poses(diagnosis: Diagnosis) -> None:
+    """The two true causes are chosen again, from nothing and beside each other, and nothing else."""
+    fit = diagnosis.fit
+    folds = Folds(fit, make_folds(fit.problem.campaign))
+    _, ledger = folds.ledgers[0]
+    for named in ([], [fit.model.claims[0]]):
+        chosen = folds.decide_again(named)(ledger)
+        assert {ledger.signatures[c.signature].place for c in chosen} == {CAUSE.place, SECOND.place}
+    held = folds.hold_out(fit.model.claims, decide=lambda _: [])
+    assert held.rms > 2 * folds.hold_out(fit.model.claims).rms
+
+
 def test_a_zero_to_enter_has_an_interval_that_holds_the_truth(diagnosis: Diagnosis) -> None:
     zeros = {c.joint: c for c in list_corrections(diagnosis) if c.effect == "joint_offset"}
     truth = np.rad2deg(6e-4)

@@ -6,7 +6,7 @@ rows with everything else fixed. So they are fitted here, to all rows, around a 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,7 +17,7 @@ from compplan.diagnose.channels import block_index, position_residual
 from compplan.diagnose.evidence import Posterior, Prior, find_posterior
 from compplan.diagnose.ledger import ChannelProducts, Ledger, Products, select_rows
 from compplan.diagnose.polish import register_again
-from compplan.diagnose.search import Claim
+from compplan.diagnose.search import Claim, Search, search_models
 from compplan.diagnose.state import Fit, State, advance_state, attain_state, stands
 from compplan.errors import ConvergenceError
 from compplan.measure.campaign import Campaign
@@ -84,17 +84,23 @@ class Folds:
             result.append((int(number), replace(ledger, channels=rest)))
         return result
 
-    def hold_out(self, claims: Sequence[Claim], *, background: bool = True) -> HeldOut:
+    def hold_out(
+        self, claims: Sequence[Claim], *, background: bool = True,
+        decide: Callable[[Ledger], Sequence[Claim]] | None = None,
+    ) -> HeldOut:  # fmt: skip
         """Predict every row by the exact model that the other folds lead to.
 
         Args:
             claims: Claims of the model.
             background: Whether small errors everywhere are fitted and predicted with.
+            decide: Chooses the claims of each fold from its ledger instead: where the choice itself is in doubt, it is
+                part of what has to be judged.
         """
         fit, rows = self.fit, self.fit.search.ledger.source[0].rows
         campaign, residual = fit.problem.campaign, np.zeros((len(self.fold), 3))
         for number, ledger in self.ledgers:
-            fitted = with_claims(fit, claims, background=background, ledger=ledger)
+            own = claims if decide is None else decide(ledger)
+            fitted = with_claims(fit, own, background=background, ledger=ledger)
             state = advance_state(fitted)
             if fit.problem.register and stands(fit.problem, state):
                 state = register_again(fitted, state, fit.state.use)
@@ -105,6 +111,20 @@ class Folds:
             residual[test] = gap[test]
         return HeldOut(rows, residual[rows])
 
+
+    def decide_again(self, named: Sequence[Claim]) -> Callable[[Ledger], Sequence[Claim]]:
+        """Return what chooses the claims beside the named ones anew from part of a campaign, noise held.
+
+        Args:
+            named: Claims that are not in doubt.
+        """
+        whole, hyper = self.fit.search, self.fit.model.posterior.hyper
+
+        def decide(ledger: Ledger) -> Sequence[Claim]:
+            search = Search(ledger, whole.prior, whole.log_prior, whole.candidates, hyper)
+            return search_models(search, named, self.fit.state.most).claims
+
+        return decide
 
     def hold_out_linear(self, claims: Sequence[Claim]) -> HeldOut:
         """Predict every row to first order by claims alone; enough to rank candidates."""
