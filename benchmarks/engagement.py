@@ -18,7 +18,7 @@ from compplan.path.forces.cutter import Cutter
 from compplan.path.forces.engagement import Engagement, find_engagement
 from compplan.path.forces.stock import build_block
 
-CUBE = 0.1  # mm
+CUBE = 0.0625  # mm: depths are whole layers
 WINDOW = 8  # moves
 BLOCK = np.array([[-15.0, -15.0, -8.0], [15.0, 15.0, 0.0]])  # mm
 
@@ -84,7 +84,8 @@ def paths() -> dict[str, tuple[float, float, np.ndarray]]:
                                               (-20, -5, -2), (20, -5, -2))),
         "spiral with a rounded cutter": (4.0, 1.5, np.vstack([line((0.8, 0, 1), (0.8, 0, -2)), np.column_stack([
             (1 + turn) * np.cos(turn) * 0.8, (1 + turn) * np.sin(turn) * 0.8, np.full(200, -2.0)])])),
-        "ball on a slope": (3.0, 3.0, line((-10, -2, -1), (10, -2, -3), (10, 0, -3), (-10, 0, -1))),
+        "ball on a slope": (3.0, 3.0, line((-10, -2, 1), (-10, -2, -1), (10, -2, -3),
+                                         (10, 0, -3), (-10, 0, -1))),
     }  # fmt: skip
 
 

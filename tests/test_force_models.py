@@ -8,6 +8,7 @@ import pytest
 from compplan.cell.forces import DrivenRows, read_forces
 from compplan.errors import InputError
 from compplan.job.job import check_job, load_job, load_path
+from compplan.job.noise import describe_noise
 from compplan.path.forces.friction_stir import FrictionStirProcess, weld_torque, weld_wrench
 from compplan.path.forces.grinding import GrindingProcess, grinding_wrench
 from compplan.path.forces.sheet_forming import (
@@ -109,7 +110,9 @@ def test_what_does_not_go_together_is_refused_in_a_sentence(change, sentence, tm
 
 
 def test_the_model_brings_its_uncertainty_to_monte_carlo_unless_the_job_says_its_own(tmp_path) -> None:
-    assert make_job(tmp_path, {**MILL, "material": "c45"}).noise.wrench_level == 0.25
+    noise = make_job(tmp_path, {**MILL, "material": "c45"}).noise
+    assert noise.wrench_level == 0.25
+    assert any("wrench_level = 0.25: what the force model states" in sentence for sentence in describe_noise(noise))
     job = make_job(tmp_path, MILL)
     own = check_job({**job.model_dump(by_alias=True, exclude_unset=True), "noise": {"wrench_level": 0.05}}, job.file)
     assert own.noise.wrench_level == 0.05

@@ -52,6 +52,7 @@ COMMANDS = {
     "plan": "plan job.toml --out out",
     "compare": "compare job.toml --out out",
     "place": "place job.toml --out out",
+    "forces": "forces job.toml --out out",
     "montecarlo": "montecarlo job.toml --samples 16 --workers 1 --no-sensitivity --out out",
     "map": "map robot --points 5 --out out",
     "predict": "predict log.csv --robot robot --out out.csv",

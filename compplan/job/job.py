@@ -288,7 +288,9 @@ def check_job(data: dict[str, Any], file: str | Path = Path()) -> Job:
     job = check_table(Job, data, file=file)
     level = getattr(job.process, "uncertainty", None)
     if level is not None and "wrench_level" not in job.noise.model_fields_set:
-        job = job.model_copy(update={"noise": job.noise.model_copy(update={"wrench_level": level})})
+        noise = job.noise.model_copy(update={"wrench_level": level})
+        noise.model_fields_set.discard("wrench_level")  # the model's, not the job's
+        job = job.model_copy(update={"noise": noise})
     job._file = Path(file)
     return job
 

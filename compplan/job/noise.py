@@ -25,7 +25,7 @@ SOURCES: dict[str, str] = {
     "backlash_deg": "assumed, full width; 0.05 to 0.3 mm of lost motion at the TCP of worn arms",
     "gear_error_deg": "assumed, amplitude of one period a turn of the motor pinion",
     "gear_periods": "assumed",
-    "wrench_level": "assumed; force models of milling and forming err by 10 to 20 %",
+    "wrench_level": "what the force model states, else assumed; models of milling and forming err by 10 to 20 %",
     "wrench_direction_deg": "assumed",
     "wrench_path": "assumed; relative variation of the level along the path",
     "correlation_mm": "assumed; distance at which errors along the path forget each other",

@@ -10,7 +10,7 @@ import numpy as np
 from compplan.files.tables import Array
 
 #: Slices of the flat bottom, of a corner (per quarter turn) and of a drill's point.
-BOTTOM_SLICES, CORNER_SLICES, POINT_SLICES = 4, 7, 5
+BOTTOM_SLICES, CORNER_SLICES, POINT_SLICES = 4, 9, 5
 #: What stands this near to the cutter's side counts as taken away: a wall that was cut there is not cut twice. [m]
 TOUCHING = 1e-8
 
