@@ -18,7 +18,7 @@ from compplan.path.forces.cutter import Cutter
 from compplan.path.forces.engagement import Engagement, find_engagement
 from compplan.path.forces.stock import build_block
 
-CUBE = 0.0625  # mm: depths are whole layers
+CUBE = 0.0625  # mm: depths and widths of the straight cuts are whole cubes
 WINDOW = 8  # moves
 BLOCK = np.array([[-15.0, -15.0, -8.0], [15.0, 15.0, 0.0]])  # mm
 
@@ -76,7 +76,7 @@ def paths() -> dict[str, tuple[float, float, np.ndarray]]:
         "slot": (4.0, 0.0, line((-22, 0.03, -2), (12, 0.03, -2))),
         "half immersion, down": (4.0, 0.0, line((-22, -15.02, -3), (12, -15.02, -3))),
         "half immersion, up": (4.0, 0.0, line((-22, 15.02, -3), (12, 15.02, -3))),
-        "narrow pass": (4.0, 0.0, line((-22, -18.1, -3), (12, -18.1, -3))),
+        "narrow pass": (4.0, 0.0, line((-22, -18.0, -3), (12, -18.0, -3))),
         "ramp": (4.0, 0.0, line((-10, 0, 1), (10, 0, -4))),
         "plunge": (4.0, 0.0, line((0.04, 0.02, 1), (0.04, 0.02, -5))),
         "corner": (4.0, 0.0, line((-22, -10, -2), (8, -10, -2), (8, 10, -2))),

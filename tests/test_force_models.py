@@ -152,6 +152,17 @@ def test_a_weld_has_the_torque_of_its_faces_and_the_force_of_its_pressure() -> N
     assert weld_wrench(process, line())[3, 2] == pytest.approx(20 * np.pi * 100)
 
 
+def test_a_weld_carries_nothing_once_the_tool_is_lifted_off(tmp_path) -> None:
+    path = "x_mm,y_mm,z_mm,feed_mm_s,rapid\n0,0,9,0,1\n0,0,0,1,0\n50,0,0,5,0\n50,0,9,5,0\n"
+    weld = {"model": "friction_stir", "shoulder_diameter_mm": 20.0, "probe_diameter_mm": 8.0, "probe_length_mm": 4.0,
+            "shear_N_mm2": 30.0, "axial_N": 5000.0}  # fmt: skip
+    nominal, _ = load_path(make_job(tmp_path, weld, path))
+    height = nominal.position[:, 2] - 0.3
+    left = (nominal.arc_length > 0.0595) & (height > 1e-6)
+    assert left.any() and not nominal.wrench[left].any()
+    assert nominal.wrench[np.flatnonzero(height < 1e-9)[10], 2] == pytest.approx(5000.0)
+
+
 def test_grinding_power_is_energy_times_removal() -> None:
     process = GrindingProcess(
         model="grinding", specific_energy_J_mm3=40.0, depth_mm=0.1, width_mm=20.0, wheel_speed_m_s=30.0

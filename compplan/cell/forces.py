@@ -104,12 +104,15 @@ def _local(
         side = -1.0 if process.get("wall_side", "right") == "left" else 1.0
         push = [-process.get("drag_N", 0.0), side * process.get("lateral_N", 0.0), process["axial_N"], 0.0, 0.0, 0.0]
         return np.outer(begin + (1.0 - begin) * cut_arc / cut_arc[-1], push)
+    way = np.diff(rows.position, axis=0)
+    off = np.einsum("ni,ni->n", way, rows.axis[1:]) > 0.71 * np.linalg.norm(way, axis=1)  # lifted off the part
+    down = 1.0 - np.r_[off[:1], off]
     if model == "friction_stir":
-        return np.tile(_weld(process), (n, 1))
+        return np.outer(down, _weld(process))
     step = np.diff(rows.time)
     feed = np.divide(np.diff(arc), step, out=np.zeros(n - 1), where=step > 0)
     if model == "grinding":
-        return np.outer(np.ones(n) if "normal_N" in process else np.r_[feed[:1], feed], _grind(process))
+        return np.outer(down if "normal_N" in process else down * np.r_[feed[:1], feed], _grind(process))
     if model == "milling":
         travel = np.diff(rows.position, axis=0)
         along = np.einsum("ni,ni->n", travel, rows.axis[1:])

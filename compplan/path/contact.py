@@ -7,11 +7,15 @@ y = z x x, the left-hand side for somebody who looks down the tool axis along th
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from compplan.files.tables import Array
 from compplan.files.tomlfile import StrictTable
 from compplan.path.toolpath import Toolpath
+
+#: Share of a move that goes along the tool axis, from which on it lifts the tool off.
+STEEP = 0.71
 
 
 class ContactTable(StrictTable):
@@ -53,6 +57,14 @@ def travel_across(nominal: Toolpath) -> Array:
     travel = np.vstack([steps[:1], steps])
     travel = travel / np.maximum(np.linalg.norm(travel, axis=1, keepdims=True), 1e-300)
     return np.asarray(np.linalg.norm(np.cross(travel, nominal.axis), axis=1))
+
+
+def lifts(nominal: Toolpath) -> NDArray[np.bool_]:
+    """Tell which moves lift the tool off, more along its axis than across it. Shape (n,)."""
+    steps = np.diff(nominal.position, axis=0)
+    travel = np.vstack([steps[:1], steps])
+    rise = np.einsum("ni,ni->n", travel, nominal.axis)
+    return np.asarray(rise > STEEP * np.linalg.norm(travel, axis=1))
 
 
 def tool_axes(nominal: Toolpath, tool_x: Array | None) -> Array:

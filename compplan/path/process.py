@@ -12,7 +12,15 @@ from compplan.errors import InputError, ShapeError
 from compplan.files.columns import Column
 from compplan.files.tables import Array, read_table
 from compplan.files.tomlfile import StrictTable, Vector3
-from compplan.path.contact import ContactTable, contact_share, cutting_progress, path_axes, tool_axes, travel_across
+from compplan.path.contact import (
+    ContactTable,
+    contact_share,
+    cutting_progress,
+    lifts,
+    path_axes,
+    tool_axes,
+    travel_across,
+)
 from compplan.path.forces.cutting import CuttingForce, CuttingTable, DrillProcess, EndMillProcess
 from compplan.path.forces.friction_stir import FrictionStirProcess, describe_weld, weld_wrench
 from compplan.path.forces.grinding import GrindingProcess, describe_grinding, grinding_wrench
@@ -170,13 +178,15 @@ def _along_path(
     """Return the wrench of a model that has path axes. Shape (n, 6)."""
     if isinstance(process, IsfProcess):
         return isf_wrench(process, nominal)
+    if isinstance(process, MillingProcess):
+        return milling_wrench(process, nominal.feed * travel_across(nominal))
     if isinstance(process, IsfRegressionProcess):
-        return sheet_wrench(process, nominal)
-    if isinstance(process, FrictionStirProcess):
-        return weld_wrench(process, nominal)
-    if isinstance(process, GrindingProcess):
-        return grinding_wrench(process, nominal)
-    return milling_wrench(process, nominal.feed * travel_across(nominal))
+        wrench = sheet_wrench(process, nominal)
+    elif isinstance(process, FrictionStirProcess):
+        wrench = weld_wrench(process, nominal)
+    else:
+        wrench = grinding_wrench(process, nominal)
+    return wrench * ~lifts(nominal)[:, None]
 
 
 def describe_process(process: Process, nominal: Toolpath, cutting: CuttingForce | None = None) -> tuple[str, ...]:

@@ -98,13 +98,13 @@ def _overview(view: ForcesView) -> Section:
         scenes.append(Chart(drawn, "The path coloured by what the tool sweeps through material a length of path.",
                             height=430, linked_scenes=True))  # fmt: skip
     blocks: list[Block] = [Columns([[scene] for scene in scenes])] if len(scenes) > 1 else [*scenes]
-    return Section("Along the path", blocks, "Rapid moves are grey; turning one scene turns the other.")
+    return Section("Along the path", blocks, "Moves without contact are grey; turning one scene turns the other.")
 
 
 def _colour_path(view: ForcesView, value: Array, unit: str) -> Any:
     import plotly.graph_objects as go
 
-    points, rapid = 1e3 * view.nominal.position, view.nominal.rapid
+    points, rapid = 1e3 * view.nominal.position, value <= 0.0
     rows = thin_path(view.nominal.position, value, POINTS)
     shown = points[rows].astype(np.float32)
     figure = go.Figure()

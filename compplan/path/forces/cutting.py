@@ -26,6 +26,8 @@ FLUTES = 3.0
 LEANS = float(np.radians(0.5))
 #: Waypoints whose ripple is worked out at most; the others take that of the nearest.
 RIPPLES = 300
+#: A ripple below this is rounding. [N]
+SMOOTH = 1e-6
 #: Stock without a known shape reaches this many diameters beyond the path.
 BEYOND = 2.0
 #: Columns of a mesh, to a radius of the cutter.
@@ -220,7 +222,8 @@ class CuttingForce:
             turn = ripple_force(self.engagement, rows, self.process.resistance, spindle, per_tooth[rows])
             parts.append(ripple_amplitude(turn))
         near = np.clip(np.searchsorted(chosen, touches), 0, len(chosen) - 1)
-        ripple[touches] = np.vstack(parts)[near]
+        found = np.vstack(parts)
+        ripple[touches] = np.where(found < SMOOTH, 0.0, found)[near]
         return ripple
 
 

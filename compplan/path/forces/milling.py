@@ -29,7 +29,7 @@ ROWS = 4096
 FINE, PIECES = 8, 24
 #: The edge force stands in full where the edge moves outwards by this share of the feed, and from this feed a tooth on
 #: [m]; below it grows from nothing (assumed): a floor that is slid over, or a tool at rest, is not ploughed.
-PLOUGHS, PLOUGHING_FEED = 0.005, 2e-6
+PLOUGHS, PLOUGHING_FEED = 0.005, 1e-5
 #: Chip thickness below which no Kienzle exponent is trusted: it is held there. [mm]
 THINNEST = 1e-4
 
