@@ -148,7 +148,7 @@ def _choose_at(task: Task, stations: NDArray[np.int_]) -> tuple[Stance, NDArray[
         q=trace.q, rotation=trace.rotation, spin=trace.spin, lead=trace.lead, lean=trace.lean,
         configuration=CONFIGURATIONS[int(np.bincount(chosen.slot).argmax())], changes=_list_changes(chosen, stations),
         weights=weights, settings=settings,
-        costs=summarise_costs(task.chain, robot, task.nominal, trace, settings, task.axes),
+        costs=summarise_costs(task.chain, robot, task.nominal, trace.q, settings, task.axes),
         map=picture, missed=trace.missed,
     )  # fmt: skip
     return stance, np.flatnonzero(bad)

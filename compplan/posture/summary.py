@@ -14,7 +14,6 @@ from compplan.posture.costs import Weights, draw_errors, error_columns, measure_
 from compplan.posture.lattice import COLLISION, REASONS, SINGULAR, USABLE, Lattice, Options
 from compplan.posture.search import Line
 from compplan.posture.settings import PostureSettings
-from compplan.posture.trace import Trace
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain
 
@@ -148,19 +147,19 @@ def cut_shares(nominal: Toolpath) -> Array:
 
 
 def summarise_costs(
-    chain: Chain, robot: Robot, nominal: Toolpath, trace: Trace, settings: PostureSettings, axes: Array
+    chain: Chain, robot: Robot, nominal: Toolpath, q: Array, settings: PostureSettings, axes: Array
 ) -> dict[str, float]:
-    """Measure a stance at every waypoint by every criterion."""
-    wrench = np.zeros((len(trace.q), 6)) if nominal.wrench is None else nominal.wrench
+    """Measure joint positions q (n, nq) along a path at every waypoint by every criterion."""
+    wrench = np.zeros((len(q), 6)) if nominal.wrench is None else nominal.wrench
     nodes = measure_nodes(
-        chain, trace.q, wrench, limits=(robot.lower, robot.upper), uncertainty=settings.uncertainty, axes=axes,
+        chain, q, wrench, limits=(robot.lower, robot.upper), uncertainty=settings.uncertainty, axes=axes,
         margin=settings.limit_margin,
     )  # fmt: skip
     share = cut_shares(nominal)
-    remaining = measure_remaining(chain, trace.q, nominal, settings, axes)
+    remaining = measure_remaining(chain, q, nominal, settings, axes)
     revolute = ~robot.prismatic
-    room = np.minimum(trace.q - robot.lower, robot.upper - trace.q)[:, revolute]
-    steps = np.diff(trace.q, axis=0)
+    room = np.minimum(q - robot.lower, robot.upper - q)[:, revolute]
+    steps = np.diff(q, axis=0)
     travel = np.abs(steps[:, revolute]).sum()
     feed = np.where(nominal.rapid[1:] | (nominal.feed[1:] <= 0), np.inf, nominal.feed[1:])
     time = np.maximum(nominal.steps / feed, (np.abs(steps) / robot.velocity_limits).max(axis=1))

@@ -56,7 +56,7 @@ def draw_cell(
         scene=frame_scene(np.vstack([points, *(1e3 * shape.vertices for shape in shapes)])),
         margin={"l": 0, "r": 0, "t": 0, "b": 0},
         showlegend=kinds is not None,
-        legend={"x": 0.01, "y": 0.99, "xanchor": "left", "yanchor": "top"},
+        legend={"x": 0.01, "y": 0.01, "xanchor": "left", "yanchor": "bottom"},
     )
     return figure
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.posture.alternatives import compare_postures
 from compplan.report.page import Section
 from compplan.report.plan_page import PlanView, write_view
 from compplan.report.posture_section import list_uncertainties, show_posture
@@ -91,10 +92,23 @@ def view_plan(plan: Plan, extra: Sequence[Section] = ()) -> PlanView:
     sections = [] if plan.promise is None else [show_promise(plan.promise, view.stations, task.tolerance)]
     sections += list(extra)
     if stance is not None:
-        sections.insert(len(sections) - len(extra), show_posture(stance, view.stations, plan.clearance))
+        posture = show_posture(stance, view.stations, plan.clearance, _weigh_postures(plan))
+        sections.insert(len(sections) - len(extra), posture)
     scene = task.start.request.scene if task.start is not None and task.start.request is not None else None
     around = [] if scene is None else place_meshes(plan.robot, plan.q[view.start], scene.meshes)
     return replace(view, extra=sections, around=around)
+
+
+def _weigh_postures(plan: Plan) -> tuple[dict[str, float], dict[str, float]] | None:
+    """Measure the posture beside the plain one, with the gear error and the lost motion that the job assumes."""
+    if plan.job is None or plan.task.start is None or plan.robot.nq < 6:
+        return None
+    noise = plan.job.noise
+    gear, lost = np.radians(noise.gear_error_deg), np.radians(noise.backlash_deg)
+    return compare_postures(
+        plan.robot, plan.task.chain, plan.task.start, plan.job.tool_x_base,
+        gear=float(gear), periods=noise.gear_periods, lost=float(lost),
+    )  # fmt: skip
 
 
 def _list_bending(plan: Plan) -> dict[str, str]:

@@ -26,24 +26,29 @@ COSTS = {
     "limit_distance_deg": ("least distance from a joint limit", "deg"),
     "dexterity_min": ("least dexterity (inverse condition number)", ""),
     "joint_travel_deg": ("joint travel in all", "deg"),
+    "travel_error_rms_mm": ("gear error and lost motion of the joints that travel (assumed), rms", "mm"),
     "time_s": ("time at the programmed feed", "s"),
 }
 
 
-def show_posture(stance: Stance, stations: Stations, clearance: ClearanceProfile | None = None) -> Section:
+def show_posture(
+    stance: Stance, stations: Stations, clearance: ClearanceProfile | None = None,
+    both: tuple[dict[str, float], dict[str, float]] | None = None,
+) -> Section:  # fmt: skip
     """Show how the posture was chosen.
 
     Args:
         stance: The posture along the path.
         stations: Where the waypoints are.
         clearance: Clearance along the path, where it was asked for.
+        both: Costs of the posture and of the plain one (one configuration, the tool's x as the job has it), or None.
     """
     figure = draw_posture_map(stance.map)
     caption = (
         "Colour: the deviation expected to remain after compensation, under the assumed errors of wrench and "
         "compliance. Line: the rotation chosen. Dots: near a singularity."
     )
-    blocks: list[Block] = [Chart(figure, caption, 420), _list_costs(stance)]
+    blocks: list[Block] = [Chart(figure, caption, 420), _list_costs(stance, both)]
     if clearance is not None:
         blocks.append(draw_clearance(stations, clearance))
     lede = f"Rotation about the tool axis against path length, preset {stance.settings.preset!r}."
@@ -126,18 +131,38 @@ def _field(values: Array, length: Array, spin: Array, scale: list[list[Any]], na
     )  # fmt: skip
 
 
-def _list_costs(stance: Stance) -> PageTable:
+def _list_costs(stance: Stance, both: tuple[dict[str, float], dict[str, float]] | None) -> PageTable:
     rows: list[list[TableCell | str | float | int | None]] = []
-    for key, value in stance.costs.items():
+    chosen, plain = both or (stance.costs, {})
+    for key, value in chosen.items():
         words, unit = COSTS.get(key, (key.replace("_", " "), ""))
-        rows.append([words, f"{format_number(value)}\u00a0{unit}".rstrip()])
+        other = [f"{format_number(plain[key])}\u00a0{unit}".rstrip()] if plain else []
+        rows.append([words, f"{format_number(value)}\u00a0{unit}".rstrip(), *other])
     spin = np.degrees(stance.spin)
     reach = f"{format_number(float(spin.min()))} to {format_number(float(spin.max()))}\u00a0deg"
-    rows.append(["rotation about the tool axis", reach])
+    rows.append(["rotation about the tool axis", reach, *(["none"] if plain else [])])
     if stance.changes:
         told = "; ".join(f"waypoint {waypoint}: {before} to {after}" for waypoint, before, after in stance.changes)
-        rows.append(["configuration changes", told])
-    return PageTable([Column("what the posture costs"), Column("")], rows)
+        rows.append(["configuration changes", told, *(["none"] if plain else [])])
+    if not plain:
+        return PageTable([Column("what the posture costs"), Column("")], rows)
+    columns = [Column("what the posture costs"), Column("chosen"), Column("tool's x as the job has it")]
+    return PageTable(columns, rows, _weigh(chosen, plain))
+
+
+def _weigh(chosen: dict[str, float], plain: dict[str, float]) -> str:
+    """Set what the choice gains in accuracy against what it travels."""
+    gain = [plain[key] - chosen[key] for key in ("sensitivity_rms_mm", "travel_error_rms_mm")]
+    travel, before = chosen["joint_travel_deg"], plain["joint_travel_deg"]
+    words = "gains" if gain[0] >= 0 else "loses"
+    text = (
+        f"Accuracy against joint travel: the choice {words} {format_length(1e-3 * abs(gain[0]))} of what remains after "
+        f"compensation, and travels {format_number(travel)} deg where the plain posture travels {format_number(before)}"
+    )
+    if abs(gain[1]) > 1e-5:
+        side = "less" if gain[1] > 0 else "more"
+        text += f"; gears and lost motion (assumed figures of the job) do {format_length(1e-3 * abs(gain[1]))} {side}"
+    return f"{text}."
 
 
 def list_uncertainties(stance: Stance) -> str:
