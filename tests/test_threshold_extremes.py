@@ -88,7 +88,11 @@ ROWS: dict[str, dict[str, Row]] = {
         "SETTLED": ("conventions", 1e-12, 0.1),
         "ZEROS": ("conventions", (), (1.0, 2.0)),
     },
-    "delivery": {"WORTH_IT": ("update", -9.0, 0.99), "WORTH_MORE": ("update", -9.0, 0.99)},
+    "delivery": {
+        "WORTH_IT": ("update", -9.0, 0.99),
+        "WORTH_MORE": ("update", -9.0, 0.99),
+        "MANY_STAYS": ("update", 0, None, "the log has fewer"),
+    },
     "descent": {"STEPS": ("state", (1.0,), (3.0, 1.5)), "FAR_OFF": ("state", 0.01, 1e4)},
     "doubt": {
         "SMALL": ("doubt", -4.0, 5.0),
