@@ -8,13 +8,14 @@ until the band holds those poses.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnose.background import in_background
 from compplan.diagnose.channels import block_index
+from compplan.diagnose.evidence import TAU_SCALE
 from compplan.diagnose.held_out import HeldOut, with_claims
 from compplan.diagnose.offers import REGISTRATION
 from compplan.diagnose.search import Claim
@@ -53,7 +54,7 @@ def state_uncertainty(
         held: What the delivered model leaves on poses that it never saw.
         good: Rows that are no outliers. Shape (n,).
     """
-    fitted = with_claims(fit, claims, background=True)
+    fitted = with_claims(_with_usual_classes(fit), claims, background=True)
     known = _collect(fitted, claims, state)
     campaign, channel = fit.problem.campaign, fit.search.ledger.source[0]
     noise = channel.sigma[:, 0] ** 2 + channel.noise.stay**2
@@ -84,6 +85,17 @@ def state_uncertainty(
         calibration=factor,
         groups=groups,
     )
+
+
+def _with_usual_classes(fit: Fit) -> Fit:
+    """Let no class of the background be smaller than usual: that a few poses did not show it does not make it nothing.
+
+    Where many poses tell a parameter, its prior hardly counts; where few do, it is what is left of the parameter.
+    """
+    posterior = fit.model.posterior
+    hyper = posterior.hyper
+    usual = replace(hyper, log_tau=np.maximum(hyper.log_tau, np.log(TAU_SCALE)))
+    return replace(fit, model=replace(fit.model, posterior=replace(posterior, hyper=usual)))
 
 
 def _collect(fitted: Fit, claims: list[Claim], state: State) -> _Known:

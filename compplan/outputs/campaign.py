@@ -9,7 +9,7 @@ import numpy as np
 
 from compplan.files.columns import to_unit
 from compplan.files.origin import describe_origin
-from compplan.files.tables import write_json, write_table
+from compplan.files.tables import write_json, write_table, write_text
 from compplan.files.transaction import list_files, replace_folder
 from compplan.loop.campaign import MANY, PoseCampaign
 from compplan.path.toolpath import WRENCH_HEADERS
@@ -37,16 +37,28 @@ def write_campaign(campaign: PoseCampaign, folder: Path) -> dict[str, Any]:
 
 
 def write_log(campaign: PoseCampaign, file: Path) -> None:
-    """Write the empty log: one row a pose in the order of measuring; x_mm y_mm z_mm are to be filled in."""
+    """Write the empty log, two rows a pose: where its approach begins, which stays empty, and the pose to measure.
+
+    The first of them tells later readers from which side the joints came.
+    """
     poses, n = campaign.poses, len(campaign.poses)
-    columns: dict[str, object] = {"run": np.array(["static1"] * n)}
+    q = np.stack([campaign.approach_start, poses.q], axis=1).reshape(2 * n, -1)
+    columns: dict[str, object] = {"run": np.array(["static1"] * 2 * n)}
     for k, slides in enumerate(campaign.plan.robot.prismatic, 1):
         header = f"q{k}_mm" if slides else f"q{k}_deg"
-        columns[header] = to_unit(poses.q[:, k - 1], header)
-    columns |= {header: poses.wrench[:, k] for k, header in enumerate(WRENCH_HEADERS)}
-    columns |= {f"{axis}_mm": np.full(n, np.nan) for axis in "xyz"}
-    columns["sigma_mm"] = np.full(n, campaign.shop.sigma * 1e3)
+        columns[header] = to_unit(q[:, k - 1], header)
+    columns |= {header: np.repeat(poses.wrench[:, k], 2) for k, header in enumerate(WRENCH_HEADERS)}
+    columns |= {f"{axis}_mm": np.full(2 * n, np.nan) for axis in "xyz"}
+    columns["sigma_mm"] = np.full(2 * n, campaign.shop.sigma * 1e3)
     write_table(file, columns, decimals=7)
+    head, *rows = file.read_text(encoding="utf-8").splitlines()
+    lines = [head]
+    for k in range(n):
+        load = f"{poses.weight[k]:g} kg" if poses.weight[k] else "no weight"
+        pull = f", pull {', '.join(f'{v:g}' for v in poses.pull[k])} N" if poses.pull[k].any() else ""
+        lines += [f"# pose {k + 1}: {load}{pull}; approach from the next row (leave x y z empty), then measure"]
+        lines += rows[2 * k : 2 * k + 2]
+    write_text(file, "\n".join(lines) + "\n")
 
 
 def write_moves(campaign: PoseCampaign, folder: Path) -> list[Path]:

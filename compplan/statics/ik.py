@@ -219,7 +219,10 @@ def _closed_form(axes: Array, origins: Array, tip: Array) -> Any:
     from eaik.IK_HP import HPRobot
 
     offsets = np.vstack([origins[:1], np.diff(origins, axis=0), (tip - origins[-1])[None]])
-    solver = HPRobot(axes, offsets)
+    try:
+        solver = HPRobot(axes, offsets)
+    except RuntimeError:  # axes that are neither parallel nor apart: an arm whose calibrated axes miss its tolerances
+        return None
     return solver if solver.hasKnownDecomposition() else None
 
 
