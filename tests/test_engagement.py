@@ -40,6 +40,12 @@ def test_a_side_cut_enters_where_the_wall_stands(y: float, arc: tuple[float, flo
     assert found.axial[-1] == pytest.approx(3e-3, rel=1e-6)
 
 
+def test_a_tool_that_rests_is_engaged_as_it_came() -> None:
+    path = straight((-60, 0.3, -2), (0, 0.3, -2))
+    found = engage(FLAT, np.vstack([path, path[-1:]]))
+    assert (found.depth[-1] == found.depth[-2]).all() and found.touches[-1]
+
+
 def test_a_plunge_is_engaged_on_the_whole_floor_and_nowhere_else() -> None:
     found = engage(FLAT, straight((1, 2, 1), (1, 2, -4), 0.5))
     assert found.section[-1] == pytest.approx(np.pi * 25e-6, rel=1e-6)

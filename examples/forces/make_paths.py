@@ -24,11 +24,11 @@ def make_pocket() -> None:
         rows += [(34.0, 6.0, level, 15.0, 0), (6.0, 6.0, level, 25.0, 0)]
         for number, y in enumerate(np.arange(6.0, 34.1, 4.0)):
             ends = (6.0, 54.0) if number % 2 == 0 else (54.0, 6.0)
-            rows += [(ends[0], y, level, 25.0, 0), (ends[1], y, level, 25.0, 0)]
+            rows += [(x, y, level, 25.0, 0) for x in (ends if number else ends[1:])]
         rows += [(x, y, level, 25.0, 0) for x, y in ((5, 35), (5, 5), (55, 5), (55, 35), (5, 35))]
         rows += [(5.0, 35.0, level + 5.0, 25.0, 0), (5.0, 35.0, 5.0, 0.0, 1)]
         rows += [(6.0, 6.0, 5.0, 0.0, 1), (6.0, 6.0, level + 0.5, 0.0, 1)] if level == -3.0 else []
-    write("pocket.csv", [*rows, (5.0, 35.0, 20.0, 0.0, 1)])
+    write("pocket.csv", [*rows[:-1], (5.0, 35.0, 20.0, 0.0, 1)])
 
 
 def dome(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -158,6 +158,8 @@ def find_engagement(
     start = np.vstack([position[:1], position[:-1]])
     step = position - start
     step[0] = step[1] if n > 1 else [1.0, 0.0, 0.0]
+    moves = np.linalg.norm(step, axis=1) > 0.0
+    step = step[_last_true(moves)]  # a tool that rests is engaged as it came
     size = np.linalg.norm(step, axis=1)
     travel, side = _split_travel(step, size)
     bounds = stock.bounds()[:, :2]
@@ -170,7 +172,7 @@ def find_engagement(
         return Engagement(cutter, depth, travel, position[:, 2] - position[:, 2].min()), inside
     wake = build_wake(cutter, start, position, area)
     look = _Look(cutter, wake, stock, position, start, travel, side, _straight_from(step, size))
-    removing = cutting & (size > 0.0)
+    removing = cutting & moves
     removing[0] = False
     for first in range(0, n, CHUNK):
         rows = np.arange(first, min(first + CHUNK, n))
@@ -186,11 +188,17 @@ def _split_travel(step: Array, size: Array) -> tuple[Array, Array]:
     across = np.linalg.norm(step[:, :2], axis=1)
     unit = np.maximum(size, 1e-300)
     travel = np.column_stack([across / unit, step[:, 2] / unit])
-    clear = np.flatnonzero(across > 1e-6 * unit)
-    if not len(clear):
+    clear = across > 1e-6 * unit
+    if not clear.any():
         return travel, np.tile([1.0, 0.0], (len(step), 1))
-    last = clear[np.maximum(np.searchsorted(clear, np.arange(len(step)), side="right") - 1, 0)]
+    last = _last_true(clear)
     return travel, step[last, :2] / across[last, None]
+
+
+def _last_true(flags: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Return of every row the last one up to it whose flag is set, the first set one before that. Shape (n,)."""
+    rows = np.flatnonzero(flags) if flags.any() else np.zeros(1, dtype=int)
+    return np.asarray(rows[np.maximum(np.searchsorted(rows, np.arange(len(flags)), side="right") - 1, 0)])
 
 
 @dataclass(frozen=True)
