@@ -178,30 +178,36 @@ def find_posterior(
         steps: Most steps of the fit.
         shared: Whether rows of a stay may share an error.
     """
-    active = prior.active
-    reduced = [channel.take(active) for channel in ledger.channels]
-    if fit:
-        bounds = (
-            [(LEAST_NOISE, _most_noise(ch)) for ch in reduced]
-            + [SHARED_RANGE if shared else (SHARED_RANGE[0], SHARED_RANGE[0])] * len(reduced)
-            + [LOOSE_RANGE if loose else TAU_RANGE for loose in _loose(prior, hyper)]
-        )
-        # the optimizer's tolerance is relative: evidence counts from where it starts; steps in units of likely errors
-        start = _negative(reduced, prior, hyper)[0]
-        others = len(hyper.vector) - len(reduced)
-        unit = np.array([np.sqrt(2.0 / ch.total.count) for ch in reduced] + [LIKELY] * others)
+    reduced = [channel.take(prior.active) for channel in ledger.channels]
+    if not fit:
+        done = _solve(reduced, prior, hyper)
+        return Posterior(done.value, prior.active, done.mean, done.covariance, hyper)
+    bounds = (
+        [(LEAST_NOISE, _most_noise(ch)) for ch in reduced]
+        + [SHARED_RANGE if shared else (SHARED_RANGE[0], SHARED_RANGE[0])] * len(reduced)
+        + [LOOSE_RANGE if loose else TAU_RANGE for loose in _loose(prior, hyper)]
+    )
+    # the optimizer's tolerance is relative: evidence counts from where it starts; steps in units of likely errors
+    others = len(hyper.vector) - len(reduced)
+    unit = np.array([np.sqrt(2.0 / ch.total.count) for ch in reduced] + [LIKELY] * others)
+    started: list[float] = []
+    latest: dict[bytes, _Solved] = {}
 
-        def cost(vector: Array) -> tuple[float, Array]:
-            value, gradient = _negative(reduced, prior, hyper.with_vector(vector * unit))
-            return value - start, gradient * unit
+    def cost(vector: Array) -> tuple[float, Array]:
+        here = hyper.with_vector(vector * unit)
+        done = _solve(reduced, prior, here)
+        latest.clear()
+        latest[vector.tobytes()] = done
+        started.append(done.value)
+        return started[0] - done.value, -_slope(reduced, prior, here, done) * unit
 
-        limits = [(low / u, high / u) for (low, high), u in zip(bounds, unit, strict=True)]
-        options = {"maxiter": steps, "ftol": SETTLED}
-        first = np.clip(hyper.vector / unit, *np.array(limits).T)
-        found = minimize(cost, first, jac=True, method="L-BFGS-B", bounds=limits, options=options)
-        hyper = hyper.with_vector(found.x * unit)
-    value, mean, covariance, _ = _solve(reduced, prior, hyper)
-    return Posterior(value, active, mean, covariance, hyper)
+    limits = [(low / u, high / u) for (low, high), u in zip(bounds, unit, strict=True)]
+    options = {"maxiter": steps, "ftol": SETTLED}
+    first = np.clip(hyper.vector / unit, *np.array(limits).T)
+    found = minimize(cost, first, jac=True, method="L-BFGS-B", bounds=limits, options=options)
+    hyper = hyper.with_vector(found.x * unit)
+    done = latest.get(found.x.tobytes()) or _solve(reduced, prior, hyper)
+    return Posterior(done.value, prior.active, done.mean, done.covariance, hyper)
 
 
 def _most_noise(channel: ChannelProducts) -> float:
@@ -209,9 +215,9 @@ def _most_noise(channel: ChannelProducts) -> float:
     return float(np.clip(np.log(max(channel.total.square, 1e-300) / channel.total.count) + 1.0, *MOST_NOISE))
 
 
-def _negative(channels: list[ChannelProducts], prior: Prior, hyper: Hyper) -> tuple[float, Array]:
-    value, mean, covariance, (gram, against) = _solve(channels, prior, hyper)
-    active = prior.active
+def _slope(channels: list[ChannelProducts], prior: Prior, hyper: Hyper, done: _Solved) -> Array:
+    """Return the derivative of the log evidence with respect to noise and background."""
+    active, mean, covariance = prior.active, done.mean, done.covariance
     gradient_noise, gradient_shared = [], []
     for channel, log_noise, log_shared in zip(channels, hyper.log_noise, hyper.log_shared, strict=True):
         noise, shared = np.exp(log_noise), np.exp(2 * log_shared)
@@ -224,7 +230,7 @@ def _negative(channels: list[ChannelProducts], prior: Prior, hyper: Hyper) -> tu
             for n in by_size
         )
         gradient_shared.append(0.5 * slope * 2 * shared)
-    residual = against - gram @ mean
+    residual = done.against - done.gram @ mean
     # G - G S G = 1/D - S/D^2 on the diagonal, where S = (1/D + G)^-1
     own = np.maximum(prior.variance(hyper.log_tau)[active], 1e-300)
     slope_d = 0.5 * (residual**2 - (1.0 - np.diag(covariance) / own) / own)
@@ -234,14 +240,13 @@ def _negative(channels: list[ChannelProducts], prior: Prior, hyper: Hyper) -> tu
     )
     gradient_tau = np.array([np.sum((slope_d * variance * 2)[classes == k]) for k in range(len(hyper.log_tau))])
     _, hyper_gradient = _hyperprior(channels, hyper, _loose(prior, hyper))
-    gradient = np.concatenate([gradient_noise, gradient_shared, gradient_tau]) + hyper_gradient
-    return -value, -gradient
+    return np.concatenate([gradient_noise, gradient_shared, gradient_tau]) + hyper_gradient
 
 
 def _expected_square(products: Products, mean: Array, covariance: Array) -> float:
     gram, against = products.gram, products.against
     fitted = products.square - 2 * mean @ against + mean @ gram @ mean
-    return float(fitted + np.sum(covariance * gram))
+    return float(fitted + np.vdot(covariance, gram))
 
 
 def combine_channels(channels: Sequence[ChannelProducts], hyper: Hyper) -> tuple[Array, Array, float, float]:
@@ -263,20 +268,35 @@ def combine_channels(channels: Sequence[ChannelProducts], hyper: Hyper) -> tuple
     return gram, against, square, float(log_det)
 
 
-def _solve(
-    channels: list[ChannelProducts], prior: Prior, hyper: Hyper
-) -> tuple[float, Array, Array, tuple[Array, Array]]:
-    """Return log evidence, mean, covariance, and whitened products of the active columns."""
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """Log evidence, mean and covariance of the active columns, and their products in units of the fitted noise."""
+
+    value: float
+    mean: Array
+    covariance: Array
+    gram: Array
+    against: Array
+
+
+def _solve(channels: list[ChannelProducts], prior: Prior, hyper: Hyper) -> _Solved:
+    """Solve for the active columns at one noise and background."""
     gram, against, square, log_det = combine_channels(channels, hyper)
     root = np.sqrt(prior.variance(hyper.log_tau)[prior.active])
-    inner = np.eye(len(root)) + root[:, None] * gram * root
+    inner = root[:, None] * gram
+    inner *= root
+    inner[np.diag_indices_from(inner)] += 1.0
     factor = _factor(inner)
-    lower = np.tril(dpotri(factor[0], lower=1)[0]) if len(root) else inner
-    covariance = root[:, None] * (lower + np.tril(lower, -1).T) * root
+    covariance = inner
+    if len(root):
+        lower = dpotri(factor[0], lower=1)[0]
+        covariance = np.where(np.tri(len(root), dtype=bool), lower, lower.T)
+    covariance = root[:, None] * covariance
+    covariance *= root
     mean = covariance @ against
     log_det += 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
     value = -0.5 * (log_det + square - float(against @ mean)) + _hyperprior(channels, hyper, _loose(prior, hyper))[0]
-    return value, mean, covariance, (gram, against)
+    return _Solved(value, mean, covariance, gram, against)
 
 
 def _factor(inner: Array) -> tuple[Array, bool]:
