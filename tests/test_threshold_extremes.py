@@ -329,8 +329,8 @@ ROWS: dict[str, dict[str, Row]] = {
         "UNSEEN": ("verdict", 0.0, 1e6),
         "FAR_ZERO": ("verdict", 1e-4, 10.0),
         "SPOKEN_OF": ("verdict", 1e-4, 1e3),
-        "FAR_LEFT": ("verdict", 1e-3, 1e3),
-        "ROBUST_PASSES": ("verdict", 0, 30),
+        "FAR_LEFT": ("apart", 1e-3, 1e3),
+        "ROBUST_PASSES": ("apart", 0, 30),
         "MOST_MARGIN": ("verdict", 0.1, None, FAR),
         "STEPS": ("verdict", 1, 100),
         "LEFT_TO_NOISE": ("verdict", None, 1.0, FAR),
@@ -338,7 +338,7 @@ ROWS: dict[str, dict[str, Row]] = {
 }  # fmt: skip
 #: Probes that take seconds.
 SLOW = {
-    "convincing", "convention_named", "diagnosis", "doubt", "fit", "next", "search", "short", "told", "update",
+    "apart", "convincing", "convention_named", "diagnosis", "doubt", "fit", "next", "search", "short", "told", "update",
     "verdict", "whole_search",
 }  # fmt: skip
 

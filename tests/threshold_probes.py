@@ -457,6 +457,15 @@ def ask_bare(bench: Bench) -> Any:
     return [model.claims, model.score]
 
 
+def ask_apart(bench: Bench) -> Any:
+    """What claims stand out of where one row is far off."""
+    found, ledger = bench.doubt, bench.doubt.search.ledger
+    observed = ledger.observed[0].copy()
+    observed[0] += 30.0
+    spoilt = replace(found.search, ledger=replace(ledger, observed=(observed, *ledger.observed[1:])))
+    return [verdict.stand_out(replace(found, search=spoilt), claim) for claim in found.model.claims]
+
+
 def ask_verdict(bench: Bench) -> Any:
     """The verdict of the fit, of one whose effects are small, and of one that leaves much."""
     own, found = bench.small_fit, bench.doubt
