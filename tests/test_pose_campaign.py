@@ -10,10 +10,12 @@ import pytest
 from commandline import run_command
 
 from compplan.cell.predict import predict_campaign
+from compplan.effects import Effect, fold_effects
 from compplan.loop.candidates import find_postures, list_candidates
 from compplan.loop.design import Design, choose_measurements, learn_rows, measure_gains, random_choice, update_known
 from compplan.loop.order import order_poses
 from compplan.measure.campaign import Campaign
+from compplan.measure.reading import read_campaign
 from compplan.promise.band import linearise_path
 from compplan.promise.slopes import ForceSpread, stage_path
 from compplan.promise.vary import draw_robots
@@ -114,6 +116,10 @@ def test_the_log_that_is_filled_in_narrows_the_promise(small_job, tmp_path, monk
     assert len(lines) == 1 + 3 * 7
     (drawn,) = draw_robots(robot, 1, 5)
     fill(out / "campaign.csv", tmp_path / "log.csv", drawn.robot)
+    log = read_campaign(tmp_path / "log.csv", robot)
+    assert log.usable.tolist() == [False, True] * 7
+    # the run-up rows tell from which side all joints came
+    assert (np.abs(log.approach[1::2].sum(axis=1)) == 6).all()
     answer = run_command([*words, tmp_path / "next", "--log", tmp_path / "log.csv"], monkeypatch, capsys)
     assert answer.status == 0
     second = json.loads((tmp_path / "next" / "campaign.json").read_text(encoding="utf-8"))
@@ -144,3 +150,18 @@ def test_a_campaign_is_refused_in_one_line(small_job, tmp_path, monkeypatch, cap
         assert answer.err.count("\n") == 1
         assert words in answer.err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_a_log_with_unmeasured_run_up_rows_is_diagnosed(small_job, tmp_path, monkeypatch, capsys) -> None:
+    out = tmp_path / "poses"
+    words = ["campaign", small_job, "--poses", "12", "--weights-kg", "0,60", "--pull-N", "400", "--out", out]
+    assert run_command(words, monkeypatch, capsys).status == 0
+    robot = load_robot("kuka_kr270")
+    stiff = Effect("joint_stiffness", "joint_2", None, {"compliance_change_rad_per_Nm": 2e-7})
+    fill(out / "campaign.csv", tmp_path / "log.csv", fold_effects(robot, [stiff]))
+    words = ["diagnose", tmp_path / "log.csv", "--robot", "kuka_kr270", "--out", tmp_path / "diagnosed", "--assume-ok"]
+    assert run_command(words, monkeypatch, capsys).status == 0
+    known = load_robot(tmp_path / "diagnosed" / "robot").uncertainty
+    assert known is not None
+    assert known.grade == "measured"

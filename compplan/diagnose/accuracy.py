@@ -167,13 +167,15 @@ def draw_learning(diagnosis: Diagnosis) -> Learning | None:
     campaign = diagnosis.fit.problem.campaign
     _, pose = np.unique(campaign.pose, return_inverse=True)
     label = np.where(campaign.on_path, pose.max(initial=0) + 1 + block_index(campaign), pose.reshape(-1))
-    _, group = np.unique(label, return_inverse=True)
-    groups = int(group.max(initial=0)) + 1
+    # rows that were not measured tell the side of approach and nothing else
+    usable, group = campaign.usable, np.full(len(label), -1)
+    group[usable] = np.unique(label[usable], return_inverse=True)[1].reshape(-1)
+    groups = int(group.max(initial=-1)) + 1
     if delivery.fitted is None or groups < FEWEST_GROUPS:
         return None
     rng = np.random.default_rng(SEED)
     parts = min(groups, PARTS)
-    part = (rng.permutation(groups) % parts)[group]
+    part = np.where(usable, (rng.permutation(groups) % parts)[group], -1)
     products = [_multiply_part(delivery.fitted, part == k) for k in range(parts)]
     frames = _frames(delivery.fitted)
     poses, errors = [], []
