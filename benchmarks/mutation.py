@@ -30,6 +30,19 @@ WORDS = [r"raise ", r"Error\(", r"message", r'f"', r"^\s*\"", r"^\s*'", "'''", '
 #: What mutmut's exit codes mean for a mutant: seen by the tests, or not.
 KILLED, SURVIVED, UNTESTED = {1, 3, 36, 24, -24, 152, 255, -9, -11}, {0}, {5, 33}
 
+#: A mutant runs in a fork of a process that has run the tests already: what they keep in functools caches is forgotten,
+#: or a mistake in what made it would pass unseen.
+FORGET = """
+import sys
+
+def pytest_sessionstart(session):
+    for module in list(sys.modules.values()):
+        if "/mutants/" in (getattr(module, "__file__", None) or ""):
+            for value in list(vars(module).values()):
+                if hasattr(value, "cache_clear"):
+                    value.cache_clear()
+"""
+
 
 @dataclass(frozen=True)
 class Room:
@@ -70,7 +83,18 @@ ROOMS = {
         ("plan/strategies/*", "plan/nlp.py", "plan/path_problem.py"),
         ("strategies", "strategies_online", "nlp", "plan", "compare", "evaluate"),
     ),
-    "programs": Room(("program/*",), ("golden_programs", "post_programs", "controller", "program_text")),
+    "programs": Room(
+        ("program/*",),
+        (
+            "golden_programs",
+            "post_programs",
+            "controller",
+            "program_text",
+            "program_events",
+            "program_lines",
+            "program_notes",
+        ),
+    ),
     "timing": Room(("plan/timing.py", "plan/feed.py"), ("timing", "feed", "plan")),
     "process": Room(("path/process.py",), ("process", "plan")),
     "diagnose": Room(
@@ -88,6 +112,7 @@ def prepare_tree(folder: Path, room: Room) -> None:
             shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
         elif source.is_file():
             shutil.copy(source, folder / name)
+    (folder / "tests" / "conftest.py").write_text(FORGET)
     settings = {
         "source_paths": ["compplan"],
         "only_mutate": [f"compplan/{pattern}" for pattern in room.code],

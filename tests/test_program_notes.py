@@ -13,7 +13,8 @@ from golden_cell import write_job
 from program_readers import read_krl
 from test_golden_programs import make_program
 
-from compplan.errors import InputError
+from compplan.errors import InputError, ShapeError
+from compplan.path.events import Event
 from compplan.program import Program, build_program, check_brand, describe_program, write_program
 from compplan.robot import load_robot
 
@@ -134,3 +135,33 @@ def test_a_wrist_that_stretches_out_swings_over_whatever_the_folder_says(tmp_pat
     assert re.findall(r"^  (?:# the configuration changes|move[jl])", text, re.M) == [
         "  movel", "  movel", "  # the configuration changes", "  movej", "  movel",
     ]  # fmt: skip
+
+
+def test_a_robot_on_a_rail_gets_no_urscript(tmp_path: Path) -> None:
+    program = replace(make_program(tmp_path / "cell", "krl"), controller="")
+    assert program.prismatic.any()
+    with pytest.raises(InputError, match="URScript"):
+        write_program(program, "urscript", tmp_path / "out")
+
+
+@pytest.mark.parametrize("name", ["feed", "rapid", "time", "tcp", "status"])
+def test_arrays_that_do_not_belong_together_are_no_program(name: str, tmp_path: Path) -> None:
+    program = make_program(tmp_path / "cell", "krl")
+    array = getattr(program, name)
+    with pytest.raises(ShapeError, match=f"program {name} has shape"):
+        replace(program, **{name: np.concatenate([array, array[:1]])})
+
+
+def test_a_table_says_that_it_holds_no_events_where_there_are_some_and_comments_are_none(tmp_path: Path) -> None:
+    program = make_program(tmp_path / "cell", "krl")
+    said = "are not in this table"
+    assert not any(said in note for note in describe_program(program, "csv"))
+    comments = replace(program, events=(Event(0, "comment", 0.0, "roughing"),))
+    assert not any(said in note for note in describe_program(comments, "csv"))
+    assert any(said in note for note in describe_program(replace(program, events=(Event(0, "coolant"),)), "csv"))
+
+
+def test_the_moves_that_do_not_hold_their_feed_are_counted(tmp_path: Path) -> None:
+    program = make_program(tmp_path / "cell", "krl")
+    slow = replace(program, rates=np.full(program.joints.shape[1], 1e5))
+    assert any("1 of 2 do not hold their feed" in note for note in describe_program(slow, "krl"))

@@ -130,3 +130,15 @@ def test_names_stay_short_where_a_program_has_a_hundred_parts(language: str, tmp
     assert max(len(file.stem) for file in files) <= LONGEST[language]
     procedures = [name for file in files for name in re.findall(r"PROC (\w+)", file.read_text())]
     assert max(map(len, procedures), default=0) <= 32
+
+
+def test_a_urscript_program_is_never_called_by_a_word_of_the_language(tmp_path: Path) -> None:
+    program = replace(make_program(tmp_path / "cell", "urscript"), name="while")
+    assert {file.stem for file in write_program(program, "urscript", tmp_path)} == {"while_p", "while_p_L"}
+
+
+def test_fanuc_programs_end_their_lines_as_the_controller_reads_them(tmp_path: Path) -> None:
+    program = make_program(tmp_path / "cell", "fanuc_ls")
+    for file in write_program(program, "fanuc_ls", tmp_path):
+        content = file.read_bytes()
+        assert content.count(b"\n") == content.count(b"\r\n") > 10

@@ -8,7 +8,7 @@ from montecarlo_cases import cone_study
 
 from compplan.effects import Effect
 from compplan.errors import InputError, UnknownNameError
-from compplan.job.names import ONLINE
+from compplan.job.names import ONLINE, STRATEGIES
 from compplan.plan.closed_loop import TimeCell, run_in_time
 from compplan.plan.correction_loop import Loop, Plant, largest_pole, run_loop
 from compplan.plan.strategies.online import prepare_answers
@@ -42,6 +42,15 @@ def workspace_postures(robot, rng: np.random.Generator) -> Array:  # type: ignor
     tip = frames.tcp_position
     free = (tip[:, 2] > 0.2) & (np.hypot(tip[:, 0], tip[:, 1]) > 1.0)
     return q[free & (np.linalg.cond(joint_jacobian(chain, frames)) < 60)][:300]
+
+
+def test_every_strategy_says_who_it_is_and_what_it_knows_measures_and_commands() -> None:
+    answers = prepare_answers(cone_study().task)
+    assert list(answers) == [*STRATEGIES, *ONLINE]
+    for name, answer in answers.items():
+        assert answer.name == name
+        assert all(len(text.split()) >= 1 for text in (answer.knows, answer.commands)), name
+        assert (answer.measures == "nothing") == (name in STRATEGIES), name
 
 
 def test_the_literal_pid_is_unstable_and_the_others_are_not() -> None:
