@@ -4,7 +4,7 @@
 
 A shop hides three effects, every third shop one that is in no vocabulary. It cuts the nominal plan; measures twelve
 poses that `compplan campaign` designs; has them diagnosed; cuts the new plan; learns from that part; cuts again;
-learns; cuts. The table gives the true rms deviation of every round beside the promise made for it. A noise floor is
+learns; cuts. The table gives the true rms deviation across the path of every round beside the promise made for it. A noise floor is
 sqrt(3) times the instrument's and the robot's standard deviation per axis.
 """
 
@@ -31,7 +31,7 @@ ROOT = Path(__file__).parents[1]
 #: Instrument and robot per axis, and of a point measured on a part. [m]
 TRACKER, REPEATABILITY, PROBE = 2e-5, 1.5e-5, 1e-5
 FLOOR = float(np.sqrt(3.0) * np.hypot(TRACKER, REPEATABILITY))
-POSES = 12
+POSES, RADIUS = 12, 0.12
 WEIGHTS, PULL = "0,60", 400.0
 LOAD = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 
@@ -143,7 +143,8 @@ def run_shop(seed: int, robot: str, waypoints: int, work: Path) -> tuple[Shop, l
     """Run one shop; return it, the true rms of every round and the promises. [m]"""
     shop = draw_shop(ROOT / "robots" / robot, seed)
     text = (ROOT / "paths" / "circle_10mm.toml").read_text(encoding="utf-8")
-    text = text.replace("waypoints = 500", f"waypoints = {waypoints}").replace("radius_mm = 10.0", "radius_mm = 120.0")
+    text = text.replace("waypoints = 500", f"waypoints = {waypoints}")
+    text = text.replace("radius_mm = 10.0", f"radius_mm = {1e3 * RADIUS:g}")
     place = np.array([1.7, 0.0, 0.9])
     folder: object = robot
     true, promised = [], []
@@ -153,37 +154,30 @@ def run_shop(seed: int, robot: str, waypoints: int, work: Path) -> tuple[Shop, l
         job.write_text(text.replace('robot = "kuka_kr270"', f'robot = "{folder}"'), encoding="utf-8")
         return job
 
-    def judge(out: Path, target: Array | None) -> tuple[Array, Array]:
-        tip, wanted, promise = cut(shop, out)
-        target = wanted if target is None else target
-        true.append(float(np.sqrt(np.mean(np.sum((tip - target) ** 2, axis=1)))))
+    def judge(out: Path) -> tuple[Array, Array]:
+        """Return true tips and their lengths along the circle; what is off across it counts."""
+        tip, _, promise = cut(shop, out)
+        arm = tip - place
+        true.append(float(np.sqrt(np.mean((np.hypot(arm[:, 0], arm[:, 1]) - RADIUS) ** 2 + arm[:, 2] ** 2))))
         promised.append(promise)
-        return tip, target
+        return tip, RADIUS * np.unwrap(np.arctan2(arm[:, 1], arm[:, 0]))
 
     run_product("plan", write_job(), "--out", work / "nominal")
-    _, target = judge(work / "nominal", None)
-    length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(target, axis=0), axis=1))]
+    judge(work / "nominal")
     run_product("campaign", write_job(), "--poses", POSES, "--weights-kg", WEIGHTS, "--pull-N", PULL,
                 "--sigma-mm", 1e3 * TRACKER, "--out", work / "poses")  # fmt: skip
     measure_poses(shop, work / "poses" / "campaign.csv", work / "log.csv")
     run_product("diagnose", work / "log.csv", "--robot", robot, "--out", work / "diagnosed", "--assume-ok")
     folder = work / "diagnosed" / "robot"
     run_product("plan", write_job(), "--out", work / "replanned")
-    tip, wanted = judge(work / "replanned", None)
+    tip, length = judge(work / "replanned")
     for part in (1, 2):
-        probe_part(shop, tip, place, length_of(wanted, target, length), work / f"part{part}.csv")
+        probe_part(shop, tip, place, np.maximum(length, 0.0), work / f"part{part}.csv")
         out = work / f"learned{part}"
         run_product("learn", write_job(), work / f"part{part}.csv", "--robot", folder, "--out", out)
         folder = out / "robot"
-        tip, _ = judge(out, wanted)
+        tip, length = judge(out)
     return shop, true, promised
-
-
-def length_of(wanted: Array, first: Array, length: Array) -> Array:
-    """Return the path length of the waypoints of a later plan, whose path may be divided otherwise. Shape (n,). [m]"""
-    if len(wanted) == len(first):
-        return length
-    return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(wanted, axis=0), axis=1))]
 
 
 def main() -> None:
