@@ -4,8 +4,8 @@
 
 A shop hides three effects, every third shop one that is in no vocabulary. It cuts the nominal plan; measures twelve
 poses that `compplan campaign` designs; has them diagnosed; cuts the new plan; learns from that part; cuts again;
-learns; cuts. The table gives the true rms deviation across the path of every round beside the promise made for it. A noise floor is
-sqrt(3) times the instrument's and the robot's standard deviation per axis.
+learns; cuts. The table gives the true rms deviation across the path of every round beside the promise made for it. A
+noise floor is sqrt(3) times the instrument's and the robot's standard deviation per axis.
 """
 
 from __future__ import annotations
