@@ -72,6 +72,8 @@ ROOMS = {
         (
             "effects_signatures",
             "effects_offers",
+            "uncertainty",
+            "promise",
             "outside_truth",
             "conventions_by_hand",
             "registries",

@@ -81,6 +81,21 @@ def test_only_what_has_one_sign_is_offered_with_one(name: str, arm: Linearizatio
         assert signature.name == name and signature.tried == 1
 
 
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_what_is_offered_can_stand_in_effects_toml_and_moves_readings_column_by_column(
+    name: str, arm: Linearization, rail: Linearization
+) -> None:
+    for at in (arm, rail):
+        for signature in EFFECTS[name].signatures(at):
+            n, nq = at.scene.campaign.q.shape
+            assert signature.twist.shape == (n, 6, len(signature.keys))
+            assert signature.encoder is None or signature.encoder.shape == (n, nq, len(signature.keys))
+            table = {"effect": name, "joint": signature.joint, "axis": signature.axis}
+            parameters = pack_parameters(signature.keys, signature.scale, signature.fixed)
+            place = {key: value for key, value in table.items() if value is not None}
+            check_effect({**place, "parameters": parameters}, at.robot, None, "effect[0]")
+
+
 def test_units_of_keys_follow_the_kind_of_the_joint(rail: Linearization) -> None:
     units = {"backlash": "width", "joint_offset": "offset"}
     for name, word in units.items():
