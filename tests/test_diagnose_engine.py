@@ -13,15 +13,12 @@ from compplan.cell.predict import predict_campaign
 from compplan.diagnose import Diagnosis, diagnose_campaign
 from compplan.diagnose.accuracy import _summarise, draw_learning
 from compplan.diagnose.assessment import assess_diagnosis
-from compplan.diagnose.bare import strip_errors
 from compplan.diagnose.calibration import list_corrections
-from compplan.diagnose.doubt import raise_doubt
 from compplan.diagnose.evidence import _slope, _solve, find_gains, find_posterior
 from compplan.diagnose.fit import fit_effects
 from compplan.diagnose.held_out import Folds, make_folds
 from compplan.diagnose.search import Claim
 from compplan.diagnose.state import Problem
-from compplan.diagnose.verdict import reach_verdict, stand_out
 from compplan.diagnose.where import split_diagnosis
 from compplan.effects import EFFECTS, Effect
 from compplan.errors import InputError
@@ -91,32 +88,6 @@ def test_the_same_pose_is_never_in_two_folds(robot: Robot) -> None:
     folds = make_folds(campaign)
     for pose in np.unique(campaign.pose):
         assert len(np.unique(folds[campaign.pose == pose])) == 1
-
-
-def test_a_robot_without_small_errors_has_the_same_causes(diagnosis: Diagnosis) -> None:
-    bare = strip_errors(diagnosis.fit)
-    assert (bare.search.prior.background < 0).all()
-    assert {bare.search.ledger.signatures[n].place for n in bare.model.signatures} == {CAUSE.place, SECOND.place}
-
-
-def test_a_cause_that_stands_in_no_doubt_is_still_named_where_a_bare_robot_has_it(diagnosis: Diagnosis) -> None:
-    fit = diagnosis.fit
-    doubt = raise_doubt(fit)
-    emptied = replace(doubt, model=doubt.search.model([], doubt.model.posterior.hyper, fit=False))
-    forgotten = replace(fit, model=fit.search.model([], fit.model.posterior.hyper, fit=False))
-    verdict = reach_verdict(forgotten, emptied, strip_errors(fit).model)
-    assert {f.effect.place for f in verdict.findings} == {CAUSE.place, SECOND.place}
-    assert verdict.structure.rms < diagnosis.gap.before / 3
-
-
-def test_what_a_claim_stands_out_of_is_not_set_by_one_row_far_off(diagnosis: Diagnosis) -> None:
-    doubt = raise_doubt(diagnosis.fit)
-    claim = doubt.model.claims[0]
-    ledger = doubt.search.ledger
-    observed = ledger.observed[0].copy()
-    observed[0] += 30.0
-    spoilt = replace(doubt.search, ledger=replace(ledger, observed=(observed, *ledger.observed[1:])), cache={})
-    assert stand_out(replace(doubt, search=spoilt), claim) > 0.8 * stand_out(doubt, claim)
 
 
 def test_an_offset_lists_the_origin_that_does_the_same(diagnosis: Diagnosis) -> None:

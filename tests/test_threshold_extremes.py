@@ -48,9 +48,6 @@ ROWS: dict[str, dict[str, Row]] = {
         "PRESENT": ("priors", 1e-6, 0.999),
         "RARE": ("priors", {"gravity_compensator": 1e-6}, {}),
     },
-    "bare": {
-        "MOST_CAUSES": ("bare", 1, None, FAR),
-    },
     "calibration": {
         "HALF_WIDTH": ("told", 0.01, 100.0),
         "TOLD": ("told", 1e-9, None, FAR),
@@ -65,11 +62,14 @@ ROWS: dict[str, dict[str, Row]] = {
         "MOST_SURE": ("certainty convention_named", 1e-3, 0.999999),
         "TEMPER": ("picks", 2e-3, 2e3),
         "CONSTANT": ("certainty", -30.0, 30.0),
-        "WEIGHTS": ("certainty", (0.0,) * 6, (100.0,) * 6),
+        "MARGIN": ("certainty", 0.0, 100.0),
+        "REPEATED": ("certainty", 0.0, 100.0),
+        "FREE": ("certainty", 0.0, 100.0),
+        "APART": ("certainty", 0.0, 100.0),
         "MARGIN_SCALE": ("certainty", 1e-3, 1e4),
         "LEAST_MARGIN": ("certainty", -1e4, 1e4),
-        "APART_RANGE": ("certainty", (1e-4, 0.8), (0.1, 1e3)),
-        "AMID_RANGE": ("certainty", (1e-4, 0.8), (0.01, 1e3)),
+        "LEAST_APART": ("certainty", 1e-4, 1.9),
+        "MOST_APART": ("certainty", 0.8, 1e3),
     },
     "channels": {
         "PATH_BLOCKS": ("blocks", 1, 400),
@@ -329,8 +329,7 @@ ROWS: dict[str, dict[str, Row]] = {
         "UNSEEN": ("verdict", 0.0, 1e6),
         "FAR_ZERO": ("verdict", 1e-4, 10.0),
         "SPOKEN_OF": ("verdict", 1e-4, 1e3),
-        "FAR_LEFT": ("apart", 1e-3, 1e3),
-        "ROBUST_PASSES": ("apart", 0, 30),
+        "GIVEN_UP": ("verdict", 0.0, 1.0),
         "MOST_MARGIN": ("verdict", 0.1, None, FAR),
         "STEPS": ("verdict", 1, 100),
         "LEFT_TO_NOISE": ("verdict", None, 1.0, FAR),
@@ -338,7 +337,7 @@ ROWS: dict[str, dict[str, Row]] = {
 }  # fmt: skip
 #: Probes that take seconds.
 SLOW = {
-    "apart", "convincing", "convention_named", "diagnosis", "doubt", "fit", "next", "search", "short", "told", "update",
+    "convincing", "convention_named", "diagnosis", "doubt", "fit", "next", "search", "short", "told", "update",
     "verdict", "whole_search",
 }  # fmt: skip
 

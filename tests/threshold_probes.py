@@ -18,7 +18,6 @@ from compplan.diagnose import (
     accuracy,
     ambiguity,
     background,
-    bare,
     calibration,
     campaign_diagnosis,
     certainty,
@@ -180,13 +179,10 @@ def ask_outliers(bench: Bench) -> Any:
 
 def ask_certainty(bench: Bench) -> Any:
     """Strong and weak claims."""
-    cases = [
-        (30.0, 25.0, 1.0, 1, 2.5, 1.5), (4.0, 3.0, 0.5, 2, 1.1, 1.0), (-50.0, -40.0, 0.0, 1, 0.1, 0.05),
-        (9e2, 9e2, 1.0, 40, 9.0, 5.0),
-    ]  # fmt: skip
+    cases = [(30.0, 25.0, 1.0, 1, 2.5), (4.0, 3.0, 0.5, 2, 1.1), (-50.0, -40.0, 0.0, 1, 0.1), (9e2, 9e2, 1.0, 1, 9.0)]
     return [
-        certainty.rate_certainty(certainty.Evidence(margin, plain, repeated, 3.0, 0.5, 0.1, free, apart, amid))
-        for margin, plain, repeated, free, apart, amid in cases
+        certainty.rate_certainty(certainty.Evidence(margin, plain, repeated, 3.0, 0.5, 0.1, free, apart))
+        for margin, plain, repeated, free, apart in cases
     ]
 
 
@@ -451,41 +447,24 @@ def ask_doubt(bench: Bench) -> Any:
     return [(d.model.claims, d.model.score, d.model.posterior.hyper.vector) for d in (found, more)]
 
 
-def ask_bare(bench: Bench) -> Any:
-    """Causes of a robot without small errors."""
-    model = bare.strip_errors(bench.small_fit).model
-    return [model.claims, model.score]
-
-
-def ask_apart(bench: Bench) -> Any:
-    """What claims stand out of where one row is far off."""
-    found, ledger = bench.doubt, bench.doubt.search.ledger
-    observed = ledger.observed[0].copy()
-    observed[0] += 30.0
-    spoilt = replace(found.search, ledger=replace(ledger, observed=(observed, *ledger.observed[1:])))
-    return [verdict.stand_out(replace(found, search=spoilt), claim) for claim in found.model.claims]
-
-
 def ask_verdict(bench: Bench) -> Any:
     """The verdict of the fit, of one whose effects are small, and of one that leaves much."""
     own, found = bench.small_fit, bench.doubt
-    causes = bare.strip_errors(own).model
-    whole = verdict.reach_verdict(own, found, causes)
+    whole = verdict.reach_verdict(own, found)
     answers: list[Any] = [whole.status, whole.structure]
     answers += [[(f.effect.place, f.probability, f.explained, f.margin, f.evidence) for f in part]
                 for part in (whole.findings, whole.doubtful, whole.minor)]  # fmt: skip
     zero = next((f for f in whole.findings if f.effect.name == "joint_offset"), whole.findings[0])
     wide = [replace(zero, effect=Effect("joint_offset", "joint_5", None, {"offset_rad": v})) for v in (1e-3, 0.1)]
     answers += [verdict.name_far_zero(f).effect.name for f in wide]
-    none = replace(found, model=found.search.model([], found.model.posterior.hyper, fit=False))
-    further = verdict.weigh_claims(own, none, causes, whole.structure)
-    answers += [[(f.effect.place, f.probability) for f in further]]
+    none = replace(found, model=replace(found.model, claims=()))
+    answers += [[(f.effect.place, f.probability) for f in verdict.given_up(own, none, 0.0)]]
     registered = replace(own, problem=replace(own.problem, register=("base",)))
-    answers += [[f.effect.place for f in verdict.reach_verdict(registered, found, causes).minor]]
+    answers += [[f.effect.place for f in verdict.reach_verdict(registered, found).minor]]
     for factor in (0.05, 3.0, 30.0):
         source = [replace(c, noise=replace(c.noise, sigma=c.noise.sigma * factor)) for c in found.search.ledger.source]
         scaled = replace(found, search=replace(found.search, ledger=replace(found.search.ledger, source=tuple(source))))
-        seen = verdict.reach_verdict(own, scaled, causes)
+        seen = verdict.reach_verdict(own, scaled)
         answers += [seen.status, seen.structure.left, [f.effect.place for f in seen.minor],
                     [f.effect.place for f in seen.structure.dependences]]  # fmt: skip
     deaf = [np.zeros_like(found.search.ledger.designs[0]), *own.search.ledger.designs[1:]]
@@ -561,8 +540,7 @@ def ask_short(bench: Bench) -> Any:
 def ask_convention_named(bench: Bench) -> Any:
     """How sure a convention is that was found beforehand."""
     problem = replace(bench.small_fit.problem, fixed=(Effect("joint_coupling", "joint_5", None, {"reversed": True}),))
-    judged = verdict.reach_verdict(bench.small_fit, bench.doubt, bare.strip_errors(bench.small_fit).model)
-    found = campaign_diagnosis._with_conventions(judged, problem, 0)
+    found = campaign_diagnosis._with_conventions(verdict.reach_verdict(bench.small_fit, bench.doubt), problem, 0)
     return [found.findings[0].probability, found.findings[0].margin]
 
 

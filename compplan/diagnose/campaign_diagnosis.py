@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from compplan.diagnose.bare import strip_errors
 from compplan.diagnose.certainty import MOST_SURE
 from compplan.diagnose.channels import position_residual
 from compplan.diagnose.conventions import find_conventions
@@ -66,8 +65,7 @@ def diagnose_campaign(
     fit = polish_fit(fit_effects(problem, started, progress))
     progress("verdict")
     doubt = raise_doubt(fit, progress)
-    bare = strip_errors(fit, progress)
-    verdict = _with_conventions(reach_verdict(fit, doubt, bare.model), problem, len(known))
+    verdict = _with_conventions(reach_verdict(fit, doubt), problem, len(known))
     return _conclude(fit, doubt, verdict, nominal, started, len(known), progress)
 
 

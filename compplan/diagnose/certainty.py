@@ -14,14 +14,14 @@ MOST_SURE = 0.99
 #: Log odds are divided by this: evidence of real campaigns is less sharp than its model (assumed).
 TEMPER = 2.0
 #: The map from evidence to log odds, fitted by penalised logistic regression to the claims of the development suite
-#: The map from evidence to log odds, fitted by penalised logistic regression to the claims of the development suite
-#: (study: python -m benchmarks.calibrate_certainty): a constant, and one weight for each of `features_of`. No weight
-#: may be negative.
-CONSTANT, WEIGHTS = 0.43, (0.06, 0.65, 1.56, 0.50, 1.25, 0.26)
+#: (study: python -m benchmarks.calibrate_certainty): constant, margin (arsinh of it over its scale), share of halves
+#: that repeat the claim, logarithm of the number of free values, and logarithm of what it explains beside the others
+#: over what all of them leave. No weight may be negative.
+CONSTANT, MARGIN, REPEATED, FREE, APART = -0.32, 0.17, 0.57, 0.82, 0.97
 #: Margins beyond the first count by their logarithm alone; those below the second tell no more (assumed).
 MARGIN_SCALE, LEAST_MARGIN = 5.0, -20.0
-#: Beyond these, what a claim explains over what is left, or over the noise, tells no more (assumed).
-APART_RANGE, AMID_RANGE = (0.2, 4.0), (0.1, 3.0)
+#: Beyond these, what a claim explains over what is left tells no more (assumed).
+LEAST_APART, MOST_APART = 0.7, 2.0
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,6 @@ class Evidence:
         left: What is left beyond the noise floor over the gap.
         free: Number of values of a form whose shape no law of physics gives; 1 for all others.
         apart: What it explains beside the other claims over what all of them leave, rms.
-        amid: What it explains beside small errors and errors without a name, too, over the noise, rms.
     """
 
     margin: float
@@ -48,7 +47,6 @@ class Evidence:
     left: float
     free: int
     apart: float
-    amid: float
 
     def to_table(self) -> dict[str, float]:
         """Return what diagnosis.json holds."""
@@ -56,22 +54,10 @@ class Evidence:
 
 
 def features_of(evidence: Evidence) -> Array:
-    """Return what the map weighs; each speaks for a claim the more, the larger it is. Shape (6,).
-
-    In this order: the margin (arsinh of it over its scale); the share of halves that repeat the claim; the logarithm of
-    one over its free values; the logarithms of what it explains beside the other claims over what all of them leave,
-    and of what it explains amid small and nameless errors over the noise; the logarithm of the noise floor over what is
-    left, floor included.
-
-    Args:
-        evidence: What the claim shows.
-    """
+    """Return what the map weighs: margin, repetition, freedom, size beside what is left. Shape (4,)."""
     margin = np.arcsinh(max(min(evidence.margin, evidence.plain), LEAST_MARGIN) / MARGIN_SCALE)
-    left = evidence.left * evidence.floors / max(evidence.part, 1e-12)
-    return np.array([
-        margin, evidence.repeated, -np.log(evidence.free), np.log(np.clip(evidence.apart, *APART_RANGE)),
-        np.log(np.clip(evidence.amid, *AMID_RANGE)), -np.log(np.hypot(left, 1.0)),
-    ])  # fmt: skip
+    apart = np.log(np.clip(evidence.apart, LEAST_APART, MOST_APART))
+    return np.array([margin, evidence.repeated, -np.log(evidence.free), apart])
 
 
 def rate_certainty(evidence: Evidence) -> float:
@@ -80,5 +66,6 @@ def rate_certainty(evidence: Evidence) -> float:
     Args:
         evidence: What the claim shows.
     """
-    odds = CONSTANT + float(np.array(WEIGHTS) @ features_of(evidence))
+    weights = np.array([MARGIN, REPEATED, FREE, APART])
+    odds = CONSTANT + weights @ features_of(evidence)
     return float(np.clip(expit(odds), 0.0, MOST_SURE))

@@ -14,7 +14,7 @@ from compplan.diagnose.doubt import Doubt
 from compplan.diagnose.evidence import Hyper
 from compplan.diagnose.offers import REGISTRATION
 from compplan.diagnose.repetition import count_repetitions
-from compplan.diagnose.search import Claim, Model, Search, distinct_places
+from compplan.diagnose.search import Claim, Search, distinct_places
 from compplan.diagnose.state import Fit
 from compplan.diagnose.unmodelled import UNMODELLED
 from compplan.effects.linearization import Place
@@ -45,12 +45,12 @@ FAR_ZERO = 0.02
 SPOKEN_OF = 0.4
 #: Effects whose form is a free curve.
 FREE_FORMS = ("transmission_error", "gravity_compensator", "stiffness_nonlinearity")
+#: Probability of a claim that errors without a name explain as well (assumed: one in five).
+GIVEN_UP = 0.2
 #: Margins beyond this are not told apart; steps of the fit of noise without errors that have no name (assumed).
 MOST_MARGIN, STEPS = 1e3, 8
 #: Share of the values that is left to the noise at least, however many a model takes (assumed).
 LEFT_TO_NOISE = 0.5
-#: Medians beyond which a row that claims leave far off counts less in what a claim stands out of, and passes (assumed).
-FAR_LEFT, ROBUST_PASSES = 2.0, 3
 
 
 @dataclass(frozen=True)
@@ -122,16 +122,17 @@ class Verdict:
     structure: Structure
 
 
-def reach_verdict(fit: Fit, doubt: Doubt, bare: Model) -> Verdict:
+def reach_verdict(fit: Fit, doubt: Doubt) -> Verdict:
     """Judge a finished fit.
 
     Args:
         fit: The fit.
         doubt: Its claims among errors that no effect makes.
-        bare: The causes of a robot without small errors.
     """
     structure = measure_structure(fit, doubt)
-    findings = sorted((name_far_zero(f) for f in weigh_claims(fit, doubt, bare, structure)), key=lambda f: -f.explained)
+    repeated = count_repetitions(fit, doubt)
+    findings = [weigh_claim(fit, doubt, claim, repeated[claim], structure) for claim in doubt.model.claims]
+    findings = sorted((name_far_zero(f) for f in findings), key=lambda f: -f.explained)
     small = NAMEABLE * structure.floor
     if fit.problem.register:
         # where even the frames were unknown the robot is far from calibrated: what is small beside the gap is no cause
@@ -139,42 +140,12 @@ def reach_verdict(fit: Fit, doubt: Doubt, bare: Model) -> Verdict:
     minor = tuple(f for f in findings if f.explained < small and not only_in_readings(fit, doubt, f))
     named = tuple(f for f in findings if f.probability >= CLAIMED and f not in minor)
     doubtful = tuple(f for f in findings if f.probability < CLAIMED and f not in minor)
-    if not {f.signature for f in named} <= set(doubt.model.signatures):
-        claims = [Claim(f.signature, f.size) for f in named]
-        model = doubt.search.model(claims, doubt.model.posterior.hyper, fit=False)
-        structure = measure_structure(fit, replace(doubt, model=model))
+    doubtful += given_up(fit, doubt, small)
     if named:
         status = "partly_explained" if structure.left else "explained"
     else:
         status = "none" if structure.gap <= FLOORS_LEFT * structure.floor else "unknown"
     return Verdict(status, named, doubtful, minor, structure)
-
-
-def weigh_claims(fit: Fit, doubt: Doubt, bare: Model, structure: Structure) -> list[Finding]:
-    """Weigh the claims that stand in doubt; then, beside the probable ones, what else the fit and a bare robot claim.
-
-    Args:
-        fit: The fit.
-        doubt: Its claims among errors that no effect makes.
-        bare: The causes of a robot without small errors.
-        structure: What is left.
-    """
-    repeated = count_repetitions(fit, doubt)
-    findings = [weigh_claim(fit, doubt, claim, repeated[claim], structure) for claim in doubt.model.claims]
-    taken = {place for f in findings for place in (f.effect.place, *(r.place for r in f.rivals if r.alike))}
-    kept = [c for c, f in zip(doubt.model.claims, findings, strict=True) if f.probability >= CLAIMED]
-    further: dict[Place, Claim] = {}
-    for claim in (*bare.claims, *fit.model.claims):
-        place = fit.search.ledger.signatures[claim.signature].place
-        if place not in taken:
-            further.setdefault(place, claim)
-    if not further:
-        return findings
-    beside = (*kept, *further.values())
-    model = doubt.search.model(beside, doubt.model.posterior.hyper, fit=False)
-    wider = replace(doubt, model=model)
-    repeated = count_repetitions(fit, wider)
-    return findings + [weigh_claim(fit, wider, claim, repeated[claim], structure) for claim in further.values()]
 
 
 def weigh_claim(fit: Fit, doubt: Doubt, claim: Claim, repeated: float, structure: Structure) -> Finding:
@@ -200,7 +171,7 @@ def weigh_claim(fit: Fit, doubt: Doubt, claim: Claim, repeated: float, structure
     explained = motion_of(fit, columns, values)
     evidence = Evidence(margin, plain, repeated, explained / structure.floor, explained / max(structure.gap, 1e-12),
                         structure.rms / max(structure.gap, 1e-12), count_free(signature),
-                        stand_out(doubt, claim), stand_amid(doubt, columns))  # fmt: skip
+                        stand_out(doubt, claim))  # fmt: skip
     return Finding(
         effect=signature.effect(values[columns] * signature.scale),
         probability=rate_certainty(evidence),
@@ -216,49 +187,22 @@ def weigh_claim(fit: Fit, doubt: Doubt, claim: Claim, repeated: float, structure
 def stand_out(doubt: Doubt, claim: Claim) -> float:
     """Return what a claim explains beside all other claims over what all of them leave, both rms.
 
-    Least squares, frames that are fitted anyway included, small errors and errors without a name not; rows that all
-    claims together leave far off count less, by Huber's weights [Huber1964].
-
-    Args:
-        doubt: The claims among errors that no effect makes.
-        claim: The claim.
+    Plain least squares, frames that are fitted anyway included, small errors and errors without a name not.
     """
     ledger = doubt.search.ledger
+    total = ledger.channels[0].total
     frames = ledger.columns_named(REGISTRATION)
     every = np.union1d(ledger.join_columns(doubt.model.signatures), frames)
     rest = ledger.join_columns(n for n in doubt.model.signatures if n != claim.signature)
-    rest = np.union1d(rest, frames)
-    weight = np.ones(len(ledger.observed[0]))
 
-    def leave(columns: NDArray[np.int_]) -> Array:
-        root = np.sqrt(weight)[:, None]
-        if not len(columns):
-            return np.asarray(ledger.observed[0] * root)
-        design = (ledger.designs[0][..., columns] * root[..., None]).reshape(-1, len(columns))
-        observed = (ledger.observed[0] * root).reshape(-1)
-        ridge = 1e-9 * (np.sum(design**2) / len(columns) + 1.0)
-        solved = np.linalg.solve(design.T @ design + ridge * np.eye(len(columns)), design.T @ observed)
-        return np.asarray((observed - design @ solved).reshape(-1, 3))
+    def squares(columns: NDArray[np.int_]) -> float:
+        part = total.take(columns)
+        ridge = 1e-9 * (np.trace(part.gram) / max(len(columns), 1) + 1.0)
+        solved = np.linalg.solve(part.gram + ridge * np.eye(len(columns)), part.against)
+        return part.square - float(part.against @ solved)
 
-    for _ in range(ROBUST_PASSES):
-        far = np.linalg.norm(leave(every), axis=1) / np.sqrt(weight)
-        weight = np.minimum(1.0, FAR_LEFT * np.median(far) / np.maximum(far, 1e-12))
-    left = max(float(np.sum(leave(every) ** 2)), 1e-12)
-    return float(np.sqrt(max(float(np.sum(leave(rest) ** 2)) - left, 0.0) / left))
-
-
-def stand_amid(doubt: Doubt, columns: NDArray[np.int_]) -> float:
-    """Return what a claim explains over the noise, rms, where small errors and errors without a name have their share.
-
-    The log likelihood that is lost without it is half the square of that, summed over the values of the positions:
-    sqrt(2 loss / values).
-
-    Args:
-        doubt: The claims among errors that no effect makes.
-        columns: The claim's columns.
-    """
-    values = doubt.search.ledger.channels[0].total.count
-    return float(np.sqrt(2.0 * max(doubt.model.posterior.loss_without(columns), 0.0) / values))
+    left = max(squares(every), 1e-12)
+    return float(np.sqrt(max(squares(np.union1d(rest, frames)) - left, 0.0) / left))
 
 
 def count_free(signature: Signature) -> int:
@@ -281,6 +225,22 @@ def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Clai
         scores.append(search.model((*rest, Claim(gain.signature, gain.size)), hyper, fit=False).score)
     best = float(np.logaddexp.reduce(scores))
     return float(np.clip(whole.score - best, -MOST_MARGIN, MOST_MARGIN)) if np.isfinite(best) else 0.0
+
+
+def given_up(fit: Fit, doubt: Doubt, small: float) -> tuple[Finding, ...]:
+    """List claims of the fit that errors without a name explain as well."""
+    ledger = fit.search.ledger
+    values = fit.model.posterior.values(ledger.p)
+    kept = {ledger.signatures[c.signature].place for c in doubt.model.claims}
+    found = []
+    for claim in fit.model.claims:
+        signature, columns = ledger.signatures[claim.signature], ledger.columns(claim.signature)
+        explained = motion_of(fit, columns, values)
+        if signature.place not in kept and explained >= small:
+            effect = signature.effect(values[columns] * signature.scale)
+            rivals = tuple(find_rivals(fit, claim.signature, values))
+            found.append(Finding(effect, GIVEN_UP, explained, 0.0, rivals, claim.size, claim.signature))
+    return tuple(found)
 
 
 def name_far_zero(finding: Finding) -> Finding:
