@@ -73,7 +73,7 @@ def hold_unmodelled(plan: Plan, promise: Promise, draws: int, seed: int) -> tupl
         here = take_rows(vary_scene(scene, known.unknowns, values), rows)
         here = replace(here, wrench=draw_wrench(here.wrench, promise, random))
         here = apply_effects(here, list(soften(plan, random)))
-        tip = attain_scene(here).position + draw_field(wider, seed + 7919 * (number + 1)).at(rest)
+        tip = attain_scene(here).position + draw_field(wider, seed, number).at(rest)
         tip = tip + (known.repeatability or 0.0) * random.standard_normal(3)
         held[number] = np.linalg.norm(tip - rest, axis=1) <= promise.radius[rows]
     return float(held.mean()), float(held.mean(axis=0).min())

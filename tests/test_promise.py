@@ -109,7 +109,7 @@ def test_drawn_robots_follow_their_seed_and_their_covariance() -> None:
 def test_a_drawn_field_has_its_size_and_forgets_itself_over_its_scale(tmp_path: Path) -> None:
     known = soft_joint(0.0, unexplained=3e-5, scale=0.2)
     points = np.array([[0.0, 0, 0], [0.2, 0, 0], [2.0, 0, 0]])
-    drawn = np.stack([draw_field(known, seed).at(points) for seed in range(1500)])
+    drawn = np.stack([draw_field(known, 0, number).at(points) for number in range(1500)])
     assert np.sqrt(np.mean(np.sum(drawn**2, axis=2))) == pytest.approx(3e-5, rel=0.05)
     product = np.einsum("sni,smi->nm", drawn, drawn) / 1500 / 9e-10
     assert product[0, 1] == pytest.approx(np.exp(-0.5), abs=0.06)

@@ -255,7 +255,6 @@ ROWS: dict[str, dict[str, Row]] = {
         "MOVED": ("questions", 0.0, 10.0),
         "MOMENT": ("signs", 0.0, 1e4),
         "SAME_MOMENT": ("signs", 1e-6, 10.0),
-        "GRAVITY": ("signs", 0.0, 1e3),
     },
     "repetition": {"PAIRS": ("blocks", 1, 40), "SEED": ("blocks", 1, 2)},
     "search": {

@@ -13,7 +13,7 @@ from compplan.files.tables import write_text
 from compplan.files.transaction import replace_folder
 from compplan.job.text import write_job_text
 from compplan.measure.skeleton import write_log_text
-from compplan.program import WRITERS, check_brand
+from compplan.program import WRITERS, list_languages
 from compplan.program.counting import load_controller
 from compplan.robot import Robot, load_robot
 from compplan.robot.skeleton import write_skeleton
@@ -93,17 +93,8 @@ def _init_log(robot_name: str | None, file: Path) -> None:
 
 def _native_language(robot: Robot) -> str:
     """Return the language that the robot's own controller speaks, a table where none is known."""
-    controller = load_controller(robot).name
-    spoken = [language for language in WRITERS if _speaks(controller, language)]
+    spoken = list_languages(load_controller(robot).name)
     return spoken[0] if len(spoken) < len(WRITERS) else "csv"
-
-
-def _speaks(controller: str, language: str) -> bool:
-    try:
-        check_brand(controller, language)
-    except InputError:
-        return False
-    return True
 
 
 def _refuse_existing(path: Path) -> None:

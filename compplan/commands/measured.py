@@ -51,8 +51,8 @@ def load_measured(
     if tool is not None:
         data, key = read_named_table(tool, "tool")
         table = check_table(ToolTable, data, file=tool, key=key)
-        centre = np.asarray(table.centre_of_mass_mm) * 1e-3
-        robot = robot.with_tool(table.T_flange_tcp, table.mass_kg or 0.0, centre)
+        # here a tool without a mass weighs nothing, so that the folder's own tool counts as taken off
+        robot = table.model_copy(update={"mass_kg": table.mass_kg or 0.0}).mount(robot)
     campaign = read_campaign(measurements, robot)
     if target_offset is not None:
         campaign = replace(campaign, target_offset=parse_offset(target_offset))

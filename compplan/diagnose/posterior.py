@@ -24,7 +24,7 @@ from compplan.diagnose.unmodelled import UNMODELLED
 from compplan.effects import is_of_instrument
 from compplan.measure.distance import calibrate_band
 from compplan.robot import Array
-from compplan.robot.uncertainty import Uncertainty, Unknown, factor_covariance
+from compplan.robot.uncertainty import Uncertainty, Unknown, spread_unknowns
 
 #: Distances over which an unexplained error may forget itself: those that are tried, and what is taken where poses are
 #: too few to tell (assumed). [m]
@@ -66,12 +66,7 @@ def state_uncertainty(
     place = fit.at.point[channel.rows][seen]
     pose = np.where(campaign.on_path, -1 - block_index(campaign), campaign.pose)[channel.rows][seen]
     factor, groups = calibrate_band(left, model[seen] + unexplained**2 / 3.0 * np.eye(3), noise[seen], pose)
-    deviation, root = factor_covariance(known.moment)
-    ends = np.cumsum([len(unknown.keys) for unknown in known.unknowns])
-    parts = np.split(deviation, ends[:-1]) if len(ends) else []
-    unknowns = tuple(
-        Unknown(u.effect, u.joint, u.axis, u.keys, part, u.fixed) for u, part in zip(known.unknowns, parts, strict=True)
-    )
+    unknowns, root = spread_unknowns(known.unknowns, known.moment)
     name = campaign.file.name if campaign.file else "a campaign"
     scatter = fit.problem.robot.repeatability or channel.noise.stay or None
     return Uncertainty(

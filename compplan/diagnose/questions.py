@@ -48,8 +48,6 @@ PATH_ROWS = 10
 LONG, MOVED = 0.3, 1e-3
 #: Moments about the flange that tell anything [N m], and the share of them that the right point leaves (assumed).
 MOMENT, SAME_MOMENT = 1.0, 0.05
-#: Standard gravity, where the folder states none (theory). [m/s^2]
-GRAVITY = 9.81
 
 
 class Rows(NamedTuple):
@@ -297,10 +295,10 @@ class _Shapes(NamedTuple):
 
 
 def _shape_elastics(robot: Robot, rows: Rows, register: Sequence[str]) -> _Shapes:
-    gravity = np.array([0.0, 0.0, -GRAVITY]) if robot.gravity is None else robot.gravity
     own = tuple(Spring(joint.name, "own", 0.0) for joint in robot.actuated)
     frames_of = tuple(Spring(joint.name, axis, 0.0) for joint in robot.joints for axis in ELASTIC_AXES)
-    chain = build_chain(replace(robot, springs=own + frames_of, link_elasticities=(), gravity=gravity, effects=()))
+    bare = replace(robot, springs=own + frames_of, link_elasticities=(), gravity=robot.real_gravity, effects=())
+    chain = build_chain(bare)
     frames, n = locate_frames(chain, rows.campaign.q), len(rows.position)
     at = chain.spring_elements
     turn = jacobian(chain, frames)[:, :3, at]

@@ -9,11 +9,10 @@ import numpy as np
 
 from compplan.diagnose.questions import question_campaign
 from compplan.doctor.findings import Finding
-from compplan.files.columns import Column
 from compplan.files.tables import Table, read_table
-from compplan.measure.campaign import WRENCH, Campaign
+from compplan.measure.campaign import Campaign
 from compplan.measure.checks import list_notes
-from compplan.measure.reading import read_campaign
+from compplan.measure.reading import log_columns, read_campaign
 from compplan.robot import Robot
 
 #: Poses below which a calibration of six joints has hardly more equations than unknowns (theory: about 30 parameters,
@@ -21,20 +20,6 @@ from compplan.robot import Robot
 FEW_POSES = 20
 #: A joint that moves less shows neither its zero nor its stiffness well (assumed). [rad]
 NARROW = np.radians(15.0)
-#: Columns of a log that nobody knows the robot of.
-COLUMNS = (
-    *(Column(name, "text") for name in ("run", "mode", "target")),
-    Column("time", "time", missing=True),
-    Column("q#", ("angle", "length"), required=True, missing=True),
-    *(Column(f"q#_{side}", ("angle", "length"), missing=True) for side in ("link", "motor")),
-    *(Column(name, "force", missing=True, group="force") for name in WRENCH[:3]),
-    *(Column(name, "moment", missing=True, group="moment") for name in WRENCH[3:]),
-    *(Column(name, "length", required=True, missing=True) for name in "xyz"),
-    *(Column(name, "angle", missing=True, group="orientation") for name in ("rx", "ry", "rz")),
-    Column("temperature", "temperature", missing=True),
-    Column("sigma", "length", missing=True, key="sigma_position"),
-    Column("sigma", "angle", missing=True, key="sigma_rotation"),
-)
 
 
 def examine_log(file: Path, robot: Robot | None = None) -> list[Finding]:
@@ -48,7 +33,7 @@ def examine_log(file: Path, robot: Robot | None = None) -> list[Finding]:
         InputError: If it is no measurement log, or none of this robot.
 
     """
-    table = read_table(file, COLUMNS, unknown="note")
+    table = read_table(file, log_columns(), unknown="note")
     if not len(table):
         raise table.error("the log has no rows, expected one row a measured pose")
     findings = [_describe(table), *_look_at_columns(table)]

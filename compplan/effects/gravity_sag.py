@@ -9,10 +9,11 @@ import numpy as np
 
 from compplan.effects.folding import add_own_compliance
 from compplan.effects.joint_stiffness import RIGID_SCALE
-from compplan.effects.linearization import Linearization, gravity_of
-from compplan.effects.scene import STANDARD_GRAVITY, Scene
+from compplan.effects.linearization import Linearization
+from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
+from compplan.robot.model import STANDARD_GRAVITY
 from compplan.statics.chain import gravity_torque
 
 name = "gravity_sag"
@@ -31,7 +32,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
     if (at.robot.gravity is None or SHARE in found) and at.attained.chain.n_springs:
         chain = at.attained.chain
         elements = chain.spring_elements
-        loads = gravity_torque(replace(chain, gravity=gravity_of(at.robot)), at.attained.frames)[:, elements, None]
+        loads = gravity_torque(replace(chain, gravity=at.robot.real_gravity), at.attained.frames)[:, elements, None]
         twist, encoder = at.load_response(loads / STANDARD_GRAVITY)
         yield Signature(name, None, None, "", (SHARE,), np.array([STANDARD_GRAVITY]), twist, encoder, positive=True)
     rigid = not any(spring.compliance > 0 for spring in at.own.values())
@@ -67,7 +68,7 @@ def fold(robot: Robot, effect: Effect) -> Robot:
     if SHARE in values:
         old = np.zeros(3) if robot.gravity is None else robot.gravity
         return replace(robot, gravity=old + np.array([0.0, 0.0, -float(values[SHARE])]))
-    robot = replace(robot, gravity=gravity_of(robot))
+    robot = replace(robot, gravity=robot.real_gravity)
     for joint, compliance in zip(values[JOINTS], values["compliance_rad_per_Nm"], strict=True):
         robot = add_own_compliance(robot, str(joint), max(float(compliance), 0.0))
     return robot

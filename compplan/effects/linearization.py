@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from compplan.effects.scene import (
-    STANDARD_GRAVITY,
     Attained,
     OwnSpring,
     Scene,
@@ -114,7 +113,7 @@ class Linearization:
     @cached_property
     def own_weight_load(self) -> Array:
         """Load of the links' weights on each commanded joint. Shape (n, nq). [N m or N]."""
-        chain = replace(self.attained.chain, gravity=gravity_of(self.robot))
+        chain = replace(self.attained.chain, gravity=self.robot.real_gravity)
         return np.asarray(load_elements(chain, self.attained.frames, np.zeros((1, 6)))[:, chain.joint_elements])
 
     @cached_property
@@ -186,7 +185,7 @@ def linearize_scene(
         chain = replace(chain, position=chain.position * (1.0 + scene.growth)[:, segment, None])
     frames = locate_frames(chain, attained.q, theta)
     load = load_elements(chain, frames, attained.wrench)
-    weights = load_elements(replace(chain, gravity=gravity_of(robot)), frames, np.zeros((1, 6)))
+    weights = load_elements(replace(chain, gravity=robot.real_gravity), frames, np.zeros((1, 6)))
     elements, picked = {}, []
     for number, spring in enumerate(probed.springs[len(robot.springs) :]):
         elements[spring.joint, spring.axis] = number
@@ -217,20 +216,12 @@ def linearize_scene(
         origin=np.concatenate([origin, np.zeros((n, 6, 3))], axis=1),
         load=np.concatenate([load[:, picked], _base_load(chain, frames, attained.wrench)], axis=1),
         weight_load=np.concatenate(
-            [weights[:, picked], _base_load(replace(chain, gravity=gravity_of(robot)), frames, np.zeros((n, 6)))],
+            [weights[:, picked], _base_load(replace(chain, gravity=robot.real_gravity), frames, np.zeros((n, 6)))],
             axis=1,
         ),
         own=own_springs(robot),
         current=current or {},
     )
-
-
-def gravity_of(robot: Robot) -> Array:
-    """Return the robot's gravity, or standard gravity along -z of the base where the model has none.
-
-    Shape (3,). [m/s^2].
-    """
-    return np.array([0.0, 0.0, -STANDARD_GRAVITY]) if robot.gravity is None else robot.gravity
 
 
 def unit_twist(axis: Array, origin: Array, point: Array, slides: bool) -> Array:

@@ -22,7 +22,6 @@ from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, Frames, build_chain
 from compplan.statics.elastic import solve_equilibrium
 
-STANDARD_GRAVITY = 9.81
 #: Elastic coordinates are settled to this; a nanometre at two metres.
 TOLERANCE = 1e-9
 LAW_PASSES = 3
@@ -298,7 +297,7 @@ def payload_wrench(robot: Robot, frames: Frames, payload: Array) -> Array:
         payload: Mass and first moments about the flange, flange axes. Shape (4,). [kg, kg m]
 
     """
-    gravity = np.array([0.0, 0.0, -STANDARD_GRAVITY]) if robot.gravity is None else robot.gravity
+    gravity = robot.real_gravity
     T_flange_tcp = flange_to_tcp(robot)
     R_base_flange = frames.tcp_rotation @ T_flange_tcp[:3, :3].T
     arm = payload[1:] - payload[0] * T_flange_tcp[:3, 3]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from compplan.identify.estimate import Estimate
 from compplan.identify.gap import Gap
 from compplan.identify.parameters import Parameter, Structure
 from compplan.robot import Array, Joint, Robot
-from compplan.robot.uncertainty import Uncertainty, Unknown, factor_covariance
+from compplan.robot.uncertainty import Uncertainty, Unknown, spread_unknowns
 
 #: A stiffness that was not identified keeps this relative width of the value that the folder holds (assumed).
 HELD = 0.3
@@ -41,10 +41,7 @@ def identified_uncertainty(
         if unknown is not None and kept.free[number]:
             picked.append(number)
             unknowns.append(unknown)
-    deviation, factor = factor_covariance(kept.covariance[np.ix_(picked, picked)])
-    named = [
-        Unknown(u.effect, u.joint, u.axis, u.keys, deviation[k : k + 1], u.fixed) for k, u in enumerate(unknowns)
-    ]
+    named, factor = spread_unknowns(unknowns, kept.covariance[np.ix_(picked, picked)])
     held = _held_springs(robot, named)
     if difference:
         # differences of one pose under several loads tell nothing of zeros and lengths
@@ -95,7 +92,7 @@ def _name_geometry(parameter: Parameter, joints: Mapping[str, Joint], robot: Rob
     return Unknown("link_geometry", after, axis, (f"{axis}_{'m' if axis[0] == 't' else 'rad'}",), nothing)
 
 
-def _held_springs(robot: Robot, named: list[Unknown]) -> list[Unknown]:
+def _held_springs(robot: Robot, named: Sequence[Unknown]) -> list[Unknown]:
     """List the joints' own springs that the campaign could not tell, with an assumed width."""
     told = {unknown.joint for unknown in named if unknown.effect == "joint_stiffness"}
     found = []

@@ -29,6 +29,7 @@ from compplan.path.process import ColumnsProcess, Process, describe_process
 from compplan.path.reading import read_toolpath
 from compplan.path.toolpath import Toolpath, check_toolpath, place_toolpath, resample_toolpath
 from compplan.program import WRITERS
+from compplan.robot import Robot
 
 #: Step that a toolpath file is divided into where the job says nothing. [m]
 FILE_STEP = 1e-3
@@ -74,6 +75,10 @@ class ToolTable(StrictTable):
     def T_flange_tcp(self) -> Array:
         """Pose of the TCP frame seen from the flange. Shape (4, 4) [m]."""
         return make_pose(self.position_mm, self.rotation_deg)
+
+    def mount(self, robot: Robot) -> Robot:
+        """Return a robot with this tool in place of its folder's; a mass that nobody states bends nothing."""
+        return robot.with_tool(self.T_flange_tcp, self.mass_kg, np.asarray(self.centre_of_mass_mm) * 1e-3)
 
 
 class Configuration(StrictTable):

@@ -20,6 +20,7 @@ from compplan.posture.collision_scene import CollisionScene
 from compplan.promise.slopes import measure_slopes, take_rows
 from compplan.promise.vary import stage_robot
 from compplan.robot import Array, Robot
+from compplan.robot.model import STANDARD_GRAVITY
 from compplan.robot.uncertainty import Unknown
 from compplan.statics.chain import build_chain, locate_frames
 
@@ -33,7 +34,6 @@ TURN = np.radians(170.0)
 RUN_UP = (np.radians(1.5), 0.01)
 #: Lowest place of the tip over the base plane, where the path is not lower itself. [m]
 FLOOR = 0.05
-GRAVITY = 9.81
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +131,7 @@ def list_candidates(
     q = np.tile(postures, (2 * len(loads), 1))
     wrench = np.zeros((len(q), 6))
     wrench[:, :3] = force
-    wrench[:, 2] -= GRAVITY * weight
+    wrench[:, 2] -= STANDARD_GRAVITY * weight
     scene, rows = stage_measurements(robot, q, sign, wrench)
     attained = attain_scene(take_rows(scene, rows))
     slopes = measure_slopes(scene, unknowns, rows)

@@ -20,7 +20,7 @@ from compplan.loop.candidates import Candidates
 from compplan.measure.distance import band_radius
 from compplan.promise.band import Slopes, split_covariance
 from compplan.robot import Array
-from compplan.robot.uncertainty import Uncertainty, factor_covariance
+from compplan.robot.uncertainty import Uncertainty, spread_unknowns
 
 #: Standard deviations of frames that are not known. [m, rad]
 LOOSE = (1.0, 0.5)
@@ -194,10 +194,7 @@ def random_choice(design: Design, candidates: Candidates, count: int, seed: int,
 
 def update_known(known: Uncertainty, covariance: Array) -> Uncertainty:
     """Return what is known with another covariance of the parameters (calibration included in it)."""
-    deviation, factor = factor_covariance(covariance / known.calibration**2)
-    ends = np.cumsum([len(unknown.keys) for unknown in known.unknowns])
-    parts = np.split(deviation, ends[:-1])
-    unknowns = tuple(replace(u, deviation=part) for u, part in zip(known.unknowns, parts, strict=True))
+    unknowns, factor = spread_unknowns(known.unknowns, covariance / known.calibration**2)
     return replace(known, unknowns=unknowns, factor=factor)
 
 

@@ -28,9 +28,9 @@ from compplan.loop.design import update_known
 from compplan.loop.measured_path import MeasuredPath, take_points
 from compplan.measure.distance import band_radius
 from compplan.promise.band import Slopes
-from compplan.promise.vary import split_unknowns, vary_robot
+from compplan.promise.vary import vary_robot
 from compplan.robot import Array, Robot
-from compplan.robot.uncertainty import Uncertainty
+from compplan.robot.uncertainty import Uncertainty, split_unknowns
 
 #: Sizes of the residual that are tried, in widths of the folder; and the least width. [m]
 SIZES, LEAST = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0), 2e-5
@@ -204,14 +204,14 @@ def learn_part(
         state = _posterior(model, gathered)
     held = _hold_out(model, gathered)
     taken, reason = _decide(model, plain, float(seen), held)
-    k, p = len(slopes.rows), len(known.deviation)
+    k = len(slopes.rows)
     before = band_radius(_with_run(model, _blocks(_prior(model), k)))
     after = band_radius(_with_run(model, _blocks(state.tip, k)))
     return Lesson(
         taken=taken, reason=reason, values=state.values, force=state.force,
         physics=state.physics.reshape(k, 3), pushed=state.pushed.reshape(k, 3),
         residual=state.residual.reshape(k, 3), weight=state.weight.reshape(k, 3),
-        covariance=state.covariance if taken else _prior_parameters(known, p), force_left=state.force_left,
+        covariance=state.covariance if taken else known.calibration**2 * known.covariance, force_left=state.force_left,
         band_before=before, band_after=after if taken else before, size=size * width, scale=scale * known.scale,
         gathered=plain, rms=float(seen), held_out=held,
         expected=float(np.sqrt(np.trace(state.tip) / k + 3.0 * (known.repeatability or 0.0) ** 2)),
@@ -252,10 +252,6 @@ def _observe(model: _Model, gathered: Gathered) -> tuple[Array, Array, Array]:
 def _prior(model: _Model) -> Array:
     columns, force, field = model.repeats()
     return np.asarray(columns @ columns.T + force @ force.T + field)
-
-
-def _prior_parameters(known: Uncertainty, p: int) -> Array:
-    return np.asarray(known.calibration**2 * known.covariance[:p, :p])
 
 
 def _posterior(model: _Model, gathered: Gathered) -> _State:

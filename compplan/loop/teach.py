@@ -160,10 +160,7 @@ def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Too
     A path that has learned keeps the posture in which it learned.
     """
     _, nominal, options = prepare_job(job)
-    mounted = robot
-    if job.tool is not None:
-        centre = np.asarray(job.tool.centre_of_mass_mm) * 1e-3
-        mounted = robot.with_tool(job.tool.T_flange_tcp, job.tool.mass_kg, centre)
+    mounted = robot if job.tool is None else job.tool.mount(robot)
     aimed = nominal
     if residual is not None:
         aimed = replace(nominal, position=nominal.position - residual.at(nominal.arc_length))

@@ -16,18 +16,20 @@ from compplan.measure.checks import check_campaign
 from compplan.robot import Array, Robot
 
 
-def log_columns(robot: Robot) -> list[Column]:
-    """List the columns that a log of this robot may have."""
+def log_columns(robot: Robot | None = None) -> list[Column]:
+    """List the columns that a log of this robot may have; of any robot, however many joints, where none is given."""
+    joints: list[tuple[str, str | tuple[str, ...]]] = [("q#", ("angle", "length"))]
+    if robot is not None:
+        joints = [(f"q{k}", "length" if slides else "angle") for k, slides in enumerate(robot.prismatic, 1)]
     columns = [
         Column("run", "text"),
         Column("mode", "text"),
         Column("target", "text"),
         Column("time", "time", missing=True),
     ]
-    for number, slides in enumerate(robot.prismatic, 1):
-        kind = "length" if slides else "angle"
-        columns.append(Column(f"q{number}", kind, required=True, missing=True))
-        columns += [Column(f"q{number}_{side}", kind, missing=True) for side in ("link", "motor")]
+    for joint, kind in joints:
+        columns.append(Column(joint, kind, required=True, missing=True))
+        columns += [Column(f"{joint}_{side}", kind, missing=True) for side in ("link", "motor")]
     columns += [Column(name, "force", missing=True, group="force") for name in WRENCH[:3]]
     columns += [Column(name, "moment", missing=True, group="moment") for name in WRENCH[3:]]
     columns += [Column(name, "length", required=True, missing=True) for name in "xyz"]

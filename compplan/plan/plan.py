@@ -365,10 +365,7 @@ def job_robot(job: Job) -> Robot:
         robot = load_robot(job.robot, relative_to=job.folder)
     except UnknownNameError as error:
         raise UnknownNameError("robot", error.name, error.choices, file=job.file, where="robot") from None
-    if job.tool is None:
-        return robot
-    centre = np.asarray(job.tool.centre_of_mass_mm) * 1e-3
-    return robot.with_tool(job.tool.T_flange_tcp, job.tool.mass_kg, centre)
+    return robot if job.tool is None else job.tool.mount(robot)
 
 
 def read_options(job: Job, robot: Robot) -> PlanOptions:

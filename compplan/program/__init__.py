@@ -83,15 +83,24 @@ def check_brand(controller: str, language: str) -> None:
         InputError: If the controller is of another brand than the language.
 
     """
+    fitting = list_languages(controller)
+    if language not in fitting:
+        raise InputError(
+            f"{language} is the language of {_brand(language)}, the robot's controller is a {controller}, choose from "
+            f"{fitting}; any_brand = true writes it all the same"
+        )
+
+
+def list_languages(controller: str) -> list[str]:
+    """List the languages that a controller may have, in the order of `WRITERS`: all where its brand is not known.
+
+    Args:
+        controller: What controller the robot has, as controller.toml names it.
+
+    """
     brands = {name: _brand(name) for name in WRITERS}
     own = {brand for brand in brands.values() if brand and brand.lower() in controller.lower()}
-    if not own or not brands[language] or brands[language] in own:
-        return
-    fitting = [name for name, brand in brands.items() if not brand or brand in own]
-    raise InputError(
-        f"{language} is the language of {brands[language]}, the robot's controller is a {controller}, choose from "
-        f"{fitting}; any_brand = true writes it all the same"
-    )
+    return [name for name, brand in brands.items() if not own or not brand or brand in own]
 
 
 def check_languages(robot: Robot, languages: Sequence[str], *, file: Path) -> None:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from compplan.effects import attain_scene
 from compplan.effects.scene import Scene
 from compplan.promise.band import Promise
-from compplan.promise.slopes import pick_rows, take_rows
+from compplan.promise.slopes import pick_rows, take_rows, turn_wrench
 from compplan.promise.vary import draw_field, draw_values, vary_scene
 from compplan.robot import Array
 
@@ -50,7 +50,7 @@ def sample_promise(scene: Scene, promise: Promise, draws: int, seed: int, most: 
     for number, values in enumerate(draw_values(known, draws, seed)):
         here = take_rows(vary_scene(scene, known.unknowns, values), rows)
         here = replace(here, wrench=draw_wrench(here.wrench, promise, random))
-        tip = attain_scene(here).position + draw_field(known, seed + 7919 * (number + 1)).at(rest)
+        tip = attain_scene(here).position + draw_field(known, seed, number).at(rest)
         tip = tip + (known.repeatability or 0.0) * random.standard_normal(3)
         distance[number] = np.linalg.norm(tip - rest, axis=1)
     held = distance <= promise.radius[rows]
@@ -62,4 +62,4 @@ def draw_wrench(wrench: Array, promise: Promise, random: np.random.Generator) ->
     force = promise.force
     turn = Rotation.from_rotvec(force.direction * random.standard_normal(3))
     level = 1.0 + force.level * random.standard_normal() + force.path * random.standard_normal((len(wrench), 1))
-    return np.asarray(level * np.concatenate([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])], axis=1))
+    return np.asarray(level * turn_wrench(wrench, turn))

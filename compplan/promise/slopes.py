@@ -107,7 +107,7 @@ def measure_force_slopes(scene: Scene, rows: NDArray[np.int_], spread: ForceSpre
     turned = []
     for axis in np.eye(3):
         turn = Rotation.from_rotvec(SHARE * axis)
-        turned.append(move(np.concatenate([turn.apply(here.wrench[:, :3]), turn.apply(here.wrench[:, 3:])], axis=1)))
+        turned.append(move(turn_wrench(here.wrench, turn)))
     shared = np.stack([spread.level * level, *(spread.direction * column for column in turned)], axis=-1)
     return shared, spread.path * level[:, :, None]
 
@@ -115,8 +115,12 @@ def measure_force_slopes(scene: Scene, rows: NDArray[np.int_], spread: ForceSpre
 def push_scene(scene: Scene, force: Array, spread: ForceSpread) -> Scene:
     """Put shares of the force's spread into a scene: its level, and a turn about each base axis. force: shape (4,)."""
     turn = Rotation.from_rotvec(spread.direction * np.asarray(force[1:]))
-    wrench = scene.wrench * (1.0 + spread.level * float(force[0]))
-    return replace(scene, wrench=np.concatenate([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])], axis=1))
+    return replace(scene, wrench=turn_wrench(scene.wrench * (1.0 + spread.level * float(force[0])), turn))
+
+
+def turn_wrench(wrench: Array, turn: Rotation) -> Array:
+    """Turn forces and moments alike. Shape (k, 6). [N, N m]."""
+    return np.concatenate([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])], axis=1)
 
 
 def tip_of(scene: Scene, rows: NDArray[np.int_]) -> Array:

@@ -18,7 +18,7 @@ from compplan.effects.scene import Scene
 from compplan.effects.signature import pack_parameters
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot, Spring
-from compplan.robot.uncertainty import Uncertainty, Unknown
+from compplan.robot.uncertainty import Uncertainty, Unknown, split_unknowns
 
 #: Waves that a drawn field is made of.
 WAVES = 64
@@ -56,12 +56,6 @@ class Draw:
     robot: Robot
     field: Field
     values: Array
-
-
-def split_unknowns(unknowns: Sequence[Unknown], values: Array) -> list[tuple[Unknown, Array]]:
-    """Return each unknown with its own values."""
-    ends = np.cumsum([len(unknown.keys) for unknown in unknowns])
-    return list(zip(unknowns, np.split(np.asarray(values, float), ends[:-1]), strict=True)) if len(ends) else []
 
 
 def vary_robot(robot: Robot, unknown: Unknown, values: Array) -> tuple[Robot, Effect | None]:
@@ -112,9 +106,9 @@ def draw_values(known: Uncertainty, count: int, seed: int) -> Array:
     return np.asarray(known.calibration * normal @ known.root.T)
 
 
-def draw_field(known: Uncertainty, seed: int) -> Field:
-    """Draw what no parameter explains: Gaussian process with covariance exp(-d^2 / 2 l^2), by random waves."""
-    random = np.random.default_rng(seed)
+def draw_field(known: Uncertainty, seed: int, number: int) -> Field:
+    """Draw what no parameter explains of robot `number`: covariance exp(-d^2 / 2 l^2), by random waves."""
+    random = np.random.default_rng(seed + 7919 * (number + 1))
     frequency = random.standard_normal((WAVES, 3)) / known.scale
     phase = random.uniform(0.0, 2.0 * np.pi, WAVES)
     size = known.calibration * known.unexplained / np.sqrt(3.0)
@@ -141,7 +135,7 @@ def draw_robots(robot: Robot, count: int, seed: int) -> Iterator[Draw]:
                 effect = replace(effect, parameters={k: max(v, 0.0) for k, v in effect.parameters.items()})
             if effect is not None:
                 drawn = fold_effects(drawn, [effect])
-        yield Draw(drawn, draw_field(known, seed + 7919 * (number + 1)), values)
+        yield Draw(drawn, draw_field(known, seed, number), values)
 
 
 def _in_series(robot: Robot, spring: Spring) -> Robot:

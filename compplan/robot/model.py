@@ -182,7 +182,12 @@ class Robot:
     @property
     def loading_gravity(self) -> Array | None:
         """Gravity that loads the springs, base axes, or None. Shape (3,). [m/s^2]."""
-        return np.array([0.0, 0.0, -STANDARD_GRAVITY]) if self.gravity is None and self.weights else self.gravity
+        return self.real_gravity if self.weights else self.gravity
+
+    @property
+    def real_gravity(self) -> Array:
+        """Gravity where the robot stands, loading or not: the folder's, else the standard one. Shape (3,). [m/s^2]."""
+        return np.array([0.0, 0.0, -STANDARD_GRAVITY]) if self.gravity is None else self.gravity
 
     @property
     def actuated(self) -> tuple[Joint, ...]:

@@ -26,7 +26,7 @@ others. A key "name#i" is item i of the list "name"; `fixed` holds settings of t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -131,6 +131,18 @@ class Uncertainty:
         )
         unknowns = tuple(u for u, flag in zip(self.unknowns, flags, strict=True) if flag)
         return replace(self, unknowns=unknowns, factor=self.factor[rows])
+
+
+def split_unknowns(unknowns: Sequence[Unknown], values: Array) -> list[tuple[Unknown, Array]]:
+    """Return each unknown with its own values. values: shape (p,)."""
+    ends = np.cumsum([len(unknown.keys) for unknown in unknowns])
+    return list(zip(unknowns, np.split(np.asarray(values, float), ends[:-1]), strict=True)) if len(ends) else []
+
+
+def spread_unknowns(unknowns: Sequence[Unknown], covariance: Array) -> tuple[tuple[Unknown, ...], Array]:
+    """Give unknowns the deviations of a covariance, shape (p, p); also return the factor of its correlation."""
+    deviation, factor = factor_covariance(covariance)
+    return tuple(replace(u, deviation=own) for u, own in split_unknowns(unknowns, deviation)), factor
 
 
 def factor_covariance(covariance: Array) -> tuple[Array, Array]:
