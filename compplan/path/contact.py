@@ -34,18 +34,14 @@ def path_axes(nominal: Toolpath) -> Array:
 
     Shape (n, 3, 3).
     """
-    steps = np.diff(nominal.position, axis=0)
-    travel = np.vstack([steps[:1], steps])
-    travel = travel / np.maximum(np.linalg.norm(travel, axis=1, keepdims=True), 1e-300)
+    travel = _travel(nominal)
     across = travel - np.sum(travel * nominal.axis, axis=1, keepdims=True) * nominal.axis
     known = np.linalg.norm(across, axis=1) > 1e-6
     cutting = known & ~nominal.rapid
     chosen = cutting if cutting.any() else known
     if not chosen.any():
         return tool_axes(nominal, None) * np.array([1.0, -1.0, -1.0])
-    rows = np.flatnonzero(chosen)
-    last = rows[np.maximum(np.searchsorted(rows, np.arange(len(nominal)), side="right") - 1, 0)]
-    x = across[last]
+    x = across[last_set(chosen)]
     x = x - np.sum(x * nominal.axis, axis=1, keepdims=True) * nominal.axis
     x /= np.linalg.norm(x, axis=1, keepdims=True)
     return np.stack([x, np.cross(nominal.axis, x), nominal.axis], axis=2)
@@ -53,18 +49,27 @@ def path_axes(nominal: Toolpath) -> Array:
 
 def travel_across(nominal: Toolpath) -> Array:
     """Return which share of each move goes across the tool axis: 1 in a plane, 0 in a plunge or a lift. Shape (n,)."""
-    steps = np.diff(nominal.position, axis=0)
-    travel = np.vstack([steps[:1], steps])
-    travel = travel / np.maximum(np.linalg.norm(travel, axis=1, keepdims=True), 1e-300)
-    return np.asarray(np.linalg.norm(np.cross(travel, nominal.axis), axis=1))
+    return np.asarray(np.linalg.norm(np.cross(_travel(nominal), nominal.axis), axis=1))
 
 
 def lifts(nominal: Toolpath) -> NDArray[np.bool_]:
     """Tell which moves lift the tool off, more along its axis than across it. Shape (n,)."""
-    steps = np.diff(nominal.position, axis=0)
-    travel = np.vstack([steps[:1], steps])
+    travel = _travel(nominal)
     rise = np.einsum("ni,ni->n", travel, nominal.axis)
     return np.asarray(rise > STEEP * np.linalg.norm(travel, axis=1))
+
+
+def last_set(flags: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Return of every row the last one up to it whose flag is set, the first set one before that. Shape (n,)."""
+    rows = np.flatnonzero(flags) if flags.any() else np.zeros(1, dtype=int)
+    return np.asarray(rows[np.maximum(np.searchsorted(rows, np.arange(len(flags)), side="right") - 1, 0)])
+
+
+def _travel(nominal: Toolpath) -> Array:
+    """Return the direction of the move that ends at each waypoint, 0 at rest. Shape (n, 3)."""
+    steps = np.diff(nominal.position, axis=0)
+    travel = np.vstack([steps[:1], steps])
+    return np.asarray(travel / np.maximum(np.linalg.norm(travel, axis=1, keepdims=True), 1e-300))
 
 
 def tool_axes(nominal: Toolpath, tool_x: Array | None) -> Array:

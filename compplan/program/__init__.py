@@ -145,7 +145,7 @@ def describe_program(program: Program, language: str) -> list[str]:
     describe, phrases = getattr(module, "describe", None), getattr(module, "PHRASES", None)
     own = describe(program) if describe else []
     if phrases is not None:
-        own += describe_events(program.events, program.wiring, phrases.native)
+        own += describe_events(program.events, program.wiring, phrases)
     elif any(event.kind != "comment" for event in program.events):
         own.append("spindle, coolant, dwells and stops of the CAM file are not in this table")
     return [*notes, *(f"{language}: {note}" for note in own)]

@@ -87,18 +87,18 @@ def phrase_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases, lan
     for place, written in lines.items():
         asked: list[str] = []
         for event in (event for event in events if event.place == place):
-            step = plan_event(event, wiring, phrases)
-            if asked and step.code:
+            found = plan_event(event, wiring, phrases)
+            if asked and found.code:
                 written += phrases.pause(", then ".join(asked))
                 asked = []
-            written += [*step.remark, *step.code]
-            asked += [step.task] if step.task else []
+            written += [*found.remark, *found.code]
+            asked += [found.task] if found.task else []
         written += phrases.pause(", then ".join(asked)) if asked else []
     return lines
 
 
 @dataclass(frozen=True)
-class Step:
+class EventLines:
     """Hold what has to be done for an event: its comment, its lines, or what the operator is asked to do."""
 
     remark: list[str]
@@ -106,32 +106,32 @@ class Step:
     task: str = ""
 
 
-def plan_event(event: Event, wiring: Wiring, phrases: Phrases) -> Step:
+def plan_event(event: Event, wiring: Wiring, phrases: Phrases) -> EventLines:
     """Return what has to be done for an event."""
     text = clean_text(event.describe())
     if not text:
-        return Step([])
+        return EventLines([])
     said, native, kind = phrases.say(text), phrases.native(event), event.kind
     if kind == "comment":
-        return Step(said)
+        return EventLines(said)
     if native is not None:
-        return Step(said, native)
+        return EventLines(said, native)
     if kind in ("spindle_cw", "spindle_ccw") and _turns(kind, wiring):
-        return Step(said, _start_spindle(kind, wiring, phrases))
+        return EventLines(said, _start_spindle(kind, wiring, phrases))
     if kind == "spindle_off" and wiring.spindle is not None:
-        return Step(said, _switch_all([wiring.spindle, wiring.spindle_reverse], phrases, on=False))
+        return EventLines(said, _switch_all([wiring.spindle, wiring.spindle_reverse], phrases, on=False))
     if kind in ("coolant", "mist", "coolant_off"):
         wired = {"coolant": [wiring.coolant], "mist": [wiring.mist]}.get(kind, [wiring.coolant, wiring.mist])
-        return Step(said, _switch_all(wired, phrases, on=kind != "coolant_off"))
+        return EventLines(said, _switch_all(wired, phrases, on=kind != "coolant_off"))
     if kind == "tool" and wiring.tool_change:
-        return Step(said, phrases.call(wiring.tool_change, event.value))
+        return EventLines(said, phrases.call(wiring.tool_change, event.value))
     if kind == "dwell":
-        return Step(said, phrases.wait(event.value))
+        return EventLines(said, phrases.wait(event.value))
     if kind == "optional_stop" and wiring.optional_stop is not None:
-        return Step(said, phrases.pause_if(wiring.optional_stop, text))
+        return EventLines(said, phrases.pause_if(wiring.optional_stop, text))
     if kind == "output" and event.text in wiring.signals:
-        return Step(said, phrases.switch(wiring.signals[event.text], event.value != 0.0))
-    return Step(said, task=text)
+        return EventLines(said, phrases.switch(wiring.signals[event.text], event.value != 0.0))
+    return EventLines(said, task=text)
 
 
 def _turns(kind: str, wiring: Wiring) -> bool:
@@ -170,10 +170,10 @@ def name_signal(signal: Signal, prefix: str) -> str:
     return f"{prefix}{signal}" if isinstance(signal, int) else signal
 
 
-def describe_events(events: Sequence[Event], wiring: Wiring, native: Callable[[Event], list[str] | None]) -> list[str]:
+def describe_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases) -> list[str]:
     """Return what has to be said of events that nothing is wired for, one sentence each."""
-    left = [event for event in events if event.kind != "comment" and native(event) is None]
-    asked = [event for event in left if _asks(event, wiring)]
+    left = [event for event in events if event.kind != "comment" and phrases.native(event) is None]
+    asked = [event for event in left if plan_event(event, wiring, phrases).task]
     notes = []
     if asked:
         kinds = ", ".join(dict.fromkeys(event.kind.replace("_", " ") for event in asked))
@@ -189,14 +189,3 @@ def describe_events(events: Sequence[Event], wiring: Wiring, native: Callable[[E
     if len(tools) > 1:
         notes.append(f"{len(tools)} tools are called: the program is planned for one, split the CAM file by tools")
     return notes
-
-
-def _asks(event: Event, wiring: Wiring) -> bool:
-    if event.kind in ("spindle_cw", "spindle_ccw"):
-        return not _turns(event.kind, wiring)
-    wired = {
-        "spindle_off": wiring.spindle is not None, "tool": wiring.tool_change is not None, "coolant": True,
-        "mist": True, "coolant_off": True, "dwell": True, "optional_stop": wiring.optional_stop is not None,
-        "output": event.text in wiring.signals,
-    }  # fmt: skip
-    return not wired.get(event.kind, False)

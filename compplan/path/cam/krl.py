@@ -24,7 +24,6 @@ from compplan.path.cam.krl_words import (
     HEAD,
     ITEM,
     MOTION,
-    NUMBER,
     OPENS,
     OUTPUT,
     PLACE,
@@ -37,12 +36,10 @@ from compplan.path.cam.krl_words import (
 from compplan.path.cam.lines import MOST_LINES, count_lines, read_bounded, split_lines
 from compplan.path.cam.moves import FARTHEST, CamFile
 from compplan.path.cam.options import CamTable
-from compplan.path.cam.robot_moves import RobotMoves
+from compplan.path.cam.robot_moves import DEEPEST, NUMBER, RobotMoves
 
 name = "krl"
 suffixes = (".src", ".sub")
-
-DEEPEST = 20
 
 
 def recognise(text: str) -> bool:

@@ -15,12 +15,11 @@ from compplan.files.tables import Array
 from compplan.path.cam.lines import LONGEST_LINE, MOST_LINES, count_lines, split_lines
 from compplan.path.cam.moves import FARTHEST, CamFile
 from compplan.path.cam.options import CamTable
-from compplan.path.cam.robot_moves import RobotMoves, make_pose
+from compplan.path.cam.robot_moves import DEEPEST, NUMBER, RobotMoves, make_pose
 
 name = "rapid"
 suffixes = (".mod", ".modx", ".prg", ".sys")
 
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?"
 #: Lines that end without a semicolon.
 BARE = re.compile(
     r"(MODULE|ENDMODULE|(LOCAL\s+)?(PROC|FUNC|TRAP|RECORD)|END(PROC|FUNC|TRAP|RECORD|IF|FOR|WHILE|TEST)|ELSE(IF)?|IF|FOR|"
@@ -45,7 +44,6 @@ SILENT = re.compile(
     r"CLK\w+|GRIPLOAD|PATHACCLIM|WORLDACCLIM|MOTIONSUP|ACTUNIT|DEACTUNIT|INCR|DECR|ISIGNAL\w+|CONNECT|IDELETE|OPEN|CLOSE|"
     r"WRITE|USE\w*|RECORD|ENDRECORD|TRIGGIO|TRIGGEQUIP|MODULE|ENDMODULE|PROC|ENDPROC|ERROR|RAISE|RETRY|TRYNEXT)\b"
 )
-DEEPEST = 20
 
 
 def recognise(text: str) -> bool:

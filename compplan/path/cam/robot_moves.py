@@ -15,6 +15,10 @@ from compplan.path.cam.arcs import Arc, Point, arc_about, sample_arcs
 from compplan.path.cam.moves import FARTHEST, LARGEST_RADIUS, MoveLog
 from compplan.path.cam.options import CamTable
 
+#: A number in a robot program, capitals.
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?"
+#: How deep programs may call one another.
+DEEPEST = 20
 #: Greatest turn of the tool between waypoints. [deg]
 TURN_STEP = 1.0
 #: Turns of the tool axis below this are none. [rad]

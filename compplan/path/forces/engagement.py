@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.files.tables import Array
+from compplan.path.contact import last_set
 from compplan.path.forces.cutter import Cutter
 from compplan.path.forces.stock import Columns
 from compplan.path.forces.wake import Wake, build_wake, lowest_reach
@@ -159,7 +160,7 @@ def find_engagement(
     step = position - start
     step[0] = step[1] if n > 1 else [1.0, 0.0, 0.0]
     moves = np.linalg.norm(step, axis=1) > 0.0
-    step = step[_last_true(moves)]  # a tool that rests is engaged as it came
+    step = step[last_set(moves)]  # a tool that rests is engaged as it came
     size = np.linalg.norm(step, axis=1)
     travel, side = _split_travel(step, size)
     bounds = stock.bounds()[:, :2]
@@ -191,14 +192,8 @@ def _split_travel(step: Array, size: Array) -> tuple[Array, Array]:
     clear = across > 1e-6 * unit
     if not clear.any():
         return travel, np.tile([1.0, 0.0], (len(step), 1))
-    last = _last_true(clear)
+    last = last_set(clear)
     return travel, step[last, :2] / across[last, None]
-
-
-def _last_true(flags: NDArray[np.bool_]) -> NDArray[np.int_]:
-    """Return of every row the last one up to it whose flag is set, the first set one before that. Shape (n,)."""
-    rows = np.flatnonzero(flags) if flags.any() else np.zeros(1, dtype=int)
-    return np.asarray(rows[np.maximum(np.searchsorted(rows, np.arange(len(flags)), side="right") - 1, 0)])
 
 
 @dataclass(frozen=True)

@@ -153,15 +153,12 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
 def _columns(law: ForceLaw, nominal: Toolpath, axes: Array) -> tuple[Array, list[str], list[str], Array]:
     """Return what each number contributes at its unit, path axes; names, units, and values now. Shape (c, n, 3)."""
     if law.cutting is not None:
-        shape, resistance = law.cutting.shape, law.cutting.process.resistance
-        per_tooth = 1e3 * law.cutting.process.spindle().feed_per_tooth(nominal.feed)
-        thickness = np.maximum(per_tooth, 0.0)[:, None] ** (1.0 - np.array(resistance.exponent))
-        touch = ~nominal.rapid[:, None, None]
-        cutting = np.swapaxes(shape.cutting[:, :, :3] * thickness[:, :, None] * touch, 0, 1)
-        edge = np.swapaxes(shape.edge[:, :, :3] * touch, 0, 1)
+        resistance = law.cutting.process.resistance
+        per_tooth = law.cutting.process.spindle().feed_per_tooth(nominal.feed)
+        every = law.cutting.shape.columns(resistance.exponent, per_tooth) * ~nominal.rapid[:, None, None]
         names = [f"{part} cutting coefficient" for part in NAMES] + [f"{part} edge coefficient" for part in NAMES]
         values = np.array([*resistance.cutting, *resistance.edge])
-        return np.concatenate([cutting, edge]), names, ["N/mm2"] * 3 + ["N/mm"] * 3, values
+        return np.swapaxes(every[:, :, :3], 0, 1), names, ["N/mm2"] * 3 + ["N/mm"] * 3, values
     wrench = np.zeros((len(nominal), 6)) if nominal.wrench is None else nominal.wrench
     local = np.einsum("nji,nj->ni", axes, wrench[:, :3])
     columns = np.stack([local * np.eye(3)[k] for k in range(3)])

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from compplan.files.tables import Array
 from compplan.path.forces.cutter import Slices
-from compplan.path.forces.engagement import Engagement, outward_speed
+from compplan.path.forces.engagement import Engagement, middle_angles, outward_speed
 from compplan.path.forces.materials import Coefficients
 
 #: Rows that are worked out at once.
@@ -80,10 +80,15 @@ class MillingShape:
             Shape (n, 6). [N, N m]
 
         """
-        thickness = np.maximum(feed_per_tooth * 1e3, 0.0)[:, None] ** (1.0 - np.array(coefficients.exponent))
-        cutting = np.einsum("nc,c,ncw->nw", thickness, np.array(coefficients.cutting), self.cutting)
+        size = np.array([*coefficients.cutting, *coefficients.edge])
+        return np.asarray(np.einsum("c,ncw->nw", size, self.columns(coefficients.exponent, feed_per_tooth)))
+
+    def columns(self, exponent: tuple[float, float, float], feed_per_tooth: Array) -> Array:
+        """Return what each coefficient, cutting then edge ones, is multiplied with at a feed. Shape (n, 6, 6)."""
+        thickness = np.maximum(feed_per_tooth * 1e3, 0.0)[:, None] ** (1.0 - np.array(exponent))
         ploughing = np.clip(feed_per_tooth / PLOUGHING_FEED, 0.0, 1.0)
-        return np.asarray(cutting + np.einsum("n,c,ncw->nw", ploughing, np.array(coefficients.edge), self.edge))
+        edge = ploughing[:, None, None] * self.edge
+        return np.concatenate([thickness[:, :, None] * self.cutting, edge], axis=1)
 
 
 def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, float]) -> MillingShape:
@@ -159,7 +164,7 @@ def ripple_force(
     """
     edge = found.cutter.slices
     count = found.depth.shape[2] * FINE
-    angle = (np.arange(count) + 0.5) * (2.0 * np.pi / count)
+    angle = middle_angles(count)
     share, height = _spread_arcs(found.depth[rows])
     out = np.maximum(outward_speed(edge.normal, found.travel[rows], angle), 0.0) * feed_per_tooth[:, None, None] * 1e3
     force = np.zeros((len(rows), count, 3))

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 
 from compplan.errors import InputError
 from compplan.files.tables import Array
-from compplan.path.contact import ContactTable, path_axes
+from compplan.path.contact import ContactTable, last_set, path_axes
 from compplan.path.toolpath import Toolpath
 
 #: Tensile strength of sheets, sizes that handbooks give: assumed. [N/mm^2]
@@ -99,11 +99,7 @@ def sheet_wrench(process: IsfRegressionProcess, nominal: Toolpath) -> Array:
 
     """
     depth = _sink(nominal)
-    step = process.step_down_mm if process.step_down_mm is not None else 1e3 * find_step_down(nominal)
-    if process.wall_angle_deg is not None:
-        angle = np.full(len(nominal), np.radians(process.wall_angle_deg))
-    else:
-        angle = find_wall_angle(nominal, step * 1e-3)
+    step, angle = find_contours(process, nominal)
     axial = steady_axial_force(
         process.strength, process.thickness_mm, process.tool_diameter_mm, np.array(step), angle
     )
@@ -120,10 +116,7 @@ def sheet_wrench(process: IsfRegressionProcess, nominal: Toolpath) -> Array:
 
 def describe_sheet(process: IsfRegressionProcess, nominal: Toolpath) -> list[str]:
     """Say what was assumed, and what lies outside the range that the regression holds in."""
-    step = process.step_down_mm if process.step_down_mm is not None else 1e3 * find_step_down(nominal)
-    angle = np.radians(process.wall_angle_deg or 0.0) * np.ones(1)
-    if process.wall_angle_deg is None:
-        angle = find_wall_angle(nominal, step * 1e-3)
+    step, angle = find_contours(process, nominal)
     typical = float(np.degrees(np.median(angle)))
     found = {"thickness": process.thickness_mm, "tool_diameter": process.tool_diameter_mm, "step_down": step,
              "wall_angle": typical}  # fmt: skip
@@ -138,6 +131,14 @@ def describe_sheet(process: IsfRegressionProcess, nominal: Toolpath) -> list[str
     if outside:
         notes.append(f"Outside the range that the regression is known to hold in: {', '.join(outside)}.")
     return notes
+
+
+def find_contours(process: IsfRegressionProcess, nominal: Toolpath) -> tuple[float, Array]:
+    """Return step-down [mm] and wall angle [rad], shape (n,): as the job says them, otherwise from the path."""
+    step = process.step_down_mm if process.step_down_mm is not None else 1e3 * find_step_down(nominal)
+    if process.wall_angle_deg is None:
+        return step, find_wall_angle(nominal, step * 1e-3)
+    return step, np.full(len(nominal), np.radians(process.wall_angle_deg))
 
 
 def find_step_down(nominal: Toolpath) -> float:
@@ -194,12 +195,11 @@ def find_wall_angle(nominal: Toolpath, step_down: float) -> Array:
         beside = (np.abs(along) <= np.maximum(distance, step_down)) & (distance <= step_down / np.tan(FLATTEST))
         found = np.arctan2(depth[other] - depth[here], np.maximum(distance, 1e-9))
         angle[here[beside]] = found[beside]
-    known = np.flatnonzero(np.isfinite(angle))
-    if not len(known):
+    known = np.isfinite(angle)
+    if not known.any():
         message = "the path has no contour above another, so that its wall angle is not known; say wall_angle_deg"
         raise InputError(message, file=nominal.source or None, where="process.wall_angle_deg")
-    last = known[np.clip(np.searchsorted(known, np.arange(len(nominal)), side="right") - 1, 0, None)]
-    return np.asarray(angle[last])
+    return np.asarray(angle[last_set(known)])
 
 
 def _sink(nominal: Toolpath) -> Array:
