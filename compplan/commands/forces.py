@@ -18,8 +18,9 @@ from compplan.files.tables import dump_json
 def command(job: Path, folder: Path, log: Path | None, as_json: bool) -> None:
     """Predict engagement and force along the path of JOB: write forces.json, forces.csv and report.html."""
     from compplan.commands.progress import show_progress
+    from compplan.job.force_prediction import predict_forces
     from compplan.job.job import load_job
-    from compplan.outputs.forces import predict_forces, write_forces
+    from compplan.outputs.forces import write_forces
 
     checked = load_job(job)
     with show_progress() as announce:

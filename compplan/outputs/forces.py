@@ -2,63 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from compplan.files.origin import describe_origin
-from compplan.files.tables import Array, write_json, write_table
+from compplan.files.tables import write_json, write_table
 from compplan.files.transaction import replace_folder
-from compplan.job.job import Job, load_path
-from compplan.path.contact import path_axes
-from compplan.path.force_law import ForceLaw
-from compplan.path.forces.fit import ForceFit, fit_forces, read_force_log
-from compplan.path.toolpath import WRENCH_HEADERS, Toolpath
-
-
-@dataclass(frozen=True)
-class ForcePrediction:
-    """The force along a job's path.
-
-    Attributes:
-        job: The job.
-        nominal: The path with its wrench, base frame.
-        law: Its law.
-        ripple: Half of the range of the force through a turn of a cutter, path axes, or None. Shape (n, 3). [N]
-        fit: The comparison with a log, or None.
-
-    """
-
-    job: Job
-    nominal: Toolpath
-    law: ForceLaw
-    ripple: Array | None
-    fit: ForceFit | None
-
-    @property
-    def wrench(self) -> Array:
-        """The wrench on the tool at its tip, base axes. Shape (n, 6). [N, N m]"""
-        return np.zeros((len(self.nominal), 6)) if self.nominal.wrench is None else self.nominal.wrench
-
-    @property
-    def local(self) -> Array:
-        """The force in path axes. Shape (n, 3). [N]"""
-        return np.asarray(np.einsum("nji,nj->ni", path_axes(self.nominal), self.wrench[:, :3]))
-
-
-def predict_forces(job: Job, log: Path | None = None) -> ForcePrediction:
-    """Predict engagement and force along a job's path, and compare them with a log where there is one.
-
-    Raises:
-        InputError: If toolpath, process or log are not what they have to be.
-
-    """
-    nominal, law = load_path(job)
-    ripple = None if law.cutting is None else law.cutting.ripple(nominal.feed)
-    fit = None if log is None else fit_forces(read_force_log(log), law, nominal, log)
-    return ForcePrediction(job, nominal, law, ripple, fit)
+from compplan.job.force_prediction import ForcePrediction
+from compplan.path.toolpath import WRENCH_HEADERS
 
 
 def summarise_forces(found: ForcePrediction) -> dict[str, Any]:
@@ -71,7 +25,7 @@ def summarise_forces(found: ForcePrediction) -> dict[str, Any]:
         "force_N": {"max": float(force.max()), "mean_in_contact": float(force[acts].mean()) if acts.any() else 0.0},
         "moment_Nm": {"max": float(np.linalg.norm(found.wrench[:, 3:], axis=1).max())},
         "uncertainty": getattr(found.job.process, "uncertainty", None),
-        "notes": [*found.nominal.notes, *([found.law.note] if found.law.note else [])],
+        "notes": found.notes,
     }  # fmt: skip
     if found.law.cutting is not None and found.ripple is not None:
         cut = found.law.cutting.engagement
@@ -101,18 +55,12 @@ def write_forces(found: ForcePrediction, folder: Path) -> dict[str, Any]:
         InputError: If the folder cannot be written; nothing is written then.
 
     """
-    from compplan.report.forces_page import ForcesView, write_forces_page
+    from compplan.report.forces_page import write_forces_page
 
     summary = {**summarise_forces(found), "made_by": describe_origin()}
-    cut = None if found.law.cutting is None else found.law.cutting.engagement
-    view = ForcesView(
-        title=found.job.name or "Forces", model=found.job.process.model, nominal=found.nominal, wrench=found.wrench,
-        local=found.local, ripple=found.ripple, engagement=cut, fit=found.fit, notes=tuple(summary["notes"]),
-        summary=summary,
-    )  # fmt: skip
     with replace_folder(folder, "forces") as part:
         write_table(part / "forces.csv", _tabulate(found))
-        write_forces_page(view, part / "report.html")
+        write_forces_page(found, summary, part / "report.html")
         write_json(part / "forces.json", summary)
     return summary
 

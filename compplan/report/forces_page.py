@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from compplan.job.force_prediction import ForcePrediction
 from compplan.path.forces.engagement import Engagement
 from compplan.path.forces.fit import ForceFit
 from compplan.path.toolpath import Toolpath
@@ -23,89 +23,67 @@ from compplan.robot import Array
 POINTS = 4000
 
 
-@dataclass(frozen=True)
-class ForcesView:
-    """What the page shows; n waypoints.
+def write_forces_page(found: ForcePrediction, summary: Mapping[str, Any], file: Path) -> None:
+    """Write the page.
 
-    Attributes:
-        title: Name of the job.
-        model: Name of the force model.
-        nominal: The path, base frame.
-        wrench: On the tool at its tip, base axes. Shape (n, 6). [N, N m]
-        local: The force in path axes. Shape (n, 3). [N]
-        ripple: Half of its range through a turn, path axes, or None. Shape (n, 3). [N]
-        engagement: What a cutter touches, or None.
-        fit: The comparison with a log, or None.
-        notes: What to know.
-        summary: What forces.json holds.
+    Args:
+        found: The prediction.
+        summary: What forces.json holds of it.
+        file: The page.
 
     """
-
-    title: str
-    model: str
-    nominal: Toolpath
-    wrench: Array
-    local: Array
-    ripple: Array | None = None
-    engagement: Engagement | None = None
-    fit: ForceFit | None = None
-    notes: tuple[str, ...] = ()
-    summary: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def stations(self) -> Stations:
-        """Where the waypoints are, for the charts."""
-        step = np.where(self.nominal.rapid[1:] | (self.nominal.feed[1:] <= 0.0), 0.0,
-                        self.nominal.steps / np.maximum(self.nominal.feed[1:], 1e-9))  # fmt: skip
-        length = self.nominal.arc_length
-        spans = find_spans(self.nominal.rapid)
-        spans = np.column_stack([np.maximum(spans[:, 0] - 1, 0), spans[:, 1]]).astype(int)
-        return Stations(length, np.r_[0.0, np.cumsum(step)], np.zeros(0, int), length[spans].reshape(-1, 2))
-
-
-def write_forces_page(view: ForcesView, file: Path) -> None:
-    """Write the page."""
-    sections = [_overview(view), _along(view)]
-    if view.engagement is not None:
-        sections.append(_engagement(view))
-    if view.fit is not None:
-        sections.append(_comparison(view, view.fit))
-    coefficients = view.summary.get("coefficients", {})
-    facts = [("force model", view.model)] + [(name, str(value)) for name, value in coefficients.items()]
-    assumed = [note for note in view.notes if "assumed" in note]
-    write_page(file, view.title, _lede(view), sections, kind="Forces", notes=view.notes,
+    stations = _locate_stations(found.nominal)
+    sections = [_overview(found), _along(found, stations)]
+    if found.engagement is not None:
+        sections.append(_engagement(found, found.engagement, stations))
+    if found.fit is not None:
+        sections.append(_comparison(found.fit))
+    coefficients = summary.get("coefficients", {})
+    facts = [("force model", found.job.process.model)] + [(name, str(value)) for name, value in coefficients.items()]
+    assumed = [note for note in found.notes if "assumed" in note]
+    write_page(file, found.job.name or "Forces", _lede(summary), sections, kind="Forces", notes=found.notes,
                provenance=Provenance(facts, assumed))  # fmt: skip
 
 
-def _lede(view: ForcesView) -> str:
-    force = view.summary["force_N"]
-    share = view.summary["waypoints_in_contact"] / max(view.summary["waypoints"], 1)
+def _locate_stations(nominal: Toolpath) -> Stations:
+    """Return where the waypoints are, for the charts."""
+    rests = nominal.rapid[1:] | (nominal.feed[1:] <= 0.0)
+    step = np.where(rests, 0.0, nominal.steps / np.maximum(nominal.feed[1:], 1e-9))
+    length = nominal.arc_length
+    spans = find_spans(nominal.rapid)
+    spans = np.column_stack([np.maximum(spans[:, 0] - 1, 0), spans[:, 1]]).astype(int)
+    return Stations(length, np.r_[0.0, np.cumsum(step)], np.zeros(0, int), length[spans].reshape(-1, 2))
+
+
+def _lede(summary: Mapping[str, Any]) -> str:
+    force = summary["force_N"]
+    share = summary["waypoints_in_contact"] / max(summary["waypoints"], 1)
     most, mean = format_number(force["max"]), format_number(force["mean_in_contact"])
     text = (f"The tool carries up to {most}\u00a0N, {mean}\u00a0N on average where it is in contact, which is at "
             f"{100 * share:.0f}\u00a0% of the waypoints.")  # fmt: skip
-    level = view.summary.get("uncertainty")
+    level = summary.get("uncertainty")
     if level is None:
         return text
     return f"{text} The level is uncertain by {100 * level:.0f}\u00a0% (one standard deviation)."
 
 
-def _overview(view: ForcesView) -> Section:
-    force = np.linalg.norm(view.wrench[:, :3], axis=1)
-    scenes = [Chart(_colour_path(view, force, "N"), "The path coloured by the size of the force.", height=430,
+def _overview(found: ForcePrediction) -> Section:
+    force = np.linalg.norm(found.wrench[:, :3], axis=1)
+    scenes = [Chart(_colour_path(found, force, "N"), "The path coloured by the size of the force.", height=430,
                     linked_scenes=True)]  # fmt: skip
-    if view.engagement is not None:
-        drawn = _colour_path(view, 1e6 * view.engagement.section, "mm²")
+    if found.engagement is not None:
+        drawn = _colour_path(found, 1e6 * found.engagement.section, "mm²")
         scenes.append(Chart(drawn, "The path coloured by what the tool sweeps through material a length of path.",
                             height=430, linked_scenes=True))  # fmt: skip
     blocks: list[Block] = [Columns([[scene] for scene in scenes])] if len(scenes) > 1 else [*scenes]
     return Section("Along the path", blocks, "Moves without contact are grey; turning one scene turns the other.")
 
 
-def _colour_path(view: ForcesView, value: Array, unit: str) -> Any:
+def _colour_path(found: ForcePrediction, value: Array, unit: str) -> Any:
     import plotly.graph_objects as go
 
-    points, rapid = 1e3 * view.nominal.position, value <= 0.0
-    rows = thin_path(view.nominal.position, value, POINTS)
+    points, rapid = 1e3 * found.nominal.position, value <= 0.0
+    rows = thin_path(found.nominal.position, value, POINTS)
     shown = points[rows].astype(np.float32)
     figure = go.Figure()
     travel = np.where(rapid[rows, None], shown, np.nan)
@@ -132,47 +110,45 @@ def _listed(values: Array) -> list[float | None]:
     return [None if np.isnan(value) else round(float(value), 4) for value in values]
 
 
-def _along(view: ForcesView) -> Section:
+def _along(found: ForcePrediction, stations: Stations) -> Section:
     names = ("along the travel", "to the left", "along the tool axis")
-    series = {name: view.local[:, k] for k, name in enumerate(names)}
+    series = {name: found.local[:, k] for k, name in enumerate(names)}
     blocks: list[Block] = [
-        Chart(draw_lines(view.stations, series, "N", title="force", colours=CATEGORIES[:3]),
+        Chart(draw_lines(stations, series, "N", title="force", colours=CATEGORIES[:3]),
               "Mean force of the environment on the tool; left as seen down the tool axis, the axis from tip up.",
               height=340),
     ]  # fmt: skip
-    if view.ripple is not None:
-        ripple = {name: view.ripple[:, k] for k, name in enumerate(names)}
-        lines = draw_lines(view.stations, ripple, "N", title="ripple", colours=CATEGORIES[:3], zero=True)
+    if found.ripple is not None:
+        ripple = {name: found.ripple[:, k] for k, name in enumerate(names)}
+        lines = draw_lines(stations, ripple, "N", title="ripple", colours=CATEGORIES[:3], zero=True)
         blocks.append(Chart(lines, "Half of the range of each component in a turn of the spindle.", height=280))
-    tall = 440 if np.abs(view.wrench[:, 3:]).max() > 1e-9 else 300
-    blocks.append(Chart(draw_wrench(view.stations, view.wrench), "The same wrench at the tip, base axes.", height=tall))
+    tall = 440 if np.abs(found.wrench[:, 3:]).max() > 1e-9 else 300
+    blocks.append(Chart(draw_wrench(stations, found.wrench), "The same wrench at the tip, base axes.", height=tall))
     return Section("Force", blocks)
 
 
-def _engagement(view: ForcesView) -> Section:
-    cut = view.engagement
-    assert cut is not None
+def _engagement(found: ForcePrediction, cut: Engagement, stations: Stations) -> Section:
     depth = {"axial depth": 1e3 * cut.axial, "radial width": 1e3 * cut.radial}
     arc = np.degrees(cut.arc)
     angles = {"first": arc[:, 0], "last": arc[:, 1]}
     return Section(
         "Engagement",
         [
-            Chart(draw_lines(view.stations, depth, "mm", title="engaged", colours=(AFTER, BEFORE), zero=True),
+            Chart(draw_lines(stations, depth, "mm", title="engaged", colours=(AFTER, BEFORE), zero=True),
                   "Axial depth and radial width of what the cutter meets.", height=300),
-            Chart(draw_lines(view.stations, angles, "deg", title="angle", colours=(AFTER, BEFORE)),
+            Chart(draw_lines(stations, angles, "deg", title="angle", colours=(AFTER, BEFORE)),
                   "First and last engaged angle, from the travel to the left; none in the air.", height=280),
-            _tabulate(view, cut),
+            _tabulate(found, cut),
         ],
     )  # fmt: skip
 
 
-def _tabulate(view: ForcesView, cut: Engagement) -> PageTable:
+def _tabulate(found: ForcePrediction, cut: Engagement) -> PageTable:
     """Tabulate engagement and force at even lengths of the cut."""
     touches = np.flatnonzero(cut.touches)
     rows = touches[np.unique(np.linspace(0, len(touches) - 1, min(len(touches), 60)).astype(int))]
-    force, arc = np.linalg.norm(view.wrench[:, :3], axis=1), np.degrees(cut.arc)
-    length = 1e3 * view.nominal.arc_length
+    force, arc = np.linalg.norm(found.wrench[:, :3], axis=1), np.degrees(cut.arc)
+    length = 1e3 * found.nominal.arc_length
     table: list[list[TableCell | str | float | int | None]]
     table = [[int(i), float(length[i]), float(1e3 * cut.axial[i]), float(1e3 * cut.radial[i]), float(arc[i, 0]),
               float(arc[i, 1]), TableCell(float(force[i]), "strong")] for i in rows]  # fmt: skip
@@ -181,7 +157,7 @@ def _tabulate(view: ForcesView, cut: Engagement) -> PageTable:
     return PageTable(columns, table, "At even steps of the cut; forces.csv holds every waypoint.", scroll=14)
 
 
-def _comparison(view: ForcesView, fit: ForceFit) -> Section:
+def _comparison(fit: ForceFit) -> Section:
     table: list[list[TableCell | str | float | int | None]] = []
     for number in fit.numbers:
         inside = number.low <= number.in_job <= number.high

@@ -7,6 +7,7 @@ stock before the move. The angle u counts from the travel (its part across the a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,12 +53,12 @@ class Engagement:
         """Middle of each bin. Shape (m,). [rad]"""
         return middle_angles(self.depth.shape[2])
 
-    @property
+    @cached_property
     def touches(self) -> NDArray[np.bool_]:
         """Waypoints where the cutter is in material. Shape (n,)."""
         return np.asarray(self.depth.any(axis=(1, 2)))
 
-    @property
+    @cached_property
     def axial(self) -> Array:
         """Axial depth: from the lowest to the highest engaged point of the edge. Shape (n,). [m]"""
         edge = self.cutter.slices
@@ -66,7 +67,7 @@ class Engagement:
         bottom = np.where(whole > 0.0, edge.low, np.inf).min(axis=1)
         return np.where(self.touches, np.maximum(top - bottom, 0.0), 0.0)
 
-    @property
+    @cached_property
     def section(self) -> Array:
         """Area that the move sweeps through material: volume removed a length of path. Shape (n,). [m^2]"""
         edge = self.cutter.slices
@@ -74,13 +75,13 @@ class Engagement:
         out = np.maximum(outward_speed(edge.normal, self.travel, self.angles), 0.0)
         return np.asarray(turn * np.einsum("nkm,nkm,k->n", self.depth, out, edge.radius * edge.length), np.float64)
 
-    @property
+    @cached_property
     def radial(self) -> Array:
         """Radial width: extent of the engaged surface across the travel. Shape (n,). [m]"""
         left, right = self._sides()
         return np.where(self.touches, np.maximum(left - right, 0.0), 0.0)
 
-    @property
+    @cached_property
     def arc(self) -> Array:
         """First and last engaged angle from the travel to the left, NaN in the air. Shape (n, 2). [rad]"""
         weight = self.depth.max(axis=1)

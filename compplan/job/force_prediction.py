@@ -1,0 +1,69 @@
+"""The force along a job's path: predicted, and beside a measured log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from compplan.files.tables import Array
+from compplan.job.job import Job, load_path
+from compplan.path.contact import path_axes
+from compplan.path.force_law import ForceLaw
+from compplan.path.forces.engagement import Engagement
+from compplan.path.forces.fit import ForceFit, fit_forces, read_force_log
+from compplan.path.toolpath import Toolpath
+
+
+@dataclass(frozen=True)
+class ForcePrediction:
+    """The force along a job's path.
+
+    Attributes:
+        job: The job.
+        nominal: The path with its wrench, base frame.
+        law: Its law.
+        ripple: Half of the range of the force through a turn of a cutter, path axes, or None. Shape (n, 3). [N]
+        fit: The comparison with a log, or None.
+
+    """
+
+    job: Job
+    nominal: Toolpath
+    law: ForceLaw
+    ripple: Array | None
+    fit: ForceFit | None
+
+    @property
+    def wrench(self) -> Array:
+        """The wrench on the tool at its tip, base axes. Shape (n, 6). [N, N m]"""
+        return np.zeros((len(self.nominal), 6)) if self.nominal.wrench is None else self.nominal.wrench
+
+    @property
+    def local(self) -> Array:
+        """The force in path axes. Shape (n, 3). [N]"""
+        return np.asarray(np.einsum("nji,nj->ni", path_axes(self.nominal), self.wrench[:, :3]))
+
+    @property
+    def engagement(self) -> Engagement | None:
+        """What a cutter touches, or None."""
+        return None if self.law.cutting is None else self.law.cutting.engagement
+
+    @property
+    def notes(self) -> list[str]:
+        """What a user has to know, one sentence each."""
+        return [*self.nominal.notes, *([self.law.note] if self.law.note else [])]
+
+
+def predict_forces(job: Job, log: Path | None = None) -> ForcePrediction:
+    """Predict engagement and force along a job's path, and compare them with a log where there is one.
+
+    Raises:
+        InputError: If toolpath, process or log are not what they have to be.
+
+    """
+    nominal, law = load_path(job)
+    ripple = None if law.cutting is None else law.cutting.ripple(nominal.feed)
+    fit = None if log is None else fit_forces(read_force_log(log), law, nominal, log)
+    return ForcePrediction(job, nominal, law, ripple, fit)
