@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from cam_files import read_cam_text
 
 from compplan.errors import InputError
-from compplan.path.cam import CamFile, CamTable, read_cam
+from compplan.path.cam import CamFile
 from compplan.path.events import Event, find_halts, move_events
 from compplan.path.toolpath import Toolpath, divide_toolpath, resample_toolpath
 
@@ -24,12 +26,7 @@ NC = "G21 G0 X0 Y0 Z0\n%s\nG1 X10 F60\n"
 
 @pytest.fixture
 def read(tmp_path: Path):
-    def read_text(text: str, suffix: str) -> CamFile:
-        file = tmp_path / f"part{suffix}"
-        file.write_text(text)
-        return read_cam(file, CamTable(tool_direction="z"))
-
-    return read_text
+    return partial(read_cam_text, tmp_path)
 
 
 def list_events(cam: CamFile, *, comments: bool = False) -> list[tuple[object, ...]]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from cam_files import read_cam_text
 
 from compplan.errors import InputError
-from compplan.path.cam import CamFile, CamTable, read_cam
 
 HEAD = "G21 G0 X0 Y0 Z0\n"
 TARGET = "[[{},{},0],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
@@ -16,12 +17,7 @@ TARGET = "[[{},{},0],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
 
 @pytest.fixture
 def read(tmp_path: Path):
-    def read_text(text: str, suffix: str, **options: object) -> CamFile:
-        file = tmp_path / f"part{suffix}"
-        file.write_text(text)
-        return read_cam(file, CamTable.model_validate({"tool_direction": "z", **options}))
-
-    return read_text
+    return partial(read_cam_text, tmp_path)
 
 
 def write_krl(body: str, data: str = "") -> str:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from cam_files import read_cam_text
 
 from compplan.errors import InputError
-from compplan.path.cam import CamFile, CamTable, read_cam
+from compplan.path.cam import CamFile
 
 KRL = "&ACCESS RVP\n&REL 1\nDEF part( )\n;FOLD INI\nINTERRUPT ON 3\nBAS (#INITMOV,0)\n;ENDFOLD\n{}\nEND\n"
 DOWN = "A 0,B 180,C 0"  # z of the TCP frame points down: the tool axis is 0 0 1
@@ -18,12 +20,7 @@ REST = ",[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
 
 @pytest.fixture
 def read(tmp_path: Path):
-    def read_text(text: str, suffix: str, **options: object) -> CamFile:
-        file = tmp_path / f"part{suffix}"
-        file.write_text(text)
-        return read_cam(file, CamTable.model_validate({"tool_direction": "z", **options}))
-
-    return read_text
+    return partial(read_cam_text, tmp_path)
 
 
 @pytest.fixture

@@ -12,8 +12,8 @@ from commandline import run_command
 from compplan.cell.predict import predict_campaign
 from compplan.effects import Effect, fold_effects
 from compplan.effects.assumed import known_uncertainty
-from compplan.loop.accuracy import measure_accuracy
 from compplan.loop.certificate import measure_drift, measure_drives, measure_stiffness
+from compplan.loop.iso9283 import measure_pose_accuracy
 from compplan.loop.reference import Reference, promise_plan
 from compplan.measure.campaign import Campaign
 from compplan.path.toolpath import Toolpath
@@ -36,7 +36,7 @@ def test_accuracy_and_repeatability_are_those_of_the_standard() -> None:
     off = np.array([3.0, 1, 5, 1, 4, 1]) * 1e-3
     log = Campaign(run=np.array(["static_1"] * 6), q=q, wrench=np.zeros((6, 6)), position=np.zeros((6, 3)))
     log = replace(log, position=predict_campaign(robot, log).position + np.outer(off, [0, 0, 1.0]))
-    found = measure_accuracy(robot, log, register=())
+    found = measure_pose_accuracy(robot, log, register=())
     assert (found.poses, found.again, found.visits.tolist()) == (2, 2, [3, 3])
     assert sorted(found.accuracy * 1e3) == pytest.approx([1.0, 4.0])
     assert sorted(found.repeatability * 1e3) == pytest.approx([0.0, 2 / 3 + 3 * np.sqrt(1 / 3)], abs=1e-9)

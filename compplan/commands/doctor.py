@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
-from compplan.doctor import Finding, examine_installation, examine_log, examine_robot
+from compplan.doctor import Remark, examine_installation, examine_log, examine_robot
 from compplan.errors import InputError
 from compplan.files.origin import describe_origin
 from compplan.files.tables import dump_json
@@ -46,7 +46,7 @@ def command(target: str | None, robot_name: str | None, as_json: bool) -> None:
     _print_findings(findings)
 
 
-def _print_findings(findings: list[Finding]) -> None:
+def _print_findings(findings: list[Remark]) -> None:
     table = RichTable(box=None, show_header=False, pad_edge=False)
     for finding in findings:
         said = finding.sentence + (f"; {finding.advice}" if finding.advice else "")

@@ -140,7 +140,7 @@ def list_frames(diagnosis: Diagnosis) -> tuple[Pose, ...]:
         diagnosis: The diagnosis.
     """
     delivery = diagnosis.deliveries[0]
-    spreads = {} if delivery.fitted is None else _spreads(delivery)
+    spreads = _spreads(delivery)
     robot = diagnosis.updated
     tool = np.linalg.inv(flange_turn(robot)) @ flange_to_tcp(robot)
     frames = [_pose("tool", tool, _halves(delivery, "tool_frame", None, spreads))]

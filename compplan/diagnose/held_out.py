@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnose.channels import block_index, position_residual
-from compplan.diagnose.evidence import Posterior, Prior, find_posterior
+from compplan.diagnose.evidence import Prior, find_posterior
 from compplan.diagnose.ledger import ChannelProducts, Ledger, Products, select_rows
 from compplan.diagnose.polish import register_again
 from compplan.diagnose.search import Claim, Search, search_models
@@ -111,7 +111,6 @@ class Folds:
             residual[test] = gap[test]
         return HeldOut(rows, residual[rows])
 
-
     def decide_again(self, named: Sequence[Claim]) -> Callable[[Ledger], Sequence[Claim]]:
         """Return what chooses the claims beside the named ones anew from part of a campaign, noise held.
 
@@ -150,9 +149,7 @@ def with_claims(fit: Fit, claims: Sequence[Claim], *, background: bool, ledger: 
     if not background:
         prior = Prior(np.full_like(prior.background, -1), prior.spread, prior.free, prior.slab)
     search = replace(fit.search, ledger=ledger or fit.search.ledger, prior=prior, cache={})
-    posterior: Posterior = find_posterior(
-        search.ledger, search.prior_of(claims), fit.model.posterior.hyper, fit=False
-    )
+    posterior = find_posterior(search.ledger, search.prior_of(claims), fit.model.posterior.hyper, fit=False)
     return replace(fit, search=search, model=replace(fit.model, claims=tuple(claims), posterior=posterior))
 
 

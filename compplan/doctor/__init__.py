@@ -6,9 +6,9 @@ what will matter later, and what to do about it. What cannot be read at all ends
 
 from __future__ import annotations
 
-from compplan.doctor.findings import Finding
 from compplan.doctor.installation import examine_installation
 from compplan.doctor.log import examine_log
+from compplan.doctor.remarks import Remark
 from compplan.doctor.robot_folder import examine_robot
 
-__all__ = ["Finding", "examine_installation", "examine_log", "examine_robot"]
+__all__ = ["Remark", "examine_installation", "examine_log", "examine_robot"]

@@ -12,7 +12,7 @@ from importlib import metadata
 import numpy as np
 from packaging.requirements import Requirement
 
-from compplan.doctor.findings import Finding
+from compplan.doctor.remarks import Remark
 from compplan.robot.folder import robot_folders
 from compplan.version import VERSION
 
@@ -20,30 +20,30 @@ from compplan.version import VERSION
 OLDEST_PYTHON = (3, 11)
 
 
-def examine_installation() -> list[Finding]:
+def examine_installation() -> list[Remark]:
     """Look at interpreter, libraries and what ships with compplan."""
     return [*_look_at_platform(), *_look_at_libraries(), *_try_engines(), _look_at_robots()]
 
 
-def _look_at_platform() -> Iterator[Finding]:
+def _look_at_platform() -> Iterator[Remark]:
     version = platform.python_version()
     if sys.version_info < OLDEST_PYTHON:
-        yield Finding("odd", "python", f"Python {version}, expected 3.11 or newer", "make a new environment")
+        yield Remark("odd", "python", f"Python {version}, expected 3.11 or newer", "make a new environment")
     else:
-        yield Finding("fine", "python", f"Python {version}, compplan {VERSION}")
+        yield Remark("fine", "python", f"Python {version}, compplan {VERSION}")
     machine = f"{platform.system()} {platform.machine()}"
     if machine != "Linux x86_64":
-        yield Finding("note", "platform", f"{machine}; Pinocchio and TOPP-RA have wheels for Linux x86_64 alone")
+        yield Remark("note", "platform", f"{machine}; Pinocchio and TOPP-RA have wheels for Linux x86_64 alone")
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    yield Finding("fine", "processor", f"{cores} cores for --workers of montecarlo")
+    yield Remark("fine", "processor", f"{cores} cores for --workers of montecarlo")
 
 
-def _look_at_libraries() -> Iterator[Finding]:
+def _look_at_libraries() -> Iterator[Remark]:
     """Hold the versions that are installed against those that compplan asks for."""
     try:
         wanted = [Requirement(text) for text in metadata.requires("compplan") or ()]
     except metadata.PackageNotFoundError:
-        yield Finding("note", "libraries", "compplan is not installed, it runs from its source tree", "pip install .")
+        yield Remark("note", "libraries", "compplan is not installed, it runs from its source tree", "pip install .")
         return
     faults = []
     for requirement in wanted:
@@ -57,12 +57,12 @@ def _look_at_libraries() -> Iterator[Finding]:
         if not requirement.specifier.contains(version, prereleases=True):
             faults.append(f"{requirement.name} {version}, expected {requirement.specifier}")
     if faults:
-        yield Finding("odd", "libraries", "; ".join(faults), "pip install . in the checkout mends it")
+        yield Remark("odd", "libraries", "; ".join(faults), "pip install . in the checkout mends it")
     else:
-        yield Finding("fine", "libraries", "all that compplan asks for are there, in versions it knows")
+        yield Remark("fine", "libraries", "all that compplan asks for are there, in versions it knows")
 
 
-def _try_engines() -> Iterator[Finding]:
+def _try_engines() -> Iterator[Remark]:
     """Let each engine solve something whose answer is known."""
     engines: dict[str, tuple[str, Callable[[], bool]]] = {
         "casadi": ("solver of the plans (IPOPT)", _try_ipopt),
@@ -76,9 +76,9 @@ def _try_engines() -> Iterator[Finding]:
         except Exception as error:  # whatever an engine ends with is the finding
             works, why = False, f"{type(error).__name__}: {error}"
         if works:
-            yield Finding("fine", name, f"works ({purpose})")
+            yield Remark("fine", name, f"works ({purpose})")
         else:
-            yield Finding("odd", name, f"does not work ({purpose}): {why}", f"pip install --force-reinstall {name}")
+            yield Remark("odd", name, f"does not work ({purpose}): {why}", f"pip install --force-reinstall {name}")
 
 
 def _try_ipopt() -> bool:
@@ -114,8 +114,8 @@ def _try_toppra() -> bool:
     return timed is not None and 1.0 <= timed.duration < 1.1
 
 
-def _look_at_robots() -> Finding:
+def _look_at_robots() -> Remark:
     names = list(robot_folders())
     if not names:
-        return Finding("odd", "robots", "no robot folders ship with this installation", "pip install . in the checkout")
-    return Finding("fine", "robots", f"{len(names)} ship with compplan: {', '.join(names)}")
+        return Remark("odd", "robots", "no robot folders ship with this installation", "pip install . in the checkout")
+    return Remark("fine", "robots", f"{len(names)} ship with compplan: {', '.join(names)}")

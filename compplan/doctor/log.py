@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.diagnose.questions import question_campaign
-from compplan.doctor.findings import Finding
+from compplan.doctor.remarks import Remark
 from compplan.files.tables import Table, read_table
 from compplan.measure.campaign import Campaign
 from compplan.measure.checks import list_notes
@@ -22,7 +22,7 @@ FEW_POSES = 20
 NARROW = np.radians(15.0)
 
 
-def examine_log(file: Path, robot: Robot | None = None) -> list[Finding]:
+def examine_log(file: Path, robot: Robot | None = None) -> list[Remark]:
     """Look at a measurement log, and at how it goes with its robot where that is given.
 
     Args:
@@ -38,21 +38,21 @@ def examine_log(file: Path, robot: Robot | None = None) -> list[Finding]:
         raise table.error("the log has no rows, expected one row a measured pose")
     findings = [_describe(table), *_look_at_columns(table)]
     if robot is None:
-        return [*findings, Finding("note", "robot", "not given: signs, units and frames were not looked at", "--robot")]
+        return [*findings, Remark("note", "robot", "not given: signs, units and frames were not looked at", "--robot")]
     campaign = read_campaign(file, robot)
     return [*findings, *_look_at_rows(campaign, robot), *_look_at_poses(campaign, robot), *_question(campaign, robot)]
 
 
-def _describe(table: Table) -> Finding:
+def _describe(table: Table) -> Remark:
     joints = len(table.numbered("q#"))
     runs = len(set(table.text["run"].tolist())) if "run" in table else 1
-    return Finding("fine", "log", f"{len(table)} rows, {joints} joints, {runs} run{'s' if runs > 1 else ''}")
+    return Remark("fine", "log", f"{len(table)} rows, {joints} joints, {runs} run{'s' if runs > 1 else ''}")
 
 
-def _look_at_columns(table: Table) -> Iterator[Finding]:
+def _look_at_columns(table: Table) -> Iterator[Remark]:
     """Say what is not in the log, and what cannot be told without it."""
     for note in table.notes:
-        yield Finding("odd", "column", note, "units belong in the name: x_mm, q1_deg, fx_N")
+        yield Remark("odd", "column", note, "units belong in the name: x_mm, q1_deg, fx_N")
     absent = {
         "run": "run: all rows count as one run without a break",
         "fx": "a load: stiffness can be told from weight alone",
@@ -63,44 +63,44 @@ def _look_at_columns(table: Table) -> Iterator[Finding]:
     }
     for key, without in absent.items():
         if key not in table:
-            yield Finding("note", "column", f"no column with {without}")
+            yield Remark("note", "column", f"no column with {without}")
     for name in ("x", "y", "z"):
         lost = int(np.isnan(table.values[name]).sum())
         if lost:
-            yield Finding("note", "rows", f"{lost} rows have no {table.headers[name]}")
+            yield Remark("note", "rows", f"{lost} rows have no {table.headers[name]}")
 
 
-def _look_at_rows(campaign: Campaign, robot: Robot) -> Iterator[Finding]:
+def _look_at_rows(campaign: Campaign, robot: Robot) -> Iterator[Remark]:
     for note in list_notes(campaign.notes):
-        yield Finding("odd", "rows", note)
+        yield Remark("odd", "rows", note)
     beyond = ((campaign.q < robot.lower - 1e-9) | (campaign.q > robot.upper + 1e-9)).any(axis=1)
     if beyond.any():
         said = f"{int(beyond.sum())} rows stand beyond the joint limits of the folder"
-        yield Finding("odd", "rows", said, "is it this robot, and are signs and zeros the folder's?")
+        yield Remark("odd", "rows", said, "is it this robot, and are signs and zeros the folder's?")
     loaded = int((~campaign.unloaded).sum())
     if not loaded:
-        yield Finding("note", "load", "no row is loaded: compliances show by weight alone")
+        yield Remark("note", "load", "no row is loaded: compliances show by weight alone")
     elif not campaign.load_varies:
-        yield Finding("note", "load", f"{loaded} rows carry one and the same load")
+        yield Remark("note", "load", f"{loaded} rows carry one and the same load")
 
 
-def _look_at_poses(campaign: Campaign, robot: Robot) -> Iterator[Finding]:
+def _look_at_poses(campaign: Campaign, robot: Robot) -> Iterator[Remark]:
     still = ~campaign.on_path
     poses = len(np.unique(campaign.pose[still]))
     again = _met_again(campaign)
     if still.any() and poses < FEW_POSES:
-        yield Finding("odd", "poses", f"{poses} different poses", f"{FEW_POSES} and more tell causes apart")
+        yield Remark("odd", "poses", f"{poses} different poses", f"{FEW_POSES} and more tell causes apart")
     elif still.any():
-        yield Finding("fine", "poses", f"{poses} different poses")
+        yield Remark("fine", "poses", f"{poses} different poses")
     if still.any() and not again:
-        yield Finding("note", "repeats", "no pose is met again after another one", "repeat five: they show the noise")
+        yield Remark("note", "repeats", "no pose is met again after another one", "repeat five: they show the noise")
     elif again:
-        yield Finding("fine", "repeats", f"{again} poses are met again")
+        yield Remark("fine", "repeats", f"{again} poses are met again")
     moved = np.ptp(np.nan_to_num(campaign.q), axis=0)
     for joint, span in zip(robot.actuated, moved, strict=True):
         if joint.kind != "prismatic" and span < NARROW:
             said = f"{joint.name} moves over {np.degrees(span):.1f} deg only: its zero and stiffness hardly show"
-            yield Finding("odd", "poses", said)
+            yield Remark("odd", "poses", said)
 
 
 def _met_again(campaign: Campaign) -> int:
@@ -110,9 +110,9 @@ def _met_again(campaign: Campaign) -> int:
     return sum(poses.count(pose) > 1 for pose in set(poses))
 
 
-def _question(campaign: Campaign, robot: Robot) -> Iterator[Finding]:
+def _question(campaign: Campaign, robot: Robot) -> Iterator[Remark]:
     questions = question_campaign(robot, campaign)
     for question in questions:
-        yield Finding("odd", question.about, question.sentence)
+        yield Remark("odd", question.about, question.sentence)
     if not questions:
-        yield Finding("fine", "conventions", "units, frames, signs, point of the wrench and clock go with the robot")
+        yield Remark("fine", "conventions", "units, frames, signs, point of the wrench and clock go with the robot")

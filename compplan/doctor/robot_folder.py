@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from compplan.doctor.findings import Finding
+from compplan.doctor.remarks import Remark
 from compplan.effects import robot_effects
 from compplan.program.counting import load_controller
 from compplan.robot import Array, Robot
@@ -28,7 +28,7 @@ FASTEST, FASTEST_SLIDE = np.radians(2000.0), 10.0
 POSES = 400
 
 
-def examine_robot(robot: Robot) -> list[Finding]:
+def examine_robot(robot: Robot) -> list[Remark]:
     """Look at a robot folder that could be read.
 
     Args:
@@ -38,64 +38,64 @@ def examine_robot(robot: Robot) -> list[Finding]:
     return [*findings, *_look_at_springs(robot), *_look_at_geometry(robot), *_look_at_controller(robot)]
 
 
-def _describe(robot: Robot) -> Finding:
+def _describe(robot: Robot) -> Remark:
     slides = int(robot.prismatic.sum())
     kinds = f"{robot.nq} joints" + (f", {slides} of them slide" if slides else "")
-    return Finding("fine", "folder", f"{robot.name}: {kinds}; reach of the links {robot.longest_reach:.2f} m")
+    return Remark("fine", "folder", f"{robot.name}: {kinds}; reach of the links {robot.longest_reach:.2f} m")
 
 
-def _look_at_sources(robot: Robot) -> Iterator[Finding]:
+def _look_at_sources(robot: Robot) -> Iterator[Remark]:
     if robot.grade == "placeholder":
-        yield Finding("odd", "grade", "placeholder: what bends is not to be relied on", "identify your machine")
+        yield Remark("odd", "grade", "placeholder: what bends is not to be relied on", "identify your machine")
     elif robot.grade != "identified":
-        yield Finding("note", "grade", f"{robot.grade}: not measured on your machine", "identify it first")
+        yield Remark("note", "grade", f"{robot.grade}: not measured on your machine", "identify it first")
     for name in ("compliance", "geometry", "masses"):
         source = robot.sources.get(name)
         if source is None:
-            yield Finding("note", "sources", f"no source for {name}", "name it in [sources] of elasticity.toml")
+            yield Remark("note", "sources", f"no source for {name}", "name it in [sources] of elasticity.toml")
         elif "assumed" in source.lower():
-            yield Finding("note", "sources", f"{name}: {source}")
+            yield Remark("note", "sources", f"{name}: {source}")
     if robot.repeatability is None:
-        yield Finding("note", "repeatability", "repeatability_mm is not stated", "the data sheet's value / 3.6 will do")
+        yield Remark("note", "repeatability", "repeatability_mm is not stated", "the data sheet's value / 3.6 will do")
 
 
-def _look_at_limits(robot: Robot) -> Iterator[Finding]:
+def _look_at_limits(robot: Robot) -> Iterator[Remark]:
     for joint in robot.actuated:
         slide = joint.kind == "prismatic"
         turn, fastest = joint.upper - joint.lower, FASTEST_SLIDE if slide else FASTEST
         if not np.isfinite(turn):
-            yield Finding("note", "limits", f"{joint.name} turns without limits")
+            yield Remark("note", "limits", f"{joint.name} turns without limits")
         elif not slide and turn < LITTLE:
-            yield Finding("odd", "limits", f"{joint.name} turns {np.degrees(turn):.1f} deg only", "is it in degrees?")
+            yield Remark("odd", "limits", f"{joint.name} turns {np.degrees(turn):.1f} deg only", "is it in degrees?")
         if not np.isfinite(joint.velocity):
-            yield Finding("odd", "limits", f"{joint.name} has no velocity limit", "timing needs one")
+            yield Remark("odd", "limits", f"{joint.name} has no velocity limit", "timing needs one")
         elif joint.velocity > fastest:
             said = f"{joint.velocity:.3g} {'m/s' if slide else 'rad/s'}"
-            yield Finding("odd", "limits", f"{joint.name} moves at {said}", "is it in degrees or mm?")
+            yield Remark("odd", "limits", f"{joint.name} moves at {said}", "is it in degrees or mm?")
     if not np.isfinite(robot.effort_limits).all():
-        yield Finding("note", "limits", "some joints have no effort limit: overload is not seen")
+        yield Remark("note", "limits", "some joints have no effort limit: overload is not seen")
     if not np.isfinite(robot.acceleration_limits).all():
-        yield Finding("note", "limits", "no acceleration_limits", "feed in corners will be too high")
+        yield Remark("note", "limits", "no acceleration_limits", "feed in corners will be too high")
 
 
-def _look_at_weights(robot: Robot) -> Iterator[Finding]:
+def _look_at_weights(robot: Robot) -> Iterator[Remark]:
     mass = sum(body.mass for body in robot.bodies)
     if mass == 0.0:
-        yield Finding("note", "masses", "no link has a mass: weight and inertia bend nothing")
+        yield Remark("note", "masses", "no link has a mass: weight and inertia bend nothing")
         return
-    yield Finding("fine", "masses", f"{mass:.0f} kg in {len(robot.bodies)} links")
+    yield Remark("fine", "masses", f"{mass:.0f} kg in {len(robot.bodies)} links")
     if robot.gravity is None:
-        yield Finding("note", "gravity", "not in the model: deflections count from the arm that hangs under its weight")
+        yield Remark("note", "gravity", "not in the model: deflections count from the arm that hangs under its weight")
 
 
-def _look_at_springs(robot: Robot) -> Iterator[Finding]:
+def _look_at_springs(robot: Robot) -> Iterator[Remark]:
     if not robot.springs and not robot.link_elasticities:
-        yield Finding("odd", "springs", "none: the model is rigid and a plan corrects nothing", "identify or diagnose")
+        yield Remark("odd", "springs", "none: the model is rigid and a plan corrects nothing", "identify or diagnose")
         return
     sprung = {spring.joint for spring in robot.springs}
     stiff = [joint.name for joint in robot.actuated if joint.name not in sprung]
     if stiff:
-        yield Finding("note", "springs", f"no spring at {', '.join(stiff)}: held to be rigid")
+        yield Remark("note", "springs", f"no spring at {', '.join(stiff)}: held to be rigid")
     compliance = cartesian_compliance(build_chain(robot), _sample(robot))[:, :3, :3]
     worst = 1e3 * np.linalg.norm(compliance, ord=2, axis=(1, 2))  # under 1 kN in the softest direction, m
     low, high = float(np.min(worst)), float(np.median(worst))
@@ -103,37 +103,37 @@ def _look_at_springs(robot: Robot) -> Iterator[Finding]:
         f"1 kN bends the arm by {low * 1e3:.2g} mm at the stiffest pose, {high * 1e3:.2g} mm in the median of {POSES}"
     )
     if high > SOFTEST:
-        yield Finding("odd", "springs", said, "forgot e-6, or stiffness in place of compliance?")
+        yield Remark("odd", "springs", said, "forgot e-6, or stiffness in place of compliance?")
     elif high < STIFFEST:
-        yield Finding("odd", "springs", said, "compliance in another unit (rad/(N m), m/N)?")
+        yield Remark("odd", "springs", said, "compliance in another unit (rad/(N m), m/N)?")
     else:
-        yield Finding("fine", "springs", said)
+        yield Remark("fine", "springs", said)
 
 
-def _look_at_geometry(robot: Robot) -> Iterator[Finding]:
+def _look_at_geometry(robot: Robot) -> Iterator[Remark]:
     if robot.tcp == robot.flange:
-        yield Finding("note", "tcp", "the TCP is the flange: no tool is mounted", "give [tool] in the job, or --tool")
+        yield Remark("note", "tcp", "the TCP is the flange: no tool is mounted", "give [tool] in the job, or --tool")
     chain, q = build_chain(robot), _sample(robot)
     if robot.nq < 6:
-        yield Finding("note", "geometry", f"{robot.nq} joints: orientation of the tool is not free")
+        yield Remark("note", "geometry", f"{robot.nq} joints: orientation of the tool is not free")
         return
     best = float(np.max(quality_of_poses(chain, q, find_characteristic_length(chain, q))))
     rank = int(np.linalg.matrix_rank(joint_jacobian(chain, locate_frames(chain, q))[0]))
     if best < POOR or rank < 6:
-        yield Finding("odd", "geometry", f"the best pose has inverse condition {best:.3g}", "are two axes the same?")
+        yield Remark("odd", "geometry", f"the best pose has inverse condition {best:.3g}", "are two axes the same?")
     else:
-        yield Finding("fine", "geometry", f"inverse condition of the best pose {best:.2f}")
+        yield Remark("fine", "geometry", f"inverse condition of the best pose {best:.2f}")
 
 
-def _look_at_controller(robot: Robot) -> Iterator[Finding]:
+def _look_at_controller(robot: Robot) -> Iterator[Remark]:
     counting = load_controller(robot)
     if counting.known:
-        yield Finding("fine", "controller", "controller.toml says how the joints are counted")
+        yield Remark("fine", "controller", "controller.toml says how the joints are counted")
     else:
-        yield Finding("note", "controller", "no controller.toml: signs and zeros of native programs are not known")
+        yield Remark("note", "controller", "no controller.toml: signs and zeros of native programs are not known")
     names = [effect.name for effect in robot_effects(robot)]
     if names:
-        yield Finding("note", "effects", f"effects.toml adds {', '.join(names)}")
+        yield Remark("note", "effects", f"effects.toml adds {', '.join(names)}")
 
 
 def _sample(robot: Robot) -> Array:

@@ -12,7 +12,6 @@ from compplan.effects.scene import own_springs
 from compplan.effects.signature import pack_parameters
 from compplan.errors import InputError, UnknownNameError
 from compplan.robot import Robot
-from compplan.robot.folder import robot_folders
 from compplan.robot.uncertainty import FILE, Uncertainty, Unknown
 
 #: Relative standard deviation of a compliance by the folder's grade (assumed: force models of identified robots explain
@@ -189,14 +188,3 @@ def _add(known: Uncertainty, unknown: Unknown) -> Uncertainty:
     (p, r), k = known.factor.shape, len(unknown.keys)
     factor = np.block([[known.factor, np.zeros((p, k))], [np.zeros((k, r)), np.eye(k)]])
     return replace(known, unknowns=(*known.unknowns, unknown), factor=factor)
-
-
-def literature_folder(robot: Robot) -> Robot | None:
-    """Return the shipped robot of the same type (by the name in the URDF), or None."""
-    from xml.etree import ElementTree
-
-    from compplan.robot.folder import read_robot_folder
-
-    name = ElementTree.fromstring(robot.urdf).get("name", "")
-    folder = robot_folders().get(name)
-    return None if folder is None else read_robot_folder(folder)

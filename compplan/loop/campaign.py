@@ -177,8 +177,7 @@ def compare_random(
 
 def model_part(design: Design, covariance: Array) -> float:
     """Return the root mean square along the path of the band that parameters alone make. [m]"""
-    p, model = len(design.known.deviation), design.path.model
-    band = band_radius(model @ covariance[:p, :p] @ np.swapaxes(model, 1, 2))
+    band = band_radius(design.model(covariance))
     return float(np.sqrt(np.mean(band**2)))
 
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from xml.etree import ElementTree
 
 import numpy as np
 
-from compplan.effects.assumed import known_uncertainty, literature_folder
+from compplan.effects.assumed import known_uncertainty
 from compplan.effects.scene import own_springs
-from compplan.loop.accuracy import Accuracy, measure_accuracy
+from compplan.loop.iso9283 import PoseAccuracy, measure_pose_accuracy
 from compplan.loop.reference import Reference, plan_references
 from compplan.measure.campaign import Campaign
 from compplan.promise.slopes import stage_path, tip_of
-from compplan.robot import Array, Robot
+from compplan.robot import Array, Robot, read_robot_folder
+from compplan.robot.folder import robot_folders
 from compplan.robot.uncertainty import Uncertainty
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 
@@ -93,7 +95,7 @@ class Certificate:
     stiffness: tuple[Stiffness, ...]
     drives: tuple[DriveError, ...]
     references: tuple[Reference, ...]
-    accuracy: Accuracy | None
+    accuracy: PoseAccuracy | None
     log: str
     older: Robot | None
     moved: tuple[tuple[str, float, float], ...]
@@ -114,9 +116,7 @@ def certify_robot(robot: Robot, campaign: Campaign | None = None, older: Robot |
     """
     known = known_uncertainty(robot)
     references = tuple(plan_references(robot))
-    literature = literature_folder(robot)
-    if literature is not None and literature.joint_names != robot.joint_names:
-        literature = None
+    literature = find_literature(robot)
     stiffness = tuple(measure_stiffness(robot, known, literature, older))
     drives = tuple(measure_drives(robot, known, references, older))
     certificate = Certificate(
@@ -125,7 +125,7 @@ def certify_robot(robot: Robot, campaign: Campaign | None = None, older: Robot |
         stiffness=stiffness,
         drives=drives,
         references=references,
-        accuracy=None if campaign is None else measure_accuracy(robot, campaign),
+        accuracy=None if campaign is None else measure_pose_accuracy(robot, campaign),
         log="" if campaign is None or campaign.file is None else campaign.file.name,
         older=older,
         moved=() if older is None else tuple(measure_drift(robot, older, references)),
@@ -133,6 +133,13 @@ def certify_robot(robot: Robot, campaign: Campaign | None = None, older: Robot |
         next_steps=(),
     )
     return replace(certificate, next_steps=tuple(advise(certificate)))
+
+
+def find_literature(robot: Robot) -> Robot | None:
+    """Return the shipped robot of the same type, by the name in the URDF and its joints, or None."""
+    folder = robot_folders().get(ElementTree.fromstring(robot.urdf).get("name", ""))
+    shipped = None if folder is None else read_robot_folder(folder)
+    return shipped if shipped is not None and shipped.joint_names == robot.joint_names else None
 
 
 def deviation_of(known: Uncertainty, effect: str, joint: str) -> Array | None:
@@ -146,12 +153,13 @@ def measure_stiffness(
 ) -> list[Stiffness]:
     """State the stiffness of every joint with its interval."""
     own, found = own_springs(robot), []
+    known_then = None if older is None else known_uncertainty(older)
     for index, joint in enumerate(robot.actuated):
         compliance = own[index].compliance if index in own else 0.0
         told = deviation_of(known, "joint_stiffness", joint.name)
         spread = 0.0 if told is None else known.calibration * float(np.linalg.norm(told))
         before = _compliance(older, index)
-        past = None if older is None else deviation_of(known_uncertainty(older), "joint_stiffness", joint.name)
+        past = None if known_then is None else deviation_of(known_then, "joint_stiffness", joint.name)
         both = float(np.hypot(spread, 0.0 if past is None else np.linalg.norm(past)))
         found.append(
             Stiffness(

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +47,7 @@ class Design:
     sigma: float
     frames: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def start(self) -> Array:
         """Covariance before the first measurement. Shape (p + f, p + f)."""
         p = len(self.known.deviation)
@@ -60,7 +61,7 @@ class Design:
         full[p:, p:] = np.diag(loose**2)
         return full
 
-    @property
+    @cached_property
     def target(self) -> Array:
         """Slopes along the path, frames included: they do not move the tip. Shape (3 k, p + f)."""
         k, _, p = self.path.model.shape
@@ -84,12 +85,20 @@ class Design:
             parts.append(rotation)
         return np.concatenate(parts, axis=2)
 
+    @cached_property
+    def beside(self) -> Array:
+        """Covariance of the tip that no measurement of parameters takes away. Shape (k, 3, 3). [m^2]."""
+        parts = split_covariance(self.path, self.known)
+        return parts["unexplained"] + parts["repeatability"] + parts["force"]
+
+    def model(self, covariance: Array) -> Array:
+        """Return the covariance of the tip by parameters, from that of the state. Shape (k, 3, 3). [m^2]."""
+        p = len(self.known.deviation)
+        return np.asarray(self.path.model @ covariance[:p, :p] @ np.swapaxes(self.path.model, 1, 2))
+
     def band(self, covariance: Array) -> Array:
         """Return the 95 % band along the path with a covariance of the state. Shape (k,). [m]."""
-        p = len(self.known.deviation)
-        parts = split_covariance(self.path, self.known)
-        model = self.path.model @ covariance[:p, :p] @ np.swapaxes(self.path.model, 1, 2)
-        return band_radius(model + parts["unexplained"] + parts["repeatability"] + parts["force"])
+        return band_radius(self.model(covariance) + self.beside)
 
     @property
     def floor(self) -> Array:

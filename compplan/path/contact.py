@@ -29,6 +29,23 @@ class ContactTable(StrictTable):
     ramp_out_mm: float = Field(default=0.0, ge=0.0)
 
 
+class PathForceTable(ContactTable):
+    """Keys of every model whose wrench stands in path axes and follows from the path alone."""
+
+    @property
+    def follows_feed(self) -> bool:
+        """Tell whether the force depends on the feed that is driven."""
+        return False
+
+    def wrench_along(self, nominal: Toolpath) -> Array:
+        """Return the wrench on the tool at every waypoint, path axes, contact aside. Shape (n, 6). [N, N m]"""
+        raise NotImplementedError
+
+    def describe(self, nominal: Toolpath) -> list[str]:
+        """Say where its numbers come from and what was assumed, one sentence each."""
+        return []
+
+
 def path_axes(nominal: Toolpath) -> Array:
     """Return the axes of the path frame at every waypoint as columns; a plunge keeps the x of its neighbours.
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from compplan.files.tables import Array
+from compplan.path.contact import PathForceTable
 from compplan.path.forces.cutting import CuttingForce, CuttingTable
-from compplan.path.forces.grinding import GrindingProcess
 from compplan.path.process import ColumnsProcess, ConstantProcess, MillingProcess, Process, predict_wrench
 from compplan.path.toolpath import Toolpath
 
@@ -45,9 +45,9 @@ class ForceLaw:
     @property
     def follows_feed(self) -> bool:
         """Tell whether the force depends on the feed that is driven."""
-        if isinstance(self.process, GrindingProcess):
-            return self.process.normal_N is None
-        return isinstance(self.process, MillingProcess | CuttingTable)
+        if isinstance(self.process, PathForceTable):
+            return self.process.follows_feed
+        return isinstance(self.process, CuttingTable)
 
     @property
     def turns_with_travel(self) -> bool:

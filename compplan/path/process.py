@@ -14,17 +14,17 @@ from compplan.files.tables import Array, read_table
 from compplan.files.tomlfile import StrictTable, Vector3
 from compplan.path.contact import (
     ContactTable,
+    PathForceTable,
     contact_share,
     cutting_progress,
-    lifts,
     path_axes,
     tool_axes,
     travel_across,
 )
 from compplan.path.forces.cutting import CuttingForce, CuttingTable, DrillProcess, EndMillProcess
-from compplan.path.forces.friction_stir import FrictionStirProcess, describe_weld, weld_wrench
-from compplan.path.forces.grinding import GrindingProcess, describe_grinding, grinding_wrench
-from compplan.path.forces.sheet_forming import IsfRegressionProcess, describe_sheet, sheet_wrench
+from compplan.path.forces.friction_stir import FrictionStirProcess
+from compplan.path.forces.grinding import GrindingProcess
+from compplan.path.forces.sheet_forming import IsfRegressionProcess
 from compplan.path.toolpath import WRENCH, Toolpath
 
 Frame = Literal["part", "base", "tool", "path"]
@@ -47,7 +47,7 @@ class ConstantProcess(ContactTable):
     during_rapid: bool = False
 
 
-class MillingProcess(ContactTable):
+class MillingProcess(PathForceTable):
     """Mean force of one revolution of an end mill with constant cutting coefficients, see `milling_wrench`.
 
     Above stock_top_mm (z of the part) there is no force, and less of it where the tool is in by less than depth_mm.
@@ -70,8 +70,17 @@ class MillingProcess(ContactTable):
             raise ValueError(f"width_mm is {self.width_mm:g}, at most diameter_mm = {self.diameter_mm:g} is allowed")
         return self
 
+    @property
+    def follows_feed(self) -> bool:
+        """Tell whether the force depends on the feed that is driven."""
+        return True
 
-class IsfProcess(ContactTable):
+    def wrench_along(self, nominal: Toolpath) -> Array:
+        """Return the wrench of `milling_wrench` at the feed across the tool axis."""
+        return milling_wrench(self, nominal.feed * travel_across(nominal))
+
+
+class IsfProcess(PathForceTable):
     """Incremental sheet forming: the sheet pushes the tool up and away from the wall, more the further it goes.
 
     The axial force acts along the tool axis towards the spindle, the lateral force away from the wall that is formed
@@ -86,6 +95,10 @@ class IsfProcess(ContactTable):
     drag_N: float = Field(default=0.0, ge=0.0)
     start_share: float = Field(default=0.3, ge=0.0, le=1.0)
     wall_side: Literal["left", "right"] = "right"
+
+    def wrench_along(self, nominal: Toolpath) -> Array:
+        """Return the wrench of `isf_wrench`."""
+        return isf_wrench(self, nominal)
 
 
 class FileProcess(ContactTable):
@@ -167,39 +180,15 @@ def predict_wrench(
             raise ShapeError(f"process {process.model!r} needs the engagement of its path")  # type: ignore[attr-defined]
         return _turn(cutting.wrench(nominal), path_axes(nominal))
     else:
-        wrench = _turn(_along_path(process, nominal), path_axes(nominal))
+        wrench = _turn(process.wrench_along(nominal), path_axes(nominal))
     return wrench * contact_share(nominal, process.ramp_mm * 1e-3, process.ramp_out_mm * 1e-3)[:, None]
-
-
-def _along_path(
-    process: MillingProcess | IsfProcess | IsfRegressionProcess | FrictionStirProcess | GrindingProcess,
-    nominal: Toolpath,
-) -> Array:
-    """Return the wrench of a model that has path axes. Shape (n, 6)."""
-    if isinstance(process, IsfProcess):
-        return isf_wrench(process, nominal)
-    if isinstance(process, MillingProcess):
-        return milling_wrench(process, nominal.feed * travel_across(nominal))
-    if isinstance(process, IsfRegressionProcess):
-        wrench = sheet_wrench(process, nominal)
-    elif isinstance(process, FrictionStirProcess):
-        wrench = weld_wrench(process, nominal)
-    else:
-        wrench = grinding_wrench(process, nominal)
-    return wrench * ~lifts(nominal)[:, None]
 
 
 def describe_process(process: Process, nominal: Toolpath, cutting: CuttingForce | None = None) -> tuple[str, ...]:
     """Say in a sentence each where a model's numbers come from and what was assumed."""
     if isinstance(process, CuttingTable):
         return () if cutting is None else cutting.notes
-    if isinstance(process, IsfRegressionProcess):
-        return tuple(describe_sheet(process, nominal))
-    if isinstance(process, FrictionStirProcess):
-        return tuple(describe_weld(process))
-    if isinstance(process, GrindingProcess):
-        return tuple(describe_grinding(process))
-    return ()
+    return tuple(process.describe(nominal)) if isinstance(process, PathForceTable) else ()
 
 
 def _axes(frame: Frame, nominal: Toolpath, R_base_part: Array, tool_x: Array | None) -> Array:

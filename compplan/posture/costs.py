@@ -30,7 +30,7 @@ Measure = Literal["expected", "p95"]
 
 
 @dataclass(frozen=True)
-class Uncertainty:
+class ModelScatter:
     """How well the inputs of a plan are known: one standard deviation each, all errors independent and normal.
 
     Attributes:
@@ -133,7 +133,7 @@ def measure_nodes(
     wrench: Array,
     *,
     limits: tuple[Array, Array],
-    uncertainty: Uncertainty | None = None,
+    uncertainty: ModelScatter | None = None,
     measure: Measure = "expected",
     axes: Array | None = None,
     margin: float = np.radians(10.0),
@@ -153,7 +153,7 @@ def measure_nodes(
         length: Length that makes translations and rotations comparable; `natural_length` if left out. [m]
 
     """
-    known = uncertainty or Uncertainty()
+    known = uncertainty or ModelScatter()
     n = len(q)
     sensitivity, deviation, dexterity = np.empty(n), np.empty(n), np.empty(n)
     length = natural_length(chain, limits) if length is None else length
@@ -172,7 +172,7 @@ def measure_nodes(
 
 
 def error_columns(
-    chain: Chain, q: Array, wrench: Array, uncertainty: Uncertainty, axes: Array | None = None
+    chain: Chain, q: Array, wrench: Array, uncertainty: ModelScatter, axes: Array | None = None
 ) -> Array:
     """Return the deviation that one standard deviation of each error leaves: shape (n, 3, errors) [m].
 
@@ -183,7 +183,7 @@ def error_columns(
 
 
 def _error_columns(
-    chain: Chain, frames: Frames, columns: Array, wrench: Array, known: Uncertainty, axes: Array | None
+    chain: Chain, frames: Frames, columns: Array, wrench: Array, known: ModelScatter, axes: Array | None
 ) -> tuple[Array, Array]:
     """Return the error columns and the deflection of the tip: shapes (n, 3, errors), (n, 3) [m]."""
     springs = chain.spring_elements

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from compplan.posture.costs import Measure, Uncertainty
+from compplan.posture.costs import Measure, ModelScatter
 
 if TYPE_CHECKING:
     from compplan.job.job import Job
@@ -45,7 +45,7 @@ class PostureSettings:
     preset: str = "accurate"
     weights: dict[str, float] = field(default_factory=dict)
     measure: Measure = "expected"
-    uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    uncertainty: ModelScatter = field(default_factory=ModelScatter)
     spin_step: float = float(np.radians(5.0))
     lead: float = 0.0
     lean: float = 0.0
@@ -77,7 +77,7 @@ def read_settings(job: Job, robot: Robot) -> PostureSettings:
         preset=table.preset,
         weights=dict(table.weights),
         measure=table.measure,
-        uncertainty=Uncertainty(
+        uncertainty=ModelScatter(
             table.wrench_uncertainty, table.compliance_uncertainty, float(np.radians(table.joint_zero_uncertainty_deg))
         ),
         spin_step=float(np.radians(table.spin_step_deg)),

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from compplan.effects.assumed import list_assumed
-from compplan.loop.accuracy import VISITS, Accuracy
 from compplan.loop.certificate import DRIFTED, Certificate
+from compplan.loop.iso9283 import VISITS, PoseAccuracy
 from compplan.report.page import Block, Chart, Column, PageTable, Section, TableCell, write_page
 from compplan.report.provenance import describe_robot
 from compplan.report.style import AFTER, BEFORE, CATEGORIES, format_length, format_number
@@ -57,7 +57,7 @@ def summarise(certificate: Certificate) -> str:
     return text
 
 
-def _accuracy(accuracy: Accuracy, log: str) -> Section:
+def _accuracy(accuracy: PoseAccuracy, log: str) -> Section:
     rows: list[Row] = [
         ["poses in the log", accuracy.poses, None],
         ["accuracy AP, median over poses", format_length(float(np.median(accuracy.accuracy))), None],

@@ -17,7 +17,7 @@ from compplan.path.forces.cutter import Cutter
 from compplan.path.forces.engagement import Engagement, find_engagement
 from compplan.path.forces.materials import MATERIALS, Coefficients
 from compplan.path.forces.milling import MillingShape, Spindle, ripple_amplitude, ripple_force, shape_milling
-from compplan.path.forces.stock import Columns, build_block, build_height_map, read_mesh
+from compplan.path.forces.stock import StockColumns, build_block, build_height_map, read_mesh
 from compplan.path.toolpath import Toolpath
 
 #: Flute length that is assumed where none is given, in diameters.
@@ -30,7 +30,7 @@ RIPPLES = 300
 SMOOTH = 1e-6
 #: Stock without a known shape reaches this many diameters beyond the path.
 BEYOND = 2.0
-#: Columns of a mesh, to a radius of the cutter.
+#: StockColumns of a mesh, to a radius of the cutter.
 MESH_COLUMNS = 8.0
 #: Feeds a tooth that are taken for true. [mm]
 FEED_PER_TOOTH = (1e-5, 3.0)
@@ -293,7 +293,7 @@ def _view_along(axis: Array) -> Array:
 
 def _read_stock(
     process: CuttingTable, cutter: Cutter, toolpath: Toolpath, top: float | None, R_view: Array, job: Path
-) -> tuple[Columns, list[str]]:
+) -> tuple[StockColumns, list[str]]:
     """Return the stock as it is seen along the tool axis, and what was assumed of it."""
     table = process.stock
     if table is not None and table.block_mm is not None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from compplan.files.tables import Array
 from compplan.path.contact import last_set
 from compplan.path.forces.cutter import Cutter
-from compplan.path.forces.stock import Columns
+from compplan.path.forces.stock import StockColumns
 from compplan.path.forces.wake import Wake, build_wake, lowest_reach
 
 #: Angles round the axis, a multiple of 4; moves that are looked at together; steps that find the edge of an arc.
@@ -142,7 +142,7 @@ def outward_speed(normal: Array, travel: Array, angle: Array) -> Array:
 
 
 def find_engagement(
-    cutter: Cutter, position: Array, cutting: NDArray[np.bool_], stock: Columns
+    cutter: Cutter, position: Array, cutting: NDArray[np.bool_], stock: StockColumns
 ) -> tuple[Engagement, NDArray[np.bool_]]:
     """Find the engagement at every waypoint of a path that cuts its way through stock.
 
@@ -203,7 +203,7 @@ class _Look:
 
     cutter: Cutter
     wake: Wake
-    stock: Columns
+    stock: StockColumns
     position: Array
     start: Array
     travel: Array

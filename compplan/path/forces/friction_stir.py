@@ -18,14 +18,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from compplan.files.tables import Array
-from compplan.path.contact import ContactTable
+from compplan.path.contact import PathForceTable, lifts
 from compplan.path.toolpath import Toolpath
 
 #: Relative standard deviation that Monte Carlo draws the level with, assumed.
 UNCERTAINTY = 0.2
 
 
-class FrictionStirProcess(ContactTable):
+class FrictionStirProcess(PathForceTable):
     """Mean force of a friction stir weld, see `compplan.path.forces.friction_stir`."""
 
     model: Literal["friction_stir"]
@@ -55,6 +55,14 @@ class FrictionStirProcess(ContactTable):
     def uncertainty(self) -> float:
         """Relative standard deviation of the level."""
         return UNCERTAINTY
+
+    def wrench_along(self, nominal: Toolpath) -> Array:
+        """Return the wrench of `weld_wrench`, none while the tool is lifted off."""
+        return weld_wrench(self, nominal) * ~lifts(nominal)[:, None]
+
+    def describe(self, nominal: Toolpath) -> list[str]:
+        """Return the sentences of `describe_weld`."""
+        return describe_weld(self)
 
 
 def weld_torque(process: FrictionStirProcess) -> float:

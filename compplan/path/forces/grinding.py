@@ -18,14 +18,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from compplan.files.tables import Array
-from compplan.path.contact import ContactTable
+from compplan.path.contact import PathForceTable, lifts
 from compplan.path.toolpath import Toolpath
 
 #: Relative standard deviation that Monte Carlo draws the level with, assumed.
 UNCERTAINTY = 0.25
 
 
-class GrindingProcess(ContactTable):
+class GrindingProcess(PathForceTable):
     """Mean force of grinding or sanding, see `compplan.path.forces.grinding`."""
 
     model: Literal["grinding"]
@@ -50,6 +50,19 @@ class GrindingProcess(ContactTable):
     def uncertainty(self) -> float:
         """Relative standard deviation of the level."""
         return UNCERTAINTY
+
+    @property
+    def follows_feed(self) -> bool:
+        """Tell whether the force depends on the feed that is driven."""
+        return self.normal_N is None
+
+    def wrench_along(self, nominal: Toolpath) -> Array:
+        """Return the wrench of `grinding_wrench`, none while the tool is lifted off."""
+        return grinding_wrench(self, nominal) * ~lifts(nominal)[:, None]
+
+    def describe(self, nominal: Toolpath) -> list[str]:
+        """Return the sentences of `describe_grinding`."""
+        return describe_grinding(self)
 
 
 def grinding_wrench(process: GrindingProcess, nominal: Toolpath) -> Array:

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 
 from compplan.errors import InputError
 from compplan.files.tables import Array
-from compplan.path.contact import ContactTable, last_set, path_axes
+from compplan.path.contact import PathForceTable, last_set, lifts, path_axes
 from compplan.path.toolpath import Toolpath
 
 #: Tensile strength of sheets, sizes that handbooks give: assumed. [N/mm^2]
@@ -38,7 +38,7 @@ FLATTEST = float(np.radians(8.0))
 NEXT_CONTOUR = (0.6, 1.4)
 
 
-class IsfRegressionProcess(ContactTable):
+class IsfRegressionProcess(PathForceTable):
     """Force of incremental sheet forming from sheet, tool and path, see `compplan.path.forces.sheet_forming`."""
 
     model: Literal["isf_regression"]
@@ -67,6 +67,14 @@ class IsfRegressionProcess(ContactTable):
     def uncertainty(self) -> float:
         """Relative standard deviation of the level."""
         return UNCERTAINTY
+
+    def wrench_along(self, nominal: Toolpath) -> Array:
+        """Return the wrench of `sheet_wrench`, none while the tool is lifted off."""
+        return sheet_wrench(self, nominal) * ~lifts(nominal)[:, None]
+
+    def describe(self, nominal: Toolpath) -> list[str]:
+        """Return the sentences of `describe_sheet`."""
+        return describe_sheet(self, nominal)
 
 
 def steady_axial_force(strength: float, thickness: float, diameter: float, step_down: Array, angle: Array) -> Array:

@@ -20,7 +20,7 @@ MESH_CELLS = 4_000_000
 HOLLOW = 0.02
 
 
-class Columns(Protocol):
+class StockColumns(Protocol):
     """Stock seen along a direction: every column is solid from a bottom to a top."""
 
     def interval(self, place: Array) -> tuple[Array, Array]:
@@ -54,7 +54,7 @@ class Block:
     corners: Array
 
     def interval(self, place: Array) -> tuple[Array, Array]:
-        """Return bottom and top of the columns, see `Columns`."""
+        """Return bottom and top of the columns, see `StockColumns`."""
         low, high = np.full(place.shape[:-1], -np.inf), np.full(place.shape[:-1], np.inf)
         for n, c in zip(self.normal, self.offset, strict=True):
             left = c - place @ n[:2]
@@ -67,13 +67,13 @@ class Block:
         return low, high
 
     def bounds(self) -> Array:
-        """Return the box around it, see `Columns`."""
+        """Return the box around it, see `StockColumns`."""
         return np.stack([self.corners.min(axis=0), self.corners.max(axis=0)])
 
 
 @dataclass(frozen=True)
 class HeightMap:
-    """Columns of a mesh on a grid: between four neighbours heights go over linearly.
+    """StockColumns of a mesh on a grid: between four neighbours heights go over linearly.
 
     Args:
         origin: Place of the first cell's centre. Shape (2,). [m]
@@ -89,7 +89,7 @@ class HeightMap:
     high: Array
 
     def interval(self, place: Array) -> tuple[Array, Array]:
-        """Return bottom and top of the columns, see `Columns`."""
+        """Return bottom and top of the columns, see `StockColumns`."""
         at = (place - self.origin) / self.cell
         limit = np.array(self.high.shape)
         first = np.clip(np.floor(at).astype(int), 0, limit - 2)
@@ -109,7 +109,7 @@ class HeightMap:
         return found[0], found[1]
 
     def bounds(self) -> Array:
-        """Return the box around it, see `Columns`."""
+        """Return the box around it, see `StockColumns`."""
         full = np.isfinite(self.high)
         last = self.origin + self.cell * (np.array(self.high.shape) - 1)
         return np.array([[*self.origin, self.low[full].min()], [*last, self.high[full].max()]])
@@ -180,7 +180,7 @@ def build_height_map(mesh: Any, R_view: Array, cell: float) -> tuple[HeightMap, 
     note = ""
     if abs(volume / mesh.volume - 1.0) > HOLLOW:
         held = f"{volume * 1e9:.4g} mm3, the stock's mesh {mesh.volume * 1e9:.4g} mm3"
-        note = f"Columns along the tool axis hold {held}: hollows and undercuts are taken for solid."
+        note = f"StockColumns along the tool axis hold {held}: hollows and undercuts are taken for solid."
     return HeightMap(origin, cell, bottoms, tops), note
 
 

@@ -25,7 +25,7 @@ SAME_FORCE = 5.0
 
 
 @dataclass(frozen=True, eq=False)
-class Accuracy:
+class PoseAccuracy:
     """Accuracy and repeatability of a log; k poses that were met again.
 
     Attributes:
@@ -58,7 +58,9 @@ class Accuracy:
         return float(np.sqrt(np.average(self.repeatability**2, weights=weight))) if len(weight) else float("nan")
 
 
-def measure_accuracy(robot: Robot, campaign: Campaign, register: tuple[str, ...] = ("base", "tool")) -> Accuracy:
+def measure_pose_accuracy(
+    robot: Robot, campaign: Campaign, register: tuple[str, ...] = ("base", "tool")
+) -> PoseAccuracy:
     """Measure accuracy and repeatability of a robot in a log.
 
     Args:
@@ -82,6 +84,6 @@ def measure_accuracy(robot: Robot, campaign: Campaign, register: tuple[str, ...]
             distance = np.linalg.norm(places - places.mean(axis=0), axis=1)
             repeatability.append(float(distance.mean() + 3.0 * distance.std(ddof=1)))
             visits.append(len(places))
-    return Accuracy(
+    return PoseAccuracy(
         len(accuracy), len(visits), np.array(visits, int), np.array(repeatability), np.array(accuracy), gap, register
     )

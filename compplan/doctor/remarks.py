@@ -7,7 +7,7 @@ from typing import Literal
 
 
 @dataclass(frozen=True)
-class Finding:
+class Remark:
     """One thing that was looked at.
 
     Attributes:

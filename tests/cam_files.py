@@ -1,0 +1,14 @@
+"""Small CAM files as texts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from compplan.path.cam import CamFile, CamTable, read_cam
+
+
+def read_cam_text(folder: Path, text: str, suffix: str, **options: object) -> CamFile:
+    """Write a CAM file and read it; robot programs hold the tool along z."""
+    file = folder / f"part{suffix}"
+    file.write_text(text)
+    return read_cam(file, CamTable.model_validate({"tool_direction": "z", **options}))
