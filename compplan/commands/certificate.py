@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from compplan.commands.places import OUT_FILE
 from compplan.files.tables import dump_json
 
 
@@ -13,7 +14,7 @@ from compplan.files.tables import dump_json
 @click.argument("robot_name", metavar="ROBOT")
 @click.option("--log", "log", type=click.Path(path_type=Path), help="Measurement log: accuracy and repeatability.")
 @click.option("--since", "older", help="Robot folder of the last certificate: drift.")
-@click.option("--out", "file", type=click.Path(path_type=Path), required=True, help="HTML file to write.")
+@click.option("--out", "file", type=OUT_FILE, required=True, help="HTML file to write.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def command(robot_name: str, log: Path | None, older: str | None, file: Path, as_json: bool) -> None:
     """Certify ROBOT: stiffness, lost motion, gear error, drift, and the tolerance within reach, on one page.

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
+from compplan.commands.places import OUT_FOLDER
 from compplan.files.tables import dump_json
 
 
 @click.command()
 @click.argument("job", type=click.Path(path_type=Path))
-@click.option("--out", "folder", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
+@click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @click.option("--log", type=click.Path(path_type=Path), help="Measured forces: CSV with s_mm, the length cut so far, "
               "and fx_N fy_N fz_N, part axes.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (forces.json) to stdout.")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from compplan.commands.places import OUT_FOLDER
 from compplan.files.tables import dump_json
 
 
@@ -13,7 +14,7 @@ from compplan.files.tables import dump_json
 @click.argument("job", type=click.Path(path_type=Path))
 @click.argument("measured", type=click.Path(path_type=Path))
 @click.option("--robot", "robot_name", required=True, help="Robot folder that the part's program was planned with.")
-@click.option("--out", "folder", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
+@click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @click.option("--frame", type=click.Choice(["part", "base"]), default="part", show_default=True,
               help="Frame of the measured points.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print learn.json to stdout.")

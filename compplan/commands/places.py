@@ -32,4 +32,4 @@ class Place(click.Path):
         return path
 
 
-OUT_FOLDER, OUT_TABLE = Place(check_folder), Place(check_file, ".csv")
+OUT_FOLDER, OUT_FILE, OUT_TABLE = Place(check_folder), Place(check_file), Place(check_file, ".csv")

@@ -334,7 +334,7 @@ def describe_proposal(fit: Fit, at: Linearization, proposal: Proposal) -> dict[s
         "separates": _separates(*proposal.separates),
         "kind": proposal.kind,
         "how": _say(proposal),
-        "columns": [f"q{k + 1}_{'mm' if slides else 'deg'}" for k, slides in enumerate(robot.prismatic)],
+        "columns": list(robot.joint_headers),
         "poses": [[round(float(v), 4) for v in campaign.q[row] * unit] for row in rows],
         "wrenches": [[round(float(v), 2) for v in campaign.wrench[row]] for row in rows],
         "approach": [_approach(at, row) for row in rows] if proposal.kind == "reversal" else None,

@@ -27,9 +27,7 @@ def write_campaign_log(observations: Observations, robot: Robot, file: Path, *, 
     if observations.link_side.any():
         loaded = np.abs(observations.wrench).max(axis=1) > 0
         columns["mode"] = np.where(loaded, "L", "U").astype(object) + np.where(observations.link_side, "2", "1")
-    for k, slides in enumerate(robot.prismatic):
-        header = f"q{k + 1}_mm" if slides else f"q{k + 1}_deg"
-        columns[header] = to_unit(observations.q[:, k], header)
+    columns |= robot.joint_columns(observations.q)
     for k, header in enumerate(("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")):
         columns[header] = observations.wrench[:, k]
     for k, header in enumerate(("x_mm", "y_mm", "z_mm")):

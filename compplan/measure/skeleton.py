@@ -25,7 +25,6 @@ def write_log_text(robot: Robot) -> str:
         robot: The robot: how many joints it has, and which of them slide.
 
     """
-    joints = [f"q{number}_{'mm' if slides else 'deg'}" for number, slides in enumerate(robot.prismatic, 1)]
     wrench = [f"{name}_{'N' if number < 3 else 'Nm'}" for number, name in enumerate(WRENCH)]
-    columns = ["run", "time_s", *joints, *wrench, "x_mm", "y_mm", "z_mm", "temperature_C", "sigma_mm"]
+    columns = ["run", "time_s", *robot.joint_headers, *wrench, "x_mm", "y_mm", "z_mm", "temperature_C", "sigma_mm"]
     return _HEAD.format(robot=robot.name) + ",".join(columns) + "\n"

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from compplan.files.columns import to_unit
 from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json, write_table, write_text
 from compplan.files.transaction import list_files, replace_folder
@@ -44,9 +43,7 @@ def write_log(campaign: PoseCampaign, file: Path) -> None:
     poses, n = campaign.poses, len(campaign.poses)
     q = np.stack([campaign.approach_start, poses.q], axis=1).reshape(2 * n, -1)
     columns: dict[str, object] = {"run": np.array(["static1"] * 2 * n)}
-    for k, slides in enumerate(campaign.plan.robot.prismatic, 1):
-        header = f"q{k}_mm" if slides else f"q{k}_deg"
-        columns[header] = to_unit(q[:, k - 1], header)
+    columns |= campaign.plan.robot.joint_columns(q)
     columns |= {header: np.repeat(poses.wrench[:, k], 2) for k, header in enumerate(WRENCH_HEADERS)}
     columns |= {f"{axis}_mm": np.full(2 * n, np.nan) for axis in "xyz"}
     columns["sigma_mm"] = np.full(2 * n, campaign.shop.sigma * 1e3)

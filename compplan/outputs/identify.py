@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from compplan.files.columns import to_unit
 from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json, write_table, write_text
 from compplan.files.transaction import replace_folder
@@ -51,9 +50,7 @@ def write_campaign_plan(plan: CampaignPlan, out: Path) -> dict[str, Any]:
         out: Folder to write into; made if needed.
     """
     columns: dict[str, object] = {"run": np.array(["static_1"] * len(plan.poses))}
-    for k, slides in enumerate(plan.robot.prismatic, 1):
-        header = f"q{k}_mm" if slides else f"q{k}_deg"
-        columns[header] = to_unit(plan.poses.q[:, k - 1], header)
+    columns |= plan.robot.joint_columns(plan.poses.q)
     for k, header in enumerate(("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")):
         columns[header] = plan.poses.wrench[:, k]
     entries = []

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from compplan.files.columns import to_unit
 from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json, write_table
 from compplan.files.transaction import list_files, replace_folder
@@ -64,9 +63,7 @@ def write_residual(residual: Residual, robot: Robot, file: Path) -> None:
     columns: dict[str, object] = {"s_mm": residual.length * 1e3}
     columns |= {f"d{axis}_mm": residual.deviation[:, k] * 1e3 for k, axis in enumerate("xyz")}
     columns["sigma_mm"] = residual.spread * 1e3
-    for k, slides in enumerate(robot.prismatic, 1):
-        header = f"q{k}_mm" if slides else f"q{k}_deg"
-        columns[header] = to_unit(residual.q[:, k - 1], header)
+    columns |= robot.joint_columns(residual.q)
     columns["force_share"] = np.full(len(residual.length), residual.force)
     write_table(file, columns, decimals=10)
 

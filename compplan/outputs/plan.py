@@ -195,8 +195,7 @@ def write_joints(plan: Plan, path: Path) -> None:
     axis = np.vstack([first, task.nominal.axis, last])
     move = np.where(task.nominal.rapid, "rapid", np.where(task.lead, "approach", "cut"))
     columns: dict[str, object] = {"time_s": time}
-    for j, slides in enumerate(robot.prismatic):
-        columns[f"q{j + 1}_{'mm' if slides else 'deg'}"] = q[:, j] * 1e3 if slides else np.degrees(q[:, j])
+    columns |= robot.joint_columns(q)
     columns |= {f"{name}_mm": position[:, k] * 1e3 for k, name in enumerate("xyz")}
     columns |= {name: axis[:, k] for k, name in enumerate("ijk")}
     columns |= {name: wrench[:, k] for k, name in enumerate(WRENCH_HEADERS)}

@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.files.columns import to_unit
 from compplan.robot.uncertainty import Uncertainty
 
 Array = NDArray[np.float64]
@@ -223,6 +224,15 @@ class Robot:
     def effort_limits(self) -> Array:
         """Effort limits. Shape (nq,). [N m or N]"""
         return np.array([joint.effort for joint in self.actuated])
+
+    @property
+    def joint_headers(self) -> tuple[str, ...]:
+        """Names of the joints' columns in a table, with their units: q1_deg, or q1_mm of a joint that slides."""
+        return tuple(f"q{k}_{'mm' if slides else 'deg'}" for k, slides in enumerate(self.prismatic, 1))
+
+    def joint_columns(self, q: Array) -> dict[str, Array]:
+        """Return joint positions, shape (n, nq) [rad or m], as the columns of a table."""
+        return {header: to_unit(q[:, k], header) for k, header in enumerate(self.joint_headers)}
 
     @property
     def prismatic(self) -> NDArray[np.bool_]:
