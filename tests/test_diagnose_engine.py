@@ -14,8 +14,9 @@ from compplan.diagnose import Diagnosis, diagnose_campaign
 from compplan.diagnose.accuracy import _summarise, draw_learning
 from compplan.diagnose.assessment import assess_diagnosis
 from compplan.diagnose.calibration import list_corrections
-from compplan.diagnose.evidence import _slope, _solve, find_gains, find_posterior
+from compplan.diagnose.evidence import _slope, _solve, find_posterior
 from compplan.diagnose.fit import fit_effects
+from compplan.diagnose.gains import find_gains
 from compplan.diagnose.held_out import Folds, make_folds
 from compplan.diagnose.search import Claim
 from compplan.diagnose.state import Problem
@@ -97,9 +98,7 @@ def test_an_offset_lists_the_origin_that_does_the_same(diagnosis: Diagnosis) -> 
 
 
 def test_the_updated_folder_predicts_a_fresh_campaign(diagnosis: Diagnosis, robot: Robot, tmp_path: Path) -> None:
-    write_diagnosis(
-        diagnosis, split_diagnosis(diagnosis), assess_diagnosis(diagnosis), diagnosis.to_table(), tmp_path
-    )
+    write_diagnosis(diagnosis, split_diagnosis(diagnosis), assess_diagnosis(diagnosis), diagnosis.to_table(), tmp_path)
     table = json.loads((tmp_path / "diagnosis.json").read_text())
     assert {e["effect"] for e in table["verdict"]["effects"]} == {"joint_stiffness", "joint_offset"}
     updated = read_robot_folder(tmp_path / "robot")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnose.evidence import combine_ledger
+from compplan.diagnose.gains import combine_ledger
 from compplan.diagnose.offers import REGISTRATION
 from compplan.diagnose.state import Fit
 from compplan.diagnose.unmodelled import UNMODELLED

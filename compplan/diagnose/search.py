@@ -10,16 +10,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnose.evidence import (
-    SIZES,
-    Gain,
-    Hyper,
-    Posterior,
-    Prior,
-    excess_square,
-    find_gains,
-    find_posterior,
-)
+from compplan.diagnose.evidence import Hyper, Posterior, Prior, excess_square, find_posterior
+from compplan.diagnose.gains import SIZES, Gain, find_gains
 from compplan.diagnose.ledger import Ledger
 from compplan.effects.linearization import Place
 from compplan.robot import Array
@@ -324,9 +316,7 @@ def entangled(search: Search, model: Model, fresh: Sequence[Claim]) -> list[Clai
     """Return fresh claims, and those whose parameters the campaign cannot fix apart from theirs."""
     posterior = model.posterior
     deviation = np.sqrt(np.maximum(np.diag(posterior.covariance), 1e-300))
-    places = {
-        c: np.flatnonzero(np.isin(posterior.columns, search.ledger.columns(c.signature))) for c in model.claims
-    }
+    places = {c: np.flatnonzero(np.isin(posterior.columns, search.ledger.columns(c.signature))) for c in model.claims}
     result = list(fresh)
     for claim in model.claims:
         for other in fresh:
