@@ -10,7 +10,7 @@ import pytest
 from compplan.cell.judge import build_judge, judge_pose
 from compplan.errors import InputError, UnknownNameError
 from compplan.posture.costs import (
-    Uncertainty,
+    ModelScatter,
     choose_weights,
     error_columns,
     measure_limits,
@@ -32,7 +32,7 @@ def postures(n: int = 6) -> np.ndarray:
 
 def test_each_error_column_is_what_the_exact_equilibrium_of_a_perturbed_robot_changes_by() -> None:
     q, size = postures(3), 1e-4
-    columns = error_columns(CHAIN, q, np.tile(WRENCH, (3, 1)), Uncertainty(1.0, 1.0))
+    columns = error_columns(CHAIN, q, np.tile(WRENCH, (3, 1)), ModelScatter(1.0, 1.0))
     small = 1e-3 * WRENCH  # so small that the levers do not change
     columns = columns * 1e-3
     base = judge_pose(build_judge(ROBOT), q, np.tile(small, (3, 1)))[0]
@@ -72,9 +72,9 @@ def test_the_95_percent_value_lies_between_once_and_twice_the_expected_one() -> 
 def test_sensitivity_grows_in_proportion_to_the_wrench_and_to_the_errors() -> None:
     q = postures()
     wrench = np.tile(WRENCH, (len(q), 1))
-    one = measure_nodes(CHAIN, q, wrench, limits=LIMITS, uncertainty=Uncertainty(0.1, 0.1)).sensitivity
-    two = measure_nodes(CHAIN, q, 2 * wrench, limits=LIMITS, uncertainty=Uncertainty(0.1, 0.1)).sensitivity
-    three = measure_nodes(CHAIN, q, wrench, limits=LIMITS, uncertainty=Uncertainty(0.3, 0.3)).sensitivity
+    one = measure_nodes(CHAIN, q, wrench, limits=LIMITS, uncertainty=ModelScatter(0.1, 0.1)).sensitivity
+    two = measure_nodes(CHAIN, q, 2 * wrench, limits=LIMITS, uncertainty=ModelScatter(0.1, 0.1)).sensitivity
+    three = measure_nodes(CHAIN, q, wrench, limits=LIMITS, uncertainty=ModelScatter(0.3, 0.3)).sensitivity
     assert two == pytest.approx(2 * one)
     assert three == pytest.approx(3 * one)
 
@@ -96,7 +96,7 @@ def test_turning_base_part_and_wrench_together_changes_nothing() -> None:
 def test_errors_of_joint_zeros_count_without_any_load() -> None:
     q = postures()
     nothing = np.zeros((len(q), 6))
-    known = Uncertainty(0.1, 0.1, joint_zero=1e-4)
+    known = ModelScatter(0.1, 0.1, joint_zero=1e-4)
     assert (measure_nodes(CHAIN, q, nothing, limits=LIMITS, uncertainty=known).sensitivity > 1e-5).all()
     assert measure_nodes(CHAIN, q, nothing, limits=LIMITS).sensitivity == pytest.approx(0.0)
 
