@@ -10,13 +10,14 @@ import trimesh
 from arms import one_joint_arm
 
 import compplan as cp
-from compplan.cell.vibration import build_dynamics
+from compplan.cell.vibration import build_dynamics, inertial_loads
 from compplan.job.job import check_job
+from compplan.plan.approach import DWELL
 from compplan.plan.bending import find_bias, relax_bias
 from compplan.plan.between import measure_between
 from compplan.plan.plan import build_task, prepare_job
 from compplan.plan.profile import ease, ease_duration, ease_times, smooth_profile
-from compplan.plan.timing import measure_use
+from compplan.plan.timing import cutting_runs, measure_use
 from compplan.statics.chain import build_chain
 from compplan.statics.sensitivity import attain_pose
 
@@ -188,6 +189,23 @@ def test_the_inertia_of_the_motion_is_compensated_and_judged_where_a_job_asks_fo
     off = np.linalg.norm(loaded - plan.task.position, axis=1)[plan.task.cut]
     still = attain_pose(plan.task.chain, plan.q, plan.task.wrench, slope=False).position
     assert off.max() < 0.2 * np.linalg.norm(still - plan.task.position, axis=1)[plan.task.cut].max()
+
+
+def test_rows_beside_a_rest_are_so_near_that_they_tell_how_gently_a_run_starts(tmp_path):
+    # whoever takes the acceleration at a rest from the rows beside it finds what bends the arm by less than a chord
+    plan = cp.plan_job(three_points(tmp_path, MILLING, plan={"rotate_about_tool_axis": False, "inertia": True}))
+    task, q, time = plan.task, plan.q, plan.timing.time
+    runs = cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
+    rests = np.array([row for first, last in runs for row in (first, last) if last > first + 1])
+    beside = rests + np.tile([1, -1], len(rests) // 2)
+    step = np.abs(time[beside] - time[rests])[:, None]
+    push = (q[beside] - q[rests]) / step / (0.5 * (step + DWELL))  # it stands still on the other side
+    load = inertial_loads(build_dynamics(plan.robot), q[rests], 0 * push, push)
+    bent, still = (
+        attain_pose(task.chain, q[rests], task.wrench[rests], slope=False, torque_bias=bias).position
+        for bias in (load, None)
+    )
+    assert 1e-7 < np.linalg.norm(bent - still, axis=1).max() < task.chord
 
 
 def test_one_joint_and_a_mass_are_driven_ahead_of_the_path_by_what_their_inertia_bends(tmp_path):

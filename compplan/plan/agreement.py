@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.cell.vibration import Dynamics, build_dynamics
+from compplan.cell.vibration import Dynamics, build_dynamics, inertial_loads
 from compplan.plan.bending import find_bias, relax_bias
 from compplan.plan.between import Between, measure_between, wanted_pieces
 from compplan.plan.feed import FeedWish, time_run
-from compplan.plan.sampling import Mending, divide_by, predict_loads
+from compplan.plan.sampling import MOST_PIECES, Mending, divide_by, divide_task, grow_places, predict_loads
 from compplan.plan.strategies import command_path, nlp
 from compplan.plan.task import Command, PlanTask, attain_rows
-from compplan.plan.timing import Timing, find_slowdown, state_timing
+from compplan.plan.timing import Timing, cutting_runs, find_slowdown, state_timing
 from compplan.robot import Array
 from compplan.statics.sensitivity import attain_pose
 
@@ -72,7 +72,7 @@ def agree(
 
     """
     progress("sampling")
-    task = _divide_ahead(task, wish)
+    task = _divide_ahead(_resolve_starts(task, wish) if task.inertia else task, wish)
     mending = Mending()
     for last in range(DIVISIONS + 1):
         progress(f"compensation of {len(task)} waypoints")
@@ -182,6 +182,30 @@ def _force_pieces(task: PlanTask) -> NDArray[np.int_]:
     change = np.linalg.norm(np.diff(bent, axis=0), axis=1)
     change[task.nominal.rapid[1:] | task.lead[1:] | (task.nominal.steps < 1e-6)] = 0.0
     return np.maximum(np.ceil(change / (STEP_CHORDS * task.chord)), 1.0).astype(int)
+
+
+def _resolve_starts(task: PlanTask, wish: FeedWish) -> PlanTask:
+    """Divide first and last moves of runs, in steps that grow away from the rest, until their rows tell the motion.
+
+    A run starts as s = j t^3 / 6. Its first row at t1 says that it accelerates by 2 s(t1) / t1^2 = j t1 / 3 where it
+    still rests; that falls with the cube root of the first step, and may bend the arm by half a chord.
+    """
+    dynamics, runs = build_dynamics(task.robot), cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
+    if not dynamics.known or not runs:
+        return task
+    time, rests = time_run(task, task.q_start, wish)[1].time, np.array(runs).ravel()
+    moves = rests - np.tile([0, 1], len(runs))
+    step = np.maximum(np.diff(time)[moves], 1e-12)[:, None]
+    push = 2.0 * (task.q_start[moves + 1] - task.q_start[moves]) / step**2 * np.tile([[1.0], [-1.0]], (len(runs), 1))
+    loads, still = inertial_loads(dynamics, task.q_start[rests], np.zeros_like(push), push), task.wrench[rests]
+    bent, plain = (
+        attain_pose(task.chain, task.q_start[rests], still, slope=False, torque_bias=bias).position
+        for bias in (loads, None)
+    )
+    excess = np.linalg.norm(bent - plain, axis=1) / (0.5 * task.chord)
+    first = np.minimum(np.maximum(excess, 1.0), MOST_PIECES) ** -3.0
+    places = [grow_places(move, share, move == rest) for move, share, rest in zip(moves, first, rests, strict=True)]
+    return divide_task(task, np.unique(np.r_[np.arange(len(task)), *places]))
 
 
 def _missing_pieces(found: Agreement) -> tuple[Array, NDArray[np.int_]]:

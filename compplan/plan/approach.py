@@ -22,7 +22,7 @@ from compplan.statics.sensitivity import attain_pose
 #: Height of the approach and of the retract along the tool axis, where the toolpath has none of its own. [m]
 APPROACH = 0.05
 #: Rows that the way down and the loading are written in, even in time.
-DOWN_ROWS, LOADING_ROWS = 24, 16
+DOWN_ROWS, LOADING_ROWS = 48, 16
 #: The tool stands this long where the cut begins or ends. [s]
 DWELL = 0.02
 

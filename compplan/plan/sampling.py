@@ -211,14 +211,18 @@ def programmed_times(nominal: Toolpath) -> Array:
 def _grade(task: PlanTask) -> Array:
     """Return places beside every rest, at distances that grow away from it: there the force grows with the feed."""
     runs, steps = cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests), task.nominal.steps
-    places: list[float] = []
-    for first, last in runs:
-        for move, forward in ((first, True), (last - 1, False)):
-            length, distance = float(steps[move]), FIRST_STEP
-            while distance < 0.6 * length:
-                places.append(move + (distance / length if forward else 1.0 - distance / length))
-                distance *= GROWTH
-    return np.array(places)
+    places = [
+        grow_places(move, FIRST_STEP / max(float(steps[move]), 1e-12), forward)
+        for first, last in runs
+        for move, forward in ((first, True), (last - 1, False))
+    ]
+    return np.concatenate([np.zeros(0), *places])
+
+
+def grow_places(move: int, share: float, forward: bool) -> Array:
+    """Return places on a move at growing distances from its start (or its end), the first at a share of the move."""
+    shares = share * GROWTH ** np.arange(max(np.ceil(np.log(0.6 / share) / np.log(GROWTH)), 0.0))
+    return np.asarray(move + shares if forward else move + 1.0 - shares)
 
 
 def _bound_travel(task: PlanTask) -> Array:

@@ -150,6 +150,7 @@ def _time_run(
         profile = smooth_profile(along, speed, task.smoothing)
         if task.inertia:  # the correction follows the acceleration: that has to be smooth itself
             profile = smooth_profile(along, profile.speed, task.smoothing)
+            profile = smooth_profile(along, profile.speed, 0.5 * task.smoothing)
         time = profile.time
         use = measure_use(q, time, task.velocity_limits, task.acceleration_limits)
         if use.max() <= 1.0:
