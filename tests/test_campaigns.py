@@ -190,6 +190,7 @@ def test_an_unknown_effect_is_one_that_the_vocabulary_does_not_explain() -> None
     assert entry["nearest_rivals"][0]["r2"] <= 0.85
 
 
+@pytest.mark.slow
 def test_an_indistinguishable_campaign_names_what_cannot_be_told_apart() -> None:
     assert draw_campaign(16, "indistinguishable", "clean").truth["effects"][0]["acceptable"]
 

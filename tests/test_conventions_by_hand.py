@@ -32,6 +32,8 @@ NAMED: list[Place] = [
     ("rail", "thermal_drift", "alike"),
     ("rail", "tool_shift", "row 30"),
 ]
+#: Those that every run of the tests asks; the others are slow.
+QUICK: list[Place] = [("turned", "wrench_bias", "sensor"), ("rail", "tool_shift", "row 30")]
 
 
 @pytest.fixture(scope="module")
@@ -228,7 +230,10 @@ def test_a_later_campaign_stands_after_the_shift_at_every_row(turned: Drawn, nam
 # --- names -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("place", NAMED, ids="-".join)
+@pytest.mark.parametrize(
+    "place",
+    [pytest.param(place, marks=[] if place in QUICK else pytest.mark.slow, id="-".join(place)) for place in NAMED],
+)
 def test_the_diagnosis_names_what_mujoco_was_given(place: Place, tmp_path: Path) -> None:
     case = CASES[place]
     robot = draw_robot_files(ROBOTS[place[0]], tmp_path)

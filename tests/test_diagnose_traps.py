@@ -40,6 +40,7 @@ def test_trap_1_readings_logged_before_the_arm_stood_still_are_no_backlash(robot
     assert names(diagnose_campaign(robot, campaign)) == ["time_skew"]
 
 
+@pytest.mark.slow
 def test_trap_2_a_clock_skew_between_two_encoders_is_no_backlash(robot: Robot) -> None:
     rows = plan_rows(robot, 2, poses=20, path=200)
     campaign = measure(robot, rows, [Effect("time_skew", parameters={"encoder_skew_s": 0.003})], 2, encoders=True)
@@ -54,7 +55,7 @@ def test_trap_3_a_frame_that_jumps_by_millimetres_is_a_shift_at_its_row(robot: R
     assert abs(diagnosis.verdict.findings[0].effect.parameters["row"] - 61) <= 1
 
 
-@pytest.mark.parametrize("parts", [(), ("base", "tool")])
+@pytest.mark.parametrize("parts", [(), pytest.param(("base", "tool"), marks=pytest.mark.slow)])
 def test_trap_4_a_coupling_convention_is_named_not_fitted(robot: Robot, parts: tuple[str, ...]) -> None:
     coupled = Effect("joint_coupling", "joint_3", None, {"other": "joint_2", "ratio": -1.0})
     diagnosis = diagnose_campaign(robot, measure(robot, plan_rows(robot, 4), [coupled], 4), register=parts)
@@ -62,6 +63,7 @@ def test_trap_4_a_coupling_convention_is_named_not_fitted(robot: Robot, parts: t
     assert diagnosis.gap.after < 1.2 * diagnosis.gap.noise_floor
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "convention",
     [
@@ -87,6 +89,7 @@ def test_trap_5_mistyped_points_are_reported_and_harm_nothing(robot: Robot) -> N
     assert places(diagnosis) == [("joint_offset", "joint_3")]
 
 
+@pytest.mark.slow
 def test_trap_6_a_fit_on_a_narrow_set_of_poses_harms_no_wide_campaign(robot: Robot) -> None:
     effects = [
         Effect("link_geometry", "joint_3", "tx", {"tx_m": 3e-4}),
@@ -115,6 +118,7 @@ def test_trap_8_offset_and_compliance_that_explain_equally_well_are_both_said(ro
     assert {("joint_offset", "joint_3"), ("joint_stiffness", "joint_3")} <= said
 
 
+@pytest.mark.slow
 def test_trap_9_compliance_is_not_biased_by_a_periodic_error(robot: Robot) -> None:
     waves = {"cycles_per_turn": [3.0], "sine_rad": [4e-4], "cosine_rad": [-2e-4]}
     effects = [
@@ -141,6 +145,7 @@ def test_nothing_is_named_where_there_is_nothing(robot: Robot) -> None:
     assert replace(diagnosis.updated, uncertainty=None) == robot  # how surely it is known is all that is new
 
 
+@pytest.mark.slow
 def test_the_true_effect_left_out_is_never_replaced_by_a_confident_wrong_name(robot: Robot) -> None:
     change = Effect("link_compliance", "joint_2", "rx", {"compliance_rad_per_Nm": 1e-6})
     campaign: Campaign = measure(robot, plan_rows(robot, 12), [change], 12)

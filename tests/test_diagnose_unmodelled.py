@@ -35,6 +35,7 @@ def scale_instrument(campaign: Campaign, share: float) -> Campaign:
     return replace(campaign, position=campaign.position + share * (campaign.position - np.array([2.0, 1.0, 1.5])))
 
 
+@pytest.mark.slow
 def test_an_instrument_with_a_wrong_scale_is_unknown_and_follows_the_place(robot: Robot) -> None:
     campaign = scale_instrument(measure(robot, plan_rows(robot, 31), [], 31), 3e-4)
     diagnosis = diagnose_campaign(robot, campaign)
@@ -55,6 +56,7 @@ def test_an_effect_beside_an_unknown_cause_keeps_its_name(robot: Robot) -> None:
     assert change == pytest.approx(6e-7, rel=0.1)
 
 
+@pytest.mark.slow
 def test_what_an_unknown_cause_follows_stands_in_the_report(robot: Robot, tmp_path: Path) -> None:
     campaign = scale_instrument(measure(robot, plan_rows(robot, 33), [], 33), 3e-4)
     table = diagnose_campaign(robot, campaign).to_table()["structure_left"]

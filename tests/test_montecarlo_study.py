@@ -93,6 +93,7 @@ def test_a_study_stops_when_its_intervals_are_narrow_enough(monkeypatch: pytest.
     assert max(estimate_mean(run.judged.rms[:, k], 8).half_width for k in range(2)) < 5e-5
 
 
+@pytest.mark.slow
 def test_intervals_of_a_study_hold_as_often_as_they_say() -> None:
     """400 small studies against a large one; binomial test at 1 %."""
     study = prepare_study(small_study().task, NoiseTable(), ["none"], most_waypoints=4)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -13,7 +15,7 @@ from commandline import run_command
 from golden_cell import write_job
 from test_golden_programs import FORMS, make_program, read_form
 
-from compplan.program import write_program
+from compplan.program import Program, write_program
 from compplan.program.fanuc_ls import LONGEST_REMARK
 from compplan.program.text import LONGEST_COMMENT, clean_text, legal_name
 
@@ -38,12 +40,27 @@ NAMES = {"krl": 21, "val3": 28, "fanuc_ls": 26, "rapid": 24, "csv": 60, "urscrip
          "kawasaki_as": 11}  # fmt: skip
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Program, Path]]:
+    """Write a program with plain words once a language; return it and its folder."""
+
+    @cache
+    def write(language: str) -> tuple[Program, Path]:
+        folder = tmp_path_factory.mktemp(language)
+        plain = replace(make_program(folder / "cell", language), name="plain", comments=("plain",))
+        write_program(plain, language, folder / "plain")
+        return plain, folder / "plain"
+
+    return write
+
+
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("attack", ATTACKS)
-def test_text_never_becomes_robot_code(form: str, attack: str, tmp_path: Path) -> None:
+def test_text_never_becomes_robot_code(
+    form: str, attack: str, tmp_path: Path, written: Callable[[str], tuple[Program, Path]]
+) -> None:
     language, text = form.split()[0], ATTACKS[attack]
-    plain = replace(make_program(tmp_path / "cell", language), name="plain", comments=("plain",))
-    write_program(plain, language, tmp_path / "plain")
+    plain, beside = written(language)
     program = replace(plain, name=text, robot=text, controller=text, comments=(text, text))
     files = write_program(program, language, tmp_path / "out")
     assert {file.resolve().is_relative_to((tmp_path / "out").resolve()) for file in files} == {True}
@@ -57,7 +74,7 @@ def test_text_never_becomes_robot_code(form: str, attack: str, tmp_path: Path) -
     name = legal_name(text, NAMES[language])
     name = name.lower() if language == "kawasaki_as" else name
     name = f"P_{name}" if language == "sinumerik" and not name[1].isalpha() and name[1] != "_" else name
-    moves, expected = read_form(form, tmp_path / "out", name), read_form(form, tmp_path / "plain", "plain")
+    moves, expected = read_form(form, tmp_path / "out", name), read_form(form, beside, "plain")
     assert [(move.kind, move.joints, move.stops, move.feed) for move in moves] == [
         (move.kind, move.joints, move.stops, move.feed) for move in expected
     ]

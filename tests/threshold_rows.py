@@ -324,7 +324,7 @@ ROWS: dict[str, dict[str, Row]] = {
 }  # fmt: skip
 #: Probes that take seconds.
 SLOW = {
-    "convincing", "convention_named", "diagnosis", "doubt", "fit", "next", "search", "short", "told", "update",
+    "convincing", "convention_named", "diagnosis", "doubt", "fit", "moves", "next", "search", "short", "told", "update",
     "verdict", "whole_search",
 }  # fmt: skip
 
