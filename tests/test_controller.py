@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from robot_library import over_robots
 
 from compplan.errors import InputError
 from compplan.program.counting import (
@@ -31,7 +32,7 @@ def folder(tmp_path: Path) -> Path:
     return Path(shutil.copytree(robot_folders()["kuka_kr270"], tmp_path / "robot"))
 
 
-@pytest.mark.parametrize("name", sorted(robot_folders()))
+@pytest.mark.parametrize("name", over_robots())
 def test_every_robot_counts_there_and_back(name: str) -> None:
     robot = load_robot(name)
     controller = load_controller(robot)
@@ -61,7 +62,7 @@ def test_a_rail_counts_in_millimetres() -> None:
     assert rates_to_controller(controller, np.ones(7)) == pytest.approx([1000, *[np.degrees(1)] * 6])
 
 
-@pytest.mark.parametrize("name", sorted(robot_folders()))
+@pytest.mark.parametrize("name", over_robots())
 def test_links_are_located_where_the_chain_has_them(name: str) -> None:
     robot = load_robot(name)
     q = random_q(robot, 10)

@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from robot_library import over_robots
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError, ShapeError
 from compplan.posture.stance import Wish, choose_posture
 from compplan.program.counting import load_controller, name_words
-from compplan.robot import load_robot, robot_folders
+from compplan.robot import load_robot
 from compplan.statics import ik
 from compplan.statics.chain import locate_frames
 
@@ -39,7 +40,7 @@ def solve_back(robot, q):
     return arm, frames, slots, np.nanmin(turned, axis=1)
 
 
-@pytest.mark.parametrize("name", robot_folders())
+@pytest.mark.parametrize("name", over_robots(redundant=False))
 def test_every_branch_reaches_the_pose_and_the_true_joints_are_among_them(name):
     robot = load_robot(name)
     arm, frames, slots, nearest = solve_back(robot, random_joints(robot, 60))

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from robot_library import over_robots
 
 from compplan.cell.judge import build_judge, judge_pose
 from compplan.cell.reading import read_judge
@@ -26,7 +27,7 @@ def draw(robot, count=6):
 
 
 @pytest.mark.parametrize("tool", [None, TOOL])
-@pytest.mark.parametrize("name", sorted(robot_folders()))
+@pytest.mark.parametrize("name", over_robots())
 def test_the_judges_own_reading_of_a_shipped_folder_agrees_with_the_planners(name, tool):
     robot = load_robot(name)
     judge = read_judge(robot_folders()[name], tool)

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from robot_library import over_robots
 
 from compplan.cell.judge import build_judge, judge_pose
 from compplan.errors import ConvergenceError
-from compplan.robot import load_robot, robot_folders
+from compplan.robot import load_robot
 from compplan.statics.chain import build_chain
 from compplan.statics.kinematics import build_loaded_pose_function, build_pose_function, count_equilibrium_steps
 from compplan.statics.sensitivity import attain_pose
@@ -23,7 +24,7 @@ def run(function, n, *arguments):
     return [np.array(part).T for part in function.map(n)(*(a.T for a in arguments))]
 
 
-@pytest.mark.parametrize("name", robot_folders())
+@pytest.mark.parametrize("name", over_robots())
 def test_casadi_kinematics_agree_with_pinocchio_deflections_included(name):
     robot = load_robot(name)
     chain, (q, wrench) = build_chain(robot), random_poses(robot, 100, 3)

@@ -11,6 +11,7 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 import trimesh
+from robot_library import over_robots
 
 from compplan.errors import ShapeError
 from compplan.report import (
@@ -35,11 +36,10 @@ from compplan.report.plan_page import PlanView, summarise_plan, write_view
 from compplan.report.robot_picture import project_points, save_robot_picture
 from compplan.report.robot_scene import draw_robot, place_meshes, shade_faces
 from compplan.report.style import format_angle, format_length, format_number, format_percent, mark_decades
-from compplan.robot import load_robot, robot_folders
+from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.elastic import solve_equilibrium
 
-ROBOTS = sorted(robot_folders())
 JOB = """\
 # A small circle. Assumed: where the
 # part stands. Nothing else.
@@ -188,7 +188,7 @@ def test_a_thinned_path_keeps_points_all_along_it() -> None:
     assert np.diff(path[rows, 0]).max() < 0.03
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", over_robots())
 def test_every_robot_is_drawn_where_the_chain_says_it_stands(name: str) -> None:
     robot = load_robot(name)
     rng = np.random.default_rng(5)

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import one_joint_arm
+from robot_library import over_robots
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError, UnknownNameError
-from compplan.robot import Spring, load_robot, robot_folders
+from compplan.robot import Spring, load_robot
 from compplan.robot.folder import write_robot_folder
 from compplan.statics.chain import build_chain, gravity_torque, locate_frames
 from compplan.statics.elastic import solve_equilibrium
@@ -19,7 +20,7 @@ Q = np.random.default_rng(0).uniform(-1, 1, (4, 6))
 WRENCH = np.array([300.0, -200, 500, 20, 10, -30])
 
 
-@pytest.mark.parametrize("name", sorted(robot_folders()))
+@pytest.mark.parametrize("name", over_robots())
 def test_a_folder_that_is_written_back_is_the_same_robot(name: str, tmp_path: Path) -> None:
     robot = load_robot(name)
     write_robot_folder(robot, tmp_path / name)

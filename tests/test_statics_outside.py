@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from robot_library import over_robots
 
 from benchmarks.campaigns.description import Array, RobotDescription, Segment, Spring
 from benchmarks.campaigns.simulate import Rows, Scenario, nominal_scenario, simulate_rows
-from compplan.robot import load_robot, robot_folders
+from compplan.robot import load_robot
 from compplan.robot.model import LinkElasticity
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import cartesian_compliance, solve_equilibrium
@@ -129,7 +130,7 @@ def test_encoders_read_both_sides_of_mujocos_gears(drawn: Drawn) -> None:
         np.testing.assert_allclose(difference, yielded, rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize("name", robot_folders())
+@pytest.mark.parametrize("name", over_robots(redundant=False))
 def test_every_branch_stands_at_the_pose_by_pinocchios_own_reading_of_the_urdf(name: str) -> None:
     robot = load_robot(name)
     assert robot.folder is not None

@@ -15,8 +15,9 @@ from compplan.robot import Robot
 from compplan.robot.uncertainty import FILE, Uncertainty, Unknown
 
 #: Relative standard deviation of a compliance by the folder's grade (assumed: force models of identified robots explain
-#: some 90 % of the deflection, machines of one type differ by some 20 %).
-COMPLIANCE = {"identified": 0.10, "literature": 0.20, "scaled": 0.35, "placeholder": 0.50}
+#: some 90 % of the deflection, machines of one type differ by some 20 %; scaled: three sourced arms scatter by .4 to .6
+#: about the rule of docs/robots.md in joints 1 to 4; placeholder: more than that, nobody knows how much).
+COMPLIANCE = {"identified": 0.10, "literature": 0.20, "scaled": 0.50, "placeholder": 0.80}
 #: Compliance of a revolute and of a prismatic joint that the model holds rigid; the grade's share of it is the width
 #: (assumed: a medium robot's joint).
 RIGID = {"revolute": 1e-6, "prismatic": 1e-7}
