@@ -24,6 +24,7 @@ from compplan.path.cam.options import CamTable
 from compplan.path.corners import round_corners
 from compplan.path.force_law import ForceLaw, read_stock_top
 from compplan.path.forces.cutting import CuttingTable, prepare_cutting
+from compplan.path.forces.process_stiffness import CouplingTable, read_coupling
 from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralTable, generate_toolpath
 from compplan.path.process import ColumnsProcess, Process, describe_process
 from compplan.path.reading import read_toolpath
@@ -222,6 +223,7 @@ class Job(StrictTable):
     part: PartTable = PartTable()
     tool: ToolTable | None = None
     process: Process = ColumnsProcess()
+    coupling: CouplingTable | None = None
     plan: PlanTable = PlanTable()
     output: OutputTable = OutputTable()
     sampling: SamplingTable = SamplingTable()
@@ -363,7 +365,8 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
         cutting = prepare_cutting(job.process, toolpath, top, job.file)
     nominal = place_toolpath(toolpath, job.T_base_part)
     note = " ".join([*([note] if note else []), *describe_process(job.process, nominal, cutting)])
-    law = ForceLaw(job.process, job.T_base_part, job.tool_x_base, job.folder, rows_at, top, note, cutting)
+    coupling = read_coupling(job.coupling, job.T_base_part[:3, :3], cutting, job.process.model, job.file)
+    law = ForceLaw(job.process, job.T_base_part, job.tool_x_base, job.folder, rows_at, top, note, cutting, coupling)
     wrench = law.predict(nominal)
     _check_load(wrench, job)
     return replace(nominal, wrench=wrench), law

@@ -112,6 +112,11 @@ ramp_out_mm = 0.0                   # ... and falls to 0 over this length before
 # model = "file"                    # CSV: fx_N .. mz_Nm, a row a waypoint, or with s_mm, the length cut so far
 # file = "wrench.csv"
 
+# [coupling]                        # the force depends on where the tool is; left out: it acts as if on the path
+# stiffness_N_mm = [200.0, 200.0, 200.0]  # the force falls by this as the tool gives way (a sheet), along x y z of
+# frame = "part"                    #   part | base | path (x travel, z tool axis)
+# from_model = true                 # in place of stiffness_N_mm: derivative of the force of end_mill or drill
+
 [plan]
 strategy = "nlp"                    # <strategies>
 rotate_about_tool_axis = true       # the redundant degree of freedom is free

@@ -19,6 +19,7 @@ from compplan.job.job import Job
 from compplan.path.events import ENDING, Event
 from compplan.path.toolpath import WRENCH_HEADERS
 from compplan.plan.compare import Comparison
+from compplan.plan.coupling import CouplingEffect
 from compplan.plan.evaluate import Evaluation
 from compplan.plan.plan import Plan
 from compplan.posture.clearance import describe_clearance
@@ -125,12 +126,32 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
     }
     if plan.task.start is not None and plan.task.start.stance is not None:
         summary["posture"] = plan.task.start.stance.describe()
+    if plan.coupling is not None:
+        summary["coupling"] = _summarise_coupling(plan.coupling)
     if plan.clearance is not None:
         summary["clearance"] = describe_clearance(plan.clearance)
     if failures:
         summary["failures"] = [{"waypoint": waypoint, "limit": limit} for waypoint, limit in sorted(failures.items())]
         summary["failure"] = plan.explain_failures()
     return summary
+
+
+def _summarise_coupling(effect: CouplingEffect) -> dict[str, Any]:
+    """Return what plan.json says of force and place: the uncorrected tip without and with their coupling."""
+    settled = effect.settled
+    sides = (("without", effect.without, effect.without_size), ("coupled", effect.coupled, effect.coupled_size))
+    return {
+        "source": effect.source,
+        "stiffness_N_mm": [1e-3 * float(value) for value in effect.stiffness],
+        "passes": settled.passes,
+        "ratio": settled.ratio,
+        "agrees": settled.agrees,
+        "error_before_mm": {
+            name: {"rms": 1e3 * size[0], "max": 1e3 * size[1], "xyz_rms": [1e3 * float(value) for value in axes]}
+            for name, axes, size in sides
+        },
+        "left": [float(value) for value in effect.left],
+    }
 
 
 def summarise_promise(promise: Promise | None) -> dict[str, Any]:

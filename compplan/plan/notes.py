@@ -9,6 +9,7 @@ import numpy as np
 from compplan.cell.forces import RECORDED
 from compplan.job.job import Job
 from compplan.plan.bending import Bending
+from compplan.plan.coupling import CouplingEffect
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing
 
@@ -22,6 +23,18 @@ def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
     """Group waypoints into spans (first, last)."""
     breaks = [0, *(k for k in range(1, len(waypoints)) if waypoints[k] != waypoints[k - 1] + 1), len(waypoints)]
     return [(waypoints[a], waypoints[b - 1]) for a, b in itertools.pairwise(breaks) if b > a]
+
+
+def tell_coupling(effect: CouplingEffect | None) -> tuple[str, ...]:
+    """Say what it makes of the uncorrected tip that the force depends on where the tool is, and where that fails."""
+    if effect is None:
+        return ()
+    left, settled = " / ".join(f"{100 * share:.3g}" for share in effect.left), effect.settled
+    (before, _), (after, _) = effect.without_size, effect.coupled_size
+    note = (f"The force depends on where the tool is ({effect.source}): of the uncorrected deviation {left} % are left "
+            f"in x / y / z of the base, {1e3 * after:.3g} mm (rms) in place of {1e3 * before:.3g} mm; "
+            f"{settled.passes} passes, ratio {settled.ratio:.2g}.")  # fmt: skip
+    return (note,) if settled.agrees else (note, settled.explain())
 
 
 def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None) -> tuple[str, ...]:

@@ -20,17 +20,19 @@ from compplan.plan.approach import Passage, plan_approach, plan_retract
 from compplan.plan.bending import Bending, choose_smoothing, measure_bending
 from compplan.plan.between import Between
 from compplan.plan.buckling import explain_buckling, find_buckling
+from compplan.plan.coupling import CouplingEffect
 from compplan.plan.evaluate import (
     Evaluation,
     Margins,
     Mismatch,
+    compare_coupling,
     evaluate_mismatch,
     evaluate_model,
     evaluate_run,
     measure_margins,
 )
 from compplan.plan.feed import FeedWish
-from compplan.plan.notes import group_waypoints, list_notes
+from compplan.plan.notes import group_waypoints, list_notes, tell_coupling
 from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
 from compplan.plan.task import SMOOTHING, Command, PlanTask
 from compplan.plan.timing import Timing
@@ -102,6 +104,7 @@ class Plan:
         judge: Who computed `before` and `after`.
         breaches: What keeps the judge from confirming the plan, one sentence each.
         clearance: How far arm and tool keep clear of part and fixture, or None.
+        coupling: The uncorrected tip without and with coupling of force and place, or None.
         notes: Warnings, one sentence each.
         job: The job, or None.
 
@@ -122,6 +125,7 @@ class Plan:
     judge: str = JUDGE
     breaches: tuple[str, ...] = ()
     clearance: ClearanceProfile | None = None
+    coupling: CouplingEffect | None = None
     notes: tuple[str, ...] = ()
     job: Job | None = None
 
@@ -274,14 +278,20 @@ def plan_task(
         stopped[waypoint] = f"{stopped[waypoint]}, {limit}" if waypoint in stopped else limit
     if stopped:
         command = replace(command, status="infeasible", failures=stopped)
-    after = evaluate_run(task, command.q, bench.cell, bench.wrench, bench.bias)
+    after = evaluate_run(task, command.q, bench.cell, bench.wrench, bench.bias, bench.stiffness)
     before = after if command.q is task.q_start else evaluate_model(task, task.q_start)
+    if after.settled is not None:
+        bench = replace(bench, wrench=after.settled.wrench)
     progress("margins, approach and retract")
     margins = measure_margins(task, command.q, timing)
     bending = measure_bending(task, command.q, timing)
     breaches = find_breaches(task, command, timing, found.between, after, margins, bench)
+    if after.settled is not None and not after.settled.agrees:
+        breaches += (after.settled.explain(),)
     if task.inertia and not np.isfinite(bending.inertia):
         breaches += ("plan.inertia is true, and the robot folder knows no masses or no springs",)
+    coupling = compare_coupling(task, before)
+    told = list_notes(task, timing, bending, job)
     return Plan(
         name=name,
         task=task,
@@ -297,8 +307,9 @@ def plan_task(
         retract=plan_retract(task, command.q),
         between=found.between,
         bending=bending,
+        coupling=coupling,
         clearance=clearance,
-        notes=(*(task.start.notes if task.start else ()), *feed_notes, *list_notes(task, timing, bending, job)),
+        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told, *tell_coupling(coupling)),
     )
 
 

@@ -114,6 +114,11 @@ class PlanTask:
         return self.law is not None and self.law.follows_feed
 
     @property
+    def coupled(self) -> bool:
+        """Tell whether the force answers to where the tool is."""
+        return self.law is not None and self.law.coupling is not None
+
+    @property
     def cut(self) -> NDArray[np.bool_]:
         """Waypoints that are judged: those of the cut and the points of contact, not what leads in. Shape (n,)."""
         return self.compensated & ~self.lead

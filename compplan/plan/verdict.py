@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from compplan.cell.cell import AS_MODELLED, Cell, build_cell, run_cell
-from compplan.cell.forces import DrivenRows, read_forces
+from compplan.cell.forces import DrivenRows, read_forces, read_stiffness
 from compplan.cell.judge import Judge
 from compplan.cell.reading import read_judge
 from compplan.cell.vibration import Dynamics, build_dynamics
@@ -36,11 +36,15 @@ JUMP_TURN, JUMP_SLIDE = float(np.radians(20.0)), 0.2
 
 @dataclass(frozen=True)
 class Bench:
-    """What the judge judges with, of its own reading: a cell, and at every waypoint the wrench and inertia's load."""
+    """What the judge judges with, of its own reading: a cell, and at every waypoint the wrench and inertia's load.
+
+    `stiffness` is how the force answers to where the tool is, None where the planner's law says it.
+    """
 
     cell: Cell
     wrench: Array
     bias: Array | None = None
+    stiffness: Array | None = None
 
 
 def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> Bench:
@@ -61,11 +65,11 @@ def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> B
     )  # fmt: skip
     wrench = read_forces(tables, job.folder, rows)
     if wrench is None:
-        return Bench(cell, task.wrench, bias)
+        return Bench(cell, task.wrench, bias, read_stiffness(tables, rows, task.wrench))
     contact = np.flatnonzero(task.nominal.rapid & task.compensated)
     if law is None or not law.always:
         wrench[contact] = 0.0
-    return Bench(cell, wrench, bias)
+    return Bench(cell, wrench, bias, read_stiffness(tables, rows, wrench))
 
 
 def find_breaches(

@@ -78,6 +78,8 @@ class PlanView:
         bending: Further rows of figures: name and value.
         between: Greatest distance of the loaded tip from the path between waypoints, by the way a controller goes. [m]
         judge: Who computed the deviations.
+        uncoupled: Root mean square and greatest uncorrected distance if the force did not ask where the tool is, or
+            None where it does not. [m]
         facts: Rows of name and value for the foot of the page.
         notes: Warnings of the plan, one sentence each.
         assumptions: What was assumed, one sentence each.
@@ -114,6 +116,7 @@ class PlanView:
     between: Mapping[str, float] = field(default_factory=dict)
     bending: Mapping[str, str] = field(default_factory=dict)
     judge: str = ""
+    uncoupled: tuple[float, float] | None = None
     facts: Sequence[tuple[str, str]] = ()
     notes: Sequence[str] = ()
     assumptions: Sequence[str] = ()
@@ -237,6 +240,8 @@ def _key_figures(view: PlanView) -> PageTable:
     before, after = (np.linalg.norm(side, axis=1)[cut] for side in (view.before, view.after))
     for name, reduce in (("rms", lambda size: np.sqrt(np.mean(size**2))), ("mean", np.mean), ("largest", np.max)):
         rows.append([f"deviation, {name}", *(_length_cell(float(reduce(size))) for size in (before, after))])
+    for name, value in zip(("rms", "largest"), view.uncoupled or (), strict=False):
+        rows.append([f"{name}, by the force on the path", _length_cell(value), None])
     for way, distance in view.between.items():
         rows.append([f"between waypoints, {way}", None, _length_cell(distance)])
     if view.mismatch is not None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.posture.alternatives import compare_postures
+from compplan.report.coupling_section import show_coupling
 from compplan.report.page import Section
 from compplan.report.plan_page import PlanView, write_view
 from compplan.report.posture_section import list_uncertainties, show_posture
@@ -86,10 +87,13 @@ def view_plan(plan: Plan, extra: Sequence[Section] = ()) -> PlanView:
         },
         judge=plan.judge,
         facts=_list_facts(plan),
+        uncoupled=None if plan.coupling is None else plan.coupling.without_size,
         notes=plan.notes,
         assumptions=assumptions,
     )
     sections = [] if plan.promise is None else [show_promise(plan.promise, view.stations, task.tolerance)]
+    if plan.coupling is not None:
+        sections.insert(0, show_coupling(plan.coupling))
     sections += list(extra)
     if stance is not None:
         posture = show_posture(stance, view.stations, plan.clearance, _weigh_postures(plan))

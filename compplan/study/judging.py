@@ -5,20 +5,21 @@ All strategies meet the same cells, so that their differences are paired.
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from compplan.cell.coupling import EXACT, PASSES
 from compplan.plan.correction_loop import Loop, run_loop
 from compplan.plan.strategies.answer import Answer, answer_reading
 from compplan.robot import Array
 from compplan.study.draw import Cells, draw_cells, shift_tip
 from compplan.study.factors import PARTS
 from compplan.study.kernel import settle_tips
-from compplan.study.study import Study, TimeGrid, Worker
+from compplan.study.study import Coupling, Study, TimeGrid, Worker
 
 #: Poses worked on at once, samples times waypoints.
 BATCH = 8192
@@ -110,11 +111,30 @@ def _cut_part(study: Study, worker: Worker, cells: Cells, q: Array, part: int) -
     b, n = true.shape[1:]
     factor = np.repeat(cells.factor * worker.spring_factor[:, None], n, axis=1)
     theta = np.tile(worker.theta, (1, b)) * np.repeat(cells.factor, n, axis=1)
-    wrench = cells.wrench[part].reshape(6, -1)
-    tips = settle_tips(study.kernel, true.reshape(len(true), -1), wrench, factor, theta).reshape(3, b, n)
     shift = cells.shift if worker.placements is None else shift_tip(cells.causes, worker.placements)
-    moved = shift + cells.repeat[part][:, :, None] + worker.offset[:, None, :]
-    return np.asarray(tips - study.nominal[:, None, :] + moved)
+    moved = shift + cells.repeat[part][:, :, None] + worker.offset[:, None, :] - study.nominal[:, None, :]
+
+    def attain(wrench: Array) -> Array:
+        flat = wrench.reshape(6, -1)
+        tips = settle_tips(study.kernel, true.reshape(len(true), -1), flat, factor, theta)
+        return np.asarray(tips.reshape(3, b, n) + moved)
+
+    wrench = cells.wrench[part]
+    away = attain(wrench)
+    return away if study.coupling is None else _couple_force(study.coupling, attain, wrench, away)
+
+
+def _couple_force(coupling: Coupling, attain: Callable[[Array], Array], wrench: Array, away: Array) -> Array:
+    """Let force and deflection agree, as `compplan.cell.coupling` does, by the model's compliance. Shape (3, b, n)."""
+    acting = wrench.copy()
+    for _ in range(PASSES):
+        lack = wrench[:3] - np.einsum("nij,jbn->ibn", coupling.stiffness, away) - acting[:3]
+        step = np.einsum("nij,jbn->ibn", coupling.inner, lack)
+        if np.abs(np.einsum("nij,jbn->ibn", coupling.compliance, step)).max() <= EXACT:
+            break
+        acting[:3] += step
+        away = attain(acting)
+    return away
 
 
 def _learn(study: Study, answer: Answer, worker: Worker, cells: Cells) -> Array:

@@ -34,6 +34,7 @@ def fingerprint_study(study: Study, settings: dict[str, Any]) -> str:
     digest.update(study.noise.model_dump_json().encode())
     at = study.surroundings
     arrays: list[Array] = [study.nominal, at.wrench, at.shift, at.scale, study.task.chain.compliance]
+    arrays += [] if study.coupling is None else [study.coupling.stiffness]
     for name, worker in study.workers.items():
         digest.update(name.encode())
         arrays += [worker.q, worker.spring_factor]

@@ -20,11 +20,13 @@ from compplan.job.names import ONLINE
 from compplan.job.noise import NoiseTable
 from compplan.path.toolpath import select_waypoints
 from compplan.plan.correction_loop import Loop, Plant
+from compplan.plan.coupling import find_stiffness
 from compplan.plan.strategies.answer import Answer
 from compplan.plan.strategies.online import PLAIN, list_strategies, prepare_answers
 from compplan.plan.strategies.path_map import load_gears
 from compplan.plan.task import Command, PlanTask
 from compplan.robot import Array
+from compplan.statics.elastic import loaded_compliance
 from compplan.statics.encoders import actuator_selection, control_equilibrium
 from compplan.study.draw import (
     Surroundings,
@@ -71,6 +73,21 @@ class Worker(NamedTuple):
     placements: Array | None = None
 
 
+class Coupling(NamedTuple):
+    """How the force of the process answers to where the tool is; n waypoints, base axes.
+
+    Attributes:
+        stiffness: K of dF = -K (tip - path). Shape (n, 3, 3). [N/m]
+        compliance: Of the model's tip. Shape (n, 3, 3). [m/N]
+        inner: (1 + K C)^-1. Shape (n, 3, 3).
+
+    """
+
+    stiffness: Array
+    compliance: Array
+    inner: Array
+
+
 class TimeGrid(NamedTuple):
     """Between n waypoints and the periods of a loop: positions of the periods among the waypoints, and vice versa."""
 
@@ -96,6 +113,7 @@ class Study:
         grid: Time grid of the correction loops, or None.
         stations: Waypoints whose distances are kept. Shape (k,).
         softened: Waypoints whose mean softens the tracker's noise.
+        coupling: How the force answers to where the tool is, or None.
 
     """
 
@@ -112,6 +130,7 @@ class Study:
     grid: TimeGrid | None
     stations: NDArray[np.int_]
     softened: int = 1
+    coupling: Coupling | None = None
 
     @property
     def strategies(self) -> tuple[str, ...]:
@@ -168,7 +187,26 @@ def prepare_study(
     answers = {name: replace(answer, q=answer.q[rows]) for name, answer in blind.items()}
     answers |= prepare_answers(thin, [name for name in chosen if name in ONLINE])
     plant = Plant(noise.plant_lag_ms * 1e-3, noise.plant_delay_ms * 1e-3)
-    return assemble_study(thin, noise, {name: _with_plant(answers[name], plant) for name in chosen}, len(task))
+    stiffness = find_stiffness(task)
+    study = assemble_study(thin, noise, {name: _with_plant(answers[name], plant) for name in chosen}, len(task))
+    return study if stiffness is None else replace(study, coupling=_couple(thin, stiffness[rows]))
+
+
+def _couple(thin: PlanTask, stiffness: Array) -> Coupling:
+    """Return how the force answers along a thinned task.
+
+    Raises:
+        InputError: If the process pushes the tool on faster than the arm holds it.
+
+    """
+    compliance = loaded_compliance(thin.chain, thin.q_start, thin.wrench)[:, :3, :3]
+    inner = np.eye(3) + stiffness @ compliance
+    margin = float(np.linalg.eigvals(inner).real.min())
+    if margin <= 0.0:
+        message = ("as the tool leaves the path the process pushes it on faster than the arm holds it (least eigen"
+                   f"value of 1 + K C {margin:.3g}); samples have no equilibrium, leave [coupling] out")  # fmt: skip
+        raise InputError(message, where="coupling")
+    return Coupling(stiffness, compliance, np.asarray(np.linalg.inv(inner), float))
 
 
 def assemble_study(thin: PlanTask, noise: NoiseTable, answers: dict[str, Answer], waypoints: int) -> Study:
@@ -246,7 +284,9 @@ def thin_study(study: Study, most: int) -> Study:
         )
         for name, c in study.answers.items()
     }
-    return assemble_study(thin_task(study.task, most), study.noise, answers, study.waypoints_of_path)
+    thinned = assemble_study(thin_task(study.task, most), study.noise, answers, study.waypoints_of_path)
+    coupling = study.coupling
+    return replace(thinned, coupling=None if coupling is None else Coupling(*(part[rows] for part in coupling)))
 
 
 def _make_grid(task: PlanTask, loop: Loop) -> TimeGrid:

@@ -12,12 +12,24 @@ from compplan.robot import Array
 from compplan.study.runner import Run
 from compplan.study.sensitivity import Sensitivity
 from compplan.study.statistics import Interval, estimate_mean, estimate_quantile, estimate_share
+from compplan.study.study import Study
 
 #: What a study leaves out; `compplan.plan.closed_loop` has it, for one cell at a time.
+UNCOUPLED = "the stiffness of the process (the force does not change with where the tool stands), "
 LEFT_OUT = (
-    "left out of every sample: the stiffness of the process (the force does not change with where the tool stands), "
     "the steps of quantised encoders (their errors are drawn as normal noise), and the limiter of online corrections"
 )
+COUPLED = (
+    "the force answers to where the tool stands in proportion to the process stiffness, by the model's compliance in "
+    "at most 3 passes; force sensors and encoders read the force that acts on the path"
+)
+
+
+def _describe_reach(study: Study) -> list[str]:
+    """Say what every sample leaves out."""
+    if study.coupling is None:
+        return [f"left out of every sample: {UNCOUPLED}{LEFT_OUT}"]
+    return [COUPLED, f"left out of every sample: {LEFT_OUT}"]
 
 
 def summarise_run(
@@ -54,7 +66,7 @@ def summarise_run(
         "sensitivity_of": main,
         "within_tolerance_means": "share of samples whose greatest deviation stays within the tolerance",
         "intervals": "ci95 of a mean: Student's t on independent replicates; of quantiles: order statistics",
-        "assumptions": [LEFT_OUT, *describe_noise(study.noise)],
+        "assumptions": [*_describe_reach(study), *describe_noise(study.noise)],
     }
     if sensitivity is not None:
         summary["sensitivity"] = dict(zip(sensitivity.groups, sensitivity.total[main].tolist(), strict=True))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -172,11 +172,30 @@ class DrillProcess(CuttingTable):
 
 
 @dataclass(frozen=True)
+class CuttingBench:
+    """Cutter, stock and path as they are held against each other; r waypoints of the path.
+
+    Attributes:
+        cutter: The cutter.
+        stock: The stock, seen along the tool axis.
+        position: Tips, seen along the tool axis. Shape (r, 3). [m]
+        R_view: Axes of that view as columns, part frame. Shape (3, 3).
+
+    """
+
+    cutter: Cutter
+    stock: StockColumns
+    position: Array
+    R_view: Array
+
+
+@dataclass(frozen=True)
 class CuttingForce:
     """The engagement of a job's path and the force that follows from it at any feed; r waypoints of the path.
 
     Attributes:
         process: What the job says.
+        bench: Cutter, stock and path.
         arc: Length along the path. Shape (r,). [m]
         rapid: Moves that do not cut. Shape (r,).
         engagement: What the cutter touches.
@@ -186,6 +205,7 @@ class CuttingForce:
     """
 
     process: CuttingTable
+    bench: CuttingBench
     arc: Array
     rapid: NDArray[np.bool_]
     engagement: Engagement
@@ -200,6 +220,18 @@ class CuttingForce:
         per_tooth = self.process.spindle().feed_per_tooth(nominal.feed)
         wrench = MillingShape(shape[:, :3], shape[:, 3:]).wrench(self.process.resistance, per_tooth)
         return np.asarray(wrench * ~nominal.rapid[:, None])
+
+    def shift(self, away: Array) -> CuttingForce:
+        """Return the force of a tool that is off its path, having cut what a tool that is so far off cuts.
+
+        Args:
+            away: Tip minus path, part frame. Shape (r, 3). [m]
+
+        """
+        place = self.bench.position + away @ self.bench.R_view
+        found, _ = find_engagement(self.bench.cutter, place, ~self.rapid, self.bench.stock)
+        shape = shape_milling(found, self.process.teeth, self.process.resistance.exponent)
+        return replace(self, engagement=found, shape=shape)
 
     def ripple(self, feed: Array) -> Array:
         """Return half of the range of the force through a turn, path axes; those of the waypoints between are near.
@@ -264,7 +296,8 @@ def prepare_cutting(
         raise InputError(message, file=job, where="process.stock")
     notes += said + _describe_cut(process, toolpath, found, inside, job)
     shape = shape_milling(found, process.teeth, process.resistance.exponent)
-    return CuttingForce(process, toolpath.arc_length, toolpath.rapid, found, shape, tuple(notes))
+    bench = CuttingBench(cutter, stock, position, R_view)
+    return CuttingForce(process, bench, toolpath.arc_length, toolpath.rapid, found, shape, tuple(notes))
 
 
 def _bring_upright(

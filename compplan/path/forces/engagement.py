@@ -19,7 +19,7 @@ from compplan.path.forces.stock import StockColumns
 from compplan.path.forces.wake import Wake, build_wake, lowest_reach
 
 #: Angles round the axis, a multiple of 4; moves that are looked at together; steps that find the edge of an arc.
-ANGLES, CHUNK, BISECTIONS = 48, 16, 4
+ANGLES, CHUNK, BISECTIONS = 48, 16, 9
 #: Outward speed as a share of the feed below which the surface only slides. A tool's own floor is none of it.
 SLIDES = 1e-6
 #: Material that is thinner than this is none. [m]

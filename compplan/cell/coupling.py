@@ -1,0 +1,100 @@
+"""Force and deflection in turn, where the force depends on where the loaded tool is.
+
+With C the compliance of the tip and K the process stiffness the wrench w that acts on a tool off its path by d fulfils
+w = w0 + r(d(w)), r the response of the process, -K d to first order. A pass takes the step (1 + K C)^-1 of what is
+missing; plain repetition would grow wherever the process is stiffer than the arm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from compplan.cell.cell import CellRun
+from compplan.robot import Array
+
+#: Passes at most, and the motion of the tip that needs no further one. [m]
+PASSES, EXACT = 3, 1e-7
+#: Share of the first pass's motion that the last may still ask for.
+LEFT = 0.02
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Where force and deflection agree.
+
+    Attributes:
+        run: Where the loaded tool is.
+        wrench: The wrench that acts there. Shape (n, 6). [N, N m]
+        steps: Greatest motion of the tip that each pass asked for; the last is what is still missing. [m]
+        margin: Least real part of the eigenvalues of 1 + K C: at 0 or below the process pushes the tool on faster than
+            the arm holds it.
+
+    """
+
+    run: CellRun
+    wrench: Array
+    steps: tuple[float, ...]
+    margin: float
+
+    @property
+    def passes(self) -> int:
+        """Passes taken."""
+        return len(self.steps) - 1
+
+    @property
+    def ratio(self) -> float:
+        """Greatest ratio of a pass's motion to that of the pass before, 0 where one was enough."""
+        pairs = zip(self.steps[1:], self.steps[:-1], strict=True)
+        return max((after / before for after, before in pairs if after > EXACT), default=0.0)
+
+    @property
+    def agrees(self) -> bool:
+        """Tell whether the passes contracted, and far enough."""
+        return self.margin > 0.0 and self.ratio < 1.0 and self.steps[-1] <= max(EXACT, LEFT * self.steps[0])
+
+    def explain(self) -> str:
+        """Say in a sentence that they do not agree; nothing where they do."""
+        if self.agrees:
+            return ""
+        if self.margin <= 0.0:
+            return ("Force and deflection do not agree: as the tool leaves the path the process pushes it on faster "
+                    f"than the arm holds it (least eigenvalue of 1 + K C {self.margin:.3g}).")  # fmt: skip
+        return (f"Force and deflection do not agree in {self.passes} passes: the last moves the tip by "
+                f"{1e3 * self.steps[-1]:.2g} mm, {self.ratio:.2g} times as far as the pass before.")  # fmt: skip
+
+
+def settle_coupled(
+    attain: Callable[[Array], CellRun],
+    respond: Callable[[Array], Array],
+    *,
+    position: Array,
+    wrench: Array,
+    compliance: Array,
+    stiffness: Array,
+) -> Settled:
+    """Let force and deflection agree.
+
+    Args:
+        attain: Where the tool goes under a wrench.
+        respond: By how much the wrench changes where the tool is off its path by (n, 3) [m]. Shape (n, 6).
+        position: Wanted tip. Shape (n, 3). [m]
+        wrench: The wrench on a tool that stands there. Shape (n, 6). [N, N m]
+        compliance: Of the tip, forces alone. Shape (n, 3, 3). [m/N]
+        stiffness: Of the process, about. Shape (n, 3, 3). [N/m]
+
+    """
+    inner = np.eye(3) + stiffness @ compliance
+    margin = float(np.linalg.eigvals(inner).real.min(initial=1.0))
+    acting, run, steps = wrench, attain(wrench), []
+    while True:
+        step = wrench + respond(run.position - position) - acting
+        step[:, :3] = np.linalg.solve(inner, step[:, :3, None])[..., 0]
+        moved = np.einsum("nij,nj->ni", compliance, step[:, :3])
+        steps.append(float(np.linalg.norm(moved, axis=1).max(initial=0.0)))
+        if steps[-1] <= EXACT or len(steps) > PASSES or margin <= 0.0:
+            return Settled(run, acting, tuple(steps), margin)
+        acting = acting + step
+        run = attain(acting)

@@ -1,0 +1,179 @@
+"""Force and place: the force depends on where the loaded tool really is, in plan, judge and Monte Carlo."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import run_command
+
+from compplan.cell.cell import CellRun
+from compplan.cell.coupling import settle_coupled
+from compplan.job.job import check_job, load_path
+from compplan.plan.plan import Plan, plan_job
+
+#: Deviation per force of a bar that yields differently along each axis [m/N], and a process stiffer than it [N/m].
+SOFT, SHEET = np.array([11.8e-6, 2.94e-6, 1.09e-6]), 2e5
+
+
+def settle(stiffness: np.ndarray, force: np.ndarray, bend: float = 0.0, compliance: np.ndarray = SOFT):
+    """Settle a tip that yields by d = C F (1 + bend |F|) in front of a process of given stiffness."""
+    slope = np.diag(stiffness)[None]
+
+    def attain(wrench: np.ndarray) -> CellRun:
+        size = np.linalg.norm(wrench[:, :3], axis=1, keepdims=True)
+        return CellRun(compliance * wrench[:, :3] * (1.0 + bend * size), np.eye(3)[None])
+
+    def respond(away: np.ndarray) -> np.ndarray:
+        return np.hstack([-np.einsum("nij,nj->ni", slope, away), np.zeros((1, 3))])
+
+    wrench = np.r_[force, np.zeros(3)][None]
+    return settle_coupled(attain, respond, position=np.zeros((1, 3)), wrench=wrench,
+                          compliance=np.diag(compliance)[None], stiffness=slope)  # fmt: skip
+
+
+def test_a_sheet_of_2e5_newtons_a_metre_leaves_thirty_sixty_three_and_eighty_two_per_cent() -> None:
+    force = np.array([500.0, 500.0, 1200.0])
+    found = settle(np.full(3, SHEET), force)
+    left = found.run.position[0] / (SOFT * force)
+    assert left == pytest.approx(1.0 / (1.0 + SOFT * SHEET), rel=1e-9)  # the same as 1/C beside K in a row
+    assert np.round(100 * left) == pytest.approx([30, 63, 82])
+    assert found.agrees and found.passes <= 3
+
+
+def test_three_passes_are_enough_where_plain_repetition_would_grow() -> None:
+    found = settle(np.full(3, SHEET), np.array([500.0, 500.0, 1200.0]), bend=1e-4)
+    # d = C F (1 + b |F|), F = F0 - K d, by bisection along the one direction that a pure x force bends
+    only = settle(np.array([SHEET, 0.0, 0.0]), np.array([500.0, 0.0, 0.0]), bend=1e-4)
+    low, high = 0.0, 500.0
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        rest = 500.0 - SHEET * SOFT[0] * middle * (1.0 + 1e-4 * middle)
+        low, high = (middle, high) if rest > middle else (low, middle)
+    assert only.wrench[0, 0] == pytest.approx(low, rel=1e-4)
+    assert found.agrees and SOFT[0] * SHEET > 2.0  # repetition would grow by this a pass
+
+
+def test_a_process_that_pushes_the_tool_on_is_said_not_to_agree() -> None:
+    found = settle(np.array([-1.2 / SOFT[0], 0.0, 0.0]), np.array([100.0, 0.0, 0.0]))
+    assert not found.agrees and found.margin == pytest.approx(-0.2)
+    assert "pushes it on faster than the arm holds it" in found.explain() and "\n" not in found.explain()
+
+
+def test_passes_that_grow_are_said_not_to_agree() -> None:
+    found = settle(np.full(3, SHEET), np.array([500.0, 0.0, 0.0]), bend=0.05)
+    assert not found.agrees and "do not agree in 3 passes" in found.explain()
+
+
+def write_job(**tables: dict) -> dict:
+    job = {
+        "schema": 1, "name": "sheet", "robot": "staubli_tx200",
+        "toolpath": {"generator": "circle", "radius_mm": 15.0, "waypoints": 40, "feed_mm_s": 20.0, "approach_mm": 5.0},
+        "part": {"position_mm": [1500.0, 0.0, 183.0]},
+        "process": {"model": "constant", "force_N": [300.0, 200.0, 1000.0]},
+        "plan": {"strategy": "nlp", "rotate_about_tool_axis": False, "configuration": {"elbow": "up"}},
+        "sampling": {"chord_mm": 0.02},
+    }  # fmt: skip
+    return {**job, **tables}
+
+
+@pytest.fixture(scope="module")
+def sheet() -> Plan:
+    return plan_job(check_job(write_job(coupling={"stiffness_N_mm": [200.0, 200.0, 200.0]}), Path("job.toml")))
+
+
+def test_a_plan_shows_the_uncorrected_tip_without_and_with_and_its_correction_is_the_same(sheet) -> None:
+    plain = plan_job(check_job(write_job(), Path("job.toml")))
+    assert plain.coupling is None and sheet.coupling is not None
+    assert sheet.coupling.without_size[1] == pytest.approx(plain.before.max_deviation, rel=1e-6)
+    assert sheet.before.max_deviation < 0.8 * plain.before.max_deviation
+    assert np.abs(sheet.q - plain.q).max() < 1e-7  # on the path the force is that of the path
+    assert sheet.status == "solved", sheet.breaches
+    assert sheet.after.max_deviation < 1e-6
+    assert sheet.mismatch.max_deviation < 0.8 * plain.mismatch.max_deviation
+
+
+def test_the_coupled_tip_is_that_of_two_springs_in_a_row(sheet) -> None:
+    plain = sheet.coupling.without
+    deviation, wrench = sheet.before.deviation[sheet.after.cut], sheet.before.settled.wrench[sheet.after.cut]
+    start = sheet.task.wrench[sheet.after.cut]
+    loaded = np.abs(start[:, 0]) > 1.0
+    sheet_force = start[loaded, :3] - wrench[loaded, :3]
+    assert sheet_force == pytest.approx(2e5 * deviation[loaded], abs=0.02)
+    assert (sheet.coupling.coupled < plain).all()
+
+
+def test_the_page_and_the_summary_show_both(sheet, tmp_path) -> None:
+    from compplan.outputs.plan import write_plan
+
+    write_plan(sheet, tmp_path / "out")
+    summary = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))["coupling"]
+    both = summary["error_before_mm"]
+    assert both["coupled"]["rms"] < both["without"]["rms"] and len(summary["left"]) == 3 and summary["passes"] <= 3
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Force and place" in page and "by the force on the path" in page
+    assert any("of the uncorrected deviation" in note for note in sheet.notes)
+
+
+def test_monte_carlo_couples_force_and_place_as_the_plan_does(sheet) -> None:
+    from compplan.job.noise import NoiseTable
+    from compplan.study.judging import judge_points
+    from compplan.study.study import prepare_study
+
+    quiet = {}
+    for name in NoiseTable.model_fields:
+        if name not in ("effects", "correlation_mm", "gear_periods", "plant_lag_ms", "plant_delay_ms"):
+            quiet[name] = 0.0
+    noise = NoiseTable(**quiet)
+    study = prepare_study(sheet.task, noise, ["none"])
+    judged = judge_points(study, np.full((1, study.surroundings.factors.size), 0.5))
+    assert judged.rms[0, 0] == pytest.approx(sheet.before.rms_deviation, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("table", "fault"),
+    [
+        ({}, "needs one of stiffness_N_mm and from_model"),
+        ({"stiffness_N_mm": [2e6, 0.0, 0.0]}, "0 to 1e6 N/mm is allowed"),
+        ({"from_model": True}, "only end_mill and drill do"),
+        ({"stiffness_N_mm": [1.0, 1.0, 1.0], "frame": "tool"}, "coupling.frame"),
+    ],
+)
+def test_a_coupling_that_is_none_is_refused(table, fault, tmp_path, monkeypatch, capsys) -> None:
+    lines = ['schema = 1', 'robot = "staubli_tx200"', "[toolpath]", 'generator = "circle"', "radius_mm = 15.0",
+             "waypoints = 24", "feed_mm_s = 20.0", "[part]", "position_mm = [1500.0, 0.0, 183.0]", "[process]",
+             'model = "constant"', "force_N = [300.0, 200.0, 1000.0]", "[coupling]"]  # fmt: skip
+    lines += [f"{key} = {json.dumps(value)}" for key, value in table.items()]
+    (tmp_path / "job.toml").write_text("\n".join(lines), encoding="utf-8")
+    answer = run_command(["plan", tmp_path / "job.toml", "--out", tmp_path / "out"], monkeypatch, capsys)
+    assert answer.status == 2 and fault in answer.err and answer.err.count("\n") == 1, answer.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_cutter_that_gives_way_sideways_out_of_the_stock_meets_less(tmp_path) -> None:
+    path = tmp_path / "side.csv"
+    rows = "-10,42,-5,50,1\n-10,42,-5,50,0\n60,42,-5,50,0\n"
+    path.write_text(f"x_mm,y_mm,z_mm,feed_mm_s,rapid\n{rows}", encoding="utf-8")
+    job = write_job(
+        toolpath="side.csv",
+        process={"model": "end_mill", "diameter_mm": 10.0, "teeth": 2, "spindle_rpm": 9000.0, "material": "al7075_t6",
+                 "stock": {"block_mm": [[0.0, 0.0, -20.0], [50.0, 40.0, 0.0]]}},
+        coupling={"from_model": True},
+    )  # fmt: skip
+    nominal, law = load_path(check_job(job, tmp_path / "job.toml"))
+    middle = int(np.argmin(np.abs(nominal.position[:, 0] - 1.525)))
+    stiffness = law.coupling.along(nominal, nominal.wrench)[middle]
+    step = np.zeros((len(nominal), 3))
+    step[:, 1] = 5e-5
+    change = law.respond(nominal, nominal.wrench, stiffness, step)[middle, :3]
+    wanted = -stiffness[:, 1] * 5e-5
+    assert np.linalg.norm(change - wanted) < 0.03 * np.linalg.norm(wanted)
+    # the arc from -90 deg to where the stock's edge stands: dF/dy by its end alone, at h = f cos u
+    kt, kr, et, er, f, depth = 767.01, 168.8, 27.7, 26.6, 50.0 * 60.0 / 9000.0 / 2.0, 5.0
+    u = -np.arcsin(2.0 / 5.0)
+    t, r = kt * f * np.cos(u) + et, kr * f * np.cos(u) + er
+    end = 2.0 / (2.0 * np.pi) * depth * np.array([-np.sin(u) * t - np.cos(u) * r, np.cos(u) * t - np.sin(u) * r])
+    turn = -1.0 / (5.0 * np.cos(u))  # rad per mm that the tool goes away
+    assert np.linalg.norm(-stiffness[:2, 1] * 1e-3 - end * turn) < 0.06 * np.linalg.norm(end * turn)
