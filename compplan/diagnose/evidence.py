@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from scipy.linalg import LinAlgError, cho_factor
 from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 
+from compplan.diagnose.few_rows import FewRows, SolvedRows, gather_rows, row_posterior, row_slopes, solve_rows
 from compplan.diagnose.ledger import ChannelProducts, Ledger, Products
 from compplan.errors import ConvergenceError
 from compplan.robot import Array
@@ -175,36 +177,93 @@ def find_posterior(
         steps: Most steps of the fit.
         shared: Whether rows of a stay may share an error.
     """
-    reduced = [channel.take(prior.active) for channel in ledger.channels]
+    solver, channels = _choose_solver(ledger, prior), ledger.channels
     if not fit:
-        done = _solve(reduced, prior, hyper)
-        return Posterior(done.value, prior.active, done.mean, done.covariance, hyper)
+        return solver.conclude(solver.solve(hyper), hyper)
     bounds = (
-        [(LEAST_NOISE, _most_noise(ch)) for ch in reduced]
-        + [SHARED_RANGE if shared else (SHARED_RANGE[0], SHARED_RANGE[0])] * len(reduced)
+        [(LEAST_NOISE, _most_noise(ch)) for ch in channels]
+        + [SHARED_RANGE if shared else (SHARED_RANGE[0], SHARED_RANGE[0])] * len(channels)
         + [LOOSE_RANGE if loose else TAU_RANGE for loose in _loose(prior, hyper)]
     )
     # the optimizer's tolerance is relative: evidence counts from where it starts; steps in units of likely errors
-    others = len(hyper.vector) - len(reduced)
-    unit = np.array([np.sqrt(2.0 / ch.total.count) for ch in reduced] + [LIKELY] * others)
+    others = len(hyper.vector) - len(channels)
+    unit = np.array([np.sqrt(2.0 / ch.total.count) for ch in channels] + [LIKELY] * others)
     started: list[float] = []
-    latest: dict[bytes, _Solved] = {}
+    latest: dict[bytes, Any] = {}
 
     def cost(vector: Array) -> tuple[float, Array]:
         here = hyper.with_vector(vector * unit)
-        done = _solve(reduced, prior, here)
+        value, slope, done = solver.value_and_slope(here)
         latest.clear()
         latest[vector.tobytes()] = done
-        started.append(done.value)
-        return started[0] - done.value, -_slope(reduced, prior, here, done) * unit
+        started.append(value)
+        return started[0] - value, -slope * unit
 
     limits = [(low / u, high / u) for (low, high), u in zip(bounds, unit, strict=True)]
     options = {"maxiter": steps, "ftol": SETTLED}
     first = np.clip(hyper.vector / unit, *np.array(limits).T)
     found = minimize(cost, first, jac=True, method="L-BFGS-B", bounds=limits, options=options)
     hyper = hyper.with_vector(found.x * unit)
-    done = latest.get(found.x.tobytes()) or _solve(reduced, prior, hyper)
-    return Posterior(done.value, prior.active, done.mean, done.covariance, hyper)
+    return solver.conclude(latest.get(found.x.tobytes()) or solver.solve(hyper), hyper)
+
+
+class _Solver(Protocol):
+    """What solves the evidence; `done` is what its own `solve` returns."""
+    def solve(self, hyper: Hyper) -> Any: ...
+    def value_and_slope(self, hyper: Hyper) -> tuple[float, Array, Any]: ...
+    def conclude(self, done: Any, hyper: Hyper) -> Posterior: ...
+
+
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """Evidence solved among the active columns."""
+
+    prior: Prior
+    channels: list[ChannelProducts]
+
+    def solve(self, hyper: Hyper) -> _Solved:
+        return _solve(self.channels, self.prior, hyper)
+
+    def value_and_slope(self, hyper: Hyper) -> tuple[float, Array, _Solved]:
+        done = self.solve(hyper)
+        return done.value, _slope(self.channels, self.prior, hyper, done), done
+
+    def conclude(self, done: _Solved, hyper: Hyper) -> Posterior:
+        return Posterior(done.value, self.prior.active, done.mean, done.covariance, hyper)
+
+
+@dataclass(frozen=True, eq=False)
+class _Few:
+    """Evidence solved among the values, which are fewer than the columns."""
+
+    prior: Prior
+    ledger: Ledger
+    rows: FewRows
+
+    def solve(self, hyper: Hyper) -> SolvedRows:
+        variance = self.prior.variance(hyper.log_tau)[self.prior.active]
+        return solve_rows(self.rows, variance, hyper.log_noise, hyper.log_shared)
+
+    def value_and_slope(self, hyper: Hyper) -> tuple[float, Array, SolvedRows]:
+        done, channels = self.solve(hyper), self.ledger.channels
+        of_noise, of_shared, of_columns = row_slopes(self.rows, done, len(channels))
+        extra, hyper_slope = _hyperprior(channels, hyper, _loose(self.prior, hyper))
+        slope = np.concatenate([of_noise, of_shared, _class_slopes(self.prior, hyper, of_columns)])
+        return done.value + extra, slope + hyper_slope, done
+
+    def conclude(self, done: SolvedRows, hyper: Hyper) -> Posterior:
+        mean, covariance = row_posterior(self.rows, done)
+        extra = _hyperprior(self.ledger.channels, hyper, _loose(self.prior, hyper))[0]
+        return Posterior(done.value + extra, self.prior.active, mean, covariance, hyper)
+
+
+def _choose_solver(ledger: Ledger, prior: Prior) -> _Solver:
+    """Choose the smaller matrix: that of the values or that of the active columns."""
+    wide = (prior.free | (prior.slab > 0))[prior.active]
+    few = gather_rows(ledger.channels, prior.active, wide)
+    if few is None:
+        return _Columns(prior, [channel.take(prior.active) for channel in ledger.channels])
+    return _Few(prior, ledger, few)
 
 
 def _most_noise(channel: ChannelProducts) -> float:
@@ -231,13 +290,18 @@ def _slope(channels: list[ChannelProducts], prior: Prior, hyper: Hyper, done: _S
     # G - G S G = 1/D - S/D^2 on the diagonal, where S = (1/D + G)^-1
     own = np.maximum(prior.variance(hyper.log_tau)[active], 1e-300)
     slope_d = 0.5 * (residual**2 - (1.0 - np.diag(covariance) / own) / own)
-    classes = prior.background[active]
-    variance = np.where(
-        classes >= 0, np.exp(2 * hyper.log_tau[np.maximum(classes, 0)]) * prior.spread[active] ** 2, 0.0
-    )
-    gradient_tau = np.array([np.sum((slope_d * variance * 2)[classes == k]) for k in range(len(hyper.log_tau))])
+    gradient_tau = _class_slopes(prior, hyper, slope_d)
     _, hyper_gradient = _hyperprior(channels, hyper, _loose(prior, hyper))
     return np.concatenate([gradient_noise, gradient_shared, gradient_tau]) + hyper_gradient
+
+
+def _class_slopes(prior: Prior, hyper: Hyper, of_columns: Array) -> Array:
+    """Return the derivatives by log tau of each class from those by the variance of each active column."""
+    classes = prior.background[prior.active]
+    variance = np.where(
+        classes >= 0, np.exp(2 * hyper.log_tau[np.maximum(classes, 0)]) * prior.spread[prior.active] ** 2, 0.0
+    )
+    return np.array([np.sum((of_columns * variance * 2)[classes == k]) for k in range(len(hyper.log_tau))])
 
 
 def _expected_square(products: Products, mean: Array, covariance: Array) -> float:
@@ -313,7 +377,7 @@ def _loose(prior: Prior, hyper: Hyper) -> NDArray[np.bool_]:
 
 
 def _hyperprior(
-    channels: list[ChannelProducts], hyper: Hyper, loose: NDArray[np.bool_]
+    channels: Sequence[ChannelProducts], hyper: Hyper, loose: NDArray[np.bool_]
 ) -> tuple[float, Array]:  # fmt: skip
     """Return log prior of noise and background, and its gradient.
 

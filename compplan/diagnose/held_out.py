@@ -79,8 +79,11 @@ class Folds:
         rows = ledger.source[0].rows
         result = []
         for number in np.unique(self.fold[rows]):
-            own = select_rows(ledger, self.fold == number, every)
-            rest = tuple(_take_away(whole, part) for whole, part in zip(ledger.channels, own, strict=True))
+            if all(channel.rows is not None for channel in ledger.channels):
+                rest = select_rows(ledger, self.fold != number, every)
+            else:
+                own = select_rows(ledger, self.fold == number, every)
+                rest = tuple(_take_away(whole, part) for whole, part in zip(ledger.channels, own, strict=True))
             result.append((int(number), replace(ledger, channels=rest)))
         return result
 
@@ -168,7 +171,7 @@ def _take_away(whole: ChannelProducts, part: ChannelProducts) -> ChannelProducts
     means = {}
     for size, products in whole.means.items():
         means[size] = _difference(products, part.means[size]) if size in part.means else products
-    return replace(whole, total=_difference(whole.total, part.total), means=means)
+    return replace(whole, total=_difference(whole.total, part.total), means=means, rows=None)
 
 
 def _difference(whole: Products, part: Products) -> Products:

@@ -42,6 +42,21 @@ class Products:
 
 
 @dataclass(frozen=True, eq=False)
+class Rows:
+    """Values of a channel, turned so that the first of every group is its mean times the root of its size.
+
+    Attributes:
+        design: Columns, in units of the noise. Shape (N, p).
+        observed: Values. Shape (N,).
+        size: Rounded size of the group whose mean a value is, 0 for none. Shape (N,).
+    """
+
+    design: Array
+    observed: Array
+    size: Array
+
+
+@dataclass(frozen=True, eq=False)
 class ChannelProducts:
     """Products of one channel: of all values, and of the mean of each group (times its size), by size of group.
 
@@ -50,12 +65,14 @@ class ChannelProducts:
         total: Products of all values, in units of the noise.
         means: Products of the group means by group size.
         witnesses: Degrees of freedom that the noise rests on.
+        rows: The values themselves, where they are fewer than the columns.
     """
 
     name: str
     total: Products
     means: dict[int, Products]
     witnesses: float
+    rows: Rows | None = None
 
     def take(self, columns: NDArray[np.int_]) -> ChannelProducts:
         """Take some columns."""
@@ -225,7 +242,33 @@ def _multiply(channel: Channel, design: Array, observed: Array, old: ChannelProd
             chosen = sizes == size
             known = None if old is None else old.means[int(size)]
             means[int(size)] = _products(mean_design[chosen], mean_observed[chosen], known)
-    return ChannelProducts(channel.name, total, means, channel.noise.witnesses)
+    rows = turn_rows(group, design, observed) if observed.size < design.shape[-1] else None
+    return ChannelProducts(channel.name, total, means, channel.noise.witnesses, rows)
+
+
+def turn_rows(group: NDArray[np.int_], design: Array, observed: Array) -> Rows:
+    """Turn values so that the first of every group is its mean times the root of its size [Helmert1876].
+
+    A reflection takes the vector of ones to the first axis: x - u (u^T x) 2 / (u^T u), u = 1 - sqrt(n) e_1.
+
+    Args:
+        group: Group of each row, in order. Shape (r,).
+        design: Columns. Shape (r, c, p).
+        observed: Values. Shape (r, c).
+    """
+    both = np.concatenate([design, observed[..., None]], axis=-1)
+    size = np.zeros(observed.shape)
+    first = np.flatnonzero(np.r_[True, np.diff(group) > 0]) if len(group) else np.zeros(0, int)
+    for start, end in zip(first, np.r_[first[1:], len(group)], strict=True):
+        n = end - start
+        across = np.ones(n)
+        across[0] -= np.sqrt(n)
+        if n > 1:
+            along = np.tensordot(across, both[start:end], axes=1)
+            both[start:end] -= (2.0 / float(across @ across)) * across[:, None, None] * along
+        size[start] = typical_size(np.array([n]))[0]
+    flat = both.reshape(-1, both.shape[-1])
+    return Rows(flat[:, :-1], flat[:, -1], size.reshape(-1))
 
 
 def _products(design: Array, observed: Array, old: Products | None) -> Products:
