@@ -109,6 +109,7 @@ def test_without_a_controller_file_the_urdf_counts(folder: Path) -> None:
     [
         ("sign        = [-1, 1, -1, -1, 1, -1]", "sign = [1, 1]", r"controller.toml: sign: has 2 numbers, expected 6"),
         ("sign        = [-1, 1, -1, -1, 1, -1]", "sign = [2, 1, 1, 1, 1, 1]", r"sign\[0\]: is 2, choose"),
+        ("zero_deg    = [0.0, -90.0, 0.0, 0.0, 0.0, 0.0]", "zero_deg = [0]", r"toml: zero_deg: has 1 numbers,"),
         ("schema      = 1", "schema = 1\ncolour = 1", r"controller.toml: colour: unknown key"),
         ('joint         = "joint_5"', 'joint = "joint_9"', r"wrist: no joint named 'joint_9', choose from"),
     ],

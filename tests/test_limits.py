@@ -66,9 +66,7 @@ def test_a_limit_that_the_solution_would_leave_is_kept_by_the_redundancy(side: s
     joint, sign = 5, 1.0 if side == "upper" else -1.0
     extreme = float((sign * free[:, joint]).max())
     bound = sign * (extreme - 2e-3)
-    narrow = [
-        replace(j, **{side: bound}) if j.name == task.robot.joint_names[joint] else j for j in task.robot.joints
-    ]
+    narrow = [replace(j, **{side: bound}) if j.name == task.robot.joint_names[joint] else j for j in task.robot.joints]
     limited = replace(task, robot=replace(task.robot, joints=tuple(narrow)))
     command = command_path(limited, "nlp")
     assert command.status == "solved"

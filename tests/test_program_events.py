@@ -108,6 +108,8 @@ def test_what_is_not_wired_is_told(tmp_path: Path) -> None:
     assert any("coolant is a comment only" in note for note in notes)
     told = describe_program(make_events(tmp_path / "b", "krl", replace(WIRED, spindle_ready=None)), "krl")
     assert any("waits 5 s for the spindle (assumed)" in note for note in told)
+    remarks = replace(make_events(tmp_path / "d", "krl", Wiring()), events=(Event(0, "comment", 0.0, "roughing"),))
+    assert not any("asks the operator" in note for note in describe_program(remarks, "krl"))
     (table,) = describe_program(make_events(tmp_path / "c", "csv", WIRED), "csv")
     assert table == "csv: spindle, coolant, dwells and stops of the CAM file are not in this table"
 

@@ -159,3 +159,25 @@ def test_fanuc_programs_end_their_lines_as_the_controller_reads_them(tmp_path: P
     for file in write_program(program, "fanuc_ls", tmp_path):
         content = file.read_bytes()
         assert content.count(b"\n") == content.count(b"\r\n") > 10
+
+
+def test_a_fanuc_position_stands_to_the_letter_as_the_controller_prints_it(tmp_path: Path) -> None:
+    text = write_program(make_program(tmp_path / "cell", "fanuc_ls"), "fanuc_ls", tmp_path)[-1].read_text()
+    number = r" *-?\d+\."
+    lines = re.findall(
+        rf"^\tX ={number}\d{{5}}  mm,\tY ={number}\d{{5}}  mm,\tZ ={number}\d{{5}}  mm,\n"
+        rf"\tW ={number}\d{{6}} deg,\tP ={number}\d{{6}} deg,\tR ={number}\d{{6}} deg",
+        text,
+        re.M,
+    )
+    assert len(lines) == 2
+
+
+def test_a_val3_project_stops_by_dropping_its_motion_and_keeps_its_programs_whole(tmp_path: Path) -> None:
+    files = {file.name: file for file in write_program(make_program(tmp_path / "cell", "val3"), "val3", tmp_path)}
+    assert "<![CDATA[begin\n  resetMotion()\nend]]>" in files["stop.pgx"].read_text()
+    for name, file in files.items():
+        if name.endswith(".pgx"):
+            (program,) = ElementTree.fromstring(file.read_text())
+            assert {part.tag.rsplit("}")[-1] for part in program} <= {"Locals", "Code"}
+            assert (program.text or "").strip() == "" and all((part.tail or "").strip() == "" for part in program)
