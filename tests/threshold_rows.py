@@ -14,13 +14,13 @@ Row = tuple[Any, ...]
 #: Module, name: probes, low, high, and why one of them is None.
 ROWS: dict[str, dict[str, Row]] = {
     "accuracy": {
-        "PARTS": ("told", 12, 60),
+        "PARTS": ("curve", 4, 60),
         "PORTIONS": ("told", (0.5, 0.6, 0.7), (0.8, 0.85, 0.9)),
-        "WINDOWS": ("told", 1, 40),
+        "WINDOWS": ("curve", 1, 40),
         "SEED": ("told", 1, 2),
         "FEWEST_GROUPS": ("told", None, 1000, FAR),
         "WORST": ("told", 1, 10),
-        "MORE": ("told", 1, 1000),
+        "MORE": ("curve", 1, 1000),
     },
     "ambiguity": {
         "ALIKE": ("rivals", 1e-3, 1e3),
@@ -36,7 +36,7 @@ ROWS: dict[str, dict[str, Row]] = {
     },
     "calibration": {
         "HALF_WIDTH": ("told", 0.01, 100.0),
-        "TOLD": ("told", 1e-9, None, FAR),
+        "TOLD": ("told_frames", 1e-9, 1e3),
         "SHOWN": ("told", {"m": ("mm", 1.0), "rad": ("deg", 1.0)}, {"m": ("mm", 1e6), "rad": ("deg", 1e6)}),
     },
     "campaign_diagnosis": {
@@ -75,18 +75,18 @@ ROWS: dict[str, dict[str, Row]] = {
         "ZEROS": ("conventions", (), (1.0, 2.0)),
     },
     "delivery": {
-        "WORTH_IT": ("update", -9.0, 0.99),
-        "WORTH_MORE": ("update", -9.0, 0.99),
+        "WORTH_IT": ("choice", -9.0, 0.99),
+        "WORTH_MORE": ("choice", -9.0, 0.99),
         "MANY_STAYS": ("update", 0, None, "the log has fewer"),
     },
     "descent": {"STEPS": ("state", (1.0,), (3.0, 1.5)), "FAR_OFF": ("state", 0.01, 1e4)},
     "doubt": {
         "SMALL": ("doubt", -4.0, 5.0),
-        "PLAIN": ("doubt", -4.0, 5.0),
-        "STEPS": ("doubt", 1, 400),
-        "FURTHER": ("doubt", 1, 80),
-        "MOST_CHANGES": ("doubt", 0, None, TIME),
-        "MOST_GROWN": ("doubt", 0, None, TIME),
+        "PLAIN": ("weighing", -4.0, 5.0),
+        "STEPS": ("weighing", 1, None, TIME),
+        "FURTHER": ("weighing", 1, 80),
+        "MOST_CHANGES": ("weighing", 0, 100),
+        "MOST_GROWN": ("weighing", 0, 100),
         "WORTHWHILE": ("doubt", None, 1e4, ONE),
     },
     "evidence": {
@@ -110,7 +110,7 @@ ROWS: dict[str, dict[str, Row]] = {
         "ROUNDS": ("fit", 1, None, TIME),
         "SEARCHES": ("fit", 0, None, TIME),
         "WORTHWHILE": ("fit", None, 1e6, ONE),
-        "NOISE_ROUND": ("fit", 0, 10),
+        "NOISE_ROUND": ("rounds", 0, 10),
         "FIRST_ROUNDS": ("fit", (1, 1, 1, 1), (0, 0, 0, 0)),
         "SETTLED": ("fit", 1e-9, None, FAR),
     },
@@ -119,8 +119,8 @@ ROWS: dict[str, dict[str, Row]] = {
     },
     "gap_tables": {
         "FEWEST": ("told", 1, 1000),
-        "STRETCHES": ("told", 1, None, "so short a log has one stretch"),
-        "STRETCH_ROWS": ("told", 1, 1000),
+        "STRETCHES": ("stretches", 1, 1000),
+        "STRETCH_ROWS": ("stretches", 1, 1000),
         "THIRDS": ("told", (1.0, 2.0), (98.0, 99.0)),
     },
     "held_out": {"FOLDS": ("blocks", 2, 50), "RUN_OF_BLOCKS": ("blocks", 1, 30)},
@@ -156,11 +156,11 @@ ROWS: dict[str, dict[str, Row]] = {
         "MOST_MOVES": ("picks", 1, 80),
         "MOST_PROPOSALS": ("next", 0, None, FAR),
         "WORTH_A_MOVE": ("picks", 1e-5, 10.0),
-        "WORTH_IT": ("next", 0.0, 10.0),
-        "RIVALS": ("next", 0, 30),
+        "WORTH_IT": ("worth", 0.0, 10.0),
+        "RIVALS": ("pairs", 0, 30),
         "UNSURE": ("next", 0.0, 2.0),
         "AS_GOOD": ("next", 0.0, 10.0),
-        "NUDGE": ("next", None, 1e4, FAR),
+        "NUDGE": ("columns", 1e-13, 1e4),
         "NODES": ("picks", 1, None, "the rule is exact by then"),
     },
     "noise": {
@@ -197,10 +197,10 @@ ROWS: dict[str, dict[str, Row]] = {
     },
     "polish": {"PASSES": ("polish", 0, None, TIME), "ARRIVED": ("polish", None, 1e3, TIME)},
     "posterior": {
-        "SCALES": ("diagnosis", (0.05,), (1.0, 3.0)),
-        "SCALE": ("diagnosis", 0.01, 10.0),
-        "FEWEST_POSES": ("diagnosis", 2, 1000),
-        "MOST_POSES": ("diagnosis", 3, None, "the campaign has fewer"),
+        "SCALES": ("forgetting", (0.05,), (3.0, 9.0)),
+        "SCALE": ("forgetting", 0.01, 10.0),
+        "FEWEST_POSES": ("forgetting", 2, 1000),
+        "MOST_POSES": ("forgetting", 3, None, TIME),
     },
     "proposals": {
         "SHIFT_ROWS": ("proposals", 1, 20),
@@ -305,37 +305,25 @@ ROWS: dict[str, dict[str, Row]] = {
     },
     "where": {"ROWS": ("told", 5, None, "the log has fewer")},
     "verdict": {
-        "CLAIMED": ("verdict", 0.0, 1.0),
-        "RIVALS": ("verdict", 0, 30),
+        "CLAIMED": ("names", 0.0, 1.0),
+        "RIVALS": ("margins", 0, None, "the fourth best rival weighs nothing beside the first"),
         "FLOORS_LEFT": ("verdict", 1e-3, 1e3),
-        "STRUCTURE_GAIN": ("verdict", -1e3, None, ONE),
-        "STRUCTURE_SIZE": ("verdict", None, 1e3, ONE),
-        "NAMEABLE": ("verdict", 1e-3, 1e3),
-        "NAMEABLE_SHARE": ("verdict", 1e-3, 10.0),
-        "PLAIN": ("verdict", 1e-3, 1e6),
-        "UNSEEN": ("verdict", 0.0, 1e6),
+        "STRUCTURE_GAIN": ("left", -1e3, 1e3),
+        "STRUCTURE_SIZE": ("left", 1e-6, 1e3),
+        "NAMEABLE": ("names", 1e-3, 1e3),
+        "NAMEABLE_SHARE": ("names", 1e-3, 10.0),
+        "PLAIN": ("readings", 1e-3, 1e6),
+        "UNSEEN": ("readings", 0.0, 1e6),
         "FAR_ZERO": ("verdict", 1e-4, 10.0),
-        "SPOKEN_OF": ("verdict", 1e-4, 1e3),
+        "SPOKEN_OF": ("spoken", 1e-4, 1e3),
         "GIVEN_UP": ("verdict", 0.0, 1.0),
         "MOST_MARGIN": ("verdict", 0.1, None, FAR),
-        "STEPS": ("verdict", 1, 100),
+        "STEPS": ("left", 0, None, TIME),
         "LEFT_TO_NOISE": ("verdict", None, 1.0, FAR),
     },
 }  # fmt: skip
 #: Probes that take seconds.
 SLOW = {
-    "convincing", "convention_named", "diagnosis", "doubt", "fit", "moves", "next", "search", "short", "told", "update",
-    "verdict", "whole_search",
-}  # fmt: skip
-
-#: Thresholds of the last stages that one extreme at least leaves without a trace in these campaigns: nothing here would
-#: see them moved. Each needs a campaign that shows it, or has to go; one that is seen has to leave this list.
-OPEN = {
-    "accuracy.MORE", "accuracy.PARTS", "accuracy.WINDOWS", "calibration.TOLD", "delivery.WORTH_MORE",
-    "doubt.FURTHER", "doubt.MOST_CHANGES", "doubt.MOST_GROWN", "doubt.PLAIN", "doubt.STEPS", "fit.NOISE_ROUND",
-    "gap_tables.STRETCHES", "gap_tables.STRETCH_ROWS", "next_measurement.NUDGE", "next_measurement.RIVALS",
-    "next_measurement.WORTH_IT", "posterior.FEWEST_POSES", "posterior.MOST_POSES", "posterior.SCALE",
-    "posterior.SCALES", "verdict.CLAIMED", "verdict.NAMEABLE", "verdict.NAMEABLE_SHARE", "verdict.PLAIN",
-    "verdict.RIVALS", "verdict.SPOKEN_OF", "verdict.STEPS", "verdict.STRUCTURE_GAIN", "verdict.STRUCTURE_SIZE",
-    "verdict.UNSEEN",
+    "convincing", "convention_named", "diagnosis", "doubt", "fit", "left", "margins", "moves", "next", "pairs",
+    "rounds", "search", "short", "told", "update", "verdict", "weighing", "whole_search",
 }  # fmt: skip
