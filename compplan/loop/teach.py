@@ -246,8 +246,7 @@ def with_promise(plan: Plan, lesson: Lesson, slopes: Slopes, known: Uncertainty)
     radius = np.interp(np.arange(n), rows, lesson.band_after)
     parts = {**promise.parts, "model": radius, "unexplained": np.zeros(n), "force": np.zeros(n)}
     better = replace(promise, radius=radius + plan.after.distance, parts=parts, known=known, whole=float(radius.max()))
-    plan.__dict__["promise"] = better
-    return plan
+    return replace(plan, learned=better)
 
 
 def residual_file(robot: Robot, job: Job) -> Path | None:

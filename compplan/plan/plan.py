@@ -107,6 +107,7 @@ class Plan:
         coupling: The uncorrected tip without and with coupling of force and place, or None.
         notes: Warnings, one sentence each.
         job: The job, or None.
+        learned: The promise of what measured parts have taught on this path, or None.
 
     """
 
@@ -128,6 +129,7 @@ class Plan:
     coupling: CouplingEffect | None = None
     notes: tuple[str, ...] = ()
     job: Job | None = None
+    learned: Promise | None = None
 
     @property
     def robot(self) -> Robot:
@@ -170,6 +172,8 @@ class Plan:
     @cached_property
     def promise(self) -> Promise | None:
         """The band that holds the true tip with 95 %; None where a robot within it finds no equilibrium."""
+        if self.learned is not None:
+            return self.learned
         task = self.task
         driven = max(float(way.max(initial=0.0)) for way in (self.between.joint, self.between.cartesian))
         bow = max(driven - self.after.max_deviation, 0.0)
