@@ -21,7 +21,7 @@ WORDS = {
     "figaroh": "FIGAROH",
     "geometry": "plain geometric calibration",
 }
-COLOURS = {"before": NEUTRAL, "product": AFTER, "rival": BEFORE, "figaroh": TOLERANCE, "geometry": "#8e6bb0"}
+COLOURS = {"before": NEUTRAL, "product": AFTER, "rival": BEFORE, "figaroh": TOLERANCE, "geometry": "#78606c"}
 #: Shares of which a small one is good.
 BAD = ("wrong among", "later campaign", "stated error", "no answer")
 FIGURES = (

@@ -1,4 +1,4 @@
-"""What `compplan place` writes: place.json, place_map.png and posture_map.png."""
+"""What `compplan place` writes: place.json, report.html and its two pictures."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from compplan.files.transaction import replace_folder
 from compplan.job.job import Job
 from compplan.posture.place import PlaceResult, describe_placement
 from compplan.report.place_map import draw_place_map
+from compplan.report.place_page import write_place_page
 from compplan.report.posture_map import draw_map_picture
 
 
@@ -27,7 +28,9 @@ def write_placement(result: PlaceResult, job: Job, folder: Path) -> dict[str, An
     """
     summary = {**describe_placement(result, job), "made_by": describe_origin()}
     with replace_folder(folder, "place") as part:
-        (part / "place_map.png").write_bytes(draw_place_map(result))
-        (part / "posture_map.png").write_bytes(draw_map_picture(result.stance.map))
+        pictures = draw_place_map(result), draw_map_picture(result.stance.map)
+        (part / "place_map.png").write_bytes(pictures[0])
+        (part / "posture_map.png").write_bytes(pictures[1])
+        write_place_page(summary, *pictures, part / "report.html")
         write_json(part / "place.json", summary)
     return summary

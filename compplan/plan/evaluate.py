@@ -100,21 +100,44 @@ class Margins(NamedTuple):
     max_correction: float
 
 
-class Mismatch(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Mismatch:
     """What a command leaves in a cell that differs from the planner's model.
 
     Attributes:
         cell: Name of the cell; says in what it differs.
-        rms_deviation: Root mean square distance over the judged waypoints. [m]
-        max_deviation: Greatest distance over them. [m]
-        waypoints: How many waypoints of the cut were judged, evenly spread.
+        rows: Waypoints of the cut that were judged, evenly spread. Shape (k,).
+        deviation: Attained minus nominal tip there. Shape (k, 3). [m]
 
     """
 
     cell: str
-    rms_deviation: float
-    max_deviation: float
-    waypoints: int
+    rows: NDArray[np.int_]
+    deviation: Array
+
+    @cached_property
+    def distance(self) -> Array:
+        """Distance of the attained tip from the nominal one. Shape (k,). [m]."""
+        return np.asarray(np.linalg.norm(self.deviation, axis=1))
+
+    @property
+    def rms_deviation(self) -> float:
+        """Root mean square distance over the judged waypoints. [m]."""
+        return float(np.sqrt(np.mean(self.distance**2)))
+
+    @property
+    def max_deviation(self) -> float:
+        """Greatest distance over them. [m]."""
+        return float(self.distance.max())
+
+    @property
+    def waypoints(self) -> int:
+        """How many waypoints were judged."""
+        return len(self.rows)
+
+    def along(self, count: int) -> Array:
+        """Return the distance at all waypoints of the path, interpolated between those judged. Shape (count,). [m]."""
+        return np.asarray(np.interp(np.arange(count), self.rows, self.distance))
 
 
 def evaluate_mismatch(task: PlanTask, q: Array, factor: float = MISMATCHES[0], most: int = 10000) -> Mismatch:
@@ -134,8 +157,7 @@ def evaluate_mismatch(task: PlanTask, q: Array, factor: float = MISMATCHES[0], m
     else:
         rows = rows[:: max(1, -(-len(rows) // most))]
         position = _run_mismatch(task, q, cell, rows)
-    distance = np.linalg.norm(position - task.position[rows], axis=1)
-    return Mismatch(cell.name, float(np.sqrt(np.mean(distance**2))), float(distance.max()), len(rows))
+    return Mismatch(cell.name, rows, position - task.position[rows])
 
 
 def _run_mismatch(task: PlanTask, q: Array, cell: Cell, rows: NDArray[np.int_]) -> Array:

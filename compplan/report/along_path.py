@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.report.style import CATEGORIES, LIMIT, NEUTRAL, TOLERANCE, format_number, mark_decades
+from compplan.report.style import CATEGORIES, LIMIT, NEUTRAL, TOLERANCE, format_number, mark_decades, style_line
 from compplan.report.thinning import thin_rows
 from compplan.robot import Array
 
@@ -91,11 +91,11 @@ def draw_lines(
         figure.add_hline(y=limit[0], line={"color": TOLERANCE, "width": 1.4, "dash": "dash"})
         figure.add_annotation(
             x=1, xref="paper", xanchor="right", y=np.log10(limit[0]) if log else limit[0], yanchor="bottom",
-            text=limit[1], showarrow=False, font={"size": 11.5, "color": TOLERANCE},
+            text=limit[1], showarrow=False, font={"size": 11.5},
         )  # fmt: skip
     shade_spans(figure, stations)
     mark_waypoints(figure, stations)
-    figure.update_layout(hovermode="x unified" if len(series) > 1 else "closest")
+    figure.update_layout(hovermode="x unified" if len(series) > 1 else "x")
     return figure
 
 
@@ -122,7 +122,7 @@ def add_lines(
             customdata=stations.hover(rows),
             name=name,
             mode="lines",
-            line={"color": colours[number % len(colours)], "width": 1.6},
+            line={**style_line(number, colours), "width": 1.6},
             hovertemplate=f"%{{y:.4g}} {unit} (waypoint %{{customdata[0]:.0f}}, %{{customdata[1]:.2f}} s)",
             showlegend=legend and len(series) > 1,
         )
@@ -203,7 +203,7 @@ def draw_joints(
     for k in range(max(len(names) - columns, 0), len(names)):
         figure.update_xaxes(title_text="path length, mm", row=k // columns + 1, col=k % columns + 1)
     figure.update_annotations(font_size=12.5)
-    figure.update_layout(showlegend=False, margin={"t": 52})
+    figure.update_layout(showlegend=False, margin={"t": 52}, hovermode="x")
     return figure
 
 
@@ -228,6 +228,7 @@ def draw_shares(stations: Stations, shares: Mapping[str, tuple[Array, Sequence[s
         mark_waypoints(figure, stations, row=row, col=1)
     figure.update_xaxes(range=_length_range(stations))
     figure.update_xaxes(title_text="path length, mm", row=len(shares), col=1)
+    figure.update_layout(hovermode="x unified")
     return figure
 
 
@@ -246,11 +247,12 @@ def draw_wrench(stations: Stations, wrench: Array) -> Any:
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.08)
     add_lines(figure, stations, force, "N", row=1, col=1)
     moment = {f"m{axis}": wrench[:, 3 + k] for k, axis in enumerate("xyz")}
-    add_lines(figure, stations, moment, "N m", row=2, col=1, colours=CATEGORIES[3:6])
+    add_lines(figure, stations, moment, "N m", row=2, col=1, colours=CATEGORIES[:3])
     figure.update_yaxes(title_text="force, N", row=1, col=1)
     figure.update_yaxes(title_text="moment, N m", row=2, col=1)
     figure.update_xaxes(range=_length_range(stations))
     figure.update_xaxes(title_text="path length, mm", row=2, col=1)
+    figure.update_layout(hovermode="x unified")
     return figure
 
 

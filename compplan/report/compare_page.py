@@ -10,10 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.report.along_path import FLOOR, Stations, draw_lines, find_spans
-from compplan.report.page import Chart, Column, Fold, PageTable, Section, TableCell, write_page
+from compplan.report.along_path import FLOOR, Stations, find_spans
+from compplan.report.page import Block, Chart, Column, Fold, PageTable, Section, TableCell, write_page
+from compplan.report.panels import draw_panels, measure_panels
 from compplan.report.provenance import describe_grade, describe_robot
-from compplan.report.style import CATEGORIES, TOLERANCE, format_length, format_percent, format_set_value, mark_decades
+from compplan.report.style import (
+    CATEGORIES,
+    TOLERANCE,
+    format_length,
+    format_percent,
+    format_set_length,
+    format_set_value,
+)
 from compplan.robot import Array, Robot
 
 #: What the cell is called in which the plan's model is the truth.
@@ -52,6 +60,16 @@ class CompareView:
     assumptions: Sequence[str] = ()
 
     @property
+    def own(self) -> str:
+        """The cell in which the plan's own model is the truth."""
+        return next(iter(self.deviation))
+
+    @property
+    def wrong(self) -> list[str]:
+        """The cells that the model is wrong about."""
+        return list(self.deviation)[1:]
+
+    @property
     def strategies(self) -> list[str]:
         """Names of the strategies, in the order given."""
         return list(next(iter(self.deviation.values())))
@@ -86,20 +104,23 @@ def write_comparison(view: CompareView, file: Path) -> None:
 
 def summarise_comparison(view: CompareView) -> str:
     """Say in two sentences which strategy comes closest, in the modelled cell and where the model is wrong."""
-    own, *wrong = list(view.deviation)
+    own, wrong = view.own, view.wrong
     best = [name for name in view.strategies if _is_closest(view, own, name)]
-    text = f"Where the robot is {own}, {_join_names(best)} {_come(best)} closest: "
-    text += f"{format_length(view.rms(own, best[0]))} rms"
-    if "none" in view.strategies and "none" not in best:
-        text += f", against {format_length(view.rms(own, 'none'))} without correction"
-    text += "."
+    text = ""
     if wrong:
         worst = {name: max(view.rms(cell, name) for cell in wrong) for name in view.strategies}
         closest = min(worst, key=lambda name: worst[name])
         equals = [name for name in view.strategies if worst[name] <= 1.02 * worst[closest]]
-        text += f" Where the model is wrong ({', '.join(wrong)}), {_join_names(equals)} "
-        text += f"{_come(equals)} closest, with up to {format_length(worst[closest])} rms."
-    return f"{text} {describe_grade(view.robot)}"
+        text += f"Where the model is wrong ({', '.join(wrong)}), {_join_names(equals)} {_come(equals)} closest: "
+        text += f"up to {format_length(worst[closest])} rms"
+        if "none" in worst and "none" not in equals:
+            text += f", against {format_length(worst['none'])} without correction"
+        text += ". "
+    text += f"Where the robot is {own}, {_join_names(best)} {_come(best)} closest: "
+    text += f"{format_length(view.rms(own, best[0]))} rms"
+    if "none" in view.strategies and "none" not in best:
+        text += f", against {format_length(view.rms(own, 'none'))} without correction"
+    return f"{text}. {describe_grade(view.robot)}"
 
 
 def _come(names: list[str]) -> str:
@@ -111,10 +132,13 @@ def _join_names(names: list[str]) -> str:
 
 
 def _figures(view: CompareView) -> Section:
-    height = 90 + (34 + 16 * len(view.strategies)) * len(view.deviation)
-    caption = "Bars: rms deviation; ticks: largest deviation. Logarithmic."
-    chart = Chart(_bars(view), caption, height=height)
-    return Section("Strategies and cells", [_matrix(view), chart, Fold("All figures", [_long_table(view)])])
+    blocks: list[Block] = [_matrix(view)]
+    cells = view.wrong or [view.own]
+    height = 90 + (34 + 16 * len(view.strategies)) * len(cells)
+    caption = "Bars: rms deviation; ticks: largest deviation; dashed: the tolerance."
+    blocks.append(Chart(_bars(view, cells), caption, height=height))
+    lede = "A strategy is worth what it leaves where the model is wrong: no model is right." if view.wrong else ""
+    return Section("Strategies and cells", [*blocks, Fold("All figures", [_long_table(view)])], lede)
 
 
 def _is_closest(view: CompareView, cell: str, strategy: str) -> bool:
@@ -126,11 +150,11 @@ def _matrix(view: CompareView) -> PageTable:
     rows: list[list[TableCell | str | float | int | None]] = []
     for name in view.strategies:
         row: list[TableCell | str | float | int | None] = [TableCell(name, "strong")]
-        for cell in view.deviation:
+        for cell in (*view.wrong, view.own):
             text = f"{format_length(view.rms(cell, name))}  ({format_length(view.largest(cell, name))})"
             row.append(TableCell(text, "good" if _is_closest(view, cell, name) else ""))
         rows.append(row)
-    columns = [Column("strategy"), *(Column(cell) for cell in view.deviation)]
+    columns = [Column("strategy"), *(Column(cell) for cell in (*view.wrong, view.own))]
     caption = "Deviation of the loaded tool tip from the path: rms (largest); the closest of each cell is green."
     return PageTable(columns, rows, caption)
 
@@ -149,17 +173,14 @@ def _long_table(view: CompareView) -> PageTable:
     return PageTable([Column(title) for title in titles], rows)
 
 
-def _bars(view: CompareView) -> Any:
+def _bars(view: CompareView, cells: Sequence[str]) -> Any:
     import plotly.graph_objects as go
 
     figure = go.Figure()
-    cells = list(view.deviation)
-    low = max(min(view.rms(cell, name) for cell in cells for name in view.strategies), FLOOR)
-    high = max(view.largest(cell, name) for cell in cells for name in view.strategies)
-    low = 10.0 ** np.floor(np.log10(low) - 0.3)
-    for number, name in enumerate(view.strategies):
-        rms = [1e3 * max(view.rms(cell, name), FLOOR) for cell in cells]
-        largest = [1e3 * max(view.largest(cell, name), FLOOR) for cell in cells]
+    names = [name.replace("_", " ") for name in view.strategies]
+    for number, cell in enumerate(cells):
+        rms = [1e3 * view.rms(cell, name) for name in view.strategies]
+        largest = [1e3 * view.largest(cell, name) for name in view.strategies]
         colour = CATEGORIES[number % len(CATEGORIES)]
         ticks = {
             "type": "data",
@@ -170,14 +191,10 @@ def _bars(view: CompareView) -> Any:
             "color": colour,
         }
         figure.add_bar(
-            y=cells, x=rms, name=name, orientation="h", marker_color=colour, error_x=ticks, customdata=largest,
+            y=names, x=rms, name=cell, orientation="h", marker_color=colour, error_x=ticks, customdata=largest,
             hovertemplate="%{x:.3g} mm rms, %{customdata:.3g} mm at most",
         )  # fmt: skip
-    ends = [float(np.log10(1e3 * low)), float(np.log10(1e3 * max(high, 2 * low))) + 0.08]
-    marks, names = mark_decades(low, max(high, 2 * low))
-    figure.update_xaxes(
-        type="log", range=ends, title_text="deviation", tickvals=[1e3 * mark for mark in marks], ticktext=names
-    )
+    figure.update_xaxes(title_text="deviation, mm", rangemode="tozero")
     figure.update_yaxes(autorange="reversed")
     figure.add_vline(x=1e3 * view.tolerance, line={"color": TOLERANCE, "width": 1.4, "dash": "dash"})
     figure.update_layout(barmode="group", bargap=0.28, legend={"traceorder": "normal"})
@@ -191,10 +208,12 @@ def _along(view: CompareView) -> Section:
     shaded = length[np.column_stack([np.maximum(spans[:, 0] - 1, 0), spans[:, 1]]).astype(int)].reshape(-1, 2)
     stations = Stations(length, view.time, np.zeros(0, int), shaded)
     judged = np.where(view.cut, 1.0, np.nan)
-    charts = []
-    for cell, results in view.deviation.items():
-        series = {name: 1e3 * np.maximum(size, FLOOR) * judged for name, size in results.items()}
-        limit = (1e3 * view.tolerance, f"tolerance {format_set_value(1e3 * view.tolerance)} mm")
-        figure = draw_lines(stations, series, "mm", title="deviation", log=True, limit=limit)
-        charts.append(Chart(figure, f"TableCell: {cell}.", height=300))
-    return Section("Along the path", charts, "Distance of the loaded tool tip from the path, logarithmic.")
+    cells = (*view.wrong, view.own)
+    panels = {
+        name.replace("_", " "): {cell: 1e3 * view.deviation[cell][name] * judged for cell in cells}
+        for name in view.strategies
+    }
+    figure = draw_panels(stations, panels, tolerance=1e3 * view.tolerance)
+    caption = f"One chart a strategy, all with the same axes; dashed: tolerance {format_set_length(view.tolerance)}."
+    chart = Chart(figure, caption, height=measure_panels(len(panels)), along=True)
+    return Section("Along the path", [chart], "Distance of the loaded tool tip from the path.")

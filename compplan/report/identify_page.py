@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from compplan.report.page import Column, Fold, PageTable, Provenance, Section, TableCell, write_page
+from compplan.report.page import Chart, Column, Fold, PageTable, Provenance, Section, TableCell, write_page
+from compplan.report.style import AFTER, BEFORE, NEUTRAL, TOLERANCE
 
 FRAMES = ("geometry", "base", "tool")
 
@@ -24,14 +25,19 @@ def write_identification_page(summary: dict[str, Any], file: Path) -> None:
         f" {gap['held_out_after_rms_mm']:.3g} mm.",
         *(note for note in summary["notes"] if "assumed" not in note),
     ]
+    compliances = [p for p in summary["parameters"] if p["kind"] not in FRAMES]
     sections = [
         Section(
             "Compliances",
-            [_parameters([p for p in summary["parameters"] if p["kind"] not in FRAMES])],
+            [*_changes(compliances), _parameters(compliances)],
             "Identified values with 95 % intervals. What did not earn its place on held-out poses is not written.",
         ),
         Section("What cannot be told", [_held(summary)], "Held at their nominal values, and why."),
-        Section("Gap", [_gap(gap)], "Root mean square of the distance between measured and predicted positions."),
+        Section(
+            "Gap",
+            [_gap_chart(gap), _gap(gap)],
+            "Root mean square of the distance between measured and predicted positions.",
+        ),
         Section("How the model grew", [_rounds(summary)], "Candidates, by held-out gap if they were added."),
     ]
     geometry = [p for p in summary["parameters"] if p["kind"] in FRAMES]
@@ -48,6 +54,57 @@ def write_identification_page(summary: dict[str, Any], file: Path) -> None:
     ]
     provenance = Provenance(facts, [note for note in summary["notes"] if "assumed" in note])
     write_page(file, f"{robot}: identified", lede, sections, kind="Identification", provenance=provenance)
+
+
+def _changes(entries: list[dict[str, Any]]) -> list[Chart]:
+    """Draw by how much each value differs from the one before, with its interval."""
+    import plotly.graph_objects as go
+
+    known = [entry for entry in entries if entry["before"] and None not in entry["interval_95"]]
+    if not known:
+        return []
+    change = [100 * (entry["value"] / entry["before"] - 1) for entry in known]
+    ends = [sorted(100 * (end / entry["before"] - 1) for end in entry["interval_95"]) for entry in known]
+    said = [
+        f"{value:+.0f} % ({low:+.0f} to {high:+.0f})" for value, (low, high) in zip(change, ends, strict=True)
+    ]
+    figure = go.Figure(
+        go.Scatter(
+            x=change, y=[entry["name"] for entry in known], mode="markers+text", text=said, textposition="top center",
+            marker={"size": 9, "color": [AFTER if entry["written"] else NEUTRAL for entry in known]},
+            error_x={
+                "type": "data", "color": NEUTRAL, "thickness": 1.6,
+                "array": [high - value for value, (_, high) in zip(change, ends, strict=True)],
+                "arrayminus": [value - low for value, (low, _) in zip(change, ends, strict=True)],
+            },
+            hovertemplate="%{y}: %{x:.1f} %<extra></extra>",
+        )
+    )  # fmt: skip
+    figure.add_vline(x=0.0, line={"color": TOLERANCE, "width": 1.2, "dash": "dash"})
+    figure.update_xaxes(title_text="change from the value before, %")
+    figure.update_yaxes(autorange="reversed")
+    caption = "Dot: change, with its 95 % interval; grey dots are not written to the robot folder."
+    return [Chart(figure, caption, height=100 + 44 * len(known))]
+
+
+def _gap_chart(gap: dict[str, Any]) -> Chart:
+    """Draw the gap before and after, on rows of the fit and on held-out ones."""
+    import plotly.graph_objects as go
+
+    rows = {"rows of the fit": "", "held-out poses": "held_out_"}
+    if gap["under_load_before_rms_mm"] is not None:
+        rows["under load, held out"] = "under_load_"
+    figure = go.Figure()
+    for name, colour in (("before", BEFORE), ("after", AFTER)):
+        values = [gap[f"{key}{name}_rms_mm"] for key in rows.values()]
+        figure.add_bar(
+            y=list(rows), x=values, name=name, orientation="h", marker_color=colour,
+            text=[f"{value:.3g} mm" for value in values], hovertemplate="%{x:.3g} mm",
+        )  # fmt: skip
+    figure.update_xaxes(title_text="gap, rms, mm", rangemode="tozero")
+    figure.update_yaxes(autorange="reversed")
+    figure.update_layout(barmode="group", bargap=0.3, legend={"traceorder": "normal"})
+    return Chart(figure, "", height=110 + 60 * len(rows))
 
 
 def _parameters(entries: list[dict[str, Any]]) -> PageTable:

@@ -8,19 +8,13 @@ from typing import Any
 import numpy as np
 
 from compplan.plan.correction_loop import run_loop
-from compplan.report.along_path import FLOOR, Stations, draw_lines
-from compplan.report.style import CATEGORIES, TOLERANCE, format_set_value, mark_decades
+from compplan.report.along_path import FLOOR, Stations
+from compplan.report.panels import draw_panels
+from compplan.report.style import CATEGORIES, TOLERANCE, mark_decades, style_line
 from compplan.robot import Array
 from compplan.study.runner import Run
 from compplan.study.sensitivity import Sensitivity
 from compplan.study.statistics import trace_convergence
-
-COLOURS = (*CATEGORIES, "#3f7d64", "#a35b1f", "#555a8c", "#9c8f2e", "#6b3f52")
-
-
-def colour_of(number: int) -> str:
-    """Return the colour of a strategy."""
-    return COLOURS[number % len(COLOURS)]
 
 
 def draw_distributions(run: Run) -> Any:
@@ -34,7 +28,7 @@ def draw_distributions(run: Run) -> Any:
         figure.add_trace(
             go.Box(
                 y=[name.replace("_", " ")], lowerfence=[low], q1=[q1], median=[median], q3=[q3], upperfence=[high],
-                orientation="h", marker_color=colour_of(k), showlegend=False, name=name,
+                orientation="h", marker_color=CATEGORIES[0], showlegend=False, name=name,
             )
         )  # fmt: skip
     _decades(figure, rms, "xaxis")
@@ -44,18 +38,19 @@ def draw_distributions(run: Run) -> Any:
     return figure
 
 
-def draw_along(run: Run, share: float) -> Any:
-    """Draw a quantile over the cells of the distance along the path."""
+def draw_along(run: Run) -> Any:
+    """Draw the distance along the path, one small chart a strategy: median over the cells, and 95 of 100 of them."""
     study = run.study
     steps = np.linalg.norm(np.diff(study.task.position, axis=0), axis=1)
     length = np.concatenate([[0.0], np.cumsum(steps)])[study.stations]
     time = np.concatenate([[0.0], np.cumsum(study.task.step_time)])[study.stations]
-    along = np.maximum(np.quantile(run.judged.along, share, axis=0), FLOOR)
-    series = {name.replace("_", " "): 1e3 * along[k] for k, name in enumerate(study.strategies)}
+    median, most = (1e3 * np.maximum(np.quantile(run.judged.along, share, axis=0), FLOOR) for share in (0.5, 0.95))
+    panels = {
+        name.replace("_", " "): {"median": median[k], "95 of 100 cells": most[k]}
+        for k, name in enumerate(study.strategies)
+    }
     stations = Stations(length, time, np.zeros(0, int), np.zeros((0, 2)))
-    tolerance = study.task.tolerance * 1e3
-    limit = (tolerance, f"tolerance {format_set_value(tolerance)} mm")
-    return draw_lines(stations, series, "mm", title="deviation", log=True, limit=limit, colours=COLOURS)
+    return draw_panels(stations, panels, tolerance=1e3 * study.task.tolerance, log=True)
 
 
 def draw_differences(summary: Mapping[str, Any], main: str) -> Any:
@@ -94,7 +89,7 @@ def draw_curves(ratio: Array, curves: Mapping[str, Array], title: str) -> Any:
     for k, (name, values) in enumerate(curves.items()):
         figure.add_scatter(
             x=ratio, y=1e3 * np.maximum(values, FLOOR), mode="lines+markers", name=name.replace("_", " "),
-            line={"color": colour_of(k), "width": 1.6}, marker={"size": 5}, hovertemplate="%{y:.3g} mm at %{x:g}",
+            line={**style_line(k), "width": 1.6}, marker={"size": 5}, hovertemplate="%{y:.3g} mm at %{x:g}",
         )  # fmt: skip
     figure.update_xaxes(title_text=title)
     figure.update_yaxes(title_text="rms deviation, mm", rangemode="tozero")
@@ -129,7 +124,7 @@ def draw_convergence(run: Run) -> Any:
         trace = trace_convergence(1e3 * run.judged.rms[:, k], run.settings.replicates)
         figure.add_scatter(
             x=[n for n, _ in trace], y=[interval.value for _, interval in trace], name=name.replace("_", " "),
-            mode="lines", line={"color": colour_of(k), "width": 1.6},
+            mode="lines", line={**style_line(k), "width": 1.6},
             error_y={"type": "data", "array": [interval.half_width for _, interval in trace], "thickness": 1},
         )  # fmt: skip
     figure.update_xaxes(title_text="samples", type="log")
@@ -148,7 +143,7 @@ def draw_loops() -> Any:
     time = np.arange(len(step)) * 0.01
     for k, (name, loop) in enumerate((("PID as printed", LITERAL), ("PI", PI), ("PID, attained", PID))):
         left = np.clip(1.0 - run_loop(loop, step), -3.0, 3.0)
-        figure.add_scatter(x=time, y=left, name=name, mode="lines", line={"color": colour_of(k + 1), "width": 1.6})
+        figure.add_scatter(x=time, y=left, name=name, mode="lines", line={**style_line(k + 1), "width": 1.6})
     figure.update_xaxes(title_text="time, s")
     figure.update_yaxes(title_text="deviation left, mm", range=[-2.0, 2.0])
     return figure

@@ -17,6 +17,7 @@ from compplan.report.montecarlo_figures import (
     draw_sensitivity,
 )
 from compplan.report.page import Block, Chart, Column, Fold, PageTable, Section, TableCell, write_page
+from compplan.report.panels import measure_panels
 from compplan.report.plan_report import list_assumptions
 from compplan.report.provenance import describe_grade, describe_robot
 from compplan.report.style import format_length, format_percent, format_set_value
@@ -140,11 +141,11 @@ def _strategies(result: JobStudy) -> Section:
 
 
 def _path(result: JobStudy) -> Section:
-    charts: list[Block] = [
-        Chart(draw_along(result.run, 0.5), "Median over the cells.", height=320),
-        Chart(draw_along(result.run, 0.95), "Not exceeded in 95 of 100 cells.", height=320),
-    ]
-    return Section("Along the path", charts, "Distance of the loaded tool tip from the path, logarithmic.")
+    tolerance = format_set_value(result.summary["tolerance_mm"])
+    caption = f"One chart a strategy, all with the same axes, logarithmic; dashed: tolerance {tolerance} mm."
+    height = measure_panels(len(result.run.study.strategies))
+    chart = Chart(draw_along(result.run), caption, height=height, along=True)
+    return Section("Along the path", [chart], "Distance of the loaded tool tip from the path.")
 
 
 def _pairs(result: JobStudy) -> Section:

@@ -20,6 +20,8 @@ from compplan.report.style import build_template, format_number
 from compplan.version import VERSION
 
 TEMPLATES = Path(__file__).parent / "templates"
+#: The part of plotly.js that pages draw with; how it was made stands beside it.
+PLOTLY = Path(__file__).parent / "plotly" / "plotly.min.js.gz"
 
 
 @dataclass(frozen=True)
@@ -65,12 +67,15 @@ class Chart:
         caption: What to see in it, in a sentence.
         height: Height on the page. [px]
         linked_scenes: Whether turning one 3D scene turns the others.
+        along: Whether the custom data of its traces begin with waypoints: what is hovered there is shown in every such
+            chart of the page.
     """
 
     figure: Any
     caption: str = ""
     height: int = 380
     linked_scenes: bool = False
+    along: bool = False
 
 
 @dataclass(frozen=True)
@@ -222,9 +227,7 @@ def _environment() -> Any:
 
 @cache
 def _plotly_script() -> str:
-    from plotly.offline import get_plotlyjs
-
-    return str(get_plotlyjs())
+    return base64.b64encode(PLOTLY.read_bytes()).decode("ascii")
 
 
 def _describe(block: Block, charts: list[dict[str, Any]]) -> dict[str, Any]:
@@ -234,7 +237,8 @@ def _describe(block: Block, charts: list[dict[str, Any]]) -> dict[str, Any]:
     if isinstance(block, Chart):
         figure = json.loads(block.figure.to_json())
         figure["layout"].pop("template", None)
-        charts.append({"data": figure["data"], "layout": figure["layout"], "linked": block.linked_scenes})
+        kind = {"linked": block.linked_scenes, "along": block.along}
+        charts.append({"data": figure["data"], "layout": figure["layout"], **kind})
         return {"kind": "chart", "number": len(charts) - 1, "caption": block.caption, "height": block.height}
     if isinstance(block, PageTable):
         return _describe_table(block)

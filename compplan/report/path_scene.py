@@ -50,7 +50,8 @@ def draw_cell(
             mine = told[rows] == number
             mine |= np.r_[mine[1:], False]  # the move begins at the waypoint before
             broken = np.where(mine[:, None], points, np.nan)
-            figure.add_trace(_line(broken, {"color": colour, "width": width}, name, hover=False))
+            waypoint, line = rows[:, None].astype(float), {"color": colour, "width": width}
+            figure.add_trace(_line(broken, line, name, hover=False, custom=waypoint))
     shapes = [*place_shapes(robot, q[start]), *around]
     figure.update_layout(
         scene=frame_scene(np.vstack([points, *(1e3 * shape.vertices for shape in shapes)])),

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from compplan.posture.alternatives import compare_postures
 from compplan.report.coupling_section import show_coupling
 from compplan.report.page import Section
-from compplan.report.plan_page import PlanView, write_view
+from compplan.report.plan_page import write_view
+from compplan.report.plan_view import PlanView
 from compplan.report.posture_section import list_uncertainties, show_posture
 from compplan.report.promise_section import show_promise
 from compplan.report.robot_scene import place_meshes
@@ -64,6 +65,7 @@ def view_plan(plan: Plan, extra: Sequence[Section] = ()) -> PlanView:
         before=plan.before.deviation,
         after=plan.after.deviation,
         mismatch=plan.mismatch,
+        promise=plan.promise,
         correction=plan.correction,
         wrench=task.wrench,
         velocity=timing.velocity,

@@ -7,7 +7,7 @@ import numpy as np
 from compplan.promise.band import PARTS, Promise
 from compplan.report.along_path import Stations, draw_lines
 from compplan.report.page import Block, Chart, Column, Fold, PageTable, Section, TableCell
-from compplan.report.style import AFTER, CATEGORIES, format_length, format_percent, format_set_value
+from compplan.report.style import CATEGORIES, format_length, format_percent, format_set_value
 
 #: What the parts are called.
 WORDS = {
@@ -34,12 +34,12 @@ def show_promise(promise: Promise, stations: Stations, tolerance: float) -> Sect
         series,
         "mm",
         title="95 % band",
-        colours=(AFTER, *CATEGORIES),
+        colours=CATEGORIES,
         zero=True,
         limit=(1e3 * tolerance, f"tolerance {format_set_value(1e3 * tolerance)} mm"),
     )
     caption = "Distance from the path that holds the true tip with 95 %, and the same by each cause alone."
-    blocks: list[Block] = [Chart(chart, caption, height=360), _table(promise)]
+    blocks: list[Block] = [Chart(chart, caption, height=360, along=True), _table(promise)]
     if promise.leading:
         blocks.append(_leading(promise))
     if promise.assumed:

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 #: Colours that read on light and on dark paper.
 BEFORE = "#d1603d"
 AFTER = "#2b86a8"
-TOLERANCE = "#8a8f3a"
+TOLERANCE = "#6c60c0"
 LIMIT = "#c2382e"
 NEUTRAL = "#8b929b"
-#: One colour per category: strategies, runs, joints.
-CATEGORIES = (
-    "#2b86a8", "#d1603d", "#6a8f3c", "#8e6bb0", "#c79a2b", "#4a6fb5", "#b0557e", "#5aa09a", "#8a6d55", "#7d8590",
-)  # fmt: skip
+#: One colour per category: strategies, runs, joints. As many as whoever sees two primaries can tell apart at the
+#: contrast that lines need on light and on dark paper (tests/test_palette.py); further ones take the next dash.
+CATEGORIES = ("#2b86a8", "#d1603d", "#6c60c0", "#78606c", "#c08478")
+DASHES = ("solid", "dash", "dot")
 #: Small to large, for quantities that are best at zero.
 SEQUENTIAL = ((0.0, "#2f7fb5"), (0.3, "#6fae8f"), (0.55, "#dfb441"), (0.8, "#d1603d"), (1.0, "#8f1d2c"))
 #: Minus to plus, for quantities with a sign.
@@ -26,6 +27,11 @@ INK = {"light": "#1d2329", "dark": "#dfe4ea"}
 GRID = {"light": "#e4e7ea", "dark": "#2c3238"}
 SPACE_GRID = {"light": "#ccd2d8", "dark": "#3b434b"}
 LINE = {"light": "#aab1b9", "dark": "#59626c"}
+
+
+def style_line(number: int, colours: Sequence[str] = CATEGORIES) -> dict[str, str]:
+    """Return colour and dash of a line by its number: all colours solid, then all of them dashed, then dotted."""
+    return {"color": colours[number % len(colours)], "dash": DASHES[number // len(colours) % len(DASHES)]}
 
 
 def format_number(value: float, digits: int = 3) -> str:
@@ -53,6 +59,11 @@ def format_number(value: float, digits: int = 3) -> str:
 def format_set_value(value: float) -> str:
     """Write a number that someone has set, such as a tolerance: as short as it was given."""
     return f"{value:.6g}".replace("-", "−")
+
+
+def format_set_length(metres: float) -> str:
+    """Write a length that someone has set in mm, as short as it was given."""
+    return f"{format_set_value(1e3 * metres)}\u00a0mm"
 
 
 def format_length(metres: float, digits: int = 3) -> str:

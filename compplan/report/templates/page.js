@@ -1,27 +1,43 @@
 "use strict";
-(() => {
+(async () => {
   const page = JSON.parse(document.getElementById("page-data").textContent);
   const root = document.documentElement;
   const button = document.getElementById("theme");
   const system = window.matchMedia("(prefers-color-scheme: dark)");
   const drawn = new Set();
   const setup = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"] };
+  // Between the margins of A4, in CSS pixels.
+  const PAPER_WIDTH = 680;
   let chosen = null;
 
   const element = (number) => document.getElementById(`chart-${number}`);
   const theme = () => chosen || (system.matches ? "dark" : "light");
+  const narrow = () => window.innerWidth < 620;
+
+  // The library lies in the page, compressed.
+  async function unpackLibrary() {
+    const text = document.getElementById("plotly-library").textContent;
+    const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+    const script = document.createElement("script");
+    script.textContent = await new Response(stream).text();
+    document.head.append(script);
+  }
 
   function draw(number) {
     if (drawn.has(number)) return;
     drawn.add(number);
     const chart = page.charts[number];
     const node = element(number);
-    Plotly.newPlot(node, chart.data, { ...chart.layout, template: page.themes[root.dataset.theme], autosize: true }, setup);
+    const layout = { ...chart.layout, template: page.themes[root.dataset.theme], autosize: true };
+    if (narrow()) layout.margin = { ...layout.margin, l: Math.min((layout.margin || {}).l ?? 48, 48), r: 8 };
+    Plotly.newPlot(node, chart.data, layout, setup);
     if (chart.linked) linkScenes(node);
+    if (chart.along) linkWaypoints(number, node);
   }
 
   function linkScenes(node) {
-    const scenes = Object.keys(node._fullLayout).filter((key) => /^scene\d*$/.test(key));
+    const scenes = scenesOf(node);
     node.on("plotly_relayout", (change) => {
       const moved = scenes.find((scene) => change[`${scene}.camera`]);
       if (!moved) return;
@@ -32,11 +48,95 @@
     });
   }
 
+  // What is hovered in one chart along the path is shown in the others: lines by their labels, scenes by a dot.
+  let pointed = null;
+
+  function linkWaypoints(number, node) {
+    node.on("plotly_hover", (event) => {
+      const custom = event.points[0].customdata;
+      if (!custom || pointed !== null) return;
+      pointed = Number(custom[0]);
+      window.requestAnimationFrame(() => {
+        drawn.forEach((other) => {
+          if (other !== number && page.charts[other].along && inSight(element(other))) pointAt(element(other), pointed);
+        });
+        pointed = null;
+      });
+    });
+  }
+
+  function inSight(node) {
+    const box = node.getBoundingClientRect();
+    return box.height > 0 && box.bottom > 0 && box.top < window.innerHeight;
+  }
+
+  function nearest(custom, waypoint) {
+    let best = 0;
+    for (let row = 1; row < custom.length; row += 1) {
+      if (Math.abs(custom[row][0] - waypoint) < Math.abs(custom[best][0] - waypoint)) best = row;
+    }
+    return best;
+  }
+
+  function pointAt(node, waypoint) {
+    const points = [];
+    const dots = {};
+    node._fullData.forEach((trace, curveNumber) => {
+      if (!trace.customdata || !trace.customdata.length || trace.visible !== true) return;
+      const pointNumber = nearest(trace.customdata, waypoint);
+      if (trace.type === "scatter3d") {
+        const place = { x: trace.x[pointNumber], y: trace.y[pointNumber], z: trace.z[pointNumber] };
+        if (Number.isFinite(place.x)) dots[trace.scene || "scene"] = place;
+      } else {
+        points.push({ curveNumber, pointNumber });
+      }
+    });
+    if (points.length) {
+      const subplots = [...new Set(points.map(({ curveNumber }) => {
+        const trace = node._fullData[curveNumber];
+        return `${trace.xaxis}${trace.yaxis}`;
+      }))];
+      Plotly.Fx.hover(node, points, subplots);
+    }
+    Object.entries(dots).forEach(([scene, place]) => {
+      const text = `waypoint ${waypoint}`;
+      const note = { ...place, text, ax: 0, ay: -28, arrowhead: 2, arrowsize: 0.9, font: { size: 11 } };
+      Plotly.relayout(node, { [`${scene}.annotations`]: [note] });
+    });
+  }
+
   function paint(name) {
     if (root.dataset.theme === name) return;
     root.dataset.theme = name;
     if (button) button.textContent = name === "dark" ? "Light" : "Dark";
     drawn.forEach((number) => Plotly.relayout(element(number), { template: page.themes[name] }));
+  }
+
+  const scenesOf = (node) => Object.keys(node._fullLayout).filter((key) => /^scene\d*$/.test(key));
+
+  // Lines are drawn anew in the width of A4; a scene is frozen to a picture, which is drawn smaller.
+  function fitPaper(node) {
+    const scenes = scenesOf(node);
+    if (!scenes.length) {
+      Plotly.relayout(node, { width: PAPER_WIDTH, autosize: false });
+      return;
+    }
+    scenes.forEach((key) => {
+      const { _scene: scene } = node._fullLayout[key];
+      const picture = new Image();
+      picture.src = scene.toImage("png");
+      picture.className = "frozen";
+      scene.container.append(picture);
+    });
+    const width = node._fullLayout.width;
+    node.style.width = `${width}px`;
+    node.style.zoom = Math.min(PAPER_WIDTH / width, 1);
+  }
+
+  function fitScreen(node) {
+    node.querySelectorAll("img.frozen").forEach((picture) => picture.remove());
+    node.style.zoom = node.style.width = "";
+    Plotly.relayout(node, { width: null, autosize: true });
   }
 
   function drawNext(number) {
@@ -52,20 +152,25 @@
     paint(chosen);
   });
   system.addEventListener("change", () => paint(theme()));
+  if (!page.charts.length) return;
+  try {
+    await unpackLibrary();
+  } catch (error) {
+    document.getElementById("without-charts").hidden = false;
+    return;
+  }
   window.addEventListener("beforeprint", () => {
     paint("light");
     document.querySelectorAll("details").forEach((fold) => { fold.dataset.was = fold.open; fold.open = true; });
     page.charts.forEach((_, number) => {
       draw(number);
-      const node = element(number);
-      const share = node.parentElement.parentElement.closest(".columns") ? 0.5 : 1;
-      Plotly.relayout(node, { width: 680 * share, autosize: false });
+      fitPaper(element(number));
     });
   });
   window.addEventListener("afterprint", () => {
     paint(theme());
     document.querySelectorAll("details").forEach((fold) => { fold.open = fold.dataset.was === "true"; });
-    page.charts.forEach((_, number) => Plotly.relayout(element(number), { width: null, autosize: true }));
+    page.charts.forEach((_, number) => fitScreen(element(number)));
   });
   drawNext(0);
 })();
