@@ -52,7 +52,8 @@ def draw_panels(
     for number in range(max(len(panels) - columns, 0), len(panels)):
         figure.update_xaxes(title_text="path length, mm", row=number // columns + 1, col=number % columns + 1)
     figure.update_annotations(font_size=12.5)
-    figure.update_layout(hovermode="x unified", margin={"t": 56}, legend={"y": 1.0, "yref": "container", "yanchor": "top"})
+    legend = {"y": 1.0, "yref": "container", "yanchor": "top"}
+    figure.update_layout(hovermode="x unified", margin={"t": 56}, legend=legend)
     return figure
 
 
