@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -229,7 +229,7 @@ def run_case(case: Case, place: bool) -> dict[str, Any]:
 
 
 def _choose(case: Case, job: Job) -> Stance:
-    settings = read_settings(job, case.robot)
+    settings = replace(read_settings(job, case.robot), weights={"travel": 0.0})  # what is left under load, alone
     return choose_stance(case.robot, case.nominal, job.tool_x_base, settings, axes=job.T_base_part[:3, :3])
 
 

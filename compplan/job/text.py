@@ -165,8 +165,9 @@ acceleration_scale = 1.0
 
 [posture]                           # configuration, rotation about the tool axis and extra axes are chosen for this
 preset = "accurate"                 # accurate (least remaining deviation) | smooth (little motion) | fast
-# weights = { motion = 1e-5 }       # in place of the preset's, in mm^2 of squared sensitivity: sensitivity, deviation
-                                    #   (per mm^2), limits, dexterity, singularity, rate (per unit), time (per s),
+# weights = { motion = 1e-5 }       # in place of the preset's, in mm^2 of squared sensitivity: sensitivity, deviation,
+                                    #   travel (per mm^2; travel: what joint motion does to accuracy), limits,
+                                    #   dexterity, singularity, rate (per unit), time (per s),
                                     #   motion (per (rad / 100 mm)^2)
 measure = "expected"                # remaining deviation: expected (root mean square) | p95
 wrench_uncertainty = 0.1            # assumed: relative error of each component of the wrench, one standard deviation
@@ -175,7 +176,7 @@ joint_zero_uncertainty_deg = 0.0    # assumed: error of each joint's zero
 spin_step_deg = 5.0                 # grid of rotations about the tool axis, refined afterwards
 lead_deg = 0.0                      # how far the tool axis may lean along the travel
 lean_deg = 0.0                      # ... and across it
-limit_margin_deg = 10.0             # joint limits cost from this distance on
+limit_margin_deg = 10.0             # distance from joint limits that is kept, unless no way along the path keeps it
 singularity_margin = 0.03           # inverse condition number (0: singular, 1: best) that costs steeply from here down
 reconfigure = "rapid"               # configuration may change in rapid moves away from the part: rapid | never
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,11 @@ from compplan.cell.vibration import (
 )
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing, cutting_runs
+from compplan.posture.start import PostureRequest
 from compplan.robot import Array, Robot
 from compplan.statics.chain import locate_frames
 from compplan.statics.elastic import solve_equilibrium
+from compplan.statics.ik import middle_of_limits
 
 #: Waypoints that are looked at where there are more: the half with the greatest accelerations, and even ones.
 LOOKED_AT = 2000
@@ -155,6 +157,18 @@ def choose_smoothing(robot: Robot, q: Array, default: float) -> float:
     if not np.isfinite(lowest).all():
         return default
     return float(np.clip(1.0 / lowest.min(), SHORTEST, LONGEST))
+
+
+def state_frequency(request: PostureRequest, robot: Robot) -> PostureRequest:
+    """Price the inertia of joint motion by the arm's lowest natural frequency amid its joint limits, where known."""
+    lowest = float(natural_frequencies(build_dynamics(robot), middle_of_limits(robot)[None], 1)[0, 0])
+    if not np.isfinite(lowest):
+        return request
+    motion = request.settings.motion
+    source = f"{motion.source}; natural frequency of the robot folder's masses and springs"
+    return replace(
+        request, settings=replace(request.settings, motion=motion._replace(frequency=lowest, source=source))
+    )
 
 
 def _greatest(shift: Array) -> float:

@@ -88,7 +88,9 @@ def _tell_margin(task: PlanTask) -> list[str]:
     return [
         f"The posture comes within {np.degrees(kept):.3g} deg of the {'lower' if low else 'upper'} limit of "
         f"{task.robot.joint_names[joint]} at waypoint {row}; posture.limit_margin_deg asks for "
-        f"{np.degrees(asked):.3g}: nearness costs, and the preset weighs the rest higher here."
+        f"{np.degrees(asked):.3g}: "
+        + ("the way found keeps it at its stations, not between them."
+           if stance.keeps_margin else "no way along the path keeps it.")
     ]
 
 

@@ -17,7 +17,7 @@ from compplan.path.force_law import ForceLaw
 from compplan.path.toolpath import Toolpath, check_toolpath
 from compplan.plan.agreement import agree
 from compplan.plan.approach import Passage, plan_approach, plan_retract
-from compplan.plan.bending import Bending, choose_smoothing, measure_bending
+from compplan.plan.bending import Bending, choose_smoothing, measure_bending, state_frequency
 from compplan.plan.between import Between
 from compplan.plan.buckling import explain_buckling, find_buckling
 from compplan.plan.coupling import CouplingEffect
@@ -398,7 +398,7 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         tool_x=job.tool_x_base,
         velocity_scale=job.limits.velocity_scale,
         acceleration_scale=job.limits.acceleration_scale,
-        posture=read_request(job, robot),
+        posture=state_frequency(read_request(job, robot), robot),
         feed=FeedWish(job.feed.mode == "constant", job.feed.torque_limits),
         inertia=table.inertia,
         chord=None if job.sampling.chord_mm is None else job.sampling.chord_mm * 1e-3,

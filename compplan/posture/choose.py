@@ -12,11 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.errors import InfeasibleError
+from compplan.errors import InfeasibleError, InputError
+from compplan.path.contact import tool_axes
 from compplan.path.toolpath import Toolpath
 from compplan.posture.costs import Weights, choose_weights
 from compplan.posture.lattice import (
     COLLISION,
+    JOINT_LIMIT,
     NOT_WANTED,
     Lattice,
     Options,
@@ -24,8 +26,10 @@ from compplan.posture.lattice import (
     fill_lattice,
     pick_stations,
 )
+from compplan.posture.motion import price_motion
 from compplan.posture.search import Line, Rungs, measure_rungs, search_line
 from compplan.posture.settings import PostureSettings
+from compplan.posture.stance import Wish, choose_posture
 from compplan.posture.summary import PostureMap, Stance, mark_collisions, slice_map, summarise_costs
 from compplan.posture.trace import Trace, trace_line
 from compplan.robot import Array, Robot
@@ -34,6 +38,9 @@ from compplan.statics.ik import CONFIGURATIONS, Arm, build_arm
 
 #: Tells by how much postures keep clear: (q (m, nq), waypoints (m,)) -> margin (m,) [m], negative where too near.
 Margin = Callable[[Array, NDArray[np.int_]], Array]
+#: Errors of a finished posture that add up, and the share of the plain posture's that a choice has to get below: its
+#: figures are not known better (assumed).
+ERRORS, GAIN = ("sensitivity_rms_mm", "travel_error_rms_mm", "inertia_rms_mm"), 0.99
 #: Waypoints of the finished line whose margin is looked at.
 MARGIN_SAMPLES = 600
 #: Searches that collisions may ask for, and rounds of further stations.
@@ -99,7 +106,7 @@ def choose_stance(
     for _ in range(STATION_ROUNDS):
         stance, bad = _choose_at(task, stations)
         if not len(bad):
-            return stance
+            return _prefer_still(task, stance)
         more = np.setdiff1d(_surround(bad, len(nominal)), stations)
         if not len(more):
             break
@@ -122,11 +129,14 @@ def _choose_at(task: Task, stations: NDArray[np.int_]) -> tuple[Stance, NDArray[
     )
     coarse = _fill(task, stations, build_options(task.arm, settings))
     weights = choose_weights(settings.preset, least_level(coarse, rungs), dict(settings.weights))
-    coarse, line = _search_clear(task, coarse, rungs, weights)
+    rungs = replace(rungs, price=price_motion(task.chain, coarse.q[coarse.usable], robot.prismatic, settings.motion))
+    coarse, line, keeps = _search_with_margin(task, coarse, rungs, weights)
     fine, chosen = coarse, line
     options = _refine_options(task, coarse.options, line)
     if options is not None:
         fine = _keep_slot(_fill(task, stations, options), line)
+        if keeps:
+            task, fine = _keep_away(task), _drop_near_limits(fine)
         try:
             fine, chosen = _search_clear(task, fine, rungs, weights)
         except InfeasibleError:
@@ -149,9 +159,71 @@ def _choose_at(task: Task, stations: NDArray[np.int_]) -> tuple[Stance, NDArray[
         configuration=CONFIGURATIONS[int(np.bincount(chosen.slot).argmax())], changes=_list_changes(chosen, stations),
         weights=weights, settings=settings,
         costs=summarise_costs(task.chain, robot, task.nominal, trace.q, settings, task.axes),
-        map=picture, missed=trace.missed,
+        map=picture, missed=trace.missed, keeps_margin=keeps,
     )  # fmt: skip
     return stance, np.flatnonzero(bad)
+
+
+def _search_with_margin(
+    task: Task, lattice: Lattice, rungs: Rungs, weights: Weights
+) -> tuple[Lattice, Line, bool]:
+    """Search at the asked distance from joint limits, and only where no way keeps it, nearer; also tell which."""
+    if task.settings.start is None:
+        try:
+            return *_search_clear(_keep_away(task), _drop_near_limits(lattice), rungs, weights), True
+        except InfeasibleError:
+            pass
+    return *_search_clear(task, lattice, rungs, weights), False
+
+
+def _keep_away(task: Task) -> Task:
+    return replace(task, settings=replace(task.settings, limit_room=task.settings.limit_margin))
+
+
+def _drop_near_limits(lattice: Lattice) -> Lattice:
+    """Refuse what stands nearer to a joint limit than is asked for."""
+    reason = np.where(lattice.usable & (lattice.limits > 0), JOINT_LIMIT, lattice.reason).astype(np.int8)
+    return replace(lattice, reason=reason)
+
+
+def _prefer_still(task: Task, stance: Stance) -> Stance:
+    """Keep one configuration and the tool's x where the job has it, unless the choice gains more than its travel costs.
+
+    Both finished postures are weighed as they are: what compensation leaves, gears and inertia. The plain one has to
+    stand as well as was asked for, or as the choice does.
+    """
+    settings, nominal, robot = task.settings, task.nominal, task.robot
+    if settings.preset != "accurate" or not stance.weights.travel > 0 or robot.nq < 6:
+        return stance
+    rotation = tool_axes(nominal, task.tool_x)
+    start = None if settings.start is None else np.array(settings.start)
+    try:
+        plain = choose_posture(robot, nominal.position, rotation, Wish(**settings.configuration, start=start))
+    except InputError:
+        return stance
+    if plain.missed.any():
+        return stance
+    rows = np.unique(np.linspace(0, len(nominal) - 1, min(len(nominal), MARGIN_SAMPLES)).astype(int))
+    if task.margin is not None and (task.margin(plain.q[rows], rows) < 0).any():
+        return stance
+    costs, chosen = summarise_costs(task.chain, robot, nominal, plain.q, settings, task.axes), stance.costs
+    for name, asked in (("limit_distance_deg", np.degrees(settings.limit_margin)),
+                        ("dexterity_min", settings.singularity_margin)):
+        if costs[name] < min(asked, chosen[name]):
+            return stance
+    if costs["joint_travel_deg"] >= chosen["joint_travel_deg"] or sum_errors(chosen) < GAIN * sum_errors(costs):
+        return stance
+    none = np.zeros(len(nominal))
+    picture = replace(stance.map, chosen=np.zeros(len(stance.map.chosen)))
+    return replace(
+        stance, q=plain.q, rotation=rotation, spin=none, lead=none, lean=none, configuration=plain.configuration,
+        changes=(), costs=costs, map=picture, instead_of=chosen,
+    )  # fmt: skip
+
+
+def sum_errors(costs: dict[str, float]) -> float:
+    """Return the root of the sum of squares of what compensation leaves, of gears and of inertia [mm]."""
+    return float(np.linalg.norm([costs[name] for name in ERRORS]))
 
 
 def least_level(lattice: Lattice, rungs: Rungs) -> float:
@@ -179,7 +251,7 @@ def _search_clear(task: Task, lattice: Lattice, rungs: Rungs, weights: Weights) 
     start = None if task.settings.start is None else np.array(task.settings.start)
     checked = np.zeros(lattice.reason.shape, bool)
     for _ in range(COLLISION_ROUNDS):
-        line = search_line(lattice, rungs, weights, task.robot, start=start)
+        line = search_line(lattice, rungs, weights, task.robot, start=start, room=task.settings.limit_room)
         if task.margin is None:
             return lattice, line
         rows = np.arange(len(line.option))

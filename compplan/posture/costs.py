@@ -59,6 +59,7 @@ class Weights:
         motion: Per (rad per 100 mm of path)^2 of joint motion, mean along the path; 1 m of a rail counts as 1 rad.
         time: Per second of motion.
         rate: Per share of the programmed time that joints at half their velocity limits need beyond it, over the cut.
+        travel: Per mm^2 of error that the motion of the joints makes, mean square along the cut.
 
     """
 
@@ -70,10 +71,11 @@ class Weights:
     motion: float = 0.0
     time: float = 0.0
     rate: float = 0.0
+    travel: float = 1.0
 
 
-#: Presets. `sensitivity` and `deviation` count as they stand; the others are shares of the least squared sensitivity
-#: that any posture along the path has, so that a preset means the same for a light and for a heavy cut.
+#: Presets. `sensitivity`, `deviation` and `travel` count as they stand; the others are shares of the least squared
+#: sensitivity that any posture along the path has, so that a preset means the same for a light and for a heavy cut.
 PRESETS: dict[str, Weights] = {
     "accurate": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001, rate=3.0),
     "smooth": Weights(limits=0.2, dexterity=0.02, singularity=10.0, motion=0.5, rate=3.0),

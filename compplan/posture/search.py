@@ -3,12 +3,13 @@
 The cost of a way is a sum over its nodes and edges:
 
     sum_i omega_i (w_s s_i^2 + w_d d_i^2 + w_l l_i + w_k (0.1 / k_i)^2 + w_g max(0, k_0 / k_i - 1)^2)
-        + sum_i (w_m (l / L)^2 |dq_i|^2 / dsigma_i + w_t t_i + w_r r_i),
+        + sum_i (w_m (l / L)^2 |dq_i|^2 / dsigma_i + w_t t_i + w_r r_i + w_e p_i),
 
 k the inverse condition number, omega the share of the cut (for the first two) or of the path, dsigma the share of the
 path of an edge, L the length of the path, l = 100 mm, t the time of an edge: as programmed, or as long as the slowest
-joint takes, and r the share of the programmed time by which it is too short for joints at half their rates. A change of
-configuration within the cut passes a singularity and costs w_g once.
+joint takes, r the share of the programmed time by which it is too short for joints at half their rates, and p what the
+motion of the joints costs in accuracy (`compplan.posture.motion`). A change of configuration within the cut passes a
+singularity and costs w_g once.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from compplan.errors import InfeasibleError
 from compplan.path.toolpath import Toolpath
 from compplan.posture.costs import Weights
 from compplan.posture.lattice import REASONS, USABLE, Lattice
+from compplan.posture.motion import MotionPrice
 from compplan.robot import Array, Robot
 
 #: Length of path that joint motion counts against. [m]
@@ -32,6 +34,8 @@ LENGTH = 0.1
 EDGE = 1.6
 #: Share of the velocity limits that joints should need at the programmed feed: the rest is for acceleration.
 RATE_SHARE = 0.5
+#: Differences of joint positions that are worked out at once.
+BLOCK = 60_000
 #: Cost of one change of configuration in a rapid move, far above everything else.
 CHANGE = 1e6
 
@@ -47,6 +51,9 @@ class Rungs:
         feed_time: Programmed time of each edge. Shape (k - 1,). [s]
         most_motion: Greatest motion of a joint on each edge; infinite where the arm may change its configuration.
             Shape (k - 1,). [rad]
+        cut_edge: Share of the cut that each edge is. Shape (k - 1,).
+        settle: Time in which the feed of each edge goes 100 mm. Shape (k - 1,). [s]
+        price: What motion of joints costs in accuracy, or None.
 
     """
 
@@ -55,6 +62,9 @@ class Rungs:
     sigma: Array
     feed_time: Array
     most_motion: Array
+    cut_edge: Array
+    settle: Array
+    price: MotionPrice | None = None
 
 
 @dataclass(frozen=True)
@@ -106,7 +116,9 @@ def measure_rungs(
     most = np.minimum(most_step * waypoints, edge_limit)
     if reconfigure:
         most = np.where(_free_moves(nominal, stations), np.inf, most)
-    return Rungs(cut_share, spread / max(spread.sum(), 1e-300), sigma, feed_time, most)
+    settle = feed_time * LENGTH / np.maximum(between, 1e-9)
+    edge = between / max(between.sum(), 1e-300)
+    return Rungs(cut_share, spread / max(spread.sum(), 1e-300), sigma, feed_time, most, edge, settle)
 
 
 def cost_nodes(lattice: Lattice, rungs: Rungs, weights: Weights) -> Array:
@@ -123,7 +135,7 @@ def cost_nodes(lattice: Lattice, rungs: Rungs, weights: Weights) -> Array:
 
 
 def search_line(
-    lattice: Lattice, rungs: Rungs, weights: Weights, robot: Robot, *, start: Array | None = None
+    lattice: Lattice, rungs: Rungs, weights: Weights, robot: Robot, *, start: Array | None = None, room: float = 0.0
 ) -> Line:
     """Find the cheapest way through the graph.
 
@@ -136,6 +148,7 @@ def search_line(
         weights: What each criterion is worth.
         robot: The robot, for its limits.
         start: Joint positions that the way starts near, or None. Shape (nq,). [rad or m]
+        room: Distance that joints which turn more than once around keep from their limits. [rad]
 
     Raises:
         InfeasibleError: If no way leads through, with the waypoint at which it ends and what stands there.
@@ -147,10 +160,10 @@ def search_line(
     turns = (robot.upper - robot.lower > 2 * np.pi) & ~robot.prismatic
     option, slot, total = _sweep(lattice, lattice.q, cost, rungs, weights, robot, turns)
     way = _follow(lattice.q[np.arange(len(option)), option, slot], turns)
-    shifted = _shift_turns(way, robot, turns, start)
+    shifted = _shift_turns(way, robot, turns, start, room)
     if shifted is not None:
         return Line(option, slot, shifted, total)
-    q, expanded = _expand_turns(lattice.q, cost, robot, turns)
+    q, expanded = _expand_turns(lattice.q, cost, robot, turns, room)
     width = lattice.q.shape[2]
     passes = np.eye(width, dtype=bool)
     passes[slot[:-1], slot[1:]] = True
@@ -206,62 +219,86 @@ def _step(
     best, back = np.full((g, b), np.inf), np.zeros((g, b), np.int32)
     slots = np.flatnonzero(np.isfinite(last[:-1]).any(axis=0))
     targets = np.flatnonzero(np.isfinite(here[..., 0]).any(axis=0))
-    limit, sigma = rungs.most_motion[i - 1], rungs.sigma[i - 1]
-    free, timed = not np.isfinite(limit), weights.time > 0 or weights.rate > 0
+    free = not np.isfinite(rungs.most_motion[i - 1])
+    at, block = np.moveaxis(here, 2, 0), max(1, BLOCK // around.size)
     for s in slots:
-        source = np.concatenate([before[:, s], np.full((1, before.shape[2]), np.nan)])[around]
-        value = last[around, s]
-        for t in targets[passes[s, targets]]:
-            rows = _near_rows(source, here[:, t], value, limit, joints)
+        start = np.concatenate([before[:, s], np.full((1, before.shape[2]), np.nan)])
+        source, value = np.ascontiguousarray(start.T)[:, around], last[around, s]
+        mine = targets[passes[s, targets]]
+        for some in np.split(mine, np.arange(block, len(mine), block)):
+            rows, which = _near_rows(source, at[:, :, some], value, rungs.most_motion[i - 1], joints)
             if not len(rows):
                 continue
-            motion, most, time = _measure_steps(source[rows], here[rows, t], joints, timed)
-            edge = weights.motion * motion / sigma + (0.0 if free or s % 8 == t % 8 else weights.singularity)
-            if weights.time > 0:
-                edge += weights.time * np.maximum(time, rungs.feed_time[i - 1])
-            if timed and rungs.feed_time[i - 1] > 0:
-                excess = np.maximum(time / RATE_SHARE - rungs.feed_time[i - 1], 0.0)
-                edge += weights.rate * excess / rungs.feed_time.sum()
-            if free:
-                edge += np.where(most > EDGE, CHANGE, 0.0)
-            edge = np.where(most <= limit, value[rows] + edge, np.inf)
+            t = some[which]
+            change = np.where(free | (s % 8 == t % 8), 0.0, weights.singularity)[:, None]
+            edge = _cost_edges(source[:, rows], at[:, rows, t], change, i - 1, rungs, weights, joints)
+            edge += value[rows]
             edge[np.isnan(edge)] = np.inf
             choice = np.argmin(edge, axis=1)
             least = edge[np.arange(len(rows)), choice]
             better = least < best[rows, t]
-            chosen = rows[better]
-            best[chosen, t] = least[better]
-            back[chosen, t] = around[chosen, choice[better]] * b + s
+            rows, t = rows[better], t[better]
+            best[rows, t] = least[better]
+            back[rows, t] = around[rows, choice[better]] * b + s
     return best, back
 
 
-def _near_rows(source: Array, here: Array, value: Array, limit: float, joints: _Joints) -> NDArray[np.int_]:
-    """Return the nodes that any predecessor alive may reach, by the joint that turns the most."""
-    alive = np.isfinite(value) & np.isfinite(here[:, :1])
+def _near_rows(
+    source: Array, here: Array, value: Array, limit: float, joints: _Joints
+) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Return options and targets that any predecessor alive may reach, by the joints that turn the most.
+
+    Args:
+        source: Joint positions of predecessors. Shape (nq, g, w).
+        here: Joint positions of the targets. Shape (nq, g, t).
+        value: Cost of the predecessors. Shape (g, w).
+        limit: Greatest motion of a joint.
+        joints: The joints.
+
+    """
+    near = np.isfinite(value)[:, None, :] & np.isfinite(here[0])[:, :, None]
     if np.isfinite(limit):
         turning = np.flatnonzero(~joints.slides)
         for j in turning[[-1, -3]] if len(turning) >= 3 else turning:
-            step = here[:, j, None] - source[..., j]
+            step = here[j][:, :, None] - source[j][:, None, :]
             if joints.turns[j]:
                 step -= 2 * np.pi * np.round(step / (2 * np.pi))
-            alive &= np.abs(step) <= limit
-    return np.flatnonzero(alive.any(axis=1))
+            near &= np.abs(step) <= limit
+    rows, which = np.nonzero(near.any(axis=2))
+    return rows, which
 
 
-def _measure_steps(source: Array, here: Array, joints: _Joints, timed: bool) -> tuple[Array, Array, Array]:
-    """Measure steps: sum of squares, greatest of the turning joints, and time at full rates. Shapes (g, w)."""
-    motion, most, time = (np.zeros(source.shape[:2]) for _ in range(3))
-    for j in range(here.shape[1]):
-        step = here[:, j, None] - source[..., j]
+def _cost_edges(
+    source: Array, here: Array, change: Array, i: int, rungs: Rungs, weights: Weights, joints: _Joints
+) -> Array:
+    """Cost edges, those beyond the greatest motion infinite. Shapes (nq, r, w), (nq, r) and (r, 1) give (r, w)."""
+    motion, most, time, strayed = (np.zeros(source.shape[1:]) for _ in range(4))
+    timed, limit = weights.time > 0 or weights.rate > 0, rungs.most_motion[i]
+    price = None if rungs.price is None or not rungs.cut_edge[i] > 0 else rungs.price
+    for j in range(len(here)):
+        step = here[j][:, None] - source[j]
         if joints.turns[j]:
             step -= 2 * np.pi * np.round(step / (2 * np.pi))
-        motion += step * step
-        step = np.abs(step)
+        square = step * step
+        motion += square
+        if price is not None:
+            strayed += price.cost(square, j, rungs.cut_edge[i], rungs.feed_time[i], rungs.settle[i])
+        step = np.abs(step, out=step)
         if not joints.slides[j]:
             np.maximum(most, step, out=most)
         if timed:
             np.maximum(time, step / joints.fastest[j], out=time)
-    return motion, most, time
+    edge = weights.motion * motion / rungs.sigma[i] + change
+    if price is not None:
+        edge += weights.travel * strayed
+    if weights.time > 0:
+        edge += weights.time * np.maximum(time, rungs.feed_time[i])
+    if timed and rungs.feed_time[i] > 0:
+        excess = np.maximum(time / RATE_SHARE - rungs.feed_time[i], 0.0)
+        edge += weights.rate * excess / rungs.feed_time.sum()
+    if not np.isfinite(limit):
+        edge += np.where(most > EDGE, CHANGE, 0.0)
+    return np.asarray(np.where(most <= limit, edge, np.inf))
 
 
 def _follow(q: Array, turns: NDArray[np.bool_]) -> Array:
@@ -271,14 +308,16 @@ def _follow(q: Array, turns: NDArray[np.bool_]) -> Array:
     return np.concatenate([q[:1], q[:1] + np.cumsum(steps, axis=0)])
 
 
-def _shift_turns(way: Array, robot: Robot, turns: NDArray[np.bool_], start: Array | None) -> Array | None:
+def _shift_turns(
+    way: Array, robot: Robot, turns: NDArray[np.bool_], start: Array | None, keep: float
+) -> Array | None:
     """Shift whole joints by full turns into their limits, as far from them as possible (or near the start)."""
     way = way.copy()
     for j in np.flatnonzero(turns):
         choices = []
         for m in range(-3, 4):
             low, high = way[:, j].min() + 2 * np.pi * m, way[:, j].max() + 2 * np.pi * m
-            if low >= robot.lower[j] and high <= robot.upper[j]:
+            if low >= robot.lower[j] + keep and high <= robot.upper[j] - keep:
                 room = min(low - robot.lower[j], robot.upper[j] - high, np.pi)
                 rank = -abs(way[0, j] + 2 * np.pi * m - start[j]) if start is not None else room
                 choices.append((rank, -abs(m), m))
@@ -288,14 +327,16 @@ def _shift_turns(way: Array, robot: Robot, turns: NDArray[np.bool_], start: Arra
     return way
 
 
-def _expand_turns(q: Array, cost: Array, robot: Robot, turns: NDArray[np.bool_]) -> tuple[Array, Array]:
+def _expand_turns(
+    q: Array, cost: Array, robot: Robot, turns: NDArray[np.bool_], room: float
+) -> tuple[Array, Array]:
     """Give every full turn between the limits a slot of its own; slot modulo the old number tells the old slot."""
     for j in np.flatnonzero(turns):
         variants, costs = [], []
         for m in (-1, 0, 1):
             moved = q.copy()
             moved[..., j] += 2 * np.pi * m
-            inside = (moved[..., j] >= robot.lower[j]) & (moved[..., j] <= robot.upper[j])
+            inside = (moved[..., j] >= robot.lower[j] + room) & (moved[..., j] <= robot.upper[j] - room)
             if m == 0 or inside.any():
                 variants.append(moved)
                 costs.append(np.where(inside, cost, np.inf))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from compplan.posture.costs import Measure, ModelScatter
+from compplan.posture.motion import MotionFigures
 
 if TYPE_CHECKING:
     from compplan.job.job import Job
@@ -36,6 +37,7 @@ class PostureSettings:
         limit_margin: Distance to a joint limit below which a posture costs. [rad or m]
         limit_room: Distance to a joint limit below which a posture is refused: room for the correction. [rad or m]
         most_step: Greatest motion of a joint between neighbouring waypoints of a cut. [rad or m]
+        motion: What the motion of joints does to accuracy.
 
     """
 
@@ -56,6 +58,7 @@ class PostureSettings:
     limit_margin: float = float(np.radians(10.0))
     limit_room: float = float(np.radians(2.0))
     most_step: float = float(np.radians(20.0))
+    motion: MotionFigures = field(default_factory=MotionFigures)
 
 
 def read_settings(job: Job, robot: Robot) -> PostureSettings:
@@ -86,4 +89,16 @@ def read_settings(job: Job, robot: Robot) -> PostureSettings:
         reconfigure=table.reconfigure == "rapid",
         singularity_margin=table.singularity_margin,
         limit_margin=float(np.radians(table.limit_margin_deg)),
+        motion=_read_motion(job, robot),
     )
+
+
+def _read_motion(job: Job, robot: Robot) -> MotionFigures:
+    """Take what gears do from the folder's effects where it has any, otherwise from [noise], and say from where."""
+    noise, known = job.noise, [e for e in robot.effects if e.get("effect") == "backlash"]
+    widths = [abs(float(e["parameters"].get("width_rad", 0.0))) for e in known]
+    lost = max(widths) if widths else float(np.radians(noise.backlash_deg))
+    stated = {"gear_error_deg", "gear_periods", "backlash_deg"} & noise.model_fields_set
+    source = "[noise] of the job" if stated else "assumed, as in [noise]"
+    source += ", lost motion of the robot folder" if widths else ""
+    return MotionFigures(float(np.radians(noise.gear_error_deg)), noise.gear_periods, lost, source=source)

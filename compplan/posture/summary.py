@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from compplan.path.toolpath import Toolpath
 from compplan.posture.costs import Weights, draw_errors, error_columns, measure_nodes
 from compplan.posture.lattice import COLLISION, REASONS, SINGULAR, USABLE, Lattice, Options
+from compplan.posture.motion import measure_inertia_error, measure_travel_error
 from compplan.posture.search import Line
 from compplan.posture.settings import PostureSettings
 from compplan.robot import Array, Robot
@@ -70,6 +71,8 @@ class Stance:
         costs: What the stance costs, by criterion, with the unit in the key.
         map: What the search saw.
         missed: Waypoints where the stance could not be followed. Shape (n,).
+        keeps_margin: Whether some way along the path keeps the asked distance from joint limits.
+        instead_of: Costs of the graph's way where the plain posture was preferred to it, or None.
 
     """
 
@@ -85,6 +88,8 @@ class Stance:
     costs: dict[str, float]
     map: PostureMap
     missed: NDArray[np.bool_]
+    keeps_margin: bool = True
+    instead_of: dict[str, float] | None = None
 
     @property
     def axis(self) -> Array:
@@ -102,7 +107,15 @@ class Stance:
                 "compliance": self.settings.uncertainty.compliance,
                 "joint_zero_deg": float(np.degrees(self.settings.uncertainty.joint_zero)),
             },
+            "motion_figures": {
+                "gear_error_deg": float(np.degrees(self.settings.motion.gear)),
+                "gear_periods": self.settings.motion.periods,
+                "lost_motion_deg": float(np.degrees(self.settings.motion.lost)),
+                "natural_frequency_hz": self.settings.motion.frequency,
+                "source": self.settings.motion.source,
+            },
             "costs": dict(self.costs),
+            **({} if self.instead_of is None else {"plain_posture_instead_of": dict(self.instead_of)}),
             "sensitivity_with_fixed_x_mm": None if np.isnan(fixed) else 1e3 * fixed,
             "spin_deg": {"first": float(spin[0]), "min": float(spin.min()), "max": float(spin.max())},
             "configuration_changes": [
@@ -163,6 +176,8 @@ def summarise_costs(
     travel = np.abs(steps[:, revolute]).sum()
     feed = np.where(nominal.rapid[1:] | (nominal.feed[1:] <= 0), np.inf, nominal.feed[1:])
     time = np.maximum(nominal.steps / feed, (np.abs(steps) / robot.velocity_limits).max(axis=1))
+    gear, periods, lost, frequency, _ = settings.motion
+    travelled = measure_travel_error(chain, q, share, robot.prismatic, gear=gear, periods=periods, lost=lost)
     return {
         "sensitivity_rms_mm": remaining["expected_rms_mm"],
         "sensitivity_p95_mm": remaining["p95_mm"],
@@ -170,6 +185,8 @@ def summarise_costs(
         "limit_distance_deg": float(np.degrees(room.min())) if room.size else float("inf"),
         "dexterity_min": float(nodes.dexterity.min()),
         "joint_travel_deg": float(np.degrees(travel)),
+        "travel_error_rms_mm": 1e3 * travelled,
+        "inertia_rms_mm": 1e3 * measure_inertia_error(chain, q, nominal, frequency),
         "time_s": float(time.sum()),
     }
 

@@ -106,15 +106,10 @@ def view_plan(plan: Plan, extra: Sequence[Section] = ()) -> PlanView:
 
 
 def _weigh_postures(plan: Plan) -> tuple[dict[str, float], dict[str, float]] | None:
-    """Measure the posture beside the plain one, with the gear error and the lost motion that the job assumes."""
+    """Measure the posture beside the plain one."""
     if plan.job is None or plan.task.start is None or plan.robot.nq < 6:
         return None
-    noise = plan.job.noise
-    gear, lost = np.radians(noise.gear_error_deg), np.radians(noise.backlash_deg)
-    return compare_postures(
-        plan.robot, plan.task.chain, plan.task.start, plan.job.tool_x_base,
-        gear=float(gear), periods=noise.gear_periods, lost=float(lost),
-    )  # fmt: skip
+    return compare_postures(plan.robot, plan.task.chain, plan.task.start, plan.job.tool_x_base)
 
 
 def _list_bending(plan: Plan) -> dict[str, str]:

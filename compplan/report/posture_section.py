@@ -26,7 +26,8 @@ COSTS = {
     "limit_distance_deg": ("least distance from a joint limit", "deg"),
     "dexterity_min": ("least dexterity (inverse condition number)", ""),
     "joint_travel_deg": ("joint travel in all", "deg"),
-    "travel_error_rms_mm": ("gear error and lost motion of the joints that travel (assumed), rms", "mm"),
+    "travel_error_rms_mm": ("gear error and lost motion of the joints that travel, rms", "mm"),
+    "inertia_rms_mm": ("bending by the inertia of the joints at the programmed feed, estimated, rms", "mm"),
     "time_s": ("time at the programmed feed", "s"),
 }
 
@@ -41,7 +42,7 @@ def show_posture(
         stance: The posture along the path.
         stations: Where the waypoints are.
         clearance: Clearance along the path, where it was asked for.
-        both: Costs of the posture and of the plain one (one configuration, the tool's x as the job has it), or None.
+        both: Costs of the graph's way and of the plain one (one configuration, the tool's x as the job has it) or None.
     """
     figure = draw_posture_map(stance.map)
     caption = (
@@ -146,23 +147,29 @@ def _list_costs(stance: Stance, both: tuple[dict[str, float], dict[str, float]] 
         rows.append(["configuration changes", told, *(["none"] if plain else [])])
     if not plain:
         return PageTable([Column("what the posture costs"), Column("")], rows)
-    columns = [Column("what the posture costs"), Column("chosen"), Column("tool's x as the job has it")]
+    names = ["the graph's way", "tool's x as the job has it"]
+    names[stance.instead_of is not None] += ": chosen"
+    columns = [Column("what the posture costs"), *map(Column, names)]
     return PageTable(columns, rows, _weigh(chosen, plain))
 
 
-def _weigh(chosen: dict[str, float], plain: dict[str, float]) -> str:
-    """Set what the choice gains in accuracy against what it travels."""
-    gain = [plain[key] - chosen[key] for key in ("sensitivity_rms_mm", "travel_error_rms_mm")]
-    travel, before = chosen["joint_travel_deg"], plain["joint_travel_deg"]
-    words = "gains" if gain[0] >= 0 else "loses"
-    text = (
-        f"Accuracy against joint travel: the choice {words} {format_length(1e-3 * abs(gain[0]))} of what remains after "
-        f"compensation, and travels {format_number(travel)} deg where the plain posture travels {format_number(before)}"
+def _weigh(found: dict[str, float], plain: dict[str, float]) -> str:
+    """Set what the graph's way gains in accuracy against what it travels."""
+    gain = {key: plain[key] - found[key] for key in ("sensitivity_rms_mm", "travel_error_rms_mm", "inertia_rms_mm")}
+    parts = [
+        f"{format_length(1e-3 * abs(gain[key]))} {'less' if gain[key] > 0 else 'more'} {words}"
+        for key, words in (
+            ("sensitivity_rms_mm", "remains after compensation"),
+            ("travel_error_rms_mm", "comes from gears and lost motion (figures of the job or assumed)"),
+            ("inertia_rms_mm", "from the inertia of the joints (estimated)"),
+        )
+        if abs(gain[key]) > 1e-5
+    ]
+    travel = format_number(found["joint_travel_deg"]), format_number(plain["joint_travel_deg"])
+    return (
+        f"Accuracy against joint travel: the graph's way travels {travel[0]} deg where the plain posture travels "
+        f"{travel[1]}; {', '.join(parts) or 'both are as accurate'}."
     )
-    if abs(gain[1]) > 1e-5:
-        side = "less" if gain[1] > 0 else "more"
-        text += f"; gears and lost motion (assumed figures of the job) do {format_length(1e-3 * abs(gain[1]))} {side}"
-    return f"{text}."
 
 
 def list_uncertainties(stance: Stance) -> str:

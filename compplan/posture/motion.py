@@ -1,0 +1,157 @@
+"""What the motion of joints costs in accuracy: gear error, lost motion, and the inertia of joints that change rates.
+
+A joint j with lever r_j (the tip's motion per joint motion) that travels dq over an edge of the path, which is the
+share s of the cut and takes T, is priced at, as a mean square over the cut,
+
+    s r_j^2 [ (a^2 / 2 + b^2 / 4) min(dq / (s P), 1)^2 + (dq / (T t w^2))^2 ],
+
+a the gear error with the period P, b the lost motion (a joint that travels may turn back), w the lowest natural
+frequency, and t the time in which the feed goes 100 mm: within it a joint takes up or gives up its rate dq / T. The
+finished posture is measured as it is, turns and accelerations included.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.path.toolpath import Toolpath
+from compplan.robot import Array
+from compplan.statics.chain import Chain, joint_jacobian, locate_frames
+
+#: Motion against the last one of less than this is no reversal. [rad or m]
+STILL = 1e-6
+#: Waypoints that are looked at, and instants of a motion at most.
+LOOKED_AT, INSTANTS = 400, 20_000
+
+
+class MotionFigures(NamedTuple):
+    """What gears and inertia are assumed to do, or what the robot folder says of them.
+
+    Attributes:
+        gear: Amplitude of the gear error of turning joints. [rad]
+        periods: Its periods a turn.
+        lost: Lost motion of turning joints, full width. [rad]
+        frequency: Lowest natural frequency of the arm. [Hz]
+        source: Where they come from.
+
+    """
+
+    gear: float = float(np.radians(0.002))
+    periods: float = 60.0
+    lost: float = float(np.radians(0.002))
+    frequency: float = 10.0
+    source: str = "assumed"
+
+
+@dataclass(frozen=True)
+class MotionPrice:
+    """What edges of the graph pay for the motion of joints.
+
+    Attributes:
+        lever: Mean square motion of the tip per joint motion over the usable nodes. Shape (nq,). [mm^2/rad^2 or
+            mm^2/m^2]
+        slides: Which joints slide; gears are those of turning joints. Shape (nq,).
+        figures: What gears and inertia do.
+
+    """
+
+    lever: Array
+    slides: NDArray[np.bool_]
+    figures: MotionFigures
+
+    def cost(self, square: Array, j: int, share: float, duration: float, settle: float) -> Array:
+        """Price squared motions of joint j over an edge [mm^2].
+
+        Args:
+            square: Squared motion. [rad^2 or m^2]
+            j: The joint.
+            share: Share of the cut that the edge is.
+            duration: Its time at the programmed feed. [s]
+            settle: Time in which a joint takes up a rate. [s]
+
+        """
+        figures = self.figures
+        bend = duration * settle * (2 * np.pi * figures.frequency) ** 2
+        price = square / max(bend, 1e-12) ** 2
+        if not self.slides[j]:
+            gear = 0.5 * figures.gear**2 + 0.25 * figures.lost**2
+            price += gear * np.minimum(square * (figures.periods / (2 * np.pi * share)) ** 2, 1.0)
+        return np.asarray(share * self.lever[j] * price)
+
+
+def price_motion(chain: Chain, q: Array, slides: NDArray[np.bool_], figures: MotionFigures) -> MotionPrice:
+    """Find what motion costs around postures q (n, nq)."""
+    some = q[np.unique(np.linspace(0, len(q) - 1, LOOKED_AT).astype(int))]
+    columns = joint_jacobian(chain, locate_frames(chain, some))[:, :3]
+    return MotionPrice(1e6 * np.einsum("nij,nij->j", columns, columns) / len(some), slides, figures)
+
+
+def measure_travel_error(
+    chain: Chain, q: Array, shares: Array, slides: NDArray[np.bool_], *, gear: float, periods: float, lost: float
+) -> float:
+    """Measure what gears do to the tip while joints travel: root mean square over the cut. [m].
+
+    A gear error of amplitude a and n periods a turn varies by a / sqrt(2) where the joint travels a period and more,
+    by less in proportion below; lost motion b is off by b / 2 in a joint that turns back on the path. What a joint
+    that stands still is off by is a constant that touching off takes away.
+
+    Args:
+        chain: The chain.
+        q: Joint positions along the path. Shape (n, nq). [rad or m]
+        shares: Share of the cut that each waypoint stands for, see `cut_shares`. Shape (n,).
+        slides: Which joints slide; they are left out. Shape (nq,).
+        gear: Amplitude of the gear error of turning joints. [rad]
+        periods: Its periods a turn.
+        lost: Lost motion of turning joints, full width. [rad]
+
+    """
+    steps = np.diff(q, axis=0)
+    period = 2 * np.pi / periods
+    span = np.abs(steps).sum(axis=0)
+    back = (steps > STILL).any(axis=0) & (steps < -STILL).any(axis=0)
+    error = np.hypot(gear / np.sqrt(2.0) * np.minimum(span / period, 1.0), 0.5 * lost * back)
+    error[slides] = 0.0
+    rows = np.flatnonzero(shares > 0)
+    if not len(rows):
+        return 0.0
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, LOOKED_AT).astype(int))]
+    columns = joint_jacobian(chain, locate_frames(chain, q[rows]))[:, :3]
+    square = np.einsum("nij,j->n", columns**2, error**2)
+    weight = shares[rows] / shares[rows].sum()
+    return float(np.sqrt((weight * square).sum()))
+
+
+def measure_inertia_error(chain: Chain, q: Array, nominal: Toolpath, frequency: float) -> float:
+    """Measure how far the joints' own accelerations bend the arm at the programmed feed: rms over the cut. [m].
+
+    A mass on a spring of the natural frequency w lags an acceleration x'' by x'' / w^2; joints are taken one by one,
+    each with its lever, and accelerations as means over a period, which a smoothed motion has.
+
+    Args:
+        chain: The chain.
+        q: Joint positions along the path. Shape (n, nq). [rad or m]
+        nominal: The path and its feed.
+        frequency: The natural frequency. [Hz]
+
+    """
+    feed, rapid, period = nominal.feed[1:], nominal.rapid[1:], 1.0 / frequency
+    times = np.where(rapid | (feed <= 0), 0.0, nominal.steps / np.maximum(feed, 1e-9))
+    edges = np.diff(np.r_[0, (~rapid & (times > 0)).astype(int), 0])
+    total = count = 0.0
+    for first, last in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
+        time = np.r_[0.0, np.cumsum(times[first:last])]
+        if time[-1] < 3 * period:
+            continue
+        step = max(period, float(time[-1]) / INSTANTS)
+        when = np.arange(0.0, time[-1], step)
+        run = np.stack([np.interp(when, time, column) for column in q[first : last + 1].T], axis=1)
+        push = np.diff(run, 2, axis=0) / step**2
+        some = np.unique(np.linspace(0, len(push) - 1, LOOKED_AT).astype(int))
+        columns = joint_jacobian(chain, locate_frames(chain, run[1:-1][some]))[:, :3]
+        square = np.einsum("nij,nj->n", columns**2, push[some] ** 2) / (2 * np.pi * frequency) ** 4
+        total, count = total + float(square.mean()) * float(time[-1]), count + float(time[-1])
+    return float(np.sqrt(total / max(count, 1e-12)))
