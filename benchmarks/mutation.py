@@ -76,6 +76,7 @@ ROOMS = {
         (
             "effects_signatures",
             "effects_offers",
+            "effects_conditions",
             "uncertainty",
             "promise",
             "outside_truth",
@@ -87,7 +88,7 @@ ROOMS = {
     ),
     "strategies": Room(
         ("plan/strategies/*", "plan/nlp.py", "plan/path_problem.py"),
-        ("strategies", "strategies_online", "nlp", "plan", "compare", "evaluate"),
+        ("strategies", "strategies_online", "limits", "nlp", "plan", "compare", "evaluate"),
     ),
     "programs": Room(
         ("program/*",),

@@ -74,6 +74,7 @@ def test_an_arm_without_closed_form_is_solved_from_many_starts(monkeypatch):
     assert arm.solver is None
     assert nearest.max() < 1e-6
     assert np.isfinite(slots[:, :, 0]).sum(axis=1).min() >= 3
+    assert np.array_equal(slots, solve_back(robot, q)[2], equal_nan=True)
 
 
 def test_the_tool_is_part_of_the_closed_form():
