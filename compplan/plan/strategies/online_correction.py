@@ -22,6 +22,8 @@ LITERAL = Loop(plant=Plant(0.0, 0.0), error="sent")
 PI = Loop(derivative=0.0, error="sent")
 #: The PID with the error from where the robot stands.
 PID = Loop(error="attained")
+#: The three by name, for comparisons.
+LOOPS = {"as printed": LITERAL, "PI": PI, "PID": PID}
 
 
 def prepare_pi(task: PlanTask, maps: PathMaps) -> Answer:

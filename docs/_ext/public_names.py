@@ -1,0 +1,49 @@
+"""The directive `public-names`: every name of `compplan.__all__` with its docstring, by the room it lives in."""
+
+from __future__ import annotations
+
+import inspect
+
+from docutils import nodes
+from sphinx.util.docutils import SphinxDirective
+
+import compplan
+
+TITLES = {
+    "job": "Jobs", "path": "Toolpaths", "robot": "Robots", "statics": "Statics", "plan": "Planning",
+    "cell": "Virtual cell", "posture": "Posture and place", "program": "Programs", "study": "Studies",
+    "measure": "Measurements", "identify": "Identification", "diagnose": "Diagnosis", "effects": "Effects",
+    "loop": "The loop", "maps": "Maps", "outputs": "Writing results", "errors": "Errors",
+}  # fmt: skip
+
+
+class PublicNames(SphinxDirective):
+    """List the public names by room."""
+
+    def run(self) -> list[nodes.Node]:
+        """Write one autodoc directive a name and let it be parsed."""
+        rooms: dict[str, list[str]] = {}
+        for name in compplan.__all__:
+            rooms.setdefault(compplan._HOME[name].split(".")[0], []).append(name)
+        lines: list[str] = []
+        for room in [*(r for r in TITLES if r in rooms), *(r for r in rooms if r not in TITLES)]:
+            lines += [f"## {TITLES.get(room, room)}", ""]
+            for name in sorted(rooms[room], key=str.lower):
+                lines += ["```{eval-rst}", *self.describe(name), "```", ""]
+        return self.parse_text_to_nodes("\n".join(lines), allow_section_headings=True)
+
+    @staticmethod
+    def describe(name: str) -> list[str]:
+        """Return the autodoc lines of a name."""
+        value = getattr(compplan, name)
+        if inspect.isclass(value):
+            return [f".. autoclass:: compplan.{name}"]
+        if callable(value):
+            return [f".. autofunction:: compplan.{name}"]
+        return [f".. py:data:: compplan.{name}", "", f"   {', '.join(map(str, value))}"]
+
+
+def setup(app) -> dict[str, bool]:
+    """Register the directive."""
+    app.add_directive("public-names", PublicNames)
+    return {"parallel_read_safe": True}

@@ -1,0 +1,43 @@
+"""Sphinx configuration of the manual. Build: sphinx-build -W docs site (extra `docs`)."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(Path(__file__).parent / "_ext")]
+
+project = "compplan"
+author = copyright = "The compplan developers"
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "public_names", "command_help"]
+exclude_patterns = ["_ext", "notebooks/diagnose_campaign", "**.ipynb_checkpoints"]
+html_theme = "furo"
+html_title = "compplan"
+
+myst_enable_extensions = ["colon_fence", "dollarmath"]
+myst_heading_anchors = 3
+#: Pages are also read in the repository, where they link to files that are no pages: those links stay as they are.
+suppress_warnings = ["myst.xref_missing", "myst.header"]
+
+# Notebooks are kept without outputs; COMPPLAN_DOCS_EXECUTE=1 (set in CI) runs each and fails where one does.
+nb_execution_mode = "force" if os.environ.get("COMPPLAN_DOCS_EXECUTE") == "1" else "off"
+nb_execution_timeout = 300
+nb_execution_raise_on_error = True
+
+autodoc_typehints = "signature"
+autodoc_member_order = "bysource"
+napoleon_google_docstring = True
+napoleon_attr_annotations = False
+
+
+def escape_docstring(app: object, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """Let docstrings be read as they are written: bars, stars and trailing underscores are no markup there."""
+    lines[:] = [re.sub(r"(?<!`)([|*])(?!`)", r"\\\1", re.sub(r"(\w)_(?=\W|$)", r"\1\\_", line)) for line in lines]
+
+
+def setup(app) -> None:
+    """Register the hook."""
+    app.connect("autodoc-process-docstring", escape_docstring, priority=100)

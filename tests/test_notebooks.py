@@ -1,0 +1,69 @@
+"""The notebooks: stripped, written against the public names alone, in the order of the manual; slowly, they run.
+
+Each notebook ends in assertions of the numbers that it claims, so that running it is the test.
+"""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+from pathlib import Path
+
+import nbformat
+import pytest
+
+import compplan as cp
+
+ROOT = Path(__file__).parents[1]
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+NAMES = [file.stem for file in NOTEBOOKS]
+
+
+def code_of(name: str) -> list[str]:
+    notebook = nbformat.read(ROOT / "notebooks" / f"{name}.ipynb", as_version=4)
+    nbformat.validate(notebook)
+    return [cell.source for cell in notebook.cells if cell.cell_type == "code"]
+
+
+def test_the_manual_lists_every_notebook_in_the_order_of_the_data() -> None:
+    listed = re.findall(r"^notebooks/(\w+)$", (ROOT / "docs" / "notebooks.md").read_text(encoding="utf-8"), re.M)
+    assert sorted(listed) == NAMES
+    order = ["first_plan", "own_robot", "identification", "strategies", "diagnose", "the_loop", "cam_to_controller"]
+    assert [name for name in listed if name in order] == order
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_notebook_is_kept_without_outputs(name: str) -> None:
+    notebook = nbformat.read(ROOT / "notebooks" / f"{name}.ipynb", as_version=4)
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert all(not cell.outputs and cell.execution_count is None for cell in code)
+    assert notebook.cells[0].cell_type == "markdown" and notebook.cells[0].source.startswith("# ")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_notebook_uses_public_names_alone_and_ends_in_what_it_claims(name: str) -> None:
+    cells = code_of(name)
+    tree = ast.parse("\n".join(cells))
+    imported = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom | ast.Import)]
+    ours = [ast.unparse(node) for node in imported if "compplan" in ast.unparse(node)]
+    assert ours == ["import compplan as cp"]
+    used = {
+        node.attr
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "cp"
+    }
+    assert used and used <= set(cp.__all__)
+    assert any(isinstance(node, ast.Assert) for node in ast.walk(ast.parse(cells[-1])))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_a_notebook_runs_and_holds_what_it_claims(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    from nbclient import NotebookClient
+
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
+    notebook = nbformat.read(ROOT / "notebooks" / f"{name}.ipynb", as_version=4)
+    place = {"metadata": {"path": str(ROOT / "notebooks")}}
+    NotebookClient(notebook, timeout=300, kernel_name="python3", resources=place).execute()
