@@ -1,5 +1,6 @@
 """Between waypoints, at the feed that is driven: profiles, divisions, force and motion that agree, the judge's vote."""
 
+import csv
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,7 +19,7 @@ from compplan.plan.between import measure_between
 from compplan.plan.plan import build_task, prepare_job
 from compplan.plan.profile import ease, ease_duration, ease_times, smooth_profile
 from compplan.plan.timing import cutting_runs, measure_use
-from compplan.statics.chain import build_chain
+from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.sensitivity import attain_pose
 
 PATHS = Path(__file__).parents[1] / "paths"
@@ -238,3 +239,32 @@ def test_a_margin_of_the_joint_limits_that_is_not_kept_is_told_with_the_limit(tm
     room = np.degrees(np.minimum(plan.task.q_start - plan.robot.lower, plan.robot.upper - plan.task.q_start).min())
     assert f"within {room:.3g} deg" in said[0]
     assert not any("comes within" in note for note in cp.plan_job(three_points(tmp_path, CONSTANT, plan={})).notes)
+
+
+def test_no_rapid_starts_or_ends_with_a_correction_and_the_rows_that_bring_it_in_and_out_are_marked(tmp_path):
+    # the force stands at once and until the end: without a ramp the tool stands while it grows, and while it goes
+    plan = cp.plan_job(three_points(tmp_path, CONSTANT | {"ramp_mm": 0.0}))
+    cp.write_plan(plan, tmp_path / "out")
+    with (tmp_path / "out" / "joints.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    move = np.array([row["move"] for row in rows])
+    kinds = move[np.r_[True, move[1:] != move[:-1]]].tolist()
+    assert kinds == ["rapid", "approach", "cut", "retract", "rapid"]
+
+    def columns(*names):
+        return np.array([[float(row[name]) for name in names] for row in rows])
+
+    q, wanted = np.radians(columns(*(f"q{k}_deg" for k in range(1, 7)))), columns("x_mm", "y_mm", "z_mm")
+    force = columns("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+    chain = plan.task.chain
+    unloaded = 1e3 * locate_frames(chain, q).tcp_position - wanted
+    loaded = 1e3 * attain_pose(chain, q, force, slope=False).position - wanted
+    away, held = np.linalg.norm(unloaded, axis=1), np.linalg.norm(loaded, axis=1)
+    ends = np.flatnonzero(move == "rapid")
+    starts = ends[ends > 0] - 1
+    assert away[move == "cut"].min() > 0.1
+    assert away[np.union1d(ends, starts)].max() < 1e-3
+    # never further into the part than the force that it has there bends back, to the last row
+    stays = np.isin(move, ["approach", "retract"])
+    assert stays.sum() == 16 and held[stays].max() < 1e-3
+    assert (np.diff(away[move == "approach"]) > 0).all() and (np.diff(away[move == "retract"]) < 0).all()

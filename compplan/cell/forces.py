@@ -35,7 +35,7 @@ class DrivenRows:
         position: Wanted tip. Shape (n, 3). [m]
         axis: Tool axis, tip to spindle. Shape (n, 3).
         rapid: Shape (n,).
-        lead: Rows that bring the correction in, the wanted tip at rest. Shape (n,).
+        lead: Rows that bring the correction in before a cut or out after it, the wanted tip at rest. Shape (n,).
         time: Shape (n,). [s]
         stock_top: Height of the stock's top in the part frame, or None. [m]
         rows_at: Length along the path of each row of the toolpath file, or None. Shape (r,). [m]
@@ -87,7 +87,9 @@ def read_forces(job: Mapping[str, Any], folder: Path, rows: DrivenRows) -> Array
         wrench *= np.clip(depth * 1000.0 / process["depth_mm"], 0.0, 1.0)[:, None]
     marks = np.flatnonzero(np.diff(np.r_[0, rows.lead.astype(int), 0]))
     for first, after in zip(marks[::2], marks[1::2], strict=True):
-        wrench[first:after] = np.linspace(0.0, 1.0, after - first + 1)[1:, None] * wrench[after]
+        grown = np.linspace(0.0, 1.0, after - first + 1)[1:, None]
+        left = after == len(wrench) or rows.rapid[after]
+        wrench[first:after] = (1.0 - grown) * wrench[first - 1] if left else grown * wrench[after]
     return wrench
 
 

@@ -52,7 +52,8 @@ drag_N = 0.0                        # isf: against the travel
 start_share = 0.4                   # isf: share of these forces at the start; they grow linearly along the path
 wall_side = "right"                 # isf: side of the wall, seen down the tool axis along the travel
 ramp_mm = 20.0                      # all but columns, end_mill, drill: grows from 0 over this length after contact
-ramp_out_mm = 0.0                   # ... and falls to 0 over this length before the tool leaves
+ramp_out_mm = 0.0                   # ... and falls to 0 over this length before the tool leaves. 0: the tool stands
+                                    #   where it touches (or leaves) while force and correction come (or go) together
 # model = "columns"                 # fx_N .. mz_Nm of the toolpath file, part axes
 # required = true                   # columns: refuse a file without them
 # model = "constant"

@@ -214,7 +214,8 @@ def write_joints(plan: Plan, path: Path) -> None:
     wrench = np.vstack([before.wrench, task.wrench, after.wrench])
     first, last = np.tile(task.nominal.axis[0], (len(before.q), 1)), np.tile(task.nominal.axis[-1], (len(after.q), 1))
     axis = np.vstack([first, task.nominal.axis, last])
-    move = np.where(task.nominal.rapid, "rapid", np.where(task.lead, "approach", "cut"))
+    stays = np.where(task.leaving, "retract", "approach")
+    move = np.where(task.nominal.rapid, "rapid", np.where(task.lead, stays, "cut"))
     columns: dict[str, object] = {"time_s": time}
     columns |= robot.joint_columns(q)
     columns |= {f"{name}_mm": position[:, k] * 1e3 for k, name in enumerate("xyz")}

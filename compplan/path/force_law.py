@@ -65,6 +65,11 @@ class ForceLaw:
         return not self.always and not getattr(self.process, "ramp_mm", 0.0) > 0.0
 
     @property
+    def abrupt(self) -> bool:
+        """Tell whether the force still stands where a cut ends; one that follows the feed goes as the tool rests."""
+        return not self.always and not self.follows_feed and not getattr(self.process, "ramp_out_mm", 0.0) > 0.0
+
+    @property
     def always(self) -> bool:
         """Tell whether the wrench acts in rapid moves too (a dead weight)."""
         return isinstance(self.process, ConstantProcess) and self.process.during_rapid

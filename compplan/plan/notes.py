@@ -97,7 +97,7 @@ def _tell_margin(task: PlanTask) -> list[str]:
 def find_slow_spans(task: PlanTask, timing: Timing) -> list[tuple[int, int]]:
     """Find spans of waypoints where limits lower the feed; starting up and coming to rest do not count."""
     lowered = timing.lowered & ~task.nominal.rapid
-    rest = task.nominal.rapid | np.isin(np.arange(len(task)), (0, len(task) - 1))
+    rest = task.nominal.rapid | task.lead | np.isin(np.arange(len(task)), (0, len(task) - 1))
     spans = []
     for first, last in group_waypoints(np.flatnonzero(lowered).tolist()):
         change = np.diff(timing.share[first : last + 1])

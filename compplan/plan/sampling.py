@@ -21,7 +21,7 @@ from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
 
-#: Waypoints that bring the correction in where a force stands at once.
+#: Waypoints that bring the correction in where a force stands at once, or take it out where it still stands.
 LEAD_ROWS = 8
 #: Shortest step beside a rest; each further step is longer by this factor. [m]
 FIRST_STEP, GROWTH = 1e-4, 1.8
@@ -39,7 +39,8 @@ def predict_loads(task: PlanTask, feed: Array | None = None) -> Array:
     """Predict the wrench to plan with at every waypoint.
 
     A point of contact carries none (a dead weight excepted): the tool comes there in a rapid move, and touches nothing
-    yet. The waypoints that lead in take the wrench of the cut that begins, share by share.
+    yet. The waypoints that lead in take the wrench of the cut that begins, share by share; those that lead out lose
+    that of the cut that has ended.
 
     Args:
         task: The task; its law, or else the wrench of its path.
@@ -58,13 +59,21 @@ def predict_loads(task: PlanTask, feed: Array | None = None) -> Array:
         wrench[find_contacts(nominal.rapid)] = 0.0
     for first, last in _groups(task.lead):
         share = (np.arange(first, last + 1) - first + 1.0) / (last - first + 1.0)
-        wrench[first : last + 1] = share[:, None] * wrench[last + 1]
+        out = bool(task.leaving[first])
+        wrench[first : last + 1] = (
+            (1.0 - share)[:, None] * wrench[first - 1] if out else share[:, None] * wrench[last + 1]
+        )
     return wrench
 
 
 def find_contacts(rapid: NDArray[np.bool_]) -> NDArray[np.int_]:
     """Return the waypoints that are reached in a rapid move and left in a cut."""
     return np.flatnonzero(rapid[:-1] & ~rapid[1:])
+
+
+def find_leaves(rapid: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Return the waypoints of a cut that are left in a rapid move."""
+    return np.flatnonzero(~rapid[:-1] & rapid[1:])
 
 
 def divide_task(task: PlanTask, places: Array, lead: NDArray[np.bool_] | None = None) -> PlanTask:
@@ -74,7 +83,7 @@ def divide_task(task: PlanTask, places: Array, lead: NDArray[np.bool_] | None = 
         task: The task.
         places: Old waypoint numbers of the new waypoints, fractional on a move, rising; every old one is among them.
             Shape (m,).
-        lead: New waypoints that lead in at the contact before them. Shape (m,).
+        lead: New waypoints that lead in at the contact before them, or out where a cut has ended. Shape (m,).
 
     """
     before = np.clip(np.floor(places).astype(int), 0, len(task) - 2)
@@ -86,7 +95,8 @@ def divide_task(task: PlanTask, places: Array, lead: NDArray[np.bool_] | None = 
     leads[old] = task.lead[at]
     if lead is not None:
         rapid, feed = nominal.rapid.copy(), nominal.feed.copy()
-        rapid[lead], feed[lead] = False, task.nominal.feed[before[lead] + 1]
+        rapid[lead] = False
+        feed[lead] = task.nominal.feed[before[lead] + task.nominal.rapid[before[lead]]]
         nominal, leads = replace(nominal, rapid=rapid, feed=feed), leads | lead
     q = task.q_start[before] * (1 - share) + task.q_start[before + 1] * share
     x = task.rotation[before, :, 0] * (1 - share) + task.rotation[before + 1, :, 0] * share
@@ -124,15 +134,16 @@ def prepare_sampling(task: PlanTask, *, rest_at_corners: bool) -> PlanTask:
         rest_at_corners: Whether the tool rests at sharp corners.
 
     """
-    if task.law is None or task.law.sudden:
-        contacts = find_contacts(task.nominal.rapid)
-        contacts = contacts[np.abs(task.wrench[contacts + 1]).max(axis=1) > 0]
-        places = np.sort(np.r_[np.arange(len(task)), np.repeat(contacts, LEAD_ROWS)]).astype(float)
-        lead = np.r_[False, np.diff(places) == 0]
-        if lead.any():
-            task = divide_task(task, places, lead)
+    contacts, leaves = find_contacts(task.nominal.rapid), find_leaves(task.nominal.rapid)
+    sudden, abrupt = (True, True) if task.law is None else (task.law.sudden, task.law.abrupt)
+    contacts = contacts[sudden & (np.abs(task.wrench[contacts + 1]).max(axis=1) > 0)]
+    leaves = leaves[abrupt & (np.abs(task.wrench[leaves]).max(axis=1) > 0)]
+    if len(contacts) + len(leaves):
+        stays = np.repeat(np.r_[contacts, leaves], LEAD_ROWS)
+        places = np.sort(np.r_[np.arange(len(task)), stays]).astype(float)
+        task = divide_task(task, places, np.r_[False, np.diff(places) == 0])
     rests = np.zeros(len(task), bool)
-    rests[:-1] = task.lead[:-1] & ~task.lead[1:]
+    rests[:-1] = (task.lead[:-1] & ~task.lead[1:]) | task.leaving[1:] & ~task.lead[:-1]
     if rest_at_corners:
         rests[find_rests(task.nominal)] = True
     rapid = task.nominal.rapid

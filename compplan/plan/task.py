@@ -51,7 +51,8 @@ class PlanTask:
         spin_free: Whether the rotation about the tool axis is free.
         start: How q_start was found, or None.
         law: The law of the wrench, or None where the path carries it.
-        lead: Waypoints that bring the correction in at a contact, the wanted tip at rest. Shape (n,).
+        lead: Waypoints that bring the correction in at a contact, or out where a cut ends, the wanted tip at rest.
+            Shape (n,).
         rests: Waypoints within a cut at which the tool comes to rest. Shape (n,).
         chord: How far the loaded tip may stray from the path between waypoints. [m]
         smoothing: Time over which the motion is smoothed. [s]
@@ -122,6 +123,12 @@ class PlanTask:
     def cut(self) -> NDArray[np.bool_]:
         """Waypoints that are judged: those of the cut and the points of contact, not what leads in. Shape (n,)."""
         return self.compensated & ~self.lead
+
+    @property
+    def leaving(self) -> NDArray[np.bool_]:
+        """Waypoints that take the correction out where a cut has ended: those of `lead` after a cut. Shape (n,)."""
+        last = np.maximum.accumulate(np.where(self.lead, 0, np.arange(len(self))))
+        return np.asarray(self.lead & ~self.nominal.rapid[last])
 
     @property
     def problem(self) -> PathProblem:
