@@ -102,7 +102,7 @@ ROOMS = {
             "program_notes",
         ),
     ),
-    "timing": Room(("plan/timing.py", "plan/feed.py"), ("timing", "feed", "plan")),
+    "timing": Room(("plan/timing.py", "plan/feed.py"), ("timing", "timing_stops", "feed", "plan")),
     "process": Room(("path/process.py",), ("process", "plan")),
     "diagnose": Room(
         ("diagnose/*", "measure/*"),

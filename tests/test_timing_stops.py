@@ -1,0 +1,82 @@
+"""Stops, turns on the spot, single moves and weights: what the timing of a run makes of them, in closed form."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_feed import ROBOT, arc_path, make_task
+
+from compplan.path.toolpath import select_waypoints
+from compplan.plan.feed import TorqueRules
+from compplan.plan.timing import FULL_USE, _turn_in_place, time_command, time_cut
+from compplan.program.counting import locate_link
+from compplan.statics.chain import build_chain, locate_frames
+
+
+def test_a_single_move_takes_as_long_as_the_same_move_in_many_pieces() -> None:
+    velocity, acceleration = np.array([0.8]), np.array([2.0])
+    _, _, speed, _ = time_cut(np.array([0.0, 2.0]), np.array([[0.0], [3.0]]), velocity, acceleration)
+    # a trapezoid: 3 rad at .8 rad/s, and .8 / 2 s for speeding up and slowing down
+    assert 2 * 2.0 / speed.sum() == pytest.approx(3.0 / 0.8 + 0.8 / 2.0, rel=0.02)
+    _, _, gentle, _ = time_cut(np.array([0.0, 2.0]), np.array([[0.0], [3.0]]), velocity, acceleration, gentle=0.3)
+    assert 2 * 2.0 / gentle.sum() > 1.1 * (3.0 / 0.8 + 0.8 / 2.0)
+
+
+@pytest.mark.parametrize("rows", [2, 6])
+def test_a_turn_on_the_spot_takes_what_its_joint_needs_and_a_tenth_more(rows: int) -> None:
+    """Joint 6 turns about the tool axis, so that the tip stays: 1.875 d / T is the greatest speed of a gentle move."""
+    q = np.tile(np.radians([10.0, 20, -100, 15, 40, 0]), (rows, 1))
+    q[:, 5] = np.linspace(0.0, 1.2, rows)
+    task = still_task(velocity=2.0, acceleration=1e6, feed=0.02)
+    assert np.ptp(locate_frames(task.chain, q).tcp_position, axis=0).max() < 1e-12
+    assert _turn_in_place(task, q, 0)[-1] == pytest.approx(1.1 * 1.875 * 1.2 / (FULL_USE * 2.0), rel=1e-9)
+    hurried = still_task(velocity=1e6, acceleration=3.0, feed=0.02)
+    assert _turn_in_place(hurried, q, 0)[-1] == pytest.approx(1.1 * np.sqrt(5.774 * 1.2 / (FULL_USE * 3.0)), rel=1e-9)
+
+
+def test_a_commanded_tip_that_moves_on_the_spot_keeps_to_the_feed() -> None:
+    q = np.tile(np.radians([0.0, 20, -100, 15, 40, 0]), (5, 1))
+    q[:, 0] = np.linspace(0.0, 0.02, 5)
+    task = still_task(velocity=2.0, acceleration=1e6, feed=0.01)
+    tip = locate_frames(task.chain, q[:1]).tcp_position[0]
+    chord = 2 * np.sin(0.01) * np.hypot(tip[0], tip[1])
+    assert _turn_in_place(task, q, 0)[-1] == pytest.approx(1.875 * chord / 0.01, rel=1e-9)
+
+
+def still_task(velocity: float, acceleration: float, feed: float):
+    """What the timing of a turn asks of a task."""
+    return SimpleNamespace(
+        velocity_limits=np.full(6, velocity), acceleration_limits=np.full(6, acceleration),
+        nominal=SimpleNamespace(feed=np.full(10, feed)), chain=build_chain(ROBOT), gentle_time=0.0,
+    )  # fmt: skip
+
+
+def test_a_rest_within_a_cut_ends_one_run_and_begins_another() -> None:
+    task = make_task(arc_path(0.3, 0.05, 60))
+    through = time_command(task, task.q_start)
+    rests = np.zeros(len(task), bool)
+    rests[30] = True
+    stopped = time_command(replace(task, rests=rests), task.q_start)
+    half = make_task(select_waypoints(arc_path(0.3, 0.05, 60), np.arange(31)))
+    alone = time_command(half, half.q_start)
+    assert stopped.time[30] == pytest.approx(alone.time[-1], rel=1e-3)
+    assert stopped.time[-1] - through.time[-1] > 1e-3
+
+
+def test_torques_that_hold_the_arm_are_the_slope_of_its_potential_energy() -> None:
+    """Weights point down the base's z axis: tau = d/dq sum of m g z, by central differences."""
+    task = make_task(arc_path(0.3, 0.5, 20))
+    rules = TorqueRules(ROBOT, task.q_start, np.zeros((len(task), 6)))
+    held = rules.rows(0, 9, np.zeros((10, 6)), np.zeros((10, 6)))[2]
+
+    def energy(q: np.ndarray) -> np.ndarray:
+        places = [(body, locate_link(ROBOT, q, body.link)) for body in ROBOT.bodies]
+        return sum(9.81 * body.mass * (at[:, 2, :3] @ body.centre + at[:, 2, 3]) for body, at in places)
+
+    step = 1e-5 * np.eye(6)
+    slope = np.stack([(energy(task.q_start[:10] + d) - energy(task.q_start[:10] - d)) / 2e-5 for d in step], axis=1)
+    assert np.abs(slope).max() > 10.0
+    assert held == pytest.approx(slope, abs=1e-3 * np.abs(slope).max())
