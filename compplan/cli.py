@@ -37,6 +37,7 @@ COMMANDS = {
     "reproduce": "compplan.commands.reproduce",
     "place": "compplan.commands.place",
     "forces": "compplan.commands.forces",
+    "view": "compplan.commands.view",
     "init": "compplan.commands.init",
     "doctor": "compplan.commands.doctor",
 }

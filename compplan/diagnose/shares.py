@@ -112,6 +112,9 @@ class Shares:
         carriers: Named findings with their shares, largest first.
         together: By place and effect: share.
         noise: Share that noise explains.
+        rows: Rows that were looked at. Shape (r,).
+        gap: Their gap, frames taken out. Shape (r, 3). [m]
+        motions: Motion by claimed cause and by small errors everywhere, largest share first. Shape (r, 3) each. [m]
     """
 
     by_place: dict[str, Share]
@@ -119,6 +122,9 @@ class Shares:
     carriers: tuple[Carrier, ...]
     together: dict[str, dict[str, float]]
     noise: float
+    rows: NDArray[np.int_]
+    gap: Array
+    motions: dict[str, Array]
 
 
 def divide_gap(diagnosis: Diagnosis, seed: int = 0) -> Shares:
@@ -153,7 +159,19 @@ def divide_gap(diagnosis: Diagnosis, seed: int = 0) -> Shares:
         by_place=add_up([*dict.fromkeys(first), CALIBRATION], places, stated, drawn, fate, noise),
         by_factor=add_up(drivers, factors, stated, drawn, fate, noise),
         carriers=tuple(sorted(carriers, key=lambda c: -c.share.share)), together=together, noise=noise,
+        rows=motion.rows, gap=motion.gap.reshape(-1, 3), motions=_collect_motions(every, point),
     )  # fmt: skip
+
+
+def _collect_motions(parts: Sequence[Part], shares: Sequence[float]) -> dict[str, Array]:
+    """Return the motion of what is claimed, named by effect and place. Shape (r, 3) each. [m]"""
+    motions: dict[str, Array] = {}
+    for part, _ in sorted(zip(parts, shares, strict=True), key=lambda pair: -pair[1]):
+        if part.place == CALIBRATION or part.probability >= CLAIMED:
+            effect = part.effect.replace("_", " ")
+            name = CALIBRATION if part.place == CALIBRATION else f"{effect}, {part.place}"
+            motions[name] = motions.get(name, 0.0) + part.motion.reshape(-1, 3)
+    return motions
 
 
 class PosteriorMotion:

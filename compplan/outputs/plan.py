@@ -16,6 +16,7 @@ from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json, write_table
 from compplan.files.transaction import list_files, replace_folder
 from compplan.job.job import Job
+from compplan.outputs.cell import write_plan_cell
 from compplan.path.events import ENDING, Event
 from compplan.path.toolpath import WRENCH_HEADERS
 from compplan.plan.compare import Comparison
@@ -28,7 +29,7 @@ from compplan.promise.band import Promise
 
 
 def write_plan(plan: Plan, folder: str | Path) -> list[Path]:
-    """Write a plan: plan.json, joints.csv, report.html and the native programs that its job asks for.
+    """Write a plan: plan.json, joints.csv, report.html, what `compplan view` needs, the native programs of its job.
 
     Args:
         plan: The plan.
@@ -47,6 +48,7 @@ def write_plan(plan: Plan, folder: str | Path) -> list[Path]:
     with replace_folder(folder, "plan") as part:
         write_programs(plan, part)
         write_joints(plan, part / "joints.csv")
+        write_plan_cell(plan, part)
         write_plan_report(plan, part, extra=extra_axis_sections(plan))
         if plan.task.start is not None and plan.task.start.stance is not None:
             (part / "posture_map.png").write_bytes(draw_map_picture(plan.task.start.stance.map))

@@ -1,0 +1,179 @@
+"""What a folder of results keeps for being looked at again: cell.json, deviation.csv, gap.csv.
+
+cell.json holds what stands in the cell and how the arm moves, so that neither robot folder nor job is needed:
+
+    { "schema": 1, "robot":, "grade":, "tolerance_mm":, "configuration": {}, "base":, "tcp":, "softer": its cell,
+      "joints": [ { "name":, "kind": "revolute" | "prismatic" | "fixed", "parent":, "child":, "placement": [[4 x 4], m],
+                    "axis": [3], "mimic": null | { "joint":, "multiplier":, "offset": } } ],   from the base to the TCP
+      "shapes": [ { "name":, "link": "" where it stands still, "colour": [red, green, blue, opacity, from 0 to 1],
+                    "vertices_mm": [[3]], "faces": [[3]] } ] }            in the frame of its link, or in the base frame
+
+deviation.csv has the rows of joints.csv: attained minus wanted tip, base frame, uncorrected, as planned, and as planned
+on a softer robot, and the distance that holds the true tip with 95 %. gap.csv has a row for each measured pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from compplan.files.tables import write_json, write_table
+from compplan.report.robot_scene import FINEST, MESH_COLOURS, locate_links, place_shapes
+from compplan.robot import Array, Robot
+
+if TYPE_CHECKING:
+    from compplan.diagnose.result import Diagnosis
+    from compplan.diagnose.shares import Shares
+    from compplan.plan.plan import Plan
+
+#: Colour of the stock.
+STOCK_COLOUR = (0.66, 0.70, 0.74, 0.35)
+#: Below this share of a row's gap nothing is named that explains it.
+LEAST_SHARE = 0.25
+
+
+def write_plan_cell(plan: Plan, folder: Path) -> None:
+    """Write cell.json and deviation.csv of a plan."""
+    scene = plan.task.start.request.scene if plan.task.start is not None and plan.task.start.request else None
+    meshes = [_describe_mesh(*entry) for entry in (() if scene is None else scene.meshes)]
+    more = {
+        "tolerance_mm": 1e3 * plan.task.tolerance,
+        "configuration": dict(plan.task.configuration),
+        "softer": plan.mismatch.cell,
+    }
+    cell = describe_cell(plan.robot, [*meshes, *_describe_stock(plan)])
+    write_json(folder / "cell.json", {**cell, **more}, indent=None)
+    write_deviation(plan, folder / "deviation.csv")
+
+
+def describe_cell(robot: Robot, around: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+    """Return what cell.json holds: how the arm moves, and what stands there."""
+    joints = [
+        {
+            "name": joint.name,
+            "kind": joint.kind,
+            "parent": joint.parent,
+            "child": joint.child,
+            "placement": joint.placement.round(9),
+            "axis": joint.axis,
+            "mimic": None
+            if joint.mimic is None
+            else {"joint": joint.mimic.joint, "multiplier": joint.mimic.multiplier, "offset": joint.mimic.offset},
+        }
+        for joint in robot.joints
+    ]
+    names = {"robot": robot.name, "grade": robot.grade, "base": robot.base, "tcp": robot.tcp}
+    return {"schema": 1, **names, "joints": joints, "shapes": [*_describe_arm(robot), *around]}
+
+
+def write_deviation(plan: Plan, path: Path) -> None:
+    """Write deviation.csv."""
+    n, wrong = len(plan.task), plan.mismatch
+    softer, promise = np.full((n, 3), np.nan), np.full(n, np.nan)
+    softer[wrong.rows] = wrong.deviation
+    if plan.promise is not None:
+        promise[plan.promise.cut] = plan.promise.radius[plan.promise.cut]
+    before, after = len(plan.approach.q), len(plan.retract.q)
+    columns: dict[str, object] = {}
+    for name, values in (
+        ("uncorrected", plan.before.deviation), ("planned", plan.after.deviation), ("softer", softer),
+    ):  # fmt: skip
+        padded = _pad(values, before, after)
+        columns |= {f"{name}_{axis}_mm": 1e3 * padded[:, k] for k, axis in enumerate("xyz")}
+    columns["promise_mm"] = 1e3 * _pad(promise[:, None], before, after)[:, 0]
+    write_table(path, columns, decimals=7)
+
+
+def write_gap(diagnosis: Diagnosis, shares: Shares, folder: Path) -> None:
+    """Write cell.json and gap.csv of a diagnosis: poses, gap, what is left, and what explains most of it there."""
+    robot, campaign = diagnosis.robot, diagnosis.fit.problem.campaign
+    rows = shares.rows
+    explained, share = name_rows(shares)
+    registration = diagnosis.registration
+    point = campaign.position
+    if registration is not None:
+        point = (point - registration.base[:3, 3]) @ registration.base[:3, :3]
+    columns: dict[str, object] = {"row": rows, "run": np.asarray(campaign.run)[rows]}
+    columns |= robot.joint_columns(campaign.q[rows])
+    for name, values in (("", point), ("gap_", diagnosis.residual_before), ("left_", diagnosis.residual_after)):
+        columns |= {f"{name}{axis}_mm": 1e3 * values[rows, k] for k, axis in enumerate("xyz")}
+    columns |= {"explained_by": explained, "explained_share": share}
+    write_table(folder / "gap.csv", columns, decimals=7)
+    write_json(folder / "cell.json", describe_cell(robot), indent=None)
+
+
+def name_rows(shares: Shares) -> tuple[list[str], Array]:
+    """Name, for every row, the cause whose motion accounts for most of its gap, and the share that it accounts for.
+
+    The share of a motion m in a gap y is (m . y) / |y|^2, as far as it lies between 0 and 1.
+    """
+    names = list(shares.motions)
+    if not names:
+        return ["not explained"] * len(shares.rows), np.zeros(len(shares.rows))
+    square = np.maximum((shares.gap**2).sum(axis=1), 1e-24)
+    share = np.stack([np.clip((shares.motions[name] * shares.gap).sum(axis=1) / square, 0.0, 1.0) for name in names])
+    best = share.argmax(axis=0)
+    most = share[best, np.arange(len(best))]
+    return [names[k] if part >= LEAST_SHARE else "not explained" for k, part in zip(best, most, strict=True)], most
+
+
+def _describe_arm(robot: Robot) -> list[dict[str, Any]]:
+    q = np.zeros(robot.nq)
+    poses = locate_links(robot, q)
+    chain = {robot.base, *(joint.child for joint in robot.joints)}
+    above = {
+        element.find("child").attrib["link"]: element.find("parent").attrib["link"]  # type: ignore[union-attr]
+        for element in ElementTree.fromstring(robot.urdf).findall("joint")
+        if element.find("child") is not None and element.find("parent") is not None
+    }
+    shapes = []
+    for shape in place_shapes(robot, q):
+        carrier = shape.link
+        while carrier not in chain:
+            carrier = above[carrier]
+        pose = poses[carrier]
+        vertices = (shape.vertices - pose[:3, 3]) @ pose[:3, :3]
+        shapes.append(_describe_shape(shape.link, carrier, shape.colour, vertices, shape.faces))
+    return shapes
+
+
+def _describe_mesh(name: str, link: str, mesh: Any) -> dict[str, Any]:
+    plain = mesh if len(mesh.faces) <= FINEST else mesh.convex_hull
+    return _describe_shape(name, link, MESH_COLOURS[name], np.asarray(plain.vertices, float), plain.faces)
+
+
+def _describe_stock(plan: Plan) -> list[dict[str, Any]]:
+    """Return the stock that the job's force model cuts, where it names one."""
+    import trimesh
+
+    stock = None if plan.job is None else getattr(plan.job.process, "stock", None)
+    if plan.job is None or stock is None:
+        return []
+    if stock.block_mm is not None:
+        mesh = trimesh.creation.box(bounds=1e-3 * np.asarray(stock.block_mm, float))
+    else:
+        from compplan.robot.solids import load_mesh
+
+        mesh = load_mesh(plan.job.folder / stock.mesh, stock.unit)
+    plain = mesh if len(mesh.faces) <= FINEST else mesh.convex_hull
+    pose = plan.job.T_base_part
+    vertices = np.asarray(plain.vertices, float) @ pose[:3, :3].T + pose[:3, 3]
+    return [_describe_shape("stock", "", STOCK_COLOUR, vertices, plain.faces)]
+
+
+def _describe_shape(name: str, link: str, colour: Sequence[float], vertices: Array, faces: Any) -> dict[str, Any]:
+    return {
+        "name": name,
+        "link": link,
+        "colour": [round(float(value), 3) for value in colour],
+        "vertices_mm": (1e3 * vertices).round(2),
+        "faces": np.asarray(faces, int),
+    }
+
+
+def _pad(values: Array, before: int, after: int) -> Array:
+    return np.pad(values, ((before, after), (0, 0)), constant_values=np.nan)

@@ -1,0 +1,153 @@
+"""A plan as a scene of plain data: where its path is drawn, in what colours, where the arm is, what a click tells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.report.style import format_angle, format_length, format_number
+from compplan.report.thinning import thin_path
+from compplan.report.view.motion import bend_arm, locate_chain
+from compplan.report.view.paint import Bytes, Lines, join_rows, paint_sizes, pick_point
+from compplan.report.view.recording import PlanRecording, Solid
+from compplan.robot import Array
+
+#: Points of a path that are drawn at most, rings of the promise, and corners of a ring.
+POINTS, RINGS, CORNERS = 20_000, 300, 16
+#: A corner of the part takes the colour of the path within this distance of it. [m]
+NEAR = 0.025
+PROMISE = "promise"
+
+
+@dataclass(frozen=True, eq=False)
+class PlanScene:
+    """A plan to be shown.
+
+    Attributes:
+        recording: The plan.
+    """
+
+    recording: PlanRecording
+
+    @cached_property
+    def ways(self) -> dict[str, str]:
+        """What can be shown, with what it is called."""
+        softer = f"planned, robot not as modelled ({self.recording.cell.facts.get('softer', 'softer')}, assumed)"
+        names = {"uncorrected": "uncorrected", "planned": "planned, as modelled", "softer": softer}
+        known = {way: name for way, name in names.items() if np.isfinite(self.recording.deviation[way]).any()}
+        if np.isfinite(self.recording.promise).any():
+            known[PROMISE] = "planned, where the true tip is with 95 %"
+        return known
+
+    @property
+    def count(self) -> int:
+        """Rows."""
+        return len(self.recording.time)
+
+    @cached_property
+    def start(self) -> int:
+        """First row of the cut."""
+        cut = np.flatnonzero(self.recording.move == "cut")
+        return int(cut[0]) if len(cut) else 0
+
+    def size(self, way: str) -> Array:
+        """Deviation of a way; NaN where it is not known. Shape (n,). [m]"""
+        if way == PROMISE:
+            return self.recording.promise
+        size = np.linalg.norm(self.recording.deviation[way], axis=1)
+        return np.where(self.recording.move == "cut", size, np.nan)
+
+    def place(self, way: str, magnify: float) -> Array:
+        """Where the loaded tip is drawn, its deviation magnified. Shape (n, 3). [m]"""
+        if way == PROMISE:
+            return self.recording.tip
+        return np.asarray(self.recording.tip + magnify * np.nan_to_num(self.recording.deviation[way]))
+
+    @cached_property
+    def rows(self) -> NDArray[np.int_]:
+        """Rows that are drawn: all of them, or the ends, the peaks and evenly between."""
+        sizes = np.column_stack([np.nan_to_num(self.size(way)) for way in self.ways])
+        return thin_path(self.recording.tip, sizes, POINTS)
+
+    def draw_path(self, way: str, magnify: float) -> Lines:
+        """Draw the path of the loaded tip, coloured by its deviation against the tolerance."""
+        colours = paint_sizes(self.size(way)[self.rows], self.recording.tolerance)
+        return join_rows(self.place(way, magnify)[self.rows], colours)
+
+    def draw_wanted(self) -> Lines:
+        """Draw the wanted path in grey."""
+        nothing = np.full(len(self.rows), np.nan)
+        return join_rows(self.recording.tip[self.rows], paint_sizes(nothing, 1.0))
+
+    def draw_promise(self, magnify: float) -> Lines:
+        """Draw rings about the path that hold the true tip with 95 %, magnified."""
+        radius, tip = self.recording.promise, self.recording.tip
+        known = np.flatnonzero(np.isfinite(radius))
+        rows = known[np.unique(np.linspace(0, len(known) - 1, RINGS).astype(int))] if len(known) else known
+        along = np.gradient(tip, axis=0)[rows]
+        along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+        aside = np.cross(along, np.where(np.abs(along[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]]))
+        aside /= np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), 1e-12)
+        angle = np.linspace(0.0, 2 * np.pi, CORNERS + 1)[:, None, None]
+        ring = np.cos(angle) * aside + np.sin(angle) * np.cross(along, aside)
+        points = tip[rows] + magnify * radius[rows][:, None] * ring
+        ends = np.stack([points[:-1], points[1:]], axis=2).reshape(-1, 2, 3).astype(np.float32)
+        colours = np.tile(paint_sizes(radius[rows], self.recording.tolerance), (CORNERS, 1))
+        return Lines(ends, np.repeat(colours[:, None], 2, axis=1))
+
+    def paint_solid(self, solid: Solid, way: str) -> Bytes:
+        """Colour the corners of the part by the deviation of the path beside them. Shape (v, 4)."""
+        from scipy.spatial import cKDTree
+
+        size = self.size(way)
+        told = np.flatnonzero(np.isfinite(size))
+        own = np.round(255 * np.tile(solid.colour, (len(solid.vertices), 1))).astype(np.uint8)
+        if not len(told):
+            return own
+        distance, nearest = cKDTree(self.recording.tip[told]).query(solid.vertices)
+        near = distance < NEAR
+        own[near, :3] = paint_sizes(size[told[nearest[near]]], self.recording.tolerance)
+        return own
+
+    def pose_links(self, row: int, way: str, magnify: float) -> dict[str, Array]:
+        """Locate every link, the arm bent so that its tip is where the path is drawn. Shape (4, 4) each. [m]"""
+        record = self.recording
+        tip = self.place(way, magnify)[row]
+        return locate_chain(record.cell, bend_arm(record.cell, record.q[row], tip))
+
+    def force_arrow(self, row: int, length: float) -> Array:
+        """Draw the force on the tool: from its tip, the greatest one so long. Shape (2, 3). [m]"""
+        force = self.recording.wrench[:, :3]
+        scale = length / max(float(np.linalg.norm(force, axis=1).max(initial=0.0)), 1e-9)
+        return np.stack([np.zeros(3), scale * force[row]])
+
+    def find_row(self, time: float) -> int:
+        """Return the row at a time [s]."""
+        return int(np.clip(np.searchsorted(self.recording.time, time), 0, self.count - 1))
+
+    def pick(self, origin: Array, direction: Array, way: str, magnify: float) -> int:
+        """Return the row that a click means."""
+        return int(self.rows[pick_point(self.place(way, magnify)[self.rows], origin, direction)])
+
+    def tell(self, row: int) -> str:
+        """Tell what is known of a row, as markdown: deviations, joints, force, posture."""
+        record = self.recording
+        lines = [f"**Row {row}** of {self.count}, {record.move[row]}, {record.time[row]:.2f} s", ""]
+        lines += ["| deviation | |", "|---|---|"]
+        lines += [f"| {name} | {_say_length(self.size(way)[row])} |" for way, name in self.ways.items()]
+        lines += [f"| tolerance | {format_length(record.tolerance)} |", "", "| joint | |", "|---|---|"]
+        for joint, value in zip(record.cell.actuated, record.q[row], strict=True):
+            said = format_length(float(value)) if joint.kind == "prismatic" else format_angle(float(value))
+            lines.append(f"| {joint.name} | {said} |")
+        force = ", ".join(format_number(float(value)) for value in record.wrench[row, :3])
+        lines += ["", f"Force on the tool: {force} N (x, y, z of the base)"]
+        x, y, z = (format_number(1e3 * float(value), 5) for value in record.tip[row])
+        words = ", ".join(f"{name} {word}" for name, word in record.cell.facts.get("configuration", {}).items())
+        return "\n".join([*lines, "", f"Wanted tip: {x}, {y}, {z} mm", "", f"Posture: {words or 'not told'}"])
+
+
+def _say_length(metres: float) -> str:
+    return format_length(float(metres)) if np.isfinite(metres) else "not known here"

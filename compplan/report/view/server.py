@@ -1,0 +1,277 @@
+"""Show a scene in the browser with viser: solids, lines, sliders, clicks. What is shown is worked out in the scenes."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from compplan.errors import InputError
+from compplan.report.view.gap_scene import GapScene
+from compplan.report.view.paint import Lines
+from compplan.report.view.plan_scene import PROMISE, PlanScene
+from compplan.report.view.recording import Cell, GapRecording, Solid, read_recording
+from compplan.robot import Array
+
+HOST = "127.0.0.1"
+#: Pictures a second that are aimed at, and how often the panel is brought up to date while the arm moves. [1/s]
+PICTURES, PANEL = 30.0, 5.0
+#: Length of the longest force arrow, as a share of the arm's reach.
+FORCE_LENGTH = 0.12
+
+
+def start_server(folder: Path, port: int) -> Any:
+    """Show a folder of results on loopback; return the viewer, which goes on until it is stopped.
+
+    Raises:
+        InputError: If viser is not installed, the folder holds nothing to show, or the port is taken.
+    """
+    try:
+        import viser
+    except ImportError:
+        raise InputError("the viewer needs viser, which is not installed; pip install 'compplan[view]'") from None
+    recording = read_recording(folder)
+    check_port(port)
+    server = viser.ViserServer(host=HOST, port=port, verbose=False)
+    if isinstance(recording, GapRecording):
+        return GapViewer(server, GapScene(recording))
+    return PlanViewer(server, PlanScene(recording))
+
+
+def check_port(port: int) -> None:
+    """Refuse a port that is taken.
+
+    Raises:
+        InputError: If it is.
+    """
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, port))
+        except OSError:
+            raise InputError(f"port {port} on {HOST} is taken, name another with --port") from None
+
+
+class Stage:
+    """The cell on a server: its solids, moved with the links of the arm."""
+
+    def __init__(self, server: Any, cell: Cell) -> None:
+        self.server, self.cell = server, cell
+        server.scene.set_up_direction("+z")
+        server.scene.add_grid("/floor", width=6.0, height=6.0, cell_size=0.25, section_size=1.0)
+        links = {joint.child for joint in cell.joints} | {cell.base}
+        self.frames = {link: server.scene.add_frame(f"/arm/{link}", show_axes=False) for link in sorted(links)}
+        self.parts: dict[str, Any] = {}
+        for number, solid in enumerate(cell.solids):
+            self.add_solid(solid, number)
+
+    def add_solid(self, solid: Solid, number: int) -> None:
+        """Add a shape to the link that carries it."""
+        name = f"/arm/{solid.link}/{number}" if solid.link else f"/cell/{solid.name}"
+        red, green, blue, opacity = solid.colour
+        shade = (round(255 * red), round(255 * green), round(255 * blue))
+        self.server.scene.add_mesh_simple(
+            name, solid.vertices.astype(np.float32), solid.faces.astype(np.uint32), color=shade,
+            opacity=None if opacity > 0.99 else opacity, flat_shading=True, side="double",
+        )  # fmt: skip
+
+    def paint(self, solid: Solid, colours: Any) -> None:
+        """Show a shape that stands still with a colour a corner."""
+        import trimesh
+
+        mesh = trimesh.Trimesh(solid.vertices, solid.faces, vertex_colors=colours, process=False)
+        self.server.scene.add_mesh_trimesh(f"/cell/{solid.name}", mesh)
+
+    def move(self, poses: dict[str, Array]) -> None:
+        """Move the links."""
+        turns = Rotation.from_matrix(np.stack([poses[link][:3, :3] for link in self.frames])).as_quat(scalar_first=True)
+        for (link, frame), turn in zip(self.frames.items(), turns, strict=True):
+            frame.wxyz, frame.position = turn, poses[link][:3, 3]
+
+    def draw(self, name: str, lines: Lines, width: float) -> Any:
+        """Draw lines; width in pixels."""
+        return self.server.scene.add_line_segments(
+            name, lines.points, lines.colours, thickness=width, thickness_units="screen"
+        )
+
+    def look_at(self, centre: Array, extent: float) -> None:
+        """Turn the eyes of whoever opens the page to a place."""
+
+        @self.server.on_client_connect
+        def _(client: Any) -> None:
+            client.camera.look_at = centre
+            client.camera.position = centre + extent * np.array([1.1, -1.5, 0.9])
+
+    def light_part(self, scene: PlanScene, way: str) -> None:
+        """Colour the part by what the path beside it does."""
+        for solid in self.cell.solids:
+            if solid.name == "part":
+                self.paint(solid, scene.paint_solid(solid, way))
+
+
+class PlanViewer:
+    """A plan in the browser: the arm moves along the path in the time that the program takes."""
+
+    def __init__(self, server: Any, scene: PlanScene) -> None:
+        self.server, self.scene, self.stage = server, scene, Stage(server, scene.recording.cell)
+        self.row, self.lock, self.told = scene.start, threading.RLock(), 0.0
+        self.running = True
+        tip = scene.recording.tip
+        self.extent = max(float(np.ptp(tip, axis=0).max()), 0.05)
+        self._build_panel()
+        self.marker = server.scene.add_icosphere("/tip", radius=0.012 * self.extent + 0.001, color=(29, 35, 41))
+        self.stage.draw("/wanted", scene.draw_wanted(), 1.5)
+        self.stage.look_at(tip.mean(axis=0), 1.6 * self.extent + 1.0)
+        self.redraw()
+        self.show_row(self.row)
+        server.scene.on_pointer_event("click")(self._click)
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def _build_panel(self) -> None:
+        gui, scene = self.server.gui, self.scene
+        names = list(scene.ways.values())
+        gui.add_markdown(f"**{scene.recording.name}** \n\n{scene.recording.cell.robot}, model graded "
+                         f"{scene.recording.cell.grade}")  # fmt: skip
+        first = scene.ways.get("planned", names[0])
+        self.way = gui.add_dropdown("tip", names, initial_value=first)
+        self.magnify = gui.add_slider("magnify", min=1, max=500, step=1, initial_value=1)
+        self.beside = gui.add_checkbox("uncorrected beside it", initial_value=False)
+        self.play = gui.add_checkbox("move", initial_value=False)
+        self.speed = gui.add_slider("times real time", min=0.1, max=20.0, step=0.1, initial_value=1.0)
+        self.slider = gui.add_slider("row", min=0, max=scene.count - 1, step=1, initial_value=self.row)
+        tolerance = 1e3 * scene.recording.tolerance
+        gui.add_markdown(f"Blue: no deviation; yellow: the tolerance, {tolerance:g} mm; dark red: twice of it or more; "
+                         "grey: not in the cut.")  # fmt: skip
+        self.text = gui.add_markdown("")
+        for control in (self.way, self.magnify, self.beside):
+            control.on_update(lambda _: self.redraw())
+        self.slider.on_update(self._slide)
+
+    @property
+    def chosen(self) -> str:
+        """The way that is shown."""
+        return next(way for way, name in self.scene.ways.items() if name == self.way.value)
+
+    def redraw(self) -> None:
+        """Draw path, promise and part anew."""
+        with self.lock, self.server.atomic():
+            way, magnify = self.chosen, float(self.magnify.value)
+            self.stage.draw("/path", self.scene.draw_path(way, magnify), 4.0)
+            shown = way == PROMISE
+            rings = self.stage.draw("/promise", self.scene.draw_promise(magnify), 1.5) if shown else None
+            if rings is None:
+                self.server.scene.remove_by_name("/promise")
+            self.stage.light_part(self.scene, way)
+            self._draw_beside(magnify)
+            self.show_row(self.row)
+
+    def _draw_beside(self, magnify: float) -> None:
+        for name in ("/beside", "/beside_name"):
+            self.server.scene.remove_by_name(name)
+        if not self.beside.value or "uncorrected" not in self.scene.ways:
+            return
+        shift = np.array([0.0, 1.4 * float(np.ptp(self.scene.recording.tip[:, 1])) + 0.05, 0.0])
+        lines = self.scene.draw_path("uncorrected", magnify)
+        self.stage.draw("/beside", Lines((lines.points + shift).astype(np.float32), lines.colours), 4.0)
+        place = self.scene.recording.tip.mean(axis=0) + shift
+        self.server.scene.add_label("/beside_name", "uncorrected", position=place)
+
+    def show_row(self, row: int) -> None:
+        """Show the arm, the tip and the force at a row."""
+        with self.lock:
+            self.row = row
+            way, magnify = self.chosen, float(self.magnify.value)
+            with self.server.atomic():
+                self.stage.move(self.scene.pose_links(row, way, magnify))
+                tip = self.scene.place(way, magnify)[row]
+                self.marker.position = tip
+                arrow = (tip + self.scene.force_arrow(row, FORCE_LENGTH * max(self.extent, 1.0))).astype(np.float32)
+                shade = np.full((1, 2, 3), 60, np.uint8)
+                self.stage.draw("/force", Lines(arrow[None], shade), 3.0)
+            if time.monotonic() - self.told > 1.0 / PANEL or not self.play.value:
+                self.told = time.monotonic()
+                self.text.content = self.scene.tell(row)
+
+    def _slide(self, event: Any) -> None:
+        if event.client is not None:  # a person moved it
+            self.show_row(int(self.slider.value))
+
+    def _click(self, event: Any) -> None:
+        origin, direction = np.array(event.ray_origin, float), np.array(event.ray_direction, float)
+        row = self.scene.pick(origin, direction, self.chosen, float(self.magnify.value))
+        self.play.value = False
+        self.slider.value = row
+        self.show_row(row)
+
+    def _run(self) -> None:
+        clock, shown = 0.0, time.monotonic()
+        while self.running:
+            time.sleep(1.0 / PICTURES)
+            now = time.monotonic()
+            if not self.play.value:
+                clock, shown = float(self.scene.recording.time[self.row]), now
+                continue
+            clock += (now - shown) * float(self.speed.value)
+            shown = now
+            if clock > self.scene.recording.time[-1]:
+                clock = 0.0
+            before = self.told
+            self.show_row(self.scene.find_row(clock))
+            if self.told != before:
+                self.slider.value = self.row
+
+    def stop(self) -> None:
+        """Close the server."""
+        self.running = False
+        self.server.stop()
+
+
+class GapViewer:
+    """Measured poses of a diagnosis in the browser."""
+
+    def __init__(self, server: Any, scene: GapScene) -> None:
+        self.server, self.scene, self.stage = server, scene, Stage(server, scene.recording.cell)
+        gui, self.pose = server.gui, 0
+        self.way = gui.add_dropdown("show", list(scene.ways.values()))
+        most = max(10.0, 4.0 * scene.magnification)
+        self.magnify = gui.add_slider("magnify", min=1, max=most, step=1, initial_value=min(scene.magnification, most))
+        self.slider = gui.add_slider("pose", min=0, max=max(scene.count - 1, 1), step=1, initial_value=0)
+        legend = "<br>".join(f'<b style="color: {colour}">&#9632;</b> {name}' for name, colour in scene.legend.items())
+        gui.add_html(f'<div style="padding: 0 1em; font-size: 0.85em">Explained most by<br>{legend}</div>')
+        self.text = gui.add_markdown("")
+        for control in (self.way, self.magnify):
+            control.on_update(lambda _: self.redraw())
+        self.slider.on_update(lambda _: self.show_pose(min(int(self.slider.value), scene.count - 1)))
+        points = scene.recording.point[np.isfinite(scene.recording.point).all(axis=1)]
+        self.stage.look_at(points.mean(axis=0), 1.2 * float(np.ptp(points, axis=0).max()) + 1.0)
+        self.marker = server.scene.add_icosphere("/pose", radius=0.012, color=(29, 35, 41))
+        self.redraw()
+        self.show_pose(0)
+        server.scene.on_pointer_event("click")(self._click)
+
+    def redraw(self) -> None:
+        """Draw the arrows anew."""
+        way = next(way for way, name in self.scene.ways.items() if name == self.way.value)
+        self.stage.draw("/arrows", self.scene.draw_arrows(way, float(self.magnify.value)), 3.0)
+
+    def show_pose(self, pose: int) -> None:
+        """Show the arm at a pose, and what is known of it."""
+        self.pose = pose
+        with self.server.atomic():
+            self.stage.move(self.scene.pose_links(pose))
+            self.marker.position = np.nan_to_num(self.scene.recording.point[pose])
+        self.text.content = self.scene.tell(pose)
+
+    def _click(self, event: Any) -> None:
+        pose = self.scene.pick(np.array(event.ray_origin, float), np.array(event.ray_direction, float))
+        self.slider.value = pose
+        self.show_pose(pose)
+
+    def stop(self) -> None:
+        """Close the server."""
+        self.server.stop()

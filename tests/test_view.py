@@ -1,0 +1,255 @@
+"""What a folder keeps for being looked at, the scenes made of it, and the viewer in a browser."""
+
+from __future__ import annotations
+
+import json
+import socket
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from montecarlo_cases import cone_job
+
+from compplan.cli import group
+from compplan.errors import InputError
+from compplan.outputs.plan import write_plan
+from compplan.plan.plan import Plan, plan_job
+from compplan.report.robot_scene import locate_links
+from compplan.report.style import CATEGORIES, NEUTRAL, SEQUENTIAL
+from compplan.report.view.gap_scene import GapScene
+from compplan.report.view.motion import bend_arm, locate_chain
+from compplan.report.view.paint import join_rows, paint_names, paint_sizes, pick_point, read_colour
+from compplan.report.view.plan_scene import PROMISE, PlanScene
+from compplan.report.view.recording import GapRecording, PlanRecording, read_recording
+from compplan.robot import load_robot
+
+
+@pytest.fixture(scope="module")
+def plan() -> Plan:
+    job = cone_job()
+    return plan_job(job.model_copy(update={"plan": job.plan.model_copy(update={"rotate_about_tool_axis": False})}))
+
+
+@pytest.fixture(scope="module")
+def folder(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("plan") / "out"
+    write_plan(plan, folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def scene(folder: Path) -> PlanScene:
+    recording = read_recording(folder)
+    assert isinstance(recording, PlanRecording)
+    return PlanScene(recording)
+
+
+def test_the_folder_tells_the_deviations_of_the_plan(plan: Plan, folder: Path, scene: PlanScene) -> None:
+    record = scene.recording
+    cut = record.move == "cut"
+    assert record.tolerance == plan.task.tolerance
+    assert np.linalg.norm(record.deviation["uncorrected"][cut], axis=1).max() == pytest.approx(
+        plan.before.max_deviation, abs=1e-9
+    )
+    assert np.nanmax(record.promise) == pytest.approx(plan.promise.radius[plan.promise.cut].max(), abs=1e-9)
+    softer = np.linalg.norm(record.deviation["softer"], axis=1)
+    assert np.nanmax(softer) == pytest.approx(plan.mismatch.max_deviation, abs=1e-9)
+    manifest = (folder / "manifest.json").read_text()
+    assert "cell.json" in manifest and "deviation.csv" in manifest
+
+
+@pytest.mark.parametrize("name", ["kuka_kr240_rail", "staubli_tx200", "kuka_kr240"])
+def test_the_links_of_the_cell_are_where_the_robot_has_them(name: str, tmp_path: Path) -> None:
+    from compplan.files.tables import write_json
+    from compplan.outputs.cell import describe_cell
+    from compplan.report.view.recording import read_cell
+
+    robot = load_robot(name)
+    write_json(tmp_path / "cell.json", describe_cell(robot), indent=None)
+    cell = read_cell(tmp_path / "cell.json")
+    q = np.random.default_rng(3).uniform(-0.5, 0.5, robot.nq)
+    expected, found = locate_links(robot, q), locate_chain(cell, q)
+    for link, pose in found.items():
+        np.testing.assert_allclose(pose, expected[link], atol=1e-8)
+    assert len(cell.solids) >= 5
+
+
+def test_the_arm_bends_until_its_tip_is_where_it_is_drawn(scene: PlanScene) -> None:
+    cell, q = scene.recording.cell, scene.recording.q[scene.start]
+    tip = locate_chain(cell, q)[cell.tcp][:3, 3] + [0.03, -0.02, 0.05]
+    bent = bend_arm(cell, q, tip)
+    np.testing.assert_allclose(locate_chain(cell, bent)[cell.tcp][:3, 3], tip, atol=1e-5)
+    assert np.abs(bent - q).max() < 0.2
+
+
+def test_magnified_paths_stray_in_proportion(scene: PlanScene) -> None:
+    tip = scene.recording.tip
+    once, often = (scene.place("uncorrected", factor) - tip for factor in (1.0, 40.0))
+    np.testing.assert_allclose(often, 40.0 * once, atol=1e-12)
+
+
+def test_colours_go_from_none_through_the_tolerance_to_twice_of_it() -> None:
+    colours = paint_sizes(np.array([0.0, 1e-4, 2e-4, 9.0, np.nan]), 1e-4)
+    np.testing.assert_array_equal(colours[0], read_colour(SEQUENTIAL[0][1]))
+    np.testing.assert_array_equal(colours[2], read_colour(SEQUENTIAL[-1][1]))
+    np.testing.assert_array_equal(colours[3], colours[2])
+    np.testing.assert_array_equal(colours[4], read_colour(NEUTRAL))
+    assert colours[1, 0] > 180 and colours[1, 1] > 130 and colours[1, 2] < 100  # yellow
+
+
+def test_what_is_not_known_leaves_a_gap_in_the_line() -> None:
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [np.nan, 0, 0], [3, 0, 0], [4, 0, 0]])
+    lines = join_rows(points, np.zeros((5, 3), np.uint8))
+    assert lines.points[:, :, 0].tolist() == [[0.0, 1.0], [3.0, 4.0]]
+
+
+def test_a_click_means_the_point_nearest_to_the_ray_and_nothing_behind_the_eye() -> None:
+    points = np.array([[0.0, 0.0, 5.0], [1.0, 0.0, 5.0], [0.0, 0.0, -1.0]])
+    assert pick_point(points, np.zeros(3), np.array([0.05, 0.0, 1.0])) == 0
+    assert pick_point(points, np.zeros(3), np.array([0.19, 0.0, 1.0])) == 1
+
+
+def test_rings_of_the_promise_stand_off_the_path_by_its_radius(scene: PlanScene) -> None:
+    record = scene.recording
+    ring = scene.draw_promise(3.0).points[:, 0]
+    distance = np.linalg.norm(ring[:, None] - record.tip[None].astype(np.float32), axis=2).min(axis=1)
+    assert distance.max() <= 3.0 * np.nanmax(record.promise) + 1e-6
+    assert PROMISE in scene.ways
+
+
+def test_a_row_tells_joints_force_deviation_and_posture(scene: PlanScene) -> None:
+    told = scene.tell(scene.start + 5)
+    for word in ("uncorrected", "tolerance", "joint_3", "deg", "Force on the tool", "N (x, y, z", "Posture: shoulder"):
+        assert word in told
+
+
+def test_the_longest_paths_are_thinned_and_keep_their_ends(scene: PlanScene) -> None:
+    record = scene.recording
+    times = -(-50_000 // len(record.time))
+    many = replace(
+        record,
+        time=np.arange(times * len(record.time), dtype=float), q=np.tile(record.q, (times, 1)),
+        tip=np.tile(record.tip, (times, 1)), wrench=np.tile(record.wrench, (times, 1)),
+        move=np.tile(record.move, times), promise=np.tile(record.promise, times),
+        deviation={way: np.tile(values, (times, 1)) for way, values in record.deviation.items()},
+    )  # fmt: skip
+    long = PlanScene(many)
+    assert len(long.rows) < 25_000
+    assert {0, long.count - 1} <= set(long.rows.tolist())
+
+
+def make_gap() -> GapScene:
+    from compplan.outputs.cell import describe_cell
+    from compplan.report.view.recording import Cell, _read_joint, _read_solid
+
+    robot = load_robot("ur10")
+    content = json.loads(json.dumps(describe_cell(robot), default=lambda array: array.tolist()))
+    solids = tuple(_read_solid(entry) for entry in content["shapes"])
+    cell = Cell(robot.name, robot.grade, robot.base, robot.tcp,
+                tuple(_read_joint(entry) for entry in content["joints"]), solids, content)  # fmt: skip
+    rng = np.random.default_rng(0)
+    gap = {"nominal model": rng.normal(0, 1e-3, (6, 3)), "updated model": rng.normal(0, 1e-4, (6, 3))}
+    cause = np.array(["backlash, joint_2"] * 3 + ["payload, tool"] * 2 + ["not explained"])
+    return GapScene(
+        GapRecording(cell, np.arange(6), np.array(["static"] * 6), rng.uniform(-1, 1, (6, 6)),
+                     rng.uniform(-1, 1, (6, 3)), gap, cause, np.full(6, 0.8))
+    )  # fmt: skip
+
+
+def test_arrows_start_at_the_measured_points_and_wear_the_colour_of_their_cause() -> None:
+    scene = make_gap()
+    arrows = scene.draw_arrows("nominal model", 50.0)
+    np.testing.assert_allclose(arrows.points[:6, 0], scene.recording.point, atol=1e-6)
+    shaft = arrows.points[:6, 1] - arrows.points[:6, 0]
+    np.testing.assert_allclose(shaft, 50.0 * scene.recording.gap["nominal model"], atol=1e-5)
+    np.testing.assert_array_equal(arrows.colours[0, 0], read_colour(CATEGORIES[0]))
+    assert scene.legend["not explained"] == NEUTRAL
+    assert "backlash, joint_2" in scene.tell(0)
+    assert paint_names(scene.recording.cause)[1] == scene.legend
+
+
+def test_a_row_is_named_after_the_cause_whose_motion_lies_in_its_gap() -> None:
+    from types import SimpleNamespace
+
+    from compplan.outputs.cell import name_rows
+
+    gap = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
+    motions = {
+        "a": np.array([[0.9, 0, 0], [0, 0.1, 0], [0, 0, 0]]),
+        "b": np.array([[0.1, 0, 0], [0, 0.7, 0], [5, 5, 0.0]]),
+    }
+    names, share = name_rows(SimpleNamespace(rows=np.arange(3), gap=gap, motions=motions))  # type: ignore[arg-type]
+    assert names == ["a", "b", "not explained"]
+    np.testing.assert_allclose(share[:2], [0.9, 0.7])
+
+
+@pytest.mark.parametrize("spoiled", ["cell.json", "deviation.csv", "joints.csv"])
+def test_a_folder_without_its_parts_is_refused_in_one_line(folder: Path, tmp_path: Path, spoiled: str) -> None:
+    import shutil
+
+    part = Path(shutil.copytree(folder, tmp_path / "part"))
+    (part / spoiled).unlink()
+    with pytest.raises(InputError, match=spoiled):
+        read_recording(part)
+    (part / spoiled).write_text('{"joints": 3}' if spoiled == "cell.json" else "a,b\n1,2\n")
+    with pytest.raises(InputError):
+        read_recording(part)
+
+
+def run(*words: str) -> str:
+    result = CliRunner().invoke(group, list(words))
+    assert isinstance(result.exception, InputError)
+    assert "\n" not in str(result.exception)
+    return str(result.exception)
+
+
+def test_the_command_refuses_an_empty_folder_a_taken_port_and_a_missing_viewer(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("viser")
+    assert "holds no plan" in run("view", str(tmp_path), "--no-open")
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        assert f"port {port} on 127.0.0.1 is taken" in run("view", str(folder), "--no-open", "--port", str(port))
+    monkeypatch.setitem(__import__("sys").modules, "viser", None)
+    assert "pip install 'compplan[view]'" in run("view", str(folder), "--no-open")
+
+
+@pytest.mark.slow
+def test_the_viewer_runs_in_a_browser_without_a_complaint(folder: Path) -> None:
+    pytest.importorskip("viser")
+    from browser import CHROMIUM, browse
+
+    from compplan.report.view.server import start_server
+
+    if CHROMIUM is None:
+        pytest.skip("needs Chromium")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    viewer = start_server(folder, port)
+    try:
+        with browse() as page:
+            page.open(f"http://127.0.0.1:{port}", 900, 700)
+            page.wait("document.querySelector('canvas') !== null && document.body.innerText.includes('magnify')")
+            time.sleep(4.0)
+            before = viewer.row
+            viewer.play.value = True
+            time.sleep(5.0)
+            assert viewer.row != before
+            for name in viewer.scene.ways.values():
+                viewer.way.value = name
+                viewer.redraw()
+            viewer.beside.value = True
+            viewer.redraw()
+            time.sleep(1.0)
+            page.click(300, 350)
+            page.wait("document.body.innerText.includes('Posture')")
+            assert page.complaints == []
+    finally:
+        viewer.stop()
