@@ -15,7 +15,7 @@ from its probability: one that the campaign cannot tell from a rival elsewhere s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -122,9 +122,9 @@ class Shares:
     carriers: tuple[Carrier, ...]
     together: dict[str, dict[str, float]]
     noise: float
-    rows: NDArray[np.int_]
-    gap: Array
-    motions: dict[str, Array]
+    rows: NDArray[np.int_] = field(default_factory=lambda: np.zeros(0, int))
+    gap: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    motions: dict[str, Array] = field(default_factory=dict)
 
 
 def divide_gap(diagnosis: Diagnosis, seed: int = 0) -> Shares:

@@ -85,7 +85,7 @@ def write_deviation(plan: Plan, path: Path) -> None:
         padded = _pad(values, before, after)
         columns |= {f"{name}_{axis}_mm": 1e3 * padded[:, k] for k, axis in enumerate("xyz")}
     columns["promise_mm"] = 1e3 * _pad(promise[:, None], before, after)[:, 0]
-    write_table(path, columns, decimals=7)
+    write_table(path, columns, decimals=9)
 
 
 def write_gap(diagnosis: Diagnosis, shares: Shares, folder: Path) -> None:

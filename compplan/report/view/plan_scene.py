@@ -20,6 +20,8 @@ POINTS, RINGS, CORNERS = 20_000, 300, 16
 #: A corner of the part takes the colour of the path within this distance of it. [m]
 NEAR = 0.025
 PROMISE = "promise"
+Rows = NDArray[np.int_] | slice | int
+EVERY = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,29 +55,32 @@ class PlanScene:
         cut = np.flatnonzero(self.recording.move == "cut")
         return int(cut[0]) if len(cut) else 0
 
-    def size(self, way: str) -> Array:
-        """Deviation of a way; NaN where it is not known. Shape (n,). [m]"""
-        if way == PROMISE:
-            return self.recording.promise
-        size = np.linalg.norm(self.recording.deviation[way], axis=1)
-        return np.where(self.recording.move == "cut", size, np.nan)
+    @cached_property
+    def sizes(self) -> dict[str, Array]:
+        """Deviation by way; NaN where it is not known. Shape (n,) each. [m]"""
+        cut = self.recording.move == "cut"
+        sizes = {
+            way: np.where(cut, np.linalg.norm(deviation, axis=1), np.nan)
+            for way, deviation in self.recording.deviation.items()
+        }
+        return {**sizes, PROMISE: self.recording.promise}
 
-    def place(self, way: str, magnify: float) -> Array:
-        """Where the loaded tip is drawn, its deviation magnified. Shape (n, 3). [m]"""
+    def place(self, way: str, magnify: float, rows: Rows = EVERY) -> Array:
+        """Where the loaded tip is drawn at rows, its deviation magnified. Shape (k, 3), or (3,) of one row. [m]"""
         if way == PROMISE:
-            return self.recording.tip
-        return np.asarray(self.recording.tip + magnify * np.nan_to_num(self.recording.deviation[way]))
+            return np.asarray(self.recording.tip[rows])
+        return np.asarray(self.recording.tip[rows] + magnify * np.nan_to_num(self.recording.deviation[way][rows]))
 
     @cached_property
     def rows(self) -> NDArray[np.int_]:
         """Rows that are drawn: all of them, or the ends, the peaks and evenly between."""
-        sizes = np.column_stack([np.nan_to_num(self.size(way)) for way in self.ways])
+        sizes = np.column_stack([np.nan_to_num(self.sizes[way]) for way in self.ways])
         return thin_path(self.recording.tip, sizes, POINTS)
 
     def draw_path(self, way: str, magnify: float) -> Lines:
         """Draw the path of the loaded tip, coloured by its deviation against the tolerance."""
-        colours = paint_sizes(self.size(way)[self.rows], self.recording.tolerance)
-        return join_rows(self.place(way, magnify)[self.rows], colours)
+        colours = paint_sizes(self.sizes[way][self.rows], self.recording.tolerance)
+        return join_rows(self.place(way, magnify, self.rows), colours)
 
     def draw_wanted(self) -> Lines:
         """Draw the wanted path in grey."""
@@ -102,7 +107,7 @@ class PlanScene:
         """Colour the corners of the part by the deviation of the path beside them. Shape (v, 4)."""
         from scipy.spatial import cKDTree
 
-        size = self.size(way)
+        size = self.sizes[way]
         told = np.flatnonzero(np.isfinite(size))
         own = np.round(255 * np.tile(solid.colour, (len(solid.vertices), 1))).astype(np.uint8)
         if not len(told):
@@ -115,14 +120,18 @@ class PlanScene:
     def pose_links(self, row: int, way: str, magnify: float) -> dict[str, Array]:
         """Locate every link, the arm bent so that its tip is where the path is drawn. Shape (4, 4) each. [m]"""
         record = self.recording
-        tip = self.place(way, magnify)[row]
+        tip = self.place(way, magnify, row)
         return locate_chain(record.cell, bend_arm(record.cell, record.q[row], tip))
+
+    @cached_property
+    def greatest_force(self) -> float:
+        """Greatest force on the tool [N]."""
+        return float(np.linalg.norm(self.recording.wrench[:, :3], axis=1).max(initial=0.0))
 
     def force_arrow(self, row: int, length: float) -> Array:
         """Draw the force on the tool: from its tip, the greatest one so long. Shape (2, 3). [m]"""
-        force = self.recording.wrench[:, :3]
-        scale = length / max(float(np.linalg.norm(force, axis=1).max(initial=0.0)), 1e-9)
-        return np.stack([np.zeros(3), scale * force[row]])
+        scale = length / max(self.greatest_force, 1e-9)
+        return np.stack([np.zeros(3), scale * self.recording.wrench[row, :3]])
 
     def find_row(self, time: float) -> int:
         """Return the row at a time [s]."""
@@ -130,14 +139,14 @@ class PlanScene:
 
     def pick(self, origin: Array, direction: Array, way: str, magnify: float) -> int:
         """Return the row that a click means."""
-        return int(self.rows[pick_point(self.place(way, magnify)[self.rows], origin, direction)])
+        return int(self.rows[pick_point(self.place(way, magnify, self.rows), origin, direction)])
 
     def tell(self, row: int) -> str:
         """Tell what is known of a row, as markdown: deviations, joints, force, posture."""
         record = self.recording
         lines = [f"**Row {row}** of {self.count}, {record.move[row]}, {record.time[row]:.2f} s", ""]
         lines += ["| deviation | |", "|---|---|"]
-        lines += [f"| {name} | {_say_length(self.size(way)[row])} |" for way, name in self.ways.items()]
+        lines += [f"| {name} | {_say_length(self.sizes[way][row])} |" for way, name in self.ways.items()]
         lines += [f"| tolerance | {format_length(record.tolerance)} |", "", "| joint | |", "|---|---|"]
         for joint, value in zip(record.cell.actuated, record.q[row], strict=True):
             said = format_length(float(value)) if joint.kind == "prismatic" else format_angle(float(value))

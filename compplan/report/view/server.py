@@ -5,6 +5,8 @@ from __future__ import annotations
 import socket
 import threading
 import time
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,10 @@ from compplan.report.view.recording import Cell, GapRecording, Solid, read_recor
 from compplan.robot import Array
 
 HOST = "127.0.0.1"
+#: From where a place is looked at, as shares of the distance.
+ASIDE = np.array([0.7, -1.0, 0.6])
+#: Colour of the force arrow.
+DARK = np.full((1, 2, 3), 60, np.uint8)
 #: Pictures a second that are aimed at, and how often the panel is brought up to date while the arm moves. [1/s]
 PICTURES, PANEL = 30.0, 5.0
 #: Length of the longest force arrow, as a share of the arm's reach.
@@ -37,7 +43,8 @@ def start_server(folder: Path, port: int) -> Any:
         raise InputError("the viewer needs viser, which is not installed; pip install 'compplan[view]'") from None
     recording = read_recording(folder)
     check_port(port)
-    server = viser.ViserServer(host=HOST, port=port, verbose=False)
+    with redirect_stdout(StringIO()):  # it greets, whatever it is told
+        server = viser.ViserServer(host=HOST, port=port, verbose=False)
     if isinstance(recording, GapRecording):
         return GapViewer(server, GapScene(recording))
     return PlanViewer(server, PlanScene(recording))
@@ -57,16 +64,22 @@ def check_port(port: int) -> None:
             raise InputError(f"port {port} on {HOST} is taken, name another with --port") from None
 
 
+def stop_server(server: Any) -> None:
+    """Close a server, without its words."""
+    with redirect_stdout(StringIO()):
+        server.stop()
+
+
 class Stage:
     """The cell on a server: its solids, moved with the links of the arm."""
 
     def __init__(self, server: Any, cell: Cell) -> None:
         self.server, self.cell = server, cell
         server.scene.set_up_direction("+z")
-        server.scene.add_grid("/floor", width=6.0, height=6.0, cell_size=0.25, section_size=1.0)
+        server.scene.configure_default_lights(cast_shadow=False)
+        server.scene.add_grid("/floor", width=6.0, height=6.0, cell_size=0.25, section_size=1.0, shadow_opacity=0.0)
         links = {joint.child for joint in cell.joints} | {cell.base}
         self.frames = {link: server.scene.add_frame(f"/arm/{link}", show_axes=False) for link in sorted(links)}
-        self.parts: dict[str, Any] = {}
         for number, solid in enumerate(cell.solids):
             self.add_solid(solid, number)
 
@@ -78,6 +91,7 @@ class Stage:
         self.server.scene.add_mesh_simple(
             name, solid.vertices.astype(np.float32), solid.faces.astype(np.uint32), color=shade,
             opacity=None if opacity > 0.99 else opacity, flat_shading=True, side="double",
+            cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
 
     def paint(self, solid: Solid, colours: Any) -> None:
@@ -85,7 +99,7 @@ class Stage:
         import trimesh
 
         mesh = trimesh.Trimesh(solid.vertices, solid.faces, vertex_colors=colours, process=False)
-        self.server.scene.add_mesh_trimesh(f"/cell/{solid.name}", mesh)
+        self.server.scene.add_mesh_trimesh(f"/cell/{solid.name}", mesh, cast_shadow=False, receive_shadow=False)
 
     def move(self, poses: dict[str, Array]) -> None:
         """Move the links."""
@@ -99,13 +113,20 @@ class Stage:
             name, lines.points, lines.colours, thickness=width, thickness_units="screen"
         )
 
-    def look_at(self, centre: Array, extent: float) -> None:
-        """Turn the eyes of whoever opens the page to a place."""
+    def look_at(self, points: Array) -> None:
+        """Turn the eyes of whoever opens the page to points, and offer to come nearer."""
+        near = 3.0 * float(np.ptp(points, axis=0).max())
+        centre, extent = points.mean(axis=0), near + 1.0
+        places = {"cell": extent, "path": near}
+        self.server.initial_camera.position = tuple(centre + extent * ASIDE)
+        self.server.initial_camera.look_at = tuple(centre)
+        buttons = self.server.gui.add_button_group("look at", list(places))
 
-        @self.server.on_client_connect
-        def _(client: Any) -> None:
-            client.camera.look_at = centre
-            client.camera.position = centre + extent * np.array([1.1, -1.5, 0.9])
+        @buttons.on_click
+        def _(event: Any) -> None:
+            if event.client is not None:
+                event.client.camera.position = centre + places[buttons.value] * ASIDE
+                event.client.camera.look_at = centre
 
     def light_part(self, scene: PlanScene, way: str) -> None:
         """Colour the part by what the path beside it does."""
@@ -125,8 +146,9 @@ class PlanViewer:
         self.extent = max(float(np.ptp(tip, axis=0).max()), 0.05)
         self._build_panel()
         self.marker = server.scene.add_icosphere("/tip", radius=0.012 * self.extent + 0.001, color=(29, 35, 41))
+        self.force = self.stage.draw("/force", Lines(np.zeros((1, 2, 3), np.float32), DARK), 3.0)
         self.stage.draw("/wanted", scene.draw_wanted(), 1.5)
-        self.stage.look_at(tip.mean(axis=0), 1.6 * self.extent + 1.0)
+        self.stage.look_at(tip)
         self.redraw()
         self.show_row(self.row)
         server.scene.on_pointer_event("click")(self._click)
@@ -188,11 +210,10 @@ class PlanViewer:
             way, magnify = self.chosen, float(self.magnify.value)
             with self.server.atomic():
                 self.stage.move(self.scene.pose_links(row, way, magnify))
-                tip = self.scene.place(way, magnify)[row]
+                tip = self.scene.place(way, magnify, row)
                 self.marker.position = tip
                 arrow = (tip + self.scene.force_arrow(row, FORCE_LENGTH * max(self.extent, 1.0))).astype(np.float32)
-                shade = np.full((1, 2, 3), 60, np.uint8)
-                self.stage.draw("/force", Lines(arrow[None], shade), 3.0)
+                self.force.points = arrow[None]
             if time.monotonic() - self.told > 1.0 / PANEL or not self.play.value:
                 self.told = time.monotonic()
                 self.text.content = self.scene.tell(row)
@@ -228,7 +249,7 @@ class PlanViewer:
     def stop(self) -> None:
         """Close the server."""
         self.running = False
-        self.server.stop()
+        stop_server(self.server)
 
 
 class GapViewer:
@@ -248,7 +269,7 @@ class GapViewer:
             control.on_update(lambda _: self.redraw())
         self.slider.on_update(lambda _: self.show_pose(min(int(self.slider.value), scene.count - 1)))
         points = scene.recording.point[np.isfinite(scene.recording.point).all(axis=1)]
-        self.stage.look_at(points.mean(axis=0), 1.2 * float(np.ptp(points, axis=0).max()) + 1.0)
+        self.stage.look_at(points)
         self.marker = server.scene.add_icosphere("/pose", radius=0.012, color=(29, 35, 41))
         self.redraw()
         self.show_pose(0)
@@ -274,4 +295,4 @@ class GapViewer:
 
     def stop(self) -> None:
         """Close the server."""
-        self.server.stop()
+        stop_server(self.server)
