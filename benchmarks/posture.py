@@ -229,7 +229,8 @@ def run_case(case: Case, place: bool) -> dict[str, Any]:
 
 
 def _choose(case: Case, job: Job) -> Stance:
-    settings = replace(read_settings(job, case.robot), weights={"travel": 0.0})  # what is left under load, alone
+    settings = read_settings(job, case.robot)  # what is left under load alone, as near to limits as the brute force
+    settings = replace(settings, weights={"travel": 0.0}, limit_margin=ROOM)
     return choose_stance(case.robot, case.nominal, job.tool_x_base, settings, axes=job.T_base_part[:3, :3])
 
 

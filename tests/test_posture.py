@@ -86,6 +86,7 @@ def test_the_margin_that_is_asked_for_is_kept_where_some_way_keeps_it() -> None:
     case = make_case("kuka_kr270", "spiral", 45.0)  # the plain posture comes within 1.4 deg of a limit
     stance = choose_stance(case.robot, case.nominal, case.job.tool_x_base)
     assert stance.keeps_margin and stance.costs["limit_distance_deg"] >= 10.0
+    assert stance.costs["joint_travel_deg"] < 0.5 * 2577  # deg that 2.6 micrometres less under load would travel
 
 
 def test_motion_is_priced_as_its_error_in_closed_form() -> None:
