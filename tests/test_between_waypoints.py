@@ -241,6 +241,16 @@ def test_a_margin_of_the_joint_limits_that_is_not_kept_is_told_with_the_limit(tm
     assert not any("comes within" in note for note in cp.plan_job(three_points(tmp_path, CONSTANT, plan={})).notes)
 
 
+def test_standing_while_the_force_comes_and_goes_does_not_lower_the_one_feed_of_a_cut(tmp_path):
+    job = three_points(tmp_path, CONSTANT | {"ramp_mm": 0.0}, feed={"mode": "constant"})
+    rows = ["-60,0,20,0,1", "-60,0,0,0,1", "-30,0,0,40,0", "0,0,0,40,0", "0,0,20,0,1"]
+    (tmp_path / "path.csv").write_text("\n".join(["x_mm,y_mm,z_mm,feed_mm_s,rapid", *rows]), encoding="utf-8")
+    plan = cp.plan_job(job)
+    assert plan.status == "solved" and plan.task.lead.sum() == 16
+    assert not any(note.startswith("One feed") for note in plan.notes)
+    assert np.median(plan.timing.feed[plan.task.cut & ~plan.task.nominal.rapid]) == pytest.approx(0.04, rel=0.01)
+
+
 def test_no_rapid_starts_or_ends_with_a_correction_and_the_rows_that_bring_it_in_and_out_are_marked(tmp_path):
     # the force stands at once and until the end: without a ramp the tool stands while it grows, and while it goes
     plan = cp.plan_job(three_points(tmp_path, CONSTANT | {"ramp_mm": 0.0}))

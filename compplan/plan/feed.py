@@ -102,9 +102,9 @@ def find_constant_feed(task: PlanTask, q: Array) -> ConstantFeed:
     programmed = float(task.nominal.feed[cutting].min())
     even = program_feed(task, programmed)
     best = ConstantFeed(programmed, programmed, -1, "", "")
-    rapid = even.nominal.rapid.copy()
-    rapid[0] = False
-    for start, end in cutting_runs(rapid):
+    apart = even.nominal.rapid | even.lead  # what leads in or out stands still
+    apart[0] = False
+    for start, end in cutting_runs(apart):
         if end - start < 2:
             continue
         along = np.r_[0.0, np.cumsum(parameter_steps(even, q, start, end))]
