@@ -18,7 +18,7 @@ POCKET = Path(__file__).parent.parent / "examples" / "forces" / "pocket.toml"
 def write_job(folder: Path, coefficients: str) -> Path:
     text = POCKET.read_text(encoding="utf-8").replace('material = "al7075_t6"', coefficients)
     (folder / "pocket.csv").write_text((POCKET.parent / "pocket.csv").read_text(encoding="utf-8"), encoding="utf-8")
-    (folder / "job.toml").write_text(text, encoding="utf-8")
+    (folder / "job.toml").write_text(f"{text}\n[stability]\njudge = false\n", encoding="utf-8")
     return folder / "job.toml"
 
 
@@ -47,11 +47,17 @@ def test_it_writes_table_page_and_summary(tmp_path, monkeypatch, capsys) -> None
     rows = (tmp_path / "out" / "forces.csv").read_text(encoding="utf-8").splitlines()
     assert len(rows) == summary["waypoints"] + 1 and rows[0].startswith("s_mm,rapid,feed_mm_s,axial_depth_mm")
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    stability = summary["stability"]
+    flags = [int(row.split(",")[rows[0].split(",").index("unstable")]) for row in rows[1:]]
+    assert sum(flags) == stability["unstable_waypoints"] > 0 and stability["damping_assumed"]
+    assert any("damped by 3 % (assumed" in note for note in summary["notes"])
+    assert "Least unstable axial depth over the spindle speed" in page
     assert "Duan et al. 2021" in page and "The path coloured by the size of the force" in page
 
 
 def test_a_log_gives_back_the_coefficients_that_made_it_within_their_intervals(log, tmp_path, monkeypatch, capsys):
-    answer = run_command(["forces", POCKET, "--out", tmp_path / "out", "--log", log, "--json"], monkeypatch, capsys)
+    job = write_job(tmp_path, 'material = "al7075_t6"')
+    answer = run_command(["forces", job, "--out", tmp_path / "out", "--log", log, "--json"], monkeypatch, capsys)
     assert answer.status == 0, answer.err
     found = json.loads(answer.out)["log"]
     truth = dict(zip([number["name"] for number in found["fitted"]], [900, 300, 120, 20, 18, 1], strict=True))

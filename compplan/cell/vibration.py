@@ -63,6 +63,36 @@ def natural_frequencies(dynamics: Dynamics, q: Array, count: int = 2) -> Array:
     return found
 
 
+def find_modes(dynamics: Dynamics, q: Array, count: int) -> list[tuple[Array, Array]]:
+    """Return the lowest modes at some postures: angular frequencies, and how the tip moves in each.
+
+    With M v = C^-1 v / w^2 scaled to v^T M v = 1 the tip moves by J v.
+
+    Args:
+        dynamics: The robot.
+        q: Joint positions. Shape (k, nq). [rad or m]
+        count: How many modes at most.
+
+    Returns:
+        For each posture frequencies, shape (m,) [rad/s], and motion of the tip, base axes, shape (3, m) [1/sqrt(kg)].
+
+    """
+    judge, found = dynamics.judge, []
+    data, rigid = judge.model.createData(), q @ judge.commanded.T + judge.shift
+    for configuration in rigid:
+        mass = pin.crba(judge.model, data, configuration)
+        mass = (np.triu(mass) + np.triu(mass, 1).T)[np.ix_(judge.elastic, judge.elastic)]
+        world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        tip = pin.computeFrameJacobian(judge.model, data, configuration, judge.tcp, world)[:3, judge.elastic]
+        square, shapes = np.linalg.eig(dynamics.compliance @ mass)
+        order = np.argsort(square.real)[::-1][:count]
+        order = order[square.real[order] > 1e-12]
+        way = shapes.real[:, order]
+        way = way / np.sqrt(np.maximum(np.einsum("sm,st,tm->m", way, mass, way), 1e-300))
+        found.append((1.0 / np.sqrt(square.real[order]), tip @ way))
+    return found
+
+
 def inertial_loads(dynamics: Dynamics, q: Array, velocity: Array, acceleration: Array) -> Array:
     """Return what a motion puts on each elastic coordinate, weight left out. Shape (k, s). [N m or N].
 

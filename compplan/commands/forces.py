@@ -22,13 +22,16 @@ def command(job: Path, folder: Path, log: Path | None, as_json: bool) -> None:
     from compplan.job.force_prediction import predict_forces
     from compplan.job.job import load_job
     from compplan.outputs.forces import write_forces
+    from compplan.plan.stability import judge_stability
 
     checked = load_job(job)
     with show_progress() as announce:
         announce("forces: engagement and wrench along the path")
         found = predict_forces(checked, log)
+        announce("forces: stability of the cut")
+        stability, remark = judge_stability(found)
         announce("write: forces.json, forces.csv, report.html")
-        summary = write_forces(found, folder)
+        summary = write_forces(found, folder, stability, remark)
     if as_json:
         click.echo(dump_json(summary))
         return

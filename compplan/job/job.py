@@ -180,6 +180,13 @@ class PostureTable(StrictTable):
     reconfigure: Literal["rapid", "never"] = "rapid"
 
 
+class StabilityTable(StrictTable):
+    """[stability]: whether `compplan forces` judges chatter, and the damping of the robot's modes (assumed)."""
+
+    judge: bool = True
+    damping: float = Field(default=0.03, gt=0.0, le=0.5)
+
+
 Range = Annotated[tuple[float, float], Field(strict=False)]
 
 
@@ -224,6 +231,7 @@ class Job(StrictTable):
     tool: ToolTable | None = None
     process: Process = ColumnsProcess()
     coupling: CouplingTable | None = None
+    stability: StabilityTable = StabilityTable()
     plan: PlanTable = PlanTable()
     output: OutputTable = OutputTable()
     sampling: SamplingTable = SamplingTable()

@@ -118,6 +118,10 @@ ramp_out_mm = 0.0                   # ... and falls to 0 over this length before
 # frame = "part"                    #   part | base | path (x travel, z tool axis)
 # from_model = true                 # in place of stiffness_N_mm: derivative of the force of end_mill or drill
 
+[stability]                         # compplan forces: chatter of an end mill
+judge = true
+damping = 0.03                      # assumed: share of critical damping of the robot's modes
+
 [plan]
 strategy = "nlp"                    # <strategies>
 rotate_about_tool_axis = true       # the redundant degree of freedom is free

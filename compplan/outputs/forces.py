@@ -13,10 +13,12 @@ from compplan.files.tables import write_json, write_table
 from compplan.files.transaction import replace_folder
 from compplan.job.force_prediction import ForcePrediction
 from compplan.path.toolpath import WRENCH_HEADERS
+from compplan.plan.stability import Stability, mark_spans
+from compplan.robot import Array
 
 
-def summarise_forces(found: ForcePrediction) -> dict[str, Any]:
-    """Return what forces.json holds."""
+def summarise_forces(found: ForcePrediction, stability: Stability | None = None, remark: str = "") -> dict[str, Any]:
+    """Return what forces.json holds; `remark` says why stability is not judged."""
     force = np.linalg.norm(found.wrench[:, :3], axis=1)
     acts = force > 0.0
     summary: dict[str, Any] = {
@@ -25,7 +27,7 @@ def summarise_forces(found: ForcePrediction) -> dict[str, Any]:
         "force_N": {"max": float(force.max()), "mean_in_contact": float(force[acts].mean()) if acts.any() else 0.0},
         "moment_Nm": {"max": float(np.linalg.norm(found.wrench[:, 3:], axis=1).max())},
         "uncertainty": getattr(found.job.process, "uncertainty", None),
-        "notes": found.notes,
+        "notes": [*found.notes, *([stability.note] if stability else []), *([remark] if remark else [])],
     }  # fmt: skip
     if found.law.cutting is not None and found.ripple is not None:
         cut = found.law.cutting.engagement
@@ -40,6 +42,8 @@ def summarise_forces(found: ForcePrediction) -> dict[str, Any]:
             "cutting_N_mm2": list(resistance.cutting), "edge_N_mm": list(resistance.edge),
             "exponent": list(resistance.exponent), "source": resistance.source, "assumed": resistance.assumed,
         }  # fmt: skip
+    if stability is not None:
+        summary["stability"] = _summarise_stability(stability)
     if found.fit is not None:
         summary["log"] = {
             "rows": found.fit.rows, "rms_N": found.fit.level, "rms_before_N": found.fit.rms_before,
@@ -48,7 +52,37 @@ def summarise_forces(found: ForcePrediction) -> dict[str, Any]:
     return summary
 
 
-def write_forces(found: ForcePrediction, folder: Path) -> dict[str, Any]:
+def _summarise_stability(stability: Stability) -> dict[str, Any]:
+    """Return verdicts and map; what has no limit is null."""
+    drawn = stability.map
+    summary: dict[str, Any] = {
+        "unstable_waypoints": int(stability.unstable.sum()),
+        "unstable_spans": [list(span) for span in mark_spans(stability.unstable)],
+        "unstable_by_zero_order": int(stability.zero_order.sum()),
+        "largest_multiplier": float(stability.multiplier.max()),
+        "damping": stability.damping,
+        "damping_assumed": True,
+        "masses": stability.masses,
+        "natural_frequencies_hz": [float(value) for value in stability.frequencies.min(axis=0)],
+    }
+    if drawn is not None:
+        summary["map"] = {
+            "waypoint": drawn.waypoint, "axial_depth_mm": 1e3 * drawn.depth,
+            "spindle_rpm": (60.0 * drawn.speed).tolist(), "zero_order_limit_mm": _limits(drawn.zero_order),
+            "few_spindle_rpm": (60.0 * drawn.few_speed).tolist(),
+            "semi_discretised_limit_mm": _limits(drawn.semi_discretised),
+            "mode_coupling_limit_mm": _limits(np.array([drawn.mode_coupling]))[0],
+        }  # fmt: skip
+    return summary
+
+
+def _limits(depth: Array) -> list[float | None]:
+    return [float(1e3 * value) if np.isfinite(value) else None for value in depth]
+
+
+def write_forces(
+    found: ForcePrediction, folder: Path, stability: Stability | None = None, remark: str = ""
+) -> dict[str, Any]:
     """Write forces.json, forces.csv and report.html; return what forces.json holds.
 
     Raises:
@@ -57,15 +91,15 @@ def write_forces(found: ForcePrediction, folder: Path) -> dict[str, Any]:
     """
     from compplan.report.forces_page import write_forces_page
 
-    summary = {**summarise_forces(found), "made_by": describe_origin()}
+    summary = {**summarise_forces(found, stability, remark), "made_by": describe_origin()}
     with replace_folder(folder, "forces") as part:
-        write_table(part / "forces.csv", _tabulate(found))
-        write_forces_page(found, summary, part / "report.html")
+        write_table(part / "forces.csv", _tabulate(found, stability))
+        write_forces_page(found, summary, stability, part / "report.html")
         write_json(part / "forces.json", summary)
     return summary
 
 
-def _tabulate(found: ForcePrediction) -> dict[str, object]:
+def _tabulate(found: ForcePrediction, stability: Stability | None) -> dict[str, object]:
     """Return the table against path length, one row a waypoint."""
     nominal = found.nominal
     columns: dict[str, object] = {"s_mm": 1e3 * nominal.arc_length, "rapid": nominal.rapid.astype(np.int64)}
@@ -78,5 +112,7 @@ def _tabulate(found: ForcePrediction) -> dict[str, object]:
             "first_angle_deg": arc[:, 0], "last_angle_deg": arc[:, 1],
         }  # fmt: skip
         columns |= {f"ripple_{name}_N": found.ripple[:, k] for k, name in enumerate(("travel", "left", "axis"))}
+    if stability is not None:
+        columns |= {"multiplier": stability.multiplier, "unstable": stability.unstable.astype(np.int64)}
     columns |= {name: found.wrench[:, k] for k, name in enumerate(WRENCH_HEADERS)}
     return columns

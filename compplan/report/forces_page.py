@@ -12,9 +12,11 @@ from compplan.job.force_prediction import ForcePrediction
 from compplan.path.forces.engagement import Engagement
 from compplan.path.forces.fit import ForceFit
 from compplan.path.toolpath import Toolpath
+from compplan.plan.stability import Stability
 from compplan.report.along_path import Stations, draw_lines, draw_wrench, find_spans
 from compplan.report.page import Block, Chart, Column, Columns, PageTable, Provenance, Section, TableCell, write_page
 from compplan.report.robot_scene import frame_scene
+from compplan.report.stability_section import show_stability
 from compplan.report.style import AFTER, BEFORE, CATEGORIES, NEUTRAL, SEQUENTIAL, format_number
 from compplan.report.thinning import thin_path
 from compplan.robot import Array
@@ -23,12 +25,15 @@ from compplan.robot import Array
 POINTS = 4000
 
 
-def write_forces_page(found: ForcePrediction, summary: Mapping[str, Any], file: Path) -> None:
+def write_forces_page(
+    found: ForcePrediction, summary: Mapping[str, Any], stability: Stability | None, file: Path
+) -> None:
     """Write the page.
 
     Args:
         found: The prediction.
         summary: What forces.json holds of it.
+        stability: Where the cut chatters, or None.
         file: The page.
 
     """
@@ -36,12 +41,15 @@ def write_forces_page(found: ForcePrediction, summary: Mapping[str, Any], file: 
     sections = [_overview(found), _along(found, stations)]
     if found.engagement is not None:
         sections.append(_engagement(found, found.engagement, stations))
+    if stability is not None:
+        sections.append(show_stability(stability, stations))
     if found.fit is not None:
         sections.append(_comparison(found.fit))
     coefficients = summary.get("coefficients", {})
     facts = [("force model", found.job.process.model)] + [(name, str(value)) for name, value in coefficients.items()]
-    assumed = [note for note in found.notes if "assumed" in note]
-    write_page(file, found.job.name or "Forces", _lede(summary), sections, kind="Forces", notes=found.notes,
+    notes = list(summary["notes"])
+    assumed = [note for note in notes if "assumed" in note]
+    write_page(file, found.job.name or "Forces", _lede(summary), sections, kind="Forces", notes=notes,
                provenance=Provenance(facts, assumed))  # fmt: skip
 
 

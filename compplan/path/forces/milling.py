@@ -101,7 +101,7 @@ def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, f
 
     """
     edge, angle = found.cutter.slices, found.angles
-    at_low, by_rise = _edge_wrenches(edge, angle)
+    at_low, by_rise = edge_wrenches(edge, angle)
     cutting, constant = np.zeros((len(found), 3, 6)), np.zeros((len(found), 3, 6))
     turn = teeth / len(angle)  # N / (2 pi) du
     length = edge.length * 1e3
@@ -123,7 +123,7 @@ def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, f
     return MillingShape(cutting, constant)
 
 
-def _edge_wrenches(edge: Slices, angle: Array) -> tuple[Array, Array]:
+def edge_wrenches(edge: Slices, angle: Array) -> tuple[Array, Array]:
     """Return the wrench at the tip of a unit force (tangential, radial, axial) on slices at angles.
 
     Returns:
@@ -168,7 +168,7 @@ def ripple_force(
     share, height = _spread_arcs(found.depth[rows])
     out = np.maximum(outward_speed(edge.normal, found.travel[rows], angle), 0.0) * feed_per_tooth[:, None, None] * 1e3
     force = np.zeros((len(rows), count, 3))
-    directions = _edge_wrenches(edge, angle)[0][..., :3]
+    directions = edge_wrenches(edge, angle)[0][..., :3]
     turning = np.arange(count)
     offsets = _runout_offsets(spindle)
     for k in range(len(edge)):

@@ -20,10 +20,11 @@ from compplan.path.forces.stock import expand_boxes
 MOST_CELLS, CELLS_A_RADIUS = 12_000_000, 8.0
 #: Moves that are longer than this are entered in pieces, in radii.
 LONGEST_PIECE = 4.0
-#: Of two moves that are equally low at a column the one that passes nearer owns it: it reaches the walls around.
-LEAN = 1e-6
+#: Of two moves that are equally low at a column the one that passes nearer owns it: it reaches the walls around; so it
+#: does where it stands higher by a thousandth of a millimetre, as a tool that gives way does along one pass.
+LEAN = 2e-4
 #: A column that is lowered by more than this is on another level. [m]
-LEVEL = 1e-7
+LEVEL = 5e-6
 #: Places along a sloped move at which a rounded cutter is looked at.
 STATIONS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 

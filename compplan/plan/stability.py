@@ -1,0 +1,186 @@
+"""Whether the cut of a path is stable, waypoint by waypoint: modes of the arm as it stands, engagement of the cutter.
+
+Modes follow from springs and masses with the drives at rest. Their damping is not known of any robot here: assumed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.cell.vibration import Dynamics, build_dynamics, find_modes
+from compplan.errors import InputError
+from compplan.job.force_prediction import ForcePrediction
+from compplan.job.job import Job
+from compplan.path.contact import path_axes
+from compplan.path.forces.cutting import CuttingForce, EndMillProcess
+from compplan.path.forces.stability import (
+    CutDynamics,
+    Modes,
+    count_turns,
+    find_coupling_limit,
+    find_gains,
+    find_limit,
+    find_multiplier,
+)
+from compplan.path.toolpath import Toolpath
+from compplan.plan.plan import build_task, prepare_job
+from compplan.robot import Array
+
+#: Postures along the cut whose modes are worked out, and modes of each; the stiffer ones do not take part.
+POSTURES, MODES = 12, 5
+#: Cuts that are told apart at most; waypoints take the verdict of the nearest.
+CUTS = 120
+#: Spindle speeds and depths of the map, as shares of the job's, and those that are semi-discretised.
+SPEEDS, DEPTHS = np.linspace(0.25, 1.75, 61), np.geomspace(0.01, 20.0, 100)
+FEW_SPEEDS, FEW_DEPTHS = np.linspace(0.25, 1.75, 13), np.geomspace(0.01, 20.0, 16)
+
+
+@dataclass(frozen=True)
+class StabilityMap:
+    """Limits of depth over the spindle speed, at the waypoint that comes nearest to chatter.
+
+    Attributes:
+        waypoint: The waypoint.
+        depth: Its axial depth. [m]
+        speed: Spindle speeds. Shape (a,). [1/s]
+        zero_order: Least unstable depth, inf for none. Shape (a,). [m]
+        few_speed: Spindle speeds of the next. Shape (b,). [1/s]
+        semi_discretised: The same by semi-discretisation. Shape (b,). [m]
+        mode_coupling: Depth from which on modes couple without any delay, inf for none. [m]
+
+    """
+
+    waypoint: int
+    depth: float
+    speed: Array
+    zero_order: Array
+    few_speed: Array
+    semi_discretised: Array
+    mode_coupling: float
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Verdicts along a path; n waypoints.
+
+    Attributes:
+        multiplier: Growth of a vibration in a tooth period, 0 in the air. Shape (n,).
+        zero_order: Whether the zero-order solution calls the cut unstable. Shape (n,).
+        frequencies: Natural frequencies at some postures, lowest first. Shape (p, m). [Hz]
+        damping: Share of critical damping, assumed.
+        masses: Where the robot has its masses from.
+        map: Limits at the waypoint nearest to chatter.
+        note: What a user has to know.
+
+    """
+
+    multiplier: Array
+    zero_order: NDArray[np.bool_]
+    frequencies: Array
+    damping: float
+    masses: str
+    map: StabilityMap | None
+    note: str
+
+    @property
+    def unstable(self) -> NDArray[np.bool_]:
+        """Waypoints whose cut chatters, by semi-discretisation. Shape (n,)."""
+        return np.asarray(self.multiplier > 1.0)
+
+
+def judge_stability(found: ForcePrediction) -> tuple[Stability | None, str]:
+    """Judge the cut of a job; None and a sentence where that cannot be done, or nothing is milled.
+
+    Args:
+        found: Engagement and force along its path.
+
+    """
+    job, cutting = found.job, found.law.cutting
+    if not isinstance(job.process, EndMillProcess) or cutting is None or not job.stability.judge:
+        return None, ""
+    try:
+        q, dynamics, masses = _find_postures(job, found.nominal)
+    except InputError as error:
+        return None, f"Stability is not judged: {error.message}."
+    if not dynamics.known:
+        return None, "Stability is not judged: the robot folder knows no masses or no springs."
+    return _judge(cutting, found.nominal, q, dynamics, job, masses), ""
+
+
+def _find_postures(job: Job, nominal: Toolpath) -> tuple[Array, Dynamics, str]:
+    """Return joint positions at the waypoints of the path, and the robot with its masses."""
+    robot, _, options = prepare_job(job)
+    task = build_task(robot, nominal, options, file=job.file)
+    q = np.column_stack([np.interp(nominal.arc_length, task.nominal.arc_length, column) for column in task.q_start.T])
+    return q, build_dynamics(robot), str(robot.sources.get("masses", "the folder does not say"))
+
+
+def _judge(
+    cutting: CuttingForce, nominal: Toolpath, q: Array, dynamics: Dynamics, job: Job, masses: str
+) -> Stability:
+    n, damping = len(nominal), job.stability.damping
+    rows = np.flatnonzero(cutting.engagement.touches & ~nominal.rapid)
+    spindle = cutting.process.spindle()
+    posture = rows[np.unique(np.linspace(0, len(rows) - 1, min(POSTURES, len(rows))).astype(int))]
+    modes = [Modes(omega, shape, damping) for omega, shape in find_modes(dynamics, q[posture], MODES)]
+    near = np.abs(rows[:, None] - posture[None, :]).argmin(axis=1)
+    gains = find_gains(cutting.engagement, cutting.process.resistance, spindle.feed_per_tooth(nominal.feed))
+    mean, axes = spindle.teeth * gains.mean(axis=1), path_axes(nominal)
+    like = _group(mean[rows], near)
+    multiplier, zero = np.zeros(n), np.zeros(n, bool)
+
+    def stage(row: int) -> CutDynamics:
+        place = int(near[np.searchsorted(rows, row)])
+        period = 1.0 / (spindle.speed * spindle.teeth)
+        return CutDynamics(gains[row], spindle.teeth, period, modes[place].turn(axes[row]))
+
+    for group in range(like.max() + 1):
+        mine = rows[like == group]
+        cut = stage(int(mine[len(mine) // 2]))
+        multiplier[mine], zero[mine] = find_multiplier(cut), count_turns(cut, np.ones(1))[0] > 0
+    worst = int(multiplier.argmax())
+    drawn = _draw_map(stage(worst), worst, float(cutting.engagement.axial[worst]), spindle.speed)
+    rings = np.array([each.omega / (2 * np.pi) for each in modes])
+    return Stability(multiplier, zero, rings, damping, masses, drawn, _tell(multiplier, rings, damping, masses))
+
+
+def _group(mean: Array, near: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Number cuts that are alike: the same posture, mean gain alike; the coarser the more there are. Shape (r,)."""
+    size = max(float(np.abs(mean).max()), 1e-300)
+    for share in (0.01, 0.03, 0.1, 0.3, 1.0):
+        keys = np.column_stack([near, np.round(mean.reshape(len(mean), -1) / (share * size))])
+        like = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+        if like.max() < CUTS:
+            break
+    return np.asarray(like)
+
+
+def _draw_map(cut: CutDynamics, waypoint: int, depth: float, speed: float) -> StabilityMap:
+    zero = np.array([find_limit(cut.scaled(speed=share), DEPTHS) for share in SPEEDS])
+    semi = np.full(len(FEW_SPEEDS), np.inf)
+    for k, share in enumerate(FEW_SPEEDS):
+        grown = np.array([find_multiplier(cut.scaled(each, share)) for each in FEW_DEPTHS])
+        first = np.flatnonzero(grown > 1.0)
+        if len(first):
+            i = first[0]
+            part = 1.0 if i == 0 else float((1.0 - grown[i - 1]) / (grown[i] - grown[i - 1]))
+            semi[k] = FEW_DEPTHS[i] ** part * FEW_DEPTHS[max(i - 1, 0)] ** (1.0 - part)
+    limit = find_coupling_limit(cut)
+    return StabilityMap(waypoint, depth, speed * SPEEDS, depth * zero, speed * FEW_SPEEDS, depth * semi, depth * limit)
+
+
+def _tell(multiplier: Array, rings: Array, damping: float, masses: str) -> str:
+    count, lowest = int((multiplier > 1.0).sum()), float(rings.min())
+    verdict = f"chatters at {count} of" if count else "is stable at all of"
+    return (f"The cut {verdict} {int((multiplier > 0).sum())} waypoints in contact, with modes from {lowest:.3g} Hz "
+            f"(masses: {masses}), damped by {100 * damping:.3g} % (assumed, stability.damping).")  # fmt: skip
+
+
+def mark_spans(unstable: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return first and last waypoint of each unstable stretch."""
+    edges = np.diff(np.r_[0, unstable.astype(int), 0])
+    first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    return list(zip(first.tolist(), last.tolist(), strict=True))
