@@ -12,10 +12,12 @@ sys.path[:0] = [str(ROOT), str(Path(__file__).parent / "_ext")]
 
 project = "compplan"
 author = copyright = "The compplan developers"
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "public_names", "command_help"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "public_names", "command_help", "robot_table"]
 exclude_patterns = ["_ext", "notebooks/diagnose_campaign", "**.ipynb_checkpoints"]
 html_theme = "furo"
 html_title = "compplan"
+html_static_path = ["_static"]
+html_css_files = ["manual.css"]
 
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3
@@ -31,6 +33,9 @@ autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
 napoleon_google_docstring = True
 napoleon_attr_annotations = False
+#: How autodoc spells compplan's Array.
+ARRAY = "~numpy.ndarray[tuple[~typing.Any, ...], ~numpy.dtype[~numpy.float64]]"
+autodoc_typehints_format = "short"
 
 
 def escape_docstring(app: object, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
@@ -38,6 +43,18 @@ def escape_docstring(app: object, what: str, name: str, obj: object, options: ob
     lines[:] = [re.sub(r"(?<!`)([|*])(?!`)", r"\\\1", re.sub(r"(\w)_(?=\W|$)", r"\1\\_", line)) for line in lines]
 
 
+def shorten_signature(
+    app: object, what: str, name: str, obj: object, options: object, signature: str | None, returns: str | None
+) -> tuple[str, str | None] | None:
+    """Leave out the keys of tables (pydantic), which run over a page, and spell arrays shortly."""
+    if hasattr(obj, "model_fields"):
+        return "(**table)", returns
+    if signature is None:
+        return None
+    return tuple(text and text.replace(ARRAY, "Array") for text in (signature, returns))
+
+
 def setup(app) -> None:
-    """Register the hook."""
+    """Register the hooks."""
     app.connect("autodoc-process-docstring", escape_docstring, priority=100)
+    app.connect("autodoc-process-signature", shorten_signature)

@@ -19,7 +19,7 @@ class CommandHelp(SphinxDirective):
         lines: list[str] = []
         for name, module in COMMANDS.items():
             command = importlib.import_module(module).command
-            context = click.Context(command, info_name=f"compplan {name}", max_content_width=100, terminal_width=100)
+            context = click.Context(command, info_name=f"compplan {name}", max_content_width=96, terminal_width=96)
             what = describe_command(name)
             lines += [f"## compplan {name}", "", f"{what[:1].upper()}{what[1:]}.", "", "```text"]
             lines += [*command.get_help(context).splitlines(), "```", ""]
