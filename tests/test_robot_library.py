@@ -136,7 +136,7 @@ def test_scaled_folders_follow_the_rule_by_the_moment_that_they_state() -> None:
 def test_the_wrist_of_small_arms_follows_the_small_arm_that_was_measured() -> None:
     measured = [spring.compliance * 10.0 * 9.81 * 1.42 for spring in load_robot("fanuc_m10ia").springs]  # 10 kg, 1.42 m
     assert measured[3:] == pytest.approx([7.7e-3, 3.6e-3, 4.6e-3], rel=0.02)
-    assert 60 < (RULE[:3] / measured[:3]).min() and (RULE[:3] / measured[:3]).max() < 200
+    assert (RULE[:3] / measured[:3]).min() > 60 and (RULE[:3] / measured[:3]).max() < 200
     for name in ("abb_irb1200_7_70", "fanuc_m20ia", "yaskawa_gp25"):
         text = (ROBOTS / name / "elasticity.toml").read_text(encoding="utf-8")
         moment = float(text.split(" N m)")[0].rsplit(" ", 1)[1])
