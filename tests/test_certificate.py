@@ -12,6 +12,7 @@ from commandline import run_command
 from compplan.cell.predict import predict_campaign
 from compplan.effects import Effect, fold_effects
 from compplan.effects.assumed import known_uncertainty
+from compplan.errors import InputError
 from compplan.loop.certificate import measure_drift, measure_drives, measure_stiffness
 from compplan.loop.iso9283 import measure_pose_accuracy
 from compplan.loop.reference import Reference, promise_plan
@@ -74,6 +75,8 @@ def test_lost_motion_and_drift_are_what_was_put_in() -> None:
     ((name, rms, most),) = measure_drift(worn, robot, (reference,))
     assert name == "line"
     assert 0.3 * 1e-4 * drive.lever < rms <= most < 1.1e-4 * drive.lever
+    with pytest.raises(InputError, match=r"robot 'kuka_kr240' puts the tip \d+ mm from where .*another robot"):
+        measure_drift(robot, load_robot("kuka_kr240"), (reference,))
 
 
 def test_the_command_writes_one_page_and_says_what_to_do_next(tmp_path, monkeypatch, capsys) -> None:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import trimesh
@@ -105,6 +107,23 @@ def test_a_mesh_of_a_box_is_engaged_as_the_box() -> None:
     found = find_engagement(FLAT, path, np.ones(len(path), bool), columns)[0]
     assert note == ""
     assert found.section[-1] == pytest.approx(20e-6, rel=2e-3)
+
+
+def test_a_height_map_is_the_same_in_small_portions(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=0.05)
+    whole, _ = build_height_map(mesh, np.eye(3), 1e-3)
+    monkeypatch.setattr("compplan.path.forces.stock.CELLS_AT_ONCE", 7)
+    portions, _ = build_height_map(mesh, np.eye(3), 1e-3)
+    assert np.isfinite(whole.high).sum() == pytest.approx(np.pi * 50**2, rel=0.02)
+    assert np.array_equal(whole.high, portions.high)
+    assert np.array_equal(whole.low, portions.low)
+
+
+def test_a_mesh_of_millimetres_that_is_read_in_metres_is_refused(tmp_path: Path) -> None:
+    trimesh.creation.box(extents=[45.0, 30.0, 22.0]).export(tmp_path / "block.stl")
+    assert read_mesh(tmp_path / "block.stl", "mm", "", tmp_path).extents == pytest.approx([0.045, 0.03, 0.022])
+    with pytest.raises(InputError, match="is 45 m large as a mesh in m, at most 20 m is allowed: check the unit"):
+        read_mesh(tmp_path / "block.stl", "m", "", tmp_path)
 
 
 def test_hollows_of_a_mesh_are_told() -> None:

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from commandline import run_command
 
+from compplan.errors import InputError
 from compplan.job.job import load_job, load_path
 from compplan.path.contact import cutting_progress
+from compplan.path.forces.fit import read_force_log
 
 POCKET = Path(__file__).parent.parent / "examples" / "forces" / "pocket.toml"
 
@@ -75,6 +77,16 @@ def test_a_log_that_misses_the_cut_is_refused_and_nothing_is_written(log, tmp_pa
     answer = run_command(["forces", POCKET, "--out", tmp_path / "out", "--log", far], monkeypatch, capsys)
     assert answer.status == 2 and "0 rows lie in the cut" in answer.err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_log_of_newtons_in_columns_of_kilonewtons_is_refused(log, tmp_path, monkeypatch, capsys) -> None:
+    wrong = tmp_path / "wrong.csv"
+    wrong.write_text(log.read_text(encoding="utf-8").replace("_N", "_kN"), encoding="utf-8")
+    answer = run_command(["forces", POCKET, "--out", tmp_path / "out", "--log", wrong], monkeypatch, capsys)
+    assert answer.status == 2 and "is predicted: check units" in answer.err
+    wrong.write_text("s_mm,fx_N,fy_N,fz_N\n1,5,5,5\n2,5,-2e6,5\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"wrong.csv:3: a force of 2e\+06 N, at most 1e\+06 N is allowed"):
+        read_force_log(wrong)
 
 
 def test_a_job_without_a_cutter_has_forces_too(tmp_path, monkeypatch, capsys) -> None:

@@ -61,6 +61,10 @@ def test_the_empty_log_is_read_once_it_has_rows(tmp_path: Path, monkeypatch, cap
         ["init", "x.toml", "--tcp", "tool0"],
         ["init", "x.toml", "--toolpath", "no.nc"],
         ["init", "x.toml", "--robot", "no_robot"],
+        ["init", "x.csv"],
+        ["init", "x.toml", "--toolpath", __file__],
+        ["doctor", "ur10", "--robot", "kuka_kr270"],
+        ["convert", "no.nc", "--out", "x.nc"],
     ],
 )
 def test_words_that_make_no_sense_end_in_one_line_and_write_nothing(words, tmp_path, monkeypatch, capsys) -> None:

@@ -11,7 +11,7 @@ from commandline import run_command
 
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
-from compplan.loop.measured_path import read_measured_path
+from compplan.loop.measured_path import match_points, read_measured_points
 from compplan.loop.teach import plan_learned, read_residual, residual_file
 from compplan.path.toolpath import Toolpath
 from compplan.promise.slopes import stage_path, tip_of
@@ -37,16 +37,27 @@ def test_a_point_counts_across_the_path_and_with_its_length_along_it_too(tmp_pat
     """Points off by (2, 0.3, -0.1) mm: without s the 2 mm along the path are a place, not a deviation."""
     s = np.linspace(20.0, 80.0, 12)
     points = np.column_stack([1500 + s + 2.0, np.full(12, 0.3), np.full(12, 499.9)])
-    plain = read_measured_path(
-        write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm", points), straight_path(), np.eye(4), in_base=True
-    )
+    table = read_measured_points(write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm", points))
+    plain = match_points(table, straight_path(), np.eye(4), in_base=True)
     assert plain.seen == pytest.approx(np.tile([0.0, 3e-4, -1e-4], (12, 1)), abs=1e-9)
     assert plain.length == pytest.approx((s + 2.0) * 1e-3, abs=1e-9)
-    placed = read_measured_path(
-        write_points(tmp_path / "b.csv", "x_mm,y_mm,z_mm,s_mm", np.column_stack([points, s])),
-        straight_path(), np.eye(4), in_base=True,
-    )  # fmt: skip
+    file = write_points(tmp_path / "b.csv", "x_mm,y_mm,z_mm,s_mm", np.column_stack([points, s]))
+    placed = match_points(read_measured_points(file), straight_path(), np.eye(4), in_base=True)
     assert placed.seen == pytest.approx(np.tile([2e-3, 3e-4, -1e-4], (12, 1)), abs=1e-9)
+
+
+def test_a_point_with_a_spread_that_is_none_is_refused_and_an_empty_one_gets_the_assumed(tmp_path: Path) -> None:
+    s = np.linspace(20.0, 80.0, 12)
+    points = np.column_stack([1500 + s, np.zeros(12), np.full(12, 500.0), np.full(12, 0.03)])
+    for wrong in (0.0, -0.03, 1000.0):
+        points[4, 3] = wrong
+        file = write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm,sigma_mm", points)
+        with pytest.raises(InputError, match=r"a.csv:6: sigma_mm is .*expected more than 0"):
+            read_measured_points(file)
+    points[4, 3] = np.nan
+    table = read_measured_points(write_points(tmp_path / "b.csv", "x_mm,y_mm,z_mm,sigma_mm", points))
+    found = match_points(table, straight_path(), np.eye(4), in_base=True)
+    assert found.sigma == pytest.approx([3e-5] * 4 + [2e-5] + [3e-5] * 7)
 
 
 def test_points_that_two_stretches_claim_are_left_out_and_foreign_ones_refused(tmp_path: Path) -> None:
@@ -57,14 +68,13 @@ def test_points_that_two_stretches_claim_are_left_out_and_foreign_ones_refused(t
     )
     s = np.linspace(20.0, 80.0, 20)
     points = np.column_stack([1500 + s, np.where(np.arange(20) < 10, 0.05, 0.5), np.full(20, 500.0)])
-    found = read_measured_path(
-        write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm", points), hairpin, np.eye(4), in_base=True
-    )
+    table = read_measured_points(write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm", points))
+    found = match_points(table, hairpin, np.eye(4), in_base=True)
     assert len(found) == 10
     assert found.left_out == 10
     with pytest.raises(InputError, match="0 of 20 points are of the cut"):
         far = write_points(tmp_path / "b.csv", "x_mm,y_mm,z_mm", points + 300.0)
-        read_measured_path(far, hairpin, np.eye(4), in_base=True)
+        match_points(read_measured_points(far), hairpin, np.eye(4), in_base=True)
 
 
 @pytest.fixture

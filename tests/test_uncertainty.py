@@ -77,6 +77,13 @@ def test_what_is_read_is_what_the_file_says(tmp_path: Path) -> None:
     assert known.names == ("joint_stiffness joint_2", "joint_offset joint_3")
 
 
+def test_an_unknown_that_is_said_twice_is_refused_and_another_setting_of_it_is_not(tmp_path: Path) -> None:
+    again = GOOD[GOOD.index("[[unknown]]") :].partition("\n[[unknown]]")[0]
+    with pytest.raises(InputError, match=r"unknown\[2\]: says the same as unknown\[0\]"):
+        read_uncertainty(write(tmp_path, f"{GOOD}{again}\n"))
+    assert read_uncertainty(write(tmp_path, f"{GOOD}{again}\nfixed = {{ cycles_per_turn = [2.0] }}\n")) is not None
+
+
 def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     known = random_uncertainty()
     again = read_uncertainty(write(tmp_path, format_uncertainty(known)))

@@ -23,6 +23,9 @@ CHOICES = {
     "cycles": ["skip", "expand"], "tool_direction": ["x", "y", "z", "-x", "-y", "-z"],
 }
 
+#: Endings of a toolpath table.
+TABLES = (".csv", ".txt", "")
+
 
 @click.command()
 @click.argument("camfile", type=click.Path(path_type=Path))
@@ -39,6 +42,8 @@ CHOICES = {
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def command(camfile: Path, out: Path, max_step_mm: float | None, as_json: bool, **options: Any) -> None:
     """Convert CAMFILE (a CAM file of a known language) to a toolpath table, and say what was read."""
+    if out.suffix.lower() not in TABLES:
+        raise InputError(f"--out is {str(out)!r}, expected the name of a table that ends in .csv")
     cam = read_cam(camfile, check_table(CamTable, {key: value for key, value in options.items() if value is not None}))
     toolpath = refuse_idle(cam)
     if max_step_mm is not None and not 0.0 < max_step_mm < inf:

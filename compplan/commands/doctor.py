@@ -36,6 +36,8 @@ def command(target: str | None, robot_name: str | None, as_json: bool) -> None:
         findings = examine_log(Path(target), None if robot_name is None else load_robot(robot_name))
     elif target is not None and Path(target).suffix.lower() == ".csv":
         raise InputError("no such measurement log", file=Path(target))
+    elif target is not None and robot_name is not None:
+        raise InputError(f"--robot says on which robot a log was taken, and {target!r} is no log: name one robot")
     elif target is not None or robot_name is not None:
         findings = examine_robot(load_robot(target if target is not None else str(robot_name)))
     else:

@@ -13,10 +13,15 @@ from compplan.files.tables import write_text
 from compplan.files.transaction import replace_folder
 from compplan.job.text import write_job_text
 from compplan.measure.skeleton import write_log_text
+from compplan.path.cam import list_suffixes
+from compplan.path.reading import read_toolpath
 from compplan.program import WRITERS, list_languages
 from compplan.program.counting import load_controller
 from compplan.robot import Robot, load_robot
 from compplan.robot.skeleton import write_skeleton
+
+#: Stands for the feed that the job may state, while a toolpath is only looked at. [m/s]
+ANY_FEED = 0.01
 
 
 @click.command()
@@ -59,18 +64,29 @@ def _refuse(words: tuple[str, ...], count: int, form: str, **options: object) ->
 
 def _init_job(file: Path, robot_name: str | None, toolpath: str | None) -> None:
     _refuse_existing(file)
+    if file.suffix.lower() != ".toml":
+        raise InputError(f"a job is a file that ends in .toml, not {str(file)!r}")
     text = write_job_text()
     if robot_name is not None:
         robot = load_robot(robot_name, relative_to=file.parent)
         text = text.replace('robot = "staubli_tx200" ', f"{_line('robot', robot_name)} ", 1)
         text = text.replace('programs = ["val3"]', f'programs = ["{_native_language(robot)}"]', 1)
     if toolpath is not None:
-        if not (file.parent / toolpath).is_file():
-            raise InputError("no such toolpath (it counts from the folder of the job)", file=file.parent / toolpath)
+        _check_toolpath(file.parent / toolpath)
         line = _line("toolpath", toolpath) + "\n\n"
         text = re.sub(r'# toolpath = "part.nc"\n.*?\n(?=\[part\])', lambda _: line, text, count=1, flags=re.DOTALL)
     write_text(file, text)
     click.echo(f"wrote {file}; next: compplan plan {file} --out out")
+
+
+def _check_toolpath(path: Path) -> None:
+    """Refuse what is no toolpath; a CAM file is not read, for it may need what the job says of it."""
+    if not path.is_file():
+        raise InputError("no such toolpath (it counts from the folder of the job)", file=path)
+    if path.suffix.lower() == ".csv":
+        read_toolpath(path, feed=ANY_FEED)
+    elif path.suffix.lower() not in list_suffixes():
+        raise InputError(f"is no toolpath, expected a file that ends in .csv, {', '.join(list_suffixes())}", file=path)
 
 
 def _init_robot(urdf: Path, tcp: str | None, out: Path | None) -> None:

@@ -9,7 +9,7 @@ import click
 
 from compplan.commands.places import OUT_FOLDER
 from compplan.errors import InputError
-from compplan.files.tomlfile import read_named_table
+from compplan.files.tomlfile import check_table, read_named_table
 
 
 @click.command()
@@ -70,12 +70,23 @@ def read_part(text: str) -> dict[str, Any]:
 
 
 def read_output(file: str) -> dict[str, Any]:
-    """Read [output] from a file of its own, or from the job that it stands in; files of lines are relative to it."""
+    """Read [output] from a file of its own, or from the job that it stands in; files of lines are relative to it.
+
+    Raises:
+        InputError: If a key is not what it has to be, those among them that the command line replaces.
+
+    """
+    from compplan.job.job import OutputTable
+
     table = read_part_of_job("output", file)
     for key in ("header", "footer"):
         if isinstance(table.get(key), dict):
-            lines = {language: str((Path(file).parent / str(name)).resolve()) for language, name in table[key].items()}
+            lines = {
+                language: str((Path(file).parent / name).resolve()) if isinstance(name, str) else name
+                for language, name in table[key].items()
+            }
             table = {**table, key: lines}
+    check_table(OutputTable, table, file=file)
     return table
 
 

@@ -142,9 +142,9 @@ class SamplingTable(StrictTable):
     one to the next; the plan divides moves further until it holds. Left out: a tenth of the tolerance.
     """
 
-    max_step_mm: float | None = Field(default=None, gt=0.0)
-    max_turn_deg: float | None = Field(default=None, gt=0.0)
-    chord_mm: float | None = Field(default=None, gt=0.0)
+    max_step_mm: float | None = Field(default=None, gt=0.0, le=1e5)
+    max_turn_deg: float | None = Field(default=None, gt=0.0, le=360.0)
+    chord_mm: float | None = Field(default=None, gt=0.0, le=100.0)
 
 
 class FeedTable(StrictTable):
@@ -152,30 +152,30 @@ class FeedTable(StrictTable):
 
     constant_mm_s: float | None = Field(default=None, gt=0.0)
     mode: Literal["programmed", "constant"] = "programmed"
-    corner_tolerance_mm: float = Field(default=0.0, ge=0.0)
+    corner_tolerance_mm: float = Field(default=0.0, ge=0.0, le=100.0)
     torque_limits: bool = False
 
 
 class LimitsTable(StrictTable):
     """[limits]: shares of the robot's rates that the plan may use."""
 
-    velocity_scale: float = Field(default=1.0, gt=0.0, le=1.0)
-    acceleration_scale: float = Field(default=1.0, gt=0.0, le=1.0)
+    velocity_scale: float = Field(default=1.0, ge=1e-3, le=1.0)
+    acceleration_scale: float = Field(default=1.0, ge=1e-3, le=1.0)
 
 
 class PostureTable(StrictTable):
     """[posture]: what the redundant degree of freedom is used for, and how far the tool axis may lean."""
 
     preset: Literal["accurate", "smooth", "fast"] = "accurate"
-    weights: dict[str, float] = Field(default_factory=dict)
+    weights: dict[str, Annotated[float, Field(le=1e9)]] = Field(default_factory=dict)
     measure: Literal["expected", "p95"] = "expected"
-    wrench_uncertainty: float = Field(default=0.1, ge=0.0)
-    compliance_uncertainty: float = Field(default=0.1, ge=0.0)
-    joint_zero_uncertainty_deg: float = Field(default=0.0, ge=0.0)
+    wrench_uncertainty: float = Field(default=0.1, ge=0.0, le=2.0)
+    compliance_uncertainty: float = Field(default=0.1, ge=0.0, le=2.0)
+    joint_zero_uncertainty_deg: float = Field(default=0.0, ge=0.0, le=10.0)
     spin_step_deg: float = Field(default=5.0, ge=0.5, le=90.0)
     lead_deg: float = Field(default=0.0, ge=0.0, le=90.0)
     lean_deg: float = Field(default=0.0, ge=0.0, le=90.0)
-    limit_margin_deg: float = Field(default=10.0, gt=0.0)
+    limit_margin_deg: float = Field(default=10.0, gt=0.0, le=180.0)
     singularity_margin: float = Field(default=0.03, ge=0.0, lt=1.0)
     reconfigure: Literal["rapid", "never"] = "rapid"
 
@@ -208,8 +208,8 @@ class CollisionTable(StrictTable):
     fixture: str | None = None
     tool: str | None = None
     unit: Literal["mm", "m", "inch"] = "mm"
-    clearance_mm: float = Field(default=5.0, ge=0.0)
-    tip_zone_mm: float = Field(default=30.0, ge=0.0)
+    clearance_mm: float = Field(default=5.0, ge=0.0, le=1e4)
+    tip_zone_mm: float = Field(default=30.0, ge=0.0, le=1e4)
     self_collision: bool = True
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from compplan.effects.assumed import known_uncertainty
 from compplan.effects.scene import own_springs
+from compplan.errors import InputError
 from compplan.loop.iso9283 import PoseAccuracy, measure_pose_accuracy
 from compplan.loop.reference import Reference, plan_references
 from compplan.measure.campaign import Campaign
@@ -22,6 +23,8 @@ from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 REACH = 1.959964
 #: Changes beyond so many standard deviations are drift.
 DRIFTED = 2.0
+#: Two folders that put the tip farther apart than this are of two robots, or of one with two tools (assumed). [m]
+FARTHEST_DRIFT = 0.1
 #: Lost motion or gear error that makes this share of the tolerance's square is worth a repair (assumed).
 WORTH_REPAIR = 0.1
 
@@ -198,7 +201,11 @@ def measure_drives(
 
 
 def measure_drift(robot: Robot, older: Robot, references: tuple[Reference, ...]) -> list[tuple[str, float, float]]:
-    """Compare where both robots put the tip at the same commands: name, rms and greatest distance. [m]"""
+    """Compare where both robots put the tip at the same commands: name, rms and greatest distance. [m]
+
+    Raises:
+        InputError: If they are so far apart that the older folder cannot be of this robot.
+    """
     found = []
     for reference in references:
         if reference.plan is None or older.nq != robot.nq:
@@ -207,6 +214,9 @@ def measure_drift(robot: Robot, older: Robot, references: tuple[Reference, ...])
         rows = np.flatnonzero(task.cut)
         tips = [tip_of(stage_path(r, plan.q, task.wrench, task.step_time), rows) for r in (robot, older)]
         distance = np.linalg.norm(tips[0] - tips[1], axis=1)
+        if distance.max() > FARTHEST_DRIFT:
+            message = f"robot {older.name!r} puts the tip {distance.max() * 1e3:.0f} mm from where {robot.name!r} does"
+            raise InputError(f"{message}: another robot or another tool, no drift")
         found.append((reference.name, float(np.sqrt(np.mean(distance**2))), float(distance.max())))
     return found
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from compplan.files.columns import Column
-from compplan.files.tables import read_table
+from compplan.files.tables import Table, read_table
 from compplan.path.toolpath import Toolpath
 from compplan.robot import Array
 
@@ -68,28 +68,43 @@ def take_points(measured: MeasuredPath, rows: NDArray[np.bool_]) -> MeasuredPath
     return replace(measured, **parts)
 
 
-def read_measured_path(file: Path, nominal: Toolpath, T_base_part: Array, *, in_base: bool) -> MeasuredPath:
+def read_measured_points(file: Path) -> Table:
     """Read measured points: x_mm y_mm z_mm, and where they are known s_mm and sigma_mm.
 
-    Args:
-        file: The CSV file.
-        nominal: The path that was wanted, base frame.
-        T_base_part: Pose of the part frame. Shape (4, 4). [m]
-        in_base: Whether the points are in the base frame; otherwise in the part frame.
-
     Raises:
-        InputError: If the file is not such a table, or too few of its points are of the cut.
+        InputError: If the file is not such a table.
     """
     columns = [Column(axis, "length", required=True) for axis in "xyz"]
     columns += [Column("s", "length"), Column("sigma", "length", missing=True)]
     table = read_table(file, columns, unknown="note")
     if not len(table):
         raise table.error("the table has no rows, expected one row a measured point")
+    sigma = table.values.get("sigma", np.full(len(table), np.nan))
+    wrong = (sigma <= 0.0) | (sigma > FARTHEST)
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        message = f"sigma_mm is {sigma[row] * 1e3:g}, expected more than 0 and at most {FARTHEST * 1e3:g} mm"
+        raise table.error(f"{message}; leave it empty where it is not known", row)
+    return table
+
+
+def match_points(table: Table, nominal: Toolpath, T_base_part: Array, *, in_base: bool) -> MeasuredPath:
+    """Bring measured points to the path that was wanted.
+
+    Args:
+        table: The points, see `read_measured_points`.
+        nominal: The path, base frame.
+        T_base_part: Pose of the part frame. Shape (4, 4). [m]
+        in_base: Whether the points are in the base frame; otherwise in the part frame.
+
+    Raises:
+        InputError: If too few of the points are of the cut.
+    """
     point = table.stack(["x", "y", "z"])
     if not in_base:
         point = point @ T_base_part[:3, :3].T + T_base_part[:3, 3]
-    sigma = table.values.get("sigma", np.full(len(table), np.nan))
-    sigma = np.where(np.isfinite(sigma) & (sigma > 0), sigma, SIGMA)
+    sigma = table.values.get("sigma", np.full(len(table), SIGMA))
+    sigma = np.where(np.isfinite(sigma), sigma, SIGMA)
     if "s" in table:
         found = _at_lengths(nominal, point, table.values["s"])
     else:

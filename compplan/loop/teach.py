@@ -15,7 +15,7 @@ from compplan.files.columns import Column
 from compplan.files.tables import read_table
 from compplan.job.job import Job
 from compplan.loop.learn import Lesson, gather_points, learn_part, list_learned, teach_robot
-from compplan.loop.measured_path import MeasuredPath, read_measured_path
+from compplan.loop.measured_path import MeasuredPath, match_points, read_measured_points
 from compplan.path.toolpath import Toolpath
 from compplan.plan.plan import Plan, build_task, plan_task, prepare_job
 from compplan.plan.task import PlanTask
@@ -115,11 +115,12 @@ def teach_part(
     Raises:
         InputError: If a file is not what it has to be.
     """
+    points = read_measured_points(measured_file)
     robot = load_robot(robot_name)
     old = read_residual(residual_file(robot, job), robot)
     announce("the plan that was cut")
     wanted, before = plan_learned(job, robot, old)
-    measured = read_measured_path(measured_file, wanted, job.T_base_part, in_base=in_base)
+    measured = match_points(points, wanted, job.T_base_part, in_base=in_base)
     known, task = known_uncertainty(before.robot), before.task
     announce("what the part teaches")
     scene = stage_path(before.robot, before.q, task.wrench, task.step_time)
@@ -142,7 +143,7 @@ def teach_part(
     announce("the plan that follows")
     after = before if not lesson.taken else plan_learned(job, taught, residual)[1]
     after = with_promise(after, lesson, slopes, known)
-    notes = [lesson.reason]
+    notes = [lesson.reason, *measured.notes]
     if measured.left_out:
         notes.append(f"{measured.left_out} measured points are not of the cut, or two stretches claim them: left out")
     if lesson.taken and float(wanted.steps[~wanted.rapid[1:]].max(initial=0.0)) > LONG_MOVE:

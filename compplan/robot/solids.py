@@ -76,6 +76,8 @@ def load_mesh(path: Path, unit: str = "mm") -> Any:
         raise InputError(f"mesh {path} cannot be read: {error}") from None
     if not len(getattr(mesh, "faces", ())):
         raise InputError(f"mesh {path} holds no triangles")
+    if not np.isfinite(mesh.vertices).all():
+        raise InputError(f"mesh {path} has vertices that are not finite")
     return mesh.apply_scale(UNITS[unit])
 
 

@@ -173,7 +173,7 @@ class CalibrationTable(StrictTable):
     """[calibration]: what poses that the fit never saw say about the band."""
 
     factor: float = Field(ge=0.1, le=100.0)
-    groups: Annotated[int, Field(ge=0)]
+    groups: Annotated[int, Field(ge=0, le=1_000_000)]
 
 
 class UnknownTable(StrictTable):
@@ -210,8 +210,12 @@ def read_uncertainty(file: Path) -> Uncertainty | None:
         return None
     table = read_toml_model(UncertaintyTable, file)
     rows: list[tuple[float, ...] | None] = []
+    seen: dict[str, int] = {}
     for index, entry in enumerate(table.unknown):
         where = f"unknown[{index}]"
+        place = repr((entry.effect, entry.joint, entry.axis, entry.keys, entry.fixed))
+        if (first := seen.setdefault(place, index)) < index:
+            raise InputError(f"says the same as unknown[{first}], leave one out", file=file, where=where)
         if len(entry.deviation) != len(entry.keys):
             message = f"has {len(entry.deviation)} numbers, expected {len(entry.keys)}, one a key"
             raise InputError(message, file=file, where=f"{where}.deviation")

@@ -17,7 +17,7 @@ from compplan.path.forces.cutter import Cutter
 from compplan.path.forces.engagement import Engagement, find_engagement
 from compplan.path.forces.materials import MATERIALS, Coefficients
 from compplan.path.forces.milling import MillingShape, Spindle, ripple_amplitude, ripple_force, shape_milling
-from compplan.path.forces.stock import StockColumns, build_block, build_height_map, read_mesh
+from compplan.path.forces.stock import LARGEST, StockColumns, build_block, build_height_map, read_mesh
 from compplan.path.toolpath import Toolpath
 
 #: Flute length that is assumed where none is given, in diameters.
@@ -52,6 +52,9 @@ class StockTable(StrictTable):
             raise ValueError("needs one of block_mm and mesh, not both")
         if self.block_mm is not None and not np.all(np.diff(self.block_mm, axis=0) > 0.0):
             raise ValueError("block_mm needs its lowest corner first, then its highest")
+        if self.block_mm is not None and np.ptp(self.block_mm, axis=0).max() > 1e3 * LARGEST:
+            size = np.ptp(self.block_mm, axis=0).max()
+            raise ValueError(f"block_mm is {size:.4g} mm large, at most {1e3 * LARGEST:g} mm is allowed")
         return self
 
 
@@ -87,10 +90,10 @@ class CoefficientTable(StrictTable):
 class CuttingTable(StrictTable):
     """Keys of every rotating cutter; the spindle turns clockwise, seen from the spindle."""
 
-    diameter_mm: float = Field(gt=0.0, le=500.0)
+    diameter_mm: float = Field(ge=0.05, le=500.0)
     teeth: int = Field(default=2, ge=1, le=60)
     spindle_rpm: float = Field(gt=0.0, le=2e5)
-    flute_mm: float | None = Field(default=None, gt=0.0, le=1000.0)
+    flute_mm: float | None = Field(default=None, ge=0.01, le=1000.0)
     material: str | None = None
     coefficients: CoefficientTable | None = None
     stock: StockTable | None = None
@@ -107,6 +110,8 @@ class CuttingTable(StrictTable):
     def _check_material(self) -> CuttingTable:
         if (self.material is None) == (self.coefficients is None):
             raise ValueError(f"needs one of coefficients and material, choose from {list(MATERIALS)}")
+        if self.stock is not None and self.stock_top_mm is not None:
+            raise ValueError("stock_top_mm and stock both say where the stock ends, choose one")
         return self
 
     @property

@@ -27,6 +27,8 @@ STUDENT = 2.093
 SAME = 1e-9
 #: A force below this share of the greatest counts as the air. []
 AIR = 0.02
+#: No tool bears more, and no prediction errs by more than this factor: beyond, a unit is wrong (assumed). [N, 1]
+MOST_FORCE, MOST_RATIO = 1e6, 100.0
 NAMES = ("tangential", "radial", "axial")
 
 COLUMNS = (
@@ -100,7 +102,12 @@ def read_force_log(path: Path) -> ForceLog:
     back = np.flatnonzero(np.diff(s) < 0.0)
     if len(back):
         raise table.error("s_mm falls here; rows must stand in the order of the path", int(back[0]) + 1)
-    return ForceLog(s, np.column_stack([table.values[name] for name in WRENCH[:3]]))
+    force = np.column_stack([table.values[name] for name in WRENCH[:3]])
+    wrong = np.abs(force).max(axis=1) > MOST_FORCE
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        raise table.error(f"a force of {np.abs(force[row]).max():.3g} N, at most {MOST_FORCE:g} N is allowed", row)
+    return ForceLog(s, force)
 
 
 def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> ForceFit:
@@ -126,10 +133,14 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
     )
     predicted = np.einsum("c,cmk->mk", in_job, columns)
     size = np.linalg.norm(predicted, axis=1)
-    cut = np.flatnonzero((size > AIR * size.max(initial=0.0)) & (log.s <= progress[-1] + 1e-6))
+    along = (log.s >= -1e-6) & (log.s <= progress[-1] + 1e-6)
+    cut = np.flatnonzero((size > AIR * size.max(initial=0.0)) & along)
     if len(cut) < FEWEST:
         raise InputError(f"{len(cut)} rows lie in the cut, a comparison needs {FEWEST}; check s_mm", file=file)
+    if (places := len(np.unique(log.s[cut]))) < BLOCKS:
+        raise InputError(f"s_mm has {places} values in the cut, a comparison needs {BLOCKS}", file=file)
     columns, measured = columns[:, cut], measured[cut]
+    _check_level(measured, predicted[cut], file)
     known = np.abs(columns).max(axis=(1, 2)) > 0.0
     matrix, target = columns[known].reshape(known.sum(), -1).T, measured.reshape(-1)
     value = np.linalg.lstsq(matrix, target, rcond=1e-10)[0]
@@ -148,6 +159,14 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
         numbers, float(np.sqrt((before**2).sum(axis=1).mean())), float(np.sqrt((after**2).sum() / len(cut))),
         float(np.sqrt((measured**2).sum(axis=1).mean())), len(cut), measured, log.s[cut],
     )  # fmt: skip
+
+
+def _check_level(measured: Array, predicted: Array, file: Path) -> None:
+    """Refuse a log whose forces are of another magnitude than the predicted ones. Shapes (m, 3). [N]"""
+    level, wanted = (float(np.sqrt((force**2).sum(axis=1).mean())) for force in (measured, predicted))
+    if not wanted / MOST_RATIO <= level <= wanted * MOST_RATIO:
+        message = f"force in the cut is {level:.3g} N (rms), {wanted:.3g} N is predicted: check units and s_mm"
+        raise InputError(message, file=file)
 
 
 def _columns(law: ForceLaw, nominal: Toolpath, axes: Array) -> tuple[Array, list[str], list[str], Array]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -11,11 +12,15 @@ from numpy.typing import NDArray
 
 from compplan.errors import InputError
 from compplan.files.origin import note_input
-from compplan.files.tables import Array
+from compplan.files.tables import MOST_BYTES, Array
 
 UNITS = {"mm": 1e-3, "m": 1.0, "inch": 25.4e-3}
 #: Cells of the height map of a mesh at most, and columns across its smaller side.
 MESH_CELLS = 4_000_000
+#: Cells that triangles are brought into at a time.
+CELLS_AT_ONCE = 1_000_000
+#: Stock is not larger than this: a mesh of millimetres that was read in metres is. [m]
+LARGEST = 20.0
 #: Share of a mesh's volume by which its columns may differ before a note says so.
 HOLLOW = 0.02
 
@@ -140,6 +145,8 @@ def read_mesh(file: Path, unit: str, where: str, job: Path) -> Any:
         raise InputError(f"no file {file}", file=job, where=where)
     import trimesh
 
+    if file.stat().st_size > MOST_BYTES:
+        raise InputError(f"holds more than {MOST_BYTES >> 20} MB, at most that is read", file=file)
     note_input(file, file.read_bytes())
     try:
         mesh = trimesh.load(file, force="mesh")
@@ -149,6 +156,10 @@ def read_mesh(file: Path, unit: str, where: str, job: Path) -> Any:
         raise InputError("holds no triangles", file=file)
     if not np.isfinite(mesh.vertices).all():
         raise InputError("has vertices that are not finite", file=file)
+    size = float(np.ptp(mesh.vertices, axis=0).max()) * UNITS[unit]
+    if not size <= LARGEST:
+        message = f"is {size:.4g} m large as a mesh in {unit}, at most {LARGEST:g} m is allowed: check the unit"
+        raise InputError(message, file=file)
     mesh.merge_vertices()
     if not mesh.is_watertight:
         once = int((np.bincount(mesh.edges_unique_inverse) != 2).sum())
@@ -172,8 +183,11 @@ def build_height_map(mesh: Any, R_view: Array, cell: float) -> tuple[HeightMap, 
     shape = np.maximum(np.ceil((high[:2] - low[:2]) / cell).astype(int), 2)
     origin = low[:2] + 0.5 * ((high[:2] - low[:2]) - (shape - 1) * cell)
     tops, bottoms = np.full(shape, -np.inf), np.full(shape, np.inf)
-    for part in np.array_split(np.arange(len(corner)), max(1, len(corner) // 20_000)):
-        _raster(corner[part], origin, cell, tops, bottoms)
+    at = (corner[:, :, :2] - origin) / cell
+    first = np.clip(np.ceil(at.min(axis=1) - 1e-9).astype(int), 0, shape)
+    after = np.clip(np.floor(at.max(axis=1) + 1e-9).astype(int) + 1, 0, shape)
+    for rows, low_cell, high_cell in _portion_boxes(first, after):
+        _raster(at[rows], corner[rows, :, 2], low_cell, high_cell, tops, bottoms)
     full = np.isfinite(tops)
     bottoms[~full] = np.inf
     volume = float((tops - bottoms)[full].sum() * cell**2)
@@ -184,12 +198,46 @@ def build_height_map(mesh: Any, R_view: Array, cell: float) -> tuple[HeightMap, 
     return HeightMap(origin, cell, bottoms, tops), note
 
 
-def _raster(corner: Array, origin: Array, cell: float, tops: Array, bottoms: Array) -> None:
-    """Bring triangles into a height map: each column takes the highest and the lowest crossing."""
-    shape = np.array(tops.shape)
-    at = (corner[:, :, :2] - origin) / cell
-    first = np.clip(np.ceil(at.min(axis=1) - 1e-9).astype(int), 0, shape)
-    after = np.clip(np.floor(at.max(axis=1) + 1e-9).astype(int) + 1, 0, shape)
+def _portion_boxes(
+    first: NDArray[np.int_], after: NDArray[np.int_]
+) -> Iterator[tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_]]]:
+    """Cut boxes of a grid into bands and yield them in portions of about CELLS_AT_ONCE cells.
+
+    Args:
+        first: First cell of each box. Shape (m, 2).
+        after: The cell after the last. Shape (m, 2).
+
+    Yields:
+        Which box each band belongs to, shape (b,), its first cell and the cell after its last, shape (b, 2).
+
+    """
+    size = np.maximum(after - first, 0)
+    band = np.maximum(CELLS_AT_ONCE // np.maximum(size[:, 1], 1), 1)
+    count = -(-size[:, 0] // band)
+    item = np.repeat(np.arange(len(first)), count)
+    number = np.arange(len(item)) - np.repeat(np.cumsum(count) - count, count)
+    low, high = first[item], after[item]
+    low[:, 0] += number * band[item]
+    high[:, 0] = np.minimum(high[:, 0], low[:, 0] + band[item])
+    portion = np.cumsum(np.prod(high - low, axis=1)) // CELLS_AT_ONCE
+    for rows in np.split(np.arange(len(item)), np.flatnonzero(np.diff(portion)) + 1):
+        yield item[rows], low[rows], high[rows]
+
+
+def _raster(
+    at: Array, z: Array, first: NDArray[np.int_], after: NDArray[np.int_], tops: Array, bottoms: Array
+) -> None:
+    """Bring triangles into a height map: each column takes the highest and the lowest crossing.
+
+    Args:
+        at: Corners in cells of the grid. Shape (m, 3, 2).
+        z: Their heights. Shape (m, 3). [m]
+        first: First cell of each triangle that is looked at. Shape (m, 2).
+        after: The cell after the last. Shape (m, 2).
+        tops: Highest crossing so far, changed in place. Shape (a, b). [m]
+        bottoms: Lowest, changed in place. Shape (a, b). [m]
+
+    """
     item, place = expand_boxes(first, after)
     if not len(item):
         return
@@ -200,7 +248,7 @@ def _raster(corner: Array, origin: Array, cell: float, tops: Array, bottoms: Arr
     v, w = _cross(place - a, c - a) / area, _cross(b - a, place - a) / area
     inside = ~flat & (v >= -1e-9) & (w >= -1e-9) & (v + w <= 1.0 + 1e-9)
     item, place, v, w = item[inside], place[inside], v[inside], w[inside]
-    z = corner[item, :, 2]
+    z = z[item]
     height = z[:, 0] + v * (z[:, 1] - z[:, 0]) + w * (z[:, 2] - z[:, 0])
     np.maximum.at(tops, (place[:, 0], place[:, 1]), height)
     np.minimum.at(bottoms, (place[:, 0], place[:, 1]), height)
