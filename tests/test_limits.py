@@ -12,7 +12,7 @@ from test_strategies import make_path, make_task
 from compplan.plan.nlp import build_nlp, solve_nlp
 from compplan.plan.path_problem import smoothness_matrix
 from compplan.plan.strategies import command_path
-from compplan.plan.strategies.limits import OUT_OF_REACH, judge_limits, measure_correction
+from compplan.plan.strategies.limits import OUT_OF_REACH, judge_limits, measure_correction, name_failures
 from compplan.plan.strategies.mirror import mirror_deviation
 from compplan.statics.chain import locate_frames
 from compplan.statics.sensitivity import attain_pose
@@ -29,6 +29,13 @@ def test_each_limit_alone_makes_a_command_infeasible_and_is_named() -> None:
         beyond[3, joint] = change[joint] + (-1e-6 if side == "lower" else 1e-6)
         left = judge_limits(replace(task, missed=every < 0, max_correction=10.0), beyond)
         assert left.status == "infeasible" and f"{side} position limit of joint_{joint + 1}" in left.failures[3]
+    for side, stop in (("lower", task.robot.lower), ("upper", task.robot.upper)):
+        standing = q.copy()
+        standing[2] = 0.5 * (task.robot.lower + task.robot.upper)
+        standing[2, 4] = stop[4]
+        assert name_failures(replace(task, max_correction=1e3), standing, np.array([2])) == {
+            2: f"{side} position limit of joint_5"
+        }
     aside = q.copy()
     aside[6, 0] += 0.01
     far = replace(task, max_correction=0.5 * float(measure_correction(task, aside)[6]))
@@ -49,11 +56,12 @@ def test_a_mirror_leaves_rapid_moves_where_they_are() -> None:
     path = replace(path, rapid=np.arange(12) >= 8, wrench=path.wrench * (np.arange(12) < 8)[:, None])
     task = make_task(path=path)
     frames = locate_frames(task.chain, task.q_start)
-    assert task.compensated[:8].any() and not task.compensated[8:].any()
-    _, wanted, turned, worst = mirror_deviation(task, task.q_start, frames.tcp_position, frames.tcp_rotation)
-    assert np.array_equal(wanted[8:], frames.tcp_position[8:]) and turned[8:] == pytest.approx(frames.tcp_rotation[8:])
-    bend = attain_pose(task.chain, task.q_start, task.wrench).position - task.position
     cut = task.compensated
+    assert cut[:8].any() and not cut[-4:].any()
+    _, wanted, turned, worst = mirror_deviation(task, task.q_start, frames.tcp_position, frames.tcp_rotation)
+    assert np.array_equal(wanted[~cut], frames.tcp_position[~cut])
+    assert turned[~cut] == pytest.approx(frames.tcp_rotation[~cut])
+    bend = attain_pose(task.chain, task.q_start, task.wrench).position - task.position
     assert wanted[cut] == pytest.approx((frames.tcp_position - bend)[cut], abs=1e-12)
     assert worst == pytest.approx(np.linalg.norm(bend[cut], axis=1).max(), rel=1e-9) and worst > 1e-4
 
@@ -77,6 +85,7 @@ def test_waypoints_without_time_between_them_count_alike() -> None:
     still = smoothness_matrix(make_problem(6, step_time=np.zeros(5))).toarray()
     assert np.isfinite(still).all()
     assert still[1] == pytest.approx([0.0, 1.0, -2.0, 1.0, 0.0, 0.0])
+    assert smoothness_matrix(make_problem(2, step_time=np.ones(1))).shape == (0, 2)
 
 
 def test_a_motion_that_was_chosen_keeps_its_shape_where_nothing_bends() -> None:
