@@ -21,10 +21,12 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
     from compplan.outputs.place import write_placement
     from compplan.plan.plan import job_robot
     from compplan.posture.place import place_part
+    from compplan.promise.posture_errors import posture_errors
 
     checked = load_job(job)
     with show_progress() as announce:
-        result = place_part(checked, job_robot(checked), announce)
+        robot = job_robot(checked)
+        result = place_part(checked, robot, announce, posture_errors(checked, robot))
     summary = write_placement(result, checked, folder)
     if as_json:
         click.echo(dump_json(summary))

@@ -169,7 +169,8 @@ velocity_scale = 1.0                # share of the robot's joint rates that the 
 acceleration_scale = 1.0
 
 [posture]                           # configuration, rotation about the tool axis and extra axes are chosen for this
-preset = "accurate"                 # accurate (least remaining deviation) | smooth (little motion) | fast
+preset = "accurate"                 # accurate (least remaining deviation) | promise (least band, by what is known of
+                                    #   the robot) | smooth (little motion) | fast
 # weights = { motion = 1e-5 }       # in place of the preset's, in mm^2 of squared sensitivity: sensitivity, deviation,
                                     #   travel (per mm^2; travel: what joint motion does to accuracy), limits,
                                     #   dexterity, singularity, rate (per unit), time (per s),

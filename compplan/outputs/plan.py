@@ -168,6 +168,11 @@ def summarise_promise(promise: Promise | None) -> dict[str, Any]:
             "whole_path_p95": promise.whole * 1e3,
             "widest_waypoint": widest,
             "at_widest": {name: float(values[widest]) * 1e3 for name, values in promise.parts.items()},
+            "p95_max_without": {name: value * 1e3 for name, value in promise.without.items()},
+            "p95_max_if_known": [
+                {"cause": entry.cause, "known": entry.words, "p95_max": entry.promise * 1e3}
+                for entry in promise.narrowings
+            ],
         },
         "promise_from": {
             "grade": known.grade,

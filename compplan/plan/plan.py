@@ -42,6 +42,7 @@ from compplan.posture.stance import Wish, check_start
 from compplan.posture.start import PostureRequest, check_clearance, find_start, read_request
 from compplan.program import check_languages
 from compplan.promise.band import Promise, promise_path
+from compplan.promise.posture_errors import posture_errors
 from compplan.promise.slopes import read_force_spread, stage_path
 from compplan.robot import Array, Robot, load_robot
 from compplan.statics.chain import build_chain, locate_frames
@@ -398,7 +399,7 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         tool_x=job.tool_x_base,
         velocity_scale=job.limits.velocity_scale,
         acceleration_scale=job.limits.acceleration_scale,
-        posture=state_frequency(read_request(job, robot), robot),
+        posture=state_frequency(read_request(job, robot, posture_errors(job, robot)), robot),
         feed=FeedWish(job.feed.mode == "constant", job.feed.torque_limits),
         inertia=table.inertia,
         chord=None if job.sampling.chord_mm is None else job.sampling.chord_mm * 1e-3,

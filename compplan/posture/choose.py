@@ -193,7 +193,7 @@ def _prefer_still(task: Task, stance: Stance) -> Stance:
     stand as well as was asked for, or as the choice does.
     """
     settings, nominal, robot = task.settings, task.nominal, task.robot
-    if settings.preset != "accurate" or not stance.weights.travel > 0 or robot.nq < 6:
+    if settings.preset not in ("accurate", "promise") or not stance.weights.travel > 0 or robot.nq < 6:
         return stance
     rotation = tool_axes(nominal, task.tool_x)
     start = None if settings.start is None else np.array(settings.start)

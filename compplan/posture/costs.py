@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cache
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -43,6 +43,22 @@ class ModelScatter:
     wrench: float = 0.1
     compliance: float = 0.1
     joint_zero: float = 0.0
+
+
+class ErrorModel(Protocol):
+    """How far the tip of a posture may be off, from more than a few assumed shares: what is known of the robot."""
+
+    @property
+    def source(self) -> str:
+        """Say where it comes from."""
+        ...
+
+    def columns(self, q: Array, wrench: Array) -> Array:
+        """Return the error of the tip by one standard deviation of each cause. Shape (n, 3, errors). [m].
+
+        Infinite where the loaded arm finds no equilibrium. q: shape (n, nq); wrench at the TCP, base axes: (n, 6).
+        """
+        ...
 
 
 @dataclass(frozen=True)
@@ -78,6 +94,7 @@ class Weights:
 #: sensitivity that any posture along the path has, so that a preset means the same for a light and for a heavy cut.
 PRESETS: dict[str, Weights] = {
     "accurate": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001, rate=3.0),
+    "promise": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001, rate=3.0),
     "smooth": Weights(limits=0.2, dexterity=0.02, singularity=10.0, motion=0.5, rate=3.0),
     "fast": Weights(limits=0.1, dexterity=0.02, singularity=10.0, motion=0.02, time=0.2, rate=10.0),
 }
@@ -105,7 +122,7 @@ def choose_weights(preset: str, level: float, own: dict[str, float] | None = Non
     """Turn a preset into weights.
 
     Args:
-        preset: "accurate", "smooth" or "fast".
+        preset: "accurate", "promise", "smooth" or "fast".
         level: Least squared sensitivity along the path, mean over the cut. [mm^2]
         own: Weights that replace the preset's, in their units.
 
@@ -135,7 +152,7 @@ def measure_nodes(
     wrench: Array,
     *,
     limits: tuple[Array, Array],
-    uncertainty: ModelScatter | None = None,
+    uncertainty: ModelScatter | ErrorModel | None = None,
     measure: Measure = "expected",
     axes: Array | None = None,
     margin: float = np.radians(10.0),
@@ -163,23 +180,29 @@ def measure_nodes(
         rows = slice(start, min(start + CHUNK, n))
         frames = locate_frames(chain, q[rows])
         columns = jacobian(chain, frames)
-        spread, bend = _error_columns(chain, frames, columns, wrench[rows], known, axes)
+        plain = known if isinstance(known, ModelScatter) else ModelScatter()
+        spread, bend = _error_columns(chain, frames, columns, wrench[rows], plain, axes)
+        if not isinstance(known, ModelScatter):
+            spread = known.columns(q[rows], wrench[rows])
         deviation[rows] = np.linalg.norm(bend, axis=1)
         if measure == "expected":
             sensitivity[rows] = np.sqrt(np.einsum("nij,nij->n", spread, spread))
         else:
-            sensitivity[rows] = _quantile(spread)
+            sensitivity[rows] = np.where(np.isfinite(spread).all(axis=(1, 2)), _quantile(spread), np.inf)
         dexterity[rows] = measure_dexterity(joint_jacobian(chain, frames), length)
     return NodeCosts(sensitivity, deviation, measure_limits(q, *limits, margin), dexterity)
 
 
 def error_columns(
-    chain: Chain, q: Array, wrench: Array, uncertainty: ModelScatter, axes: Array | None = None
+    chain: Chain, q: Array, wrench: Array, uncertainty: ModelScatter | ErrorModel, axes: Array | None = None
 ) -> Array:
     """Return the deviation that one standard deviation of each error leaves: shape (n, 3, errors) [m].
 
-    The errors are those of the elastic coordinates, of the six components of the wrench, and of the joint zeros.
+    The errors are those of the elastic coordinates, of the six components of the wrench, and of the joint zeros; or
+    those of the model that is given.
     """
+    if not isinstance(uncertainty, ModelScatter):
+        return uncertainty.columns(q, wrench)
     frames = locate_frames(chain, q)
     return _error_columns(chain, frames, jacobian(chain, frames), wrench, uncertainty, axes)[0]
 

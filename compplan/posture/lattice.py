@@ -199,7 +199,7 @@ def fill_lattice(
     wrench = np.zeros((len(path), 6)) if path.wrench is None else path.wrench
     nodes = measure_nodes(
         chain, q[rows], wrench[rows[0]], limits=(arm.robot.lower, arm.robot.upper),
-        uncertainty=settings.uncertainty, measure=settings.measure, axes=axes, margin=settings.limit_margin,
+        uncertainty=settings.known, measure=settings.measure, axes=axes, margin=settings.limit_margin,
     )  # fmt: skip
     for name, array in values.items():
         array[rows] = getattr(nodes, name)

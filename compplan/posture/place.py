@@ -20,7 +20,7 @@ from compplan.job.job import Job, load_nominal
 from compplan.path.toolpath import Toolpath
 from compplan.posture.choose import choose_stance
 from compplan.posture.clearance import measure_margin
-from compplan.posture.costs import measure_nodes
+from compplan.posture.costs import ErrorModel, measure_nodes
 from compplan.posture.lattice import Options, build_options, orient_tool, pick_stations
 from compplan.posture.search import measure_rungs
 from compplan.posture.settings import PostureSettings
@@ -90,13 +90,16 @@ class PlaceResult:
         return self.stance.costs["sensitivity_p95_mm"] / max(self.before.costs["sensitivity_p95_mm"], 1e-12)
 
 
-def place_part(job: Job, robot: Robot, announce: Callable[[str], None] = lambda words: None) -> PlaceResult:
+def place_part(
+    job: Job, robot: Robot, announce: Callable[[str], None] = lambda words: None, errors: ErrorModel | None = None
+) -> PlaceResult:
     """Search the place of the part.
 
     Args:
         job: The job; its table [place] says where the part may stand.
         robot: The robot with its tool.
         announce: Is told what is being done.
+        errors: What the preset "promise" counts.
 
     Raises:
         InputError: If the table [place] asks for too many places.
@@ -105,7 +108,7 @@ def place_part(job: Job, robot: Robot, announce: Callable[[str], None] = lambda 
     """
     axes = _grid_axes(job)
     here = np.asarray(job.part.position_mm) * 1e-3
-    settings = read_request(job, robot).settings
+    settings = read_request(job, robot, errors).settings
     rater = Rater(robot, settings)
     ratings = []
     for turn_deg in job.place.turn_deg:
@@ -123,8 +126,8 @@ def place_part(job: Job, robot: Robot, announce: Callable[[str], None] = lambda 
     announce("place: refine, and search postures at the best places")
     candidates = [*_refine(job, rater, candidates[:3], here, axes), *candidates]
     candidates.sort(key=lambda entry: entry[0])
-    stance, position, turn = _decide(job, robot, candidates, here)
-    before = _stance_at(job, robot, here, 0.0)
+    stance, position, turn = _decide(job, robot, candidates, here, errors)
+    before = _stance_at(job, robot, here, 0.0, errors)
     if before is not None and before.costs["sensitivity_rms_mm"] <= stance.costs["sensitivity_rms_mm"]:
         stance, position, turn = before, here, 0.0
     low, high = (v * 1e-3 for v in job.place.base_height_mm)
@@ -153,7 +156,7 @@ def describe_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
             "expected_rms": before.costs["sensitivity_rms_mm"], "p95": before.costs["sensitivity_p95_mm"]
         },
         "ratio": None if before is None else result.ratio,
-        "uncertainty_assumed": result.stance.describe()["uncertainty_assumed"],
+        **result.stance.describe_errors(),
         "grids": [
             {
                 "turn_deg": float(np.degrees(rating.turn)),
@@ -218,7 +221,7 @@ class Rater:
         rows = np.nonzero(inside)
         nodes = measure_nodes(
             self.chain, q[rows], wrench[rows[0]], limits=(self.robot.lower, self.robot.upper),
-            uncertainty=self.settings.uncertainty, measure=self.settings.measure, axes=axes,
+            uncertainty=self.settings.known, measure=self.settings.measure, axes=axes,
         )  # fmt: skip
         values = np.full(inside.shape, np.inf)
         values[rows] = np.where(nodes.dexterity >= self.settings.singularity_margin, nodes.sensitivity, np.inf)
@@ -282,7 +285,7 @@ def _refine(
 
 
 def _decide(
-    job: Job, robot: Robot, candidates: list[tuple[float, Array, float]], here: Array
+    job: Job, robot: Robot, candidates: list[tuple[float, Array, float]], here: Array, errors: ErrorModel | None
 ) -> tuple[Stance, Array, float]:
     """Search postures at the best places that lie apart, and take the best."""
     best: tuple[Stance, Array, float] | None = None
@@ -295,7 +298,7 @@ def _decide(
         if len(tried) >= 5 * TRIED:
             break
         tried.append((place, turn))
-        stance = _stance_at(job, robot, place, turn)
+        stance = _stance_at(job, robot, place, turn, errors)
         if stance is not None and (
             best is None or stance.costs["sensitivity_rms_mm"] < best[0].costs["sensitivity_rms_mm"]
         ):
@@ -308,10 +311,10 @@ def _decide(
     return best
 
 
-def _stance_at(job: Job, robot: Robot, place: Array, turn: float) -> Stance | None:
+def _stance_at(job: Job, robot: Robot, place: Array, turn: float, errors: ErrorModel | None) -> Stance | None:
     """Search the posture with the part at a place; None where nothing leads along the path."""
     moved = _move_job(job, place, turn)
-    request = read_request(moved, robot)
+    request = read_request(moved, robot, errors)
     scene: CollisionScene | None = request.scene
 
     def margin(q: Array, waypoints: NDArray[np.int_]) -> Array:

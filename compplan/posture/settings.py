@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from compplan.posture.costs import Measure, ModelScatter
+from compplan.posture.costs import ErrorModel, Measure, ModelScatter
 from compplan.posture.motion import MotionFigures
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ class PostureSettings:
         free_spin: Whether the rotation about the tool axis is free.
         configuration: Words that the configuration has to have, such as {"elbow": "up"}; none: all are free.
         start: Joint positions to start near, or None. [rad or m]
-        preset: "accurate", "smooth" or "fast".
+        preset: "accurate", "promise", "smooth" or "fast".
         weights: Weights in place of the preset's, see `compplan.posture.costs.Weights`.
         measure: What sensitivity means: "expected" (root mean square) or "p95".
         uncertainty: How well wrench, compliance and joint zeros are known.
@@ -38,6 +38,7 @@ class PostureSettings:
         limit_room: Distance to a joint limit below which a posture is refused: room for the correction. [rad or m]
         most_step: Greatest motion of a joint between neighbouring waypoints of a cut. [rad or m]
         motion: What the motion of joints does to accuracy.
+        errors: What the promise knows of the robot, in place of `uncertainty`; None for other presets.
 
     """
 
@@ -59,10 +60,16 @@ class PostureSettings:
     limit_room: float = float(np.radians(2.0))
     most_step: float = float(np.radians(20.0))
     motion: MotionFigures = field(default_factory=MotionFigures)
+    errors: ErrorModel | None = None
+
+    @property
+    def known(self) -> ModelScatter | ErrorModel:
+        """What the sensitivity counts."""
+        return self.uncertainty if self.errors is None else self.errors
 
 
-def read_settings(job: Job, robot: Robot) -> PostureSettings:
-    """Take the settings from a job's tables [plan] and [posture].
+def read_settings(job: Job, robot: Robot, errors: ErrorModel | None = None) -> PostureSettings:
+    """Take the settings from a job's tables [plan] and [posture], and for the preset "promise" what is known.
 
     A wrench that is given in tool axes would turn with the tool: the rotation then stays where the job has it.
     """
@@ -89,8 +96,14 @@ def read_settings(job: Job, robot: Robot) -> PostureSettings:
         reconfigure=table.reconfigure == "rapid",
         singularity_margin=table.singularity_margin,
         limit_margin=float(np.radians(table.limit_margin_deg)),
-        motion=_read_motion(job, robot),
+        motion=_read_motion(job, robot) if errors is None else _leave_to_promise(_read_motion(job, robot)),
+        errors=errors,
     )
+
+
+def _leave_to_promise(figures: MotionFigures) -> MotionFigures:
+    """Gear error and lost motion are errors of the promise: motion pays for inertia alone."""
+    return figures._replace(gear=0.0, lost=0.0, source="gear error and lost motion: in the promise")
 
 
 def _read_motion(job: Job, robot: Robot) -> MotionFigures:

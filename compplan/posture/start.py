@@ -15,6 +15,7 @@ from compplan.posture.choose import choose_stance
 from compplan.posture.clearance import ClearanceProfile, measure_clearance, measure_margin
 from compplan.posture.collision_scene import CollisionScene, load_scene
 from compplan.posture.contacts import describe_contact
+from compplan.posture.costs import ErrorModel
 from compplan.posture.few_joints import follow_path
 from compplan.posture.settings import PostureSettings, read_settings
 from compplan.posture.stance import Wish, choose_posture
@@ -71,15 +72,15 @@ class Start:
     notes: tuple[str, ...] = ()
 
 
-def read_request(job: Job, robot: Robot) -> PostureRequest:
-    """Read what a job asks of the posture.
+def read_request(job: Job, robot: Robot, errors: ErrorModel | None = None) -> PostureRequest:
+    """Read what a job asks of the posture; `errors` is what the preset "promise" counts.
 
     Raises:
         InputError: If a mesh that the job names is missing or cannot be read.
 
     """
     wanted = 0.0 if job.collision is None else job.collision.clearance_mm * 1e-3
-    return PostureRequest(read_settings(job, robot), job.T_base_part[:3, :3], load_scene(job, robot), wanted)
+    return PostureRequest(read_settings(job, robot, errors), job.T_base_part[:3, :3], load_scene(job, robot), wanted)
 
 
 def find_start(

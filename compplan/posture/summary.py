@@ -96,17 +96,22 @@ class Stance:
         """Tool axis, tip to spindle, lead and lean included. Shape (n, 3)."""
         return np.asarray(-self.rotation[:, :, 2])
 
+    def describe_errors(self) -> dict[str, Any]:
+        """Describe for plan.json and place.json what the sensitivity counts."""
+        known, errors = self.settings.uncertainty, self.settings.errors
+        if errors is not None:
+            return {"promise_from": errors.source}
+        zero = float(np.degrees(known.joint_zero))
+        shares = {"wrench": known.wrench, "compliance": known.compliance, "joint_zero_deg": zero}
+        return {"uncertainty_assumed": shares}
+
     def describe(self) -> dict[str, Any]:
         """Describe the stance for plan.json."""
         spin, fixed = np.degrees(self.spin), self.map.fixed_sensitivity
         return {
             "preset": self.settings.preset,
             "weights_mm2": {name: float(value) for name, value in vars(self.weights).items()},
-            "uncertainty_assumed": {
-                "wrench": self.settings.uncertainty.wrench,
-                "compliance": self.settings.uncertainty.compliance,
-                "joint_zero_deg": float(np.degrees(self.settings.uncertainty.joint_zero)),
-            },
+            **self.describe_errors(),
             "motion_figures": {
                 "gear_error_deg": float(np.degrees(self.settings.motion.gear)),
                 "gear_periods": self.settings.motion.periods,
@@ -142,7 +147,7 @@ def measure_remaining(
         return {"expected_rms_mm": 0.0, "p95_mm": 0.0}
     if len(rows) > 400:
         rows = rows[np.linspace(0, len(rows) - 1, 400).astype(int)]
-    spread = error_columns(chain, q[rows], wrench[rows], settings.uncertainty, axes)
+    spread = error_columns(chain, q[rows], wrench[rows], settings.known, axes)
     weight = share[rows] / share[rows].sum()
     expected = float(np.sqrt((weight * np.einsum("nij,nij->n", spread, spread)).sum()))
     lengths = np.linalg.norm(spread @ draw_errors(spread.shape[2]), axis=1)

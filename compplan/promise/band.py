@@ -12,7 +12,7 @@ lambda the eigenvalues of V (`compplan.measure.distance`).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from scipy.spatial.distance import cdist
 from compplan.effects.assumed import known_uncertainty, list_assumed
 from compplan.effects.scene import Scene
 from compplan.measure.distance import LEVEL, band_radius
+from compplan.promise.narrow import Narrowing, list_knowable, rank_narrowings
 from compplan.promise.slopes import ForceSpread, measure_force_slopes, measure_slopes, pick_rows, tip_of
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
@@ -61,10 +62,12 @@ class Promise:
         cut: Rows that it is promised for. Shape (n,).
         between: Greatest distance between rows beyond that at the rows. [m]
         whole: Distance that the whole path keeps within with 95 %. [m]
-        leading: Parameters and their share of the variance at the widest row, largest first.
+        leading: Parameters and their share of the variance, mean over the path, largest first.
         known: What is known of the robot.
         force: How surely the force is known.
         assumed: What is assumed, one sentence each.
+        without: What `greatest` would be if a part were nothing, by part. [m]
+        narrowings: What better knowledge of one cause would make of `greatest`, smallest first.
     """
 
     radius: Array
@@ -77,6 +80,8 @@ class Promise:
     known: Uncertainty
     force: ForceSpread
     assumed: tuple[str, ...]
+    without: Mapping[str, float] = field(default_factory=dict)
+    narrowings: tuple[Narrowing, ...] = ()
 
     @property
     def greatest(self) -> float:
@@ -133,6 +138,11 @@ def promise_path(
     n = len(cut)
     total = _spread(slopes.rows, sum(parts.values(), np.zeros((1, 3, 3))), n)
     left = np.zeros(n) if left is None else left
+
+    def greatest(part: Array) -> float:
+        rest = total[cut] - _spread(slopes.rows, part, n)[cut]
+        return float((band_radius(rest) + left[cut]).max(initial=0.0)) + between
+
     return Promise(
         radius=band_radius(total) + left,
         parts={name: band_radius(_spread(slopes.rows, parts[name], n)) for name in PARTS},
@@ -143,6 +153,8 @@ def promise_path(
         leading=lead_unknowns(slopes, known, parts),
         known=known,
         force=force,
+        without={name: greatest(parts[name]) for name in PARTS},
+        narrowings=rank_narrowings(list_knowable(robot, known, slopes.model, parts), greatest),
         assumed=(*list_assumed(robot), *([f"force: {force.source}"] if "assumed" in force.source else [])),
     )
 

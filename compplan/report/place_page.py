@@ -35,7 +35,9 @@ def write_place_page(summary: Mapping[str, Any], place_map: bytes, posture_map: 
         Section("Turns about the vertical", [_turns(summary["grids"])], "The best place of each turn."),
         Section("Posture", posture),
     ]
-    assumed = ["what is not known of the robot (job: [posture.uncertainty])"] if summary["uncertainty_assumed"] else []
+    assumed = []
+    if "uncertainty_assumed" in summary:
+        assumed = ["what is not known of the robot (job: [posture.uncertainty])"]
     write_page(
         file,
         f"{summary['robot']}: where the part should stand",

@@ -17,6 +17,9 @@ WORDS = {
     "force": "the force",
 }
 
+#: What better knowledge has to leave at most for a sentence of its own: a share of the promise.
+WORTH = 0.99
+
 
 def show_promise(promise: Promise, stations: Stations, tolerance: float) -> Section:
     """Show the band that holds the true tip with 95 %.
@@ -40,6 +43,8 @@ def show_promise(promise: Promise, stations: Stations, tolerance: float) -> Sect
     )
     caption = "Distance from the path that holds the true tip with 95 %, and the same by each cause alone."
     blocks: list[Block] = [Chart(chart, caption, height=360, along=True), _table(promise)]
+    if promise.narrowings:
+        blocks.append(_narrowings(promise))
     if promise.leading:
         blocks.append(_leading(promise))
     if promise.assumed:
@@ -53,6 +58,12 @@ def say_promise(promise: Promise, tolerance: float) -> str:
         f"At any point the true tip is within {format_length(promise.greatest)} of the path with 95 %; the tolerance"
         f" that can be promised for the whole part is {format_length(promise.whole)}."
     )
+    best = promise.narrowings[0] if promise.narrowings else None
+    if best is not None and best.promise < WORTH * promise.greatest:
+        text += (
+            f" Knowing {best.words} would bring the promise at any point from {format_length(promise.greatest)} to"
+            f" {format_length(best.promise)}."
+        )
     kept = "That keeps" if promise.whole <= tolerance else "That does not keep"
     text += f" {kept} the tolerance of {format_set_value(1e3 * tolerance)} mm."
     known = promise.known
@@ -74,14 +85,28 @@ def _table(promise: Promise) -> PageTable:
         values = promise.parts[name]
         share = float(values[widest] ** 2 / total) if total > 0 else 0.0
         mean = float(np.sqrt(np.mean(values[cut] ** 2)))
-        rows.append([WORDS[name], 1e3 * mean, 1e3 * float(values[widest]), format_percent(share)])
+        without = promise.without.get(name)
+        rest = None if without is None else 1e3 * without
+        rows.append([WORDS[name], 1e3 * mean, 1e3 * float(values[widest]), format_percent(share), rest])
     together = [1e3 * float(np.sqrt(np.mean(promise.radius[cut] ** 2))), 1e3 * float(promise.radius[widest])]
-    rows.append(["all together", *(TableCell(value, "strong") for value in together), None])
+    rows.append(["all together", *(TableCell(value, "strong") for value in together), None, None])
     if promise.between > 0:
-        rows.append(["between waypoints, on top", None, 1e3 * promise.between, None])
-    rows.append(["the whole path at once", None, TableCell(1e3 * promise.whole, "strong"), None])
-    columns = [Column("95 % band by"), Column("rms", "mm"), Column("at its widest", "mm"), Column("of its square")]
+        rows.append(["between waypoints, on top", None, 1e3 * promise.between, None, None])
+    rows.append(["the whole path at once", None, TableCell(1e3 * promise.whole, "strong"), None, None])
+    columns = [
+        Column("95 % band by"), Column("rms", "mm"), Column("at its widest", "mm"), Column("of its square"),
+        Column("greatest without it", "mm"),
+    ]  # fmt: skip
     return PageTable(columns, rows, f"The band is widest at waypoint {widest}.")
+
+
+def _narrowings(promise: Promise) -> PageTable:
+    rows: list[list[TableCell | str | float | int | None]] = [
+        [entry.words, 1e3 * entry.promise, format_percent(1.0 - entry.promise / max(promise.greatest, 1e-12))]
+        for entry in promise.narrowings
+    ]
+    columns = [Column("if one knew"), Column("greatest of the band", "mm"), Column("narrower by")]
+    return PageTable(columns, rows, "What would reduce the promise most; each alone, the rest as it is.")
 
 
 def _leading(promise: Promise) -> PageTable:
