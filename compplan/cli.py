@@ -40,6 +40,7 @@ COMMANDS = {
     "view": "compplan.commands.view",
     "init": "compplan.commands.init",
     "doctor": "compplan.commands.doctor",
+    "completion": "compplan.commands.completion",
 }
 
 

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
+from compplan.commands.completion import complete_robots
 from compplan.commands.places import OUT_FILE
 from compplan.files.tables import dump_json
 
 
 @click.command("certificate")
-@click.argument("robot_name", metavar="ROBOT")
+@click.argument("robot_name", metavar="ROBOT", shell_complete=complete_robots)
 @click.option("--log", "log", type=click.Path(path_type=Path), help="Measurement log: accuracy and repeatability.")
 @click.option("--since", "older", help="Robot folder of the last certificate: drift.")
 @click.option("--out", "file", type=OUT_FILE, required=True, help="HTML file to write.")

@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 @click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (compare.json) to stdout.")
 def command(job: Path, folder: Path, as_json: bool) -> None:
-    """Compare every strategy on JOB: write compare.json and report.html."""
+    """Compare every strategy on JOB: write compare.json and report.html.
+
+    Example: compplan compare paths/circle_500mm.toml --out out
+    """
     from compplan.commands.progress import show_progress
     from compplan.job.job import load_job
     from compplan.outputs.plan import summarise_comparison, write_comparison

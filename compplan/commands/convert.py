@@ -41,7 +41,10 @@ TABLES = (".csv", ".txt", "")
 @click.option("--strict", is_flag=True, default=None, help="Refuse a file that is read with any note.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def command(camfile: Path, out: Path, max_step_mm: float | None, as_json: bool, **options: Any) -> None:
-    """Convert CAMFILE (a CAM file of a known language) to a toolpath table, and say what was read."""
+    """Convert CAMFILE (a CAM file of a known language) to a toolpath table, and say what was read.
+
+    Example: compplan convert part.nc --out part.csv
+    """
     if out.suffix.lower() not in TABLES:
         raise InputError(f"--out is {str(out)!r}, expected the name of a table that ends in .csv")
     cam = read_cam(camfile, check_table(CamTable, {key: value for key, value in options.items() if value is not None}))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from compplan.commands.completion import complete_robots
 from compplan.commands.measured import load_measured, measured_options, settle_questions
 from compplan.commands.places import OUT_FOLDER
 from compplan.commands.progress import show_progress
@@ -25,7 +26,8 @@ from compplan.outputs.diagnosis import write_diagnosis
 
 @click.command("diagnose")
 @click.argument("measurements", type=click.Path(path_type=Path))
-@click.option("--robot", "robot_name", required=True, help="Robot folder, or name of a shipped robot.")
+@click.option("--robot", "robot_name", required=True, shell_complete=complete_robots,
+              help="Robot folder, or name of a shipped robot.")  # fmt: skip
 @click.option("--out", required=True, type=OUT_FOLDER, help="Folder to write.")
 @click.option("--register", help="Fit these frames in every model: base, tool or base,tool.")
 @click.option(
@@ -43,6 +45,8 @@ def command(
     Writes DIR/diagnosis.json, DIR/robot (the updated robot folder, which every figure belongs to) and DIR/report.html;
     where named causes alone and with small errors everywhere are both worth a folder, DIR/robot is the one that
     predicts better, and DIR/robot_causes or DIR/robot_calibrated the other.
+
+    Example: compplan diagnose campaign.csv --robot kuka_kr270 --out out
     """
     parts = parse_parts(register)
     for name in without:

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
+from compplan.commands.completion import complete_robots
 from compplan.doctor import Remark, examine_installation, examine_log, examine_robot
 from compplan.errors import InputError
 from compplan.files.origin import describe_origin
@@ -22,15 +23,13 @@ COLOURS = {"fine": "green", "note": "cyan", "odd": "yellow"}
 
 @click.command("doctor")
 @click.argument("target", required=False)
-@click.option("--robot", "robot_name", default=None, help="Robot that the log was taken on: folder or shipped robot.")
+@click.option("--robot", "robot_name", default=None, shell_complete=complete_robots,
+              help="Robot that the log was taken on: folder or shipped robot.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
 def command(target: str | None, robot_name: str | None, as_json: bool) -> None:
-    r"""Look at TARGET and say what is odd: a robot (folder or name) or a measurement log; without it the installation.
+    """Look at TARGET and say what is odd: a robot (folder or name) or a measurement log; without it the installation.
 
-    \b
-    compplan doctor
-    compplan doctor ur10
-    compplan doctor measurements.csv --robot ur10
+    Example: compplan doctor measurements.csv --robot ur10
     """
     if target is not None and Path(target).is_file():
         findings = examine_log(Path(target), None if robot_name is None else load_robot(robot_name))

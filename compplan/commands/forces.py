@@ -17,7 +17,10 @@ from compplan.files.tables import dump_json
               "and fx_N fy_N fz_N, part axes.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (forces.json) to stdout.")
 def command(job: Path, folder: Path, log: Path | None, as_json: bool) -> None:
-    """Predict engagement and force along the path of JOB: write forces.json, forces.csv and report.html."""
+    """Predict engagement and force along the path of JOB: write forces.json, forces.csv and report.html.
+
+    Example: compplan forces examples/forces/pocket.toml --out out
+    """
     from compplan.commands.progress import show_progress
     from compplan.job.force_prediction import predict_forces
     from compplan.job.job import load_job

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 import numpy as np
 
+from compplan.commands.completion import complete_robots
 from compplan.commands.measured import load_measured, measured_options, settle_questions
 from compplan.commands.places import OUT_FOLDER
 from compplan.commands.progress import show_progress
@@ -26,7 +27,8 @@ from compplan.robot import load_robot
 
 @click.command()
 @click.argument("measurements", type=click.Path(path_type=Path), required=False)
-@click.option("--robot", "robot_name", required=True, help="Robot folder, or name of a shipped robot.")
+@click.option("--robot", "robot_name", required=True, shell_complete=complete_robots,
+              help="Robot folder, or name of a shipped robot.")  # fmt: skip
 @click.option("--out", type=OUT_FOLDER, required=True, help="Folder to write.")
 @click.option("--register", help='Frames that are unknown: "base", "tool" or "base,tool".')
 @click.option("--springs", help="Springs to identify, by name; default: those of the robot and one a joint.")
@@ -72,6 +74,8 @@ def command(
 
     Writes DIR/robot (the updated robot folder) and DIR/identify.json. With --choose-poses N it writes DIR/poses.csv: N
     poses and loads that tell the most.
+
+    Example: compplan identify examples/identify/measurements.csv --robot kuka_kr270 --out out
     """
     robot = load_robot(robot_name)
     options = IdentifyOptions(

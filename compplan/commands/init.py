@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 import tomli_w
 
+from compplan.commands.completion import complete_robots
 from compplan.errors import InputError
 from compplan.files.tables import write_text
 from compplan.files.transaction import replace_folder
@@ -26,19 +27,21 @@ ANY_FEED = 0.01
 
 @click.command()
 @click.argument("words", nargs=-1, metavar="[FILE | robot URDF | log]")
-@click.option("--robot", "robot_name", default=None, help="Robot of the job, or of the log: folder or shipped robot.")
+@click.option("--robot", "robot_name", default=None, shell_complete=complete_robots,
+              help="Robot of the job, or of the log: folder or shipped robot.")  # fmt: skip
 @click.option("--toolpath", default=None, help="Toolpath of the job, relative to it: CSV or a CAM file.")
 @click.option("--tcp", default=None, help="init robot: frame of the tool centre point; left out: the end of the chain.")
 @click.option("--out", type=click.Path(path_type=Path), default=None, help="Folder of the robot, or file of the log.")
 def command(
     words: tuple[str, ...], robot_name: str | None, toolpath: str | None, tcp: str | None, out: Path | None
 ) -> None:
-    r"""Write a job FILE (default job.toml) in which every key is explained; or a robot folder; or an empty log.
+    """Write a job FILE (default job.toml) in which every key is explained; or a robot folder; or an empty log.
 
-    \b
-    compplan init part.toml --robot ur10 --toolpath part.nc
-    compplan init robot arm.urdf --out arm
-    compplan init log --robot arm --out measurements.csv
+    Example: compplan init part.toml --robot ur10 --toolpath part.nc
+
+    Example: compplan init robot arm.urdf --out arm
+
+    Example: compplan init log --robot arm --out measurements.csv
     """
     if words[:1] == ("robot",):
         _refuse(words, 2, "robot URDF", robot_name=robot_name, toolpath=toolpath)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from compplan.commands.completion import complete_robots
 from compplan.commands.places import OUT_FOLDER
 from compplan.files.tables import dump_json
 
@@ -13,7 +14,8 @@ from compplan.files.tables import dump_json
 @click.command("learn")
 @click.argument("job", type=click.Path(path_type=Path))
 @click.argument("measured", type=click.Path(path_type=Path))
-@click.option("--robot", "robot_name", required=True, help="Robot folder that the part's program was planned with.")
+@click.option("--robot", "robot_name", required=True, shell_complete=complete_robots,
+              help="Robot folder that the part's program was planned with.")  # fmt: skip
 @click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @click.option("--frame", type=click.Choice(["part", "base"]), default="part", show_default=True,
               help="Frame of the measured points.")  # fmt: skip

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 import numpy as np
 
+from compplan.commands.completion import complete_robots
 from compplan.commands.places import OUT_FOLDER
 from compplan.effects import robot_effects
 from compplan.errors import InputError
@@ -21,7 +22,7 @@ MOST_LOAD, FARTHEST_MM = 1e5, 1e5
 
 
 @click.command()
-@click.argument("robot")
+@click.argument("robot", shell_complete=complete_robots)
 @click.option("--out", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @click.option("--posture", type=click.Choice(POSTURES), default="down", show_default=True,
               help="How the tool points; straight: wrist joints at zero.")  # fmt: skip
@@ -46,7 +47,10 @@ def command(
     reduced: str | None,
     as_json: bool,
 ) -> None:
-    """Draw how far ROBOT yields: under the worst unit force and under a given wrench, over two planes."""
+    """Draw how far ROBOT yields: under the worst unit force and under a given wrench, over two planes.
+
+    Example: compplan map kuka_kr270 --force 0 0 -800 --out out
+    """
     wrench = np.array([*force, *moment])
     if not np.isfinite([*wrench, height_mm, azimuth_deg]).all():
         raise InputError("force, moment, height and azimuth are finite numbers")

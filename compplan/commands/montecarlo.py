@@ -41,6 +41,8 @@ def command(job: Path, folder: Path, workers: int | None, scheduler: str | None,
     """Let strategies cut JOB in many uncertain cells: write montecarlo.json, report.html and the samples.
 
     Samples are kept in OUT/samples: an interrupted study goes on where it stopped when it is run again.
+
+    Example: compplan montecarlo paths/isf_cone.toml --samples 200 --seed 1 --out out
     """
     from compplan.errors import InputError
     from compplan.files.transaction import hold_folder

@@ -15,7 +15,10 @@ from compplan.files.tables import dump_json
 @click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (place.json) to stdout.")
 def command(job: Path, folder: Path, as_json: bool) -> None:
-    """Search where the part of JOB should stand: write place.json, report.html and two maps."""
+    """Search where the part of JOB should stand: write place.json, report.html and two maps.
+
+    Example: compplan place paths/circle_500mm.toml --out out
+    """
     from compplan.commands.progress import show_progress
     from compplan.job.job import load_job
     from compplan.outputs.place import write_placement

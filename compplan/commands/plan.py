@@ -15,13 +15,22 @@ from compplan.files.tables import dump_json
 if TYPE_CHECKING:
     from compplan.job.job import Job
 
+#: What a plan goes through, as it tells it.
+STAGES = (
+    "robot and toolpath", "posture", "sampling", "compensation", "force and feed", "virtual cell", "margins",
+    "promise", "write",
+)  # fmt: skip
+
 
 @click.command()
 @click.argument("job", type=click.Path(path_type=Path))
 @click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (plan.json) to stdout.")
 def command(job: Path, folder: Path, as_json: bool) -> None:
-    """Plan JOB: write plan.json, joints.csv, report.html and native programs."""
+    """Plan JOB: write plan.json, joints.csv, report.html and native programs.
+
+    Example: compplan plan paths/isf_cone.toml --out out
+    """
     from compplan.job.job import load_job
 
     carry_out(load_job(job), folder, as_json=as_json)
@@ -45,16 +54,18 @@ def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
     from compplan.plan.plan import plan_job
     from compplan.report.style import format_length
 
-    with show_progress() as announce:
-        plan = note_programs(plan_job(job, progress=lambda text: announce(f"plan: {text}")))
+    with show_progress(STAGES) as announce:
+        plan = note_programs(plan_job(job, progress=announce))
         plan = replace(plan, notes=(note, *plan.notes)) if note else plan
+        announce("promise: where the true tip is")
+        _ = plan.promise, plan.mismatch
         announce("write: programs, joints.csv, report.html")
         files = write_plan(plan, folder)
     if as_json:
         click.echo(dump_json(summarise_plan(plan), indent=2))
     else:
         before, after = (format_length(run.max_deviation) for run in (plan.before, plan.after))
-        click.echo(f"{plan.name}: {plan.status}, {len(plan.task)} waypoints, {plan.timing.time[-1]:.1f} s")
+        click.echo(f"{plan.name}: {plan.status}, {len(plan.task)} waypoints, {plan.timing.time[-1]:.1f} s cycle time")
         click.echo(f"greatest deviation {before} uncorrected, {after} planned ({plan.judge})")
         wrong = plan.mismatch
         click.echo(f"{format_length(wrong.max_deviation)} planned where the robot is not as modelled ({wrong.cell})")

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from compplan.commands.completion import complete_robots
 from compplan.commands.places import OUT_FOLDER
 from compplan.errors import InputError
 from compplan.files.tomlfile import check_table, read_named_table
@@ -14,7 +15,7 @@ from compplan.files.tomlfile import check_table, read_named_table
 
 @click.command()
 @click.argument("camfile", type=click.Path(path_type=Path))
-@click.option("--robot", required=True, help="A folder in robots/ or a path.")
+@click.option("--robot", required=True, shell_complete=complete_robots, help="A folder in robots/ or a path.")
 @click.option("--part", required=True, metavar="X,Y,Z[,RX,RY,RZ] | FILE", help="Part frame, mm and rotation vector.")
 @click.option("--tool", metavar="FILE", help="TOML file as [tool] of a job; left out: the robot folder's TCP.")
 @click.option("--process", metavar="FILE", help="TOML file as [process] of a job; left out: no force is predicted.")
@@ -28,7 +29,10 @@ def command(
     camfile: Path, robot: str, part: str, tool: str | None, process: str | None, programs: tuple[str, ...],
     cam: str | None, wishes: str | None, output: str | None, folder: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    """Read CAMFILE, plan it and write the programs, plan.json, joints.csv and report.html."""
+    """Read CAMFILE, plan it and write the programs, plan.json, joints.csv and report.html.
+
+    Example: compplan post part.nc --robot kuka_kr240 --part 1800,0,700 --program krl --out out
+    """
     from compplan.commands.plan import carry_out
     from compplan.job.job import check_job
 

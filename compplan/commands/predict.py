@@ -8,6 +8,7 @@ import click
 import numpy as np
 
 from compplan.cell.predict import folder_registration, predict_campaign, write_prediction
+from compplan.commands.completion import complete_robots
 from compplan.commands.measured import load_measured, measured_options
 from compplan.commands.places import OUT_TABLE
 from compplan.files.origin import describe_origin
@@ -19,7 +20,8 @@ from compplan.robot import load_robot
 
 @click.command("predict")
 @click.argument("measurements", type=click.Path(path_type=Path))
-@click.option("--robot", "robot_name", required=True, help="Robot folder, or name of a shipped robot.")
+@click.option("--robot", "robot_name", required=True, shell_complete=complete_robots,
+              help="Robot folder, or name of a shipped robot.")  # fmt: skip
 @click.option("--out", required=True, type=OUT_TABLE, help="CSV file to write.")
 @click.option("--register", default=None, help="Fit these frames to the campaign first: base, tool or base,tool.")
 @measured_options
@@ -28,7 +30,10 @@ def command(
     measurements: Path, robot_name: str, out: Path, register: str | None, tool: Path | None, target_offset: str | None,
     as_json: bool,
 ) -> None:  # fmt: skip
-    """Predict what the instrument should see in every row of MEASUREMENTS, if the robot folder were the whole truth."""
+    """Predict what the instrument should see in every row of MEASUREMENTS, if the robot folder were the whole truth.
+
+    Example: compplan predict later.csv --robot out/robot --out prediction.csv
+    """
     parts = parse_parts(register)
     robot, campaign = load_measured(measurements, robot_name, tool, target_offset)
     frames = folder_registration(load_robot(robot_name))

@@ -17,7 +17,10 @@ from compplan.reproduce.page import describe_reproduction, write_reproduction
 @click.option("--out", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def command(paper: str, out: Path, as_json: bool) -> None:
-    """Compute what a paper states, and show it beside the paper's figures."""
+    """Compute what a paper states, and show it beside the paper's figures.
+
+    Example: compplan reproduce johra2022 --out out
+    """
     result = reproduce_paper(paper)
     write_reproduction(result, out)
     table = describe_reproduction(result)

@@ -13,7 +13,10 @@ import click
 @click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="Port on 127.0.0.1.")
 @click.option("--open/--no-open", "opened", default=True, help="Open the page in the browser.")
 def command(out: Path, port: int, opened: bool) -> None:
-    """Show OUT, a folder of compplan plan or diagnose: the arm along the path, or measured poses. Ctrl-C ends it."""
+    """Show OUT, a folder of compplan plan or diagnose: the arm along the path, or measured poses. Ctrl-C ends it.
+
+    Example: compplan view out
+    """
     from compplan.report.view.server import HOST, start_server
 
     viewer = start_server(out, port)

@@ -77,6 +77,9 @@ def agree(
     for last in range(DIVISIONS + 1):
         progress(f"compensation of {len(task)} waypoints")
         found = _take_turns(task, strategy, wish, progress)
+        if found.command.solutions:
+            spent = sum(solution.iterations for solution in found.command.solutions)
+            progress(f"compensation: {len(found.command.solutions)} passes, {spent} solver iterations")
         excess, pieces = _missing_pieces(found)
         pieces = mending.allow(task, pieces, excess)
         if last == DIVISIONS or not (pieces > 1).any():

@@ -115,7 +115,7 @@ class Stage:
 
     def look_at(self, points: Array) -> None:
         """Turn the eyes of whoever opens the page to points, and offer to come nearer."""
-        near = 3.0 * float(np.ptp(points, axis=0).max())
+        near = 1.5 * float(np.ptp(points, axis=0).max()) + 0.05
         centre, extent = points.mean(axis=0), near + 1.0
         places = {"cell": extent, "path": near}
         self.server.initial_camera.position = tuple(centre + extent * ASIDE)
