@@ -70,7 +70,7 @@ def main() -> None:
         weights = fit_map(features[fold != number], right[fold != number])
         stated[fold == number] = expit(features[fold == number] @ weights[1:] + weights[0])
     named, sure = stated >= 0.5, stated >= 0.8
-    print("CONSTANT, MARGIN, REPEATED, FREE, APART =", ", ".join(f"{w:.2f}" for w in fit_map(features, right)))
+    print("CONSTANT, MARGIN, REPEATED, FREE, IMITATED =", ", ".join(f"{w:.2f}" for w in fit_map(features, right)))
     print(f"{len(right)} claims, left out in turn: {named.sum()} named, {right[named].mean():.3f} of them right")
     print(f"{sure.sum()} stated .8 and more, {1.0 - right[sure].mean():.3f} of them wrong")
     print(f"{int(right[~named].sum())} right ones withheld")

@@ -19,9 +19,11 @@ from compplan.diagnose import (
     channels,
     conventions,
     descent,
+    doubt,
     evidence,
     gains,
     held_out,
+    imitation,
     ledger,
     noise,
     offers,
@@ -91,11 +93,20 @@ def ask_outliers(bench: Bench) -> Any:
 
 def ask_certainty(bench: Bench) -> Any:
     """Strong and weak claims."""
-    cases = [(30.0, 25.0, 1.0, 1, 2.5), (4.0, 3.0, 0.5, 2, 1.1), (-50.0, -40.0, 0.0, 1, 0.1), (9e2, 9e2, 1.0, 1, 9.0)]
+    cases = [(30.0, 25.0, 1.0, 1, 0.02), (4.0, 3.0, 0.5, 2, 0.1), (-50.0, -40.0, 0.0, 1, 0.9), (9e2, 9e2, 1.0, 1, 2e-3)]
     return [
-        certainty.rate_certainty(certainty.Evidence(margin, plain, repeated, 3.0, 0.5, 0.1, free, apart))
-        for margin, plain, repeated, free, apart in cases
+        certainty.rate_certainty(certainty.Evidence(margin, plain, repeated, 3.0, 0.5, 0.1, free, imitated))
+        for margin, plain, repeated, free, imitated in cases
     ]
+
+
+def ask_imitation(bench: Bench) -> Any:
+    """Claims beside one that takes nearly all, and how often causes without a name are explained as fully."""
+    own = bench.small_fit
+    alone = replace(own.model, claims=own.model.claims[:1])
+    models = [replace(own.model, claims=own.model.claims[:2]), alone]
+    rated = [imitation.rate_imitations(own, doubt.Doubt(own.search, model, (), ())) for model in models]
+    return [list(found.values()) for found in rated], imitation.draw_causes(own)[:3, :5]
 
 
 def ask_blocks(bench: Bench) -> Any:

@@ -15,13 +15,14 @@ MOST_SURE = 0.99
 TEMPER = 2.0
 #: The map from evidence to log odds, fitted by penalised logistic regression to the claims of the development suite
 #: (study: python -m benchmarks.calibrate_certainty): constant, margin (arsinh of it over its scale), share of halves
-#: that repeat the claim, logarithm of the number of free values, and logarithm of what it explains beside the others
-#: over what all of them leave. No weight may be negative.
-CONSTANT, MARGIN, REPEATED, FREE, APART = -0.32, 0.17, 0.57, 0.82, 0.97
+#: that repeat the claim, logarithm of the number of free values, and logarithm of the probability that a cause without
+#: a name would be explained as fully, the last two with their signs turned. No weight may be negative.
+CONSTANT, MARGIN, REPEATED, FREE, IMITATED = -2.71, 0.27, 0.60, 0.90, 0.90
 #: Margins beyond the first count by their logarithm alone; those below the second tell no more (assumed).
 MARGIN_SCALE, LEAST_MARGIN = 5.0, -20.0
-#: Beyond these, what a claim explains over what is left tells no more (assumed).
-LEAST_APART, MOST_APART = 0.7, 2.0
+#: Neither do imitations rarer or more frequent than these: the first is what the draw can tell; beyond the second a
+#: larger cause stands beside the claim, and whether that has a name says nothing about this one (assumed).
+LEAST_IMITATED, MOST_IMITATED = 0.005, 0.2
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,8 @@ class Evidence:
         part: Motion that it explains over the gap.
         left: What is left beyond the noise floor over the gap.
         free: Number of values of a form whose shape no law of physics gives; 1 for all others.
-        apart: What it explains beside the other claims over what all of them leave, rms.
+        imitated: Probability that a cause without a name would be explained as fully as what the other claims leave is
+            by this one (compplan.diagnose.imitation).
     """
 
     margin: float
@@ -46,7 +48,7 @@ class Evidence:
     part: float
     left: float
     free: int
-    apart: float
+    imitated: float
 
     def to_table(self) -> dict[str, float]:
         """Return what diagnosis.json holds."""
@@ -54,10 +56,10 @@ class Evidence:
 
 
 def features_of(evidence: Evidence) -> Array:
-    """Return what the map weighs: margin, repetition, freedom, size beside what is left. Shape (4,)."""
+    """Return what the map weighs: margin, repetition, freedom, imitation. Shape (4,)."""
     margin = np.arcsinh(max(min(evidence.margin, evidence.plain), LEAST_MARGIN) / MARGIN_SCALE)
-    apart = np.log(np.clip(evidence.apart, LEAST_APART, MOST_APART))
-    return np.array([margin, evidence.repeated, -np.log(evidence.free), apart])
+    imitated = np.log(np.clip(evidence.imitated, LEAST_IMITATED, MOST_IMITATED))
+    return np.array([margin, evidence.repeated, -np.log(evidence.free), -imitated])
 
 
 def rate_certainty(evidence: Evidence) -> float:
@@ -66,6 +68,6 @@ def rate_certainty(evidence: Evidence) -> float:
     Args:
         evidence: What the claim shows.
     """
-    weights = np.array([MARGIN, REPEATED, FREE, APART])
+    weights = np.array([MARGIN, REPEATED, FREE, IMITATED])
     odds = CONSTANT + weights @ features_of(evidence)
     return float(np.clip(expit(odds), 0.0, MOST_SURE))

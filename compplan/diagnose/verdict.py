@@ -12,6 +12,7 @@ from compplan.diagnose.ambiguity import Rival, find_rivals
 from compplan.diagnose.certainty import Evidence, rate_certainty
 from compplan.diagnose.doubt import Doubt
 from compplan.diagnose.evidence import Hyper
+from compplan.diagnose.imitation import rate_imitations
 from compplan.diagnose.offers import REGISTRATION
 from compplan.diagnose.repetition import count_repetitions
 from compplan.diagnose.search import Claim, Search, distinct_places
@@ -130,8 +131,8 @@ def reach_verdict(fit: Fit, doubt: Doubt) -> Verdict:
         doubt: Its claims among errors that no effect makes.
     """
     structure = measure_structure(fit, doubt)
-    repeated = count_repetitions(fit, doubt)
-    findings = [weigh_claim(fit, doubt, claim, repeated[claim], structure) for claim in doubt.model.claims]
+    repeated, imitated = count_repetitions(fit, doubt), rate_imitations(fit, doubt)
+    findings = [weigh_claim(fit, doubt, c, repeated[c], imitated[c], structure) for c in doubt.model.claims]
     findings = sorted((name_far_zero(f) for f in findings), key=lambda f: -f.explained)
     small = NAMEABLE * structure.floor
     if fit.problem.register:
@@ -148,7 +149,9 @@ def reach_verdict(fit: Fit, doubt: Doubt) -> Verdict:
     return Verdict(status, named, doubtful, minor, structure)
 
 
-def weigh_claim(fit: Fit, doubt: Doubt, claim: Claim, repeated: float, structure: Structure) -> Finding:
+def weigh_claim(
+    fit: Fit, doubt: Doubt, claim: Claim, repeated: float, imitated: float, structure: Structure
+) -> Finding:  # fmt: skip
     """Compare the model with the best ones that lack a claim, among errors that no effect makes.
 
     Args:
@@ -156,6 +159,7 @@ def weigh_claim(fit: Fit, doubt: Doubt, claim: Claim, repeated: float, structure
         doubt: Its claims among errors that no effect makes.
         claim: The claim.
         repeated: Share of the halves of the campaign that tell it, too.
+        imitated: Probability that a cause without a name would be explained as fully.
         structure: What is left.
     """
     values = doubt.model.posterior.values(doubt.search.ledger.p)
@@ -171,7 +175,7 @@ def weigh_claim(fit: Fit, doubt: Doubt, claim: Claim, repeated: float, structure
     explained = motion_of(fit, columns, values)
     evidence = Evidence(margin, plain, repeated, explained / structure.floor, explained / max(structure.gap, 1e-12),
                         structure.rms / max(structure.gap, 1e-12), count_free(signature),
-                        stand_out(doubt, claim))  # fmt: skip
+                        imitated)  # fmt: skip
     return Finding(
         effect=signature.effect(values[columns] * signature.scale),
         probability=rate_certainty(evidence),
@@ -182,27 +186,6 @@ def weigh_claim(fit: Fit, doubt: Doubt, claim: Claim, repeated: float, structure
         signature=claim.signature,
         evidence=evidence,
     )
-
-
-def stand_out(doubt: Doubt, claim: Claim) -> float:
-    """Return what a claim explains beside all other claims over what all of them leave, both rms.
-
-    Plain least squares, frames that are fitted anyway included, small errors and errors without a name not.
-    """
-    ledger = doubt.search.ledger
-    total = ledger.channels[0].total
-    frames = ledger.columns_named(REGISTRATION)
-    every = np.union1d(ledger.join_columns(doubt.model.signatures), frames)
-    rest = ledger.join_columns(n for n in doubt.model.signatures if n != claim.signature)
-
-    def squares(columns: NDArray[np.int_]) -> float:
-        part = total.take(columns)
-        ridge = 1e-9 * (np.trace(part.gram) / max(len(columns), 1) + 1.0)
-        solved = np.linalg.solve(part.gram + ridge * np.eye(len(columns)), part.against)
-        return part.square - float(part.against @ solved)
-
-    left = max(squares(every), 1e-12)
-    return float(np.sqrt(max(squares(np.union1d(rest, frames)) - left, 0.0) / left))
 
 
 def count_free(signature: Signature) -> int:
