@@ -54,8 +54,8 @@ ROWS: dict[str, dict[str, Row]] = {
         "IMITATED": ("certainty", 0.0, 100.0),
         "MARGIN_SCALE": ("certainty", 1e-3, 1e4),
         "LEAST_MARGIN": ("certainty", -1e4, 1e4),
-        "LEAST_IMITATED": ("certainty", 1e-6, 0.15),
-        "MOST_IMITATED": ("certainty", 0.01, 1.0),
+        "LEAST_IMITATED": ("certainty", 1e-6, 0.12),
+        "MOST_IMITATED": ("certainty", 0.03, 1.0),
     },
     "channels": {
         "PATH_BLOCKS": ("blocks", 1, 400),
@@ -328,6 +328,7 @@ ROWS: dict[str, dict[str, Row]] = {
         "MOST_MARGIN": ("verdict", 0.1, None, FAR),
         "STEPS": ("left", 0, None, TIME),
         "LEFT_TO_NOISE": ("verdict", None, 1.0, FAR),
+        "CONTAINED": ("verdict", -1.0, None, ONE),
     },
 }  # fmt: skip
 #: Probes that take seconds.

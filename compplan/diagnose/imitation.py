@@ -96,7 +96,7 @@ def draw_causes(fit: Fit) -> Array:
         elif kind == 1:
             moved = rotation @ along
         else:
-            moved = at.parent_twist(*directions[rng.integers(len(directions))])[rows, :3]
+            moved = at.parent_twist(*directions[int(rng.integers(len(directions)))])[rows, :3]
         cause = (_shape(rng, np.sum(phases, axis=0))[:, None] * moved / channel.sigma).reshape(-1)
         size = float(np.sqrt(np.mean(cause**2)))
         if size > LEAST_SPREAD:
@@ -121,7 +121,7 @@ def list_followed(at: Linearization, rows: NDArray[np.int_]) -> list[Array]:
 
 
 def _pick(rng: np.random.Generator, followed: Sequence[Array]) -> Array:
-    kind = followed[rng.integers(len(followed))]
+    kind = followed[int(rng.integers(len(followed)))]
     return np.asarray(kind[:, rng.integers(kind.shape[1])])
 
 

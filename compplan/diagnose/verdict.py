@@ -13,6 +13,7 @@ from compplan.diagnose.certainty import Evidence, rate_certainty
 from compplan.diagnose.doubt import Doubt
 from compplan.diagnose.evidence import Hyper
 from compplan.diagnose.imitation import rate_imitations
+from compplan.diagnose.ledger import Ledger
 from compplan.diagnose.offers import REGISTRATION
 from compplan.diagnose.repetition import count_repetitions
 from compplan.diagnose.search import Claim, Search, distinct_places
@@ -50,6 +51,8 @@ FREE_FORMS = ("transmission_error", "gravity_compensator", "stiffness_nonlineari
 GIVEN_UP = 0.2
 #: Margins beyond this are not told apart; steps of the fit of noise without errors that have no name (assumed).
 MOST_MARGIN, STEPS = 1e3, 8
+#: Share of its squares by which one form may differ from a special case of another (assumed: rounding).
+CONTAINED = 1e-4
 #: Share of the values that is left to the noise at least, however many a model takes (assumed).
 LEFT_TO_NOISE = 0.5
 
@@ -196,18 +199,37 @@ def count_free(signature: Signature) -> int:
 def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Claim, alike: set[Place]) -> float:
     """Return the log posterior odds of a set of claims against the best set without one of them.
 
-    Noise and the sizes of all classes are held.
+    Noise and the sizes of all classes are held. A form that holds the claim as a special case (a law of deflection with
+    a linear part holds a joint's stiffness) is the same with more parameters and says nothing against it.
     """
     rest = [c for c in claims if c != claim]
     whole = search.model(claims, hyper, fit=False)
     without = search.model(rest, hyper, fit=False)
     scores = [without.score]
-    own = search.ledger.signatures[claim.signature].place
-    gains = [g for g in search.gains(without) if search.ledger.signatures[g.signature].place not in alike | {own}]
+    same = alike | {search.ledger.signatures[claim.signature].place}
+    wider = forms_that_hold(search.ledger, claim.signature)
+    gains = [g for g in search.gains(without) if g.signature not in wider]
+    gains = [g for g in gains if search.ledger.signatures[g.signature].place not in same]
     for gain in distinct_places(search, gains, RIVALS):
         scores.append(search.model((*rest, Claim(gain.signature, gain.size)), hyper, fit=False).score)
     best = float(np.logaddexp.reduce(scores))
     return float(np.clip(whole.score - best, -MOST_MARGIN, MOST_MARGIN)) if np.isfinite(best) else 0.0
+
+
+def forms_that_hold(ledger: Ledger, special: int) -> set[int]:
+    """List forms at the joint of one that have more parameters and hold all that this one can be."""
+    narrow, joint = ledger.columns(special), ledger.signatures[special].joint
+    gram = np.sum([channel.total.gram for channel in ledger.channels], axis=0)
+    found = set()
+    for number, signature in enumerate(ledger.signatures):
+        wide = ledger.columns(number)
+        if signature.joint != joint or len(wide) <= len(narrow):
+            continue
+        across, own = gram[np.ix_(wide, narrow)], gram[np.ix_(wide, wide)]
+        explained = np.trace(across.T @ np.linalg.pinv(own, rcond=1e-9, hermitian=True) @ across)
+        if explained > (1.0 - CONTAINED) * np.trace(gram[np.ix_(narrow, narrow)]):
+            found.add(number)
+    return found
 
 
 def given_up(fit: Fit, doubt: Doubt, small: float) -> tuple[Finding, ...]:
