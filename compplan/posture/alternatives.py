@@ -27,8 +27,8 @@ def compare_postures(
         the whole path.
 
     """
-    if start.stance is not None and start.stance.instead_of is not None:
-        return start.stance.instead_of, start.stance.costs
+    if start.stance is not None and start.stance.plain is not None:
+        return start.stance.instead_of or start.stance.costs, start.stance.plain
     plain = plain_posture(robot, start, tool_x)
     if plain is None or start.stance is None or start.request is None:
         return None

@@ -207,6 +207,7 @@ def _prefer_still(task: Task, stance: Stance) -> Stance:
     if task.margin is not None and (task.margin(plain.q[rows], rows) < 0).any():
         return stance
     costs, chosen = summarise_costs(task.chain, robot, nominal, plain.q, settings, task.axes), stance.costs
+    stance = replace(stance, plain=costs)
     for name, asked in (("limit_distance_deg", np.degrees(settings.limit_margin)),
                         ("dexterity_min", settings.singularity_margin)):
         if costs[name] < min(asked, chosen[name]):

@@ -72,6 +72,7 @@ class Stance:
         map: What the search saw.
         missed: Waypoints where the stance could not be followed. Shape (n,).
         keeps_margin: Whether some way along the path keeps the asked distance from joint limits.
+        plain: Costs of the plain posture (one configuration, the tool's x where the job has it) where it was weighed.
         instead_of: Costs of the graph's way where the plain posture was preferred to it, or None.
 
     """
@@ -89,6 +90,7 @@ class Stance:
     map: PostureMap
     missed: NDArray[np.bool_]
     keeps_margin: bool = True
+    plain: dict[str, float] | None = None
     instead_of: dict[str, float] | None = None
 
     @property
