@@ -66,11 +66,13 @@ def _changes(entries: list[dict[str, Any]]) -> list[Chart]:
     change = [100 * (entry["value"] / entry["before"] - 1) for entry in known]
     ends = [sorted(100 * (end / entry["before"] - 1) for end in entry["interval_95"]) for entry in known]
     said = [
-        f"{value:+.0f} % ({low:+.0f} to {high:+.0f})" for value, (low, high) in zip(change, ends, strict=True)
+        f"{value:+.0f} % ({low:+.0f} to {high:+.0f})".replace("-", "−")
+        for value, (low, high) in zip(change, ends, strict=True)
     ]
     figure = go.Figure(
         go.Scatter(
             x=change, y=[entry["name"] for entry in known], mode="markers+text", text=said, textposition="top center",
+            cliponaxis=False,
             marker={"size": 9, "color": [AFTER if entry["written"] else NEUTRAL for entry in known]},
             error_x={
                 "type": "data", "color": NEUTRAL, "thickness": 1.6,
@@ -81,7 +83,9 @@ def _changes(entries: list[dict[str, Any]]) -> list[Chart]:
         )
     )  # fmt: skip
     figure.add_vline(x=0.0, line={"color": TOLERANCE, "width": 1.2, "dash": "dash"})
-    figure.update_xaxes(title_text="change from the value before, %")
+    low, high = min(0.0, *(end[0] for end in ends)), max(0.0, *(end[1] for end in ends))
+    room = 0.15 * max(high - low, 1e-6)
+    figure.update_xaxes(title_text="change from the value before, %", range=[low - room, high + room])
     figure.update_yaxes(autorange="reversed")
     caption = "Dot: change, with its 95 % interval; grey dots are not written to the robot folder."
     return [Chart(figure, caption, height=100 + 44 * len(known))]

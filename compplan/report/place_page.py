@@ -84,7 +84,7 @@ def _turns(grids: Sequence[Mapping[str, Any]]) -> PageTable:
         place = [float(grid[f"{axis}_mm"][k]) for axis, k in zip("xyz", best, strict=True)]
         rows.append([float(grid["turn_deg"]), *place, float(bound[best]), int(np.isfinite(bound).sum())])
     columns = [
-        Column("turn", "deg"), Column("x", "mm", 5), Column("y", "mm", 5), Column("z", "mm", 5),
+        Column("turn", "deg"), Column("x", "mm", 4), Column("y", "mm", 4), Column("z", "mm", 4),
         Column("least remaining deviation (lower bound)", "mm"), Column("places from which the path can be followed"),
     ]  # fmt: skip
     return PageTable(columns, rows, scroll=12)

@@ -8,6 +8,7 @@
   const setup = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"] };
   // Between the margins of A4, in CSS pixels.
   const PAPER_WIDTH = 680;
+  const PAPER_HEIGHT = 900;
   let chosen = null;
 
   const element = (number) => document.getElementById(`chart-${number}`);
@@ -30,10 +31,19 @@
     const chart = page.charts[number];
     const node = element(number);
     const layout = { ...chart.layout, template: page.themes[root.dataset.theme], autosize: true };
-    if (narrow()) layout.margin = { ...layout.margin, l: Math.min((layout.margin || {}).l ?? 48, 48), r: 8 };
-    Plotly.newPlot(node, chart.data, layout, setup);
+    if (narrow()) {
+      layout.margin = { ...layout.margin, l: Math.min((layout.margin || {}).l ?? 48, 48), r: 8 };
+      if (sideBySide(chart.layout)) node.style.minWidth = `${PAPER_WIDTH}px`;
+    }
+    Plotly.newPlot(node, chart.data, layout, { ...setup, displayModeBar: narrow() ? false : "hover" });
     if (chart.linked) linkScenes(node);
     if (chart.along) linkWaypoints(number, node);
+  }
+
+  // Charts side by side keep their width on a phone, and are scrolled.
+  function sideBySide(layout) {
+    return Object.entries(layout).some(([key, axis]) =>
+      key.startsWith("scene2") || (key.startsWith("xaxis") && axis.domain && axis.domain[0] > 0));
   }
 
   function linkScenes(node) {
@@ -118,7 +128,10 @@
   function fitPaper(node) {
     const scenes = scenesOf(node);
     if (!scenes.length) {
-      Plotly.relayout(node, { width: PAPER_WIDTH, autosize: false });
+      const height = Math.min(node.clientHeight, PAPER_HEIGHT);
+      node.dataset.height = node.style.height;
+      node.style.height = `${height}px`;
+      Plotly.relayout(node, { width: PAPER_WIDTH, height, autosize: false });
       return;
     }
     scenes.forEach((key) => {
@@ -136,7 +149,8 @@
   function fitScreen(node) {
     node.querySelectorAll("img.frozen").forEach((picture) => picture.remove());
     node.style.zoom = node.style.width = "";
-    Plotly.relayout(node, { width: null, autosize: true });
+    if (node.dataset.height) node.style.height = node.dataset.height;
+    Plotly.relayout(node, { width: null, height: null, autosize: true });
   }
 
   function drawNext(number) {
