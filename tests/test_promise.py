@@ -144,6 +144,18 @@ def test_plan_states_its_promise_and_what_it_rests_on(tmp_path, monkeypatch, cap
     assert "that can be promised" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
+def test_the_oracle_is_the_quantile_of_the_tips_and_unmodelled_ones_leave_the_band(tmp_path: Path) -> None:
+    """A band of 1.96 sigma is an oracle's; where the truth scatters twice as far the oracle is twice as wide."""
+    robot = replace(one_joint_arm(tmp_path, length=1.5), uncertainty=soft_joint(1e-8))
+    scene = stage_path(robot, np.zeros((4, 1)), np.tile([0.0, 0, 100.0, 0, 0, 0], (4, 1)))
+    promise = promise_path(robot, scene, np.ones(4, bool), SURE)
+    honest = sample_promise(scene, promise, 1500, seed=3)
+    assert honest.oracle == pytest.approx(promise.radius[honest.rows], rel=0.06)
+    wider = sample_promise(scene, promise, 1500, seed=3, true=soft_joint(2e-8))
+    assert wider.oracle == pytest.approx(2 * honest.oracle, rel=1e-6)
+    assert wider.held == pytest.approx(0.673, abs=0.04)  # P(|z| < 0.98)
+
+
 def test_a_folder_whose_uncertainty_is_broken_ends_in_one_line(tmp_path, monkeypatch, capsys) -> None:
     folder = tmp_path / "robot"
     shutil.copytree(PATHS.parent / "robots" / "kuka_kr270", folder)

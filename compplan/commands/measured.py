@@ -34,7 +34,8 @@ def measured_options(command: Command) -> Command:
     return click.option(
         "--tool",
         type=click.Path(path_type=Path),
-        help="TOML file with position_mm, rotation_deg, mass_kg, centre_of_mass_mm, as [tool] of a job.",
+        help="TOML file with position_mm, rotation_deg, mass_kg, centre_of_mass_mm, as [tool] of a job; without a mass its"
+        " weight is not known and bends nothing.",
     )(command)
 
 
@@ -51,8 +52,7 @@ def load_measured(
     if tool is not None:
         data, key = read_named_table(tool, "tool")
         table = check_table(ToolTable, data, file=tool, key=key)
-        # here a tool without a mass weighs nothing, so that the folder's own tool counts as taken off
-        robot = table.model_copy(update={"mass_kg": table.mass_kg or 0.0}).mount(robot)
+        robot = table.mount(robot)
     campaign = read_campaign(measurements, robot)
     if target_offset is not None:
         campaign = replace(campaign, target_offset=parse_offset(target_offset))
