@@ -34,8 +34,8 @@ def measured_options(command: Command) -> Command:
     return click.option(
         "--tool",
         type=click.Path(path_type=Path),
-        help="TOML file with position_mm, rotation_deg, mass_kg, centre_of_mass_mm, as [tool] of a job; without a mass its"
-        " weight is not known and bends nothing.",
+        help="TOML file with position_mm, rotation_deg, mass_kg, centre_of_mass_mm, as [tool] of a job; without a mass"
+        " its weight is not known and bends nothing.",
     )(command)
 
 
