@@ -23,7 +23,7 @@ from compplan.report.view.gap_scene import GapScene
 from compplan.report.view.motion import bend_arm, locate_chain
 from compplan.report.view.paint import join_rows, paint_names, paint_sizes, pick_point, read_colour
 from compplan.report.view.plan_scene import PROMISE, PlanScene
-from compplan.report.view.recording import GapRecording, PlanRecording, read_recording
+from compplan.report.view.recording import GapRecording, PlanRecording, Solid, read_recording
 from compplan.robot import load_robot
 
 
@@ -110,6 +110,16 @@ def test_a_click_means_the_point_nearest_to_the_ray_and_nothing_behind_the_eye()
     points = np.array([[0.0, 0.0, 5.0], [1.0, 0.0, 5.0], [0.0, 0.0, -1.0]])
     assert pick_point(points, np.zeros(3), np.array([0.05, 0.0, 1.0])) == 0
     assert pick_point(points, np.zeros(3), np.array([0.19, 0.0, 1.0])) == 1
+
+
+def test_the_part_takes_the_colour_of_the_path_beside_it_and_keeps_its_own_elsewhere(scene: PlanScene) -> None:
+    record, row = scene.recording, scene.start + 40
+    corners = np.vstack([record.tip[row], record.tip[row] + [0.0, 0.0, -0.4], record.tip[row] + [0.5, 0.0, 0.0]])
+    part = Solid("part", "", (0.8, 0.6, 0.4, 1.0), corners, np.array([[0, 1, 2]]))
+    colours = scene.paint_solid(part, "uncorrected")
+    expected = paint_sizes(scene.sizes["uncorrected"][[row]], record.tolerance)[0]
+    np.testing.assert_array_equal(colours[0, :3], expected)
+    np.testing.assert_array_equal(colours[1:], [[204, 153, 102, 255]] * 2)
 
 
 def test_rings_of_the_promise_stand_off_the_path_by_its_radius(scene: PlanScene) -> None:
