@@ -28,10 +28,9 @@ RINGING, DAMPING = 25.0, 0.3  # of the arm [Hz], []: slow beside the teeth, so t
 #: Passes: y of each, mm; the block fills y < 0, or all of the plane.
 CASES = {
     "side, up": ([3.0], "below"),
-    "side, down": ([-3.0], "above"),
+    "wide, down": ([1.5], "above"),
     "half immersion, up": ([0.0], "below"),
     "two side passes, up": ([3.4, 1.9], "below"),
-    "two side passes, down": ([-3.4, -1.9], "above"),
     "slot": ([0.0], "all"),
 }
 

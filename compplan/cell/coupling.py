@@ -66,7 +66,8 @@ class Settled:
             return ("Force and deflection do not agree: as the tool leaves the path the process pushes it on faster "
                     f"than the arm holds it (least eigenvalue of 1 + K C {self.margin:.3g}).")  # fmt: skip
         return (f"Force and deflection do not agree in {self.passes} passes: the last moves the tip by "
-                f"{1e3 * self.steps[-1]:.2g} mm, {self.ratio:.2g} times as far as the pass before.")  # fmt: skip
+                f"{1e3 * self.steps[-1]:.2g} mm, the first did by {1e3 * self.steps[0]:.2g} mm, greatest ratio of a "
+                f"pass to the one before {self.ratio:.2g}.")  # fmt: skip
 
 
 def settle_coupled(

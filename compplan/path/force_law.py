@@ -16,6 +16,8 @@ from compplan.path.toolpath import Toolpath
 
 #: A CAM program has to move this far above and below z = 0 for that to be taken for the stock's top. [m]
 STOCK_ROOM = 1e-5
+#: A tool that is nearer to its path than this stands on it. [m]
+ON_PATH = 1e-7
 
 
 @dataclass(frozen=True)
@@ -115,6 +117,8 @@ class ForceLaw:
 
         """
         change = np.zeros_like(wrench)
+        if np.abs(away[~nominal.rapid]).max(initial=0.0) < ON_PATH:
+            return change
         moved = None if self.coupling is None else self.coupling.displace(nominal, away)
         if moved is None:
             change[:, :3] = -np.einsum("nij,nj->ni", stiffness, away)
