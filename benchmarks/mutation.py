@@ -106,7 +106,21 @@ ROOMS = {
     "process": Room(("path/process.py",), ("process", "plan")),
     "diagnose": Room(
         ("diagnose/*", "measure/*"),
-        ("diagnose_engine", "diagnose_traps", "diagnose_unmodelled", "questions", "where", "measurements", "predict"),
+        (
+            "diagnose_engine",
+            "diagnose_traps",
+            "diagnose_unmodelled",
+            "diagnosis_page",
+            "few_rows",
+            "imitation",
+            "measurements",
+            "next_measurement",
+            "noise",
+            "predict",
+            "questions",
+            "threshold_extremes",
+            "where",
+        ),
     ),
 }
 
