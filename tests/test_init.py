@@ -23,6 +23,17 @@ def test_a_job_names_the_robot_its_own_language_and_the_toolpath(tmp_path: Path,
     data = tomllib.loads(file.read_text())
     assert data["toolpath"] == "part.nc" and "generator" not in file.read_text().partition("[part]")[0]
     assert job.robot == "kuka_kr240" and data["output"]["programs"] == ["krl"]
+    assert data["process"]["model"] == "milling" and "axial_N" not in data["process"]
+    assert "assumed: put yours" in file.read_text()
+
+
+def test_a_table_of_waypoints_brings_its_own_forces_or_none(tmp_path: Path, monkeypatch, capsys) -> None:
+    (tmp_path / "path.csv").write_text("x_mm,y_mm,z_mm,i,j,k,feed_mm_s\n0,0,0,0,0,1,20\n10,0,0,0,0,1,20\n")
+    file = tmp_path / "part.toml"
+    done = run_command(["init", file, "--toolpath", "path.csv"], monkeypatch, capsys)
+    assert done.status == 0, done.err
+    assert tomllib.loads(file.read_text())["process"] == {"model": "columns"}
+    assert load_job(file).process.model == "columns"
 
 
 @pytest.mark.parametrize("name", sorted(robot_folders()))

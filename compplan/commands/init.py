@@ -21,6 +21,8 @@ from compplan.program.counting import load_controller
 from compplan.robot import Robot, load_robot
 from compplan.robot.skeleton import write_skeleton
 
+#: Keys of a force model that stay out until somebody wants them.
+OPTIONAL = ("# required", "# stock_top_mm")
 #: Stands for the feed that the job may state, while a toolpath is only looked at. [m/s]
 ANY_FEED = 0.01
 
@@ -78,8 +80,21 @@ def _init_job(file: Path, robot_name: str | None, toolpath: str | None) -> None:
         _check_toolpath(file.parent / toolpath)
         line = _line("toolpath", toolpath) + "\n\n"
         text = re.sub(r'# toolpath = "part.nc"\n.*?\n(?=\[part\])', lambda _: line, text, count=1, flags=re.DOTALL)
+        text = _choose_process(text, "columns" if toolpath.lower().endswith(".csv") else "milling")
     write_text(file, text)
     click.echo(f"wrote {file}; next: compplan plan {file} --out out")
+
+
+def _choose_process(text: str, model: str) -> str:
+    """Let a force model that suits the toolpath stand in place of sheet forming: its lines, and no other model's."""
+    head, process, rest = re.split(r"(?<=\n)(\[process\].*?\n)(?=\n)", text, maxsplit=1, flags=re.DOTALL)
+    lines = [line if line.startswith(("#", "[")) else f"# {line}" for line in process.splitlines()]
+    first = next(k for k, line in enumerate(lines) if line.startswith(f'# model = "{model}"'))
+    last = next(k for k, line in enumerate(lines) if k > first and line.startswith("# model = "))
+    own = [line.removeprefix("# ") for line in lines[first:last] if not line.startswith(OPTIONAL)]
+    left = [line for k, line in enumerate(lines) if not first <= k < last or line.startswith(OPTIONAL)]
+    note = "# the numbers of the cut are assumed: put yours" if model == "milling" else ""
+    return head + "\n".join([left[0], *filter(None, [note]), *own, *left[1:]]) + "\n" + rest
 
 
 def _check_toolpath(path: Path) -> None:
