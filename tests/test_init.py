@@ -40,6 +40,7 @@ def test_a_table_of_waypoints_brings_its_own_forces_or_none(tmp_path: Path, monk
 def test_a_robot_folder_is_made_from_its_urdf_alone(name: str, tmp_path: Path, monkeypatch, capsys) -> None:
     urdf = tmp_path / "arm.urdf"
     shutil.copy(find_robot_folder(name) / "robot.urdf", urdf)
+    (tmp_path / "arm").mkdir()  # empty, as a run that was killed may leave it
     done = run_command(["init", "robot", urdf, "--out", tmp_path / "arm"], monkeypatch, capsys)
     assert done.status == 0, done.err
     made, shipped = load_robot(tmp_path / "arm"), load_robot(name)

@@ -73,6 +73,12 @@ def test_each_mistake_in_a_table_has_its_sentence(tmp_path: Path, text: str, sen
         read(tmp_path, text)
 
 
+@pytest.mark.parametrize("number", ["1_000", "\u0661", "\uff11", "0x10"])
+def test_numbers_that_only_some_programs_read_are_refused(tmp_path: Path, number: str) -> None:
+    with pytest.raises(InputError, match=r"table.csv:3: column .x_mm. holds .*, expected a number"):
+        read(tmp_path, f"x_mm,y_mm\n1,2\n{number},2\n")
+
+
 def test_numbered_columns_must_not_leave_one_out(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"missing column q2: the columns q# count from 1"):
         read(tmp_path, "x_mm,y_mm,q1_deg,q3_deg\n1,2,3,4\n").numbered("q#")

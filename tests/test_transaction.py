@@ -12,7 +12,15 @@ from compplan.errors import InputError
 from compplan.files import transaction
 from compplan.files.origin import record_inputs
 from compplan.files.tables import read_text
-from compplan.files.transaction import MANIFEST, READY, hold_folder, list_files, replace_file, replace_folder
+from compplan.files.transaction import (
+    MANIFEST,
+    READY,
+    clear_parts,
+    hold_folder,
+    list_files,
+    replace_file,
+    replace_folder,
+)
 
 
 def write(folder, files, command="plan"):
@@ -149,6 +157,13 @@ def test_what_a_dead_run_had_ready_is_finished_first(tmp_path):
     with hold_folder(out):
         assert read(out) == {"a": "2", "b": "2", "mine": "mine"}
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_folder_is_cleared_of_what_dead_runs_left_half_written(tmp_path):
+    (tmp_path / ".study.json.dead.part").write_text("half")
+    (tmp_path / ".mine").write_text("keep me")
+    clear_parts(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == [".mine"]
 
 
 def test_hidden_files_of_dead_runs_are_cleared_and_those_of_living_ones_stay(tmp_path):

@@ -109,7 +109,8 @@ def _check_toolpath(path: Path) -> None:
 
 def _init_robot(urdf: Path, tcp: str | None, out: Path | None) -> None:
     folder = out or Path(urdf.stem)
-    _refuse_existing(folder)
+    if not folder.is_dir() or any(folder.iterdir()):  # a run that died may have left it empty
+        _refuse_existing(folder)
     texts = write_skeleton(urdf, tcp)
     with replace_folder(folder, "init") as new:
         for name, text in texts.items():

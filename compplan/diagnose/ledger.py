@@ -259,7 +259,7 @@ def turn_rows(group: NDArray[np.int_], design: Array, observed: Array) -> Rows:
     both = np.concatenate([design, observed[..., None]], axis=-1)
     size = np.zeros(observed.shape)
     first = np.flatnonzero(np.r_[True, np.diff(group) > 0]) if len(group) else np.zeros(0, int)
-    for start, end in zip(first, np.r_[first[1:], len(group)], strict=True):
+    for start, end in zip(first, np.r_[first, len(group)][1:], strict=True):
         n = end - start
         across = np.ones(n)
         across[0] -= np.sqrt(n)

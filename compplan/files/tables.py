@@ -159,6 +159,8 @@ def _split_rows(reader: Any, path: Path) -> Iterator[list[str]]:
 def _parse_numbers(path: Path, title: str, fields: Sequence[str], lines: NDArray[np.int64]) -> Array:
     """Return fields as numbers, NaN where they are empty."""
     try:
+        if not is_plain("".join(fields)):
+            raise ValueError
         numbers = np.array([field or "nan" for field in fields], dtype=np.str_).astype(np.float64)
     except ValueError:
         rows = zip(fields, lines.tolist(), strict=True)
@@ -172,10 +174,17 @@ def _parse_numbers(path: Path, title: str, fields: Sequence[str], lines: NDArray
 
 def _parse_number(path: Path, title: str, text: str, line: int) -> float:
     try:
+        if not is_plain(text):
+            raise ValueError
         return float(text) if text.strip() else np.nan
     except ValueError:
         message = f"column '{title}' holds {text.strip()!r}, expected a number with a decimal point"
         raise InputError(message, file=path, where=line) from None
+
+
+def is_plain(text: str) -> bool:
+    """Tell whether numbers in a text are written as other programs write them: no 1_000, no digits of other scripts."""
+    return text.isascii() and "_" not in text
 
 
 def read_text(path: str | Path) -> str:

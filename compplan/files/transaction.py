@@ -247,6 +247,13 @@ def _clear_leftovers(home: Path, place: Path) -> None:
             path.unlink(missing_ok=True)
 
 
+def clear_parts(folder: Path) -> None:
+    """Take away the files of a folder that dead runs left half written."""
+    for path in folder.glob(f".*{PART}"):
+        if path.is_file() and not path.is_symlink() and _is_abandoned(path):
+            path.unlink(missing_ok=True)
+
+
 def _is_abandoned(path: Path) -> bool:
     """Tell whether no living process holds a temporary file or folder."""
     try:

@@ -129,7 +129,9 @@ def _choose_at(task: Task, stations: NDArray[np.int_]) -> tuple[Stance, NDArray[
     )
     coarse = _fill(task, stations, build_options(task.arm, settings))
     weights = choose_weights(settings.preset, least_level(coarse, rungs), dict(settings.weights))
-    rungs = replace(rungs, price=price_motion(task.chain, coarse.q[coarse.usable], robot.prismatic, settings.motion))
+    if coarse.usable.any():  # none is where the part is out of reach, which the search says
+        reached = coarse.q[coarse.usable]
+        rungs = replace(rungs, price=price_motion(task.chain, reached, robot.prismatic, settings.motion))
     coarse, line, keeps = _search_with_margin(task, coarse, rungs, weights)
     fine, chosen = coarse, line
     options = _refine_options(task, coarse.options, line)

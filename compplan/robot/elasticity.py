@@ -28,6 +28,8 @@ def _expect_three(value: object) -> object:
     return value
 
 
+#: What a joint's acceleration may be limited to. [rad/s^2, m/s^2]
+Acceleration = Annotated[float, Field(ge=1e-3, le=1e6)]
 Triple = Annotated[Vector3, BeforeValidator(_expect_three)]
 
 
@@ -111,7 +113,7 @@ class ElasticityTable(StrictTable):
     tcp: str = Field(min_length=1)
     flange: str | None = Field(default=None, min_length=1)
     gravity: Triple | None = None
-    acceleration_limits: Annotated[tuple[Annotated[float, Field(gt=0.0)], ...], Field(strict=False)] | None = None
+    acceleration_limits: Annotated[tuple[Acceleration, ...], Field(strict=False)] | None = None
     repeatability_mm: float | None = Field(default=None, ge=0.0, le=MOST_SCATTER)
     sources: dict[str, str] = Field(default_factory=dict)
     grade: str = "placeholder"

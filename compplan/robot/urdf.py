@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError, UnknownNameError
+from compplan.files.tables import is_plain
 from compplan.files.xmlfile import parse_xml
 from compplan.robot.model import Array, Body, Joint, Mimic
 
@@ -165,7 +166,7 @@ def read_placement(element: ElementTree.Element | None, file: Path, where: str) 
 
 def _parse(word: str) -> float:
     try:
-        return float(word)
+        return float(word) if is_plain(word) else math.nan
     except ValueError:
         return math.nan
 

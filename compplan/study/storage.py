@@ -17,7 +17,7 @@ import numpy as np
 
 from compplan.errors import InputError
 from compplan.files.tables import write_text
-from compplan.files.transaction import replace_file
+from compplan.files.transaction import clear_parts, replace_file
 from compplan.robot import Array
 from compplan.study.judging import Judged
 from compplan.study.study import Study
@@ -66,6 +66,7 @@ class ChunkFolder:
                 "version); name another folder, or take them away with --discard"
             )
             raise InputError(message, file=folder)
+        clear_parts(folder)
 
     def _is_ours(self, file: Path) -> bool:
         """Tell whether a chunk is of this study; one that was cut off is nobody's."""
