@@ -87,3 +87,9 @@ def test_a_campaign_of_many_values_is_solved_among_its_columns(case: Case) -> No
     channel = ChannelProducts("position", empty, {}, 9.0, turned)
     assert gather_rows([channel], np.arange(21), np.zeros(21, bool)) is None
     assert gather_rows([channel], np.arange(22), np.zeros(22, bool)) is not None
+
+
+def test_no_rows_are_no_values() -> None:
+    turned = turn_rows(np.zeros(0, int), np.zeros((0, 3, 4)), np.zeros((0, 3)))
+    assert turned.design.shape == (0, 4)
+    assert turned.observed.shape == turned.size.shape == (0,)
