@@ -6,7 +6,7 @@ literature that did not measure the machine in front of you: `describe_noise` sa
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -14,6 +14,7 @@ from compplan.files.tomlfile import StrictTable
 
 #: Where the defaults come from, key by key.
 SOURCES: dict[str, str] = {
+    "robot": "spread: the keys below; posterior: what the robot folder knows of itself",
     "joint_compliance": "assumed; identified to 2 to 9 % [Dumas2011], reduced models to 15 % [Mamedov2018]",
     "link_compliance": "assumed; beams stand for castings whose walls are not known [Mamedov2018]",
     "joint_zero_deg": "assumed, after calibration",
@@ -46,6 +47,12 @@ SOURCES: dict[str, str] = {
     "effects": "none assumed beside the keys above",
 }
 
+#: Keys that robot = "posterior" takes from the robot folder.
+OF_ROBOT = (
+    "joint_compliance", "link_compliance", "joint_zero_deg", "geometry_mm", "geometry_deg", "tool_frame_mm",
+    "backlash_deg", "gear_error_deg", "repeatability_mm",
+)  # fmt: skip
+
 
 class EffectNoise(StrictTable):
     """[[noise.effects]]: an effect of the vocabulary that the cell may have; parameters are standard deviations, SI."""
@@ -62,6 +69,7 @@ class NoiseTable(StrictTable):
     Compliances are log-normal, so that none becomes negative; everything else is normal.
     """
 
+    robot: Literal["spread", "posterior"] = "spread"
     joint_compliance: float = Field(default=0.10, ge=0.0, le=1.0)
     link_compliance: float = Field(default=0.20, ge=0.0, le=1.0)
     joint_zero_deg: float = Field(default=0.003, ge=0.0, le=10.0)
@@ -97,9 +105,11 @@ class NoiseTable(StrictTable):
 def describe_noise(table: NoiseTable) -> list[str]:
     """Say of every key its value and where it comes from, one sentence each."""
     stated = table.model_fields_set
+    left = OF_ROBOT if table.robot == "posterior" else ()
     return [
         f"noise.{key} = {_show(getattr(table, key))}: {'set in the job' if key in stated else source}"
         for key, source in SOURCES.items()
+        if key not in left
     ]
 
 

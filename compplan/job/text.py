@@ -196,6 +196,8 @@ turn_deg = [0.0]                    # turns of the part about the vertical throu
 
 [noise]                             # Monte Carlo: one standard deviation each; what is left out takes the value shown,
                                     #   assumed or from literature: measure your own where it matters
+robot = "spread"                    # spread: robots by the keys below | posterior: by the folder's uncertainty.toml,
+                                    #   or widths assumed by its grade; the keys of the robot are then left out
 joint_compliance = 0.10             # assumed: relative error of each joint spring (log-normal)
 link_compliance = 0.20              # assumed: of each elastic link, bearing or extra spring (log-normal)
 joint_zero_deg = 0.003              # assumed, after calibration, as are the geometry errors

@@ -15,12 +15,14 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from compplan.effects import fold_effects, is_of_instrument, robot_effects
+from compplan.effects.assumed import known_uncertainty
 from compplan.effects.attained import attain_with_effects
 from compplan.job.noise import EffectNoise, NoiseTable
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import Chain, locate_frames
 from compplan.study.factors import PARTS, TWIST, Factors, link_blocks, to_normal, to_seed
+from compplan.study.posterior import Posterior, move_by_posterior, take_posterior
 
 #: Assumed where neither job nor robot folder states one, an axis. [m]
 REPEATABILITY = 2e-5
@@ -51,6 +53,7 @@ class Surroundings:
         knot: Position of each waypoint among the knots of the noise along the path. Shape (n,).
         forget: What is left of the noise from one knot to the next.
         repeatability: Standard deviation, an axis. [m]
+        posterior: What is known of the robot, where robots are drawn from that; or None.
 
     """
 
@@ -67,6 +70,7 @@ class Surroundings:
     knot: Array
     forget: float
     repeatability: float
+    posterior: Posterior | None = None
 
 
 class Cells(NamedTuple):
@@ -122,6 +126,7 @@ def survey_surroundings(task: PlanTask, noise: NoiseTable, factors: Factors) -> 
         knot=np.minimum(length / spacing, knots - 1.000001),
         forget=float(np.exp(-spacing / (noise.correlation_mm * 1e-3))),
         repeatability=REPEATABILITY if stated is None else stated,
+        posterior=take_posterior(task, find_travel(q).T) if noise.robot == "posterior" else None,
     )
 
 
@@ -159,6 +164,9 @@ def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, 
     scale += [noise.part_frame_mm * 1e-3] * 3 + [float(np.radians(noise.part_frame_deg))] * 3
     parts += [move_by_effect(task, entry) for entry in noise.effects]
     scale += [1.0] * len(noise.effects)
+    if noise.robot == "posterior":
+        drawn = move_by_posterior(task, known_uncertainty(task.robot))
+        parts, scale = parts + drawn, scale + [1.0] * len(drawn)
     return np.ascontiguousarray(np.swapaxes(np.array(parts), 1, 2)), np.array(scale)
 
 
@@ -201,7 +209,8 @@ def draw_cells(at: Surroundings, points: Array) -> Cells:
     factor[at.gears] = log_normal(take("gear_compliance"), noise.joint_compliance)
     for block, z in zip(at.links, take("link_compliance"), strict=True):
         factor[block] = log_normal(z, noise.link_compliance)
-    causes = np.vstack([take(name) for name in ("geometry", "temperature", "tool_frame", "part_frame", "effects")])
+    moving = ("geometry", "temperature", "tool_frame", "part_frame", "effects", "posterior")
+    causes = np.vstack([take(name) for name in moving])
     causes *= at.scale[:, None]
     bias, noises = take("force_bias"), _Noises(at, points)
     wrench = [_draw_wrench(at, take, noises, part) for part in range(PARTS)]
@@ -209,10 +218,13 @@ def draw_cells(at: Surroundings, points: Array) -> Cells:
     force *= _six(noise.force_noise_N, noise.moment_noise_Nm)
     force += (bias[:6, :, None] * _six(noise.force_bias_N, noise.moment_bias_Nm)
               + noise.force_gain * bias[6, :, None] * wrench[-1])  # fmt: skip
+    zero, drive = np.radians(noise.joint_zero_deg) * take("joint_zero"), _draw_drive(at, take, points)
+    if at.posterior is not None:
+        at.posterior.draw(take("posterior"), factor, zero, drive)
     return Cells(
         factor=factor,
-        zero=np.radians(noise.joint_zero_deg) * take("joint_zero"),
-        drive=_draw_drive(at, take, points),
+        zero=zero,
+        drive=drive,
         causes=causes,
         shift=shift_tip(causes, at.shift),
         wrench=wrench,

@@ -18,6 +18,7 @@ from scipy.stats import qmc
 from compplan.effects.scene import spring_coordinates
 from compplan.job.noise import NoiseTable
 from compplan.robot import Array, Robot
+from compplan.study.posterior import count_coordinates
 
 Sequence = Literal["sobol", "latin_hypercube"]
 SEQUENCES: tuple[Sequence, ...] = ("sobol", "latin_hypercube")
@@ -77,6 +78,7 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
         "force_noise": 1,
         "tracker": 1,
         "effects": len(noise.effects),
+        "posterior": count_coordinates(robot) if noise.robot == "posterior" else 0,
     }
     starts = np.concatenate([[0], np.cumsum(list(sizes.values()))])
     columns = {name: slice(int(a), int(a) + size) for (name, size), a in zip(sizes.items(), starts, strict=False)}
@@ -99,6 +101,7 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
         ),
         "tracker": (max(noise.tracker_mm, noise.tracker_mm_per_m), ("tracker",)),
         "effects": (float(len(noise.effects)), ("effects",)),
+        "robot": (1.0, ("posterior",)),
     }
     kept = {
         name: factors

@@ -35,6 +35,7 @@ def fingerprint_study(study: Study, settings: dict[str, Any]) -> str:
     at = study.surroundings
     arrays: list[Array] = [study.nominal, at.wrench, at.shift, at.scale, study.task.chain.compliance]
     arrays += [] if study.coupling is None else [study.coupling.stiffness]
+    arrays += [] if at.posterior is None else [1e9 * at.posterior.root]
     for name, worker in study.workers.items():
         digest.update(name.encode())
         arrays += [worker.q, worker.spring_factor]

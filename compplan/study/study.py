@@ -35,6 +35,7 @@ from compplan.study.draw import (
 )
 from compplan.study.factors import list_factors
 from compplan.study.kernel import Kernel, build_kernel
+from compplan.study.posterior import settle_robot
 
 #: Waypoints that a study looks at; a longer path is thinned evenly, and its report says so.
 MOST_WAYPOINTS = 2500
@@ -168,7 +169,7 @@ def prepare_study(
         InputError: If a strategy does not suit the robot, or nothing of the path is cut.
 
     """
-    noise = noise or NoiseTable()
+    noise = settle_robot(task.robot, noise or NoiseTable())
     if not task.compensated.any():
         raise InputError("nothing of the path is cut, there is nothing to judge")
     gears = bool(task.chain.actuator.any())

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from compplan.effects.assumed import known_uncertainty, list_assumed
 from compplan.job.noise import describe_noise
 from compplan.robot import Array
 from compplan.study.runner import Run
@@ -30,6 +31,14 @@ def _describe_reach(study: Study) -> list[str]:
     if study.coupling is None:
         return [f"left out of every sample: {UNCOUPLED}{LEFT_OUT}"]
     return [COUPLED, f"left out of every sample: {LEFT_OUT}"]
+
+
+def _describe_robots(study: Study) -> list[str]:
+    """Say what robots are drawn from, where that is what the folder knows."""
+    if study.noise.robot != "posterior":
+        return []
+    robot = study.task.robot
+    return [f"robots are drawn from what is known: {known_uncertainty(robot).source}", *list_assumed(robot)]
 
 
 def summarise_run(
@@ -66,7 +75,7 @@ def summarise_run(
         "sensitivity_of": main,
         "within_tolerance_means": "share of samples whose greatest deviation stays within the tolerance",
         "intervals": "ci95 of a mean: Student's t on independent replicates; of quantiles: order statistics",
-        "assumptions": [*_describe_reach(study), *describe_noise(study.noise)],
+        "assumptions": [*_describe_reach(study), *describe_noise(study.noise), *_describe_robots(study)],
     }
     if sensitivity is not None:
         summary["sensitivity"] = dict(zip(sensitivity.groups, sensitivity.total[main].tolist(), strict=True))

@@ -1,0 +1,141 @@
+"""Robots of a study that are drawn from what is known of the robot: [noise] robot = "posterior".
+
+A sample's coordinates make one draw of all parameters, p = k R z with covariance k^2 R R^T, and one of what no
+parameter explains. Compliances of driven springs, zeros, lost motion and gear waves act where the samples have them,
+so that encoders see them; everything else moves the tip to first order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+
+from compplan.effects import transmission_error
+from compplan.effects.assumed import known_uncertainty
+from compplan.effects.scene import own_springs
+from compplan.errors import InputError
+from compplan.job.noise import OF_ROBOT, NoiseTable
+from compplan.plan.task import PlanTask
+from compplan.promise.slopes import measure_slopes, pick_rows, stage_path
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Uncertainty
+
+#: Smooth errors along the path that stand for what is unexplained, and waypoints that tell them.
+MODES, STATIONS = 12, 200
+#: A spring keeps at least this share of its compliance.
+LEAST = 0.02
+
+
+class Part(NamedTuple):
+    """A parameter that acts inside the arm.
+
+    Attributes:
+        row: Its row among the parameters.
+        kind: "factor", "zero" or "drive".
+        place: Elastic coordinate, or joint.
+        shape: What one unit of it is: 1 / compliance, 1, or the motion of the drive along the path, shape (n,).
+    """
+
+    row: int
+    kind: str
+    place: int
+    shape: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """What is known of a robot, ready for samples.
+
+    Attributes:
+        root: Parameters per coordinate, as calibrated. Shape (p, r). [SI]
+        parts: Parameters that act inside the arm; the others move the tip.
+    """
+
+    root: Array
+    parts: tuple[Part, ...]
+
+    def draw(self, z: Array, factor: Array, zero: Array, drive: Array) -> None:
+        """Add the parameters of b samples to factors (s, b), zeros (nq, b) and drives (nq, b, n). z: (r, b)."""
+        values = self.root @ z[: self.root.shape[1]]
+        for part in self.parts:
+            if part.kind == "factor":
+                factor[part.place] = np.maximum(factor[part.place] + part.shape * values[part.row], LEAST)
+            elif part.kind == "zero":
+                zero[part.place] += values[part.row]
+            else:
+                drive[part.place] += values[part.row][:, None] * part.shape
+
+
+def count_coordinates(robot: Robot) -> int:
+    """Count the coordinates of a draw: those of the parameters, and three times MODES for what is unexplained."""
+    return known_uncertainty(robot).factor.shape[1] + 3 * MODES
+
+
+def settle_robot(robot: Robot, noise: NoiseTable) -> NoiseTable:
+    """Leave to the posterior what it knows; the same table where robots are drawn by [noise] itself.
+
+    Raises:
+        InputError: If the job also states a spread that the posterior has.
+    """
+    if noise.robot != "posterior":
+        return noise
+    stated = [key for key in OF_ROBOT if key in noise.model_fields_set]
+    if stated:
+        message = f"{stated[0]} is stated, and robot = \"posterior\" takes it from the robot folder; leave one out"
+        raise InputError(message, where="noise")
+    told = known_uncertainty(robot).repeatability or 0.0
+    return noise.model_copy(update={**dict.fromkeys(OF_ROBOT, 0.0), "repeatability_mm": told * 1e3})
+
+
+def take_posterior(task: PlanTask, travel: Array) -> Posterior:
+    """Find where the parameters of a task's robot act. travel: direction of travel of each joint, shape (nq, n)."""
+    known = known_uncertainty(task.robot)
+    return Posterior(known.calibration * known.root, _list_parts(task, known, travel))
+
+
+def move_by_posterior(task: PlanTask, known: Uncertainty) -> list[Array]:
+    """Return the motion of the tip per coordinate: parameters that act nowhere inside the arm, and smooth errors.
+
+    Shape (n, 3) each. [m]
+    """
+    inside = {part.row for part in _list_parts(task, known, np.zeros((task.robot.nq, len(task))))}
+    rows = pick_rows(np.ones(len(task), bool), STATIONS)
+    scene = stage_path(task.robot, task.q_start, task.wrench, task.step_time)
+    slopes = known.calibration * measure_slopes(scene, known.unknowns, rows)
+    slopes[:, :, sorted(inside)] = 0.0
+    found = [_spread(rows, column, len(task)) for column in np.moveaxis(slopes @ known.root, 2, 0)]
+    apart = cdist(task.position[rows], task.position[rows]) / known.scale
+    value, vector = np.linalg.eigh(np.exp(-0.5 * apart**2))
+    size = known.calibration * known.unexplained / np.sqrt(3.0)
+    smooth = np.zeros((len(rows), MODES))
+    most = min(MODES, len(rows))
+    smooth[:, :most] = size * (vector * np.sqrt(np.maximum(value, 0.0)))[:, ::-1][:, :most]
+    return found + [_spread(rows, np.outer(mode, axis), len(task)) for mode in smooth.T for axis in np.eye(3)]
+
+
+def _list_parts(task: PlanTask, known: Uncertainty, travel: Array) -> tuple[Part, ...]:
+    robot, parts, first = task.robot, [], 0
+    own, names = own_springs(robot), [joint.name for joint in robot.actuated]
+    for unknown in known.unknowns:
+        joint = names.index(unknown.joint) if unknown.joint in names else -1
+        one = np.ones(1)
+        if unknown.effect == "joint_stiffness" and joint in own:
+            parts.append(Part(first, "factor", own[joint].coordinate, one / own[joint].compliance))
+        elif unknown.effect == "joint_offset":
+            parts.append(Part(first, "zero", joint, one))
+        elif unknown.effect == "backlash":
+            parts.append(Part(first, "drive", joint, -0.5 * travel[joint]))
+        elif unknown.effect == transmission_error.name and "cycles_per_turn" in unknown.fixed:
+            shape = transmission_error.waves(task.q_start[:, joint], unknown.fixed["cycles_per_turn"], False)
+            parts += [Part(first + k, "drive", joint, column) for k, column in enumerate(shape.T)]
+        first += len(unknown.keys)
+    return tuple(parts)
+
+
+def _spread(rows: NDArray[np.int_], values: Array, n: int) -> Array:
+    """Interpolate a motion of the tip between the rows that were looked at. Shape (k, 3) -> (n, 3)."""
+    return np.stack([np.interp(np.arange(n), rows, column) for column in values.T], axis=1)

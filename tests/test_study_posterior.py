@@ -1,0 +1,88 @@
+"""Monte Carlo with robots drawn from what is known of the robot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from compplan.effects import attain_scene
+from compplan.effects.assumed import known_uncertainty
+from compplan.errors import InputError
+from compplan.job.job import check_job
+from compplan.job.noise import NoiseTable, describe_noise
+from compplan.plan.plan import build_task, prepare_job
+from compplan.promise.slopes import stage_path
+from compplan.promise.vary import vary_scene
+from compplan.study.draw import draw_cells
+from compplan.study.judging import run_strategy
+from compplan.study.posterior import MODES, count_coordinates, settle_robot
+from compplan.study.study import Study, prepare_study
+
+JOB = {
+    "schema": 1,
+    "robot": "kuka_kr270",
+    "toolpath": {"generator": "circle", "radius_mm": 80.0, "feed_mm_s": 20.0, "waypoints": 24},
+    "part": {"position_mm": [1800.0, 0.0, 800.0]},
+    "process": {"model": "constant", "force_N": [300.0, 200.0, 500.0]},
+    "plan": {"rotate_about_tool_axis": False},
+}
+#: Nothing but the robot is uncertain.
+REST = {
+    "part_frame_mm": 0.0, "part_frame_deg": 0.0, "temperature_K": 0.0, "wrench_level": 0.0, "wrench_path": 0.0,
+    "wrench_direction_deg": 0.0, "motor_encoder_deg": 0.0, "link_encoder_deg": 0.0,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def study() -> Study:
+    robot, nominal, options = prepare_job(check_job({**JOB, "noise": {"robot": "posterior", **REST}}, "job.toml"))
+    task = build_task(robot, nominal, replace(options, posture=None))
+    noise = NoiseTable(robot="posterior", **REST)
+    return prepare_study(task, noise, ["none"])
+
+
+def tips(study: Study, z: np.ndarray) -> np.ndarray:
+    """Return the tips of robots at coordinates z (b, r), everything else at its mean. Shape (b, n, 3). [m]"""
+    columns = study.surroundings.factors.columns
+    points = np.full((len(z), study.surroundings.factors.size), 0.5)
+    points[:, columns["posterior"]] = ndtr(z)
+    return np.moveaxis(run_strategy(study, "none", draw_cells(study.surroundings, points)), 0, -1)
+
+
+def test_a_drawn_robot_moves_the_tip_as_the_exact_equilibrium_of_its_parameters_does(study: Study) -> None:
+    """Compliances, zeros, lost motion, gear waves, geometry and tool at once, drawn to one standard deviation."""
+    task, known = study.task, known_uncertainty(study.task.robot)
+    z = np.random.default_rng(2).standard_normal((3, count_coordinates(task.robot)))
+    z[:, known.factor.shape[1] :] = 0.0
+    moved = tips(study, z) - tips(study, np.zeros((1, z.shape[1])))
+    scene = stage_path(task.robot, task.q_start, task.wrench, task.step_time)
+    rest = attain_scene(scene).position
+    for seen, one in zip(moved, z, strict=True):
+        values = known.calibration * known.root @ one[: known.factor.shape[1]]
+        exact = attain_scene(vary_scene(scene, known.unknowns, values)).position - rest
+        # a joint that has not moved yet is off by half its lost motion one way or the other: from the first turn on
+        size = np.linalg.norm(exact, axis=1).max()
+        assert np.linalg.norm((seen - exact)[12:], axis=1).max() < 0.05 * size
+
+
+def test_what_is_unexplained_has_its_size_along_the_path(study: Study) -> None:
+    known = known_uncertainty(study.task.robot)
+    z = np.zeros((400, count_coordinates(study.task.robot)))
+    z[:, -3 * MODES :] = np.random.default_rng(3).standard_normal((400, 3 * MODES))
+    moved = tips(study, z) - tips(study, np.zeros((1, z.shape[1])))
+    size = np.sqrt(np.mean(np.sum(moved**2, axis=2)))
+    assert size == pytest.approx(known.unexplained, rel=0.05)
+
+
+def test_the_spread_of_the_robot_is_left_to_the_folder(study: Study) -> None:
+    robot = study.task.robot
+    settled = settle_robot(robot, NoiseTable(robot="posterior"))
+    assert settled.joint_compliance == settled.geometry_mm == settled.backlash_deg == 0.0
+    assert settled.repeatability_mm == pytest.approx(1e3 * known_uncertainty(robot).repeatability)
+    assert not any("joint_compliance" in sentence for sentence in describe_noise(settled))
+    assert settle_robot(robot, NoiseTable()) == NoiseTable()
+    with pytest.raises(InputError, match="backlash_deg is stated, and robot = \"posterior\""):
+        settle_robot(robot, NoiseTable(robot="posterior", backlash_deg=0.01))
