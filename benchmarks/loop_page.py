@@ -55,7 +55,7 @@ def write_loop_page(shops: Sequence[Shop], floor: float, file: Path) -> None:
     told = say_shops(shops, floor)
     each: list[Block] = [Chart(_draw_rounds(shops, floor), "One line a shop. Dashed: the noise floor.", 420)]
     beside: list[Block] = [
-        Chart(_draw_promises(shops), "Every round of every shop; below the line the promise held.", 420, False),
+        Chart(_draw_promises(shops), "Every round; below the line the true rms is within the promise.", 420),
         _table(shops, floor),
     ]
     sections = [
