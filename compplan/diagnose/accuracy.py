@@ -167,11 +167,14 @@ def draw_learning(diagnosis: Diagnosis) -> Learning | None:
     campaign = diagnosis.fit.problem.campaign
     _, pose = np.unique(campaign.pose, return_inverse=True)
     label = np.where(campaign.on_path, pose.max(initial=0) + 1 + block_index(campaign), pose.reshape(-1))
-    # rows that were not measured tell the side of approach and nothing else
-    usable, group = campaign.usable, np.full(len(label), -1)
+    if delivery.fitted is None:
+        return None
+    # rows that are no part of the fit (not measured, outliers, an approach that nobody knows) tell nothing here
+    usable, group = np.zeros(len(label), bool), np.full(len(label), -1)
+    usable[delivery.fitted.search.ledger.source[0].rows] = True
     group[usable] = np.unique(label[usable], return_inverse=True)[1].reshape(-1)
     groups = int(group.max(initial=-1)) + 1
-    if delivery.fitted is None or groups < FEWEST_GROUPS:
+    if groups < FEWEST_GROUPS:
         return None
     rng = np.random.default_rng(SEED)
     parts = min(groups, PARTS)
