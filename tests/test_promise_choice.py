@@ -50,7 +50,7 @@ def test_what_is_gained_by_knowing_a_compliance_or_the_force_has_a_closed_form(t
     unit = Z * 1e-6 * 100.0 * 1.5**2
     assert promise.greatest == pytest.approx(unit * np.hypot(0.3, 0.1) + 3e-6, rel=2e-3)
     best, second = promise.narrowings[:2]
-    assert (best.cause, best.words) == ("joint_stiffness joint_1", "the compliance of joint_1 to 5%")
+    assert (best.cause, best.words) == ("joint_stiffness joint_1", "the compliance of joint_1 to 5 %")
     assert best.promise == pytest.approx(unit * np.hypot(0.05, 0.1) + 3e-6, rel=2e-3)
     assert second.cause == "the force"
     assert second.promise == pytest.approx(unit * np.hypot(0.3, 0.05) + 3e-6, rel=2e-3)

@@ -79,7 +79,7 @@ def _targets(robot: Robot, known: Uncertainty, deviation: Array) -> list[tuple[s
         for name in unknown.names:
             now = float(deviation[first])
             if unknown.effect == "joint_stiffness" and COMPLIANCE * whole < now and whole > 0:
-                found.append((f"the compliance of {unknown.joint} to {COMPLIANCE:.0%}", COMPLIANCE * whole))
+                found.append((f"the compliance of {unknown.joint} to {100 * COMPLIANCE:g} %", COMPLIANCE * whole))
             else:
                 found.append((f"{name} to a quarter of its width", SHARE * now))
             first += 1

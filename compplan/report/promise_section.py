@@ -58,14 +58,14 @@ def say_promise(promise: Promise, tolerance: float) -> str:
         f"At any point the true tip is within {format_length(promise.greatest)} of the path with 95 %; the tolerance"
         f" that can be promised for the whole part is {format_length(promise.whole)}."
     )
+    kept = "That keeps" if promise.whole <= tolerance else "That does not keep"
+    text += f" {kept} the tolerance of {format_set_value(1e3 * tolerance)} mm."
     best = promise.narrowings[0] if promise.narrowings else None
     if best is not None and best.promise < WORTH * promise.greatest:
         text += (
             f" Knowing {best.words} would bring the promise at any point from {format_length(promise.greatest)} to"
             f" {format_length(best.promise)}."
         )
-    kept = "That keeps" if promise.whole <= tolerance else "That does not keep"
-    text += f" {kept} the tolerance of {format_set_value(1e3 * tolerance)} mm."
     known = promise.known
     if known.grade != "measured":
         return f"{text} The widths are {'assumed' if known.grade == 'assumed' else 'from literature'}: {known.source}."
