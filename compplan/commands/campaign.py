@@ -34,11 +34,11 @@ def command(
 
     Example: compplan campaign paths/isf_cone.toml --poses 12 --weights-kg 0,50 --pull-N 300 --out poses
     """
+    from compplan.commands.measured import read_log
     from compplan.commands.progress import show_progress
     from compplan.errors import InputError
     from compplan.job.job import load_job
     from compplan.loop.campaign import Shop, design_campaign, parse_weights
-    from compplan.measure.reading import read_campaign
     from compplan.measure.registration import parse_parts
     from compplan.outputs.campaign import write_campaign
     from compplan.plan.plan import plan_job
@@ -50,7 +50,7 @@ def command(
     with show_progress() as announce:
         announce("plan")
         plan = plan_job(checked)
-        measured = None if log is None else read_campaign(log, plan.robot)
+        measured = read_log(log, plan.robot)
         campaign = design_campaign(plan, shop, count, measured, announce)
         announce("report")
         summary = write_campaign(campaign, folder)

@@ -22,10 +22,10 @@ def command(robot_name: str, log: Path | None, older: str | None, file: Path, as
 
     Example: compplan certificate out/robot --log campaign.csv --since last/robot --out certificate.html
     """
+    from compplan.commands.measured import read_log
     from compplan.commands.progress import show_progress
     from compplan.errors import InputError
     from compplan.loop.certificate import certify_robot
-    from compplan.measure.reading import read_campaign
     from compplan.outputs.certificate import write_certificate
     from compplan.report.certificate_page import summarise
     from compplan.robot import load_robot
@@ -36,7 +36,7 @@ def command(robot_name: str, log: Path | None, older: str | None, file: Path, as
     before = None if older is None else load_robot(older)
     if before is not None and before.joint_names != robot.joint_names:
         raise InputError(f"robot {before.name!r} has other joints than {robot.name!r}: no drift between them")
-    campaign = None if log is None else read_campaign(log, robot)
+    campaign = read_log(log, robot)
     with show_progress() as announce:
         announce("reference paths, stiffness, drift")
         certificate = certify_robot(robot, campaign, before)

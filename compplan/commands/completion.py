@@ -16,8 +16,7 @@ def command(shell: str) -> None:
 
     Example: compplan completion bash >> ~/.bashrc
     """
-    from compplan.cli import group
-
+    group = click.get_current_context().find_root().command
     scripts = get_completion_class(shell)
     assert scripts is not None
     click.echo(scripts(group, {}, "compplan", "_COMPPLAN_COMPLETE").source())

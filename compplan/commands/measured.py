@@ -10,7 +10,7 @@ from typing import Any
 import click
 import numpy as np
 
-from compplan.diagnose.questions import question_campaign
+from compplan.diagnose.questions import ask_unit, question_campaign, stage_rows
 from compplan.errors import InputError
 from compplan.files.tomlfile import check_table, read_named_table
 from compplan.job.job import ToolTable
@@ -74,6 +74,21 @@ def parse_offset(text: str) -> Array:
         most = f"at most {MOST_OFFSET * 1e3:.0f} each"
         raise InputError(f"--target-offset is {text!r}, expected three numbers X,Y,Z in mm, {most}")
     return offset
+
+
+def read_log(log: Path | None, robot: Robot) -> Campaign | None:
+    """Read a log whose distances are those that its joints say, in mm; None where there is none.
+
+    Raises:
+        InputError: If it is no log, or in another unit.
+    """
+    if log is None:
+        return None
+    campaign = read_campaign(log, robot)
+    question = ask_unit(stage_rows(robot, campaign))
+    if question is not None:
+        raise InputError(question.sentence, file=log)
+    return campaign
 
 
 def settle_questions(robot: Robot, campaign: Campaign, parts: Sequence[str], assume_ok: bool) -> list[str]:

@@ -117,6 +117,9 @@ def match_points(table: Table, nominal: Toolpath, T_base_part: Array, *, in_base
             f" {FARTHEST * 1e3:g} mm (median distance {far:.3g} mm); are they in the {'base' if in_base else 'part'}"
             " frame, in mm?"
         )
+    places = len(np.unique(np.round(length[good], 6)))
+    if places < FEWEST:
+        raise table.error(f"{int(good.sum())} points are of {places} places of the cut, expected at least {FEWEST}")
     return MeasuredPath(
         length[good], deviation[good], counts[good], sigma[good], int((~good).sum()), table.notes
     )
