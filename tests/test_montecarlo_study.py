@@ -114,7 +114,8 @@ def test_intervals_of_a_study_hold_as_often_as_they_say() -> None:
 
 def test_total_indices_find_what_matters() -> None:
     quiet = dict.fromkeys(NoiseTable.model_fields, 0.0)
-    for key in ("gear_periods", "correlation_mm", "plant_lag_ms", "plant_delay_ms", "expansion_per_K", "effects"):
+    kept = ("gear_periods", "correlation_mm", "plant_lag_ms", "plant_delay_ms", "expansion_per_K", "effects", "robot")
+    for key in kept:
         del quiet[key]
     noise = NoiseTable(**{**quiet, "wrench_level": 0.2, "joint_zero_deg": 0.0005})
     study = prepare_study(small_study().task, noise, ["none"], most_waypoints=6)

@@ -118,10 +118,13 @@ def test_the_loop_in_time_is_the_filter_of_the_study() -> None:
     study = cone_study()
     cells = quiet_cells(study, np.array([1.2]), np.ones(1))
     time = np.r_[0.0, np.cumsum(study.task.step_time)]
+    # where the tool stands while the force goes, several waypoints share a moment
+    judged = study.cut & np.r_[np.diff(time) > 0, True]
+    assert judged.sum() > 0.9 * study.cut.sum()
     for name in ("online_pi", "online_pid"):
         run = run_in_time(study.task, study.answers[name], TimeCell(study.task.robot.scale_compliance(1.2)))
-        filtered = np.sqrt((run_strategy(study, name, cells)[:, 0, study.cut] ** 2).sum(axis=0).mean())
-        stepped = np.sqrt((np.interp(time, run.time, run.distance)[study.cut] ** 2).mean())
+        filtered = np.sqrt((run_strategy(study, name, cells)[:, 0, judged] ** 2).sum(axis=0).mean())
+        stepped = np.sqrt((np.interp(time, run.time, run.distance)[judged] ** 2).mean())
         assert stepped == pytest.approx(filtered, rel=0.1)
         assert not run.limited.any()
 

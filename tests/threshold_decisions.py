@@ -42,7 +42,8 @@ def ask_names(bench: Bench) -> Any:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(verdict, "measure_structure", lambda fit, found: structure)
         patch.setattr(verdict, "count_repetitions", lambda fit, found: dict.fromkeys(range(len(findings)), 1.0))
-        patch.setattr(verdict, "weigh_claim", lambda fit, found, claim, repeated, seen: findings[claim])
+        patch.setattr(verdict, "rate_imitations", lambda fit, found: dict.fromkeys(range(len(findings)), 0.0))
+        patch.setattr(verdict, "weigh_claim", lambda fit, found, claim, repeated, imitated, seen: findings[claim])
         patch.setattr(verdict, "only_in_readings", lambda fit, found, finding: False)
         patch.setattr(verdict, "given_up", lambda fit, found, small: ())
         for register in ((), ("base",)):

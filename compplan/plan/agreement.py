@@ -79,7 +79,7 @@ def agree(
         found = _take_turns(task, strategy, wish, progress)
         if found.command.solutions:
             spent = sum(solution.iterations for solution in found.command.solutions)
-            progress(f"compensation: {len(found.command.solutions)} passes, {spent} solver iterations")
+            progress(f"compensation: passes {len(found.command.solutions)}, solver iterations {spent}")
         excess, pieces = _missing_pieces(found)
         pieces = mending.allow(task, pieces, excess)
         if last == DIVISIONS or not (pieces > 1).any():
