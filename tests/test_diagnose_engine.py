@@ -91,6 +91,15 @@ def test_the_same_pose_is_never_in_two_folds(robot: Robot) -> None:
         assert len(np.unique(folds[campaign.pose == pose])) == 1
 
 
+def test_no_fold_holds_all_of_a_short_path(robot: Robot) -> None:
+    campaign = measure(robot, plan_rows(robot, 3), [], 3)
+    for rows in (12, 40, len(campaign)):
+        path = campaign.take(np.arange(rows))
+        path = replace(path, run=np.array(["path_1"] * rows))
+        fold = make_folds(path)
+        assert np.bincount(fold).max() < rows and fold.min() == 0
+
+
 def test_an_offset_lists_the_origin_that_does_the_same(diagnosis: Diagnosis) -> None:
     finding = next(f for f in diagnosis.verdict.findings if f.effect.name == "joint_offset")
     alike = {r.place[:2] for r in finding.rivals if r.alike}

@@ -49,12 +49,16 @@ class HeldOut:
 def make_folds(campaign: Campaign, folds: int = FOLDS) -> NDArray[np.int_]:
     """Deal blocks of neighbouring stays to folds; the same pose is always in the same fold. Shape (n,).
 
+    So few blocks that all would be in one fold are dealt one by one, a single block by its halves.
+
     Args:
         campaign: The campaign.
         folds: Number of folds.
     """
     block = block_index(campaign)
     fold = (block // RUN_OF_BLOCKS) % folds
+    if not fold.any():
+        fold = block % folds if block.any() else np.arange(len(block)) * 2 // max(len(block), 1)
     static = ~campaign.on_path
     _, first = np.unique(campaign.pose, return_index=True)
     return np.where(static, fold[first[campaign.pose]], fold)
