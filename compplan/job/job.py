@@ -187,7 +187,15 @@ class StabilityTable(StrictTable):
     damping: float = Field(default=0.03, gt=0.0, le=0.5)
 
 
-Range = Annotated[tuple[float, float], Field(strict=False)]
+
+def _ascend(limits: tuple[float, float]) -> tuple[float, float]:
+    """Refuse a range whose end lies before its beginning."""
+    if limits[1] < limits[0]:
+        raise ValueError(f"ends at {limits[1]:g} before it begins at {limits[0]:g}")
+    return limits
+
+
+Range = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_ascend)]
 
 
 class PlaceTable(StrictTable):
@@ -198,7 +206,7 @@ class PlaceTable(StrictTable):
     z_mm: Range | None = None
     base_height_mm: Range = (0.0, 0.0)
     step_mm: float = Field(default=100.0, gt=0.0)
-    turn_deg: Numbers = (0.0,)
+    turn_deg: Annotated[tuple[Annotated[float, Field(ge=-360.0, le=360.0)], ...], Field(strict=False)] = (0.0,)
 
 
 class CollisionTable(StrictTable):
