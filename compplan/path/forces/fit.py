@@ -19,6 +19,8 @@ from compplan.path.contact import cutting_progress, path_axes
 from compplan.path.force_law import ForceLaw
 from compplan.path.toolpath import WRENCH, Toolpath
 
+#: Least share of the cut that a log spans: less is a length in metres that was called mm (assumed).
+LEAST_SPAN = 0.01
 #: Blocks of the path that are left out in turn, and rows in contact that a fit needs.
 BLOCKS, FEWEST = 20, 40
 #: Student's t of 95 % with BLOCKS - 1 degrees of freedom.
@@ -139,6 +141,9 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
         raise InputError(f"{len(cut)} rows lie in the cut, a comparison needs {FEWEST}; check s_mm", file=file)
     if (places := len(np.unique(log.s[cut]))) < BLOCKS:
         raise InputError(f"s_mm has {places} values in the cut, a comparison needs {BLOCKS}", file=file)
+    if (span := float(np.ptp(log.s[cut]))) < LEAST_SPAN * progress[-1]:
+        message = f"s_mm spans {1e3 * span:.3g} mm of a cut of {1e3 * progress[-1]:.4g} mm: check its unit"
+        raise InputError(message, file=file)
     columns, measured = columns[:, cut], measured[cut]
     _check_level(measured, predicted[cut], file)
     known = np.abs(columns).max(axis=(1, 2)) > 0.0
