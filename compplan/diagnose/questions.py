@@ -28,7 +28,10 @@ NO_EFFECT = 20e-3
 #: What an answer has to leave of the gap before it is offered (assumed: a fifth is never a matter of taste).
 CONVINCING = 0.2
 #: Units that logs are written in by mistake, against the millimetres that the column says (theory).
-UNITS = {1e-3: "metres", 1e-2: "decimetres", 1e-1: "centimetres", 1 / 25.4: "inches", 1e3: "micrometres"}
+UNITS = {
+    1e-3: "metres", 1e-2: "decimetres", 1e-1: "centimetres", 1 / 25.4: "inches", 1e3: "micrometres",
+    25.4: "millimetres taken for inches",
+}  # fmt: skip
 #: The ratio of distances that is read as another unit is this close to it (assumed: a tool that nobody stated).
 UNIT_ROOM = 0.2
 #: The sign test: log likelihood ratio of the wrong sign, a stay counted as one number (theory: odds of 20,000 to 1),
