@@ -124,7 +124,7 @@ def test_monte_carlo_couples_force_and_place_as_the_plan_does(sheet) -> None:
 
     quiet = {}
     for name in NoiseTable.model_fields:
-        if name not in ("effects", "correlation_mm", "gear_periods", "plant_lag_ms", "plant_delay_ms"):
+        if name not in ("effects", "correlation_mm", "gear_periods", "plant_lag_ms", "plant_delay_ms", "robot"):
             quiet[name] = 0.0
     noise = NoiseTable(**quiet)
     study = prepare_study(sheet.task, noise, ["none"])

@@ -120,7 +120,7 @@ def test_the_loop_in_time_is_the_filter_of_the_study() -> None:
     time = np.r_[0.0, np.cumsum(study.task.step_time)]
     # where the tool stands while the force goes, several waypoints share a moment
     judged = study.cut & np.r_[np.diff(time) > 0, True]
-    assert judged.sum() > 0.9 * study.cut.sum()
+    assert judged.sum() > 0.8 * study.cut.sum()
     for name in ("online_pi", "online_pid"):
         run = run_in_time(study.task, study.answers[name], TimeCell(study.task.robot.scale_compliance(1.2)))
         filtered = np.sqrt((run_strategy(study, name, cells)[:, 0, judged] ** 2).sum(axis=0).mean())

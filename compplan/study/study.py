@@ -224,7 +224,7 @@ def assemble_study(thin: PlanTask, noise: NoiseTable, answers: dict[str, Answer]
     encoders = next((c for c in answers.values() if c.sensor == "encoders"), None)
     columns, load = load_gears(thin, thin.q_start if encoders is None else encoders.q)
     loops = [c.loop for c in answers.values() if c.loop]
-    cut = np.flatnonzero(thin.cut)
+    cut = np.flatnonzero(thin.compensated)
     return Study(
         task=thin,
         waypoints_of_path=waypoints,
@@ -239,7 +239,7 @@ def assemble_study(thin: PlanTask, noise: NoiseTable, answers: dict[str, Answer]
         ),
         selection=selection,
         nominal=np.ascontiguousarray(thin.position.T),
-        cut=thin.cut,
+        cut=thin.compensated,
         grid=_make_grid(thin, loops[0]) if loops else None,
         stations=cut[np.unique(np.linspace(0, len(cut) - 1, min(STATIONS, len(cut))).astype(int))],
         softened=_count_softened(thin),
@@ -265,7 +265,6 @@ def thin_task(task: PlanTask, most: int) -> PlanTask:
         compensated=task.compensated[rows],
         q_start=task.q_start[rows],
         missed=task.missed[rows],
-        lead=task.lead[rows],
         step_time=np.diff(time[rows]),
         start=None,
     )
