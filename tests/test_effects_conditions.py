@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 from test_effects_signatures import make_campaign, make_linearization
 
-from compplan.effects import EFFECTS, attain_scene, command_campaign, driver_of, locate_effect, stage_scene
+from compplan.effects import (
+    EFFECTS,
+    Effect,
+    apply_effects,
+    attain_scene,
+    command_campaign,
+    driver_of,
+    locate_effect,
+    stage_scene,
+)
+from compplan.effects.assumed import assume_uncertainty, known_uncertainty
 from compplan.effects.linearization import Linearization, linearize_scene
 from compplan.effects.scene import own_springs
 from compplan.robot import Spring, load_robot
@@ -83,3 +93,44 @@ def test_commanded_rows_are_a_path_unless_they_are_said_to_be_poses() -> None:
     q = np.zeros((3, 6))
     assert command_campaign(q).on_path.all()
     assert not command_campaign(q, on_path=False).on_path.any()
+
+
+def test_where_commanded_rows_come_to_is_not_known_before_they_are_driven() -> None:
+    campaign = command_campaign(np.zeros((3, 6)))
+    assert campaign.position.shape == (3, 3) and np.isnan(campaign.position).all()
+    assert not campaign.usable.any()
+
+
+def test_springs_of_the_base_plate_do_not_hide_those_of_the_joints_behind_them(rail: Linearization) -> None:
+    robot = rail.robot
+    plate = next(joint for joint in robot.joints if joint.kind == "fixed")
+    own = {index: spring.compliance for index, spring in own_springs(robot).items()}
+    mounted = replace(robot, springs=(Spring(plate.name, "rx", 1e-8), *robot.springs))
+    assert own and {index: spring.compliance for index, spring in own_springs(mounted).items()} == own
+
+
+@pytest.mark.parametrize(
+    ("parameters", "factor", "constant"), [({"zero_m": 0.05}, 1.0, 0.05), ({"reversed": True}, -1.0, 0.0)]
+)
+def test_a_slide_whose_zero_is_moved_or_that_counts_backwards_carries_the_arm_along_its_axis(
+    parameters: dict[str, object], factor: float, constant: float, rail: Linearization
+) -> None:
+    robot = replace(rail.robot, springs=(), link_elasticities=(), gravity=None)
+    slide = next(joint for joint in robot.actuated if joint.kind == "prismatic")
+    q = np.full((2, robot.nq), 0.3)
+    q[:, robot.joint_names.index(slide.name)] = [0.2, -0.4]
+    scene = stage_scene(robot, command_campaign(q, on_path=False))
+    effect = Effect("joint_coupling", slide.name, None, parameters)
+    moved = attain_scene(apply_effects(scene, [effect])).position - attain_scene(scene).position
+    before = robot.joints[: robot.joints.index(slide) + 1]
+    assert all(joint.kind == "fixed" for joint in before[:-1])
+    along = np.linalg.multi_dot([np.eye(3), *(joint.placement[:3, :3] for joint in before)]) @ slide.axis
+    travel = np.array([0.2, -0.4])
+    assert moved == pytest.approx(np.outer((factor - 1.0) * travel + constant, along), abs=1e-12)
+
+
+def test_what_is_known_of_a_robot_holds_for_one_that_lies_in_no_folder(arm: Linearization) -> None:
+    robot = replace(arm.robot, folder=None)
+    known = assume_uncertainty(robot)
+    again = known_uncertainty(replace(robot, uncertainty=known))
+    assert [unknown.effect for unknown in again.unknowns] == [unknown.effect for unknown in known.unknowns]
