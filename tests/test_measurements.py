@@ -37,6 +37,18 @@ def test_either_unit_of_a_column_reads_the_same(robot: Robot, tmp_path: Path) ->
     assert one.position[0, 0] == pytest.approx(two.position[0, 0]) == 1.0
 
 
+def test_a_measured_orientation_is_a_rotation_vector(robot: Robot, tmp_path: Path) -> None:
+    head = HEAD.replace("z_mm", "z_mm,rx_deg,ry_deg,rz_deg")
+    third = 120.0 / np.sqrt(3.0)  # a third of a turn about the diagonal of a cube takes x to y, y to z, z to x
+    rows = [f"{third},{third},{third}", "0,0,90", ",,"]
+    text = "".join(f"static_1,0,9,0,0,0,0,0,0,0,0,0,0,0,1,2,3,{row}\n" for row in rows)
+    rotation = read_campaign(write(tmp_path, head + text), robot).rotation
+    assert rotation is not None
+    assert rotation[0] == pytest.approx(np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]]), abs=1e-12)
+    assert rotation[1] == pytest.approx(np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), abs=1e-12)
+    assert np.isnan(rotation[2]).all()
+
+
 def test_empty_fields_are_missing_values_and_their_rows_unusable(robot: Robot, tmp_path: Path) -> None:
     rows = "static_1,0,9,0,0,0,0,0,0,0,0,0,0,0,1,2,3\nstatic_1,5,9,0,0,0,0,0,0,0,0,0,0,0,,2,3\n"
     campaign = read_campaign(write(tmp_path, HEAD + rows), robot)

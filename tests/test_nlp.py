@@ -10,6 +10,7 @@ from compplan.errors import ShapeError
 from compplan.plan import nlp as program
 from compplan.plan.nlp import build_nlp, solve_nlp
 from compplan.plan.path_problem import PathProblem, Rows, pose_data, smoothness_matrix
+from compplan.plan.strategies.nlp import find_fast_rows
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.sensitivity import attain_pose
@@ -125,6 +126,36 @@ def test_rate_rows_are_velocities_and_accelerations():
     change = matrix @ q.ravel()
     assert change == pytest.approx([q[5, 2] - q[4, 2], velocity[5, 1] - velocity[4, 1]])
     assert bound == pytest.approx([0.1 * problem.velocity_limits[2], 0.1 * problem.acceleration_limits[1]])
+
+
+UNEVEN = np.array([0.5, 1.0, 3.0, 1.0, 0.25, 2.0, 0.5, 0.75, 1.5, 1.0, 2.5, 0.5, 1.0, 1.25, 0.5])
+
+
+def test_rate_rows_of_a_parabola_use_the_same_share_of_their_limits_whatever_the_steps():
+    # q = t^2 / 2 changes its speed by 1 rad/s every second, also between the middles of unequal steps
+    time = np.r_[0.0, np.cumsum(UNEVEN)]
+    problem = replace(make_problem(n=16), step_time=UNEVEN, acceleration_limits=np.full(6, 4.0))
+    rows = replace(plain_rows(problem), acceleration=np.array([[k, 1] for k in range(1, 15)]))
+    matrix, bound = program.rate_matrix(problem, rows)
+    q = np.zeros((16, 6))
+    q[:, 1] = 0.5 * time**2
+    assert (matrix @ q.ravel()) / bound == pytest.approx(np.full(14, 0.25))
+
+
+def test_fast_rows_are_found_by_the_speed_of_each_step_and_its_change_between_middles_of_steps():
+    steps = np.array([1.0, 0.75, 1.25, 1.0, 1.0, 0.75, 1.0, 0.75, 1.5, 1.0, 1.25, 0.75, 1.0, 1.25, 1.0])
+    time = np.r_[0.0, np.cumsum(steps)]
+    q = np.zeros((16, 6))
+    q[:, 2] = 0.1 * time + 0.9 * np.maximum(time - time[8], 0.0)  # 0.1 rad/s, and 1 rad/s after waypoint 8
+    problem = replace(make_problem(n=16), step_time=steps, velocity_limits=np.full(6, 1.01))
+    # waypoint 8 stands between steps of 0.75 s and 1.5 s: 0.9 rad/s in 1.125 s are 0.8 rad/s^2
+    none, hard = find_fast_rows(replace(problem, acceleration_limits=np.full(6, 0.79)), q)
+    assert len(none) == 0 and hard.tolist() == [[k, 2] for k in range(3, 14)]  # and five neighbours on either side
+    assert not len(find_fast_rows(replace(problem, acceleration_limits=np.full(6, 0.81)), q)[1])
+    slow = replace(problem, velocity_limits=np.full(6, 0.99), acceleration_limits=np.full(6, 9.0))
+    assert find_fast_rows(slow, q)[0].tolist() == [[k, 2] for k in range(3, 15)]  # steps from waypoint 8 on
+    steps[7] = 0.4  # less than half of the median step: it stands beside a rest, where the feed drops anyway
+    assert not len(find_fast_rows(replace(problem, step_time=steps, acceleration_limits=np.full(6, 0.79)), q)[1])
 
 
 def test_bounds_in_the_program_are_hard():

@@ -139,6 +139,29 @@ def test_a_wrench_file_is_read_by_row_or_by_length(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("frame", "force", "moment"),
+    [
+        ("base", [1, 2, 3], [4, 5, 6]),
+        ("part", [-2, 1, 3], [-5, 4, 6]),  # x of the part is y of the base
+        ("tool", [1, -2, -3], [4, -5, -6]),  # z out of the tool, which points down
+        ("path", [2, -1, 3], [5, -4, 6]),  # x along the travel, which is -y; y to its left, which is x
+    ],
+)
+def test_a_wrench_file_is_read_in_its_units_and_turned_from_each_frame_into_the_base(
+    frame: str, force: list[float], moment: list[float], tmp_path: Path
+) -> None:
+    (tmp_path / "log.csv").write_text(
+        "fx_kN,fy_N,fz_N,mx_Nmm,my_Nm,mz_kNm\n" + "0.001,2,3,4000,5,0.006\n" * 3, encoding="utf-8"
+    )
+    position = np.array([[0, 0, 0], [0, -0.1, 0], [0, -0.2, 0]])
+    nominal = Toolpath(position, np.tile([0.0, 0, 1], (3, 1)), np.ones(3), np.zeros(3, bool))
+    process = FileProcess.model_validate({"model": "file", "file": "log.csv", "frame": frame})
+    turn = Rotation.from_rotvec([0, 0, np.pi / 2]).as_matrix()
+    wrench = predict_wrench(process, nominal, R_base_part=turn, folder=tmp_path)
+    assert wrench[1] == pytest.approx([*force, *moment])
+
+
+@pytest.mark.parametrize(
     "process",
     [
         IsfProcess(model="isf", axial_N=1200.0, lateral_N=400.0, drag_N=50.0, ramp_mm=3.0),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from compplan.errors import InputError, ShapeError
-from compplan.files.columns import Column, split_unit, to_unit
+from compplan.files.columns import UNITS, Column, split_unit, to_unit
 from compplan.files.tables import read_table, write_table, write_text
 from compplan.files.transaction import replace_file
 
@@ -37,6 +37,25 @@ def test_units_in_column_names_lead_to_si(tmp_path: Path) -> None:
     assert table.values["sigma_angle"] == pytest.approx([np.pi / 2])
     assert table.text["run"].tolist() == ["static"]
     assert (table.units["q2"], table.headers["q2"]) == ("mm", "q2_mm")
+
+
+#: A quantity in each unit, and the same in SI.
+SAME = {
+    "m": (2.0, 2.0), "mm": (1500.0, 1.5), "um": (250.0, 0.00025), "rad": (1.0, 1.0), "mrad": (5.0, 0.005),
+    "deg": (90.0, np.pi / 2), "N": (7.0, 7.0), "kN": (1.5, 1500.0), "Nm": (3.0, 3.0), "Nmm": (2500.0, 2.5),
+    "kNm": (0.2, 200.0), "s": (4.0, 4.0), "ms": (40.0, 0.04), "m_s": (0.5, 0.5), "mm_s": (50.0, 0.05),
+    "m_min": (12.0, 0.2), "mm_min": (600.0, 0.01), "C": (21.5, 21.5),
+}  # fmt: skip
+
+
+def test_a_quantity_in_each_unit_is_read_and_written_as_what_it_is_in_si(tmp_path: Path) -> None:
+    assert set(SAME) == set(UNITS)
+    for unit, (value, si) in SAME.items():
+        file = tmp_path / "units.csv"
+        file.write_text(f"a_{unit}\n{value}\n", encoding="utf-8")
+        read_back = read_table(file, [Column("a", UNITS[unit][0])]).values["a"]
+        assert read_back == pytest.approx([si], rel=1e-14), unit
+        assert to_unit(np.array([si]), f"a_{unit}") == pytest.approx([value], rel=1e-14), unit
 
 
 def test_blank_lines_comments_and_a_byte_order_mark_are_read_past(tmp_path: Path) -> None:
