@@ -76,6 +76,24 @@ def test_a_registration_survives_its_file(robot: Robot, tmp_path: Path) -> None:
     np.testing.assert_allclose(back.base, registration.base, atol=1e-9)
 
 
+def test_a_registration_is_read_in_millimetres_and_rotation_vectors_in_degrees(robot: Robot, tmp_path: Path) -> None:
+    third = 120.0 / np.sqrt(3.0)  # a third of a turn about the diagonal of a cube takes x to y, y to z, z to x
+    (tmp_path / "registration.toml").write_text(
+        'schema = 1\nfitted = ["base", "tool"]\n'
+        f"[base]\nposition_mm = [2500, -1500, 800]\nrotation_deg = [{third}, {third}, {third}]\n"
+        '[[tool]]\ntarget = ""\nposition_mm = [20, 30, 40]\nrotation_deg = [0, 0, 90]\n',
+        encoding="utf-8",
+    )
+    told = read_registration(tmp_path / "registration.toml")
+    rows = plan_rows(robot, 10, poses=4)
+    plain, seen = predict_campaign(robot, rows), predict_campaign(robot, rows, registration=told)
+    x, y, z = (plain.position + plain.rotation @ np.array([0.02, 0.03, 0.04])).T
+    np.testing.assert_allclose(seen.position, np.column_stack([z + 2.5, x - 1.5, y + 0.8]), rtol=0, atol=1e-12)
+    ahead, across, out = np.moveaxis(plain.rotation, 2, 0)  # the target's x is the tool's y, its y the tool's -x
+    turned = np.stack([across, -ahead, out], axis=2)[:, [2, 0, 1]]
+    np.testing.assert_allclose(seen.rotation, turned, rtol=0, atol=1e-12)
+
+
 def test_link_side_readings_hide_what_lies_before_them(robot: Robot) -> None:
     rows = plan_rows(robot, 9, poses=6)
     linked = replace(rows, mode=np.array(["L2"] * len(rows)))
