@@ -181,13 +181,15 @@ def test_room(name: str, sample: int, seed: int, workers: int) -> dict[str, obje
         if not mutants:
             raise SystemExit(f"error: no mutants in {name}; mutmut said:\n{said[-3000:]}")
         drawn = random.Random(f"{seed} {name}").sample(mutants, min(sample, len(mutants)))
-        run_mutmut(folder, "run", *drawn, workers=workers)
+        said = run_mutmut(folder, "run", *drawn, workers=workers)
         results = read_results(folder)
         codes = {mutant: results.get(mutant) for mutant in drawn}
         survivors = [m for m, code in codes.items() if code in SURVIVED | UNTESTED]
         killed = sum(code in KILLED for code in codes.values())
         shown = {m: run_mutmut(folder, "show", m, workers=workers) for m in survivors}
     judged = killed + len(survivors)
+    if not judged:  # tests that fail without a mistake see nothing of one
+        raise SystemExit(f"error: no mutant of {name} was judged; mutmut said:\n{said[-3000:]}")
     low, high = wilson(killed, judged)
     return {
         "room": name, "mutants": len(mutants), "drawn": len(drawn), "judged": judged, "killed": killed,
