@@ -45,6 +45,8 @@ ERRORS, GAIN = ("sensitivity_rms_mm", "travel_error_rms_mm", "inertia_rms_mm"), 
 MARGIN_SAMPLES = 600
 #: Searches that collisions may ask for, and rounds of further stations.
 COLLISION_ROUNDS, STATION_ROUNDS = 25, 4
+#: Rotation and leans below which a tool stands as the job has it. [rad]
+STILL = 1e-9
 #: Stations times options that the graph has at most, as long as 50 stations are left.
 NODE_BUDGET = 17_500
 #: Steps of the fine grid on either side of the coarse line.
@@ -197,6 +199,9 @@ def _prefer_still(task: Task, stance: Stance) -> Stance:
     settings, nominal, robot = task.settings, task.nominal, task.robot
     if settings.preset not in ("accurate", "promise") or not stance.weights.travel > 0 or robot.nq < 6:
         return stance
+    leans = np.abs(np.stack([stance.spin, stance.lead, stance.lean])).max()
+    if leans < STILL and not stance.changes and not len(task.arm.held):  # the choice is the plain posture itself
+        return replace(stance, plain=stance.costs)
     rotation = tool_axes(nominal, task.tool_x)
     start = None if settings.start is None else np.array(settings.start)
     try:

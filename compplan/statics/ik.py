@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import ShapeError
 from compplan.robot import Array, Robot
-from compplan.statics.chain import Chain, build_chain, joint_jacobian, locate_frames
+from compplan.statics.chain import Chain, Frames, build_chain, joint_jacobian, locate_frames
 
 #: Names of the eight slots that solutions are sorted into; slot = 4 * back + 2 * down + flip.
 CONFIGURATIONS: tuple[dict[str, str], ...] = tuple(
@@ -110,9 +110,11 @@ def solve_branches(arm: Arm, position: Array, rotation: Array, held: Array | Non
     if len(rows):
         if not arm.exact:
             q = refine_ik(arm, q, position[rows], rotation[rows])
-        fits = np.abs(pose_error(arm.chain, q, position[rows], rotation[rows])).max(axis=1) < 1e-6
+        frames = locate_frames(arm.chain, q)
+        fits = np.abs(_miss(frames, position[rows], rotation[rows])).max(axis=1) < 1e-6
+        names = _name_slots(arm, frames)[fits]  # full turns change no name
         rows, q = rows[fits], _wrap(arm, q[fits], rest)
-        slots[rows, _assign_slots(rows, name_configuration(arm, q))] = q
+        slots[rows, _assign_slots(rows, names)] = q
     return slots
 
 
@@ -123,12 +125,15 @@ def name_configuration(arm: Arm, q: Array) -> NDArray[np.int_]:
     third joint stands above the line from the second to the wrist when the arm reaches forward. Wrist: the sign of the
     fifth joint, seen from where axes four and six line up.
     """
+    return _name_slots(arm, locate_frames(arm.chain, q))
+
+
+def _name_slots(arm: Arm, frames: Frames) -> NDArray[np.int_]:
     if len(arm.arm) < 6:
-        return np.zeros(len(q), int)
-    frames = locate_frames(arm.chain, q)
+        return np.zeros(len(frames.tcp_position), int)
     elements = arm.chain.joint_elements[arm.arm]
     axis, origin = frames.axis[:, elements], frames.origin[:, elements]
-    back = _shoulder_side(arm, q) * arm.front < 0
+    back = _shoulder_side(arm, frames) * arm.front < 0
     lateral = np.cross(axis[:, 0], np.cross(axis[:, 1], axis[:, 0])) * arm.front
     bend = np.cross(origin[:, 2] - origin[:, 1], _wrist(axis, origin) - origin[:, 1])
     down = np.einsum("ni,ni->n", bend, lateral) < 0
@@ -172,7 +177,10 @@ def refine_ik(arm: Arm, q: Array, position: Array, rotation: Array, *, iteration
 
 def pose_error(chain: Chain, q: Array, position: Array, rotation: Array) -> Array:
     """Tell by how much joint positions miss a pose: wanted - reached, rotation vector last, base axes. Shape (n, 6)."""
-    frames = locate_frames(chain, q)
+    return _miss(locate_frames(chain, q), position, rotation)
+
+
+def _miss(frames: Frames, position: Array, rotation: Array) -> Array:
     turn = Rotation.from_matrix(rotation @ np.swapaxes(frames.tcp_rotation, 1, 2)).as_rotvec()
     return np.hstack([position - frames.tcp_position, turn])
 
@@ -318,7 +326,7 @@ def _front_side(arm: Arm) -> float:
     first, second = arm.chain.joint_elements[arm.arm[:2]]
     direction = np.cross(frames.axis[0, second], frames.axis[0, first])
     offset = float((frames.origin[0, second] - frames.origin[0, first]) @ direction)
-    side = offset if abs(offset) > 1e-3 else float(_shoulder_side(arm, np.zeros((1, arm.chain.nq)))[0])
+    side = offset if abs(offset) > 1e-3 else float(_shoulder_side(arm, frames)[0])
     return -1.0 if side < 0 else 1.0
 
 
@@ -336,11 +344,10 @@ def _wrist(axis: Array, origin: Array) -> Array:
     return origin[:, 4] + (along / np.maximum(1.0 - cosine**2, 1e-6))[:, None] * axis[:, 4]
 
 
-def _shoulder_side(arm: Arm, q: Array) -> Array:
+def _shoulder_side(arm: Arm, frames: Frames) -> Array:
     """Return the wrist's distance from the first axis along the second joint's plane, signed; shape (n,) [m]."""
     if len(arm.arm) < 6:
-        return np.ones(len(q))
-    frames = locate_frames(arm.chain, q)
+        return np.ones(len(frames.tcp_position))
     elements = arm.chain.joint_elements[arm.arm]
     axis, origin = frames.axis[:, elements], frames.origin[:, elements]
     direction = np.cross(axis[:, 1], axis[:, 0])
