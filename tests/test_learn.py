@@ -100,6 +100,7 @@ def cut_part(job: Job, folder: str, truth: Robot, level: float, file: Path, seed
     return float(np.sqrt(np.mean(np.sum((tip - path) ** 2, axis=1))))
 
 
+@pytest.mark.slow
 def test_the_second_part_is_right_and_a_third_lesson_is_not_taken(small_job, tmp_path, monkeypatch, capsys) -> None:
     """A robot whose compliances, zeros, play and gears hide what its widths allow, cut with a force 10 % too high."""
     (drawn,) = draw_robots(load_robot("kuka_kr270"), 1, seed=3)

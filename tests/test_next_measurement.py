@@ -87,6 +87,7 @@ def test_a_reversal_comes_to_one_pose_from_both_sides(narrow: tuple[Robot, Campa
         assert pool.approach[list(move.rows), index].tolist() == [1.0, -1.0]
 
 
+@pytest.mark.slow
 def test_a_tie_is_broken_by_the_measurement_that_is_proposed(narrow: tuple[Robot, Campaign, Diagnosis]) -> None:
     robot, campaign, diagnosis = narrow
     before = rivals_of(diagnosis)

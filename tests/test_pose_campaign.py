@@ -98,6 +98,7 @@ def small_job(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.slow
 def test_the_log_that_is_filled_in_narrows_the_promise(small_job, tmp_path, monkeypatch, capsys) -> None:
     out = tmp_path / "poses"
     words = ["campaign", small_job, "--poses", "6", "--weights-kg", "0,100", "--pull-N", "300", "--out"]

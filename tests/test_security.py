@@ -1,6 +1,7 @@
 """Files are data: nothing that is read becomes code, and what a program opens to others is stated."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -24,11 +25,14 @@ def name_call(node: ast.Call) -> str:
     return ""
 
 
+@cache
 def list_calls():
-    for file in sorted(PACKAGE.rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call):
-                yield file.relative_to(PACKAGE).as_posix(), node
+    return [
+        (file.relative_to(PACKAGE).as_posix(), node)
+        for file in sorted(PACKAGE.rglob("*.py"))
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call)
+    ]
 
 
 def test_no_text_becomes_code():

@@ -22,6 +22,9 @@ from compplan.robot import Array
 from compplan.statics.chain import joint_jacobian, locate_frames
 
 STEPS = 80
+#: A waypoint is done where its step is smaller [rad or m], where a step lowers its cost by a smaller share (what can be
+#: reached falls to nothing in steps of many decades), or where no step helps however damped.
+STILL, SLIGHT, STUCK = 1e-10, 1e-6, 1e4
 #: What an error of orientation costs against one of position. [m/rad]
 LEVER = 0.2
 #: Weight of a correction beyond its limit, against that of a missed position: raised stage by stage.
@@ -82,19 +85,24 @@ def _descend(task: PlanTask, path: Array, q: Array, reference: Array, rows: NDAr
     """Take damped steps down to the compromise at one weight of the correction limit."""
     low, high = task.robot.lower, task.robot.upper
     here = _visit(task, path, q, reference, rows, steep)
-    damping = np.full(len(rows), 1e-6)
+    damping, busy = np.full(len(rows), 1e-6), np.arange(len(rows))
     for _ in range(STEPS):
-        gradient = np.einsum("kij,ki->kj", here.columns, here.residual)
-        held = ((here.q <= low) & (gradient > 0)) | ((here.q >= high) & (gradient < 0))
-        columns = here.columns * ~held[:, None, :]
-        normal = np.swapaxes(columns, 1, 2) @ columns + damping[:, None, None] * np.eye(q.shape[1])
+        now = _Point(*(value[busy] for value in _parts(here)))
+        gradient = np.einsum("kij,ki->kj", now.columns, now.residual)
+        held = ((now.q <= low) & (gradient > 0)) | ((now.q >= high) & (gradient < 0))
+        columns = now.columns * ~held[:, None, :]
+        normal = np.swapaxes(columns, 1, 2) @ columns + damping[busy, None, None] * np.eye(q.shape[1])
         step = np.linalg.solve(normal, (gradient * ~held)[..., None])[..., 0]
         step *= np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-300))
-        there = _visit(task, path, np.clip(here.q - step, low, high), reference, rows, steep)
-        better = there.cost < here.cost
-        here = _Point(*(_choose(better, new, old) for new, old in zip(_parts(there), _parts(here), strict=True)))
-        damping = np.where(better, np.maximum(damping * 0.1, 1e-14), np.minimum(damping * 10.0, 1e6))
-        if np.abs(step[better]).max(initial=0.0) < 1e-12:
+        there = _visit(task, path, np.clip(now.q - step, low, high), reference[busy], rows[busy], steep)
+        better = there.cost < now.cost
+        for value, new in zip(_parts(here), _parts(there), strict=True):
+            value[busy[better]] = new[better]
+        path[rows[busy]] = here.q[busy]
+        damping[busy] = np.where(better, np.maximum(damping[busy] * 0.1, 1e-14), np.minimum(damping[busy] * 10.0, 1e6))
+        slight = better & (now.cost - there.cost < SLIGHT * now.cost)
+        busy = busy[(np.abs(step).max(axis=1) > STILL) & ~slight & (damping[busy] < STUCK)]
+        if not len(busy):
             break
     return here.q
 
@@ -130,6 +138,3 @@ def _visit(task: PlanTask, path: Array, q: Array, reference: Array, rows: NDArra
 def _parts(point: _Point) -> tuple[Array, Array, Array, Array]:
     return point.q, point.residual, point.columns, point.cost
 
-
-def _choose(better: NDArray[np.bool_], new: Array, old: Array) -> Array:
-    return np.where(better.reshape(-1, *[1] * (old.ndim - 1)), new, old)
