@@ -1,6 +1,7 @@
 """The commands plan and compare: files, summaries, exit statuses."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -56,7 +57,32 @@ def test_joints_csv_puts_the_loaded_tool_on_the_path(small_job, tmp_path, monkey
     assert cut.sum() == 80 and {"approach", "retract"} <= set(moves)
     assert np.abs(position - table.stack(["x", "y", "z"]))[cut].max() < 1e-8
     assert np.abs(-rotation[:, :, 2] - table.stack(["i", "j", "k"]))[cut].max() < 1e-8
-    assert (np.diff(table.values["time"]) > 0).all()
+    time, wanted = table.values["time"], table.stack(["x", "y", "z"])
+    assert time[0] == 0.0 and (np.diff(time) > 0).all()
+    speed = np.linalg.norm(np.diff(wanted[cut], axis=0), axis=1) / np.diff(time[cut])
+    assert speed[10:-10] == pytest.approx(0.01, rel=1e-3)
+    assert_summary(json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8")), q, wanted, time, cut)
+
+
+def assert_summary(plan, q, wanted, time, cut):
+    """Work the figures of plan.json out again, in their units, from joints.csv."""
+    robot = load_robot("kuka_kr270")
+    rigid = build_judge(replace(robot, springs=(), link_elasticities=()))
+    unloaded = judge_pose(rigid, q, np.zeros((len(q), 6)))[0]
+    correction = 1e3 * np.linalg.norm(unloaded - wanted, axis=1)[cut].max()
+    assert plan["correction_mm"]["max"] == pytest.approx(correction, rel=1e-6) == pytest.approx(2.463, abs=1e-3)
+    # what is taken off is what the force would have bent, but for what its lever changes on the way
+    assert plan["error_before_mm"]["max"] == pytest.approx(correction, rel=2e-3)
+    assert plan["bending_mm"]["process"] == pytest.approx(correction, rel=2e-3)
+    for name in ("rms", "max"):  # a robot that is softer by a fifth bends by a fifth more
+        left = plan["under_mismatch"][0][f"{name}_mm"]
+        assert left == pytest.approx(0.2 * plan["error_before_mm"][name], rel=2e-3)
+    degrees, lower, upper = np.degrees(q[cut]), np.degrees(robot.lower), np.degrees(robot.upper)
+    assert plan["margins"]["position_limit_deg"] == pytest.approx(np.minimum(degrees - lower, upper - degrees).min())
+    rates = np.abs(np.diff(q[cut], axis=0) / np.diff(time[cut])[:, None]) / robot.velocity_limits
+    assert plan["margins"]["velocity_ratio"] == pytest.approx(rates.max(), rel=1e-2)
+    assert plan["duration_s"] == pytest.approx(np.ptp(time[cut]))
+    assert plan["tilt_after_deg"]["max"] < 1e-6
 
 
 def test_plan_prints_its_summary_as_json(small_job, tmp_path, monkeypatch, capsys):
