@@ -1,9 +1,11 @@
 """Timing: closed forms of rapid moves and cuts, and limits that are kept."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from compplan.plan.timing import time_cut, time_rapids
+from compplan.plan.timing import find_slowdown, measure_use, spread_factors, time_cut, time_rapids
 
 
 def times(along, speed):
@@ -56,3 +58,46 @@ def test_velocity_limits_alone_do_where_no_acceleration_limit_is_known():
     _, _, speed, _ = time_cut(along, 4.0 * along[:, None], np.array([2.0]), np.array([np.inf]))
     assert speed[150] == pytest.approx(0.5)
     assert times(along, speed)[-1] == pytest.approx(2.0, rel=1e-2)
+
+
+def fall(steps):
+    """Times, and a joint that speeds up by 2 rad/s every second from rest."""
+    time = np.r_[0.0, np.cumsum(steps)]
+    return time, time[:, None] ** 2
+
+
+def test_a_run_is_too_fast_by_the_root_of_its_acceleration_or_by_its_speed_whatever_its_steps():
+    time, q = fall([0.1, 0.3, 0.2, 0.4, 0.1])
+    # twice as slow is a quarter of the acceleration: 2 rad/s^2 against 0.5 are too fast by 2
+    use = measure_use(q, time, np.array([100.0]), np.array([0.5]))
+    assert use[:-1] == pytest.approx(np.full(5, 2.0))
+    # it stops at the last waypoint, from 2.1 rad/s within half of the last step: 42 rad/s^2
+    assert use[-1] == pytest.approx(np.sqrt(42.0 / 0.5))
+    # mean speeds 0.1, 0.5, 1.0, 1.6, 2.1 rad/s against 0.5, on either side of a waypoint the greater one
+    use = measure_use(q, time, np.array([0.5]), np.array([1e9]))
+    assert use == pytest.approx([0.2, 1.0, 2.0, 3.2, 4.2, 4.2])
+
+
+def test_what_is_too_fast_is_slowed_down_within_reach_in_time_and_the_greatest_of_a_group_counts():
+    time = np.r_[0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.9, 1.0, 1.1]
+    use = np.array([0.5, 0.5, 0.9, 1.2, 1.5, 0.9, 0.9, 0.9, 1.1])
+    assert spread_factors(use, time, 0.15) == pytest.approx([1, 1, 1.5, 1.5, 1.5, 1.5, 1, 1.1, 1.1])
+    assert spread_factors(0.5 * use, time, 0.15) == pytest.approx(np.ones(9))
+
+
+def test_rests_and_turns_on_the_spot_count_for_how_much_slower_a_run_has_to_be():
+    time, q = fall([0.1] * 5)
+    there = np.vstack([q, 2 * q[-1] - q[-2::-1]])  # faster and faster, then slower and slower
+    time = np.r_[time, time[-1] + time[1:]]
+    task = SimpleNamespace(
+        nominal=SimpleNamespace(rapid=np.zeros(11, bool), steps=np.ones(10)), rests=np.arange(11) == 5,
+        velocity_limits=np.array([100.0]), acceleration_limits=np.array([2.0]), smoothing=0.0,
+    )  # fmt: skip
+    # at its limit on the way; it arrives at waypoint 5 with 0.9 rad/s and stops there within 0.05 s: 18 rad/s^2
+    assert find_slowdown(task, there, time)[[2, 5, 8]] == pytest.approx([1.0, 3.0, 1.0])
+    task.rests = None  # without the rest it goes on as fast
+    assert find_slowdown(task, there, time) == pytest.approx(np.ones(11))
+    task.acceleration_limits = np.array([0.5])
+    assert find_slowdown(task, there, time) == pytest.approx([2.0] * 5 + [1.0] + [2.0] * 5)
+    task.nominal.steps = np.zeros(10)  # a turn on the spot is timed by itself
+    assert find_slowdown(task, there, time) == pytest.approx(np.ones(11))

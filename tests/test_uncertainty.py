@@ -178,3 +178,20 @@ def test_a_folder_without_the_file_gets_widths_by_its_grade_that_are_labelled(na
     better = assume_uncertainty(replace(robot, grade="identified"))
     named = dict(zip(better.names, better.deviation, strict=True))
     assert all(named[label] <= size for label, size in zip(known.names, known.deviation, strict=True))
+
+
+def test_assumed_widths_of_a_robot_as_delivered_are_what_is_said_of_them_in_si() -> None:
+    """0.01 deg, 0.1 mm and 0.003 deg; 0.002 deg of play and of gear error once a turn; 0.03 mm of tool."""
+    robot = load_robot("kuka_kr240_rail")
+    found = {}
+    for unknown in assume_uncertainty(robot).unknowns:
+        found.setdefault((unknown.effect, unknown.keys[0].rpartition("_")[2].partition("#")[0]), unknown.deviation)
+    assert found["joint_offset", "m"] == pytest.approx([1e-4])
+    assert found["joint_offset", "rad"] == pytest.approx([1.745329e-4], rel=1e-6)
+    assert found["link_geometry", "m"] == pytest.approx([1e-4])
+    assert found["link_geometry", "rad"] == pytest.approx([5.235988e-5], rel=1e-6)
+    assert found["backlash", "rad"] == pytest.approx([3.490659e-5], rel=1e-6)
+    assert found["tool_frame", "m"] == pytest.approx([3e-5] * 3)
+    # sine and cosine together have the mean square of a wave of that amplitude and any phase
+    assert found["transmission_error", "rad"] == pytest.approx([2.468268e-5] * 2, rel=1e-6)
+    assert not any(key[0] in ("backlash", "transmission_error") and key[1] == "m" for key in found)
