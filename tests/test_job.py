@@ -13,6 +13,8 @@ from compplan.cli import main
 from compplan.errors import InputError
 from compplan.job.job import Job, check_job, load_job, load_nominal
 from compplan.job.text import write_job_text
+from compplan.plan.plan import job_robot, read_options
+from compplan.posture.settings import read_settings
 from compplan.robot import robot_folders
 
 PATHS = sorted((Path(__file__).parent.parent / "paths").glob("*.toml"))
@@ -66,6 +68,38 @@ def test_the_part_pose_places_positions_and_wrenches() -> None:
     nominal = load_nominal(changed(lambda data: None))
     assert nominal.position[0] == pytest.approx([1.5, 0.01, 0.3])
     assert nominal.wrench is not None and nominal.wrench[0, :3] == pytest.approx([-2, 1, 3])
+
+
+def test_lengths_and_angles_of_a_job_are_read_in_millimetres_and_degrees() -> None:
+    data = copy.deepcopy(BASE)
+    third = 120.0 / np.sqrt(3.0)  # a third of a turn about the diagonal of a cube takes x to y, y to z, z to x
+    data |= {
+        "robot": "kuka_kr240_rail",
+        "part": {"position_mm": [1500.0, -20.0, 300.0], "rotation_deg": [third] * 3},
+        "tool": {"position_mm": [10.0, 20.0, 300.0], "rotation_deg": [0.0, 0.0, 90.0]},
+        "plan": {"start_deg": [500.0, 0.0, 90.0, -90.0, 0.0, 45.0, 180.0], "tolerance_mm": 0.2, "max_correction_mm": 5},
+        "sampling": {"chord_mm": 0.03},
+        "posture": {"spin_step_deg": 9.0, "lead_deg": 6.0, "lean_deg": 3.0, "limit_margin_deg": 18.0,
+                    "joint_zero_uncertainty_deg": 0.9},
+        "noise": {"gear_error_deg": 0.018, "backlash_deg": 0.036},
+    }  # fmt: skip
+    job = check_job(data, "job.toml")
+    assert job.T_base_part == pytest.approx(np.array([[0, 0, 1, 1.5], [1, 0, 0, -0.02], [0, 1, 0, 0.3], [0, 0, 0, 1]]))
+    assert job.tool is not None
+    tool = np.array([[0, -1, 0, 0.01], [1, 0, 0, 0.02], [0, 0, 1, 0.3], [0, 0, 0, 1]])
+    assert job.tool.T_flange_tcp == pytest.approx(tool, abs=1e-15)
+    robot = job_robot(job)
+    options = read_options(job, robot)
+    start = np.array([0.5, 0.0, np.pi / 2, -np.pi / 2, 0.0, np.pi / 4, np.pi])  # the rail in metres
+    assert robot.prismatic.tolist() == [True] + [False] * 6
+    assert options.wish.start == pytest.approx(start)
+    assert (options.tolerance, options.max_correction, options.chord) == pytest.approx((2e-4, 5e-3, 3e-5))
+    settings = read_settings(job, robot)
+    assert settings.start == pytest.approx(start)
+    angles = (settings.spin_step, settings.lead, settings.lean, settings.limit_margin)
+    assert angles == pytest.approx((np.pi / 20, np.pi / 30, np.pi / 60, np.pi / 10))
+    assert settings.uncertainty.joint_zero == pytest.approx(np.pi / 200)
+    assert (settings.motion.gear, settings.motion.lost) == pytest.approx((np.pi / 10000, np.pi / 5000))
 
 
 def test_auto_leaves_the_configuration_free_and_words_bind_it() -> None:
