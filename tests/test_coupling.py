@@ -12,7 +12,8 @@ from commandline import run_command
 from compplan.cell.cell import CellRun
 from compplan.cell.coupling import settle_coupled
 from compplan.job.job import check_job, load_path
-from compplan.plan.plan import Plan, plan_job
+from compplan.plan.evaluate import evaluate_model
+from compplan.plan.plan import Plan, build_task, plan_job, prepare_job
 
 #: Deviation per force of a bar that yields differently along each axis [m/N], and a process stiffer than it [N/m].
 SOFT, SHEET = np.array([11.8e-6, 2.94e-6, 1.09e-6]), 2e5
@@ -177,3 +178,32 @@ def test_a_cutter_that_gives_way_sideways_out_of_the_stock_meets_less(tmp_path) 
     end = 2.0 / (2.0 * np.pi) * depth * np.array([-np.sin(u) * t - np.cos(u) * r, np.cos(u) * t - np.sin(u) * r])
     turn = -1.0 / (5.0 * np.cos(u))  # rad per mm that the tool goes away
     assert np.linalg.norm(-stiffness[:2, 1] * 1e-3 - end * turn) < 0.06 * np.linalg.norm(end * turn)
+
+
+def write_side_passes(folder: Path, passes: list[float]) -> dict:
+    """Return the job of side passes in a block, y of each [mm], with a cutter whose force says where it has to be."""
+    lines = ["x_mm,y_mm,z_mm,feed_mm_s,rapid"]
+    for y in passes:
+        lines += [f"-5.5,{y},20,45,1", f"-5.5,{y},-2,45,1", f"30,{y},-2,45,0", f"30,{y},20,45,1"]
+    (folder / "passes.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return write_job(
+        toolpath="passes.csv",
+        part={"position_mm": [1400.0, 0.0, 300.0]},
+        process={"model": "end_mill", "diameter_mm": 10.0, "teeth": 2, "spindle_rpm": 9000.0,
+                 "coefficients": {"cutting_N_mm2": [800.0, 300.0, 0.0], "edge_N_mm": [15.0, 12.0, 0.0]},
+                 "stock": {"block_mm": [[0.0, -40.0, -30.0], [24.0, 0.0, 0.0]]}},
+        coupling={"from_model": True}, plan={"rotate_about_tool_axis": False}, sampling={},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("passes", [[0.0], [3.4, 1.9]])
+def test_a_cutter_and_an_arm_that_yields_agree_where_an_earlier_pass_gave_way_too(passes, tmp_path) -> None:
+    robot, nominal, options = prepare_job(check_job(write_side_passes(tmp_path, passes), tmp_path / "job.toml"))
+    task = build_task(robot, nominal, options)
+    settled = evaluate_model(task, task.q_start).settled
+    assert settled.agrees and settled.passes <= 3, settled.explain()
+    deviation = evaluate_model(task, task.q_start).deviation
+    inside = np.abs(1e3 * task.position[:, 0] - 1412.0) < 4.0
+    spread = [np.ptp(deviation[inside & (np.abs(1e3 * task.position[:, 1] - y) < 0.01) & ~task.nominal.rapid, 1])
+              for y in passes]  # fmt: skip
+    assert max(spread) < 0.05 * np.abs(deviation[inside, 1]).max()  # one straight cut: no sliver comes and goes

@@ -32,6 +32,7 @@ class Settled:
         wrench: The wrench that acts there. Shape (n, 6). [N, N m]
         steps: Motion of the tip that each pass asked for at 95 % of the waypoints in contact, at most; the last is what
             is still missing. [m]
+        missing: What the last pass still asks of the tip. Shape (n,). [m]
         margin: Least real part of the eigenvalues of 1 + K C: at 0 or below the process pushes the tool on faster than
             the arm holds it.
 
@@ -40,6 +41,7 @@ class Settled:
     run: CellRun
     wrench: Array
     steps: tuple[float, ...]
+    missing: Array
     margin: float
 
     @property
@@ -58,16 +60,22 @@ class Settled:
         """Tell whether the passes contracted, and far enough."""
         return self.margin > 0.0 and self.ratio < 1.0 and self.steps[-1] <= max(EXACT, LEFT * self.steps[0])
 
+    @property
+    def worst(self) -> int:
+        """The waypoint at which most is missing."""
+        return int(self.missing.argmax())
+
     def explain(self) -> str:
-        """Say in a sentence that they do not agree; nothing where they do."""
+        """Say in a sentence that they do not agree, and where least; nothing where they do."""
         if self.agrees:
             return ""
         if self.margin <= 0.0:
             return ("Force and deflection do not agree: as the tool leaves the path the process pushes it on faster "
                     f"than the arm holds it (least eigenvalue of 1 + K C {self.margin:.3g}).")  # fmt: skip
-        return (f"Force and deflection do not agree in {self.passes} passes: the last moves the tip by "
-                f"{1e3 * self.steps[-1]:.2g} mm, the first did by {1e3 * self.steps[0]:.2g} mm, greatest ratio of a "
-                f"pass to the one before {self.ratio:.2g}.")  # fmt: skip
+        return (f"Force and deflection do not agree in {self.passes} passes: the last still asks for "
+                f"{1e3 * self.steps[-1]:.2g} mm, the first did for {1e3 * self.steps[0]:.2g} mm, greatest ratio of a "
+                f"pass to the one before {self.ratio:.2g}; the most is missing at waypoint {self.worst}, "
+                f"{1e3 * self.missing[self.worst]:.2g} mm.")  # fmt: skip
 
 
 def settle_coupled(
@@ -97,9 +105,9 @@ def settle_coupled(
     while True:
         step = wrench + respond(run.position - position) - acting
         step[:, :3] = np.linalg.solve(inner, step[:, :3, None])[..., 0]
-        moved = np.linalg.norm(np.einsum("nij,nj->ni", compliance, step[:, :3]), axis=1)[touches]
-        steps.append(float(np.quantile(moved, SHARE, method="higher")) if len(moved) else 0.0)
+        missing = np.linalg.norm(np.einsum("nij,nj->ni", compliance, step[:, :3]), axis=1)
+        steps.append(float(np.quantile(missing[touches], SHARE, method="higher")) if touches.any() else 0.0)
         if steps[-1] <= EXACT or len(steps) > PASSES or margin <= 0.0:
-            return Settled(run, acting, tuple(steps), margin)
+            return Settled(run, acting, tuple(steps), missing, margin)
         acting = acting + step
         run = attain(acting)

@@ -148,6 +148,8 @@ def _summarise_coupling(effect: CouplingEffect) -> dict[str, Any]:
         "passes": settled.passes,
         "ratio": settled.ratio,
         "agrees": settled.agrees,
+        "missing_mm": 1e3 * float(settled.missing[settled.worst]),
+        "missing_at": settled.worst,
         "error_before_mm": {
             name: {"rms": 1e3 * size[0], "max": 1e3 * size[1], "xyz_rms": [1e3 * float(value) for value in axes]}
             for name, axes, size in sides

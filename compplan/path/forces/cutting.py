@@ -234,7 +234,8 @@ class CuttingForce:
 
         """
         place = self.bench.position + away @ self.bench.R_view
-        found, _ = find_engagement(self.bench.cutter, place, ~self.rapid, self.bench.stock)
+        bench = self.bench
+        found, _ = find_engagement(bench.cutter, place, ~self.rapid, bench.stock, bench.position)
         shape = shape_milling(found, self.process.teeth, self.process.resistance.exponent)
         return replace(self, engagement=found, shape=shape)
 

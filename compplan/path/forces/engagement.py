@@ -24,6 +24,9 @@ ANGLES, CHUNK, BISECTIONS = 48, 16, 9
 SLIDES = 1e-6
 #: Material that is thinner than this is none. [m]
 NOTHING = 1e-9
+#: A bin that is engaged by less than this share of its neighbour's stands beyond the end of an arc: a film that a tool
+#: takes off a floor is no part of the cut at a wall.
+THIN = 0.25
 #: Cosine of the angle between moves from which on they lie on one straight line.
 STRAIGHT = 1.0 - 1e-12
 
@@ -142,7 +145,11 @@ def outward_speed(normal: Array, travel: Array, angle: Array) -> Array:
 
 
 def find_engagement(
-    cutter: Cutter, position: Array, cutting: NDArray[np.bool_], stock: StockColumns
+    cutter: Cutter,
+    position: Array,
+    cutting: NDArray[np.bool_],
+    stock: StockColumns,
+    meant: Array | None = None,
 ) -> tuple[Engagement, NDArray[np.bool_]]:
     """Find the engagement at every waypoint of a path that cuts its way through stock.
 
@@ -151,6 +158,9 @@ def find_engagement(
         position: Tips. Shape (n, 3). [m]
         cutting: Whether the move that ends here removes material (rapid moves do not). Shape (n,).
         stock: The stock before the first move, same frame.
+        meant: Tips of the path, for a tool that gives way from it. Where it is then decides what it meets; its chips
+            are those of the path's travel: that it drifts aside meanwhile is little beside the feed, but in a corner,
+            and left out. Shape (n, 3). [m]
 
     Returns:
         The engagement, and the waypoints whose rapid move ends in material. Shape (n,).
@@ -158,12 +168,9 @@ def find_engagement(
     """
     n, edge = len(position), cutter.slices
     start = np.vstack([position[:1], position[:-1]])
-    step = position - start
-    step[0] = step[1] if n > 1 else [1.0, 0.0, 0.0]
-    moves = np.linalg.norm(step, axis=1) > 0.0
-    step = step[last_set(moves)]  # a tool that rests is engaged as it came
+    step, moving = _list_steps(position)
     size = np.linalg.norm(step, axis=1)
-    travel, side = _split_travel(step, size)
+    travel, side = _split_travel(_list_steps(position if meant is None else meant)[0])
     bounds = stock.bounds()[:, :2]
     near = np.stack([position[:, :2].min(axis=0), position[:, :2].max(axis=0)])
     margin = 1.5 * cutter.radius
@@ -174,7 +181,7 @@ def find_engagement(
         return Engagement(cutter, depth, travel, position[:, 2] - position[:, 2].min()), inside
     wake = build_wake(cutter, start, position, area)
     look = _Look(cutter, wake, stock, position, start, travel, side, _straight_from(step, size))
-    removing = cutting & moves
+    removing = cutting & moving
     removing[0] = False
     for first in range(0, n, CHUNK):
         rows = np.arange(first, min(first + CHUNK, n))
@@ -185,8 +192,17 @@ def find_engagement(
     return Engagement(cutter, depth, travel, position[:, 2] - position[:, 2].min()), inside
 
 
-def _split_travel(step: Array, size: Array) -> tuple[Array, Array]:
+def _list_steps(position: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the move that ends at each waypoint, that before it where the tool rests, and whether it moves."""
+    step = np.diff(position, axis=0, prepend=position[:1])
+    step[0] = step[1] if len(position) > 1 else [1.0, 0.0, 0.0]
+    moves = np.linalg.norm(step, axis=1) > 0.0
+    return step[last_set(moves)], moves  # a tool that rests is engaged as it came
+
+
+def _split_travel(step: Array) -> tuple[Array, Array]:
     """Return the direction of travel as (across, along) the axis, and across it as a unit vector; kept in plunges."""
+    size = np.linalg.norm(step, axis=1)
     across = np.linalg.norm(step[:, :2], axis=1)
     unit = np.maximum(size, 1e-300)
     travel = np.column_stack([across / unit, step[:, 2] / unit])
@@ -221,25 +237,23 @@ class _Look:
         share = self._share(rows[n], k, angles[m], moves)
         found = np.zeros(out.shape, dtype=np.float32)
         found[n, k, m] = share
-        some = found > 0.0
-        turn = 2.0 * np.pi / ANGLES
-        # the ends of arcs: between an engaged bin and one that could be but is not, the boundary is sought
+        turn, steady = 2.0 * np.pi / ANGLES, found.copy()
+        # the ends of arcs: between a bin and one that could be engaged but is less than THIN so, the step is sought
         for way in (1, -1):
-            other = np.roll(some, -way, axis=2)
-            allowed = np.roll(out, -way, axis=2)
-            n, k, m = np.nonzero(some & ~other & allowed)
+            other = np.roll(steady, -way, axis=2)
+            n, k, m = np.nonzero((steady > 0.0) & (other < THIN * steady) & np.roll(out, -way, axis=2))
             if not len(n):
                 continue
+            more, less = steady[n, k, m], other[n, k, m]
+            middle_share = np.where(less > 0.0, 0.5 * (more + less), 0.0)
             low, high = np.zeros(len(n)), np.ones(len(n))
             for _ in range(BISECTIONS):
                 middle = 0.5 * (low + high)
-                hit = self._share(rows[n], k, angles[m] + way * turn * middle, moves) > 0.0
+                hit = self._share(rows[n], k, angles[m] + way * turn * middle, moves) > middle_share
                 low, high = np.where(hit, middle, low), np.where(hit, high, middle)
-            reach = 0.5 * (low + high) - 0.5  # in bins, from the boundary of the engaged bin
-            beyond = (m + way) % ANGLES
-            whole = found[n, k, m].copy()
-            np.add.at(found, (n, k, m), np.float32(np.minimum(reach, 0.0)) * whole)
-            np.add.at(found, (n, k, beyond), np.float32(np.maximum(reach, 0.0)) * whole)
+            reach = (0.5 * (low + high) - 0.5).astype(np.float32)  # in bins, from the boundary of the engaged bin
+            np.add.at(found, (n, k, m), np.minimum(reach, 0.0) * (more - less))
+            np.add.at(found, (n, k, (m + way) % ANGLES), np.maximum(reach, 0.0) * (more - less))
         depth[rows] = np.clip(found, 0.0, 1.0)
 
     def meets(self, rows: NDArray[np.int_]) -> NDArray[np.bool_]:

@@ -8,6 +8,7 @@ left them, not where the grid has its lines.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +21,12 @@ from compplan.path.forces.stock import expand_boxes
 MOST_CELLS, CELLS_A_RADIUS = 12_000_000, 8.0
 #: Moves that are longer than this are entered in pieces, in radii.
 LONGEST_PIECE = 4.0
-#: Of two moves that are equally low at a column the one that passes nearer owns it: it reaches the walls around; so it
-#: does where it stands higher by a thousandth of a millimetre, as a tool that gives way does along one pass.
-LEAN = 2e-4
-#: A column that is lowered by more than this is on another level. [m]
-LEVEL = 5e-6
+#: Of two moves that are equally low at a column the one that passes nearer owns it. The floor is that of the lowest
+#: move, but for rounding; walls are those of moves that pass near, also where they stand higher by some hundredths of a
+#: millimetre than others of their pass, as those of a tool that gives way do.
+LEVEL_LEAN, WALL_LEAN = 1e-6, 0.02
+#: Moves with this much of the path between them belong to different passes, in radii.
+PASS = 1.5
 #: Places along a sloped move at which a rounded cutter is looked at.
 STATIONS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 
@@ -74,6 +76,45 @@ def lowest_reach(cutter: Cutter, place: Array, start: Array, end: Array, lean: f
 
 
 @dataclass(frozen=True)
+class Claims:
+    """Which move stands for each column of a map.
+
+    Args:
+        lean: What each metre from the axis of a move counts as height. [1]
+        height: How low the column was cut, the lean counted in. Shape (a, b). [m]
+        owner: The move that did it, -1 for none. Shape (a, b).
+        before: The last one of another pass that stood for it, -1 for none. Shape (a, b).
+
+    """
+
+    lean: float
+    height: Array
+    owner: NDArray[np.int32]
+    before: NDArray[np.int32]
+
+    def enter(self, flat: NDArray[np.int_], z: Array, moves: NDArray[np.int_], way: Array, apart: float) -> None:
+        """Let moves take the columns that they cut lower.
+
+        Args:
+            flat: Number of the column. Shape (c,).
+            z: How low it is cut, the lean counted in. Shape (c,). [m]
+            moves: The move that does it. Shape (c,).
+            way: Length of the path up to each move. Shape (m,). [m]
+            apart: Moves with more of the path between them belong to different passes. [m]
+
+        """
+        height, owner, before = (grid.reshape(-1) for grid in (self.height, self.owner, self.before))
+        better = z < height[flat]
+        flat, z, moves = flat[better], z[better], moves[better]
+        former = owner[flat]
+        np.minimum.at(height, flat, z)
+        won = z <= height[flat]
+        other = won & (former >= 0) & (way[moves] - way[former] > apart)
+        before[flat[other]] = former[other]
+        owner[flat[won]] = moves[won]
+
+
+@dataclass(frozen=True)
 class Wake:
     """The map of what was cut; `cut` enters moves, `lowest` asks for places.
 
@@ -83,9 +124,8 @@ class Wake:
         end: Tips where they end. Shape (m, 3). [m]
         origin: Place of the first column. Shape (2,). [m]
         cell: Distance of columns. [m]
-        height: How low each column was cut. Shape (a, b). [m]
-        owner: The move that did it, -1 for none. Shape (a, b).
-        above: The move that had lowered it before, on a higher level, -1 for none: walls above a step. Shape (a, b).
+        floor: The lowest move at each column.
+        wall: The one that passes nearest, of those that are about as low: it reaches the walls around.
 
     """
 
@@ -94,9 +134,13 @@ class Wake:
     end: Array
     origin: Array
     cell: float
-    height: Array
-    owner: NDArray[np.int32]
-    above: NDArray[np.int32]
+    floor: Claims
+    wall: Claims
+
+    @cached_property
+    def way(self) -> Array:
+        """Length of the path up to the end of each move. Shape (m,). [m]"""
+        return np.asarray(np.cumsum(np.linalg.norm(self.end - self.start, axis=1)))
 
     def cut(self, moves: NDArray[np.int_]) -> None:
         """Enter moves into the map."""
@@ -112,41 +156,31 @@ class Wake:
         b = start[item] + ((number + 1) / pieces[item])[:, None] * way[item]
         low = np.minimum(a, b)[:, :2] - self.cutter.radius - self.origin
         high = np.maximum(a, b)[:, :2] + self.cutter.radius - self.origin
-        shape = np.array(self.height.shape)
+        shape = np.array(self.floor.height.shape)
         first = np.clip(np.ceil(low / self.cell).astype(int), 0, shape)
         after = np.clip(np.floor(high / self.cell).astype(int) + 1, 0, shape)
         box, cells = expand_boxes(first, after)
         if not len(box):
             return
-        z = lowest_reach(self.cutter, self.origin + cells * self.cell, a[box], b[box], LEAN)
-        flat = cells[:, 0] * shape[1] + cells[:, 1]
-        better = z < self.height.reshape(-1)[flat]
-        flat, z, box = flat[better], z[better], box[better]
-        height, owner, above = (grid.reshape(-1) for grid in (self.height, self.owner, self.above))
-        before, former = height[flat], owner[flat]
-        np.minimum.at(height, flat, z)
-        won = z <= height[flat]
-        deeper = won & (before - z > LEVEL) & (former >= 0)
-        above[flat[deeper]] = former[deeper]
-        owner[flat[won]] = moves[item[box[won]]]
+        place, flat = self.origin + cells * self.cell, cells[:, 0] * shape[1] + cells[:, 1]
+        for claims in (self.floor, self.wall):
+            z = lowest_reach(self.cutter, place, a[box], b[box], claims.lean)
+            claims.enter(flat, z, moves[item[box]], self.way, PASS * self.cutter.radius)
 
     def lowest(self, place: Array) -> Array:
         """Return how low the cutter went so far at places; infinite where it never was. Shape (...) from (..., 2)."""
-        shape = np.array(self.height.shape)
-        first = np.clip(np.floor((place - self.origin) / self.cell).astype(int), 0, shape - 2)
-        seen: list[Array] = []
-        lowest = np.full(place.shape[:-1], np.inf)
-        corners = [(first[..., 0] + i, first[..., 1] + j) for i in (0, 1) for j in (0, 1)]
-        for owner in [grid[corner] for grid in (self.owner, self.above) for corner in corners]:
-            fresh = owner >= 0
-            for other in seen:
-                fresh &= owner != other
-            seen.append(owner)
-            if fresh.any():
-                moves = owner[fresh]
-                z = lowest_reach(self.cutter, place[fresh], self.start[moves], self.end[moves])
-                lowest[fresh] = np.minimum(lowest[fresh], z)
-        return lowest
+        columns = self.floor.owner.shape[1]
+        first = np.floor((place - self.origin) / self.cell).astype(int)
+        first = np.clip(first, 0, np.array(self.floor.owner.shape) - 2)
+        corner = (first[..., 0] * columns + first[..., 1]).reshape(-1) + np.array([[0], [1], [columns], [columns + 1]])
+        grids = (self.floor.owner, self.wall.owner, self.wall.before)
+        owner = np.sort(np.concatenate([grid.reshape(-1)[corner] for grid in grids]), axis=0)
+        fresh = owner >= 0
+        fresh[1:] &= owner[1:] != owner[:-1]
+        k, sample = np.nonzero(fresh)
+        moves, z = owner[k, sample], np.full(owner.shape, np.inf)
+        z[k, sample] = lowest_reach(self.cutter, place.reshape(-1, 2)[sample], self.start[moves], self.end[moves])
+        return np.asarray(z.min(axis=0).reshape(place.shape[:-1]))
 
 
 def build_wake(cutter: Cutter, start: Array, end: Array, bounds: Array) -> Wake:
@@ -162,5 +196,8 @@ def build_wake(cutter: Cutter, start: Array, end: Array, bounds: Array) -> Wake:
     size = np.maximum(bounds[1] - bounds[0], 1e-6)
     cell = max(cutter.radius / CELLS_A_RADIUS, float(np.sqrt(np.prod(size) / MOST_CELLS)))
     shape = tuple((np.ceil(size / cell).astype(int) + 2).tolist())
-    owner, above = (np.full(shape, -1, dtype=np.int32) for _ in range(2))
-    return Wake(cutter, start, end, bounds[0] - 0.5 * cell, cell, np.full(shape, np.inf), owner, above)
+    floor, wall = (
+        Claims(lean, np.full(shape, np.inf), np.full(shape, -1, np.int32), np.full(shape, -1, np.int32))
+        for lean in (LEVEL_LEAN, WALL_LEAN)
+    )
+    return Wake(cutter, start, end, bounds[0] - 0.5 * cell, cell, floor, wall)
