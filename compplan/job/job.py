@@ -181,9 +181,10 @@ class PostureTable(StrictTable):
 
 
 class StabilityTable(StrictTable):
-    """[stability]: whether `compplan forces` judges chatter, and the damping of the robot's modes (assumed)."""
+    """[stability]: judge chatter in `compplan forces`, avoid it by the posture, damping of the modes (assumed)."""
 
     judge: bool = True
+    avoid: bool = False
     damping: float = Field(default=0.03, gt=0.0, le=0.5)
 
 

@@ -118,8 +118,9 @@ ramp_out_mm = 0.0                   # ... and falls to 0 over this length before
 # frame = "part"                    #   part | base | path (x travel, z tool axis)
 # from_model = true                 # in place of stiffness_N_mm: derivative of the force of end_mill or drill
 
-[stability]                         # compplan forces: chatter of an end mill
+[stability]                         # chatter of an end mill, in compplan forces and in the choice of the posture
 judge = true
+avoid = false                       # true: a posture whose cut chatters (zero-order solution) costs more
 damping = 0.03                      # assumed: share of critical damping of the robot's modes
 
 [plan]
@@ -173,7 +174,7 @@ preset = "accurate"                 # accurate (least remaining deviation) | pro
                                     #   the robot) | smooth (little motion) | fast
 # weights = { motion = 1e-5 }       # in place of the preset's, in mm^2 of squared sensitivity: sensitivity, deviation,
                                     #   travel (per mm^2; travel: what joint motion does to accuracy), limits,
-                                    #   dexterity, singularity, rate (per unit), time (per s),
+                                    #   dexterity, singularity, stability, rate (per unit), time (per s),
                                     #   motion (per (rad / 100 mm)^2)
 measure = "expected"                # remaining deviation: expected (root mean square) | p95
 wrench_uncertainty = 0.1            # assumed: relative error of each component of the wrench, one standard deviation

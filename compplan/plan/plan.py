@@ -20,6 +20,7 @@ from compplan.plan.approach import Passage, plan_approach, plan_retract
 from compplan.plan.bending import Bending, choose_smoothing, measure_bending, state_frequency
 from compplan.plan.between import Between
 from compplan.plan.buckling import explain_buckling, find_buckling
+from compplan.plan.chatter import read_chatter
 from compplan.plan.coupling import CouplingEffect
 from compplan.plan.evaluate import (
     Evaluation,
@@ -234,7 +235,9 @@ def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
     if span > 2.0 * robot.longest_reach:
         message = f"toolpath spans {span:.4g} m, the robot reaches {robot.longest_reach:.3g} m; is it in another unit?"
         raise InputError(message, file=job.file, where="toolpath")
-    return robot, nominal, replace(read_options(job, robot), law=law)
+    options = read_options(job, robot)
+    posture = options.posture and replace(options.posture, chatter=read_chatter(job, robot, nominal, law))
+    return robot, nominal, replace(options, law=law, posture=posture)
 
 
 def plan_compensation(

@@ -26,11 +26,12 @@ from compplan.path.forces.stability import (
     find_multiplier,
 )
 from compplan.path.toolpath import Toolpath
+from compplan.plan.chatter import MODES
 from compplan.plan.plan import build_task, prepare_job
 from compplan.robot import Array
 
-#: Postures along the cut whose modes are worked out, and modes of each; the stiffer ones do not take part.
-POSTURES, MODES = 12, 5
+#: Postures along the cut whose modes are worked out.
+POSTURES = 12
 #: Cuts that are told apart at most; waypoints take the verdict of the nearest.
 CUTS = 120
 #: Spindle speeds and depths of the map, as shares of the job's, and those that are semi-discretised.

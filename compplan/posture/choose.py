@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from compplan.errors import InfeasibleError, InputError
 from compplan.path.contact import tool_axes
 from compplan.path.toolpath import Toolpath
+from compplan.posture.chatter import ChatterPrice, count_chatter, price_chatter
 from compplan.posture.costs import Weights, choose_weights
 from compplan.posture.lattice import (
     COLLISION,
@@ -66,6 +67,7 @@ class Task:
         axes: Axes in whose components the wrench errs, as columns. Shape (3, 3).
         settings: What may vary and what it is chosen for.
         margin: By how much postures keep clear, or None.
+        chatter: How far cuts are beyond the limit of chatter, or None.
 
     """
 
@@ -77,11 +79,12 @@ class Task:
     axes: Array
     settings: PostureSettings
     margin: Margin | None = None
+    chatter: ChatterPrice | None = None
 
 
 def choose_stance(
     robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings | None = None, *,
-    axes: Array | None = None, margin: Margin | None = None,
+    axes: Array | None = None, margin: Margin | None = None, chatter: ChatterPrice | None = None,
 ) -> Stance:  # fmt: skip
     """Choose configuration, rotation about the tool axis, extra axes and lean along a path.
 
@@ -93,6 +96,7 @@ def choose_stance(
         axes: Axes in whose components the wrench errs, as columns in base axes (the part's); base axes if left out.
             Shape (3, 3).
         margin: Tells by how much postures keep clear; what does not leaves the graph.
+        chatter: Tells how far cuts are beyond the limit of chatter; those cost more.
 
     Raises:
         InfeasibleError: If nothing leads along the path; with the waypoint and what stands there.
@@ -101,14 +105,15 @@ def choose_stance(
     settings = settings or PostureSettings()
     task = Task(
         robot, build_chain(robot), build_arm(robot), nominal, np.asarray(tool_x, float),
-        np.eye(3) if axes is None else axes, settings, margin,
+        np.eye(3) if axes is None else axes, settings, margin, chatter,
     )  # fmt: skip
     options = build_options(task.arm, settings).spin.shape[1]
     stations = pick_stations(nominal, int(np.clip(NODE_BUDGET // options, 50, settings.stations)))
     for _ in range(STATION_ROUNDS):
         stance, bad = _choose_at(task, stations)
         if not len(bad):
-            return _prefer_still(task, stance)
+            stance = _prefer_still(task, stance)
+            return replace(stance, chatter=count_chatter(chatter, stance.q))
         more = np.setdiff1d(_surround(bad, len(nominal)), stations)
         if not len(more):
             break
@@ -219,6 +224,9 @@ def _prefer_still(task: Task, stance: Stance) -> Stance:
                         ("dexterity_min", settings.singularity_margin)):
         if costs[name] < min(asked, chosen[name]):
             return stance
+    counts = [count_chatter(task.chatter, q) for q in (plain.q, stance.q)]
+    if counts[0] is not None and counts[1] is not None and counts[0].at > counts[1].at:
+        return stance
     if costs["joint_travel_deg"] >= chosen["joint_travel_deg"] or sum_errors(chosen) < GAIN * sum_errors(costs):
         return stance
     none = np.zeros(len(nominal))
@@ -249,9 +257,10 @@ def _trace(task: Task, stations: NDArray[np.int_], options: Options, line: Line,
 
 
 def _fill(task: Task, stations: NDArray[np.int_], options: Options) -> Lattice:
-    return fill_lattice(
+    lattice = fill_lattice(
         task.chain, task.arm, task.nominal, task.tool_x, stations, options, task.settings, axes=task.axes
     )
+    return price_chatter(task.chatter, lattice)
 
 
 def _search_clear(task: Task, lattice: Lattice, rungs: Rungs, weights: Weights) -> tuple[Lattice, Line]:

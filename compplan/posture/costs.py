@@ -75,6 +75,8 @@ class Weights:
         motion: Per (rad per 100 mm of path)^2 of joint motion, mean along the path; 1 m of a rail counts as 1 rad.
         time: Per second of motion.
         rate: Per share of the programmed time that joints at half their velocity limits need beyond it, over the cut.
+        stability: Per unit of how far the cut lies beyond the limit of chatter (depth by limit - 1), mean over the cut;
+            where `[stability] avoid` asks for it.
         travel: Per mm^2 of error that the motion of the joints makes, mean square along the cut.
 
     """
@@ -87,18 +89,19 @@ class Weights:
     motion: float = 0.0
     time: float = 0.0
     rate: float = 0.0
+    stability: float = 0.0
     travel: float = 1.0
 
 
 #: Presets. `sensitivity`, `deviation` and `travel` count as they stand; the others are shares of the least squared
 #: sensitivity that any posture along the path has, so that a preset means the same for a light and for a heavy cut.
 PRESETS: dict[str, Weights] = {
-    "accurate": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001, rate=3.0),
-    "promise": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001, rate=3.0),
-    "smooth": Weights(limits=0.2, dexterity=0.02, singularity=10.0, motion=0.5, rate=3.0),
-    "fast": Weights(limits=0.1, dexterity=0.02, singularity=10.0, motion=0.02, time=0.2, rate=10.0),
+    "accurate": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001, rate=3.0, stability=10.0),
+    "promise": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001, rate=3.0, stability=10.0),
+    "smooth": Weights(limits=0.2, dexterity=0.02, singularity=10.0, motion=0.5, rate=3.0, stability=10.0),
+    "fast": Weights(limits=0.1, dexterity=0.02, singularity=10.0, motion=0.02, time=0.2, rate=10.0, stability=10.0),
 }
-RELATIVE = ("limits", "dexterity", "singularity", "motion", "time", "rate")
+RELATIVE = ("limits", "dexterity", "singularity", "motion", "time", "rate", "stability")
 
 
 class NodeCosts(NamedTuple):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError, InputError
 from compplan.path.toolpath import Toolpath
+from compplan.posture.chatter import ChatterPrice
 from compplan.posture.choose import choose_stance
 from compplan.posture.clearance import ClearanceProfile, measure_clearance, measure_margin
 from compplan.posture.collision_scene import CollisionScene, load_scene
@@ -37,6 +38,7 @@ class PostureRequest:
         axes: Axes in whose components the wrench errs, as columns in base axes. Shape (3, 3).
         scene: What may touch what, or None.
         wanted: Clearance that is asked for. [m]
+        chatter: What a posture pays for chatter, or None.
 
     """
 
@@ -44,6 +46,7 @@ class PostureRequest:
     axes: Array
     scene: CollisionScene | None = None
     wanted: float = 0.0
+    chatter: ChatterPrice | None = None
 
 
 @dataclass(frozen=True)
@@ -132,6 +135,10 @@ def _stand(stance: Stance, nominal: Toolpath, request: PostureRequest) -> Start:
         f"The arm changes its configuration from {before} to {after} before waypoint {waypoint}."
         for waypoint, before, after in stance.changes
     )
+    if stance.chatter is not None:
+        found = stance.chatter
+        words += (f"The posture is chosen with regard to chatter: the cut chatters at {found.at} of {found.of} "
+                  f"waypoints that were judged ({found.source}).",)  # fmt: skip
     return Start(path, stance.q, stance.rotation, stance.configuration, stance.missed, stance, request, words)
 
 
@@ -159,5 +166,6 @@ def _ask_graph(robot: Robot, nominal: Toolpath, tool_x: Array, request: PostureR
         return measure_margin(scene, q, request.wanted)
 
     return choose_stance(
-        robot, nominal, tool_x, request.settings, axes=request.axes, margin=None if scene is None else margin
-    )
+        robot, nominal, tool_x, request.settings, axes=request.axes, margin=None if scene is None else margin,
+        chatter=request.chatter,
+    )  # fmt: skip

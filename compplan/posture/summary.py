@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.path.toolpath import Toolpath
+from compplan.posture.chatter import ChatterCount
 from compplan.posture.costs import Weights, draw_errors, error_columns, measure_nodes
 from compplan.posture.lattice import COLLISION, REASONS, SINGULAR, USABLE, Lattice, Options
 from compplan.posture.motion import measure_inertia_error, measure_travel_error
@@ -74,6 +75,7 @@ class Stance:
         keeps_margin: Whether some way along the path keeps the asked distance from joint limits.
         plain: Costs of the plain posture (one configuration, the tool's x where the job has it) where it was weighed.
         instead_of: Costs of the graph's way where the plain posture was preferred to it, or None.
+        chatter: Where its cut chatters; None where that was not asked for.
 
     """
 
@@ -92,6 +94,7 @@ class Stance:
     keeps_margin: bool = True
     plain: dict[str, float] | None = None
     instead_of: dict[str, float] | None = None
+    chatter: ChatterCount | None = None
 
     @property
     def axis(self) -> Array:
@@ -122,6 +125,7 @@ class Stance:
                 "source": self.settings.motion.source,
             },
             "costs": dict(self.costs),
+            **({} if self.chatter is None else {"chatter": self.chatter._asdict()}),
             **({} if self.instead_of is None else {"plain_posture_instead_of": dict(self.instead_of)}),
             "sensitivity_with_fixed_x_mm": None if np.isnan(fixed) else 1e3 * fixed,
             "spin_deg": {"first": float(spin[0]), "min": float(spin.min()), "max": float(spin.max())},
