@@ -20,6 +20,9 @@ from compplan.version import VERSION
 
 #: Set in the environment, it shows the traceback of a defect and every warning.
 DEBUG = "COMPPLAN_DEBUG"
+#: Threads of numeric libraries, unless the environment says otherwise: one, for many small matrices gain nothing from
+#: more, and on a busy machine threads that wait for one another take six times the processor time.
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 COMMANDS = {
     "plan": "compplan.commands.plan",
@@ -122,6 +125,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if DEBUG not in os.environ:
         warnings.simplefilter("ignore")
         os.environ.setdefault("PYTHONWARNINGS", "ignore")  # of worker processes
+    for name in THREADS:  # read when numpy is imported, which no module does before a command is found
+        os.environ.setdefault(name, "1")
     previous = signal.signal(signal.SIGTERM, _leave_on_term)
     try:
         words = list(sys.argv[1:] if arguments is None else arguments)

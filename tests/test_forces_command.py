@@ -19,8 +19,9 @@ POCKET = Path(__file__).parent.parent / "examples" / "forces" / "pocket.toml"
 
 def write_job(folder: Path, coefficients: str) -> Path:
     text = POCKET.read_text(encoding="utf-8").replace('material = "al7075_t6"', coefficients)
+    text = text.replace("[stability]\n", "[stability]\njudge = false\n")
     (folder / "pocket.csv").write_text((POCKET.parent / "pocket.csv").read_text(encoding="utf-8"), encoding="utf-8")
-    (folder / "job.toml").write_text(f"{text}\n[stability]\njudge = false\n", encoding="utf-8")
+    (folder / "job.toml").write_text(text, encoding="utf-8")
     return folder / "job.toml"
 
 
@@ -61,7 +62,9 @@ def test_a_log_gives_back_the_coefficients_that_made_it_within_their_intervals(l
     job = write_job(tmp_path, 'material = "al7075_t6"')
     answer = run_command(["forces", job, "--out", tmp_path / "out", "--log", log, "--json"], monkeypatch, capsys)
     assert answer.status == 0, answer.err
-    found = json.loads(answer.out)["log"]
+    found, notes = json.loads(answer.out)["log"], json.loads(answer.out)["notes"]
+    assert "stability" not in json.loads(answer.out)
+    assert any("chatters is not judged; a table [stability]" in note for note in notes)
     truth = dict(zip([number["name"] for number in found["fitted"]], [900, 300, 120, 20, 18, 1], strict=True))
     for number in found["fitted"]:
         half = 0.5 * (number["high"] - number["low"])

@@ -28,11 +28,16 @@ def command(job: Path, folder: Path, log: Path | None, as_json: bool) -> None:
     from compplan.plan.stability import judge_stability
 
     checked = load_job(job)
+    chatters = checked.process.model == "end_mill"
     with show_progress() as announce:
         announce("forces: engagement and wrench along the path")
         found = predict_forces(checked, log)
+        if chatters and checked.stability.judge and not as_json:
+            click.echo("judging the stability of the cut at postures and cuts along the path: about ten seconds ...")
         announce("forces: stability of the cut")
         stability, remark = judge_stability(found)
+        if chatters and not checked.stability.judge:
+            remark = "Whether the cut chatters is not judged; a table [stability] in the job asks for it."
         announce("write: forces.json, forces.csv, report.html")
         summary = write_forces(found, folder, stability, remark)
     if as_json:

@@ -181,7 +181,10 @@ class PostureTable(StrictTable):
 
 
 class StabilityTable(StrictTable):
-    """[stability]: judge chatter in `compplan forces`, avoid it by the posture, damping of the modes (assumed)."""
+    """[stability]: judge chatter in `compplan forces`, avoid it by the posture, damping of the modes (assumed).
+
+    A job without this table asks for no judgement; one with it does, unless it says judge = false.
+    """
 
     judge: bool = True
     avoid: bool = False
@@ -240,7 +243,7 @@ class Job(StrictTable):
     tool: ToolTable | None = None
     process: Process = ColumnsProcess()
     coupling: CouplingTable | None = None
-    stability: StabilityTable = StabilityTable()
+    stability: StabilityTable = StabilityTable(judge=False)
     plan: PlanTable = PlanTable()
     output: OutputTable = OutputTable()
     sampling: SamplingTable = SamplingTable()

@@ -118,10 +118,10 @@ ramp_out_mm = 0.0                   # ... and falls to 0 over this length before
 # frame = "part"                    #   part | base | path (x travel, z tool axis)
 # from_model = true                 # in place of stiffness_N_mm: derivative of the force of end_mill or drill
 
-[stability]                         # chatter of an end mill, in compplan forces and in the choice of the posture
-judge = true
-avoid = false                       # true: a posture whose cut chatters (zero-order solution) costs more
-damping = 0.03                      # assumed: share of critical damping of the robot's modes
+# [stability]                       # chatter of an end mill: compplan forces judges it; left out: it does not
+# judge = true
+# avoid = false                     # true: a posture whose cut chatters (zero-order solution) costs more
+# damping = 0.03                    # assumed: share of critical damping of the robot's modes
 
 [plan]
 strategy = "nlp"                    # <strategies>

@@ -43,6 +43,9 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
     if job is not None and job.process.model in RECORDED:
         reason = RECORDED[job.process.model]
         notes.append(f"The judge takes the wrench of {job.process.model!r} as the planner recorded it: {reason}.")
+    if job is not None and job.process.model == "end_mill":
+        asks = "judges it" if job.stability.judge else "judges it where the job has a table [stability]"
+        notes.append(f"Whether the cut chatters is not part of this plan: compplan forces {asks}.")
     if job is not None and job.tool is not None and job.tool.mass_kg is None:
         notes.append("The weight of the tool is not known: [tool] says no mass_kg, so none bends the arm.")
     if not task.inertia and bending.inertia > WORTH_A_NOTE * task.tolerance:
