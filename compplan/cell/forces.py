@@ -19,8 +19,8 @@ from compplan.robot import Array
 
 #: Models that are not read a second time: the wrench is the recorded one, checked by simulations of its own instead.
 RECORDED = {
-    "end_mill": "its engagement with the stock is checked by benchmarks.engagement and benchmarks.milling",
-    "drill": "its engagement with the stock is checked by benchmarks.engagement and benchmarks.milling",
+    "end_mill": "what the cutter meets of the stock is worked out once, for both",
+    "drill": "what the cutter meets of the stock is worked out once, for both",
     "isf_regression": "its wall angle follows from the whole path",
 }
 COLUMNS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")

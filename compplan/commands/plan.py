@@ -51,7 +51,9 @@ def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
     """
     from compplan.commands.progress import show_progress
     from compplan.outputs.plan import note_programs, summarise_plan, write_plan
+    from compplan.plan.bending import tell_bending
     from compplan.plan.plan import plan_job
+    from compplan.report.provenance import describe_grade
     from compplan.report.style import format_length
 
     with show_progress(STAGES) as announce:
@@ -67,13 +69,14 @@ def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
         before, after = (format_length(run.max_deviation) for run in (plan.before, plan.after))
         click.echo(f"{plan.name}: {plan.status}, {len(plan.task)} waypoints, {plan.timing.time[-1]:.1f} s cycle time")
         click.echo(f"greatest deviation {before} uncorrected, {after} planned ({plan.judge})")
+        click.echo(f"  {tell_bending(plan.bending)}")
         wrong = plan.mismatch
         click.echo(f"{format_length(wrong.max_deviation)} planned where the robot is not as modelled ({wrong.cell})")
         if plan.promise is not None:
             promised, whole = format_length(plan.promise.greatest), format_length(plan.promise.whole)
             click.echo(f"true tip within {promised} with 95 %, the whole path within {whole}")
             click.echo(f"  from: {plan.promise.known.source}; force {plan.promise.force.source}")
-        click.echo(f"robot {plan.robot.name}: model graded {plan.robot.grade}")
+        click.echo(describe_grade(plan.robot))
         for note in plan.notes:
             click.echo(note)
         click.echo(f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}")

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 
 from compplan.cell.forces import RECORDED
 from compplan.job.job import Job
 from compplan.plan.bending import Bending
 from compplan.plan.coupling import CouplingEffect
+from compplan.plan.slow import tell_causes
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing
 
 #: Share of the tolerance from which on the inertia of the motion is told.
 WORTH_A_NOTE = 0.1
+#: Force models of a turning tool.
+TURNING = ("milling", "end_mill", "drill")
 #: A joint that moves more than this between two waypoints of a cut swings over. [rad or m]
 SWING = 0.5
-
-
-def group_waypoints(waypoints: list[int]) -> list[tuple[int, int]]:
-    """Group waypoints into spans (first, last)."""
-    breaks = [0, *(k for k in range(1, len(waypoints)) if waypoints[k] != waypoints[k - 1] + 1), len(waypoints)]
-    return [(waypoints[a], waypoints[b - 1]) for a, b in itertools.pairwise(breaks) if b > a]
 
 
 def tell_coupling(effect: CouplingEffect | None) -> tuple[str, ...]:
@@ -46,6 +41,7 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
     if job is not None and job.process.model == "end_mill":
         asks = "judges it" if job.stability.judge else "judges it where the job has a table [stability]"
         notes.append(f"Whether the cut chatters is not part of this plan: compplan forces {asks}.")
+    notes += _tell_spindle(task, job)
     if job is not None and job.tool is not None and job.tool.mass_kg is None:
         notes.append("The weight of the tool is not known: [tool] says no mass_kg, so none bends the arm.")
     if not task.inertia and bending.inertia > WORTH_A_NOTE * task.tolerance:
@@ -57,22 +53,28 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
     if scene is not None and scene.note:
         notes.append(scene.note)
     notes += _tell_margin(task)
-    spans = find_slow_spans(task, timing)
-    if spans:
-        count = sum(last - first + 1 for first, last in spans)
-        rows = np.concatenate([np.arange(first, last + 1) for first, last in spans])
-        least = rows[timing.share[rows].argmin()]
-        listed = ", ".join(f"{first}-{last}" for first, last in spans[:5]) + (", ..." if len(spans) > 5 else "")
-        notes.append(
-            f"The feed is lowered at {count} waypoints ({listed}), down to {100 * timing.share[least]:.3g} % "
-            f"at waypoint {least} by {_name_cause(task, timing, int(least))}."
-        )
+    slow = tell_causes(task, timing)
+    notes += [slow] if slow else []
     swings = (np.abs(np.diff(task.q_start, axis=0)).max(axis=1) > SWING) & ~task.nominal.rapid[1:]
     for waypoint in (np.flatnonzero(swings) + 1)[:3].tolist():
         notes.append(f"The posture swings over in the move to waypoint {waypoint}: near a singularity.")
     if not np.isfinite(task.robot.acceleration_limits).any():
         notes.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
     return tuple(notes)
+
+
+def _tell_spindle(task: PlanTask, job: Job | None) -> list[str]:
+    """Say that nothing turns the spindle of a cut that comes from a CAM file."""
+    if job is None or job.process.model not in TURNING or not isinstance(job.toolpath, str):
+        return []
+    if job.toolpath.lower().endswith(".csv") or job.output.header:
+        return []
+    if any(event.kind in ("spindle_cw", "spindle_ccw") for event in task.nominal.events):
+        return []
+    return [
+        "The CAM file never starts the spindle (no M3 or M4), so the programs do not: start it before the cut, "
+        "or name lines that do in [output] header."
+    ]
 
 
 def _tell_margin(task: PlanTask) -> list[str]:
@@ -95,28 +97,3 @@ def _tell_margin(task: PlanTask) -> list[str]:
         + ("the way found keeps it at its stations, not between them."
            if stance.keeps_margin else "no way along the path keeps it.")
     ]
-
-
-def find_slow_spans(task: PlanTask, timing: Timing) -> list[tuple[int, int]]:
-    """Find spans of waypoints where limits lower the feed; starting up and coming to rest do not count."""
-    lowered = timing.lowered & ~task.nominal.rapid
-    rest = task.nominal.rapid | task.lead | np.isin(np.arange(len(task)), (0, len(task) - 1))
-    spans = []
-    for first, last in group_waypoints(np.flatnonzero(lowered).tolist()):
-        change = np.diff(timing.share[first : last + 1])
-        if rest[max(first - 1, 0) : first + 1].any():
-            first += int(np.argmax(np.r_[change < 0, True]))
-        if rest[last : last + 2].any():
-            last -= int(np.argmax(np.r_[change[::-1] > 0, True]))
-        if first < last:
-            spans.append((first, last))
-    return spans
-
-
-def _name_cause(task: PlanTask, timing: Timing, waypoint: int) -> str:
-    near = slice(max(waypoint - 1, 0), waypoint + 2)
-    joint = timing.limiting[near][timing.limiting[near] >= 0]
-    if not len(joint):
-        return "rate limits nearby"
-    kind = "velocity" if timing.by_velocity[waypoint] else "acceleration"
-    return f"the {kind} limit of {task.robot.joint_names[joint[0]]}"

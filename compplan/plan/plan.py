@@ -33,8 +33,9 @@ from compplan.plan.evaluate import (
     measure_margins,
 )
 from compplan.plan.feed import FeedWish
-from compplan.plan.notes import group_waypoints, list_notes, tell_coupling
+from compplan.plan.notes import list_notes, tell_coupling
 from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
+from compplan.plan.slow import group_waypoints
 from compplan.plan.task import SMOOTHING, Command, PlanTask
 from compplan.plan.timing import Timing
 from compplan.plan.verdict import find_breaches, find_jumps, find_overloads, set_up_bench

@@ -115,7 +115,8 @@ def find_start(
             stance = _ask_graph(robot, nominal, tool_x, request)
         except InfeasibleError as error:
             sentence = str(error)
-            note = (f"{sentence[0].upper()}{sentence[1:]}. One configuration is kept instead, x where the job has it.",)
+            instead = "One configuration is kept instead, and x of the TCP frame points along plan.tool_x all the way."
+            note = (f"{sentence[0].upper()}{sentence[1:]}. {instead}",)
             if request.scene is not None:
                 blind = find_start(robot, nominal, tool_x, rotation, wish, replace(request, scene=None))
                 if blind.stance is not None:

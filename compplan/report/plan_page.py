@@ -78,6 +78,11 @@ def summarise_plan(view: PlanView) -> str:
     if view.mismatch is not None:
         wrong = format_length(view.mismatch.max_deviation)
         text += f". Where the robot is not as modelled ({view.mismatch.cell}, assumed) the plan leaves up to {wrong}"
+    if view.promise is not None:
+        band = format_length(view.promise.greatest)
+        text += f". The true tip is within {band} with 95\u00a0%, by what is known of robot and force"
+    if view.inertia > view.tolerance:
+        text += f". The inertia of the motion bends the arm by up to {format_length(view.inertia)}, not compensated"
     share = float((after <= view.tolerance).mean())
     within = f"{format_percent(share)} of the cut is within the tolerance of {format_set_length(view.tolerance)}"
     text += f". As modelled, {within}"
@@ -193,7 +198,7 @@ def _feed(view: PlanView) -> Section:
         blocks.append(_lowered_table(view))
     lede = "The programmed feed holds all along the cut."
     if view.lowered.any():
-        lede = "The feed is lowered where joint limits need it."
+        lede = view.slow_causes or "The feed is lowered where joint limits need it."
     return Section("Feed and rates", blocks, lede)
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from compplan.plan.slow import mark_slow, tell_causes
 from compplan.posture.alternatives import compare_postures
 from compplan.report.coupling_section import show_coupling
 from compplan.report.page import Section
@@ -76,12 +76,14 @@ def view_plan(plan: Plan, extra: Sequence[Section] = ()) -> PlanView:
         max_correction=task.max_correction,
         velocity_limits=task.velocity_limits,
         acceleration_limits=task.acceleration_limits,
-        slowed=_mark_slow(plan),
+        slowed=mark_slow(task, timing),
+        slow_causes=tell_causes(task, timing),
         tilt_before=plan.before.tilt,
         tilt_after=plan.after.tilt,
         failures=plan.command.failures,
         breaches=plan.breaches,
         bending=_list_bending(plan),
+        inertia=0.0 if plan.bending.compensated else float(np.nan_to_num(plan.bending.inertia)),
         between={
             "joints linear": float(plan.between.joint.max(initial=0.0)),
             "tip linear": float(plan.between.cartesian.max(initial=0.0)),
@@ -124,17 +126,11 @@ def _list_bending(plan: Plan) -> dict[str, str]:
         rows[f"bent by inertia, {word}{assumed}"] = format_length(bending.inertia)
     if np.isfinite(bending.frequencies).all():
         rows[f"lowest natural frequencies{assumed}"] = f"{', '.join(f'{f:.3g}' for f in bending.frequencies)}\u00a0Hz"
+    if plan.clearance is not None:
+        near = min(plan.clearance.least[1], plan.clearance.own, key=lambda contact: contact.distance)
+        if np.isfinite(near.distance) and near.first:
+            rows["least clearance"] = f"{format_length(near.distance)} ({near.first} to {near.second})"
     return rows
-
-
-def _mark_slow(plan: Plan) -> NDArray[np.bool_]:
-    """Mark the waypoints whose feed limits lower, starts and stops left out. Shape (n,)."""
-    from compplan.plan.notes import find_slow_spans
-
-    slow = np.zeros(len(plan.task), bool)
-    for first, last in find_slow_spans(plan.task, plan.timing):
-        slow[first : last + 1] = True
-    return slow
 
 
 def list_assumptions(job: Job | None) -> list[str]:

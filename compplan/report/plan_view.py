@@ -50,10 +50,12 @@ class PlanView:
         velocity_limits: Limits that the plan kept; the robot's if left out. Shape (nq,). [rad/s or m/s]
         acceleration_limits: The same. Shape (nq,). [rad/s^2 or m/s^2]
         slowed: Waypoints whose feed had to be lowered; found from the feeds if left out. Shape (n,).
+        slow_causes: Sentence that says where and why, "" for none.
         failures: Waypoints that fail, each with the limit that stops it.
         breaches: What keeps the judge from confirming the plan, one sentence each.
         bending: Further rows of figures: name and value.
         between: Greatest distance of the loaded tip from the path between waypoints, by the way a controller goes. [m]
+        inertia: How far the inertia of the motion bends the arm where the plan does not compensate it. [m]
         judge: Who computed the deviations.
         uncoupled: Root mean square and greatest uncorrected distance if the force did not ask where the tool is, or
             None where it does not. [m]
@@ -86,6 +88,7 @@ class PlanView:
     velocity_limits: Array | None = None
     acceleration_limits: Array | None = None
     slowed: NDArray[np.bool_] | None = None
+    slow_causes: str = ""
     mismatch: Mismatch | None = None
     tilt_before: Array | None = None
     tilt_after: Array | None = None
@@ -93,6 +96,7 @@ class PlanView:
     breaches: Sequence[str] = ()
     between: Mapping[str, float] = field(default_factory=dict)
     bending: Mapping[str, str] = field(default_factory=dict)
+    inertia: float = 0.0
     judge: str = ""
     uncoupled: tuple[float, float] | None = None
     facts: Sequence[tuple[str, str]] = ()

@@ -6,10 +6,10 @@ from compplan.report.page import Provenance
 from compplan.robot import Robot
 
 GRADE_MEANING = {
-    "identified": "identified on this machine",
+    "identified": "measured on this machine",
     "literature": "taken from papers, not from the machine in front of you",
-    "scaled": "scaled from a similar machine, not measured",
-    "placeholder": "placeholder, not to be relied on",
+    "scaled": "derived from similar machines, not measured",
+    "placeholder": "invented or absent, not to be relied on",
 }
 #: Words in a source that mean that nobody measured the number.
 DOUBTFUL = ("assumed", "unverified", "placeholder", "estimated", "scaled", "from memory")

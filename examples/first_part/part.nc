@@ -1,17 +1,17 @@
-(a slot with a corner in a 120 x 80 x 20 plate of steel, two passes of 4 mm, 16 mm end mill)
+(a slot with a corner in a 120 x 80 x 20 plate of aluminium, two passes of 2 mm, 10 mm end mill)
 G21 G90 G17 G94
 T1 M6
-S2400 M3
+S18000 M3
 G0 X-12 Y20 Z10
 G0 X-12 Y20
-G1 Z-4 F1200
-G1 X85 F600
+G1 Z-2 F1200
+G1 X85 F1200
 G3 X100 Y35 R15
 G1 Y92
 G0 Z10
 G0 X-12 Y20
-G1 Z-8 F1200
-G1 X85 F600
+G1 Z-4 F1200
+G1 X85 F1200
 G3 X100 Y35 R15
 G1 Y92
 G0 Z10

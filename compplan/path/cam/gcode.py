@@ -201,10 +201,11 @@ class _Reader(FrameReader):
         self._check_straight(values)
         if values.keys().isdisjoint(("X", "Y", "Z", *ROTARY)):
             return
+        if state.motion == 1.0:
+            state.note_start(self.log, self.line)  # before the block says where its own axes go
         target = state.target(values, range(3))
         axis = self._turn(values)
         if state.motion == 1.0:
-            state.note_start(self.log, self.line)
             before = self.log.axis
             pieces = 1 if axis is None else math.ceil(math.degrees(_angle(before, axis)) / TURN_STEP - 1e-9) or 1
             feed = self._feed(math.dist(target, self.log.position))

@@ -97,9 +97,10 @@ class FrameReader(TextReader):
         point = [state.base[axis] + (places.get(axis) or 0.0) if axis in places else state.position[axis]
                  for axis in range(3)]  # fmt: skip
         target = (point[0], point[1], point[2])
-        state.known.update(named)
         if state.motion == 1.0:
             state.note_start(self.log, self.line)
+        state.known.update(named)
+        if state.motion == 1.0:
             self.log.line(target, self._feed(math.dist(target, self.log.position)))
             state.position = target
         else:

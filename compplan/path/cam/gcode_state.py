@@ -97,7 +97,9 @@ class State:
         self.moved = True
         missing = " ".join(AXES[axis] for axis in range(3) if axis not in self.known)
         if missing:
-            log.note(f"the first cut starts from {missing} 0: nothing is said of it before", line)
+            custom = ", the top of the blank by custom" if "Z" in missing else ""
+            log.note(f"the first cut starts from {missing} 0{custom}: nothing is said of it before; "
+                     "let a rapid move (G0) above the part come first", line)  # fmt: skip
 
     def set_origin(self, coordinates: Mapping[int, float]) -> None:
         """Give the present position new coordinates (G92), in program units."""
