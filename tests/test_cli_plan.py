@@ -107,3 +107,10 @@ def test_compare_prints_and_writes_the_table(small_job, tmp_path, monkeypatch, c
     for word in ("none", "mirror", "iterated_mirror", "nlp", "as modelled", "compliance x 1.2", "compliance x 0.8"):
         assert word in answer.out
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"compare.json", "report.html", "manifest.json"}
+    found = json.loads((tmp_path / "out" / "compare.json").read_text(encoding="utf-8"))["strategies"]
+    # as in plan.json, 2.46 mm; a fifth softer or stiffer is a fifth more or less of what is left alone
+    assert found["none"]["max_mm"] == pytest.approx(2.462, rel=1e-3) and found["nlp"]["max_mm"] < 1e-6
+    cells = {entry["cell"]: entry for entry in found["none"]["under_mismatch"]}
+    for cell, share in (("compliance x 1.2", 1.2), ("compliance x 0.8", 0.8)):
+        for name in ("rms_mm", "max_mm"):
+            assert cells[cell][name] == pytest.approx(share * found["none"][name], rel=2e-3)

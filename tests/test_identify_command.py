@@ -63,6 +63,9 @@ def test_a_log_becomes_an_updated_robot_folder_and_a_report_with_intervals(tmp_p
         assert entry["before"] == pytest.approx(
             next(s.compliance for s in load_robot("kuka_kr270").springs if s.name == entry["name"]) * 1e6
         )
+    # 15 um and 6 um a metre of distance, per axis, from a tracker some metres away; 5e-5 rad are 0.00286 deg
+    assert 0.025 < summary["residual_per_axis"]["position_mm"] < 0.05
+    assert summary["residual_per_axis"]["orientation_deg"] == pytest.approx(0.00286, rel=0.2)
     gap = summary["gap"]
     assert gap["held_out_after_rms_mm"] < 0.1 < gap["held_out_before_rms_mm"]
     updated = load_robot(tmp_path / "out" / "robot")

@@ -12,6 +12,7 @@ from scipy.stats import binomtest
 from compplan.cli import group
 from compplan.errors import InputError, UnknownNameError
 from compplan.job.noise import NoiseTable
+from compplan.statics.sensitivity import attain_pose
 from compplan.study.curves import trace_model_error
 from compplan.study.factors import draw_points
 from compplan.study.judging import judge_points
@@ -150,8 +151,18 @@ def test_the_summary_has_the_agreed_form() -> None:
         assert rms["ci95"][0] <= rms["mean"] <= rms["ci95"][1] and rms["p50"] <= rms["p95"]
         assert figures["rms_mm"]["mean"] <= figures["max_mm"]["mean"]
         assert 0 <= figures["within_tolerance"] <= 1
+    # left alone, robots spread about the model bend on average as the model does
+    bent = attain_pose(study.task.chain, study.task.q_start, study.task.wrench, slope=False).position
+    size = 1e3 * np.linalg.norm(bent - study.task.position, axis=1)[study.cut]
+    left = summary["strategies"]["none"]
+    assert left["rms_mm"]["mean"] == pytest.approx(np.sqrt(np.mean(size**2)), rel=0.15)
+    assert left["mean_mm"]["mean"] == pytest.approx(size.mean(), rel=0.15)
+    assert left["max_mm"]["mean"] == pytest.approx(size.max(), rel=0.15)
+    assert (summary["tolerance_mm"], left["within_tolerance"]) == (0.1, 0.0)
     assert len(summary["paired_differences"]) == 66
     pair = next(p for p in summary["paired_differences"] if p["strategies"] == ["none", "nlp"])
+    means = [summary["strategies"][name]["rms_mm"]["mean"] for name in pair["strategies"]]
+    assert pair["rms_mm"]["mean"] == pytest.approx(means[1] - means[0])
     assert pair["rms_mm"]["ci95"][1] < 0 and pair["second_better"] == 1.0
     json.dumps(summary)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
+from compplan.cell.judge import build_judge, judge_pose
 from compplan.cell.predict import predict_campaign
 from compplan.commands.predict import command
 from compplan.effects import EFFECTS, Effect, fold_effects, robot_effects
@@ -123,3 +125,11 @@ def test_the_command_keeps_all_rows(robot: Robot, tmp_path: Path) -> None:
     assert lines[0].startswith("x_mm,y_mm,z_mm")
     assert len(lines) == 3
     assert lines[2].startswith(",,")
+    told = dict(zip(lines[0].split(","), map(float, lines[1].split(",")), strict=True))
+    (position,), (rotation,), _ = judge_pose(build_judge(robot), np.radians([[1.0, 2, 3, 4, 5, 6]]))
+    assert [told[f"{axis}_mm"] for axis in "xyz"] == pytest.approx(1e3 * position, abs=1e-5)
+    turn = np.degrees(Rotation.from_matrix(rotation).as_rotvec())
+    assert [told[f"{axis}_deg"] for axis in ("rx", "ry", "rz")] == pytest.approx(turn, abs=1e-5)
+    said = CliRunner().invoke(command, [str(log), "--robot", str(robot.folder), "--out", str(out), "--json"]).output
+    apart = np.linalg.norm(1e3 * position - [7.0, 8.0, 9.0])
+    assert json.loads(said)["rms_mm"] == json.loads(said)["median_mm"] == pytest.approx(apart)
