@@ -95,6 +95,29 @@ def test_a_visit_lasts_while_neither_joints_nor_load_change() -> None:
     assert campaign.stay.tolist() == [0, 0, 1, 1, 1]
 
 
+def test_loads_and_moves_begin_beyond_what_sensor_and_encoder_scatter() -> None:
+    """Assumed: 5 N and 2 N m, or a fiftieth of the log's largest force; 2e-5 rad at rest and nothing on a path."""
+    campaign = order([0.0] * 4, ["static_1"] * 4)
+    pulled = np.zeros((4, 6))
+    pulled[:2, 0], pulled[2:, 4] = [4.9, 5.1], [1.95, 2.05]
+    assert campaign.is_load(pulled).tolist() == [False, True, False, True]
+    heavy = np.zeros((4, 6))
+    heavy[:, 2] = 1000.0
+    pulled[:2, 0] = [19.0, 21.0]
+    assert replace(campaign, wrench=heavy).is_load(pulled).tolist() == [False, True, False, False]
+    assert order([0.0, 1.9e-5, 4.0e-5, 4.0e-5], ["static_1"] * 4).visit.tolist() == [0, 0, 1, 1]
+    assert order([0.0, 1.9e-5, 4.0e-5], ["static_1"] * 3).approach[:, 1].tolist() == [0, 0, 1]
+    assert order([0.0, -1.9e-8, -1.8e-8], ["path_1"] * 3).approach[:, 1].tolist() == [0, -1, -1]
+
+
+def test_a_log_is_of_several_loads_where_they_change_by_more_than_scatter() -> None:
+    for change, varies in ((4.0, False), (7.0, True)):
+        campaign = order([0.0] * 20, ["static_1"] * 20)
+        wrench = np.zeros((20, 6))
+        wrench[:, 1] = 100.0 + change * (np.arange(20) % 2)
+        assert replace(campaign, wrench=wrench).load_varies == varies
+
+
 def test_speed_is_that_of_paths_and_zero_at_rest(robot: Robot) -> None:
     campaign = plan_rows(robot, 1, poses=5, path=50)
     assert not campaign.speed[~campaign.on_path].any()
