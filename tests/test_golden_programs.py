@@ -311,6 +311,19 @@ def test_a_fanuc_counts_turns_of_its_first_fourth_and_sixth_joint(tmp_path: Path
     assert found == [("-1", "1", "2"), ("0", "-1", "0")]
 
 
+#: KRL and FANUC programs leave the controller's own tool where the program has none; these always write one.
+OWN_TOOL = [form for form in LINEAR_FORMS if form.split()[0] not in ("krl", "fanuc_ls", "sinumerik")]
+
+
+@pytest.mark.parametrize("form", OWN_TOOL)
+def test_without_a_tool_the_flange_is_programmed(form: str, tmp_path: Path) -> None:
+    language = form.split()[0]
+    program = make_program(tmp_path / "cell", language)
+    write_program(replace(program, tool=None, mass=None), language, tmp_path / "out")
+    for move in read_form(form, tmp_path / "out", "two"):
+        assert move.tool == pytest.approx(np.eye(4))
+
+
 @pytest.mark.parametrize("form", LINEAR_FORMS)
 def test_where_the_wrist_flips_a_linear_program_swings_over_in_a_joint_move(form: str, tmp_path: Path) -> None:
     language = form.split()[0]
@@ -324,6 +337,8 @@ def test_where_the_wrist_flips_a_linear_program_swings_over_in_a_joint_move(form
     moves = read_form(form, tmp_path / "out", "flip")
     assert [move.kind for move in moves] == ["line", "line", "line", "joint", "line"]
     assert [move.stops for move in moves] == [False, False, True, True, True]
+    # Sinumerik joint moves go to positions with STAT and TU; the others name the joints, as no words could
+    assert language == "sinumerik" or [move.joints is None for move in moves] == [True, True, True, False, True]
     texts = [path.read_text() for path in (tmp_path / "out").rglob("*") if path.is_file()]
     assert any("the configuration changes" in text for text in texts)
     joint = [] if language == "sinumerik" else read_form(f"{language} joint", tmp_path / "out", "flip")

@@ -217,6 +217,34 @@ def test_programs_that_do_not_fit_a_language_are_refused(tmp_path: Path) -> None
     assert not list(tmp_path.iterdir())
 
 
+def plain_program(rotating: int, sliding: int) -> Program:
+    """Two rows of an arm that stands still, rails first, from arrays alone."""
+    count = rotating + sliding
+    names, slides = tuple(f"J{k}" for k in range(1, count + 1)), np.arange(count) < sliding
+    return Program("still", np.zeros((2, count)), names, slides, np.full(2, 20.0), np.zeros(2, bool))
+
+
+@pytest.mark.parametrize(("language", "most"), [("fanuc_ls", 3), ("rapid", 6)])
+def test_six_rotating_joints_and_as_many_rails_as_the_language_takes(language: str, most: int, tmp_path: Path) -> None:
+    assert write_program(plain_program(6, most), language, tmp_path)
+    for rotating, sliding in ((7, 0), (6, most + 1)):
+        with pytest.raises(InputError, match="take six rotating and"):
+            write_program(plain_program(rotating, sliding), language, tmp_path)
+
+
+def test_positions_count_from_a_part_that_stands_turned_in_the_cell() -> None:
+    """The part's x is the base's y, its y the base's z, its z the base's x; the world lies 0.5 m higher."""
+    part = np.array([[0, 0, 1, 1.3], [1, 0, 0, -0.2], [0, 1, 0, 0.7], [0, 0, 0, 1]])
+    world = np.eye(4)
+    world[2, 3] = 0.5
+    program = replace(make_program("kuka_kr270", part=part), world=world)
+    assert program.tcp is not None
+    x, y, z = program.tcp[:, :3, 3].T
+    assert program.positions[:, :3, 3] == pytest.approx(np.column_stack([y + 0.2, z - 0.7, x - 1.3]))
+    assert program.positions[:, :3, 0] == pytest.approx(program.tcp[:, [1, 2, 0], 0])
+    assert program.base_frame[:3] == pytest.approx(part[:3] - [[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0.5]])
+
+
 def test_parts_cover_every_waypoint_once() -> None:
     for count, most in ((1, 5), (45, 20), (50_000, 2000), (10, 10), (11, 10)):
         parts = split_parts(count, most)
