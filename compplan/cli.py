@@ -14,7 +14,7 @@ from pathlib import Path
 
 import click
 
-from compplan.errors import CompplanError, InputError
+from compplan.errors import CompplanError, InputError, find_near
 from compplan.files.origin import record_inputs
 from compplan.version import VERSION
 
@@ -69,6 +69,10 @@ class LazyGroup(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command of a line; refuse an option that is given twice where one value counts."""
+        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
+            near = find_near(args[0], list(COMMANDS))[:2]
+            meant = f"did you mean {' or '.join(near)}" if near else f"choose from {list(COMMANDS)}"
+            raise InputError(f"no command named {args[0]!r}, {meant}; compplan --help lists them")
         name, command, rest = super().resolve_command(ctx, args)
         if command is not None:
             refuse_twice(command, rest)

@@ -6,7 +6,12 @@ as one line and leaves with the exit status of the class; nothing else decides a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
+
+#: Names that an error lists at most, where some of them are near to the one that was asked for.
+MANY = 12
 
 
 class CompplanError(Exception):
@@ -68,7 +73,15 @@ class UnknownNameError(InputError):
     ) -> None:
         self.name = name
         self.choices = choices
-        super().__init__(f"no {kind} named {name!r}, choose from {choices}", file=file, where=where)
+        near = find_near(name, choices) if len(choices) > MANY else []
+        listed = f"{near} ({len(choices)} {kind}s in all)" if near else f"{choices}"
+        super().__init__(f"no {kind} named {name!r}, choose from {listed}", file=file, where=where)
+
+
+def find_near(name: str, choices: Sequence[str]) -> list[str]:
+    """List the names that hold this one, else those that are spelt like it; none where no name is near."""
+    inside = [choice for choice in choices if name and name.lower() in choice.lower()]
+    return (inside or get_close_matches(name.lower(), choices, MANY // 2))[:MANY]
 
 
 class InfeasibleError(CompplanError):

@@ -4,14 +4,25 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from commandline import run_command
 
 from compplan.job.job import Job, check_job
+from compplan.path.cam import read_cam
+from compplan.path.events import Event
+from compplan.plan.bending import Bending, tell_bending
+from compplan.plan.notes import ask_about_tool, tell_spindle
 from compplan.plan.slow import list_causes, tell_causes
+from compplan.robot import load_robot, robot_folders
+from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.ik import build_arm, solve_branches
 
 JOB = {"schema": 1, "robot": "ur10", "toolpath": "part.nc"}
 
@@ -70,3 +81,108 @@ def test_a_slow_run_names_corners_the_limit_and_what_is_left(follows: bool, word
     said = tell_causes(*slow_run(follows))
     assert said.startswith("The feed is lowered at 50 waypoints (28-32, 50-94): at corners")
     assert "down to 10 % at waypoint 30; by the velocity limit of joint_2, down to 70 % at waypoint 60; " in said
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["plna", "part.toml"], "error: no command named 'plna', did you mean plan or place; compplan --help"),
+        (["doctor", "part.toml"], "if it is a job: compplan plan part.toml --out out"),
+        (["doctor", "part.nc"], "part.nc: is a CAM file; compplan convert part.nc --out path.csv"),
+        (["plan", "part.nc", "--out", "out"], "part.nc: is a CAM file, expected a job that ends in .toml; "),
+        (["plan", "part.csv", "--out", "out"], "part.csv: is a table, expected a job that ends in .toml"),
+        (["doctor", "irb6640"], "no robot named 'irb6640', choose from ['abb_irb6640_185_280'] (42 robots in all)"),
+        (["doctor", "kuka_kr16-2"], "choose from ['kuka_kr16_2'"),
+        (["post", "part.nc", "--robot", "kuka", "--part", "1,2,3", "--program", "krl"], "error: --robot: no robot"),
+        (["post", "part.nc", "--robot", "ur5e", "--part", "1,2,3", "--program", "KRL"], "error: --program: krl is the"),
+        (["post", "part.nc", "--robot", "ur5e", "--part", "1e9,2,3", "--program", "csv"], "error: --part position_mm:"),
+        (["init", "log", "--robot", "ur5e", "--short"], "--short has no meaning in: compplan init log"),
+    ],
+)
+def test_what_is_nearly_right_is_told_in_one_line_what_would_be(words, said, tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("part.nc").write_text("G21 G90\nG0 X0 Y0 Z5\nG1 Z-1 F600\nX20\n")
+    done = run_command(words, monkeypatch, capsys)
+    assert done.status == 2 and said in done.err and done.err.count("\n") == 1, done.err
+
+
+@pytest.mark.parametrize("name", ["abb_irb6640_185_280", "kuka_kr16_2", "fanuc_m20ia", "yaskawa_gp50", "comau_nj220"])
+def test_a_straight_tool_leaves_the_flange_along_the_last_axis(name: str) -> None:
+    robot = load_robot(name)
+    pose = mounted_tool(robot).copy()
+    pose[:3, 3] = 0.15 * outward_axis(robot)
+    q = np.radians([[10.0, -20.0, 30.0, 40.0, 50.0, 60.0], [10.0, -20.0, 30.0, 40.0, 50.0, -30.0]])
+    frames = locate_frames(build_chain(robot.with_tool(pose)), q)
+    plain = locate_frames(build_chain(robot), q)
+    # the tip of a straight tool stays as the last joint turns, and lies where z of the frame points
+    assert frames.tcp_position[0] == pytest.approx(frames.tcp_position[1], abs=1e-9)
+    assert frames.tcp_position[0] == pytest.approx(plain.tcp_position[0] + 0.15 * plain.tcp_rotation[0][:, 2], abs=1e-9)
+
+
+def test_every_robot_of_the_library_says_which_axis_leaves_its_flange() -> None:
+    makers = {"abb": "x", "kuka": "x", "fanuc": "x", "yaskawa": "x"}
+    for name in robot_folders():
+        assert name_axis(outward_axis(load_robot(name))) == makers.get(name.split("_")[0], "z"), name
+
+
+@pytest.mark.parametrize("name", ["abb_irb1200_7_70", "kuka_kr16_2"])
+def test_a_new_job_stands_within_reach_with_a_tool_that_is_straight(name, tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("part.nc").write_text("G21 G90\nG0 X0 Y0 Z5\nG1 Z-1 F600\nX60\nY40\nX0\nY0\n")
+    words = ["init", "part.toml", "--robot", name, "--toolpath", "part.nc", "--short"]
+    done = run_command(words, monkeypatch, capsys)
+    assert done.status == 0 and "the part stands at [" in done.out and "(assumed: amid the places" in done.out, done.err
+    text = Path("part.toml").read_text()
+    data = tomllib.loads(text)
+    assert set(data) == {"schema", "name", "robot", "toolpath", "part", "tool", "process", "plan", "output"}
+    assert data["tool"]["position_mm"] == [150.0, 0.0, 0.0] and data["tool"]["rotation_deg"] == [0.0, 90.0, 0.0]
+    assert "put yours" in text.partition("position_mm")[2].partition("\n")[0] and len(text.splitlines()) < 45
+    job = check_job(data, tmp_path / "part.toml")
+    assert job.tool is not None and not ask_about_tool(job)
+    robot = job.tool.mount(load_robot(name))
+    around = np.array([[0, 0, -1], [60, 0, -1], [60, 40, -1], [0, 40, -1]])
+    corners = 1e-3 * (np.array(job.part.position_mm) + around)
+    turns = np.radians(np.arange(0.0, 360.0, 20.0))
+    down = np.array([[[np.cos(a), np.sin(a), 0.0], [np.sin(a), -np.cos(a), 0.0], [0.0, 0.0, -1.0]] for a in turns])
+    q = solve_branches(build_arm(robot), corners.repeat(len(turns), axis=0), np.tile(down, (4, 1, 1)))
+    inside = ((q > robot.lower) & (q < robot.upper)).all(axis=2).reshape(4, -1)
+    assert inside.any(axis=1).all()
+
+
+def test_a_tool_that_leaves_the_flange_sideways_is_asked_about() -> None:
+    job = {**JOB, "robot": "kuka_kr16_2", "tool": {"position_mm": [0.0, 0.0, 150.0]}}
+    note, = ask_about_tool(check_job(job))
+    assert "90 deg away from the direction x" in note
+    assert "position_mm = [150.0, 0.0, 0.0], rotation_deg = [0.0, 90.0, 0.0]" in note
+    assert not ask_about_tool(check_job({**job, "collision": {"tool": "spindle.stl"}}))
+    assert not ask_about_tool(check_job({**JOB, "tool": {"position_mm": [0.0, 0.0, 150.0]}}))  # z leaves a ur10
+
+
+def test_a_cut_that_nothing_turns_the_spindle_for_is_told() -> None:
+    job = check_job({**JOB, "process": {"model": "end_mill", "diameter_mm": 8.0, "teeth": 2, "spindle_rpm": 9000.0,
+                                        "material": "al6082_t6"}})  # fmt: skip
+    task: Any = SimpleNamespace(nominal=SimpleNamespace(events=(Event(-1, "tool", 1.0),)))
+    assert "never starts the spindle (no M3 or M4)" in tell_spindle(task, job)[0]
+    task.nominal.events = (Event(0, "spindle_cw", 9000.0),)
+    assert not tell_spindle(task, job) and not tell_spindle(task, check_job({**JOB, "toolpath": "path.csv"}))
+
+
+@pytest.mark.parametrize(
+    ("text", "start"),
+    [
+        ("G21\nG1 Z1 F600\nX10 Y0\n", "line 2: the first cut starts from X Y Z 0, the top of the blank by custom: "),
+        ("G21\nG0 Z5\nG1 X10 F600\n", "line 3: the first cut starts from X Y 0: nothing is said of it before; let a"),
+        ("G21\nG0 X0 Y0 Z5\nG1 Z1 F600\n", None),
+    ],
+)
+def test_a_cut_from_nowhere_names_every_coordinate_it_starts_from(text: str, start: str | None, tmp_path: Path) -> None:
+    (tmp_path / "a.nc").write_text(text)
+    notes = [note for note in read_cam(tmp_path / "a.nc").facts.notes if "first cut" in note]
+    assert (notes == []) if start is None else notes[0].startswith(start)
+
+
+def test_what_bends_the_arm_stands_in_one_line() -> None:
+    bending = Bending(2e-4, 3.21e-4, 7.3e-4, False, np.zeros(2), "")
+    said = "the arm bends by up to 0.321 mm (weight), 0.2 mm (process force), 0.73 mm (inertia, not compensated)"
+    assert tell_bending(bending) == said
+    assert tell_bending(Bending(0.0, 0.0, np.nan, False, np.zeros(2), "")) == "nothing bends the arm in this model"

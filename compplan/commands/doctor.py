@@ -15,6 +15,7 @@ from compplan.doctor import Remark, examine_installation, examine_log, examine_r
 from compplan.errors import InputError
 from compplan.files.origin import describe_origin
 from compplan.files.tables import dump_json
+from compplan.path.cam import list_suffixes
 from compplan.robot import load_robot
 
 #: How a state looks on a terminal.
@@ -31,6 +32,7 @@ def command(target: str | None, robot_name: str | None, as_json: bool) -> None:
 
     Example: compplan doctor measurements.csv --robot ur10
     """
+    _refuse_others(target)
     if target is not None and Path(target).is_file():
         findings = examine_log(Path(target), None if robot_name is None else load_robot(robot_name))
     elif target is not None and Path(target).suffix.lower() == ".csv":
@@ -45,6 +47,21 @@ def command(target: str | None, robot_name: str | None, as_json: bool) -> None:
         click.echo(dump_json({"findings": [asdict(finding) for finding in findings], "made_by": describe_origin()}))
         return
     _print_findings(findings)
+
+
+def _refuse_others(target: str | None) -> None:
+    """Refuse what another command takes, and name that."""
+    suffix = "" if target is None else Path(target).suffix.lower()
+    if target is None or Path(target).is_dir():
+        return
+    if suffix == ".toml":
+        sentence = f"is no robot folder and no log; if it is a job: compplan plan {target} --out out"
+    elif suffix in list_suffixes():
+        sentence = (f"is a CAM file; compplan convert {target} --out path.csv says what is read of it, "
+                    f"compplan init job.toml --robot ROBOT --toolpath {target} makes a job of it")  # fmt: skip
+    else:
+        return
+    raise InputError(sentence, file=target)
 
 
 def _print_findings(findings: list[Remark]) -> None:

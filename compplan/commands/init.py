@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 
 import click
 import tomli_w
 
 from compplan.commands.completion import complete_robots
-from compplan.errors import InputError
+from compplan.errors import CompplanError, InputError
 from compplan.files.tables import write_text
 from compplan.files.transaction import replace_folder
-from compplan.job.text import write_job_text
+from compplan.job.text import mount_tool, set_place, shorten_job, write_job_text
 from compplan.measure.skeleton import write_log_text
 from compplan.path.cam import list_suffixes
 from compplan.path.reading import read_toolpath
@@ -33,11 +34,14 @@ ANY_FEED = 0.01
               help="Robot of the job, or of the log: folder or shipped robot.")  # fmt: skip
 @click.option("--toolpath", default=None, help="Toolpath of the job, relative to it: CSV or a CAM file.")
 @click.option("--tcp", default=None, help="init robot: frame of the tool centre point; left out: the end of the chain.")
+@click.option("--short", is_flag=True, help="A job of the keys that one needs first, without the others.")
 @click.option("--out", type=click.Path(path_type=Path), default=None, help="Folder of the robot, or file of the log.")
 def command(
-    words: tuple[str, ...], robot_name: str | None, toolpath: str | None, tcp: str | None, out: Path | None
+    words: tuple[str, ...], robot_name: str | None, toolpath: str | None, tcp: str | None, short: bool, out: Path | None
 ) -> None:
     """Write a job FILE (default job.toml) in which every key is explained; or a robot folder; or an empty log.
+
+    With a robot, the part is put where the arm reaches its path, and the tool leaves the flange straight: both assumed.
 
     Example: compplan init part.toml --robot ur10 --toolpath part.nc
 
@@ -45,6 +49,8 @@ def command(
 
     Example: compplan init log --robot arm --out measurements.csv
     """
+    if short and words[:1] in (("robot",), ("log",)):
+        raise InputError(f"--short has no meaning in: compplan init {words[0]}")
     if words[:1] == ("robot",):
         _refuse(words, 2, "robot URDF", robot_name=robot_name, toolpath=toolpath)
         _init_robot(Path(words[1]), tcp, out)
@@ -55,7 +61,7 @@ def command(
         if len(words) > 1:
             raise InputError(f"init takes one FILE, 'robot URDF' or 'log', not {' '.join(words)!r}")
         _refuse(words, len(words), "FILE", tcp=tcp, out=out)
-        _init_job(Path(words[0]) if words else Path("job.toml"), robot_name, toolpath)
+        _init_job(Path(words[0]) if words else Path("job.toml"), robot_name, toolpath, short=short)
 
 
 def _refuse(words: tuple[str, ...], count: int, form: str, **options: object) -> None:
@@ -67,21 +73,26 @@ def _refuse(words: tuple[str, ...], count: int, form: str, **options: object) ->
             raise InputError(f"--{name.removesuffix('_name')} has no meaning in: compplan init {form}")
 
 
-def _init_job(file: Path, robot_name: str | None, toolpath: str | None) -> None:
+def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short: bool) -> None:
     _refuse_existing(file)
     if file.suffix.lower() != ".toml":
         raise InputError(f"a job is a file that ends in .toml, not {str(file)!r}")
-    text = write_job_text()
-    if robot_name is not None:
-        robot = load_robot(robot_name, relative_to=file.parent)
-        text = text.replace('robot = "staubli_tx200" ', f"{_line('robot', robot_name)} ", 1)
+    text, place = write_job_text(), ""
+    robot = None if robot_name is None else load_robot(robot_name, relative_to=file.parent)
+    if robot is not None:
+        text = text.replace('robot = "staubli_tx200" ', f"{_line('robot', str(robot_name))} ", 1)
         text = text.replace('programs = ["val3"]', f'programs = ["{_native_language(robot)}"]', 1)
+        text = mount_tool(text, robot, used=toolpath is not None and not toolpath.lower().endswith(".csv"))
     if toolpath is not None:
         _check_toolpath(file.parent / toolpath)
         line = _line("toolpath", toolpath) + "\n\n"
         text = re.sub(r'# toolpath = "part.nc"\n.*?\n(?=\[part\])', lambda _: line, text, count=1, flags=re.DOTALL)
         text = _choose_process(text, "columns" if toolpath.lower().endswith(".csv") else "milling")
-    write_text(file, text)
+    if robot is not None:
+        text, place = place_part(text, file)
+    write_text(file, shorten_job(text) if short else text)
+    if place:
+        click.echo(place)
     click.echo(f"wrote {file}; next: compplan plan {file} --out out")
 
 
@@ -95,6 +106,27 @@ def _choose_process(text: str, model: str) -> str:
     left = [line for k, line in enumerate(lines) if not first <= k < last or line.startswith(OPTIONAL)]
     note = "# the numbers of the cut are assumed: put yours" if model == "milling" else ""
     return head + "\n".join([left[0], *filter(None, [note]), *own, *left[1:]]) + "\n" + rest
+
+
+def place_part(text: str, file: Path) -> tuple[str, str]:
+    """Put the part of a job's text where its arm reaches the path; return the text and what there is to say.
+
+    A toolpath that cannot be read as the text has it leaves the part where it is: it may need what the job says of it.
+    """
+    from compplan.job.job import check_job
+    from compplan.plan.plan import job_robot
+    from compplan.posture.first_place import find_first_place
+
+    try:
+        job = check_job(tomllib.loads(text), file)
+        found = find_first_place(job, job_robot(job))
+    except CompplanError as error:
+        return text, f"the part stands where it does in every new job, its path was not tried ({error})"
+    if found is None:
+        return text, "no place was found from which this robot reaches the whole path; choose a larger one, or turn it"
+    position = [round(1e3 * float(value), 1) + 0.0 for value in found.position]
+    why = "amid the places from which the arm reaches the path" if found.tried else "before the arm, not tried"
+    return set_place(text, position, f"assumed: {why}; put yours"), f"the part stands at {position} mm (assumed: {why})"
 
 
 def _check_toolpath(path: Path) -> None:

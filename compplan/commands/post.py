@@ -12,6 +12,12 @@ from compplan.commands.places import OUT_FOLDER
 from compplan.errors import InputError
 from compplan.files.tomlfile import check_table, read_named_table
 
+#: Where the tables and keys of the job that this command makes up come from.
+OPTIONS = {
+    "robot": "--robot", "toolpath": "CAMFILE", "part": "--part", "tool": "--tool", "process": "--process",
+    "cam": "--cam", "plan": "--plan", "output": "--output",
+}  # fmt: skip
+
 
 @click.command()
 @click.argument("camfile", type=click.Path(path_type=Path))
@@ -36,6 +42,7 @@ def command(
     from compplan.commands.plan import carry_out
     from compplan.job.job import check_job
 
+    programs = tuple(language.lower() for language in programs)
     folder = folder or camfile.with_name(f"{camfile.stem}_program")
     data: dict[str, Any] = {
         "schema": 1,
@@ -52,7 +59,22 @@ def command(
     if output is not None:
         data["output"] = {**read_output(output), "programs": list(programs)}
     note = "No --process is given: no force is predicted, the arm bends under weights alone." if process is None else ""
-    carry_out(check_job(data, folder.absolute() / f"{camfile.stem}.toml"), folder, as_json=as_json, note=note)
+    stands_in = folder.absolute() / f"{camfile.stem}.toml"
+    try:
+        carry_out(check_job(data, stands_in), folder, as_json=as_json, note=note)
+    except InputError as error:
+        raise name_option(error, stands_in) from None
+
+
+def name_option(error: InputError, stands_in: Path) -> InputError:
+    """Return an error about a job that nobody wrote as one about the option that the value came from."""
+    if error.file != str(stands_in):
+        return error
+    table, _, key = str(error.where or "").partition(".")
+    if table == "output" and key.startswith("programs"):
+        return InputError(error.message, where="--program")
+    option = OPTIONS.get(table)
+    return InputError(error.message, where=" ".join(word for word in (option, key) if word) or None)
 
 
 def read_part(text: str) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from compplan.files.tomlfile import Numbers, OneOf, SchemaOne, StrictTable, Vect
 from compplan.job.names import STRATEGIES
 from compplan.job.noise import NoiseTable
 from compplan.job.signals import IoTable
+from compplan.path.cam import list_suffixes
 from compplan.path.cam.options import CamTable
 from compplan.path.corners import round_corners
 from compplan.path.force_law import ForceLaw, read_stock_top
@@ -329,6 +330,12 @@ def load_job(path: str | Path) -> Job:
         InputError: With file and line, or file and key, if it is not what it has to be.
 
     """
+    suffix = Path(path).suffix.lower()
+    if suffix in list_suffixes():
+        hint = "compplan init JOB.toml --robot ROBOT --toolpath FILE writes one, compplan post takes the file itself"
+        raise InputError(f"is a CAM file, expected a job that ends in .toml; {hint}", file=path)
+    if suffix == ".csv":
+        raise InputError("is a table, expected a job that ends in .toml", file=path)
     return check_job(read_toml(path), path)
 
 

@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+import re
+
+from scipy.spatial.transform import Rotation
+
 from compplan.job.names import STRATEGIES
 from compplan.path.cam import READERS, list_suffixes
 from compplan.path.forces.materials import MATERIALS
 from compplan.program import WRITERS
+from compplan.robot import Robot
+from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
+
+#: Tables of a short job, and which of their keys; None: all that count.
+SHORT: dict[str, tuple[str, ...] | None] = {
+    "toolpath": None, "part": None, "tool": None, "process": None, "plan": ("strategy", "tolerance_mm"),
+    "output": ("programs",),
+}  # fmt: skip
 
 _TEXT = """\
 # A compplan job. Lengths in mm, angles in deg, forces in N: the unit is in the name of each key.
@@ -258,3 +270,47 @@ def write_job_text() -> str:
     for mark, names in choices.items():
         text = text.replace(mark, names)
     return text
+
+
+def mount_tool(text: str, robot: Robot, *, used: bool) -> str:
+    """Let the tool of a job's text leave the flange of its robot straight.
+
+    Args:
+        text: The commented job.
+        robot: The robot as its folder has it.
+        used: Whether the table counts where the folder's own TCP is on the flange; otherwise it stays a comment.
+
+    """
+    tool, out = mounted_tool(robot), outward_axis(robot)
+    turn = Rotation.from_matrix(tool[:3, :3]).as_rotvec(degrees=True)
+    head, table, rest = re.split(r"(# \[tool\].*?\n)(?=\n)", text, maxsplit=1, flags=re.DOTALL)
+    for key, value in {"position_mm": 150.0 * out, "rotation_deg": turn, "centre_of_mass_mm": 60.0 * out}.items():
+        numbers = [round(float(number), 3) + 0.0 for number in value]
+        table = re.sub(rf"# {key} = \[.*?\]", f"# {key} = {numbers}", table)
+    straight = f"# {name_axis(out)} of the flange frame leaves this robot; length and mass are assumed: put yours\n"
+    first, _, keys = table.partition("\n")
+    if used and not tool[:3, 3].any():
+        first, keys = first.removeprefix("# "), "".join(line.removeprefix("# ") for line in keys.splitlines(True))
+    return f"{head}{first}\n{straight}{keys}{rest}"
+
+
+def set_place(text: str, position_mm: list[float], comment: str) -> str:
+    """Put the part of a job's text elsewhere."""
+    return re.sub(r"(?<=\[part\]).*?\nposition_mm = \[.*?\].*?(?=\n)",
+                  lambda found: re.sub(r"position_mm = .*", f"position_mm = {position_mm}  # {comment}", found.group()),
+                  text, count=1, flags=re.DOTALL)  # fmt: skip
+
+
+def shorten_job(text: str) -> str:
+    """Return the keys of a commented job that one needs first, with their comments."""
+    kept, table = ["# A compplan job: the keys that one needs first. All of them: compplan init without --short."], ""
+    for line in text.splitlines():
+        if line.startswith("["):
+            table = line[1:].partition("]")[0]
+            kept += ["", line] if table in SHORT else []
+        elif line.startswith("#"):
+            kept += [line] if "assumed: put yours" in line and table in ("tool", "process") else []
+        elif line and (not table or table in SHORT):
+            wanted = SHORT[table] if table else None
+            kept += [line] if wanted is None or line.partition(" = ")[0] in wanted else []
+    return "\n".join(kept) + "\n"

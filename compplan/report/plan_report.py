@@ -152,7 +152,7 @@ def list_assumptions(job: Job | None) -> list[str]:
 
 def _list_facts(plan: Plan) -> list[tuple[str, str]]:
     facts = []
-    if plan.job is not None:
+    if plan.job is not None and plan.job.file.is_file():
         facts.append(("job", str(plan.job.file)))
     facts.append(("toolpath", plan.task.nominal.source or "given in memory"))
     words = ", ".join(f"{name} {word}" for name, word in plan.task.configuration.items())

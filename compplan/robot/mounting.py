@@ -1,0 +1,33 @@
+"""How a tool leaves the flange of a robot, by the folder's own TCP frame: its z points out of the flange."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from compplan.robot.model import Array, Robot
+
+#: Components of a direction below this count as none.
+NOTHING = 1e-6
+
+
+def mounted_tool(robot: Robot) -> Array:
+    """Return the pose of the TCP frame in the flange frame. Shape (4, 4). [m]"""
+    pose, beyond = np.eye(4), False
+    for joint in robot.joints:
+        beyond = beyond or joint.parent == robot.flange
+        pose = pose @ joint.placement if beyond else pose
+    return pose
+
+
+def outward_axis(robot: Robot) -> Array:
+    """Return where a straight tool leaves the flange, flange axes: z of the folder's TCP. Shape (3,)."""
+    axis = mounted_tool(robot)[:3, 2]
+    return np.asarray(np.where(np.abs(axis) < NOTHING, 0.0, axis))
+
+
+def name_axis(axis: Array) -> str:
+    """Name a direction: "x", "-z", or its components where it lies along no axis."""
+    k = int(np.abs(axis).argmax())
+    if abs(axis[k]) > 1.0 - NOTHING:
+        return f"{'-' if axis[k] < 0 else ''}{'xyz'[k]}"
+    return f"({', '.join(f'{value:.3g}' for value in axis)})"
