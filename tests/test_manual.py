@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
 import shutil
@@ -62,3 +63,13 @@ def test_the_first_part_of_the_manual_is_planned_by_its_own_commands(tmp_path: P
         assert done.returncode == 0, (line, done.stderr)
     assert list((folder / "out").glob("*_L1.src")) and (folder / "out" / "report.html").is_file()
     assert (folder / "compare" / "compare.json").is_file() and (folder / "forces" / "forces.json").is_file()
+
+
+def test_the_list_of_robots_is_that_of_the_folders() -> None:
+    spec = importlib.util.spec_from_file_location("write_robot_table", DOCS / "write_robot_table.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    page = read(DOCS / "robots.md")
+    assert module.fill_page(page, module.write_table()) == page, "run: python docs/write_robot_table.py"
+    assert "| kuka_kr16_2 | 16 kg | 1.61 m | 6 | x of `flange` |" in page

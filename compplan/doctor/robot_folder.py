@@ -10,6 +10,8 @@ from compplan.doctor.remarks import Remark
 from compplan.effects import robot_effects
 from compplan.program.counting import load_controller
 from compplan.robot import Array, Robot
+from compplan.robot.folder import read_rating
+from compplan.robot.mounting import name_axis, outward_axis
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 from compplan.statics.elastic import cartesian_compliance
 from compplan.statics.ik import middle_of_limits
@@ -41,7 +43,13 @@ def examine_robot(robot: Robot) -> list[Remark]:
 def _describe(robot: Robot) -> Remark:
     slides = int(robot.prismatic.sum())
     kinds = f"{robot.nq} joints" + (f", {slides} of them slide" if slides else "")
-    return Remark("fine", "folder", f"{robot.name}: {kinds}; reach of the links {robot.longest_reach:.2f} m")
+    rating = read_rating(robot)
+    if rating is None:
+        size = f"its links end to end measure {robot.longest_reach:.2f} m, it reaches less"
+    else:
+        size = f"payload {rating[0]:g} kg, reach {rating[1]:.2f} m as its maker says (SOURCE.md)"
+    tool = f"tools leave along {name_axis(outward_axis(robot))} of {robot.flange!r}"
+    return Remark("fine", "folder", f"{robot.name}: {kinds}; {size}; {tool}")
 
 
 def _look_at_sources(robot: Robot) -> Iterator[Remark]:

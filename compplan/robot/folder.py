@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
@@ -20,6 +21,9 @@ from compplan.robot.model import Array, Joint, Robot, roll_pitch_yaw_of
 from compplan.robot.uncertainty import FILE as UNCERTAINTY
 from compplan.robot.uncertainty import format_uncertainty, read_uncertainty
 from compplan.robot.urdf import read_numbers, read_placement, read_urdf
+
+#: How SOURCE.md states what the maker says of the arm.
+RATING = re.compile(r"Payload ([\d.]+) kg and reach ([\d.]+) mm")
 
 
 class EffectTable(StrictTable):
@@ -128,6 +132,15 @@ def read_robot_folder(folder: Path) -> Robot:
         effects=_read_effects(folder / "effects.toml"),
         uncertainty=read_uncertainty(folder / UNCERTAINTY),
     )
+
+
+def read_rating(robot: Robot) -> tuple[float, float] | None:
+    """Return payload [kg] and reach [m] as the maker states them, from the folder's SOURCE.md; None without."""
+    source = None if robot.folder is None else robot.folder / "SOURCE.md"
+    if source is None or not source.is_file():
+        return None
+    found = RATING.search(source.read_text(encoding="utf-8"))
+    return None if found is None else (float(found[1]), 1e-3 * float(found[2]))
 
 
 def write_robot_folder(robot: Robot, folder: Path) -> None:
