@@ -13,6 +13,7 @@ from compplan.errors import InputError
 from compplan.job.job import load_job, load_path
 from compplan.path.contact import cutting_progress
 from compplan.path.forces.fit import read_force_log
+from compplan.plan import stability
 
 POCKET = Path(__file__).parent.parent / "examples" / "forces" / "pocket.toml"
 
@@ -20,7 +21,8 @@ POCKET = Path(__file__).parent.parent / "examples" / "forces" / "pocket.toml"
 def write_job(folder: Path, coefficients: str) -> Path:
     text = POCKET.read_text(encoding="utf-8").replace('material = "al7075_t6"', coefficients)
     text = text.replace("[stability]\n", "[stability]\njudge = false\n")
-    (folder / "pocket.csv").write_text((POCKET.parent / "pocket.csv").read_text(encoding="utf-8"), encoding="utf-8")
+    rows = (POCKET.parent / "pocket.csv").read_text(encoding="utf-8").splitlines()[:17]  # half of its upper level
+    (folder / "pocket.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
     (folder / "job.toml").write_text(text, encoding="utf-8")
     return folder / "job.toml"
 
@@ -38,7 +40,13 @@ def log(tmp_path_factory) -> Path:
 
 
 def test_it_writes_table_page_and_summary(tmp_path, monkeypatch, capsys) -> None:
-    answer = run_command(["forces", POCKET, "--out", tmp_path / "out", "--json"], monkeypatch, capsys)
+    for name, few in (("POSTURES", 3), ("CUTS", 20), ("FEW_SPEEDS", stability.FEW_SPEEDS[:3]),
+                      ("SPEEDS", stability.SPEEDS[:7])):  # fmt: skip
+        monkeypatch.setattr(stability, name, few)
+    text = POCKET.read_text(encoding="utf-8")
+    (tmp_path / "pocket.csv").write_text((POCKET.parent / "pocket.csv").read_text(encoding="utf-8"), encoding="utf-8")
+    (tmp_path / "job.toml").write_text(f"{text}\n[posture]\nspin_step_deg = 90.0\n", encoding="utf-8")
+    answer = run_command(["forces", tmp_path / "job.toml", "--out", tmp_path / "out", "--json"], monkeypatch, capsys)
     assert answer.status == 0, answer.err
     summary = json.loads(answer.out)
     assert {"forces.csv", "forces.json", "report.html"} <= {p.name for p in (tmp_path / "out").iterdir()}
@@ -50,9 +58,9 @@ def test_it_writes_table_page_and_summary(tmp_path, monkeypatch, capsys) -> None
     rows = (tmp_path / "out" / "forces.csv").read_text(encoding="utf-8").splitlines()
     assert len(rows) == summary["waypoints"] + 1 and rows[0].startswith("s_mm,rapid,feed_mm_s,axial_depth_mm")
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    stability = summary["stability"]
+    judged = summary["stability"]
     flags = [int(row.split(",")[rows[0].split(",").index("unstable")]) for row in rows[1:]]
-    assert sum(flags) == stability["unstable_waypoints"] > 0 and stability["damping_assumed"]
+    assert sum(flags) == judged["unstable_waypoints"] > 0 and judged["damping_assumed"]
     assert any("damped by 3 % (assumed" in note for note in summary["notes"])
     assert "Least unstable axial depth over the spindle speed" in page
     assert "Duan et al. 2021" in page and "The path coloured by the size of the force" in page
@@ -77,7 +85,8 @@ def test_a_log_gives_back_the_coefficients_that_made_it_within_their_intervals(l
 def test_a_log_that_misses_the_cut_is_refused_and_nothing_is_written(log, tmp_path, monkeypatch, capsys) -> None:
     far = tmp_path / "far.csv"
     far.write_text("s_mm,fx_N,fy_N,fz_N\n1e6,0,0,0\n2e6,0,0,0\n", encoding="utf-8")
-    answer = run_command(["forces", POCKET, "--out", tmp_path / "out", "--log", far], monkeypatch, capsys)
+    job = write_job(tmp_path, 'material = "al7075_t6"')
+    answer = run_command(["forces", job, "--out", tmp_path / "out", "--log", far], monkeypatch, capsys)
     assert answer.status == 2 and "0 rows lie in the cut" in answer.err
     assert not (tmp_path / "out").exists()
 
@@ -85,7 +94,8 @@ def test_a_log_that_misses_the_cut_is_refused_and_nothing_is_written(log, tmp_pa
 def test_a_log_of_newtons_in_columns_of_kilonewtons_is_refused(log, tmp_path, monkeypatch, capsys) -> None:
     wrong = tmp_path / "wrong.csv"
     wrong.write_text(log.read_text(encoding="utf-8").replace("_N", "_kN"), encoding="utf-8")
-    answer = run_command(["forces", POCKET, "--out", tmp_path / "out", "--log", wrong], monkeypatch, capsys)
+    job = write_job(tmp_path, 'material = "al7075_t6"')
+    answer = run_command(["forces", job, "--out", tmp_path / "out", "--log", wrong], monkeypatch, capsys)
     assert answer.status == 2 and "is predicted: check units" in answer.err
     wrong.write_text("s_mm,fx_N,fy_N,fz_N\n1,5,5,5\n2,5,-2e6,5\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"wrong.csv:3: a force of 2e\+06 N, at most 1e\+06 N is allowed"):

@@ -49,7 +49,8 @@ def command(job: Path, folder: Path, log: Path | None, as_json: bool) -> None:
     if "engagement" in summary:
         cut = summary["engagement"]
         deep, wide, ripple = cut["axial_depth_mm"]["max"], cut["radial_width_mm"]["max"], summary["ripple_N"]["max"]
-        click.echo(f"axial depth up to {deep:.3g} mm, radial width up to {wide:.3g} mm, ripple up to {ripple:.3g} N")
+        shakes = f"ripple up to {ripple:.3g} N" if ripple > 0.0 else "no ripple: the edges balance"
+        click.echo(f"axial depth up to {deep:.3g} mm, radial width up to {wide:.3g} mm, {shakes}")
     if "log" in summary:
         fit = summary["log"]
         click.echo(f"log: {fit['rows']} rows in the cut of {fit['rms_N']:.3g} N (rms), the prediction is off by "

@@ -12,6 +12,7 @@ from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json, write_table
 from compplan.files.transaction import replace_folder
 from compplan.job.force_prediction import ForcePrediction
+from compplan.path.process import Process
 from compplan.path.toolpath import WRENCH_HEADERS
 from compplan.plan.stability import Stability, mark_spans
 from compplan.robot import Array
@@ -27,6 +28,7 @@ def summarise_forces(found: ForcePrediction, stability: Stability | None = None,
         "force_N": {"max": float(force.max()), "mean_in_contact": float(force[acts].mean()) if acts.any() else 0.0},
         "moment_Nm": {"max": float(np.linalg.norm(found.wrench[:, 3:], axis=1).max())},
         "uncertainty": getattr(found.job.process, "uncertainty", None),
+        "uncertainty_stated": _states_uncertainty(found.job.process),
         "notes": [*found.notes, *([stability.note] if stability else []), *([remark] if remark else [])],
     }  # fmt: skip
     if found.law.cutting is not None and found.ripple is not None:
@@ -50,6 +52,12 @@ def summarise_forces(found: ForcePrediction, stability: Stability | None = None,
             "rms_after_N": found.fit.rms_after, "fitted": [asdict(number) for number in found.fit.numbers],
         }  # fmt: skip
     return summary
+
+
+def _states_uncertainty(process: Process) -> bool:
+    """Tell whether the job states the uncertainty of its force, in place of an assumed one."""
+    return any("uncertainty" in table.model_fields_set for table in (process, getattr(process, "coefficients", None))
+               if table is not None)  # fmt: skip
 
 
 def _summarise_stability(stability: Stability) -> dict[str, Any]:

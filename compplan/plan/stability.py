@@ -145,7 +145,7 @@ def _judge(
     worst = int(multiplier.argmax())
     drawn = _draw_map(stage(worst), worst, float(cutting.engagement.axial[worst]), spindle.speed)
     rings = np.array([each.omega / (2 * np.pi) for each in modes])
-    return Stability(multiplier, zero, rings, damping, masses, drawn, _tell(multiplier, rings, damping, masses))
+    return Stability(multiplier, zero, rings, damping, masses, drawn, _tell(multiplier[rows], rings, damping, masses))
 
 
 def _group(mean: Array, near: NDArray[np.int_]) -> NDArray[np.int_]:
@@ -163,12 +163,14 @@ def _draw_map(cut: CutDynamics, waypoint: int, depth: float, speed: float) -> St
     zero = np.array([find_limit(cut.scaled(speed=share), DEPTHS) for share in SPEEDS])
     semi = np.full(len(FEW_SPEEDS), np.inf)
     for k, share in enumerate(FEW_SPEEDS):
-        grown = np.array([find_multiplier(cut.scaled(each, share)) for each in FEW_DEPTHS])
-        first = np.flatnonzero(grown > 1.0)
-        if len(first):
-            i = first[0]
-            part = 1.0 if i == 0 else float((1.0 - grown[i - 1]) / (grown[i] - grown[i - 1]))
-            semi[k] = FEW_DEPTHS[i] ** part * FEW_DEPTHS[max(i - 1, 0)] ** (1.0 - part)
+        before = 0.0
+        for i, each in enumerate(FEW_DEPTHS):
+            grown = find_multiplier(cut.scaled(each, share))
+            if grown > 1.0:
+                part = 1.0 if i == 0 else (1.0 - before) / (grown - before)
+                semi[k] = each**part * FEW_DEPTHS[max(i - 1, 0)] ** (1.0 - part)
+                break
+            before = grown
     limit = find_coupling_limit(cut)
     return StabilityMap(waypoint, depth, speed * SPEEDS, depth * zero, speed * FEW_SPEEDS, depth * semi, depth * limit)
 
@@ -176,7 +178,7 @@ def _draw_map(cut: CutDynamics, waypoint: int, depth: float, speed: float) -> St
 def _tell(multiplier: Array, rings: Array, damping: float, masses: str) -> str:
     count, lowest = int((multiplier > 1.0).sum()), float(rings.min())
     verdict = f"chatters at {count} of" if count else "is stable at all of"
-    return (f"The cut {verdict} {int((multiplier > 0).sum())} waypoints in contact, with modes from {lowest:.3g} Hz "
+    return (f"The cut {verdict} {len(multiplier)} waypoints in contact, with modes from {lowest:.3g} Hz "
             f"(masses: {masses}), damped by {100 * damping:.3g} % (assumed, stability.damping).")  # fmt: skip
 
 

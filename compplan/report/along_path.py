@@ -82,7 +82,7 @@ def draw_lines(
     figure = go.Figure()
     add_lines(figure, stations, series, unit, colours=colours)
     figure.update_xaxes(title_text="path length, mm", range=_length_range(stations))
-    figure.update_yaxes(title_text=f"{title}, {unit}")
+    figure.update_yaxes(title_text=f"{title}, {unit}" if unit else title)
     if log:
         _use_decades(figure, list(series.values()), title)
     if zero:

@@ -46,11 +46,23 @@ def write_forces_page(
     if found.fit is not None:
         sections.append(_comparison(found.fit))
     coefficients = summary.get("coefficients", {})
-    facts = [("force model", found.job.process.model)] + [(name, str(value)) for name, value in coefficients.items()]
+    facts = [("force model", found.job.process.model), *_list_coefficients(coefficients)]
     notes = list(summary["notes"])
     assumed = [note for note in notes if "assumed" in note]
     write_page(file, found.job.name or "Forces", _lede(summary), sections, kind="Forces", notes=notes,
                provenance=Provenance(facts, assumed))  # fmt: skip
+
+
+def _list_coefficients(found: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return the coefficients of a cut as the page shows them; nothing where there are none."""
+    if not found:
+        return []
+    names = (("cutting coefficients, N/mm²", "cutting_N_mm2"), ("edge coefficients, N/mm", "edge_N_mm"),
+             ("Kienzle's exponent", "exponent"))  # fmt: skip
+    parts = ("tangential", "radial", "axial")
+    facts = [(words, ", ".join(f"{part} {value:g}" for part, value in zip(parts, found[name], strict=True)))
+             for words, name in names]  # fmt: skip
+    return [*facts, ("coefficients are", f"{'assumed' if found['assumed'] else 'taken over'}: {found['source']}")]
 
 
 def _locate_stations(nominal: Toolpath) -> Stations:
@@ -72,7 +84,8 @@ def _lede(summary: Mapping[str, Any]) -> str:
     level = summary.get("uncertainty")
     if level is None:
         return text
-    return f"{text} The level is uncertain by {100 * level:.0f}\u00a0% (one standard deviation)."
+    whence = "as the job says" if summary["uncertainty_stated"] else "assumed"
+    return f"{text} The level is uncertain by {100 * level:.0f}\u00a0% (one standard deviation, {whence})."
 
 
 def _overview(found: ForcePrediction) -> Section:
@@ -84,7 +97,8 @@ def _overview(found: ForcePrediction) -> Section:
         scenes.append(Chart(drawn, "The path coloured by what the tool sweeps through material a length of path.",
                             height=430, linked_scenes=True))  # fmt: skip
     blocks: list[Block] = [Columns([[scene] for scene in scenes])] if len(scenes) > 1 else [*scenes]
-    return Section("Along the path", blocks, "Moves without contact are grey; turning one scene turns the other.")
+    turns = "; turning one scene turns the other" if len(scenes) > 1 else ""
+    return Section("Along the path", blocks, f"Moves without contact are grey{turns}.")
 
 
 def _colour_path(found: ForcePrediction, value: Array, unit: str) -> Any:
@@ -109,7 +123,8 @@ def _colour_path(found: ForcePrediction, value: Array, unit: str) -> Any:
         customdata=np.column_stack([rows, value[rows]]).astype(np.float32),
         hovertemplate="waypoint %{customdata[0]:.0f}: %{customdata[1]:.4g} " + unit + "<extra></extra>",
     ))  # fmt: skip
-    figure.update_layout(scene=frame_scene(points), margin={"l": 0, "r": 0, "t": 0, "b": 0}, showlegend=False)
+    scene = frame_scene(points, size=1.75)
+    figure.update_layout(scene=scene, margin={"l": 0, "r": 0, "t": 0, "b": 0}, showlegend=False)
     return figure
 
 
@@ -126,7 +141,7 @@ def _along(found: ForcePrediction, stations: Stations) -> Section:
               "Mean force of the environment on the tool; left as seen down the tool axis, the axis from tip up.",
               height=340),
     ]  # fmt: skip
-    if found.ripple is not None:
+    if found.ripple is not None and found.ripple.any():
         ripple = {name: found.ripple[:, k] for k, name in enumerate(names)}
         lines = draw_lines(stations, ripple, "N", title="ripple", colours=CATEGORIES[:3], zero=True)
         blocks.append(Chart(lines, "Half of the range of each component in a turn of the spindle.", height=280))

@@ -12,6 +12,8 @@ from compplan.report.page import Block, Chart, Column, PageTable, Section, Table
 from compplan.report.style import AFTER, BEFORE, CATEGORIES, NEUTRAL, format_number
 from compplan.robot import Array
 
+#: Labels of the axis of depths. [mm]
+DEPTH_TICKS = [part * 10.0**power for power in range(-3, 3) for part in (1, 2, 5)]
 #: Stretches that the table lists at most.
 LISTED = 30
 
@@ -70,8 +72,9 @@ def _draw_map(drawn: StabilityMap) -> Any:
     figure.add_trace(go.Scatter(x=[job], y=[1e3 * drawn.depth], name="the job", mode="markers",
                                 marker={"color": BEFORE, "size": 11, "symbol": "x"}))  # fmt: skip
     figure.update_layout(
-        xaxis={"title": {"text": "spindle speed (rpm)"}},
-        yaxis={"title": {"text": "axial depth (mm)"}, "type": "log"},
+        xaxis={"title": {"text": "spindle speed, 1/min"}, "tickformat": ",d"},
+        yaxis={"title": {"text": "axial depth, mm"}, "type": "log", "tickvals": DEPTH_TICKS,
+               "ticktext": [f"{value:g}" for value in DEPTH_TICKS]},
         legend={"orientation": "h", "y": 1.12}, margin={"l": 60, "r": 20, "t": 30, "b": 50},
     )  # fmt: skip
     return figure

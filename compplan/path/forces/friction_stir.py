@@ -85,10 +85,15 @@ def weld_wrench(process: FrictionStirProcess, nominal: Toolpath) -> Array:
 
 
 def describe_weld(process: FrictionStirProcess) -> list[str]:
-    """Say what was assumed."""
+    """Say what was set in the job and what was assumed."""
+    stated = process.model_fields_set
+    shares = " and ".join(
+        f"{words} share {getattr(process, name):g} {'as set in the job' if name in stated else '(assumed)'}"
+        for words, name in (("traverse", "traverse_ratio"), ("side", "side_ratio"))
+    )
     given = "as set in the job" if process.axial_N is not None else "pressure times the shoulder's area"
     return [
         f"Friction stir welding: torque {weld_torque(process):.3g} N m by Schmidt and others (2004), "
-        f"axial force {given}; traverse share {process.traverse_ratio:g} and side share {process.side_ratio:g} are "
-        "assumed."
+        f"shear stress {process.shear_N_mm2:g} N/mm2 as set in the job, axial force {given}; {shares}; "
+        f"scatter {100 * UNCERTAINTY:g} % (assumed)."
     ]
