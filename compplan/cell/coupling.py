@@ -58,7 +58,18 @@ class Settled:
     @property
     def agrees(self) -> bool:
         """Tell whether the passes contracted, and far enough."""
-        return self.margin > 0.0 and self.ratio < 1.0 and self.steps[-1] <= max(EXACT, LEFT * self.steps[0])
+        return self.margin > 0.0 and self.ratio < 1.0 and self.steps[-1] <= self.allowed
+
+    @property
+    def allowed(self) -> float:
+        """What may still be missing. [m]"""
+        return max(EXACT, LEFT * self.steps[0])
+
+    @property
+    def unsettled(self) -> float:
+        """Share of the waypoints in contact at which more is missing."""
+        touches = np.abs(self.wrench[:, :3]).max(axis=1) > 0.0
+        return float((self.missing[touches] > self.allowed).mean()) if touches.any() else 0.0
 
     @property
     def worst(self) -> int:
@@ -74,8 +85,8 @@ class Settled:
                     f"than the arm holds it (least eigenvalue of 1 + K C {self.margin:.3g}).")  # fmt: skip
         return (f"Force and deflection do not agree in {self.passes} passes: the last still asks for "
                 f"{1e3 * self.steps[-1]:.2g} mm, the first did for {1e3 * self.steps[0]:.2g} mm, greatest ratio of a "
-                f"pass to the one before {self.ratio:.2g}; the most is missing at waypoint {self.worst}, "
-                f"{1e3 * self.missing[self.worst]:.2g} mm.")  # fmt: skip
+                f"pass to the one before {self.ratio:.2g}; {100 * self.unsettled:.3g} % of the waypoints in contact "
+                f"miss it, waypoint {self.worst} by the most, {1e3 * self.missing[self.worst]:.2g} mm.")  # fmt: skip
 
 
 def settle_coupled(

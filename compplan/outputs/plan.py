@@ -148,6 +148,7 @@ def _summarise_coupling(effect: CouplingEffect) -> dict[str, Any]:
         "passes": settled.passes,
         "ratio": settled.ratio,
         "agrees": settled.agrees,
+        "unsettled": settled.unsettled,
         "missing_mm": 1e3 * float(settled.missing[settled.worst]),
         "missing_at": settled.worst,
         "error_before_mm": {

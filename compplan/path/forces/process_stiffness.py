@@ -25,6 +25,10 @@ from compplan.path.toolpath import Toolpath
 
 #: By how much a path is shifted for the derivative: the size of deviations. [m]
 SHIFT = 1e-4
+#: Length of path over which a tool follows a force that jumps, in radii of the cutter (assumed: about as far as a tool
+#: is pushed aside, since what it then cuts sideways holds it back). Without it rows beside each other at the entry of a
+#: cut take turns in the air.
+LAG = 0.1
 
 Stiffness3 = Annotated[tuple[float, float, float], Field(strict=False)]
 
@@ -106,7 +110,17 @@ class ProcessStiffness:
             return None
         part = np.where(nominal.rapid[:, None], 0.0, away) @ self.R_base_part
         there = np.column_stack([np.interp(self.cutting.arc, nominal.arc_length, column) for column in part.T])
-        return self.cutting.shift(there)
+        return self.cutting.shift(_lag(there, self.cutting.arc, LAG * self.cutting.bench.cutter.radius))
+
+
+def _lag(away: Array, arc: Array, length: float) -> Array:
+    """Return where a tool is that follows away (r, 3) [m] along the path over a length [m], to first order."""
+    keep = np.exp(-np.diff(arc, prepend=arc[0]) / length)[:, None]
+    lagged, last = np.empty_like(away), np.zeros(3)
+    for i in range(len(away)):
+        last = keep[i] * last + (1.0 - keep[i]) * away[i]
+        lagged[i] = last
+    return lagged
 
 
 def read_coupling(
