@@ -43,7 +43,7 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
     if job is not None and job.process.model in RECORDED:
         reason = RECORDED[job.process.model]
         notes.append(f"The judge takes the wrench of {job.process.model!r} as the planner recorded it: {reason}.")
-    if job is not None and job.process.model == "end_mill":
+    if job is not None and job.process.model == "end_mill" and not job.stability.avoid:
         asks = "judges it" if job.stability.judge else "judges it where the job has a table [stability]"
         notes.append(f"Whether the cut chatters is not part of this plan: compplan forces {asks}.")
     notes += [*tell_spindle(task, job), *ask_about_tool(job)]
