@@ -205,7 +205,8 @@ def _along(view: CompareView) -> Section:
     steps = np.linalg.norm(np.diff(view.nominal, axis=0), axis=1)
     length = np.concatenate([[0.0], np.cumsum(steps)])
     spans = find_spans(~view.cut)
-    shaded = length[np.column_stack([np.maximum(spans[:, 0] - 1, 0), spans[:, 1]]).astype(int)].reshape(-1, 2)
+    last = np.minimum(spans[:, 1] + 1, len(length) - 1)  # the point of contact ends a rapid move
+    shaded = length[np.column_stack([np.maximum(spans[:, 0] - 1, 0), last]).astype(int)].reshape(-1, 2)
     stations = Stations(length, view.time, np.zeros(0, int), shaded)
     judged = np.where(view.cut, 1.0, np.nan)
     cells = (*view.wrong, view.own)

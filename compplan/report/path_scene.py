@@ -99,7 +99,7 @@ def draw_deviation_paths(
         custom = np.column_stack([rows, 1e3 * size[rows]])
         trace = _line(attained, line, names[number - 1], custom=custom)
         figure.add_trace(trace, row=1, col=number)
-    scene = frame_scene(np.vstack(shown), margin=0.02)
+    scene = frame_scene(np.vstack(shown), margin=0.02, size=1.75)  # room for the label of z beside each
     top = float(np.log10(max(float(sizes[0].max()), float(sizes[1].max()), FLOOR)))
     bottom = max(float(np.log10(max(min(float(size.min()) for size in sizes), FLOOR))), top - DECADES)
     figure.update_layout(

@@ -131,7 +131,8 @@ class PlanView:
     def stations(self) -> Stations:
         """Where the waypoints are, for the charts."""
         spans = find_spans(self.rapid)
-        spans = np.column_stack([np.maximum(spans[:, 0] - 1, 0), spans[:, 1]]).astype(int)
+        last = np.minimum(spans[:, 1] + 1, len(self.rapid) - 1)  # the point of contact ends a rapid move, and counts
+        spans = np.column_stack([np.maximum(spans[:, 0] - 1, 0), last]).astype(int)
         return Stations(self.length, self.time, np.array(sorted(self.failures), int), self.length[spans].reshape(-1, 2))
 
     @cached_property

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from compplan.report.along_path import draw_lines
+from compplan.report.along_path import draw_lines, find_spans
 from compplan.report.page import Chart, Column, Columns, PageTable, Section, TableCell
 from compplan.report.path_scene import draw_cell
 from compplan.report.plan_view import PlanView
@@ -19,6 +21,9 @@ from compplan.report.style import (
     format_percent,
     format_set_length,
 )
+
+#: The band flattens the other lines where it reaches this many times as far.
+FLATTENED = 2.0
 
 
 def show_reach(view: PlanView) -> Section:
@@ -60,10 +65,49 @@ def _band(view: PlanView) -> Chart:
         view.stations, series, "mm", title="deviation", limit=limit, zero=True,
         colours=[colours.get(name, CATEGORIES[3]) for name in series],
     )  # fmt: skip
-    figure.update_traces(fill="tozeroy", selector={"name": "true tip, 95 %"})
     figure.update_traces(line_dash="dot", selector={"name": "uncorrected"})
     figure.update_yaxes(range=[0.0, shown])
+    if view.promise is not None:
+        _fill_band(figure)
+        others = [values for name, values in series.items() if name != "true tip, 95 %"]
+        _offer_without(figure, shown, max(1.25 * 1e3 * view.tolerance, *(1.08 * float(np.nanmax(v)) for v in others)))
     return Chart(figure, said, height=340, along=True)
+
+
+def _fill_band(figure: Any) -> None:
+    """Fill the band where it is known: a fill goes on over the gaps of its line, so it has a trace of its own."""
+    line = figure.data[0]
+    x, y = (np.asarray(values, float) for values in (line.x, line.y))
+    spans = find_spans(np.isfinite(y))
+    edges = spans.ravel()  # down to zero where it begins and where it ends
+    order = np.argsort(np.r_[np.arange(len(x)), spans[:, 0] - 0.5, spans[:, 1] + 0.5], kind="stable")
+    figure.add_scatter(
+        x=np.r_[x, x[spans[:, 0]], x[spans[:, 1]]][order].astype(np.float32), name=line.name,
+        y=np.r_[np.nan_to_num(y), np.zeros(len(edges))][order].astype(np.float32), fill="tozeroy", mode="lines",
+        fillcolor="rgba(127, 127, 127, 0.35)", line={"width": 0}, hoverinfo="skip", legendgroup="band",
+    )  # fmt: skip
+    line.legendgroup, line.showlegend = "band", False
+    figure.data = (figure.data[-1], *figure.data[:-1])
+
+
+def _offer_without(figure: Any, whole: float, others: float) -> None:
+    """Let the reader leave the band out where it flattens the other lines."""
+    if whole < FLATTENED * others:
+        return
+    shown = [trace.legendgroup != "band" for trace in figure.data]
+    buttons = [
+        {"label": "with the band", "method": "update", "args": [{"visible": True}, {"yaxis.range": [0.0, whole]}]},
+        {"label": "without", "method": "update", "args": [{"visible": shown}, {"yaxis.range": [0.0, others]}]},
+    ]
+    figure.update_layout(
+        updatemenus=[
+            {
+                "type": "buttons", "direction": "right", "buttons": buttons, "x": 0.58, "xanchor": "left", "y": 1.02,
+                "yanchor": "bottom", "bgcolor": "rgba(127, 127, 127, 0.12)", "borderwidth": 0, "pad": {"t": 0, "b": 2},
+                "font": {"size": 11.5}, "showactive": False,
+            }
+        ]
+    )  # fmt: skip
 
 
 def _key_figures(view: PlanView) -> PageTable:

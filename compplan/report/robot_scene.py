@@ -127,7 +127,10 @@ def draw_robot(
     """
     import plotly.graph_objects as go
 
+    from compplan.report.robot_bridges import bridge_gaps
+
     shapes = place_shapes(robot, q)
+    shapes += bridge_gaps(robot, q, shapes)
     if not shapes:
         return []
     vertices, faces = _join(shapes)
