@@ -12,6 +12,7 @@ from commandline import run_command
 from compplan.cell.cell import CellRun
 from compplan.cell.coupling import settle_coupled
 from compplan.job.job import check_job, load_path
+from compplan.path.forces.process_stiffness import follow_jumps
 from compplan.plan.evaluate import evaluate_model
 from compplan.plan.plan import Plan, build_task, plan_job, prepare_job
 
@@ -208,3 +209,10 @@ def test_a_cutter_and_an_arm_that_yields_agree_where_an_earlier_pass_gave_way_to
     spread = [np.ptp(deviation[inside & (np.abs(1e3 * task.position[:, 1] - y) < 0.01) & ~task.nominal.rapid, 1])
               for y in passes]  # fmt: skip
     assert max(spread) < 0.05 * np.abs(deviation[inside, 1]).max()  # one straight cut: no sliver comes and goes
+
+
+def test_a_tool_follows_a_jump_to_first_order_however_its_path_is_divided() -> None:
+    arc = np.sort(np.r_[0.0, np.random.default_rng(3).uniform(0.0, 5e-3, 60)])
+    away = np.tile([1e-4, -2e-4, 0.0], (len(arc), 1))
+    wanted = (1.0 - np.exp(-arc / 1e-3))[:, None] * away
+    assert follow_jumps(away, arc, 1e-3) == pytest.approx(wanted, abs=1e-15)

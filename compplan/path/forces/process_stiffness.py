@@ -110,10 +110,10 @@ class ProcessStiffness:
             return None
         part = np.where(nominal.rapid[:, None], 0.0, away) @ self.R_base_part
         there = np.column_stack([np.interp(self.cutting.arc, nominal.arc_length, column) for column in part.T])
-        return self.cutting.shift(_lag(there, self.cutting.arc, LAG * self.cutting.bench.cutter.radius))
+        return self.cutting.shift(follow_jumps(there, self.cutting.arc, LAG * self.cutting.bench.cutter.radius))
 
 
-def _lag(away: Array, arc: Array, length: float) -> Array:
+def follow_jumps(away: Array, arc: Array, length: float) -> Array:
     """Return where a tool is that follows away (r, 3) [m] along the path over a length [m], to first order."""
     keep = np.exp(-np.diff(arc, prepend=arc[0]) / length)[:, None]
     lagged, last = np.empty_like(away), np.zeros(3)
