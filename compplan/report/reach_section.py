@@ -96,14 +96,14 @@ def _offer_without(figure: Any, whole: float, others: float) -> None:
         return
     shown = [trace.legendgroup != "band" for trace in figure.data]
     buttons = [
-        {"label": "with the band", "method": "update", "args": [{"visible": True}, {"yaxis.range": [0.0, whole]}]},
+        {"label": "band", "method": "update", "args": [{"visible": True}, {"yaxis.range": [0.0, whole]}]},
         {"label": "without", "method": "update", "args": [{"visible": shown}, {"yaxis.range": [0.0, others]}]},
     ]
     figure.update_layout(
         updatemenus=[
             {
-                "type": "buttons", "direction": "right", "buttons": buttons, "x": 0.58, "xanchor": "left", "y": 1.02,
-                "yanchor": "bottom", "bgcolor": "rgba(127, 127, 127, 0.12)", "borderwidth": 0, "pad": {"t": 0, "b": 2},
+                "type": "buttons", "direction": "right", "buttons": buttons, "x": 1.0, "xanchor": "right", "y": -0.13,
+                "yanchor": "top", "bgcolor": "rgba(127, 127, 127, 0.12)", "borderwidth": 0, "pad": {"t": 0, "b": 0},
                 "font": {"size": 11.5}, "showactive": False,
             }
         ]
@@ -137,8 +137,8 @@ def _key_figures(view: PlanView) -> PageTable:
         joint = view.robot.joint_names[int(np.argmax(share.max(axis=0)))]
         rows.append([f"{name} used", None, TableCell(f"{format_percent(float(share.max()))} ({joint})")])
     rows += [[name, None, TableCell(value)] for name, value in view.bending.items()]
-    rows.append(["waypoints", None, TableCell(f"{format_number(len(cut))}")])
-    rows.append(["path length", None, TableCell(f"{format_number(1e3 * float(view.length[-1]), 4)} mm")])
+    length = format_number(1e3 * float(view.length[-1]), 4)
+    rows.append(["path", None, TableCell(f"{length} mm in {format_number(len(cut))} waypoints")])
     rows.append(["time", None, TableCell(f"{format_number(float(view.time[-1]), 4)} s")])
     return PageTable([Column(""), Column("uncorrected"), Column("planned")], rows)
 
