@@ -20,6 +20,7 @@ from compplan.diagnose import (
     doubt,
     fit,
     gap_tables,
+    held_out,
     next_measurement,
     posterior,
     verdict,
@@ -232,20 +233,25 @@ def ask_choice(bench: Bench) -> Any:
     """Folders that predict better than each other by half a percent, five percent and half."""
     answers: list[Any] = []
     fit = SimpleNamespace(problem=SimpleNamespace(campaign=None))
-    plain = SimpleNamespace(rms=2.0, residual=np.zeros((4, 3)))
-    for causes, calibrated in (
-        (1.0, 0.995),
-        (1.0, 0.95),
-        (1.0, 0.5),
-        (1.0, 1.3),
-        (1.995, 1.99),
-        (1.9, 2.5),
-        (0.2, 0.3),
+    plain = held_out.HeldOut(np.arange(4), np.full((4, 3), 2.0 / np.sqrt(3.0)))
+    # the last number: by which share of itself the square of one pose of four is larger, and that of another smaller
+    for causes, calibrated, uneven in (
+        (1.0, 0.995, 0.1),
+        (1.0, 0.95, 0.1),
+        (1.0, 0.5, 0.1),
+        (1.0, 1.3, 0.1),
+        (1.995, 1.99, 1e-3),
+        (1.9, 2.5, 0.5),
+        (0.2, 0.3, 0.1),
     ):
         size = {False: causes, True: calibrated}
+        shape = np.sqrt(np.array([[1.0], [1.0 + uneven], [1.0 - uneven], [1.0]]) / 3.0) * np.ones(3)
         folds = SimpleNamespace(
             fit=fit,
-            hold_out=lambda claims, background=True, decide=None, size=size: SimpleNamespace(rms=size[background]),
+            pose=np.arange(4),
+            hold_out=lambda claims, background=True, decide=None, size=size, shape=shape: held_out.HeldOut(
+                np.arange(4), size[background] * shape
+            ),
         )
         found = SimpleNamespace(findings=(SimpleNamespace(signature=0, size=1.0),), minor=(), doubtful=())
         with pytest.MonkeyPatch.context() as patch:

@@ -77,6 +77,7 @@ ROWS: dict[str, dict[str, Row]] = {
     "delivery": {
         "WORTH_IT": ("choice", -9.0, 0.99),
         "WORTH_MORE": ("choice", -9.0, 0.99),
+        "BEYOND_LUCK": ("choice", -99.0, 99.0),
         "MANY_STAYS": ("update", 0, None, "the log has fewer"),
     },
     "descent": {"STEPS": ("state", (1.0,), (3.0, 1.5)), "FAR_OFF": ("state", 0.01, 1e4)},

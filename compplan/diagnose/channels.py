@@ -63,6 +63,11 @@ def block_index(campaign: Campaign) -> NDArray[np.int_]:
     return np.cumsum(start) - 1
 
 
+def group_poses(campaign: Campaign) -> NDArray[np.int_]:
+    """Number the poses of rows at rest, whenever they were met, and the blocks of paths, below zero. Shape (n,)."""
+    return np.where(campaign.on_path, -1 - block_index(campaign), campaign.pose)
+
+
 def position_residual(campaign: Campaign, scene: Scene, attained: Attained) -> Array:
     """Return measured minus expected position, base axes. Shape (n, 3). [m]"""
     gap = campaign.position - attained.position

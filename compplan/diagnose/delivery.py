@@ -28,6 +28,9 @@ from compplan.robot.uncertainty import Uncertainty
 #: An updated robot has to shrink the held-out gap by this share, or the nominal one stays; a larger model has to
 #: shrink what a smaller one leaves by the second share (assumed: less is worth no change on the shop floor).
 WORTH_IT, WORTH_MORE = 0.01, 0.02
+#: It has to shrink it by so many standard errors over poses, too (theory: less is luck in one case of forty; a campaign
+#: of which a few poses happen to be predicted better says nothing about the next one).
+BEYOND_LUCK = 2.0
 #: From this many stays on, the choice of a few claims adds little to what held-out poses show: ten among two hundred
 #: places are worth 2 * 10 * log(200) of 3 * 400 values, 5 % of the error (assumed; [FosterGeorge1994]).
 MANY_STAYS = 400
@@ -94,17 +97,23 @@ def deliver_folders(
         judged.append((CALIBRATED, every, folds.hold_out(every, decide=decide)))
     sure = partial(state_uncertainty, fit, every, good=good)
     rest = Delivery(NOMINAL, nominal, plain, None, _residual(fit.problem, nominal), sure(nominal, plain))
-    useful = [option for option in judged if option[2].rms < (1.0 - WORTH_IT) * plain.rms]
+    seen = good[plain.rows]
+    useful = [option for option in judged if _is_better(option[2].of(seen), plain.of(seen), folds.pose[seen])]
     if not useful:
         return (rest,)
     first = useful[0]
     for option in useful[1:]:
-        if option[2].rms < (1.0 - WORTH_MORE) * first[2].rms:
+        if option[2].of(seen).rms < (1.0 - WORTH_MORE) * first[2].of(seen).rms:
             first = option
     second = [o for o in useful if o[0] != first[0] and o[1]]
     chosen = [first, *sorted(second, key=lambda o: o[2].rms)[:1]]
     built = [_build(fit, kind, claims, held, sure) for kind, claims, held in chosen]
     return tuple(delivery for delivery in built if delivery is not None) or (rest,)
+
+
+def _is_better(new: HeldOut, nominal: HeldOut, pose: NDArray[np.int_]) -> bool:
+    """Tell whether an updated robot predicts better than the nominal one: by enough, and not by luck."""
+    return new.rms < (1.0 - WORTH_IT) * nominal.rms and new.gain_over(nominal, pose) > BEYOND_LUCK
 
 
 def possible_claims(verdict: Verdict) -> list[Claim]:

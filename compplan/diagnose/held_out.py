@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnose.channels import block_index, position_residual
+from compplan.diagnose.channels import block_index, group_poses, position_residual
 from compplan.diagnose.evidence import Prior, find_posterior
 from compplan.diagnose.ledger import ChannelProducts, Ledger, Products, select_rows
 from compplan.diagnose.polish import register_again
@@ -45,6 +45,24 @@ class HeldOut:
         """Root mean square distance. [m]"""
         return float(np.sqrt(np.mean(np.sum(self.residual**2, axis=1)))) if len(self.rows) else 0.0
 
+    def of(self, seen: NDArray[np.bool_]) -> HeldOut:
+        """Return the residuals of some of its rows. Shape of `seen`: (r,)."""
+        return HeldOut(self.rows[seen], self.residual[seen])
+
+    def gain_over(self, other: HeldOut, group: NDArray[np.int_]) -> float:
+        """Return by how many of its own standard errors the mean square lies below another's, group by group.
+
+        With d_g the squares that group g is left less, sum d_g / sqrt(n var d_g) over n groups.
+
+        Args:
+            other: Another prediction of the same rows.
+            group: Group of each row; rows of a group err alike. Shape (r,).
+        """
+        less = np.sum(other.residual**2 - self.residual**2, axis=1)
+        _, index = np.unique(group, return_inverse=True)
+        gain = np.bincount(index.reshape(-1), less)
+        return float(gain.sum() / max(np.sqrt(len(gain)) * gain.std(), 1e-300))
+
 
 def make_folds(campaign: Campaign, folds: int = FOLDS) -> NDArray[np.int_]:
     """Deal blocks of neighbouring stays to folds; the same pose is always in the same fold. Shape (n,).
@@ -75,6 +93,11 @@ class Folds:
 
     fit: Fit
     fold: NDArray[np.int_]
+
+    @cached_property
+    def pose(self) -> NDArray[np.int_]:
+        """Pose, or block of a path, of each row that is predicted. Shape (r,)."""
+        return group_poses(self.fit.problem.campaign)[self.fit.search.ledger.source[0].rows]
 
     @cached_property
     def ledgers(self) -> list[tuple[int, Ledger]]:

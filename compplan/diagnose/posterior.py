@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnose.background import in_background
-from compplan.diagnose.channels import block_index
+from compplan.diagnose.channels import group_poses
 from compplan.diagnose.evidence import TAU_SCALE
 from compplan.diagnose.held_out import HeldOut, with_claims
 from compplan.diagnose.offers import REGISTRATION
@@ -64,7 +64,7 @@ def state_uncertainty(
     excess = np.sum(left**2, axis=1) - 3.0 * noise[seen] - np.trace(model[seen], axis1=1, axis2=2)
     unexplained = float(np.sqrt(max(excess.mean(), 0.0))) if len(left) else 0.0
     place = fit.at.point[channel.rows][seen]
-    pose = np.where(campaign.on_path, -1 - block_index(campaign), campaign.pose)[channel.rows][seen]
+    pose = group_poses(campaign)[channel.rows][seen]
     factor, groups = calibrate_band(left, model[seen] + unexplained**2 / 3.0 * np.eye(3), noise[seen], pose)
     unknowns, root = spread_unknowns(known.unknowns, known.moment)
     name = campaign.file.name if campaign.file else "a campaign"
