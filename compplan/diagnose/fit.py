@@ -16,6 +16,7 @@ from compplan.diagnose.noise import Noise
 from compplan.diagnose.offers import REGISTRATION, key_of, offer_again, offered_signatures, proposed_signatures
 from compplan.diagnose.outliers import find_gross_outliers, find_outliers
 from compplan.diagnose.proposals import propose_shifts, propose_waves
+from compplan.diagnose.restart import search_again_plainly
 from compplan.diagnose.search import MOST_EFFECTS, Claim, Search, search_models
 from compplan.diagnose.state import (
     Fit,
@@ -60,6 +61,7 @@ def fit_effects(
     noises: dict[str, Noise] | None = None
     proposals: list[Signature] = []
     best: Fit | None = None
+    restarted = False
     for number in range(ROUNDS):
         progress(f"round {number + 1}")
         state = replace(state, most=FIRST_ROUNDS[number] if number < len(FIRST_ROUNDS) else MOST_EFFECTS)
@@ -74,6 +76,11 @@ def fit_effects(
             best = replace(fit, state=following, base=fit.state, score=score)
         settled = number > NOISE_ROUND and len(fit.model.claims) < state.most and _settled(fit, state, following)
         state = following
+        if settled and not restarted:
+            progress("a second start")
+            restarted, other = True, search_again_plainly(fit.search, fit.model, state.most)
+            settled = other is fit.model
+            state = replace(state, claims=claims_of(replace(fit, model=other)))
         if settled:
             break
     if best is None:

@@ -19,16 +19,18 @@ from compplan.robot import Array
 
 #: Rows proposed for each kind of shift, and how many rows they stand apart (assumed).
 SHIFT_ROWS, APART = 2, 5
-#: Cycles per turn that are looked at, and waves of one joint at most; each wave has two values, and a value of a free
-#: form needs ten poses (assumed: the usual rule of regression), but two waves may always be tried.
-MOST_CYCLES, MOST_WAVES, FEWEST_WAVES, POSES_A_WAVE = 160.0, 16, 2, 20
+#: Cycles per turn that are looked at (assumed: gears of arms turn 50 to 170 times, and a strain wave gear errs twice a
+#: turn of its motor), and waves of one joint at most; each wave has two values, and a value of a free form needs ten
+#: poses (assumed: the usual rule of regression), but two waves may always be tried.
+MOST_CYCLES, MOST_WAVES, FEWEST_WAVES, POSES_A_WAVE = 200.0, 16, 2, 20
 #: A further wave has to explain this much log likelihood (theory: the best of some hundred waves of pure noise).
 WORTH_A_WAVE = 9.0
 #: Centres of a bump that are looked at, and its widths as shares of the visited range
 #: (assumed).
 BUMP_CENTRES, BUMP_WIDTHS = 48, (0.02, 0.04, 0.08, 0.16)
-#: Fewest rows for which waves and splines beyond the first harmonics are looked for (assumed).
-ENOUGH_ROWS = 24
+#: Fewest rows for which waves and splines beyond the first harmonics are looked for (assumed: twice the six values of a
+#: frame and some; what a wave costs that was picked among hundreds is in its prior odds).
+ENOUGH_ROWS = 16
 #: Least range of a joint that waves are looked for in (assumed). [rad or m]
 LEAST_RANGE = 0.3
 #: One row counts for a shift up to this many times the percentile of all (assumed: a single row far off is no shift).
