@@ -17,7 +17,8 @@ from compplan.diagnose.calibration import list_corrections
 from compplan.diagnose.evidence import _slope, _solve, find_posterior
 from compplan.diagnose.fit import fit_effects
 from compplan.diagnose.gains import find_gains
-from compplan.diagnose.held_out import Folds, make_folds
+from compplan.diagnose.held_out import Folds, HeldOut, make_folds
+from compplan.diagnose.restart import search_again_plainly
 from compplan.diagnose.search import Claim
 from compplan.diagnose.state import Problem
 from compplan.diagnose.where import split_diagnosis
@@ -69,6 +70,26 @@ def test_the_gradient_of_the_evidence_agrees_with_differences(diagnosis: Diagnos
         moved[k] += 1e-5
         difference = (_solve(channels, prior, hyper.with_vector(moved)).value - here.value) / 1e-5
         assert difference == pytest.approx(gradient[k], abs=0.5, rel=0.02)
+
+
+def test_a_second_start_finds_what_a_poor_one_missed_and_leaves_what_is_as_good(diagnosis: Diagnosis) -> None:
+    search, found = replace(diagnosis.fit.search, cache={}), diagnosis.fit.model
+    empty = search.model([], search.start)
+    again = search_again_plainly(search, empty, 24)
+    assert {search.ledger.signatures[n].place for n in again.signatures} == {CAUSE.place, SECOND.place}
+    assert again.score > empty.score + 40.0
+    assert search_again_plainly(search, found, 24) is found
+
+
+def test_a_prediction_that_is_better_by_luck_is_told_from_one_that_is_better_everywhere() -> None:
+    rows, pose = np.arange(40), np.repeat(np.arange(10), 4)
+    nominal = HeldOut(rows, np.full((40, 3), 1e-3))
+    everywhere = HeldOut(rows, np.full((40, 3), 0.9e-3) * np.where(pose % 2, 0.99, 1.0)[:, None])
+    at_one = HeldOut(rows, np.full((40, 3), 1e-3) * np.where(pose == 3, 0.1, 1.0)[:, None])
+    # one pose of ten: mean 1/10 and deviation 3/10 of its gain, so 10 (1/10) / (sqrt(10) 3/10) standard errors
+    assert at_one.gain_over(nominal, pose) == pytest.approx(np.sqrt(10) / 3)
+    assert everywhere.gain_over(nominal, pose) > 20.0
+    assert nominal.gain_over(nominal, pose) == 0.0
 
 
 def test_a_gain_is_the_evidence_that_the_claim_then_adds(diagnosis: Diagnosis) -> None:

@@ -23,6 +23,7 @@ from compplan.diagnose import (
     held_out,
     next_measurement,
     posterior,
+    restart,
     verdict,
 )
 from compplan.diagnose.unmodelled import UNMODELLED
@@ -126,6 +127,11 @@ def ask_weighing(bench: Bench) -> Any:
     found = bench.doubt
     without = doubt._leave_out(replace(found.search, cache={}), bench.doubt.model)
     return [begun, without.score]
+
+
+def ask_plain_path(bench: Bench) -> Any:
+    """Effects of the plain path that a second start begins with."""
+    return restart.follow_plain_path(bench.fresh_search(), 24).claims
 
 
 def ask_rounds(bench: Bench) -> Any:

@@ -254,6 +254,7 @@ ROWS: dict[str, dict[str, Row]] = {
         "SAME_MOMENT": ("signs", 1e-6, 10.0),
     },
     "repetition": {"PAIRS": ("blocks", 1, 40), "SEED": ("blocks", 1, 2)},
+    "restart": {"MOST_PLAIN": ("plain_path", 0, None, FAR)},
     "search": {
         "TRIED": ("search", 1, 8),
         "CLOSE": ("search", 0.01, 1e4),

@@ -26,7 +26,7 @@ def search_again_plainly(search: Search, found: Model, most: int) -> Model:
         found: The best model so far.
         most: Most effects to claim.
     """
-    begin = follow_plain_path(search, min(most, MOST_PLAIN))
+    begin = follow_plain_path(search, most)
     # noise and background are fitted from their beginning: what is remembered belongs to another path
     afresh = replace(search, cache={})
     first = begin.claims if np.isfinite(afresh.model(begin.claims, search.start, steps=FIRST_STEPS).score) else ()
@@ -39,12 +39,12 @@ def follow_plain_path(search: Search, most: int) -> Model:
 
     Args:
         search: What is searched.
-        most: Most effects to claim.
+        most: Most effects to claim, as far as a plain path goes at all.
     """
     bare = replace(search.prior, background=np.full_like(search.prior.background, -1))
     plain = replace(search, prior=bare, cache={})
     model = plain.model([], search.start, steps=FIRST_STEPS)
-    while len(model.claims) < most:
+    while len(model.claims) < min(most, MOST_PLAIN):
         grown = add_claim(plain, model)
         if grown.score < model.score + WORTHWHILE or not explains_enough(plain, model, grown):
             break
