@@ -18,8 +18,8 @@ name = "base_compliance"
 words = "the base tilts under load about {at}"
 #: Where it sits and what its error follows.
 sits, follows = "base", "load"
-#: Assumed: a bolted base plate of a heavy robot.
-SCALE = 1e-7
+#: A bolted base plate over what is usual for the robot's joints (assumed).
+SHARE = 0.25
 KEY = "compliance_rad_per_Nm"
 
 
@@ -29,7 +29,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         load = at.joint_load("base", axis)
         if np.any(np.abs(load) > 1e-9):
             twist = (at.twist("base", axis) * load[:, None])[:, :, None]
-            yield Signature(name, None, axis, "", (KEY,), np.array([SCALE]), twist, positive=True)
+            yield Signature(name, None, axis, "", (KEY,), np.array([SHARE * at.usual_compliance]), twist, positive=True)
 
 
 def apply(scene: Scene, effect: Effect) -> Scene:

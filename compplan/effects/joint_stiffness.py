@@ -18,7 +18,8 @@ name = "joint_stiffness"
 words = "the compliance of {at} differs from the model"
 #: What its error follows.
 follows = "load"
-#: Assumed: half of the modelled compliance; of a joint that the model holds rigid, that of a medium robot's joint.
+#: Assumed: half of the modelled compliance; of a joint that the model holds rigid, what is usual for the robot, or where
+#: it slides that of a medium robot's joint.
 RELATIVE_SCALE = 0.5
 #: A joint keeps at least a tenth of its modelled compliance (assumed).
 LEAST_SHARE = 0.9
@@ -41,7 +42,8 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         nominal = nominal if nominal > 1e-12 else 0.0
         if nominal <= 0.0 and not at.campaign.load_varies:
             continue
-        scale = RELATIVE_SCALE * nominal if nominal > 0 else RIGID_SCALE[joint.kind]
+        usual = RIGID_SCALE[joint.kind] if joint.kind == "prismatic" else at.usual_compliance
+        scale = RELATIVE_SCALE * nominal if nominal > 0 else usual
         load = at.own_load[:, index, None] * motor_side
         encoder = np.zeros((len(load), at.robot.nq, 1))
         if index not in at.own or at.own[index].actuator:

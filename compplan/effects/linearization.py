@@ -27,6 +27,11 @@ from compplan.statics.chain import Chain, Frames, build_chain, load_elements, lo
 
 Place = tuple[str, str | None, str | None]
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
+#: How far the softest place of an arm without stated springs gives way under the loads of a campaign, its own weight
+#: among them (assumed: some millimetres, from desktop arms to palletisers). [m]
+GIVES = 5e-3
+#: Compliance where no load tells anything (assumed: joints and bearings of a large arm). [rad/(N m)]
+LARGE_ARM = 4e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +120,22 @@ class Linearization:
         """Load of the links' weights on each commanded joint. Shape (n, nq). [N m or N]."""
         chain = replace(self.attained.chain, gravity=self.robot.real_gravity)
         return np.asarray(load_elements(chain, self.attained.frames, np.zeros((1, 6)))[:, chain.joint_elements])
+
+    @cached_property
+    def usual_compliance(self) -> float:
+        """Compliance that is nothing special about any axis of this robot: what unknown compliances are compared with.
+
+        The median of its own rotary springs; of a robot without, that at which the place that the loads of the campaign
+        move most gives way by `GIVES`. Desktop arms are a thousand times as soft as palletisers. [rad/(N m)]
+        """
+        own = [s.compliance for i, s in self.own.items() if not self.robot.prismatic[i] and s.compliance > 0.0]
+        if own:
+            return float(np.median(own))
+        turns = [k for (_, axis), k in self.elements.items() if axis[0] == "r"]
+        arm = np.cross(self.axis[:, turns], self.point[:, None] - self.origin[:, turns])
+        moved = np.sqrt(np.mean(np.sum(arm**2, axis=2) * self.load[:, turns] ** 2, axis=0)).max(initial=0.0)
+        # one digit is enough, and stays the same while a fit goes on; a radian a newton metre says that nothing is loaded
+        return float(f"{GIVES / moved:.0e}") if moved > GIVES else LARGE_ARM
 
     @cached_property
     def yielding(self) -> Array:

@@ -18,8 +18,9 @@ name = "link_compliance"
 words = "the link behind {at} bends where the model holds it rigid"
 #: What its error follows.
 follows = "load"
-#: Assumed: bearings and links of industrial arms, about and along an axis.
-SCALE = {"r": 4e-7, "t": 1e-7}
+#: Links and bearings over what is usual for the robot's joints: about an axis as soft as they are, along an axis as if
+#: bent about a place half a metre away (assumed). [-, m^2]
+SHARE = {"r": 1.0, "t": 0.25}
 KEYS = {"r": "compliance_rad_per_Nm", "t": "compliance_m_per_N"}
 
 
@@ -33,9 +34,8 @@ def signatures(at: Linearization) -> Iterable[Signature]:
             if not np.any(np.abs(load) > 1e-9):
                 continue
             twist = (at.twist(joint.name, axis) * load[:, None])[:, :, None]
-            yield Signature(
-                name, joint.name, axis, "", (KEYS[axis[0]],), np.array([SCALE[axis[0]]]), twist, positive=True
-            )
+            scale = np.array([SHARE[axis[0]] * at.usual_compliance])
+            yield Signature(name, joint.name, axis, "", (KEYS[axis[0]],), scale, twist, positive=True)
 
 
 def apply(scene: Scene, effect: Effect) -> Scene:
