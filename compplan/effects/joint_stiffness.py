@@ -18,8 +18,8 @@ name = "joint_stiffness"
 words = "the compliance of {at} differs from the model"
 #: What its error follows.
 follows = "load"
-#: Assumed: half of the modelled compliance; of a joint that the model holds rigid, what is usual for the robot, or where
-#: it slides that of a medium robot's joint.
+#: Assumed: half of the modelled compliance; of a joint that the model holds rigid, what is usual for the robot, or that
+#: of a medium robot where the joint slides.
 RELATIVE_SCALE = 0.5
 #: A joint keeps at least a tenth of its modelled compliance (assumed).
 LEAST_SHARE = 0.9

@@ -134,7 +134,7 @@ class Linearization:
         turns = [k for (_, axis), k in self.elements.items() if axis[0] == "r"]
         arm = np.cross(self.axis[:, turns], self.point[:, None] - self.origin[:, turns])
         moved = np.sqrt(np.mean(np.sum(arm**2, axis=2) * self.load[:, turns] ** 2, axis=0)).max(initial=0.0)
-        # one digit is enough, and stays the same while a fit goes on; a radian a newton metre says that nothing is loaded
+        # one digit is enough, and stays the same while a fit goes on; softer than a radian a newton metre: no load
         return float(f"{GIVES / moved:.0e}") if moved > GIVES else LARGE_ARM
 
     @cached_property
