@@ -24,14 +24,12 @@ MM, MRAD = 1e-3, 1e-3
 #: What no calibrated robot would be surprised by, one number a parameter: (turning joint, sliding joint).
 SIZES = {
     "backlash": (2e-4, 1e-4),
-    "base_compliance": (1e-7, 1e-7),
     "base_frame": ([MM] * 3 + [0.5 * MRAD] * 3,) * 2,
     "frame_shift": ([MM] * 3 + [0.5 * MRAD] * 3,) * 2,
     "tool_frame": ([MM] * 3 + [MRAD] * 3,) * 2,
     "tool_shift": ([MM] * 3 + [MRAD] * 3,) * 2,
     "joint_offset": (1e-3, 1e-3),
     "joint_coupling": (1e-3, 1e-3),
-    "link_compliance": ({"r": 4e-7, "t": 1e-7},) * 2,
     "link_geometry": (5e-4, 5e-4),
     "payload": ([20.0, 5.0, 5.0, 5.0],) * 2,
     "thermal_drift": (1.5e-5, 1.5e-5),
@@ -62,8 +60,6 @@ def test_an_effect_is_offered_at_a_size_that_surprises_nobody(
         kinds = {joint.name: joint.kind for joint in at.robot.actuated}
         for signature in EFFECTS[name].signatures(at):
             expected = SIZES[name][kinds.get(str(signature.joint)) == "prismatic"]
-            if isinstance(expected, dict):
-                expected = expected[str(signature.axis)[0]]
             if signature.form.startswith("origin") or signature.form.startswith("offset "):
                 expected = np.asarray(expected)[:3]
             if signature.form == "directions":
@@ -72,6 +68,28 @@ def test_an_effect_is_offered_at_a_size_that_surprises_nobody(
                 expected = np.asarray(expected)[: len(signature.keys)]
             assert signature.scale == pytest.approx(np.broadcast_to(expected, len(signature.keys)), rel=1e-12)
             assert signature.scale.shape == (len(signature.keys),) == signature.twist.shape[2:]
+
+
+def test_links_and_base_are_offered_as_soft_as_the_joints_of_their_robot_are(arm: Linearization) -> None:
+    usual = np.median([s.compliance for s in arm.robot.springs if s.axis == "own"])
+    soft = make_linearization(arm.robot.scale_compliance(3.0))
+    for factor, at in ((1.0, arm), (3.0, soft)):
+        for signature in EFFECTS["link_compliance"].signatures(at):
+            share = 1.0 if str(signature.axis)[0] == "r" else 0.25
+            assert signature.scale == pytest.approx([factor * share * usual], rel=1e-12)
+        for signature in EFFECTS["base_compliance"].signatures(at):
+            assert signature.scale == pytest.approx([0.25 * factor * usual], rel=1e-12)
+
+
+def test_a_robot_without_springs_is_as_soft_as_its_loads_let_it_give_way_by_millimetres(arm: Linearization) -> None:
+    rigid = make_linearization(replace(arm.robot, springs=(), link_elasticities=()))
+    moved = 0.0
+    for joint in ["base", *rigid.robot.joint_names]:
+        for axis in ("rx", "ry", "rz"):
+            twist = rigid.twist(joint, axis)[:, :3] * rigid.joint_load(joint, axis)[:, None]
+            moved = max(moved, float(np.sqrt(np.mean(np.sum(twist**2, axis=1)))))
+    assert rigid.usual_compliance * moved == pytest.approx(5e-3, rel=0.35)
+    assert rigid.usual_compliance == float(f"{rigid.usual_compliance:.0e}")
 
 
 @pytest.mark.parametrize("name", sorted(set(EFFECTS) - {"thermal_drift", "stiffness_nonlinearity"}))
