@@ -192,8 +192,13 @@ def weigh_claim(
 
 
 def count_free(signature: Signature) -> int:
-    """Count the values of a form whose shape no law of physics gives: those of curves over an angle or a load."""
-    return len(signature.keys) if signature.name in FREE_FORMS else 1
+    """Count the values of a form whose shape no law of physics gives: those of curves over an angle or a load.
+
+    Where a bell curve stands and how wide it is was looked for as well: two more.
+    """
+    if signature.name not in FREE_FORMS:
+        return 1
+    return len(signature.keys) + 2 * signature.form.startswith("bump")
 
 
 def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Claim, alike: set[Place]) -> float:
