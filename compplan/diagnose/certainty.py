@@ -17,12 +17,12 @@ TEMPER = 2.0
 #: (study: python -m benchmarks.calibrate_certainty): constant, margin (arsinh of it over its scale), share of halves
 #: that repeat the claim, logarithm of the number of free values, and logarithm of the probability that a cause without
 #: a name would be explained as fully, the last two with their signs turned. No weight may be negative.
-CONSTANT, MARGIN, REPEATED, FREE, IMITATED = -2.85, 0.19, 0.33, 0.86, 0.93
+CONSTANT, MARGIN, REPEATED, FREE, IMITATED = -2.98, 0.26, 0.39, 0.86, 1.10
 #: Margins beyond the first count by their logarithm alone; those below the second tell no more (assumed).
 MARGIN_SCALE, LEAST_MARGIN = 5.0, -20.0
 #: Neither do imitations rarer or more frequent than these: the first is what the causes drawn can tell; beyond the
 #: second a larger cause stands beside the claim, and whether that has a name says nothing about this one (assumed).
-LEAST_IMITATED, MOST_IMITATED = 0.01, 0.15
+LEAST_IMITATED, MOST_IMITATED = 0.02, 0.15
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ its squares that this one explains, frames and the other claims fitted beside. A
 
     E = (explained squares - its values) / (squares beside the others - noise)
 
-of what the other claims leave beyond the noise is imitated with the probability P(e >= E), taken over the causes that
-no candidate explains nearly whole: those have a name.
+of what the other claims leave beyond the noise is imitated with the probability P(e >= E).
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnose.ambiguity import ALIKE
 from compplan.diagnose.doubt import Doubt
 from compplan.diagnose.offers import REGISTRATION
 from compplan.diagnose.search import Claim
@@ -74,8 +72,7 @@ def rate_imitations(fit: Fit, doubt: Doubt) -> dict[Claim, float]:
         values = np.array([len(block) for block in blocks])[:, None]
         shares = 1.0 - (1.0 - shares) * count / np.maximum(count - values, 1.0)
         best = shares.max(axis=0, initial=0.0)
-        nameless = best[best < ALIKE]
-        result[claim] = float((np.sum(nameless >= share) + 0.5) / (len(nameless) + 1.0))
+        result[claim] = float((np.sum(best >= min(share, 1.0)) + 0.5) / (len(kept) + 1.0))
     return result
 
 
