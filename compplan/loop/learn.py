@@ -8,6 +8,9 @@ with parameters p, force f, a residual r that is smooth over the place, and the 
 next one does not repeat. The size a of the residual is the one under which the part is most probable. The next program
 takes the posterior mean of all but o off. It is written only where the part, dealt to stretches, says that this helps
 on stretches that were not used.
+
+Robot and force trade places on a path: each stays uncertain where their sum is known well. So a lesson leaves the path
+the covariance of its tip, and the next part on it starts from that (`path`), not from robot and force apart.
 """
 
 from __future__ import annotations
@@ -40,6 +43,8 @@ SCALES = (0.1, 0.3, 1.0)
 PARTS, STRETCH = 5, 2
 #: Points within this distance along the path count for a row of it. [m]
 NEAR = 2e-3
+#: Directions at most in which a lesson keeps what it leaves open.
+KEPT = 12
 #: Passes about what was found: compliance and force multiply.
 PASSES = 2
 #: A part whose deviations noise alone explains once in twenty teaches nothing.
@@ -78,7 +83,7 @@ class Lesson:
         reason: Why, or why not.
         values: Posterior mean of the parameters about the folder. Shape (p,). [SI]
         force: Posterior mean of the force's shares: level and turns, in standard deviations. Shape (4,).
-        force_left: Share of their standard deviation that is left.
+        open: What is left open of the next part's tip: columns u with covariance u u^T. Shape (k, 3, r). [m]
         physics: What the parameters move along the path. Shape (k, 3). [m]
         pushed: What the force moves beyond them. Shape (k, 3). [m]
         residual: What is left for the path itself. Shape (k, 3). [m]
@@ -98,7 +103,7 @@ class Lesson:
     reason: str
     values: Array
     force: Array
-    force_left: float
+    open: Array
     physics: Array
     pushed: Array
     residual: Array
@@ -126,12 +131,16 @@ class Lesson:
 
 @dataclass(frozen=True, eq=False)
 class _Model:
-    """Prior covariances at the rows of the path, flattened to 3 k."""
+    """Prior covariances at the rows of the path, flattened to 3 k.
+
+    `path` is what an earlier part left open of the tip, as columns, (3 k, r) [m]; it stands for robot and force.
+    """
 
     slopes: Slopes
     known: Uncertainty
     size: float
     scale: float
+    path: Array | None = None
 
     def repeats(self) -> tuple[Array, Array, Array]:
         """Return what the next part repeats: parameters, shared force (columns), residual (covariance)."""
@@ -140,6 +149,8 @@ class _Model:
         force = self.slopes.shared.reshape(3 * k, -1)
         apart = cdist(self.slopes.tip, self.slopes.tip) / self.scale
         field = np.kron(self.size**2 * np.exp(-0.5 * apart**2), np.eye(3))
+        if self.path is not None:
+            return np.zeros_like(columns), np.zeros_like(force), field + self.path @ self.path.T
         local = self.slopes.local[:, :, 0]
         for row in range(k):
             field[3 * row : 3 * row + 3, 3 * row : 3 * row + 3] += np.outer(local[row], local[row])
@@ -175,8 +186,9 @@ def gather_points(measured: MeasuredPath, slopes: Slopes, length: Array) -> Gath
 
 
 def learn_part(
-    slopes: Slopes, known: Uncertainty, gathered: Gathered, exact: Exact, least_size: float | None = None
-) -> Lesson:
+    slopes: Slopes, known: Uncertainty, gathered: Gathered, exact: Exact, least_size: float | None = None,
+    path: Array | None = None,
+) -> Lesson:  # fmt: skip
     """Learn from a cut part: to first order, then again about what was found, exactly.
 
     Args:
@@ -185,19 +197,21 @@ def learn_part(
         gathered: The measured deviations.
         exact: Motion of the tip by values of parameters and force, exactly.
         least_size: Standard deviation per axis that an earlier lesson left of the residual, or None. [m]
+        path: What an earlier lesson left open of this path (`Lesson.open`), or None. Shape (k, 3, r). [m]
     """
+    path = None if path is None else path.reshape(3 * len(slopes.rows), -1)
     width = max(known.calibration * known.unexplained / np.sqrt(3.0), LEAST) if least_size is None else least_size
     tries = [
         (score, size, scale)
         for scale in SCALES
         for size in SIZES
-        if (score := _log_evidence(_Model(slopes, known, size * width, scale * known.scale), gathered)) > -np.inf
+        if (score := _log_evidence(_Model(slopes, known, size * width, scale * known.scale, path), gathered)) > -np.inf
     ]
     _, size, scale = max(tries)
-    model = _Model(slopes, known, size * width, scale * known.scale)
+    model = _Model(slopes, known, size * width, scale * known.scale, path)
     seen = np.sqrt(np.mean(np.sum(gathered.deviation**2, axis=1)))
     plain, state = gathered, _posterior(model, gathered)
-    for _ in range(PASSES):
+    for _ in range(PASSES if path is None else 0):
         curved = exact(state.values, state.force) - (state.physics + state.pushed).reshape(-1, 3)
         shifted = plain.deviation - np.einsum("bij,bj->bi", plain.counts, curved[plain.row])
         gathered = replace(plain, deviation=shifted)
@@ -211,7 +225,8 @@ def learn_part(
         taken=taken, reason=reason, values=state.values, force=state.force,
         physics=state.physics.reshape(k, 3), pushed=state.pushed.reshape(k, 3),
         residual=state.residual.reshape(k, 3), weight=state.weight.reshape(k, 3),
-        covariance=state.covariance if taken else known.calibration**2 * known.covariance, force_left=state.force_left,
+        covariance=state.covariance if taken else known.calibration**2 * known.covariance,
+        open=_reduce_covariance(state.tip if taken else _prior(model)).reshape(k, 3, -1),
         band_before=before, band_after=after if taken else before, size=size * width, scale=scale * known.scale,
         gathered=plain, rms=float(seen), held_out=held,
         expected=float(np.sqrt(np.trace(state.tip) / k + 3.0 * (known.repeatability or 0.0) ** 2)),
@@ -222,7 +237,6 @@ def learn_part(
 class _State:
     values: Array
     force: Array
-    force_left: float
     covariance: Array
     physics: Array
     pushed: Array
@@ -265,11 +279,9 @@ def _posterior(model: _Model, gathered: Gathered) -> _State:
     normal = columns.T @ weight
     gain = cho_solve(factor, H @ columns)
     left = np.eye(len(normal)) - columns.T @ H.T @ gain
-    unsure = np.eye(force.shape[1]) - force.T @ H.T @ cho_solve(factor, H @ force)
     return _State(
         values=root @ normal,
         force=force.T @ weight,
-        force_left=float(np.sqrt(np.clip(np.mean(np.diag(unsure)), 0.0, 1.0))),
         covariance=root @ left @ root.T,
         physics=columns @ normal,
         pushed=force @ (force.T @ weight),
@@ -277,6 +289,15 @@ def _posterior(model: _Model, gathered: Gathered) -> _State:
         weight=weight,
         tip=prior - prior @ H.T @ cho_solve(factor, H @ prior),
     )
+
+
+def _reduce_covariance(covariance: Array) -> Array:
+    """Return the few columns that make a covariance, (3 k, 3 k) to (3 k, r), its diagonal kept in every row."""
+    value, vector = np.linalg.eigh(covariance)
+    columns = vector[:, -KEPT:] * np.sqrt(np.maximum(value[-KEPT:], 0.0))
+    kept, whole = (columns**2).sum(axis=1), np.maximum(np.diag(covariance), 0.0)
+    columns = columns * np.sqrt(whole / np.maximum(kept, 1e-300))[:, None]
+    return np.pad(columns, ((0, 0), (0, KEPT - columns.shape[1])))
 
 
 def _log_evidence(model: _Model, gathered: Gathered) -> float:

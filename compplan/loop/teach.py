@@ -14,7 +14,7 @@ from compplan.effects.scene import Scene
 from compplan.files.columns import Column
 from compplan.files.tables import read_table
 from compplan.job.job import Job
-from compplan.loop.learn import Lesson, gather_points, learn_part, list_learned, teach_robot
+from compplan.loop.learn import KEPT, Lesson, gather_points, learn_part, list_learned, teach_robot
 from compplan.loop.measured_path import MeasuredPath, match_points, read_measured_points
 from compplan.path.toolpath import Toolpath
 from compplan.plan.plan import Plan, build_task, plan_task, prepare_job
@@ -52,18 +52,18 @@ class Residual:
         deviation: Deviation there, base axes. Shape (b, 3). [m]
         spread: Standard deviation of it per axis. Shape (b,). [m]
         q: How the arm stood there, unloaded on the path. Shape (b, nq). [rad or m]
-        force: Share that is left of the force's standard deviations on this path.
+        open: What the last lesson left open of the tip, as columns u with covariance u u^T. Shape (b, 3, r). [m]
     """
 
     length: Array
     deviation: Array
     spread: Array
     q: Array
-    force: float = 1.0
+    open: Array
 
     def at(self, length: Array) -> Array:
         """Return the deviation at places along the path. Shape (n, 3). [m]."""
-        return np.stack([np.interp(length, self.length, column) for column in self.deviation.T], axis=1)
+        return interpolate(length, self.length, self.deviation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ def teach_part(
     known, task = known_uncertainty(before.robot), before.task
     announce("what the part teaches")
     scene = stage_path(before.robot, before.q, task.wrench, task.step_time)
-    spread = narrow_force(read_force_spread(job.noise), old)
+    spread = read_force_spread(job.noise)
     slopes = linearise_path(scene, known, spread, task.cut)
     # the wanted path's own lengths: the corrected path is a little longer or shorter
     places = np.interp(task.origin, np.arange(len(wanted)), wanted.arc_length)
@@ -135,20 +135,27 @@ def teach_part(
         moved = push_scene(take_rows(vary_scene(scene, known.unknowns, values), slopes.rows), force, spread)
         return np.asarray(attain_scene(moved).position - slopes.tip)
 
-    lesson = learn_part(slopes, known, gathered, exact, None if old is None else float(np.mean(old.spread)))
+    if old is None:
+        lesson = learn_part(slopes, known, gathered, exact)
+    else:
+        least = float(np.mean(old.spread))
+        lesson = learn_part(slopes, known, gathered, exact, least, interpolate(length, old.length, old.open))
     taught, residual, kept = robot, old, np.zeros(len(lesson.values), bool)
     if lesson.taken:
-        taught, kept = teach_robot(robot, known, lesson.values, lesson.covariance)
+        if old is None:
+            taught, kept = teach_robot(robot, known, lesson.values, lesson.covariance)
         residual = add_residual(old, lesson, scene, task, places, known, kept, slopes, spread)
     announce("the plan that follows")
     after = before if not lesson.taken else plan_learned(job, taught, residual)[1]
-    after = with_promise(after, lesson, slopes, known)
+    if lesson.taken or old is not None:
+        after = with_promise(after, lesson, slopes, known)
     notes = [lesson.reason, *measured.notes]
     if measured.left_out:
         notes.append(f"{measured.left_out} measured points are not of the cut, or two stretches claim them: left out")
     if lesson.taken and float(wanted.steps[~wanted.rapid[1:]].max(initial=0.0)) > LONG_MOVE:
         notes.append(f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer")
-    nothing = Residual(length, np.zeros((len(length), 3)), np.full(len(length), lesson.size), task.q_start[slopes.rows])
+    size = np.full(len(length), lesson.size)
+    nothing = Residual(length, np.zeros((len(length), 3)), size, task.q_start[slopes.rows], lesson.open)
     return Teaching(
         job, robot, taught, lesson, measured, slopes, length, before, after, residual or nothing,
         tuple(list_learned(known, lesson.values, kept)), tuple(notes),
@@ -177,11 +184,10 @@ def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Too
     return nominal, plan
 
 
-def narrow_force(spread: ForceSpread, old: Residual | None) -> ForceSpread:
-    """Narrow what is not known of the force's level and direction by what this path has taught."""
-    if old is None:
-        return spread
-    return replace(spread, level=spread.level * old.force, direction=spread.direction * old.force)
+def interpolate(length: Array, places: Array, values: Array) -> Array:
+    """Interpolate values (b, ...) at places along a path (b,) to other lengths (n,). Shape (n, ...)."""
+    flat = values.reshape(len(places), -1)
+    return np.stack([np.interp(length, places, v) for v in flat.T], axis=1).reshape(-1, *values.shape[1:])
 
 
 def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
@@ -225,22 +231,24 @@ def add_residual(
         spread: How surely the force is known.
     """
     rows = pick_rows(task.cut, MOST_PLACES)
-    softer = vary_scene(scene, known.unknowns, lesson.values)
-    beside = vary_scene(scene, known.unknowns, np.where(kept, 0.0, lesson.values))
-    moved = tip_of(beside, rows) - tip_of(scene, rows)
-    moved = moved + measure_force_slopes(softer, rows, spread)[0] @ lesson.force
-    moved = moved + lesson.residual_at(task.position[rows], slopes.tip)
     if old is not None:
-        moved = moved + old.at(length[rows])
+        moved = old.at(length[rows]) + interpolate(length[rows], length[slopes.rows], lesson.residual)
+    else:
+        softer = vary_scene(scene, known.unknowns, lesson.values)
+        beside = vary_scene(scene, known.unknowns, np.where(kept, 0.0, lesson.values))
+        moved = tip_of(beside, rows) - tip_of(scene, rows)
+        moved = moved + measure_force_slopes(softer, rows, spread)[0] @ lesson.force
+        moved = moved + lesson.residual_at(task.position[rows], slopes.tip)
     left = np.interp(length[rows], length[slopes.rows], np.minimum(lesson.band_after / 2.8, max(lesson.size, 1e-7)))
-    before = 1.0 if old is None else old.force
-    return Residual(length[rows], moved, left, task.q_start[rows], before * lesson.force_left)
+    return Residual(
+        length[rows], moved, left, task.q_start[rows], interpolate(length[rows], length[slopes.rows], lesson.open)
+    )
 
 
 def with_promise(plan: Plan, lesson: Lesson, slopes: Slopes, known: Uncertainty) -> Plan:
     """Give a plan the promise of the lesson: this path is known better than the robot is elsewhere."""
     promise = plan.promise
-    if promise is None or not lesson.taken:
+    if promise is None:
         return plan
     n = len(plan.task)
     rows = slopes.rows * (n - 1) / max(len(promise.cut) - 1, 1)
@@ -267,12 +275,12 @@ def read_residual(file: Path | None, robot: Robot) -> Residual | None:
     columns = [Column(name, "length", required=True) for name in ("s", "dx", "dy", "dz", "sigma")]
     for number, slides in enumerate(robot.prismatic, 1):
         columns.append(Column(f"q{number}", "length" if slides else "angle", required=True))
-    columns.append(Column("force_share", required=True))
+    names = [[f"u{n}{axis}" for axis in "xyz"] for n in range(1, KEPT + 1)]
+    columns += [Column(name, "length", required=True) for own in names for name in own]
     table = read_table(file, columns)
     length = table.values["s"]
     if not len(length) or (np.diff(length) < 0).any():
         raise table.error("s_mm has to rise from row to row, and there has to be one")
     joints = table.stack([f"q{number}" for number in range(1, robot.nq + 1)])
-    return Residual(
-        length, table.stack(["dx", "dy", "dz"]), table.values["sigma"], joints, float(table.values["force_share"][0])
-    )
+    left_open = np.stack([table.stack(own) for own in names], axis=2)
+    return Residual(length, table.stack(["dx", "dy", "dz"]), table.values["sigma"], joints, left_open)

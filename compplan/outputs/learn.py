@@ -64,7 +64,8 @@ def write_residual(residual: Residual, robot: Robot, file: Path) -> None:
     columns |= {f"d{axis}_mm": residual.deviation[:, k] * 1e3 for k, axis in enumerate("xyz")}
     columns["sigma_mm"] = residual.spread * 1e3
     columns |= robot.joint_columns(residual.q)
-    columns["force_share"] = np.full(len(residual.length), residual.force)
+    for number, own in enumerate(np.moveaxis(residual.open, 2, 0), 1):
+        columns |= {f"u{number}{axis}_mm": own[:, k] * 1e3 for k, axis in enumerate("xyz")}
     write_table(file, columns, decimals=10)
 
 
