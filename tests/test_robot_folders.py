@@ -87,9 +87,8 @@ def test_the_folder_loads_with_named_joints_frames_and_finite_limits(name: str) 
     assert model.name == name
     assert list(model.names)[1:] == [f"joint_{i}" for i in range(1, model.nq + 1)]
     assert all(model.existFrame(frame) for frame in ("base_link", "link_1", "flange", "tool0"))
-    limits = np.array(
-        [model.lowerPositionLimit, model.upperPositionLimit, model.velocityLimit, model.upperEffortLimit], float
-    )
+    effort = model.upperEffortLimit if hasattr(model, "upperEffortLimit") else model.effortLimit  # renamed in Pinocchio
+    limits = np.array([model.lowerPositionLimit, model.upperPositionLimit, model.velocityLimit, effort], float)
     assert np.isfinite(limits).all() and (np.abs(limits) < 1e5).all()
     assert (limits[0] < limits[1]).all() and (limits[2:] > 0).all()
 

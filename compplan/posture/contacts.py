@@ -69,6 +69,8 @@ def find_contacts(
     """
     import coal
 
+    if not len(q):
+        return []
     frames = locate_link_frames(robot, q)
     bound = _bounds(solids, pairs, frames, len(q))
     request, result = coal.DistanceRequest(), coal.DistanceResult()
