@@ -5,8 +5,8 @@
 A shop hides three effects, every third shop one that is in no vocabulary. It cuts the nominal plan; measures twelve
 poses that `compplan campaign` designs; has them diagnosed; cuts the new plan; learns from that part; cuts again;
 learns; cuts. Its process is not the predicted one: the force is stronger or weaker by what the product states for its
-models of it, one standard deviation of a level for all parts. The table gives the true rms deviation across the path of every round beside the promise made for it. A
-noise floor is sqrt(3) times the instrument's and the robot's standard deviation per axis.
+models of it, one draw for all parts. The table gives the true rms deviation across the path of every round beside the
+promise made for it. A noise floor is sqrt(3) times the instrument's and the robot's standard deviation per axis.
 """
 
 from __future__ import annotations
