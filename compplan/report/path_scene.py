@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from compplan.errors import ShapeError
 from compplan.report.along_path import FLOOR
+from compplan.report.robot_bridges import bridge_gaps
 from compplan.report.robot_scene import Shape, draw_robot, draw_shapes, frame_scene, place_shapes
 from compplan.report.style import AFTER, BEFORE, NEUTRAL, SEQUENTIAL, format_length, mark_decades
 from compplan.report.thinning import thin_path
@@ -44,7 +45,9 @@ def draw_cell(
     told = np.zeros(len(path), int) if kinds is None else kinds
     rows = thin_path(path, np.column_stack([path, 1e-3 * told]), POINTS)
     points = 1e3 * path[rows]
-    figure = go.Figure([*draw_robot(robot, q[start]), *draw_shapes(around)])
+    own = place_shapes(robot, q[start])
+    bridges = bridge_gaps(robot, q[start], own)
+    figure = go.Figure([*draw_robot(robot, q[start], more=bridges), *draw_shapes(around)])
     for number, (name, colour, width) in enumerate(KINDS):
         if (told == number).any():
             mine = told[rows] == number
@@ -52,7 +55,7 @@ def draw_cell(
             broken = np.where(mine[:, None], points, np.nan)
             waypoint, line = rows[:, None].astype(float), {"color": colour, "width": width}
             figure.add_trace(_line(broken, line, name, hover=False, custom=waypoint))
-    shapes = [*place_shapes(robot, q[start]), *around]
+    shapes = [*own, *around]
     figure.update_layout(
         scene=frame_scene(np.vstack([points, *(1e3 * shape.vertices for shape in shapes)])),
         margin={"l": 0, "r": 0, "t": 0, "b": 0},

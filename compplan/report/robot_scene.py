@@ -114,8 +114,9 @@ def place_shapes(robot: Robot, q: Array) -> list[Shape]:
 
 
 def draw_robot(
-    robot: Robot, q: Array, *, opacity: float = 1.0, scene: str = "scene", name: str | None = None
-) -> list[Any]:
+    robot: Robot, q: Array, *, opacity: float = 1.0, scene: str = "scene", name: str | None = None,
+    more: Sequence[Shape] = (),
+) -> list[Any]:  # fmt: skip
     """Draw a robot as plotly traces, in millimetres.
 
     Args:
@@ -124,13 +125,11 @@ def draw_robot(
         opacity: From 0 (invisible) to 1.
         scene: The scene of the figure that the traces belong to.
         name: What hovering shows; default: the robot's name.
+        more: Shapes that are drawn as parts of it.
     """
     import plotly.graph_objects as go
 
-    from compplan.report.robot_bridges import bridge_gaps
-
-    shapes = place_shapes(robot, q)
-    shapes += bridge_gaps(robot, q, shapes)
+    shapes = [*place_shapes(robot, q), *more]
     if not shapes:
         return []
     vertices, faces = _join(shapes)
