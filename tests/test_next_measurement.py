@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from simulated_campaigns import measure, plan_rows, write_small_robot
+from test_effects_signatures import make_linearization
 
 from compplan.diagnose import Diagnosis, diagnose_campaign
 from compplan.diagnose.measurement_moves import KINDS, lay_out_moves
-from compplan.diagnose.next_measurement import expected_gain, pick_moves, propose_measurements
+from compplan.diagnose.next_measurement import expected_gain, pick_moves, predict_columns, propose_measurements
 from compplan.effects import Effect
+from compplan.effects.frame_shift import shift_at
 from compplan.measure.campaign import Campaign
-from compplan.robot import Robot
+from compplan.robot import Robot, load_robot
 
 OFFSET = Effect("joint_offset", "joint_3", None, {"offset_rad": 5e-4})
 
@@ -46,6 +49,25 @@ def test_moves_that_repeat_each_other_are_not_picked_twice() -> None:
 
 def test_no_move_is_picked_where_two_explanations_predict_the_same() -> None:
     assert pick_moves(np.zeros(4), np.eye(4), [np.array([0, 1]), np.array([2, 3])], 0.0) == ([], 0.0)
+
+
+def test_a_claim_that_no_further_rows_would_offer_is_foreseen_by_its_own_model_and_an_idle_one_is_not() -> None:
+    """The instrument moved at row 5: each millimetre of it is one at every row since, over noise of 0.02 mm."""
+    at = make_linearization(replace(load_robot("kuka_kr270"), link_elasticities=()))
+    (shift,) = [s for s in shift_at(at, 5) if s.form.startswith("origin")]
+    residual, noise = np.zeros((1, 3)), SimpleNamespace(sigma=2e-5)
+    ledger = SimpleNamespace(
+        p=3, signatures=[shift], columns=lambda number: np.arange(3), scale=np.full(3, 1e-3),
+        source=[SimpleNamespace(name="position", residual=residual, noise=noise)],
+    )  # fmt: skip
+    since = np.arange(len(at.campaign)) >= 5
+    for claims, size in (([SimpleNamespace(signature=0)], 50.0), ([], 0.0)):
+        fit = SimpleNamespace(
+            search=SimpleNamespace(ledger=ledger), model=SimpleNamespace(claims=claims),
+            problem=SimpleNamespace(register=()),
+        )  # fmt: skip
+        (columns,) = predict_columns(fit, at)  # type: ignore[arg-type]
+        assert columns == pytest.approx(size * since[:, None, None] * np.eye(3), abs=1e-4)
 
 
 @pytest.fixture(scope="module")

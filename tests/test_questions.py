@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
 import compplan as cp
-from compplan.diagnose.questions import question_campaign
+from compplan.diagnose.questions import Rows, ask_unit, question_campaign
 from compplan.effects import Effect
 from compplan.files.tables import write_table
 from compplan.measure.campaign import Campaign
@@ -64,6 +64,19 @@ MISTAKES = {
 @pytest.mark.parametrize("name", MISTAKES)
 def test_a_mistake_is_asked_about(robot: Robot, name: str) -> None:
     assert about(robot, MISTAKES[name](draw(robot, path=0), robot))[:1] == [name]
+
+
+@pytest.mark.parametrize("reach", [0.05, 0.3, 3.0])
+def test_a_unit_is_told_by_distances_however_small_the_workspace(reach: float) -> None:
+    position = reach * np.random.default_rng(1).uniform(-0.5, 0.5, (40, 3))
+    still = np.zeros((40, 6))
+    for factor, unit in ((1.0, ""), (1 / 25.4, "inches"), (1e-3, "metres"), (1e-1, "centimetres")):
+        # the instrument stands elsewhere, and turned; distances do not see that
+        seen = factor * position @ Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix().T + [5.0, -3.0, 1.0]
+        campaign = Campaign(run=np.array(["static"] * 40), q=still, wrench=still, position=seen)
+        question = ask_unit(Rows(campaign, position, np.tile(np.eye(3), (40, 1, 1))))
+        assert (question is None) == (unit == "")
+        assert question is None or f"are the positions in {unit}," in question.sentence
 
 
 def test_a_reversed_wrench_is_told_from_reversed_deviations(robot: Robot) -> None:
