@@ -15,7 +15,7 @@ the covariance of its tip, and the next part on it starts from that (`path`), no
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,16 +24,11 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.distance import cdist
 from scipy.stats import chi2
 
-from compplan.effects import EFFECTS, Effect
-from compplan.effects.assumed import LINK_ELASTICITY
-from compplan.effects.signature import pack_parameters
-from compplan.loop.design import update_known
 from compplan.loop.measured_path import MeasuredPath, take_points
 from compplan.measure.distance import band_radius
 from compplan.promise.band import Slopes
-from compplan.promise.vary import vary_robot
-from compplan.robot import Array, Robot
-from compplan.robot.uncertainty import Uncertainty, split_unknowns
+from compplan.robot import Array
+from compplan.robot.uncertainty import Uncertainty
 
 #: Sizes of the residual that are tried, in widths of the folder; and the least width. [m]
 SIZES, LEAST = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0), 2e-5
@@ -359,48 +354,3 @@ def _blocks(matrix: Array, k: int) -> Array:
 def _with_run(model: _Model, covariance: Array) -> Array:
     """Add what every run has of its own."""
     return covariance + (model.known.repeatability or 0.0) ** 2 * np.eye(3)
-
-
-def teach_robot(robot: Robot, known: Uncertainty, values: Array, covariance: Array) -> tuple[Robot, Array]:
-    """Put what was learned into a robot folder: what URDF and springs can say, and how surely all of it is known.
-
-    What they cannot say (lost motion, gear error, the tool of the job) stays with the path; its mean counts as not
-    known, m m^T.
-
-    Args:
-        robot: The robot of the folder.
-        known: What was known; its unknowns order the values.
-        values: Posterior means about the folder. Shape (p,). [SI]
-        covariance: Posterior covariance. Shape (p, p).
-
-    Returns:
-        The robot, and which parameters it holds now. Shape (p,).
-    """
-    held: list[bool] = []
-    joints = {joint.name for joint in robot.joints}
-    for unknown, own in split_unknowns(known.unknowns, values):
-        if unknown.effect == LINK_ELASTICITY:
-            folded: Robot | None = vary_robot(robot, unknown, own)[0]
-        elif unknown.effect == "tool_frame" or (unknown.joint is not None and unknown.joint not in joints):
-            folded = None
-        else:
-            parameters = pack_parameters(unknown.keys, own, unknown.fixed)
-            effect = Effect(unknown.effect, unknown.joint, unknown.axis, parameters)
-            folded = EFFECTS[unknown.effect].fold(robot, effect)
-        held += [folded is not None] * len(unknown.keys)
-        robot = robot if folded is None else folded
-    kept = np.array(held, bool)
-    missing = np.where(kept, 0.0, values)
-    after = update_known(known, covariance + np.outer(missing, missing))
-    folder = after.select(u.effect != "tool_frame" for u in after.unknowns)
-    return replace(robot, uncertainty=replace(folder, grade=known.grade)), kept
-
-
-def list_learned(
-    known: Uncertainty, values: Array, kept: Array, most: int = 10
-) -> list[tuple[str, float, float, bool]]:
-    """List the parameters that moved most for their width: name, value, width before, whether the folder holds it."""
-    width = known.calibration * known.deviation
-    share = np.abs(values) / np.maximum(width, 1e-300)
-    names: Sequence[str] = known.names
-    return [(names[k], float(values[k]), float(width[k]), bool(kept[k])) for k in np.argsort(-share)[:most]]

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from compplan.effects import attain_scene
-from compplan.effects.assumed import known_uncertainty
+from compplan.effects import EFFECTS, Effect, attain_scene
+from compplan.effects.assumed import LINK_ELASTICITY, known_uncertainty
 from compplan.effects.scene import Scene
+from compplan.effects.signature import pack_parameters
 from compplan.files.columns import Column
 from compplan.files.tables import read_table
 from compplan.job.job import Job
-from compplan.loop.learn import KEPT, Lesson, gather_points, learn_part, list_learned, teach_robot
+from compplan.loop.design import update_known
+from compplan.loop.learn import KEPT, Lesson, gather_points, learn_part
 from compplan.loop.measured_path import MeasuredPath, match_points, read_measured_points
 from compplan.path.toolpath import Toolpath
 from compplan.plan.plan import Plan, build_task, plan_task, prepare_job
@@ -31,9 +33,9 @@ from compplan.promise.slopes import (
     take_rows,
     tip_of,
 )
-from compplan.promise.vary import vary_scene
+from compplan.promise.vary import vary_robot, vary_scene
 from compplan.robot import Array, Robot, load_robot
-from compplan.robot.uncertainty import Uncertainty
+from compplan.robot.uncertainty import Uncertainty, split_unknowns
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
 
@@ -160,6 +162,51 @@ def teach_part(
         job, robot, taught, lesson, measured, slopes, length, before, after, residual or nothing,
         tuple(list_learned(known, lesson.values, kept)), tuple(notes),
     )  # fmt: skip
+
+
+def teach_robot(robot: Robot, known: Uncertainty, values: Array, covariance: Array) -> tuple[Robot, Array]:
+    """Put what was learned into a robot folder: what URDF and springs can say, and how surely all of it is known.
+
+    What they cannot say (lost motion, gear error, the tool of the job) stays with the path; its mean counts as not
+    known, m m^T.
+
+    Args:
+        robot: The robot of the folder.
+        known: What was known; its unknowns order the values.
+        values: Posterior means about the folder. Shape (p,). [SI]
+        covariance: Posterior covariance. Shape (p, p).
+
+    Returns:
+        The robot, and which parameters it holds now. Shape (p,).
+    """
+    held: list[bool] = []
+    joints = {joint.name for joint in robot.joints}
+    for unknown, own in split_unknowns(known.unknowns, values):
+        if unknown.effect == LINK_ELASTICITY:
+            folded: Robot | None = vary_robot(robot, unknown, own)[0]
+        elif unknown.effect == "tool_frame" or (unknown.joint is not None and unknown.joint not in joints):
+            folded = None
+        else:
+            parameters = pack_parameters(unknown.keys, own, unknown.fixed)
+            effect = Effect(unknown.effect, unknown.joint, unknown.axis, parameters)
+            folded = EFFECTS[unknown.effect].fold(robot, effect)
+        held += [folded is not None] * len(unknown.keys)
+        robot = robot if folded is None else folded
+    kept = np.array(held, bool)
+    missing = np.where(kept, 0.0, values)
+    after = update_known(known, covariance + np.outer(missing, missing))
+    folder = after.select(u.effect != "tool_frame" for u in after.unknowns)
+    return replace(robot, uncertainty=replace(folder, grade=known.grade)), kept
+
+
+def list_learned(
+    known: Uncertainty, values: Array, kept: Array, most: int = 10
+) -> list[tuple[str, float, float, bool]]:
+    """List the parameters that moved most for their width: name, value, width before, whether the folder holds it."""
+    width = known.calibration * known.deviation
+    share = np.abs(values) / np.maximum(width, 1e-300)
+    names: Sequence[str] = known.names
+    return [(names[k], float(values[k]), float(width[k]), bool(kept[k])) for k in np.argsort(-share)[:most]]
 
 
 def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Toolpath, Plan]:

@@ -302,24 +302,12 @@ def plan_task(
     coupling = compare_coupling(task, before)
     told = list_notes(task, timing, bending, job)
     return Plan(
-        name=name,
-        task=task,
-        strategy=strategy,
-        command=command,
-        timing=timing,
-        before=before,
-        after=after,
-        margins=margins,
-        breaches=breaches,
-        job=job,
-        approach=plan_approach(task, command.q),
-        retract=plan_retract(task, command.q),
-        between=found.between,
-        bending=bending,
-        coupling=coupling,
+        name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
+        margins=margins, breaches=breaches, job=job, approach=plan_approach(task, command.q),
+        retract=plan_retract(task, command.q), between=found.between, bending=bending, coupling=coupling,
         clearance=clearance,
         notes=(*(task.start.notes if task.start else ()), *feed_notes, *told, *tell_coupling(coupling)),
-    )
+    )  # fmt: skip
 
 
 def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: Path | None = None) -> PlanTask:
