@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from compplan.diagnose.campaign_diagnosis import _rms
 from compplan.diagnose.few_rows import FewRows, gather_rows, row_posterior, row_slopes, solve_rows
 from compplan.diagnose.ledger import ChannelProducts, Products, turn_rows
 
@@ -93,3 +94,8 @@ def test_no_rows_are_no_values() -> None:
     turned = turn_rows(np.zeros(0, int), np.zeros((0, 3, 4)), np.zeros((0, 3)))
     assert turned.design.shape == (0, 4)
     assert turned.observed.shape == turned.size.shape == (0,)
+
+
+def test_the_size_of_a_gap_is_that_of_its_distances_and_nothing_where_there_are_no_rows() -> None:
+    assert _rms(np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0]])) == pytest.approx(np.sqrt(25.0 / 2))
+    assert _rms(np.zeros((0, 3))) == 0.0
