@@ -153,6 +153,7 @@ def run_shop(seed: int, robot: str, waypoints: int, work: Path) -> Judged:
     text = (ROOT / "paths" / "circle_10mm.toml").read_text(encoding="utf-8")
     text = text.replace("waypoints = 500", f"waypoints = {waypoints}")
     text = text.replace("radius_mm = 10.0", f"radius_mm = {1e3 * RADIUS:g}")
+    text = text.replace('programs = ["krl"]', 'programs = ["csv"]')
     place = np.array([1.7, 0.0, 0.9])
     folder: object = robot
     true, promised = [], []

@@ -36,7 +36,7 @@ class ModelScatter:
     Attributes:
         wrench: Relative error of each component of the wrench, part axes.
         compliance: Relative error of each elastic coordinate.
-        joint_zero: Error of each joint's zero (geometry). [rad, or m for a prismatic joint]
+        joint_zero: Error of each revolute joint's zero (geometry); the place of a rail is the part's. [rad]
 
     """
 
@@ -225,7 +225,9 @@ def _error_columns(
     by_moment = (compliance[:, :, 3:] @ turn) * (wrench[:, None, 3:] @ turn)
     parts = [known.compliance * by_spring, known.wrench * by_force, known.wrench * by_moment]
     if known.joint_zero > 0.0:
-        parts.append(known.joint_zero * joint_jacobian(chain, frames)[:, :3])
+        motion = joint_jacobian(chain, frames)
+        turning = np.linalg.norm(motion[:, 3:], axis=1, keepdims=True)  # 1, and 0 for a slide
+        parts.append(known.joint_zero * motion[:, :3] * turning)
     return np.concatenate(parts, axis=2), by_spring.sum(axis=2)
 
 

@@ -48,6 +48,7 @@ class Surroundings:
         gears: Elastic coordinates between the encoders. Shape (g,).
         links: Elastic coordinates beside them, by block.
         n_springs: Number of elastic coordinates.
+        zero: Standard deviation of each joint's zero; the place of a rail is the part's. Shape (nq,). [rad]
         shift: Motion of the tip per placement error, growth, tool and part frame. Shape (k, 3, n). [m per m, rad, 1]
         scale: Standard deviation of each of them. Shape (k,). [m, rad, 1]
         knot: Position of each waypoint among the knots of the noise along the path. Shape (n,).
@@ -65,6 +66,7 @@ class Surroundings:
     gears: NDArray[np.int_]
     links: list[list[int]]
     n_springs: int
+    zero: Array
     shift: Array
     scale: Array
     knot: Array
@@ -121,6 +123,7 @@ def survey_surroundings(task: PlanTask, noise: NoiseTable, factors: Factors) -> 
         gears=np.flatnonzero(chain.actuator),
         links=link_blocks(task.robot),
         n_springs=chain.n_springs,
+        zero=np.where(task.robot.prismatic, 0.0, np.radians(noise.joint_zero_deg)),
         shift=shift,
         scale=scale,
         knot=np.minimum(length / spacing, knots - 1.000001),
@@ -218,7 +221,7 @@ def draw_cells(at: Surroundings, points: Array) -> Cells:
     force *= _six(noise.force_noise_N, noise.moment_noise_Nm)
     force += (bias[:6, :, None] * _six(noise.force_bias_N, noise.moment_bias_Nm)
               + noise.force_gain * bias[6, :, None] * wrench[-1])  # fmt: skip
-    zero, drive = np.radians(noise.joint_zero_deg) * take("joint_zero"), _draw_drive(at, take, points)
+    zero, drive = at.zero[:, None] * take("joint_zero"), _draw_drive(at, take, points)
     if at.posterior is not None:
         at.posterior.draw(take("posterior"), factor, zero, drive)
     return Cells(
