@@ -68,16 +68,34 @@ def build_arm(robot: Robot) -> Arm:
     arm = np.arange(max(0, chain.nq - 6), chain.nq)
     mimics = len(chain.names) != chain.nq
     frames = locate_frames(chain, np.zeros((1, chain.nq)))
-    solver, exact = None, False
+    solver, snapped = None, None
     elements = chain.joint_elements[arm]
     if len(arm) == 6 and not mimics and not chain.translates[elements].any():
         axes, origins = frames.axis[0, elements], frames.origin[0, elements]
         solver = _closed_form(axes, origins, frames.tcp_position[0])
-        exact = solver is not None
-        if solver is None:
-            solver = _closed_form(*snap_geometry(axes, origins), frames.tcp_position[0])
-    plain = Arm(robot, chain, arm, solver, exact, frames.tcp_rotation[0], 1.0)
+        plain = Arm(robot, chain, arm, solver, True, frames.tcp_rotation[0], 1.0)
+        if solver is None or not _returns_probes(plain):
+            snapped = _closed_form(*snap_geometry(axes, origins), frames.tcp_position[0])
+            solver = None if snapped is None else solver
+    exact = solver is not None and snapped is None
+    plain = Arm(robot, chain, arm, snapped or solver, exact, frames.tcp_rotation[0], 1.0)
     return replace(plain, front=_front_side(plain))
+
+
+def _returns_probes(arm: Arm) -> bool:
+    """Tell whether a closed form finds the postures that a few poses come from.
+
+    An arm whose axes are parallel or meet but for microradians is taken for another kind, which has least-squares answers
+    only.
+    """
+    bent = 0.25 * np.linspace(0.8, 1.2, arm.chain.nq)
+    sign = np.array([[1.0], [-1.0], [0.5]])
+    low, high = np.maximum(arm.robot.lower, -np.pi), np.minimum(arm.robot.upper, np.pi)
+    q = np.clip(0.5 * (low + high) + sign * bent * np.where(np.arange(arm.chain.nq) % 2, 1.0, -1.0), low, high)
+    frames = locate_frames(arm.chain, q)
+    rows, found = _solve_closed(arm, frames.tcp_position, frames.tcp_rotation, q[:, arm.held])
+    fits = np.abs(_miss(locate_frames(arm.chain, found), frames.tcp_position[rows], frames.tcp_rotation[rows])) < 1e-6
+    return len(np.unique(rows[fits.all(axis=1)])) == len(q)
 
 
 def solve_branches(arm: Arm, position: Array, rotation: Array, held: Array | None = None) -> Array:
