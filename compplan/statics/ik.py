@@ -85,7 +85,7 @@ def build_arm(robot: Robot) -> Arm:
 def _returns_probes(arm: Arm) -> bool:
     """Tell whether a closed form finds the postures that a few poses come from.
 
-    An arm whose axes are parallel or meet but for microradians is taken for another kind, which has least-squares answers
+    An arm whose axes are parallel or meet but for microradians is taken for another kind, with least-squares answers
     only.
     """
     bent = 0.25 * np.linspace(0.8, 1.2, arm.chain.nq)
