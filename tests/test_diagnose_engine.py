@@ -202,6 +202,7 @@ def test_a_learning_curve_falls_to_the_noise_and_no_farther(diagnosis: Diagnosis
     assert learning.floor == pytest.approx(diagnosis.gap.noise_floor, rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_same_campaign_gives_the_same_answer(robot: Robot) -> None:
     campaign = measure(robot, plan_rows(robot, 21, poses=20), [CAUSE], 21)
     assert diagnose_campaign(robot, campaign).to_table() == diagnose_campaign(robot, campaign).to_table()

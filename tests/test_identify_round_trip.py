@@ -9,7 +9,7 @@ from compplan.identify.round_trip import MODELS, measure_coverage, run_round_tri
 from compplan.robot import load_robot, robot_folders
 
 
-@pytest.mark.parametrize("loss", ["least_squares", "tukey"])
+@pytest.mark.parametrize("loss", [pytest.param("least_squares", marks=pytest.mark.slow), "tukey"])
 def test_stated_intervals_hold_pooled_over_parameters_and_seeded_repeats(loss: str) -> None:
     robot = load_robot("kuka_kr240")
     coverage = measure_coverage([run_round_trip(robot, "joints", seed, loss=loss) for seed in range(60)])

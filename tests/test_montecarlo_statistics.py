@@ -11,7 +11,7 @@ from compplan.study.factors import Factors, draw_points, link_blocks, list_facto
 from compplan.study.statistics import estimate_mean, estimate_quantile, estimate_share, trace_convergence
 
 
-@pytest.mark.parametrize("sequence", ["sobol", "latin_hypercube"])
+@pytest.mark.parametrize("sequence", ["sobol", pytest.param("latin_hypercube", marks=pytest.mark.slow)])
 def test_stated_intervals_hold_as_often_as_they_say(sequence: str) -> None:
     """400 repeated studies of a function with a known mean; binomial test at 1 %."""
     factors = Factors({"five": slice(0, 5)}, {})

@@ -71,12 +71,16 @@ def test_a_claim_that_no_further_rows_would_offer_is_foreseen_by_its_own_model_a
 
 
 @pytest.fixture(scope="module")
-def narrow(tmp_path_factory: pytest.TempPathFactory) -> tuple[Robot, Campaign, Diagnosis]:
-    """Diagnose an offset from poses of a narrow region, where a gear error of the same joint looks alike."""
+def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Robot, Campaign]:
+    """Measure an offset at poses of a narrow region, where a gear error of the same joint looks alike."""
     robot = write_small_robot(tmp_path_factory.mktemp("robot"))
     rows = plan_rows(robot, 5, poses=30, loads=1, region=0.15)
-    campaign = measure(robot, rows, [OFFSET], 5)
-    return robot, campaign, diagnose_campaign(robot, campaign)
+    return robot, measure(robot, rows, [OFFSET], 5)
+
+
+@pytest.fixture(scope="module")
+def narrow(measured: tuple[Robot, Campaign]) -> tuple[Robot, Campaign, Diagnosis]:
+    return *measured, diagnose_campaign(*measured)
 
 
 def rivals_of(diagnosis: Diagnosis) -> set[tuple[str, str | None, str | None]]:
@@ -89,8 +93,8 @@ def open_proposals(tables: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return [table for table in tables if table["kind"] != "none"]
 
 
-def test_moves_stay_within_joint_limits_and_loads(narrow: tuple[Robot, Campaign, Diagnosis]) -> None:
-    robot, campaign, _ = narrow
+def test_moves_stay_within_joint_limits_and_loads(measured: tuple[Robot, Campaign]) -> None:
+    robot, campaign = measured
     pool, moves = lay_out_moves(robot, campaign)
     rows = np.array([row for move in moves for row in move.rows])
     assert {move.kind for move in moves} == set(KINDS) - {"two_speeds"}
@@ -100,8 +104,8 @@ def test_moves_stay_within_joint_limits_and_loads(narrow: tuple[Robot, Campaign,
     assert np.linalg.norm(pool.wrench[rows, :3], axis=1).max() <= largest + 0.1
 
 
-def test_a_reversal_comes_to_one_pose_from_both_sides(narrow: tuple[Robot, Campaign, Diagnosis]) -> None:
-    robot, campaign, _ = narrow
+def test_a_reversal_comes_to_one_pose_from_both_sides(measured: tuple[Robot, Campaign]) -> None:
+    robot, campaign = measured
     pool, moves = lay_out_moves(robot, campaign)
     for move in (m for m in moves if m.kind == "reversal"):
         index = robot.joint_names.index(str(move.joint))
@@ -137,6 +141,7 @@ def test_a_tie_is_broken_by_the_measurement_that_is_proposed(narrow: tuple[Robot
     assert after < before
 
 
+@pytest.mark.slow
 def test_what_no_move_can_tell_apart_is_said(narrow: tuple[Robot, Campaign, Diagnosis]) -> None:
     *_, diagnosis = narrow
     closed = [table for table in propose_measurements(diagnosis) if table["kind"] == "none"]
