@@ -46,6 +46,17 @@ def test_a_point_counts_across_the_path_and_with_its_length_along_it_too(tmp_pat
     assert placed.seen == pytest.approx(np.tile([2e-3, 3e-4, -1e-4], (12, 1)), abs=1e-9)
 
 
+def test_a_point_just_beyond_an_end_belongs_to_it_and_one_far_beyond_to_nothing(tmp_path: Path) -> None:
+    """A part .03 mm longer than the path of 100 mm: its last point is off by (0, .2, 0), not by the .03 mm."""
+    s = np.r_[-0.02, np.linspace(20.0, 80.0, 10), 100.03, 103.0]
+    points = np.column_stack([1500 + s, np.full(13, 0.2), np.full(13, 500.0), s])
+    file = write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm,s_mm", points)
+    found = match_points(read_measured_points(file), straight_path(), np.eye(4), in_base=True)
+    assert found.left_out == 1
+    assert found.seen == pytest.approx(np.tile([0.0, 2e-4, 0.0], (12, 1)), abs=1e-9)
+    assert found.length[[0, -1]] == pytest.approx([0.0, 0.1])
+
+
 def test_points_of_a_turned_part_are_brought_to_the_base(tmp_path: Path) -> None:
     """The part's x is the base's y, its y the base's z, its z the base's x; its origin lies at (1500, 0, 500) mm."""
     s = np.linspace(20.0, 80.0, 12)

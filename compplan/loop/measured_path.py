@@ -21,6 +21,8 @@ from compplan.robot import Array
 
 #: Points farther from the path are no measurement of it. [m]
 FARTHEST = 0.02
+#: Points whose stated length lies beyond an end of the path by no more belong to that end. [m]
+BEYOND = 1e-3
 #: Another stretch of the path claims a point where it is less than so many times as far.
 CLAIMED = 2.0
 #: Points nearer than this to the path are taken for so far off. [m]
@@ -128,10 +130,14 @@ def match_points(table: Table, nominal: Toolpath, T_base_part: Array, *, in_base
 def _at_lengths(nominal: Toolpath, point: Array, length: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Compare points with the path at stated lengths."""
     arc = nominal.arc_length
+    stated, length = length, np.clip(length, 0.0, arc[-1])
     wanted = np.stack([np.interp(length, arc, nominal.position[:, k]) for k in range(3)], axis=1)
     row = np.clip(np.searchsorted(arc, length), 1, len(arc) - 1)
-    deviation = point - wanted
-    good = (length >= 0) & (length <= arc[-1]) & ~nominal.rapid[row] & (np.linalg.norm(deviation, axis=1) <= FARTHEST)
+    along = (nominal.position[row] - nominal.position[row - 1]) / np.maximum(arc[row] - arc[row - 1], 1e-12)[:, None]
+    beyond = stated - length  # a part is a little longer or shorter than the path: its ends go on straight
+    deviation = point - wanted - beyond[:, None] * along
+    near = (np.abs(beyond) <= BEYOND) & (np.linalg.norm(deviation, axis=1) <= FARTHEST)
+    good = near & ~nominal.rapid[row]
     return length, deviation, np.broadcast_to(np.eye(3), (len(point), 3, 3)).copy(), good
 
 
