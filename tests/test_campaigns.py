@@ -148,6 +148,7 @@ def test_a_base_that_turns_about_the_axis_of_joint_1_cannot_be_told_from_its_spr
     assert rivals[1]["r2"] < 0.98
 
 
+@pytest.mark.slow
 def test_a_campaign_depends_on_its_seed_alone(tmp_path: Path) -> None:
     first = draw_campaign(11, "single", "clean", ["joint_stiffness"]).write(tmp_path / "a")
     second = draw_campaign(11, "single", "clean", ["joint_stiffness"]).write(tmp_path / "b")
@@ -155,6 +156,7 @@ def test_a_campaign_depends_on_its_seed_alone(tmp_path: Path) -> None:
         assert (first / file).read_bytes() == (second / file).read_bytes()
 
 
+@pytest.mark.slow
 def test_the_truth_put_into_the_written_robot_leaves_the_noise_floor(tmp_path: Path) -> None:
     campaign = draw_campaign(12, "double", "clean", ["joint_stiffness", "link_compliance"])
     folder = campaign.write(tmp_path / "case")

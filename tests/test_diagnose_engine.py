@@ -213,6 +213,7 @@ def test_a_handful_of_rows_is_refused(robot: Robot) -> None:
         diagnose_campaign(robot, measure(robot, plan_rows(robot, 22, poses=2), [], 22))
 
 
+@pytest.mark.slow
 def test_backlash_on_a_path_waits_at_reversals_and_is_named(robot: Robot) -> None:
     play = Effect("backlash", "joint_2", None, {"width_rad": 3e-4})
     campaign = measure(robot, plan_rows(robot, 23, poses=20, path=150), [play], 23)

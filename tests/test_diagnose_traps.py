@@ -101,6 +101,7 @@ def test_trap_6_a_fit_on_a_narrow_set_of_poses_harms_no_wide_campaign(robot: Rob
     assert fresh_rms(robot, effects, updated) < 1.05 * fresh_rms(robot, effects, robot)
 
 
+@pytest.mark.slow
 def test_trap_7_a_periodic_error_stays_small_outside_the_visited_angles(robot: Robot) -> None:
     waves = {"cycles_per_turn": [11.0, 17.0], "sine_rad": [1.5e-4, 1e-4], "cosine_rad": [1e-4, -1e-4]}
     effects = [Effect("transmission_error", "joint_1", None, waves)]
