@@ -79,7 +79,7 @@ def _draw_part(teaching: Teaching) -> Any:
                    name="measured", marker={"size": 4, "color": BEFORE})
     )  # fmt: skip
     parts = (
-        ("robot", lesson.physics, CATEGORIES[0]), ("force", lesson.pushed, CATEGORIES[1]),
+        ("robot", lesson.physics, CATEGORIES[3]), ("force", lesson.pushed, CATEGORIES[4]),
         ("path itself", lesson.residual, CATEGORIES[2]),
         ("all three", lesson.physics + lesson.pushed + lesson.residual, AFTER),
     )  # fmt: skip
