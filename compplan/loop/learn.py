@@ -214,14 +214,15 @@ def learn_part(
     held = _hold_out(model, gathered)
     taken, reason = _decide(model, plain, float(seen), held)
     k = len(slopes.rows)
-    before = band_radius(_with_run(model, _blocks(_prior(model), k)))
+    prior = _prior(model)
+    before = band_radius(_with_run(model, _blocks(prior, k)))
     after = band_radius(_with_run(model, _blocks(state.tip, k)))
     return Lesson(
         taken=taken, reason=reason, values=state.values, force=state.force,
         physics=state.physics.reshape(k, 3), pushed=state.pushed.reshape(k, 3),
         residual=state.residual.reshape(k, 3), weight=state.weight.reshape(k, 3),
         covariance=state.covariance if taken else known.calibration**2 * known.covariance,
-        open=_reduce_covariance(state.tip if taken else _prior(model)).reshape(k, 3, -1),
+        open=_reduce_covariance(state.tip if taken else prior).reshape(k, 3, -1),
         band_before=before, band_after=after if taken else before, size=size * width, scale=scale * known.scale,
         gathered=plain, rms=float(seen), held_out=held,
         expected=float(np.sqrt(np.trace(state.tip) / k + 3.0 * (known.repeatability or 0.0) ** 2)),

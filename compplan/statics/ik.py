@@ -68,17 +68,17 @@ def build_arm(robot: Robot) -> Arm:
     arm = np.arange(max(0, chain.nq - 6), chain.nq)
     mimics = len(chain.names) != chain.nq
     frames = locate_frames(chain, np.zeros((1, chain.nq)))
-    solver, snapped = None, None
+    solver, exact = None, False
     elements = chain.joint_elements[arm]
     if len(arm) == 6 and not mimics and not chain.translates[elements].any():
         axes, origins = frames.axis[0, elements], frames.origin[0, elements]
         solver = _closed_form(axes, origins, frames.tcp_position[0])
-        plain = Arm(robot, chain, arm, solver, True, frames.tcp_rotation[0], 1.0)
-        if solver is None or not _returns_probes(plain):
-            snapped = _closed_form(*snap_geometry(axes, origins), frames.tcp_position[0])
-            solver = None if snapped is None else solver
-    exact = solver is not None and snapped is None
-    plain = Arm(robot, chain, arm, snapped or solver, exact, frames.tcp_rotation[0], 1.0)
+        exact = solver is not None and _returns_probes(
+            Arm(robot, chain, arm, solver, True, frames.tcp_rotation[0], 1.0)
+        )
+        if not exact:
+            solver = _closed_form(*snap_geometry(axes, origins), frames.tcp_position[0])
+    plain = Arm(robot, chain, arm, solver, exact, frames.tcp_rotation[0], 1.0)
     return replace(plain, front=_front_side(plain))
 
 
