@@ -11,12 +11,15 @@ from commandline import run_command
 
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
+from compplan.loop.learn import Gathered, learn_part
 from compplan.loop.measured_path import match_points, read_measured_points
-from compplan.loop.teach import plan_learned, read_residual, residual_file
+from compplan.loop.teach import hold_values, plan_learned, read_residual, residual_file
 from compplan.path.toolpath import Toolpath
+from compplan.promise.band import Slopes
 from compplan.promise.slopes import stage_path, tip_of
 from compplan.promise.vary import draw_robots
 from compplan.robot import Robot, load_robot
+from compplan.robot.uncertainty import Uncertainty, Unknown
 
 PATHS = Path(__file__).parents[1] / "paths"
 
@@ -96,6 +99,35 @@ def test_points_that_two_stretches_claim_are_left_out_and_foreign_ones_refused(t
     with pytest.raises(InputError, match="0 of 20 points are of the cut"):
         far = write_points(tmp_path / "b.csv", "x_mm,y_mm,z_mm", points + 300.0)
         match_points(read_measured_points(far), hairpin, np.eye(4), in_base=True)
+
+
+def test_a_robot_folder_holds_of_a_negative_compliance_what_takes_its_spring_to_zero() -> None:
+    """The KR 270 folder has no spring of joint 2 about rz; that of joint 3 about its own axis has its compliance c."""
+    robot = load_robot("kuka_kr270")
+    own = next(spring.compliance for spring in robot.springs if spring.joint == "joint_3")
+    rigid = Unknown("link_compliance", "joint_2", "rz", ("compliance_rad_per_Nm",), np.array([1e-8]))
+    soft = Unknown("joint_stiffness", "joint_3", None, ("compliance_change_rad_per_Nm",), np.array([1e-8]))
+    cases = ((rigid, -2e-8, 0.0), (rigid, 2e-8, 2e-8), (soft, -3.0 * own, -own), (soft, -1e-9, -1e-9))
+    for unknown, value, held in cases:
+        taught, part = hold_values(robot, unknown, np.array([value]))
+        assert part == pytest.approx([held], abs=1e-15)
+        before, after = (sum(spring.compliance for spring in r.springs) for r in (robot, taught))
+        assert after - before == pytest.approx(held, abs=1e-15)
+
+
+def test_a_part_off_as_a_whole_teaches_where_its_run_alone_does_not_explain_it() -> None:
+    """.08 mm in y are five times what a run of .015 mm repeatability makes, .02 mm are not; 60 points of .01 mm."""
+    k = 60
+    tip = np.column_stack([np.linspace(0.0, 0.3, k), np.zeros(k), np.zeros(k)])
+    slopes = Slopes(np.arange(k), tip, np.tile(np.eye(3), (k, 1, 1)), np.zeros((k, 3, 4)), np.zeros((k, 3, 1)))
+    place = Unknown("tool_frame", None, None, ("tx_m", "ty_m", "tz_m"), np.full(3, 3e-4))
+    known = Uncertainty("measured", "test", (place,), np.eye(3), unexplained=1e-4, repeatability=1.5e-5)
+    noise = 1e-5 * np.random.default_rng(1).standard_normal((k, 3))
+    eye = np.tile(np.eye(3), (k, 1, 1))
+    for off, taken in ((8e-5, True), (2e-5, False)):
+        seen = Gathered(np.arange(k), noise + np.array([0.0, off, 0.0]), eye, np.full(k, 1e-10), np.ones(k, int))
+        lesson = learn_part(slopes, known, seen, lambda values, force: np.tile(values, (k, 1)))
+        assert lesson.taken == taken, lesson.reason
 
 
 @pytest.fixture

@@ -46,7 +46,12 @@ def command(job: Path, measured: Path, robot_name: str, folder: Path, frame: str
         for note in teaching.notes:
             click.echo(note)
         if teaching.lesson.taken:
-            click.echo(f"expected of the next part: {summary['expected_rms_mm']:.4g} mm rms")
+            band = summary["band_after_mm"]
+            click.echo(
+                f"expected of the next part: {summary['expected_rms_mm']:.4g} mm rms; its tip within"
+                f" {band['p95_max']:.3g} mm with 95 %, within {band['p95_max_in_measured_directions']:.3g} mm in the"
+                " directions that were measured"
+            )
         click.echo(f"wrote {', '.join(summary['files'])} to {folder}")
     if teaching.after.status != "solved":
         failing, limits = teaching.after.command.failures, set(teaching.after.command.failures.values())

@@ -86,6 +86,7 @@ class Lesson:
         covariance: Posterior covariance of the parameters. Shape (p, p).
         band_before: Radius that holds the true tip with 95 %, before. Shape (k,). [m]
         band_after: The same for the next part. Shape (k,). [m]
+        band_seen: Both in the directions that were measured, at the rows of `gathered`. Shape (b,) each. [m]
         size: Standard deviation of the residual per axis that the part asks for. [m]
         scale: Distance over which it forgets itself. [m]
         gathered: The measurements.
@@ -106,6 +107,7 @@ class Lesson:
     covariance: Array
     band_before: Array
     band_after: Array
+    band_seen: tuple[Array, Array]
     size: float
     scale: float
     gathered: Gathered
@@ -217,13 +219,15 @@ def learn_part(
     prior = _prior(model)
     before = band_radius(_with_run(model, _blocks(prior, k)))
     after = band_radius(_with_run(model, _blocks(state.tip, k)))
+    seen_before, seen_after = (_band_seen(model, covariance, gathered) for covariance in (prior, state.tip))
     return Lesson(
         taken=taken, reason=reason, values=state.values, force=state.force,
         physics=state.physics.reshape(k, 3), pushed=state.pushed.reshape(k, 3),
         residual=state.residual.reshape(k, 3), weight=state.weight.reshape(k, 3),
         covariance=state.covariance if taken else known.calibration**2 * known.covariance,
         open=_reduce_covariance(state.tip if taken else prior).reshape(k, 3, -1),
-        band_before=before, band_after=after if taken else before, size=size * width, scale=scale * known.scale,
+        band_before=before, band_after=after if taken else before,
+        band_seen=(seen_before, seen_after if taken else seen_before), size=size * width, scale=scale * known.scale,
         gathered=plain, rms=float(seen), held_out=held,
         expected=float(np.sqrt(np.trace(state.tip) / k + 3.0 * (known.repeatability or 0.0) ** 2)),
     )  # fmt: skip
@@ -329,9 +333,7 @@ def _take(gathered: Gathered, rows: NDArray[np.bool_]) -> Gathered:
 
 def _decide(model: _Model, gathered: Gathered, rms: float, held: float) -> tuple[bool, str]:
     """Decide whether the step is supported, and say why."""
-    y, _, own = _observe(model, gathered)
-    distance = float(y @ cho_solve(cho_factor(own + 1e-18 * np.eye(len(y))), y))
-    if distance <= chi2.ppf(BY_CHANCE, len(y)):
+    if _is_chance(model, gathered):
         return False, (
             f"the measured deviation of {rms * 1e3:.3g} mm rms is no more than the instrument and the robot's"
             " repeatability make by chance: the program stays as it is"
@@ -347,9 +349,29 @@ def _decide(model: _Model, gathered: Gathered, rms: float, held: float) -> tuple
     )
 
 
+def _is_chance(model: _Model, gathered: Gathered) -> bool:
+    """Tell whether instrument and repeatability alone make what was measured.
+
+    Asked are the directions in which the tip may be off by more than they make, all together and each alone: a part
+    that is off as a whole would drown among all numbers of a scan. Each question has half the chance of a false yes.
+    """
+    y, H, own = _observe(model, gathered)
+    white = np.linalg.inv(np.linalg.cholesky(own + 1e-18 * np.eye(len(y))))
+    value, vector = np.linalg.eigh(white @ H @ _prior(model) @ H.T @ white.T)
+    square = np.r_[vector[:, value > 1.0].T @ white @ y, 0.0] ** 2
+    share, n = 0.5 * (1.0 - BY_CHANCE), max(len(square) - 1, 1)
+    return bool(square.sum() <= chi2.isf(share, n) and square.max() <= chi2.isf(share / n, 1))
+
+
 def _blocks(matrix: Array, k: int) -> Array:
     """Return the 3x3 blocks on the diagonal. Shape (k, 3, 3)."""
     return np.asarray(matrix.reshape(k, 3, k, 3)[np.arange(k), :, np.arange(k), :])
+
+
+def _band_seen(model: _Model, covariance: Array, gathered: Gathered) -> Array:
+    """Return the band in the directions that the points tell. Shape (b,). [m]"""
+    blocks = _with_run(model, _blocks(covariance, len(model.slopes.rows)))[gathered.row]
+    return np.asarray(band_radius(gathered.counts @ blocks @ gathered.counts))
 
 
 def _with_run(model: _Model, covariance: Array) -> Array:

@@ -35,7 +35,7 @@ from compplan.promise.slopes import (
 )
 from compplan.promise.vary import vary_robot, vary_scene
 from compplan.robot import Array, Robot, load_robot
-from compplan.robot.uncertainty import Uncertainty, split_unknowns
+from compplan.robot.uncertainty import Uncertainty, Unknown, split_unknowns
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
 
@@ -43,6 +43,8 @@ from compplan.statics.ik import build_arm, pose_error, refine_ik
 MOST_PLACES, REACHED = 5000, 1e-6
 #: Moves longer than this are corrected at their ends only. [m]
 LONG_MOVE = 0.02
+#: Effects that are one spring.
+SPRINGS = ("joint_stiffness", "link_compliance", "base_compliance")
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +80,7 @@ class Teaching:
         taught: The robot of the folder after.
         lesson: What the part teaches.
         measured: The measured points.
+        path: The wanted path, base frame.
         slopes: The path to first order, as it was cut.
         length: Length of the path at its rows. Shape (k,). [m]
         before: The plan that was cut.
@@ -92,6 +95,7 @@ class Teaching:
     taught: Robot
     lesson: Lesson
     measured: MeasuredPath
+    path: Toolpath
     slopes: Slopes
     length: Array
     before: Plan
@@ -99,6 +103,13 @@ class Teaching:
     residual: Residual
     learned: tuple[tuple[str, float, float, bool], ...]
     notes: tuple[str, ...]
+
+    @property
+    def wanted(self) -> Array:
+        """Where the path wants the tip at the waypoints of the next program, nothing taken off. Shape (n, 3). [m]."""
+        task = self.after.task
+        length = np.interp(task.origin, np.arange(len(self.path)), self.path.arc_length)
+        return np.asarray(task.position + self.residual.at(length))
 
 
 def teach_part(
@@ -142,11 +153,11 @@ def teach_part(
     else:
         least = float(np.mean(old.spread))
         lesson = learn_part(slopes, known, gathered, exact, least, interpolate(length, old.length, old.open))
-    taught, residual, kept = robot, old, np.zeros(len(lesson.values), bool)
+    taught, residual, held = robot, old, np.zeros(len(lesson.values))
     if lesson.taken:
         if old is None:
-            taught, kept = teach_robot(robot, known, lesson.values, lesson.covariance)
-        residual = add_residual(old, lesson, scene, task, places, known, kept, slopes, spread)
+            taught, held = teach_robot(robot, known, lesson.values, lesson.covariance)
+        residual = add_residual(old, lesson, scene, task, places, known, held, slopes, spread)
     announce("the plan that follows")
     after = before if not lesson.taken else plan_learned(job, taught, residual)[1]
     if lesson.taken or old is not None:
@@ -159,16 +170,16 @@ def teach_part(
     size = np.full(len(length), lesson.size)
     nothing = Residual(length, np.zeros((len(length), 3)), size, task.q_start[slopes.rows], lesson.open)
     return Teaching(
-        job, robot, taught, lesson, measured, slopes, length, before, after, residual or nothing,
-        tuple(list_learned(known, lesson.values, kept)), tuple(notes),
+        job, robot, taught, lesson, measured, wanted, slopes, length, before, after, residual or nothing,
+        tuple(list_learned(known, lesson.values, held)), tuple(notes),
     )  # fmt: skip
 
 
 def teach_robot(robot: Robot, known: Uncertainty, values: Array, covariance: Array) -> tuple[Robot, Array]:
     """Put what was learned into a robot folder: what URDF and springs can say, and how surely all of it is known.
 
-    What they cannot say (lost motion, gear error, the tool of the job) stays with the path; its mean counts as not
-    known, m m^T.
+    What they cannot say (lost motion, gear error, the tool of the job, a spring below zero) stays with the path; its
+    mean counts as not known, m m^T.
 
     Args:
         robot: The robot of the folder.
@@ -177,32 +188,50 @@ def teach_robot(robot: Robot, known: Uncertainty, values: Array, covariance: Arr
         covariance: Posterior covariance. Shape (p, p).
 
     Returns:
-        The robot, and which parameters it holds now. Shape (p,).
+        The robot, and how much of each value it holds now. Shape (p,). [SI]
     """
-    held: list[bool] = []
-    joints = {joint.name for joint in robot.joints}
+    held: list[Array] = []
     for unknown, own in split_unknowns(known.unknowns, values):
-        if unknown.effect == LINK_ELASTICITY:
-            folded: Robot | None = vary_robot(robot, unknown, own)[0]
-        elif unknown.effect == "tool_frame" or (unknown.joint is not None and unknown.joint not in joints):
-            folded = None
-        else:
-            parameters = pack_parameters(unknown.keys, own, unknown.fixed)
-            effect = Effect(unknown.effect, unknown.joint, unknown.axis, parameters)
-            folded = EFFECTS[unknown.effect].fold(robot, effect)
-        held += [folded is not None] * len(unknown.keys)
-        robot = robot if folded is None else folded
-    kept = np.array(held, bool)
-    missing = np.where(kept, 0.0, values)
+        robot, part = hold_values(robot, unknown, own)
+        held.append(part)
+    holds = np.concatenate(held) if held else np.zeros(0)
+    missing = values - holds
     after = update_known(known, covariance + np.outer(missing, missing))
     folder = after.select(u.effect != "tool_frame" for u in after.unknowns)
-    return replace(robot, uncertainty=replace(folder, grade=known.grade)), kept
+    return replace(robot, uncertainty=replace(folder, grade=known.grade)), holds
+
+
+def hold_values(robot: Robot, unknown: Unknown, own: Array) -> tuple[Robot, Array]:
+    """Put values of one unknown into a robot folder; also return how much of them it holds. own: shape (k,). [SI]
+
+    A spring bends with its load: of a compliance that would come out below zero the folder holds what takes it to zero.
+    """
+    if unknown.effect == LINK_ELASTICITY:
+        return vary_robot(robot, unknown, own)[0], own
+    joints = {joint.name for joint in robot.joints}
+    if unknown.effect == "tool_frame" or (unknown.joint is not None and unknown.joint not in joints):
+        return robot, np.zeros(len(own))
+    effect = Effect(unknown.effect, unknown.joint, unknown.axis, pack_parameters(unknown.keys, own, unknown.fixed))
+    folded = EFFECTS[unknown.effect].fold(robot, effect)
+    if folded is None:
+        return robot, np.zeros(len(own))
+    if unknown.effect in SPRINGS:
+        own = np.array([_sum_springs(folded) - _sum_springs(robot)])
+    return folded, own
+
+
+def _sum_springs(robot: Robot) -> float:
+    return float(sum(spring.compliance for spring in robot.springs))
 
 
 def list_learned(
-    known: Uncertainty, values: Array, kept: Array, most: int = 10
+    known: Uncertainty, values: Array, held: Array, most: int = 10
 ) -> list[tuple[str, float, float, bool]]:
-    """List the parameters that moved most for their width: name, value, width before, whether the folder holds it."""
+    """List the parameters that moved most for their width: name, value, width before, whether the folder holds it.
+
+    It does where it holds nine tenths.
+    """
+    kept = np.abs(values - held) <= 0.1 * np.abs(values)
     width = known.calibration * known.deviation
     share = np.abs(values) / np.maximum(width, 1e-300)
     names: Sequence[str] = known.names
@@ -261,7 +290,7 @@ def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
 
 
 def add_residual(
-    old: Residual | None, lesson: Lesson, scene: Scene, task: PlanTask, length: Array, known: Uncertainty, kept: Array,
+    old: Residual | None, lesson: Lesson, scene: Scene, task: PlanTask, length: Array, known: Uncertainty, held: Array,
     slopes: Slopes, spread: ForceSpread,
 ) -> Residual:  # fmt: skip
     """Add what the lesson leaves to the path: the force's part, the residual, and what the robot folder cannot hold.
@@ -273,7 +302,7 @@ def add_residual(
         task: Its task.
         length: Length of the wanted path at every waypoint of the task. Shape (n,). [m]
         known: What was known of the robot.
-        kept: Which parameters the robot folder holds now. Shape (p,).
+        held: How much of each parameter the robot folder holds now. Shape (p,). [SI]
         slopes: The path to first order.
         spread: How surely the force is known.
     """
@@ -282,7 +311,7 @@ def add_residual(
         moved = old.at(length[rows]) + interpolate(length[rows], length[slopes.rows], lesson.residual)
     else:
         softer = vary_scene(scene, known.unknowns, lesson.values)
-        beside = vary_scene(scene, known.unknowns, np.where(kept, 0.0, lesson.values))
+        beside = vary_scene(scene, known.unknowns, lesson.values - held)
         moved = tip_of(beside, rows) - tip_of(scene, rows)
         moved = moved + measure_force_slopes(softer, rows, spread)[0] @ lesson.force
         moved = moved + lesson.residual_at(task.position[rows], slopes.tip)

@@ -33,7 +33,7 @@ def write_lesson(teaching: Teaching, folder: Path) -> dict[str, Any]:
     with replace_folder(folder, "learn") as part:
         write_taught(teaching, part / "robot")
         write_programs(teaching.after, part)
-        write_joints(teaching.after, part / "joints.csv")
+        write_joints(teaching.after, part / "joints.csv", teaching.wanted)
         write_view(view_plan(teaching.after), part / "plan.html")
         write_json(part / "plan.json", summarise_plan(teaching.after), indent=2)
         write_learn_page(teaching, part / "report.html")
@@ -87,8 +87,8 @@ def summarise_lesson(teaching: Teaching) -> dict[str, Any]:
         "physics_rms_mm": _rms(lesson.physics) * 1e3,
         "force_rms_mm": _rms(lesson.pushed) * 1e3,
         "residual_rms_mm": _rms(lesson.residual) * 1e3,
-        "band_before_mm": {"p95_max": float(lesson.band_before.max()) * 1e3},
-        "band_after_mm": {"p95_max": float(lesson.band_after.max()) * 1e3},
+        "band_before_mm": _say_band(lesson.band_before, lesson.band_seen[0]),
+        "band_after_mm": _say_band(lesson.band_after, lesson.band_seen[1]),
         "learned": [
             {"unknown": name, "value_SI": value, "width_before_SI": width, "in_robot_folder": kept}
             for name, value, width, kept in teaching.learned
@@ -96,6 +96,11 @@ def summarise_lesson(teaching: Teaching) -> dict[str, Any]:
         "notes": list(teaching.notes),
         "made_by": describe_origin(),
     }
+
+
+def _say_band(band: np.ndarray[Any, Any], seen: np.ndarray[Any, Any]) -> dict[str, float]:
+    """Return the widest band in all directions, and in those that were measured. [mm]"""
+    return {"p95_max": float(band.max()) * 1e3, "p95_max_in_measured_directions": float(seen.max()) * 1e3}
 
 
 def _rms(vectors: np.ndarray[Any, Any]) -> float:

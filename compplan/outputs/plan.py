@@ -26,6 +26,7 @@ from compplan.plan.plan import Plan
 from compplan.posture.clearance import describe_clearance
 from compplan.program import Program
 from compplan.promise.band import Promise
+from compplan.robot import Array
 
 
 def write_plan(plan: Plan, folder: str | Path) -> list[Path]:
@@ -213,14 +214,20 @@ def summarise_comparison(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def write_joints(plan: Plan, path: Path) -> None:
-    """Write joints.csv: time, commanded joint positions, wanted tip and tool axis, the wrench, kind of move."""
+def write_joints(plan: Plan, path: Path, wanted: Array | None = None) -> None:
+    """Write joints.csv: time, commanded joint positions, wanted tip and tool axis, the wrench, kind of move.
+
+    Args:
+        plan: The plan.
+        path: The file.
+        wanted: Where the path wants the tip, where the plan aims beside it. Shape (n, 3). [m]
+    """
     robot, task, before, after = plan.robot, plan.task, plan.approach, plan.retract
     start = float(before.gap.sum())
     end = start + float(plan.timing.time[-1])
     time = np.r_[np.r_[0.0, np.cumsum(before.gap)][:-1], start + plan.timing.time, end + np.cumsum(after.gap)]
     q = np.vstack([before.q, plan.q, after.q])
-    position = np.vstack([before.position, task.position, after.position])
+    position = np.vstack([before.position, task.position if wanted is None else wanted, after.position])
     wrench = np.vstack([before.wrench, task.wrench, after.wrench])
     first, last = np.tile(task.nominal.axis[0], (len(before.q), 1)), np.tile(task.nominal.axis[-1], (len(after.q), 1))
     axis = np.vstack([first, task.nominal.axis, last])

@@ -13,6 +13,7 @@ from compplan.report.provenance import describe_robot
 from compplan.report.style import AFTER, BEFORE, CATEGORIES, format_length
 from compplan.robot import Array
 
+BANDS = "Distance that holds the true tip with 95 %. Dotted: in the directions that were measured alone."
 Row = list[TableCell | str | float | int | None]
 
 
@@ -33,7 +34,7 @@ def write_learn_page(teaching: Teaching, file: Path) -> None:
         Section("What explains it", [_explain(teaching), _learned(teaching)]),
         Section(
             "The next part",
-            [Chart(_draw_bands(teaching), "Distance that holds the true tip with 95 %, along the path.", 320)],
+            [Chart(_draw_bands(teaching), BANDS, 320)],
             _expect(teaching),
         ),
     ]
@@ -58,10 +59,13 @@ def _summarise(teaching: Teaching) -> str:
 
 
 def _expect(teaching: Teaching) -> str:
-    before, after = (float(band.max()) for band in (teaching.lesson.band_before, teaching.lesson.band_after))
-    if not teaching.lesson.taken:
-        return f"Nothing changes: the band stays at {format_length(before)} at its widest."
-    return f"The band narrows from {format_length(before)} to {format_length(after)} at its widest."
+    lesson = teaching.lesson
+    before, after = (format_length(float(band.max())) for band in (lesson.band_before, lesson.band_after))
+    seen = format_length(float(lesson.band_seen[1].max()))
+    told = f"in the directions that were measured it is {seen}"
+    if not lesson.taken:
+        return f"Nothing changes: the band stays at {before} at its widest; {told}."
+    return f"The band narrows from {before} to {after} at its widest; {told}."
 
 
 def _size(vectors: Array) -> Array:
@@ -101,6 +105,9 @@ def _draw_bands(teaching: Teaching) -> Any:
         figure.add_trace(
             go.Scatter(x=1e3 * teaching.length, y=1e3 * band, mode="lines", name=name, line={"color": colour})
         )
+    line = {"color": AFTER, "dash": "dot"}
+    at, seen = 1e3 * teaching.length[lesson.gathered.row], 1e3 * lesson.band_seen[1]
+    figure.add_trace(go.Scatter(x=at, y=seen, mode="lines", name="after, as measured", line=line))
     figure.update_xaxes(title_text="path length, mm")
     figure.update_yaxes(title_text="95 % band, mm", rangemode="tozero")
     return figure
