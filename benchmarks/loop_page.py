@@ -27,12 +27,14 @@ class Shop:
         hidden: What its robot hides.
         true: True rms deviation across the path, by round. [m]
         promised: The 95 % band at its widest that the plan of the round promised. [m]
+        as_predicted: True rms of the rounds before any part, had the process pushed as predicted. [m]
     """
 
     seed: int
     hidden: tuple[str, ...]
     true: tuple[float, ...]
     promised: tuple[float, ...]
+    as_predicted: tuple[float, ...]
 
 
 def say_shops(shops: Sequence[Shop], floor: float) -> list[str]:

@@ -1,0 +1,203 @@
+"""A virtual shop to play the loop with: it runs programs on a robot with hidden errors, and measures.
+
+    python -m benchmarks.shop measure POSES/campaign.csv --robot kuka_kr270 --seed 7 --out log.csv    fills in the log
+    python -m benchmarks.shop cut PLAN --robot kuka_kr270 --seed 7 --out part1.csv         cuts and probes a part
+    python -m benchmarks.shop tell --robot kuka_kr270 --seed 7                             what it hides
+
+The robot of a seed is always the same: a MuJoCo model of the folder's arm that hides three effects (every third seed
+one that is in no vocabulary), under a process that pushes harder or softer than predicted. A shop reads what the
+controller would read, joints and loads, and tells what an instrument would tell: a filled log, or points on the part
+in the frame of the robot base (`compplan learn --frame base`). It knows the robot folder's tool, not a job's own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.campaigns.description import Array, read_description
+from benchmarks.campaigns.effects import Effect, apply_effect
+from benchmarks.campaigns.simulate import Rows, Scenario, nominal_scenario, simulate_rows
+
+ROOT = Path(__file__).parents[1]
+#: Instrument and robot per axis, and of a point measured on a part. [m]
+TRACKER, REPEATABILITY, PROBE = 2e-5, 1.5e-5, 1e-5
+#: Standard deviation of the force's level, as the product assumes it where nothing is stated.
+LEVEL = 0.15
+#: A program whose tip is farther from the path than this is of another robot or tool. [m]
+STRANGE = 0.05
+LOAD = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+
+
+@dataclass(frozen=True)
+class Shop:
+    """A virtual shop: what its robot hides, its force over the predicted one, and the randomness of its instruments."""
+
+    scenario: Scenario
+    hidden: tuple[str, ...]
+    force: float
+    random: np.random.Generator
+
+
+def draw_shop(robot: Path, seed: int) -> Shop:
+    """Draw a shop: three hidden effects of different kinds; every third shop has one outside the vocabulary."""
+    random = np.random.default_rng([20261122, seed])
+    scenario = nominal_scenario(read_description(robot))
+    joints = scenario.description.joint_names
+    makers: dict[str, Callable[[str], Effect]] = {
+        "joint_stiffness": lambda j: Effect("joint_stiffness", j, size=float(random.uniform(0.2, 0.6))),
+        "joint_offset": lambda j: Effect("joint_offset", j, size=float(random.uniform(-4, 4)) * 1e-4),
+        "backlash": lambda j: Effect("backlash", j, size=float(random.uniform(1, 3)) * 1e-4),
+        "transmission_error": lambda j: Effect(
+            "transmission_error", j, size=float(random.uniform(0.7, 2)) * 1e-4,
+            params={"shape": "waves", "waves": [(1.0, float(random.integers(1, 4)), float(random.uniform(0, 6)))]},
+        ),
+        "link_compliance": lambda j: Effect("link_compliance", j, "rx", size=float(random.uniform(1, 4)) * 1e-7),
+    }  # fmt: skip
+    outside = seed % 3 == 2
+    names = random.choice(list(makers), size=2 if outside else 3, replace=False)
+    hidden = []
+    for name in names:
+        joint = str(random.choice(joints[:3] if name == "link_compliance" else joints[:5]))
+        scenario = apply_effect(makers[str(name)](joint), scenario)
+        hidden.append(f"{name} {joint}")
+    if outside:
+        scenario = add_hose(scenario, random)
+        hidden.append("hose (in no vocabulary)")
+    force = 1.0 + LEVEL * float(np.random.default_rng([20261122, seed, 1]).standard_normal())
+    hidden.append(f"force x {force:.2f}")
+    return Shop(scenario, tuple(hidden), force, random)
+
+
+def add_hose(scenario: Scenario, random: np.random.Generator) -> Scenario:
+    """Hang a hose on the tool: it pulls towards a point over the robot, harder the farther the tool is away."""
+    anchor = np.array([0.3, 0.0, 2.5]) + 0.3 * random.standard_normal(3)
+    stiffness = float(random.uniform(40, 120))
+
+    def pull(rows: Rows, position: Array, rotation: Array) -> Array:
+        return np.concatenate([stiffness * (anchor - position), np.zeros((len(position), 3))], axis=1)
+
+    return replace(scenario, loads=(*scenario.loads, pull))
+
+
+class Cut(NamedTuple):
+    """A part that was cut, at its n cut waypoints.
+
+    Attributes:
+        tip: Where the tip really was, base frame. Shape (n, 3). [m]
+        wanted: Where the path wants it. Shape (n, 3). [m]
+    """
+
+    tip: Array
+    wanted: Array
+
+    @property
+    def across(self) -> float:
+        """Root mean square deviation across the path. [m]."""
+        along = np.gradient(self.wanted, axis=0)
+        along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+        off = self.tip - self.wanted
+        off = off - np.sum(off * along, axis=1, keepdims=True) * along
+        return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+
+
+def read_rows(file: Path) -> tuple[list[dict[str, str]], Array, Array]:
+    """Read a table of joints and loads; return its rows, joint angles [rad] and wrenches on the tool [N, N m]."""
+    with file.open(encoding="utf-8") as lines:
+        rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    q = np.radians(np.array([[float(row[f"q{k}_deg"]) for k in range(1, 7)] for row in rows]))
+    return rows, q, np.array([[float(row[name]) for name in LOAD] for row in rows])
+
+
+def move(shop: Shop, q: Array, wrench: Array, *, path: bool, measured: np.ndarray | None = None) -> Array:
+    """Let the shop's robot go through rows; return where the tip really is. Shape (n, 3). [m]"""
+    n = len(q)
+    run = np.array(["path1" if path else "static1"] * n)
+    rows = Rows(run, np.full(n, path), np.arange(n) * 0.05, q, wrench, np.zeros(n))
+    tip = simulate_rows(shop.scenario, rows, measured).position
+    return tip + REPEATABILITY * shop.random.standard_normal((1 if path else len(tip), 3))
+
+
+def cut_part(shop: Shop, folder: Path) -> Cut:
+    """Cut the program of a plan.
+
+    Raises:
+        ValueError: If the tip ends up far from the path: the plan is of another robot, or has a tool of the job's own.
+    """
+    rows, q, wrench = read_rows(folder / "joints.csv")
+    cutting = np.flatnonzero([row["move"] == "cut" for row in rows])
+    wanted = np.array([[float(rows[k][f"{axis}_mm"]) for axis in "xyz"] for k in cutting]) * 1e-3
+    tip = move(shop, q, shop.force * wrench, path=True, measured=cutting)
+    if (off := float(np.linalg.norm(tip - wanted, axis=1).max())) > STRANGE:
+        raise ValueError(f"the tip is {1e3 * off:.0f} mm off: a plan of another robot, or with a tool of the job's own")
+    return Cut(tip, wanted)
+
+
+def measure_poses(shop: Shop, empty: Path, log: Path) -> int:
+    """Fill in an empty log; return the number of measured poses.
+
+    Two rows a pose: where its approach begins, which stays empty, and the pose, approached from there and measured.
+    """
+    rows, q, wrench = read_rows(empty)
+    tip = move(shop, q, wrench, path=False)
+    tip = tip + TRACKER * shop.random.standard_normal(tip.shape)
+    for row, point in list(zip(rows, tip, strict=True))[1::2]:
+        row.update({f"{axis}_mm": f"{1e3 * point[k]:.5f}" for k, axis in enumerate("xyz")})
+        row["sigma_mm"] = f"{1e3 * TRACKER:g}"
+    with log.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    return len(rows) // 2
+
+
+def probe_part(shop: Shop, tip: Array, file: Path) -> None:
+    """Measure a cut part: points in the frame of the robot base, which do not say how far along the path they are."""
+    points = tip * 1e3 + 1e3 * PROBE * shop.random.standard_normal(tip.shape)
+    lines = [",".join(f"{v:.5f}" for v in (*point, 1e3 * PROBE)) for point in points]
+    file.write_text("x_mm,y_mm,z_mm,sigma_mm\n" + "\n".join(lines) + "\n", encoding="utf-8")
+
+
+def main() -> int:
+    """Run one command; return its exit status."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("command", choices=("measure", "cut", "tell"))
+    parser.add_argument("file", type=Path, nargs="?", help="measure: campaign.csv; cut: folder with joints.csv")
+    parser.add_argument("--robot", default="kuka_kr270", help="robot folder, or the name of a shipped one")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path)
+    words = parser.parse_args()
+    folder = Path(words.robot) if Path(words.robot).is_dir() else ROOT / "robots" / words.robot
+    shop = draw_shop(folder, words.seed)
+    if words.command == "tell":
+        print("\n".join(shop.hidden))
+        return 0
+    if words.file is None or words.out is None:
+        parser.error(f"{words.command} needs what it works on, and --out")
+    table = words.file if words.command == "measure" else words.file / "joints.csv"
+    try:
+        chance = zlib.crc32(table.read_bytes())
+        shop = replace(shop, random=np.random.default_rng([20261122, words.seed, 2, chance]))
+        if words.command == "measure":
+            print(f"{measure_poses(shop, words.file, words.out)} poses measured, wrote {words.out}")
+        else:
+            part = cut_part(shop, words.file)
+            probe_part(shop, part.tip, words.out)
+            print(f"{len(part.tip)} points measured, wrote {words.out}; to the shop alone is known that the tip was"
+                  f" {1e3 * part.across:.3f} mm off, rms across the path")  # fmt: skip
+    except (OSError, KeyError, ValueError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
