@@ -31,6 +31,7 @@ from compplan.report import (
 from compplan.report.along_path import draw_lines, find_spans
 from compplan.report.compare_page import CompareView, summarise_comparison, write_comparison
 from compplan.report.force_moves import mark_force, tell_force
+from compplan.report.page import share_values
 from compplan.report.path_scene import choose_magnification, draw_cell
 from compplan.report.plan_page import PlanView, summarise_plan, write_view
 from compplan.report.robot_picture import project_points, save_robot_picture
@@ -86,7 +87,17 @@ def page_data(html: str) -> dict[str, list[dict[str, object]]]:
     """Read the charts back out of a page."""
     found = re.search(r'<script type="application/json" id="page-data">(.*?)</script>', html, re.S)
     assert found
-    return json.loads(found.group(1))
+    data = json.loads(found.group(1))
+    return {**data, "charts": restore(data["charts"], data["shared"])}
+
+
+def restore(node: object, shared: list[object]) -> object:
+    """Put the values back that charts share, as the page's script does."""
+    if isinstance(node, list):
+        return [restore(value, shared) for value in node]
+    if not isinstance(node, dict):
+        return node
+    return shared[node["shared"]] if "shared" in node else {key: restore(value, shared) for key, value in node.items()}
 
 
 def own_part(html: str) -> str:
@@ -107,6 +118,18 @@ def test_plotly_is_inlined_once_and_only_where_there_are_charts() -> None:
     assert 0.6e6 < len(many) < 1.0e6
     assert len(none) < 30_000
     assert len(page_data(many)["charts"]) == 3
+
+
+def test_what_charts_repeat_is_written_once_and_read_back_whole() -> None:
+    x, colours = np.arange(300.0), ["rgb(1,2,3)"] * 150
+    bars = [go.Bar(x=x, y=x**k, marker={"color": colours}) for k in (1, 2)]
+    charts = [json.loads(go.Figure(bars).to_json()), json.loads(go.Figure(bars[:1]).to_json())]
+    stored = share_values(charts)
+    assert restore(stored["charts"], stored["shared"]) == charts
+    text = json.dumps(stored)
+    assert text.count(charts[0]["data"][0]["x"]["bdata"]) == 1
+    assert text.count("rgb(1,2,3)") == 150
+    assert len(stored["shared"]) == 2  # the first power of x is x
 
 
 def test_text_from_outside_cannot_become_markup() -> None:
@@ -344,7 +367,7 @@ def test_the_page_of_fifty_thousand_waypoints_stays_small_and_keeps_its_peak(tmp
     after[23_456] = [0.0, 0.0, 2e-4]
     write_view(replace(view, after=after), tmp_path / "report.html")
     file = tmp_path / "report.html"
-    assert file.stat().st_size < 6e6
+    assert file.stat().st_size < 2e6
     chart = page_data(file.read_text())["charts"][3]
     planned = chart["data"][1]["y"]  # type: ignore[index]
     import base64

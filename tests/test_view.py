@@ -19,6 +19,7 @@ from compplan.outputs.plan import write_plan
 from compplan.plan.plan import Plan, plan_job
 from compplan.report.robot_scene import locate_links
 from compplan.report.style import CATEGORIES, NEUTRAL, SEQUENTIAL
+from compplan.report.thinning import simplify_path
 from compplan.report.view.gap_scene import GapScene
 from compplan.report.view.motion import bend_arm, locate_chain
 from compplan.report.view.paint import join_rows, paint_names, paint_sizes, pick_point, read_colour
@@ -136,19 +137,82 @@ def test_a_row_tells_joints_force_deviation_and_posture(scene: PlanScene) -> Non
         assert word in told
 
 
-def test_the_longest_paths_are_thinned_and_keep_their_ends(scene: PlanScene) -> None:
-    record = scene.recording
-    times = -(-50_000 // len(record.time))
-    many = replace(
+def stretch(record: PlanRecording, rows: int) -> PlanRecording:
+    """Repeat a plan until it has so many rows."""
+    times = -(-rows // len(record.time))
+    return replace(
         record,
         time=np.arange(times * len(record.time), dtype=float), q=np.tile(record.q, (times, 1)),
         tip=np.tile(record.tip, (times, 1)), wrench=np.tile(record.wrench, (times, 1)),
         move=np.tile(record.move, times), promise=np.tile(record.promise, times),
         deviation={way: np.tile(values, (times, 1)) for way, values in record.deviation.items()},
     )  # fmt: skip
-    long = PlanScene(many)
+
+
+def test_the_longest_paths_are_thinned_and_keep_their_ends(scene: PlanScene) -> None:
+    long = PlanScene(stretch(scene.recording, 50_000))
     assert len(long.rows) < 25_000
     assert {0, long.count - 1} <= set(long.rows.tolist())
+
+
+def test_a_path_is_drawn_by_the_rows_that_it_bends_or_strays_at() -> None:
+    turn = np.linspace(0, 2 * np.pi, 5001)
+    path = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn, np.where(np.abs(turn - 3) < 2e-3, 0.2, 0.0)])
+    for slack in (1e-2, 1e-4):
+        rows = simplify_path(path, slack, 5000)
+        drawn = np.column_stack([np.interp(turn, turn[rows], column) for column in path[rows].T])
+        assert np.linalg.norm(drawn - path, axis=1).max() <= slack
+        assert len(rows) < 10 * np.pi / np.sqrt(8 * slack)  # chords of a sagitta have sqrt(8 r slack)
+        assert path[rows, 3].max() == 0.2
+    assert len(simplify_path(path, 1e-9, 100)) == 100
+    assert simplify_path(path[:2], 1e-9, 100).tolist() == [0, 1]
+
+
+def test_a_picture_costs_the_same_on_a_long_path_as_on_a_short_one(scene: PlanScene) -> None:
+    pytest.importorskip("viser")
+    import viser
+    from viewer_traffic import count_calls, record_traffic
+
+    from compplan.report.view.server import PlanViewer
+
+    calls = {}
+    for rows in (1, 50_000):
+        viewer = PlanViewer(viser.ViserServer(host="127.0.0.1", port=0, verbose=False),
+                            PlanScene(stretch(scene.recording, rows)))  # fmt: skip
+        viewer.running = False
+        viewer.show_row(viewer.row + 1)
+        with record_traffic() as sent:
+            calls[rows] = count_calls(lambda viewer=viewer: viewer.show_row(viewer.row + 1))
+        viewer.stop()
+        assert len(sent) <= 2 * len(viewer.stage.frames) + 5
+        assert sum(sent) < 10_000  # at 30 pictures a second 300 kB/s
+    assert calls[50_000] < 1.1 * calls[1] < 5_000  # some microseconds each: a fifth of 1/30 s
+
+
+@pytest.mark.parametrize("name", ["kuka_kr240_rail", "ur10"])
+def test_the_slope_of_the_tip_is_its_difference(name: str, tmp_path: Path) -> None:
+    from compplan.files.tables import write_json
+    from compplan.outputs.cell import describe_cell
+    from compplan.report.view.motion import slope_tip
+    from compplan.report.view.recording import read_cell
+    from compplan.robot import Mimic
+
+    robot = load_robot(name)
+    write_json(tmp_path / "cell.json", describe_cell(robot), indent=None)
+    cell = read_cell(tmp_path / "cell.json")
+    third = cell.actuated[2]
+    joints = [replace(joint, mimic=Mimic("joint_1", -0.7, 0.1)) if joint is third else joint for joint in cell.joints]
+    cell = replace(cell, joints=tuple(replace(joint, mimic=joint.mimic) for joint in joints))
+    names = [joint.name for joint in cell.actuated]
+    assert len(names) == robot.nq - 1
+    q = np.random.default_rng(1).uniform(-1, 1, len(names))
+
+    def locate(q: np.ndarray) -> np.ndarray:
+        return np.asarray(locate_chain(cell, q)[cell.tcp][:3, 3])
+
+    steps = 1e-6 * np.eye(len(q))
+    expected = np.column_stack([(locate(q + step) - locate(q - step)) / 2e-6 for step in steps])
+    np.testing.assert_allclose(slope_tip(cell, locate_chain(cell, q)), expected, atol=1e-8)
 
 
 def make_gap() -> GapScene:

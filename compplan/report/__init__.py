@@ -19,7 +19,7 @@ from compplan.report.plan_report import write_plan_report
 from compplan.report.provenance import describe_grade, describe_robot
 from compplan.report.robot_picture import save_robot_picture
 from compplan.report.robot_scene import draw_robot, frame_scene, locate_links, place_shapes
-from compplan.report.thinning import thin_path, thin_rows
+from compplan.report.thinning import simplify_path, thin_path, thin_rows
 
 __all__ = [
     "Chart",
@@ -39,6 +39,7 @@ __all__ = [
     "place_shapes",
     "render_page",
     "save_robot_picture",
+    "simplify_path",
     "thin_path",
     "thin_rows",
     "write_compare_report",

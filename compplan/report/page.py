@@ -22,6 +22,8 @@ from compplan.version import VERSION
 TEMPLATES = Path(__file__).parent / "templates"
 #: The part of plotly.js that pages draw with; how it was made stands beside it.
 PLOTLY = Path(__file__).parent / "plotly" / "plotly.min.js.gz"
+#: A value of fewer characters is written wherever it stands.
+SHORT = 100
 
 
 @dataclass(frozen=True)
@@ -182,7 +184,8 @@ def render_page(
         {"title": section.title, "lede": section.lede, "blocks": [_describe(block, charts) for block in section.blocks]}
         for section in sections
     ]
-    payload = {"charts": charts, "themes": {theme: build_template(theme) for theme in ("light", "dark")}}
+    themes = {theme: build_template(theme) for theme in ("light", "dark")}
+    payload = {**share_values(charts), "themes": themes}
     return str(
         _environment()
         .get_template("page.html.j2")
@@ -201,6 +204,36 @@ def render_page(
             payload=json.dumps(payload, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
         )
     )
+
+
+def share_values(charts: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Keep long values that charts repeat, such as the path length under every line, once.
+
+    Args:
+        charts: Charts as plotly's JSON.
+
+    Returns:
+        "charts", where `{"shared": k}` stands for a value that comes again, and "shared", the values.
+    """
+    count: dict[str, int] = {}
+    number: dict[str, int] = {}
+
+    def walk(node: Any, replace: bool) -> Any:
+        if isinstance(node, dict | list) and (("bdata" in node) if isinstance(node, dict) else len(node) > SHORT):
+            text = json.dumps(node, separators=(",", ":"))
+            if not replace:
+                count[text] = count.get(text, 0) + 1
+            elif count[text] > 1 and len(text) > SHORT:
+                return {"shared": number.setdefault(text, len(number))}
+            return node
+        if isinstance(node, dict):
+            return {key: walk(value, replace) for key, value in node.items()}
+        return [walk(value, replace) for value in node] if isinstance(node, list) else node
+
+    plain = list(charts)
+    walk(plain, False)
+    thinner = [walk(chart, True) for chart in plain]
+    return {"charts": thinner, "shared": [json.loads(text) for text in number]}
 
 
 def _with_origin(provenance: Provenance) -> Provenance:

@@ -1,6 +1,7 @@
 "use strict";
 (async () => {
   const page = JSON.parse(document.getElementById("page-data").textContent);
+  page.charts = restore(page.charts);
   const root = document.documentElement;
   const button = document.getElementById("theme");
   const system = window.matchMedia("(prefers-color-scheme: dark)");
@@ -14,6 +15,14 @@
   const element = (number) => document.getElementById(`chart-${number}`);
   const theme = () => chosen || (system.matches ? "dark" : "light");
   const narrow = () => window.innerWidth < 620;
+
+  // Values that come again lie in the page once.
+  function restore(node) {
+    if (Array.isArray(node)) return node.map(restore);
+    if (node === null || typeof node !== "object") return node;
+    if ("shared" in node) return page.shared[node.shared];
+    return Object.fromEntries(Object.entries(node).map(([key, value]) => [key, restore(value)]));
+  }
 
   // The library lies in the page, compressed.
   async function unpackLibrary() {

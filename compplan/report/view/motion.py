@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from compplan.report.view.recording import Cell
 from compplan.robot import Array
 
-#: Steps towards the drawn tip, the damping of one, and the small motion that gives the slope. [1, m/rad, rad or m]
-STEPS, DAMPING, SMALL = 3, 1e-3, 1e-6
+#: Steps towards the drawn tip, and the damping of one. [1, m/rad]
+STEPS, DAMPING = 3, 1e-3
 
 
 def locate_chain(cell: Cell, q: Array) -> dict[str, Array]:
@@ -34,6 +34,31 @@ def locate_chain(cell: Cell, q: Array) -> dict[str, Array]:
     return poses
 
 
+def slope_tip(cell: Cell, poses: dict[str, Array]) -> Array:
+    """Return how the tip moves with each joint: axis x (tip - axis point) of a turning joint, axis of a sliding one.
+
+    Args:
+        cell: The cell.
+        poses: Where its links are, of `locate_chain`. Shape (4, 4) each. [m]
+
+    Returns:
+        Shape (3, nq). [m/rad or 1]
+    """
+    column = {joint.name: number for number, joint in enumerate(cell.actuated)}
+    slope = np.zeros((3, len(column)))
+    for joint in cell.joints:
+        if joint.kind == "fixed":
+            continue
+        pose = poses[joint.child]
+        axis = pose[:3, :3] @ joint.axis
+        motion = axis if joint.kind == "prismatic" else np.cross(axis, poses[cell.tcp][:3, 3] - pose[:3, 3])
+        if joint.mimic is None:
+            slope[:, column[joint.name]] += motion
+        else:
+            slope[:, column[joint.mimic.joint]] += joint.mimic.multiplier * motion
+    return slope
+
+
 def bend_arm(cell: Cell, q: Array, tip: Array) -> Array:
     """Move the joints as little as need be until the tip is at a place, for drawing: damped least squares.
 
@@ -47,11 +72,8 @@ def bend_arm(cell: Cell, q: Array, tip: Array) -> Array:
     """
     bent = np.array(q, float)
     for _ in range(STEPS):
-        here = locate_chain(cell, bent)[cell.tcp][:3, 3]
-        slope = np.empty((3, len(bent)))
-        for k in range(len(bent)):
-            moved = bent.copy()
-            moved[k] += SMALL
-            slope[:, k] = (locate_chain(cell, moved)[cell.tcp][:3, 3] - here) / SMALL
-        bent += slope.T @ np.linalg.solve(slope @ slope.T + DAMPING**2 * np.eye(3), tip - here)
+        poses = locate_chain(cell, bent)
+        slope = slope_tip(cell, poses)
+        away = tip - poses[cell.tcp][:3, 3]
+        bent += slope.T @ np.linalg.solve(slope @ slope.T + DAMPING**2 * np.eye(3), away)
     return bent

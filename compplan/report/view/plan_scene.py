@@ -9,17 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.report.style import format_angle, format_length, format_number
-from compplan.report.thinning import thin_path
+from compplan.report.thinning import simplify_path
 from compplan.report.view.motion import bend_arm, locate_chain
-from compplan.report.view.paint import Bytes, Lines, join_rows, paint_sizes, pick_point
+from compplan.report.view.paint import LAST, Bytes, Lines, join_rows, paint_sizes, pick_point
 from compplan.report.view.recording import PlanRecording, Solid
 from compplan.robot import Array
 
+#: A line is drawn this near to its path, as a share of the path's extent but no finer than the second figure [m], and
+#: its deviation as near where the greatest one is drawn as long as the third, as a share of the extent; its colour this
+#: near, in tolerances.
+SLACK, FINE, MAGNIFIED, SHADE = 2e-4, 5e-5, 0.1, 0.02
 #: Points of a path that are drawn at most, rings of the promise, and corners of a ring.
 POINTS, RINGS, CORNERS = 20_000, 300, 16
 #: A corner of the part takes the colour of the path within this distance of it. [m]
 NEAR = 0.025
 PROMISE = "promise"
+#: A length of deviation.csv that reads 0 is below this. [m]
+TINY = 1e-12
 Rows = NDArray[np.int_] | slice | int
 EVERY = slice(None)
 
@@ -73,9 +79,15 @@ class PlanScene:
 
     @cached_property
     def rows(self) -> NDArray[np.int_]:
-        """Rows that are drawn: all of them, or the ends, the peaks and evenly between."""
-        sizes = np.column_stack([np.nan_to_num(self.sizes[way]) for way in self.ways])
-        return thin_path(self.recording.tip, sizes, POINTS)
+        """Rows that are drawn: those without which the line would pass another row by more than a pixel or a shade."""
+        tip, deviations = self.recording.tip, [np.nan_to_num(each) for each in self.recording.deviation.values()]
+        extent = float(np.ptp(tip, axis=0).max())
+        slack = max(SLACK * extent, FINE)
+        greatest = max(float(np.linalg.norm(each, axis=1).max()) for each in deviations)
+        strays = [MAGNIFIED * extent / max(greatest, 1e-9) * each for each in deviations]
+        shades = [np.clip(np.nan_to_num(self.sizes[way]) / self.recording.tolerance, 0.0, LAST) for way in self.ways]
+        signals = [*strays, *(slack / SHADE * shade for shade in shades)]
+        return simplify_path(np.column_stack([tip, *signals]), slack, POINTS)
 
     def draw_path(self, way: str, magnify: float) -> Lines:
         """Draw the path of the loaded tip, coloured by its deviation against the tolerance."""
@@ -139,7 +151,7 @@ class PlanScene:
 
     def pick(self, origin: Array, direction: Array, way: str, magnify: float) -> int:
         """Return the row that a click means."""
-        return int(self.rows[pick_point(self.place(way, magnify, self.rows), origin, direction)])
+        return pick_point(self.place(way, magnify), origin, direction)
 
     def tell(self, row: int) -> str:
         """Tell what is known of a row, as markdown: deviations, joints, force, posture."""
@@ -159,4 +171,4 @@ class PlanScene:
 
 
 def _say_length(metres: float) -> str:
-    return format_length(float(metres)) if np.isfinite(metres) else "not known here"
+    return format_length(max(float(metres), TINY)) if np.isfinite(metres) else "not known here"

@@ -25,6 +25,8 @@ HOST = "127.0.0.1"
 ASIDE = np.array([0.7, -1.0, 0.6])
 #: Colour of the force arrow.
 DARK = np.full((1, 2, 3), 60, np.uint8)
+#: Half the width of the floor, the distance of its lines [m], and their grey.
+FLOOR, CELL, LIGHT = 3.0, 0.5, 208
 #: Pictures a second that are aimed at, and how often the panel is brought up to date while the arm moves. [1/s]
 PICTURES, PANEL = 30.0, 5.0
 #: Length of the longest force arrow, as a share of the arm's reach.
@@ -48,6 +50,15 @@ def start_server(folder: Path, port: int) -> Any:
     if isinstance(recording, GapRecording):
         return GapViewer(server, GapScene(recording))
     return PlanViewer(server, PlanScene(recording))
+
+
+def draw_floor() -> Lines:
+    """Draw the floor as lines, 0.5 m apart: a floor that is worked out for each pixel costs more than the arm."""
+    place = np.arange(-FLOOR, FLOOR + 1e-9, CELL)
+    along = np.stack([np.full_like(place, -FLOOR), np.full_like(place, FLOOR)], axis=1)
+    across, level = np.stack([place, place], axis=1), np.zeros_like(along)
+    ends = np.concatenate([np.stack([along, across, level], axis=2), np.stack([across, along, level], axis=2)])
+    return Lines(ends.astype(np.float32), np.full(ends.shape, LIGHT, np.uint8))
 
 
 def check_port(port: int) -> None:
@@ -77,7 +88,7 @@ class Stage:
         self.server, self.cell = server, cell
         server.scene.set_up_direction("+z")
         server.scene.configure_default_lights(cast_shadow=False)
-        server.scene.add_grid("/floor", width=6.0, height=6.0, cell_size=0.25, section_size=1.0, shadow_opacity=0.0)
+        self.draw("/floor", draw_floor(), 1.0)
         links = {joint.child for joint in cell.joints} | {cell.base}
         self.frames = {link: server.scene.add_frame(f"/arm/{link}", show_axes=False) for link in sorted(links)}
         for number, solid in enumerate(cell.solids):
@@ -94,12 +105,12 @@ class Stage:
             cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
 
-    def paint(self, solid: Solid, colours: Any) -> None:
+    def paint(self, name: str, solid: Solid, colours: Any) -> None:
         """Show a shape that stands still with a colour a corner."""
         import trimesh
 
         mesh = trimesh.Trimesh(solid.vertices, solid.faces, vertex_colors=colours, process=False)
-        self.server.scene.add_mesh_trimesh(f"/cell/{solid.name}", mesh, cast_shadow=False, receive_shadow=False)
+        self.server.scene.add_mesh_trimesh(name, mesh, cast_shadow=False, receive_shadow=False)
 
     def move(self, poses: dict[str, Array]) -> None:
         """Move the links."""
@@ -128,11 +139,15 @@ class Stage:
                 event.client.camera.position = centre + places[buttons.value] * ASIDE
                 event.client.camera.look_at = centre
 
-    def light_part(self, scene: PlanScene, way: str) -> None:
+    def light_part(self, scene: PlanScene, way: str, under: str = "/cell") -> None:
         """Colour the part by what the path beside it does."""
-        for solid in self.cell.solids:
-            if solid.name == "part":
-                self.paint(solid, scene.paint_solid(solid, way))
+        for solid in self.parts:
+            self.paint(f"{under}/{solid.name}", solid, scene.paint_solid(solid, way))
+
+    @property
+    def parts(self) -> list[Solid]:
+        """What is cut."""
+        return [solid for solid in self.cell.solids if solid.name == "part"]
 
 
 class PlanViewer:
@@ -193,15 +208,19 @@ class PlanViewer:
             self.show_row(self.row)
 
     def _draw_beside(self, magnify: float) -> None:
-        for name in ("/beside", "/beside_name"):
-            self.server.scene.remove_by_name(name)
+        """Draw path and part without the correction beside those that are shown, moved along y."""
+        scene = self.server.scene
+        scene.remove_by_name("/beside")
         if not self.beside.value or "uncorrected" not in self.scene.ways:
             return
-        shift = np.array([0.0, 1.4 * float(np.ptp(self.scene.recording.tip[:, 1])) + 0.05, 0.0])
-        lines = self.scene.draw_path("uncorrected", magnify)
-        self.stage.draw("/beside", Lines((lines.points + shift).astype(np.float32), lines.colours), 4.0)
-        place = self.scene.recording.tip.mean(axis=0) + shift
-        self.server.scene.add_label("/beside_name", "uncorrected", position=place)
+        tip = self.scene.recording.tip
+        across = np.concatenate([tip[:, 1], *(solid.vertices[:, 1] for solid in self.stage.parts)])
+        scene.add_frame("/beside", show_axes=False, position=(0.0, 1.1 * float(np.ptp(across)) + 0.05, 0.0))
+        self.stage.draw("/beside/wanted", self.scene.draw_wanted(), 1.5)
+        self.stage.draw("/beside/path", self.scene.draw_path("uncorrected", magnify), 4.0)
+        self.stage.light_part(self.scene, "uncorrected", "/beside")
+        top = np.array([*tip[:, :2].mean(axis=0), tip[:, 2].max() + 0.1 * self.extent])
+        scene.add_label("/beside/name", "uncorrected", position=top, anchor="bottom-center")
 
     def show_row(self, row: int) -> None:
         """Show the arm, the tip and the force at a row."""
