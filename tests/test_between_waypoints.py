@@ -192,6 +192,21 @@ def test_the_inertia_of_the_motion_is_compensated_and_judged_where_a_job_asks_fo
     assert off.max() < 0.2 * np.linalg.norm(still - plan.task.position, axis=1)[plan.task.cut].max()
 
 
+def test_with_inertia_a_force_that_sets_in_at_contact_is_corrected_in_the_time_that_the_joints_need(tmp_path):
+    plan = cp.plan_job(three_points(tmp_path, CONSTANT, plan={"rotate_about_tool_axis": False, "inertia": True}))
+    lead = np.flatnonzero(plan.task.lead)
+    assert plan.status == "solved" and len(lead) and np.ptp(plan.q[lead], axis=0).max() > 1e-6
+    rate = np.abs(np.diff(plan.q, axis=0)) / np.diff(plan.timing.time)[:, None]
+    assert (rate <= plan.task.velocity_limits).all()
+
+
+def test_the_inertia_of_what_is_out_of_reach_is_left_alone_and_the_note_says_so(tmp_path):
+    far = three_points(tmp_path, CONSTANT, plan={"inertia": True}, part={"position_mm": [2700.0, 0.0, 700.0]})
+    plan = cp.plan_job(far)
+    assert plan.status == "infeasible" and not plan.task.inertia
+    assert not any("inertia = true" in note for note in plan.notes)
+
+
 def test_rows_beside_a_rest_are_so_near_that_they_tell_how_gently_a_run_starts(tmp_path):
     # whoever takes the acceleration at a rest from the rows beside it finds what bends the arm by less than a chord
     plan = cp.plan_job(three_points(tmp_path, MILLING, plan={"rotate_about_tool_axis": False, "inertia": True}))

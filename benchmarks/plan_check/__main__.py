@@ -1,6 +1,6 @@
 """Plan all shipped jobs and the own ones, judge them in the cell, and print claim beside truth.
 
-    python -m benchmarks.plan_check --out DIR [--jobs NAME ...] [--keep] [--limit SECONDS]
+    python -m benchmarks.plan_check --out DIR [--jobs NAME ...] [--drawn N [--seed S]] [--keep] [--limit SECONDS]
 
 Writes DIR/plan_check.json and DIR/plan_check.md. Exit status 1 where an answer cannot be trusted.
 """
@@ -13,6 +13,7 @@ import sys
 import time
 from pathlib import Path
 
+from benchmarks.plan_check.drawn import write_drawn
 from benchmarks.plan_check.job import read_job, read_joints
 from benchmarks.plan_check.measure import examine
 from benchmarks.plan_check.mistakes import MISTAKES, mistake_of
@@ -32,7 +33,7 @@ EXPECTED = {
 
 def check(name: str, file: Path, folder: Path, *, keep: bool = False, limit_s: float = 900.0) -> dict:
     """Plan one job (or take what is there) and judge it."""
-    expected = EXPECTED.get(name, "solved")
+    expected = EXPECTED.get(name, "any" if name.startswith("drawn_") else "solved")
     outcome = _kept(folder) if keep else None
     if outcome is None:
         outcome = run_plan(file, folder, mistake=mistake_of(name), limit_s=limit_s)
@@ -90,9 +91,14 @@ def main() -> None:
     parser.add_argument("--jobs", nargs="+", help="names of jobs; default: all")
     parser.add_argument("--keep", action="store_true", help="judge plans that an earlier run left in DIR")
     parser.add_argument("--limit", type=float, default=900.0, help="seconds that a plan may take")
+    parser.add_argument("--drawn", type=int, default=0, help="plan this many drawn jobs in place of the written ones")
+    parser.add_argument("--seed", type=int, default=0, help="first seed of the drawn jobs")
     wish = parser.parse_args()
     jobs = {file.stem: file for file in sorted((ROOT / "paths").glob("*.toml"))}
     jobs |= write_jobs(wish.out / "jobs")
+    if wish.drawn:
+        files = (write_drawn(wish.out / "jobs", seed) for seed in range(wish.seed, wish.seed + wish.drawn))
+        jobs = {file.stem: file for file in files}
     unknown = sorted(set(wish.jobs or []) - set(jobs))
     if unknown:
         parser.error(f"no job {unknown[0]!r}, choose from {sorted(jobs)}")

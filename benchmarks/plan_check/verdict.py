@@ -95,7 +95,8 @@ def judge_answer(
         one_line = outcome.said.startswith("error: ") and outcome.lines == 1
         right = expected == "refused" and (outcome.status == 3 or one_line)
         return "trusted" if right else f"FAILS: exit status {outcome.status}"
-    if not planted and found is not None and found["correction_mm"] > found["most_correction_mm"] * ROUNDING:
+    held = planted or "reach of the arm" in outcome.said  # no command stands near a place out of reach
+    if not held and found is not None and found["correction_mm"] > found["most_correction_mm"] * ROUNDING:
         return "FAILS: correction limit broken"
     if outcome.plan["status"] != "solved":
         return "honest" if expected == "solved" else "trusted"

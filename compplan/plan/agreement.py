@@ -19,7 +19,7 @@ from compplan.plan.feed import FeedWish, time_run
 from compplan.plan.sampling import MOST_PIECES, Mending, divide_by, divide_task, grow_places, predict_loads
 from compplan.plan.strategies import command_path, nlp
 from compplan.plan.task import Command, PlanTask, attain_rows
-from compplan.plan.timing import Timing, cutting_runs, find_slowdown, state_timing
+from compplan.plan.timing import Timing, cutting_runs, find_slowdown, state_timing, time_between_cuts
 from compplan.robot import Array
 from compplan.statics.sensitivity import attain_pose
 
@@ -72,6 +72,8 @@ def agree(
 
     """
     progress("sampling")
+    if task.missed.any():  # what does not move along the path has no inertia worth planning with
+        task = replace(task, inertia=False)
     task = _divide_ahead(_resolve_starts(task, wish) if task.inertia else task, wish)
     mending = Mending()
     for last in range(DIVISIONS + 1):
@@ -115,6 +117,7 @@ def _take_turns(task: PlanTask, strategy: str, wish: FeedWish, progress: Callabl
     Where inertia counts, it is that of the commanded motion: command and inertia are worked out in turn.
 
     The run is that of the uncorrected motion, so that it does not answer to the force; a turn only makes it slower.
+    Rapid moves, and corrections that come in at rest, take the time of the commanded motion.
     """
     command = command_path(task, strategy)
     if not task.follows_feed and not task.inertia:
@@ -129,19 +132,20 @@ def _take_turns(task: PlanTask, strategy: str, wish: FeedWish, progress: Callabl
         progress(f"force and feed, turn {turns}")
         driven, timing, notes = time_run(task, task.q_start, wish, slow)
         loads = predict_loads(task, _moving_feed(timing)) if task.follows_feed else task.wrench
-        bias = None if dynamics is None else _find_inertia(task, command.q, timing.time, dynamics)
+        time = time_between_cuts(task, command.q, timing.time)
+        bias = None if dynamics is None else _find_inertia(task, command.q, time, dynamics)
         changed = replace(task, wrench=loads, bias=bias)
         change, task = _shift(task, changed, command.q), changed
         if change > EXACT:
             command = nlp.correct_command(task, command) if strategy == "nlp" else command_path(task, strategy)
-        slower = find_slowdown(task, command.q, timing.time)
+        slower = find_slowdown(task, command.q, time)
         excess = float(slower.max())
         slow *= np.minimum(slower, 3.0) * (1.02 if excess > 1.0 else 1.0)
     if excess > 1.0:
         notes = (*notes, f"Force and motion do not agree: joint limits are passed by a factor of {excess:.3g}.")
     if task.inertia and change > SETTLED * task.tolerance:
         notes = (*notes, f"Inertia and motion do not agree: the last turn moves the tip by {1e3 * change:.2g} mm.")
-    timing = state_timing(driven, command.q, timing.time)
+    timing = state_timing(driven, command.q, time_between_cuts(task, command.q, timing.time))
     driven = replace(driven, wrench=task.wrench, bias=task.bias)
     between = measure_between(driven, command.q, timing.time)
     return Agreement(driven, command, timing, between, excess, turns, notes)

@@ -94,19 +94,33 @@ def time_command(
 
     """
     step = np.zeros(len(q))
-    rapid = np.r_[False, task.nominal.rapid[1:]]
-    for start, end in cutting_runs(rapid, task.rests):
+    for start, end in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests):
         run = slice(start, end + 1)
         if not task.nominal.steps[start:end].any():
-            step[start + 1 : end + 1] = np.diff(_turn_in_place(task, q[run], start))
             continue
         along = np.r_[0.0, np.cumsum(parameter_steps(task, q, start, end))]
         rows = None if rules is None else partial(rules.rows, start, end)
         time = _time_run(task, along, q[run], rows, np.ones(end + 1 - start) if slow is None else slow[run])
         step[start + 1 : end + 1] = np.diff(time)
+    return state_timing(task, q, time_between_cuts(task, q, np.cumsum(step)))
+
+
+def time_between_cuts(task: PlanTask, q: Array, time: Array) -> Array:
+    """Return times in which joint moves between cuts and at rest take as long as a command needs.
+
+    Args:
+        task: The task.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        time: Time at each waypoint, of which those of the cuts count. Shape (n,). [s]
+
+    """
+    step, rapid = np.r_[0.0, np.diff(time)], np.r_[False, task.nominal.rapid[1:]]
+    for start, end in cutting_runs(rapid, task.rests):
+        if not task.nominal.steps[start:end].any():
+            step[start + 1 : end + 1] = np.diff(_turn_in_place(task, q[start : end + 1], start))
     moves = np.flatnonzero(rapid)
     step[moves] = time_rapids(np.abs(q[moves] - q[moves - 1]), task.velocity_limits, task.acceleration_limits)
-    return state_timing(task, q, np.cumsum(step))
+    return np.cumsum(step)
 
 
 def state_timing(task: PlanTask, q: Array, time: Array) -> Timing:
