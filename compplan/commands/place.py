@@ -22,14 +22,16 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
     from compplan.commands.progress import show_progress
     from compplan.job.job import load_job
     from compplan.outputs.place import write_placement
+    from compplan.plan.chatter import price_places
     from compplan.plan.plan import job_robot
     from compplan.posture.place import place_part
     from compplan.promise.posture_errors import posture_errors
+    from compplan.report.place_page import say_chatter
 
     checked = load_job(job)
     with show_progress() as announce:
         robot = job_robot(checked)
-        result = place_part(checked, robot, announce, posture_errors(checked, robot))
+        result = place_part(checked, robot, announce, posture_errors(checked, robot), price_places(checked, robot))
     summary = write_placement(result, checked, folder)
     if as_json:
         click.echo(dump_json(summary))
@@ -37,6 +39,8 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
     there, here = summary["sensitivity_mm"]["p95"], summary["sensitivity_here_mm"]
     click.echo(f"remaining deviation (95 %) there {there:.4g} mm, at the job's place "
                + ("not to be followed" if here is None else f"{here['p95']:.4g} mm"))  # fmt: skip
+    if "chatter" in summary:
+        click.echo(say_chatter(summary))
     click.echo("[part]")
     click.echo(f"position_mm = {summary['part']['position_mm']}")
     click.echo(f"rotation_deg = {summary['part']['rotation_deg']}")

@@ -6,6 +6,7 @@ The zero-order solution (`compplan.path.forces.stability`) with the modes of the
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from compplan.cell.vibration import Dynamics, build_dynamics, find_modes
 from compplan.errors import InputError
-from compplan.job.job import Job
+from compplan.job.job import Job, load_path
 from compplan.path.contact import path_axes
 from compplan.path.force_law import ForceLaw
 from compplan.path.forces.cutting import CuttingForce, EndMillProcess
@@ -106,3 +107,19 @@ def read_chatter(job: Job, robot: Robot, nominal: Toolpath, law: ForceLaw | None
         message = f"is true, but the folder of robot {robot.name!r} knows no masses or no springs"
         raise InputError(message, file=job.file, where="stability.avoid")
     return CutChatter(law.cutting, nominal, dynamics, job.stability.damping)
+
+
+def price_places(job: Job, robot: Robot) -> Callable[[Toolpath], CutChatter | None]:
+    """Return what a posture pays for chatter along the job's path wherever its part stands.
+
+    The engagement is the part's own, so that it is worked out once.
+
+    Raises:
+        InputError: If the job asks for it and it cannot be judged.
+
+    """
+    if not job.stability.avoid:
+        return lambda nominal: None
+    nominal, law = load_path(job)
+    read_chatter(job, robot, nominal, law)
+    return lambda moved: read_chatter(job, robot, moved, law)

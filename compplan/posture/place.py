@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from compplan.errors import InfeasibleError, InputError
 from compplan.job.job import Job, load_nominal
 from compplan.path.toolpath import Toolpath
+from compplan.posture.chatter import ChatterPrice
 from compplan.posture.choose import choose_stance
 from compplan.posture.clearance import measure_margin
 from compplan.posture.costs import ErrorModel, measure_nodes
@@ -33,6 +34,8 @@ from compplan.statics.ik import Arm, build_arm, solve_branches
 if TYPE_CHECKING:
     from compplan.posture.collision_scene import CollisionScene
 
+#: Prices the chatter of the path at a place, see `compplan.plan.chatter.price_places`.
+PriceAt = Callable[[Toolpath], ChatterPrice | None]
 #: Stations, step of rotation [rad] and positions of extra axes that the grid is rated with.
 STATIONS, SPIN_STEP, HELD_STEPS = 14, float(np.radians(20.0)), 5
 #: Places that may be rated, and postures that are solved at once.
@@ -91,8 +94,9 @@ class PlaceResult:
 
 
 def place_part(
-    job: Job, robot: Robot, announce: Callable[[str], None] = lambda words: None, errors: ErrorModel | None = None
-) -> PlaceResult:
+    job: Job, robot: Robot, announce: Callable[[str], None] = lambda words: None, errors: ErrorModel | None = None,
+    chatter: PriceAt = lambda nominal: None,
+) -> PlaceResult:  # fmt: skip
     """Search the place of the part.
 
     Args:
@@ -100,6 +104,7 @@ def place_part(
         robot: The robot with its tool.
         announce: Is told what is being done.
         errors: What the preset "promise" counts.
+        chatter: What postures pay for chatter; of the places that are tried, one without it goes before one with it.
 
     Raises:
         InputError: If the table [place] asks for too many places.
@@ -126,9 +131,10 @@ def place_part(
     announce("place: refine, and search postures at the best places")
     candidates = [*_refine(job, rater, candidates[:3], here, axes), *candidates]
     candidates.sort(key=lambda entry: entry[0])
-    stance, position, turn = _decide(job, robot, candidates, here, errors)
-    before = _stance_at(job, robot, here, 0.0, errors)
-    if before is not None and before.costs["sensitivity_rms_mm"] <= stance.costs["sensitivity_rms_mm"]:
+    trial = Trial(job, robot, errors, chatter)
+    stance, position, turn = _decide(trial, candidates)
+    before = trial.stance_at(here, 0.0)
+    if before is not None and _rank(before) <= _rank(stance):
         stance, position, turn = before, here, 0.0
     low, high = (v * 1e-3 for v in job.place.base_height_mm)
     lowest = job.place.z_mm[0] * 1e-3 if job.place.z_mm else min(axes[2][0] + high, here[2])
@@ -156,6 +162,7 @@ def describe_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
             "expected_rms": before.costs["sensitivity_rms_mm"], "p95": before.costs["sensitivity_p95_mm"]
         },
         "ratio": None if before is None else result.ratio,
+        **_describe_chatter(result),
         **result.stance.describe_errors(),
         "grids": [
             {
@@ -167,6 +174,14 @@ def describe_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
             for rating in result.ratings
         ],
     }  # fmt: skip
+
+
+def _describe_chatter(result: PlaceResult) -> dict[str, Any]:
+    there, before = result.stance.chatter, result.before
+    if there is None:
+        return {}
+    here = before.chatter._asdict() if before is not None and before.chatter is not None else None
+    return {"chatter": there._asdict(), "chatter_here": here}
 
 
 class Rater:
@@ -284,24 +299,54 @@ def _refine(
     return refined
 
 
-def _decide(
-    job: Job, robot: Robot, candidates: list[tuple[float, Array, float]], here: Array, errors: ErrorModel | None
-) -> tuple[Stance, Array, float]:
+@dataclass(frozen=True)
+class Trial:
+    """What the full search of a posture needs at any place."""
+
+    job: Job
+    robot: Robot
+    errors: ErrorModel | None
+    chatter: PriceAt
+
+    def stance_at(self, place: Array, turn: float) -> Stance | None:
+        """Search the posture with the part at a place; None where nothing leads along the path."""
+        moved = _move_job(self.job, place, turn)
+        nominal, request = load_nominal(moved), read_request(moved, self.robot, self.errors)
+        scene: CollisionScene | None = request.scene
+
+        def margin(q: Array, waypoints: NDArray[np.int_]) -> Array:
+            assert scene is not None
+            return measure_margin(scene, q, request.wanted)
+
+        try:
+            return choose_stance(
+                self.robot, nominal, moved.tool_x_base, request.settings, axes=request.axes,
+                margin=None if scene is None else margin, chatter=self.chatter(nominal),
+            )  # fmt: skip
+        except InfeasibleError:
+            return None
+
+
+def _rank(stance: Stance) -> tuple[float, float]:
+    """Return what places are compared by: the share of the cut that chatters, then the remaining deviation [mm]."""
+    found = stance.chatter
+    return found.at / max(found.of, 1) if found else 0.0, stance.costs["sensitivity_rms_mm"]
+
+
+def _decide(trial: Trial, candidates: list[tuple[float, Array, float]]) -> tuple[Stance, Array, float]:
     """Search postures at the best places that lie apart, and take the best."""
     best: tuple[Stance, Array, float] | None = None
     tried: list[tuple[Array, float]] = []
     for bound, place, turn in candidates:
-        if any(np.linalg.norm(place - p) < 0.4e-3 * job.place.step_mm and turn == t for p, t in tried):
+        if any(np.linalg.norm(place - p) < 0.4e-3 * trial.job.place.step_mm and turn == t for p, t in tried):
             continue
-        if best is not None and (len(tried) >= TRIED or 1e3 * bound >= best[0].costs["sensitivity_rms_mm"]):
+        if best is not None and (len(tried) >= TRIED or (0.0, 1e3 * bound) >= _rank(best[0])):
             break
         if len(tried) >= 5 * TRIED:
             break
         tried.append((place, turn))
-        stance = _stance_at(job, robot, place, turn, errors)
-        if stance is not None and (
-            best is None or stance.costs["sensitivity_rms_mm"] < best[0].costs["sensitivity_rms_mm"]
-        ):
+        stance = trial.stance_at(place, turn)
+        if stance is not None and (best is None or _rank(stance) < _rank(best[0])):
             best = stance, place, turn
     if best is None:
         raise InfeasibleError(
@@ -309,25 +354,6 @@ def _decide(
             "best of them; widen [place]", limits=["continuity or clearance"],
         )  # fmt: skip
     return best
-
-
-def _stance_at(job: Job, robot: Robot, place: Array, turn: float, errors: ErrorModel | None) -> Stance | None:
-    """Search the posture with the part at a place; None where nothing leads along the path."""
-    moved = _move_job(job, place, turn)
-    request = read_request(moved, robot, errors)
-    scene: CollisionScene | None = request.scene
-
-    def margin(q: Array, waypoints: NDArray[np.int_]) -> Array:
-        assert scene is not None
-        return measure_margin(scene, q, request.wanted)
-
-    try:
-        return choose_stance(
-            robot, load_nominal(moved), moved.tool_x_base, request.settings, axes=request.axes,
-            margin=None if scene is None else margin,
-        )  # fmt: skip
-    except InfeasibleError:
-        return None
 
 
 def _turned_rotation(job: Job, turn: float) -> tuple[float, float, float]:

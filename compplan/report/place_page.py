@@ -59,8 +59,21 @@ def say_placement(summary: Mapping[str, Any]) -> str:
     there, here = summary["sensitivity_mm"]["p95"], summary["sensitivity_here_mm"]
     text += f". What is left of the deviation is then {there:.3g} mm (95 %)"
     if here is None:
-        return f"{text}; from the job's own place the path cannot be followed."
-    return f"{text}, against {here['p95']:.3g} mm at the job's own place: {format_percent(summary['ratio'])} of it."
+        text += "; from the job's own place the path cannot be followed."
+    else:
+        text += f", against {here['p95']:.3g} mm at the job's own place: {format_percent(summary['ratio'])} of it."
+    return f"{text} {say_chatter(summary)}".rstrip()
+
+
+def say_chatter(summary: Mapping[str, Any]) -> str:
+    """Say at how many waypoints the cut chatters; nothing where the job does not ask."""
+    if "chatter" not in summary:
+        return ""
+    there, here = summary["chatter"], summary["chatter_here"]
+    text = f"The cut chatters at {there['at']} of {there['of']} waypoints that were judged"
+    if here is not None:
+        text += f", at the job's own place at {here['at']} of {here['of']}"
+    return f"{text} ({there['source']})."
 
 
 def _table(summary: Mapping[str, Any]) -> PageTable:
