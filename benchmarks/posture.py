@@ -24,7 +24,8 @@ from scipy.ndimage import minimum_filter1d
 
 from compplan.cell.judge import Judge, build_judge
 from compplan.errors import CompplanError
-from compplan.job.job import Job, check_job, load_nominal
+from compplan.job.job import Job, check_job
+from compplan.job.loading import load_nominal
 from compplan.path.process import tool_axes
 from compplan.path.toolpath import Toolpath
 from compplan.plan.plan import job_robot

@@ -50,7 +50,8 @@ if TYPE_CHECKING:
     from compplan.identify.campaign import Identification, identify_campaign
     from compplan.identify.problem import IdentifyOptions
     from compplan.job.force_prediction import ForcePrediction, predict_forces
-    from compplan.job.job import Job, check_job, load_job, load_nominal
+    from compplan.job.job import Job, check_job, load_job
+    from compplan.job.loading import load_nominal
     from compplan.loop.campaign import PoseCampaign, Shop, design_campaign
     from compplan.loop.teach import Teaching, teach_part
     from compplan.maps.survey import MapSettings, RobotMaps, map_robot
@@ -107,7 +108,8 @@ _MODULES = {
     "errors": ("CompplanError", "InfeasibleError", "InputError"),
     "identify.campaign": ("Identification", "identify_campaign"),
     "identify.problem": ("IdentifyOptions",),
-    "job.job": ("Job", "check_job", "load_job", "load_nominal"),
+    "job.job": ("Job", "check_job", "load_job"),
+    "job.loading": ("load_nominal",),
     "measure.campaign": ("Campaign",),
     "measure.reading": ("read_campaign",),
     "measure.registration": ("Registration", "fit_registration"),

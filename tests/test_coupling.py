@@ -11,7 +11,8 @@ from commandline import run_command
 
 from compplan.cell.cell import CellRun
 from compplan.cell.coupling import settle_coupled
-from compplan.job.job import check_job, load_path
+from compplan.job.job import check_job
+from compplan.job.loading import load_path
 from compplan.path.forces.process_stiffness import follow_jumps
 from compplan.plan.evaluate import evaluate_model
 from compplan.plan.plan import Plan, build_task, plan_job, prepare_job

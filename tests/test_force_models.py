@@ -7,7 +7,8 @@ import pytest
 
 from compplan.cell.forces import DrivenRows, read_forces
 from compplan.errors import InputError
-from compplan.job.job import check_job, load_job, load_path
+from compplan.job.job import check_job, load_job
+from compplan.job.loading import load_path
 from compplan.job.noise import describe_noise
 from compplan.path.forces.friction_stir import FrictionStirProcess, weld_torque, weld_wrench
 from compplan.path.forces.grinding import GrindingProcess, grinding_wrench

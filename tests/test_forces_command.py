@@ -10,7 +10,8 @@ import pytest
 from commandline import run_command
 
 from compplan.errors import InputError
-from compplan.job.job import load_job, load_path
+from compplan.job.job import load_job
+from compplan.job.loading import load_path
 from compplan.path.contact import cutting_progress
 from compplan.path.forces.fit import read_force_log
 from compplan.plan import stability

@@ -11,7 +11,8 @@ import pytest
 
 from compplan.cli import main
 from compplan.errors import InputError
-from compplan.job.job import Job, check_job, load_job, load_nominal
+from compplan.job.job import Job, check_job, load_job
+from compplan.job.loading import load_nominal
 from compplan.job.text import write_job_text
 from compplan.plan.plan import job_robot, read_options
 from compplan.posture.settings import read_settings

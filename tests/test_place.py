@@ -81,7 +81,7 @@ def test_of_two_places_the_one_without_chatter_is_chosen_though_more_is_left_the
 def test_places_out_of_reach_are_rated_as_such() -> None:
     job = check_job(TABLE, "job.toml")
     rater = Rater(job_robot(job), PostureSettings())
-    from compplan.job.job import load_nominal
+    from compplan.job.loading import load_nominal
 
     bound = rater.rate(load_nominal(job), job.tool_x_base, np.eye(3), np.array([[0.0, 0, 0], [9.0, 0, 0]]))
     assert np.isfinite(bound[0]) and np.isnan(bound[1])

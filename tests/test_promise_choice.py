@@ -12,7 +12,8 @@ from compplan.effects import attain_scene
 from compplan.effects.assumed import known_uncertainty
 from compplan.effects.linearization import linearize_scene
 from compplan.errors import InputError
-from compplan.job.job import Job, check_job, load_nominal
+from compplan.job.job import Job, check_job
+from compplan.job.loading import load_nominal
 from compplan.plan.plan import job_robot, plan_job
 from compplan.posture.choose import choose_stance
 from compplan.posture.settings import read_settings

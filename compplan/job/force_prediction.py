@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from compplan.files.tables import Array
-from compplan.job.job import Job, load_path
+from compplan.job.job import Job
+from compplan.job.loading import load_path
 from compplan.path.contact import path_axes
 from compplan.path.force_law import ForceLaw
 from compplan.path.forces.engagement import Engagement

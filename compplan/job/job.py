@@ -6,7 +6,6 @@ line in `Job`. Keys carry their units; properties give SI.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -22,23 +21,16 @@ from compplan.job.noise import NoiseTable
 from compplan.job.signals import IoTable
 from compplan.path.cam import list_suffixes
 from compplan.path.cam.options import CamTable
-from compplan.path.corners import round_corners
-from compplan.path.force_law import ForceLaw, read_stock_top
-from compplan.path.forces.cutting import CuttingTable, prepare_cutting
-from compplan.path.forces.process_stiffness import CouplingTable, read_coupling
-from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralTable, generate_toolpath
-from compplan.path.process import ColumnsProcess, Process, describe_process
-from compplan.path.reading import read_toolpath
-from compplan.path.toolpath import Toolpath, check_toolpath, place_toolpath, resample_toolpath
+from compplan.path.forces.process_stiffness import CouplingTable
+from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
+from compplan.path.process import ColumnsProcess, Process
 from compplan.program import WRITERS
 from compplan.robot import Robot
 
-#: Step that a toolpath file is divided into where the job says nothing. [m]
-FILE_STEP = 1e-3
 #: Longest name and longest path of a file, in letters.
 LONGEST_NAME, LONGEST_PATH = 200, 1000
-#: Greatest position [mm] and mass of a tool [kg], and force or moment of a process [N, N m], that are taken for true.
-FARTHEST_MM, HEAVIEST_KG, MOST_LOAD = 1e6, 1e4, 1e5
+#: Greatest position [mm] and mass of a tool [kg] that are taken for true.
+FARTHEST_MM, HEAVIEST_KG = 1e6, 1e4
 
 
 def make_pose(position_mm: Vector3, rotation_deg: Vector3) -> Array:
@@ -337,71 +329,3 @@ def load_job(path: str | Path) -> Job:
     if suffix == ".csv":
         raise InputError("is a table, expected a job that ends in .toml", file=path)
     return check_job(read_toml(path), path)
-
-
-def load_toolpath(job: Job) -> Toolpath:
-    """Return the job's toolpath as it is programmed, in the part frame.
-
-    Raises:
-        InputError: If the toolpath file is not what it has to be.
-
-    """
-    if not isinstance(job.toolpath, str):
-        try:
-            return check_toolpath(generate_toolpath(job.toolpath), file=job.file)
-        except InputError as error:
-            raise error if error.file else InputError(error.message, file=job.file, where="toolpath") from None
-    path = job.folder / job.toolpath
-    if not path.is_file():
-        raise InputError(f"no toolpath file {path}", file=job.file, where="toolpath")
-    feed = None if job.feed.constant_mm_s is None else job.feed.constant_mm_s * 1e-3
-    return read_toolpath(path, cam=job.cam, feed=feed)
-
-
-def load_nominal(job: Job) -> Toolpath:
-    """Return what the plan has to reach: the job's toolpath, divided, in the base frame, with the predicted wrench.
-
-    Raises:
-        InputError: If toolpath or process are not what they have to be.
-
-    """
-    return load_path(job)[0]
-
-
-def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
-    """Return what the plan has to reach, as `load_nominal`, and the law of its wrench.
-
-    Raises:
-        InputError: If toolpath or process are not what they have to be.
-
-    """
-    toolpath = load_toolpath(job)
-    if job.feed.constant_mm_s is not None:
-        toolpath = replace(toolpath, feed=np.where(toolpath.rapid, toolpath.feed, job.feed.constant_mm_s * 1e-3))
-    rows_at, from_file = toolpath.arc_length, isinstance(job.toolpath, str)
-    from_cam = isinstance(job.toolpath, str) and not job.toolpath.lower().endswith(".csv")
-    top, note = read_stock_top(job.process, toolpath, from_cam=from_cam)
-    step, turn = job.sampling.max_step_mm, job.sampling.max_turn_deg
-    max_step = step * 1e-3 if step is not None else FILE_STEP if from_file else np.inf
-    if np.isfinite(max_step) or turn is not None:
-        toolpath = resample_toolpath(toolpath, max_step, max_turn=np.inf if turn is None else float(np.radians(turn)))
-    if job.feed.corner_tolerance_mm > 0.0:
-        toolpath = round_corners(toolpath, job.feed.corner_tolerance_mm * 1e-3)
-    cutting = None
-    if isinstance(job.process, CuttingTable):
-        cutting = prepare_cutting(job.process, toolpath, top, job.file)
-    nominal = place_toolpath(toolpath, job.T_base_part)
-    note = " ".join([*([note] if note else []), *describe_process(job.process, nominal, cutting)])
-    coupling = read_coupling(job.coupling, job.T_base_part[:3, :3], cutting, job.process.model, job.file)
-    law = ForceLaw(job.process, job.T_base_part, job.tool_x_base, job.folder, rows_at, top, note, cutting, coupling)
-    wrench = law.predict(nominal)
-    _check_load(wrench, job)
-    return replace(nominal, wrench=wrench), law
-
-
-def _check_load(wrench: Array, job: Job) -> None:
-    size = np.nan_to_num(np.abs(wrench), nan=np.inf).max(axis=1)
-    if (size > MOST_LOAD).any():
-        row = int(np.argmax(size))
-        message = f"force or moment of {size[row]:.4g} N or Nm at waypoint {row}, at most {MOST_LOAD:g}"
-        raise InputError(message, file=job.file, where="process")

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from compplan.cell.vibration import Dynamics, build_dynamics, find_modes
 from compplan.errors import InputError
-from compplan.job.job import Job, load_path
+from compplan.job.job import Job
+from compplan.job.loading import load_path
 from compplan.path.contact import path_axes
 from compplan.path.force_law import ForceLaw
 from compplan.path.forces.cutting import CuttingForce, EndMillProcess

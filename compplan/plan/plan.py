@@ -11,7 +11,8 @@ import numpy as np
 
 from compplan.cell.cell import JUDGE
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
-from compplan.job.job import Job, load_path
+from compplan.job.job import Job
+from compplan.job.loading import load_path
 from compplan.path.contact import tool_axes
 from compplan.path.force_law import ForceLaw
 from compplan.path.toolpath import Toolpath, check_toolpath

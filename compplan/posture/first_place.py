@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from compplan.job.job import Job, load_nominal
+from compplan.job.job import Job
+from compplan.job.loading import load_nominal
 from compplan.posture.place import Rater
 from compplan.posture.start import read_request
 from compplan.robot import Array, Robot

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError, InputError
-from compplan.job.job import Job, load_nominal
+from compplan.job.job import Job
+from compplan.job.loading import load_nominal
 from compplan.path.toolpath import Toolpath
 from compplan.posture.chatter import ChatterPrice
 from compplan.posture.choose import choose_stance
