@@ -11,15 +11,20 @@ from commandline import run_command
 
 from compplan.cell.predict import predict_campaign
 from compplan.effects import Effect, fold_effects
+from compplan.errors import InputError
+from compplan.job.job import load_job
+from compplan.loop.campaign import Shop, design_campaign
 from compplan.loop.candidates import find_postures, list_candidates
 from compplan.loop.design import Design, choose_measurements, learn_rows, measure_gains, random_choice, update_known
 from compplan.loop.order import order_poses
 from compplan.measure.campaign import Campaign
 from compplan.measure.reading import read_campaign
+from compplan.plan.plan import plan_job
 from compplan.promise.band import linearise_path
 from compplan.promise.slopes import ForceSpread, stage_path
 from compplan.promise.vary import draw_robots
 from compplan.robot import Robot, load_robot
+from compplan.robot.folder import write_robot_folder
 from compplan.robot.uncertainty import Uncertainty, Unknown
 
 PATHS = Path(__file__).parents[1] / "paths"
@@ -141,6 +146,24 @@ def fill(empty: Path, file: Path, robot: Robot) -> None:
     for row, point in list(zip(rows, predict_campaign(robot, log).position * 1e3, strict=True))[1::2]:
         row[at : at + 3] = [f"{value:.5f}" for value in point]
     file.write_text("\n".join([head, *map(",".join, rows)]) + "\n", encoding="utf-8")
+
+
+def test_a_campaign_without_a_load_asks_for_one(small_job) -> None:
+    """Compliances make most of the band of a KR 270 that pushes with 1.6 kN; unloaded poses do not see them."""
+    plan = plan_job(load_job(small_job))
+    asked, loaded = (design_campaign(plan, shop, 3).notes for shop in (Shop(), Shop((0.0, 60.0))))
+    assert any("--weights-kg" in note for note in asked)
+    assert not any("--weights-kg" in note for note in loaded)
+
+
+def test_a_plan_takes_another_robot_than_its_job_names(small_job, tmp_path, monkeypatch) -> None:
+    """A path of a folder counts from the working directory, a name is that of a shipped robot."""
+    write_robot_folder(load_robot("kuka_kr270"), tmp_path / "mine")
+    monkeypatch.chdir(tmp_path)
+    assert Path(load_job(small_job, "mine").robot) == (tmp_path / "mine").resolve()
+    assert Path(load_job(small_job, "ur10").robot).name == "ur10"
+    with pytest.raises(InputError, match="nobody"):
+        load_job(small_job, "nobody")
 
 
 def test_a_campaign_is_refused_in_one_line(small_job, tmp_path, monkeypatch, capsys) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from compplan.commands.completion import complete_robots
 from compplan.commands.places import OUT_FOLDER
 from compplan.files.tables import dump_json
 
@@ -14,6 +15,8 @@ from compplan.files.tables import dump_json
 @click.argument("job", type=click.Path(path_type=Path))
 @click.option("--poses", "count", type=click.IntRange(1, 200), required=True, help="How many poses to measure.")
 @click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
+@click.option("--robot", "robot", shell_complete=complete_robots,
+              help="Robot folder in place of the job's, as a diagnosis or a lesson wrote it.")  # fmt: skip
 @click.option("--log", "log", type=click.Path(path_type=Path), help="What has been measured already.")
 @click.option("--weights-kg", "weights", default="0", show_default=True, metavar="KG,KG",
               help="Weights that can hang at the tool; 0: none.")  # fmt: skip
@@ -25,7 +28,7 @@ from compplan.files.tables import dump_json
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the candidates.")
 @click.option("--json", "as_json", is_flag=True, help="Print campaign.json to stdout.")
 def command(
-    job: Path, count: int, folder: Path, log: Path | None, weights: str, pull: float, sigma: float,
+    job: Path, count: int, folder: Path, robot: str | None, log: Path | None, weights: str, pull: float, sigma: float,
     register: str | None, seed: int, as_json: bool,
 ) -> None:  # fmt: skip
     """Design the measurements that make the promise for JOB's path smallest.
@@ -46,7 +49,7 @@ def command(
     if not sigma < 10.0 or not pull < 1e5:
         raise InputError("--sigma-mm and --pull-N are finite numbers")
     shop = Shop(parse_weights(weights), pull, sigma * 1e-3, parse_parts(register), seed)
-    checked = load_job(job)
+    checked = load_job(job, robot)
     with show_progress() as announce:
         announce("plan")
         plan = plan_job(checked)

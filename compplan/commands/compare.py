@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from compplan.commands.completion import complete_robots
 from compplan.commands.places import OUT_FOLDER
 from compplan.files.tables import dump_json
 
@@ -17,8 +18,10 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("job", type=click.Path(path_type=Path))
 @click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
+@click.option("--robot", "robot", shell_complete=complete_robots,
+              help="Robot folder in place of the job's, as a diagnosis or a lesson wrote it.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (compare.json) to stdout.")
-def command(job: Path, folder: Path, as_json: bool) -> None:
+def command(job: Path, folder: Path, robot: str | None, as_json: bool) -> None:
     """Compare every strategy on JOB: write compare.json and report.html.
 
     Example: compplan compare paths/circle_500mm.toml --out out
@@ -28,7 +31,7 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
     from compplan.outputs.plan import summarise_comparison, write_comparison
     from compplan.plan.compare import compare_job
 
-    checked = load_job(job)
+    checked = load_job(job, robot)
     with show_progress() as announce:
         comparison = compare_job(checked, announce=announce)
         announce("write: compare.json, report.html")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from compplan.commands.completion import complete_robots
 from compplan.commands.places import OUT_FOLDER
 from compplan.errors import InfeasibleError
 from compplan.files.tables import dump_json
@@ -25,15 +26,17 @@ STAGES = (
 @click.command()
 @click.argument("job", type=click.Path(path_type=Path))
 @click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
+@click.option("--robot", "robot", shell_complete=complete_robots,
+              help="Robot folder in place of the job's, as a diagnosis or a lesson wrote it.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (plan.json) to stdout.")
-def command(job: Path, folder: Path, as_json: bool) -> None:
+def command(job: Path, folder: Path, robot: str | None, as_json: bool) -> None:
     """Plan JOB: write plan.json, joints.csv, report.html and native programs.
 
     Example: compplan plan paths/isf_cone.toml --out out
     """
     from compplan.job.job import load_job
 
-    carry_out(load_job(job), folder, as_json=as_json)
+    carry_out(load_job(job, robot), folder, as_json=as_json)
 
 
 def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:

@@ -26,6 +26,7 @@ from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralT
 from compplan.path.process import ColumnsProcess, Process
 from compplan.program import WRITERS
 from compplan.robot import Robot
+from compplan.robot.folder import find_robot_folder
 
 #: Longest name and longest path of a file, in letters.
 LONGEST_NAME, LONGEST_PATH = 200, 1000
@@ -315,8 +316,12 @@ def check_job(data: dict[str, Any], file: str | Path = Path()) -> Job:
     return job
 
 
-def load_job(path: str | Path) -> Job:
+def load_job(path: str | Path, robot: str | None = None) -> Job:
     """Read a job file.
+
+    Args:
+        path: The file.
+        robot: Robot folder or name of a shipped robot in place of the job's; a path counts from the working directory.
 
     Raises:
         InputError: With file and line, or file and key, if it is not what it has to be.
@@ -328,4 +333,7 @@ def load_job(path: str | Path) -> Job:
         raise InputError(f"is a CAM file, expected a job that ends in .toml; {hint}", file=path)
     if suffix == ".csv":
         raise InputError("is a table, expected a job that ends in .toml", file=path)
-    return check_job(read_toml(path), path)
+    data = read_toml(path)
+    if robot is not None:
+        data["robot"] = str(find_robot_folder(robot).resolve())
+    return check_job(data, path)

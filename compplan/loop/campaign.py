@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from compplan.cell.predict import predict_campaign
-from compplan.effects.assumed import known_uncertainty, list_assumed
+from compplan.effects.assumed import LINK_ELASTICITY, known_uncertainty, list_assumed
 from compplan.errors import InputError
 from compplan.loop.candidates import Candidates, find_postures, list_candidates, run_up
 from compplan.loop.design import Choice, Design, choose_measurements, learn_rows, random_choice, update_known
@@ -27,6 +27,8 @@ from compplan.robot.uncertainty import Uncertainty
 
 #: Random poses that the design is compared with, and how often they are drawn.
 MANY, DRAWS = 50, 5
+#: Effects that only a load shows.
+COMPLIANCES = ("joint_stiffness", "link_compliance", "base_compliance", LINK_ELASTICITY)
 #: A log lies beyond its widths where chance would do so once in a thousand.
 BY_CHANCE = 0.999
 
@@ -127,6 +129,7 @@ def design_campaign(
     candidates = list_candidates(robot, postures, shop.weights, shop.pull, known.unknowns)
     announce("choice")
     choice = choose_measurements(design, candidates, count, start)
+    notes += _ask_for_load(design, shop, choice.covariance)
     chosen = candidates.take(choice.rows)
     order, touching = order_poses(
         robot, chosen.q, chosen.q - chosen.approach[:, None] * run_up(robot), chosen.wrench, plan.q[0], solids
@@ -137,6 +140,20 @@ def design_campaign(
         random=compare_random(design, candidates, count, start, shop.seed),
         rest=_find_rest(design, known, choice.covariance), touching=touching, log=used, notes=tuple(notes),
     )  # fmt: skip
+
+
+def _ask_for_load(design: Design, shop: Shop, covariance: Array) -> list[str]:
+    """Say what unloaded poses leave, where compliances make most of it."""
+    if shop.pull > 0.0 or any(shop.weights):
+        return []
+    rigid = [u.effect not in COMPLIANCES for u in design.known.unknowns for _ in u.keys]
+    left, rest = model_part(design, covariance), model_part(design, covariance * np.outer(rigid, rigid))
+    if rest**2 > 0.5 * left**2:
+        return []
+    return [
+        "poses without a load tell nothing of compliances, and these make most of what stays uncertain: hang weights at"
+        " the tool (--weights-kg 0,60) or pull it sideways (--pull-N 400)"
+    ]
 
 
 def learn_log(design: Design, robot: Robot, log: Campaign | None) -> tuple[Array, int, list[str]]:
