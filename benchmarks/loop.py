@@ -61,7 +61,7 @@ def run_shop(seed: int, robot: str, waypoints: int, work: Path) -> Judged:
         as_predicted.append(cut_part(replace(shop, force=1.0, random=np.random.default_rng(seed)), out).across)
         plan = json.loads((out / "plan.json").read_text(encoding="utf-8"))
         promised.append(plan.get("promise_mm", {}).get("p95_max", np.nan) * 1e-3)
-        probe_part(shop, cut.tip, part)
+        probe_part(shop, cut, part)
 
     run_product("plan", write_job(), "--out", work / "nominal")
     judge(work / "nominal", work / "part0.csv")

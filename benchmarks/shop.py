@@ -7,7 +7,9 @@
 The robot of a seed is always the same: a MuJoCo model of the folder's arm that hides three effects (every third seed
 one that is in no vocabulary), under a process that pushes harder or softer than predicted. A shop reads what the
 controller would read, joints and loads, and tells what an instrument would tell: a filled log, or points on the part
-in the frame of the robot base (`compplan learn --frame base`). It knows the robot folder's tool, not a job's own.
+in the frame of the robot base (`compplan learn --frame base`). A probe does not know how far along the path a point
+lies; `--tracked` stands for an instrument that the program triggers, so that points carry their s_mm. The shop knows
+the robot folder's tool, not a job's own.
 """
 
 from __future__ import annotations
@@ -94,10 +96,12 @@ class Cut(NamedTuple):
     Attributes:
         tip: Where the tip really was, base frame. Shape (n, 3). [m]
         wanted: Where the path wants it. Shape (n, 3). [m]
+        length: Length of the path there, rapid moves included. Shape (n,). [m]
     """
 
     tip: Array
     wanted: Array
+    length: Array
 
     @property
     def across(self) -> float:
@@ -134,11 +138,15 @@ def cut_part(shop: Shop, folder: Path) -> Cut:
     """
     rows, q, wrench = read_rows(folder / "joints.csv")
     cutting = np.flatnonzero([row["move"] == "cut" for row in rows])
-    wanted = np.array([[float(rows[k][f"{axis}_mm"]) for axis in "xyz"] for k in cutting]) * 1e-3
+    path = np.array([[float(row[f"{axis}_mm"]) for axis in "xyz"] for row in rows]) * 1e-3
+    own = np.array([row["move"] in ("cut", "rapid") for row in rows])
+    step = np.linalg.norm(np.diff(path, axis=0, prepend=path[:1]), axis=1)
+    length = np.cumsum(np.where(own & np.r_[False, own[:-1]], step, 0.0))
+    wanted = path[cutting]
     tip = move(shop, q, shop.force * wrench, path=True, measured=cutting)
     if (off := float(np.linalg.norm(tip - wanted, axis=1).max())) > STRANGE:
         raise ValueError(f"the tip is {1e3 * off:.0f} mm off: a plan of another robot, or with a tool of the job's own")
-    return Cut(tip, wanted)
+    return Cut(tip, wanted, length[cutting])
 
 
 def measure_poses(shop: Shop, empty: Path, log: Path) -> int:
@@ -159,11 +167,13 @@ def measure_poses(shop: Shop, empty: Path, log: Path) -> int:
     return len(rows) // 2
 
 
-def probe_part(shop: Shop, tip: Array, file: Path) -> None:
-    """Measure a cut part: points in the frame of the robot base, which do not say how far along the path they are."""
-    points = tip * 1e3 + 1e3 * PROBE * shop.random.standard_normal(tip.shape)
-    lines = [",".join(f"{v:.5f}" for v in (*point, 1e3 * PROBE)) for point in points]
-    file.write_text("x_mm,y_mm,z_mm,sigma_mm\n" + "\n".join(lines) + "\n", encoding="utf-8")
+def probe_part(shop: Shop, cut: Cut, file: Path, *, tracked: bool = False) -> None:
+    """Measure a cut part: points in the frame of the robot base; tracked ones say how far along the path they are."""
+    points = cut.tip * 1e3 + 1e3 * PROBE * shop.random.standard_normal(cut.tip.shape)
+    table = np.column_stack([points, np.full(len(points), 1e3 * PROBE), 1e3 * cut.length])
+    head = ("x_mm", "y_mm", "z_mm", "sigma_mm", "s_mm")[: 5 if tracked else 4]
+    lines = [",".join(f"{v:.5f}" for v in row[: len(head)]) for row in table]
+    file.write_text("\n".join([",".join(head), *lines]) + "\n", encoding="utf-8")
 
 
 def main() -> int:
@@ -173,6 +183,7 @@ def main() -> int:
     parser.add_argument("file", type=Path, nargs="?", help="measure: campaign.csv; cut: folder with joints.csv")
     parser.add_argument("--robot", default="kuka_kr270", help="robot folder, or the name of a shipped one")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--tracked", action="store_true", help="cut: points carry their place along the path")
     parser.add_argument("--out", type=Path)
     words = parser.parse_args()
     folder = Path(words.robot) if Path(words.robot).is_dir() else ROOT / "robots" / words.robot
@@ -190,7 +201,7 @@ def main() -> int:
             print(f"{measure_poses(shop, words.file, words.out)} poses measured, wrote {words.out}")
         else:
             part = cut_part(shop, words.file)
-            probe_part(shop, part.tip, words.out)
+            probe_part(shop, part, words.out, tracked=words.tracked)
             print(f"{len(part.tip)} points measured, wrote {words.out}; to the shop alone is known that the tip was"
                   f" {1e3 * part.across:.3f} mm off, rms across the path")  # fmt: skip
     except (OSError, KeyError, ValueError) as error:

@@ -130,6 +130,26 @@ def test_a_part_off_as_a_whole_teaches_where_its_run_alone_does_not_explain_it()
         assert lesson.taken == taken, lesson.reason
 
 
+def test_a_choice_of_the_points_is_no_measurement_of_a_path_whose_stretches_lie_close(tmp_path: Path) -> None:
+    """Lines 1 mm apart: at .05 mm one line claims a point, at .5 mm both do; 2, 24 and 30 of 48 points lie there."""
+    there = straight_path()
+    back = there.position[::-1] + np.array([0.0, 1e-3, 0.0])
+    hairpin = Toolpath(
+        np.vstack([there.position, back]), np.tile(there.axis[:1], (22, 1)), np.full(22, 0.05), np.zeros(22, bool)
+    )
+    s = np.linspace(20.0, 80.0, 48)
+    for number in (2, 24, 30):
+        y = np.where(np.arange(48) < number, 0.5, 0.05)
+        file = write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm", np.column_stack([1500 + s, y, np.full(48, 500.0)]))
+        if number == 30:
+            with pytest.raises(InputError, match="30 of 48 .*state s_mm"):
+                match_points(read_measured_points(file), hairpin, np.eye(4), in_base=True)
+            continue
+        found = match_points(read_measured_points(file), hairpin, np.eye(4), in_base=True)
+        assert found.left_out == number
+        assert ("s_mm" in found.notes[-1]) == (number == 24)
+
+
 @pytest.fixture
 def small_job(tmp_path: Path) -> Job:
     text = (PATHS / "circle_10mm.toml").read_text(encoding="utf-8").replace("waypoints = 500", "waypoints = 60")

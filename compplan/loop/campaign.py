@@ -60,6 +60,7 @@ class PoseCampaign:
         plan: The plan of the path that they are for.
         shop: What there is to measure with.
         poses: The measurements, in the order of measuring.
+        worth: Their order by what they bring, 1 the most; as `poses`.
         choice: What they bring, in the order of their worth.
         design: What is known, and the path.
         start: Covariance before the first of them.
@@ -73,6 +74,7 @@ class PoseCampaign:
     plan: Plan
     shop: Shop
     poses: Candidates
+    worth: NDArray[np.int_]
     choice: Choice
     design: Design
     start: Array
@@ -136,7 +138,7 @@ def design_campaign(
     )
     again = np.r_[order, order[0]]
     return PoseCampaign(
-        plan=plan, shop=shop, poses=chosen.take(again), choice=choice, design=design, start=start,
+        plan=plan, shop=shop, poses=chosen.take(again), worth=again + 1, choice=choice, design=design, start=start,
         random=compare_random(design, candidates, count, start, shop.seed),
         rest=_find_rest(design, known, choice.covariance), touching=touching, log=used, notes=tuple(notes),
     )  # fmt: skip

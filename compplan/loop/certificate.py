@@ -226,9 +226,10 @@ def advise(certificate: Certificate) -> list[str]:
     said = []
     tolerance = min((r.promise.whole for r in certificate.references if r.promise is not None), default=np.inf)
     for drive in certificate.drives:
-        for what, size in (("lost motion", 0.5 * drive.play), ("gear error", drive.gear)):
+        play, gear = drive.play_spread or 0.0, drive.gear_spread or 0.0
+        for what, size, spread in (("lost motion", 0.5 * drive.play, 0.5 * play), ("gear error", drive.gear, gear)):
             moved = size * drive.lever
-            if np.isfinite(tolerance) and moved**2 > WORTH_REPAIR * tolerance**2:
+            if size > spread and np.isfinite(tolerance) and moved**2 > WORTH_REPAIR * tolerance**2:
                 said.append(f"repair or adjust {drive.joint}: its {what} moves the tip by {moved * 1e3:.3f} mm")
     for entry in certificate.stiffness:
         if entry.change is not None and abs(entry.change) > DRIFTED:

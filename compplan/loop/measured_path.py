@@ -25,6 +25,8 @@ FARTHEST = 0.02
 BEYOND = 1e-3
 #: Another stretch of the path claims a point where it is less than so many times as far.
 CLAIMED = 2.0
+#: Points without their place along the path: shares left out that are said, and that are too many (assumed).
+STRANGE, MOST_OUT = 0.1, 0.5
 #: Points nearer than this to the path are taken for so far off. [m]
 NEAREST = 1e-4
 #: Fewest points that teach anything.
@@ -122,9 +124,26 @@ def match_points(table: Table, nominal: Toolpath, T_base_part: Array, *, in_base
     places = len(np.unique(np.round(length[good], 6)))
     if places < FEWEST:
         raise table.error(f"{int(good.sum())} points are of {places} places of the cut, expected at least {FEWEST}")
-    return MeasuredPath(
-        length[good], deviation[good], counts[good], sigma[good], int((~good).sum()), table.notes
-    )
+    notes = (*table.notes, *_say_left_out(table, good))
+    return MeasuredPath(length[good], deviation[good], counts[good], sigma[good], int((~good).sum()), notes)
+
+
+def _say_left_out(table: Table, good: NDArray[np.bool_]) -> list[str]:
+    """Say how many points do not count.
+
+    Raises:
+        InputError: If most of them do not, and none says where along the path it was taken: what is left is a choice.
+    """
+    out = int((~good).sum())
+    if not out:
+        return []
+    said = f"{out} of {len(good)} measured points are not of the cut, or two stretches claim them: left out"
+    if "s" in table or out < STRANGE * len(good):
+        return [said]
+    help_ = "the stretches lie too close for parts so far off; state s_mm, the length of the path at each point"
+    if out > MOST_OUT * len(good):
+        raise table.error(f"{said}; {help_}")
+    return [f"{said}; where {help_}"]
 
 
 def _at_lengths(nominal: Toolpath, point: Array, length: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,6 +48,24 @@ LONG_MOVE = 0.02
 SPRINGS = ("joint_stiffness", "link_compliance", "base_compliance")
 
 
+class Learned(NamedTuple):
+    """A parameter that a part told something of.
+
+    Attributes:
+        name: Its name for people.
+        key: Its key; the unit is its end.
+        value: What it moved by. [SI]
+        width: Its standard deviation before. [SI]
+        kept: Whether the robot folder holds it, nine tenths of it at least.
+    """
+
+    name: str
+    key: str
+    value: float
+    width: float
+    kept: bool
+
+
 @dataclass(frozen=True, eq=False)
 class Residual:
     """What a path keeps beyond its robot: the deviation that the next program takes off; b places along it.
@@ -86,7 +105,7 @@ class Teaching:
         before: The plan that was cut.
         after: The plan that follows.
         residual: What the next program takes off beside the robot's model.
-        learned: Parameters that moved most: name, value, width before, whether the folder holds it.
+        learned: Parameters that moved most for their width.
         notes: What a user has to know, one sentence each.
     """
 
@@ -101,7 +120,7 @@ class Teaching:
     before: Plan
     after: Plan
     residual: Residual
-    learned: tuple[tuple[str, float, float, bool], ...]
+    learned: tuple[Learned, ...]
     notes: tuple[str, ...]
 
     @property
@@ -163,8 +182,6 @@ def teach_part(
     if lesson.taken or old is not None:
         after = with_promise(after, lesson, slopes, known)
     notes = [lesson.reason, *measured.notes]
-    if measured.left_out:
-        notes.append(f"{measured.left_out} measured points are not of the cut, or two stretches claim them: left out")
     if lesson.taken and float(wanted.steps[~wanted.rapid[1:]].max(initial=0.0)) > LONG_MOVE:
         notes.append(f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer")
     size = np.full(len(length), lesson.size)
@@ -224,18 +241,16 @@ def _sum_springs(robot: Robot) -> float:
     return float(sum(spring.compliance for spring in robot.springs))
 
 
-def list_learned(
-    known: Uncertainty, values: Array, held: Array, most: int = 10
-) -> list[tuple[str, float, float, bool]]:
-    """List the parameters that moved most for their width: name, value, width before, whether the folder holds it.
-
-    It does where it holds nine tenths.
-    """
+def list_learned(known: Uncertainty, values: Array, held: Array, most: int = 10) -> list[Learned]:
+    """List the parameters that moved most for their width."""
     kept = np.abs(values - held) <= 0.1 * np.abs(values)
     width = known.calibration * known.deviation
     share = np.abs(values) / np.maximum(width, 1e-300)
-    names: Sequence[str] = known.names
-    return [(names[k], float(values[k]), float(width[k]), bool(kept[k])) for k in np.argsort(-share)[:most]]
+    names, keys = known.names, [key for unknown in known.unknowns for key in unknown.keys]
+    return [
+        Learned(names[k], keys[k], float(values[k]), float(width[k]), bool(kept[k]))
+        for k in np.argsort(-share)[:most]
+    ]
 
 
 def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Toolpath, Plan]:

@@ -53,7 +53,9 @@ def write_log(campaign: PoseCampaign, file: Path) -> None:
     for k in range(n):
         load = f"{poses.weight[k]:g} kg" if poses.weight[k] else "no weight"
         pull = f", pull {', '.join(f'{v:g}' for v in poses.pull[k])} N" if poses.pull[k].any() else ""
-        lines += [f"# pose {k + 1}: {load}{pull}; approach from the next row (leave x y z empty), then measure"]
+        worth = f"{campaign.worth[k]} in worth" if k < n - 1 else "the first once more"
+        todo = "approach from the next row (leave x y z empty), then measure"
+        lines += [f"# pose {k + 1} ({worth}): {load}{pull}; {todo}"]
         lines += rows[2 * k : 2 * k + 2]
     write_text(file, "\n".join(lines) + "\n")
 

@@ -90,8 +90,8 @@ def summarise_lesson(teaching: Teaching) -> dict[str, Any]:
         "band_before_mm": _say_band(lesson.band_before, lesson.band_seen[0]),
         "band_after_mm": _say_band(lesson.band_after, lesson.band_seen[1]),
         "learned": [
-            {"unknown": name, "value_SI": value, "width_before_SI": width, "in_robot_folder": kept}
-            for name, value, width, kept in teaching.learned
+            {"unknown": one.name, "value_SI": one.value, "width_before_SI": one.width, "in_robot_folder": one.kept}
+            for one in teaching.learned
         ],
         "notes": list(teaching.notes),
         "made_by": describe_origin(),

@@ -12,6 +12,7 @@ from compplan.report.page import Block, Chart, Column, Columns, PageTable, Secti
 from compplan.report.path_scene import draw_cell
 from compplan.report.provenance import describe_robot
 from compplan.report.style import AFTER, BEFORE, CATEGORIES, format_length, format_percent
+from compplan.robot import Array
 
 Row = list[TableCell | str | float | int | None]
 
@@ -68,7 +69,10 @@ def say_campaign(campaign: PoseCampaign) -> str:
 
 def _caption(campaign: PoseCampaign) -> str:
     floor = float(campaign.design.floor.max())
-    return f"The floor of {format_length(floor)} is the force, repeatability and what no parameter explains."
+    return (
+        f"The floor of {format_length(floor)} is the force, repeatability and what no parameter explains:"
+        " a cut part tells of them (compplan learn)."
+    )
 
 
 def _draw_curve(campaign: PoseCampaign) -> Any:
@@ -122,20 +126,28 @@ def _table(campaign: PoseCampaign) -> PageTable:
     scale = np.where(robot.prismatic, 1e3, 180 / np.pi)
     rows: list[Row] = []
     for k in range(len(poses)):
-        pull = ", ".join(f"{v:.0f}" for v in poses.pull[k])
         label: TableCell | str | int = TableCell("1 again", "muted") if k == len(poses) - 1 else k + 1
+        worth = None if k == len(poses) - 1 else int(campaign.worth[k])
         side = "rising" if poses.approach[k] > 0 else "falling"
         load = f"{poses.weight[k]:g} kg" if poses.weight[k] else "none"
         rows.append(
-            [label, *(float(v) for v in poses.q[k] * scale), side, load, pull if poses.pull[k].any() else "none",
+            [label, worth, *(float(v) for v in poses.q[k] * scale), side, load, _say_pull(poses.pull[k]),
              *(float(v) for v in 1e3 * poses.tip[k])]
         )  # fmt: skip
     units = ["mm" if slides else "deg" for slides in robot.prismatic]
-    columns: list[Column] = [Column("pose")]
+    columns: list[Column] = [Column("pose"), Column("worth")]
     columns += [Column(f"q{k + 1}", unit, 5) for k, unit in enumerate(units)]
-    columns += [Column("joints come"), Column("weight"), Column("pull", "N")]
+    columns += [Column("joints come"), Column("weight"), Column("pull", "base axes")]
     columns += [Column(name, "mm", 5) for name in "xyz"]
-    return PageTable(columns, rows, scroll=24)
+    return PageTable(columns, rows, "Worth: 1 brings the most. The tip's place is that of the loaded tip.", scroll=24)
+
+
+def _say_pull(pull: Array) -> str:
+    """Say a pull along one axis, such as 400 N along -y."""
+    axis = int(np.abs(pull).argmax())
+    if not pull.any():
+        return "none"
+    return f"{abs(pull[axis]):.0f}\u00a0N\u00a0along\u00a0{'-' if pull[axis] < 0 else '+'}{'xyz'[axis]}"
 
 
 def _rest(campaign: PoseCampaign) -> Block:

@@ -48,7 +48,7 @@ def summarise(certificate: Certificate) -> str:
         if reference.promise is not None:
             text += f" On the {reference.name} a tolerance of {format_length(reference.promise.whole)} can be promised."
     if accuracy is not None and accuracy.again:
-        text += f" Its repeatability RP is {format_length(accuracy.pooled)} over {accuracy.again} poses met again."
+        text += f" Its repeatability RP is {format_length(accuracy.pooled)} over {_met_again(accuracy)}."
     drifted = [e.joint for e in certificate.stiffness if e.change is not None and abs(e.change) > DRIFTED]
     if certificate.older is not None:
         worst = max((most for _, _, most in certificate.moved), default=0.0)
@@ -57,20 +57,24 @@ def summarise(certificate: Certificate) -> str:
     return text
 
 
+def _met_again(accuracy: PoseAccuracy) -> str:
+    return f"{accuracy.again} pose{'' if accuracy.again == 1 else 's'} met again"
+
+
 def _accuracy(accuracy: PoseAccuracy, log: str) -> Section:
     rows: list[Row] = [
-        ["poses in the log", accuracy.poses, None],
-        ["accuracy AP, median over poses", format_length(float(np.median(accuracy.accuracy))), None],
-        ["accuracy AP, greatest", format_length(float(accuracy.accuracy.max())), None],
-        ["distance from the model, rms of rows", format_length(accuracy.rms), None],
+        ["poses in the log", accuracy.poses, ""],
+        ["accuracy AP, median over poses", format_length(float(np.median(accuracy.accuracy))), ""],
+        ["accuracy AP, greatest", format_length(float(accuracy.accuracy.max())), ""],
+        ["distance from the model, rms of rows", format_length(accuracy.rms), ""],
     ]
     if accuracy.again:
         visits = f"{int(accuracy.visits.min())} to {int(accuracy.visits.max())} visits"
         greatest = float(accuracy.repeatability.max())
         rows.append(["repeatability RP, pooled", TableCell(format_length(accuracy.pooled), "strong"), visits])
-        rows.append(["repeatability RP, greatest", format_length(greatest), f"{accuracy.again} poses met again"])
+        rows.append(["repeatability RP, greatest", format_length(greatest), _met_again(accuracy)])
     else:
-        rows.append(["repeatability RP", TableCell("no pose was met again", "muted"), None])
+        rows.append(["repeatability RP", TableCell("no pose was met again", "muted"), ""])
     caption = (
         f"As ISO 9283 defines them, from {log or 'the log'}; the standard asks for {VISITS} visits from one side under"
         f" full load. Fitted first: {' and '.join(accuracy.registered)}; AP is what is left of the model."

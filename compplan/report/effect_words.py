@@ -16,6 +16,20 @@ UNITS = {
 }  # fmt: skip
 
 
+#: Units for small sizes of parameters, by the end of their key: factor on SI and unit.
+SMALL = {
+    "rad_per_Nm": (1e9, "nrad/(N m)"), "m_per_N": (1e9, "nm/N"), "rad_per_N": (1e9, "nrad/N"), "_rad": (1e6, "µrad"),
+    "_m": (1e6, "µm"), "ratio": (1e2, "%"), "_N": (1.0, "N"), "_Nm": (1.0, "N m"), "_kg": (1.0, "kg"),
+}  # fmt: skip
+
+
+def show_size(key: str, value: float) -> str:
+    """Write a size in the unit that its key ends with; one of unknown unit as it is."""
+    end = key.split("#")[0]
+    factor, unit = next((SMALL[name] for name in SMALL if end.endswith(name)), (1.0, ""))
+    return f"{format_number(factor * value)}\u00a0{unit}".rstrip()
+
+
 def name_place(effect: Mapping[str, Any]) -> str:
     """Name the place of an effect: its joint, its axis, or both; "all joints" where it has none."""
     joint, axis = effect.get("joint"), effect.get("axis")

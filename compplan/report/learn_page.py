@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from compplan.loop.teach import Teaching
+from compplan.report.effect_words import show_size
 from compplan.report.page import Chart, Column, PageTable, Section, TableCell, write_page
 from compplan.report.provenance import describe_robot
 from compplan.report.style import AFTER, BEFORE, CATEGORIES, format_length
@@ -83,8 +84,8 @@ def _draw_part(teaching: Teaching) -> Any:
                    name="measured", marker={"size": 4, "color": BEFORE})
     )  # fmt: skip
     parts = (
-        ("robot", lesson.physics, CATEGORIES[3]), ("force", lesson.pushed, CATEGORIES[4]),
-        ("path itself", lesson.residual, CATEGORIES[2]),
+        ("the robot", lesson.physics, CATEGORIES[2]), ("the force", lesson.pushed, CATEGORIES[4]),
+        ("the path itself", lesson.residual, CATEGORIES[3]),
         ("all three", lesson.physics + lesson.pushed + lesson.residual, AFTER),
     )  # fmt: skip
     for name, part, colour in parts:
@@ -107,7 +108,7 @@ def _draw_bands(teaching: Teaching) -> Any:
         )
     line = {"color": AFTER, "dash": "dot"}
     at, seen = 1e3 * teaching.length[lesson.gathered.row], 1e3 * lesson.band_seen[1]
-    figure.add_trace(go.Scatter(x=at, y=seen, mode="lines", name="after, as measured", line=line))
+    figure.add_trace(go.Scatter(x=at, y=seen, mode="lines", name="after, in measured directions", line=line))
     figure.update_xaxes(title_text="path length, mm")
     figure.update_yaxes(title_text="95 % band, mm", rangemode="tozero")
     return figure
@@ -129,11 +130,12 @@ def _explain(teaching: Teaching) -> PageTable:
 
 def _learned(teaching: Teaching) -> PageTable:
     rows: list[Row] = []
-    for name, value, width, kept in teaching.learned:
-        place = TableCell("robot folder", "good") if kept else TableCell("this path", "muted")
-        rows.append([name, value, width, value / width if width > 0 else None, place])
+    for one in teaching.learned:
+        place = TableCell("robot folder", "good") if one.kept else TableCell("this path", "muted")
+        moved, width = (show_size(one.key, value) for value in (one.value, one.width))
+        rows.append([one.name.replace("_", " "), moved, width, one.value / one.width if one.width > 0 else None, place])
     columns = [
-        Column("parameter"), Column("change", "SI"), Column("width before", "SI"), Column("change", "widths", 2),
-        Column("kept in"),
+        Column("parameter"), Column("change"), Column("known to"), Column("change over that", "", 2), Column("kept in"),
     ]  # fmt: skip
-    return PageTable(columns, rows, "What moved most for its width.")
+    caption = "What moved most for how surely it was known before (one standard deviation)."
+    return PageTable(columns, rows, caption)
