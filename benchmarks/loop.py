@@ -47,7 +47,7 @@ def run_shop(seed: int, robot: str, waypoints: int, work: Path) -> Judged:
     text = text.replace("radius_mm = 10.0", f"radius_mm = {1e3 * RADIUS:g}")
     text = text.replace('programs = ["krl"]', 'programs = ["csv"]')
     folder: object = robot
-    true, as_predicted, promised = [], [], []
+    true, paired, as_predicted, promised = [], [], [], []
 
     def write_job() -> Path:
         job = work / "circle.toml"
@@ -58,7 +58,9 @@ def run_shop(seed: int, robot: str, waypoints: int, work: Path) -> Judged:
         """Cut a program, and measure the part; what is off across the path counts."""
         cut = cut_part(shop, out)
         true.append(cut.across)
-        as_predicted.append(cut_part(replace(shop, force=1.0, random=np.random.default_rng(seed)), out).across)
+        for rounds, force in ((paired, shop.force), (as_predicted, 1.0)):
+            same = replace(shop, force=force, random=np.random.default_rng(seed))
+            rounds.append(cut_part(same, out).across)
         plan = json.loads((out / "plan.json").read_text(encoding="utf-8"))
         promised.append(plan.get("promise_mm", {}).get("p95_max", np.nan) * 1e-3)
         probe_part(shop, cut, part)
@@ -77,7 +79,7 @@ def run_shop(seed: int, robot: str, waypoints: int, work: Path) -> Judged:
         run_product("learn", write_job(), work / f"part{part}.csv", "--robot", folder, "--frame", "base", "--out", out)
         folder = out / "robot"
         judge(out, work / f"part{part + 1}.csv")
-    return Judged(seed, shop.hidden, tuple(true), tuple(promised), tuple(as_predicted[:2]))
+    return Judged(seed, shop.hidden, tuple(true), tuple(promised), tuple(paired), tuple(as_predicted[:2]))
 
 
 def main() -> None:

@@ -14,6 +14,8 @@ from compplan.report.style import CATEGORIES, format_length, format_percent
 
 #: What is planned with, round after round.
 ROUNDS = ("nominal", "12 poses", "1 part", "2 parts")
+#: Rms deviations whose ratio is below this are the same.
+SAME = 1.001
 #: Rounds that the shares count: after the poses and one part.
 JUDGED = 2
 
@@ -27,13 +29,15 @@ class Shop:
         hidden: What its robot hides.
         true: True rms deviation across the path, by round. [m]
         promised: The 95 % band at its widest that the plan of the round promised. [m]
-        as_predicted: True rms of the rounds before any part, had the process pushed as predicted. [m]
+        paired: The same as `true`, the scatter of the run the same in all rounds. [m]
+        as_predicted: The same as `paired` before any part, had the process pushed as predicted. [m]
     """
 
     seed: int
     hidden: tuple[str, ...]
     true: tuple[float, ...]
     promised: tuple[float, ...]
+    paired: tuple[float, ...]
     as_predicted: tuple[float, ...]
 
 
@@ -41,13 +45,17 @@ def say_shops(shops: Sequence[Shop], floor: float) -> list[str]:
     """Say how near the noise floor the shops came, and in how many some round was worse than the nominal plan."""
     ratio = np.array([shop.true[JUDGED] / floor for shop in shops])
     near, far = (float(np.mean(ratio <= limit)) for limit in (1.2, 2.0))
-    worse = sum(max(shop.true[1:]) > shop.true[0] for shop in shops)
+    later = [sum(shop.paired[k] > shop.paired[0] * SAME for shop in shops) for k in range(1, len(ROUNDS))]
+    poses = sum(shop.as_predicted[1] > shop.as_predicted[0] * SAME for shop in shops)
+    same = sum(abs(shop.paired[1] / shop.paired[0] - 1.0) < SAME - 1.0 for shop in shops)
     back = sum(b > 1.2 * max(a, floor) for shop in shops for a, b in zip(shop.true[1:], shop.true[2:], strict=False))
     held = np.mean([[t <= p for t, p in zip(shop.true, shop.promised, strict=True)] for shop in shops])
     return [
         f"{len(shops)} shops, after 12 poses and 1 part: at most 1.2 noise floors in {format_percent(near)}, at most 2"
         f" in {format_percent(far)}, median {np.median(ratio):.2f}; a noise floor is {format_length(floor)}.",
-        f"Worse than the nominal plan in some round: {worse} shops. Rounds that left more than 1.2 times the round"
+        f"Worse than the nominal plan, the scatter of the run the same: {later[0]} shops after 12 poses ({poses} had the"
+        f" process pushed as predicted; {same} cut the nominal program again), {later[1]} after 1 part, {later[2]} after"
+        f" 2. Rounds that left more than 1.2 times the round"
         f" before and 1.2 floors: {back}. True rms within the promise: {format_percent(float(held))} of the rounds.",
     ]
 

@@ -142,7 +142,7 @@ def test_a_choice_of_the_points_is_no_measurement_of_a_path_whose_stretches_lie_
         y = np.where(np.arange(48) < number, 0.5, 0.05)
         file = write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm", np.column_stack([1500 + s, y, np.full(48, 500.0)]))
         if number == 30:
-            with pytest.raises(InputError, match="30 of 48 .*state s_mm"):
+            with pytest.raises(InputError, match=r"30 of 48 .*state s_mm"):
                 match_points(read_measured_points(file), hairpin, np.eye(4), in_base=True)
             continue
         found = match_points(read_measured_points(file), hairpin, np.eye(4), in_base=True)
