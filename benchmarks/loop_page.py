@@ -53,9 +53,9 @@ def say_shops(shops: Sequence[Shop], floor: float) -> list[str]:
     return [
         f"{len(shops)} shops, after 12 poses and 1 part: at most 1.2 noise floors in {format_percent(near)}, at most 2"
         f" in {format_percent(far)}, median {np.median(ratio):.2f}; a noise floor is {format_length(floor)}.",
-        f"Worse than the nominal plan, the scatter of the run the same: {later[0]} shops after 12 poses ({poses} had the"
-        f" process pushed as predicted; {same} cut the nominal program again), {later[1]} after 1 part, {later[2]} after"
-        f" 2. Rounds that left more than 1.2 times the round"
+        f"Worse than the nominal plan, the scatter of the run the same: {later[0]} shops after 12 poses ({poses} had"
+        f" the process pushed as predicted; {same} cut the nominal program again), {later[1]} after 1 part, {later[2]}"
+        f" after 2. Rounds that left more than 1.2 times the round"
         f" before and 1.2 floors: {back}. True rms within the promise: {format_percent(float(held))} of the rounds.",
     ]
 
