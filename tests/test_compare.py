@@ -1,5 +1,6 @@
 """Strategies side by side, in cells that agree with the planner's model and in cells that do not."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,11 @@ import pytest
 import compplan as cp
 from compplan.job.job import check_job
 from compplan.outputs.plan import summarise_comparison
+from compplan.plan.compare import draw_strategies
+from compplan.plan.evaluate import evaluate_run
+from compplan.promise.slopes import ForceSpread
+from compplan.report.compare_report import view_comparison
+from compplan.robot.uncertainty import Uncertainty, Unknown
 
 PATHS = Path(__file__).parents[1] / "paths"
 
@@ -49,3 +55,32 @@ def test_compare_json_is_as_the_contract_says(comparison):
 def test_every_cell_ran_the_same_commands(comparison):
     assert np.isfinite([run.max_deviation for runs in comparison.evaluations.values() for run in runs.values()]).all()
     assert set(comparison.commands) == set(comparison.evaluations["compliance x 1.2"])
+
+
+def test_drawn_robots_leave_what_the_normal_law_says_of_one_unknown(comparison):
+    """One compliance known to d, the force exactly: rms |z| c, c that of a robot softer by d; median .674, 95 % 1.96.
+
+    Robot and cell are another model of the same arm, solved exactly; 2,000 draws tell both to 3 %.
+    """
+    task = comparison.task
+    own = next(spring.compliance for spring in task.robot.springs if spring.joint == "joint_1")
+    key = "compliance_change_rad_per_Nm"
+    unknown = Unknown("joint_stiffness", "joint_1", None, (key,), np.array([0.2 * own]))
+    known = Uncertainty("measured", "one spring", (unknown,), np.eye(1), repeatability=0.0)
+    sure = replace(comparison, task=replace(task, robot=replace(task.robot, uncertainty=known)))
+    drawn = draw_strategies(sure, ForceSpread(0.0, 0.0, 0.0, "known"), 2000)
+    softer = cp.fold_effects(task.robot, [cp.Effect("joint_stiffness", "joint_1", None, {key: 0.2 * own})])
+    off = evaluate_run(task, comparison.commands["nlp"].q, cp.build_cell(softer, "softer")).rms_deviation
+    # a tool frame that nobody identified is .03 mm off per axis: small beside it
+    assert off > 2e-4
+    assert drawn.median("nlp") == pytest.approx(0.6745 * off, rel=0.06)
+    assert drawn.most("nlp") == pytest.approx(1.96 * off, rel=0.06)
+    assert drawn.most("none") > 3 * drawn.most("nlp")
+
+
+def test_what_is_drawn_stands_in_the_summary_beside_where_it_comes_from(comparison):
+    summary = summarise_comparison(comparison)
+    assert "assumed" in summary["drawn_from"]
+    for figures in summary["strategies"].values():
+        assert figures["drawn_rms_mm"]["median"] < figures["drawn_rms_mm"]["p95"]
+    assert view_comparison(comparison).drawn["nlp"] == (comparison.drawn.median("nlp"), comparison.drawn.most("nlp"))

@@ -52,12 +52,19 @@ def print_table(comparison: Comparison) -> None:
 
     table = Table(title=f"{comparison.name}: deviation of the loaded tool, rms / greatest")
     table.add_column("strategy")
+    drawn = comparison.drawn
+    if drawn is not None:
+        table.add_column("drawn robots, rms: median / 95 %", justify="right")
     for cell in comparison.cells:
         table.add_column(cell.name, justify="right")
     for strategy, command in comparison.commands.items():
         runs = [comparison.evaluations[cell.name][strategy] for cell in comparison.cells]
         figures = [f"{format_length(run.rms_deviation)} / {format_length(run.max_deviation)}" for run in runs]
+        if drawn is not None:
+            figures.insert(0, f"{format_length(drawn.median(strategy))} / {format_length(drawn.most(strategy))}")
         table.add_row(strategy if command.status == "solved" else f"{strategy} (infeasible)", *figures)
-    console = Console(width=max(80, 26 * (1 + len(comparison.cells))))
+    console = Console(width=max(80, 26 * (1 + (drawn is not None) + len(comparison.cells))))
     console.print(table)
+    if drawn is not None:
+        console.print(f"drawn robots: {drawn.source}")
     console.print(f"judge: {comparison.judge}; robot model graded {comparison.task.robot.grade}")

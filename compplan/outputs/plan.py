@@ -202,6 +202,9 @@ def summarise_comparison(comparison: Comparison) -> dict[str, Any]:
         figures = {f"{key}_mm": value for key, value in _figures(evaluation).items()}
         status = comparison.commands[strategy].status
         strategies[strategy] = {**figures, "status": status, "under_mismatch": mismatch}
+        if (drawn := comparison.drawn) is not None:
+            median, most = drawn.median(strategy), drawn.most(strategy)
+            strategies[strategy]["drawn_rms_mm"] = {"median": median * 1e3, "p95": most * 1e3}
     return {
         "schema": 1,
         "name": comparison.name,
@@ -209,6 +212,7 @@ def summarise_comparison(comparison: Comparison) -> dict[str, Any]:
         "waypoints": len(comparison.task),
         "cell": nominal.name,
         "judge": comparison.judge,
+        **({"drawn_from": comparison.drawn.source} if comparison.drawn is not None else {}),
         "strategies": strategies,
         "made_by": describe_origin(),
     }

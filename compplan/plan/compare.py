@@ -5,12 +5,43 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from compplan.cell.cell import AS_MODELLED, JUDGE, Cell, standard_cells
+from compplan.effects.assumed import known_uncertainty
 from compplan.job.job import Job
+from compplan.measure.distance import LEVEL
 from compplan.plan.evaluate import Evaluation, evaluate_run
 from compplan.plan.plan import build_task, prepare_job
 from compplan.plan.strategies import STRATEGIES, command_path
 from compplan.plan.task import Command, PlanTask
+from compplan.promise.band import draw_paths, linearise_path
+from compplan.promise.slopes import ForceSpread, read_force_spread, stage_path
+from compplan.robot import Array
+
+#: Robots and forces that are drawn.
+DRAWS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """What strategies leave on robots drawn from what is known of the robot, and with forces drawn from the job's.
+
+    Attributes:
+        source: Where the widths come from.
+        rms: By strategy, rms deviation over the cut of every drawn robot. Shape (draws,). [m]
+    """
+
+    source: str
+    rms: Mapping[str, Array]
+
+    def median(self, strategy: str) -> float:
+        """Return what every second robot stays below. [m]."""
+        return float(np.median(self.rms[strategy]))
+
+    def most(self, strategy: str) -> float:
+        """Return what 95 % of the robots stay below. [m]."""
+        return float(np.quantile(self.rms[strategy], LEVEL))
 
 
 @dataclass(frozen=True)
@@ -25,6 +56,7 @@ class Comparison:
         evaluations: By cell name and strategy, the run against the path.
         judge: Who computed the evaluations.
         job: The job, or None.
+        drawn: What the strategies leave on robots drawn from the folder's own uncertainty, or None.
 
     """
 
@@ -35,6 +67,7 @@ class Comparison:
     evaluations: Mapping[str, Mapping[str, Evaluation]]
     judge: str = JUDGE
     job: Job | None = None
+    drawn: Drawn | None = None
 
     @property
     def as_modelled(self) -> Mapping[str, Evaluation]:
@@ -56,7 +89,23 @@ def compare_job(job: Job, *, announce: Callable[[str], None] | None = None) -> C
     robot, nominal, options = prepare_job(job)
     task = build_task(robot, nominal, options, file=job.file)
     comparison = compare_task(task, name=job.name or job.file.stem, announce=announce)
-    return replace(comparison, job=job)
+    if announce:
+        announce("robots drawn from what is known")
+    return replace(comparison, job=job, drawn=draw_strategies(comparison, read_force_spread(job.noise)))
+
+
+def draw_strategies(comparison: Comparison, force: ForceSpread, draws: int = DRAWS) -> Drawn:
+    """Draw robots from what is known, to first order about the posture of the task; every strategy meets the same ones.
+
+    A strategy that only plans leaves what it leaves as modelled, and beside it what the robot does otherwise.
+    """
+    task = comparison.task
+    known = known_uncertainty(task.robot)
+    slopes = linearise_path(stage_path(task.robot, task.q_start, task.wrench, task.step_time), known, force, task.cut)
+    moved = draw_paths(slopes, known, draws)
+    left = {name: run.deviation[slopes.rows, :, None] + moved for name, run in comparison.as_modelled.items()}
+    rms = {name: np.sqrt(np.mean(np.sum(tips**2, axis=1), axis=0)) for name, tips in left.items()}
+    return Drawn(f"{known.source}; force {force.source}", rms)
 
 
 def compare_task(

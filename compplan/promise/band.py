@@ -160,25 +160,30 @@ def promise_path(
 
 
 def whole_path(slopes: Slopes, known: Uncertainty, level: float = LEVEL) -> float:
-    """Return the distance that the whole path keeps within with a probability, by drawing paths to first order. [m]
+    """Return the distance that the whole path keeps within with a probability, by drawing paths to first order. [m]."""
+    farthest = np.linalg.norm(draw_paths(slopes, known), axis=1).max(axis=0)
+    return float(np.quantile(farthest, level))
+
+
+def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:
+    """Draw where true tips are beside the planned ones, to first order. Shape (k, 3, count). [m]
 
     Parameters, force and one error of repeatability hold for a whole run; what is unexplained is smooth over the place.
     """
     random = np.random.default_rng(SEED)
     k = len(slopes.rows)
     columns = np.concatenate([known.calibration * slopes.model @ known.root, slopes.shared], axis=2)
-    moved = columns.reshape(3 * k, -1) @ random.standard_normal((columns.shape[2], PATHS))
-    moved = moved.reshape(k, 3, PATHS)
-    moved += (known.repeatability or 0.0) * random.standard_normal((1, 3, PATHS))
-    moved += slopes.local * random.standard_normal((k, 1, PATHS))
+    moved = columns.reshape(3 * k, -1) @ random.standard_normal((columns.shape[2], count))
+    moved = moved.reshape(k, 3, count)
+    moved += (known.repeatability or 0.0) * random.standard_normal((1, 3, count))
+    moved += slopes.local * random.standard_normal((k, 1, count))
     size = known.calibration * known.unexplained / np.sqrt(3.0)
     if size > 0.0:
         apart = cdist(slopes.tip, slopes.tip) / known.scale
         value, vector = np.linalg.eigh(np.exp(-0.5 * apart**2))
         root = vector * np.sqrt(np.maximum(value, 0.0))
-        moved += size * np.einsum("kr,rcp->kcp", root, random.standard_normal((k, 3, PATHS)), optimize=True)
-    farthest = np.linalg.norm(moved, axis=1).max(axis=0)
-    return float(np.quantile(farthest, level))
+        moved += size * np.einsum("kr,rcp->kcp", root, random.standard_normal((k, 3, count)), optimize=True)
+    return np.asarray(moved)
 
 
 def lead_unknowns(

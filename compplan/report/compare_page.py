@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,8 @@ class CompareView:
         deviation: By cell and strategy, distance of the loaded tip from the path; the first cell is the plan's own
             model. Shape (n,) each. [m]
         tolerance: Greatest deviation that counts as within tolerance. [m]
+        drawn: By strategy, rms deviation on robots drawn from what is known: median, and what 95 % stay below. [m]
+        drawn_from: What they are drawn from.
         judge: Who computed the deviations.
         facts: Rows of name and value for the foot of the page.
         notes: Warnings, one sentence each.
@@ -54,6 +56,8 @@ class CompareView:
     cut: NDArray[np.bool_]
     deviation: Mapping[str, Mapping[str, Array]]
     tolerance: float
+    drawn: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    drawn_from: str = ""
     judge: str = ""
     facts: Sequence[tuple[str, str]] = ()
     notes: Sequence[str] = ()
@@ -106,7 +110,7 @@ def summarise_comparison(view: CompareView) -> str:
     """Say in two sentences which strategy comes closest, in the modelled cell and where the model is wrong."""
     own, wrong = view.own, view.wrong
     best = [name for name in view.strategies if _is_closest(view, own, name)]
-    text = ""
+    text = _say_drawn(view)
     if wrong:
         worst = {name: max(view.rms(cell, name) for cell in wrong) for name in view.strategies}
         closest = min(worst, key=lambda name: worst[name])
@@ -121,6 +125,20 @@ def summarise_comparison(view: CompareView) -> str:
     if "none" in view.strategies and "none" not in best:
         text += f", against {format_length(view.rms(own, 'none'))} without correction"
     return f"{text}. {describe_grade(view.robot)}"
+
+
+def _say_drawn(view: CompareView) -> str:
+    if not view.drawn:
+        return ""
+    least = min(median for median, _ in view.drawn.values())
+    equals = [name for name, (median, _) in view.drawn.items() if median <= 1.02 * least]
+    most = max(view.drawn[name][1] for name in equals)
+    text = f"On robots drawn from what is known of this one, {_join_names(equals)} {_come(equals)} closest: "
+    text += f"{format_length(least)} rms in the median, {format_length(most)} in 95 %"
+    if "none" in view.drawn and "none" not in equals:
+        text += f", against {format_length(view.drawn['none'][0])} and {format_length(view.drawn['none'][1])} without"
+        text += " correction"
+    return f"{text}. "
 
 
 def _come(names: list[str]) -> str:
@@ -150,12 +168,19 @@ def _matrix(view: CompareView) -> PageTable:
     rows: list[list[TableCell | str | float | int | None]] = []
     for name in view.strategies:
         row: list[TableCell | str | float | int | None] = [TableCell(name, "strong")]
+        if view.drawn:
+            median, most = view.drawn[name]
+            close = median <= 1.02 * min(least for least, _ in view.drawn.values())
+            row.append(TableCell(f"{format_length(median)}  ({format_length(most)})", "good" if close else ""))
         for cell in (*view.wrong, view.own):
             text = f"{format_length(view.rms(cell, name))}  ({format_length(view.largest(cell, name))})"
             row.append(TableCell(text, "good" if _is_closest(view, cell, name) else ""))
         rows.append(row)
-    columns = [Column("strategy"), *(Column(cell) for cell in (*view.wrong, view.own))]
+    first = [Column("robots drawn from what is known")] if view.drawn else []
+    columns = [Column("strategy"), *first, *(Column(cell) for cell in (*view.wrong, view.own))]
     caption = "Deviation of the loaded tool tip from the path: rms (largest); the closest of each cell is green."
+    if view.drawn:
+        caption += f" Drawn robots: rms, median (what 95 % stay below); {view.drawn_from}."
     return PageTable(columns, rows, caption)
 
 

@@ -41,6 +41,7 @@ def view_comparison(comparison: Comparison) -> CompareView:
     assumptions = list_assumptions(comparison.job)
     if others:
         assumptions.append(f"cells: {', '.join(others)}: what the model may be wrong by is assumed, not measured")
+    told = comparison.drawn
     stopped = {name: command for name, command in comparison.commands.items() if command.status == "infeasible"}
     return CompareView(
         title=comparison.name,
@@ -53,6 +54,8 @@ def view_comparison(comparison: Comparison) -> CompareView:
             for cell in comparison.cells
         },
         tolerance=task.tolerance,
+        drawn={name: (told.median(name), told.most(name)) for name in told.rms} if told else {},
+        drawn_from=told.source if told else "",
         judge=comparison.judge,
         facts=facts,
         notes=[
