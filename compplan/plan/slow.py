@@ -13,6 +13,8 @@ from compplan.robot import Array
 
 #: Times of smoothing around a rest in which the tool gains its speed, and around a limit to which that reaches.
 FROM_REST, FROM_LIMIT = 3.0, 1.0
+#: A run that keeps above this share of a level stays at it.
+STAYS = 0.9
 #: Stretches that a sentence lists.
 LISTED = 5
 
@@ -27,16 +29,35 @@ def find_slow_spans(task: PlanTask, timing: Timing) -> list[tuple[int, int]]:
     """Find spans of waypoints where limits lower the feed; starting up and coming to rest do not count."""
     lowered = timing.lowered & ~task.nominal.rapid
     rest = task.nominal.rapid | task.lead | np.isin(np.arange(len(task)), (0, len(task) - 1))
+    middle = np.r_[timing.time[0], 0.5 * (timing.time[1:] + timing.time[:-1])]  # of the move that a share is of
     spans = []
-    for first, last in group_waypoints(np.flatnonzero(lowered).tolist()):
-        change = np.diff(timing.share[first : last + 1])
-        if rest[max(first - 1, 0) : first + 1].any():
-            first += int(np.argmax(np.r_[change < 0, True]))
-        if rest[last : last + 2].any():
-            last -= int(np.argmax(np.r_[change[::-1] > 0, True]))
+    for begin, end in group_waypoints(np.flatnonzero(lowered).tolist()):
+        first, last, rows = begin, end, slice(begin, end + 1)
+        if rest[max(begin - 1, 0) : begin + 1].any():
+            still = timing.time[begin if rest[begin] else begin - 1]
+            first += count_starting(timing.share[rows], middle[rows] - still)
+        if rest[end : end + 2].any():
+            still = timing.time[end if rest[end] else end + 1]
+            last -= count_starting(timing.share[rows][::-1], still - middle[rows][::-1])
         if first < last:
             spans.append((first, last))
     return spans
+
+
+def count_starting(share: Array, away: Array) -> int:
+    """Count the waypoints at which a run starts up from rest: as long as it gets faster and does not stay at a level.
+
+    It stays where it keeps within a tenth of a level for longer than it has taken to come there from rest.
+
+    Args:
+        share: Feed as a share of the programmed one, from rest on. Shape (k,).
+        away: Time between the rest and the middle of each move. Shape (k,). [s]
+    """
+    top = int(np.argmax(np.r_[np.diff(share) < 0, True]))
+    rising = np.where(away > 0, share, 0.0)[: top + 1]
+    reached = np.searchsorted(rising, STAYS * rising)
+    stays = away[: top + 1] - away[reached] > np.maximum(away[reached], 0.0)
+    return int(reached[stays].min()) if stays.any() else top
 
 
 def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:

@@ -43,10 +43,11 @@ def tell_force(length: Array, cut: NDArray[np.bool_], pushed: NDArray[np.bool_])
         return "No force is predicted."
     if share > 0.9999 * whole:
         return "The tool carries force all along the cut."
-    stretches = len(find_spans(cut & ~pushed))
+    count = len(find_spans(cut & ~pushed))
+    stretches = "one stretch" if count == 1 else f"{count} stretches"
     return (
-        f"The tool carries force on {format_percent(share / whole)} of the cut's length; on {stretches} stretches none "
-        "is predicted (above the stock, straight in or out of it, or at rest)."
+        f"The tool carries force on {format_percent(share / whole)} of the cut's length; on {stretches} none is "
+        "predicted (above the stock, straight in or out of it, or at rest)."
     )
 
 

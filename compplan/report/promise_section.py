@@ -94,7 +94,7 @@ def _table(promise: Promise) -> PageTable:
         rows.append(["between waypoints, on top", None, 1e3 * promise.between, None, None])
     rows.append(["the whole path at once", None, TableCell(1e3 * promise.whole, "strong"), None, None])
     columns = [
-        Column("95 % band by"), Column("rms", "mm"), Column("at its widest", "mm"), Column("of its square"),
+        Column("95 % band by"), Column("rms", "mm"), Column("at its widest", "mm"), Column("share of its square"),
         Column("greatest without it", "mm"),
     ]  # fmt: skip
     return PageTable(columns, rows, f"The band is widest at waypoint {widest}.")
