@@ -10,14 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from compplan.diagnose.change import state_change
 from compplan.diagnose.shares import CALIBRATION, UNEXPLAINED, Carrier, Share, Shares
 from compplan.diagnose.where import Split, spread_gap
 from compplan.effects import EFFECTS
+from compplan.effects.signature import Effect
 from compplan.measure.campaign import Campaign
 from compplan.report.diagnosis_page import DiagnosisView, say_how_far, say_where, say_which, write_diagnosis
-from compplan.report.effect_words import describe_effect, describe_parameters, name_effect
+from compplan.report.effect_words import describe_change, describe_effect, describe_parameters, name_effect
 from compplan.report.gap_figures import _noise_share, draw_histogram, thin_dots
 from compplan.robot import load_robot
+from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium
 
@@ -127,6 +130,21 @@ def test_parameters_show_their_unit() -> None:
     assert describe_parameters({"compliance_change_rad_per_Nm": 2.6e-7}) == "compliance change 2.60e−07 rad/(N m)"
     assert describe_parameters({"offset_mrad": 0.25, "row": 120}) == "offset 0.250 mrad; row 120"
     assert describe_parameters({"shift_mm": [0.1, 0.2, 0.0]}) == "shift [0.100, 0.200, 0] mm"
+
+
+def test_a_softer_joint_is_told_as_a_share_of_the_model_with_its_interval(tmp_path: Path) -> None:
+    robot = load_robot("kuka_kr270")  # joint_3 yields 0.43 urad/(N m)
+    effect = Effect("joint_stiffness", "joint_3", None, {"compliance_change_rad_per_Nm": 3.913e-7})
+    width = Unknown("joint_stiffness", "joint_3", None, ("compliance_change_rad_per_Nm",), np.array([4.3e-9]))
+    told = state_change(robot, effect, Uncertainty("measured", "", (width,), calibration=2.0))
+    np.testing.assert_allclose(told["change_percent"], [91.0, 91.0 - 3.92, 91.0 + 3.92], atol=0.01)
+    assert describe_change(told) == "+91 % ± 4 %"
+    assert state_change(robot, replace(effect, joint="joint_2"), Uncertainty("measured", "", (width,))) == {}
+    verdict = {"status": "explained", "effects": [{**SPRING, "parameters": dict(effect.parameters), **told}]}
+    assert "joint_3 differs from the model (+91 % ± 4 %, probability 0.97)" in say_which(make_view(verdict=verdict))
+    write_diagnosis(make_view(verdict=verdict), tmp_path / "report.html")
+    html = own_part((tmp_path / "report.html").read_text())
+    assert "+91 % ± 4 %" in html and "95 %: 3.74e−07 to 4.08e−07" in html
 
 
 def test_the_noise_curve_is_what_three_normal_axes_give() -> None:

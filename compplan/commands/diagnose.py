@@ -13,6 +13,7 @@ from compplan.commands.progress import show_progress
 from compplan.diagnose import Diagnosis, diagnose_campaign
 from compplan.diagnose.accuracy import MORE
 from compplan.diagnose.assessment import Assessment, assess_diagnosis
+from compplan.diagnose.change import state_change
 from compplan.diagnose.next_measurement import propose_measurements
 from compplan.diagnose.unmodelled import describe_unmodelled
 from compplan.diagnose.where import split_diagnosis
@@ -22,6 +23,7 @@ from compplan.files.tables import dump_json
 from compplan.measure.checks import list_notes
 from compplan.measure.registration import parse_parts
 from compplan.outputs.diagnosis import write_diagnosis
+from compplan.report.effect_words import describe_change
 
 
 @click.command("diagnose")
@@ -77,6 +79,9 @@ def command(
     click.echo(describe_assessment(diagnosis, assessment))
     for note in list_notes(campaign.notes):
         click.echo(note)
+    folders = ", ".join(f"{delivery.folder(number)}/" for number, delivery in enumerate(diagnosis.deliveries))
+    click.echo(f"wrote diagnosis.json, report.html, {folders} to {out}")
+    click.echo(f"next: plan with it, compplan plan JOB --robot {out / 'robot'}; what to measure next is on the page")
 
 
 def describe_diagnosis(diagnosis: Diagnosis) -> str:
@@ -87,8 +92,10 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
         place = " ".join(str(part) for part in finding.effect.place if part is not None)
         rivals = ", ".join(" ".join(str(p) for p in r.place if p is not None) for r in finding.rivals if r.alike)
         tie = f"; this campaign cannot tell it from {rivals}" if rivals else ""
+        change = describe_change(state_change(diagnosis.robot, finding.effect, diagnosis.deliveries[0].uncertainty))
         lines.append(
-            f"  {place}: probability {finding.probability:.2f}, moves the target {finding.explained * 1e3:.3f} mm{tie}"
+            f"  {place}: {change + ' (95 %), ' if change else ''}probability {finding.probability:.2f}, "
+            f"moves the target {finding.explained * 1e3:.3f} mm{tie}"
         )
     if verdict.structure.background > verdict.structure.floor:
         lines.append(f"  calibration, small errors everywhere: {verdict.structure.background * 1e3:.3f} mm")

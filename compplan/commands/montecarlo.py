@@ -96,7 +96,7 @@ def print_table(summary: dict[str, Any]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title=f"{summary['name']}: deviation over {summary['samples']} samples [mm]")
+    table = Table(title=f"{summary['name']}: deviation in mm over {summary['samples']} samples")
     for column in ("strategy", "rms, mean", "95 % interval", "rms, 95 %", "greatest, 95 %", "parts within tolerance"):
         table.add_column(column, justify="left" if column == "strategy" else "right")
     for name, figures in summary["strategies"].items():

@@ -28,7 +28,8 @@ def command(paper: str, out: Path, as_json: bool) -> None:
         click.echo(dump_json(table))
         return
     for row in result.rows:
-        ours = f"{row.ours:.4g}" if isinstance(row.ours, float) else row.ours
-        click.echo(f"{row.quantity}: paper {row.paper}, ours {ours} {row.unit}: {row.verdict}")
+        ours = f"{row.ours:.4g}" if isinstance(row.ours, float) else row.ours or "none"
+        unit = f" {row.unit}" if row.unit and row.ours is not None else ""
+        click.echo(f"{row.quantity}: paper {row.paper}, ours {ours}{unit}: {row.verdict}")
     click.echo(", ".join(f"{count} {verdict}" for verdict, count in table["verdicts"].items()))
     click.echo(f"wrote {out / 'reproduction.json'}, {out / 'report.html'}")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.change import state_change
 from compplan.diagnose.delivery import Delivery
 from compplan.diagnose.doubt import Doubt
 from compplan.diagnose.state import Fit
@@ -106,7 +107,10 @@ class Diagnosis:
             "schema": 1,
             "verdict": {
                 "status": self.verdict.status,
-                "effects": [finding_table(f) for f in self.verdict.findings],
+                "effects": [
+                    {**finding_table(f), **state_change(self.robot, f.effect, self.deliveries[0].uncertainty)}
+                    for f in self.verdict.findings
+                ],
                 "doubtful": [finding_table(f) for f in self.verdict.doubtful],
                 "minor": [finding_table(f) for f in self.verdict.minor],
             },

@@ -45,7 +45,7 @@ def deflection_panels(deflection: DeflectionMap, quality: Array | None = None) -
         Panel(f"Given wrench ({_describe_wrench(deflection.wrench)})", deflection.best.under_wrench * 1e3, "mm"),
     ]
     if np.isfinite(deflection.best.reduced_gap).any():
-        panels.append(Panel("Full minus reduced model, worst unit force", deflection.best.reduced_gap * 1e6, "µm/N"))
+        panels.append(Panel("Full minus reduced model", deflection.best.reduced_gap * 1e6, "µm/N"))
     if quality is not None and np.nanmax(quality, initial=0.0) > 1e-6:
         panels.append(Panel("Dexterity 1/κ (1 is best)", quality, "", high_is_good=True))
     return panels if force > 0 or deflection.wrench[3:].any() else [panels[0], *panels[2:]]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from compplan.diagnose.shares import CALIBRATION, UNEXPLAINED, Share
 from compplan.report.calibration_section import show_calibration
-from compplan.report.effect_words import describe_effect, describe_parameters, name_effect
+from compplan.report.effect_words import describe_change, describe_effect, describe_parameters, name_effect
 from compplan.report.gap_figures import (
     draw_candidates,
     draw_factors,
@@ -142,7 +142,11 @@ def say_which(view: DiagnosisView) -> str:
     if not effects:
         text = " ".join(view.structure[:1])
         return f"Which: unknown; there is structure in the residual and no effect explains it. {text}".rstrip()
-    told = [f"{describe_effect(effect)} (probability {effect['probability']:.2f})" for effect in effects[:3]]
+    told = [
+        f"{describe_effect(effect)} ({change + ', ' if (change := describe_change(effect)) else ''}"
+        f"probability {effect['probability']:.2f})"
+        for effect in effects[:3]
+    ]
     text = f"Which: {'; '.join(told)}"
     if len(effects) > 3:
         text += f"; and {len(effects) - 3} more"
@@ -273,8 +277,11 @@ def _which(view: DiagnosisView) -> Section:
         for effect in effects:
             rivals = "; ".join(name_effect(rival) for rival in effect.get("ambiguous_with", [])) or "nothing listed"
             sure = TableCell(f"{effect['probability']:.2f}", "strong")
-            rows.append([name_effect(effect), sure, describe_parameters(effect.get("parameters", {})), rivals])
-        heads = [Column("effect"), Column("probability"), Column("parameters"), Column("cannot be told from")]
+            told = describe_parameters(effect.get("parameters", {}), effect.get("interval95"))
+            change = TableCell(describe_change(effect) or None, "strong")
+            rows.append([name_effect(effect), sure, change, told, rivals])
+        heads = [Column("effect"), Column("probability"), Column("change of the model's value, 95 %"),
+                 Column("parameters"), Column("cannot be told from")]  # fmt: skip
         blocks.append(PageTable(heads, rows, "Effects present together, the largest share of the gap first."))
     blocks += [f"What is left: {sentence}" for sentence in view.structure]
     if view.candidates:

@@ -52,14 +52,25 @@ def describe_effect(effect: Mapping[str, Any]) -> str:
     return words.format(at=name_place(effect))
 
 
-def describe_parameters(parameters: Mapping[str, Any]) -> str:
-    """List parameters with their units; the unit is the end of the key."""
+def describe_parameters(parameters: Mapping[str, Any], ends: Mapping[str, Any] | None = None) -> str:
+    """List parameters with their units, and their 95 % intervals where they are known; a key ends in its unit."""
     parts = []
     for key, value in parameters.items():
         unit = next((unit for unit in sorted(UNITS, key=len, reverse=True) if key.endswith(f"_{unit}")), "")
         name = (key[: -len(unit) - 1] if unit else key).replace("_", " ")
-        parts.append(f"{name} {_show(value)} {UNITS.get(unit, '')}".rstrip())
+        between = f", 95 %: {_show(ends[key][0])} to {_show(ends[key][1])}" if ends and key in ends else ""
+        parts.append(f"{name} {_show(value)} {UNITS.get(unit, '')}".rstrip() + between)
     return "; ".join(parts)
+
+
+def describe_change(effect: Mapping[str, Any]) -> str:
+    """Say by how much a compliance changes, in percent of the model's with its 95 % interval; "" of other effects."""
+    if "change_percent" not in effect:
+        return ""
+    value, low, high = effect["change_percent"]
+    half = 0.5 * (high - low)
+    digits = 0 if half >= 0.95 else 1
+    return f"{value:+.{digits}f} % ± {half:.{digits}f} %".replace("-", "−")
 
 
 def _show(value: Any) -> str:

@@ -84,7 +84,7 @@ def _changes(entries: list[dict[str, Any]]) -> list[Chart]:
     )  # fmt: skip
     figure.add_vline(x=0.0, line={"color": TOLERANCE, "width": 1.2, "dash": "dash"})
     low, high = min(0.0, *(end[0] for end in ends)), max(0.0, *(end[1] for end in ends))
-    room = 0.15 * max(high - low, 1e-6)
+    room = 0.35 * max(high - low, 1e-6)  # for the words over the outermost dots, on a phone too
     figure.update_xaxes(title_text="change from the value before, %", range=[low - room, high + room])
     figure.update_yaxes(autorange="reversed")
     caption = "Dot: change, with its 95 % interval; grey dots are not written to the robot folder."

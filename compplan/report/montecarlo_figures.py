@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from compplan.plan.correction_loop import run_loop
 from compplan.report.along_path import FLOOR, Stations
-from compplan.report.panels import draw_panels
+from compplan.report.panels import draw_panels, draw_small_multiples
 from compplan.report.style import CATEGORIES, TOLERANCE, mark_decades, style_line
 from compplan.robot import Array
 from compplan.study.runner import Run
 from compplan.study.sensitivity import Sensitivity
 from compplan.study.statistics import trace_convergence
+
+if TYPE_CHECKING:
+    from compplan.study.curves import ErrorCurves
 
 
 def draw_distributions(run: Run) -> Any:
@@ -81,19 +84,16 @@ def draw_differences(summary: Mapping[str, Any], main: str) -> Any:
     return figure
 
 
-def draw_curves(ratio: Array, curves: Mapping[str, Array], title: str) -> Any:
-    """Draw the rms deviation of every strategy against a ratio of truth and model."""
-    import plotly.graph_objects as go
-
-    figure = go.Figure()
-    for k, (name, values) in enumerate(curves.items()):
-        figure.add_scatter(
-            x=ratio, y=1e3 * np.maximum(values, FLOOR), mode="lines+markers", name=name.replace("_", " "),
-            line={**style_line(k), "width": 1.6}, marker={"size": 5}, hovertemplate="%{y:.3g} mm at %{x:g}",
-        )  # fmt: skip
-    figure.update_xaxes(title_text=title)
-    figure.update_yaxes(title_text="rms deviation, mm", rangemode="tozero")
-    return figure
+def draw_curves(curves: ErrorCurves) -> Any:
+    """Draw the rms deviation against how far the truth is from the model, one small chart a strategy."""
+    panels = {
+        name.replace("_", " "): {
+            "compliance": 1e3 * np.maximum(values, FLOOR),
+            "wrench": 1e3 * np.maximum(curves.by_wrench[name], FLOOR),
+        }
+        for name, values in curves.by_compliance.items()
+    }
+    return draw_small_multiples(curves.ratio, panels, ("true over modelled", "rms, mm"))
 
 
 def draw_sensitivity(found: Sensitivity, strategy: str) -> Any:
@@ -116,20 +116,14 @@ def draw_sensitivity(found: Sensitivity, strategy: str) -> Any:
 
 
 def draw_convergence(run: Run) -> Any:
-    """Draw how the mean rms of every strategy and its interval settle."""
-    import plotly.graph_objects as go
-
-    figure = go.Figure()
+    """Draw how the mean rms of every strategy and its interval settle, one small chart a strategy."""
+    panels, samples = {}, np.zeros(0)
     for k, name in enumerate(run.study.strategies):
         trace = trace_convergence(1e3 * run.judged.rms[:, k], run.settings.replicates)
-        figure.add_scatter(
-            x=[n for n, _ in trace], y=[interval.value for _, interval in trace], name=name.replace("_", " "),
-            mode="lines", line={**style_line(k), "width": 1.6},
-            error_y={"type": "data", "array": [interval.half_width for _, interval in trace], "thickness": 1},
-        )  # fmt: skip
-    figure.update_xaxes(title_text="samples", type="log")
-    figure.update_yaxes(title_text="mean rms deviation, mm", rangemode="tozero")
-    return figure
+        samples = np.array([float(n) for n, _ in trace])
+        value, half = (np.array([getattr(each, part) for _, each in trace]) for part in ("value", "half_width"))
+        panels[name.replace("_", " ")] = {"mean": np.stack([value, value - half, value + half])}
+    return draw_small_multiples(samples, panels, ("samples", "mean rms, mm"), spread=True, log=True)
 
 
 def draw_loops() -> Any:

@@ -168,14 +168,13 @@ def _pairs(result: JobStudy) -> Section:
 
 def _wrong_model(result: JobStudy) -> Section:
     curves = result.curves
-    charts: list[Block] = [
-        Chart(draw_curves(curves.ratio, curves.by_compliance, "true over modelled compliance"), height=360,
-              caption="All compliances differ from the model's by the same factor; nothing else differs."),
-        Chart(draw_curves(curves.ratio, curves.by_wrench, "true over predicted wrench"), height=360,
-              caption="The wrench differs from the predicted one; nothing else differs."),
-    ]  # fmt: skip
+    caption = (
+        "One chart a strategy, all with the same axes. Compliance: all compliances differ from the model's by the same "
+        "factor; wrench: the wrench differs from the predicted one; nothing else differs."
+    )
+    chart = Chart(draw_curves(curves), caption, height=measure_panels(len(curves.by_compliance)))
     lede = f"rms deviation against the error of the model, {curves.waypoints} waypoints, no noise."
-    return Section("The cost of being wrong", charts, lede)
+    return Section("The cost of being wrong", [chart], lede)
 
 
 def _sensitivity(result: JobStudy) -> Section:
@@ -231,8 +230,8 @@ def _loops() -> Section:
 
 
 def _convergence(result: JobStudy) -> Section:
-    caption = "Mean rms with its 95 % interval against the number of samples."
-    chart = Chart(draw_convergence(result.run), caption, height=320)
+    caption = "Mean rms with its 95 % interval against the number of samples, one chart a strategy."
+    chart = Chart(draw_convergence(result.run), caption, height=measure_panels(len(result.run.study.strategies)))
     return Section("Convergence", [chart])
 
 

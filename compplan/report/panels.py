@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from compplan.report.along_path import Stations, add_lines, shade_spans
-from compplan.report.style import CATEGORIES, TOLERANCE, mark_decades
+from compplan.report.style import CATEGORIES, TOLERANCE, mark_decades, style_line
 from compplan.robot import Array
 
 #: Charts in a row, and the height of one of them. [px]
@@ -30,14 +30,8 @@ def draw_panels(
         log: Whether the vertical axes are logarithmic.
         top: Where the vertical axes end; the largest value if left out. [mm]
     """
-    from plotly.subplots import make_subplots
-
     columns = min(COLUMNS, len(panels))
-    lines = -(-len(panels) // columns)
-    figure = make_subplots(
-        rows=lines, cols=columns, subplot_titles=list(panels), shared_yaxes=True, horizontal_spacing=0.025,
-        vertical_spacing=0.32 / lines if lines > 1 else 0.0,
-    )  # fmt: skip
+    figure = _lay_out(list(panels))
     for number, series in enumerate(panels.values()):
         row, col = number // columns + 1, number % columns + 1
         add_lines(
@@ -49,17 +43,69 @@ def draw_panels(
         trace.update(legendgroup=trace.name)
     _set_axes(figure, [values for series in panels.values() for values in series.values()], tolerance, log, top)
     figure.update_xaxes(nticks=5)
-    for number in range(max(len(panels) - columns, 0), len(panels)):
-        figure.update_xaxes(title_text="path length, mm", row=number // columns + 1, col=number % columns + 1)
-    figure.update_annotations(font_size=12.5)
-    legend = {"y": 1.0, "yref": "container", "yanchor": "top"}
-    figure.update_layout(hovermode="x unified", margin={"t": 56}, legend=legend)
+    _finish(figure, len(panels), "path length, mm")
+    return figure
+
+
+def draw_small_multiples(
+    x: Array, panels: Mapping[str, Mapping[str, Array]], titles: tuple[str, str], *, spread: bool = False,
+    log: bool = False,
+) -> Any:  # fmt: skip
+    """Draw curves, one small chart a name, all with the same axes.
+
+    Args:
+        x: Shape (k,).
+        panels: By title of the chart: curves by name, the same names in each. Shape (k,) each, or (3, k) with `spread`.
+        titles: Titles of the axes.
+        spread: Whether each curve is value, lower and upper end, which are drawn as bars.
+        log: Whether the horizontal axis is logarithmic.
+    """
+    import plotly.graph_objects as go
+
+    columns = min(COLUMNS, len(panels))
+    figure = _lay_out(list(panels))
+    for number, curves in enumerate(panels.values()):
+        for k, (name, values) in enumerate(curves.items()):
+            value, low, high = values if spread else (values, values, values)
+            bars = {"array": high - value, "arrayminus": value - low, "thickness": 1} if spread else None
+            curve = go.Scatter(
+                x=x, y=value, name=name, legendgroup=name, showlegend=number == 0 and len(curves) > 1, error_y=bars,
+                mode="lines+markers", marker={"size": 4}, line={**style_line(k), "width": 1.6},
+                hovertemplate="%{y:.3g} at %{x:.4g}",
+            )  # fmt: skip
+            figure.add_trace(curve, row=number // columns + 1, col=number % columns + 1)
+    most = max(float(np.nanmax(values)) for curves in panels.values() for values in curves.values())
+    figure.update_yaxes(range=[0.0, 1.06 * most])
+    figure.update_yaxes(title_text=titles[1], col=1)
+    figure.update_xaxes(nticks=5, type="log" if log else "linear")
+    _finish(figure, len(panels), titles[0])
     return figure
 
 
 def measure_panels(count: int) -> int:
     """Return the height of so many small charts [px]."""
     return 80 + HEIGHT * -(-count // COLUMNS)
+
+
+def _lay_out(titles: list[str]) -> Any:
+    from plotly.subplots import make_subplots
+
+    columns = min(COLUMNS, len(titles))
+    lines = -(-len(titles) // columns)
+    return make_subplots(
+        rows=lines, cols=columns, subplot_titles=titles, shared_yaxes=True, horizontal_spacing=0.025,
+        vertical_spacing=0.32 / lines if lines > 1 else 0.0,
+    )  # fmt: skip
+
+
+def _finish(figure: Any, count: int, title: str) -> None:
+    """Name the horizontal axis under the last chart of each column."""
+    columns = min(COLUMNS, count)
+    for number in range(max(count - columns, 0), count):
+        figure.update_xaxes(title_text=title, row=number // columns + 1, col=number % columns + 1)
+    figure.update_annotations(font_size=12.5)
+    legend = {"y": 1.0, "yref": "container", "yanchor": "top"}
+    figure.update_layout(hovermode="x unified", margin={"t": 56}, legend=legend)
 
 
 def _set_axes(figure: Any, values: list[Array], tolerance: float, log: bool, top: float | None) -> None:

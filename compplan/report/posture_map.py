@@ -14,7 +14,7 @@ import numpy as np
 from compplan.posture.lattice import COLLISION, JOINT_LIMIT, NOT_WANTED, OUT_OF_REACH, REASONS, SINGULAR
 from compplan.posture.summary import PostureMap
 from compplan.report.page import Block, Chart, Section
-from compplan.report.style import BEFORE, SEQUENTIAL
+from compplan.report.style import BEFORE, SEQUENTIAL, format_set_value
 from compplan.robot import Array
 
 if TYPE_CHECKING:
@@ -40,10 +40,17 @@ def draw_map_picture(picture: PostureMap) -> bytes:
     from matplotlib.colors import LinearSegmentedColormap, ListedColormap
     from matplotlib.patches import Patch
 
-    figure, axes = pyplot.subplots(figsize=(9.0, 4.2), dpi=130, layout="constrained")
-    length, spin = _edges(1e3 * picture.length), _edges(np.degrees(picture.spin))
     values = np.where(~np.isin(picture.reason, list(TONES)), 1e3 * picture.sensitivity, np.nan)
     values = np.where(values > 0, values, np.nan)
+    one = len(picture.spin) == 1
+    figure, axes = pyplot.subplots(figsize=(9.0, 2.8 if one else 4.2), dpi=130, layout="constrained")
+    if one:
+        axes.plot(1e3 * picture.length, values[:, 0], color=CHOSEN, linewidth=1.8)
+        held = format_set_value(float(np.degrees(picture.spin[0])))
+        axes.set(xlabel="path length, mm", ylabel="remaining deviation, mm", ylim=(0.0, None),
+                 title=f"rotation about the tool axis held at {held} deg")  # fmt: skip
+        return _save(figure)
+    length, spin = _edges(1e3 * picture.length), _edges(np.degrees(picture.spin))
     shades = LinearSegmentedColormap.from_list("sensitivity", list(SEQUENTIAL))
     known = values[np.isfinite(values)]
     low, high = np.percentile(known, (1, 98)) if len(known) else (0.0, 1.0)
@@ -60,6 +67,12 @@ def draw_map_picture(picture: PostureMap) -> bytes:
     handles += axes.plot(1e3 * along, np.degrees(turn), color=CHOSEN, linewidth=1.8, label="chosen")
     axes.set(xlabel="path length, mm", ylabel="rotation about the tool axis, deg", ylim=(spin[0], spin[-1]))
     axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 1.12), ncols=6, frameon=False, fontsize=8)
+    return _save(figure)
+
+
+def _save(figure: Any) -> bytes:
+    from matplotlib import pyplot
+
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     pyplot.close(figure)

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 #: Why a posture cannot be used, and the colour it gets: out of reach, joint limit, collision, not wanted.
 FORBIDDEN = {1: "#b9c0c7", 2: "#8e979f", 4: "#5c4a57", 5: "#d9dde1"}
 SINGULAR = 3
+#: Rotations whose remaining deviations differ by less than this share are alike.
+ALIKE = 0.02
 #: What each cost of a posture is, by its key.
 COSTS = {
     "sensitivity_rms_mm": ("expected deviation that remains after compensation, rms", "mm"),
@@ -44,16 +46,44 @@ def show_posture(
         clearance: Clearance along the path, where it was asked for.
         both: Costs of the graph's way and of the plain one (one configuration, the tool's x as the job has it) or None.
     """
-    figure = draw_posture_map(stance.map)
-    caption = (
-        "Colour: the deviation expected to remain after compensation, under the assumed errors of wrench and "
-        "compliance. Line: the rotation chosen. Dots: near a singularity."
-    )
-    blocks: list[Block] = [Chart(figure, caption, 420), _list_costs(stance, both)]
+    blocks: list[Block] = [_show_map(stance.map), _list_costs(stance, both)]
     if clearance is not None:
         blocks.append(draw_clearance(stations, clearance))
     lede = f"Rotation about the tool axis against path length, preset {stance.settings.preset!r}."
+    if len(stance.map.spin) == 1:
+        lede = f"The rotation about the tool axis is held, preset {stance.settings.preset!r}."
     return Section("Posture", blocks, lede)
+
+
+def _show_map(picture: PostureMap) -> Chart:
+    """Show the map, or a line where there is only one rotation."""
+    expected = "the deviation expected to remain after compensation, under the assumed errors of wrench and compliance."
+    if len(picture.spin) == 1:
+        return Chart(draw_held(picture), f"Line: {expected}", 280)
+    told = f"Colour: {expected} Line: the rotation chosen. Dots: near a singularity."
+    level = np.where(picture.reason == 0, picture.sensitivity, np.nan)
+    most, least = np.nanmax(level, axis=1, initial=0.0), np.nanmin(level, axis=1, initial=np.inf)
+    if np.isfinite(level).any() and float((most - least).max()) < ALIKE * float(most.max()):
+        told += " All rotations are alike here."
+    return Chart(draw_posture_map(picture), told, 420)
+
+
+def draw_held(picture: PostureMap) -> Any:
+    """Draw the remaining deviation along the path where the rotation about the tool axis is held.
+
+    Args:
+        picture: The map, of one rotation.
+    """
+    import plotly.graph_objects as go
+
+    line = go.Scatter(
+        x=1e3 * picture.length, y=1e3 * picture.sensitivity[:, 0], mode="lines", line={"color": AFTER, "width": 1.6},
+        hovertemplate="%{x:.1f} mm: %{y:.3g} mm<extra></extra>",
+    )  # fmt: skip
+    figure = go.Figure(line)
+    figure.update_xaxes(title_text="path length, mm")
+    figure.update_yaxes(title_text="remaining, mm", rangemode="tozero")
+    return figure
 
 
 def draw_posture_map(picture: PostureMap) -> Any:

@@ -102,7 +102,7 @@ def _offer_without(figure: Any, whole: float, others: float) -> None:
     figure.update_layout(
         updatemenus=[
             {
-                "type": "buttons", "direction": "right", "buttons": buttons, "x": 1.0, "xanchor": "right", "y": -0.13,
+                "type": "buttons", "direction": "right", "buttons": buttons, "x": 1.0, "xanchor": "right", "y": 1.0,
                 "yanchor": "top", "bgcolor": "rgba(127, 127, 127, 0.12)", "borderwidth": 0, "pad": {"t": 0, "b": 0},
                 "font": {"size": 11.5}, "showactive": False,
             }
