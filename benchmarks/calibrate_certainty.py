@@ -2,7 +2,7 @@
 
 SUITE holds drawn campaigns (truth.json in each), ANSWERS one diagnosis.json a campaign (ANSWERS/case/diagnosis.json, or
 ANSWERS/case.json). Penalised logistic regression with weights that cannot be negative, over every claim that was
-weighed, named or not; the development suite is for this, reporting seeds are not. Prints the five constants of
+weighed, named or not; the development suite is for this, reporting seeds are not. Prints the six constants of
 compplan/diagnose/certainty.py and how the map does on claims left out in turn.
 """
 
@@ -33,7 +33,7 @@ def place(table: dict[str, Any]) -> tuple[str, str | None, str | None]:
 
 
 def read_claims(suite: Path, answers: Path) -> tuple[Array, Array]:
-    """Collect features, shape (n, 4), and whether each claim is right, shape (n,)."""
+    """Collect features, shape (n, 5), and whether each claim is right, shape (n,)."""
     features, right = [], []
     for file in sorted(suite.glob("*/truth.json")):
         case = file.parent.name
@@ -52,13 +52,13 @@ def read_claims(suite: Path, answers: Path) -> tuple[Array, Array]:
 
 
 def fit_map(features: Array, right: Array) -> Array:
-    """Return constant and weights. Shape (5,)."""
+    """Return constant and weights. Shape (6,)."""
 
     def cost(weights: Array) -> float:
         odds = features @ weights[1:] + weights[0]
         return float(-np.sum(right * odds - np.logaddexp(0.0, odds)) + RIDGE * np.sum(weights[1:] ** 2))
 
-    return np.asarray(minimize(cost, np.zeros(5), bounds=[(None, None)] + [(0.0, None)] * 4).x)
+    return np.asarray(minimize(cost, np.zeros(6), bounds=[(None, None)] + [(0.0, None)] * 5).x)
 
 
 def main() -> None:
@@ -70,7 +70,8 @@ def main() -> None:
         weights = fit_map(features[fold != number], right[fold != number])
         stated[fold == number] = expit(features[fold == number] @ weights[1:] + weights[0])
     named, sure = stated >= 0.5, stated >= 0.8
-    print("CONSTANT, MARGIN, REPEATED, FREE, IMITATED =", ", ".join(f"{w:.2f}" for w in fit_map(features, right)))
+    weights = ", ".join(f"{w:.2f}" for w in fit_map(features, right))
+    print(f"CONSTANT, MARGIN, REPEATED, FREE, IMITATED, LIKENESS = {weights}")
     print(f"{len(right)} claims, left out in turn: {named.sum()} named, {right[named].mean():.3f} of them right")
     print(f"{sure.sum()} stated .8 and more, {1.0 - right[sure].mean():.3f} of them wrong")
     print(f"{int(right[~named].sum())} right ones withheld")

@@ -24,6 +24,7 @@ from compplan.diagnose import (
     gains,
     held_out,
     imitation,
+    likeness,
     ledger,
     noise,
     offers,
@@ -93,11 +94,23 @@ def ask_outliers(bench: Bench) -> Any:
 
 def ask_certainty(bench: Bench) -> Any:
     """Strong and weak claims."""
-    cases = [(30.0, 25.0, 1.0, 1, 0.02), (4.0, 3.0, 0.5, 2, 0.1), (-50.0, -40.0, 0.0, 1, 0.9), (9e2, 9e2, 1.0, 1, 2e-3)]
+    cases = [
+        (30.0, 25.0, 1.0, 1, 0.02, 1.0), (4.0, 3.0, 0.5, 2, 0.1, 3.0), (-50.0, -40.0, 0.0, 1, 0.9, 40.0),
+        (9e2, 9e2, 1.0, 1, 2e-3, 0.2),
+    ]  # fmt: skip
     return [
-        certainty.rate_certainty(certainty.Evidence(margin, plain, repeated, 3.0, 0.5, 0.1, free, imitated))
-        for margin, plain, repeated, free, imitated in cases
+        certainty.rate_certainty(certainty.Evidence(margin, plain, repeated, 3.0, 0.5, 0.1, free, imitated, alike))
+        for margin, plain, repeated, free, imitated, alike in cases
     ]
+
+
+def ask_likeness(bench: Bench) -> Any:
+    """What is left along a motion that is small in some rows, and nowhere in one."""
+    rng = np.random.default_rng(8)
+    motion, left = rng.normal(size=(12, 3)), rng.normal(size=(12, 3))
+    motion[:4] *= 1e-3
+    motion[4] = 0.0
+    return likeness.measure_likeness(left, motion, np.arange(12))
 
 
 def ask_imitation(bench: Bench) -> Any:

@@ -52,10 +52,12 @@ ROWS: dict[str, dict[str, Row]] = {
         "REPEATED": ("certainty", 0.0, 100.0),
         "FREE": ("certainty", 0.0, 100.0),
         "IMITATED": ("certainty", 0.0, 100.0),
+        "LIKENESS": ("certainty", 0.0, 100.0),
         "MARGIN_SCALE": ("certainty", 1e-3, 1e4),
         "LEAST_MARGIN": ("certainty", -1e4, 1e4),
         "LEAST_IMITATED": ("certainty", 1e-6, 0.12),
         "MOST_IMITATED": ("certainty", 0.03, 1.0),
+        "MOST_ALIKE": ("certainty", 1.5, 1e3),
     },
     "channels": {
         "PATH_BLOCKS": ("blocks", 1, 400),
@@ -132,6 +134,10 @@ ROWS: dict[str, dict[str, Row]] = {
         "LEFT_OVER": ("imitation", None, 0.99, FAR),
         "SEEN": ("imitation", None, 0.9, FAR),
         "LEAST_SPREAD": ("imitation", None, 1.0, FAR),
+    },
+    "likeness": {
+        "CHANCE": ("likeness", 0.05, 0.999),
+        "STILL": ("likeness", None, 0.5, FAR),
     },
     "ledger": {"TYPICAL": ("blocks", np.array([1]), np.arange(1, 200))},
     "measurement_moves": {

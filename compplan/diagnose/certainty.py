@@ -15,14 +15,18 @@ MOST_SURE = 0.99
 TEMPER = 2.0
 #: The map from evidence to log odds, fitted by penalised logistic regression to the claims of the development suite
 #: (study: python -m benchmarks.calibrate_certainty): constant, margin (arsinh of it over its scale), share of halves
-#: that repeat the claim, logarithm of the number of free values, and logarithm of the probability that a cause without
-#: a name would be explained as fully, the last two with their signs turned. No weight may be negative.
-CONSTANT, MARGIN, REPEATED, FREE, IMITATED = -2.98, 0.26, 0.39, 0.86, 1.10
+#: that repeat the claim, and the logarithms of the number of free values, of the probability that a cause without a
+#: name would be explained as fully, and of the likeness of what is left, these three with their signs turned. No weight
+#: may be negative.
+CONSTANT, MARGIN, REPEATED, FREE, IMITATED, LIKENESS = -2.03, 0.27, 0.25, 0.83, 0.94, 1.04
 #: Margins beyond the first count by their logarithm alone; those below the second tell no more (assumed).
 MARGIN_SCALE, LEAST_MARGIN = 5.0, -20.0
 #: Neither do imitations rarer or more frequent than these: the first is what the causes drawn can tell; beyond the
 #: second a larger cause stands beside the claim, and whether that has a name says nothing about this one (assumed).
 LEAST_IMITATED, MOST_IMITATED = 0.02, 0.15
+#: What chance leaves along a claim's own motion says nothing, and neither does more than this many times as much
+#: (assumed: by then it is plain).
+MOST_ALIKE = 5.0
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,8 @@ class Evidence:
         free: Number of values of a form whose shape no law of physics gives; 1 for all others.
         imitated: Probability that a cause without a name would be explained as fully as what the other claims leave is
             by this one (compplan.diagnose.imitation).
+        likeness: What is left along the claim's own motion over what lies across it, in units of the most that chance
+            leaves there (compplan.diagnose.likeness).
     """
 
     margin: float
@@ -49,6 +55,7 @@ class Evidence:
     left: float
     free: int
     imitated: float
+    likeness: float
 
     def to_table(self) -> dict[str, float]:
         """Return what diagnosis.json holds."""
@@ -56,10 +63,11 @@ class Evidence:
 
 
 def features_of(evidence: Evidence) -> Array:
-    """Return what the map weighs: margin, repetition, freedom, imitation. Shape (4,)."""
+    """Return what the map weighs: margin, repetition, freedom, imitation, likeness. Shape (5,)."""
     margin = np.arcsinh(max(min(evidence.margin, evidence.plain), LEAST_MARGIN) / MARGIN_SCALE)
     imitated = np.log(np.clip(evidence.imitated, LEAST_IMITATED, MOST_IMITATED))
-    return np.array([margin, evidence.repeated, -np.log(evidence.free), -imitated])
+    likeness = np.log(np.clip(evidence.likeness, 1.0, MOST_ALIKE))
+    return np.array([margin, evidence.repeated, -np.log(evidence.free), -imitated, -likeness])
 
 
 def rate_certainty(evidence: Evidence) -> float:
@@ -68,6 +76,6 @@ def rate_certainty(evidence: Evidence) -> float:
     Args:
         evidence: What the claim shows.
     """
-    weights = np.array([MARGIN, REPEATED, FREE, IMITATED])
+    weights = np.array([MARGIN, REPEATED, FREE, IMITATED, LIKENESS])
     odds = CONSTANT + weights @ features_of(evidence)
     return float(np.clip(expit(odds), 0.0, MOST_SURE))

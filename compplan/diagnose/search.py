@@ -32,7 +32,7 @@ MOST_EFFECTS = 24
 DECADES = 0.7
 #: Rounds in which parameters that came out negative are set to zero (assumed).
 ACTIVE_SETS = 4
-#: Components in which errors that cancel have to agree by chance (theory: a position has three).
+#: Components of a claim's motion whose size is weighed against the gap (theory: a position has three).
 COMPONENTS = 3.0
 #: An exchange or an addition has to gain this much log posterior (assumed: less is no reason to change a model).
 WORTHWHILE = 0.5
@@ -175,8 +175,9 @@ class Search:
     def _coincidence(self, claims: Sequence[Claim], posterior: Posterior) -> float:
         """Price claims that move the target further than the whole gap and cancel each other.
 
-        Three components of independent errors cancel to 1/c of their size by a chance of about c^-3. Frames that are
-        fitted in every model are taken out of both.
+        A normal prior of three components with the size of the gap: 3/2 (c^2 - 1) for a motion of c gaps, so that two
+        and a half are hardly, and ten not at all paid for by any evidence. Frames that are fitted in every model are
+        taken out of both.
         """
         values = posterior.values(self.ledger.p)
         price = 0.0
@@ -185,7 +186,7 @@ class Search:
             own = values[columns]
             energy = float(own @ self._framed[0][np.ix_(columns, columns)] @ own)
             if energy > self._framed[1]:
-                price += COMPONENTS * 0.5 * float(np.log(energy / self._framed[1]))
+                price += COMPONENTS * 0.5 * (energy / self._framed[1] - 1.0)
         return price
 
     @cached_property

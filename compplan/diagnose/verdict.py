@@ -14,6 +14,7 @@ from compplan.diagnose.doubt import Doubt
 from compplan.diagnose.evidence import Hyper
 from compplan.diagnose.imitation import rate_imitations
 from compplan.diagnose.ledger import Ledger
+from compplan.diagnose.likeness import rate_likenesses
 from compplan.diagnose.offers import REGISTRATION
 from compplan.diagnose.repetition import count_repetitions
 from compplan.diagnose.search import Claim, Search, distinct_places
@@ -134,8 +135,10 @@ def reach_verdict(fit: Fit, doubt: Doubt) -> Verdict:
         doubt: Its claims among errors that no effect makes.
     """
     structure = measure_structure(fit, doubt)
-    repeated, imitated = count_repetitions(fit, doubt), rate_imitations(fit, doubt)
-    findings = [weigh_claim(fit, doubt, c, repeated[c], imitated[c], structure) for c in doubt.model.claims]
+    repeated, imitated, alike = count_repetitions(fit, doubt), rate_imitations(fit, doubt), rate_likenesses(fit, doubt)
+    findings = [
+        weigh_claim(fit, doubt, c, (repeated[c], imitated[c], alike[c]), structure) for c in doubt.model.claims
+    ]
     findings = sorted((name_far_zero(f) for f in findings), key=lambda f: -f.explained)
     small = NAMEABLE * structure.floor
     if fit.problem.register:
@@ -153,7 +156,7 @@ def reach_verdict(fit: Fit, doubt: Doubt) -> Verdict:
 
 
 def weigh_claim(
-    fit: Fit, doubt: Doubt, claim: Claim, repeated: float, imitated: float, structure: Structure
+    fit: Fit, doubt: Doubt, claim: Claim, checks: tuple[float, float, float], structure: Structure
 ) -> Finding:  # fmt: skip
     """Compare the model with the best ones that lack a claim, among errors that no effect makes.
 
@@ -161,8 +164,8 @@ def weigh_claim(
         fit: The fit.
         doubt: Its claims among errors that no effect makes.
         claim: The claim.
-        repeated: Share of the halves of the campaign that tell it, too.
-        imitated: Probability that a cause without a name would be explained as fully.
+        checks: Share of the halves of the campaign that tell it, too; probability that a cause without a name would be
+            explained as fully; likeness of what is left.
         structure: What is left.
     """
     values = doubt.model.posterior.values(doubt.search.ledger.p)
@@ -176,9 +179,10 @@ def weigh_claim(
     columns = ledger.columns(claim.signature)
     signature = ledger.signatures[claim.signature]
     explained = motion_of(fit, columns, values)
+    repeated, imitated, alike_left = checks
     evidence = Evidence(margin, plain, repeated, explained / structure.floor, explained / max(structure.gap, 1e-12),
-                        structure.rms / max(structure.gap, 1e-12), count_free(signature),
-                        imitated)  # fmt: skip
+                        structure.rms / max(structure.gap, 1e-12), count_free(signature), imitated,
+                        alike_left)  # fmt: skip
     return Finding(
         effect=signature.effect(values[columns] * signature.scale),
         probability=rate_certainty(evidence),
