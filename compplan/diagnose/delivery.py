@@ -117,8 +117,12 @@ def _is_better(new: HeldOut, nominal: HeldOut, pose: NDArray[np.int_]) -> bool:
 
 
 def possible_claims(verdict: Verdict) -> list[Claim]:
-    """List claims that may be true and can be delivered: named ones, and others that are no part of the instrument."""
-    unnamed = [f for f in (*verdict.minor, *verdict.doubtful) if not of_instrument(f.effect)]
+    """List claims that may be true and can be delivered: named ones, and others that are no part of the instrument.
+
+    What errors without a name explain as well (no evidence of its own) is no property of the robot: it interpolates
+    between the poses and misleads beyond them.
+    """
+    unnamed = [f for f in (*verdict.minor, *verdict.doubtful) if f.evidence is not None and not of_instrument(f.effect)]
     sizes = {f.signature: f.size for f in (*verdict.findings, *unnamed) if f.signature >= 0}
     return [Claim(number, size) for number, size in sizes.items()]
 
