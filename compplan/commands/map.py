@@ -9,6 +9,7 @@ import numpy as np
 
 from compplan.commands.completion import complete_robots
 from compplan.commands.places import OUT_FOLDER
+from compplan.commands.progress import show_progress
 from compplan.effects import robot_effects
 from compplan.errors import InputError
 from compplan.files.tables import dump_json
@@ -63,8 +64,11 @@ def command(
     )
     loaded = load_robot(robot)
     robot_effects(loaded)  # they move no map, but a wrong file is told here too
-    result = map_robot(loaded, settings, None if reduced is None else load_robot(reduced))
-    write_map(result, out)
+    with show_progress() as progress:
+        progress("maps of two planes")
+        result = map_robot(loaded, settings, None if reduced is None else load_robot(reduced))
+        progress("pictures and report")
+        write_map(result, out)
     if as_json:
         click.echo(dump_json(result.summary()))
         return

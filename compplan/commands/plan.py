@@ -83,6 +83,10 @@ def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
         for note in plan.notes:
             click.echo(note)
         click.echo(f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}")
+        click.echo(
+            f"next: open {folder / 'report.html'}, or compplan view {folder}; compplan campaign designs measurements "
+            "that narrow the band of the true tip"
+        )
     if plan.status != "solved":
         failing = sorted(plan.command.failures)
         limits = sorted(set(plan.command.failures.values()))

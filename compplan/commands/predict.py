@@ -58,3 +58,4 @@ def command(
         click.echo(f"{len(campaign)} rows; measured positions differ by {summary['rms_mm']:.3f} mm rms")
     for note in list_notes(campaign.notes):
         click.echo(note)
+    click.echo(f"wrote {out}")

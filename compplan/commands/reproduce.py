@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from compplan.commands.places import OUT_FOLDER
+from compplan.commands.progress import show_progress
 from compplan.files.tables import dump_json
 from compplan.reproduce import PAPERS, reproduce_paper
 from compplan.reproduce.page import describe_reproduction, write_reproduction
@@ -21,8 +22,11 @@ def command(paper: str, out: Path, as_json: bool) -> None:
 
     Example: compplan reproduce johra2022 --out out
     """
-    result = reproduce_paper(paper)
-    write_reproduction(result, out)
+    with show_progress() as progress:
+        progress(f"figures of {paper}")
+        result = reproduce_paper(paper)
+        progress("report")
+        write_reproduction(result, out)
     table = describe_reproduction(result)
     if as_json:
         click.echo(dump_json(table))

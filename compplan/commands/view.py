@@ -17,9 +17,12 @@ def command(out: Path, port: int, opened: bool) -> None:
 
     Example: compplan view out
     """
+    from compplan.commands.progress import show_progress
     from compplan.report.view.server import HOST, start_server
 
-    viewer = start_server(out, port)
+    with show_progress() as progress:
+        progress("the viewer starts")
+        viewer = start_server(out, port)
     address = f"http://{HOST}:{port}"
     click.echo(f"{out} at {address}, Ctrl-C ends it")
     if opened:
