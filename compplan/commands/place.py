@@ -46,4 +46,5 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
     click.echo(f"rotation_deg = {summary['part']['rotation_deg']}")
     if summary["base_height_mm"]:
         click.echo(f"# counted from the robot base, which is raised by {summary['base_height_mm']:g} mm")
-    click.echo(f"wrote place.json, report.html, place_map.png, posture_map.png to {folder}; next: put [part] into the job")
+    click.echo(f"wrote place.json, report.html, place_map.png, posture_map.png to {folder}")
+    click.echo("next: put [part] into the job, and plan")
