@@ -95,7 +95,7 @@ def examine(job: Job, plan: dict, rows: Rows) -> dict:
     found |= _feed_and_force(job, motion)
     found |= _limits(job, motion)
     found |= _efforts(job, cell, motion)
-    found |= _correction_and_contact(job, kinematics, motion)
+    found |= _correction_and_contact(job, cell, kinematics, motion)
     found |= _coverage(job, motion)
     found["clearance"] = least_clearance(job, kinematics, rows.q)
     return found
@@ -273,7 +273,8 @@ def _efforts(job: Job, cell: Cell, motion: Motion) -> dict:
     return found
 
 
-def _correction_and_contact(job: Job, kinematics: Kinematics, motion: Motion) -> dict:
+def _correction_and_contact(job: Job, cell: Cell, kinematics: Kinematics, motion: Motion) -> dict:
+    """The correction, and how deep a tip without process force stands below the path: stiff, or bent by weights."""
     rows = motion.rows
     offset = kinematics.tip(rows.q)[:, :3, 3] - rows.wanted
     size = np.linalg.norm(offset, axis=1)
@@ -281,11 +282,13 @@ def _correction_and_contact(job: Job, kinematics: Kinematics, motion: Motion) ->
     unforced[0] = True
     if acts_in_rapids(job):
         unforced[:] = False
-    depth = np.where(unforced, -np.einsum("ni,ni->n", offset, rows.axis), 0.0)
+    few = np.flatnonzero(unforced)
+    sagging = cell.rest(rows.q[few], np.zeros((len(few), 6))).position - rows.wanted[few]
+    depth = -np.maximum(*(np.einsum("ni,ni->n", each, rows.axis[few]) for each in (offset[few], sagging)))
     return {
         "correction_mm": float(size[motion.loaded].max() * MM),
         "most_correction_mm": job.most_correction * MM,
-        "rapid_inside_mm": float(max(depth.max(), 0.0) * MM),
+        "rapid_inside_mm": float(max(depth.max(initial=0.0), 0.0) * MM),
     }
 
 

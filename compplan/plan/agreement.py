@@ -84,7 +84,7 @@ def agree(
             progress(f"compensation: passes {len(found.command.solutions)}, solver iterations {spent}")
         excess, pieces = _missing_pieces(found)
         pieces = mending.allow(task, pieces, excess)
-        if last == DIVISIONS or not (pieces > 1).any():
+        if last == DIVISIONS or not (pieces > 1).any() or task.missed.any():
             break
         task = divide_by(task if not task.follows_feed else replace(task, wrench=found.task.wrench), pieces)
         if task.follows_feed:

@@ -29,7 +29,8 @@ from compplan.plan.task import Command, PlanTask, attain_rows
 from compplan.robot import Array
 from compplan.statics.sensitivity import AttainedPose
 
-MOST_PASSES = 10
+#: Passes at most; of a path that is out of reach in parts, which no pass can mend: the rest is polished all the same.
+MOST_PASSES, LOST_PASSES = 10, 2
 #: Passes in which rate rows are added; what still exceeds a rate then has its feed lowered.
 RATE_PASSES = 2
 #: Missed pose equations that count as kept. [m and rad]
@@ -70,7 +71,7 @@ def command_path(task: PlanTask) -> Command:
     near = np.minimum(task.q_start - problem.lower, problem.upper - task.q_start) < NEAR_LIMIT
     state = _State(task.q_start, Rows(near), attained)
     state = _try_waypoints(task, state, np.flatnonzero(task.missed))
-    for _ in range(MOST_PASSES):
+    for _ in range(LOST_PASSES if task.missed.any() else MOST_PASSES):
         state = _solve_pass(task, problem, state)
         state = _review(task, problem, state)
         if state.settled and _size(_missed(task, problem, state.q), state.rows.released).max() < NEARLY:
