@@ -35,8 +35,15 @@ def command(job: Path, folder: Path, robot: str | None, as_json: bool) -> None:
     Example: compplan plan paths/isf_cone.toml --out out
     """
     from compplan.job.job import load_job
+    from compplan.robot.folder import find_robot_folder
 
-    carry_out(load_job(job, robot), folder, as_json=as_json)
+    checked = load_job(job, robot)
+    learned = find_robot_folder(checked.robot, checked.folder) / f"learned_{job.stem}.csv"
+    note = (
+        f"{learned.name} in the robot folder: cut parts taught something of this path that this plan does not take off,"
+        " the program of compplan learn does"
+    )
+    carry_out(checked, folder, as_json=as_json, note=note if learned.is_file() else "")
 
 
 def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:

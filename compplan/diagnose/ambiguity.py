@@ -60,15 +60,9 @@ def find_rivals(fit: Fit, signature: int, values: Array | None = None) -> list[R
         values: Values of all columns; those of the fit's model where left out. Shape (p,).
     """
     ledger = fit.search.ledger
-    gram, _, _, _ = combine_ledger(ledger, fit.model.posterior.hyper)
     columns = ledger.columns(signature)
     values = (fit.model.posterior.values(ledger.p) if values is None else values)[columns]
-    whole = float(values @ gram[np.ix_(columns, columns)] @ values)
-    frames = _frame_columns(fit)
-    free = _without(gram, frames)
-    energy = float(values @ free[np.ix_(columns, columns)] @ values)
-    if energy < LEFT_BY_FRAMES * whole:
-        free, energy = gram, whole
+    free, energy = _measure_trace(fit, columns, values)
     if energy <= 0:
         return []
     claim = ledger.signatures[signature]
@@ -82,6 +76,41 @@ def find_rivals(fit: Fit, signature: int, values: Array | None = None) -> list[R
         if other.place not in best or rival.share > best[other.place].share:
             best[other.place] = rival
     return sorted(best.values(), key=lambda r: -r.share)[: 3 * MOST_RIVALS]
+
+
+def imitate_claim(fit: Fit, signature: int, place: Place, values: Array) -> tuple[int, Array, float]:
+    """Let the effect of another place do what a claim does, frames fitted to both.
+
+    Args:
+        fit: The fit.
+        signature: Number of the claimed signature.
+        place: Name, joint and axis of the other.
+        values: Values of the claim's columns, in units of their scale. Shape (k,).
+
+    Returns:
+        Number of the other signature, the best of its forms; values of its columns, in units of their scale; sum of
+        squares that it leaves of the claim's trace, in units of the noise variance.
+    """
+    ledger = fit.search.ledger
+    columns = ledger.columns(signature)
+    free, energy = _measure_trace(fit, columns, values)
+    claim, tries = ledger.signatures[signature], []
+    for number, other in enumerate(ledger.signatures):
+        if other.place == place and is_comparable(claim, other):
+            theirs = ledger.columns(number)
+            share = _share(free, columns, values, theirs, energy)
+            tries.append((share, -number, _solve_trace(free, columns, values, theirs)))
+    share, number, found = max(tries, key=lambda entry: entry[:2])
+    return -number, found, (1.0 - share) * energy
+
+
+def _measure_trace(fit: Fit, columns: NDArray[np.int_], values: Array) -> tuple[Array, float]:
+    """Return the products of all columns, frames taken out of them, and the squares of a claim's trace."""
+    gram, _, _, _ = combine_ledger(fit.search.ledger, fit.model.posterior.hyper)
+    whole = float(values @ gram[np.ix_(columns, columns)] @ values)
+    free = _without(gram, _frame_columns(fit))
+    energy = float(values @ free[np.ix_(columns, columns)] @ values)
+    return (gram, whole) if energy < LEFT_BY_FRAMES * whole else (free, energy)
 
 
 def _frame_columns(fit: Fit) -> NDArray[np.int_]:
@@ -111,12 +140,17 @@ def _without(gram: Array, nuisance: NDArray[np.int_]) -> Array:
 
 def _share(gram: Array, columns: NDArray[np.int_], values: Array, other: NDArray[np.int_], energy: float) -> float:
     against = gram[np.ix_(other, columns)] @ values
+    return float(np.clip(against @ _solve_trace(gram, columns, values, other) / energy, 0.0, 1.0))
+
+
+def _solve_trace(gram: Array, columns: NDArray[np.int_], values: Array, other: NDArray[np.int_]) -> Array:
+    """Return the values of other columns that explain the most of a trace; zero where they move nothing."""
     block = gram[np.ix_(other, other)]
     trace = float(np.trace(block))
     if trace <= 0:
-        return 0.0
-    solved = np.linalg.solve(block + 1e-9 * trace / len(block) * np.eye(len(block)), against)
-    return float(np.clip(against @ solved / energy, 0.0, 1.0))
+        return np.zeros(len(other))
+    against = gram[np.ix_(other, columns)] @ values
+    return np.asarray(np.linalg.solve(block + 1e-9 * trace / len(block) * np.eye(len(block)), against))
 
 
 def is_comparable(claim: Signature, other: Signature) -> bool:

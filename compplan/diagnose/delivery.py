@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnose.channels import block_index, position_residual
+from compplan.diagnose.explanations import name_rivals
 from compplan.diagnose.held_out import Folds, HeldOut, with_claims
 from compplan.diagnose.polish import polish_fit
 from compplan.diagnose.posterior import state_uncertainty
@@ -95,7 +96,7 @@ def deliver_folders(
         few = len(np.unique(block_index(fit.problem.campaign))) < MANY_STAYS
         decide = folds.decide_again(named) if few else None
         judged.append((CALIBRATED, every, folds.hold_out(every, decide=decide)))
-    sure = partial(state_uncertainty, fit, every, good=good)
+    sure = partial(state_uncertainty, fit, every, good=good, rivals=name_rivals(verdict))
     rest = Delivery(NOMINAL, nominal, plain, None, _residual(fit.problem, nominal), sure(nominal, plain))
     seen = good[plain.rows]
     useful = [option for option in judged if _is_better(option[2].of(seen), plain.of(seen), folds.pose[seen])]

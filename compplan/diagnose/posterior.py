@@ -2,21 +2,26 @@
 
 The parameters of all claims and of the background are normal about their posterior mean. The folder holds some of
 them; of the others it holds zero, so that their mean m counts as well: the second moment about the folder is
-S + m m^T. What the held-out poses show beyond noise and parameters is unexplained, and a conformal step widens both
-until the band holds those poses.
+S + m m^T. Where the campaign cannot tell a claim from other effects, the robot that each of these makes counts with
+its weight w, w m m^T with m what it is off the folder (`compplan.diagnose.explanations`). What the held-out poses show
+beyond noise and parameters is unexplained, and a conformal step widens both until the band holds those poses.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.ambiguity import Rival
 from compplan.diagnose.background import in_background
 from compplan.diagnose.channels import group_poses
 from compplan.diagnose.evidence import TAU_SCALE
+from compplan.diagnose.explanations import Explanation, explain_otherwise
 from compplan.diagnose.held_out import HeldOut, with_claims
+from compplan.diagnose.ledger import Ledger
 from compplan.diagnose.offers import REGISTRATION
 from compplan.diagnose.search import Claim
 from compplan.diagnose.state import Fit, State
@@ -24,7 +29,7 @@ from compplan.diagnose.unmodelled import UNMODELLED
 from compplan.effects import is_of_instrument
 from compplan.measure.distance import calibrate_band
 from compplan.robot import Array
-from compplan.robot.uncertainty import Uncertainty, Unknown, spread_unknowns
+from compplan.robot.uncertainty import RivalRobot, Uncertainty, Unknown, spread_unknowns
 
 #: Distances over which an unexplained error may forget itself: those that are tried, and what is taken where poses are
 #: too few to tell (assumed). [m]
@@ -35,16 +40,18 @@ FEWEST_POSES, MOST_POSES = 30, 400
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """Parameters of the posterior: their columns in the ledger and the second moment about the folder."""
+    """Parameters of the posterior: columns in the ledger, second moment about the folder, means that it lacks."""
 
     unknowns: tuple[Unknown, ...]
     columns: NDArray[np.int_]
     moment: Array
+    missing: Array
 
 
 def state_uncertainty(
-    fit: Fit, claims: list[Claim], state: State, held: HeldOut, good: NDArray[np.bool_]
-) -> Uncertainty:
+    fit: Fit, claims: list[Claim], state: State, held: HeldOut, good: NDArray[np.bool_],
+    rivals: Mapping[int, Sequence[Rival]] | None = None,
+) -> Uncertainty:  # fmt: skip
     """State how surely the delivered robot is known.
 
     Args:
@@ -53,6 +60,7 @@ def state_uncertainty(
         state: What is delivered; no values for the nominal robot.
         held: What the delivered model leaves on poses that it never saw.
         good: Rows that are no outliers. Shape (n,).
+        rivals: Effects that the campaign cannot tell from a claim, by its signature.
     """
     fitted = with_claims(_with_usual_classes(fit), claims, background=True)
     known = _collect(fitted, claims, state)
@@ -66,6 +74,9 @@ def state_uncertainty(
     place = fit.at.point[channel.rows][seen]
     pose = group_poses(campaign)[channel.rows][seen]
     factor, groups = calibrate_band(left, model[seen] + unexplained**2 / 3.0 * np.eye(3), noise[seen], pose)
+    mean = fitted.model.posterior.values(fitted.search.ledger.p)
+    others = explain_otherwise(fit, state, mean, rivals or {})
+    known, robots = _add_rivals(known, fit.search.ledger, others)
     unknowns, root = spread_unknowns(known.unknowns, known.moment)
     name = campaign.file.name if campaign.file else "a campaign"
     scatter = fit.problem.robot.repeatability or channel.noise.stay or None
@@ -79,6 +90,7 @@ def state_uncertainty(
         repeatability=scatter,
         calibration=factor,
         groups=groups,
+        rivals=robots,
     )
 
 
@@ -121,7 +133,44 @@ def _collect(fitted: Fit, claims: list[Claim], state: State) -> _Known:
     held = np.array([state.values.get(ledger.names[c], 0.0) for c in columns])
     missing = np.where(held == 0.0, posterior.mean[at] * scale, 0.0)
     moment = posterior.covariance[np.ix_(at, at)] * np.outer(scale, scale) + np.outer(missing, missing)
-    return _Known(tuple(unknowns), np.array(columns, int), moment)
+    return _Known(tuple(unknowns), np.array(columns, int), moment, missing)
+
+
+def _add_rivals(
+    known: _Known, ledger: Ledger, explanations: Sequence[Explanation]
+) -> tuple[_Known, tuple[RivalRobot, ...]]:
+    """Add what the robot is off under rival explanations: to the second moment, and one by one.
+
+    A cause changes the robot by d, which is d_r with weight w_r and else nothing. The mean that the folder lacks
+    becomes m + sum E(d), and its second moment grows by the covariances of all d.
+    """
+    unknowns, columns = list(known.unknowns), known.columns.tolist()
+    for one in explanations:
+        theirs = zip(one.columns[-len(one.signature.keys) :], one.signature.keys, strict=True)
+        new = [(int(c), key) for c, key in theirs if int(c) not in columns]
+        if new:
+            keys, s = tuple(key for _, key in new), one.signature
+            unknowns.append(Unknown(s.name, s.joint, s.axis, keys, np.zeros(len(new)), dict(s.fixed)))
+            columns += [c for c, _ in new]
+    p, grown = len(columns), len(columns) - len(known.columns)
+    missing = np.pad(known.missing, (0, grown))
+    moment = np.pad(known.moment, (0, grown)) - np.outer(missing, missing)
+    means: dict[tuple[str, str | None, str | None], Array] = {}
+    others = []
+    for one in explanations:
+        shift, change = np.zeros(p), np.zeros(p)
+        for column, off, moved in zip(one.columns, one.shift, one.change, strict=True):
+            if column in columns:
+                shift[columns.index(column)], change[columns.index(column)] = off, moved
+        moment += one.weight * np.outer(change, change)
+        means[one.instead.place] = means.get(one.instead.place, np.zeros(p)) + one.weight * change
+        name, instead = (" ".join(part for part in s.place if part) for s in (one.signature, one.instead))
+        others.append(RivalRobot(name, instead, one.weight, shift))
+    for mean in means.values():
+        moment -= np.outer(mean, mean)
+    missing = missing + sum(means.values(), np.zeros(p))
+    moment += np.outer(missing, missing)
+    return _Known(tuple(unknowns), np.array(columns, int), moment, missing), tuple(others)
 
 
 def _model_covariance(fitted: Fit, known: _Known) -> Array:

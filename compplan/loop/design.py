@@ -202,9 +202,12 @@ def random_choice(design: Design, candidates: Candidates, count: int, seed: int,
 
 
 def update_known(known: Uncertainty, covariance: Array) -> Uncertainty:
-    """Return what is known with another covariance of the parameters (calibration included in it)."""
+    """Return what is known with another covariance of the parameters (calibration included in it).
+
+    Rival explanations stay in it by their mean square; one by one they are not kept.
+    """
     unknowns, factor = spread_unknowns(known.unknowns, covariance / known.calibration**2)
-    return replace(known, unknowns=unknowns, factor=factor)
+    return replace(known, unknowns=unknowns, factor=factor, rivals=())
 
 
 def _exchange(chosen: list[int], before: Array, rows: Array, weight: Array, noise: float) -> bool:

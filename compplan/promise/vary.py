@@ -18,7 +18,7 @@ from compplan.effects.scene import Scene
 from compplan.effects.signature import pack_parameters
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot, Spring
-from compplan.robot.uncertainty import Uncertainty, Unknown, split_unknowns
+from compplan.robot.uncertainty import Uncertainty, Unknown, factor_covariance, split_unknowns
 
 #: Waves that a drawn field is made of.
 WAVES = 64
@@ -101,9 +101,24 @@ def vary_scene(scene: Scene, unknowns: Sequence[Unknown], values: Array) -> Scen
 
 
 def draw_values(known: Uncertainty, count: int, seed: int) -> Array:
-    """Draw parameters about the folder's values, as calibrated. Shape (count, p). [SI]."""
-    normal = np.random.default_rng(seed).standard_normal((count, known.factor.shape[1]))
-    return np.asarray(known.calibration * normal @ known.root.T)
+    """Draw parameters about the folder's values, as calibrated. Shape (count, p). [SI].
+
+    Where there are rival explanations, each draw takes one of each cause's, or the folder's, by their weights; the rest
+    of the covariance is normal about it.
+    """
+    random = np.random.default_rng(seed)
+    if not known.rivals:
+        return np.asarray(known.calibration * random.standard_normal((count, known.factor.shape[1])) @ known.root.T)
+    moment = sum(rival.weight * np.outer(rival.shift, rival.shift) for rival in known.rivals)
+    deviation, factor = factor_covariance(known.covariance - moment)
+    values = random.standard_normal((count, factor.shape[1])) @ (deviation[:, None] * factor).T
+    for cause in dict.fromkeys(rival.instead for rival in known.rivals):
+        own = [rival for rival in known.rivals if rival.instead == cause]
+        weights = np.array([rival.weight for rival in own])
+        weights = np.r_[weights, max(1.0 - weights.sum(), 0.0)]
+        picked = random.choice(len(weights), size=count, p=weights / weights.sum())
+        values += np.vstack([*(rival.shift for rival in own), np.zeros_like(deviation)])[picked]
+    return np.asarray(known.calibration * values)
 
 
 def draw_field(known: Uncertainty, seed: int, number: int) -> Field:

@@ -20,6 +20,13 @@
     deviation = [1.2e-8]               # one standard deviation, SI
     factor    = [[0.6, 0.8]]           # one row a key: correlation = F F^T, rows of length 1
 
+    [[rival]]                          # what the measurements cannot tell from a cause that the folder holds
+    explanation = "link_compliance joint_2 ry"
+    instead   = "joint_stiffness joint_2"
+    weight    = 0.4                    # its probability
+    parameter = [1, 7]                 # the robot is then off the folder by these parameters, counted from 1 ...
+    shift     = [-3.0e-8, 2.6e-8]      # ... SI; weight times its square is in deviation and factor already
+
 A row of F gives the columns from the first on; the rest are zero. Unknowns without `factor` are independent of all
 others. A key "name#i" is item i of the list "name"; `fixed` holds settings of the effect that are not unknown.
 """
@@ -78,6 +85,23 @@ class Unknown:
 
 
 @dataclass(frozen=True, eq=False)
+class RivalRobot:
+    """Another explanation of what was measured than the folder holds.
+
+    Attributes:
+        explanation: The effect and its place.
+        instead: The one that the folder holds.
+        weight: Its probability.
+        shift: What the robot is then off the folder. Shape (p,). [SI]
+    """
+
+    explanation: str
+    instead: str
+    weight: float
+    shift: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Uncertainty:
     """How surely a robot is known: p parameters about the values of its folder, normal, mean zero.
 
@@ -91,6 +115,7 @@ class Uncertainty:
         repeatability: Standard deviation of the robot per axis, or None where nothing tells it. [m]
         calibration: Factor on the deviations of parameters and unexplained from poses that the fit never saw.
         groups: Groups of such poses; 0 where there were none.
+        rivals: Explanations that the measurements cannot tell from what the folder holds; in the covariance already.
     """
 
     grade: str
@@ -102,6 +127,7 @@ class Uncertainty:
     repeatability: float | None = None
     calibration: float = 1.0
     groups: int = 0
+    rivals: tuple[RivalRobot, ...] = ()
 
     @property
     def deviation(self) -> Array:
@@ -130,7 +156,8 @@ class Uncertainty:
             [np.full(len(u.keys), flag) for u, flag in zip(self.unknowns, flags, strict=True)] or [np.zeros(0, bool)]
         )
         unknowns = tuple(u for u, flag in zip(self.unknowns, flags, strict=True) if flag)
-        return replace(self, unknowns=unknowns, factor=self.factor[rows])
+        rivals = tuple(replace(rival, shift=rival.shift[rows]) for rival in self.rivals)
+        return replace(self, unknowns=unknowns, factor=self.factor[rows], rivals=rivals)
 
 
 def split_unknowns(unknowns: Sequence[Unknown], values: Array) -> list[tuple[Unknown, Array]]:
@@ -188,6 +215,16 @@ class UnknownTable(StrictTable):
     factor: Annotated[tuple[Numbers, ...], Field(strict=False)] | None = None
 
 
+class RivalTable(StrictTable):
+    """[[rival]]: another explanation than the folder holds."""
+
+    explanation: str
+    instead: str
+    weight: float = Field(gt=0.0, lt=1.0)
+    parameter: Annotated[tuple[Annotated[int, Field(ge=1, le=MOST_UNKNOWN)], ...], Field(strict=False, min_length=1)]
+    shift: Annotated[Numbers, Field(strict=False)]
+
+
 class UncertaintyTable(StrictTable):
     """uncertainty.toml of a robot folder."""
 
@@ -198,6 +235,7 @@ class UncertaintyTable(StrictTable):
     unexplained: UnexplainedTable = UnexplainedTable(rms_mm=0.0)
     calibration: CalibrationTable = CalibrationTable(factor=1.0, groups=0)
     unknown: Annotated[tuple[UnknownTable, ...], Field(strict=False, max_length=MOST_UNKNOWN)] = ()
+    rival: Annotated[tuple[RivalTable, ...], Field(strict=False, max_length=MOST_UNKNOWN)] = ()
 
 
 def read_uncertainty(file: Path) -> Uncertainty | None:
@@ -238,6 +276,7 @@ def read_uncertainty(file: Path) -> Uncertainty | None:
         repeatability=None if scatter is None else scatter * 1e-3,
         calibration=table.calibration.factor,
         groups=table.calibration.groups,
+        rivals=tuple(_read_rival(entry, len(rows), file, f"rival[{k}]") for k, entry in enumerate(table.rival)),
     )
 
 
@@ -267,7 +306,24 @@ def format_uncertainty(uncertainty: Uncertainty) -> str:
             lines += ["[unknown.fixed]", tomli_w.dumps(dict(unknown.fixed)).rstrip()]
         lines.append("")
         first += len(unknown.keys)
+    for rival in uncertainty.rivals:
+        moved = np.flatnonzero(rival.shift)
+        lines += ["[[rival]]", f"explanation = {_quote(rival.explanation)}", f"instead = {_quote(rival.instead)}"]
+        lines += [f"weight = {_short(rival.weight)}", f"parameter = {(moved + 1).tolist()}"]
+        lines += [f"shift = {_format_row(rival.shift[moved])}", ""]
     return "\n".join(lines)
+
+
+def _read_rival(entry: RivalTable, p: int, file: Path, where: str) -> RivalRobot:
+    if len(entry.shift) != len(entry.parameter):
+        message = f"has {len(entry.shift)} numbers, expected {len(entry.parameter)}, one a parameter"
+        raise InputError(message, file=file, where=f"{where}.shift")
+    if max(entry.parameter) > p or len(set(entry.parameter)) < len(entry.parameter):
+        message = f"is {list(entry.parameter)}, expected different numbers from 1 to {p}"
+        raise InputError(message, file=file, where=f"{where}.parameter")
+    shift = np.zeros(p)
+    shift[np.array(entry.parameter) - 1] = entry.shift
+    return RivalRobot(entry.explanation, entry.instead, entry.weight, shift)
 
 
 def _check_factor(entry: UnknownTable, file: Path, where: str) -> list[tuple[float, ...] | None]:
