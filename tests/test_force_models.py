@@ -89,6 +89,16 @@ def test_without_stock_a_block_below_the_top_is_assumed_and_said(tmp_path) -> No
         load_path(make_job(tmp_path, bare))
 
 
+@pytest.mark.parametrize(("top", "told"), [(0.0, False), (0.3, False), (30.0, True), (-1.0, True)])
+def test_a_stock_that_does_not_end_where_the_cam_program_has_zero_is_told(top: float, told: bool, tmp_path) -> None:
+    (tmp_path / "slot.nc").write_text("G21 G90 G17\nG0 X-10 Y20 Z10\nG1 Z-2 F600\nG1 X60\nG1 Z10\nM30\n")
+    stock = {"block_mm": [[0.0, 0.0, -20.0], [50.0, 40.0, top]]}
+    job = make_job(tmp_path, {**MILL, "stock": stock})
+    note = load_path(job.model_copy(update={"toolpath": "slot.nc"}))[1].note
+    assert ("the top of the stock: compare the zeros" in note) == told
+    assert (f"The stock's top lies at z = {top:g} mm" in note) == told
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [

@@ -10,7 +10,7 @@ from compplan.errors import InputError
 from compplan.files.tables import Array
 from compplan.job.job import Job
 from compplan.path.corners import round_corners
-from compplan.path.force_law import ForceLaw, read_stock_top
+from compplan.path.force_law import ForceLaw, compare_zero, read_stock_top
 from compplan.path.forces.cutting import CuttingTable, prepare_cutting
 from compplan.path.forces.process_stiffness import read_coupling
 from compplan.path.generators import generate_toolpath
@@ -75,6 +75,8 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
     cutting = None
     if isinstance(job.process, CuttingTable):
         cutting = prepare_cutting(job.process, toolpath, top, job.file)
+        if from_cam and job.process.stock is not None:
+            note = compare_zero(cutting, toolpath)
     nominal = place_toolpath(toolpath, job.T_base_part)
     note = " ".join([*([note] if note else []), *describe_process(job.process, nominal, cutting)])
     coupling = read_coupling(job.coupling, job.T_base_part[:3, :3], cutting, job.process.model, job.file)

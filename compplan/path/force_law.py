@@ -16,6 +16,8 @@ from compplan.path.toolpath import Toolpath
 
 #: A CAM program has to move this far above and below z = 0 for that to be taken for the stock's top. [m]
 STOCK_ROOM = 1e-5
+#: A stock whose top is this near to z = 0 of a CAM program needs no word; an allowance may lie on it. [m]
+ALLOWANCE = 5e-4
 #: A tool that is nearer to its path than this stands on it. [m]
 ON_PATH = 1e-7
 
@@ -144,7 +146,30 @@ def read_stock_top(process: Process, toolpath: Toolpath, *, from_cam: bool) -> t
         return None, ""
     if process.stock_top_mm is not None:
         return process.stock_top_mm * 1e-3, ""
-    height = toolpath.position[~toolpath.rapid, 2]
-    if not from_cam or not len(height) or not (height.min() < -STOCK_ROOM and height.max() > STOCK_ROOM):
+    if not from_cam or not _crosses_zero(toolpath):
         return None, ""
     return 0.0, "The stock's top is taken to be z = 0 of the CAM program (assumed); above it the tool carries no force."
+
+
+def compare_zero(cutting: CuttingForce, toolpath: Toolpath) -> str:
+    """Say where the top of a given stock is not z = 0 of a CAM program that moves above and below it; "" elsewhere.
+
+    Args:
+        cutting: The engagement, with the stock.
+        toolpath: The toolpath of the CAM program, part frame.
+    """
+    bench = cutting.bench
+    if bench.R_view[2, 2] < 1.0 - 1e-12 or not _crosses_zero(toolpath):
+        return ""
+    top = float(bench.stock.bounds()[1, 2])
+    if abs(top) <= ALLOWANCE:
+        return ""
+    return (
+        f"The stock's top lies at z = {1e3 * top:.4g} mm, while z = 0 of a CAM program is by custom the top of the "
+        "stock: compare the zeros of the two files; if they differ, depth and force are wrong."
+    )
+
+
+def _crosses_zero(toolpath: Toolpath) -> bool:
+    height = toolpath.position[~toolpath.rapid, 2]
+    return bool(len(height) and height.min() < -STOCK_ROOM and height.max() > STOCK_ROOM)
