@@ -73,6 +73,14 @@ class Page:
         for kind in ("mousePressed", "mouseReleased"):
             self.ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
+    def press(self, key: str) -> None:
+        """Press and release a key: Tab, Enter or Escape."""
+        code = {"Tab": 9, "Enter": 13, "Escape": 27}[key]
+        text = {"text": "\r"} if key == "Enter" else {}
+        pressed = {"key": key, "code": key, "windowsVirtualKeyCode": code}
+        self.ask("Input.dispatchKeyEvent", type="keyDown", **pressed, **text)
+        self.ask("Input.dispatchKeyEvent", type="keyUp", **pressed)
+
     def save_picture(self, file: Path, *, whole: bool = True) -> None:
         """Save what is shown, or the whole page, as PNG."""
         picture = self.ask("Page.captureScreenshot", captureBeyondViewport=whole)

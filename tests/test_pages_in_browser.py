@@ -56,6 +56,32 @@ def test_a_waypoint_that_is_hovered_in_one_chart_is_shown_in_the_others(page: Pa
     assert page.complaints == []
 
 
+def test_everything_that_can_be_clicked_is_reached_and_used_by_the_keyboard(page: Page, file: Path) -> None:
+    page.open(file.as_uri(), 1300)
+    page.wait(DRAWN)
+    wanted = page.run("document.querySelectorAll('nav a, button:not([hidden]), summary, .scroll').length")
+    page.run("document.activeElement.blur()")
+    told = "(() => { const e = document.activeElement; return [e.tagName, e.id, getComputedStyle(e).outlineStyle]; })()"
+    met = []
+    for _ in range(wanted + 10):
+        page.press("Tab")
+        tag, name, outline = page.run(told)
+        if tag == "BODY":
+            break
+        met.append(tag)
+        assert outline != "none", (tag, name)
+        if name == "theme":
+            before = page.run("document.documentElement.dataset.theme")
+            page.press("Enter")
+            assert page.run("document.documentElement.dataset.theme") != before
+            page.press("Enter")
+        if tag == "SUMMARY":
+            page.press("Enter")
+            assert page.run("document.activeElement.parentElement.open")
+    assert len(met) >= wanted
+    assert {"BUTTON", "A", "SUMMARY", "DIV"} <= set(met)
+
+
 def test_the_page_prints_with_its_scenes(page: Page, file: Path, tmp_path: Path) -> None:
     page.open(file.as_uri(), 1300)
     page.wait(DRAWN)
