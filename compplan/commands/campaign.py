@@ -66,3 +66,4 @@ def command(
     if len(campaign.touching):
         click.echo(f"the way to pose {', '.join(str(k + 1) for k in campaign.touching)} touches something: go around")
     click.echo(f"wrote {', '.join(summary['files'])} to {folder}")
+    click.echo(f"next: measure, fill in {folder / 'campaign.csv'}, and compplan diagnose it with the robot of the job")

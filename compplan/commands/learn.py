@@ -53,6 +53,8 @@ def command(job: Path, measured: Path, robot_name: str, folder: Path, frame: str
                 " directions that were measured"
             )
         click.echo(f"wrote {', '.join(summary['files'])} to {folder}")
+        if teaching.lesson.taken:
+            click.echo(f"next: cut a part with it, measure that, and learn again with --robot {folder / 'robot'}")
     if teaching.after.status != "solved":
         failing, limits = teaching.after.command.failures, set(teaching.after.command.failures.values())
         message = f"{teaching.after.explain_failures()}; the best compromise is written"

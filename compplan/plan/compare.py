@@ -86,6 +86,8 @@ def compare_job(job: Job, *, announce: Callable[[str], None] | None = None) -> C
         InputError: If the job is not what it has to be, or the part is out of reach.
 
     """
+    if announce:
+        announce("robot, toolpath and posture")
     robot, nominal, options = prepare_job(job)
     task = build_task(robot, nominal, options, file=job.file)
     comparison = compare_task(task, name=job.name or job.file.stem, announce=announce)
