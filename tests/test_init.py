@@ -84,3 +84,13 @@ def test_words_that_make_no_sense_end_in_one_line_and_write_nothing(words, tmp_p
     done = run_command(words, monkeypatch, capsys)
     assert done.status == 2 and done.err.startswith("error: ") and done.err.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_the_first_job_of_a_small_arm_has_a_force_that_its_joints_bear(tmp_path, monkeypatch, capsys) -> None:
+    answer = run_command(["init", tmp_path / "job.toml", "--robot", "fanuc_lrmate200id7l"], monkeypatch, capsys)
+    assert answer.status == 0, answer.err
+    job = load_job(tmp_path / "job.toml")
+    push, lever = job.process.axial_N, 1e-3 * job.part.position_mm[0]  # of a push along the axis on the second joint
+    effort = load_robot("fanuc_lrmate200id7l").effort_limits[1]
+    assert push * lever < effort < 1200.0 * lever and push > 10.0
+    assert job.process.lateral_N == pytest.approx(push / 3.0, rel=0.1)

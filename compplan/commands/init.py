@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from pathlib import Path
@@ -10,10 +11,11 @@ import click
 import tomli_w
 
 from compplan.commands.completion import complete_robots
+from compplan.commands.progress import show_progress
 from compplan.errors import CompplanError, InputError
 from compplan.files.tables import write_text
 from compplan.files.transaction import replace_folder
-from compplan.job.text import mount_tool, set_place, shorten_job, write_job_text
+from compplan.job.text import mount_tool, set_force, set_place, shorten_job, write_job_text
 from compplan.measure.skeleton import write_log_text
 from compplan.path.cam import list_suffixes
 from compplan.path.reading import read_toolpath
@@ -26,6 +28,8 @@ from compplan.robot.skeleton import write_skeleton
 OPTIONAL = ("# required", "# stock_top_mm")
 #: Stands for the feed that the job may state, while a toolpath is only looked at. [m/s]
 ANY_FEED = 0.01
+#: Pitch of the example cone that shows what force the arm bears. [mm]
+FEW_TURNS_MM = 5.0
 
 
 @click.command()
@@ -41,7 +45,8 @@ def command(
 ) -> None:
     """Write a job FILE (default job.toml) in which every key is explained; or a robot folder; or an empty log.
 
-    With a robot, the part is put where the arm reaches its path, and the tool leaves the flange straight: both assumed.
+    With a robot, the part is put where the arm reaches its path, the tool leaves the flange straight, and the forces
+    of the example path are such as the arm bears: all assumed.
 
     Example: compplan init part.toml --robot ur10 --toolpath part.nc
 
@@ -89,7 +94,12 @@ def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short
         text = re.sub(r'# toolpath = "part.nc"\n.*?\n(?=\[part\])', lambda _: line, text, count=1, flags=re.DOTALL)
         text = _choose_process(text, "columns" if toolpath.lower().endswith(".csv") else "milling")
     if robot is not None:
-        text, place = place_part(text, file)
+        with show_progress() as announce:
+            announce("place of the part")
+            text, place = place_part(text, file)
+            if toolpath is None:
+                announce("force that the arm bears")
+                text = ease_force(text, file)
     write_text(file, shorten_job(text) if short else text)
     if place:
         click.echo(place)
@@ -127,6 +137,31 @@ def place_part(text: str, file: Path) -> tuple[str, str]:
     position = [round(1e3 * float(value), 1) + 0.0 for value in found.position]
     why = "amid the places from which the arm reaches the path" if found.tried else "before the arm, not tried"
     return set_place(text, position, f"assumed: {why}; put yours"), f"the part stands at {position} mm (assumed: {why})"
+
+
+def ease_force(text: str, file: Path) -> str:
+    """Lower the force of a job's text to what its arm bears; it stays where the path cannot be followed."""
+    from compplan.job.job import check_job
+    from compplan.path.process import IsfProcess
+    from compplan.plan.first_force import bearable_share
+
+    try:
+        tables = tomllib.loads(text)
+        tables["toolpath"]["pitch_mm"] = FEW_TURNS_MM
+        job = check_job(tables, file)
+        share = bearable_share(job)
+    except CompplanError:
+        return text
+    if share == 1.0 or not isinstance(job.process, IsfProcess):
+        return text
+    axial, lateral = (_round_down(share * force) for force in (job.process.axial_N, job.process.lateral_N))
+    return set_force(text, axial, lateral, "assumed: what this arm bears there; put yours")
+
+
+def _round_down(value: float) -> float:
+    """Round a positive number down to two digits."""
+    step = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return round(math.floor(value / step) * step, 6)
 
 
 def _check_toolpath(path: Path) -> None:

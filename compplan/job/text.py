@@ -301,6 +301,13 @@ def set_place(text: str, position_mm: list[float], comment: str) -> str:
                   text, count=1, flags=re.DOTALL)  # fmt: skip
 
 
+def set_force(text: str, axial: float, lateral: float, comment: str) -> str:
+    """Put other forces of sheet forming into a job's text. [N]"""
+    for key, value in (("axial_N", axial), ("lateral_N", lateral)):
+        text = re.sub(rf"(?m)^{key} = [^#\n]*# ", f"{f'{key} = {value}':<36}# {comment}; ", text, count=1)
+    return text
+
+
 def shorten_job(text: str) -> str:
     """Return the keys of a commented job that one needs first, with their comments."""
     kept, table = ["# A compplan job: the keys that one needs first. All of them: compplan init without --short."], ""
