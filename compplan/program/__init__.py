@@ -92,7 +92,7 @@ def check_brand(controller: str, language: str) -> None:
 
 
 def list_languages(controller: str) -> list[str]:
-    """List the languages that a controller may have, in the order of `WRITERS`: all where its brand is not known.
+    """List the languages that a controller may have, its own brand's first: all of `WRITERS` where that is not known.
 
     Args:
         controller: What controller the robot has, as controller.toml names it.
@@ -100,7 +100,8 @@ def list_languages(controller: str) -> list[str]:
     """
     brands = {name: _brand(name) for name in WRITERS}
     own = {brand for brand in brands.values() if brand and brand.lower() in controller.lower()}
-    return [name for name, brand in brands.items() if not own or not brand or brand in own]
+    spoken = [name for name, brand in brands.items() if not own or not brand or brand in own]
+    return sorted(spoken, key=lambda name: brands[name] not in own)
 
 
 def check_languages(robot: Robot, languages: Sequence[str], *, file: Path) -> None:
