@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import plotly.graph_objects as go
@@ -32,8 +33,10 @@ from compplan.report.along_path import draw_lines, find_spans
 from compplan.report.compare_page import CompareView, summarise_comparison, write_comparison
 from compplan.report.force_moves import mark_force, tell_force
 from compplan.report.page import share_values
+from compplan.report.panels import draw_small_multiples
 from compplan.report.path_scene import choose_magnification, draw_cell
 from compplan.report.plan_page import PlanView, summarise_plan, write_view
+from compplan.report.posture_section import _show_map
 from compplan.report.robot_picture import project_points, save_robot_picture
 from compplan.report.robot_scene import draw_robot, place_meshes, shade_faces
 from compplan.report.style import format_angle, format_length, format_number, format_percent, mark_decades
@@ -374,6 +377,34 @@ def test_the_page_of_fifty_thousand_waypoints_stays_small_and_keeps_its_peak(tmp
 
     values = np.frombuffer(base64.b64decode(planned["bdata"]), planned["dtype"])
     assert np.nanmax(values) == pytest.approx(0.2, rel=1e-6)
+
+
+def test_thirteen_strategies_get_thirteen_charts_on_the_same_axes() -> None:
+    x, line = np.linspace(0.5, 1.5, 11), np.linspace(1.0, 2.0, 11)
+    panels = {f"strategy {k}": {"compliance": k * line, "wrench": 0.5 * k * line} for k in range(13)}
+    figure = draw_small_multiples(x, panels, ("true over modelled", "rms, mm"))
+    drawn = [trace.xaxis for trace in figure.data]
+    assert len(set(drawn)) == 13 and max(map(drawn.count, drawn)) == 2
+    assert sum(trace.showlegend for trace in figure.data) == 2
+    axes = [figure.layout[key] for key in figure.layout if str(key).startswith("yaxis")]
+    np.testing.assert_allclose([axis.range for axis in axes], [[0.0, 1.06 * 24.0]] * 13)
+
+
+def test_a_held_rotation_is_drawn_as_a_line_along_the_path() -> None:
+    held = SimpleNamespace(spin=np.zeros(1), length=np.linspace(0, 1, 20), sensitivity=np.full((20, 1), 2e-4),
+                           reason=np.zeros((20, 1), int), chosen=np.zeros(20))  # fmt: skip
+    chart = _show_map(held)  # type: ignore[arg-type]
+    assert [trace.type for trace in chart.figure.data] == ["scatter"]
+    np.testing.assert_allclose(chart.figure.data[0].y, 0.2)
+    turned = replace_attributes(held, spin=np.linspace(0, 3, 4), sensitivity=np.full((20, 4), 2e-4),
+                                reason=np.zeros((20, 4), int))  # fmt: skip
+    assert "All rotations are alike" in _show_map(turned).caption  # type: ignore[arg-type]
+    turned.sensitivity = turned.sensitivity * np.linspace(1.0, 1.5, 4)
+    assert "alike" not in _show_map(turned).caption  # type: ignore[arg-type]
+
+
+def replace_attributes(old: SimpleNamespace, **new: object) -> SimpleNamespace:
+    return SimpleNamespace(**{**vars(old), **new})
 
 
 def test_magnification_shows_the_deviation_without_hiding_the_path() -> None:

@@ -116,7 +116,7 @@ def _parameters(entries: list[dict[str, Any]]) -> PageTable:
     rows = [
         [
             entry["name"],
-            entry["unit"],
+            entry["unit"].replace(" ", "\u00a0"),
             entry["before"],
             TableCell(entry["value"], "strong"),
             *entry["interval_95"],
