@@ -387,7 +387,7 @@ def test_thirteen_strategies_get_thirteen_charts_on_the_same_axes() -> None:
     assert len(set(drawn)) == 13 and max(map(drawn.count, drawn)) == 2
     assert sum(trace.showlegend for trace in figure.data) == 2
     axes = [figure.layout[key] for key in figure.layout if str(key).startswith("yaxis")]
-    np.testing.assert_allclose([axis.range for axis in axes], [[0.0, 1.06 * 24.0]] * 13)
+    np.testing.assert_allclose([axis.range for axis in axes], np.tile([0.0, 1.06 * 24.0], (15, 1)))
 
 
 def test_a_held_rotation_is_drawn_as_a_line_along_the_path() -> None:
