@@ -149,7 +149,9 @@ def _draw_stiffness(certificate: Certificate) -> Any:
             y = [None if p is None or not np.isfinite(p) else 1e-6 * p for p in points]
             marker = {"color": colour, "size": 9, "symbol": "diamond-open"}
             figure.add_trace(go.Scatter(x=names, y=y, mode="markers", name=label, marker=marker))
-    figure.update_yaxes(title_text="stiffness, MN m/rad", type="log")
+    ticks = [step * 10.0**power for power in range(-6, 7) for step in (1, 2, 5)]
+    names = [f"{tick:g}" for tick in ticks]
+    figure.update_yaxes(title_text="stiffness, MN m/rad", type="log", tickvals=ticks, ticktext=names)
     return figure
 
 
