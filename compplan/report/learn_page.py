@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -133,7 +134,8 @@ def _learned(teaching: Teaching) -> PageTable:
     for one in teaching.learned:
         place = TableCell("robot folder", "good") if one.kept else TableCell("this path", "muted")
         moved, width = (show_size(one.key, value) for value in (one.value, one.width))
-        rows.append([one.name.replace("_", " "), moved, width, one.value / one.width if one.width > 0 else None, place])
+        name = re.sub(r"_(rad|m)#\d+$", "", one.name).replace("_", " ")
+        rows.append([name, moved, width, one.value / one.width if one.width > 0 else None, place])
     columns = [
         Column("parameter"), Column("change"), Column("known to"), Column("change over that", "", 2), Column("kept in"),
     ]  # fmt: skip
