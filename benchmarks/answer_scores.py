@@ -116,8 +116,7 @@ def score_answer(case: str, truth: Table, answer: Table) -> Score:
     said = answer["verdict"]["effects"]
     known = [e for e in truth["effects"] if is_known(e)]
     required = [e for e in known if e.get("required", True)]
-    sigma = truth.get("sigma_mm")
-    small = [b for b in truth.get("background", []) if size_of(b, sigma) >= REAL]
+    small = list_small(truth)
     placed = tuple(any(names(c, e) for c in said) for e in required)
     gone = truth.get("split", {}).get("fresh", {}).get("outlier_rows", [])
     return Score(
@@ -134,6 +133,11 @@ def score_answer(case: str, truth: Table, answer: Table) -> Score:
         floor=float(truth.get("noise_floor_rms_mm") or np.nan),
         seconds=float(answer.get("seconds") or np.nan),
     )
+
+
+def list_small(truth: Table) -> list[Table]:
+    """List the small errors of a truth that may be named."""
+    return [b for b in truth.get("background", []) if size_of(b, truth.get("sigma_mm")) >= REAL]
 
 
 def judge(claim: Table, known: Sequence[Table], small: Sequence[Table]) -> Claim:

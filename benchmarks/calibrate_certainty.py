@@ -11,25 +11,19 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import expit
 
+from benchmarks.answer_scores import is_known, judge, list_small
+from benchmarks.contestants import read_truth
 from compplan.diagnose.certainty import Evidence, features_of
 
 Array = NDArray[np.float64]
 #: Half the precision of the weights' normal prior, and folds of the check.
 RIDGE, FOLDS = 2.0, 5
-#: Background errors this many noise standard deviations large are no wrong names.
-VISIBLE = 1.0
-
-
-def place(table: dict[str, Any]) -> tuple[str, str | None, str | None]:
-    """Return effect, joint and axis of a table."""
-    return table["effect"], table.get("joint"), table.get("axis")
 
 
 def read_claims(suite: Path, answers: Path) -> tuple[Array, Array]:
@@ -40,14 +34,13 @@ def read_claims(suite: Path, answers: Path) -> tuple[Array, Array]:
         answer = next((f for f in (answers / case / "diagnosis.json", answers / f"{case}.json") if f.exists()), None)
         if answer is None:
             continue
-        truth, verdict = json.loads(file.read_text()), json.loads(answer.read_text()).get("verdict", {})
-        true = {place(e) for e in truth["effects"]} | {place(a) for e in truth["effects"] for a in e["acceptable"]}
-        true |= {place(b) for b in truth.get("background", []) if (b.get("over_sigma") or 0.0) >= VISIBLE}
+        truth, verdict = read_truth(file.parent), json.loads(answer.read_text()).get("verdict", {})
+        known, small = [e for e in truth["effects"] if is_known(e)], list_small(truth)
         for claim in (*verdict.get("effects", []), *verdict.get("doubtful", [])):
             shown = claim.get("evidence")
             if shown:
                 features.append(features_of(Evidence(**shown)))
-                right.append(place(claim) in true)
+                right.append(judge(claim, known, small).right)
     return np.array(features), np.array(right, float)
 
 
