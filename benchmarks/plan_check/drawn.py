@@ -43,7 +43,7 @@ def write_drawn(folder: Path, seed: int) -> Path:
     job = {
         "schema": 1, "name": name, "robot": robot, "toolpath": f"{name}.csv",
         "part": {"position_mm": (1e3 * pose[:3, 3]).round(3).tolist(), "rotation_deg": rotation.round(6).tolist()},
-        "tool": tool, "process": _draw_force(rng, _reach(arm)), "plan": _draw_wishes(rng),
+        "tool": tool, "process": _draw_force(rng, arm, pose), "plan": _draw_wishes(rng),
     }  # fmt: skip
     if rng.random() < 0.3:
         job["posture"] = {"preset": str(rng.choice(["accurate", "smooth", "fast"]))}
@@ -113,9 +113,14 @@ def _draw_path(rng: np.random.Generator, size: float) -> tuple[Array, Array, flo
     return tip, axis, float(rng.uniform(5.0, 120.0))
 
 
-def _draw_force(rng: np.random.Generator, reach: float) -> dict:
-    """Draw a force of tens of newtons for a small arm to a kilonewton for a large one."""
-    size = float(rng.uniform(10.0, 120.0)) * reach**2
+def _draw_force(rng: np.random.Generator, arm: Arm, pose: Array) -> dict:
+    """Draw a force that takes a tenth to nine tenths of a joint's effort, with the levers of the tip."""
+    frames, _ = Kinematics(arm).frames(np.zeros((1, len(arm.commanded))))
+    wrist = np.linalg.norm(frames[arm.joints[-1].child][0, :3, 3] - frames[arm.commanded[-1].child][0, :3, 3])
+    levers = [1.0 if joint.slides else np.linalg.norm(pose[:3, 3]) for joint in arm.commanded[:-3]] + [wrist] * 3
+    efforts = [joint.effort for joint in arm.commanded]
+    most = min(effort / max(lever, 0.05) for effort, lever in zip(efforts, levers, strict=True))
+    size = float(rng.uniform(0.1, 0.9)) * min(most, 400.0 * _reach(arm) ** 2)
     frame = str(rng.choice(["part", "path", "base"]))
     force = {"model": "constant", "force_N": (size * _unit(rng)).round(2).tolist(), "frame": frame}
     if rng.random() < 0.4:
