@@ -19,6 +19,7 @@ from compplan.plan.between import measure_between
 from compplan.plan.plan import build_task, prepare_job
 from compplan.plan.profile import ease, ease_duration, ease_times, smooth_profile
 from compplan.plan.timing import cutting_runs, measure_use
+from compplan.plan.verdict import set_up_bench
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.sensitivity import attain_pose
 
@@ -198,6 +199,23 @@ def test_with_inertia_a_force_that_sets_in_at_contact_is_corrected_in_the_time_t
     assert plan.status == "solved" and len(lead) and np.ptp(plan.q[lead], axis=0).max() > 1e-6
     rate = np.abs(np.diff(plan.q, axis=0)) / np.diff(plan.timing.time)[:, None]
     assert (rate <= plan.task.velocity_limits).all()
+
+
+def test_where_inertia_counts_the_judge_sees_the_push_of_a_correction_that_jumps_at_a_rest(tmp_path):
+    turning = {"model": "constant", "force_N": [-100.0, 60.0, 130.0], "frame": "path"}
+    job = three_points(tmp_path, turning, plan={"rotate_about_tool_axis": False, "inertia": True})
+    plan = cp.plan_job(job)
+    task, time = plan.task, plan.timing.time
+    corner = int(np.flatnonzero(task.rests & task.cut & np.r_[~task.lead[1:], False] & ~task.nominal.rapid)[0])
+    step = time[corner + 1] - time[corner]
+    slow = time + np.where(np.arange(len(time)) > corner, 9.0 * step, 0.0)
+    usual, gentle = (
+        set_up_bench(task, plan.q, replace(plan.timing, time=each), job).bias[corner] for each in (time, slow)
+    )
+    push = 2.0 * (plan.q[[corner + 1]] - plan.q[[corner]]) / step**2
+    moved = inertial_loads(build_dynamics(plan.robot), plan.q[[corner]], 0.0 * push, push)
+    assert usual == pytest.approx(moved[0], rel=1e-6, abs=1e-9)
+    assert gentle == pytest.approx(usual / 100.0, rel=1e-6, abs=1e-9)
 
 
 def test_the_inertia_of_what_is_out_of_reach_is_left_alone_and_the_note_says_so(tmp_path):

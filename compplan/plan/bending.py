@@ -126,6 +126,29 @@ def find_bias(
     return bias
 
 
+def add_starts(task: PlanTask, q: Array, time: Array, dynamics: Dynamics, bias: Array) -> Array:
+    """Return loads of inertia with those at rests within a cut, of the move that begins there: q'' = 2 dq / dt^2.
+
+    Args:
+        task: The task.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        time: Time at each waypoint. Shape (n,). [s]
+        dynamics: The robot with its masses.
+        bias: Loads that are nothing at rests. Shape (n, s). [N m or N]
+
+    """
+    moving = np.r_[~(task.nominal.rapid | task.lead)[1:], False]
+    rests = np.zeros(len(q), bool) if task.rests is None else task.rests
+    rows = np.flatnonzero(task.cut & moving & rests)
+    if not dynamics.known or not len(rows):
+        return bias
+    step = np.maximum(time[rows + 1] - time[rows], 1e-12)[:, None]
+    push = 2.0 * (q[rows + 1] - q[rows]) / step**2
+    bias = bias.copy()
+    bias[rows] = inertial_loads(dynamics, q[rows], 0.0 * push, push)
+    return bias
+
+
 def relax_bias(task: PlanTask, time: Array, old: Array, new: Array) -> Array:
     """Go from one load of inertia towards that of the command which it leads to, as far as converges.
 

@@ -15,6 +15,8 @@ from compplan.robot import Array
 FROM_REST, FROM_LIMIT = 3.0, 1.0
 #: A run that keeps above this share of a level stays at it.
 STAYS = 0.9
+#: A mean feed below this share of the programmed one is told where nothing but starts and stops lower it.
+SHORT_CUT = 0.9
 #: Stretches that a sentence lists.
 LISTED = 5
 
@@ -93,7 +95,7 @@ def tell_causes(task: PlanTask, timing: Timing) -> str:
     """Say at which waypoints the feed is lowered, why, and how far; "" where it is not."""
     spans = find_slow_spans(task, timing)
     if not spans:
-        return ""
+        return _tell_short_cut(task, timing)
     count = sum(last - first + 1 for first, last in spans)
     listed = ", ".join(f"{first}-{last}" for first, last in spans[:LISTED]) + (", ..." if len(spans) > LISTED else "")
     reasons = []
@@ -101,6 +103,18 @@ def tell_causes(task: PlanTask, timing: Timing) -> str:
         least = int(rows[timing.share[rows].argmin()])
         reasons.append(f"{words}, down to {100 * timing.share[least]:.3g} % at waypoint {least}")
     return f"The feed is lowered at {count} waypoints ({listed}): {'; '.join(reasons)}."
+
+
+def _tell_short_cut(task: PlanTask, timing: Timing) -> str:
+    """Say that a cut is over before the feed counts, where starting up and coming to rest lower the mean feed."""
+    rows = np.flatnonzero(~task.nominal.rapid & ~task.lead & (task.nominal.feed > 0))
+    rows = rows[rows > 0]
+    length, spent = task.nominal.steps[rows - 1], timing.time[rows] - timing.time[rows - 1]
+    share = float((length / task.nominal.feed[rows]).sum() / max(spent.sum(), 1e-12))
+    if not len(rows) or share >= SHORT_CUT:
+        return ""
+    return (f"Starting up and coming to rest lower the mean feed of this short path to {100 * share:.2g} % of the"
+            " programmed one.")  # fmt: skip
 
 
 def _distance(time: Array, marked: NDArray[np.bool_]) -> Array:

@@ -18,7 +18,7 @@ from compplan.cell.judge import Judge
 from compplan.cell.reading import read_judge
 from compplan.cell.vibration import Dynamics, build_dynamics
 from compplan.job.job import Job
-from compplan.plan.bending import find_bias
+from compplan.plan.bending import add_starts, find_bias
 from compplan.plan.between import Between, divide_times, insert_between, judged_moves
 from compplan.plan.evaluate import Evaluation, Margins
 from compplan.plan.strategies.limits import AT_CORRECTION
@@ -50,14 +50,14 @@ class Bench:
 def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> Bench:
     """Read robot, tool and process a second time; a robot or a path in memory is taken as it is."""
     if job is None or task.robot.folder is None:
-        bias = find_bias(task, q, timing.time, build_dynamics(task.robot)) if task.inertia else None
+        bias = _load_motion(task, q, timing, build_dynamics(task.robot)) if task.inertia else None
         return Bench(build_cell(task.robot), task.wrench, bias)
     tables = job.model_dump(by_alias=True, exclude_unset=True)
     cell = Cell(AS_MODELLED, task.robot, read_judge(Path(task.robot.folder), tables.get("tool")))
     bias = None
     if task.inertia:
         moving = read_judge(Path(task.robot.folder), tables.get("tool"), moving=True)
-        bias = find_bias(task, q, timing.time, Dynamics(moving, moving.compliance))
+        bias = _load_motion(task, q, timing, Dynamics(moving, moving.compliance))
     law = task.law
     rows = DrivenRows(
         task.position, task.nominal.axis, task.nominal.rapid, task.lead, timing.time,
@@ -70,6 +70,11 @@ def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> B
     if law is None or not law.always:
         wrench[contact] = 0.0
     return Bench(cell, wrench, bias, read_stiffness(tables, rows, wrench))
+
+
+def _load_motion(task: PlanTask, q: Array, timing: Timing, dynamics: Dynamics) -> Array:
+    """Return what the inertia of the motion puts on the springs, where a move leaves a rest too. Shape (n, s)."""
+    return add_starts(task, q, timing.time, dynamics, find_bias(task, q, timing.time, dynamics))
 
 
 def find_breaches(
