@@ -260,7 +260,8 @@ def ask_choice(bench: Bench) -> Any:
                 np.arange(4), size[background] * shape
             ),
         )
-        found = SimpleNamespace(findings=(SimpleNamespace(signature=0, size=1.0),), minor=(), doubtful=())
+        named = SimpleNamespace(signature=0, size=1.0, rivals=())
+        found = SimpleNamespace(findings=(named,), minor=(), doubtful=())
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(delivery, "possible_claims", lambda verdict: [1])
             patch.setattr(delivery, "_residual", lambda problem, state: np.zeros((4, 3)))

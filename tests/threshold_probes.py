@@ -21,6 +21,7 @@ from compplan.diagnose import (
     descent,
     doubt,
     evidence,
+    explanations,
     gains,
     held_out,
     imitation,
@@ -316,6 +317,19 @@ def ask_rivals(bench: Bench) -> Any:
         [(r.place, r.share, r.alike) for r in ambiguity.find_rivals(own, number, given)]
         for number, given in [*asked, (frame, moved)]
     ]
+
+
+def ask_explanations(bench: Bench) -> Any:
+    """What a robot may be instead of each claim, small ones that rivals imitate and large ones."""
+    own, found = bench.fit, []
+    values = own.model.posterior.values(own.search.ledger.p)
+    for claim in own.model.claims:
+        others = ambiguity.find_rivals(own, claim.signature, values)
+        for size in (1.0, 0.3, 0.1, 0.03, 0.01):
+            nothing = state.State((), {}, None, bench.campaign.usable)
+            told = explanations.explain_otherwise(own, nothing, size * values, {claim.signature: others})
+            found.append([(other.signature.name, other.weight) for other in told])
+    return found
 
 
 def ask_proposals(bench: Bench) -> Any:

@@ -109,6 +109,7 @@ ROWS: dict[str, dict[str, Row]] = {
         "MOST_JITTERS": ("evidence", 1, None, TIME),
         "MORE_JITTER": ("evidence", 1.1, 1e6),
     },
+    "explanations": {"LEAST": ("explanations", 1e-9, 0.99)},
     "fit": {
         "ROUNDS": ("fit", 1, None, TIME),
         "SEARCHES": ("fit", 0, None, TIME),

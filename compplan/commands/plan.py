@@ -10,7 +10,7 @@ import click
 
 from compplan.commands.completion import complete_robots
 from compplan.commands.places import OUT_FOLDER
-from compplan.errors import InfeasibleError
+from compplan.errors import CompplanError, InfeasibleError
 from compplan.files.tables import dump_json
 
 if TYPE_CHECKING:
@@ -35,15 +35,21 @@ def command(job: Path, folder: Path, robot: str | None, as_json: bool) -> None:
     Example: compplan plan paths/isf_cone.toml --out out
     """
     from compplan.job.job import load_job
-    from compplan.robot.folder import find_robot_folder
 
     checked = load_job(job, robot)
-    learned = find_robot_folder(checked.robot, checked.folder) / f"learned_{job.stem}.csv"
-    note = (
-        f"{learned.name} in the robot folder: cut parts taught something of this path that this plan does not take off,"
-        " the program of compplan learn does"
-    )
-    carry_out(checked, folder, as_json=as_json, note=note if learned.is_file() else "")
+    carry_out(checked, folder, as_json=as_json, note=_tell_lesson(checked, f"learned_{job.stem}.csv"))
+
+
+def _tell_lesson(job: Job, name: str) -> str:
+    """Say that the robot's folder holds a lesson of this path; a robot that is not found says so elsewhere."""
+    from compplan.robot.folder import find_robot_folder
+
+    try:
+        found = (find_robot_folder(job.robot, job.folder) / name).is_file()
+    except CompplanError:
+        return ""
+    told = "cut parts taught something of this path that only the program of compplan learn takes off, this plan does not"
+    return f"{name} in the robot folder: {told}" if found else ""
 
 
 def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
