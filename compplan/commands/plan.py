@@ -48,7 +48,7 @@ def _tell_lesson(job: Job, name: str) -> str:
         found = (find_robot_folder(job.robot, job.folder) / name).is_file()
     except CompplanError:
         return ""
-    told = "cut parts taught something of this path that only the program of compplan learn takes off, this plan does not"
+    told = "parts taught something of this path that only the program of compplan learn takes off, this plan does not"
     return f"{name} in the robot folder: {told}" if found else ""
 
 
