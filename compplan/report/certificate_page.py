@@ -179,7 +179,8 @@ def _drift(certificate: Certificate) -> Section:
     rows: list[Row] = [[name, 1e3 * rms, TableCell(1e3 * most, "strong")] for name, rms, most in certificate.moved]
     columns = [Column("reference path"), Column("rms", "mm"), Column("greatest", "mm")]
     older = certificate.older
-    lede = f"Where the tip goes at the same commands, today against {'' if older is None else older.folder}."
+    last = "" if older is None or older.folder is None else "/".join(Path(older.folder).parts[-2:])
+    lede = f"Where the tip goes at the same commands, today against the folder {last}."
     return Section("Drift since the last certificate", [PageTable(columns, rows)], lede)
 
 
