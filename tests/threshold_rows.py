@@ -35,7 +35,6 @@ ROWS: dict[str, dict[str, Row]] = {
         "RARE": ("priors", {"gravity_compensator": 1e-6}, {}),
     },
     "calibration": {
-        "HALF_WIDTH": ("told", 0.01, 100.0),
         "TOLD": ("told_frames", 1e-9, 1e3),
         "SHOWN": ("told", {"m": ("mm", 1.0), "rad": ("deg", 1.0)}, {"m": ("mm", 1e6), "rad": ("deg", 1e6)}),
     },
@@ -59,6 +58,7 @@ ROWS: dict[str, dict[str, Row]] = {
         "MOST_IMITATED": ("certainty", 0.03, 1.0),
         "MOST_ALIKE": ("certainty", 1.5, 1e3),
     },
+    "change": {"HALF_WIDTH": ("told", 0.01, 100.0)},
     "channels": {
         "PATH_BLOCKS": ("blocks", 1, 400),
         "SHORTEST_BLOCK": ("blocks", 1, 80),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from compplan.diagnose.change import HALF_WIDTH
 from compplan.diagnose.offers import REGISTRATION
 from compplan.diagnose.verdict import CLAIMED
 from compplan.effects.scene import flange_to_tcp
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     from compplan.diagnose.delivery import Delivery
     from compplan.diagnose.result import Diagnosis
 
-#: Standard deviations of a two-sided interval of 95 % (theory).
-HALF_WIDTH = 1.96
 #: A free frame is told where the campaign shrinks its spread to less than this share (assumed).
 TOLD = 0.1
 #: Effects that a controller's tables can hold.

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from compplan.diagnose.calibration import HALF_WIDTH
 from compplan.effects.scene import own_springs
 from compplan.effects.signature import Effect
 from compplan.robot import Robot
 from compplan.robot.uncertainty import Uncertainty
+
+#: Standard deviations of a two-sided interval of 95 % (theory).
+HALF_WIDTH = 1.96
 
 
 def state_change(robot: Robot, effect: Effect, sure: Uncertainty) -> dict[str, Any]:
