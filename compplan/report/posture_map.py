@@ -47,7 +47,8 @@ def draw_map_picture(picture: PostureMap) -> bytes:
     if one:
         axes.plot(1e3 * picture.length, values[:, 0], color=CHOSEN, linewidth=1.8)
         held = format_set_value(float(np.degrees(picture.spin[0])))
-        axes.set(xlabel="path length, mm", ylabel="remaining deviation, mm", ylim=(0.0, None),
+        top = 1.15 * float(np.nanmax(values, initial=0.0)) or None
+        axes.set(xlabel="path length, mm", ylabel="remaining deviation, mm", ylim=(0.0, top),
                  title=f"rotation about the tool axis held at {held} deg")  # fmt: skip
         return _save(figure)
     length, spin = _edges(1e3 * picture.length), _edges(np.degrees(picture.spin))
