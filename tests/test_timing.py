@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from compplan.plan.timing import find_slowdown, measure_use, spread_factors, time_cut, time_rapids
+from compplan.plan.fastest_run import time_cut
+from compplan.plan.timing import find_slowdown, measure_use, spread_factors, time_rapids
 
 
 def times(along, speed):

@@ -10,8 +10,9 @@ import pytest
 from test_feed import ROBOT, arc_path, make_task
 
 from compplan.path.toolpath import select_waypoints
+from compplan.plan.fastest_run import time_cut
 from compplan.plan.feed import TorqueRules
-from compplan.plan.timing import FULL_USE, _turn_in_place, state_timing, time_command, time_cut
+from compplan.plan.timing import FULL_USE, _turn_in_place, state_timing, time_command
 from compplan.program.counting import locate_link
 from compplan.statics.chain import build_chain, locate_frames
 

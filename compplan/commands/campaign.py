@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from compplan.commands.completion import complete_robots
+from compplan.commands.completion import robot_instead
 from compplan.commands.places import OUT_FOLDER
 from compplan.files.tables import dump_json
 
@@ -15,8 +15,7 @@ from compplan.files.tables import dump_json
 @click.argument("job", type=click.Path(path_type=Path))
 @click.option("--poses", "count", type=click.IntRange(1, 200), required=True, help="How many poses to measure.")
 @click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
-@click.option("--robot", "robot", shell_complete=complete_robots,
-              help="Robot folder in place of the job's, as a diagnosis or a lesson wrote it.")  # fmt: skip
+@robot_instead
 @click.option("--log", "log", type=click.Path(path_type=Path), help="What has been measured already.")
 @click.option("--weights-kg", "weights", default="0", show_default=True, metavar="KG,KG",
               help="Weights that can hang at the tool; 0: none.")  # fmt: skip

@@ -28,3 +28,10 @@ def complete_robots(context: click.Context, option: click.Parameter, begun: str)
 
     names = [CompletionItem(name) for name in sorted(robot_folders()) if name.startswith(begun)]
     return [*names, CompletionItem(begun, type="dir")]
+
+
+#: Option of a command on a job: plan with another robot than the job's.
+robot_instead = click.option(
+    "--robot", "robot", shell_complete=complete_robots,
+    help="Robot folder in place of the job's, as a diagnosis or a lesson wrote it.",
+)  # fmt: skip

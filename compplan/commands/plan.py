@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from compplan.commands.completion import complete_robots
+from compplan.commands.completion import robot_instead
 from compplan.commands.places import OUT_FOLDER
 from compplan.errors import CompplanError, InfeasibleError
 from compplan.files.tables import dump_json
@@ -26,8 +26,7 @@ STAGES = (
 @click.command()
 @click.argument("job", type=click.Path(path_type=Path))
 @click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
-@click.option("--robot", "robot", shell_complete=complete_robots,
-              help="Robot folder in place of the job's, as a diagnosis or a lesson wrote it.")  # fmt: skip
+@robot_instead
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (plan.json) to stdout.")
 def command(job: Path, folder: Path, robot: str | None, as_json: bool) -> None:
     """Plan JOB: write plan.json, joints.csv, report.html and native programs.
