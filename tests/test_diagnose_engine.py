@@ -14,7 +14,7 @@ from compplan.diagnose import Diagnosis, diagnose_campaign
 from compplan.diagnose.accuracy import _summarise, draw_learning
 from compplan.diagnose.assessment import assess_diagnosis
 from compplan.diagnose.calibration import list_corrections
-from compplan.diagnose.evidence import _slope, _solve, find_posterior
+from compplan.diagnose.evidence import _choose_solver, _loose, _value_and_slope, find_posterior
 from compplan.diagnose.fit import fit_effects
 from compplan.diagnose.gains import find_gains
 from compplan.diagnose.held_out import Folds, HeldOut, make_folds
@@ -61,14 +61,15 @@ def test_the_gap_falls_to_the_noise_floor_on_rows_never_seen(diagnosis: Diagnosi
 def test_the_gradient_of_the_evidence_agrees_with_differences(diagnosis: Diagnosis) -> None:
     search, model = diagnosis.fit.search, diagnosis.fit.model
     prior = search.prior_of(model.claims)
-    channels = [c.take(prior.active) for c in search.ledger.channels]
+    solver, channels = _choose_solver(search.ledger, prior), search.ledger.channels
     hyper = replace(model.posterior.hyper, log_tau=np.full_like(model.posterior.hyper.log_tau, -1.0))
-    here = _solve(channels, prior, hyper)
-    gradient = _slope(channels, prior, hyper, here)
+    loose = _loose(prior, hyper)
+    here, gradient, _ = _value_and_slope(solver, channels, hyper, loose)
     for k in range(len(hyper.vector)):
         moved = hyper.vector
         moved[k] += 1e-5
-        difference = (_solve(channels, prior, hyper.with_vector(moved)).value - here.value) / 1e-5
+        ahead, _, _ = _value_and_slope(solver, channels, hyper.with_vector(moved), loose)
+        difference = (ahead - here) / 1e-5
         assert difference == pytest.approx(gradient[k], abs=0.5, rel=0.02)
 
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from compplan.diagnose.campaign_diagnosis import _rms
-from compplan.diagnose.few_rows import FewRows, gather_rows, row_posterior, row_slopes, solve_rows
+from compplan.diagnose.few_rows import FewRows, gather_rows, row_covariance, row_mean, row_slopes, solve_rows
 from compplan.diagnose.ledger import ChannelProducts, Products, turn_rows
 
 #: Rows of each stay; three values a row.
@@ -54,9 +54,8 @@ def test_the_value_is_the_density_of_the_normal_distribution(case: Case) -> None
 
 
 def test_mean_and_covariance_are_those_of_conditioning(case: Case) -> None:
-    mean, covariance = row_posterior(
-        case.rows, solve_rows(case.rows, case.variance, np.array([NOISE]), np.array([SHARED]))
-    )
+    done = solve_rows(case.rows, case.variance, np.array([NOISE]), np.array([SHARED]))
+    mean, covariance = row_mean(case.rows, done), row_covariance(case.rows, done)
     flat, prior = case.design.reshape(-1, 40), np.diag(case.variance)
     noise = covariance_of(case, np.zeros(40), NOISE, SHARED)
     expected = np.linalg.inv(np.linalg.inv(prior) + flat.T @ np.linalg.solve(noise, flat))

@@ -14,11 +14,15 @@ from test_effects_signatures import make_linearization
 from compplan.diagnose import Diagnosis, diagnose_campaign
 from compplan.diagnose.measurement_moves import KINDS, lay_out_moves
 from compplan.diagnose.next_measurement import expected_gain, pick_moves, predict_columns, propose_measurements
-from compplan.effects import Effect
+from compplan.diagnose.probe import probe_signature
+from compplan.effects import Effect, apply_effects, attain_scene
 from compplan.effects.frame_shift import shift_at
+from compplan.effects.signature import Signature
+from compplan.effects.transmission_error import bump_at, spline_at, waves_at
 from compplan.measure.campaign import Campaign
 from compplan.robot import Robot, load_robot
 
+AT = make_linearization(replace(load_robot("kuka_kr270"), link_elasticities=()))
 OFFSET = Effect("joint_offset", "joint_3", None, {"offset_rad": 5e-4})
 
 
@@ -53,21 +57,33 @@ def test_no_move_is_picked_where_two_explanations_predict_the_same() -> None:
 
 def test_a_claim_that_no_further_rows_would_offer_is_foreseen_by_its_own_model_and_an_idle_one_is_not() -> None:
     """The instrument moved at row 5: each millimetre of it is one at every row since, over noise of 0.02 mm."""
-    at = make_linearization(replace(load_robot("kuka_kr270"), link_elasticities=()))
-    (shift,) = [s for s in shift_at(at, 5) if s.form.startswith("origin")]
+    (shift,) = [s for s in shift_at(AT, 5) if s.form.startswith("origin")]
     residual, noise = np.zeros((1, 3)), SimpleNamespace(sigma=2e-5)
     ledger = SimpleNamespace(
         p=3, signatures=[shift], columns=lambda number: np.arange(3), scale=np.full(3, 1e-3),
         source=[SimpleNamespace(name="position", residual=residual, noise=noise)],
     )  # fmt: skip
-    since = np.arange(len(at.campaign)) >= 5
+    since = np.arange(len(AT.campaign)) >= 5
     for claims, size in (([SimpleNamespace(signature=0)], 50.0), ([], 0.0)):
         fit = SimpleNamespace(
             search=SimpleNamespace(ledger=ledger), model=SimpleNamespace(claims=claims),
             problem=SimpleNamespace(register=()),
         )  # fmt: skip
-        (columns,) = predict_columns(fit, at)  # type: ignore[arg-type]
+        (columns,) = predict_columns(fit, AT)  # type: ignore[arg-type]
         assert columns == pytest.approx(size * since[:, None, None] * np.eye(3), abs=1e-4)
+
+
+@pytest.mark.parametrize("claim", [waves_at(AT, 2, [3.0, 7.5]), bump_at(AT, 1, 0.2, 0.1), spline_at(AT, 4)])
+def test_a_curve_that_one_nudge_of_its_joint_foresees_is_what_its_values_do_one_by_one(claim: Signature) -> None:
+    found = probe_signature(AT, claim)
+    for k, size in enumerate(claim.scale):
+        ahead, back = (
+            attain_scene(apply_effects(AT.scene, [claim.effect(step * size * np.eye(len(claim.scale))[k])]))
+            for step in (0.5, -0.5)
+        )
+        assert found.twist[:, :3, k] * size == pytest.approx(ahead.position - back.position, abs=2e-8)
+        assert found.encoder is not None
+        assert found.encoder[:, :, k] * size == pytest.approx(ahead.link - back.link, abs=1e-9)
 
 
 @pytest.fixture(scope="module")

@@ -23,6 +23,7 @@ from compplan.diagnose import (
     held_out,
     next_measurement,
     posterior,
+    probe,
     restart,
     verdict,
 )
@@ -187,7 +188,7 @@ def ask_columns(bench: Bench) -> Any:
     """Columns of an effect at further rows, by differences of the exact model."""
     at = bench.fit.at
     offered = [s for s in bench.fit.search.ledger.signatures if s.name == "joint_offset"]
-    return [next_measurement._probe(at, s).twist for s in offered[:2]]
+    return [probe.probe_signature(at, s).twist for s in offered[:2]]
 
 
 def ask_pairs(bench: Bench) -> Any:

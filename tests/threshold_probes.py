@@ -17,6 +17,7 @@ from compplan.diagnose import (
     background,
     certainty,
     channels,
+    cholesky,
     conventions,
     descent,
     doubt,
@@ -251,7 +252,7 @@ def ask_evidence(bench: Bench) -> Any:
     hyper = evidence.Hyper(start.log_noise, start.log_shared, np.zeros(1))
     broken = -np.diag([1.0, 1.0, 1e-9])
     try:
-        factor = evidence._factor(np.eye(3) + broken * (1 + 1e-12))[0]
+        factor = cholesky.factorize(np.eye(3) + broken * (1 + 1e-12))
     except CompplanError as error:
         factor = str(error)
     return [

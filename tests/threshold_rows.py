@@ -65,6 +65,12 @@ ROWS: dict[str, dict[str, Row]] = {
         "MOSTLY_KNOWN": ("blocks", 1e-3, 1e3),
         "FEW_ROWS": ("blocks", 1, 50),
     },
+    "cholesky": {
+        "JITTER": ("evidence", 1e-16, 1e-6),
+        "MOST_JITTERS": ("evidence", 1, None, TIME),
+        "MORE_JITTER": ("evidence", 1.1, 1e6),
+        "HALVED": ("", None, None, TIME),
+    },
     "conventions": {
         "SUSPICIOUS": ("convincing", 1e-5, 5.0),
         "CONVINCING": ("convincing", 1e-4, 100.0),
@@ -105,9 +111,6 @@ ROWS: dict[str, dict[str, Row]] = {
         "LIKELY": ("evidence", 1e-3, 1e3),
         "MOST_STEPS": ("evidence", 1, None, TIME),
         "FREE_VARIANCE": ("evidence", 1.0, None, FAR),
-        "JITTER": ("evidence", 1e-16, 1e-6),
-        "MOST_JITTERS": ("evidence", 1, None, TIME),
-        "MORE_JITTER": ("evidence", 1.1, 1e6),
     },
     "explanations": {"LEAST": ("explanations", 1e-9, 0.99)},
     "fit": {
@@ -176,7 +179,6 @@ ROWS: dict[str, dict[str, Row]] = {
         "RIVALS": ("pairs", 0, 30),
         "UNSURE": ("next", 0.0, 2.0),
         "AS_GOOD": ("next", 0.0, 10.0),
-        "NUDGE": ("columns", 1e-13, 1e4),
         "NODES": ("picks", 1, None, "the rule is exact by then"),
     },
     "noise": {
@@ -218,6 +220,7 @@ ROWS: dict[str, dict[str, Row]] = {
         "FEWEST_POSES": ("forgetting", 2, 1000),
         "MOST_POSES": ("forgetting", 3, None, TIME),
     },
+    "probe": {"NUDGE": ("columns", 1e-13, 1e4)},
     "proposals": {
         "SHIFT_ROWS": ("proposals", 1, 20),
         "APART": ("proposals", 0, 50),

@@ -12,20 +12,33 @@ to the campaign.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor
-from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 
-from compplan.diagnose.few_rows import FewRows, SolvedRows, gather_rows, row_posterior, row_slopes, solve_rows
-from compplan.diagnose.ledger import ChannelProducts, Ledger, Products
-from compplan.errors import ConvergenceError
+from compplan.diagnose.few_rows import (
+    FewRows,
+    SolvedRows,
+    gather_rows,
+    row_covariance,
+    row_mean,
+    row_slopes,
+    solve_rows,
+)
+from compplan.diagnose.ledger import ChannelProducts, Ledger
+from compplan.diagnose.many_rows import (
+    ManyRows,
+    SolvedColumns,
+    column_slopes,
+    gather_products,
+    list_products,
+    solve_columns,
+)
 from compplan.robot import Array
 
 #: Logarithms of the smallest and largest background, shared error and error without a name that are fitted (assumed:
@@ -49,9 +62,6 @@ LIKELY = 0.3
 MOST_STEPS = 25
 #: Variance of columns that every model fits freely, in units of their scale (assumed: as good as free).
 FREE_VARIANCE = 1e6
-#: What is added to a matrix that rounding made indefinite, over its trace; how often, and by which factor more
-#: (assumed).
-JITTER, MOST_JITTERS, MORE_JITTER = 1e-13, 8, 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +114,10 @@ class Prior:
         small = np.where(self.background >= 0, tau2[np.maximum(self.background, 0)] * self.spread**2, 0.0)
         return np.asarray(small + self.slab + FREE_VARIANCE * self.free)
 
+    def of(self, columns: NDArray[np.int_]) -> Prior:
+        """Return the prior of some columns alone."""
+        return Prior(self.background[columns], self.spread[columns], self.free[columns], self.slab[columns], self.loose)
+
     @cached_property
     def active(self) -> NDArray[np.int_]:
         """Columns that may differ from zero."""
@@ -118,15 +132,20 @@ class Posterior:
         log_evidence: Logarithm of the evidence, hyperpriors included.
         columns: Active columns.
         mean: Their values, in units of their scale. Shape (active,).
-        covariance: Their covariance. Shape (active, active).
         hyper: Noise and background.
+        covary: Works out their covariance, which many a model is never asked for.
     """
 
     log_evidence: float
     columns: NDArray[np.int_]
     mean: Array
-    covariance: Array
     hyper: Hyper
+    covary: Callable[[], Array]
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the columns. Shape (active, active)."""
+        return self.covary()
 
     def loss_without(self, columns: NDArray[np.int_]) -> float:
         """Return the log likelihood that is lost where these columns are set to zero, the rest refitted."""
@@ -149,10 +168,10 @@ def excess_square(channels: Sequence[ChannelProducts], posterior: Posterior, col
         posterior: Values of the columns.
         columns: Active columns that count as explanation.
     """
-    mean = np.where(np.isin(posterior.columns, columns), posterior.mean, 0.0)
-    total = 0.0
+    kept = np.isin(posterior.columns, columns)
+    mean, total = posterior.mean[kept], 0.0
     for channel in channels:
-        part = channel.total.take(posterior.columns)
+        part = channel.total.take(posterior.columns[kept])
         left = part.square - 2 * mean @ part.against + mean @ part.gram @ mean
         total += float(left) - part.count
     return total
@@ -177,13 +196,13 @@ def find_posterior(
         steps: Most steps of the fit.
         shared: Whether rows of a stay may share an error.
     """
-    solver, channels = _choose_solver(ledger, prior), ledger.channels
+    solver, channels, loose = _choose_solver(ledger, prior), ledger.channels, _loose(prior, hyper)
     if not fit:
-        return solver.conclude(solver.solve(hyper), hyper)
+        return _conclude(solver, prior, channels, solver.solve(hyper), hyper)
     bounds = (
         [(LEAST_NOISE, _most_noise(ch)) for ch in channels]
         + [SHARED_RANGE if shared else (SHARED_RANGE[0], SHARED_RANGE[0])] * len(channels)
-        + [LOOSE_RANGE if loose else TAU_RANGE for loose in _loose(prior, hyper)]
+        + [LOOSE_RANGE if own else TAU_RANGE for own in loose]
     )
     # the optimizer's tolerance is relative: evidence counts from where it starts; steps in units of likely errors
     others = len(hyper.vector) - len(channels)
@@ -193,7 +212,7 @@ def find_posterior(
 
     def cost(vector: Array) -> tuple[float, Array]:
         here = hyper.with_vector(vector * unit)
-        value, slope, done = solver.value_and_slope(here)
+        value, slope, done = _value_and_slope(solver, channels, here, loose)
         latest.clear()
         latest[vector.tobytes()] = done
         started.append(value)
@@ -204,57 +223,91 @@ def find_posterior(
     first = np.clip(hyper.vector / unit, *np.array(limits).T)
     found = minimize(cost, first, jac=True, method="L-BFGS-B", bounds=limits, options=options)
     hyper = hyper.with_vector(found.x * unit)
-    return solver.conclude(latest.get(found.x.tobytes()) or solver.solve(hyper), hyper)
+    return _conclude(solver, prior, channels, latest.get(found.x.tobytes()) or solver.solve(hyper), hyper)
+
+
+def _value_and_slope(
+    solver: _Solver, channels: Sequence[ChannelProducts], hyper: Hyper, loose: NDArray[np.bool_]
+) -> tuple[float, Array, Any]:
+    """Return log evidence, its derivative by noise and background, and the solution."""
+    done = solver.solve(hyper)
+    extra, slope = _hyperprior(channels, hyper, loose)
+    of_noise, of_shared, of_columns = solver.slopes(done, hyper)
+    slope = slope + np.concatenate([of_noise, of_shared, solver.variance.by_class(of_columns, hyper.log_tau)])
+    return done.value + extra, slope, done
+
+
+def _conclude(solver: _Solver, prior: Prior, channels: Sequence[ChannelProducts], done: Any, hyper: Hyper) -> Posterior:
+    mean, covary = solver.describe(done)
+    extra = _hyperprior(channels, hyper, _loose(prior, hyper))[0]
+    return Posterior(done.value + extra, prior.active, mean, hyper, covary)
 
 
 class _Solver(Protocol):
     """What solves the evidence; `done` is what its own `solve` returns."""
+
+    @property
+    def variance(self) -> _Variance: ...
     def solve(self, hyper: Hyper) -> Any: ...
-    def value_and_slope(self, hyper: Hyper) -> tuple[float, Array, Any]: ...
-    def conclude(self, done: Any, hyper: Hyper) -> Posterior: ...
+    def slopes(self, done: Any, hyper: Hyper) -> tuple[Array, Array, Array]: ...
+    def describe(self, done: Any) -> tuple[Array, Callable[[], Array]]: ...
 
 
 @dataclass(frozen=True, eq=False)
 class _Columns:
     """Evidence solved among the active columns."""
 
-    prior: Prior
-    channels: list[ChannelProducts]
+    variance: _Variance
+    rows: ManyRows
 
-    def solve(self, hyper: Hyper) -> _Solved:
-        return _solve(self.channels, self.prior, hyper)
+    def solve(self, hyper: Hyper) -> SolvedColumns:
+        return solve_columns(self.rows, self.variance.at(hyper.log_tau), hyper.log_noise, hyper.log_shared)
 
-    def value_and_slope(self, hyper: Hyper) -> tuple[float, Array, _Solved]:
-        done = self.solve(hyper)
-        return done.value, _slope(self.channels, self.prior, hyper, done), done
+    def slopes(self, done: SolvedColumns, hyper: Hyper) -> tuple[Array, Array, Array]:
+        return column_slopes(self.rows, done, hyper.log_noise, hyper.log_shared)
 
-    def conclude(self, done: _Solved, hyper: Hyper) -> Posterior:
-        return Posterior(done.value, self.prior.active, done.mean, done.covariance, hyper)
+    def describe(self, done: SolvedColumns) -> tuple[Array, Callable[[], Array]]:
+        return done.mean, lambda: done.covariance
 
 
 @dataclass(frozen=True, eq=False)
 class _Few:
     """Evidence solved among the values, which are fewer than the columns."""
 
-    prior: Prior
-    ledger: Ledger
+    variance: _Variance
     rows: FewRows
 
     def solve(self, hyper: Hyper) -> SolvedRows:
-        variance = self.prior.variance(hyper.log_tau)[self.prior.active]
-        return solve_rows(self.rows, variance, hyper.log_noise, hyper.log_shared)
+        return solve_rows(self.rows, self.variance.at(hyper.log_tau), hyper.log_noise, hyper.log_shared)
 
-    def value_and_slope(self, hyper: Hyper) -> tuple[float, Array, SolvedRows]:
-        done, channels = self.solve(hyper), self.ledger.channels
-        of_noise, of_shared, of_columns = row_slopes(self.rows, done, len(channels))
-        extra, hyper_slope = _hyperprior(channels, hyper, _loose(self.prior, hyper))
-        slope = np.concatenate([of_noise, of_shared, _class_slopes(self.prior, hyper, of_columns)])
-        return done.value + extra, slope + hyper_slope, done
+    def slopes(self, done: SolvedRows, hyper: Hyper) -> tuple[Array, Array, Array]:
+        return row_slopes(self.rows, done, len(hyper.log_noise))
 
-    def conclude(self, done: SolvedRows, hyper: Hyper) -> Posterior:
-        mean, covariance = row_posterior(self.rows, done)
-        extra = _hyperprior(self.ledger.channels, hyper, _loose(self.prior, hyper))[0]
-        return Posterior(done.value + extra, self.prior.active, mean, covariance, hyper)
+    def describe(self, done: SolvedRows) -> tuple[Array, Callable[[], Array]]:
+        return row_mean(self.rows, done), lambda: row_covariance(self.rows, done)
+
+
+class _Variance:
+    """Prior variance of the active columns, as noise and background change."""
+
+    def __init__(self, prior: Prior) -> None:
+        active = prior.active
+        self.background = prior.background[active]
+        self.small = np.flatnonzero(self.background >= 0)
+        self.label = self.background[self.small]
+        self.spread2 = prior.spread[active[self.small]] ** 2
+        self.large = prior.slab[active] + FREE_VARIANCE * prior.free[active]
+
+    def at(self, log_tau: Array) -> Array:
+        """Return the variances. Shape (a,)."""
+        variance = self.large.copy()
+        variance[self.small] += np.exp(2.0 * log_tau)[self.label] * self.spread2
+        return variance
+
+    def by_class(self, of_columns: Array, log_tau: Array) -> Array:
+        """Return the derivatives by log tau of each class from those by the variance of each active column."""
+        part = 2.0 * of_columns[self.small] * np.exp(2.0 * log_tau)[self.label] * self.spread2
+        return np.asarray(np.bincount(self.label, part, len(log_tau)))
 
 
 def _choose_solver(ledger: Ledger, prior: Prior) -> _Solver:
@@ -262,8 +315,8 @@ def _choose_solver(ledger: Ledger, prior: Prior) -> _Solver:
     wide = (prior.free | (prior.slab > 0))[prior.active]
     few = gather_rows(ledger.channels, prior.active, wide)
     if few is None:
-        return _Columns(prior, [channel.take(prior.active) for channel in ledger.channels])
-    return _Few(prior, ledger, few)
+        return _Columns(_Variance(prior), gather_products(ledger.channels, prior.active))
+    return _Few(_Variance(prior), few)
 
 
 def _most_noise(channel: ChannelProducts) -> float:
@@ -271,104 +324,16 @@ def _most_noise(channel: ChannelProducts) -> float:
     return float(np.clip(np.log(max(channel.total.square, 1e-300) / channel.total.count) + 1.0, *MOST_NOISE))
 
 
-def _slope(channels: list[ChannelProducts], prior: Prior, hyper: Hyper, done: _Solved) -> Array:
-    """Return the derivative of the log evidence with respect to noise and background."""
-    active, mean, covariance = prior.active, done.mean, done.covariance
-    gradient_noise, gradient_shared = [], []
-    for channel, log_noise, log_shared in zip(channels, hyper.log_noise, hyper.log_shared, strict=True):
-        noise, shared = np.exp(log_noise), np.exp(2 * log_shared)
-        rest = _expected_square(channel.total, mean, covariance)
-        by_size = {n: _expected_square(m, mean, covariance) for n, m in channel.means.items()}
-        within = rest - sum(n * shared / (1 + n * shared) * by_size[n] for n in by_size)
-        gradient_noise.append(0.5 * (within / noise - channel.total.count))
-        slope = sum(
-            n / (1 + n * shared) ** 2 * by_size[n] / noise - channel.means[n].count * n / (1 + n * shared)
-            for n in by_size
-        )
-        gradient_shared.append(0.5 * slope * 2 * shared)
-    residual = done.against - done.gram @ mean
-    # G - G S G = 1/D - S/D^2 on the diagonal, where S = (1/D + G)^-1
-    own = np.maximum(prior.variance(hyper.log_tau)[active], 1e-300)
-    slope_d = 0.5 * (residual**2 - (1.0 - np.diag(covariance) / own) / own)
-    gradient_tau = _class_slopes(prior, hyper, slope_d)
-    _, hyper_gradient = _hyperprior(channels, hyper, _loose(prior, hyper))
-    return np.concatenate([gradient_noise, gradient_shared, gradient_tau]) + hyper_gradient
-
-
-def _class_slopes(prior: Prior, hyper: Hyper, of_columns: Array) -> Array:
-    """Return the derivatives by log tau of each class from those by the variance of each active column."""
-    classes = prior.background[prior.active]
-    variance = np.where(
-        classes >= 0, np.exp(2 * hyper.log_tau[np.maximum(classes, 0)]) * prior.spread[prior.active] ** 2, 0.0
-    )
-    return np.array([np.sum((of_columns * variance * 2)[classes == k]) for k in range(len(hyper.log_tau))])
-
-
-def _expected_square(products: Products, mean: Array, covariance: Array) -> float:
-    gram, against = products.gram, products.against
-    fitted = products.square - 2 * mean @ against + mean @ gram @ mean
-    return float(fitted + np.vdot(covariance, gram))
-
-
 def combine_channels(channels: Sequence[ChannelProducts], hyper: Hyper) -> tuple[Array, Array, float, float]:
     """Return gram, products with the observations, their square, and log det of the noise."""
-    p = len(channels[0].total.against)
-    gram, against, square, log_det = np.zeros((p, p)), np.zeros(p), 0.0, 0.0
-    for channel, log_noise, log_shared in zip(channels, hyper.log_noise, hyper.log_shared, strict=True):
-        weight, shared = np.exp(-log_noise), np.exp(2 * log_shared)
-        gram += weight * channel.total.gram
-        against += weight * channel.total.against
-        square += weight * channel.total.square
-        log_det += channel.total.count * log_noise
-        for n, means in channel.means.items():
-            share = weight * n * shared / (1 + n * shared)
-            gram -= share * means.gram
-            against -= share * means.against
-            square -= share * means.square
-            log_det += means.count * np.log1p(n * shared)
-    return gram, against, square, float(log_det)
-
-
-@dataclass(frozen=True, eq=False)
-class _Solved:
-    """Log evidence, mean and covariance of the active columns, and their products in units of the fitted noise."""
-
-    value: float
-    mean: Array
-    covariance: Array
-    gram: Array
-    against: Array
-
-
-def _solve(channels: list[ChannelProducts], prior: Prior, hyper: Hyper) -> _Solved:
-    """Solve for the active columns at one noise and background."""
-    gram, against, square, log_det = combine_channels(channels, hyper)
-    root = np.sqrt(prior.variance(hyper.log_tau)[prior.active])
-    inner = root[:, None] * gram
-    inner *= root
-    inner[np.diag_indices_from(inner)] += 1.0
-    factor = _factor(inner)
-    covariance = inner
-    if len(root):
-        lower = dpotri(factor[0], lower=1)[0]
-        covariance = np.where(np.tri(len(root), dtype=bool), lower, lower.T)
-    covariance = root[:, None] * covariance
-    covariance *= root
-    mean = covariance @ against
-    log_det += 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
-    value = -0.5 * (log_det + square - float(against @ mean)) + _hyperprior(channels, hyper, _loose(prior, hyper))[0]
-    return _Solved(value, mean, covariance, gram, against)
-
-
-def _factor(inner: Array) -> tuple[Array, bool]:
-    """Factorize a matrix that rounding may have made slightly indefinite."""
-    jitter = 0.0
-    for _ in range(MOST_JITTERS):
-        try:
-            return cho_factor(inner + jitter * np.eye(len(inner)), lower=True, check_finite=False)  # type: ignore[no-any-return]
-        except LinAlgError:
-            jitter = max(MORE_JITTER * jitter, JITTER * float(np.trace(inner)))
-    raise ConvergenceError("the evidence of a model cannot be computed, its columns are degenerate", residual=jitter)
+    weights, products = list_products(channels)
+    weight = weights.weigh(hyper.log_noise, hyper.log_shared)
+    gram = weight[0] * products[0].gram
+    for factor, part in zip(weight[1:], products[1:], strict=True):
+        gram += factor * part.gram
+    against = np.sum([factor * part.against for factor, part in zip(weight, products, strict=True)], axis=0)
+    square = float(weight @ [part.square for part in products])
+    return gram, against, square, weights.log_det(hyper.log_noise, hyper.log_shared)
 
 
 def _loose(prior: Prior, hyper: Hyper) -> NDArray[np.bool_]:
@@ -390,11 +355,12 @@ def _hyperprior(
     factor = np.exp(-hyper.log_noise)
     shared2, tau2 = np.exp(2 * hyper.log_shared), np.exp(2 * hyper.log_tau)
     value = -0.5 * np.sum(witnesses * (hyper.log_noise + factor - 1.0)) - np.sum(np.log1p(shared2))
-    value -= np.sum(np.log1p(tau2[~loose] / TAU_SCALE**2)) + np.sum(np.log1p(tau2[loose]))
+    scale2 = np.where(loose, 1.0, TAU_SCALE**2)
+    value -= np.sum(np.log1p(tau2 / scale2))
     alike = hyper.log_tau[~loose]
-    apart = np.where(loose, 0.0, hyper.log_tau - np.mean(alike)) if len(alike) else np.zeros(len(loose))
+    apart = np.where(loose, 0.0, hyper.log_tau - np.sum(alike) / max(len(alike), 1))
     value -= 0.5 * np.sum(apart**2) / TAU_SPREAD**2
-    gradient_tau = np.where(loose, -2 * tau2 / (1 + tau2), -2 * tau2 / (TAU_SCALE**2 + tau2) - apart / TAU_SPREAD**2)
+    gradient_tau = -2 * tau2 / (scale2 + tau2) - apart / TAU_SPREAD**2
     slope = -0.5 * witnesses * (1.0 - factor)
     gradient = np.concatenate([slope, -2 * shared2 / (1 + shared2), gradient_tau])
     return float(value), gradient

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky, solve_triangular
 
+from compplan.diagnose.cholesky import factorize, invert_triangle, solve_factor
 from compplan.diagnose.ledger import ChannelProducts
 from compplan.robot import Array
 
@@ -33,14 +33,16 @@ class FewRows:
     """The values of all channels, and the active columns.
 
     Attributes:
-        design: Columns, in units of the noise, turned. Shape (N, a).
+        small: Columns of small errors, in units of the noise, turned. Shape (N, b).
+        large: Columns that are solved for by themselves. Shape (N, w).
         observed: Values, in units of the noise, turned. Shape (N,).
         size: Rows of the stay whose mean a value is, 0 for none. Shape (N,).
         channel: Channel of each value. Shape (N,).
-        wide: Columns that are solved for by themselves. Shape (a,).
+        wide: Which of the active columns are solved for by themselves. Shape (a,).
     """
 
-    design: Array
+    small: Array
+    large: Array
     observed: Array
     size: Array
     channel: NDArray[np.int_]
@@ -53,7 +55,7 @@ class SolvedRows:
 
     Attributes:
         value: Log likelihood, without constant.
-        lower: Lower factor of V. Shape (N, N).
+        inverse: Inverse of the lower factor of V. Shape (N, N).
         wide: Wide columns, whitened by it. Shape (N, w).
         inner: Lower factor of 1 + R Phi_A^T V^-1 Phi_A R, R the wide columns' standard deviations. Shape (w, w).
         deviation: Those standard deviations. Shape (w,).
@@ -65,7 +67,7 @@ class SolvedRows:
     """
 
     value: float
-    lower: Array
+    inverse: Array
     wide: Array
     inner: Array
     deviation: Array
@@ -74,6 +76,10 @@ class SolvedRows:
     pull: Array
     noise: Array
     shared: Array
+
+    def across(self, white: Array) -> Array:
+        """Return what the wide columns take of whitened columns. Shape (N, k) -> (w, k)."""
+        return np.asarray(invert_triangle(self.inner) @ (self.deviation[:, None] * (self.wide.T @ white)))
 
 
 def gather_rows(
@@ -93,7 +99,8 @@ def gather_rows(
         return None
     parts = [part for part in rows if part is not None]
     return FewRows(
-        np.concatenate([part.design[:, active] for part in parts]),
+        np.concatenate([part.design.take(active[~wide], axis=1) for part in parts]),
+        np.concatenate([part.design.take(active[wide], axis=1) for part in parts]),
         np.concatenate([part.observed for part in parts]),
         np.concatenate([part.size for part in parts]),
         np.repeat(np.arange(len(parts)), [len(part.observed) for part in parts]),
@@ -113,73 +120,61 @@ def solve_rows(rows: FewRows, variance: Array, log_noise: Array, log_shared: Arr
     single = np.exp(log_noise)[rows.channel]
     shared = single * rows.size * np.exp(2.0 * log_shared)[rows.channel]
     noise = single + shared
-    small = rows.design[:, ~rows.wide] * np.sqrt(variance[~rows.wide])
+    small = rows.small * np.sqrt(variance[~rows.wide])
     covariance = small @ small.T
     covariance[np.diag_indices_from(covariance)] += noise
-    lower = cholesky(covariance, lower=True, overwrite_a=True, check_finite=False)
-    right = np.column_stack([rows.observed, rows.design[:, rows.wide]])
-    white = _forward(lower, right)
-    observed, wide = white[:, 0], white[:, 1:]
+    lower = factorize(covariance)
+    inverse = invert_triangle(lower)
+    observed, wide = inverse @ rows.observed, inverse @ rows.large
     deviation = np.sqrt(variance[rows.wide])
     scaled = wide * deviation
-    inner = cholesky(scaled.T @ scaled + np.eye(len(deviation)), lower=True, check_finite=False)
-    large = deviation * _backward(inner, _forward(inner, scaled.T @ observed))
+    inner = factorize(scaled.T @ scaled + np.eye(len(deviation)))
+    large = deviation * solve_factor(inner, scaled.T @ observed)
     left = observed - wide @ large
     log_det = 2.0 * float(np.sum(np.log(np.diag(lower))) + np.sum(np.log(np.diag(inner))))
     value = -0.5 * (log_det + float(observed @ left))
-    return SolvedRows(value, lower, wide, inner, deviation, variance, large, _backward(lower, left), noise, shared)
+    return SolvedRows(value, inverse, wide, inner, deviation, variance, large, inverse.T @ left, noise, shared)
 
 
 def row_slopes(rows: FewRows, done: SolvedRows, channels: int) -> tuple[Array, Array, Array]:
     """Return the derivatives of the log likelihood by log noise, log shared error, and the variance of each column.
 
-    Those of wide columns are not asked for and zero. Shapes (channels,), (channels,), (a,).
+    With P = (V + Phi_A D_A Phi_A^T)^-1 and its pull P y: 1/2 ((c^T P y)^2 - c^T P c) for every column c. Those of wide
+    columns are not asked for and zero. Shapes (channels,), (channels,), (a,).
 
     Args:
         rows: Values and columns.
         done: The solution.
         channels: Number of channels.
     """
-    count = len(rows.observed)
-    by_value = 0.5 * (done.pull**2 - _inner_squares(done, np.eye(count)))
+    across = done.across(done.inverse)
+    precision = done.inverse.T @ done.inverse - across.T @ across
+    by_value = 0.5 * (done.pull**2 - np.diag(precision))
     of_columns = np.zeros(len(rows.wide))
-    small = rows.design[:, ~rows.wide]
-    of_columns[~rows.wide] = 0.5 * ((small.T @ done.pull) ** 2 - _inner_squares(done, small))
-    own = (np.arange(channels)[:, None] == rows.channel).astype(float)
-    return own @ (by_value * done.noise), own @ (by_value * 2.0 * done.shared), of_columns
+    squares = np.einsum("nk,nk->k", rows.small, precision @ rows.small)
+    of_columns[~rows.wide] = 0.5 * ((done.pull @ rows.small) ** 2 - squares)
+    of_noise = np.bincount(rows.channel, by_value * done.noise, channels)
+    of_shared = np.bincount(rows.channel, by_value * 2.0 * done.shared, channels)
+    return np.asarray(of_noise), np.asarray(of_shared), of_columns
 
 
-def row_posterior(rows: FewRows, done: SolvedRows) -> tuple[Array, Array]:
-    """Return mean and covariance of the columns. Shapes (a,), (a, a).
+def row_mean(rows: FewRows, done: SolvedRows) -> Array:
+    """Return the values of the columns. Shape (a,)."""
+    mean = np.zeros(len(rows.wide))
+    mean[rows.wide], mean[~rows.wide] = done.large, done.variance[~rows.wide] * (done.pull @ rows.small)
+    return mean
 
-    Args:
-        rows: Values and columns.
-        done: The solution.
-    """
+
+def row_covariance(rows: FewRows, done: SolvedRows) -> Array:
+    """Return the covariance of the columns. Shape (a, a)."""
     wide, small = np.flatnonzero(rows.wide), np.flatnonzero(~rows.wide)
     scaled = done.variance[small]
-    mean, covariance = np.zeros(len(rows.wide)), np.zeros((len(rows.wide), len(rows.wide)))
-    mean[wide], mean[small] = done.large, scaled * (rows.design[:, small].T @ done.pull)
-    white = _forward(done.lower, rows.design[:, small]) * scaled
-    root = _forward(done.inner, np.diag(done.deviation))
+    covariance = np.zeros((len(rows.wide), len(rows.wide)))
+    white = (done.inverse @ rows.small) * scaled
+    root = invert_triangle(done.inner) * done.deviation
     across = root @ (done.wide.T @ white)
     covariance[np.ix_(wide, wide)] = root.T @ root
     covariance[np.ix_(wide, small)] = -root.T @ across
     covariance[np.ix_(small, wide)] = covariance[np.ix_(wide, small)].T
     covariance[np.ix_(small, small)] = np.diag(scaled) - white.T @ white + across.T @ across
-    return mean, covariance
-
-
-def _inner_squares(done: SolvedRows, columns: Array) -> Array:
-    """Return c^T (V + Phi_A D_A Phi_A^T)^-1 c for every column c. Shape (N, k) -> (k,)."""
-    white = _forward(done.lower, columns)
-    across = _forward(done.inner, done.deviation[:, None] * (done.wide.T @ white))
-    return np.asarray(np.sum(white**2, axis=0) - np.sum(across**2, axis=0))
-
-
-def _forward(lower: Array, right: Array) -> Array:
-    return np.asarray(solve_triangular(lower, right, lower=True, check_finite=False))
-
-
-def _backward(lower: Array, right: Array) -> Array:
-    return np.asarray(solve_triangular(lower, right, lower=True, trans=1, check_finite=False))
+    return covariance

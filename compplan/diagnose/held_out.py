@@ -195,10 +195,14 @@ def predict_gap(fit: Fit, state: State) -> Array | None:
 
 def _take_away(whole: ChannelProducts, part: ChannelProducts) -> ChannelProducts:
     """Return the products of the rows that are left."""
+    total = _difference(whole.total, part.total)
     means = {}
     for size, products in whole.means.items():
-        means[size] = _difference(products, part.means[size]) if size in part.means else products
-    return replace(whole, total=_difference(whole.total, part.total), means=means, rows=None)
+        if products is whole.total:
+            means[size] = total
+        else:
+            means[size] = _difference(products, part.means[size]) if size in part.means else products
+    return replace(whole, total=total, means=means, rows=None)
 
 
 def _difference(whole: Products, part: Products) -> Products:

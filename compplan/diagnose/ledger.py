@@ -63,7 +63,7 @@ class ChannelProducts:
     Attributes:
         name: Name of the channel.
         total: Products of all values, in units of the noise.
-        means: Products of the group means by group size.
+        means: Products of the group means by group size; `total` itself where every group is a single row.
         witnesses: Degrees of freedom that the noise rests on.
         rows: The values themselves, where they are fewer than the columns.
     """
@@ -76,8 +76,9 @@ class ChannelProducts:
 
     def take(self, columns: NDArray[np.int_]) -> ChannelProducts:
         """Take some columns."""
-        means = {size: products.take(columns) for size, products in self.means.items()}
-        return ChannelProducts(self.name, self.total.take(columns), means, self.witnesses)
+        total = self.total.take(columns)
+        means = {size: total if own is self.total else own.take(columns) for size, own in self.means.items()}
+        return ChannelProducts(self.name, total, means, self.witnesses)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +185,10 @@ def select_rows(ledger: Ledger, rows: NDArray[np.bool_], columns: NDArray[np.int
     for channel, design, observed in zip(ledger.source, ledger.designs, ledger.observed, strict=True):
         keep = rows[channel.rows]
         part = replace(channel, rows=channel.rows[keep], residual=channel.residual[keep], group=channel.group[keep])
-        result.append(_multiply(part, design[keep][..., columns], observed[keep]))
+        kept = design[keep]
+        if len(columns) < design.shape[-1]:
+            kept = kept[..., columns]
+        result.append(_multiply(part, kept, observed[keep]))
     return tuple(result)
 
 
@@ -231,11 +235,14 @@ def _multiply(channel: Channel, design: Array, observed: Array, old: ChannelProd
     total = _products(design, observed, None if old is None else old.total)
     means: dict[int, Products] = {}
     group = channel.group
-    if len(group):
-        first = np.flatnonzero(np.r_[True, np.diff(group) > 0])
+    first = np.flatnonzero(np.r_[True, np.diff(group) > 0]) if len(group) else group
+    if 0 < len(first) == len(group):
+        means[1] = total
+    elif len(first):
         sizes = np.diff(np.r_[first, len(group)])
         root = np.sqrt(sizes)[:, None]
-        mean_design = np.add.reduceat(design, first, axis=0) / root[:, :, None]
+        mean_design = np.add.reduceat(design, first, axis=0)
+        mean_design /= root[:, :, None]
         mean_observed = np.add.reduceat(observed, first, axis=0) / root
         sizes = typical_size(sizes)
         for size in np.unique(sizes):
@@ -275,7 +282,10 @@ def _products(design: Array, observed: Array, old: Products | None) -> Products:
     flat, y = design.reshape(-1, design.shape[-1]), observed.reshape(-1)
     if old is None:
         return Products(len(y), flat.T @ flat, flat.T @ y, float(y @ y))
-    p = len(old.against)
-    cross = flat.T @ flat[:, p:]
-    gram = np.block([[old.gram, cross[:p]], [cross[:p].T, cross[p:]]])
-    return Products(len(y), gram, np.concatenate([old.against, flat[:, p:].T @ y]), old.square)
+    p, count = len(old.against), flat.shape[1]
+    fresh = np.ascontiguousarray(flat[:, p:])
+    gram = np.empty((count, count))
+    gram[:p, :p] = old.gram
+    gram[p:] = fresh.T @ flat
+    gram[:p, p:] = gram[p:, :p].T
+    return Products(len(y), gram, np.concatenate([old.against, fresh.T @ y]), old.square)

@@ -12,7 +12,7 @@ each for what it adds to those before, until more of them would not tell more.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from compplan.diagnose.ambiguity import is_comparable
 from compplan.diagnose.certainty import TEMPER
 from compplan.diagnose.measurement_moves import KINDS, Move, lay_out_moves
 from compplan.diagnose.offers import registration_signatures
+from compplan.diagnose.probe import probe_signature
 from compplan.diagnose.result import Diagnosis, place_table
 from compplan.diagnose.search import Claim, Model
 from compplan.diagnose.state import Fit
@@ -45,8 +46,6 @@ OF_MOTION = ("tracking_lag", "time_skew", "backlash")
 UNSURE = 0.9
 #: A kind of move that needs fewer rows is preferred where it is as good within this (assumed).
 AS_GOOD = 0.02
-#: Step of the finite differences of an exact model, in units of a parameter's scale (assumed).
-NUDGE = 1e-2
 #: Nodes of the Gauss-Hermite rule (assumed: exact to 1e-6 for the odds that occur).
 NODES = 31
 NOTHING = "none"
@@ -174,7 +173,7 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
         if found is None or len(found.keys) != len(columns):
             if not used & {int(c) for c in columns}:
                 continue
-            found = _probe(at, signature)
+            found = probe_signature(at, signature)
         for k in fresh:
             column = int(columns[k])
             done.add(column)
@@ -189,23 +188,6 @@ def _offered(fit: Fit, at: Linearization) -> list[Signature]:
         if name not in ("frame_shift", "tool_shift"):
             found += list(effect.signatures(at))
     return found
-
-
-def _probe(at: Linearization, signature: Signature) -> Signature:
-    """Return a claimed signature at further rows by finite differences of its exact forward model."""
-    twists, encoders = [], []
-    for k, scale in enumerate(signature.scale):
-        values = np.zeros(len(signature.scale))
-        values[k] = NUDGE * scale
-        moved = attain_scene(apply_effects(at.scene, [signature.effect(values)]))
-        step = (moved.position - at.attained.position) / values[k]
-        turn = np.einsum("nij,nkj->nik", moved.rotation, at.attained.rotation) / values[k]
-        spin = 0.5 * np.stack(
-            [turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], axis=1
-        )
-        twists.append(np.concatenate([step, spin], axis=1))
-        encoders.append((moved.link - at.attained.link) / values[k])
-    return replace(signature, twist=np.stack(twists, axis=-1), encoder=np.stack(encoders, axis=-1))
 
 
 def _motion(signature: Signature, k: int, channel: str) -> Array:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnose.channels import block_index
 from compplan.diagnose.doubt import Doubt
 from compplan.diagnose.evidence import find_posterior
-from compplan.diagnose.ledger import Ledger, select_rows
+from compplan.diagnose.ledger import select_rows
 from compplan.diagnose.search import Claim
 from compplan.diagnose.state import Fit
 from compplan.measure.campaign import Campaign
@@ -45,19 +47,15 @@ def count_repetitions(fit: Fit, doubt: Doubt) -> dict[Claim, float]:
     if not told:
         return told
     halves = draw_halves(fit.problem.campaign)
+    every = search.prior_of(model.claims)
+    less = {claim: search.prior_of([c for c in model.claims if c is not claim]) for claim in model.claims}
+    # of what no model here holds nothing is asked
+    columns = np.unique(np.concatenate([every.active, *(prior.active for prior in less.values())]))
     for rows in halves:
-        part = _take_rows(ledger, rows)
-        whole = find_posterior(part, search.prior_of(model.claims), hyper, fit=False)
+        part = replace(ledger, channels=select_rows(ledger, rows, columns))
+        whole = find_posterior(part, every.of(columns), hyper, fit=False)
         for claim in model.claims:
-            rest = [c for c in model.claims if c is not claim]
-            without = find_posterior(part, search.prior_of(rest), hyper, fit=False)
+            without = find_posterior(part, less[claim].of(columns), hyper, fit=False)
             gain = whole.log_evidence - without.log_evidence
             told[claim] += float(gain + search.log_prior[claim.signature] > 0.0) / len(halves)
     return told
-
-
-def _take_rows(ledger: Ledger, rows: NDArray[np.bool_]) -> Ledger:
-    every = np.arange(ledger.p)
-    return Ledger(
-        ledger.signatures, ledger.index, ledger.names, ledger.scale, select_rows(ledger, rows, every), (), (), ()
-    )
