@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.diagnose.channels import Channel
 from compplan.effects import frame_shift, tool_shift
@@ -17,6 +18,7 @@ from compplan.effects.tool_frame import tool_twists
 from compplan.effects.transmission_error import bump, bump_at, spline_at, waves, waves_at
 from compplan.robot import Array
 
+Waves = NDArray[np.complex128]
 #: Rows proposed for each kind of shift, and how many rows they stand apart (assumed).
 SHIFT_ROWS, APART = 2, 5
 #: Cycles per turn that are looked at (assumed: gears of arms turn 50 to 170 times, and a strain wave gear errs twice a
@@ -124,12 +126,12 @@ def propose_waves(
         if spread < LEAST_RANGE:
             continue
         slides = joint.kind == "prismatic"
-        grid = wave_grid(spread, slides)
+        spectrum = _Spectrum(angle[seen], spread, slides)
         most = int(np.clip(len(np.unique(at.campaign.stay[seen])) // POSES_A_WAVE, FEWEST_WAVES, MOST_WAVES))
-        picked = _match_waves(angle[seen], pull[seen], weight[seen], grid, slides)[:most]
+        picked = _match_waves(angle[seen], pull[seen], weight[seen], spectrum, slides)[:most]
         for count in {1, 2, len(picked)}:
             if 0 < count <= len(picked):
-                tried = int(min(len(grid) ** count, TRIED * TRIED_A_WAVE**count))
+                tried = int(min(len(spectrum.grid) ** count, TRIED * TRIED_A_WAVE**count))
                 found.append(waves_at(at, index, picked[:count], tried=tried))
         if picked:
             found.append(spline_at(at, index))
@@ -159,12 +161,51 @@ def _best_bumps(at: Linearization, index: int, angle: Array, pull: Array, weight
     return found
 
 
-def wave_grid(spread: float, slides: bool) -> Array:
-    """Return the cycles per turn (per metre) to look at, close enough that no wave falls between."""
+def wave_grid(spread: float, slides: bool) -> tuple[Array, Array]:
+    """Return the cycles per turn (per metre) to look at, close enough that no wave falls between.
+
+    Whole cycles, and cycles that lie evenly apart.
+    """
     turns = spread if slides else spread / (2 * np.pi)
     step = BETWEEN / turns
     whole = np.arange(1.0, WHOLE_CYCLES) if not slides else np.zeros(0)
-    return np.unique(np.concatenate([whole, np.arange(max(LEAST_CYCLES, step), MOST_CYCLES, min(step, 1.0))]))
+    return whole, np.arange(max(LEAST_CYCLES, step), MOST_CYCLES, min(step, 1.0))
+
+
+class _Spectrum:
+    """Sums of a signal times all waves of a grid.
+
+    Evenly apart, f_jk = f_0 + (j B + k) s, all waves are products of two short lists, exp(i (f_0 + j B s) x) and
+    exp(i k s x), and so their sums are a product of two small matrices.
+    """
+
+    def __init__(self, angle: Array, spread: float, slides: bool) -> None:
+        whole, even = wave_grid(spread, slides)
+        self.grid, self.order = np.unique(np.concatenate([whole, even]), return_index=True)
+        self.count = len(even)
+        own = angle[:, None] * (2 * np.pi if slides else 1.0)
+        width = int(np.ceil(np.sqrt(max(self.count, 1))))
+        step = even[1] - even[0] if self.count > 1 else 0.0
+        self.whole = _turn(own * whole)
+        self.coarse, self.fine = _turn(own * even[::width]), _turn(own * (step * np.arange(width)))
+
+    def sums(self, signal: Array) -> Waves:
+        """Return the sum of signal times exp(i f x) for every cycle f. Shape (n,) -> (cycles,)."""
+        return self._sum(signal, self.whole, self.coarse, self.fine)
+
+    def double_sums(self, signal: Array) -> Waves:
+        """Return the sum of signal times exp(2 i f x) for every cycle f. Shape (n,) -> (cycles,)."""
+        return self._sum(signal, self.whole**2, self.coarse**2, self.fine**2)
+
+    def _sum(self, signal: Array, whole: Waves, coarse: Waves, fine: Waves) -> Waves:
+        even = ((coarse * signal[:, None]).T @ fine).reshape(-1)[: self.count]
+        return np.asarray(np.concatenate([signal @ whole, even])[self.order])
+
+
+def _turn(phase: Array) -> Waves:
+    turned = np.empty(phase.shape, complex)
+    turned.real, turned.imag = np.cos(phase), np.sin(phase)
+    return turned
 
 
 def _projected(
@@ -186,17 +227,21 @@ def _projected(
     return pull, weight
 
 
-def _match_waves(angle: Array, pull: Array, weight: Array, grid: Array, slides: bool) -> list[float]:
+def _match_waves(angle: Array, pull: Array, weight: Array, spectrum: _Spectrum, slides: bool) -> list[float]:
     """Pick waves one after the other, all refitted after each, while they are worth it."""
     picked: list[float] = []
+    grid, total = spectrum.grid, float(weight.sum())
     smooth = np.column_stack([np.ones_like(angle), angle - angle.mean()])
     columns = smooth
     rest = pull - weight * (columns @ _weighted_fit(columns, pull, weight))
-    phases = waves(angle, grid.tolist(), slides).reshape(len(angle), -1, 2)
-    moments = np.einsum("n,nfk,nfl->fkl", weight, phases, phases) + 1e-9 * weight.sum() * np.eye(2)
+    # products of sine and cosine, from those of twice the angle
+    double = spectrum.double_sums(weight)
+    sines, cosines = (0.5 * (total + sign * double.real) + 1e-9 * total for sign in (-1.0, 1.0))
+    across = 0.5 * double.imag
     while len(picked) < MOST_WAVES:
-        against = np.einsum("n,nfk->fk", rest, phases)
-        gain = 0.5 * np.einsum("fk,fk->f", against, np.linalg.solve(moments, against[..., None])[..., 0])
+        against = spectrum.sums(rest)
+        a, b = against.imag, against.real
+        gain = 0.5 * (a * a * cosines - 2.0 * a * b * across + b * b * sines) / (sines * cosines - across**2)
         if picked:
             gain[np.min(np.abs(grid[:, None] - np.array(picked)), axis=1) < BETWEEN * grid[0]] = 0.0
         best = int(np.argmax(gain))
