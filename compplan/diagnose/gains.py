@@ -35,7 +35,7 @@ def find_gains(ledger: Ledger, posterior: Posterior, candidates: list[int]) -> l
         candidates: Numbers of the signatures that might be claimed.
     """
     gram, against, _, _ = combine_ledger(ledger, posterior.hyper)
-    cross = gram[:, posterior.columns]
+    cross = gram.take(posterior.columns, axis=1)
     left = against - cross @ posterior.mean
     known = cross @ posterior.covariance
     alone = np.maximum(np.diag(gram) - np.einsum("ij,ij->i", known, cross), 0.0)
@@ -51,7 +51,7 @@ def find_gains(ledger: Ledger, posterior: Posterior, candidates: list[int]) -> l
         else:
             blocks = gram[own[:, :, None], own[:, None, :]] - known[own] @ np.swapaxes(cross[own], 1, 2)
             sure, best = _joint_gains(blocks, left[own])
-        gains += [Gain(n, float(g), float(b)) for n, g, b in zip(numbers, sure, best, strict=True)]
+        gains += [Gain(n, g, b) for n, g, b in zip(numbers, sure.tolist(), best.tolist(), strict=True)]
     return gains
 
 

@@ -206,16 +206,20 @@ class Search:
         """Return what further claims would add, best first; prior odds included."""
         taken = {self.ledger.signatures[number].place for number in model.signatures}
         used = {int(column) for number in model.signatures for column in self.ledger.columns(number)}
-        free = [
-            n
-            for n in self.candidates
-            if self.ledger.signatures[n].place not in taken and not used.intersection(self.ledger.columns(n).tolist())
-        ]
+        free = [n for n, place, columns in self._placed if place not in taken and used.isdisjoint(columns)]
         gains = find_gains(self.ledger, model.posterior, free)
         # a gain is a mean over sizes, of which the best carries nearly all
-        odds = {g.signature: float(self.log_prior[g.signature]) + log_prior_size(g.size) for g in gains}
-        scored = [Gain(g.signature, g.log_evidence + np.log(len(SIZES)) + odds[g.signature], g.size) for g in gains]
+        odds, several = self.log_prior.tolist(), float(np.log(len(SIZES)))
+        of_size = {size: log_prior_size(size) for size in SIZES}
+        scored = [
+            Gain(g.signature, g.log_evidence + several + (odds[g.signature] + of_size[g.size]), g.size) for g in gains
+        ]
         return sorted(scored, key=lambda g: -g.log_evidence)
+
+    @cached_property
+    def _placed(self) -> list[tuple[int, Place, list[int]]]:
+        """Number, place and columns of each candidate."""
+        return [(n, self.ledger.signatures[n].place, self.ledger.columns(n).tolist()) for n in self.candidates]
 
 
 def log_prior_size(size: float) -> float:
