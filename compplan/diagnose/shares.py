@@ -195,7 +195,8 @@ class PosteriorMotion:
         self.design = self.take_frames(design[:, posterior.columns] * self.sigma[:, None])
         self.mean = posterior.mean
         values, vectors = np.linalg.eigh(posterior.covariance)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        # symmetric: a draw does not hang on the signs that an eigenvector happens to have
+        root = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
         self.draws = self.mean[:, None] + root @ rng.normal(size=(len(values), DRAWS))
         first = self.take_frames((ledger.observed[0][chosen] * source.sigma[chosen]).ravel()[:, None])[:, 0]
         self.first_order = first
