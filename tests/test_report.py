@@ -291,7 +291,7 @@ def test_the_page_of_a_plan_says_what_it_reaches(tmp_path: Path) -> None:
 def test_a_real_plan_gets_its_page_with_what_its_job_assumes(tmp_path: Path) -> None:
     from compplan.job.job import load_job
     from compplan.plan.plan import plan_job
-    from compplan.report import write_plan_report
+    from compplan.report.plan_report import write_plan_report
 
     (tmp_path / "job.toml").write_text(JOB)
     plan = plan_job(load_job(tmp_path / "job.toml"))
@@ -310,7 +310,7 @@ def test_a_real_plan_gets_its_page_with_what_its_job_assumes(tmp_path: Path) -> 
 def test_a_real_comparison_gets_its_page(tmp_path: Path) -> None:
     from compplan.job.job import load_job
     from compplan.plan.compare import compare_job
-    from compplan.report import write_compare_report
+    from compplan.report.compare_report import write_compare_report
 
     (tmp_path / "job.toml").write_text(JOB)
     comparison = compare_job(load_job(tmp_path / "job.toml"))

@@ -13,7 +13,6 @@ import numpy as np
 from compplan.diagnose.questions import ask_unit, question_campaign, stage_rows
 from compplan.errors import InputError
 from compplan.files.tomlfile import check_table, read_named_table
-from compplan.job.job import ToolTable
 from compplan.measure.campaign import Campaign
 from compplan.measure.checks import check_runs
 from compplan.measure.reading import read_campaign
@@ -51,6 +50,8 @@ def load_measured(
     robot = load_robot(robot_name)
     if tool is not None:
         data, key = read_named_table(tool, "tool")
+        from compplan.job.job import ToolTable
+
         table = check_table(ToolTable, data, file=tool, key=key)
         robot = table.mount(robot)
     campaign = read_campaign(measurements, robot)

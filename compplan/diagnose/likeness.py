@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as fisher
+from scipy.special import fdtri
 
 from compplan.diagnose.channels import group_poses
 from compplan.diagnose.doubt import Doubt
@@ -63,4 +63,4 @@ def measure_likeness(left: Array, motion: Array, pose: NDArray[np.int_]) -> floa
     along = np.einsum("ni,ni->n", left[moves], motion[moves] / length[moves, None])
     across = np.sum(left[moves] ** 2) - along @ along
     poses = len(np.unique(pose[moves]))
-    return float(along @ along / max(0.5 * across, 1e-300) / fisher.ppf(CHANCE, poses, 2 * poses))
+    return float(along @ along / max(0.5 * across, 1e-300) / fdtri(poses, 2 * poses, CHANCE))

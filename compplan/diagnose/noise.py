@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array
@@ -82,7 +82,9 @@ class Noise:
     @property
     def leeway(self) -> float:
         """Factor by which the variance may exceed its estimate before chance no longer explains it."""
-        return float(self.witnesses / chi2.ppf(BY_CHANCE, self.witnesses)) if self.witnesses > 0 else np.inf
+        # the chi-square quantile of so many witnesses
+        least = 2.0 * gammaincinv(0.5 * self.witnesses, BY_CHANCE)
+        return float(self.witnesses / least) if self.witnesses > 0 else np.inf
 
     @property
     def known(self) -> bool:

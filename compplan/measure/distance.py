@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from compplan.robot import Array
 
@@ -30,7 +30,7 @@ def band_radius(covariance: Array, level: float = LEVEL) -> Array:
     second = 2.0 * np.trace(square, axis1=1, axis2=2)
     third = 8.0 * np.einsum("nij,nji->n", square, unit)
     freedom = 8.0 * second**3 / third**2
-    quantile = 1.0 + (chi2.ppf(level, freedom) - freedom) * np.sqrt(second / (2.0 * freedom))
+    quantile = 1.0 + (2.0 * gammaincinv(0.5 * freedom, level) - freedom) * np.sqrt(second / (2.0 * freedom))
     return np.asarray(np.sqrt(scale * np.maximum(quantile, 0.0)))
 
 

@@ -72,7 +72,7 @@ def write_comparison(comparison: Comparison, folder: str | Path) -> list[Path]:
         InputError: If the folder cannot be written; nothing is written then.
 
     """
-    from compplan.report import write_compare_report
+    from compplan.report.compare_report import write_compare_report
 
     with replace_folder(folder, "compare") as part:
         write_compare_report(comparison, part)

@@ -1,6 +1,5 @@
 """Pages and pictures: what was computed, shown so that an engineer can judge it."""
 
-from compplan.report.compare_report import write_compare_report
 from compplan.report.diagnosis_report import write_diagnosis_report
 from compplan.report.page import (
     Chart,
@@ -15,7 +14,6 @@ from compplan.report.page import (
     render_page,
     write_page,
 )
-from compplan.report.plan_report import write_plan_report
 from compplan.report.provenance import describe_grade, describe_robot
 from compplan.report.robot_picture import save_robot_picture
 from compplan.report.robot_scene import draw_robot, frame_scene, locate_links, place_shapes
@@ -42,8 +40,6 @@ __all__ = [
     "simplify_path",
     "thin_path",
     "thin_rows",
-    "write_compare_report",
     "write_diagnosis_report",
     "write_page",
-    "write_plan_report",
 ]
