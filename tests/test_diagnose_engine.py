@@ -87,10 +87,33 @@ def test_a_prediction_that_is_better_by_luck_is_told_from_one_that_is_better_eve
     nominal = HeldOut(rows, np.full((40, 3), 1e-3))
     everywhere = HeldOut(rows, np.full((40, 3), 0.9e-3) * np.where(pose % 2, 0.99, 1.0)[:, None])
     at_one = HeldOut(rows, np.full((40, 3), 1e-3) * np.where(pose == 3, 0.1, 1.0)[:, None])
-    # one pose of ten: mean 1/10 and deviation 3/10 of its gain, so 10 (1/10) / (sqrt(10) 3/10) standard errors
-    assert at_one.gain_over(nominal, pose) == pytest.approx(np.sqrt(10) / 3)
-    assert everywhere.gain_over(nominal, pose) > 20.0
-    assert nominal.gain_over(nominal, pose) == 0.0
+    # one pose of ten decides the sign; all ten have to keep theirs, which is one choice of signs in 1024
+    assert at_one.luck_against(nominal, pose) == pytest.approx(0.5)
+    assert everywhere.luck_against(nominal, pose) == pytest.approx(2.0**-10)
+    assert nominal.luck_against(everywhere, pose) == 1.0
+    assert nominal.luck_against(nominal, pose) == 1.0
+
+
+def test_poses_that_are_predicted_better_by_very_different_amounts_are_not_luck() -> None:
+    """Seven poses, all better: their standard error is large since one gains most, and all signs are the same."""
+    rows = np.arange(7)
+    nominal = HeldOut(rows, np.array([0.1, 0.1, 0.2, 0.2, 0.3, 0.5, 2.0])[:, None] * np.ones(3))
+    better = HeldOut(rows, 0.5 * nominal.residual)
+    assert better.luck_against(nominal, rows) == pytest.approx(2.0**-7)
+
+
+def test_the_luck_of_many_poses_is_that_of_all_their_signs() -> None:
+    """By hand: of 16 signs of 4, 3, 2 and -1 two sum to 8 or more. Forty gains against signs that are drawn."""
+
+    def held(square: np.ndarray) -> HeldOut:
+        return HeldOut(np.arange(len(square)), np.sqrt(square / 3.0)[:, None] * np.ones(3))
+
+    gain = np.array([4.0, 3.0, 2.0, -1.0])
+    assert held(5.0 - gain).luck_against(held(np.full(4, 5.0)), np.arange(4)) == pytest.approx(2 / 16)
+    many = np.random.default_rng(5).normal(0.3, 1.0, 40)
+    luck = held(5.0 - many).luck_against(held(np.full(40, 5.0)), np.arange(40))
+    signs = np.random.default_rng(6).choice([-1.0, 1.0], (40000, 40))
+    assert luck == pytest.approx(np.mean(signs @ many >= many.sum()), abs=0.006)
 
 
 def test_a_gain_is_the_evidence_that_the_claim_then_adds(diagnosis: Diagnosis) -> None:

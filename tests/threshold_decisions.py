@@ -237,6 +237,16 @@ def ask_forgetting(bench: Bench) -> Any:
     return answers
 
 
+def ask_luck(bench: Bench) -> Any:
+    """How often luck does as well as poses that are predicted better, few and many of them."""
+    answers = []
+    for poses in (5, 18):
+        gain, rows = np.random.default_rng(poses).normal(0.5, 1.0, poses), np.arange(poses)
+        plain = held_out.HeldOut(rows, np.full((poses, 3), 2.0))
+        answers.append(held_out.HeldOut(rows, np.sqrt(plain.residual**2 - gain[:, None])).luck_against(plain, rows))
+    return answers
+
+
 def ask_choice(bench: Bench) -> Any:
     """Folders that predict better than each other by half a percent, five percent and half."""
     answers: list[Any] = []

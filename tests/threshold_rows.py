@@ -85,7 +85,7 @@ ROWS: dict[str, dict[str, Row]] = {
     "delivery": {
         "WORTH_IT": ("choice", -9.0, 0.99),
         "WORTH_MORE": ("choice", -9.0, 0.99),
-        "BEYOND_LUCK": ("choice", -99.0, 99.0),
+        "LUCK": ("choice", 2.0, -1.0),
         "MANY_STAYS": ("update", 0, None, "the log has fewer"),
     },
     "descent": {"STEPS": ("state", (1.0,), (3.0, 1.5)), "FAR_OFF": ("state", 0.01, 1e4)},
@@ -130,7 +130,7 @@ ROWS: dict[str, dict[str, Row]] = {
         "STRETCH_ROWS": ("stretches", 1, 1000),
         "THIRDS": ("told", (1.0, 2.0), (98.0, 99.0)),
     },
-    "held_out": {"FOLDS": ("blocks", 2, 50), "RUN_OF_BLOCKS": ("blocks", 1, 30)},
+    "held_out": {"FOLDS": ("blocks", 2, 50), "RUN_OF_BLOCKS": ("blocks", 1, 30), "MOST_COUNTED": ("luck", 1, 18)},
     "imitation": {
         "DRAWN": ("imitation", 20, 900),
         "SEED": ("imitation", 1, 2),

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from compplan.diagnose.channels import block_index, group_poses, position_residual
 from compplan.diagnose.evidence import Prior, find_posterior
@@ -26,6 +27,8 @@ from compplan.robot import Array
 #: Parts that a campaign is dealt to, and consecutive blocks that stay together (assumed: neighbours in time share
 #: drifts).
 FOLDS, RUN_OF_BLOCKS = 5, 3
+#: Groups of poses whose signs are all counted; of more their sum is taken as normal (assumed).
+MOST_COUNTED = 14
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,10 +52,12 @@ class HeldOut:
         """Return the residuals of some of its rows. Shape of `seen`: (r,)."""
         return HeldOut(self.rows[seen], self.residual[seen])
 
-    def gain_over(self, other: HeldOut, group: NDArray[np.int_]) -> float:
-        """Return by how many of its own standard errors the mean square lies below another's, group by group.
+    def luck_against(self, other: HeldOut, group: NDArray[np.int_]) -> float:
+        """Return the probability that luck alone lets another's mean square lie above this one by as much.
 
-        With d_g the squares that group g is left less, sum d_g / sqrt(n var d_g) over n groups.
+        Were both as good, each group's gain would be as likely the other way round: the share of all signs of the gains
+        whose sum is no smaller [Fisher1935, section 21]. So many groups that not all signs can be counted have a sum
+        of signed gains that is nearly normal, of variance sum d_g^2.
 
         Args:
             other: Another prediction of the same rows.
@@ -61,7 +66,13 @@ class HeldOut:
         less = np.sum(other.residual**2 - self.residual**2, axis=1)
         _, index = np.unique(group, return_inverse=True)
         gain = np.bincount(index.reshape(-1), less)
-        return float(gain.sum() / max(np.sqrt(len(gain)) * gain.std(), 1e-300))
+        total, spread = float(gain.sum()), float(np.linalg.norm(gain))
+        if len(gain) > MOST_COUNTED:
+            return float(ndtr(-total / max(spread, 1e-300)))
+        sums = np.zeros(1)
+        for one in gain:
+            sums = np.concatenate([sums + one, sums - one])
+        return float(np.mean(sums >= total - 1e-9 * spread))
 
 
 def make_folds(campaign: Campaign, folds: int = FOLDS) -> NDArray[np.int_]:
