@@ -130,7 +130,12 @@ ROWS: dict[str, dict[str, Row]] = {
         "STRETCH_ROWS": ("stretches", 1, 1000),
         "THIRDS": ("told", (1.0, 2.0), (98.0, 99.0)),
     },
-    "held_out": {"FOLDS": ("blocks", 2, 50), "RUN_OF_BLOCKS": ("blocks", 1, 30), "MOST_COUNTED": ("luck", 1, 18)},
+    "held_out": {
+        "FOLDS": ("blocks", 2, 50),
+        "RUN_OF_BLOCKS": ("blocks", 1, 30),
+        "MOST_RUNS": ("blocks", 1, None, "the log has fewer blocks"),
+        "MOST_COUNTED": ("luck", 1, 18),
+    },
     "imitation": {
         "DRAWN": ("imitation", 20, 900),
         "SEED": ("imitation", 1, 2),

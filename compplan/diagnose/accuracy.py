@@ -17,6 +17,7 @@ from scipy.optimize import nnls
 
 from compplan.diagnose.channels import block_index
 from compplan.diagnose.evidence import combine_channels
+from compplan.diagnose.held_out import free_of_frames
 from compplan.diagnose.ledger import select_rows
 from compplan.diagnose.offers import REGISTRATION
 from compplan.robot import Array
@@ -180,7 +181,7 @@ def draw_learning(diagnosis: Diagnosis) -> Learning | None:
     parts = min(groups, PARTS)
     part = np.where(usable, (rng.permutation(groups) % parts)[group], -1)
     products = [_multiply_part(delivery.fitted, part == k) for k in range(parts)]
-    frames = _frames(delivery.fitted)
+    frames, freed = _frames(delivery.fitted), free_of_frames(delivery.fitted, groups)
     poses, errors = [], []
     for portion in PORTIONS:
         count = min(max(round(portion * parts), 1), parts - 1)
@@ -189,7 +190,7 @@ def draw_learning(diagnosis: Diagnosis) -> Learning | None:
             given = (start + np.arange(count)) % parts
             squares.append(_predict_rest(delivery.fitted, frames, [products[k] for k in given], ~np.isin(part, given)))
         poses.append(count / parts * groups)
-        errors.append(float(np.sqrt(np.mean(squares))))
+        errors.append(freed * float(np.sqrt(np.mean(squares))))
     design = np.column_stack([np.ones(len(poses)), 1.0 / np.array(poses)])
     weight = 1.0 / np.array(errors) ** 2
     floor2, gain2 = nnls(design * weight[:, None], np.array(errors) ** 2 * weight)[0]

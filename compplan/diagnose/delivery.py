@@ -92,14 +92,11 @@ def deliver_folders(
     named = [Claim(f.signature, f.size) for f in verdict.findings if f.signature >= 0]
     every = possible_claims(verdict)
     judged = [(CAUSES, named, folds.hold_out(named, background=False)), (CALIBRATED, named, folds.hold_out(named))]
+    seen = good[plain.rows]
     if len(every) > len(named):
-        # claims in doubt have been chosen among hundreds of forms: few poses choose others, and that counts
-        few = len(np.unique(block_index(fit.problem.campaign))) < MANY_STAYS
-        decide = folds.decide_again(named) if few else None
-        judged.append((CALIBRATED, every, folds.hold_out(every, decide=decide)))
+        judged.append((CALIBRATED, every, hold_out_doubtful(folds, named, every, seen)))
     sure = partial(state_uncertainty, fit, every, good=good, rivals=name_rivals(verdict))
     rest = Delivery(NOMINAL, nominal, plain, None, _residual(fit.problem, nominal), sure(nominal, plain))
-    seen = good[plain.rows]
     useful = [option for option in judged if _is_better(option[2].of(seen), plain.of(seen), folds.pose[seen])]
     if not useful:
         return (rest,)
@@ -116,6 +113,37 @@ def deliver_folders(
 def _is_better(new: HeldOut, nominal: HeldOut, pose: NDArray[np.int_]) -> bool:
     """Tell whether an updated robot predicts better than the nominal one: by enough, and not by luck."""
     return new.rms < (1.0 - WORTH_IT) * nominal.rms and new.luck_against(nominal, pose) < LUCK
+
+
+def hold_out_doubtful(
+    folds: Folds, named: Sequence[Claim], every: Sequence[Claim], seen: NDArray[np.bool_]
+) -> HeldOut:  # fmt: skip
+    """Predict every row by claims of which some are in doubt: as they are, or chosen again, whichever is worse.
+
+    They have been chosen among hundreds of forms: few poses choose others of what may be delivered, and that counts.
+    Forms that have been looked for in all rows, the best of t, stay the same in every fold and are better there than
+    elsewhere by as much as the best of t is by chance, 2 log t squares of the noise [FosterGeorge1994].
+
+    Args:
+        folds: The fit, dealt to folds.
+        named: Claims that are not in doubt.
+        every: These and the others.
+        seen: Predicted rows that are no outliers. Shape (r,).
+    """
+    fit, signatures = folds.fit, folds.fit.search.ledger.signatures
+    held = folds.hold_out(every)
+    if len(np.unique(block_index(fit.problem.campaign))) < MANY_STAYS:
+        places = {signatures[claim.signature].place for claim in every}
+        given_up = {signatures[claim.signature].place for claim in fit.model.claims} - places
+        allowed = [
+            n for n in fit.search.candidates
+            if signatures[n].place not in given_up and not is_of_instrument(signatures[n].name)
+        ]  # fmt: skip
+        again = folds.hold_out(every, decide=folds.decide_again(named, allowed))
+        held = max(held, again, key=lambda h: h.of(seen).rms)
+    chance = 2.0 * sum(float(np.log(signatures[c.signature].tried)) for c in every if c not in named)
+    values = 3 * len(np.unique(folds.pose))
+    return replace(held, residual=float(np.sqrt(1.0 + chance / values)) * held.residual)
 
 
 def possible_claims(verdict: Verdict) -> list[Claim]:

@@ -1,7 +1,8 @@
 """Held out: how far the gap shrinks on poses that a model never saw, predicted by the exact model.
 
 Frames that are registered belong to the campaign and not to the robot: a later campaign brings its own, fitted to its
-rows with everything else fixed. So they are fitted here, to all rows, around a robot that never saw those it predicts.
+rows with everything else fixed. So they are fitted here, to all rows, around a robot that never saw those it predicts,
+and what they take of an error only because the poses are few is given back.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from scipy.special import ndtr
 from compplan.diagnose.channels import block_index, group_poses, position_residual
 from compplan.diagnose.evidence import Prior, find_posterior
 from compplan.diagnose.ledger import ChannelProducts, Ledger, Products, select_rows
+from compplan.diagnose.offers import REGISTRATION
 from compplan.diagnose.polish import register_again
 from compplan.diagnose.search import Claim, Search, search_models
 from compplan.diagnose.state import Fit, State, advance_state, attain_state, stands
@@ -27,6 +29,9 @@ from compplan.robot import Array
 #: Parts that a campaign is dealt to, and consecutive blocks that stay together (assumed: neighbours in time share
 #: drifts).
 FOLDS, RUN_OF_BLOCKS = 5, 3
+#: Runs of blocks that a campaign is cut to at most (assumed: a later campaign has no neighbours in this one, and of
+#: long campaigns of real robots blocks in a row are neighbours in place as well).
+MOST_RUNS = 20
 #: Groups of poses whose signs are all counted; of more their sum is taken as normal (assumed).
 MOST_COUNTED = 14
 
@@ -85,7 +90,8 @@ def make_folds(campaign: Campaign, folds: int = FOLDS) -> NDArray[np.int_]:
         folds: Number of folds.
     """
     block = block_index(campaign)
-    fold = (block // RUN_OF_BLOCKS) % folds
+    run = max(RUN_OF_BLOCKS, len(np.unique(block)) // MOST_RUNS)
+    fold = (block // run) % folds
     if not fold.any():
         fold = block % folds if block.any() else np.arange(len(block)) * 2 // max(len(block), 1)
     static = ~campaign.on_path
@@ -139,6 +145,7 @@ class Folds:
         """
         fit, rows = self.fit, self.fit.search.ledger.source[0].rows
         campaign, residual = fit.problem.campaign, np.zeros((len(self.fold), 3))
+        freed = free_of_frames(fit, len(np.unique(self.pose)))
         for number, ledger in self.ledgers:
             own = claims if decide is None else decide(ledger)
             fitted = with_claims(fit, own, background=background, ledger=ledger)
@@ -150,18 +157,22 @@ class Folds:
                 gap = np.where(campaign.usable[:, None], campaign.position, np.inf)
             test = self.fold == number
             residual[test] = gap[test]
-        return HeldOut(rows, residual[rows])
+        return HeldOut(rows, freed * residual[rows])
 
-    def decide_again(self, named: Sequence[Claim]) -> Callable[[Ledger], Sequence[Claim]]:
+    def decide_again(
+        self, named: Sequence[Claim], candidates: Sequence[int] | None = None
+    ) -> Callable[[Ledger], Sequence[Claim]]:
         """Return what chooses the claims beside the named ones anew from part of a campaign, noise held.
 
         Args:
             named: Claims that are not in doubt.
+            candidates: Signatures to choose from; all of the fit's where left out.
         """
         whole, hyper = self.fit.search, self.fit.model.posterior.hyper
+        chosen = whole.candidates if candidates is None else candidates
 
         def decide(ledger: Ledger) -> Sequence[Claim]:
-            search = Search(ledger, whole.prior, whole.log_prior, whole.candidates, hyper)
+            search = Search(ledger, whole.prior, whole.log_prior, chosen, hyper)
             return search_models(search, named, self.fit.state.most).claims
 
         return decide
@@ -175,6 +186,24 @@ class Folds:
             test = self.fold[rows] == number
             left[test] = whole.observed[0][test] - whole.designs[0][test][..., posterior.columns] @ posterior.mean
         return HeldOut(rows, left * whole.source[0].sigma)
+
+
+def free_of_frames(fit: Fit, poses: int) -> float:
+    """Return by which factor errors were larger before frames were fitted to the campaign that shows them.
+
+    Frames of f values that are fitted to n poses take their part of whatever is there and leave sqrt(1 - f / 3 n) of
+    it on average; of a later campaign of many poses they take next to nothing.
+
+    Args:
+        fit: The fit.
+        poses: Poses, or blocks of paths, that the frames are fitted to.
+    """
+    if not fit.problem.register:
+        return 1.0
+    ledger, values = fit.search.ledger, 3 * poses
+    frames = ledger.designs[0][..., ledger.columns_named(REGISTRATION)]
+    taken = int(np.linalg.matrix_rank(frames.reshape(-1, frames.shape[-1])))
+    return float(np.sqrt(values / max(values - taken, 0.5 * values)))
 
 
 def with_claims(fit: Fit, claims: Sequence[Claim], *, background: bool, ledger: Ledger | None = None) -> Fit:
