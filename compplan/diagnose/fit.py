@@ -106,10 +106,8 @@ def _round(
     use[outliers] = False
     state = replace(state, use=use)
     channels = build_channels(at.scene, at.attained, use, noises)
-    fixed = offered_signatures(at, problem.register, problem.excluded)
-    wanted = {key for key, _ in state.claims}
-    kept = offer_again(at, proposals, wanted)
-    fit = _search(problem, state, at, channels, [*fixed, *kept], noises, progress)
+    ledger = build_ledger(channels, _offer_all(problem, state, at, proposals), state.values)
+    fit = _search_ledger(problem, state, at, channels, ledger, noises, progress)
     for _ in range(SEARCHES):
         fresh = _propose(fit)
         known = {key_of(s) for s in fit.search.ledger.signatures}
@@ -124,12 +122,12 @@ def _round(
     return fit, proposed_signatures(fit.search.ledger.signatures)
 
 
-def _search(
-    problem: Problem, state: State, at: Linearization, channels: tuple[Channel, ...], signatures: list[Signature],
-    noises: dict[str, Noise], progress: Callable[[str], None],
-) -> Fit:  # fmt: skip
-    ledger = build_ledger(channels, signatures, state.values)
-    return _search_ledger(problem, state, at, channels, ledger, noises, progress)
+def _offer_all(
+    problem: Problem, state: State, at: Linearization, proposals: list[Signature]
+) -> list[Signature]:  # fmt: skip
+    """List what needs no search for rows or periods, and what claims hold of earlier proposals."""
+    fixed = offered_signatures(at, problem.register, problem.excluded)
+    return fixed + offer_again(at, proposals, {key for key, _ in state.claims})
 
 
 def search_again(fit: Fit, fresh: list[Signature], progress: Callable[[str], None] = lambda text: None) -> Fit:

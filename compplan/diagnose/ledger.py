@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,7 +87,7 @@ class Ledger:
     """All products of a campaign with a list of signatures; p columns.
 
     Attributes:
-        signatures: The signatures.
+        signatures: The signatures, without their motions: these are in the designs.
         index: Columns of each signature; signatures may share columns.
         names: Name of each column.
         scale: Scale of each column's parameter. Shape (p,).
@@ -147,10 +148,15 @@ def build_ledger(channels: Sequence[Channel], signatures: Sequence[Signature], v
     ]
     products = [_multiply(c, d, y) for c, d, y in zip(channels, designs, observed, strict=True)]
     return Ledger(
-        tuple(signatures), tuple(index), tuple(names), np.array(scale), tuple(products), tuple(designs),
-        tuple(observed),
-        tuple(channels),
-    )  # fmt: skip
+        signatures=tuple(s.without_motion() for s in signatures),
+        index=tuple(index),
+        names=tuple(names),
+        scale=np.array(scale),
+        channels=tuple(products),
+        designs=tuple(designs),
+        observed=tuple(observed),
+        source=tuple(channels),
+    )
 
 
 def extend_ledger(ledger: Ledger, signatures: Sequence[Signature]) -> Ledger:
@@ -164,7 +170,7 @@ def extend_ledger(ledger: Ledger, signatures: Sequence[Signature]) -> Ledger:
     ]
     return replace(
         ledger,
-        signatures=(*ledger.signatures, *signatures),
+        signatures=(*ledger.signatures, *(s.without_motion() for s in signatures)),
         index=(*ledger.index, *index),
         names=tuple(names),
         scale=np.concatenate([ledger.scale, scale]),
@@ -219,14 +225,15 @@ def _number_columns(
 def _design(channel: Channel, signatures: Sequence[Signature], picked: Sequence[tuple[int, int]]) -> Array:
     """Return columns in units of the noise, each scaled by its prior. Shape (r, c, k)."""
     result = np.zeros((*channel.residual.shape, len(picked)))
-    part = {"position": slice(0, 3), "orientation": slice(3, 6)}.get(channel.name)
-    for column, (number, k) in enumerate(picked):
-        signature = signatures[number]
-        factor = signature.scale[k] / channel.sigma
-        if part is not None:
-            result[:, :, column] = signature.twist[channel.rows, part, k] * factor
-        elif signature.encoder is not None:
-            result[:, :, column] = signature.encoder[channel.rows, :, k] * factor
+    part = {"position": slice(0, 3), "orientation": slice(3, 6)}.get(channel.name, slice(None))
+    start = 0
+    for number, of_one in groupby(picked, key=lambda pick: pick[0]):
+        signature, own = signatures[number], [k for _, k in of_one]
+        motion = signature.encoder if channel.name == "encoder" else signature.twist
+        if motion is not None:
+            factor = signature.scale[own] / channel.sigma
+            result[:, :, start : start + len(own)] = motion[:, part][channel.rows][..., own] * factor[:, None]
+        start += len(own)
     return result
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -92,6 +92,10 @@ class Signature:
         """Names of the columns, unique over all effects."""
         own = self.columns or tuple(f"{self.axis} {self.form} {key}" for key in self.keys)
         return tuple(f"{self.name} {self.joint} {column}" for column in own)
+
+    def without_motion(self) -> Signature:
+        """Return what it is, without what it adds to each row: that takes most of its memory."""
+        return replace(self, twist=np.zeros((0, *self.twist.shape[1:])), encoder=None)
 
     def effect(self, values: Array) -> Effect:
         """Return the effect with these values of the parameters."""
