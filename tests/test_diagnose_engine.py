@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from compplan.cell.predict import predict_campaign
 from compplan.diagnose import Diagnosis, diagnose_campaign
@@ -21,7 +22,7 @@ from compplan.diagnose.gains import find_gains
 from compplan.diagnose.held_out import Folds, HeldOut, free_of_frames, make_folds
 from compplan.diagnose.restart import search_again_plainly
 from compplan.diagnose.search import Claim
-from compplan.diagnose.state import Problem
+from compplan.diagnose.state import Problem, attain_state
 from compplan.diagnose.where import split_diagnosis
 from compplan.effects import EFFECTS, Effect
 from compplan.errors import InputError
@@ -72,6 +73,22 @@ def test_the_gradient_of_the_evidence_agrees_with_differences(diagnosis: Diagnos
         ahead, _, _ = _value_and_slope(solver, channels, hyper.with_vector(moved), loose)
         difference = (ahead - here) / 1e-5
         assert difference == pytest.approx(gradient[k], abs=0.5, rel=0.02)
+
+
+def test_a_state_is_solved_once_and_seen_through_other_frames_as_if_solved_anew(diagnosis: Diagnosis) -> None:
+    problem, state = diagnosis.fit.problem, diagnosis.fit.state
+    attained = attain_state(problem, state)[1]
+    assert attain_state(problem, state)[1] is attained
+    base, tool = np.eye(4), np.eye(4)[None].copy()
+    base[:3, :3], base[:3, 3], tool[0, :3, 3] = Rotation.from_rotvec([0.1, 0.2, -0.3]).as_matrix(), 0.4, (0.0, 0.1, 0.2)
+    moved = replace(state, registration=Registration(base, tool))
+    again, afresh = attain_state(problem, moved)[1], attain_state(replace(problem), moved)[1]
+    assert again.frames is attained.frames
+    assert afresh.frames is not attained.frames
+    for seen, solved in zip(again[:4], afresh[:4], strict=True):
+        assert seen == pytest.approx(solved, abs=0.0)
+    assert again.target == pytest.approx(afresh.target, abs=0.0)
+    assert np.abs(again.position - attained.position).max() > 0.1
 
 
 def test_a_second_start_finds_what_a_poor_one_missed_and_leaves_what_is_as_good(diagnosis: Diagnosis) -> None:

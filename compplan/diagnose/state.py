@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from compplan.diagnose.offers import REGISTRATION, Key, key_of
 from compplan.diagnose.search import MOST_EFFECTS, Model, Search
 from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
 from compplan.effects.linearization import Linearization, linearize_scene
-from compplan.effects.scene import Attained, Scene
+from compplan.effects.scene import Attained, Scene, observe_again
 from compplan.effects.signature import Signature
 from compplan.errors import ConvergenceError
 from compplan.measure.campaign import Campaign
@@ -44,6 +44,8 @@ class Problem:
         register: Frames that are fitted in every model.
         without: Effects that are left out of the candidates.
         fixed: Effects that are taken for granted (a convention of counting that was found beforehand).
+        latest: The effects that were solved last and what they came to: the same state is asked for again and again,
+            with other frames of the campaign at most.
     """
 
     robot: Robot
@@ -51,6 +53,7 @@ class Problem:
     register: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
     fixed: tuple[Effect, ...] = ()
+    latest: list[tuple[tuple[Effect, ...], Scene, Attained]] = field(default_factory=list, init=False, repr=False)
 
     @property
     def excluded(self) -> tuple[str, ...]:
@@ -130,9 +133,17 @@ def stands(problem: Problem, state: State) -> bool:
 
 def attain_state(problem: Problem, state: State) -> tuple[Scene, Attained]:
     """Put the state's effects into a scene and solve it."""
+    for effects, scene, attained in problem.latest:
+        if effects is state.effects:
+            if scene.registration is not state.registration:
+                scene = replace(scene, registration=state.registration)
+                attained = observe_again(scene, attained)
+            return scene, attained
     scene = stage_scene(problem.robot, problem.campaign, registration=state.registration)
     scene = apply_effects(scene, state.effects)
-    return scene, attain_scene(scene)
+    attained = attain_scene(scene)
+    problem.latest[:] = [(state.effects, scene, attained)]
+    return scene, attained
 
 
 def linearize_state(problem: Problem, state: State) -> Linearization:

@@ -179,6 +179,21 @@ def _observe(
     scene: Scene, chain: Chain, frames: Frames, q: Array, theta: Array, wrench: Array, lift: Array
 ) -> Attained:
     """Pass a loaded pose through tool, base and registration to the instrument, and through the encoders."""
+    position, rotation, target = _see(scene, frames, wrench)
+    reading, linked = np.nan_to_num(scene.campaign.q), scene.campaign.link_controlled[:, None]
+    link = np.where(linked, reading, reading + lift + scene.encoder)
+    motor = np.where(linked, reading - lift, reading)
+    return Attained(position, rotation, link, motor, q, theta, wrench, chain, frames, target)
+
+
+def observe_again(scene: Scene, attained: Attained) -> Attained:
+    """Observe what a scene has come to already through other frames of the campaign."""
+    position, rotation, target = _see(scene, attained.frames, attained.wrench)
+    return attained._replace(position=position, rotation=rotation, target=target)
+
+
+def _see(scene: Scene, frames: Frames, wrench: Array) -> tuple[Array, Array, Array]:
+    """Return position and rotation of the target in the instrument's frame, and its position in the robot's."""
     campaign, registration = scene.campaign, scene.registration
     position, rotation = frames.tcp_position, frames.tcp_rotation
     position = position + np.einsum("nij,nj->ni", rotation, scene.tool_twist[:, :3])
@@ -195,10 +210,7 @@ def _observe(
     if registration is not None:
         base = registration.base
         position, rotation = position @ base[:3, :3].T + base[:3, 3], base[:3, :3] @ rotation
-    reading, linked = np.nan_to_num(campaign.q), campaign.link_controlled[:, None]
-    link = np.where(linked, reading, reading + lift + scene.encoder)
-    motor = np.where(linked, reading - lift, reading)
-    return Attained(position, rotation, link, motor, q, theta, wrench, chain, frames, target)
+    return position, rotation, target
 
 
 def scene_chain(scene: Scene) -> Chain:
