@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compplan.diagnose.cholesky import factorize, invert_factor, invert_triangle, mirror_lower, solve_factor
+from compplan.diagnose.cholesky import (
+    factorize,
+    invert_factor,
+    invert_triangle,
+    mirror_lower,
+    multiply_triangle,
+    solve_factor,
+)
 from compplan.errors import ConvergenceError
 
 
@@ -19,6 +26,7 @@ def test_triangle_and_inverse_undo_the_matrix(size: int) -> None:
     assert np.allclose(invert_triangle(lower) @ lower, np.eye(size), atol=1e-10)
     assert not np.triu(invert_triangle(lower), 1).any()
     assert np.allclose(mirror_lower(invert_factor(lower)) @ matrix, np.eye(size), atol=1e-8)
+    assert np.allclose(multiply_triangle(lower, columns.T), lower @ columns.T, rtol=1e-12)
     assert np.allclose(matrix @ solve_factor(lower, right), right, atol=1e-8)
 
 

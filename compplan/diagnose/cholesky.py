@@ -10,6 +10,7 @@ nearly all of it is products [Higham2002, ch. 14].
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dlauum, dpotrf, dpotrs, dtrtri
 
 from compplan.errors import ConvergenceError
@@ -44,6 +45,11 @@ def invert_triangle(lower: Array) -> Array:
     inverse = lower.copy(order="F")
     _invert_by_halves(inverse)
     return inverse
+
+
+def multiply_triangle(lower: Array, right: Array) -> Array:
+    """Return L B, which takes half as long as a product of full matrices. Shape (p, p), (p, k) -> (p, k)."""
+    return np.asarray(dtrmm(1.0, lower, right, lower=1)) if right.size else right
 
 
 def invert_factor(lower: Array) -> Array:

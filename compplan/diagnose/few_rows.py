@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnose.cholesky import factorize, invert_triangle, solve_factor
+from compplan.diagnose.cholesky import factorize, invert_triangle, multiply_triangle, solve_factor
 from compplan.diagnose.ledger import ChannelProducts
 from compplan.robot import Array
 
@@ -99,7 +99,7 @@ def gather_rows(
         return None
     parts = [part for part in rows if part is not None]
     return FewRows(
-        np.concatenate([part.design.take(active[~wide], axis=1) for part in parts]),
+        np.asfortranarray(np.concatenate([part.design.take(active[~wide], axis=1) for part in parts])),
         np.concatenate([part.design.take(active[wide], axis=1) for part in parts]),
         np.concatenate([part.observed for part in parts]),
         np.concatenate([part.size for part in parts]),
@@ -147,15 +147,19 @@ def row_slopes(rows: FewRows, done: SolvedRows, channels: int) -> tuple[Array, A
         done: The solution.
         channels: Number of channels.
     """
-    across = done.across(done.inverse)
-    precision = done.inverse.T @ done.inverse - across.T @ across
-    by_value = 0.5 * (done.pull**2 - np.diag(precision))
+    by_value = 0.5 * (done.pull**2 - _precision_squares(done, done.inverse))
     of_columns = np.zeros(len(rows.wide))
-    squares = np.einsum("nk,nk->k", rows.small, precision @ rows.small)
+    squares = _precision_squares(done, multiply_triangle(done.inverse, rows.small))
     of_columns[~rows.wide] = 0.5 * ((done.pull @ rows.small) ** 2 - squares)
     of_noise = np.bincount(rows.channel, by_value * done.noise, channels)
     of_shared = np.bincount(rows.channel, by_value * 2.0 * done.shared, channels)
     return np.asarray(of_noise), np.asarray(of_shared), of_columns
+
+
+def _precision_squares(done: SolvedRows, white: Array) -> Array:
+    """Return c^T P c of columns c that V has whitened. Shape (N, k) -> (k,)."""
+    across = done.across(white)
+    return np.asarray(np.einsum("nk,nk->k", white, white) - np.einsum("nk,nk->k", across, across))
 
 
 def row_mean(rows: FewRows, done: SolvedRows) -> Array:
@@ -170,7 +174,7 @@ def row_covariance(rows: FewRows, done: SolvedRows) -> Array:
     wide, small = np.flatnonzero(rows.wide), np.flatnonzero(~rows.wide)
     scaled = done.variance[small]
     covariance = np.zeros((len(rows.wide), len(rows.wide)))
-    white = (done.inverse @ rows.small) * scaled
+    white = multiply_triangle(done.inverse, rows.small) * scaled
     root = invert_triangle(done.inner) * done.deviation
     across = root @ (done.wide.T @ white)
     covariance[np.ix_(wide, wide)] = root.T @ root
