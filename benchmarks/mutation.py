@@ -107,17 +107,20 @@ ROOMS = {
     "diagnose": Room(
         ("diagnose/*", "measure/*"),
         (
+            "cholesky",
             "diagnose_engine",
             "diagnose_traps",
             "diagnose_unmodelled",
             "diagnosis_page",
             "few_rows",
             "imitation",
+            "many_rows",
             "measurements",
             "next_measurement",
             "noise",
             "predict",
             "questions",
+            "wave_sums",
             "where",
         ),  # test_threshold_extremes moves defaults of arguments, which mutmut hides: it fails before any mistake
     ),
