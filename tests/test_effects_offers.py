@@ -13,7 +13,7 @@ from compplan.effects.checks import check_effect
 from compplan.effects.linearization import Linearization, linearize_scene
 from compplan.effects.signature import Signature, pack_parameters, unpack_parameters
 from compplan.effects.tracking_lag import lagged_speed
-from compplan.effects.transmission_error import bump_at, waves_at
+from compplan.effects.transmission_error import bump_at, spline_at, waves_at
 from compplan.errors import InputError, UnknownNameError
 from compplan.measure.campaign import Campaign
 from compplan.robot import Robot, load_robot
@@ -66,6 +66,8 @@ def test_an_effect_is_offered_at_a_size_that_surprises_nobody(
                 expected = np.asarray(expected)[3:]
             if np.ndim(expected):
                 expected = np.asarray(expected)[: len(signature.keys)]
+            if signature.form.startswith("series"):  # overtones of a half and a third
+                expected = np.repeat(np.asarray(expected) / [1.0, 2.0, 3.0], 2)
             assert signature.scale == pytest.approx(np.broadcast_to(expected, len(signature.keys)), rel=1e-12)
             assert signature.scale.shape == (len(signature.keys),) == signature.twist.shape[2:]
 
@@ -177,7 +179,17 @@ def test_a_shift_is_offered_at_each_run_with_its_row_and_columns_of_its_own(arm:
 
 def test_waves_are_offered_by_turns_and_on_a_slide_by_metres(arm: Linearization, rail: Linearization) -> None:
     first = [s for s in EFFECTS["transmission_error"].signatures(arm) if s.joint == arm.robot.joint_names[0]]
-    assert [s.fixed["cycles_per_turn"] for s in first] == [[1.0], [2.0], [3.0], [4.0], [1.0, 2.0], [1.0, 2.0, 3.0, 4.0]]
+    free = [[1.0], [2.0], [3.0], [4.0], [1.0, 2.0], [1.0, 2.0, 3.0, 4.0]]
+    assert [s.fixed["cycles_per_turn"] for s in first[:6]] == free
+    # a wave of any shape is offered where its period is seen once at least
+    offered, seen = EFFECTS["transmission_error"].signatures(arm), np.ptp(arm.campaign.q, axis=0) / (2.0 * np.pi)
+    series = {(s.joint, s.form) for s in offered if s.form.startswith("series")}
+    names = enumerate(arm.robot.joint_names)
+    assert series == {(name, f"series {cycles}") for k, name in names for cycles in (1, 2) if cycles * seen[k] >= 1.0}
+    assert 0 < len(series) < 12
+    # a gear error repeats: one wave, or one with overtones; anything else is a curve of no law
+    assert [s.lawful for s in first[:6]] == [True] * 4 + [False, False]
+    assert not spline_at(arm, 2).lawful and not bump_at(arm, 2, 0.3, 0.1).lawful
     slide = [s for s in EFFECTS["transmission_error"].signatures(rail) if s.joint == "rail"]
     index = rail.robot.joint_names.index("rail")
     spread = np.ptp(rail.campaign.q[:, index])

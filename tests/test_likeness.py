@@ -53,7 +53,7 @@ def test_rows_of_one_pose_count_as_one_and_rows_at_rest_not_at_all() -> None:
 
 def test_a_claim_whose_rest_moves_as_it_does_is_stated_less_surely() -> None:
     def rate(likeness: float) -> float:
-        return rate_certainty(Evidence(30.0, 30.0, 1.0, 4.0, 0.9, 0.1, 1, 0.02, likeness))
+        return rate_certainty(Evidence(30.0, 30.0, 1.0, 4.0, 0.9, 0.1, 1, 0.02, likeness, 1.0))
 
     assert rate(5.0) < rate(3.0) < rate(1.0)
     assert rate(0.1) == rate(1.0)

@@ -27,6 +27,7 @@ from compplan.diagnose import (
     restart,
     verdict,
 )
+from compplan.diagnose.search import Claim
 from compplan.diagnose.unmodelled import UNMODELLED
 from compplan.effects import Effect
 
@@ -46,7 +47,7 @@ def ask_names(bench: Bench) -> Any:
         patch.setattr(verdict, "measure_structure", lambda fit, found: structure)
         patch.setattr(verdict, "count_repetitions", lambda fit, found: dict.fromkeys(range(len(findings)), 1.0))
         patch.setattr(verdict, "rate_imitations", lambda fit, found: dict.fromkeys(range(len(findings)), 0.0))
-        patch.setattr(verdict, "rate_likenesses", lambda fit, found: dict.fromkeys(range(len(findings)), 1.0))
+        patch.setattr(verdict, "rate_likenesses", lambda fit, found: dict.fromkeys(range(len(findings)), (1.0, 1.0)))
         patch.setattr(verdict, "weigh_claim", lambda fit, found, claim, checks, seen: findings[claim])
         patch.setattr(verdict, "only_in_readings", lambda fit, found, finding: False)
         patch.setattr(verdict, "given_up", lambda fit, found, small: ())
@@ -54,6 +55,57 @@ def ask_names(bench: Bench) -> Any:
             fit = SimpleNamespace(problem=SimpleNamespace(register=register))
             told = verdict.reach_verdict(fit, claimed)  # type: ignore[arg-type]
             answers += [[f.effect.joint for f in part] for part in (told.findings, told.doubtful, told.minor)]
+    return answers
+
+
+def ask_lawful(bench: Bench) -> Any:
+    """Curves over a joint's angle of which a wave explains .5, .8 and .99, waves of which another does 1 or 3 less."""
+    return [
+        verdict.count_lawful(*curves(own, lawful)) for own, lawful in ((False, 50.0), (False, 80.0), (False, 99.0))
+    ] + [verdict.count_lawful(*curves(True, lawful)) for lawful in (99.0, 97.0)]
+
+
+def curves(own: bool, lawful: float) -> tuple[Any, Claim]:
+    """A claim of six values with evidence 100, lawful or not, and a wave of two values at the same place."""
+    place = ("transmission_error", "joint_2", None)
+    signatures = [
+        SimpleNamespace(place=place, form="series 2" if own else "waves 1 2 3", keys=("a",) * 6, lawful=own),
+        SimpleNamespace(place=place, form="waves 1", keys=("a",) * 2, lawful=True),
+    ]
+    gains = [SimpleNamespace(signature=k, log_evidence=value) for k, value in enumerate((100.0, lawful))]
+    claims = (Claim(0, 1.0),)
+    search = SimpleNamespace(
+        ledger=SimpleNamespace(signatures=signatures), log_prior=np.zeros(2), gains=lambda model: gains,
+        model=lambda *claims, **options: None,
+    )  # fmt: skip
+    model = SimpleNamespace(claims=claims, posterior=SimpleNamespace(hyper=None))
+    return SimpleNamespace(search=search, model=model), claims[0]
+
+
+def ask_shapeless(bench: Bench) -> Any:
+    """A claim of no law among findings, stated with .1."""
+    zero = {"offset_rad": 1e-4}
+    structure = verdict.Structure(0.0, 0.0, 20.0, 0.0, 0.0, False, 1.0)
+    finding = verdict.Finding(Effect("transmission_error", "joint_2", None, zero), 0.1, 9.0, 0.0, (), 1.0, 0)
+    return [verdict.leave_shapeless(structure, [finding]).left]
+
+
+def ask_special_case(bench: Bench) -> Any:
+    """A law of deflection and the straight one that it holds, whose evidence is 0.5, 1 and 9 less; an offset beside."""
+    names = ("stiffness_nonlinearity", "joint_stiffness", "joint_offset")
+    signatures = [SimpleNamespace(place=(name, "joint_2", None), joint="joint_2") for name in names]
+    answers = []
+    for less in (0.5, 1.0, 9.0):
+        gains = [SimpleNamespace(signature=k, log_evidence=50.0 - less * (k == 1), size=1.0) for k in range(3)]
+
+        def model(claims: Any, *rest: Any, **options: Any) -> Any:
+            return SimpleNamespace(claims=tuple(claims), score=0.0, posterior=SimpleNamespace(hyper=None))
+
+        search = SimpleNamespace(ledger=SimpleNamespace(signatures=signatures), gains=lambda m, g=gains: g, model=model)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(doubt, "forms_that_hold", lambda ledger, special: {0} if special == 1 else set())
+            told = doubt._simplify(search, model([Claim(0, 1.0)]))  # type: ignore[arg-type]
+        answers.append([names[claim.signature] for claim in told.claims])
     return answers
 
 

@@ -97,13 +97,11 @@ def ask_outliers(bench: Bench) -> Any:
 def ask_certainty(bench: Bench) -> Any:
     """Strong and weak claims."""
     cases = [
-        (30.0, 25.0, 1.0, 1, 0.02, 1.0), (4.0, 3.0, 0.5, 2, 0.1, 3.0), (-50.0, -40.0, 0.0, 1, 0.9, 40.0),
-        (9e2, 9e2, 1.0, 1, 2e-3, 0.2),
+        (30.0, 25.0, 1.0, 3.0, 0.5, 0.1, 1, 0.02, 1.0, 1.0), (4.0, 3.0, 0.5, 0.05, 0.01, 0.1, 2, 0.1, 3.0, 2.0),
+        (-50.0, -40.0, 0.0, 0.2, 0.1, 0.1, 1, 0.9, 40.0, 40.0), (9e2, 9e2, 1.0, 60.0, 1.0, 0.1, 1, 2e-3, 0.2, 0.2),
+        (3.0, 3.0, 0.5, 40.0, 1.0, 0.1, 9, 2e-3, 5.0, 5.0),
     ]  # fmt: skip
-    return [
-        certainty.rate_certainty(certainty.Evidence(margin, plain, repeated, 3.0, 0.5, 0.1, free, imitated, alike))
-        for margin, plain, repeated, free, imitated, alike in cases
-    ]
+    return [certainty.rate_certainty(certainty.Evidence(*case)) for case in cases]
 
 
 def ask_likeness(bench: Bench) -> Any:

@@ -49,9 +49,10 @@ ROWS: dict[str, dict[str, Row]] = {
         "CONSTANT": ("certainty", -30.0, 30.0),
         "MARGIN": ("certainty", 0.0, 100.0),
         "REPEATED": ("certainty", 0.0, 100.0),
-        "FREE": ("certainty", 0.0, 100.0),
+        "VALUES": ("certainty", 0.0, 100.0),
         "IMITATED": ("certainty", 0.0, 100.0),
         "LIKENESS": ("certainty", 0.0, 100.0),
+        "LIKENESS_BESIDE": ("certainty", 0.0, 100.0),
         "MARGIN_SCALE": ("certainty", 1e-3, 1e4),
         "LEAST_MARGIN": ("certainty", -1e4, 1e4),
         "LEAST_IMITATED": ("certainty", 1e-6, 0.12),
@@ -97,6 +98,7 @@ ROWS: dict[str, dict[str, Row]] = {
         "MOST_CHANGES": ("weighing", 0, 100),
         "MOST_GROWN": ("weighing", 0, 100),
         "WORTHWHILE": ("doubt", None, 1e4, ONE),
+        "AS_WELL": ("special_case lawful", 1e-3, 1e3),
     },
     "evidence": {
         "TAU_RANGE": ("evidence", (-0.1, 0.1), (-9.0, 9.0)),
@@ -148,7 +150,10 @@ ROWS: dict[str, dict[str, Row]] = {
         "CHANCE": ("likeness", 0.05, 0.999),
         "STILL": ("likeness", None, 0.5, FAR),
     },
-    "ledger": {"TYPICAL": ("blocks", np.array([1]), np.arange(1, 200))},
+    "ledger": {
+        "TYPICAL": ("blocks", np.array([1]), np.arange(1, 200)),
+        "CONTAINED": ("verdict", -1.0, None, ONE),
+    },
     "measurement_moves": {
         "MARGIN": ("moves", 1e-5, 0.4),
         "WIDEST": ("moves", 0.01, 30.0),
@@ -247,6 +252,7 @@ ROWS: dict[str, dict[str, Row]] = {
         "TRIED_A_WAVE": ("proposals", 1, 1000),
         "WORTH_A_SHIFT": ("proposals", 0.01, 1e4),
         "LEAST_CYCLES": ("proposals", 0.01, 50.0),
+        "SERIES_ROWS": ("proposals", 3, None, TIME),
     },
     "questions": {
         "NO_EFFECT": ("questions", 1e-5, 10.0),
@@ -345,7 +351,8 @@ ROWS: dict[str, dict[str, Row]] = {
         "MOST_MARGIN": ("verdict", 0.1, None, FAR),
         "STEPS": ("left", 0, None, TIME),
         "LEFT_TO_NOISE": ("verdict", None, 1.0, FAR),
-        "CONTAINED": ("verdict", -1.0, None, ONE),
+        "SHAPELESS": ("shapeless", 0.0, 1.0),
+        "MOST_OF_IT": ("lawful", 0.1, 0.9),
     },
 }  # fmt: skip
 #: Probes that take seconds.

@@ -13,12 +13,12 @@ from compplan.robot import Array
 MOST_SURE = 0.99
 #: Log odds are divided by this: evidence of real campaigns is less sharp than its model (assumed).
 TEMPER = 2.0
-#: The map from evidence to log odds, fitted by penalised logistic regression to the claims of the development suite
+#: The map from evidence to log odds, fitted by penalised logistic regression to the claims of development campaigns
 #: (study: python -m benchmarks.calibrate_certainty): constant, margin (arsinh of it over its scale), share of halves
-#: that repeat the claim, and the logarithms of the number of free values, of the probability that a cause without a
-#: name would be explained as fully, and of the likeness of what is left, these three with their signs turned. No weight
-#: may be negative.
-CONSTANT, MARGIN, REPEATED, FREE, IMITATED, LIKENESS = -2.03, 0.27, 0.25, 0.83, 0.94, 1.04
+#: that repeat the claim, and logarithms with their signs turned: of the number of values of its simplest form, of the
+#: probability that a cause without a name would be explained as fully, and of the likeness of what is left, without and
+#: with errors that have no name. No weight may be negative.
+CONSTANT, MARGIN, REPEATED, VALUES, IMITATED, LIKENESS, LIKENESS_BESIDE = -1.48, 0.34, 0.49, 0.73, 0.84, 1.07, 1.08
 #: Margins beyond the first count by their logarithm alone; those below the second tell no more (assumed).
 MARGIN_SCALE, LEAST_MARGIN = 5.0, -20.0
 #: Neither do imitations rarer or more frequent than these: the first is what the causes drawn can tell; beyond the
@@ -40,11 +40,12 @@ class Evidence:
         floors: Motion that it explains, in noise floors.
         part: Motion that it explains over the gap.
         left: What is left beyond the noise floor over the gap.
-        free: Number of values of a form whose shape no law of physics gives; 1 for all others.
+        values: Number of values of the simplest lawful form of its place that explains as well.
         imitated: Probability that a cause without a name would be explained as fully as what the other claims leave is
             by this one (compplan.diagnose.imitation).
         likeness: What is left along the claim's own motion over what lies across it, in units of the most that chance
             leaves there (compplan.diagnose.likeness).
+        likeness_beside: The same of what errors without a name leave besides.
     """
 
     margin: float
@@ -53,9 +54,10 @@ class Evidence:
     floors: float
     part: float
     left: float
-    free: int
+    values: int
     imitated: float
     likeness: float
+    likeness_beside: float
 
     def to_table(self) -> dict[str, float]:
         """Return what diagnosis.json holds."""
@@ -63,11 +65,11 @@ class Evidence:
 
 
 def features_of(evidence: Evidence) -> Array:
-    """Return what the map weighs: margin, repetition, freedom, imitation, likeness. Shape (5,)."""
+    """Return what the map weighs: margin, repetition, values, imitation, both likenesses. Shape (6,)."""
     margin = np.arcsinh(max(min(evidence.margin, evidence.plain), LEAST_MARGIN) / MARGIN_SCALE)
     imitated = np.log(np.clip(evidence.imitated, LEAST_IMITATED, MOST_IMITATED))
-    likeness = np.log(np.clip(evidence.likeness, 1.0, MOST_ALIKE))
-    return np.array([margin, evidence.repeated, -np.log(evidence.free), -imitated, -likeness])
+    alike = np.log(np.clip([evidence.likeness, evidence.likeness_beside], 1.0, MOST_ALIKE))
+    return np.array([margin, evidence.repeated, -np.log(evidence.values), -imitated, *-alike])
 
 
 def rate_certainty(evidence: Evidence) -> float:
@@ -76,6 +78,6 @@ def rate_certainty(evidence: Evidence) -> float:
     Args:
         evidence: What the claim shows.
     """
-    weights = np.array([MARGIN, REPEATED, FREE, IMITATED, LIKENESS])
+    weights = np.array([MARGIN, REPEATED, VALUES, IMITATED, LIKENESS, LIKENESS_BESIDE])
     odds = CONSTANT + weights @ features_of(evidence)
     return float(np.clip(expit(odds), 0.0, MOST_SURE))

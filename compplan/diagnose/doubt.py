@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnose.evidence import Hyper, Prior, find_posterior
-from compplan.diagnose.ledger import Ledger, extend_ledger
-from compplan.diagnose.search import Model, Search, add_claim
+from compplan.diagnose.gains import Gain
+from compplan.diagnose.ledger import Ledger, extend_ledger, forms_that_hold
+from compplan.diagnose.search import Claim, Model, Search, add_claim
 from compplan.diagnose.state import Fit
 from compplan.diagnose.unmodelled import PLAIN_MOTION, unmodelled_signatures
 from compplan.effects.signature import Signature
@@ -32,6 +33,8 @@ STEPS, FURTHER = 40, 8
 MOST_CHANGES, MOST_GROWN = 4, 10
 #: Log posterior that an addition has to gain (assumed).
 WORTHWHILE = 1.0
+#: One form explains a campaign as well as another within so much log evidence (assumed: odds of seven).
+AS_WELL = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +103,7 @@ def raise_doubt(fit: Fit, progress: Callable[[str], None] = lambda text: None) -
         # several claims together may imitate one cause that has no name: the other way round, from none of them
         grown = replace(hyper, log_tau=np.where(prior.loose, PLAIN, hyper.log_tau))
         model = max(model, _settle(search, search.model([], grown, steps=STEPS), MOST_GROWN), key=lambda m: m.score)
-    return Doubt(search, model, tuple(driver for driver, _ in kinds), members)
+    return Doubt(search, _simplify(search, model), tuple(driver for driver, _ in kinds), members)
 
 
 def _loosen(fit: Fit, ledger: Ledger, members: Sequence[Indices]) -> Prior:
@@ -131,6 +134,33 @@ def _settle(search: Search, model: Model, changes: int) -> Model:
             return model
         model = fitted
     return model
+
+
+def _simplify(search: Search, model: Model) -> Model:
+    """Claim the special case instead of what holds it, where it explains the campaign as well.
+
+    A law of deflection with a straight part holds a joint's compliance: that it is bent has to show.
+    """
+    signatures, hyper = search.ledger.signatures, model.posterior.hyper
+    for claim in model.claims:
+        own = signatures[claim.signature]
+        rest = [c for c in model.claims if c != claim]
+        gains = search.gains(search.model(rest, hyper, fit=False))
+        whole = max((g.log_evidence for g in gains if signatures[g.signature].place == own.place), default=np.inf)
+        special = next((g for g in gains if g.log_evidence >= whole - AS_WELL and _is_held(search, own, g)), None)
+        if special is not None:
+            simple = search.model([*rest, Claim(special.signature, special.size)], hyper, steps=FURTHER)
+            model = simple if np.isfinite(simple.score) else model
+    return model
+
+
+def _is_held(search: Search, own: Signature, gain: Gain) -> bool:
+    """Tell whether a form at the place of a claim holds another signature of its joint as a special case."""
+    signatures = search.ledger.signatures
+    special = signatures[gain.signature]
+    if special.joint != own.joint or special.place == own.place:
+        return False
+    return any(signatures[n].place == own.place for n in forms_that_hold(search.ledger, gain.signature))
 
 
 def _leave_out(search: Search, model: Model) -> Model:

@@ -19,6 +19,8 @@ from compplan.robot import Array
 
 #: Sizes of groups that are told apart (assumed: a half more each, which changes the weight of a mean by little).
 TYPICAL = np.array([1, 2, 3, 4, 6, 9, 14, 22, 34, 52, 80, 120])
+#: Share of its squares by which one form may differ from a special case of another (assumed: rounding).
+CONTAINED = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,6 +203,22 @@ def select_rows(ledger: Ledger, rows: NDArray[np.bool_], columns: NDArray[np.int
 def typical_size(sizes: NDArray[np.int_]) -> NDArray[np.int_]:
     """Round sizes of groups to a few; only the weight of their means depends on it."""
     return np.asarray(TYPICAL[np.abs(np.log(sizes[:, None] / TYPICAL)).argmin(1)])
+
+
+def forms_that_hold(ledger: Ledger, special: int) -> set[int]:
+    """List forms at the joint of one that have more parameters and hold all that this one can be."""
+    narrow, joint = ledger.columns(special), ledger.signatures[special].joint
+    gram = np.sum([channel.total.gram for channel in ledger.channels], axis=0)
+    found = set()
+    for number, signature in enumerate(ledger.signatures):
+        wide = ledger.columns(number)
+        if signature.joint != joint or len(wide) <= len(narrow):
+            continue
+        across, own = gram[np.ix_(wide, narrow)], gram[np.ix_(wide, wide)]
+        explained = np.trace(across.T @ np.linalg.pinv(own, rcond=1e-9, hermitian=True) @ across)
+        if explained > (1.0 - CONTAINED) * np.trace(gram[np.ix_(narrow, narrow)]):
+            found.add(number)
+    return found
 
 
 def _number_columns(

@@ -11,7 +11,7 @@ from compplan.effects.base_frame import base_twists
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Signature
 from compplan.effects.stiffness_nonlinearity import linear_in_disguise
-from compplan.effects.transmission_error import bump_at, spline_at, waves_at
+from compplan.effects.transmission_error import bump_at, series_at, spline_at, waves_at
 
 REGISTRATION = "registration"
 #: Scale of the frames that are fitted freely; their prior is as good as none (assumed). [m, rad]
@@ -79,6 +79,8 @@ def _again_curve(at: Linearization, index: int, old: Signature) -> Signature:
     """Offer a curve over a joint's angle at a new linearization."""
     fixed = old.fixed
     for unit, cycles in (("rad", "cycles_per_turn"), ("m", "cycles_per_m")):
+        if cycles in fixed and old.form.startswith("series"):
+            return series_at(at, index, fixed[cycles][0], old.tried)
         if cycles in fixed:
             return waves_at(at, index, fixed[cycles], old.tried)
         if f"centre_{unit}" in fixed:

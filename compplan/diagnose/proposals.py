@@ -15,7 +15,16 @@ from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Signature
 from compplan.effects.tool_frame import SCALE as TOOL_SCALE
 from compplan.effects.tool_frame import tool_twists
-from compplan.effects.transmission_error import bump, bump_at, spline_at, waves, waves_at
+from compplan.effects.transmission_error import (
+    OVERTONES,
+    bump,
+    bump_at,
+    periods_seen,
+    series_at,
+    spline_at,
+    waves,
+    waves_at,
+)
 from compplan.robot import Array
 
 Waves = NDArray[np.complex128]
@@ -44,6 +53,8 @@ HOLD = 1e-2
 BETWEEN, WHOLE_CYCLES = 0.25, 31.0
 #: n waves together count as at most this many tried: the first times the second to the n (assumed: not all were).
 TRIED, TRIED_A_WAVE = 100, 10
+#: Rows that the period of a wave with overtones is looked for in, about (assumed: many times what six values need).
+SERIES_ROWS = 400
 #: A shift has to explain this much log likelihood (assumed). Least cycles per turn, or per metre (assumed).
 WORTH_A_SHIFT, LEAST_CYCLES = 6.0, 0.5
 
@@ -134,6 +145,10 @@ def propose_waves(
                 tried = int(min(len(spectrum.grid) ** count, TRIED * TRIED_A_WAVE**count))
                 found.append(waves_at(at, index, picked[:count], tried=tried))
         if picked:
+            some = np.flatnonzero(seen)[:: 1 + int(seen.sum()) // SERIES_ROWS]
+            grid = spectrum.grid[periods_seen(spectrum.grid, spread, slides) >= 1.0]
+            cycle = find_series(angle[some], pull[some], weight[some], grid, slides)
+            found.append(series_at(at, index, cycle, tried=min(len(grid), TRIED * TRIED_A_WAVE)))
             found.append(spline_at(at, index))
             found += _best_bumps(at, index, angle, pull, weight)
     return found
@@ -251,6 +266,31 @@ def _match_waves(angle: Array, pull: Array, weight: Array, spectrum: _Spectrum, 
         columns = np.column_stack([smooth, waves(angle, picked, slides)])
         rest = pull - weight * (columns @ _weighted_fit(columns, pull, weight))
     return picked
+
+
+def find_series(angle: Array, pull: Array, weight: Array, grid: Array, slides: bool) -> float:
+    """Return the cycles of the wave with overtones that has the largest evidence, all as large as the largest sine.
+
+    Args:
+        angle: Angles of the joint. Shape (n,).
+        pull: What is left, projected on the joint's motion. Shape (n,).
+        weight: Square of that motion. Shape (n,).
+        grid: Cycles to look at. Shape (f,).
+        slides: Whether the joint is prismatic.
+    """
+    smooth = np.column_stack([np.ones_like(angle), angle - angle.mean()])
+    rest = pull - weight * (smooth @ _weighted_fit(smooth, pull, weight))
+    overtones = enumerate(OVERTONES)
+    parts = [size * waves(angle, ((k + 1) * grid).tolist(), slides).reshape(len(angle), -1, 2) for k, size in overtones]
+    phases = np.concatenate(parts, axis=2)
+    against = np.einsum("n,nfk->fk", rest, phases)
+    moments = np.einsum("n,nfk,nfl->fkl", weight, phases, phases)
+    sine = moments[:, :2, :2] + 1e-9 * weight.sum() * np.eye(2)
+    squares = np.einsum("fk,fk->f", against[:, :2], np.linalg.solve(sine, against[:, :2, None])[..., 0])
+    size = np.sqrt(2.0 * squares.max() / weight.sum())
+    inner = np.eye(phases.shape[2]) + size**2 * moments
+    explained = size**2 * np.einsum("fk,fk->f", against, np.linalg.solve(inner, against[..., None])[..., 0])
+    return float(grid[np.argmax(explained - np.linalg.slogdet(inner)[1])])
 
 
 def _weighted_fit(columns: Array, pull: Array, weight: Array) -> Array:

@@ -1,12 +1,15 @@
 """transmission_error: an error periodic in a joint's angle, or a bump at one angle.
 
 Two models: waves of given cycles per turn, and a cubic B-spline over the visited angles, which is zero beyond them.
+Lawful are a wave and a wave with overtones, which repeat. Several waves of different periods, bumps and splines carry
+any error that follows the joint's angle, whatever makes it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -24,6 +27,10 @@ follows = "joint angle"
 #: Assumed: a tenth of a milliradian at the link.
 SCALE = {"revolute": 1e-4, "prismatic": 1e-4}
 HARMONICS = 4
+#: Sizes of the overtones of a wave that is no sine, over the wave's own (assumed: teeth and rollers err once a pitch,
+#: and seldom as a pure sine), and the periods that every joint is offered with them, in cycles per turn (assumed).
+OVERTONES = (1.0, 0.5, 1.0 / 3.0)
+SERIES = (1.0, 2.0)
 SPLINE_SPACING = np.deg2rad(10.0)
 #: Most and fewest pieces of a spline; between them as many as there are ten poses each for (the usual rule of
 #: regression).
@@ -31,7 +38,10 @@ MAX_SPLINES, FEWEST_SPLINES, POSES_A_VALUE = 30, 5, 10
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer each of the first harmonics of every joint, the first two and all of them; `waves_at` offers others."""
+    """Offer the first harmonics of every joint: each, the first two, all of them, and two with overtones.
+
+    `waves_at` and `series_at` offer others.
+    """
     for index, joint in enumerate(at.robot.actuated):
         spread = float(np.ptp(at.campaign.q[:, index]))
         if spread < 0.1:
@@ -40,6 +50,9 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         cycles = [unit * harmonic for harmonic in range(1, HARMONICS + 1)]
         for some in (*([cycle] for cycle in cycles), cycles[:2], cycles):
             yield waves_at(at, index, some)
+        for harmonic in SERIES:
+            if periods_seen(unit * harmonic, spread, joint.kind == "prismatic") >= 1.0:
+                yield series_at(at, index, unit * harmonic)
 
 
 def waves(angle: Array, cycles: Sequence[float], slides: bool) -> Array:
@@ -58,7 +71,21 @@ def waves_at(at: Linearization, index: int, cycles: Sequence[float], tried: int 
     fixed = {"cycles_per_m" if slides else "cycles_per_turn": [float(c) for c in cycles]}
     label = "waves " + " ".join(f"{c:.4g}" for c in cycles)
     columns = tuple(f"{cycle:.6g} {part}" for cycle in cycles for part in ("sine", "cosine"))
-    return replace(_signature(at, index, label, keys, shape, fixed), tried=tried, columns=columns)
+    signature = _signature(at, index, label, keys, shape, fixed)
+    return replace(signature, tried=tried, columns=columns, lawful=len(cycles) == 1)
+
+
+def periods_seen(cycles: float | Array, spread: float, slides: bool) -> Any:
+    """Return how many periods of a wave a visited range holds: that a curve of any shape repeats has to be seen."""
+    return np.asarray(cycles) * spread * (1.0 if slides else 0.5 / np.pi)
+
+
+def series_at(at: Linearization, index: int, cycle: float, tried: int = 1) -> Signature:
+    """Offer a wave of any shape, as its first three harmonics, the higher the smaller, picked from `tried` periods."""
+    plain = waves_at(at, index, [cycle * (k + 1) for k in range(len(OVERTONES))], tried)
+    columns = tuple(f"series {cycle:.6g} {k} {part}" for k in range(len(OVERTONES)) for part in ("sine", "cosine"))
+    scale = plain.scale * np.repeat(OVERTONES, 2)
+    return replace(plain, form=f"series {cycle:.4g}", scale=scale, columns=columns, lawful=True)
 
 
 def bump(angle: Array, centre: float | Array, width: float) -> Array:
@@ -72,7 +99,7 @@ def bump_at(at: Linearization, index: int, centre: float, width: float, tried: i
     shape = bump(np.nan_to_num(at.campaign.q[:, index]), centre, width)[:, None]
     fixed = {f"centre_{unit}": [centre], f"width_{unit}": [width]}
     label = f"bump {centre:.3g} {width:.3g}"
-    return replace(_signature(at, index, label, (f"height_{unit}#0",), shape, fixed), tried=tried)
+    return replace(_signature(at, index, label, (f"height_{unit}#0",), shape, fixed), tried=tried, lawful=False)
 
 
 def spline_knots(low: float, high: float, spacing: float = SPLINE_SPACING, most: int = MAX_SPLINES) -> Array:
@@ -99,7 +126,7 @@ def spline_at(at: Linearization, index: int, spacing: float = SPLINE_SPACING) ->
     unit = "m" if joint.kind == "prismatic" else "rad"
     keys = tuple(f"spline_{unit}#{k}" for k in range(shape.shape[1]))
     fixed = {"knots_m" if joint.kind == "prismatic" else "knots_rad": [float(k) for k in knots]}
-    return _signature(at, index, "spline", keys, shape, fixed)
+    return replace(_signature(at, index, "spline", keys, shape, fixed), lawful=False)
 
 
 def _signature(

@@ -1,0 +1,96 @@
+"""Curves over a joint's angle: a gear error has a period and may have overtones; a curve without one names no cause."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from compplan.diagnose import doubt
+from compplan.diagnose.proposals import find_series, wave_grid
+from compplan.diagnose.search import Claim
+from compplan.diagnose.verdict import SHAPELESS, Finding, Structure, count_lawful, count_values, leave_shapeless
+from compplan.effects import Effect
+
+POSES = 45
+
+
+def saw(angle: np.ndarray, cycles: float) -> np.ndarray:
+    """A saw tooth of so many teeth a turn, which is a sine with overtones of a half, a third, a quarter, ..."""
+    return np.mod(cycles * angle / (2.0 * np.pi), 1.0) - 0.5
+
+
+def form(label: str, keys: int, *, lawful: bool = True) -> Any:
+    place = ("transmission_error", "joint_2", None)
+    return SimpleNamespace(form=label, keys=("value",) * keys, lawful=lawful, place=place)
+
+
+def weighed(forms: list[Any], evidence: list[float]) -> tuple[Any, Claim]:
+    """The first of some forms claimed, and what each of them would add to the evidence in its place."""
+    gains = [SimpleNamespace(signature=k, log_evidence=value - 5.0) for k, value in enumerate(evidence)]
+    claim = Claim(0, 1.0)
+    search = SimpleNamespace(
+        ledger=SimpleNamespace(signatures=forms), log_prior=np.full(len(forms), -5.0), gains=lambda model: gains,
+        model=lambda *claims, **options: None,
+    )  # fmt: skip
+    return SimpleNamespace(
+        search=search, model=SimpleNamespace(claims=(claim,), posterior=SimpleNamespace(hyper=None))
+    ), claim
+
+
+@pytest.mark.parametrize(("cycles", "seed"), [(3.0, 0), (7.0, 1), (12.0, 2), (31.0, 3)])
+def test_the_period_of_a_saw_tooth_is_found_among_all_periods(cycles: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    angle = rng.uniform(-2.0, 2.0, POSES)
+    lever = rng.uniform(0.5, 1.5, POSES)  # motion of the target per unit of the joint, noise units
+    left = 6.0 * lever * saw(angle, cycles) + rng.normal(size=POSES)
+    found = find_series(angle, lever * left, lever**2, np.concatenate(wave_grid(float(np.ptp(angle)), False)), False)
+    # periods closer than half a wave's width, a turn over 4 rad, can hardly be told apart
+    assert found == pytest.approx(cycles, abs=0.5 * 2.0 * np.pi / 4.0)
+
+
+def test_a_wave_with_overtones_counts_less_than_as_many_free_waves() -> None:
+    assert count_values(form("series 4", 6)) == 3
+    assert count_values(form("waves 1 2 3 4", 8)) == 8
+    assert count_values(form("bump 0.3 0.1", 1)) == 3
+
+
+def test_a_curve_names_a_gear_error_only_where_one_wave_explains_most_of_what_it_does() -> None:
+    free, wave, saw_tooth = form("waves 1 2 3 4", 8, lawful=False), form("waves 2", 2), form("series 2", 6)
+    assert count_lawful(*weighed([free, wave, saw_tooth], [100.0, 60.0, 70.0])) is None
+    assert count_lawful(*weighed([free, wave, saw_tooth], [100.0, 60.0, 90.0])) == 3
+    assert count_lawful(*weighed([free, wave, saw_tooth], [100.0, 90.0, 95.0])) == 2
+    # of lawful forms the simplest counts that explains as well, within odds of seven
+    assert count_lawful(*weighed([saw_tooth, wave], [100.0, 98.5])) == 2
+    assert count_lawful(*weighed([saw_tooth, wave], [100.0, 96.0])) == 3
+
+
+def test_a_curve_without_a_law_is_said_to_follow_its_joint() -> None:
+    structure = Structure(0.0, 0.0, 1e-3, 0.0, 1e-3, False, 1e-4)
+    findings = [
+        Finding(Effect("transmission_error", f"joint_{k}", None, {}), stated, 1e-3, 50.0, (), 1.0, k)
+        for k, stated in enumerate((SHAPELESS, 0.9))
+    ]
+    left = leave_shapeless(structure, findings)
+    assert left.left and [(d.effect.joint, d.effect.axis) for d in left.dependences] == [("joint_0", "its own angle")]
+    assert leave_shapeless(structure, findings[1:]) is structure
+
+
+@pytest.mark.parametrize(("ahead", "claimed"), [(0.5, "joint_stiffness"), (6.0, "stiffness_nonlinearity")])
+def test_a_bent_law_of_deflection_has_to_show(
+    ahead: float, claimed: str, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    names = ("stiffness_nonlinearity", "joint_stiffness", "transmission_error")
+    signatures = [SimpleNamespace(place=(name, "joint_2", None), joint="joint_2") for name in names]
+    # the wave explains as much and is no special case of a law of deflection
+    gains = [SimpleNamespace(signature=k, log_evidence=60.0 + ahead * (k == 0), size=1.0) for k in range(3)]
+
+    def model(claims: Any, *rest: Any, **options: Any) -> Any:
+        return SimpleNamespace(claims=tuple(claims), score=0.0, posterior=SimpleNamespace(hyper=None))
+
+    search: Any = SimpleNamespace(
+        ledger=SimpleNamespace(signatures=signatures), model=model, gains=lambda base: gains
+    )
+    monkeypatch.setattr(doubt, "forms_that_hold", lambda ledger, special: {0} if special == 1 else set())
+    told = doubt._simplify(search, model([Claim(0, 1.0)]))
+    assert [names[claim.signature] for claim in told.claims] == [claimed]
