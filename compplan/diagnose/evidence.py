@@ -160,8 +160,8 @@ class Posterior:
         return full
 
 
-def excess_square(channels: Sequence[ChannelProducts], posterior: Posterior, columns: NDArray[np.int_]) -> float:
-    """Return the squares that some columns leave beyond the noise.
+def excess_squares(channels: Sequence[ChannelProducts], posterior: Posterior, columns: NDArray[np.int_]) -> Array:
+    """Return the squares that some columns leave beyond the noise in each channel. Shape (channels,).
 
     Args:
         channels: The products.
@@ -169,12 +169,12 @@ def excess_square(channels: Sequence[ChannelProducts], posterior: Posterior, col
         columns: Active columns that count as explanation.
     """
     kept = np.isin(posterior.columns, columns)
-    mean, total = posterior.mean[kept], 0.0
+    mean, found = posterior.mean[kept], []
     for channel in channels:
         part = channel.total.take(posterior.columns[kept])
         left = part.square - 2 * mean @ part.against + mean @ part.gram @ mean
-        total += float(left) - part.count
-    return total
+        found.append(float(left) - part.count)
+    return np.array(found)
 
 
 def start_hyper(ledger: Ledger, classes: int) -> Hyper:

@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnose.evidence import Hyper, Posterior, Prior, excess_square, find_posterior
+from compplan.diagnose.evidence import Hyper, Posterior, Prior, excess_squares, find_posterior
 from compplan.diagnose.gains import SIZES, Gain, find_gains
 from compplan.diagnose.ledger import Ledger
 from compplan.effects.linearization import Place
@@ -261,17 +261,22 @@ def explains_enough(search: Search, old: Model, new: Model) -> bool:
     part after the other would only imitate it. What the background of small errors has swallowed counts as left, too.
     """
     channels, background = search.ledger.channels, search.prior.background >= 0
+    much = MUCH * np.array([channel.total.count for channel in channels])
 
-    def measure(model: Model) -> tuple[float, float]:
+    def measure(model: Model) -> tuple[Array, Array]:
         posterior = model.posterior
         plain = np.setdiff1d(posterior.columns, np.flatnonzero(background))
         known = np.union1d(plain, search.ledger.join_columns(model.signatures))
-        return excess_square(channels, posterior, posterior.columns), excess_square(channels, posterior, known)
+        return (
+            excess_squares(channels, posterior, posterior.columns),
+            excess_squares(channels, posterior, known),
+        )
 
-    before = measure(old)
-    if before[0] < MUCH * sum(channel.total.count for channel in channels):
+    before, after = measure(old), measure(new)
+    if (before[0] < much).all():
         return True
-    return any(b - a > FAIR_PART * b for b, a in zip(before, measure(new), strict=True))
+    # each channel by itself: an instrument that tells one quantity far more closely must not outvote the others
+    return any((b - a > FAIR_PART * np.maximum(b, much)).any() for b, a in zip(before, after, strict=True))
 
 
 def distinct_places(search: Search, gains: list[Gain], count: int) -> list[Gain]:
