@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from compplan.cell.predict import predict_campaign
+from compplan.commands.diagnose import describe_diagnosis
 from compplan.diagnose import Diagnosis, diagnose_campaign
+from compplan.diagnose.assessment import assess_diagnosis
 from compplan.effects import Effect
 from compplan.measure.campaign import Campaign
 from compplan.robot import Robot
@@ -61,6 +63,14 @@ def test_trap_4_a_coupling_convention_is_named_not_fitted(robot: Robot, parts: t
     diagnosis = diagnose_campaign(robot, measure(robot, plan_rows(robot, 4), [coupled], 4), register=parts)
     assert places(diagnosis) == [("joint_coupling", "joint_3")]
     assert diagnosis.gap.after < 1.2 * diagnosis.gap.noise_floor
+    if not parts:
+        # the folder holds the convention and no parameter: more poses would bring nothing, and that can be said
+        assert diagnosis.deliveries[0].kind == "causes"
+        learning = assess_diagnosis(diagnosis).learning
+        assert learning is not None
+        assert learning.errors == pytest.approx([learning.errors[0]] * len(learning.errors), rel=0.05)
+        told = describe_diagnosis(diagnosis)
+        assert "joint_coupling joint_3: probability 0.99, found before anything was fitted" in told
 
 
 @pytest.mark.slow

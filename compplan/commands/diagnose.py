@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from pathlib import Path
 
 import click
@@ -10,7 +11,7 @@ from compplan.commands.completion import complete_robots
 from compplan.commands.measured import load_measured, measured_options, settle_questions
 from compplan.commands.places import OUT_FOLDER
 from compplan.commands.progress import show_progress
-from compplan.diagnose import Diagnosis, diagnose_campaign
+from compplan.diagnose import Diagnosis, Finding, diagnose_campaign
 from compplan.diagnose.accuracy import MORE
 from compplan.diagnose.assessment import Assessment, assess_diagnosis
 from compplan.diagnose.change import state_change
@@ -95,7 +96,7 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
         change = describe_change(state_change(diagnosis.robot, finding.effect, diagnosis.deliveries[0].uncertainty))
         lines.append(
             f"  {place}: {change + ' (95 %), ' if change else ''}probability {finding.probability:.2f}, "
-            f"moves the target {finding.explained * 1e3:.3f} mm{tie}"
+            f"{_describe_motion(finding)}{tie}"
         )
     if verdict.structure.background > verdict.structure.floor:
         lines.append(f"  calibration, small errors everywhere: {verdict.structure.background * 1e3:.3f} mm")
@@ -110,6 +111,13 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
     if len(diagnosis.outliers):
         lines.append(f"{len(diagnosis.outliers)} rows are reported as outliers")
     return "\n".join(lines)
+
+
+def _describe_motion(finding: Finding) -> str:
+    """Say how far an effect moves the target; what was found before anything was fitted has no such figure."""
+    if not isfinite(finding.explained):
+        return "found before anything was fitted"
+    return f"moves the target {finding.explained * 1e3:.3f} mm"
 
 
 def describe_assessment(diagnosis: Diagnosis, assessment: Assessment) -> str:

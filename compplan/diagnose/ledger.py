@@ -304,7 +304,8 @@ def turn_rows(group: NDArray[np.int_], design: Array, observed: Array) -> Rows:
 
 
 def _products(design: Array, observed: Array, old: Products | None) -> Products:
-    flat, y = design.reshape(-1, design.shape[-1]), observed.reshape(-1)
+    # a model without parameters has no columns, and then no shape says how many values there are
+    flat, y = design.reshape(observed.size, design.shape[-1]), observed.reshape(-1)
     if old is None:
         return Products(len(y), flat.T @ flat, flat.T @ y, float(y @ y))
     p, count = len(old.against), flat.shape[1]
