@@ -18,7 +18,7 @@ TEMPER = 2.0
 #: that repeat the claim, and logarithms with their signs turned: of the number of values of its simplest form, of the
 #: probability that a cause without a name would be explained as fully, and of the likeness of what is left, without and
 #: with errors that have no name. No weight may be negative.
-CONSTANT, MARGIN, REPEATED, VALUES, IMITATED, LIKENESS, LIKENESS_BESIDE = -1.48, 0.34, 0.49, 0.73, 0.84, 1.07, 1.08
+CONSTANT, MARGIN, REPEATED, VALUES, IMITATED, LIKENESS, LIKENESS_BESIDE = -1.9, 0.41, 0.66, 0.97, 0.90, 1.14, 0.86
 #: Margins beyond the first count by their logarithm alone; those below the second tell no more (assumed).
 MARGIN_SCALE, LEAST_MARGIN = 5.0, -20.0
 #: Neither do imitations rarer or more frequent than these: the first is what the causes drawn can tell; beyond the
