@@ -190,7 +190,7 @@ def weigh_claim(
         probability=SHAPELESS if lawful is None else rate_certainty(evidence),
         explained=explained,
         margin=margin,
-        rivals=tuple(rivals),
+        rivals=() if lawful is None else tuple(rivals),
         size=claim.size,
         signature=claim.signature,
         evidence=evidence,
