@@ -162,8 +162,8 @@ def test_nothing_is_named_where_there_is_nothing(robot: Robot) -> None:
 @pytest.mark.parametrize(
     "seed",
     [
-        pytest.param(12, marks=pytest.mark.xfail(strict=True, reason="joint_stiffness of the same joint, stated 0.95")),
-        pytest.param(112, marks=pytest.mark.xfail(strict=True, reason="joint_stiffness of the same joint, stated 0.90")),
+        pytest.param(12, marks=pytest.mark.xfail(strict=True, reason="joint_stiffness of the joint, stated 0.95")),
+        pytest.param(112, marks=pytest.mark.xfail(strict=True, reason="joint_stiffness of the joint, stated 0.90")),
         212,
     ],
 )
