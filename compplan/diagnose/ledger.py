@@ -208,15 +208,18 @@ def typical_size(sizes: NDArray[np.int_]) -> NDArray[np.int_]:
 def forms_that_hold(ledger: Ledger, special: int) -> set[int]:
     """List forms at the joint of one that have more parameters and hold all that this one can be."""
     narrow, joint = ledger.columns(special), ledger.signatures[special].joint
-    gram = np.sum([channel.total.gram for channel in ledger.channels], axis=0)
-    found = set()
+
+    def multiply(rows: NDArray[np.int_], columns: NDArray[np.int_]) -> Array:
+        return np.asarray(sum(channel.total.gram[np.ix_(rows, columns)] for channel in ledger.channels))
+
+    whole, found = np.trace(multiply(narrow, narrow)), set()
     for number, signature in enumerate(ledger.signatures):
         wide = ledger.columns(number)
         if signature.joint != joint or len(wide) <= len(narrow):
             continue
-        across, own = gram[np.ix_(wide, narrow)], gram[np.ix_(wide, wide)]
+        across, own = multiply(wide, narrow), multiply(wide, wide)
         explained = np.trace(across.T @ np.linalg.pinv(own, rcond=1e-9, hermitian=True) @ across)
-        if explained > (1.0 - CONTAINED) * np.trace(gram[np.ix_(narrow, narrow)]):
+        if explained > (1.0 - CONTAINED) * whole:
             found.add(number)
     return found
 

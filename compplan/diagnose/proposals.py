@@ -246,9 +246,7 @@ def _match_waves(angle: Array, pull: Array, weight: Array, spectrum: _Spectrum, 
     """Pick waves one after the other, all refitted after each, while they are worth it."""
     picked: list[float] = []
     grid, total = spectrum.grid, float(weight.sum())
-    smooth = np.column_stack([np.ones_like(angle), angle - angle.mean()])
-    columns = smooth
-    rest = pull - weight * (columns @ _weighted_fit(columns, pull, weight))
+    smooth, rest = _take_out_line(angle, pull, weight)
     # products of sine and cosine, from those of twice the angle
     double = spectrum.double_sums(weight)
     sines, cosines = (0.5 * (total + sign * double.real) + 1e-9 * total for sign in (-1.0, 1.0))
@@ -278,8 +276,7 @@ def find_series(angle: Array, pull: Array, weight: Array, grid: Array, slides: b
         grid: Cycles to look at. Shape (f,).
         slides: Whether the joint is prismatic.
     """
-    smooth = np.column_stack([np.ones_like(angle), angle - angle.mean()])
-    rest = pull - weight * (smooth @ _weighted_fit(smooth, pull, weight))
+    _, rest = _take_out_line(angle, pull, weight)
     overtones = enumerate(OVERTONES)
     parts = [size * waves(angle, ((k + 1) * grid).tolist(), slides).reshape(len(angle), -1, 2) for k, size in overtones]
     phases = np.concatenate(parts, axis=2)
@@ -291,6 +288,12 @@ def find_series(angle: Array, pull: Array, weight: Array, grid: Array, slides: b
     inner = np.eye(phases.shape[2]) + size**2 * moments
     explained = size**2 * np.einsum("fk,fk->f", against, np.linalg.solve(inner, against[..., None])[..., 0])
     return float(grid[np.argmax(explained - np.linalg.slogdet(inner)[1])])
+
+
+def _take_out_line(angle: Array, pull: Array, weight: Array) -> tuple[Array, Array]:
+    """Return a level and a slope over the angle, and what is left without them. Shapes (n, 2), (n,)."""
+    smooth = np.column_stack([np.ones_like(angle), angle - angle.mean()])
+    return smooth, pull - weight * (smooth @ _weighted_fit(smooth, pull, weight))
 
 
 def _weighted_fit(columns: Array, pull: Array, weight: Array) -> Array:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -75,7 +74,7 @@ def waves_at(at: Linearization, index: int, cycles: Sequence[float], tried: int 
     return replace(signature, tried=tried, columns=columns, lawful=len(cycles) == 1)
 
 
-def periods_seen(cycles: float | Array, spread: float, slides: bool) -> Any:
+def periods_seen(cycles: float | Array, spread: float, slides: bool) -> Array:
     """Return how many periods of a wave a visited range holds: that a curve of any shape repeats has to be seen."""
     return np.asarray(cycles) * spread * (1.0 if slides else 0.5 / np.pi)
 
