@@ -16,6 +16,7 @@ import pytest
 from montecarlo_cases import small_study
 
 from compplan.errors import InputError
+from compplan.study.cluster import ask_scheduler
 from compplan.study.runner import Settings, run_study
 from compplan.study.workforce import Workforce
 
@@ -103,3 +104,9 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(cluster, "PATIENCE", 1)
     with pytest.raises(InputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         run_study(small_study(), Settings(samples=16, seed=1), workforce=Workforce(scheduler="tcp://127.0.0.1:9"))
+
+
+def test_a_scheduler_without_dask_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r'pip install "compplan\[cluster\]"'):
+        ask_scheduler("tcp://127.0.0.1:8786")

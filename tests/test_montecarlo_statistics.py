@@ -8,6 +8,7 @@ from scipy.stats import binomtest
 from compplan.job.noise import NoiseTable, describe_noise
 from compplan.robot import load_robot
 from compplan.study.factors import Factors, draw_points, link_blocks, list_factors
+from compplan.study.sensitivity import design_points, estimate_totals
 from compplan.study.statistics import estimate_mean, estimate_quantile, estimate_share, trace_convergence
 
 
@@ -85,3 +86,18 @@ def test_the_interval_of_a_mean_narrows_with_the_samples() -> None:
     trace = trace_convergence(values, 8)
     assert trace[0][0] < trace[-1][0] == 4096
     assert trace[-1][1].half_width < 0.4 * trace[0][1].half_width
+
+
+def test_total_indices_of_a_known_function_lie_within_their_intervals() -> None:
+    """f = a sum + b product: total shares of the groups in closed form [Homma1996]; the second strategy is constant."""
+    names = np.array(["one", "one", "", "two"], dtype=object)
+    points = design_points(names, ("one", "two"), 1024, seed=3) - 0.5
+    assert points.shape == (4 * 1024, 4) and not points[:, 2].any()
+    known = 3.0 * points[:, 0] + points[:, 1] + points[:, 3] + 6.0 * points[:, 0] * points[:, 3]
+    values = np.stack([known, np.ones(len(points))]).reshape(2, 4, 1024)
+    total, half = estimate_totals(values, seed=3)
+    variance = {"one": 10.0 / 12.0, "two": 1.0 / 12.0, "both": 36.0 / 144.0}
+    whole = sum(variance.values())
+    expected = np.array([variance["one"] + variance["both"], variance["two"] + variance["both"]]) / whole
+    assert (np.abs(total[0] - expected) < 1.5 * half[0]).all() and (half[0] < 0.1).all()
+    np.testing.assert_array_equal(total[1], 0.0)

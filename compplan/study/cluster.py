@@ -37,7 +37,7 @@ def compute_on_cluster(study: Study, numbers: list[int], points: Callable[[int],
         scheduler: Address, such as "tcp://127.0.0.1:8786".
 
     Raises:
-        InputError: If the scheduler does not answer.
+        InputError: If the scheduler does not answer, or Dask is not installed.
 
     """
     client = _connect(scheduler)
@@ -63,7 +63,10 @@ def ask_scheduler(scheduler: str) -> None:
 def _connect(scheduler: str) -> Any:
     import logging
 
-    from distributed import Client
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError('--scheduler needs Dask; install it with pip install "compplan[cluster]"') from None
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what goes wrong is said in one line below
     try:
