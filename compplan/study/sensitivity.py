@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.stats import bootstrap, qmc, sobol_indices
@@ -105,7 +106,7 @@ def estimate_totals(values: Array, seed: int) -> tuple[Array, Array]:
     """
     shape = (values.shape[0], values.shape[1] - 2)
 
-    def estimate(rows: Array) -> Array:
+    def estimate(rows: Any) -> Array:
         a, b, *mixed = np.moveaxis(values[..., rows], 1, 0)
         result = sobol_indices(func={"f_A": a, "f_B": b, "f_AB": np.stack(mixed)}, n=len(rows))
         return np.asarray(result.total_order, float).reshape(shape)
