@@ -17,7 +17,8 @@ from compplan.files.tables import write_text
 from compplan.files.transaction import replace_folder
 from compplan.job.text import mount_tool, set_force, set_place, shorten_job, write_job_text
 from compplan.measure.skeleton import write_log_text
-from compplan.path.cam import list_suffixes
+from compplan.path.cam import find_reader, list_suffixes
+from compplan.path.cam.lines import read_bounded
 from compplan.path.reading import read_toolpath
 from compplan.program import WRITERS, list_languages
 from compplan.program.counting import load_controller
@@ -170,7 +171,7 @@ def _check_toolpath(path: Path) -> None:
         raise InputError("no such toolpath (it counts from the folder of the job)", file=path)
     if path.suffix.lower() == ".csv":
         read_toolpath(path, feed=ANY_FEED)
-    elif path.suffix.lower() not in list_suffixes():
+    elif path.suffix.lower() not in list_suffixes() and find_reader(path, read_bounded(path)) is None:
         raise InputError(f"is no toolpath, expected a file that ends in .csv, {', '.join(list_suffixes())}", file=path)
 
 

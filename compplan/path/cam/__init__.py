@@ -1,7 +1,9 @@
 """Readers of CAM files, one file a language: they give the toolpath in the part frame, and the facts about the file.
 
-Each reader offers `name`, the `suffixes` of its files, `recognise(text)` for files with another suffix, and
-`read(text, file, options) -> CamFile`. A new reader is one new file and one line in `READERS`.
+Each reader offers `name`, the `suffixes` of its files, `recognise(text)`, and `read(text, file, options) -> CamFile`.
+`recognise` gets the head of a file and says how surely it is of that language: 0 (or False) not, 1 (True) it may be,
+2 it has marks that no other language has (BEGIN PGM, %_N_NAME_MPF). The suffix only decides between equals.
+A new reader is one new file and one line in `READERS`.
 """
 
 from __future__ import annotations
@@ -16,10 +18,12 @@ from compplan.path.cam.moves import CamFacts, CamFile
 from compplan.path.cam.options import CamTable
 from compplan.path.toolpath import Toolpath
 
+#: Letters of the head of a file by which its language is known.
+HEAD_LETTERS = 100_000
 #: Every reader, by the name of its language.
 READERS: dict[str, ModuleType] = {module.name: module for module in (gcode, apt, krl, rapid)}
 
-__all__ = ["READERS", "CamFacts", "CamFile", "CamTable", "list_suffixes", "read_cam", "refuse_idle"]
+__all__ = ["READERS", "CamFacts", "CamFile", "CamTable", "find_reader", "list_suffixes", "read_cam", "refuse_idle"]
 
 
 def list_suffixes() -> list[str]:
@@ -27,11 +31,25 @@ def list_suffixes() -> list[str]:
     return [suffix for reader in READERS.values() for suffix in reader.suffixes]
 
 
+def find_reader(path: Path, text: str) -> ModuleType | None:
+    """Return the reader of a file: that whose language the text is most surely in, its suffix between equals.
+
+    Args:
+        path: The file; a text that no reader recognises goes to the reader of its suffix.
+        text: What stands in it.
+
+    """
+    head, suffix = text[:HEAD_LETTERS], path.suffix.lower()
+    ranks = {name: (int(reader.recognise(head)), suffix in reader.suffixes) for name, reader in READERS.items()}
+    best = max(ranks, key=lambda name: ranks[name])
+    return READERS[best] if any(ranks[best]) else None
+
+
 def read_cam(path: str | Path, options: CamTable | None = None) -> CamFile:
     """Read a CAM file.
 
     Args:
-        path: The file; its suffix says what language it is in, or its text where the suffix is unknown.
+        path: The file; its text says what language it is in, and its suffix where the text leaves it open.
         options: What the file does not say by itself.
 
     Raises:
@@ -40,9 +58,7 @@ def read_cam(path: str | Path, options: CamTable | None = None) -> CamFile:
     """
     path = Path(path)
     text = read_bounded(path)
-    by_suffix = (reader for reader in READERS.values() if path.suffix.lower() in reader.suffixes)
-    by_text = (reader for reader in READERS.values() if reader.recognise(text))
-    reader = next(by_suffix, None) or next(by_text, None)
+    reader = find_reader(path, text)
     if reader is None:
         known = " ".join((".csv", *list_suffixes()))
         raise InputError(f"unknown kind of toolpath file '{path.suffix}', choose from {known}", file=path)

@@ -35,6 +35,10 @@ ROTARY = (*"ABC", "A3", "B3", "C3")
 MOVING = frozenset((*"XYZABCIJKRUVW", "A3", "B3", "C3"))
 #: Different arcs that must fit another reading of I J K, and not the usual one, before it is taken.
 FEWEST_PROOFS = 2
+#: Beginning of a block that holds a G code.
+BEGINNING = re.compile(
+    r"^[ \t]*(/\d?[ \t]*)?([A-FH-Z:][ \t]*[-+]?[\d.]+[ \t]*){0,9}G[ \t]*\d", re.MULTILINE | re.IGNORECASE
+)
 #: Codes of which a block may hold one.
 CONTRARY = ({20.0, 21.0}, {90.0, 91.0})
 
@@ -44,12 +48,15 @@ class _OffCircleError(InputError):
 
 
 name = "gcode"
-suffixes = (".nc", ".gcode", ".tap", ".ngc", ".cnc", ".ncc", ".mpf", ".spf", ".iso", ".eia", ".h")
+suffixes = (
+    ".nc", ".gcode", ".tap", ".ngc", ".cnc", ".ncc", ".mpf", ".spf", ".iso", ".eia", ".h", ".ptp", ".min", ".gc", ".g",
+    ".fnc", ".dnc", ".din", ".pim", ".anc",
+)
 
 
 def recognise(text: str) -> bool:
-    """Tell whether a text of unknown suffix is G-code."""
-    return re.search(r"^[ \t]*(N\d+[ \t]*)?G\d", text, re.MULTILINE | re.IGNORECASE) is not None
+    """Tell whether a text is G-code: one of its lines begins with words, a G code among them."""
+    return BEGINNING.search(text) is not None
 
 
 def read(text: str, file: Path, options: CamTable) -> CamFile:
