@@ -8,24 +8,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json, write_table
 from compplan.files.transaction import list_files, replace_folder
 from compplan.job.job import Job
 from compplan.outputs.cell import write_plan_cell
 from compplan.path.events import ENDING, Event
 from compplan.path.toolpath import WRENCH_HEADERS
-from compplan.plan.compare import Comparison
-from compplan.plan.coupling import CouplingEffect
-from compplan.plan.evaluate import Evaluation
-from compplan.plan.plan import Plan
-from compplan.posture.clearance import describe_clearance
+from compplan.plan.compare import Comparison, summarise_comparison
+from compplan.plan.result import Plan, summarise_plan
 from compplan.program import Program
-from compplan.promise.band import Promise
 from compplan.robot import Array
 
 
@@ -79,143 +73,6 @@ def write_comparison(comparison: Comparison, folder: str | Path) -> list[Path]:
         write_json(part / "compare.json", summarise_comparison(comparison), indent=2)
         names = list_files(part)
     return [Path(folder) / name for name in names]
-
-
-def summarise_plan(plan: Plan) -> dict[str, Any]:
-    """Return the content of plan.json."""
-    margins, failures = plan.margins, plan.command.failures
-    summary: dict[str, Any] = {
-        "schema": 1,
-        "status": plan.status,
-        "strategy": plan.strategy,
-        "name": plan.name,
-        "robot": plan.robot.name,
-        "robot_grade": plan.robot.grade,
-        "robot_sources": dict(plan.robot.sources),
-        "waypoints": len(plan.task),
-        "configuration": dict(plan.task.configuration),
-        "solve_time_s": round(plan.command.solve_time, 4),
-        "error_before_mm": _figures(plan.before),
-        "error_after_mm": _figures(plan.after),
-        "under_mismatch": [
-            {
-                "cell": plan.mismatch.cell,
-                "rms_mm": plan.mismatch.rms_deviation * 1e3,
-                "max_mm": plan.mismatch.max_deviation * 1e3,
-                "waypoints": plan.mismatch.waypoints,
-            }
-        ],
-        "between_waypoints_mm": {
-            "max": plan.between.max_deviation * 1e3,
-            "joint_linear": float(plan.between.joint.max(initial=0.0)) * 1e3,
-            "cartesian_linear": float(plan.between.cartesian.max(initial=0.0)) * 1e3,
-            "spline": float(plan.between.spline.max(initial=0.0)) * 1e3,
-        },
-        **plan.bending.describe(),
-        **summarise_promise(plan.promise),
-        "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
-        "within_tolerance": plan.after.share_within(plan.task.tolerance),
-        "correction_mm": {"max": margins.max_correction * 1e3},
-        "margins": {
-            "position_limit_deg": float(np.degrees(margins.position)),
-            "position_limit_joint": plan.robot.joint_names[margins.joint],
-            "velocity_ratio": margins.velocity_ratio,
-            "acceleration_ratio": margins.acceleration_ratio,
-        },
-        "duration_s": float(plan.timing.time[-1]),
-        "judge": plan.judge,
-        "notes": list(plan.notes),
-        "made_by": describe_origin(),
-    }
-    if plan.task.start is not None and plan.task.start.stance is not None:
-        summary["posture"] = plan.task.start.stance.describe()
-    if plan.coupling is not None:
-        summary["coupling"] = _summarise_coupling(plan.coupling)
-    if plan.clearance is not None:
-        summary["clearance"] = describe_clearance(plan.clearance)
-    if failures:
-        summary["failures"] = [{"waypoint": waypoint, "limit": limit} for waypoint, limit in sorted(failures.items())]
-        summary["failure"] = plan.explain_failures()
-    return summary
-
-
-def _summarise_coupling(effect: CouplingEffect) -> dict[str, Any]:
-    """Return what plan.json says of force and place: the uncorrected tip without and with their coupling."""
-    settled = effect.settled
-    sides = (("without", effect.without, effect.without_size), ("coupled", effect.coupled, effect.coupled_size))
-    return {
-        "source": effect.source,
-        "stiffness_N_mm": [1e-3 * float(value) for value in effect.stiffness],
-        "passes": settled.passes,
-        "ratio": settled.ratio,
-        "agrees": settled.agrees,
-        "unsettled": settled.unsettled,
-        "missing_mm": 1e3 * float(settled.missing[settled.worst]),
-        "missing_at": settled.worst,
-        "error_before_mm": {
-            name: {"rms": 1e3 * size[0], "max": 1e3 * size[1], "xyz_rms": [1e3 * float(value) for value in axes]}
-            for name, axes, size in sides
-        },
-        "left": [float(value) for value in effect.left],
-    }
-
-
-def summarise_promise(promise: Promise | None) -> dict[str, Any]:
-    """Return what plan.json says of the band; nothing where there is none."""
-    if promise is None:
-        return {}
-    widest, known = promise.widest, promise.known
-    return {
-        "promise_mm": {
-            "p95_max": promise.greatest * 1e3,
-            "p95_rms": float(np.sqrt(np.mean(promise.radius[promise.cut] ** 2))) * 1e3,
-            "whole_path_p95": promise.whole * 1e3,
-            "widest_waypoint": widest,
-            "at_widest": {name: float(values[widest]) * 1e3 for name, values in promise.parts.items()},
-            "p95_max_without": {name: value * 1e3 for name, value in promise.without.items()},
-            "p95_max_if_known": [
-                {"cause": entry.cause, "known": entry.words, "p95_max": entry.promise * 1e3}
-                for entry in promise.narrowings
-            ],
-        },
-        "promise_from": {
-            "grade": known.grade,
-            "source": known.source,
-            "force": promise.force.source,
-            "calibration_factor": known.calibration,
-            "calibration_groups": known.groups,
-            "leading": [{"unknown": name, "share_of_variance": share} for name, share in promise.leading],
-            "assumed": list(promise.assumed),
-        },
-    }
-
-
-def summarise_comparison(comparison: Comparison) -> dict[str, Any]:
-    """Return the content of compare.json."""
-    nominal, *others = comparison.cells
-    strategies = {}
-    for strategy, evaluation in comparison.evaluations[nominal.name].items():
-        mismatch = []
-        for cell in others:
-            figures = _figures(comparison.evaluations[cell.name][strategy])
-            mismatch.append({"cell": cell.name, **{f"{key}_mm": value for key, value in figures.items()}})
-        figures = {f"{key}_mm": value for key, value in _figures(evaluation).items()}
-        status = comparison.commands[strategy].status
-        strategies[strategy] = {**figures, "status": status, "under_mismatch": mismatch}
-        if (drawn := comparison.drawn) is not None:
-            median, most = drawn.median(strategy), drawn.most(strategy)
-            strategies[strategy]["drawn_rms_mm"] = {"median": median * 1e3, "p95": most * 1e3}
-    return {
-        "schema": 1,
-        "name": comparison.name,
-        "robot": comparison.task.robot.name,
-        "waypoints": len(comparison.task),
-        "cell": nominal.name,
-        "judge": comparison.judge,
-        **({"drawn_from": comparison.drawn.source} if comparison.drawn is not None else {}),
-        "strategies": strategies,
-        "made_by": describe_origin(),
-    }
 
 
 def write_joints(plan: Plan, path: Path, wanted: Array | None = None) -> None:
@@ -333,8 +190,3 @@ def _head(plan: Plan) -> list[str]:
         word = "INFEASIBLE" if plan.status == "infeasible" else "NOT CONFIRMED"
         lines.append(f"{word}: the best compromise, not a program to run")
     return lines
-
-
-def _figures(evaluation: Evaluation) -> dict[str, float]:
-    sizes = {"rms": evaluation.rms_deviation, "mean": evaluation.mean_deviation, "max": evaluation.max_deviation}
-    return {name: value * 1e3 for name, value in sizes.items()}

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from compplan.cell.cell import AS_MODELLED, JUDGE, Cell, standard_cells
 from compplan.effects.assumed import known_uncertainty
+from compplan.files.origin import describe_origin
 from compplan.job.job import Job
 from compplan.measure.distance import LEVEL
 from compplan.plan.evaluate import Evaluation, evaluate_run
@@ -141,3 +143,31 @@ def compare_task(
                 announce(f"cell {cell.name}: {strategy}")
             evaluations.setdefault(cell.name, {})[strategy] = evaluate_run(task, command.q, cell)
     return Comparison(name, task, cells, commands, evaluations)
+
+
+def summarise_comparison(comparison: Comparison) -> dict[str, Any]:
+    """Return the content of compare.json."""
+    nominal, *others = comparison.cells
+    strategies = {}
+    for strategy, evaluation in comparison.evaluations[nominal.name].items():
+        mismatch = []
+        for cell in others:
+            figures = comparison.evaluations[cell.name][strategy].figures
+            mismatch.append({"cell": cell.name, **{f"{key}_mm": value for key, value in figures.items()}})
+        figures = {f"{key}_mm": value for key, value in evaluation.figures.items()}
+        status = comparison.commands[strategy].status
+        strategies[strategy] = {**figures, "status": status, "under_mismatch": mismatch}
+        if (drawn := comparison.drawn) is not None:
+            median, most = drawn.median(strategy), drawn.most(strategy)
+            strategies[strategy]["drawn_rms_mm"] = {"median": median * 1e3, "p95": most * 1e3}
+    return {
+        "schema": 1,
+        "name": comparison.name,
+        "robot": comparison.task.robot.name,
+        "waypoints": len(comparison.task),
+        "cell": nominal.name,
+        "judge": comparison.judge,
+        **({"drawn_from": comparison.drawn.source} if comparison.drawn is not None else {}),
+        "strategies": strategies,
+        "made_by": describe_origin(),
+    }

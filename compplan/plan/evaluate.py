@@ -76,6 +76,12 @@ class Evaluation:
         """Greatest angle between attained and nominal tool axis over the cut. [rad]."""
         return float(self.tilt[self.cut].max())
 
+    @property
+    def figures(self) -> dict[str, float]:
+        """Deviation over the cut as files hold it: rms, mean and max. [mm]."""
+        sizes = {"rms": self.rms_deviation, "mean": self.mean_deviation, "max": self.max_deviation}
+        return {name: value * 1e3 for name, value in sizes.items()}
+
     def share_within(self, tolerance: float) -> float:
         """Return the share of the cut's waypoints within a distance [m] of the path."""
         return float((self.distance[self.cut] <= tolerance).mean())

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from compplan.cell.cell import JUDGE
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
 from compplan.job.job import Job
 from compplan.job.loading import load_path
@@ -17,38 +15,28 @@ from compplan.path.contact import tool_axes
 from compplan.path.force_law import ForceLaw
 from compplan.path.toolpath import Toolpath, check_toolpath
 from compplan.plan.agreement import agree
-from compplan.plan.approach import Passage, plan_approach, plan_retract
-from compplan.plan.bending import Bending, choose_smoothing, measure_bending, state_frequency
-from compplan.plan.between import Between
+from compplan.plan.approach import plan_approach, plan_retract
+from compplan.plan.bending import choose_smoothing, measure_bending, state_frequency
 from compplan.plan.buckling import explain_buckling, find_buckling
 from compplan.plan.chatter import read_chatter
-from compplan.plan.coupling import CouplingEffect
 from compplan.plan.evaluate import (
-    Evaluation,
-    Margins,
-    Mismatch,
     compare_coupling,
-    evaluate_mismatch,
     evaluate_model,
     evaluate_run,
     measure_margins,
 )
 from compplan.plan.feed import FeedWish
 from compplan.plan.notes import list_notes, tell_coupling
+from compplan.plan.result import Plan
 from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
-from compplan.plan.slow import group_waypoints
-from compplan.plan.task import SMOOTHING, Command, PlanTask
-from compplan.plan.timing import Timing
+from compplan.plan.task import SMOOTHING, PlanTask
 from compplan.plan.verdict import find_breaches, find_jumps, find_overloads, set_up_bench
-from compplan.posture.clearance import ClearanceProfile
 from compplan.posture.stance import Wish, check_start
 from compplan.posture.start import PostureRequest, check_clearance, find_start, read_request
 from compplan.program import check_languages
-from compplan.promise.band import Promise, promise_path
 from compplan.promise.posture_errors import posture_errors
-from compplan.promise.slopes import read_force_spread, stage_path
 from compplan.robot import Array, Robot, load_robot
-from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.chain import build_chain
 
 
 @dataclass(frozen=True)
@@ -86,121 +74,6 @@ class PlanOptions:
     law: ForceLaw | None = None
     chord: float | None = None
     inertia: bool = False
-
-
-@dataclass(frozen=True)
-class Plan:
-    """A plan, with everything that it was made from.
-
-    Attributes:
-        name: Name of the job.
-        task: Robot, nominal path, predicted wrench, posture, limits.
-        strategy: How the command was found.
-        command: Joint positions, status, failures, what the solver said.
-        timing: Times, joint rates and feeds of the command.
-        before: The uncorrected command (`task.q_start`) in the cell as modelled.
-        after: The command in the cell as modelled.
-        margins: Distance of the command from its limits.
-        approach: The way to the first waypoint, where the toolpath has no rapid start.
-        retract: The way from the last waypoint, where the toolpath ends in a cut.
-        between: Where the loaded tip goes between waypoints, by the planner's model.
-        bending: What bends the arm along the path, cause by cause.
-        judge: Who computed `before` and `after`.
-        breaches: What keeps the judge from confirming the plan, one sentence each.
-        clearance: How far arm and tool keep clear of part and fixture, or None.
-        coupling: The uncorrected tip without and with coupling of force and place, or None.
-        notes: Warnings, one sentence each.
-        job: The job, or None.
-        learned: The promise of what measured parts have taught on this path, or None.
-
-    """
-
-    name: str
-    task: PlanTask
-    strategy: str
-    command: Command
-    timing: Timing
-    before: Evaluation
-    after: Evaluation
-    margins: Margins
-    approach: Passage
-    retract: Passage
-    between: Between
-    bending: Bending
-    judge: str = JUDGE
-    breaches: tuple[str, ...] = ()
-    clearance: ClearanceProfile | None = None
-    coupling: CouplingEffect | None = None
-    notes: tuple[str, ...] = ()
-    job: Job | None = None
-    learned: Promise | None = None
-
-    @property
-    def robot(self) -> Robot:
-        """The robot model with its tool."""
-        return self.task.robot
-
-    @property
-    def q(self) -> Array:
-        """Commanded joint positions. Shape (n, nq). [rad or m]."""
-        return self.command.q
-
-    @property
-    def status(self) -> str:
-        """Tell "solved", "infeasible" or "not_confirmed"."""
-        return "not_confirmed" if self.command.status == "solved" and self.breaches else self.command.status
-
-    @cached_property
-    def command_feed(self) -> Array:
-        """Feed of the move that ends at each waypoint; where the wanted tip stays, that of the commanded one. [m/s].
-
-        Shape (n,).
-        """
-        feed, still = self.timing.feed.copy(), np.r_[True, self.task.nominal.steps <= 0] & ~self.task.nominal.rapid
-        tip = np.vstack([locate_frames(self.task.chain, q).tcp_position for q in (self.approach.key_q[-1:], self.q)])
-        tip = np.vstack([tip[:1], tip])[-len(feed) - 1 :]
-        step = np.r_[self.approach.key_gap[-1:] if len(self.approach.key_gap) else 1.0, np.diff(self.timing.time)]
-        moved = np.linalg.norm(np.diff(tip, axis=0), axis=1) / np.maximum(step, 1e-9)
-        return np.asarray(np.where(still, np.maximum(moved, 1e-4), feed))
-
-    @cached_property
-    def correction(self) -> Array:
-        """Unloaded tip of the command minus nominal. Shape (n, 3). [m]."""
-        return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
-
-    @cached_property
-    def mismatch(self) -> Mismatch:
-        """What the command leaves where the robot's compliances differ from the model's."""
-        return evaluate_mismatch(self.task, self.q)
-
-    @cached_property
-    def promise(self) -> Promise | None:
-        """The band that holds the true tip with 95 %; None where a robot within it finds no equilibrium."""
-        if self.learned is not None:
-            return self.learned
-        task = self.task
-        driven = max(float(way.max(initial=0.0)) for way in (self.between.joint, self.between.cartesian))
-        bow = max(driven - self.after.max_deviation, 0.0)
-        scene = stage_path(task.robot, self.q, task.wrench, task.step_time)
-        force = read_force_spread(None if self.job is None else self.job.noise)
-        try:
-            return promise_path(task.robot, scene, task.cut, force, left=self.after.distance, between=bow)
-        except ConvergenceError:
-            return None
-
-    def explain_failures(self) -> str:
-        """Say in a sentence which waypoints fail and which limits stop them, or what is not confirmed; else nothing."""
-        if not self.command.failures:
-            return f"not confirmed: {'; '.join(self.breaches)}" if self.breaches else ""
-        failures = self.command.failures
-        limits = sorted({name for text in failures.values() for name in text.split(", ")})
-        first = min(failures)
-        length = self.task.nominal.arc_length[first] * 1e3
-        spans = ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in group_waypoints(sorted(failures)))
-        return (
-            f"{len(failures)} of {len(self.task)} waypoints cannot be reached within the limits "
-            f"({'; '.join(limits)}), the first is waypoint {first} (s = {length:.1f} mm); waypoints {spans}"
-        )
 
 
 def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -> Plan:

@@ -1,0 +1,251 @@
+"""What a plan is: the record of everything that it was made from, and its figures as plan.json holds them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from compplan.cell.cell import JUDGE
+from compplan.errors import ConvergenceError
+from compplan.files.origin import describe_origin
+from compplan.job.job import Job
+from compplan.plan.approach import Passage
+from compplan.plan.bending import Bending
+from compplan.plan.between import Between
+from compplan.plan.coupling import CouplingEffect
+from compplan.plan.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
+from compplan.plan.slow import group_waypoints
+from compplan.plan.task import Command, PlanTask
+from compplan.plan.timing import Timing
+from compplan.posture.clearance import ClearanceProfile, describe_clearance
+from compplan.promise.band import Promise, promise_path
+from compplan.promise.slopes import read_force_spread, stage_path
+from compplan.robot import Array, Robot
+from compplan.statics.chain import locate_frames
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A plan, with everything that it was made from.
+
+    Attributes:
+        name: Name of the job.
+        task: Robot, nominal path, predicted wrench, posture, limits.
+        strategy: How the command was found.
+        command: Joint positions, status, failures, what the solver said.
+        timing: Times, joint rates and feeds of the command.
+        before: The uncorrected command (`task.q_start`) in the cell as modelled.
+        after: The command in the cell as modelled.
+        margins: Distance of the command from its limits.
+        approach: The way to the first waypoint, where the toolpath has no rapid start.
+        retract: The way from the last waypoint, where the toolpath ends in a cut.
+        between: Where the loaded tip goes between waypoints, by the planner's model.
+        bending: What bends the arm along the path, cause by cause.
+        judge: Who computed `before` and `after`.
+        breaches: What keeps the judge from confirming the plan, one sentence each.
+        clearance: How far arm and tool keep clear of part and fixture, or None.
+        coupling: The uncorrected tip without and with coupling of force and place, or None.
+        notes: Warnings, one sentence each.
+        job: The job, or None.
+        learned: The promise of what measured parts have taught on this path, or None.
+
+    """
+
+    name: str
+    task: PlanTask
+    strategy: str
+    command: Command
+    timing: Timing
+    before: Evaluation
+    after: Evaluation
+    margins: Margins
+    approach: Passage
+    retract: Passage
+    between: Between
+    bending: Bending
+    judge: str = JUDGE
+    breaches: tuple[str, ...] = ()
+    clearance: ClearanceProfile | None = None
+    coupling: CouplingEffect | None = None
+    notes: tuple[str, ...] = ()
+    job: Job | None = None
+    learned: Promise | None = None
+
+    @property
+    def robot(self) -> Robot:
+        """The robot model with its tool."""
+        return self.task.robot
+
+    @property
+    def q(self) -> Array:
+        """Commanded joint positions. Shape (n, nq). [rad or m]."""
+        return self.command.q
+
+    @property
+    def status(self) -> str:
+        """Tell "solved", "infeasible" or "not_confirmed"."""
+        return "not_confirmed" if self.command.status == "solved" and self.breaches else self.command.status
+
+    @cached_property
+    def command_feed(self) -> Array:
+        """Feed of the move that ends at each waypoint; where the wanted tip stays, that of the commanded one. [m/s].
+
+        Shape (n,).
+        """
+        feed, still = self.timing.feed.copy(), np.r_[True, self.task.nominal.steps <= 0] & ~self.task.nominal.rapid
+        tip = np.vstack([locate_frames(self.task.chain, q).tcp_position for q in (self.approach.key_q[-1:], self.q)])
+        tip = np.vstack([tip[:1], tip])[-len(feed) - 1 :]
+        step = np.r_[self.approach.key_gap[-1:] if len(self.approach.key_gap) else 1.0, np.diff(self.timing.time)]
+        moved = np.linalg.norm(np.diff(tip, axis=0), axis=1) / np.maximum(step, 1e-9)
+        return np.asarray(np.where(still, np.maximum(moved, 1e-4), feed))
+
+    @cached_property
+    def correction(self) -> Array:
+        """Unloaded tip of the command minus nominal. Shape (n, 3). [m]."""
+        return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
+
+    @cached_property
+    def mismatch(self) -> Mismatch:
+        """What the command leaves where the robot's compliances differ from the model's."""
+        return evaluate_mismatch(self.task, self.q)
+
+    @cached_property
+    def promise(self) -> Promise | None:
+        """The band that holds the true tip with 95 %; None where a robot within it finds no equilibrium."""
+        if self.learned is not None:
+            return self.learned
+        task = self.task
+        driven = max(float(way.max(initial=0.0)) for way in (self.between.joint, self.between.cartesian))
+        bow = max(driven - self.after.max_deviation, 0.0)
+        scene = stage_path(task.robot, self.q, task.wrench, task.step_time)
+        force = read_force_spread(None if self.job is None else self.job.noise)
+        try:
+            return promise_path(task.robot, scene, task.cut, force, left=self.after.distance, between=bow)
+        except ConvergenceError:
+            return None
+
+    def explain_failures(self) -> str:
+        """Say in a sentence which waypoints fail and which limits stop them, or what is not confirmed; else nothing."""
+        if not self.command.failures:
+            return f"not confirmed: {'; '.join(self.breaches)}" if self.breaches else ""
+        failures = self.command.failures
+        limits = sorted({name for text in failures.values() for name in text.split(", ")})
+        first = min(failures)
+        length = self.task.nominal.arc_length[first] * 1e3
+        spans = ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in group_waypoints(sorted(failures)))
+        return (
+            f"{len(failures)} of {len(self.task)} waypoints cannot be reached within the limits "
+            f"({'; '.join(limits)}), the first is waypoint {first} (s = {length:.1f} mm); waypoints {spans}"
+        )
+
+
+def summarise_plan(plan: Plan) -> dict[str, Any]:
+    """Return the content of plan.json."""
+    margins, failures = plan.margins, plan.command.failures
+    summary: dict[str, Any] = {
+        "schema": 1,
+        "status": plan.status,
+        "strategy": plan.strategy,
+        "name": plan.name,
+        "robot": plan.robot.name,
+        "robot_grade": plan.robot.grade,
+        "robot_sources": dict(plan.robot.sources),
+        "waypoints": len(plan.task),
+        "configuration": dict(plan.task.configuration),
+        "solve_time_s": round(plan.command.solve_time, 4),
+        "error_before_mm": plan.before.figures,
+        "error_after_mm": plan.after.figures,
+        "under_mismatch": [
+            {
+                "cell": plan.mismatch.cell,
+                "rms_mm": plan.mismatch.rms_deviation * 1e3,
+                "max_mm": plan.mismatch.max_deviation * 1e3,
+                "waypoints": plan.mismatch.waypoints,
+            }
+        ],
+        "between_waypoints_mm": {
+            "max": plan.between.max_deviation * 1e3,
+            "joint_linear": float(plan.between.joint.max(initial=0.0)) * 1e3,
+            "cartesian_linear": float(plan.between.cartesian.max(initial=0.0)) * 1e3,
+            "spline": float(plan.between.spline.max(initial=0.0)) * 1e3,
+        },
+        **plan.bending.describe(),
+        **summarise_promise(plan.promise),
+        "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
+        "within_tolerance": plan.after.share_within(plan.task.tolerance),
+        "correction_mm": {"max": margins.max_correction * 1e3},
+        "margins": {
+            "position_limit_deg": float(np.degrees(margins.position)),
+            "position_limit_joint": plan.robot.joint_names[margins.joint],
+            "velocity_ratio": margins.velocity_ratio,
+            "acceleration_ratio": margins.acceleration_ratio,
+        },
+        "duration_s": float(plan.timing.time[-1]),
+        "judge": plan.judge,
+        "notes": list(plan.notes),
+        "made_by": describe_origin(),
+    }
+    if plan.task.start is not None and plan.task.start.stance is not None:
+        summary["posture"] = plan.task.start.stance.describe()
+    if plan.coupling is not None:
+        summary["coupling"] = _summarise_coupling(plan.coupling)
+    if plan.clearance is not None:
+        summary["clearance"] = describe_clearance(plan.clearance)
+    if failures:
+        summary["failures"] = [{"waypoint": waypoint, "limit": limit} for waypoint, limit in sorted(failures.items())]
+        summary["failure"] = plan.explain_failures()
+    return summary
+
+
+def _summarise_coupling(effect: CouplingEffect) -> dict[str, Any]:
+    """Return what plan.json says of force and place: the uncorrected tip without and with their coupling."""
+    settled = effect.settled
+    sides = (("without", effect.without, effect.without_size), ("coupled", effect.coupled, effect.coupled_size))
+    return {
+        "source": effect.source,
+        "stiffness_N_mm": [1e-3 * float(value) for value in effect.stiffness],
+        "passes": settled.passes,
+        "ratio": settled.ratio,
+        "agrees": settled.agrees,
+        "unsettled": settled.unsettled,
+        "missing_mm": 1e3 * float(settled.missing[settled.worst]),
+        "missing_at": settled.worst,
+        "error_before_mm": {
+            name: {"rms": 1e3 * size[0], "max": 1e3 * size[1], "xyz_rms": [1e3 * float(value) for value in axes]}
+            for name, axes, size in sides
+        },
+        "left": [float(value) for value in effect.left],
+    }
+
+
+def summarise_promise(promise: Promise | None) -> dict[str, Any]:
+    """Return what plan.json says of the band; nothing where there is none."""
+    if promise is None:
+        return {}
+    widest, known = promise.widest, promise.known
+    return {
+        "promise_mm": {
+            "p95_max": promise.greatest * 1e3,
+            "p95_rms": float(np.sqrt(np.mean(promise.radius[promise.cut] ** 2))) * 1e3,
+            "whole_path_p95": promise.whole * 1e3,
+            "widest_waypoint": widest,
+            "at_widest": {name: float(values[widest]) * 1e3 for name, values in promise.parts.items()},
+            "p95_max_without": {name: value * 1e3 for name, value in promise.without.items()},
+            "p95_max_if_known": [
+                {"cause": entry.cause, "known": entry.words, "p95_max": entry.promise * 1e3}
+                for entry in promise.narrowings
+            ],
+        },
+        "promise_from": {
+            "grade": known.grade,
+            "source": known.source,
+            "force": promise.force.source,
+            "calibration_factor": known.calibration,
+            "calibration_groups": known.groups,
+            "leading": [{"unknown": name, "share_of_variance": share} for name, share in promise.leading],
+            "assumed": list(promise.assumed),
+        },
+    }
