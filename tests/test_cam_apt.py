@@ -196,3 +196,26 @@ def test_tapped_holes_are_left_with_the_feed_and_holes_without_depth_refused(rea
     assert read(head + "CYCLE/TAP,DEPTH,10,CLEAR,2\nGOTO/5,0,0\n", cycles="expand").facts.cutting_length_mm == 24
     with pytest.raises(InputError, match=r":6: CYCLE/DRILL states no depth"):
         read(head + "CYCLE/DRILL,CLEAR,2\nGOTO/5,0,0\n", cycles="expand")
+
+
+@pytest.mark.parametrize(
+    ("cycle", "feed"),
+    [
+        ("CYCLE/DEEP,10,MMPM,120,1STPECK,5.", 2.0),
+        ("CYCLE/DRILL,10.,120.,MMPM,2.", 2.0),
+        ("CYCLE/BRKCHP,DEPTH,10,STEP,2,IPM,12,CLEAR,2,3DCUT", 5.08),
+        ("CYCLE/DRILL,RAPTO,2,FEDTO,-10,RTRCTO,20,MMPM,120", 2.0),
+    ],
+)
+def test_cycles_in_the_order_of_several_systems_end_at_their_depth(read, cycle: str, feed: float) -> None:
+    cam = read(f"UNITS/MM\nRAPID\nGOTO/0,0,50\n{cycle}\nGOTO/5,0,0\nCYCLE/OFF\n", cycles="expand")
+    cut = ~cam.toolpath.rapid
+    assert ((cam.toolpath.position * 1e3)[cut].round(9).tolist(), cut.sum()) == ([[5, 0, -10]], 1)
+    assert cam.toolpath.feed[cut][0] * 1e3 == pytest.approx(feed)
+    assert cam.facts.cutting_length_mm == (10 if "1STPECK" in cycle else 12)
+
+
+@pytest.mark.parametrize("word", ["1O", "1OO", "12OO", "5EE", "1.2.3", "1-", "9D"])
+def test_a_number_with_letters_in_it_is_no_word(read, word: str) -> None:
+    with pytest.raises(InputError, match=r"part.apt:2: "):
+        read(f"UNITS/MM\nCYCLE/DEEP,{word},MMPM,100,1STPECK,5.\nGOTO/0,0,0\n", cycles="expand")

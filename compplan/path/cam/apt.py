@@ -244,13 +244,13 @@ class _Reader(ArcReader):
             return
         if cycle.depth is None:
             raise self.error(f"CYCLE/{cycle.kind} states no depth (DEPTH, FEDTO), so its holes cannot be cut")
-        above = combine(1.0, point, cycle.clear * self.scale, axis)
+        above, begin = (combine(1.0, point, way * self.scale, axis) for way in (cycle.retract, cycle.clear))
         log.rapid(above, axis)
+        log.rapid(begin, axis)
         log.line(combine(1.0, point, -cycle.depth * self.scale, axis), self._speed(), axis)
         if cycle.kind.startswith(tuple(FEED_OUT)):
-            log.line(above, self._speed(), axis)
-        else:
-            log.rapid(above, axis)
+            log.line(begin, self._speed(), axis)
+        log.rapid(above, axis)
 
     def _change_frame(self, major: str, minor: str) -> None:
         if major in ("TRANS", "ROTABL", "ROTATE", "ROTHED"):

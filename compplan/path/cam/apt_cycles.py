@@ -8,10 +8,13 @@ from dataclasses import dataclass
 #: Cycles that leave the hole with the feed.
 FEED_OUT = {"BORE", "TAP", "REAM", "THREAD"}
 DEPTH = {"DEPTH", "DEEP"}
-CLEAR = {"CLEAR", "RAPTO", "RTRCTO", "RETURN", "CLEARANCE"}
-FEED_WORDS = {"MMPM", "MMPMIN", "IPM", "MMPR", "IPR", "PERMIN", "PERREV", "FEDRAT"}
+#: Words of the level that the feed begins at, and of the one that the tool goes back to.
+CLEAR, RETRACT = ("RAPTO", "CLEAR", "CLEARANCE"), ("RTRCTO", "RETURN")
+FEED_WORDS = {"MMPM", "MMPMIN", "IPM", "MMPR", "IPR", "PERMIN", "PERREV", "FEDRAT", "UPM", "UPR", "FPM", "MPM"}
 #: Words followed by a number that does not shape the path.
-OTHER = {"STEP", "DWELL", "CSINK", "PECK", "INCR", "DWELLR", "ORIENT", "RPM", "NUMBER", "CAM", "BOTTOM", "BRKCHP"}
+OTHER = {"STEP", "DWELL", "CSINK", "PECK", "INCR", "DWELLR", "ORIENT", "RPM", "NUMBER", "CAM", "BOTTOM", "BRKCHP",
+         "1STPECK", "PECKMIN", "MINPECK", "DECR", "STEP1", "STEP2", "BACKFEED", "TPI", "PITCH", "MMPP", "TIMES", "REV",
+         "SPINDL", "OPTION", "CHIP", "SEC", "LEAD"}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -22,6 +25,7 @@ class Cycle:
         kind: DRILL, TAP, ...
         depth: How far below the programmed point the hole ends, along the tool axis, file units; None: not said.
         clear: How far above it the feed begins, file units.
+        retract: How far above it the tool comes and goes, file units.
         feed: Feed words of the record, as those of FEDRAT, "" without any.
 
     """
@@ -29,11 +33,14 @@ class Cycle:
     kind: str
     depth: float | None
     clear: float
+    retract: float
     feed: str
 
 
 def read_cycle(fields: Sequence[float | str]) -> Cycle:
-    """Read CYCLE/kind with DEPTH, d or FEDTO, -d, CLEAR or RAPTO, c and MMPM, f; or CYCLE/kind, d, MMPM, f, c (ISO).
+    """Read CYCLE/kind with DEPTH, d or FEDTO, -d, CLEAR or RAPTO, c and MMPM, f; or their order without words.
+
+    In order, a feed stands after its unit or before it: CYCLE/kind, d, MMPM, f, c (ISO) or CYCLE/kind, d, f, IPM, c.
 
     Raises:
         ValueError: If a number belongs to no word that is known.
@@ -43,18 +50,21 @@ def read_cycle(fields: Sequence[float | str]) -> Cycle:
         raise ValueError("a cycle has no kind, expected CYCLE/DRILL, ..")
     kind = str(fields[0])
     depth: float | None = None
-    clear, feed, bare = 0.0, "", []
+    levels: dict[str, float] = {}
+    feed, bare = "", list[float]()
     word = ""
     for field in fields[1:]:
         if isinstance(field, str):
             word = field
+            if word in FEED_WORDS and len(bare) == 2 and depth is None and not feed:
+                feed, word = f"{bare.pop()!r},{word}", kind
             continue
         if word in DEPTH:
             depth = abs(field)
         elif word == "FEDTO":
             depth = -field
-        elif word in CLEAR:
-            clear = max(clear, field)
+        elif word in CLEAR or word in RETRACT:
+            levels[word] = field
         elif word in FEED_WORDS:
             feed = f"{field!r},{word}" if word != "FEDRAT" else f"{field!r}"
         elif not word or word == kind:
@@ -65,7 +75,8 @@ def read_cycle(fields: Sequence[float | str]) -> Cycle:
     if bare and depth is None:
         depth = abs(bare.pop(0))
     if bare:
-        clear = max(clear, bare.pop(0))
+        levels.setdefault("CLEAR", bare.pop(0))
     if bare:
         raise ValueError(f"number {bare[0]:g} in a cycle is not known")
-    return Cycle(kind, depth, clear, feed)
+    clear = next((levels[word] for word in (*CLEAR, *RETRACT) if word in levels), 0.0)
+    return Cycle(kind, depth, clear, max([clear, *levels.values()]), feed)

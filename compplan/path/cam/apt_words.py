@@ -9,6 +9,8 @@ from compplan.path.cam.lines import LONGEST_LINE, split_lines
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?")
 WORD = re.compile(r"[A-Z][A-Z0-9._+\-/ ]*")
+#: Words that begin with digits: 1STPECK, 3DCUT, 5AXIS; a number with a letter O for a zero, or an exponent, is none.
+ORDINAL = re.compile(r"\d{1,2}(?!O+\b)[A-Z]{3,}[A-Z0-9_\-]*")
 
 
 def split_records(text: str) -> Iterator[tuple[int, str]]:
@@ -53,7 +55,7 @@ def split_fields(minor: str) -> list[float | str]:
     for text in texts:
         if NUMBER.fullmatch(text):
             fields.append(float(text.replace("D", "E")))
-        elif WORD.fullmatch(text):
+        elif WORD.fullmatch(text) or ORDINAL.fullmatch(text):
             fields.append(text)
         else:
             raise ValueError(f"field {text[:20]!r} is neither a number nor a word")
