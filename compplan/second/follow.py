@@ -1,0 +1,202 @@
+"""Does a planned path go where a file goes: every move, in its order, none missed and none invented?"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.second.moves import ARC, RAPID, Array, Reading
+
+#: How far a planned waypoint may lie beside its move. [m]
+BESIDE = 1e-6
+#: A move that is shorter than this may be left out. [m]
+SHORT = 2e-6
+#: Greatest difference of the tool axis [rad] and of the feed (a share of it).
+TURNED, FEED_SHARE = 1e-4, 1e-3
+NAMES = ("rapid move", "line", "arc")
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Followed:
+    """What a planned path is compared by.
+
+    Attributes:
+        position: Waypoints, part frame. Shape (n, 3). [m]
+        axis: Tool axis, part frame. Shape (n, 3).
+        rapid: Whether the move to each waypoint is rapid. Shape (n,).
+        feed: Feed of the move to each waypoint, or None where the job sets another. Shape (n,). [m/s]
+        chord: How far chords may stray from arcs. [m]
+        corner: How far corners may be rounded. [m]
+        lean: How far the tool axis may lean from the file's. [rad]
+
+    """
+
+    position: Array
+    axis: Array
+    rapid: NDArray[np.bool_]
+    feed: Array | None = None
+    chord: float = 1e-6
+    corner: float = 0.0
+    lean: float = 0.0
+
+
+class _Move:
+    """A move as plain numbers: how far a point lies from it, and how far along."""
+
+    def __init__(self, reading: Reading, k: int, start: Point) -> None:
+        self.kind, self.line = int(reading.kind[k]), int(reading.line[k])
+        self.start, self.end = start, _point(reading.end[k])
+        self.drill = bool(reading.drill[k])
+        self.length = math.dist(self.start, self.end)
+        if self.kind == ARC:
+            self._lay_out(reading, k)
+
+    def _lay_out(self, reading: Reading, k: int) -> None:
+        n = reading.normal[k] / np.linalg.norm(reading.normal[k])
+        arm, last = np.array(self.start) - reading.centre[k], reading.end[k] - reading.centre[k]
+        self.rise0, rise1 = float(arm @ n), float(last @ n)
+        flat, flat1 = arm - self.rise0 * n, last - rise1 * n
+        self.radius, self.climb = float(np.linalg.norm(flat)), rise1 - self.rise0
+        self.widen = float(np.linalg.norm(flat1)) - self.radius
+        u = flat / self.radius
+        self.u, self.n, self.centre = _point(u), _point(n), _point(reading.centre[k])
+        self.v = _point(np.cross(n, u))
+        self.sweep = float(reading.sweep[k])
+        self.length = math.hypot(self.sweep * self.radius, self.climb)
+
+    def locate(self, point: Point, before: float) -> tuple[float, float]:
+        """Return how far a point lies from the move, and at which share of it, near one share and not before it."""
+        if self.kind == ARC:
+            return self._locate_on_arc(point, before)
+        s, e = self.start, self.end
+        dx, dy, dz = e[0] - s[0], e[1] - s[1], e[2] - s[2]
+        square = dx * dx + dy * dy + dz * dz
+        share = 1.0
+        if square > 0.0:
+            share = ((point[0] - s[0]) * dx + (point[1] - s[1]) * dy + (point[2] - s[2]) * dz) / square
+            share = min(max(share, 0.0), 1.0)
+        return math.dist(point, (s[0] + share * dx, s[1] + share * dy, s[2] + share * dz)), share
+
+    def _locate_on_arc(self, point: Point, before: float) -> tuple[float, float]:
+        c = self.centre
+        x, y, z = point[0] - c[0], point[1] - c[1], point[2] - c[2]
+        along = x * self.u[0] + y * self.u[1] + z * self.u[2]
+        aside = x * self.v[0] + y * self.v[1] + z * self.v[2]
+        height = x * self.n[0] + y * self.n[1] + z * self.n[2]
+        angle = math.atan2(aside, along)
+        turn = math.copysign(2.0 * math.pi, self.sweep)
+        wanted = before * self.sweep - 1e-3 * turn / (2.0 * math.pi)
+        while (angle - wanted) * turn < 0.0:
+            angle += turn
+        while (angle - turn - wanted) * turn >= 0.0:
+            angle -= turn
+        share = angle / self.sweep
+        if share > 1.0 + 1e-3 / abs(self.sweep):
+            share = 1.0 if math.dist(point, self.end) < self.length * 0.25 else 0.0
+            return math.dist(point, self.end if share else self.start), share
+        share = min(max(share, 0.0), 1.0)
+        radius, rise = self.radius + share * self.widen, self.rise0 + share * self.climb
+        return math.hypot(math.hypot(along, aside) - radius, height - rise), share
+
+
+def _point(values: Array) -> Point:
+    return float(values[0]), float(values[1]), float(values[2])
+
+
+def find_difference(path: Followed, reading: Reading) -> str:
+    """Say in a sentence where a planned path first goes another way than a file; nothing where it does not.
+
+    Args:
+        path: The planned path, waypoints that repeat their predecessor included.
+        reading: The moves of the file.
+
+    """
+    rows = [_point(row) for row in path.position]
+    rapid = path.rapid.tolist()
+    loose = path.corner + BESIDE
+    moves = _lay_moves(reading)
+    if (off := math.dist(rows[0], _point(reading.end[0]))) > loose:
+        return _tell(reading, 0, f"begins {_mm(off)} from where the second reader begins")
+    at, share = 0, 1.0  # the move that the last row stands on, and how far along
+    for i in range(1, len(rows)):
+        point, last = rows[i], rows[i - 1]
+        if math.dist(point, last) <= 1e-9:
+            continue
+        found = _advance(moves, at, share, point, last, rapid[i], loose, path.chord)
+        if found is None:
+            wanted = moves[min(at + (share >= 1.0), len(moves) - 1)][0]
+            return _tell(reading, wanted, f"goes another way at waypoint {i}")
+        at, share = found
+        k, move = moves[at]
+        wanted_feed = 0.0 if move.kind == RAPID else float(reading.feed[k])
+        if path.feed is not None and wanted_feed > 0.0 and abs(path.feed[i] / wanted_feed - 1.0) > FEED_SHARE:
+            feeds = f"{60e3 * path.feed[i]:.4g} mm/min, programmed are {60e3 * wanted_feed:.4g}"
+            return _tell(reading, k, f"has a feed of {feeds} at waypoint {i}")
+        if math.dist(point, move.end) <= BESIDE:
+            share = 1.0
+            turned = math.acos(min(max(float(path.axis[i] @ reading.axis[k]), -1.0), 1.0))
+            if turned > path.lean + TURNED:
+                return _tell(reading, k, f"has its tool axis {math.degrees(turned):.3g} deg aside at waypoint {i}")
+    left = [k for k, move in moves[at + 1 :] if move.length > max(SHORT, path.corner)]
+    if share < 1.0 and math.dist(rows[-1], moves[at][1].end) > loose:
+        return _tell(reading, moves[at][0], "ends before this move does")
+    if left:
+        return _tell(reading, left[0], f"misses the last {len(left)} moves")
+    return ""
+
+
+def _lay_moves(reading: Reading) -> list[tuple[int, _Move]]:
+    """Return the moves that lead anywhere, each with its number; the first one is where the path begins."""
+    start = _point(reading.end[0])
+    first = _Move(reading, 0, start) if reading.kind[0] != ARC else None
+    moves: list[tuple[int, _Move]] = [] if first is None else [(0, first)]
+    for k in range(1, len(reading)):
+        move = _Move(reading, k, start)
+        if move.length > 1e-9:
+            moves.append((k, move))
+            start = move.end
+    return moves
+
+
+def _advance(
+    moves: list[tuple[int, _Move]], at: int, share: float, point: Point, last: Point, rapid: bool, loose: float,
+    chord: float,
+) -> tuple[int, float] | None:  # fmt: skip
+    """Return the move that a row stands on, and how far along; None where it stands on none that follows."""
+    first = at
+    while at < len(moves):
+        move = moves[at][1]
+        if (at > first or share < 1.0) and (move.kind == RAPID) == rapid:
+            before = share if at == first else 0.0
+            off, along = move.locate(point, before)
+            room = loose + (chord if move.kind == ARC else 0.0)
+            if off <= room and (move.drill or along >= before - loose / max(move.length, 1e-12)):
+                return at, along
+        passed = at == first and share >= 1.0  # to leave a move the row before has to reach its end, or the step to
+        if not passed and move.length > SHORT and _miss(last, point, move.end) > loose:
+            return None
+        at += 1
+    return None
+
+
+def _miss(a: Point, b: Point, corner: Point) -> float:
+    """Return the distance of a corner from the line between two points."""
+    d = (b[0] - a[0], b[1] - a[1], b[2] - a[2])
+    square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+    c = (corner[0] - a[0], corner[1] - a[1], corner[2] - a[2])
+    share = min(max((c[0] * d[0] + c[1] * d[1] + c[2] * d[2]) / max(square, 1e-30), 0.0), 1.0)
+    return math.dist(c, (share * d[0], share * d[1], share * d[2]))
+
+
+def _tell(reading: Reading, k: int, what: str) -> str:
+    place = ", ".join(f"{1e3 * value:.6g}" for value in reading.end[k])
+    name = NAMES[int(reading.kind[k])]
+    return f"the path read {what}; a second reading of line {int(reading.line[k])} has a {name} to ({place}) mm"
+
+
+def _mm(length: float) -> str:
+    return f"{1e3 * length:.4g} mm"

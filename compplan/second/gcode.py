@@ -1,0 +1,341 @@
+"""G-code read a second time: NIST RS274/NGC, the words of Fanuc and Haas, printers.
+
+Inside a block things happen in the order of the standard's table, whatever the order in which they stand. Words of an
+M code that moves nothing never become motion.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from compplan.second.gcode_flow import Flow
+from compplan.second.gcode_words import Words
+from compplan.second.machine import PLANES, UNIT, Machine, carry, multiply, turn_about
+from compplan.second.moves import NAN, CannotTellError, Reading
+
+#: G codes that move nothing and change nothing that is read here.
+SILENT = {
+    4.1, 5.1, 8.0, 9.0, 40.0, 43.0, 43.1, 44.0, 49.0, 50.0, 61.0, 61.1, 62.0, 64.0, 69.1, 80.0, 94.1, 96.0, 97.0, 187.0,
+}  # fmt: skip
+#: M codes whose block may move too.
+MOVING_M = {
+    *range(0, 15), 16, 17, 18, 19, 29, 30, 31, 33, 34, 35, 36, 41, 42, 43, 44, 46, 47, 48, 49, 50, 51, 60, 61, 88, 89,
+}  # fmt: skip
+CYCLES = {73, 74, 76, 81, 82, 83, 84, 85, 86, 88, 89}
+PECKS, FED_OUT = {73, 83}, {74, 84, 85, 89}
+AXES = "XYZ"
+ROTARY = "ABC"
+#: G codes that use the axis words of their block themselves.
+USERS = {4, 10, 28, 30, 52, 65, 66, 68, 68.2, 92, 92.1, 92.2, 92.3, 29, 11}
+
+
+@dataclass
+class GCode:
+    """An interpreter of G-code.
+
+    Args:
+        inch: Whether lengths are inches where the file does not say; None: millimetres.
+        centres: "incremental", "absolute" or "reversed" where the file does not say.
+        expand: Whether drilling cycles are moves.
+        rotary: What A, B, C turn: "head", "table", or None.
+        printer: Whether it is a printer's file: values of G28 are flags.
+
+    """
+
+    inch: bool | None = None
+    centres: str = "incremental"
+    expand: bool = True
+    rotary: str | None = None
+    printer: bool = False
+    machine: Machine = field(default_factory=Machine)
+    scale: float = 1.0
+    motion: float = 0.0
+    absolute: bool = True
+    to_initial: bool = True
+    polar: bool = False
+    tracking: bool = False
+    selected: int = -1
+    changed: bool = False
+    work: float | None = None
+    origin: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    local: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    turned: tuple[float, float, float] | None = None
+    angles: dict[str, float] = field(default_factory=dict)
+    cycle: dict[str, float] = field(default_factory=dict)
+
+    def run(self, text: str) -> Reading:
+        """Read a whole file.
+
+        Raises:
+            CannotTellError: If something in it is not known here.
+
+        """
+        self.scale = 25.4 if self.inch else 1.0
+        flow = Flow(text)
+        while (words := flow.next_block()) is not None:
+            self.machine.record.line = flow.line
+            if words and self.block(words, flow):
+                break
+        for note in flow.notes:
+            self.machine.record.note(note)
+        return self.machine.record.finish()
+
+    def block(self, words: Words, flow: Flow) -> bool:
+        """Carry out a block; tell whether the program ends with it."""
+        codes = [value for letter, value in words if letter == "G"]
+        actions = [int(value) for letter, value in words if letter == "M"]
+        has = {letter: value for letter, value in words if letter not in "GMN"}
+        if any(action not in MOVING_M and action not in (97, 98, 99, 198) for action in actions) and not codes:
+            return False  # its words are its own
+        if 97 in actions or 98 in actions:
+            flow.call(has, local=97 in actions)
+            return False
+        if 99 in actions:
+            return flow.give_back()
+        self._prepare(codes, has, actions)
+        used = self._frames(codes, has)
+        if not used:
+            self._move(codes, has)
+        return bool({2, 30} & set(actions))
+
+    def _prepare(self, codes: list[float], has: dict[str, float], actions: list[int]) -> None:
+        """Set what holds before anything moves: feed mode, feed, speed, tool, plane, unit, how words count."""
+        machine = self.machine
+        for code in codes:
+            if code in (20, 70):
+                self.scale = 25.4
+            elif code in (21, 71):
+                self.scale = 1.0
+            elif code in (93, 94, 95):
+                machine.feed_mode = int(code)
+            elif code in PLANES:
+                machine.plane = int(code)
+            elif code in (90, 91):
+                self.absolute = code == 90
+            elif code in (90.1, 91.1):
+                self.centres = "absolute" if code == 90.1 else "incremental"
+            elif code in (98, 99):
+                self.to_initial = code == 98
+            elif code in (15, 16):
+                self.polar = code == 16
+            elif code in (43.4, 43.5):
+                self.tracking = True
+            elif code in (41, 42):
+                raise CannotTellError("cutter radius compensation", machine.record.line)
+            if code == 49:
+                self.tracking = False
+        if "F" in has:
+            machine.feed = has["F"] * (1.0 if machine.feed_mode == 93 else self.scale)
+        if "S" in has and 50 not in codes:
+            machine.spindle = abs(has["S"])
+        if "T" in has:
+            self.selected = int(has["T"])
+        if 6 in actions or ("T" in has and not self.changed):
+            machine.record.tool = self.selected
+        self.changed |= 6 in actions
+
+    def _frames(self, codes: list[float], has: dict[str, float]) -> bool:
+        """Carry out what changes frames or goes home; tell whether the words of the block are used up."""
+        machine, line = self.machine, self.machine.record.line
+        for code in codes:
+            if 54 <= code < 60 or code == 154:
+                which = code + has.get("P", 0.0) / 1000.0 if code in (54.1, 154) else code
+                if self.work not in (None, which):
+                    raise CannotTellError("more than one work offset", line)
+                self.work = which
+            elif code == 68:
+                self._turn(has)
+            elif code == 69:
+                self.turned = None
+                self._set_frame()
+            elif code in (28, 30):
+                self._home(has)
+            elif code == 53:
+                self.machine.forget([k for k, axis in enumerate(AXES) if axis in has])
+                self.motion = next((c for c in codes if c in (0, 1)), self.motion)
+                return True
+            elif code == 52:
+                for k, axis in enumerate(AXES):
+                    self.local[k] = has.get(axis, self.local[k] / self.scale) * self.scale
+                self._set_frame()
+            elif code == 92 or code in (92.1, 92.2, 92.3):
+                self._declare(has, code)
+            elif code == 10 and has.get("L", 0.0) in (2.0, 20.0):
+                machine.record.note("work offsets that the file sets are taken as the part frame's own place")
+            elif code not in SILENT and code not in KNOWN and int(code) not in CYCLES:
+                raise CannotTellError(f"G{code:g}", line)
+        if 5 in codes and any(axis in has for axis in "XYZIJ"):
+            raise CannotTellError("G5 with a curve", line)
+        return bool(USERS & set(codes))
+
+    def _turn(self, has: dict[str, float]) -> None:
+        i, j, _ = PLANES[self.machine.plane]
+        at = self.machine.at
+        centre = [has[AXES[n]] * self.scale if AXES[n] in has else at[n] for n in (i, j)]
+        if "R" not in has or not self.absolute:
+            raise CannotTellError("G68 without R, or counted on", self.machine.record.line)
+        self.turned = (centre[0], centre[1], has["R"])
+        self._set_frame()
+
+    def _set_frame(self) -> None:
+        """Put together local shift, rotation and what G92 declared."""
+        shift = [self.origin[k] + self.local[k] for k in range(3)]
+        if self.turned is None:
+            self.machine.set_frame(UNIT, shift)
+            return
+        i, j, k = PLANES[self.machine.plane]
+        matrix = turn_about(k, self.turned[2])
+        centre = [0.0, 0.0, 0.0]
+        centre[i], centre[j] = self.turned[0], self.turned[1]
+        moved = carry(matrix, centre)
+        self.machine.set_frame(matrix, [shift[n] + centre[n] - moved[n] for n in range(3)])
+
+    def _declare(self, has: dict[str, float], code: float) -> None:
+        """G92: the place where the machine stands gets new numbers; where nobody knows it they are its place."""
+        if code != 92:
+            self.origin = [0.0, 0.0, 0.0]
+            self._set_frame()
+            return
+        if self.turned is not None:
+            raise CannotTellError("G92 in a turned frame", self.machine.record.line)
+        here = self.machine.place(self.machine.at)
+        for k, axis in enumerate(AXES):
+            if axis in has:
+                value = has[axis] * self.scale
+                if math.isnan(here[k]):
+                    here[k] = value + self.local[k] + self.origin[k]
+                self.origin[k] = here[k] - value - self.local[k]
+        self.machine.shift = [self.origin[k] + self.local[k] for k in range(3)]
+        self.machine.at = [here[k] - self.machine.shift[k] for k in range(3)]
+
+    def _home(self, has: dict[str, float]) -> None:
+        """Go home by way of a place; home is no place of the part."""
+        named = [k for k, axis in enumerate(AXES) if axis in has]
+        if named and not self.printer:
+            by = self._target(has)
+            if any(by[k] != self.machine.at[k] and not math.isnan(by[k]) for k in named):
+                self.machine.rapid(by)
+        self.machine.forget(named or ([] if any(axis in has for axis in ROTARY) else [0, 1, 2]))
+
+    def _target(self, has: dict[str, float]) -> list[float]:
+        """Return where the axis words of a block lead, frame of the program."""
+        target = list(self.machine.at)
+        if self.polar:
+            i, j, _ = PLANES[self.machine.plane]
+            raise_polar = not self.absolute
+            if raise_polar:
+                raise CannotTellError("polar words counted on", self.machine.record.line)
+            if AXES[i] in has or AXES[j] in has:
+                radius = has[AXES[i]] * self.scale if AXES[i] in has else math.hypot(target[i], target[j])
+                angle = math.radians(has[AXES[j]]) if AXES[j] in has else math.atan2(target[j], target[i])
+                has = {key: value for key, value in has.items() if key not in (AXES[i], AXES[j])}
+                target[i], target[j] = radius * math.cos(angle), radius * math.sin(angle)
+        for k, axis in enumerate(AXES):
+            if axis in has:
+                value = has[axis] * self.scale
+                target[k] = value if self.absolute else target[k] + value
+        return target
+
+    def _move(self, codes: list[float], has: dict[str, float]) -> None:
+        """Carry out the motion of a block."""
+        for code in codes:
+            if code in (0, 1, 2, 3, 80) or int(code) in CYCLES:
+                if code in CYCLES and self.motion not in CYCLES:
+                    self.cycle = {"initial": self.machine.at[PLANES[self.machine.plane][2]]}
+                self.motion = code
+        if not any(axis in has for axis in "XYZABCIJKRUVW"):
+            return
+        if any(axis in has for axis in "UVW"):
+            raise CannotTellError("words U, V, W", self.machine.record.line)
+        if any(axis in has for axis in ROTARY):
+            self._swing(has)
+        if self.motion in CYCLES:
+            self._drill(has)
+        elif self.motion in (2, 3):
+            self._arc(has)
+        elif self.motion in (0, 1) and any(axis in has for axis in "XYZABC"):
+            self.machine.straight(int(self.motion), self._target(has))
+
+    def _swing(self, has: dict[str, float]) -> None:
+        """Turn the tool axis by rotary words."""
+        if not self.absolute:
+            raise CannotTellError("rotary words counted on", self.machine.record.line)
+        self.angles |= {axis: has[axis] for axis in ROTARY if axis in has}
+        if not any(self.angles.values()):
+            return
+        if self.rotary not in ("head", "table") or not self.tracking:
+            raise CannotTellError("rotary words without a machine whose tip is followed", self.machine.record.line)
+        matrix = UNIT
+        for k, axis in ((2, "C"), (1, "B"), (0, "A")):
+            matrix = multiply(matrix, turn_about(k, self.angles.get(axis, 0.0)))
+        if self.rotary == "table":
+            raise CannotTellError("rotary words of a table", self.machine.record.line)
+        self.machine.axis = tuple(carry(matrix, (0.0, 0.0, 1.0)))
+
+    def _arc(self, has: dict[str, float]) -> None:
+        machine = self.machine
+        machine.begin_cut(machine.at)
+        target = self._target(has)
+        i, j, _ = PLANES[machine.plane]
+        clockwise = self.motion == 2
+        offsets = ["IJK"[n] for n in (i, j)]
+        if not any(letter in has for letter in offsets):
+            if "R" not in has:
+                raise CannotTellError("an arc without centre and radius", machine.record.line)
+            machine.arc(target, machine.radius_centre(target, has["R"] * self.scale, clockwise), clockwise)
+            return
+        centre = list(machine.at)
+        for n, letter in zip((i, j), offsets, strict=True):
+            value = has.get(letter, 0.0) * self.scale
+            if self.centres == "absolute":
+                centre[n] = value if letter in has else NAN
+            else:
+                centre[n] = machine.at[n] + (value if self.centres == "incremental" else -value)
+        turns = int(has.get("P", 1.0)) - 1 if "P" in has and has["P"] >= 1.0 else 0
+        machine.arc(target, centre, clockwise, turns)
+
+    def _drill(self, has: dict[str, float]) -> None:
+        """Carry out a drilling cycle at a place."""
+        machine, known = self.machine, self.cycle
+        i, j, k = PLANES[machine.plane]
+        known |= {key: has[key] for key in ("R", AXES[k], "Q") if key in has}
+        target, at = self._target({key: value for key, value in has.items() if key != AXES[k]}), machine.at
+        if not self.expand:
+            return
+        if "R" not in known or AXES[k] not in known:
+            raise CannotTellError("a cycle without R or depth", machine.record.line)
+        if self.absolute:
+            plane, depth = known["R"] * self.scale, known[AXES[k]] * self.scale
+        else:
+            plane = known["initial"] + known["R"] * self.scale
+            depth = plane + known[AXES[k]] * self.scale
+        out = max(known["initial"], plane) if self.to_initial and not math.isnan(known["initial"]) else plane
+        if self.to_initial and math.isnan(known["initial"]):
+            out = NAN
+        code, step = int(self.motion), [target[n] - at[n] for n in range(3)]
+        for count in range(int(has.get("L", has.get("K", 1.0)))):
+            if count and not self.absolute:
+                target = [machine.at[n] + step[n] for n in range(3)]
+            over = list(machine.at)
+            if not over[k] >= plane and not math.isnan(over[k]):
+                over[k] = plane
+                machine.rapid(over)
+            over[i], over[j] = target[i], target[j]
+            if over != machine.at:
+                machine.rapid(over)
+            for height, cut in ((plane, False), (depth, True)):
+                point = [over[n] if n != k else height for n in range(3)]
+                if point != machine.at:
+                    machine.straight(int(cut), point, drill=cut and code in PECKS)
+            up = [over[n] if n != k else plane for n in range(3)]
+            machine.straight(int(code in FED_OUT), up)
+            if out != plane:
+                machine.rapid([over[n] if n != k else out for n in range(3)])
+
+
+#: G codes that `GCode` acts on.
+KNOWN = {
+    0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 10.0, 11.0, 15.0, 16.0, 17.0, 18.0, 19.0, 20.0, 21.0, 28.0, 29.0, 30.0, 43.4, 43.5,
+    52.0, 53.0, 68.0, 69.0, 70.0, 71.0, 90.0, 90.1, 91.0, 91.1, 92.0, 93.0, 94.0, 95.0, 98.0, 99.0,
+}  # fmt: skip
