@@ -42,4 +42,4 @@ def test_no_imports_go_in_a_circle() -> None:
 
 def test_there_are_at_most_25_rooms() -> None:
     rooms = {path.stem for path in PACKAGE.iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()}
-    assert len(rooms - {"__init__", "__main__", "version"}) <= 25  # the 25th, second, shares nothing with path, program and robot
+    assert len(rooms - {"__init__", "__main__", "version"}) <= 25  # the last, second, shares nothing with others
