@@ -42,6 +42,7 @@ def command(job: Path, measured: Path, robot_name: str, folder: Path, frame: str
     if as_json:
         click.echo(dump_json(summary, indent=2))
     else:
+        click.echo(teaching.after.verdict.sentence)
         click.echo(f"measured {summary['measured_rms_mm']:.4g} mm rms at {summary['points']} points")
         for note in teaching.notes:
             click.echo(note)

@@ -81,6 +81,7 @@ def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
     if as_json:
         click.echo(dump_json(summarise_plan(plan), indent=2))
     else:
+        click.echo(plan.verdict.sentence)
         before, after = (format_length(run.max_deviation) for run in (plan.before, plan.after))
         click.echo(f"{plan.name}: {plan.status}, {len(plan.task)} waypoints, {plan.timing.time[-1]:.1f} s cycle time")
         click.echo(f"greatest deviation {before} uncorrected, {after} planned ({plan.judge})")

@@ -345,9 +345,9 @@ def with_promise(plan: Plan, lesson: Lesson, slopes: Slopes, known: Uncertainty)
     rows = slopes.rows * (n - 1) / max(len(promise.cut) - 1, 1)
     radius = np.interp(np.arange(n), rows, lesson.band_after)
     parts = {**promise.parts, "model": radius, "unexplained": np.zeros(n), "force": np.zeros(n)}
-    better = replace(promise, radius=radius + plan.after.distance, parts=parts, known=known, whole=float(radius.max()),
-                     without={}, narrowings=())  # fmt: skip
-    return replace(plan, learned=better)
+    better = replace(promise, radius=radius + plan.after.distance, parts=parts, known=known, without={}, narrowings=())
+    whole = better.greatest * promise.whole / max(promise.greatest, 1e-12)
+    return replace(plan, learned=replace(better, whole=whole))
 
 
 def residual_file(robot: Robot, job: Job) -> Path | None:

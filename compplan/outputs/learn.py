@@ -79,6 +79,7 @@ def summarise_lesson(teaching: Teaching) -> dict[str, Any]:
         "step_taken": lesson.taken,
         "reason": lesson.reason,
         "status": teaching.after.status,
+        "verdict": teaching.after.verdict.describe(),
         "points": len(teaching.measured),
         "points_left_out": teaching.measured.left_out,
         "measured_rms_mm": lesson.rms * 1e3,

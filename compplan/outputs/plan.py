@@ -189,4 +189,4 @@ def _head(plan: Plan) -> list[str]:
     if plan.status != "solved":
         word = "INFEASIBLE" if plan.status == "infeasible" else "NOT CONFIRMED"
         lines.append(f"{word}: the best compromise, not a program to run")
-    return lines
+    return [*lines, *plan.verdict.head]

@@ -17,6 +17,7 @@ from compplan.plan.bending import Bending
 from compplan.plan.between import Between
 from compplan.plan.coupling import CouplingEffect
 from compplan.plan.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
+from compplan.plan.keeping import Case, Verdict, judge_keeping
 from compplan.plan.slow import group_waypoints
 from compplan.plan.task import Command, PlanTask
 from compplan.plan.timing import Timing
@@ -127,6 +128,15 @@ class Plan:
         except ConvergenceError:
             return None
 
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Whether the part may be expected within its tolerance: `word` for programs, `sentence` for people."""
+        case = Case(
+            self.task, self.status, self.command.failures, self.explain_failures(), self.after.distance, self.bending,
+            self.promise, self.job is None or self.job.plan.inertia,
+        )  # fmt: skip
+        return judge_keeping(case)
+
     def explain_failures(self) -> str:
         """Say in a sentence which waypoints fail and which limits stop them, or what is not confirmed; else nothing."""
         if not self.command.failures:
@@ -148,6 +158,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
     summary: dict[str, Any] = {
         "schema": 1,
         "status": plan.status,
+        "verdict": plan.verdict.describe(),
         "strategy": plan.strategy,
         "name": plan.name,
         "robot": plan.robot.name,

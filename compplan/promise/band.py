@@ -28,6 +28,20 @@ from compplan.robot.uncertainty import Uncertainty
 
 #: What makes the band, in the order of the page.
 PARTS = ("model", "unexplained", "repeatability", "force")
+#: What people call the parameters of the robot, by effect; others are called by their effect.
+CAUSES = {
+    "stiffness of the robot": (
+        "joint_stiffness", "link_compliance", "link_elasticity", "base_compliance", "stiffness_nonlinearity"
+    ),
+    "geometry of the robot": ("joint_offset", "link_geometry", "joint_coupling"),
+    "gears of the robot": ("backlash", "transmission_error"),
+    "tool frame": ("tool_frame", "payload"),
+}  # fmt: skip
+#: What the other parts are called.
+OTHER_CAUSES = {
+    "unexplained": "what no parameter of the robot explains", "repeatability": "repeatability",
+    "force": "process force",
+}  # fmt: skip
 #: Drawn paths that tell what the whole path keeps within, and their seed.
 PATHS, SEED = 2000, 20260601
 
@@ -68,6 +82,7 @@ class Promise:
         assumed: What is assumed, one sentence each.
         without: What `greatest` would be if a part were nothing, by part. [m]
         narrowings: What better knowledge of one cause would make of `greatest`, smallest first.
+        causes: The band where it is widest by each cause alone, in words of people. [m]
     """
 
     radius: Array
@@ -82,11 +97,19 @@ class Promise:
     assumed: tuple[str, ...]
     without: Mapping[str, float] = field(default_factory=dict)
     narrowings: tuple[Narrowing, ...] = ()
+    causes: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def greatest(self) -> float:
         """Greatest distance of the band over the cut, between its rows too. [m]."""
         return float(self.radius[self.cut].max(initial=0.0)) + self.between
+
+    @property
+    def along(self) -> Array:
+        """Band of the whole path at once, between rows too: wider than that of each point alone. Shape (n,). [m]."""
+        alone = float(self.radius[self.cut].max(initial=0.0))
+        widened = (self.whole - self.between) / alone if alone > 0.0 else 1.0
+        return self.radius * widened + self.between
 
     @property
     def widest(self) -> int:
@@ -149,20 +172,30 @@ def promise_path(
         covariance=total,
         cut=cut,
         between=between,
-        whole=whole_path(slopes, known) + float(left[cut].max(initial=0.0)) + between,
+        whole=float(band_radius(total)[cut].max(initial=0.0)) * widen_to_path(draw_paths(slopes, known))
+        + float(left[cut].max(initial=0.0)) + between,
         leading=lead_unknowns(slopes, known, parts),
         known=known,
         force=force,
         without={name: greatest(parts[name]) for name in PARTS},
         narrowings=rank_narrowings(list_knowable(robot, known, slopes.model, parts), greatest),
+        causes=name_causes(slopes, known, parts),
         assumed=(*list_assumed(robot), *([f"force: {force.source}"] if "assumed" in force.source else [])),
     )
 
 
-def whole_path(slopes: Slopes, known: Uncertainty, level: float = LEVEL) -> float:
-    """Return the distance that the whole path keeps within with a probability, by drawing paths to first order. [m]."""
-    farthest = np.linalg.norm(draw_paths(slopes, known), axis=1).max(axis=0)
-    return float(np.quantile(farthest, level))
+def widen_to_path(drawn: Array, level: float = LEVEL) -> float:
+    """Return how much farther the whole path strays than its widest point, both with a probability: 1 or more.
+
+    The same draws tell both, and the farthest point of a draw is never nearer than any one of its points.
+
+    Args:
+        drawn: Drawn tips beside the planned ones. Shape (k, 3, count). [m]
+        level: The probability.
+    """
+    away = np.linalg.norm(drawn, axis=1)
+    point = float(np.quantile(away, level, axis=1).max(initial=0.0))
+    return float(np.quantile(away.max(axis=0, initial=0.0), level)) / point if point > 0.0 else 1.0
 
 
 def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:
@@ -184,6 +217,21 @@ def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:
         root = vector * np.sqrt(np.maximum(value, 0.0))
         moved += size * np.einsum("kr,rcp->kcp", root, random.standard_normal((k, 3, count)), optimize=True)
     return np.asarray(moved)
+
+
+def name_causes(slopes: Slopes, known: Uncertainty, parts: Mapping[str, Array]) -> dict[str, float]:
+    """Return the band where it is widest by each cause alone, parameters of one kind together. [m]"""
+    if not len(slopes.rows):
+        return {}
+    widest = int(np.trace(sum(parts.values(), np.zeros((1, 3, 3))), axis1=1, axis2=2).argmax())
+    found = {words: parts[name][widest] for name, words in OTHER_CAUSES.items()}
+    words = {effect: name for name, effects in CAUSES.items() for effect in effects}
+    kinds = [words.get(unknown.effect, unknown.effect.replace("_", " ")) for unknown in known.unknowns]
+    kind = np.repeat(np.array(kinds, dtype=object), [len(unknown.keys) for unknown in known.unknowns])
+    for name in dict.fromkeys(kinds):
+        moved = known.calibration * slopes.model[widest][:, kind == name] @ known.root[kind == name]
+        found[name] = moved @ moved.T
+    return {name: float(band_radius(part[None])[0]) for name, part in found.items()}
 
 
 def lead_unknowns(

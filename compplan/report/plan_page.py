@@ -70,7 +70,7 @@ def summarise_plan(view: PlanView) -> str:
     """Say in a sentence or two what the plan reaches."""
     before, after = (np.linalg.norm(side, axis=1)[view.cut] for side in (view.before, view.after))
     verb = "keeps" if view.status == "solved" else "is a compromise that keeps"
-    text = f"The plan {verb} the loaded tool within {format_bound(float(after.max()))} of the path"
+    text = f"{view.verdict} The plan {verb} the loaded tool within {format_bound(float(after.max()))} of the path"
     if before.max() > 0 and view.strategy != "none":
         text += f"; uncorrected it strays up to {format_length(float(before.max()))}"
         ratio = float(before.max() / max(after.max(), 1e-12))
@@ -89,7 +89,7 @@ def summarise_plan(view: PlanView) -> str:
     text += f", and the whole path takes {format_set_value(round(float(view.time[-1]), 1))}\u00a0s."
     if view.lowered.any() and not view.notes:
         text += f" The feed is lowered at {view.lowered.sum()} of {view.cut.sum()} waypoints."
-    return f"{text} {describe_grade(view.robot)}"
+    return f"{text} {describe_grade(view.robot)}".strip()
 
 
 def _warn(view: PlanView) -> str:

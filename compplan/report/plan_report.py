@@ -66,6 +66,7 @@ def view_plan(plan: Plan, extra: Sequence[Section] = ()) -> PlanView:
         after=plan.after.deviation,
         mismatch=plan.mismatch,
         promise=plan.promise,
+        verdict=plan.verdict.sentence,
         correction=plan.correction,
         wrench=task.wrench,
         velocity=timing.velocity,

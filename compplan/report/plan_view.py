@@ -64,6 +64,7 @@ class PlanView:
         assumptions: What was assumed, one sentence each.
         extra: Further sections, such as the map of postures.
         promise: The band that holds the true tip with 95 %, or None.
+        verdict: Whether the part may be expected within its tolerance, one sentence.
         around: Part, fixture and tool where their meshes are known, as they stand at the first waypoint of the cut.
     """
 
@@ -104,6 +105,7 @@ class PlanView:
     assumptions: Sequence[str] = ()
     extra: Sequence[Section] = ()
     promise: Promise | None = None
+    verdict: str = ""
     around: Sequence[Shape] = ()
 
     @property

@@ -1,0 +1,280 @@
+"""The verdict: whether the part may be expected within its tolerance, what speaks against it, and what would change it.
+
+`status` says what the equations and the judge say. The verdict says what the 95 % band of the true tip says: `keeps`
+where the whole cut stays within the tolerance with 95 %, `may_not_keep` where it does not, `not_known` where something
+that moves the tip is not known and the rest of the band lies within the tolerance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.plan.bending import Bending
+from compplan.plan.task import PlanTask
+from compplan.promise.band import CAUSES, Promise
+from compplan.robot import Array
+
+#: Words of the verdict.
+KEEPS, MAY_NOT_KEEP, NOT_KNOWN = "keeps", "may_not_keep", "not_known"
+#: Stretches beyond the tolerance that are listed.
+LISTED = 20
+MEASURE = "Measure the robot: compplan campaign."
+#: What would change the verdict, by the largest cause.
+CHANGES = {
+    "process force": "Measure the process force and state how surely it is known: [noise] wrench_level.",
+    "inertia and vibration": "Lower the feed.",
+    "place of the part": "Measure where the part is: [noise] part_frame_mm, part_frame_deg.",
+    "repeatability": "Allow more, or take a robot that repeats better.",
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a verdict is made from.
+
+    Attributes:
+        task: The task.
+        status: "solved", "infeasible" or "not_confirmed".
+        failures: Waypoints that fail, and the limit that stops each.
+        explained: Why it is not solved, one sentence, "" where it is.
+        left: Distance that the plan itself leaves at every waypoint. Shape (n,). [m]
+        bending: What bends the arm, cause by cause.
+        promise: The band; None where a robot within what is known finds no equilibrium.
+        inertia_wanted: Whether the job lets the plan compensate the inertia of the motion.
+    """
+
+    task: PlanTask
+    status: str
+    failures: Mapping[int, str]
+    explained: str
+    left: Array
+    bending: Bending
+    promise: Promise | None
+    inertia_wanted: bool = True
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of the cut whose band reaches beyond the tolerance.
+
+    Attributes:
+        first: Its first waypoint.
+        last: Its last waypoint.
+        start: Length of the path at its first waypoint. [m]
+        end: Length of the path at its last waypoint. [m]
+        most: Widest band in it. [m]
+    """
+
+    first: int
+    last: int
+    start: float
+    end: float
+    most: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether the part may be expected within its tolerance.
+
+    Attributes:
+        word: "keeps", "may_not_keep" or "not_known".
+        sentence: The same for people, with what to do about it.
+        tolerance: Greatest deviation that counts as within tolerance. [m]
+        band: Distance that the whole cut keeps within with 95 %; None where it is not known. [m]
+        beyond_share: Share of the cut, by length, whose band reaches beyond the tolerance; None where not known.
+        where: Stretches of the cut beyond the tolerance.
+        largest_cause: What makes the band widest where it is widest, or what is not known.
+        change: What would change the verdict, one sentence, "" where nothing has to.
+        basis: What the band rests on.
+        left_out: What moves the tip and is not in the band.
+    """
+
+    word: str
+    sentence: str
+    tolerance: float
+    band: float | None
+    beyond_share: float | None
+    where: tuple[Stretch, ...]
+    largest_cause: str
+    change: str
+    basis: str
+    left_out: tuple[str, ...]
+
+    def describe(self) -> dict[str, Any]:
+        """Describe it for plan.json."""
+        return {
+            "word": self.word,
+            "sentence": self.sentence,
+            "tolerance_mm": 1e3 * self.tolerance,
+            "band_mm": None if self.band is None else 1e3 * self.band,
+            "beyond_share": self.beyond_share,
+            "largest_cause": self.largest_cause,
+            "change": self.change,
+            "basis": self.basis,
+            "where": [
+                {
+                    "waypoints": [stretch.first, stretch.last],
+                    "s_mm": [1e3 * stretch.start, 1e3 * stretch.end],
+                    "band_mm": 1e3 * stretch.most,
+                }
+                for stretch in self.where[:LISTED]
+            ],
+            "stretches": len(self.where),
+            "left_out": list(self.left_out),
+        }
+
+    @property
+    def head(self) -> tuple[str, ...]:
+        """Short lines for the head of a program."""
+        words = {KEEPS: "keeps", MAY_NOT_KEEP: "MAY NOT KEEP", NOT_KNOWN: "NOT KNOWN if it keeps"}
+        lines = [f"verdict: {words[self.word]} {_mm(self.tolerance)}"]
+        if self.band is not None:
+            lines.append(f"true tip within {_mm(self.band)}, 95 %")
+        if self.beyond_share:
+            lines.append(f"beyond: {_percent(self.beyond_share)} of the cut")
+        return tuple(lines)
+
+
+def judge_keeping(case: Case) -> Verdict:
+    """Judge whether the part may be expected within its tolerance."""
+    tolerance, promise = case.task.tolerance, case.promise
+    missing = find_missing(case)
+    if promise is None:
+        text = "no robot within what is known finds an equilibrium under this load"
+        return _not_known(case, text, MEASURE, None, None)
+    cut = case.task.cut
+    beyond = cut & (promise.along > tolerance)
+    share = share_length(case.task.nominal.arc_length, cut, beyond)
+    if not beyond.any() and case.status == "solved":
+        if missing:
+            return _not_known(case, *missing, promise, share)
+        sentence = f"Keeps {_mm(tolerance)}: with 95 % the tip stays within {_mm(promise.whole)} along the whole cut"
+        cause = find_cause(case, promise)
+        return Verdict(
+            KEEPS, f"{sentence}, {say_basis(promise)}.", tolerance, promise.whole, share, (), cause, "",
+            say_basis(promise), list_left_out(case),
+        )  # fmt: skip
+    if not beyond.any() and case.status == "not_confirmed":
+        return _not_known(case, "the plan is not confirmed", f"{case.explained}.", promise, share)
+    return _may_not_keep(case, promise, beyond, share)
+
+
+def _may_not_keep(case: Case, promise: Promise, beyond: NDArray[np.bool_], share: float) -> Verdict:
+    tolerance, length = case.task.tolerance, case.task.nominal.arc_length
+    where = find_stretches(beyond, length, promise.along)
+    cause = find_cause(case, promise)
+    change = find_change(case, promise, cause)
+    spot = f"most at s = {1e3 * length[promise.widest]:.4g} mm"
+    off = f"the tip may be up to {_mm(promise.whole)} off (95 %), {_percent(share)} of the cut is beyond"
+    if case.status == "infeasible":
+        off = f"{len(case.failures)} waypoints are not reached within the limits"
+        spot = f"the first is waypoint {min(case.failures)}" if case.failures else spot
+    sentence = f"May not keep {_mm(tolerance)}: {off} ({spot}). Largest cause: {cause}. {change}"
+    return Verdict(
+        MAY_NOT_KEEP, sentence.strip(), tolerance, promise.whole, share, where, cause, change, say_basis(promise),
+        list_left_out(case),
+    )  # fmt: skip
+
+
+def _not_known(case: Case, missing: str, change: str, promise: Promise | None, share: float | None) -> Verdict:
+    tolerance, basis = case.task.tolerance, "" if promise is None else say_basis(promise)
+    band = None if promise is None else promise.whole
+    sentence = f"Not known whether it keeps {_mm(tolerance)}: {missing}. {change}"
+    return Verdict(
+        NOT_KNOWN, sentence.strip(), tolerance, band, share, (), missing, change, basis, list_left_out(case)
+    )
+
+
+def find_missing(case: Case) -> tuple[str, str] | None:
+    """Say what has to be known for a verdict and is not, and what to do about it; None where all is known."""
+    robot = case.task.robot
+    if robot.uncertainty is None and robot.grade == "placeholder":
+        return "nobody has measured how this robot bends (its model is a placeholder)", MEASURE
+    if not np.isfinite(case.bending.inertia):
+        return "the robot folder has no masses or no springs, so inertia is not counted", "State them in its folder."
+    return None
+
+
+def find_cause(case: Case, promise: Promise) -> str:
+    """Name what makes the band widest where it is widest."""
+    if case.status == "infeasible":
+        limits = sorted({name for text in case.failures.values() for name in text.split(", ")})
+        return f"limits ({', '.join(limits[:2])})" if limits else "limits"
+    left = float(case.left[promise.widest])
+    causes = {**promise.causes, "what the plan itself leaves": left}
+    return max(causes, key=lambda name: causes[name])
+
+
+def find_change(case: Case, promise: Promise, cause: str) -> str:
+    """Say what would change the verdict."""
+    if case.status == "infeasible":
+        return "Move the part, or allow more."
+    if cause == "inertia and vibration" and not case.inertia_wanted:
+        return "Let the plan compensate it: [plan] inertia = true."
+    if cause in CHANGES:
+        return CHANGES[cause]
+    if cause in CAUSES and promise.known.grade == "measured":
+        return "Measure more poses: compplan campaign."
+    return MEASURE
+
+
+def say_basis(promise: Promise) -> str:
+    """Say what the band rests on, in a few words."""
+    robot = "measured" if promise.known.grade == "measured" else "assumed"
+    force = "assumed" if "assumed" in promise.force.source else "stated"
+    if not np.any(promise.parts["force"]):
+        return f"by {robot} widths of the robot"
+    if robot == force:
+        return f"by {robot} widths of robot and force"
+    return f"by {robot} widths of the robot and {force} ones of the force"
+
+
+def list_left_out(case: Case) -> tuple[str, ...]:
+    """List what moves the tip and is not in the band."""
+    told = []
+    if not any(effect["effect"] == "tracking_lag" for effect in case.task.robot.effects):
+        told.append("path errors of the controller (no trace of it)")
+    if not np.isfinite(case.bending.inertia):
+        told.append("inertia and vibration of the arm (no masses, or no springs)")
+    told.append("place of the part ([noise] part_frame_mm states none)")
+    told += ["bending of the cutter", "chatter", "warming up"]
+    return tuple(told)
+
+
+def share_length(length: Array, cut: NDArray[np.bool_], chosen: NDArray[np.bool_]) -> float:
+    """Return the share of a cut, by its length, that chosen waypoints stand for: half of each move beside them.
+
+    Args:
+        length: Length of the path at each waypoint. Shape (n,). [m]
+        cut: Waypoints of the cut. Shape (n,).
+        chosen: Waypoints among them. Shape (n,).
+    """
+    half = 0.5 * np.diff(length) * (cut[1:] & cut[:-1])
+    weight = np.r_[half, 0.0] + np.r_[0.0, half]
+    if not weight.any():
+        weight = cut.astype(float)
+    return float(weight[chosen].sum() / weight.sum()) if weight.sum() > 0.0 else 0.0
+
+
+def find_stretches(beyond: NDArray[np.bool_], length: Array, band: Array) -> tuple[Stretch, ...]:
+    """Return the runs of waypoints beyond the tolerance, in order."""
+    edge = np.flatnonzero(np.diff(np.r_[False, beyond, False].astype(int)))
+    return tuple(
+        Stretch(a, b - 1, float(length[a]), float(length[b - 1]), float(band[a:b].max()))
+        for a, b in zip(edge[::2].tolist(), edge[1::2].tolist(), strict=True)
+    )
+
+
+def _mm(length: float) -> str:
+    """Write a length in mm with three digits at most, never less than it is."""
+    return f"{1e3 * length:.3g} mm"
+
+
+def _percent(share: float) -> str:
+    percent = 100.0 * share
+    return "below 0.1 %" if percent < 0.1 else "all" if percent > 99.95 else f"{percent:.3g} %"
