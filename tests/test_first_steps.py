@@ -17,7 +17,8 @@ from compplan.job.job import Job, check_job
 from compplan.path.cam import read_cam
 from compplan.path.events import Event
 from compplan.plan.bending import Bending, tell_bending
-from compplan.plan.notes import ask_about_tool, tell_spindle
+from compplan.plan.frame_notes import ask_about_tool
+from compplan.plan.notes import tell_spindle
 from compplan.plan.slow import list_causes, tell_causes
 from compplan.robot import load_robot, robot_folders
 from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
@@ -135,10 +136,10 @@ def test_a_new_job_stands_within_reach_with_a_tool_that_is_straight(tmp_path, mo
     text = Path("part.toml").read_text()
     data = tomllib.loads(text)
     assert set(data) == {"schema", "name", "robot", "toolpath", "part", "tool", "process", "plan", "output"}
-    assert data["tool"]["position_mm"] == [150.0, 0.0, 0.0] and data["tool"]["rotation_deg"] == [0.0, 90.0, 0.0]
+    assert data["tool"]["position_mm"] == [0.0, 0.0, 150.0] and data["tool"]["frame"] == "pendant"
     assert "put yours" in text.partition("position_mm")[2].partition("\n")[0] and len(text.splitlines()) < 45
     job = check_job(data, tmp_path / "part.toml")
-    assert job.tool is not None and not ask_about_tool(job)
+    assert job.tool is not None and not ask_about_tool(job, load_robot(name))
     robot = job.tool.mount(load_robot(name))
     around = np.array([[0, 0, -1], [60, 0, -1], [60, 40, -1], [0, 40, -1]])
     corners = 1e-3 * (np.array(job.part.position_mm) + around)
@@ -151,11 +152,15 @@ def test_a_new_job_stands_within_reach_with_a_tool_that_is_straight(tmp_path, mo
 
 def test_a_tool_that_leaves_the_flange_sideways_is_asked_about() -> None:
     job = {**JOB, "robot": "kuka_kr16_2", "tool": {"position_mm": [0.0, 0.0, 150.0]}}
-    note, = ask_about_tool(check_job(job))
-    assert "90 deg away from the direction x" in note
-    assert "position_mm = [150.0, 0.0, 0.0], rotation_deg = [0.0, 90.0, 0.0]" in note
-    assert not ask_about_tool(check_job({**job, "collision": {"tool": "spindle.stl"}}))
-    assert not ask_about_tool(check_job({**JOB, "tool": {"position_mm": [0.0, 0.0, 150.0]}}))  # z leaves a ur10
+    kuka, ur = load_robot("kuka_kr16_2"), load_robot("ur10")
+    note, = ask_about_tool(check_job(job), kuka)
+    assert "90 deg away from the direction x" in note and 'frame = "pendant", position_mm = [0.0, 0.0, 150.0]' in note
+    assert not ask_about_tool(check_job({**job, "collision": {"tool": "spindle.stl"}}), kuka)
+    assert not ask_about_tool(check_job({**JOB, "tool": {"position_mm": [0.0, 0.0, 150.0]}}), ur)  # z leaves a ur10
+    note, = ask_about_tool(check_job({**JOB, "tool": {"position_mm": [280.0, 0.0, 30.0]}}), ur)
+    assert "The tip lies 83.9 deg aside of the direction z" in note
+    note, = ask_about_tool(check_job({**JOB, "tool": {"position_mm": [0.0, 0.0, 1200.0]}}), ur)
+    assert "1200 mm long" in note and "tool.position_mm in mm" in note
 
 
 def test_a_cut_that_nothing_turns_the_spindle_for_is_told() -> None:

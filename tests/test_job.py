@@ -88,7 +88,7 @@ def test_lengths_and_angles_of_a_job_are_read_in_millimetres_and_degrees() -> No
     assert job.T_base_part == pytest.approx(np.array([[0, 0, 1, 1.5], [1, 0, 0, -0.02], [0, 1, 0, 0.3], [0, 0, 0, 1]]))
     assert job.tool is not None
     tool = np.array([[0, -1, 0, 0.01], [1, 0, 0, 0.02], [0, 0, 1, 0.3], [0, 0, 0, 1]])
-    assert job.tool.T_flange_tcp == pytest.approx(tool, abs=1e-15)
+    assert job.tool.pose == pytest.approx(tool, abs=1e-15)
     robot = job_robot(job)
     options = read_options(job, robot)
     start = np.array([0.5, 0.0, np.pi / 2, -np.pi / 2, 0.0, np.pi / 4, np.pi])  # the rail in metres

@@ -8,7 +8,7 @@ from robot_library import over_robots
 
 from compplan.cell.judge import build_judge, judge_pose
 from compplan.cell.reading import read_judge
-from compplan.job.job import ToolTable
+from compplan.job.frames import ToolTable
 from compplan.robot import load_robot, robot_folders
 from compplan.statics.chain import build_chain
 from compplan.statics.sensitivity import attain_pose
@@ -33,7 +33,7 @@ def test_the_judges_own_reading_of_a_shipped_folder_agrees_with_the_planners(nam
     judge = read_judge(robot_folders()[name], tool)
     if tool is not None:
         table = ToolTable(**tool)
-        robot = robot.with_tool(table.T_flange_tcp, table.mass_kg, np.array(table.centre_of_mass_mm) * 1e-3)
+        robot = robot.with_tool(table.pose, table.mass_kg, np.array(table.centre_of_mass_mm) * 1e-3)
     q, wrench = draw(robot)
     ours, theirs = judge_pose(judge, q, wrench), judge_pose(build_judge(robot), q, wrench)
     assert ours[0] == pytest.approx(theirs[0], abs=1e-12)
@@ -68,10 +68,10 @@ def test_a_tool_lighter_than_the_one_the_springs_were_identified_with_lifts_the_
     robot = load_robot("staubli_tx200")
     tool = {"position_mm": [0.0, 0.0, 150.0], "mass_kg": mass, "centre_of_mass_mm": [0.0, 10.0, 60.0]}
     table = ToolTable(**tool)
-    mounted = robot.with_tool(table.T_flange_tcp, mass, np.array(table.centre_of_mass_mm) * 1e-3)
+    mounted = robot.with_tool(table.pose, mass, np.array(table.centre_of_mass_mm) * 1e-3)
     q, wrench = draw(robot)
     ours = attain_pose(build_chain(mounted), q, wrench, slope=False).position
     for judge in (build_judge(mounted), read_judge(robot.folder, tool)):
         assert judge_pose(judge, q, wrench)[0] == pytest.approx(ours, abs=1e-11)
-    bare = attain_pose(build_chain(robot.with_tool(table.T_flange_tcp)), q, wrench, slope=False).position
+    bare = attain_pose(build_chain(robot.with_tool(table.pose)), q, wrench, slope=False).position
     assert 2e-6 < np.linalg.norm(ours - bare, axis=1).max() < 4e-4

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.plan_check.robot import Arm, Array, mount_tool, pose_of, read_arm, rotation_vector
+from benchmarks.plan_check.robot import Arm, Array, mount_tool, pose_of, read_arm, said_rotation
 
 ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 WRENCH = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
@@ -86,7 +86,7 @@ def read_job(file: Path) -> Job:
     name = table["robot"]
     folder = next(p for p in (file.parent / name, ROBOTS / name) if (p / "robot.urdf").is_file())
     part = table.get("part", {})
-    turn = rotation_vector(np.radians(part.get("rotation_deg", [0.0, 0.0, 0.0])))
+    turn = said_rotation(part)
     place = pose_of(turn, np.array(part.get("position_mm", [0.0, 0.0, 0.0])) * 1e-3)
     columns = _toolpath(file, table)
     position = columns["tip"] @ turn.T + place[:3, 3]

@@ -87,6 +87,7 @@ class Arm:
     flange: str
     weights: tuple[Mass, ...] = field(default=())
     tool: Array | None = None
+    pendant: Array | None = None
 
     @property
     def commanded(self) -> tuple[Joint, ...]:
@@ -125,7 +126,43 @@ def read_arm(folder: Path) -> Arm:
         gravity=None if gravity is None else np.array(gravity, float),
         acceleration=np.array(table.get("acceleration_limits", [np.inf] * count), float),
         flange=table.get("flange", chain[-1].parent if chain[-1].kind == "fixed" else chain[-1].child),
+        pendant=_pendant(folder / "controller.toml"),
     )
+
+
+def _pendant(file: Path) -> Array | None:
+    """Return the maker's flange frame that controller.toml states, seen from the URDF's flange."""
+    table = tomllib.loads(file.read_text(encoding="utf-8")).get("pendant") if file.is_file() else None
+    if table is None:
+        return None
+    x, z = np.array(table["x"], float), np.array(table["z"], float)
+    return pose_of(np.column_stack([x, np.cross(z, x), z]), np.array(table.get("position_mm", [0, 0, 0]), float) * 1e-3)
+
+
+def said_rotation(table: dict) -> Array:
+    """Return the rotation that a table [tool] or [part] says in one of its forms."""
+    def about(axis: str, degrees: float) -> Array:
+        return rotation_vector(np.radians(degrees) * UNIT[axis])
+
+    def product(axes: str, angles: list[float]) -> Array:
+        first, second, third = (about(axis, angle) for axis, angle in zip(axes, angles, strict=True))
+        return first @ second @ third
+
+    if "abc_deg" in table:
+        return product("zyx", table["abc_deg"])
+    if "wpr_deg" in table:
+        return product("zyx", table["wpr_deg"][::-1])
+    if "zyz_deg" in table:
+        return product("zyz", table["zyz_deg"])
+    if "val3_deg" in table:
+        return product("xyz", table["val3_deg"])
+    if "quaternion" in table:
+        w, *v = np.array(table["quaternion"], float) / np.linalg.norm(table["quaternion"])
+        size = np.linalg.norm(v)
+        return rotation_vector(np.array(v) / max(size, 1e-300) * 2.0 * np.arctan2(size, w))
+    if "rotation_rad" in table:
+        return rotation_vector(np.array(table["rotation_rad"], float))
+    return rotation_vector(np.radians(table.get("rotation_deg", [0, 0, 0])))
 
 
 def mount_tool(arm: Arm, tool: dict | None) -> Arm:
@@ -138,11 +175,12 @@ def mount_tool(arm: Arm, tool: dict | None) -> Arm:
         return arm
     at = next((k for k, joint in enumerate(arm.joints) if joint.parent == arm.flange), len(arm.joints))
     kept, gone = arm.joints[:at], arm.joints[at:]
-    pose = pose_of(rotation_vector(np.radians(tool.get("rotation_deg", [0, 0, 0]))),
-                   np.array(tool.get("position_mm", [0, 0, 0]), float) * 1e-3)
+    counted = np.eye(4) if tool.get("frame") != "pendant" or arm.pendant is None else arm.pendant
+    pose = counted @ pose_of(said_rotation(tool), np.array(tool.get("position_mm", [0, 0, 0]), float) * 1e-3)
     links = {arm.base, *(joint.child for joint in kept)}
     last = Joint("tool", "fixed", arm.flange, "tool_tip", pose, UNIT["z"], -np.inf, np.inf, np.inf, np.inf, None)
-    kilos, centre = tool.get("mass_kg", 0.0), np.array(tool.get("centre_of_mass_mm", [0, 0, 0]), float) * 1e-3
+    kilos, centre = tool.get("mass_kg", 0.0), np.array([*tool.get("centre_of_mass_mm", [0, 0, 0]), 1e3]) * 1e-3
+    centre = (counted @ centre)[:3]
     new = (Mass(arm.flange, kilos, centre, 1e-4 * kilos * np.eye(3)),) if kilos else ()
     old, place = [], {arm.flange: np.eye(4)}
     for joint in gone:  # what hung on the flange, seen from the flange

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
+from compplan.cell.frames import read_part
 from compplan.robot import Array
 
 #: Models that are not read a second time: the wrench is the recorded one, checked by simulations of its own instead.
@@ -69,7 +69,7 @@ def read_forces(job: Mapping[str, Any], folder: Path, rows: DrivenRows) -> Array
 
     """
     process = job.get("process", {"model": "columns"})
-    turn = pin.exp3(np.radians(job.get("part", {}).get("rotation_deg", (0.0, 0.0, 0.0))))
+    turn = read_part(job.get("part", {})).rotation
     model = process.get("model", "columns")
     local = None if model in RECORDED else _local(model, process, job, folder, rows)
     if local is None:
@@ -82,7 +82,7 @@ def read_forces(job: Mapping[str, Any], folder: Path, rows: DrivenRows) -> Array
         return wrench
     wrench *= _acting(process, rows)[:, None]
     if rows.stock_top is not None and model == "milling":
-        origin = np.array(job.get("part", {}).get("position_mm", (0.0, 0.0, 0.0)), float) / 1000.0
+        origin = read_part(job.get("part", {})).translation
         depth = rows.stock_top - (rows.position - origin) @ turn[:, 2]
         wrench *= np.clip(depth * 1000.0 / process["depth_mm"], 0.0, 1.0)[:, None]
     marks = np.flatnonzero(np.diff(np.r_[0, rows.lead.astype(int), 0]))
@@ -108,7 +108,7 @@ def read_stiffness(job: Mapping[str, Any], rows: DrivenRows, wrench: Array) -> A
     table = job.get("coupling") or {}
     if table.get("stiffness_N_mm") is None:
         return None
-    turn = pin.exp3(np.radians(job.get("part", {}).get("rotation_deg", (0.0, 0.0, 0.0))))
+    turn = read_part(job.get("part", {})).rotation
     frames = _frames(table.get("frame", "part"), turn, UP, rows)
     stiffness = frames @ np.diag(1000.0 * np.array(table["stiffness_N_mm"])) @ np.swapaxes(frames, 1, 2)
     return np.where(np.any(wrench[:, :3] != 0.0, axis=1)[:, None, None], stiffness, 0.0)

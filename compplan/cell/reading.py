@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
+from compplan.cell.frames import read_frame, read_mounting
 from compplan.cell.judge import Judge, JudgeBuilder
 from compplan.robot import Array
 
@@ -42,12 +43,10 @@ def read_judge(folder: Path, tool: Mapping[str, Any] | None = None, *, moving: b
     masses = tree.masses(names)
     mounted, beyond = None, [name for name in names if flange in tree.links_above(name)]
     if tool is not None:
-        mounted = pin.SE3(
-            pin.exp3(np.radians(tool.get("rotation_deg", (0.0, 0.0, 0.0)))),
-            np.array(tool.get("position_mm", (0.0, 0.0, 0.0)), float) / 1000.0,
-        )
+        counted = read_mounting(tool, folder, tree.tool0(flange))
+        mounted = counted * read_frame(tool)
         own = {flange, *(tree.child[name] for name in beyond)}
-        new = _tool_mass(tool, flange)
+        new = _tool_mass(tool, flange, counted)
         if gravity is not None:
             masses = [m for m in masses if m[0] not in own] + new
         elif "mass_kg" in tool:
@@ -129,6 +128,16 @@ class _Tree:
     def default_flange(self, names: list[str]) -> str:
         return self.parent[names[-1]] if self.kind[names[-1]] == "fixed" else self.child[names[-1]]
 
+    def tool0(self, flange: str) -> pin.SE3 | None:
+        """Return tool0 seen from the flange, where fixed joints alone lie between them."""
+        bodies = ["", ""]
+        for k, link in enumerate((flange, "tool0")):
+            while self.kind.get(self.carrier.get(link, ""), "") == "fixed":
+                link = self.parent[self.carrier[link]]
+            bodies[k] = link
+        known = "tool0" in self.where and bodies[0] == bodies[1]
+        return self.where[flange].inverse() * self.where["tool0"] if known else None
+
     def root(self, names: list[str]) -> str:
         return self.parent[names[0]]
 
@@ -173,9 +182,9 @@ def _tensor(inertia: ElementTree.Element | None) -> Array:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def _tool_mass(tool: Mapping[str, Any], flange: str) -> list[Mass]:
+def _tool_mass(tool: Mapping[str, Any], flange: str, counted: pin.SE3) -> list[Mass]:
     mass = float(tool.get("mass_kg") or 0.0)
-    centre = np.array(tool.get("centre_of_mass_mm", (0.0, 0.0, 0.0)), float) / 1000.0
+    centre = np.asarray(counted.act(np.array(tool.get("centre_of_mass_mm", (0.0, 0.0, 0.0)), float) / 1000.0))
     return [(flange, mass, centre, np.zeros((3, 3)))] if mass else []
 
 

@@ -50,7 +50,7 @@ def load_measured(
     robot = load_robot(robot_name)
     if tool is not None:
         data, key = read_named_table(tool, "tool")
-        from compplan.job.job import ToolTable
+        from compplan.job.frames import ToolTable
 
         table = check_table(ToolTable, data, file=tool, key=key)
         robot = table.mount(robot)

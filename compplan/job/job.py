@@ -11,11 +11,11 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, field_validator
-from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.files.tables import Array
 from compplan.files.tomlfile import Numbers, OneOf, SchemaOne, StrictTable, Vector3, check_table, read_toml
+from compplan.job.frames import PartTable, ToolTable
 from compplan.job.names import STRATEGIES
 from compplan.job.noise import NoiseTable
 from compplan.job.signals import IoTable
@@ -25,55 +25,10 @@ from compplan.path.forces.process_stiffness import CouplingTable
 from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
 from compplan.path.process import ColumnsProcess, Process
 from compplan.program import WRITERS
-from compplan.robot import Robot
 from compplan.robot.folder import find_robot_folder
 
 #: Longest name and longest path of a file, in letters.
 LONGEST_NAME, LONGEST_PATH = 200, 1000
-#: Greatest position [mm] and mass of a tool [kg] that are taken for true.
-FARTHEST_MM, HEAVIEST_KG = 1e6, 1e4
-
-
-def make_pose(position_mm: Vector3, rotation_deg: Vector3) -> Array:
-    """Return the pose of a frame from its origin [mm] and its rotation vector [deg]. Shape (4, 4) [m]."""
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_rotvec(np.radians(rotation_deg)).as_matrix()
-    pose[:3, 3] = np.asarray(position_mm) * 1e-3
-    return pose
-
-
-def _check_near(value: Vector3) -> Vector3:
-    if max(map(abs, value)) > FARTHEST_MM:
-        raise ValueError(f"is {list(value)}, at most {FARTHEST_MM:g}")
-    return value
-
-
-Place = Annotated[Vector3, AfterValidator(_check_near)]
-
-
-class PartTable(StrictTable):
-    """[part]: pose of the part frame, seen from the robot base."""
-
-    position_mm: Place = (0.0, 0.0, 0.0)
-    rotation_deg: Place = (0.0, 0.0, 0.0)
-
-
-class ToolTable(StrictTable):
-    """[tool]: from the flange frame to the TCP frame, in place of the robot folder's TCP; mass where it is known."""
-
-    position_mm: Place = (0.0, 0.0, 0.0)
-    rotation_deg: Place = (0.0, 0.0, 0.0)
-    mass_kg: float | None = Field(default=None, ge=0.0, le=HEAVIEST_KG)
-    centre_of_mass_mm: Place = (0.0, 0.0, 0.0)
-
-    @property
-    def T_flange_tcp(self) -> Array:
-        """Pose of the TCP frame seen from the flange. Shape (4, 4) [m]."""
-        return make_pose(self.position_mm, self.rotation_deg)
-
-    def mount(self, robot: Robot) -> Robot:
-        """Return a robot with this tool in place of its folder's; a mass that nobody states bends nothing."""
-        return robot.with_tool(self.T_flange_tcp, self.mass_kg, np.asarray(self.centre_of_mass_mm) * 1e-3)
 
 
 class Configuration(StrictTable):
@@ -270,7 +225,7 @@ class Job(StrictTable):
     @property
     def T_base_part(self) -> Array:
         """Pose of the part frame seen from the robot base. Shape (4, 4) [m]."""
-        return make_pose(self.part.position_mm, self.part.rotation_deg)
+        return self.part.pose
 
     @property
     def tool_x_base(self) -> Array:

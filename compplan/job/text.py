@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.job.names import STRATEGIES
 from compplan.path.cam import READERS, list_suffixes
 from compplan.path.forces.materials import MATERIALS
 from compplan.program import WRITERS
+from compplan.program.pendant import locate_pendant
 from compplan.robot import Robot
 from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
 
@@ -47,13 +49,20 @@ approach_mm = 20.0                  # height of the rapid approach and retract; 
 
 [part]                              # pose of the part frame, seen from the robot base
 position_mm = [1500.0, 0.0, 183.0]
-rotation_deg = [0.0, 0.0, 0.0]      # rotation vector
+rotation_deg = [0.0, 0.0, 0.0]      # rotation vector; or one of abc_deg (KUKA A B C), wpr_deg (FANUC W P R, Yaskawa
+                                    #   Rx Ry Rz), quaternion (ABB: w x y z), zyz_deg (Kawasaki O A T, Comau A E R,
+                                    #   Doosan A B C), val3_deg (Staubli), rotation_rad (Universal Robots)
+# points_mm = { nominal = [[0.0, 0.0, 0.0], [100.0, 0.0, 0.0], [0.0, 80.0, 0.0]], measured = [[..], [..], [..]] }
+                                    # in place of both: best fit of three or more points, drawn and measured in the base
+# datum_mm = { plane = [[..], [..], [..]], line = [[..], [..]], point = [..] }  # or 3-2-1, measured in the base: three
+                                    #   of z = 0 (counter-clockwise from above), two along x on y = 0, one on x = 0
 
 # [tool]                            # in place of the robot folder's TCP and tool mass: from flange frame to TCP frame
+# frame = "flange"                  # flange: of the URDF | pendant: the maker's, as the teach pendant shows tool data
 # position_mm = [0.0, 0.0, 150.0]
-# rotation_deg = [0.0, 0.0, 0.0]
+# rotation_deg = [0.0, 0.0, 0.0]    # or another form, as in [part]
 # mass_kg = 5.0
-# centre_of_mass_mm = [0.0, 0.0, 60.0]  # flange frame
+# centre_of_mass_mm = [0.0, 0.0, 60.0]  # in the same frame
 
 [process]                           # what the environment does to the tool, at the tip
 model = "isf"                       # columns | constant | milling | isf | file, from what is given here, and
@@ -282,12 +291,18 @@ def mount_tool(text: str, robot: Robot, *, used: bool) -> str:
 
     """
     tool, out = mounted_tool(robot), outward_axis(robot)
-    turn = Rotation.from_matrix(tool[:3, :3]).as_rotvec(degrees=True)
+    pendant = locate_pendant(robot)
     head, table, rest = re.split(r"(# \[tool\].*?\n)(?=\n)", text, maxsplit=1, flags=re.DOTALL)
+    if pendant is not None and pendant.stated:
+        frame, said, turn, out = "pendant", "z of the maker's flange frame", np.zeros(3), pendant.pose[:3, :3].T @ out
+    else:
+        frame, said = "flange", f"{name_axis(out)} of the flange frame"
+        turn = Rotation.from_matrix(tool[:3, :3]).as_rotvec(degrees=True)
     for key, value in {"position_mm": 150.0 * out, "rotation_deg": turn, "centre_of_mass_mm": 60.0 * out}.items():
         numbers = [round(float(number), 3) + 0.0 for number in value]
         table = re.sub(rf"# {key} = \[.*?\]", f"# {key} = {numbers}", table)
-    straight = f"# {name_axis(out)} of the flange frame leaves this robot; length and mass are assumed: put yours\n"
+    table = table.replace('# frame = "flange" ', f'# frame = "{frame}" ')
+    straight = f"# {said} leaves this robot; length and mass are assumed: put yours\n"
     first, _, keys = table.partition("\n")
     if used and not tool[:3, 3].any():
         first, keys = first.removeprefix("# "), "".join(line.removeprefix("# ") for line in keys.splitlines(True))

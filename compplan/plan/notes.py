@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from compplan.cell.forces import RECORDED
 from compplan.job.job import Job
 from compplan.plan.bending import Bending
 from compplan.plan.coupling import CouplingEffect
+from compplan.plan.frame_notes import tell_frames
 from compplan.plan.slow import tell_causes
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing
-from compplan.robot import load_robot
-from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
 
 #: Share of the tolerance from which on the inertia of the motion is told.
 WORTH_A_NOTE = 0.1
-#: Angle between tool and flange from which on the tool is asked about. [deg]
-SIDEWAYS = 60.0
 #: Force models of a turning tool.
 TURNING = ("milling", "end_mill", "drill")
 #: A joint that moves more than this between two waypoints of a cut swings over. [rad or m]
@@ -46,7 +42,7 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
     if job is not None and job.process.model == "end_mill" and not job.stability.avoid:
         asks = "judges it" if job.stability.judge else "judges it where the job has a table [stability]"
         notes.append(f"Whether the cut chatters is not part of this plan: compplan forces {asks}.")
-    notes += [*tell_spindle(task, job), *ask_about_tool(job)]
+    notes += [*tell_spindle(task, job), *tell_frames(task, job)]
     if job is not None and job.tool is not None and job.tool.mass_kg is None:
         notes.append("The weight of the tool is not known: [tool] says no mass_kg, so none bends the arm.")
     if not task.inertia and bending.inertia > WORTH_A_NOTE * task.tolerance:
@@ -80,24 +76,6 @@ def tell_spindle(task: PlanTask, job: Job | None) -> list[str]:
     return [
         "The CAM file never starts the spindle (no M3 or M4), so the programs do not: start it before the cut, "
         "or name lines that do in [output] header."
-    ]
-
-
-def ask_about_tool(job: Job | None) -> list[str]:
-    """Ask about a tool that leaves the flange sideways, where no mesh of it says that it does."""
-    if job is None or job.tool is None or (job.collision is not None and job.collision.tool is not None):
-        return []
-    robot = load_robot(job.robot, relative_to=job.folder)
-    out, tool = outward_axis(robot), job.tool.T_flange_tcp[:3, 2]
-    angle = float(np.degrees(np.arccos(np.clip(out @ tool, -1.0, 1.0))))
-    if angle <= SIDEWAYS:
-        return []
-    length = float(np.linalg.norm(job.tool.position_mm)) or 100.0
-    turn = Rotation.from_matrix(mounted_tool(robot)[:3, :3]).as_rotvec(degrees=True).round(3) + 0.0
-    return [
-        f"The tool points {angle:.3g} deg away from the direction {name_axis(out)} in which the flange of {robot.name} "
-        f"looks: is that so? A straight one has position_mm = {(length * out).round(3).tolist()}, "
-        f"rotation_deg = {turn.tolist()}."
     ]
 
 

@@ -247,7 +247,12 @@ def job_robot(job: Job) -> Robot:
         robot = load_robot(job.robot, relative_to=job.folder)
     except UnknownNameError as error:
         raise UnknownNameError("robot", error.name, error.choices, file=job.file, where="robot") from None
-    return robot if job.tool is None else job.tool.mount(robot)
+    if job.tool is None:
+        return robot
+    try:
+        return job.tool.mount(robot)
+    except InputError as error:
+        raise error if error.file else InputError(error.message, file=job.file, where=error.where) from None
 
 
 def read_options(job: Job, robot: Robot) -> PlanOptions:

@@ -53,7 +53,7 @@ def find_first_place(job: Job, robot: Robot) -> FirstPlace | None:
     nominal = load_nominal(job)
     cut = nominal.position[~nominal.rapid]
     middle = 0.5 * (cut.min(axis=0) + cut.max(axis=0))
-    here = np.asarray(job.part.position_mm) * 1e-3
+    here = job.T_base_part[:3, 3]
     rater = Rater(robot, read_request(job, robot).settings)
     if rater.arm.solver is None:
         return FirstPlace(_round(here + ASSUMED * robot.longest_reach - middle), tried=False)

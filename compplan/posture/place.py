@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError, InputError
+from compplan.job.frames import PartTable
 from compplan.job.job import Job
 from compplan.job.loading import load_nominal
 from compplan.path.toolpath import Toolpath
@@ -113,7 +114,7 @@ def place_part(
 
     """
     axes = _grid_axes(job)
-    here = np.asarray(job.part.position_mm) * 1e-3
+    here = job.T_base_part[:3, 3]
     settings = read_request(job, robot, errors).settings
     rater = Rater(robot, settings)
     ratings = []
@@ -247,7 +248,7 @@ class Rater:
 def _grid_axes(job: Job) -> tuple[Array, Array, Array]:
     """Build the grid; a raised base is the same as a lowered part."""
     table, step = job.place, job.place.step_mm * 1e-3
-    here = np.asarray(job.part.position_mm) * 1e-3
+    here = job.T_base_part[:3, 3]
     low_height, high_height = (v * 1e-3 for v in table.base_height_mm)
     axes = []
     for k, span in enumerate((table.x_mm, table.y_mm, table.z_mm)):
@@ -361,7 +362,7 @@ def _turned_rotation(job: Job, turn: float) -> tuple[float, float, float]:
     """Return the part's rotation vector with a turn about the vertical on top. [deg]"""
     from scipy.spatial.transform import Rotation
 
-    own = Rotation.from_rotvec(job.part.rotation_deg, degrees=True)
+    own = Rotation.from_matrix(job.T_base_part[:3, :3])
     x, y, z = (Rotation.from_rotvec([0.0, 0.0, turn]) * own).as_rotvec(degrees=True)
     return round(float(x), 9), round(float(y), 9), round(float(z), 9)
 
@@ -369,7 +370,7 @@ def _turned_rotation(job: Job, turn: float) -> tuple[float, float, float]:
 def _move_job(job: Job, place: Array, turn: float) -> Job:
     """Return the job with its part elsewhere."""
     x, y, z = (1e3 * float(v) for v in place)
-    part = job.part.model_copy(update={"position_mm": (x, y, z), "rotation_deg": _turned_rotation(job, turn)})
+    part = PartTable(position_mm=(x, y, z), rotation_deg=_turned_rotation(job, turn))
     moved = job.model_copy(update={"part": part})
     moved._file = job.file
     return moved

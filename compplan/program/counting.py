@@ -23,6 +23,7 @@ from compplan.files.tomlfile import (
     read_toml_model,
     refuse_other_types,
 )
+from compplan.program.pendant import PendantTable
 from compplan.robot import Joint, Robot
 from compplan.robot.urdf import read_urdf
 
@@ -67,6 +68,7 @@ class ControllerTable(StrictTable):
     zero_deg: Numbers
     coupling: Annotated[tuple[Numbers, ...], Field(strict=False)] | None = None
     world: WorldTable = WorldTable()
+    pendant: PendantTable | None = None
     configuration: dict[str, ConfigurationWord] = Field(default_factory=dict)
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import warnings
-from xml.etree import ElementTree
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.files.tables import Array
+from compplan.program.pendant import locate_pendant
 from compplan.robot import Robot
 
 
@@ -56,19 +56,8 @@ def rotation_vectors(poses: Array) -> Array:
 def flange_turn(robot: Robot) -> Array:
     """Return the pose of the controller's flange frame seen from the robot's flange frame. Shape (4, 4) [m].
 
-    Controllers count tools from a flange frame with z out of the flange. Where the URDF has a frame tool0 in the very
-    place of the flange that only turns it, that is the one (ROS-Industrial); else the flange frame itself.
+    Controllers count tools from a flange frame with z out of the flange: the one that [pendant] of controller.toml
+    states, else a frame tool0 of the URDF in the very place of the flange (ROS-Industrial), else the flange itself.
     """
-    for joint in ElementTree.fromstring(robot.urdf).findall("joint"):
-        parent, child, origin = joint.find("parent"), joint.find("child"), joint.find("origin")
-        if parent is None or child is None or joint.get("type") != "fixed":
-            continue
-        if (parent.get("link"), child.get("link")) == (robot.flange, "tool0"):
-            place = {} if origin is None else origin.attrib
-            if any(float(number) for number in place.get("xyz", "0 0 0").split()):
-                break
-            turn = np.eye(4)
-            angles = [float(number) for number in place.get("rpy", "0 0 0").split()]
-            turn[:3, :3] = Rotation.from_euler("xyz", angles).as_matrix()
-            return turn
-    return np.eye(4)
+    found = locate_pendant(robot)
+    return np.eye(4) if found is None else found.pose

@@ -1,0 +1,255 @@
+"""Frames of a job as a shop has them: rotations by the name of their maker's form, the part frame by measured points.
+
+abc_deg      KUKA A B C: about z, then the new y, then the newest x
+wpr_deg      FANUC W P R, Yaskawa Rx Ry Rz: about the fixed x, y, z
+zyz_deg      Kawasaki O A T, Comau A E R, Doosan A B C: about z, the new y, the newest z
+val3_deg     Staubli rx ry rz: about x, the new y, the newest z
+quaternion   ABB q1 q2 q3 q4: w x y z
+rotation_deg, rotation_rad   rotation vector; Universal Robots rx ry rz are rotation_rad
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import AfterValidator, Field, model_validator
+from scipy.spatial.transform import Rotation
+
+from compplan.errors import InputError
+from compplan.files.tables import Array
+from compplan.files.tomlfile import StrictTable, Vector3
+from compplan.program.pendant import locate_pendant
+from compplan.robot import Robot
+
+#: Greatest position [mm] and mass of a tool [kg] that are taken for true.
+FARTHEST_MM, HEAVIEST_KG = 1e6, 1e4
+#: Greatest departure of a quaternion's length from 1 that is taken for rounding.
+QUATERNION_ROUNDING = 1e-3
+#: Least size of a triangle of measured points, as the sine of an angle, and least distance of two [mm].
+FLATTEST, NEAREST_MM = 1e-3, 1.0
+#: Euler angles of each form, in scipy's letters: capitals turn about turning axes, small letters about fixed ones.
+ANGLES = {"abc_deg": "ZYX", "wpr_deg": "xyz", "zyz_deg": "ZYZ", "val3_deg": "XYZ"}
+#: Keys that say a rotation.
+ROTATIONS = ("rotation_deg", "rotation_rad", "quaternion", *ANGLES)
+
+
+def make_pose(position_mm: Sequence[float], rotation: Rotation) -> Array:
+    """Return the pose of a frame from its origin [mm] and its rotation. Shape (4, 4) [m]."""
+    pose = np.eye(4)
+    pose[:3, :3] = rotation.as_matrix()
+    pose[:3, 3] = np.asarray(position_mm) * 1e-3
+    return pose
+
+
+def _check_near(value: Vector3) -> Vector3:
+    if max(map(abs, value)) > FARTHEST_MM:
+        raise ValueError(f"is {list(value)}, at most {FARTHEST_MM:g}")
+    return value
+
+
+Place = Annotated[Vector3, AfterValidator(_check_near)]
+Places = Annotated[tuple[Place, ...], Field(strict=False)]
+Quaternion = Annotated[tuple[float, float, float, float], Field(strict=False)]
+
+
+class PoseTable(StrictTable):
+    """A frame: X Y Z in mm, and its rotation in one of the forms above; without any it is not turned."""
+
+    position_mm: Place = (0.0, 0.0, 0.0)
+    rotation_deg: Place | None = None
+    rotation_rad: Place | None = None
+    quaternion: Quaternion | None = None
+    abc_deg: Place | None = None
+    wpr_deg: Place | None = None
+    zyz_deg: Place | None = None
+    val3_deg: Place | None = None
+
+    @model_validator(mode="after")
+    def _check_rotation(self) -> PoseTable:
+        said = [key for key in ROTATIONS if getattr(self, key) is not None]
+        if len(said) > 1:
+            raise ValueError(f"says its rotation in {len(said)} forms ({', '.join(said)}), expected one")
+        if self.quaternion is not None and abs(np.linalg.norm(self.quaternion) - 1.0) > QUATERNION_ROUNDING:
+            size = float(np.linalg.norm(self.quaternion))
+            raise ValueError(f"has a quaternion of length {size:.4g}, expected w, x, y, z of length 1")
+        return self
+
+    @property
+    def rotation(self) -> Rotation:
+        """The rotation, in whichever form it is said."""
+        if self.quaternion is not None:
+            w, x, y, z = self.quaternion
+            return Rotation.from_quat([x, y, z, w])
+        if self.rotation_rad is not None:
+            return Rotation.from_rotvec(self.rotation_rad)
+        for key, order in ANGLES.items():
+            angles = getattr(self, key)
+            if angles is not None:
+                return Rotation.from_euler(order, angles, degrees=True)
+        return Rotation.from_rotvec(np.radians(self.rotation_deg or (0.0, 0.0, 0.0)))
+
+    @property
+    def pose(self) -> Array:
+        """Pose of the frame. Shape (4, 4) [m]."""
+        return make_pose(self.position_mm, self.rotation)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Hold a part frame that was found from points.
+
+    Attributes:
+        pose: Pose of the part frame seen from the base. Shape (4, 4). [m]
+        residual: Distance of each point from where the frame has it; empty where the points allow none. [mm]
+        method: How it was found.
+
+    """
+
+    pose: Array
+    residual: Array
+    method: str
+
+    def tell(self) -> str:
+        """Say in a sentence how well the points agree, and where the frame stands."""
+        z = ", ".join(f"{value:.4g}" for value in np.round(self.pose[:3, 2], 4) + 0.0)
+        at = ", ".join(f"{value:.3f}" for value in 1e3 * self.pose[:3, 3])
+        said = f"The part frame is found from points ({self.method}): origin [{at}] mm, its z along ({z}) of the base"
+        if not len(self.residual):
+            return f"{said}; the points leave nothing over that could be checked."
+        rms, worst = float(np.sqrt(np.mean(self.residual**2))), int(self.residual.argmax())
+        return (f"{said}; they are {rms:.3g} mm (rms) from where it has them, at most {self.residual[worst]:.3g} mm, "
+                f"point {worst + 1} of {len(self.residual)}.")  # fmt: skip
+
+
+class PointPairs(StrictTable):
+    """Points of the part as drawn (part frame), and where they were measured (robot base)."""
+
+    nominal: Places
+    measured: Places
+
+    @model_validator(mode="after")
+    def _check(self) -> PointPairs:
+        if len(self.nominal) != len(self.measured):
+            counts = f"{len(self.nominal)} nominal and {len(self.measured)} measured points"
+            raise ValueError(f"has {counts}, expected as many of each")
+        if len(self.nominal) < 3:
+            raise ValueError(f"has {len(self.nominal)} points, expected at least 3 that lie on no line")
+        for name, points in (("nominal", self.nominal), ("measured", self.measured)):
+            size = np.linalg.svd(np.asarray(points) - np.mean(points, axis=0), compute_uv=False)
+            if size[0] < NEAREST_MM or size[1] < FLATTEST * size[0]:
+                raise ValueError(f"has {name} points on one line, which leave a turn about it open")
+        return self
+
+    def fit(self) -> Fit:
+        """Fit the frame so that the sum of the squared distances is least [Kabsch1976]."""
+        nominal, measured = np.asarray(self.nominal), np.asarray(self.measured)
+        middle, seen = nominal.mean(axis=0), measured.mean(axis=0)
+        u, _, vt = np.linalg.svd((nominal - middle).T @ (measured - seen))
+        turn = vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))]) @ u.T
+        left = np.linalg.norm(measured - seen - (nominal - middle) @ turn.T, axis=1)
+        pose = make_pose(seen - turn @ middle, Rotation.from_matrix(turn))
+        return Fit(pose, left, f"best fit of {len(nominal)}")
+
+
+class Datums(StrictTable):
+    """3-2-1: three points on the face z = 0, two on the face y = 0, one on the face x = 0, measured in the robot base.
+
+    The three turn counter-clockwise seen from outside, where z points; x points from the first of the two to the other.
+    """
+
+    plane: Annotated[tuple[Place, Place, Place], Field(strict=False)]
+    line: Annotated[tuple[Place, Place], Field(strict=False)]
+    point: Place
+
+    @model_validator(mode="after")
+    def _check(self) -> Datums:
+        a, b, c = np.asarray(self.plane)
+        along = np.asarray(self.line[1]) - np.asarray(self.line[0])
+        normal = np.cross(b - a, c - a)
+        sides = np.linalg.norm(b - a) * np.linalg.norm(c - a)
+        if sides < NEAREST_MM**2 or np.linalg.norm(normal) < FLATTEST * sides:
+            raise ValueError("has three points of the plane on one line, expected a triangle")
+        flat = along - normal * (normal @ along) / (normal @ normal)
+        if float(np.linalg.norm(flat)) < max(NEAREST_MM, FLATTEST * float(np.linalg.norm(along))):
+            raise ValueError("has a line that stands on the plane, expected two points along x")
+        return self
+
+    def fit(self) -> Fit:
+        """Build the frame: z from the plane, x from the line, the origin where the three faces meet."""
+        a, b, c = np.asarray(self.plane)
+        z = np.cross(b - a, c - a)
+        z /= np.linalg.norm(z)
+        first, second = np.asarray(self.line)
+        x = (second - first) - z * (z @ (second - first))
+        x /= np.linalg.norm(x)
+        y = np.cross(z, x)
+        origin = x * (x @ np.asarray(self.point)) + y * (y @ first) + z * (z @ a)
+        return Fit(make_pose(origin, Rotation.from_matrix(np.column_stack([x, y, z]))), np.zeros(0), "3-2-1")
+
+
+class PartTable(PoseTable):
+    """[part]: pose of the part frame, seen from the robot base; or the points that it is found from."""
+
+    points_mm: PointPairs | None = None
+    datum_mm: Datums | None = None
+
+    @model_validator(mode="after")
+    def _check_one(self) -> PartTable:
+        said = self.model_fields_set & {"position_mm", *ROTATIONS}
+        found = [key for key in ("points_mm", "datum_mm") if getattr(self, key) is not None]
+        if len(found) + bool(said) > 1:
+            raise ValueError(f"is said by {', '.join([*sorted(said), *found])}: expected one way only")
+        return self
+
+    @property
+    def fit(self) -> Fit | None:
+        """The frame found from points; None where it is stated."""
+        found = self.points_mm or self.datum_mm
+        return None if found is None else found.fit()
+
+    @property
+    def pose(self) -> Array:
+        """Pose of the part frame seen from the robot base. Shape (4, 4) [m]."""
+        fit = self.fit
+        return super().pose if fit is None else fit.pose
+
+
+class ToolTable(PoseTable):
+    """[tool]: from the flange frame to the TCP frame, in place of the robot folder's TCP; mass where it is known.
+
+    frame: which flange frame position, rotation and centre of mass count from: the URDF's, or the maker's, as the teach
+        pendant shows it.
+    """
+
+    frame: Literal["flange", "pendant"] = "flange"
+    mass_kg: float | None = Field(default=None, ge=0.0, le=HEAVIEST_KG)
+    centre_of_mass_mm: Place = (0.0, 0.0, 0.0)
+
+    def locate_frame(self, robot: Robot) -> Array:
+        """Return the pose of the frame that this table counts from, seen from the URDF's flange. Shape (4, 4) [m].
+
+        Raises:
+            InputError: If it is the pendant's, and nothing says how that stands.
+
+        """
+        if self.frame == "flange":
+            return np.eye(4)
+        found = locate_pendant(robot)
+        if found is None:
+            message = f"is 'pendant', and nothing says how the pendant of {robot.name!r} counts tools"
+            cure = 'write [pendant] with x and z in its controller.toml, or frame = "flange"'
+            raise InputError(f"{message}; {cure}", where="tool.frame")
+        return found.pose
+
+    def locate_tcp(self, robot: Robot) -> Array:
+        """Return the pose of the TCP frame seen from the URDF's flange. Shape (4, 4) [m]."""
+        return np.asarray(self.locate_frame(robot) @ self.pose)
+
+    def mount(self, robot: Robot) -> Robot:
+        """Return a robot with this tool in place of its folder's; a mass that nobody states bends nothing."""
+        frame = self.locate_frame(robot)
+        centre = frame[:3, :3] @ (np.asarray(self.centre_of_mass_mm) * 1e-3) + frame[:3, 3]
+        return robot.with_tool(frame @ self.pose, self.mass_kg, centre)
