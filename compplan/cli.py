@@ -11,9 +11,12 @@ import traceback
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
+from compplan.commands.loudness import offer_loudness
+from compplan.commands.streams import steady_streams
 from compplan.errors import CompplanError, InputError, find_near
 from compplan.files.origin import record_inputs
 from compplan.version import VERSION
@@ -63,7 +66,14 @@ class LazyGroup(click.Group):
         if cmd_name not in COMMANDS:
             return None
         command: click.Command = importlib.import_module(COMMANDS[cmd_name]).command
-        return command
+        return offer_loudness(command)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; another process that is gone is an error like any other, not a reader that has left."""
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:
+            raise InputError("a process or stream that this run writes to is gone; run it again") from None
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -113,10 +123,16 @@ def shorten(text: str, width: int) -> str:
     return text[: max(width, 20) - 3].rpartition(" ")[0] + " ..."
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)
 @click.version_option(VERSION, prog_name="compplan")
-def group() -> None:
+@click.pass_context
+def group(context: click.Context) -> None:
     """Plan corrected robot paths under process forces, and diagnose the sim-to-real gap."""
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
+
+
+offer_loudness(group)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -131,28 +147,38 @@ def main(arguments: Sequence[str] | None = None) -> None:
         os.environ.setdefault("PYTHONWARNINGS", "ignore")  # of worker processes
     for name in THREADS:  # read when numpy is imported, which no module does before a command is found
         os.environ.setdefault(name, "1")
+    words = list(sys.argv[1:] if arguments is None else arguments)
     previous = signal.signal(signal.SIGTERM, _leave_on_term)
     try:
-        words = list(sys.argv[1:] if arguments is None else arguments)
+        with steady_streams():
+            status = run_words(words)
+    finally:
+        signal.signal(signal.SIGTERM, previous)
+    sys.exit(status)
+
+
+def run_words(words: list[str]) -> int:
+    """Run a command line and return its exit status; what goes wrong is said in one line on stderr.
+
+    Args:
+        words: The words after the program's name.
+
+    """
+    try:
         if "" in words:
             raise InputError("an argument is empty, expected a name or a path")
         with record_inputs():
             status = group.main(words, standalone_mode=False)
+        sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):
         click.echo("interrupted", err=True)
-        sys.exit(130)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
+        return 130
     except Exception as error:
         if DEBUG in os.environ:
             traceback.print_exc()
         line, status = describe_fault(error)
         click.echo(f"error: {line}", err=True)
-        sys.exit(status)
-    finally:
-        signal.signal(signal.SIGTERM, previous)
-    sys.exit(status if isinstance(status, int) else 0)
+    return status if isinstance(status, int) else 0
 
 
 def describe_fault(error: Exception) -> tuple[str, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,6 +14,8 @@ import click
 
 from compplan.commands.places import OUT_FOLDER
 from compplan.files.tables import dump_json
+
+LOG = logging.getLogger(__name__)
 
 
 @click.command()
@@ -115,8 +118,8 @@ def print_table(summary: dict[str, Any]) -> None:
 @contextmanager
 def show_bars() -> Iterator[tuple[Callable[[str], None], Callable[[str, int, int], None]]]:
     """Give functions that tell what is done now and how far it is; silent where stderr is no terminal."""
-    if not sys.stderr.isatty():
-        yield (lambda text: None), (lambda task, done, total: None)
+    if not sys.stderr.isatty() or LOG.isEnabledFor(logging.INFO):
+        yield LOG.info, (lambda task, done, total: None)
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn

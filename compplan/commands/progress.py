@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+
+LOG = logging.getLogger(__name__)
 
 
 @contextmanager
@@ -15,8 +18,8 @@ def show_progress(stages: Sequence[str] = ()) -> Iterator[Callable[[str], None]]
         stages: Beginnings of what will be told, in order; a bar then shows how many are behind. Left out: no bar.
 
     """
-    if not sys.stderr.isatty():
-        yield lambda text: None
+    if not sys.stderr.isatty() or LOG.isEnabledFor(logging.INFO):
+        yield LOG.info
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn

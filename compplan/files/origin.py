@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -11,6 +12,7 @@ from typing import Any
 
 from compplan.version import VERSION
 
+LOG = logging.getLogger(__name__)
 _READ: ContextVar[dict[str, str] | None] = ContextVar("read", default=None)
 _SEEDS: ContextVar[dict[str, int] | None] = ContextVar("seeds", default=None)
 
@@ -28,6 +30,7 @@ def record_inputs() -> Iterator[None]:
 
 def note_input(path: Path, content: bytes) -> None:
     """Note that a file was read."""
+    LOG.debug("read %s, %d bytes", path, len(content))
     read = _READ.get()
     if read is not None:
         read[str(path)] = hashlib.sha256(content).hexdigest()

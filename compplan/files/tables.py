@@ -27,6 +27,8 @@ from compplan.files.transaction import replace_file
 Array = NDArray[np.float64]
 #: Greatest size of a text file that is read. [bytes]
 MOST_BYTES = 512 * 2**20
+#: How Python holds a byte of a path that is no UTF-8.
+NO_LETTER = re.compile("[\ud800-\udfff]")
 
 
 @dataclass(frozen=True)
@@ -223,7 +225,12 @@ def write_text(path: str | Path, text: str, *, encoding: str = "utf-8", newline:
 
     """
     with replace_file(path) as part:
-        part.write_bytes(text.replace("\n", newline).encode(encoding))
+        part.write_bytes(escape_bytes(text).replace("\n", newline).encode(encoding))
+
+
+def escape_bytes(text: str) -> str:
+    r"""Return text in which a byte of a path that is no UTF-8 reads as its escape, \xe9, so that it can be written."""
+    return text if text.isascii() else NO_LETTER.sub(lambda found: f"\\x{ord(found[0]) & 0xFF:02x}", text)
 
 
 def write_json(path: str | Path, content: Any, *, indent: int | None = 1) -> None:
@@ -244,7 +251,9 @@ def dump_json(content: Any, *, indent: int | None = None) -> str:
 def _to_plain(content: Any) -> Any:
     """Return tables, lists, text and finite numbers alone."""
     if isinstance(content, Mapping):
-        return {str(key): _to_plain(value) for key, value in content.items()}
+        return {escape_bytes(str(key)): _to_plain(value) for key, value in content.items()}
+    if isinstance(content, str):
+        return escape_bytes(content)
     if isinstance(content, np.ndarray | np.generic):
         return _to_plain(content.tolist())
     if isinstance(content, list | tuple):

@@ -219,4 +219,6 @@ def _say(details: ErrorDetails, holder: Any) -> str:
         return f"is {given}, choose from {context.get('expected')}"
     if kind == "value_error":
         return str(context.get("error", details["msg"]))
+    if kind == "string_unicode":
+        return f"is {given}, not UTF-8, which no job can hold; rename it"
     return f"is {given}, must be {details['msg'].removeprefix('Input should be ').replace('a valid ', 'a ')}"

@@ -16,6 +16,7 @@ import ctypes
 import fcntl
 import hashlib
 import json
+import logging
 import os
 import shutil
 import tempfile
@@ -27,6 +28,7 @@ from typing import Any
 from compplan.errors import InputError
 from compplan.files.origin import describe_origin, is_input
 
+LOG = logging.getLogger(__name__)
 MANIFEST = "manifest.json"
 #: Ends of the names of hidden files and folders: still being written; complete, to be moved to their place.
 PART, READY = ".part", ".ready"
@@ -93,6 +95,7 @@ def replace_folder(folder: str | Path, command: str) -> Iterator[Path]:
                 _sync(path)
             _put_in_place(part, place, command)
             _sync(place.parent)
+            LOG.info("wrote %s", folder)
         except InputError as error:
             file = Path(error.file or "")
             if not file.is_relative_to(part):

@@ -18,6 +18,7 @@ Rows that cannot become active are left out; `Rows` says which are in. The Hessi
 
 from __future__ import annotations
 
+import logging
 import time
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -32,6 +33,8 @@ from compplan.robot import Array
 from compplan.statics.chain import Chain
 from compplan.statics.kinematics import build_pose_function
 from compplan.statics.sensitivity import AttainedPose
+
+LOG = logging.getLogger(__name__)
 
 #: Weight of a missed pose equation of a released waypoint; any, for its joint positions are given.
 RELEASE_WEIGHT = 1e-6
@@ -185,6 +188,7 @@ def solve_nlp(nlp: Nlp, q: Array, attained: AttainedPose, *, bounded: NDArray[np
     residual = x[n * nq : n * nq + misses].reshape(-1, problem.equations)
     solved = np.clip(x[: n * nq].reshape(n, nq), lower, upper)
     status, iterations = str(stats["return_status"]), int(stats["iter_count"])
+    LOG.debug("nonlinear program: %s, %d iterations, %.2f s, violation %.1g", status, iterations, spent, violation)
     return NlpSolution(solved, good, status, iterations, spent, violation, residual, x[n * nq + misses :])
 
 

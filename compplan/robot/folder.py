@@ -14,7 +14,7 @@ import tomli_w
 from pydantic import Field
 
 from compplan.errors import InputError, UnknownNameError
-from compplan.files.tables import read_text, write_text
+from compplan.files.tables import escape_bytes, read_text, write_text
 from compplan.files.tomlfile import SchemaOne, StrictTable, read_toml_model
 from compplan.robot.elasticity import build_links, build_springs, read_elasticity
 from compplan.robot.model import Array, Joint, Robot, roll_pitch_yaw_of
@@ -114,7 +114,7 @@ def read_robot_folder(folder: Path) -> Robot:
         message = f"has {len(accelerations)} numbers, expected {nq}, one a joint"
         raise InputError(message, file=elasticity_file, where="acceleration_limits")
     return Robot(
-        name=folder.resolve().name,
+        name=escape_bytes(folder.resolve().name),
         urdf=text,
         joints=tuple(joints),
         bodies=urdf.bodies(chain_links),
