@@ -13,6 +13,7 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import redirect_stdout
+from pathlib import Path
 from typing import Any
 
 import click
@@ -43,7 +44,7 @@ def _hush(callback: Callable[..., Any]) -> Callable[..., Any]:
     def run(*arguments: Any, **options: Any) -> Any:
         if not click.get_current_context().meta.get(QUIET) or options.get("as_json"):
             return callback(*arguments, **options)
-        with open(os.devnull, "w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
+        with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
             return callback(*arguments, **options)
 
     return run
