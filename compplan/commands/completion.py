@@ -35,3 +35,10 @@ robot_instead = click.option(
     "--robot", "robot", shell_complete=complete_robots,
     help="Robot folder in place of the job's, as a diagnosis or a lesson wrote it.",
 )  # fmt: skip
+
+#: Option of a command on a job: whose posture is kept.
+posture_kept = click.option(
+    "--keep", "keep", metavar="WHAT",
+    help="Posture to keep: robot (with --robot that which the job's own robot chooses), nothing, or joints.csv of an "
+    "earlier plan.  [default: as the job says]",
+)  # fmt: skip

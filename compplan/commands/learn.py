@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from compplan.commands.completion import complete_robots
+from compplan.commands.completion import complete_robots, posture_kept
 from compplan.commands.places import OUT_FOLDER
 from compplan.files.tables import dump_json
 
@@ -19,8 +19,11 @@ from compplan.files.tables import dump_json
 @click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @click.option("--frame", type=click.Choice(["part", "base"]), default="part", show_default=True,
               help="Frame of the measured points.")  # fmt: skip
+@posture_kept
 @click.option("--json", "as_json", is_flag=True, help="Print learn.json to stdout.")
-def command(job: Path, measured: Path, robot_name: str, folder: Path, frame: str, as_json: bool) -> None:
+def command(
+    job: Path, measured: Path, robot_name: str, folder: Path, frame: str, keep: str | None, as_json: bool
+) -> None:
     """Learn from MEASURED points of a part cut with JOB: write the corrected program and the updated robot folder.
 
     MEASURED has columns x_mm y_mm z_mm of the attained tool tip, and where they are known s_mm (path length) and
@@ -34,7 +37,7 @@ def command(job: Path, measured: Path, robot_name: str, folder: Path, frame: str
     from compplan.loop.teach import teach_part
     from compplan.outputs.learn import write_lesson
 
-    checked = load_job(job)
+    checked = load_job(job, keep=keep)
     with show_progress() as announce:
         teaching = teach_part(checked, robot_name, measured, in_base=frame == "base", announce=announce)
         announce("report")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from compplan.commands.completion import robot_instead
+from compplan.commands.completion import posture_kept, robot_instead
 from compplan.commands.places import OUT_FOLDER
 from compplan.errors import CompplanError, InfeasibleError
 from compplan.files.tables import dump_json
@@ -27,15 +27,16 @@ STAGES = (
 @click.argument("job", type=click.Path(path_type=Path))
 @click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @robot_instead
+@posture_kept
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (plan.json) to stdout.")
-def command(job: Path, folder: Path, robot: str | None, as_json: bool) -> None:
+def command(job: Path, folder: Path, robot: str | None, keep: str | None, as_json: bool) -> None:
     """Plan JOB: write plan.json, joints.csv, report.html and native programs.
 
     Example: compplan plan paths/isf_cone.toml --out out
     """
     from compplan.job.job import load_job
 
-    checked = load_job(job, robot)
+    checked = load_job(job, robot, keep)
     carry_out(checked, folder, as_json=as_json, note=_tell_lesson(checked, f"learned_{job.stem}.csv"))
 
 

@@ -27,6 +27,8 @@ from compplan.path.process import ColumnsProcess, Process
 from compplan.program import WRITERS
 from compplan.robot.folder import find_robot_folder
 
+#: Words of [plan] keep: the posture that the job's own robot chooses, and whichever is best; else a program's file.
+KEEP_ROBOT, KEEP_NOTHING = "robot", "nothing"
 #: Longest name and longest path of a file, in letters.
 LONGEST_NAME, LONGEST_PATH = 200, 1000
 
@@ -58,6 +60,7 @@ class PlanTable(StrictTable):
     max_correction_mm: float = Field(default=10.0, gt=0.0, le=1000.0)
     tolerance_mm: float = Field(default=0.1, gt=0.0, le=100.0)
     tool_x: Vector3 = (1.0, 0.0, 0.0)
+    keep: Annotated[str, Field(min_length=1, max_length=LONGEST_PATH)] = KEEP_ROBOT
     inertia: bool = False
 
     @field_validator("tool_x")
@@ -204,6 +207,7 @@ class Job(StrictTable):
     noise: NoiseTable = NoiseTable()
     collision: CollisionTable | None = None
     _file: Path = PrivateAttr(default=Path())
+    _own_robot: str | None = PrivateAttr(default=None)
 
     @field_validator("robot")
     @classmethod
@@ -221,6 +225,11 @@ class Job(StrictTable):
     def folder(self) -> Path:
         """The folder of the job file; file names in the job are relative to it."""
         return self._file.parent
+
+    @property
+    def own_robot(self) -> str:
+        """The robot that the file names, whichever stands in for it."""
+        return self.robot if self._own_robot is None else self._own_robot
 
     @property
     def T_base_part(self) -> Array:
@@ -271,12 +280,13 @@ def check_job(data: dict[str, Any], file: str | Path = Path()) -> Job:
     return job
 
 
-def load_job(path: str | Path, robot: str | None = None) -> Job:
+def load_job(path: str | Path, robot: str | None = None, keep: str | None = None) -> Job:
     """Read a job file.
 
     Args:
         path: The file.
         robot: Robot folder or name of a shipped robot in place of the job's; a path counts from the working directory.
+        keep: What the posture keeps, in place of [plan] keep; a path counts from the working directory.
 
     Raises:
         InputError: With file and line, or file and key, if it is not what it has to be.
@@ -289,6 +299,12 @@ def load_job(path: str | Path, robot: str | None = None) -> Job:
     if suffix == ".csv":
         raise InputError("is a table, expected a job that ends in .toml", file=path)
     data = read_toml(path)
+    own = data.get("robot")
     if robot is not None:
         data["robot"] = str(find_robot_folder(robot).resolve())
-    return check_job(data, path)
+    if keep is not None and isinstance(data.setdefault("plan", {}), dict):
+        data["plan"]["keep"] = keep if keep in (KEEP_ROBOT, KEEP_NOTHING) else str(Path(keep).resolve())
+    job = check_job(data, path)
+    if robot is not None and isinstance(own, str):
+        job._own_robot = own
+    return job

@@ -152,6 +152,8 @@ configuration = "auto"              # or { shoulder = "front", elbow = "up", wri
 max_correction_mm = 10.0
 tolerance_mm = 0.1                  # in-tolerance verdicts and shares refer to it
 tool_x = [1.0, 0.0, 0.0]            # part axes: where the TCP frame's x points when rotation about the axis is not free
+keep = "robot"                      # posture: robot (with --robot that which the job's own robot chooses) | nothing |
+                                    #   joints.csv of an earlier plan
 inertia = false                     # compensate the inertia of the motion too (masses of the URDF)
 
 [output]

@@ -20,8 +20,10 @@ from compplan.loop.design import update_known
 from compplan.loop.learn import KEPT, Lesson, gather_points, learn_part
 from compplan.loop.measured_path import MeasuredPath, match_points, read_measured_points
 from compplan.path.toolpath import Toolpath
-from compplan.plan.plan import Plan, build_task, plan_task, prepare_job
+from compplan.plan.plan import PlanOptions, build_task, plan_task, prepare_job
+from compplan.plan.result import Plan
 from compplan.plan.task import PlanTask
+from compplan.posture.keep import read_lock, turn_about_axis
 from compplan.posture.trace import reach_tip_and_axis
 from compplan.promise.band import Slopes, linearise_path
 from compplan.promise.slopes import (
@@ -254,18 +256,8 @@ def list_learned(known: Uncertainty, values: Array, held: Array, most: int = 10)
 
 
 def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Toolpath, Plan]:
-    """Plan a job with a robot of one's own; also return the wanted path before the residual is taken off.
-
-    A path that has learned keeps the posture in which it learned.
-    """
-    _, nominal, options = prepare_job(job)
-    mounted = robot if job.tool is None else job.tool.mount(robot)
-    aimed = nominal
-    if residual is not None:
-        aimed = replace(nominal, position=nominal.position - residual.at(nominal.arc_length))
-    task = build_task(mounted, aimed, options, file=job.file)
-    if residual is not None:
-        task = keep_posture(task, residual, np.interp(task.origin, np.arange(len(nominal)), nominal.arc_length))
+    """Plan a job with a robot of one's own; also return the wanted path before the residual is taken off."""
+    nominal, task, options = build_learned(job, robot, residual)
     # the judge of a job reads the job's own robot and path: here both have learned, and the task's own force acts
     plan = replace(plan_task(task, options.strategy, name=job.name or job.file.stem, feed=options.feed), job=job)
     if residual is not None:
@@ -273,6 +265,25 @@ def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Too
         said = f"the path is shifted by up to {most:.3g} mm for what cut parts taught; deviations count from there"
         plan = replace(plan, notes=(said, *plan.notes))
     return nominal, plan
+
+
+def build_learned(
+    job: Job, robot: Robot, residual: Residual | None
+) -> tuple[Toolpath, PlanTask, PlanOptions]:
+    """Prepare the task of a job with a robot of one's own; also return the wanted path, and what the plan may do.
+
+    A path that has learned keeps the posture in which it learned, another one that of the job's own robot.
+    """
+    _, nominal, options = prepare_job(job)
+    mounted = robot if job.tool is None else job.tool.mount(robot)
+    options = replace(options, lock=options.lock or read_lock(job, mounted))
+    aimed = nominal
+    if residual is not None:
+        aimed = replace(nominal, position=nominal.position - residual.at(nominal.arc_length))
+    task = build_task(mounted, aimed, options, file=job.file)
+    if residual is not None:
+        task = keep_posture(task, residual, np.interp(task.origin, np.arange(len(nominal)), nominal.arc_length))
+    return nominal, task, options
 
 
 def interpolate(length: Array, places: Array, values: Array) -> Array:
@@ -293,11 +304,7 @@ def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
     if task.robot.nq < 6:
         q, reached = reach_tip_and_axis(build_arm(task.robot), near, task.position, task.rotation)
         return replace(task, q_start=q, rotation=locate_frames(task.chain, q).tcp_rotation, missed=~reached)
-    stood = locate_frames(task.chain, near).tcp_rotation
-    z = -task.nominal.axis
-    x = stood[:, :, 0] - np.einsum("ni,ni->n", stood[:, :, 0], z)[:, None] * z
-    x = x / np.linalg.norm(x, axis=1, keepdims=True)
-    rotation = np.stack([x, np.cross(z, x), z], axis=2)
+    rotation = turn_about_axis(locate_frames(task.chain, near).tcp_rotation, task.nominal.axis)
     arm = build_arm(task.robot)
     q = refine_ik(arm, near, task.position, rotation)
     missed = np.abs(pose_error(arm.chain, q, task.position, rotation)).max(axis=1) > REACHED

@@ -31,8 +31,9 @@ from compplan.plan.result import Plan
 from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
 from compplan.plan.task import SMOOTHING, PlanTask
 from compplan.plan.verdict import find_breaches, find_jumps, find_overloads, set_up_bench
+from compplan.posture.keep import Lock, find_kept_start, read_lock
 from compplan.posture.stance import Wish, check_start
-from compplan.posture.start import PostureRequest, check_clearance, find_start, read_request
+from compplan.posture.start import PostureRequest, check_clearance, read_request
 from compplan.program import check_languages
 from compplan.promise.posture_errors import posture_errors
 from compplan.robot import Array, Robot, load_robot
@@ -58,6 +59,7 @@ class PlanOptions:
         chord: How far the loaded tip may stray from the path between waypoints; a tenth of the tolerance if left out.
             [m]
         inertia: Whether the inertia of the motion counts as a load and is compensated.
+        lock: What is kept of a posture that was chosen before, or None.
 
     """
 
@@ -74,6 +76,7 @@ class PlanOptions:
     law: ForceLaw | None = None
     chord: float | None = None
     inertia: bool = False
+    lock: Lock | None = None
 
 
 def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -> Plan:
@@ -110,9 +113,11 @@ def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
     if span > 2.0 * robot.longest_reach:
         message = f"toolpath spans {span:.4g} m, the robot reaches {robot.longest_reach:.3g} m; is it in another unit?"
         raise InputError(message, file=job.file, where="toolpath")
-    options = read_options(job, robot)
-    posture = options.posture and replace(options.posture, chatter=read_chatter(job, robot, nominal, law))
-    return robot, nominal, replace(options, law=law, posture=posture)
+    lock = read_lock(job, robot)
+    chooser = robot if lock is None or lock.model is None else lock.model
+    options = read_options(job, chooser)
+    posture = options.posture and replace(options.posture, chatter=read_chatter(job, chooser, nominal, law))
+    return robot, nominal, replace(options, law=law, posture=posture, lock=lock)
 
 
 def plan_compensation(
@@ -206,7 +211,9 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         raise InputError(message, file=file, where="robot" if file else None)
     try:
         check_start(robot, options.wish.start)
-        start = find_start(robot, nominal, np.asarray(options.tool_x, float), rotation, options.wish, options.posture)
+        start = find_kept_start(
+            robot, nominal, np.asarray(options.tool_x, float), rotation, options.wish, options.posture, options.lock
+        )
     except InputError as error:
         raise InputError(error.message, file=file, where=error.where if file else None) from None
     nominal = start.nominal

@@ -147,7 +147,7 @@ class PlanTask:
             acceleration_limits=self.acceleration_limits,
             max_correction=self.max_correction,
             spin_free=self.spin_free,
-            keeps_shape=self.start is not None and self.start.stance is not None,
+            keeps_shape=self.start is not None and (self.start.stance is not None or self.start.of_program),
         )
 
 

@@ -62,6 +62,7 @@ class Start:
         stance: What the graph chose, or None where it found nothing (or was not asked).
         request: What was asked for, or None.
         notes: What a user should know, one sentence each.
+        of_program: Whether an earlier program's motion is kept.
 
     """
 
@@ -73,6 +74,7 @@ class Start:
     stance: Stance | None = None
     request: PostureRequest | None = None
     notes: tuple[str, ...] = ()
+    of_program: bool = False
 
 
 def read_request(job: Job, robot: Robot, errors: ErrorModel | None = None) -> PostureRequest:
