@@ -1,103 +1,69 @@
 """compplan: make industrial robots cut where the CAM says.
 
-Planning:
+One verb for each daily way from files, arrays or DataFrames to a result:
 
     import compplan as cp
 
-    job = cp.load_job("paths/isf_cone.toml")
-    plan = cp.plan_job(job)
-    print(plan.status, plan.before.max_deviation, plan.after.max_deviation)
-    cp.write_plan(plan, "out")
+    plan = cp.plan("paths/isf_cone.toml")                         # a job, or a path and a robot
+    comparison = cp.compare("paths/isf_cone.toml")                # every strategy side by side
+    diagnosis = cp.diagnose("measurements.csv", "my_robot")       # what is wrong with the robot
+    taught = cp.learn("job.toml", "part1.csv", "my_robot")        # the next program, from a measured part
+    print(plan); plan.plot(); plan.to_frame(); plan.to_dict(); cp.write_plan(plan, "out")
 
-or native programs alone, from joint positions: `build_program`, `write_program`;
-or from parts: `load_robot`, `read_toolpath`, `place_toolpath`, `plan_compensation`, `build_cell`, `evaluate_run`.
+`out="folder"` writes what the command of the same name writes. Long calls take `progress`, a callable that is told what
+is being done; an exception raised in it ends the call, nothing is written.
 
-Diagnosis:
-
-    robot = cp.load_robot("robot")
-    campaign = cp.read_campaign("measurements.csv", robot)
-    diagnosis = cp.diagnose_campaign(robot, campaign)
-    print(diagnosis.verdict.status, diagnosis.gap.held_out_after)
-    cp.predict_campaign(diagnosis.updated, campaign).position
-
-with `Effect` and `fold_effects` to make a robot that is not as modelled, and `identify_campaign` for its compliances.
-
-Studies:
-
-    study = cp.study_job(job, cp.Settings(samples=200, seed=1), "out")
-    cp.write_study(study, "out")
-
-Long calls take a callable that is told what is being done; an exception raised in it ends the call, nothing is written.
-Names are imported from their modules when they are first used.
+The steps below each verb are here too: `load_job`, `plan_job`, `plan_compensation`; `read_campaign`,
+`diagnose_campaign`; `build_cell`, `evaluate_run`. Everything else is imported from its module. Names are loaded when
+they are first used.
 """
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+import sys as _sys
+from importlib import import_module as _import_module
+from types import ModuleType as _ModuleType
+from typing import TYPE_CHECKING
+from typing import Any as _Any
 
 from compplan.version import VERSION
 
 if TYPE_CHECKING:
-    from compplan.cell.cell import Cell, build_cell, run_cell, standard_cells
-    from compplan.cell.predict import Prediction, predict_campaign, write_prediction
+    from compplan.cell.cell import Cell, build_cell, run_cell
+    from compplan.cell.predict import Prediction, predict_campaign
+    from compplan.commands.verbs.measure import diagnose, learn
+    from compplan.commands.verbs.plan import compare, plan
     from compplan.diagnose.campaign_diagnosis import diagnose_campaign
     from compplan.diagnose.next_measurement import propose_measurements
     from compplan.diagnose.result import Diagnosis
-    from compplan.diagnose.where import split_diagnosis
-    from compplan.effects import EFFECTS, Effect, apply_effects, attain_scene, fold_effects, robot_effects, stage_scene
+    from compplan.effects import EFFECTS, Effect, fold_effects
     from compplan.errors import CompplanError, InfeasibleError, InputError
     from compplan.identify.campaign import Identification, identify_campaign
-    from compplan.identify.problem import IdentifyOptions
     from compplan.job.force_prediction import ForcePrediction, predict_forces
     from compplan.job.job import Job, check_job, load_job
-    from compplan.job.loading import load_nominal
-    from compplan.loop.campaign import PoseCampaign, Shop, design_campaign
+    from compplan.loop.campaign import PoseCampaign, design_campaign
     from compplan.loop.teach import Teaching, teach_part
-    from compplan.maps.survey import MapSettings, RobotMaps, map_robot
+    from compplan.maps.survey import RobotMaps, map_robot
     from compplan.measure.campaign import Campaign
     from compplan.measure.reading import read_campaign
-    from compplan.measure.registration import Registration, fit_registration
-    from compplan.outputs.identify import write_identification
     from compplan.outputs.montecarlo import write_study
     from compplan.outputs.plan import write_comparison, write_plan
-    from compplan.path.events import Event
     from compplan.path.reading import read_toolpath
     from compplan.path.toolpath import Toolpath, place_toolpath, write_toolpath
-    from compplan.plan.closed_loop import TimeCell, run_in_time
-    from compplan.plan.compare import Comparison, compare_job, compare_task
-    from compplan.plan.correction_loop import largest_pole
-    from compplan.plan.evaluate import Evaluation, evaluate_run, path_accuracy
-    from compplan.plan.nlp import build_nlp, solve_nlp
-    from compplan.plan.path_problem import PathProblem, Rows
-    from compplan.plan.plan import (
-        Plan,
-        PlanOptions,
-        build_task,
-        job_robot,
-        plan_compensation,
-        plan_job,
-        plan_task,
-        prepare_job,
-    )
-    from compplan.plan.strategies.online_correction import LOOPS
+    from compplan.plan.compare import Comparison, compare_job
+    from compplan.plan.evaluate import Evaluation, evaluate_run
+    from compplan.plan.plan import Plan, PlanOptions, plan_compensation, plan_job
     from compplan.posture.place import PlaceResult, place_part
-    from compplan.program import Program, Wiring, build_program, write_program
+    from compplan.program import Program, build_program, write_program
     from compplan.robot import Robot, load_robot, write_robot_folder
-    from compplan.robot.skeleton import write_skeleton
-    from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
-    from compplan.statics.elastic import solve_equilibrium
-    from compplan.study.curves import trace_model_error
-    from compplan.study.encoder_table import compare_encoders
     from compplan.study.job_study import JobStudy, study_job
-    from compplan.study.runner import Run, Settings, run_study
-    from compplan.study.sensitivity import measure_sensitivity
-    from compplan.study.study import Study, prepare_study
-    from compplan.study.summary import summarise_run
+    from compplan.study.runner import Settings
 
 __version__ = VERSION
 
 _MODULES = {
+    "commands.verbs.measure": ("diagnose", "learn"),
+    "commands.verbs.plan": ("compare", "plan"),
     "cell.cell": ("Cell", "build_cell", "run_cell", "standard_cells"),
     "cell.predict": ("Prediction", "predict_campaign", "write_prediction"),
     "diagnose.campaign_diagnosis": ("diagnose_campaign",),
@@ -151,115 +117,60 @@ _MODULES = {
 }  # fmt: skip
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
-__all__ = [
-    "EFFECTS",
-    "LOOPS",
-    "Campaign",
-    "Cell",
-    "Comparison",
-    "CompplanError",
-    "Diagnosis",
-    "Effect",
-    "Evaluation",
-    "Event",
-    "ForcePrediction",
-    "Identification",
-    "IdentifyOptions",
-    "InfeasibleError",
-    "InputError",
-    "Job",
-    "JobStudy",
-    "MapSettings",
-    "PathProblem",
-    "PlaceResult",
-    "Plan",
-    "PlanOptions",
-    "PoseCampaign",
-    "Prediction",
-    "Program",
-    "Registration",
-    "Robot",
-    "RobotMaps",
-    "Rows",
-    "Run",
-    "Settings",
-    "Shop",
-    "Study",
-    "Teaching",
-    "TimeCell",
-    "Toolpath",
-    "Wiring",
-    "apply_effects",
-    "attain_scene",
-    "build_cell",
-    "build_chain",
-    "build_nlp",
-    "build_program",
-    "build_task",
-    "check_job",
-    "compare_encoders",
-    "compare_job",
-    "compare_task",
-    "design_campaign",
-    "diagnose_campaign",
-    "evaluate_run",
-    "fit_registration",
-    "fold_effects",
-    "identify_campaign",
-    "job_robot",
-    "joint_jacobian",
-    "largest_pole",
-    "load_job",
-    "load_nominal",
-    "load_robot",
-    "locate_frames",
-    "map_robot",
-    "measure_sensitivity",
-    "path_accuracy",
-    "place_part",
-    "place_toolpath",
-    "plan_compensation",
-    "plan_job",
-    "plan_task",
-    "predict_campaign",
-    "predict_forces",
-    "prepare_job",
-    "prepare_study",
-    "propose_measurements",
-    "read_campaign",
-    "read_toolpath",
-    "robot_effects",
-    "run_cell",
-    "run_in_time",
-    "run_study",
-    "solve_equilibrium",
-    "solve_nlp",
-    "split_diagnosis",
-    "stage_scene",
-    "standard_cells",
-    "study_job",
-    "summarise_run",
-    "teach_part",
-    "trace_model_error",
-    "write_comparison",
-    "write_identification",
-    "write_plan",
-    "write_prediction",
-    "write_program",
-    "write_robot_folder",
-    "write_skeleton",
-    "write_study",
-    "write_toolpath",
-]
+__all__ = [  # noqa: RUF022 (by subject)
+    # one verb a daily way
+    "plan", "compare", "diagnose", "learn",
+    # what goes in
+    "Job", "load_job", "check_job", "Robot", "load_robot", "write_robot_folder", "Toolpath", "read_toolpath",
+    "write_toolpath", "place_toolpath", "Campaign", "read_campaign",
+    # planning, step by step
+    "Plan", "PlanOptions", "plan_job", "plan_compensation", "write_plan", "Comparison", "compare_job",
+    "write_comparison", "ForcePrediction", "predict_forces", "PlaceResult", "place_part",
+    # the independent check
+    "Cell", "build_cell", "run_cell", "Evaluation", "evaluate_run",
+    # programs
+    "Program", "build_program", "write_program",
+    # diagnosis, step by step
+    "Diagnosis", "diagnose_campaign", "Effect", "EFFECTS", "fold_effects", "Prediction", "predict_campaign",
+    "propose_measurements", "Identification", "identify_campaign",
+    # measured parts
+    "Teaching", "teach_part", "PoseCampaign", "design_campaign",
+    # studies and maps
+    "JobStudy", "Settings", "study_job", "write_study", "RobotMaps", "map_robot",
+    # errors
+    "CompplanError", "InputError", "InfeasibleError",
+]  # fmt: skip
 
 
-def __getattr__(name: str) -> Any:
+#: Verbs that share their name with a room of the package.
+_SHARED = ("plan", "diagnose")
+
+
+def __getattr__(name: str) -> _Any:
     if name not in _HOME:
         raise AttributeError(f"module 'compplan' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"compplan.{_HOME[name]}"), name)
+    value = getattr(_import_module(f"compplan.{_HOME[name]}"), name)
     globals()[name] = value
     return value
 
 
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+class _Package(_ModuleType):
+    """The package: its public names, and verbs that stay what they are when a room of their name is imported.
+
+    Importing the room `compplan.plan` sets the attribute `plan` of the package. Here the verb stays in its place and
+    has the attributes of the room, so that `compplan.plan.compare` is found by either way.
+    """
+
+    def __dir__(self) -> list[str]:
+        return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not (name in _SHARED and isinstance(value, _ModuleType)):
+            super().__setattr__(name, value)
+            return
+        verb = getattr(_import_module(f"compplan.{_HOME[name]}"), name)
+        verb.__dict__ = value.__dict__
+        super().__setattr__(name, verb)
+
+
+_sys.modules[__name__].__class__ = _Package

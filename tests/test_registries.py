@@ -141,4 +141,4 @@ def test_the_door_opens_every_name_and_loads_nothing_heavy() -> None:
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
     assert all(getattr(cp, name) is not None for name in cp.__all__)
     assert (Path(cp.__file__).parent / "py.typed").is_file()
-    assert {"plan_job", "diagnose_campaign", "predict_campaign", "fold_effects", "run_study"} <= set(dir(cp))
+    assert {"plan", "plan_job", "diagnose_campaign", "predict_campaign", "fold_effects"} <= set(dir(cp))

@@ -17,8 +17,13 @@ from compplan.diagnose.verdict import Finding, Verdict
 from compplan.effects import robot_effects
 from compplan.effects.linearization import Place
 from compplan.effects.signature import plain
+from compplan.files.quantities import format_length
+from compplan.files.shown import Curve, Curves, Shown
 from compplan.measure.registration import Registration
 from compplan.robot import Array, Robot
+
+#: Causes that are named when a diagnosis is printed.
+MOST_NAMED = 7
 
 
 @dataclass(frozen=True)
@@ -61,8 +66,8 @@ class Gap:
     wrong: float
 
 
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(Shown):
     """What a campaign says about a robot.
 
     Attributes:
@@ -99,6 +104,47 @@ class Diagnosis:
     def robot_of(self, delivery: Delivery) -> Robot:
         """Return the robot folder of a delivery."""
         return delivery.robot(self.robot, len(robot_effects(self.robot)))
+
+    def summary(self) -> list[tuple[str, str]]:
+        """Return the answer: what is wrong, how far the gap shrinks."""
+        gap, found = self.gap, self.verdict.findings
+        rows = []
+        for finding in found[:MOST_NAMED]:
+            place = " ".join(str(part) for part in finding.effect.place[1:] if part is not None)
+            moved = f", moves the tip {format_length(finding.explained)}" if np.isfinite(finding.explained) else ""
+            rows.append((finding.effect.name, f"{place or 'robot'}: probability {finding.probability:.2f}{moved}"))
+        more = [("further causes", str(len(found) - MOST_NAMED))] if len(found) > MOST_NAMED else []
+        status = self.verdict.status.replace("_", " ") if self.verdict.status != "none" else "nothing is wrong"
+        return [
+            ("diagnosis", f"{status}, {self.robot.name}, {len(self.residual_before)} rows"),
+            *rows, *more,
+            ("gap", f"{format_length(gap.before)} before, {format_length(gap.after)} after (rms)"),
+            ("on rows never seen", f"{format_length(gap.held_out_before)} before, {format_length(gap.held_out_after)} "
+                                   "after"),
+            ("measurement noise", f"{format_length(gap.noise_floor)}: {self.noise}"),
+            *([("outliers", f"{len(self.outliers)} rows left out")] if len(self.outliers) else []),
+        ]  # fmt: skip
+
+    def columns(self) -> dict[str, Any]:
+        """Return a row a measured row: joints, distance before and after, whether it was left out."""
+        campaign = self.fit.problem.campaign
+        columns: dict[str, Any] = {"run": campaign.run, **self.robot.joint_columns(campaign.q)}
+        for name, residual in (("before", self.residual_before), ("after", self.residual_after)):
+            columns |= {f"d{axis}_{name}_mm": residual[:, k] * 1e3 for k, axis in enumerate("xyz")}
+            columns[f"distance_{name}_mm"] = np.linalg.norm(residual, axis=1) * 1e3
+        return {**columns, "outlier": np.isin(np.arange(len(campaign)), self.outliers)}
+
+    def curves(self) -> Curves:
+        """Return the distance between measured and expected, row by row, before and after. [mm]."""
+        rows = np.arange(1.0, len(self.residual_before) + 1.0)
+        before, after = (np.linalg.norm(r, axis=1) * 1e3 for r in (self.residual_before, self.residual_after))
+        lines = (Curve("before", rows, before, "before"), Curve("after", rows, after, "after"))
+        return Curves(f"{self.robot.name}: measured minus expected", "row of the log", "distance [mm]", lines,
+                      (self.gap.noise_floor * 1e3, "measurement noise"))  # fmt: skip
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what diagnosis.json holds."""
+        return self.to_table()
 
     def to_table(self, extra: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """Return what diagnosis.json holds; `extra` adds or replaces keys (where, next_measurement)."""

@@ -24,6 +24,7 @@ from compplan.path.cam.options import CamTable
 from compplan.path.forces.process_stiffness import CouplingTable
 from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
 from compplan.path.process import ColumnsProcess, Process
+from compplan.path.toolpath import Toolpath
 from compplan.program import WRITERS
 from compplan.robot.folder import find_robot_folder
 
@@ -208,6 +209,8 @@ class Job(StrictTable):
     collision: CollisionTable | None = None
     _file: Path = PrivateAttr(default=Path())
     _own_robot: str | None = PrivateAttr(default=None)
+    _given: Toolpath | None = PrivateAttr(default=None)
+    _mounted: Robot | None = PrivateAttr(default=None)
 
     @field_validator("robot")
     @classmethod
@@ -220,6 +223,16 @@ class Job(StrictTable):
     def file(self) -> Path:
         """The job file."""
         return self._file
+
+    @property
+    def given(self) -> Toolpath | None:
+        """The toolpath, part frame, where the job was made in memory with one rather than with a file."""
+        return self._given
+
+    @property
+    def mounted(self) -> Robot | None:
+        """The robot, where the job was made in memory with one rather than with the name of a folder."""
+        return self._mounted
 
     @property
     def folder(self) -> Path:
@@ -243,12 +256,16 @@ class Job(StrictTable):
         return np.asarray(direction / np.linalg.norm(direction))
 
 
-def check_job(data: dict[str, Any], file: str | Path = Path()) -> Job:
+def check_job(
+    data: dict[str, Any], file: str | Path = Path(), *, toolpath: Toolpath | None = None, robot: Robot | None = None
+) -> Job:
     """Check a job that is given as plain tables.
 
     Args:
         data: The tables, as `tomllib` gives them.
         file: File they come from, or would stand in.
+        toolpath: A toolpath in memory in place of the file that the job names.
+        robot: A robot in memory in place of the folder that the job names.
 
     Raises:
         InputError: With file and key.
@@ -276,7 +293,7 @@ def check_job(data: dict[str, Any], file: str | Path = Path()) -> Job:
         noise = job.noise.model_copy(update={"wrench_level": level})
         noise.model_fields_set.discard("wrench_level")  # the model's, not the job's
         job = job.model_copy(update={"noise": noise})
-    job._file = Path(file)
+    job._file, job._given, job._mounted = Path(file), toolpath, robot
     return job
 
 

@@ -31,6 +31,8 @@ def load_toolpath(job: Job) -> Toolpath:
         InputError: If the toolpath file is not what it has to be.
 
     """
+    if job.given is not None:
+        return check_toolpath(job.given)
     if not isinstance(job.toolpath, str):
         try:
             return check_toolpath(generate_toolpath(job.toolpath), file=job.file)
@@ -64,7 +66,7 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
     if job.feed.constant_mm_s is not None:
         toolpath = replace(toolpath, feed=np.where(toolpath.rapid, toolpath.feed, job.feed.constant_mm_s * 1e-3))
     rows_at, from_file = toolpath.arc_length, isinstance(job.toolpath, str)
-    from_cam = isinstance(job.toolpath, str) and not job.toolpath.lower().endswith(".csv")
+    from_cam = job.given is None and isinstance(job.toolpath, str) and not job.toolpath.lower().endswith(".csv")
     top, note = read_stock_top(job.process, toolpath, from_cam=from_cam)
     step, turn = job.sampling.max_step_mm, job.sampling.max_turn_deg
     max_step = step * 1e-3 if step is not None else FILE_STEP if from_file else np.inf

@@ -8,14 +8,15 @@ path claim is left out.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from compplan.files.columns import Column
-from compplan.files.tables import Table, read_table
+from compplan.files.given import open_table
+from compplan.files.tables import Table
 from compplan.path.toolpath import Toolpath
 from compplan.robot import Array
 
@@ -72,15 +73,18 @@ def take_points(measured: MeasuredPath, rows: NDArray[np.bool_]) -> MeasuredPath
     return replace(measured, **parts)
 
 
-def read_measured_points(file: Path) -> Table:
+def read_measured_points(source: Any) -> Table:
     """Read measured points: x_mm y_mm z_mm, and where they are known s_mm and sigma_mm.
+
+    Args:
+        source: The file, or its columns.
 
     Raises:
         InputError: If the file is not such a table.
     """
     columns = [Column(axis, "length", required=True) for axis in "xyz"]
     columns += [Column("s", "length"), Column("sigma", "length", missing=True)]
-    table = read_table(file, columns, unknown="note")
+    table = open_table(source, columns, what="measured points", unknown="note")
     if not len(table):
         raise table.error("the table has no rows, expected one row a measured point")
     sigma = table.values.get("sigma", np.full(len(table), np.nan))

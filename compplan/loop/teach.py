@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from compplan.effects.assumed import LINK_ELASTICITY, known_uncertainty
 from compplan.effects.scene import Scene
 from compplan.effects.signature import pack_parameters
 from compplan.files.columns import Column
+from compplan.files.quantities import format_length
+from compplan.files.shown import Curve, Curves, Shown
 from compplan.files.tables import read_table
 from compplan.job.job import Job
 from compplan.loop.design import update_known
@@ -91,8 +93,8 @@ class Residual:
         return interpolate(length, self.length, self.deviation)
 
 
-@dataclass(frozen=True, eq=False)
-class Teaching:
+@dataclass(frozen=True, eq=False, repr=False)
+class Teaching(Shown):
     """A lesson with the plans before and after it.
 
     Attributes:
@@ -132,9 +134,34 @@ class Teaching:
         length = np.interp(task.origin, np.arange(len(self.path)), self.path.arc_length)
         return np.asarray(task.position + self.residual.at(length))
 
+    def summary(self) -> list[tuple[str, str]]:
+        """Return what the part taught, and what the next one may be expected to be."""
+        lesson, name = self.lesson, self.job.name or self.job.file.stem
+        rows = [
+            ("measured", f"rms {format_length(lesson.rms)} at {len(self.measured)} points"),
+            ("reason", lesson.reason),
+        ]
+        if lesson.taken:
+            rows += [
+                ("expected next", f"rms {format_length(lesson.expected)}"),
+                ("95 % band", f"{format_length(float(lesson.band_after.max()))} at its widest, before "
+                              f"{format_length(float(lesson.band_before.max()))}"),
+            ]  # fmt: skip
+        taken = "corrected program" if lesson.taken else "no correction"
+        return [("measured part", f"{name}: {taken}, {self.robot.name}"), *rows]
+
+    def curves(self) -> Curves:
+        """Return the measured deviation along the path and what stays by the model. [mm]."""
+        order = np.argsort(self.measured.length)
+        measured = np.linalg.norm(self.measured.seen, axis=1)[order] * 1e3
+        explained = np.linalg.norm(self.lesson.physics + self.lesson.pushed + self.lesson.residual, axis=1) * 1e3
+        repeats = Curve("what repeats", self.length * 1e3, explained, "after")
+        lines = (Curve("measured", self.measured.length[order] * 1e3, measured, "before"), repeats)
+        return Curves(self.job.name or self.job.file.stem, "along the path [mm]", "deviation of the part [mm]", lines)
+
 
 def teach_part(
-    job: Job, robot_name: str, measured_file: Path, *, in_base: bool = False,
+    job: Job, robot_name: str | Path | Robot, measured: Any, *, in_base: bool = False,
     announce: Callable[[str], None] = lambda words: None,
 ) -> Teaching:  # fmt: skip
     """Learn from a cut part and plan the next one.
@@ -142,19 +169,19 @@ def teach_part(
     Args:
         job: The job.
         robot_name: The robot folder that the program was planned with; what it learned on this path lies in it.
-        measured_file: The measured points.
+        measured: The measured points: a file, or its columns.
         in_base: Whether they are in the base frame; otherwise in the part frame.
         announce: Told what is being done.
 
     Raises:
         InputError: If a file is not what it has to be.
     """
-    points = read_measured_points(measured_file)
-    robot = load_robot(robot_name)
+    points = read_measured_points(measured)
+    robot = robot_name if isinstance(robot_name, Robot) else load_robot(robot_name)
     old = read_residual(residual_file(robot, job), robot)
     announce("the plan that was cut")
     wanted, before = plan_learned(job, robot, old)
-    measured = match_points(points, wanted, job.T_base_part, in_base=in_base)
+    matched = match_points(points, wanted, job.T_base_part, in_base=in_base)
     known, task = known_uncertainty(before.robot), before.task
     announce("what the part teaches")
     scene = stage_path(before.robot, before.q, task.wrench, task.step_time)
@@ -163,7 +190,7 @@ def teach_part(
     # the wanted path's own lengths: the corrected path is a little longer or shorter
     places = np.interp(task.origin, np.arange(len(wanted)), wanted.arc_length)
     length = places[slopes.rows]
-    gathered = gather_points(measured, slopes, length)
+    gathered = gather_points(matched, slopes, length)
 
     def exact(values: Array, force: Array) -> Array:
         moved = push_scene(take_rows(vary_scene(scene, known.unknowns, values), slopes.rows), force, spread)
@@ -183,13 +210,13 @@ def teach_part(
     after = before if not lesson.taken else plan_learned(job, taught, residual)[1]
     if lesson.taken or old is not None:
         after = with_promise(after, lesson, slopes, known)
-    notes = [lesson.reason, *measured.notes]
+    notes = [lesson.reason, *matched.notes]
     if lesson.taken and float(wanted.steps[~wanted.rapid[1:]].max(initial=0.0)) > LONG_MOVE:
         notes.append(f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer")
     size = np.full(len(length), lesson.size)
     nothing = Residual(length, np.zeros((len(length), 3)), size, task.q_start[slopes.rows], lesson.open)
     return Teaching(
-        job, robot, taught, lesson, measured, wanted, slopes, length, before, after, residual or nothing,
+        job, robot, taught, lesson, matched, wanted, slopes, length, before, after, residual or nothing,
         tuple(list_learned(known, lesson.values, held)), tuple(notes),
     )  # fmt: skip
 

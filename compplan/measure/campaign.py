@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.files.shown import Shown
 from compplan.robot import Array
 
 #: Joint motion below this is encoder jitter, not a move [rad or m]; one unit of the fourth decimal of a degree.
@@ -27,8 +28,8 @@ MODES = ("U1", "U2", "L1", "L2")
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
-@dataclass(frozen=True, eq=False)
-class Campaign:
+@dataclass(frozen=True, eq=False, repr=False)
+class Campaign(Shown):
     """One measurement log; n rows, nq joints.
 
     Attributes:
@@ -75,6 +76,29 @@ class Campaign:
 
     def __len__(self) -> int:
         return len(self.q)
+
+    def summary(self) -> list[tuple[str, str]]:
+        """Return how much was measured, and what was read past."""
+        name = "in memory" if self.file is None else self.file.name
+        runs = len(np.unique(self.run_index)) if len(self) else 0
+        kinds = [("orientation", self.rotation), ("time", self.time), ("temperature", self.temperature),
+                 ("link encoders", self.link), ("stated sigma", self.sigma)]  # fmt: skip
+        return [
+            ("measurements", f"{name}: {len(self)} rows in {runs} runs, {self.nq} joints"),
+            ("usable", f"{int(self.usable.sum())} rows hold joints, load and position"),
+            ("poses", f"{len(np.unique(self.pose[~self.on_path]))} at rest, {int(self.on_path.sum())} rows in motion"),
+            ("load", f"{self.load_scale:.4g} N" if self.load_varies else "none, or always the same"),
+            ("also", ", ".join(word for word, values in kinds if values is not None) or "positions alone"),
+            *(("note", note) for note in self.notes[:6]),
+        ]
+
+    def columns(self) -> dict[str, Any]:
+        """Return a row a measured row: run, joints [rad or m], load, measured position."""
+        columns: dict[str, Any] = {"run": self.run}
+        columns |= {f"q{k + 1}_SI": self.q[:, k] for k in range(self.nq)}
+        columns |= {f"{name}_{unit}": self.wrench[:, k]
+                    for k, (name, unit) in enumerate(zip(WRENCH, ("N",) * 3 + ("Nm",) * 3, strict=True))}  # fmt: skip
+        return {**columns, **{f"{axis}_mm": self.position[:, k] * 1e3 for k, axis in enumerate("xyz")}}
 
     @property
     def nq(self) -> int:

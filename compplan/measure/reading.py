@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.files.columns import Column
-from compplan.files.tables import Table, read_table
+from compplan.files.given import is_file_name, open_table
+from compplan.files.tables import Table
 from compplan.measure.campaign import MODES, WRENCH, Campaign
 from compplan.measure.checks import check_campaign
 from compplan.robot import Array, Robot
@@ -40,18 +42,19 @@ def log_columns(robot: Robot | None = None) -> list[Column]:
     return columns
 
 
-def read_campaign(file: str | Path, robot: Robot) -> Campaign:
+def read_campaign(source: Any, robot: Robot) -> Campaign:
     """Read a measurement log.
 
     Args:
-        file: The CSV file.
+        source: The CSV file; or its columns, as a DataFrame or by name, units in their names:
+            `{"q_deg": array of shape (n, nq), "position_mm": array of shape (n, 3)}`.
         robot: The robot it belongs to: how many joints it has, and which of them slide.
 
     Raises:
         InputError: If the file is not a measurement log of this robot.
 
     """
-    table = read_table(file, log_columns(robot), unknown="note")
+    table = open_table(source, log_columns(robot), what="measurements", unknown="note")
     if not len(table):
         raise table.error("the log has no rows, expected one row a measured pose")
     values, n = table.values, len(table)
@@ -79,7 +82,7 @@ def read_campaign(file: str | Path, robot: Robot) -> Campaign:
         target=target,
         target_names=names,
         mode=_modes(table),
-        file=Path(file),
+        file=Path(source) if is_file_name(source) else None,
         lines=table.lines,
     )
     _refuse_empty(campaign, table)

@@ -1,23 +1,26 @@
-"""Read a toolpath from a file: a CSV table, or a CAM file through its reader."""
+"""Read a toolpath: a CSV table, a CAM file through its reader, or columns that are in memory already."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from compplan.files.given import is_file_name, take_table
 from compplan.files.tables import read_table
 from compplan.path.cam import read_cam, refuse_idle
 from compplan.path.cam.options import CamTable
 from compplan.path.toolpath import COLUMNS, Toolpath, check_toolpath, toolpath_from_table
 
 
-def read_toolpath(path: str | Path, *, cam: CamTable | None = None, feed: float | None = None) -> Toolpath:
-    """Read a toolpath: a CSV table, or a CAM file (`compplan.path.cam.READERS`).
+def read_toolpath(source: Any, *, cam: CamTable | None = None, feed: float | None = None) -> Toolpath:
+    """Read a toolpath: a CSV table, a CAM file (`compplan.path.cam.READERS`), a DataFrame or columns by name.
 
     Args:
-        path: The file; its suffix says what it is.
+        source: The file, whose suffix says what it is; or the columns of such a table, units in their names:
+            `{"position_mm": array of shape (n, 3), "feed_mm_s": 20.0}`; or a toolpath, which stays as it is.
         cam: What a CAM file does not say by itself.
         feed: Feed of cutting moves in place of the file's own. [m/s]
 
@@ -28,7 +31,11 @@ def read_toolpath(path: str | Path, *, cam: CamTable | None = None, feed: float 
         InputError: With file and line, if the file is not what it has to be.
 
     """
-    path = Path(path)
+    if isinstance(source, Toolpath):
+        return _set_feed(source, feed)
+    if not is_file_name(source):
+        return toolpath_from_table(take_table(source, COLUMNS, what="toolpath"), feed=feed)
+    path = Path(source)
     if path.suffix.lower() == ".csv":
         return toolpath_from_table(read_table(path, COLUMNS), feed=feed)
     return check_toolpath(_set_feed(refuse_idle(read_cam(path, cam)), feed))

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError, ShapeError
 from compplan.files.columns import Column, to_unit
+from compplan.files.shown import Curve, Curves, Shown
 from compplan.files.tables import Array, Table, write_table
 from compplan.path.events import Event, move_events
 
@@ -38,8 +39,8 @@ COLUMNS = (
 )
 
 
-@dataclass(frozen=True)
-class Toolpath:
+@dataclass(frozen=True, repr=False)
+class Toolpath(Shown):
     """Hold a toolpath, the nominal, in one frame.
 
     Args:
@@ -83,6 +84,40 @@ class Toolpath:
 
     def __len__(self) -> int:
         return len(self.position)
+
+    def summary(self) -> list[tuple[str, str]]:
+        """Return how long it is, how fast, and what was assumed when it was read."""
+        feed = self.feed[1:][~self.rapid[1:]]
+        span = " x ".join(f"{1e3 * size:.4g}" for size in np.ptp(self.position, axis=0)) if len(self) else "0"
+        force = "none given" if self.wrench is None else (
+            f"at most {float(np.linalg.norm(self.wrench[:, :3], axis=1).max(initial=0.0)):.4g} N")  # fmt: skip
+        return [
+            ("toolpath", f"{Path(self.source).name or 'in memory'}: {len(self)} waypoints, "
+                         f"{1e3 * self.cutting_length:.5g} mm of cut, {self.frame} frame"),
+            ("span", f"{span} mm"),
+            ("feed", f"{1e3 * feed.min(initial=np.inf):.4g} to {1e3 * feed.max(initial=0.0):.4g} mm/s" if len(feed)
+                     else "no cutting move"),
+            ("force", force),
+            *(("note", note) for note in self.notes[:8]),
+        ]  # fmt: skip
+
+    def columns(self) -> dict[str, Any]:
+        """Return a row a waypoint, as `write_toolpath` writes it."""
+        columns: dict[str, Any] = {f"{axis}_mm": self.position[:, k] * 1e3 for k, axis in enumerate("xyz")}
+        columns |= {name: self.axis[:, index] for index, name in enumerate("ijk")}
+        columns |= {"feed_mm_s": self.feed * 1e3, "rapid": self.rapid.astype(int)}
+        if self.wrench is not None:
+            columns |= {name: self.wrench[:, index] for index, name in enumerate(WRENCH_HEADERS)}
+        return columns
+
+    def curves(self) -> Curves:
+        """Return the path seen from above. [mm]."""
+        x, y = self.position[:, 0] * 1e3, self.position[:, 1] * 1e3
+        cut = Curve("cut", np.where(self.rapid, np.nan, x), np.where(self.rapid, np.nan, y), "after")
+        whole = Curve("rapid", x, y, "neutral")
+        along, up = (f"{axis}, {self.frame} frame [mm]" for axis in "xy")
+        lines = (whole, cut) if self.rapid[1:].any() else (cut,)
+        return Curves(Path(self.source).name or "toolpath", along, up, lines, square=True)
 
     @property
     def steps(self) -> Array:

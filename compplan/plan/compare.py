@@ -11,6 +11,8 @@ import numpy as np
 from compplan.cell.cell import AS_MODELLED, JUDGE, Cell, standard_cells
 from compplan.effects.assumed import known_uncertainty
 from compplan.files.origin import describe_origin
+from compplan.files.quantities import format_length
+from compplan.files.shown import Curve, Curves, Shown
 from compplan.job.job import Job
 from compplan.measure.distance import LEVEL
 from compplan.plan.evaluate import Evaluation, evaluate_run
@@ -23,6 +25,8 @@ from compplan.robot import Array
 
 #: Robots and forces that are drawn.
 DRAWS = 200
+#: Strategies that differ by less than this share leave the same (assumed).
+SAME = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +50,8 @@ class Drawn:
         return float(np.quantile(self.rms[strategy], LEVEL))
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(Shown):
     """Strategies side by side, with everything that they were compared on.
 
     Attributes:
@@ -75,6 +79,51 @@ class Comparison:
     def as_modelled(self) -> Mapping[str, Evaluation]:
         """The strategies in the cell where the planner's model is the truth."""
         return self.evaluations[AS_MODELLED]
+
+    @property
+    def least(self) -> tuple[str, ...]:
+        """The strategies that leave least, on drawn robots where there are any, else as modelled."""
+        drawn = self.drawn
+        left = {name: run.rms_deviation if drawn is None else drawn.median(name)
+                for name, run in self.as_modelled.items()}  # fmt: skip
+        bound = (1.0 + SAME) * min(left.values())
+        return tuple(name for name, value in left.items() if value <= bound)
+
+    def summary(self) -> list[tuple[str, str]]:
+        """Return what each strategy leaves."""
+        drawn, rows = self.drawn, []
+        for name, run in self.as_modelled.items():
+            words = f"rms {format_length(run.rms_deviation)} as modelled"
+            if drawn is not None:
+                words += f"; {format_length(drawn.median(name))} on every second robot within the 95 % band, "
+                words += f"{format_length(drawn.most(name))} on 95 % of them"
+            rows.append((name, words if self.commands[name].status == "solved" else f"{words}; infeasible"))
+        names = self.least
+        said = f"{names[0]} leaves least"
+        if len(names) > 1:
+            said = f"{', '.join(names[:-1])} and {names[-1]} leave the same"
+        return [("comparison", f"{self.name}, {self.task.robot.name}: {said}"), *rows]
+
+    def columns(self) -> dict[str, Any]:
+        """Return a row a strategy and cell: rms, mean and greatest deviation."""
+        rows = [(strategy, cell.name, self.evaluations[cell.name][strategy].figures)
+                for cell in self.cells for strategy in self.commands]  # fmt: skip
+        figures = {f"{key}_mm": [row[2][key] for row in rows] for key in ("rms", "mean", "max")}
+        return {"strategy": [row[0] for row in rows], "cell": [row[1] for row in rows], **figures}
+
+    def curves(self) -> Curves:
+        """Return what each strategy leaves along the path, as modelled. [mm]."""
+        s, cut = self.task.nominal.arc_length * 1e3, self.task.cut
+        lines = tuple(
+            Curve(name, s, np.where(cut, np.maximum(run.distance, 1e-9), np.nan) * 1e3, number)
+            for number, (name, run) in enumerate(self.as_modelled.items())
+        )
+        return Curves(self.name, "along the path [mm]", "deviation of the tip [mm]", lines,
+                      (self.task.tolerance * 1e3, "tolerance"), logarithmic=True)  # fmt: skip
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what compare.json holds."""
+        return summarise_comparison(self)
 
 
 def compare_job(job: Job, *, announce: Callable[[str], None] | None = None) -> Comparison:

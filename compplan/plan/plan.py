@@ -251,7 +251,7 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
 def job_robot(job: Job) -> Robot:
     """Load the robot of a job, with the tool that the job mounts."""
     try:
-        robot = load_robot(job.robot, relative_to=job.folder)
+        robot = job.mounted or load_robot(job.robot, relative_to=job.folder)
     except UnknownNameError as error:
         raise UnknownNameError("robot", error.name, error.choices, file=job.file, where="robot") from None
     if job.tool is None:

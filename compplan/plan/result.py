@@ -11,10 +11,13 @@ import numpy as np
 from compplan.cell.cell import JUDGE
 from compplan.errors import ConvergenceError
 from compplan.files.origin import describe_origin
+from compplan.files.quantities import format_length, format_number, format_set_length
+from compplan.files.shown import Curve, Curves, Shown
 from compplan.job.job import Job
 from compplan.plan.approach import Passage
 from compplan.plan.bending import Bending
 from compplan.plan.between import Between
+from compplan.plan.citations import list_citations
 from compplan.plan.coupling import CouplingEffect
 from compplan.plan.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
 from compplan.plan.keeping import Case, Verdict, judge_keeping
@@ -26,10 +29,11 @@ from compplan.promise.band import Promise, promise_path
 from compplan.promise.slopes import read_force_spread, stage_path
 from compplan.robot import Array, Robot
 from compplan.statics.chain import locate_frames
+from compplan.version import VERSION
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, repr=False)
+class Plan(Shown):
     """A plan, with everything that it was made from.
 
     Attributes:
@@ -150,6 +154,66 @@ class Plan:
             f"{len(failures)} of {len(self.task)} waypoints cannot be reached within the limits "
             f"({'; '.join(limits)}), the first is waypoint {first} (s = {length:.1f} mm); waypoints {spans}"
         )
+
+    def summary(self) -> list[tuple[str, str]]:
+        """Return the figures that a person asks for first."""
+        band, margins, nominal = self.promise, self.margins, self.task.nominal
+        sizes = [f"rms {format_length(e.rms_deviation)}, greatest {format_length(e.max_deviation)}"
+                 for e in (self.before, self.after)]  # fmt: skip
+        widest = "not known: a robot within the stated widths finds no equilibrium" if band is None else (
+            f"{format_length(band.greatest)} at its widest, {format_length(band.whole)} over the whole path; the robot "
+            f"model is {self.robot.grade}"
+        )  # fmt: skip
+        stops = self.explain_failures()
+        return [
+            ("plan", f"{self.name}: {self.status.replace('_', ' ')}, {self.strategy}, {self.robot.name}"),
+            ("verdict", self.verdict.sentence),
+            *([("stops", stops)] if stops else []),
+            ("path", f"{len(self.task)} waypoints, {format_length(nominal.cutting_length)} of cut, "
+                     f"{format_number(float(self.timing.time[-1]))} s"),
+            ("tolerance", format_set_length(self.task.tolerance)),
+            ("deviation before", sizes[0]),
+            ("deviation after", f"{sizes[1]} (as modelled, independent check)"),
+            ("95 % band", widest),
+            ("correction", f"at most {format_length(margins.max_correction)}"),
+            ("margins", f"{self.robot.joint_names[margins.joint]} {np.degrees(margins.position):.3g} deg from its "
+                        f"limit; {margins.velocity_ratio:.0%} of the velocity, {margins.acceleration_ratio:.0%} of the "
+                        "acceleration limits"),
+            *([("notes", f"{len(self.notes)}, in plan.notes")] if self.notes else []),
+        ]  # fmt: skip
+
+    def columns(self) -> dict[str, Any]:
+        """Return a row a waypoint: place, time, joints, deviation before and after, 95 % band, predicted force."""
+        task, band = self.task, self.promise
+        columns: dict[str, Any] = {"s_mm": task.nominal.arc_length * 1e3, "time_s": self.timing.time}
+        columns |= self.robot.joint_columns(self.q)
+        columns |= {f"{axis}_mm": task.position[:, k] * 1e3 for k, axis in enumerate("xyz")}
+        columns |= {"deviation_before_mm": self.before.distance * 1e3, "deviation_after_mm": self.after.distance * 1e3}
+        columns |= {} if band is None else {"band_p95_mm": band.radius * 1e3}
+        return {**columns, "force_N": np.linalg.norm(task.wrench[:, :3], axis=1), "cut": task.cut}
+
+    def curves(self) -> Curves:
+        """Return the deviation along the path, before and after, and the 95 % band. [mm]."""
+        s, cut, band = self.task.nominal.arc_length * 1e3, self.task.cut, self.promise
+        lines = [Curve("before", s, np.where(cut, self.before.distance, np.nan) * 1e3, "before"),
+                 Curve("after, as modelled", s, np.where(cut, self.after.distance, np.nan) * 1e3, "after")]  # fmt: skip
+        if band is not None:
+            lines.append(Curve("95 % band", s, np.where(cut, band.radius, np.nan) * 1e3, "band"))
+        return Curves(self.name, "along the path [mm]", "deviation of the tip [mm]", tuple(lines),
+                      (self.task.tolerance * 1e3, "tolerance"))  # fmt: skip
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what plan.json holds."""
+        return summarise_plan(self)
+
+    def citations(self) -> tuple[str, ...]:
+        """List what to cite for this plan: the program, the methods used, the sources of the robot's numbers."""
+        start, model = self.task.start, None if self.job is None else self.job.process.model
+        return list_citations(
+            VERSION, self.strategy, bends=bool(self.robot.springs or self.robot.link_elasticities),
+            chosen_posture=start is not None and start.stance is not None, force_model=model,
+            sources=[f"{name} of {self.robot.name}: {text}" for name, text in self.robot.sources.items()],
+        )  # fmt: skip
 
 
 def summarise_plan(plan: Plan) -> dict[str, Any]:

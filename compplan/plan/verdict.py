@@ -49,7 +49,7 @@ class Bench:
 
 def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> Bench:
     """Read robot, tool and process a second time; a robot or a path in memory is taken as it is."""
-    if job is None or task.robot.folder is None:
+    if job is None or task.robot.folder is None or job.mounted is not None:
         bias = _load_motion(task, q, timing, build_dynamics(task.robot)) if task.inertia else None
         return Bench(build_cell(task.robot), task.wrench, bias)
     tables = job.model_dump(by_alias=True, exclude_unset=True)

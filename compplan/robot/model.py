@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.files.columns import to_unit
+from compplan.files.shown import Shown
 from compplan.robot.uncertainty import Uncertainty
 
 Array = NDArray[np.float64]
@@ -130,8 +131,8 @@ class LinkElasticity:
     compliance: Array
 
 
-@dataclass(frozen=True)
-class Robot:
+@dataclass(frozen=True, repr=False)
+class Robot(Shown):
     """A robot folder in memory.
 
     Attributes:
@@ -174,6 +175,29 @@ class Robot:
     effects: tuple[Mapping[str, Any], ...] = ()
     weights: tuple[Body, ...] = ()
     uncertainty: Uncertainty | None = None
+
+    def summary(self) -> list[tuple[str, str]]:
+        """Return what the robot is and how far its numbers can be trusted."""
+        bends = f"{len(self.springs)} springs, {len(self.link_elasticities)} links that bend"
+        if not self.springs and not self.link_elasticities:
+            bends = "nothing: the model is rigid"
+        return [
+            ("robot", f"{self.name}: {self.nq} joints, model is {self.grade}"),
+            ("bends", bends),
+            ("frames", f"base {self.base}, flange {self.flange}, tcp {self.tcp}"),
+            ("weight", "in the model" if self.gravity is not None else "not in the model"),
+            *([("effects", ", ".join(sorted({str(e.get("effect")) for e in self.effects})))] if self.effects else []),
+            *(("source", f"{name}: {text}") for name, text in list(self.sources.items())[:6]),
+        ]
+
+    def columns(self) -> dict[str, Any]:
+        """Return a row a commanded joint: name, limits, velocity, in its own unit."""
+        size = np.where(self.prismatic, 1e3, 180.0 / np.pi)
+        return {
+            "joint": list(self.joint_names), "unit": ["mm" if slides else "deg" for slides in self.prismatic],
+            "lower": self.lower * size, "upper": self.upper * size, "velocity_per_s": self.velocity_limits * size,
+            "effort_SI": self.effort_limits,
+        }  # fmt: skip
 
     @property
     def loading_bodies(self) -> tuple[Body, ...]:

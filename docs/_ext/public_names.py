@@ -10,6 +10,7 @@ from sphinx.util.docutils import SphinxDirective
 import compplan
 
 TITLES = {
+    "commands": "Verbs",
     "job": "Jobs", "path": "Toolpaths", "robot": "Robots", "statics": "Statics", "plan": "Planning",
     "cell": "Virtual cell", "posture": "Posture and place", "program": "Programs", "study": "Studies",
     "measure": "Measurements", "identify": "Identification", "diagnose": "Diagnosis", "effects": "Effects",

@@ -1,0 +1,91 @@
+"""Quantities as people read them: so many digits, the unit that suits the size, no zero that is none."""
+
+from __future__ import annotations
+
+import math
+
+
+def format_number(value: float, digits: int = 3) -> str:
+    """Write a number with so many significant digits, thousands apart.
+
+    Args:
+        value: The number; NaN becomes a dash.
+        digits: Significant digits; integers keep all of theirs.
+    """
+    if isinstance(value, int):
+        return f"{value:,}".replace(",", "\u202f")
+    if math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    if value == 0:
+        return "0"
+    magnitude = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if magnitude < -5 or magnitude > 8:
+        return f"{value:.{digits - 1}e}".replace("-", "−")
+    text = f"{value:,.{max(digits - 1 - magnitude, 0)}f}".replace(",", "\u202f")
+    return text.replace("-", "−")
+
+
+def format_set_value(value: float) -> str:
+    """Write a number that someone has set, such as a tolerance: as short as it was given."""
+    return f"{value:.6g}".replace("-", "−")
+
+
+def format_set_length(metres: float) -> str:
+    """Write a length that someone has set in mm, as short as it was given."""
+    return f"{format_set_value(1e3 * metres)}\u00a0mm"
+
+
+def format_length(metres: float, digits: int = 3) -> str:
+    """Write a measured or computed length in the unit that suits it: um below 0.1 mm, mm otherwise.
+
+    Args:
+        metres: The length. [m]
+        digits: Significant digits.
+    """
+    if math.isnan(metres):
+        return "–"
+    if 0 < abs(metres) < 1e-8:
+        return "below 0.01\u00a0µm"
+    if abs(metres) < 1e-4:
+        return f"{format_number(metres * 1e6, digits)}\u00a0µm"
+    return f"{format_number(metres * 1e3, digits)}\u00a0mm"
+
+
+def format_bound(metres: float) -> str:
+    """Write a length that something stays within: `format_length`, or 0.01 um where it is smaller."""
+    return "0.01\u00a0µm" if metres < 1e-8 else format_length(metres)
+
+
+def format_angle(radians: float, digits: int = 3) -> str:
+    """Write an angle in the unit that suits it: urad below 0.01 deg, deg otherwise.
+
+    Args:
+        radians: The angle. [rad]
+        digits: Significant digits.
+    """
+    if 0 < abs(radians) < 1e-8:
+        return "below 0.01\u00a0µrad"
+    if abs(radians) < math.radians(0.01):
+        return f"{format_number(radians * 1e6, digits)}\u00a0µrad"
+    return f"{format_number(math.degrees(radians), digits)}\u00a0deg"
+
+
+def format_percent(share: float) -> str:
+    """Write a share as percent; what is neither none nor all never reads as 0 or 100."""
+    if math.isnan(share):
+        return "–"
+    if 0 < share < 1e-4:
+        return "below 0.01\u00a0%"
+    if 0.999 < share < 1:
+        return "above 99.9\u00a0%"
+    return f"{format_set_value(float(f'{100 * share:.3g}'))}\u00a0%"
+
+
+def name_length(metres: float) -> str:
+    """Name a round length as axes do: 1e-6 is "1 µm", 0.2 is "200 mm"."""
+    for unit, size in (("nm", 1e-9), ("µm", 1e-6)):
+        if metres < 999 * size:
+            return f"{metres / size:.6g}\u00a0{unit}"
+    return f"{metres * 1e3:.6g}\u00a0mm"
