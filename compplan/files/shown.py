@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import html
 import io
+import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -83,8 +84,10 @@ class Shown:
     def __str__(self) -> str:
         (what, headline), *rest = self.summary()
         width = max((len(name) for name, _ in rest), default=0)
-        lines = [f"{what}: {headline}", *(f"  {name:<{width}}  {words}" for name, words in rest)]
-        return "\n".join(cut_line(line) for line in lines[:MOST_LINES])
+        lines = [cut_line(f"{what}: {headline}")]
+        for name, words in rest:
+            lines += wrap_words(words, f"  {name:<{width}}  ")
+        return "\n".join(lines[:MOST_LINES])
 
     def __repr__(self) -> str:
         what, headline = self.summary()[0]
@@ -148,6 +151,12 @@ class Shown:
 
             axes = plt.subplots(figsize=(7.0, 3.6), layout="constrained")[1]
         return draw_curves(curves, axes)
+
+
+def wrap_words(words: str, head: str) -> list[str]:
+    """Write words after a head over two lines at most."""
+    lines = textwrap.wrap(words, MOST_LETTERS, initial_indent=head, subsequent_indent=" " * len(head))
+    return lines if len(lines) <= 2 else [lines[0], cut_line(f"{lines[1]} {lines[2].strip()}")]
 
 
 def cut_line(line: str, most: int = MOST_LETTERS) -> str:

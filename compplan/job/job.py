@@ -26,6 +26,7 @@ from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralT
 from compplan.path.process import ColumnsProcess, Process
 from compplan.path.toolpath import Toolpath
 from compplan.program import WRITERS
+from compplan.robot import Robot
 from compplan.robot.folder import find_robot_folder
 
 #: Words of [plan] keep: the posture that the job's own robot chooses, and whichever is best; else a program's file.

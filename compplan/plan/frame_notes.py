@@ -28,7 +28,7 @@ def tell_frames(task: PlanTask, job: Job | None) -> list[str]:
     notes = [] if job.part.fit is None else [job.part.fit.tell()]
     if job.tool is None:
         return [*notes, *look_at_spindle(task.nominal.axis, job)]
-    robot = load_robot(job.robot, relative_to=job.folder)
+    robot = job.mounted or load_robot(job.robot, relative_to=job.folder)
     return [*notes, *ask_about_tool(job, robot), *ask_about_form(job, robot), *look_at_spindle(task.nominal.axis, job)]
 
 
