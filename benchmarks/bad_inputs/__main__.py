@@ -1,14 +1,20 @@
-"""Run every bad input: `python -m benchmarks.bad_inputs [--table NAME] [--only TEXT] [--part K/N] [--out FILE]`."""
+"""Run every bad input: `python -m benchmarks.bad_inputs [--table NAME] [--only TEXT] [--part K/N] [--out FILE]`.
+
+With `--mutate N --seed S [--first K]` it runs N mutants of robots, logs and jobs instead, under the same watchdog.
+"""
 
 from __future__ import annotations
 
 import argparse
 import collections
 import json
+import re
 import sys
 import time
 from pathlib import Path
 
+from benchmarks.bad_inputs.making import make_workspace
+from benchmarks.bad_inputs.mutating import draw_mutants
 from benchmarks.bad_inputs.running import Answer, load_commands, run_case
 from benchmarks.bad_inputs.tables import BadInput, read_tables
 
@@ -21,9 +27,14 @@ def main() -> None:
     parser.add_argument("--part", default="1/1", help="share of the cases: 2/5 is the second of five parts")
     parser.add_argument("--out", type=Path, help="JSON file for every answer")
     parser.add_argument("--show", action="store_true", help="show the line of every case")
+    parser.add_argument("--mutate", type=int, metavar="N", help="N mutants instead of the tables")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the mutants")
+    parser.add_argument("--first", type=int, default=0, help="number of the first mutant")
+    parser.add_argument("--keep", type=Path, help="folder that the workspaces of wrong answers are kept in")
     parser.add_argument("--list", action="store_true", help="count the cases and leave")
     given = parser.parse_args()
-    cases = [case for case in read_tables() if given.table in (None, case.table) and given.only in case.name]
+    drawn = read_tables() if given.mutate is None else draw_mutants(given.mutate, given.seed, first=given.first)
+    cases = [case for case in drawn if given.table in (None, case.table) and given.only in case.name]
     part, parts = map(int, given.part.split("/"))
     cases = cases[part - 1 :: parts]
     tables = collections.Counter(case.table for case in cases)
@@ -38,6 +49,8 @@ def main() -> None:
         fault = answers[-1][2]
         if fault or given.show:
             last = (answer.err.strip() or answer.out.strip()).splitlines()[-1:] or [""]
+            if fault and given.keep:
+                make_workspace(case, given.keep / re.sub(r"\W+", "_", case.name)[:80])
             print(f"{fault or 'ok':<16} {case.name}\n{'':<16} {answer.status} {last[0][:220]}", flush=True)
     report(answers, time.monotonic() - started)
     if given.out:

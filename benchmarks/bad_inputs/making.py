@@ -18,6 +18,8 @@ from benchmarks.bad_inputs.tables import EDITS, GOOD, BadInput
 def make_workspace(case: BadInput, folder: Path) -> None:
     """Copy the good workspace to a folder and carry out the edit of a case there."""
     shutil.copytree(GOOD, folder, dirs_exist_ok=True)
+    for name, content in case.edit.get("contents", {}).items():
+        (folder / name).write_text(content, encoding="utf-8", errors="surrogatepass", newline="")
     edits = [name for name in EDITS if name in case.edit]
     if not edits or "disk" in edits:
         return

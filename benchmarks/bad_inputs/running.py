@@ -56,6 +56,8 @@ class Answer:
             return "not one line"
         if self.status == 2 and self.wrote:
             return "left files"
+        if self.status == 0 and not self.out.strip() and not self.wrote:
+            return "silent"
         said = self.err if self.status in (2, 3) else self.out + self.err + self.results
         return "" if re.search(case.says, said, re.IGNORECASE) else "another line"
 

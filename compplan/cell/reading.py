@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from compplan.cell.frames import read_frame, read_mounting
 from compplan.cell.judge import Judge, JudgeBuilder
+from compplan.files.tables import read_text
 from compplan.robot import Array
 
 #: Link that carries it, mass [kg], centre (3,) [m] and inertia about it (3, 3) [kg m^2] in that link's frame.
@@ -34,8 +35,8 @@ def read_judge(folder: Path, tool: Mapping[str, Any] | None = None, *, moving: b
         moving: Whether the judge is for the inertia of motion: all masses, and no weight.
 
     """
-    urdf, table = folder / "robot.urdf", tomllib.loads((folder / "elasticity.toml").read_text(encoding="utf-8"))
-    tree = _Tree(urdf)
+    table = tomllib.loads(read_text(folder / "elasticity.toml"))
+    tree = _Tree(read_text(folder / "robot.urdf"))
     names = tree.chain_to(table["tcp"])
     flange = table.get("flange") or tree.default_flange(names)
     gravity = None if table.get("gravity") is None else np.array(table["gravity"], float)
@@ -73,15 +74,34 @@ def read_judge(folder: Path, tool: Mapping[str, Any] | None = None, *, moving: b
     return builder.finish(pin.SE3.Identity() if mounted is None else mounted)
 
 
+def _write_skeleton(urdf: ElementTree.Element) -> str:
+    """Return the links and joints of a URDF alone, for Pinocchio's reader, which refuses much that moves nothing.
+
+    Colours, masses (read here), dynamics, safety controllers and whatever tools add stay away; limits are complete.
+    """
+    root = ElementTree.Element("robot", name=urdf.get("name") or "robot")
+    for link in urdf.findall("link"):
+        ElementTree.SubElement(root, "link", name=link.get("name", ""))
+    for joint in urdf.findall("joint"):
+        bare = ElementTree.SubElement(root, "joint", name=joint.get("name", ""), type=joint.get("type", ""))
+        for tag in ("origin", "parent", "child", "axis", "mimic"):
+            bare.extend(joint.findall(tag)[:1])
+        if joint.get("type") in ("revolute", "prismatic"):
+            limit = joint.find("limit")
+            given = {} if limit is None else dict(limit.attrib)
+            ElementTree.SubElement(bare, "limit", {"lower": "0", "upper": "0", "effort": "0", "velocity": "0", **given})
+    return ElementTree.tostring(root, encoding="unicode")
+
+
 class _Tree:
     """A URDF as Pinocchio reads it; names of parents and mimic joints come from its text."""
 
-    def __init__(self, urdf: Path) -> None:
-        self.model = pin.buildModelFromUrdf(str(urdf))
+    def __init__(self, urdf: str) -> None:
+        text = ElementTree.fromstring(urdf)
+        self.model = pin.buildModelFromXML(_write_skeleton(text))
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, pin.neutral(self.model))
         where = {f.name: data.oMf[k] for k, f in enumerate(self.model.frames) if f.type == pin.FrameType.BODY}
-        text = ElementTree.parse(urdf).getroot()
         self.parent: dict[str, str] = {}
         self.child: dict[str, str] = {}
         self.carrier: dict[str, str] = {}

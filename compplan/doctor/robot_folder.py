@@ -12,6 +12,7 @@ from compplan.program.counting import load_controller
 from compplan.robot import Array, Robot
 from compplan.robot.folder import read_rating
 from compplan.robot.mounting import name_axis, outward_axis
+from compplan.robot.soft_limits import tell_soft_limits
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 from compplan.statics.elastic import cartesian_compliance
 from compplan.statics.ik import middle_of_limits
@@ -80,6 +81,8 @@ def _look_at_limits(robot: Robot) -> Iterator[Remark]:
         elif joint.velocity > fastest:
             said = f"{joint.velocity:.3g} {'m/s' if slide else 'rad/s'}"
             yield Remark("odd", "limits", f"{joint.name} moves at {said}", "is it in degrees or mm?")
+    if told := tell_soft_limits(robot):
+        yield Remark("note", "limits", told)
     if not np.isfinite(robot.effort_limits).all():
         yield Remark("note", "limits", "some joints have no effort limit: overload is not seen")
     if not np.isfinite(robot.acceleration_limits).all():

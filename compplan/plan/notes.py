@@ -12,6 +12,7 @@ from compplan.plan.frame_notes import tell_frames
 from compplan.plan.slow import tell_causes
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing
+from compplan.robot.soft_limits import tell_soft_limits
 
 #: Share of the tolerance from which on the inertia of the motion is told.
 WORTH_A_NOTE = 0.1
@@ -60,6 +61,8 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
     swings = (np.abs(np.diff(task.q_start, axis=0)).max(axis=1) > SWING) & ~task.nominal.rapid[1:]
     for waypoint in (np.flatnonzero(swings) + 1)[:3].tolist():
         notes.append(f"The posture swings over in the move to waypoint {waypoint}: near a singularity.")
+    if told := tell_soft_limits(task.robot):
+        notes.append(f"{told[0].upper()}{told[1:]}.")
     if not np.isfinite(task.robot.acceleration_limits).any():
         notes.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
     return tuple(notes)

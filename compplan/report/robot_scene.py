@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import ShapeError
 from compplan.robot import Array, Joint, Robot
-from compplan.robot.solids import load_mesh
+from compplan.robot.solids import load_mesh, read_colour
 
 #: Colours of part, fixture and tool, and the most triangles of one of them that are drawn as they are.
 MESH_COLOURS = {
@@ -278,8 +278,7 @@ def _colour(element: ElementTree.Element) -> tuple[float, float, float, float]:
     colour = element.find("color")
     if colour is None:
         return UNPAINTED
-    red, green, blue, alpha = _numbers(colour, "rgba", "0.6 0.6 0.6 1")
-    return red, green, blue, alpha
+    return read_colour(colour) or UNPAINTED
 
 
 def _paint_of(

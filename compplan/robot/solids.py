@@ -57,6 +57,17 @@ def read_shapes(robot: Robot) -> Iterator[UrdfShape]:
                 yield UrdfShape(name, link, form, _read_origin(shape.find("origin")))
 
 
+def read_colour(element: ElementTree.Element) -> tuple[float, float, float, float] | None:
+    """Return the colour of a <color>, red green blue alpha from 0 to 1; None where it holds none."""
+    try:
+        numbers = [float(word) for word in element.attrib.get("rgba", "0.6 0.6 0.6 1").split()]
+    except ValueError:
+        return None
+    if len(numbers) != 4 or not all(0.0 <= number <= 1.0 for number in numbers):
+        return None
+    return numbers[0], numbers[1], numbers[2], numbers[3]
+
+
 def load_mesh(path: Path, unit: str = "mm") -> Any:
     """Load a mesh file (STL, PLY, OBJ), in metres.
 

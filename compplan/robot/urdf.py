@@ -15,6 +15,7 @@ from compplan.errors import InputError, UnknownNameError
 from compplan.files.tables import is_plain
 from compplan.files.xmlfile import parse_xml
 from compplan.robot.model import Array, Body, Joint, Mimic
+from compplan.robot.soft_limits import narrow_limits
 
 KINDS = ("revolute", "continuous", "prismatic", "fixed")
 MESHES = (".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off")
@@ -22,6 +23,8 @@ MESHES = (".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off")
 FARTHEST, WIDEST = 100.0, 50.0
 #: Greatest velocity limit [rad/s or m/s], greatest mass [kg] and longest name that are taken for true.
 FASTEST, HEAVIEST, LONGEST_NAME = 50.0, 1e5, 200
+#: Most links that are read; an arm has a dozen, and libraries walk down the chain by recursion.
+MOST_LINKS = 1000
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,8 @@ def read_urdf(text: str, file: Path) -> Urdf:
     elements = root.findall("link")
     if not elements:
         raise InputError("no <link> in this robot", file=file)
+    if len(elements) > MOST_LINKS:
+        raise InputError(f"holds {len(elements)} links, at most {MOST_LINKS} are read", file=file)
     links = [_read_name(element, "link", file) for element in elements]
     joints = [read_joint(element, file) for element in root.findall("joint")]
     _refuse_repeats(links, "link", file)
@@ -130,7 +135,9 @@ def read_joint(element: ElementTree.Element, file: Path) -> Joint:
         placement=read_placement(element.find("origin"), file, where),
         axis=axis / length,
         mimic=mimic,
-        **_read_limits(element.find("limit"), "mimic" if mimic is not None else kind, file, where),
+        **narrow_limits(
+            _read_limits(element.find("limit"), "mimic" if mimic is not None else kind, file, where), element, file
+        ),
     )
 
 
