@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from compplan.cell.wanted import Vote
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
 from compplan.job.job import Job
 from compplan.job.loading import load_path
@@ -31,6 +32,7 @@ from compplan.plan.result import Plan
 from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
 from compplan.plan.task import SMOOTHING, PlanTask
 from compplan.plan.verdict import find_breaches, find_jumps, find_overloads, set_up_bench
+from compplan.plan.votes import cast_votes
 from compplan.posture.keep import Lock, find_kept_start, read_lock
 from compplan.posture.stance import Wish, check_start
 from compplan.posture.start import PostureRequest, check_clearance, read_request
@@ -178,6 +180,8 @@ def plan_task(
         breaches += (after.settled.explain(),)
     if task.inertia and not np.isfinite(bending.inertia):
         breaches += ("plan.inertia is true, and the robot folder knows no masses or no springs",)
+    votes = Vote() if bench.driven is None else cast_votes(bench.driven, after, bending)
+    breaches += votes.breaches
     coupling = compare_coupling(task, before)
     told = list_notes(task, timing, bending, job)
     return Plan(
@@ -185,7 +189,7 @@ def plan_task(
         margins=margins, breaches=breaches, job=job, approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q), between=found.between, bending=bending, coupling=coupling,
         clearance=clearance,
-        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told, *tell_coupling(coupling)),
+        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told, *tell_coupling(coupling), *votes.notes),
     )  # fmt: skip
 
 

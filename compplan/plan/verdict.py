@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from compplan.cell.cell import AS_MODELLED, Cell, build_cell, run_cell
 from compplan.cell.forces import DrivenRows, read_forces, read_stiffness
+from compplan.cell.inertia import load_springs
 from compplan.cell.judge import Judge
 from compplan.cell.reading import read_judge
 from compplan.cell.vibration import Dynamics, build_dynamics
@@ -24,6 +25,7 @@ from compplan.plan.evaluate import Evaluation, Margins
 from compplan.plan.strategies.limits import AT_CORRECTION
 from compplan.plan.task import Command, PlanTask
 from compplan.plan.timing import Timing, find_slowdown
+from compplan.plan.votes import Driven
 from compplan.robot import Array
 
 #: Rounding that limits on the timed path leave.
@@ -38,13 +40,15 @@ JUMP_TURN, JUMP_SLIDE = float(np.radians(20.0)), 0.2
 class Bench:
     """What the judge judges with, of its own reading: a cell, and at every waypoint the wrench and inertia's load.
 
-    `stiffness` is how the force answers to where the tool is, None where the planner's law says it.
+    `stiffness` is how the force answers to where the tool is, None where the planner's law says it; `driven` is what
+    else is voted on, None for robots and paths in memory.
     """
 
     cell: Cell
     wrench: Array
     bias: Array | None = None
     stiffness: Array | None = None
+    driven: Driven | None = None
 
 
 def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> Bench:
@@ -54,10 +58,11 @@ def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> B
         return Bench(build_cell(task.robot), task.wrench, bias)
     tables = job.model_dump(by_alias=True, exclude_unset=True)
     cell = Cell(AS_MODELLED, task.robot, read_judge(Path(task.robot.folder), tables.get("tool")))
-    bias = None
+    moving = read_judge(Path(task.robot.folder), tables.get("tool"), moving=True)
+    driven, bias = Driven(task, q, timing.time, tables, job.folder, cell.judge, moving), None
     if task.inertia:
-        moving = read_judge(Path(task.robot.folder), tables.get("tool"), moving=True)
-        bias = _load_motion(task, q, timing, Dynamics(moving, moving.compliance))
+        rests = np.zeros(len(q), bool) if task.rests is None else task.rests
+        bias = load_springs(moving, q, timing.time, driven.cutting, rests)
     law = task.law
     rows = DrivenRows(
         task.position, task.nominal.axis, task.nominal.rapid, task.lead, timing.time,
@@ -65,11 +70,11 @@ def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> B
     )  # fmt: skip
     wrench = read_forces(tables, job.folder, rows)
     if wrench is None:
-        return Bench(cell, task.wrench, bias, read_stiffness(tables, rows, task.wrench))
+        return Bench(cell, task.wrench, bias, read_stiffness(tables, rows, task.wrench), driven)
     contact = np.flatnonzero(task.nominal.rapid & task.compensated)
     if law is None or not law.always:
         wrench[contact] = 0.0
-    return Bench(cell, wrench, bias, read_stiffness(tables, rows, wrench))
+    return Bench(cell, wrench, bias, read_stiffness(tables, rows, wrench), driven)
 
 
 def _load_motion(task: PlanTask, q: Array, timing: Timing, dynamics: Dynamics) -> Array:

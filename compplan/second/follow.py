@@ -62,11 +62,15 @@ class _Move:
         flat, flat1 = arm - self.rise0 * n, last - rise1 * n
         self.radius, self.climb = float(np.linalg.norm(flat)), rise1 - self.rise0
         self.widen = float(np.linalg.norm(flat1)) - self.radius
-        u = flat / self.radius
+        if self.radius > 1e-12:
+            u = flat / self.radius
+        else:  # a spiral from its centre begins along x
+            u = np.array([1.0, 0.0, 0.0]) - n[0] * n
+            u /= np.linalg.norm(u)
         self.u, self.n, self.centre = _point(u), _point(n), _point(reading.centre[k])
         self.v = _point(np.cross(n, u))
         self.sweep = float(reading.sweep[k])
-        self.length = math.hypot(self.sweep * self.radius, self.climb)
+        self.length = math.hypot(self.sweep * (self.radius + 0.5 * self.widen), self.climb)
 
     def locate(self, point: Point, before: float) -> tuple[float, float]:
         """Return how far a point lies from the move, and at which share of it, near one share and not before it."""

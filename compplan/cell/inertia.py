@@ -1,0 +1,93 @@
+"""What a timed motion puts on the springs, by a second engine: Pinocchio's recursive Newton-Euler, read a second time.
+
+It shares neither differences in time nor masses with the planner's (`compplan.cell.vibration`): positions are followed
+by parabolas through three rows, and the forces at the joints carry the stiff arm along [Featherstone2008].
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from compplan.cell.judge import Judge
+from compplan.robot import Array
+
+
+def fit_parabolas(q: Array, time: Array, rows: NDArray[np.int_]) -> tuple[Array, Array]:
+    """Return velocities and accelerations at rows, of the parabola through each row and its neighbours. Shapes (k, nq).
+
+    Args:
+        q: Joint positions. Shape (n, nq). [rad or m]
+        time: Rising. Shape (n,). [s]
+        rows: Rows with a neighbour on either side. Shape (k,).
+
+    """
+    a, b = (time[rows] - time[rows - 1])[:, None], (time[rows + 1] - time[rows])[:, None]
+    a, b = np.maximum(a, 1e-12), np.maximum(b, 1e-12)
+    back, ahead = q[rows - 1] - q[rows], q[rows + 1] - q[rows]
+    # q(t) = q + v t + w t^2 / 2 through t = -a and t = b
+    change = 2.0 * (back * b + ahead * a) / (a * b * (a + b))
+    velocity = ahead / b - 0.5 * change * b
+    return velocity, change
+
+
+def load_springs(
+    judge: Judge, q: Array, time: Array, moving: NDArray[np.bool_], rests: NDArray[np.bool_],
+    among: NDArray[np.int_] | None = None,
+) -> Array:  # fmt: skip
+    """Return what the inertia of a timed motion puts on each elastic coordinate; nothing in rapid moves. Shape (n, s).
+
+    At a rest within a cut it is that of the move which begins there, from rest: q'' = 2 dq / dt^2.
+
+    Args:
+        judge: The robot with all its masses and no weight.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        time: Shape (n,). [s]
+        moving: Whether the move that ends at each row cuts. Shape (n,).
+        rests: Whether the tool stands still at each row. Shape (n,).
+        among: Rows that are looked at; all if left out.
+
+    """
+    found = np.zeros((len(q), len(judge.elastic)))
+    if not sum(inertia.mass for inertia in judge.model.inertias) > 0 or not len(judge.elastic):
+        return found
+    inside = np.zeros(len(q), bool)
+    inside[1:-1] = moving[1:-1] & moving[2:]
+    rows = np.flatnonzero(inside & ~rests)
+    starts = np.flatnonzero(inside & rests)
+    if among is not None:
+        rows, starts = np.intersect1d(rows, among), np.intersect1d(starts, among)
+    velocity, change = fit_parabolas(q, time, rows)
+    step = np.maximum(time[starts + 1] - time[starts], 1e-12)[:, None]
+    push = 2.0 * (q[starts + 1] - q[starts]) / step**2
+    data = judge.model.createData()
+    for row, rate, rise in zip(
+        np.r_[rows, starts], np.vstack([velocity, 0.0 * push]) @ judge.commanded.T,
+        np.vstack([change, push]) @ judge.commanded.T, strict=True,
+    ):  # fmt: skip
+        if rise.any() or rate.any():
+            forces = pin.rnea(judge.model, data, judge.commanded @ q[row] + judge.shift, rate, rise)
+            found[row] = -forces[judge.elastic]
+    return found
+
+
+def shift_tip(judge: Judge, q: Array, loads: Array) -> Array:
+    """Return how far loads on the elastic coordinates move the tip, to first order. Shape (k, 3). [m]."""
+    data, found = judge.model.createData(), np.empty((len(q), 3))
+    world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    for k, (pose, load) in enumerate(zip(q, loads, strict=True)):
+        columns = pin.computeFrameJacobian(judge.model, data, judge.commanded @ pose + judge.shift, judge.tcp, world)
+        found[k] = columns[:3, judge.elastic] @ (judge.compliance @ load)
+    return found
+
+
+def stand_stiff(judge: Judge, q: Array) -> tuple[Array, Array]:
+    """Return where the unloaded, stiff arm holds the tool: position (n, 3) [m] and rotation (n, 3, 3)."""
+    model, data = judge.model, judge.model.createData()
+    position, rotation = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
+    for k, coordinates in enumerate(q @ judge.commanded.T + judge.shift):
+        pin.forwardKinematics(model, data, coordinates)
+        place = pin.updateFramePlacement(model, data, judge.tcp)
+        position[k], rotation[k] = place.translation, place.rotation
+    return position, rotation

@@ -1,0 +1,80 @@
+"""Is the path that was planned the one that the job asks for? Its file, its frame, its feed read a second time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compplan.cell.forces import DrivenRows
+from compplan.robot import Array
+from compplan.second.cam import read_moves
+from compplan.second.follow import Followed, find_difference
+from compplan.second.frames import read_frame
+from compplan.second.moves import CannotTellError, Reading
+from compplan.second.tables import read_generator, read_table
+
+#: Chords of arcs where the job says nothing, and rounding of planned waypoints. [m]
+CHORD, ROUNDING = 1e-6, 2e-7
+
+
+@dataclass(frozen=True)
+class Vote:
+    """What a second look at a part of a plan says: sentences that speak against it, and what was not looked at."""
+
+    breaches: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def vote_on_path(tables: Mapping[str, Any], folder: Path, rows: DrivenRows, feed: Array) -> Vote:
+    """Read what a job asks for a second time and follow the planned path along it.
+
+    Args:
+        tables: The tables of the job as they are written.
+        folder: Folder that file names in it are relative to.
+        rows: What is driven.
+        feed: Programmed feed of the move to each row. Shape (n,). [m/s]
+
+    """
+    source = tables["toolpath"]
+    name = source if isinstance(source, str) else "generated path"
+    try:
+        reading, chord = read_wanted(tables, folder)
+        place, turn = read_frame(tables.get("part", {}))
+    except CannotTellError as error:
+        return Vote(notes=(f"not checked by a second reading: path of {name}, {error}",))
+    table = tables.get("feed", {})
+    posture = tables.get("posture", {})
+    constant = table.get("constant_mm_s")
+    path = Followed(
+        (rows.position - place) @ turn, rows.axis @ turn, rows.rapid,
+        feed if constant is None else None, chord + ROUNDING, 1e-3 * table.get("corner_tolerance_mm", 0.0),
+        float(np.radians(np.hypot(posture.get("lead_deg", 0.0), posture.get("lean_deg", 0.0)))),
+    )  # fmt: skip
+    breaches = []
+    if difference := find_difference(path, reading):
+        breaches.append(f"{name}: {difference}")
+    if constant is not None:
+        cut = ~rows.rapid & ~rows.lead
+        if np.abs(feed[cut] - 1e-3 * constant).max(initial=0.0) > 1e-6 * constant:
+            breaches.append(f"the path has not the feed of {constant:g} mm/s that the job states")
+    return Vote(tuple(breaches))
+
+
+def read_wanted(tables: Mapping[str, Any], folder: Path) -> tuple[Reading, float]:
+    """Return the moves that a job asks for, part frame, and how far chords may stray from its arcs [m].
+
+    Raises:
+        CannotTellError: If the file is of a kind that is not known here.
+
+    """
+    source = tables["toolpath"]
+    if not isinstance(source, str):
+        return read_generator(source)
+    file, options = folder / source, tables.get("cam", {})
+    if file.suffix.lower() == ".csv":
+        return read_table(file), 0.0
+    return read_moves(file, options), 1e-3 * options.get("chord_tolerance_mm", 1e3 * CHORD)

@@ -1,0 +1,190 @@
+"""Votes on what a plan rests on, beside the loaded tip: path, tool axis, limits, effort, feed, times, inertia.
+
+Each is worked out from the job's files by readings and engines of its own (`compplan.second`, `compplan.cell`). What
+disagrees keeps a plan from being confirmed; what could not be looked at is said.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.cell.forces import DrivenRows
+from compplan.cell.inertia import fit_parabolas, load_springs, shift_tip, stand_stiff
+from compplan.cell.judge import Judge
+from compplan.cell.wanted import Vote, vote_on_path
+from compplan.plan.bending import Bending
+from compplan.plan.evaluate import Evaluation
+from compplan.plan.strategies.limits import AT_CORRECTION
+from compplan.plan.task import PlanTask
+from compplan.robot import Array
+from compplan.second.frames import read_frame
+from compplan.second.moves import CannotTellError
+from compplan.second.robot import JointTable, read_joints
+
+#: Rounding that limits, times and feeds leave.
+ROUNDING = 1.002
+#: The tool may lean this much besides what loads bend. [rad]
+LEAN = float(np.radians(0.05))
+#: Rows at which inertia is worked out a second time where nothing is compensated, and its greatest difference.
+LOOKED_AT, INERTIA_SHARE, INERTIA_LEAST = 2000, 0.1, 2e-6
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What is driven, and what it is judged with.
+
+    Attributes:
+        task: The task.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        time: Shape (n,). [s]
+        tables: The tables of the job as they are written.
+        folder: Folder that file names in them are relative to.
+        judge: The robot as the judge reads it.
+        moving: The same with all masses and no weight.
+
+    """
+
+    task: PlanTask
+    q: Array
+    time: Array
+    tables: dict[str, Any]
+    folder: Path
+    judge: Judge
+    moving: Judge
+
+    @property
+    def cutting(self) -> NDArray[np.bool_]:
+        """Whether the move that ends at each row cuts or leads in. Shape (n,)."""
+        return np.r_[False, ~self.task.nominal.rapid[1:]]
+
+
+def cast_votes(driven: Driven, after: Evaluation, bending: Bending) -> Vote:
+    """Return what speaks against a plan besides the loaded tip.
+
+    Args:
+        driven: What is driven.
+        after: The command in the judge's cell.
+        bending: What the plan says bends the arm.
+
+    """
+    task = driven.task
+    rows = DrivenRows(task.position, task.nominal.axis, task.nominal.rapid, task.lead, driven.time)
+    path = vote_on_path(driven.tables, driven.folder, rows, task.nominal.feed)
+    assert task.robot.folder is not None
+    joints = read_joints(Path(task.robot.folder))
+    position, rotation = stand_stiff(driven.judge, driven.q)
+    breaches = [
+        *path.breaches, *_vote_on_axis(driven, after, rotation), *_vote_on_correction(driven, position),
+        *_vote_on_motion(driven, joints), *_vote_on_feed(driven), *_vote_on_inertia(driven, bending),
+    ]  # fmt: skip
+    return Vote(tuple(breaches), path.notes)
+
+
+def _vote_on_axis(driven: Driven, after: Evaluation, stiff: Array) -> list[str]:
+    """The loaded tool's axis lies along the path's, but for what loads bend; its x too where it is not free."""
+    task, cut = driven.task, after.cut
+    bent = _angle(after.rotation[:, :, 2], stiff[:, :, 2])
+    beyond = np.where(cut, after.tilt - np.maximum(1.5 * bent, 0.0), -1.0)
+    worst = int(beyond.argmax())
+    if beyond[worst] > LEAN:
+        return [f"the judge finds the tool axis {np.degrees(after.tilt[worst]):.3g} deg aside at waypoint {worst}"]
+    if task.spin_free or driven.q.shape[1] < 6:
+        return []
+    wanted = np.asarray(driven.tables.get("plan", {}).get("tool_x", (1.0, 0.0, 0.0)), float)
+    try:
+        towards = read_frame(driven.tables.get("part", {}))[1] @ wanted
+    except CannotTellError:
+        return []
+    axis = task.nominal.axis
+    flat = towards - (axis @ towards)[:, None] * axis
+    size = np.linalg.norm(flat, axis=1)
+    sure = cut & (size > 0.05 * np.linalg.norm(towards))
+    turned = np.where(sure, _angle(after.rotation[:, :, 0], flat / np.maximum(size, 1e-12)[:, None]) - 1.5 * bent, -1.0)
+    worst = int(turned.argmax())
+    if turned[worst] > LEAN + 1.5 * _angle(after.rotation[worst : worst + 1, :, 0], stiff[worst : worst + 1, :, 0])[0]:
+        return [f"the judge finds the tool turned {np.degrees(turned[worst]):.3g} deg about its axis, waypoint {worst}"]
+    return []
+
+
+def _angle(a: Array, b: Array) -> Array:
+    """Return the angle between unit vectors. Shape (n,). [rad]."""
+    return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ni,ni->n", a, b)))
+
+
+def _vote_on_correction(driven: Driven, stiff: Array) -> list[str]:
+    """The unloaded tip stays within the correction that the job allows."""
+    task = driven.task
+    most = 1e-3 * driven.tables.get("plan", {}).get("max_correction_mm", 10.0)
+    size = np.where(task.compensated, np.linalg.norm(stiff - task.position, axis=1), 0.0)
+    if size.max() <= most + 2 * AT_CORRECTION:
+        return []
+    found = f"{1e3 * size.max():.3g} mm at waypoint {size.argmax()}"
+    return [f"the judge finds a correction of {found}, allowed are {1e3 * most:g} mm"]
+
+
+def _vote_on_motion(driven: Driven, joints: JointTable) -> list[str]:
+    """Joints stay within the limits that the robot folder states, in place and in time."""
+    q, time, found = driven.q, driven.time, []
+    limits, cutting = driven.tables.get("limits", {}), driven.cutting
+    if len(joints.names) != q.shape[1]:
+        return [f"the robot folder has {len(joints.names)} joints, the program commands {q.shape[1]}"]
+    over = np.maximum(joints.lower - q, q - joints.upper).max(axis=0)
+    for j in np.flatnonzero(over > 1e-9).tolist():
+        found.append(f"{joints.names[j]} passes its limits in robot.urdf by {_state(over[j], joints.slides[j])}")
+    step = np.diff(time)
+    if (step < 0.0).any():
+        return [*found, f"time runs backwards at waypoint {int((step < 0.0).argmax()) + 1}"]
+    moved = np.abs(np.diff(q, axis=0))
+    use = (moved / np.maximum(step, 1e-12)[:, None] / joints.velocity / limits.get("velocity_scale", 1.0)).max(axis=0)
+    for j in np.flatnonzero(use > ROUNDING).tolist():
+        found.append(f"{joints.names[j]} moves {use[j]:.3g} times as fast as robot.urdf allows")
+    rests = np.zeros(len(q), bool) if driven.task.rests is None else driven.task.rests
+    rows = 1 + np.flatnonzero(cutting[1:-1] & cutting[2:] & ~rests[1:-1] & (step[:-1] > 1e-6) & (step[1:] > 1e-6))
+    if len(rows):
+        push = np.abs(fit_parabolas(q, time, rows)[1]) / joints.acceleration / limits.get("acceleration_scale", 1.0)
+        most = push.max(axis=0)
+        for j in np.flatnonzero(most > ROUNDING * 1.01).tolist():
+            found.append(f"{joints.names[j]} accelerates {most[j]:.3g} times as much as elasticity.toml allows")
+    return found
+
+
+def _state(over: float, slides: bool) -> str:
+    return f"{1e3 * over:.3g} mm" if slides else f"{np.degrees(over):.3g} deg"
+
+
+def _vote_on_feed(driven: Driven) -> list[str]:
+    """The wanted tip never runs faster than the feed programmed."""
+    task, step = driven.task, np.diff(driven.time)
+    cut = driven.cutting[1:] & ~task.lead[1:] & (task.nominal.feed[1:] > 0.0)
+    length = np.linalg.norm(np.diff(task.position, axis=0), axis=1)
+    faster = np.where(cut, length - ROUNDING * step * task.nominal.feed[1:], -1.0)
+    if faster.max(initial=-1.0) <= 1e-7:
+        return []
+    k = int(faster.argmax())
+    driven_at, programmed = 60e3 * length[k] / max(float(step[k]), 1e-12), 60e3 * task.nominal.feed[k + 1]
+    return [f"the tool runs at {driven_at:.4g} mm/min to waypoint {k + 1}, programmed are {programmed:.4g}"]
+
+
+def _vote_on_inertia(driven: Driven, bending: Bending) -> list[str]:
+    """What the plan says that inertia moves the tip is what Pinocchio's inverse dynamics says."""
+    if not np.isfinite(bending.inertia):
+        return []
+    task, q, cutting = driven.task, driven.q, driven.cutting
+    rows = 1 + np.flatnonzero(cutting[1:-1] & cutting[2:])
+    if not len(rows):
+        return []
+    push = np.linalg.norm(fit_parabolas(q, driven.time, rows)[1], axis=1)
+    rows = np.sort(rows[np.argsort(push)[-LOOKED_AT // 2 :]])
+    rests = np.zeros(len(q), bool) if task.rests is None else task.rests
+    rows = rows[~rests[rows]]
+    loads = load_springs(driven.moving, q, driven.time, cutting, rests, rows)
+    most = float(np.linalg.norm(shift_tip(driven.moving, q[rows], loads[rows]), axis=1).max())
+    if abs(most - bending.inertia) <= INERTIA_LEAST + INERTIA_SHARE * max(most, bending.inertia):
+        return []
+    told, found = 1e3 * bending.inertia, 1e3 * most
+    return [f"inertia moves the tip by {told:.3g} mm in the plan, by {found:.3g} mm in Pinocchio's inverse dynamics"]

@@ -1,0 +1,70 @@
+"""Joints and limits of a robot folder, read a second time from its text."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from compplan.second.moves import Array
+
+
+@dataclass(frozen=True)
+class JointTable:
+    """The joints that a controller commands, from the base out. SI units.
+
+    Attributes:
+        names: Names. nq of them.
+        slides: Whether they are prismatic. Shape (nq,).
+        lower, upper, velocity, effort, acceleration: Limits, infinite where none is stated. Shape (nq,).
+
+    """
+
+    names: tuple[str, ...]
+    slides: tuple[bool, ...]
+    lower: Array
+    upper: Array
+    velocity: Array
+    effort: Array
+    acceleration: Array
+
+
+def read_joints(folder: Path) -> JointTable:
+    """Read the joints of a robot folder."""
+    table = tomllib.loads((folder / "elasticity.toml").read_text(encoding="utf-8"))
+    root = ElementTree.parse(folder / "robot.urdf").getroot()
+    carrier, link = {}, str(table["tcp"])
+    for joint in root.findall("joint"):
+        child = joint.find("child")
+        carrier["" if child is None else child.get("link", "")] = joint
+    chain: list[ElementTree.Element] = []
+    while link in carrier:
+        joint = carrier[link]
+        if joint.get("type") != "fixed" and joint.find("mimic") is None:
+            chain.append(joint)
+        parent = joint.find("parent")
+        link = "" if parent is None else parent.get("link", "")
+    chain.reverse()
+    limits = []
+    for joint in chain:
+        found = joint.find("limit")
+        stated = {} if found is None else found.attrib
+        bounded = joint.get("type") != "continuous"
+        limits.append(
+            (
+                float(stated.get("lower", "0")) if bounded else -math.inf,
+                float(stated.get("upper", "0")) if bounded else math.inf,
+                float(stated.get("velocity", "0")) or math.inf,
+                float(stated.get("effort", "0")) or math.inf,
+            )
+        )
+    lower, upper, velocity, effort = np.array(limits, dtype=float).T
+    push = table.get("acceleration_limits")
+    acceleration = np.full(len(chain), math.inf) if push is None else np.array(push, dtype=float)
+    slides = tuple(joint.get("type") == "prismatic" for joint in chain)
+    names = tuple(joint.get("name", "") for joint in chain)
+    return JointTable(names, slides, lower, upper, velocity, effort, acceleration)

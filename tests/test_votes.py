@@ -1,0 +1,144 @@
+"""Votes on what a plan rests on: a planted mistake in any part of it is seen by a reading or an engine of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import compplan.cell.wanted as wanted
+import compplan.job.loading as loading
+import compplan.plan.bending as bending
+import compplan.plan.plan as planning
+from compplan.cell.inertia import fit_parabolas
+from compplan.job.job import Job, ToolTable, load_job
+from compplan.path.toolpath import Toolpath, place_toolpath
+from compplan.plan.plan import plan_job
+from compplan.plan.timing import Timing
+from compplan.robot import Array, Robot
+from compplan.second.moves import CannotTellError
+
+NC = "G21 G90 G17\nG0 X0 Y0 Z20\nG1 Z0 F600\nX30\nG3 X40 Y10 I0 J10\nG1 Y25\nG0 Z20\n"
+JOB = """schema = 1
+robot = "kuka_kr240"
+toolpath = "part.nc"
+[part]
+position_mm = [1800.0, 100.0, 700.0]
+rotation_deg = [0.0, 0.0, 20.0]
+[process]
+model = "constant"
+force_N = [50.0, 0.0, 100.0]
+[tool]
+position_mm = [200.0, 0.0, 30.0]
+rotation_deg = [0.0, 90.0, 0.0]
+mass_kg = 10.0
+centre_of_mass_mm = [90.0, 0.0, 0.0]
+"""
+
+
+@pytest.fixture
+def job(tmp_path: Path) -> Job:
+    (tmp_path / "part.nc").write_text(NC)
+    (tmp_path / "part.toml").write_text(JOB)
+    return load_job(tmp_path / "part.toml")
+
+
+def test_a_sound_plan_is_confirmed_by_all_votes(job: Job) -> None:
+    plan = plan_job(job)
+    assert (plan.status, plan.breaches) == ("solved", ())
+    assert not [note for note in plan.notes if "not checked" in note]
+
+
+def test_what_the_second_reader_cannot_tell_is_said_and_not_held_against_the_plan(
+    job: Job, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read(file: Path, options: object) -> None:
+        raise CannotTellError("G12", 7)
+
+    monkeypatch.setattr(wanted, "read_moves", read)
+    plan = plan_job(job)
+    assert plan.status == "solved"
+    assert any("not checked by a second reading: path of part.nc, line 7: G12" in note for note in plan.notes)
+
+
+def _reads(change: Callable[[Toolpath], Toolpath]) -> Callable[[pytest.MonkeyPatch], None]:
+    true = loading.read_toolpath
+
+    def plant(patch: pytest.MonkeyPatch) -> None:
+        patch.setattr(loading, "read_toolpath", lambda *words, **named: change(true(*words, **named)))
+
+    return plant
+
+
+def _scaled(by: Any) -> Callable[[Toolpath], Toolpath]:
+    return lambda path: replace(path, position=path.position * np.array(by))
+
+
+def _turned_part(patch: pytest.MonkeyPatch) -> None:
+    def place(path: Toolpath, pose: Array) -> Toolpath:
+        other = pose.copy()
+        other[:3, :3] = pose[:3, :3].T
+        return place_toolpath(path, other)
+
+    patch.setattr(loading, "place_toolpath", place)
+
+
+def _turned_tool(patch: pytest.MonkeyPatch) -> None:
+    def mount(tool: ToolTable, robot: Robot) -> Robot:
+        pose = tool.T_flange_tcp.copy()
+        pose[:3, :3] = pose[:3, :3].T
+        return robot.with_tool(pose, tool.mass_kg, np.asarray(tool.centre_of_mass_mm) * 1e-3)
+
+    patch.setattr(ToolTable, "mount", mount)
+
+
+def _hasty(patch: pytest.MonkeyPatch) -> None:
+    true = planning.agree
+
+    def agree(*words: Any) -> Any:
+        found = true(*words)
+        timing: Timing = replace(found.timing, time=0.5 * found.timing.time)
+        return replace(found, timing=timing)
+
+    patch.setattr(planning, "agree", agree)
+
+
+def _heavy(patch: pytest.MonkeyPatch) -> None:
+    true = bending.inertial_loads
+    patch.setattr(bending, "inertial_loads", lambda *words: 2.0 * true(*words))
+
+
+MISTAKES: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], str]] = {
+    "y mirrored": (_reads(_scaled([1.0, -1.0, 1.0])), "goes another way"),
+    "another unit": (_reads(_scaled([0.5, 0.5, 0.5])), "second reading"),
+    "the last move missing": (
+        _reads(lambda path: replace(path, position=path.position[:-1], axis=path.axis[:-1], feed=path.feed[:-1],
+                                    rapid=path.rapid[:-1])), "misses the last",
+    ),
+    "feed a minute": (_reads(lambda path: replace(path, feed=path.feed * 6.0)), "feed"),
+    "part turned the other way": (_turned_part, "goes another way|begins"),
+    "tool turned the other way": (_turned_tool, "tool axis|correction"),
+    "times halved": (_hasty, "mm/min"),
+    "inertia doubled": (_heavy, "inverse dynamics"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_planted_mistake_is_not_called_solved(name: str, job: Job, monkeypatch: pytest.MonkeyPatch) -> None:
+    plant, word = MISTAKES[name]
+    plant(monkeypatch)
+    plan = plan_job(job)
+    assert plan.status != "solved"
+    assert any(part in "; ".join(plan.breaches) for part in word.split("|")), plan.breaches
+
+
+def test_parabolas_through_uneven_times_are_exact() -> None:
+    time = np.array([0.0, 0.1, 0.35, 0.4, 1.0])
+    q = (1.0 + 2.0 * time - 3.0 * time**2)[:, None]
+    velocity, change = fit_parabolas(q, time, np.array([1, 2, 3]))
+    assert velocity[:, 0] == pytest.approx(2.0 - 6.0 * time[1:4])
+    assert change[:, 0] == pytest.approx(-6.0)
