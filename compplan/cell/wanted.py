@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from compplan.cell.forces import DrivenRows
+from compplan.cell.frames import read_part
 from compplan.robot import Array
 from compplan.second.cam import read_moves
 from compplan.second.follow import Followed, find_difference
-from compplan.second.frames import read_frame
 from compplan.second.moves import CannotTellError, Reading
 from compplan.second.tables import read_generator, read_table
 
@@ -39,18 +39,19 @@ def vote_on_path(tables: Mapping[str, Any], folder: Path, rows: DrivenRows, feed
         feed: Programmed feed of the move to each row. Shape (n,). [m/s]
 
     """
-    source = tables["toolpath"]
+    source = tables.get("toolpath")
+    if source is None:
+        return Vote()
     name = source if isinstance(source, str) else "generated path"
     try:
         reading, chord = read_wanted(tables, folder)
-        place, turn = read_frame(tables.get("part", {}))
     except CannotTellError as error:
         return Vote(notes=(f"not checked by a second reading: path of {name}, {error}",))
-    table = tables.get("feed", {})
+    part, table = read_part(tables.get("part") or {}), tables.get("feed", {})
     posture = tables.get("posture", {})
     constant = table.get("constant_mm_s")
     path = Followed(
-        (rows.position - place) @ turn, rows.axis @ turn, rows.rapid,
+        (rows.position - part.translation) @ part.rotation, rows.axis @ part.rotation, rows.rapid,
         feed if constant is None else None, chord + ROUNDING, 1e-3 * table.get("corner_tolerance_mm", 0.0),
         float(np.radians(np.hypot(posture.get("lead_deg", 0.0), posture.get("lean_deg", 0.0)))),
     )  # fmt: skip

@@ -57,6 +57,8 @@ def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> B
         bias = _load_motion(task, q, timing, build_dynamics(task.robot)) if task.inertia else None
         return Bench(build_cell(task.robot), task.wrench, bias)
     tables = job.model_dump(by_alias=True, exclude_unset=True)
+    if job.given is not None:
+        tables["toolpath"] = None  # there is no file to read
     cell = Cell(AS_MODELLED, task.robot, read_judge(Path(task.robot.folder), tables.get("tool")))
     moving = read_judge(Path(task.robot.folder), tables.get("tool"), moving=True)
     driven, bias = Driven(task, q, timing.time, tables, job.folder, cell.judge, moving), None

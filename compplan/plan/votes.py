@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.cell.forces import DrivenRows
+from compplan.cell.frames import read_part
 from compplan.cell.inertia import fit_parabolas, load_springs, shift_tip, stand_stiff
 from compplan.cell.judge import Judge
 from compplan.cell.wanted import Vote, vote_on_path
@@ -22,8 +23,6 @@ from compplan.plan.evaluate import Evaluation
 from compplan.plan.strategies.limits import AT_CORRECTION
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
-from compplan.second.frames import read_frame
-from compplan.second.moves import CannotTellError
 from compplan.second.robot import JointTable, read_joints
 
 #: Rounding that limits, times and feeds leave.
@@ -96,10 +95,7 @@ def _vote_on_axis(driven: Driven, after: Evaluation, stiff: Array) -> list[str]:
     if task.spin_free or driven.q.shape[1] < 6:
         return []
     wanted = np.asarray(driven.tables.get("plan", {}).get("tool_x", (1.0, 0.0, 0.0)), float)
-    try:
-        towards = read_frame(driven.tables.get("part", {}))[1] @ wanted
-    except CannotTellError:
-        return []
+    towards = read_part(driven.tables.get("part") or {}).rotation @ wanted
     axis = task.nominal.axis
     flat = towards - (axis @ towards)[:, None] * axis
     size = np.linalg.norm(flat, axis=1)
