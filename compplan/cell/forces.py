@@ -142,6 +142,8 @@ def _local(
         size = np.maximum(np.linalg.norm(travel, axis=1), 1e-300)
         across = np.sqrt(np.maximum(1.0 - (along / size) ** 2, 0.0))
         return np.outer(np.r_[feed[:1] * across[:1], feed * across], _mean_of_a_turn(process))
+    if model not in ("columns", "file"):  # a plug-in's, which stands nowhere else
+        return None
     named = process["file"] if model == "file" else job["toolpath"]
     if not isinstance(named, str) or not named.lower().endswith(".csv"):
         return np.zeros((n, 6)) if model == "columns" and not process.get("required", True) else None

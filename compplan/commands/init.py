@@ -41,9 +41,11 @@ FEW_TURNS_MM = 5.0
 @click.option("--tcp", default=None, help="init robot: frame of the tool centre point; left out: the end of the chain.")
 @click.option("--short", is_flag=True, help="A job of the keys that one needs first, without the others.")
 @click.option("--out", type=click.Path(path_type=Path), default=None, help="Folder of the robot, or file of the log.")
+@click.option("--schema", is_flag=True, help="Print the JSON schema of a job, and write nothing.")
 def command(
-    words: tuple[str, ...], robot_name: str | None, toolpath: str | None, tcp: str | None, short: bool, out: Path | None
-) -> None:
+    words: tuple[str, ...], robot_name: str | None, toolpath: str | None, tcp: str | None, short: bool,
+    out: Path | None, schema: bool,
+) -> None:  # fmt: skip
     """Write a job FILE (default job.toml) in which every key is explained; or a robot folder; or an empty log.
 
     With a robot, the part is put where the arm reaches its path, the tool leaves the flange straight, and the forces
@@ -53,8 +55,18 @@ def command(
 
     Example: compplan init robot arm.urdf --out arm
 
+    Example: compplan init --schema
+
     Example: compplan init log --robot arm --out measurements.csv
     """
+    if schema:
+        from compplan.job.schema import write_schema
+
+        if words:
+            raise InputError(f"{words[0]!r} has no meaning in: compplan init --schema")
+        _refuse(words, 0, "--schema", robot=robot_name, toolpath=toolpath, tcp=tcp, out=out)
+        click.echo(write_schema())
+        return
     if short and words[:1] in (("robot",), ("log",)):
         raise InputError(f"--short has no meaning in: compplan init {words[0]}")
     if words[:1] == ("robot",):

@@ -53,6 +53,7 @@ from compplan.effects.checks import check_effect
 from compplan.effects.scene import Attained, Scene, attain_scene, stage_scene
 from compplan.effects.signature import Effect, Signature
 from compplan.errors import InputError, UnknownNameError
+from compplan.files.plugins import load_plugins
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot
 
@@ -84,6 +85,7 @@ EFFECTS: dict[str, ModuleType] = {
         time_skew,
     )
 }
+EFFECTS.update(load_plugins("effects", EFFECTS))
 
 __all__ = [
     "EFFECTS", "Attained", "Effect", "Scene", "Signature", "apply_effects", "attain_scene", "command_campaign",

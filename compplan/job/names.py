@@ -7,6 +7,8 @@ heavy is loaded. Job schema, help texts, commented job and pages read these list
 
 from __future__ import annotations
 
+from compplan.files.plugins import find_plugins
+
 #: Strategies of a plan: the module that holds `command_path(task)`.
 STRATEGIES = {
     "none": "compplan.plan.strategies.none",
@@ -14,6 +16,7 @@ STRATEGIES = {
     "iterated_mirror": "compplan.plan.strategies.iterated_mirror",
     "nlp": "compplan.plan.strategies.nlp",
 }
+STRATEGIES.update({entry.name: entry.value for entry in find_plugins("strategies", STRATEGIES)})
 #: Strategies that read sensors while the part is cut: module and the function that prepares them from (task, maps).
 ONLINE = {
     "secondary_encoder": "compplan.plan.strategies.secondary_encoder:prepare",

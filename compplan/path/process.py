@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, Union, get_args
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from compplan.errors import InputError, ShapeError
 from compplan.files.columns import Column
+from compplan.files.plugins import load_plugins
 from compplan.files.tables import Array, read_table
 from compplan.files.tomlfile import StrictTable, Vector3
 from compplan.path.contact import (
@@ -109,7 +110,7 @@ class FileProcess(ContactTable):
     frame: Frame = "part"
 
 
-Process = Annotated[
+OwnProcess = (
     ColumnsProcess
     | ConstantProcess
     | MillingProcess
@@ -119,9 +120,18 @@ Process = Annotated[
     | IsfRegressionProcess
     | FrictionStirProcess
     | GrindingProcess
-    | FileProcess,
-    Field(discriminator="model"),
-]
+    | FileProcess
+)
+#: Every force model, by the name that a job gives it: those above, and what plug-ins add.
+MODELS: dict[str, type[StrictTable]] = {
+    get_args(table.model_fields["model"].annotation)[0]: table for table in get_args(OwnProcess)
+}
+MODELS.update(load_plugins("force_models", MODELS))
+
+if TYPE_CHECKING:
+    Process = Annotated[OwnProcess, Field(discriminator="model")]
+else:
+    Process = Annotated[Union[tuple(MODELS.values())], Field(discriminator="model")]  # noqa: UP007
 
 FILE_COLUMNS = (
     Column("s", "length"),

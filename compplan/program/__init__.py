@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.errors import InputError, UnknownNameError
+from compplan.files.plugins import load_plugins
 from compplan.program.counting import load_controller
 from compplan.program.fanuc_ls import write_fanuc_ls
 from compplan.program.inform import write_inform
@@ -36,6 +37,7 @@ WRITERS: dict[str, Callable[[Program, Path, int | None], list[Path]]] = {
     "kawasaki_as": write_kawasaki_as,
     "csv": write_joint_csv,
 }
+WRITERS.update(load_plugins("languages", WRITERS))
 
 __all__ = [
     "WRITERS", "Program", "Wiring", "build_program", "check_brand", "check_languages", "describe_program",

@@ -1,0 +1,28 @@
+"""The JSON schema of a job, as editors and other programs read it; plug-ins are in it."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from compplan.job.job import FileTable, Job
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def describe_schema() -> dict[str, Any]:
+    """Return the JSON schema of a job file: what a job may say, and in which form."""
+    schema = Job.model_json_schema(by_alias=True)
+    tables = schema["$defs"]
+    tables["FileTable"] = FileTable.model_json_schema()
+    schema["properties"]["toolpath"]["anyOf"].append({"$ref": "#/$defs/FileTable"})
+    wanted = tables["PlanTable"]["properties"]["configuration"]
+    tables["PlanTable"]["properties"]["configuration"] = {
+        "anyOf": [{"const": "auto"}, {"$ref": wanted["$ref"]}], "default": "auto"
+    }  # fmt: skip
+    return {"$schema": DIALECT, **schema, "title": "compplan job"}
+
+
+def write_schema() -> str:
+    """Return the schema as text."""
+    return json.dumps(describe_schema(), indent=2)
