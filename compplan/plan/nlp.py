@@ -2,7 +2,7 @@
 
 Variables are the commanded joint positions at every waypoint (and slacks where there are any):
 
-    minimise    sum |q''|^2 + |q - q_start|^2 / l^4          smooth, and near the posture that was chosen
+    minimise    sum w (|q''|^2 + |q - q_start|^2 / l^4)      smooth, and near the posture that was chosen
                 (or (q - q_start)'' where q_start is a motion that was chosen for a reason)
     subject to  p(q) = p_nominal,  b1 . z(q) = b2 . z(q) = 0   loaded tip on the path, tool axis right
                 b3 . x(q) = 0                                  where the rotation about the tool axis is not free
@@ -12,7 +12,8 @@ Variables are the commanded joint positions at every waypoint (and slacks where 
 The loaded pose is the unloaded one (CasADi kinematics) with a deflection that is exact at the point of linearisation
 and carries its exact first derivative: p(q) = p_r(q) + R_r(q) (d + D (q - q_0)). Solving, linearising again at the
 solution and solving again is Newton's method on the exact equilibrium, and costs the same for six springs as for forty.
-Rows that cannot become active are left out; `Rows` says which are in. The Hessian is that of the objective
+w weighs the joints by what their motion costs in accuracy at the tip; a rail keeps q_start. Rows that cannot become
+active are left out; `Rows` says which are in. The Hessian is that of the objective
 (Gauss-Newton).
 """
 
@@ -136,8 +137,9 @@ def build_nlp(problem: PathProblem, rows: Rows) -> Nlp:
         parts.append(_rate_rows(rates, bound, joints, slack, misses))
     g, jacobian = ca.vertcat(*(part.value for part in parts)), ca.vertcat(*(part.derivative for part in parts))
     bent = square - start if problem.keeps_shape else square
-    objective = ca.sumsqr(ca.mtimes(bent, ca.DM(smooth.T)))
-    objective += ca.dot(ca.DM(problem.anchor).T, ca.sum1((square - start) ** 2))
+    worth = ca.DM(problem.worth)
+    objective = ca.dot(worth, ca.sum2(ca.mtimes(bent, ca.DM(smooth.T)) ** 2))
+    objective += ca.dot(ca.DM(problem.anchor).T, ca.mtimes(worth.T, (square - start) ** 2))
     objective += RELEASE_WEIGHT * ca.sumsqr(slack[:misses]) + RATE_WEIGHT * ca.sum1(slack[misses:])
     options: dict[str, Any] = {
         "hess_lag": _objective_hessian(problem, smooth, misses, len(bound), x, p, g.numel()),
@@ -167,6 +169,7 @@ def solve_nlp(nlp: Nlp, q: Array, attained: AttainedPose, *, bounded: NDArray[np
     n, nq = q.shape
     mask = rows.bounded if bounded is None else bounded
     lower, upper = (np.where(mask, limit, sign * np.inf) for limit, sign in ((problem.lower, -1), (problem.upper, 1)))
+    lower[:, problem.stays] = upper[:, problem.stays] = problem.q_start[:, problem.stays]
     lower[rows.released] = upper[rows.released] = q[rows.released]
     misses = len(rows.released) * problem.equations
     slack_lower = np.r_[np.full(misses, -np.inf), np.zeros(nlp.extra - misses)]
@@ -291,7 +294,7 @@ def _objective_hessian(
 ) -> ca.Function:
     """Build the constant Hessian of the objective, upper triangle."""
     bend = smooth.T @ smooth + sparse.diags(problem.anchor)
-    joints = sparse.kron(bend, sparse.identity(problem.chain.nq))
+    joints = sparse.kron(bend, sparse.diags(problem.worth))
     slack = sparse.diags(np.r_[np.full(misses, RELEASE_WEIGHT), np.zeros(rates)], shape=(misses + rates,) * 2)
     full = sparse.triu(2.0 * sparse.block_diag([joints, slack])).tocsc()
     full.sort_indices()

@@ -42,6 +42,8 @@ class PathProblem:
         hold: Weight of the departure from q_start at each waypoint, ANCHOR_WEIGHT if left out. Shape (n,).
         keeps_shape: Whether smoothness counts for the departure from q_start alone: q_start is then a motion that was
             chosen, not only a place to begin.
+        still: Joints that keep q_start: rails, whose small motions are lost. Shape (nq,); none if left out.
+        weight: What smoothness of each joint is worth, see `weigh_joints`. Shape (nq,); 1 if left out.
 
     """
 
@@ -60,6 +62,8 @@ class PathProblem:
     spin_free: bool = True
     keeps_shape: bool = False
     hold: Array | None = None
+    still: NDArray[np.bool_] | None = None
+    weight: Array | None = None
 
     def __post_init__(self) -> None:
         n, nq = len(self.position), self.chain.nq
@@ -76,6 +80,16 @@ class PathProblem:
         return np.full(len(self.position), ANCHOR_WEIGHT) if self.hold is None else self.hold
 
     @property
+    def stays(self) -> NDArray[np.bool_]:
+        """Tell which joints keep q_start. Shape (nq,)."""
+        return np.zeros(self.chain.nq, bool) if self.still is None else self.still
+
+    @property
+    def worth(self) -> Array:
+        """What smoothness of each joint is worth. Shape (nq,)."""
+        return np.ones(self.chain.nq) if self.weight is None else self.weight
+
+    @property
     def equations(self) -> int:
         """Count the pose equations of a waypoint."""
         return 5 if self.spin_free else 6
@@ -83,7 +97,7 @@ class PathProblem:
     @property
     def redundant(self) -> bool:
         """Tell whether a waypoint leaves the joints any freedom."""
-        return self.chain.nq > self.equations
+        return self.chain.nq - int(self.stays.sum()) > self.equations
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from compplan.effects.attained import attain_with_effects
 from compplan.path.force_law import ForceLaw
 from compplan.path.toolpath import Toolpath
+from compplan.plan.joint_weights import weigh_joints
 from compplan.plan.nlp import NlpSolution
 from compplan.plan.path_problem import PathProblem
 from compplan.posture.start import Start
@@ -130,7 +132,7 @@ class PlanTask:
         last = np.maximum.accumulate(np.where(self.lead, 0, np.arange(len(self))))
         return np.asarray(self.lead & ~self.nominal.rapid[last])
 
-    @property
+    @cached_property
     def problem(self) -> PathProblem:
         """The task as `build_nlp` takes it."""
         return PathProblem(
@@ -148,6 +150,8 @@ class PlanTask:
             max_correction=self.max_correction,
             spin_free=self.spin_free,
             keeps_shape=self.start is not None and (self.start.stance is not None or self.start.of_program),
+            still=self.robot.prismatic & (np.arange(self.robot.nq) < self.robot.nq - 6),
+            weight=weigh_joints(self.chain, self.q_start, self.robot),
         )
 
 

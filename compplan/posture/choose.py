@@ -305,7 +305,8 @@ def _refine_options(task: Task, coarse: Options, line: Line) -> Options | None:
     held = [np.zeros(1)] * len(task.arm.held)
     if positions > 1:
         span = [task.robot.upper[j] - task.robot.lower[j] for j in task.arm.held]
-        held = [s / (settings.held_steps - 1) * np.arange(-FINE_HELD, FINE_HELD + 1) / (FINE_HELD + 1) for s in span]
+        count = settings.count_positions(len(task.arm.held))
+        held = [s / (count - 1) * np.arange(-FINE_HELD, FINE_HELD + 1) / (FINE_HELD + 1) for s in span]
     lean = [limit * np.arange(-FINE_TILTS, FINE_TILTS + 1) / 2 if limit > 0 else np.zeros(1)
             for limit in (settings.lead, settings.lean)]
     grid = np.meshgrid(spin, *held, *lean, indexing="ij")

@@ -19,6 +19,7 @@ from compplan.files.columns import Column
 from compplan.files.tables import read_table
 from compplan.job.job import KEEP_NOTHING, KEEP_ROBOT, Job
 from compplan.path.toolpath import Toolpath
+from compplan.posture.slides import least_strokes, steady_slide
 from compplan.posture.stance import Wish
 from compplan.posture.start import PostureRequest, Start, find_start
 from compplan.posture.summary import summarise_costs
@@ -234,14 +235,17 @@ def _follow_program(
 def _stand_again(robot: Robot, start: Start) -> Start:
     """Solve the joints of a robot around a start; what it does not reach there is missed."""
     arm, nominal, rotation = build_arm(robot), start.nominal, start.rotation
+    strokes, near = least_strokes(robot), np.array(start.q)
+    for j in arm.held[strokes[arm.held] > 0]:
+        near[:, j] = steady_slide(near[:, j], strokes[j])
     free = start.request is None or start.request.settings.free_spin
     if robot.nq < 6:
-        q, reached = reach_tip_and_axis(arm, start.q, nominal.position, rotation)
+        q, reached = reach_tip_and_axis(arm, near, nominal.position, rotation)
         rotation = locate_frames(arm.chain, q).tcp_rotation
     else:
         if start.of_program and free:
-            rotation = turn_about_axis(locate_frames(arm.chain, start.q).tcp_rotation, nominal.axis)
-        q = refine_ik(arm, start.q, nominal.position, rotation, iterations=30)
+            rotation = turn_about_axis(locate_frames(arm.chain, near).tcp_rotation, nominal.axis)
+        q = refine_ik(arm, near, nominal.position, rotation, iterations=30)
         reached = np.abs(pose_error(arm.chain, q, nominal.position, rotation)).max(axis=1) < REACHED
     inside = ((q >= robot.lower - 1e-9) & (q <= robot.upper + 1e-9)).all(axis=1)
     missed: NDArray[np.bool_] = ~(reached & inside)

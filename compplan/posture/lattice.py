@@ -23,8 +23,8 @@ from compplan.statics.ik import CONFIGURATIONS, Arm, middle_of_limits, solve_bra
 
 #: Why a node cannot be used.
 USABLE, OUT_OF_REACH, JOINT_LIMIT, SINGULAR, COLLISION, NOT_WANTED = range(6)
-#: Coarse step of the rotation where extra axes or leans vary too. [rad]
-FEW_SPINS = float(np.radians(10.0))
+#: Coarse step of the rotation where an extra axis or leans vary too, and where several axes do. [rad]
+FEW_SPINS, FEWER_SPINS = float(np.radians(10.0)), float(np.radians(20.0))
 REASONS = ("usable", "out of reach", "joint limit", "singular", "collision", "configuration not wanted")
 
 
@@ -107,7 +107,7 @@ def pick_stations(nominal: Toolpath, count: int) -> NDArray[np.int_]:
 def build_options(arm: Arm, settings: PostureSettings) -> Options:
     """Build the grid of options that holds for every station."""
     varies = bool(len(arm.held)) or settings.lead > 0 or settings.lean > 0
-    step = max(settings.spin_step, FEW_SPINS) if varies else settings.spin_step
+    step = max(settings.spin_step, FEW_SPINS if len(arm.held) < 2 else FEWER_SPINS) if varies else settings.spin_step
     count = max(1, round(2 * np.pi / step)) if settings.free_spin else 1
     spins = np.arange(count) * 2 * np.pi / count
     robot = arm.robot
@@ -115,7 +115,7 @@ def build_options(arm: Arm, settings: PostureSettings) -> Options:
     for joint in arm.held:
         low, high = robot.lower[joint], robot.upper[joint]
         if np.isfinite(low) and np.isfinite(high) and high > low:
-            ranges.append(np.linspace(low, high, settings.held_steps))
+            ranges.append(np.linspace(low, high, settings.count_positions(len(arm.held))))
         else:
             ranges.append(middle_of_limits(robot)[[joint]])
     cells = list(product(*ranges))
@@ -235,9 +235,10 @@ def _wrap_into_limits(q: Array, arm: Arm) -> Array:
 
 
 def _neighbours(shape: tuple[int, int, int], held: list[int], tilts: Array) -> NDArray[np.int_]:
-    """List for every option those within four spins, one position of each extra axis and one step of lean."""
+    """List for every option those within four spins (40 degrees), one position of each extra axis, one step of lean."""
     spins, positions, leans = shape
-    window = range(-4, 5) if spins > 8 else range(-(spins // 2), spins - spins // 2)
+    wide = 4 if spins > 30 else 2
+    window = range(-wide, wide + 1) if spins > 8 else range(-(spins // 2), spins - spins // 2)
     cells = np.array(list(np.ndindex(*held)), int).reshape(positions, len(held))
     near_held = [np.flatnonzero(np.abs(cells - cell).max(axis=1, initial=0) <= 1) for cell in cells]
     step = np.maximum(np.abs(tilts).max(axis=0), 1e-12)

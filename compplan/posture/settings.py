@@ -30,7 +30,8 @@ class PostureSettings:
         spin_step: Step of the grid of rotations about the tool axis. [rad]
         lead: How far the tool axis may lean along the travel. [rad]
         lean: How far it may lean across the travel. [rad]
-        held_steps: Grid positions of each extra axis (a rail).
+        held_steps: Grid positions of each extra axis (a rail), where there is one; of several together at most thrice
+            as many.
         stations: Waypoints that the graph is built at, at most; those between follow.
         reconfigure: Whether the arm may change its configuration in rapid moves away from the part.
         singularity_margin: Inverse condition number below which a posture counts as singular and costs steeply.
@@ -61,6 +62,10 @@ class PostureSettings:
     most_step: float = float(np.radians(20.0))
     motion: MotionFigures = field(default_factory=MotionFigures)
     errors: ErrorModel | None = None
+
+    def count_positions(self, axes: int) -> int:
+        """Return the grid positions of each of several extra axes, at least 3."""
+        return self.held_steps if axes < 2 else max(3, int((3 * self.held_steps) ** (1.0 / axes) + 1e-9))
 
     @property
     def known(self) -> ModelScatter | ErrorModel:

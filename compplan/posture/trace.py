@@ -11,6 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from compplan.path.toolpath import Toolpath
 from compplan.posture.lattice import Options, orient_tool
+from compplan.posture.slides import least_strokes, steady_slide
 from compplan.robot import Array
 from compplan.statics.chain import joint_jacobian, locate_frames
 from compplan.statics.ik import Arm, pose_error, refine_ik, solve_branches
@@ -74,6 +75,9 @@ def trace_line(
         along, lead_at, lean_at = (gaussian_filter1d(v, SMOOTH, mode="nearest") for v in (along, lead_at, lean_at))
     spin, lead, lean = (_interpolate(place, stations, v) for v in (along, lead_at, lean_at))
     between = np.stack([_interpolate(place, stations, q[:, j]) for j in range(q.shape[1])], axis=1)
+    for j, stroke in enumerate(least_strokes(arm.robot)):
+        if stroke > 0 and j in arm.held:
+            between[:, j] = steady_slide(between[:, j], stroke)
     rotation = orient_tool(nominal, tool_x, rows, spin, lead, lean)
     upright = rotation
     branches = solve_branches(arm, nominal.position, rotation, between[:, arm.held])

@@ -327,11 +327,15 @@ def _keep_distinct(
 
 
 def _assign_slots(rows: NDArray[np.int_], names: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Give every solution of a waypoint a slot of its own; where two have one name, the later takes a free slot."""
+    """Give every solution of a waypoint a slot of its own; where two have one name, the later takes a free slot.
+
+    rows rise; shape (r,).
+    """
     slots = names.copy()
     first = np.unique(rows * 8 + names, return_index=True)[1]
     for k in np.setdiff1d(np.arange(len(rows)), first):
-        taken = slots[(rows == rows[k]) & (np.arange(len(rows)) != k)]
+        low, high = np.searchsorted(rows, rows[k], "left"), np.searchsorted(rows, rows[k], "right")
+        taken = np.delete(slots[low:high], k - low)
         slots[k] = np.setdiff1d(np.arange(8), taken)[0] if len(set(taken)) < 8 else names[k]
     return slots
 

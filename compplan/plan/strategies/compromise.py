@@ -66,6 +66,7 @@ def find_compromise(task: PlanTask, q: Array, rows: NDArray[np.int_]) -> Array:
 def _keep_correction(task: PlanTask, q: Array, rows: NDArray[np.int_]) -> Array:
     """Bring corrections that are still beyond their limit within it, by the shortest motion of free joints."""
     low, high, most = task.robot.lower, task.robot.upper, task.max_correction - INSIDE
+    stays = task.problem.stays & ~task.missed[rows, None]
     for _ in range(STEPS):
         frames = locate_frames(task.chain, q)
         gap = frames.tcp_position - task.position[rows]
@@ -75,7 +76,7 @@ def _keep_correction(task: PlanTask, q: Array, rows: NDArray[np.int_]) -> Array:
             break
         along = gap / np.maximum(length, 1e-12)[:, None]
         slope = np.einsum("ki,kij->kj", along, joint_jacobian(task.chain, frames)[:, :3])
-        slope *= ~(((q <= low) & (slope > 0)) | ((q >= high) & (slope < 0)))
+        slope *= ~(((q <= low) & (slope > 0)) | ((q >= high) & (slope < 0)) | stays)
         step = slope * ((length - most) / np.maximum((slope**2).sum(axis=1), 1e-12))[:, None]
         q = np.where(beyond[:, None], np.clip(q - np.clip(step, -0.1, 0.1), low, high), q)
     return q
@@ -86,10 +87,11 @@ def _descend(task: PlanTask, path: Array, q: Array, reference: Array, rows: NDAr
     low, high = task.robot.lower, task.robot.upper
     here = _visit(task, path, q, reference, rows, steep)
     damping, busy = np.full(len(rows), 1e-6), np.arange(len(rows))
+    stays = task.problem.stays & ~task.missed[rows, None]  # where the arm alone does not reach, the rail helps
     for _ in range(STEPS):
         now = _Point(*(value[busy] for value in _parts(here)))
         gradient = np.einsum("kij,ki->kj", now.columns, now.residual)
-        held = ((now.q <= low) & (gradient > 0)) | ((now.q >= high) & (gradient < 0))
+        held = ((now.q <= low) & (gradient > 0)) | ((now.q >= high) & (gradient < 0)) | stays[busy]
         columns = now.columns * ~held[:, None, :]
         normal = np.swapaxes(columns, 1, 2) @ columns + damping[busy, None, None] * np.eye(q.shape[1])
         step = np.linalg.solve(normal, (gradient * ~held)[..., None])[..., 0]

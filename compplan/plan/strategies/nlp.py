@@ -115,7 +115,7 @@ def hold_start(task: PlanTask, attained: AttainedPose) -> PathProblem:
     of smoothness on the correction, so the hold is no weaker: where that is rough, the rotation moves less.
     """
     problem, every = task.problem, np.arange(len(task))
-    columns = differentiate_equations(problem, attained, every)
+    columns = differentiate_equations(problem, attained, every) * ~problem.stays
     normal = columns @ np.swapaxes(columns, 1, 2) + 1e-6 * np.eye(columns.shape[1])
     step = np.swapaxes(columns, 1, 2) @ np.linalg.solve(normal, pose_equations(problem, attained, every)[..., None])
     correction = np.clip(-step[..., 0], -MOST_STEP, MOST_STEP)
@@ -202,7 +202,7 @@ def _polish(task: PlanTask, problem: PathProblem, q: Array, held: NDArray[np.int
             break
         attained = attain_rows(task, q, busy)
         missed = pose_equations(problem, attained, busy)
-        free = (q[busy] > problem.lower + 1e-7) & (q[busy] < problem.upper - 1e-7)
+        free = (q[busy] > problem.lower + 1e-7) & (q[busy] < problem.upper - 1e-7) & ~problem.stays
         columns = differentiate_equations(problem, attained, busy) * free[:, None, :]
         normal = columns @ np.swapaxes(columns, 1, 2) + 1e-14 * np.eye(columns.shape[1])
         step = np.swapaxes(columns, 1, 2) @ np.linalg.solve(normal, missed[..., None])
