@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from compplan.path.forces.cutter import Cutter
+from compplan.path.forces.cutting import DrillProcess
+from compplan.path.forces.drilling import DRILLED, moves_aside
 from compplan.path.forces.engagement import Engagement, find_engagement
 from compplan.path.forces.materials import MATERIALS, Coefficients
 from compplan.path.forces.milling import Spindle, ripple_amplitude, ripple_force, shape_milling
@@ -71,14 +73,56 @@ def test_a_plunge_and_a_lift_do_not_push_sideways() -> None:
     assert not force[21:].any()
 
 
-def test_a_drill_has_the_torque_and_thrust_of_the_handbook() -> None:
-    drill = Cutter(5e-3, 0.04, point=np.radians(118.0))
-    found = engage(drill, (0, 0, 1), (0, 0, -10))
-    wrench = mean(found, Coefficients((2000.0, 1000.0, 0.0)), 0.1e-3)
-    per_turn, diameter = 0.2, 10.0
-    # kc f D^2 / 8 and kr f D / 2 sin(half the point's angle)
-    assert wrench[5] == pytest.approx(2000 * per_turn * diameter**2 / 8 * 1e-3, rel=0.01)
-    assert wrench[2] == pytest.approx(1000 * per_turn * diameter / 2 * np.sin(np.radians(59.0)), rel=0.01)
+def drill(feed_mm: float, diameter_mm: float = 10.0, material: str = "c45", **keys: object) -> np.ndarray:
+    """Return the mean wrench of a drill in full cut, two lips."""
+    table = {"model": "drill", "diameter_mm": diameter_mm, "spindle_rpm": 1000.0, "material": material}
+    process = DrillProcess.model_validate({**table, **keys})
+    found = engage(process.cutter(), (0, 0, 1), (0, 0, -15))
+    shape = process.shape(found)
+    return shape.wrench(process.resistance, np.full(len(found), 0.5e-3 * feed_mm))[-1]
+
+
+@pytest.mark.parametrize("feed", [0.1, 0.3])
+def test_a_conventional_drill_in_full_cut_has_the_thrust_and_torque_of_the_makers_table(feed: float) -> None:
+    wrench = drill(feed, web_thinned=False)
+    assert wrench[2] == pytest.approx(570.0 * 2.2 * 10.0 * feed**0.85, rel=0.01)
+    assert wrench[5] == pytest.approx(0.01 * 2.2 * 100.0 * (0.630 + 16.84 * feed), rel=0.01)
+    assert not wrench[[0, 1, 3, 4]].any()
+
+
+def test_a_thinned_drill_in_steel_pushes_as_a_course_says() -> None:
+    """10 mm, 0.3 mm a turn, mild steel: 2,500 N and 15 N m in a course on drilling; within a third."""
+    wrench = drill(0.3)
+    assert wrench[2] == pytest.approx(2500.0, rel=0.33)
+    assert wrench[5] == pytest.approx(15.0, rel=0.33)
+
+
+@pytest.mark.parametrize("material", list(DRILLED))
+def test_thrust_and_torque_rise_with_feed_and_diameter(material: str) -> None:
+    by_feed = np.array([drill(feed, 6.0, material) for feed in (0.05, 0.1, 0.2, 0.4)])
+    by_size = np.array([drill(0.1, size, material) for size in (3.0, 6.0, 12.0)])
+    for wrench in (by_feed, by_size):
+        assert (wrench[:, [2, 5]] > 0.0).all() and (np.diff(wrench[:, [2, 5]], axis=0) > 0.0).all()
+
+
+def test_the_thrust_of_a_drill_grows_while_its_point_enters_and_ends_in_the_air() -> None:
+    process = DrillProcess(model="drill", diameter_mm=10.0, spindle_rpm=1000.0, material="c45")
+    path = np.zeros((120, 3))
+    path[:, 2] = np.r_[np.linspace(0.5, -9.5, 100), np.linspace(-9.5, 3.0, 20)]
+    block = build_block(np.array([-0.05, -0.05, -0.005]), np.array([0.05, 0.05, 0.0]), np.eye(3))
+    found = find_engagement(process.cutter(), path * 1e-3, np.ones(120, bool), block)[0]
+    thrust = process.shape(found).wrench(process.resistance, np.full(120, 5e-5))[:, 2]
+    into = thrust[: np.searchsorted(-path[:100, 2], 5.0)]  # until the point comes out below
+    assert (np.diff(into) > -1e-6).all() and into[-1] > 0.0
+    assert into[-1] == pytest.approx(drill(0.1)[2], rel=1e-6)
+    assert not thrust[100:].any()  # drawn out of the hole
+
+
+def test_a_drill_that_moves_sideways_is_said_to_have_no_force() -> None:
+    process = DrillProcess(model="drill", diameter_mm=10.0, spindle_rpm=1000.0, material="c45")
+    found = engage(process.cutter(), (-20, 0, -3), (20, 0, -3))
+    assert moves_aside(found)[1:].any()
+    assert not process.shape(found).wrench(process.resistance, np.full(len(found), 1e-4)).any()
 
 
 def test_straight_teeth_in_a_half_slot_range_from_nothing_to_a_full_tooth() -> None:

@@ -107,6 +107,7 @@ ramp_out_mm = 0.0                   # ... and falls to 0 over this length before
 #                                   #   a block below stock_top_mm that is wider than the path, assumed
 # model = "drill"                   # the keys of end_mill but corner_radius_mm, helix_deg and runout_mm, and
 # point_deg = 118.0
+# web_thinned = true                # false: a conventional chisel edge, thrust about 1.7 times (assumed)
 # model = "isf_regression"          # steady force by the regression of Aerens and others (2010)
 # thickness_mm = 1.2
 # tool_diameter_mm = 10.0

@@ -14,6 +14,7 @@ from compplan.errors import InputError
 from compplan.files.tables import Array
 from compplan.files.tomlfile import StrictTable, Vector3
 from compplan.path.forces.cutter import Cutter
+from compplan.path.forces.drilling import DRILLED, drill_coefficients, moves_aside, shape_drilling
 from compplan.path.forces.engagement import Engagement, find_engagement
 from compplan.path.forces.materials import MATERIALS, Coefficients
 from compplan.path.forces.milling import MillingShape, Spindle, ripple_amplitude, ripple_force, shape_milling
@@ -132,6 +133,10 @@ class CuttingTable(StrictTable):
         """Return the cutter's shape."""
         raise NotImplementedError
 
+    def shape(self, found: Engagement) -> MillingShape:
+        """Return what each coefficient contributes to the mean wrench, from the engagement."""
+        return shape_milling(found, self.teeth, self.resistance.exponent)
+
 
 class EndMillProcess(CuttingTable):
     """An end mill whose engagement follows from stock and path, see `compplan.path.forces.milling`."""
@@ -164,16 +169,39 @@ class EndMillProcess(CuttingTable):
 
 
 class DrillProcess(CuttingTable):
-    """A drill: thrust and torque of its lips, see `compplan.path.forces.milling`; the chisel edge counts as lip."""
+    """A drill: thrust and torque of lips and chisel edge, see `compplan.path.forces.drilling`."""
 
     model: Literal["drill"]
     point_deg: float = Field(default=118.0, ge=60.0, le=180.0)
+    web_thinned: bool = True
+
+    @model_validator(mode="after")
+    def _check_drilled(self) -> DrillProcess:
+        if self.material is not None and self.material not in DRILLED:
+            raise ValueError(f"material is {self.material!r}, drilled ones are {list(DRILLED)}; or give coefficients")
+        if self.coefficients is not None and self.coefficients.cutting_N_mm2[2] <= 0.0:
+            raise ValueError(
+                f"cutting_N_mm2 is {list(self.coefficients.cutting_N_mm2)}; a drill's third one pushes against the "
+                "feed and is above 0"
+            )
+        return self
+
+    @property
+    def resistance(self) -> Coefficients:
+        """Coefficients of the lips: along the speed, across (cancels), against the feed."""
+        if self.coefficients is not None:
+            return self.coefficients.coefficients()
+        return drill_coefficients(str(self.material))
 
     def cutter(self) -> Cutter:
         """Return the drill's shape; its margins do not cut, so that its flute ends with its point."""
         radius = 0.5e-3 * self.diameter_mm
         point = float(np.radians(self.point_deg))
         return Cutter(radius, radius / float(np.tan(0.5 * point)) if point < np.pi else 0.0, point=point)
+
+    def shape(self, found: Engagement) -> MillingShape:
+        """Return what each coefficient contributes to thrust and torque, from the engagement."""
+        return shape_drilling(found, self.teeth, thinned=self.web_thinned)
 
 
 @dataclass(frozen=True)
@@ -236,8 +264,7 @@ class CuttingForce:
         place = self.bench.position + away @ self.bench.R_view
         bench = self.bench
         found, _ = find_engagement(bench.cutter, place, ~self.rapid, bench.stock, bench.position)
-        shape = shape_milling(found, self.process.teeth, self.process.resistance.exponent)
-        return replace(self, engagement=found, shape=shape)
+        return replace(self, engagement=found, shape=self.process.shape(found))
 
     def ripple(self, feed: Array) -> Array:
         """Return half of the range of the force through a turn, path axes; those of the waypoints between are near.
@@ -251,7 +278,7 @@ class CuttingForce:
         """
         touches = np.flatnonzero(self.engagement.touches)
         ripple = np.zeros((len(self.arc), 3))
-        if not len(touches):
+        if not len(touches) or isinstance(self.process, DrillProcess):  # lips stand opposite: thrust is steady
             return ripple
         chosen = touches[np.unique(np.linspace(0, len(touches) - 1, min(RIPPLES, len(touches))).astype(int))]
         spindle, parts = self.process.spindle(), []
@@ -301,7 +328,7 @@ def prepare_cutting(
                    "(part frame)")  # fmt: skip
         raise InputError(message, file=job, where="process.stock")
     notes += said + _describe_cut(process, toolpath, found, inside, job)
-    shape = shape_milling(found, process.teeth, process.resistance.exponent)
+    shape = process.shape(found)
     bench = CuttingBench(cutter, stock, position, R_view)
     return CuttingForce(process, bench, toolpath.arc_length, toolpath.rapid, found, shape, tuple(notes))
 
@@ -370,6 +397,9 @@ def _describe_cut(
     if len(chip) and (chip.max() > high or chip.max() < low):
         notes.append(f"Feed a tooth of up to {chip.max():.3g} mm lies outside the range of the coefficients, "
                      f"{low:g} to {high:g} mm.")  # fmt: skip
+    if isinstance(process, DrillProcess) and (aside := moves_aside(found) & ~toolpath.rapid).any():
+        notes.append(f"The drill moves sideways in material at {aside.sum()} waypoints, the first {np.argmax(aside)}: "
+                     "no force is predicted there.")  # fmt: skip
     if inside.any():
         row = int(np.flatnonzero(inside)[0])
         notes.append(f"{inside.sum()} rapid moves end in material, the first at waypoint {row}; they carry no force.")

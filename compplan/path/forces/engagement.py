@@ -285,9 +285,11 @@ class _Look:
         if not len(live):
             return share
         place, bottom, low, k, row = place[live], bottom[live], low[live], k[live], row[live]
-        top = np.minimum(top[live], self.wake.lowest(place))
+        rise, swept = edge.rise[k], self.wake.lowest(place)
+        if self.cutter.point < np.pi:  # a cone that follows itself down an axis meets a floor of its own slope
+            swept = np.where(swept > low + 0.5 * rise + NOTHING, np.inf, swept)
+        top = np.minimum(top[live], swept)
         self._cut_in_chunk(row, place, low, top, moves)
-        rise = edge.rise[k]
         flat = rise < NOTHING
         part = np.minimum(top, low + rise) - np.maximum(bottom, low)
         side_share = np.where(part > NOTHING, np.clip(part / np.where(flat, 1.0, rise), 0.0, 1.0), 0.0)

@@ -1,0 +1,87 @@
+"""Mean thrust and torque of a drill, from how much of its point is in the material.
+
+The relation is that of a maker's table for twist drills [Tungaloy], D in mm, f in mm a turn, K a constant of the
+material (1 for grey cast iron of 177 HB):
+
+    thrust = 570 K D f^0.85 N          torque = 0.01 K D^2 (0.630 + 16.84 f) N m
+
+It is written as two lips, so that it is linear in its coefficients (f_z: feed a lip, R = D / 2):
+
+    thrust = N k_a f_z^0.85 R          torque = N (k_t f_z + k_e) R^2 / 2
+
+with k_a the push against the feed, k_t and k_e along the cutting speed. The chisel edge makes half of the thrust of a
+conventional point (assumed), and a thinned web takes four fifths of that away (assumed). While the point enters or
+leaves, the lips count by the length that is in the material, the chisel edge by whether the middle of the point is.
+The forces of the lips across the axis cancel. Valid for moves along the axis.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from compplan.files.tables import Array
+from compplan.path.forces.engagement import Engagement
+from compplan.path.forces.materials import Coefficients
+from compplan.path.forces.milling import MillingShape
+
+SOURCE = "thrust and torque of twist drills by a tool maker's table (Tungaloy general catalogue, technical reference)"
+#: Exponent of the thrust in Kienzle's form, 1 - 0.85.
+EXPONENT = (0.0, 0.0, 0.15)
+#: Per unit of K, two lips: along the speed [N/mm^2], of the edge [N/mm], against the feed [N/mm^1.85].
+TANGENTIAL, EDGE, AXIAL = 16.84 * 10.0 * 8.0, 0.630 * 10.0 * 4.0, 570.0 * 2.0**0.85
+#: The chisel edge's share of the radius, and of the thrust of a conventional point (assumed).
+WEB, CHISEL = 0.2, 0.5
+#: Share of the chisel edge's thrust that a thinned web takes away (assumed).
+THINNED = 0.8
+#: Relative standard deviation of the level (assumed): points, coatings and wear differ by so much.
+SCATTER = 0.3
+#: Constant K of the materials, and whether it was assumed from a neighbour of the table.
+DRILLED = {
+    "al6061_t6": (1.01, "aluminium of 100 HB"),
+    "al6082_t6": (1.01, "aluminium of 100 HB"),
+    "al7075_t6": (1.01, "assumed: that of aluminium of 100 HB; this alloy is harder"),
+    "c45": (2.2, "assumed: between low carbon steel (160 HB, 2.22) and chromium molybdenum steel (229 HB, 2.10)"),
+}  # fmt: skip
+
+
+def drill_coefficients(material: str) -> Coefficients:
+    """Return what a material resists a drill's lips with: along the speed, across (none), against the feed.
+
+    Raises:
+        KeyError: If nobody has stated a constant for the material.
+
+    """
+    constant, words = DRILLED[material]
+    return Coefficients(
+        (TANGENTIAL * constant, 0.0, AXIAL * constant), (EDGE * constant, 0.0, 0.0), EXPONENT, SCATTER, (0.02, 0.5),
+        f"{SOURCE}, K = {constant:g}: {words}", words.startswith("assumed"),
+    )  # fmt: skip
+
+
+def shape_drilling(found: Engagement, lips: int, *, thinned: bool) -> MillingShape:
+    """Work out what each coefficient of a drill contributes to the mean wrench at its tip, path axes.
+
+    Args:
+        found: The engagement; moves across the axis carry nothing.
+        lips: Number of lips.
+        thinned: Whether the web is thinned.
+
+    """
+    edge = found.cutter.slices
+    inner, outer = edge.knots[:-1, 0], edge.knots[1:, 0]
+    radius = found.cutter.radius
+    share = found.depth.mean(axis=2, dtype=np.float64) * np.maximum(-found.travel[:, 1:], 0.0)  # (n, k)
+    length, area = (outer - inner) / radius, (outer**2 - inner**2) / radius**2
+    middle = inner < 0.5 * WEB * radius
+    chisel = CHISEL * (1.0 - THINNED * thinned)
+    push = share @ (length * (1.0 - CHISEL)) + chisel * share[:, middle].mean(axis=1)
+    turn = share @ area
+    cutting, constant = np.zeros((len(found), 3, 6)), np.zeros((len(found), 3, 6))
+    cutting[:, 0, 5] = constant[:, 0, 5] = lips * 0.5e-3 * (1e3 * radius) ** 2 * turn
+    cutting[:, 2, 2] = lips * 1e3 * radius * push
+    return MillingShape(cutting, constant)
+
+
+def moves_aside(found: Engagement) -> Array:
+    """Return the waypoints at which a drill in material moves across its axis. Shape (n,), bool."""
+    return np.asarray(found.touches & (np.abs(found.travel[:, 0]) > np.abs(found.travel[:, 1])))
