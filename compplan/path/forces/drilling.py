@@ -18,6 +18,7 @@ The forces of the lips across the axis cancel. Valid for moves along the axis.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.files.tables import Array
 from compplan.path.forces.engagement import Engagement
@@ -82,6 +83,6 @@ def shape_drilling(found: Engagement, lips: int, *, thinned: bool) -> MillingSha
     return MillingShape(cutting, constant)
 
 
-def moves_aside(found: Engagement) -> Array:
-    """Return the waypoints at which a drill in material moves across its axis. Shape (n,), bool."""
+def moves_aside(found: Engagement) -> NDArray[np.bool_]:
+    """Return the waypoints at which a drill in material moves across its axis. Shape (n,)."""
     return np.asarray(found.touches & (np.abs(found.travel[:, 0]) > np.abs(found.travel[:, 1])))
