@@ -22,7 +22,8 @@ from compplan.path.contact import (
     tool_axes,
     travel_across,
 )
-from compplan.path.forces.cutting import CuttingForce, CuttingTable, DrillProcess, EndMillProcess
+from compplan.path.forces.cutting import CuttingForce, CuttingTable, EndMillProcess
+from compplan.path.forces.drilling import DrillProcess
 from compplan.path.forces.friction_stir import FrictionStirProcess
 from compplan.path.forces.grinding import GrindingProcess
 from compplan.path.forces.sheet_forming import IsfRegressionProcess

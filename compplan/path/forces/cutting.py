@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,6 @@ from compplan.errors import InputError
 from compplan.files.tables import Array
 from compplan.files.tomlfile import StrictTable, Vector3
 from compplan.path.forces.cutter import Cutter
-from compplan.path.forces.drilling import DRILLED, drill_coefficients, moves_aside, shape_drilling
 from compplan.path.forces.engagement import Engagement, find_engagement
 from compplan.path.forces.materials import MATERIALS, Coefficients
 from compplan.path.forces.milling import MillingShape, Spindle, ripple_amplitude, ripple_force, shape_milling
@@ -91,6 +90,8 @@ class CoefficientTable(StrictTable):
 class CuttingTable(StrictTable):
     """Keys of every rotating cutter; the spindle turns clockwise, seen from the spindle."""
 
+    #: Whether the forces of the edges keep their size through a turn.
+    steady: ClassVar[bool] = False
     diameter_mm: float = Field(ge=0.05, le=500.0)
     teeth: int = Field(default=2, ge=1, le=60)
     spindle_rpm: float = Field(gt=0.0, le=2e5)
@@ -137,6 +138,10 @@ class CuttingTable(StrictTable):
         """Return what each coefficient contributes to the mean wrench, from the engagement."""
         return shape_milling(found, self.teeth, self.resistance.exponent)
 
+    def describe(self, found: Engagement, cuts: NDArray[np.bool_]) -> list[str]:
+        """Say what is odd about how this cutter is used; `cuts` are the waypoints that remove material."""
+        return []
+
 
 class EndMillProcess(CuttingTable):
     """An end mill whose engagement follows from stock and path, see `compplan.path.forces.milling`."""
@@ -166,42 +171,6 @@ class EndMillProcess(CuttingTable):
         radius, corner = 0.5e-3 * self.diameter_mm, 1e-3 * self.corner_radius_mm
         flute = 2.0 * FLUTES * radius if self.flute_mm is None else 1e-3 * self.flute_mm
         return Cutter(radius, max(flute, corner), corner)
-
-
-class DrillProcess(CuttingTable):
-    """A drill: thrust and torque of lips and chisel edge, see `compplan.path.forces.drilling`."""
-
-    model: Literal["drill"]
-    point_deg: float = Field(default=118.0, ge=60.0, le=180.0)
-    web_thinned: bool = True
-
-    @model_validator(mode="after")
-    def _check_drilled(self) -> DrillProcess:
-        if self.material is not None and self.material not in DRILLED:
-            raise ValueError(f"material is {self.material!r}, drilled ones are {list(DRILLED)}; or give coefficients")
-        if self.coefficients is not None and self.coefficients.cutting_N_mm2[2] <= 0.0:
-            raise ValueError(
-                f"cutting_N_mm2 is {list(self.coefficients.cutting_N_mm2)}; a drill's third one pushes against the "
-                "feed and is above 0"
-            )
-        return self
-
-    @property
-    def resistance(self) -> Coefficients:
-        """Coefficients of the lips: along the speed, across (cancels), against the feed."""
-        if self.coefficients is not None:
-            return self.coefficients.coefficients()
-        return drill_coefficients(str(self.material))
-
-    def cutter(self) -> Cutter:
-        """Return the drill's shape; its margins do not cut, so that its flute ends with its point."""
-        radius = 0.5e-3 * self.diameter_mm
-        point = float(np.radians(self.point_deg))
-        return Cutter(radius, radius / float(np.tan(0.5 * point)) if point < np.pi else 0.0, point=point)
-
-    def shape(self, found: Engagement) -> MillingShape:
-        """Return what each coefficient contributes to thrust and torque, from the engagement."""
-        return shape_drilling(found, self.teeth, thinned=self.web_thinned)
 
 
 @dataclass(frozen=True)
@@ -278,7 +247,7 @@ class CuttingForce:
         """
         touches = np.flatnonzero(self.engagement.touches)
         ripple = np.zeros((len(self.arc), 3))
-        if not len(touches) or isinstance(self.process, DrillProcess):  # lips stand opposite: thrust is steady
+        if not len(touches) or self.process.steady:
             return ripple
         chosen = touches[np.unique(np.linspace(0, len(touches) - 1, min(RIPPLES, len(touches))).astype(int))]
         spindle, parts = self.process.spindle(), []
@@ -397,9 +366,7 @@ def _describe_cut(
     if len(chip) and (chip.max() > high or chip.max() < low):
         notes.append(f"Feed a tooth of up to {chip.max():.3g} mm lies outside the range of the coefficients, "
                      f"{low:g} to {high:g} mm.")  # fmt: skip
-    if isinstance(process, DrillProcess) and (aside := moves_aside(found) & ~toolpath.rapid).any():
-        notes.append(f"The drill moves sideways in material at {aside.sum()} waypoints, the first {np.argmax(aside)}: "
-                     "no force is predicted there.")  # fmt: skip
+    notes += process.describe(found, ~toolpath.rapid)
     if inside.any():
         row = int(np.flatnonzero(inside)[0])
         notes.append(f"{inside.sum()} rapid moves end in material, the first at waypoint {row}; they carry no force.")

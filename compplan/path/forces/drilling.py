@@ -20,7 +20,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.files.tables import Array
 from compplan.path.forces.engagement import Engagement
 from compplan.path.forces.materials import Coefficients
 from compplan.path.forces.milling import MillingShape
@@ -83,6 +82,47 @@ def shape_drilling(found: Engagement, lips: int, *, thinned: bool) -> MillingSha
     return MillingShape(cutting, constant)
 
 
-def moves_aside(found: Engagement) -> NDArray[np.bool_]:
-    """Return the waypoints at which a drill in material moves across its axis. Shape (n,)."""
-    return np.asarray(found.touches & (np.abs(found.travel[:, 0]) > np.abs(found.travel[:, 1])))
+class DrillProcess(CuttingTable):
+    """A drill: thrust and torque of lips and chisel edge that stand opposite each other."""
+
+    steady: ClassVar[bool] = True
+    model: Literal[drill]
+    point_deg: float = Field(default=118.0, ge=60.0, le=180.0)
+    web_thinned: bool = True
+
+    @model_validator(mode="after")
+    def _check_drilled(self) -> DrillProcess:
+        if self.material is not None and self.material not in DRILLED:
+            raise ValueError(f"material is {self.material!r}, drilled ones are {list(DRILLED)}; or give coefficients")
+        if self.coefficients is not None and self.coefficients.cutting_N_mm2[2] <= 0.0:
+            raise ValueError(
+                f"cutting_N_mm2 is {list(self.coefficients.cutting_N_mm2)}; a drill's third one pushes against the "
+                "feed and is above 0"
+            )
+        return self
+
+    @property
+    def resistance(self) -> Coefficients:
+        """Coefficients of the lips: along the speed, across (cancels), against the feed."""
+        if self.coefficients is not None:
+            return self.coefficients.coefficients()
+        return drill_coefficients(str(self.material))
+
+    def cutter(self) -> Cutter:
+        """Return the drill's shape; its margins do not cut, so that its flute ends with its point."""
+        radius = 0.5e-3 * self.diameter_mm
+        point = float(np.radians(self.point_deg))
+        return Cutter(radius, radius / float(np.tan(0.5 * point)) if point < np.pi else 0.0, point=point)
+
+    def shape(self, found: Engagement) -> MillingShape:
+        """Return what each coefficient contributes to thrust and torque, from the engagement."""
+        return shape_drilling(found, self.teeth, thinned=self.web_thinned)
+
+    def describe(self, found: Engagement, cuts: NDArray[np.bool_]) -> list[str]:
+        """Say where the drill moves sideways in material."""
+        aside = found.touches & cuts & (np.abs(found.travel[:, 0]) > np.abs(found.travel[:, 1]))
+        if not aside.any():
+            return []
+        first = int(np.argmax(aside))
+        return [f"The drill moves sideways in material at {aside.sum()} waypoints, the first {first}: no force is "
+                "predicted there."]  # fmt: skip
