@@ -17,9 +17,14 @@ The forces of the lips across the axis cancel. Valid for moves along the axis.
 
 from __future__ import annotations
 
+from typing import ClassVar, Literal
+
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, model_validator
 
+from compplan.path.forces.cutter import Cutter
+from compplan.path.forces.cutting import CuttingTable
 from compplan.path.forces.engagement import Engagement
 from compplan.path.forces.materials import Coefficients
 from compplan.path.forces.milling import MillingShape
@@ -86,7 +91,7 @@ class DrillProcess(CuttingTable):
     """A drill: thrust and torque of lips and chisel edge that stand opposite each other."""
 
     steady: ClassVar[bool] = True
-    model: Literal[drill]
+    model: Literal["drill"]
     point_deg: float = Field(default=118.0, ge=60.0, le=180.0)
     web_thinned: bool = True
 
