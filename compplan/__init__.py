@@ -5,6 +5,7 @@ One verb for each daily way from files, arrays or DataFrames to a result:
     import compplan as cp
 
     plan = cp.plan("paths/isf_cone.toml")                         # a job, or a path and a robot
+    done = cp.post("part.nc", robot=.., part=.., program="krl")   # from a CAM file to the program
     comparison = cp.compare("paths/isf_cone.toml")                # every strategy side by side
     diagnosis = cp.diagnose("measurements.csv", "my_robot")       # what is wrong with the robot
     taught = cp.learn("job.toml", "part1.csv", "my_robot")        # the next program, from a measured part
@@ -41,13 +42,16 @@ if TYPE_CHECKING:
     from compplan.identify.campaign import Identification, identify_campaign
     from compplan.job.force_prediction import ForcePrediction, predict_forces
     from compplan.job.job import Job, check_job, load_job
+    from compplan.job.operations import split_job
     from compplan.loop.campaign import PoseCampaign, design_campaign
     from compplan.loop.teach import Teaching, teach_part
     from compplan.maps.survey import RobotMaps, map_robot
     from compplan.measure.campaign import Campaign
     from compplan.measure.reading import read_campaign
     from compplan.outputs.montecarlo import write_study
+    from compplan.outputs.operations import write_operations
     from compplan.outputs.plan import write_comparison, write_plan
+    from compplan.outputs.post import Posted, post
     from compplan.path.reading import read_toolpath
     from compplan.path.toolpath import Toolpath, place_toolpath, write_toolpath
     from compplan.plan.compare import Comparison, compare_job
@@ -76,12 +80,15 @@ _MODULES = {
     "identify.problem": ("IdentifyOptions",),
     "job.job": ("Job", "check_job", "load_job"),
     "job.loading": ("load_nominal",),
+    "job.operations": ("load_one_job", "split_job"),
     "measure.campaign": ("Campaign",),
     "measure.reading": ("read_campaign",),
     "measure.registration": ("Registration", "fit_registration"),
     "outputs.identify": ("write_identification",),
     "outputs.montecarlo": ("write_study",),
+    "outputs.operations": ("write_operations",),
     "outputs.plan": ("write_comparison", "write_plan"),
+    "outputs.post": ("Posted", "post"),
     "path.events": ("Event",),
     "path.reading": ("read_toolpath",),
     "program": ("Program", "Wiring", "build_program", "write_program"),
@@ -119,13 +126,13 @@ _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [  # noqa: RUF022 (by subject)
     # one verb a daily way
-    "plan", "compare", "diagnose", "learn",
+    "plan", "post", "compare", "diagnose", "learn",
     # what goes in
-    "Job", "load_job", "check_job", "Robot", "load_robot", "write_robot_folder", "Toolpath", "read_toolpath",
-    "write_toolpath", "place_toolpath", "Campaign", "read_campaign",
+    "Job", "load_job", "check_job", "split_job", "Robot", "load_robot", "write_robot_folder", "Toolpath",
+    "read_toolpath", "write_toolpath", "place_toolpath", "Campaign", "read_campaign",
     # planning, step by step
-    "Plan", "PlanOptions", "plan_job", "plan_compensation", "write_plan", "Comparison", "compare_job",
-    "write_comparison", "ForcePrediction", "predict_forces", "PlaceResult", "place_part",
+    "Plan", "PlanOptions", "plan_job", "plan_compensation", "write_plan", "write_operations", "Posted",
+    "Comparison", "compare_job", "write_comparison", "ForcePrediction", "predict_forces", "PlaceResult", "place_part",
     # the independent check
     "Cell", "build_cell", "run_cell", "Evaluation", "evaluate_run",
     # programs

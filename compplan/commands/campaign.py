@@ -39,7 +39,7 @@ def command(
     from compplan.commands.measured import read_log
     from compplan.commands.progress import show_progress
     from compplan.errors import InputError
-    from compplan.job.job import load_job
+    from compplan.job.operations import load_one_job
     from compplan.loop.campaign import Shop, design_campaign, parse_weights
     from compplan.measure.registration import parse_parts
     from compplan.outputs.campaign import write_campaign
@@ -48,7 +48,7 @@ def command(
     if not sigma < 10.0 or not pull < 1e5:
         raise InputError("--sigma-mm and --pull-N are finite numbers")
     shop = Shop(parse_weights(weights), pull, sigma * 1e-3, parse_parts(register), seed)
-    checked = load_job(job, robot)
+    checked = load_one_job(job, robot)
     with show_progress() as announce:
         announce("plan")
         plan = plan_job(checked)

@@ -26,11 +26,11 @@ def command(job: Path, folder: Path, robot: str | None, as_json: bool) -> None:
     Example: compplan compare paths/circle_500mm.toml --out out
     """
     from compplan.commands.progress import show_progress
-    from compplan.job.job import load_job
+    from compplan.job.operations import load_one_job
     from compplan.outputs.plan import summarise_comparison, write_comparison
     from compplan.plan.compare import compare_job
 
-    checked = load_job(job, robot)
+    checked = load_one_job(job, robot)
     with show_progress() as announce:
         comparison = compare_job(checked, announce=announce)
         announce("write: compare.json, report.html")

@@ -23,11 +23,11 @@ def command(job: Path, folder: Path, log: Path | None, as_json: bool) -> None:
     """
     from compplan.commands.progress import show_progress
     from compplan.job.force_prediction import predict_forces
-    from compplan.job.job import load_job
+    from compplan.job.operations import load_one_job
     from compplan.outputs.forces import write_forces
     from compplan.plan.stability import judge_stability
 
-    checked = load_job(job)
+    checked = load_one_job(job)
     chatters = checked.process.model == "end_mill"
     with show_progress() as announce:
         announce("forces: engagement and wrench along the path")

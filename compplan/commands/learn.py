@@ -33,11 +33,11 @@ def command(
     """
     from compplan.commands.progress import show_progress
     from compplan.errors import InfeasibleError
-    from compplan.job.job import load_job
+    from compplan.job.operations import load_one_job
     from compplan.loop.teach import teach_part
     from compplan.outputs.learn import write_lesson
 
-    checked = load_job(job, keep=keep)
+    checked = load_one_job(job, keep=keep)
     with show_progress() as announce:
         teaching = teach_part(checked, robot_name, measured, in_base=frame == "base", announce=announce)
         announce("report")

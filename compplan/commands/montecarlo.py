@@ -49,7 +49,7 @@ def command(job: Path, folder: Path, workers: int | None, scheduler: str | None,
     """
     from compplan.errors import InputError
     from compplan.files.transaction import hold_folder
-    from compplan.job.job import load_job
+    from compplan.job.operations import load_one_job
     from compplan.outputs.montecarlo import write_study
     from compplan.study.job_study import study_job
     from compplan.study.runner import Settings
@@ -57,7 +57,7 @@ def command(job: Path, folder: Path, workers: int | None, scheduler: str | None,
 
     if workers and scheduler:
         raise InputError("--workers and --scheduler are both given, choose one")
-    checked = load_job(job)
+    checked = load_one_job(job)
     names = [name.strip() for name in (choices["strategies"] or "").split(",") if name.strip()]
     if choices["strategies"] is not None and (not names or len(set(names)) < len(names)):
         raise InputError(f"--strategies is {choices['strategies']!r}, expected names with commas, each once")

@@ -20,7 +20,7 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
     Example: compplan place paths/circle_500mm.toml --out out
     """
     from compplan.commands.progress import show_progress
-    from compplan.job.job import load_job
+    from compplan.job.operations import load_one_job
     from compplan.outputs.place import write_placement
     from compplan.plan.chatter import price_places
     from compplan.plan.plan import job_robot
@@ -28,7 +28,7 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
     from compplan.promise.posture_errors import posture_errors
     from compplan.report.place_page import say_chatter
 
-    checked = load_job(job)
+    checked = load_one_job(job)
     with show_progress() as announce:
         robot = job_robot(checked)
         result = place_part(checked, robot, announce, posture_errors(checked, robot), price_places(checked, robot))

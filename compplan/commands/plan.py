@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from compplan.commands.completion import posture_kept, robot_instead
+from compplan.commands.operations import carry_out_all
 from compplan.commands.places import OUT_FOLDER
 from compplan.errors import CompplanError, InfeasibleError
 from compplan.files.tables import dump_json
@@ -65,6 +66,17 @@ def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
         InfeasibleError: If the plan is not what was asked for; it is written all the same.
 
     """
+    from compplan.job.operations import split_job
+
+    jobs = split_job(job)
+    if len(jobs) > 1:
+        carry_out_all(jobs, folder, as_json=as_json, note=note)
+    else:
+        _carry_out_one(jobs[0], folder, as_json=as_json, note=note)
+
+
+def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
+    """Plan a job of one tool, as `carry_out` says."""
     from compplan.commands.progress import show_progress
     from compplan.outputs.plan import note_programs, summarise_plan, write_plan
     from compplan.plan.bending import tell_bending

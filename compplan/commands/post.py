@@ -10,11 +10,12 @@ import click
 from compplan.commands.completion import complete_robots
 from compplan.commands.places import OUT_FOLDER
 from compplan.errors import InputError
-from compplan.files.tomlfile import check_table, read_named_table
+from compplan.files.tomlfile import check_table
 
 #: Where the tables and keys of the job that this command makes up come from.
 OPTIONS = {
-    "robot": "--robot", "toolpath": "CAMFILE", "part": "--part", "tool": "--tool", "process": "--process",
+    "robot": "--robot", "toolpath": "CAMFILE", "part": "--part", "tool": "--tool", "tools": "--tools",
+    "process": "--process",
     "cam": "--cam", "plan": "--plan", "output": "--output",
 }  # fmt: skip
 
@@ -24,6 +25,8 @@ OPTIONS = {
 @click.option("--robot", required=True, shell_complete=complete_robots, help="A folder in robots/ or a path.")
 @click.option("--part", required=True, metavar="X,Y,Z[,RX,RY,RZ] | FILE", help="Part frame, mm and rotation vector.")
 @click.option("--tool", metavar="FILE", help="TOML file as [tool] of a job; left out: the robot folder's TCP.")
+@click.option("--tools", metavar="FILE", help="Tools by T number: TOML with [[tool]], CSV, or a tool library (Fusion, "
+              "HSM, LinuxCNC, Heidenhain) whose lengths count from the spindle that --tool describes.")  # fmt: skip
 @click.option("--process", metavar="FILE", help="TOML file as [process] of a job; left out: no force is predicted.")
 @click.option("--program", "programs", multiple=True, required=True, help="Language; may be given more than once.")
 @click.option("--cam", metavar="FILE", help="TOML file as [cam] of a job: how the file is read.")
@@ -32,36 +35,26 @@ OPTIONS = {
 @click.option("--out", "folder", type=OUT_FOLDER, help="Folder to write to (CAMFILE_program).")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (plan.json) to stdout.")
 def command(
-    camfile: Path, robot: str, part: str, tool: str | None, process: str | None, programs: tuple[str, ...],
-    cam: str | None, wishes: str | None, output: str | None, folder: Path | None, as_json: bool,
+    camfile: Path, robot: str, part: str, tool: str | None, tools: str | None, process: str | None,
+    programs: tuple[str, ...], cam: str | None, wishes: str | None, output: str | None, folder: Path | None,
+    as_json: bool,
 ) -> None:  # fmt: skip
     """Read CAMFILE, plan it and write the programs, plan.json, joints.csv and report.html.
 
     Example: compplan post part.nc --robot kuka_kr240 --part 1800,0,700 --program krl --out out
     """
     from compplan.commands.plan import carry_out
-    from compplan.job.job import check_job
+    from compplan.outputs.post import make_post_job
 
-    programs = tuple(language.lower() for language in programs)
     folder = folder or camfile.with_name(f"{camfile.stem}_program")
-    data: dict[str, Any] = {
-        "schema": 1,
-        "name": camfile.stem,
-        "robot": str(Path(robot).absolute()) if Path(robot).is_dir() else robot,
-        "toolpath": str(camfile.absolute()),
-        "part": read_part(part),
-        "process": {"model": "constant", "force_N": [0.0, 0.0, 0.0]},
-        "output": {"programs": list(programs)},
-    }
-    for name, file in (("tool", tool), ("process", process), ("cam", cam), ("plan", wishes)):
-        if file is not None:
-            data[name] = read_part_of_job(name, file)
-    if output is not None:
-        data["output"] = {**read_output(output), "programs": list(programs)}
-    note = "No --process is given: no force is predicted, the arm bends under weights alone." if process is None else ""
     stands_in = folder.absolute() / f"{camfile.stem}.toml"
+    note = "No --process is given: no force is predicted, the arm bends under weights alone." if process is None else ""
     try:
-        carry_out(check_job(data, stands_in), folder, as_json=as_json, note=note)
+        job = make_post_job(
+            camfile, robot=robot, part=read_part(part), program=programs, tool=tool, tools=tools, process=process,
+            cam=cam, plan=wishes, output=None if output is None else read_output(output), stands_in=stands_in,
+        )  # fmt: skip
+        carry_out(job, folder, as_json=as_json, note=note)
     except InputError as error:
         raise name_option(error, stands_in) from None
 
@@ -71,6 +64,8 @@ def name_option(error: InputError, stands_in: Path) -> InputError:
     if error.file != str(stands_in):
         return error
     table, _, key = str(error.where or "").partition(".")
+    if table.startswith("tool["):
+        table, key = "tools", f"{table}.{key}".rstrip(".")
     if table == "output" and key.startswith("programs"):
         return InputError(error.message, where="--program")
     option = OPTIONS.get(table)
@@ -84,15 +79,16 @@ def read_part(text: str) -> dict[str, Any]:
         InputError: If it is neither.
 
     """
+    from compplan.outputs.post import read_part as read_numbers
+    from compplan.outputs.post import read_table_of_job
+
     if Path(text).suffix == ".toml":
-        return read_part_of_job("part", text)
+        return read_table_of_job("part", text)
     try:
-        numbers = [float(word) for word in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in (3, 6):
-        raise InputError(f"--part is {text!r}, expected X,Y,Z in mm, or X,Y,Z,RX,RY,RZ with a rotation vector in deg")
-    return {"position_mm": numbers[:3], "rotation_deg": numbers[3:] or [0.0, 0.0, 0.0]}
+        return read_numbers([float(word) for word in text.split(",")])
+    except (ValueError, InputError):
+        message = f"--part is {text!r}, expected X,Y,Z in mm, or X,Y,Z,RX,RY,RZ with a rotation vector in deg"
+        raise InputError(message) from None
 
 
 def read_output(file: str) -> dict[str, Any]:
@@ -103,22 +99,8 @@ def read_output(file: str) -> dict[str, Any]:
 
     """
     from compplan.job.job import OutputTable
+    from compplan.outputs.post import read_table_of_job
 
-    table = read_part_of_job("output", file)
-    for key in ("header", "footer"):
-        if isinstance(table.get(key), dict):
-            lines = {
-                language: str((Path(file).parent / name).resolve()) if isinstance(name, str) else name
-                for language, name in table[key].items()
-            }
-            table = {**table, key: lines}
+    table = read_table_of_job("output", file)
     check_table(OutputTable, table, file=file)
-    return table
-
-
-def read_part_of_job(name: str, file: str) -> dict[str, Any]:
-    """Read a table of a job from a file of its own, or from the job that it stands in."""
-    table = read_named_table(file, name)[0]
-    if "file" in table:
-        table = {**table, "file": str((Path(file).parent / str(table["file"])).absolute())}
     return table

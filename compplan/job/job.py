@@ -19,6 +19,7 @@ from compplan.job.frames import PartTable, ToolTable
 from compplan.job.names import STRATEGIES
 from compplan.job.noise import NoiseTable
 from compplan.job.signals import IoTable
+from compplan.job.tools import NumberedTool, ToolsTable, check_tools
 from compplan.path.cam import list_suffixes
 from compplan.path.cam.options import CamTable
 from compplan.path.forces.process_stiffness import CouplingTable
@@ -195,6 +196,7 @@ class Job(StrictTable):
     toolpath: Annotated[str, Field(max_length=LONGEST_PATH)] | CircleTable | SpiralTable | ConeTable
     part: PartTable = PartTable()
     tool: ToolTable | None = None
+    tool_table: ToolsTable | None = Field(default=None, alias="tools")
     process: Process = ColumnsProcess()
     coupling: CouplingTable | None = None
     stability: StabilityTable = StabilityTable(judge=False)
@@ -212,6 +214,9 @@ class Job(StrictTable):
     _own_robot: str | None = PrivateAttr(default=None)
     _given: Toolpath | None = PrivateAttr(default=None)
     _mounted: Robot | None = PrivateAttr(default=None)
+    _tools: tuple[NumberedTool, ...] = PrivateAttr(default=())
+    _data: dict[str, Any] = PrivateAttr(default_factory=dict)
+    _label: str = PrivateAttr(default="")
 
     @field_validator("robot")
     @classmethod
@@ -246,6 +251,21 @@ class Job(StrictTable):
         return self.robot if self._own_robot is None else self._own_robot
 
     @property
+    def tools(self) -> tuple[NumberedTool, ...]:
+        """[[tool]]: what each T number of the CAM file is; empty where the job has one [tool] or none."""
+        return self._tools
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """The plain tables that the job was checked from."""
+        return self._data
+
+    @property
+    def label(self) -> str:
+        """Short name of the one operation of a CAM file of several tools that this job is about, else ""."""
+        return self._label
+
+    @property
     def T_base_part(self) -> Array:
         """Pose of the part frame seen from the robot base. Shape (4, 4) [m]."""
         return self.part.pose
@@ -272,7 +292,13 @@ def check_job(
         InputError: With file and key.
 
     """
-    data = dict(data)
+    plain = data = dict(data)
+    tools: tuple[NumberedTool, ...] = ()
+    if isinstance(data.get("tool"), list):
+        if "tools" in data:
+            raise InputError("stands beside [tools], expected one of both", file=file, where="tool")
+        tools = check_tools(data["tool"], file)
+        data = {key: value for key, value in data.items() if key != "tool"}
     table = data.get("toolpath")
     if isinstance(table, dict) and "file" in table:
         named = check_table(FileTable, table, file=file, key="toolpath")
@@ -295,6 +321,7 @@ def check_job(
         noise.model_fields_set.discard("wrench_level")  # the model's, not the job's
         job = job.model_copy(update={"noise": noise})
     job._file, job._given, job._mounted = Path(file), toolpath, robot
+    job._tools, job._data = tools, plain
     return job
 
 

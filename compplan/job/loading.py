@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from compplan.path.force_law import ForceLaw, compare_zero, read_stock_top
 from compplan.path.forces.cutting import CuttingTable, prepare_cutting
 from compplan.path.forces.process_stiffness import read_coupling
 from compplan.path.generators import generate_toolpath
+from compplan.path.operations import split_operations
 from compplan.path.process import describe_process
 from compplan.path.reading import read_toolpath
 from compplan.path.toolpath import Toolpath, check_toolpath, place_toolpath, resample_toolpath
@@ -38,11 +40,56 @@ def load_toolpath(job: Job) -> Toolpath:
             return check_toolpath(generate_toolpath(job.toolpath), file=job.file)
         except InputError as error:
             raise error if error.file else InputError(error.message, file=job.file, where="toolpath") from None
+    path = job_toolpath_file(job)
+    feed = None if job.feed.constant_mm_s is None else job.feed.constant_mm_s * 1e-3
+    toolpath = read_toolpath(path, cam=job.cam, feed=feed)
+    refuse_unsettled(job)
+    if job.cam.operation is None:
+        _refuse_tools(job, toolpath)
+    return toolpath
+
+
+def job_toolpath_file(job: Job) -> Path:
+    """Return the toolpath file of a job.
+
+    Raises:
+        InputError: If it names none that is there.
+
+    """
+    if not isinstance(job.toolpath, str):
+        raise InputError("is computed, expected the name of a CAM file", file=job.file, where="toolpath")
     path = job.folder / job.toolpath
     if not path.is_file():
         raise InputError(f"no toolpath file {path}", file=job.file, where="toolpath")
-    feed = None if job.feed.constant_mm_s is None else job.feed.constant_mm_s * 1e-3
-    return read_toolpath(path, cam=job.cam, feed=feed)
+    return path
+
+
+def refuse_unsettled(job: Job) -> None:
+    """Refuse a job that describes tools by number, and of which nobody has said which one is meant.
+
+    Raises:
+        InputError: If it does.
+
+    """
+    if job.tools or job.tool_table is not None:
+        message = "describes tools by number: split_job gives one job a tool, load_one_job the one of [cam] operation"
+        raise InputError(message, file=job.file, where="tool")
+
+
+def _refuse_tools(job: Job, toolpath: Toolpath) -> None:
+    """Refuse a file that cuts with several tools where one is described: the others would cut with its length.
+
+    Raises:
+        InputError: With what to write.
+
+    """
+    tools = list(dict.fromkeys((operation.number, operation.tool) for operation in split_operations(toolpath)))
+    if len(tools) < 2:
+        return
+    names = " and ".join([", ".join(name for _, name in tools[:-1]), tools[-1][1]])
+    wanted = " and ".join(f"[[tool]] number = {number}" for number, _ in tools)
+    message = f"cuts with {names}, and the job describes one tool"
+    raise InputError(f"{message}; write {wanted}, or [cam] operation = 1", file=job.file, where="toolpath")
 
 
 def load_nominal(job: Job) -> Toolpath:

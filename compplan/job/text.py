@@ -64,6 +64,12 @@ rotation_deg = [0.0, 0.0, 0.0]      # rotation vector; or one of abc_deg (KUKA A
 # mass_kg = 5.0
 # centre_of_mass_mm = [0.0, 0.0, 60.0]  # in the same frame
 
+# [[tool]]                          # in place of [tool], for a CAM file of several tools: one for each T number, with
+# number = 1                        #   the keys of [tool] and, if another force acts there:
+# process = { model = "drill", diameter_mm = 5.0 }  # laid over [process]; one plan and program for each tool
+# [tools]                           # or a table of tools, [tool] is then the spindle: CSV (number, length_mm, ..),
+# file = "tools.csv"                #   Fusion, HSM, LinuxCNC or Heidenhain. unit = "mm" where it says none
+
 [process]                           # what the environment does to the tool, at the tip
 model = "isf"                       # columns | constant | milling | isf | file, from what is given here, and
                                     #   end_mill | drill | isf_regression | friction_stir | grinding, from material
@@ -180,6 +186,7 @@ chord_tolerance_mm = 0.001          # greatest distance between an arc and its c
 rotary = "head"                     # A B C words turn the head | table | ignore
 cycles = "skip"                     # drilling cycles: skip | expand into cutting moves
 # tool_direction = "z"              # robot programs: the axis of the TCP frame that points out of the tool
+# operation = 2                     # only what the file does with its second tool (operations count from 1)
 # strict = true                     # refuse a file read with any note; as [toolpath] file = "..", strict = true
 circle_sense = "auto"               # APT CIRCLE: auto | right_hand | left_hand about its axis
 

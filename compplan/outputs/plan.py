@@ -37,19 +37,24 @@ def write_plan(plan: Plan, folder: str | Path) -> list[Path]:
         InputError: If the folder cannot be written, or a program does not fit its language; nothing is written then.
 
     """
+    with replace_folder(folder, "plan") as part:
+        write_programs(plan, part)
+        fill_plan_folder(plan, part)
+        names = list_files(part)
+    return [Path(folder) / name for name in names]
+
+
+def fill_plan_folder(plan: Plan, part: Path) -> None:
+    """Write all of a plan but its programs into a folder that is there."""
     from compplan.report.plan_report import write_plan_report
     from compplan.report.posture_map import draw_map_picture, extra_axis_sections
 
-    with replace_folder(folder, "plan") as part:
-        write_programs(plan, part)
-        write_joints(plan, part / "joints.csv")
-        write_plan_cell(plan, part)
-        write_plan_report(plan, part, extra=extra_axis_sections(plan))
-        if plan.task.start is not None and plan.task.start.stance is not None:
-            (part / "posture_map.png").write_bytes(draw_map_picture(plan.task.start.stance.map))
-        write_json(part / "plan.json", summarise_plan(plan), indent=2)
-        names = list_files(part)
-    return [Path(folder) / name for name in names]
+    write_joints(plan, part / "joints.csv")
+    write_plan_cell(plan, part)
+    write_plan_report(plan, part, extra=extra_axis_sections(plan))
+    if plan.task.start is not None and plan.task.start.stance is not None:
+        (part / "posture_map.png").write_bytes(draw_map_picture(plan.task.start.stance.map))
+    write_json(part / "plan.json", summarise_plan(plan), indent=2)
 
 
 def write_comparison(comparison: Comparison, folder: str | Path) -> list[Path]:
@@ -153,7 +158,7 @@ def make_program(plan: Plan) -> Program:
         np.vstack([above, plan.q, below]),
         feed,
         rapid,
-        name=plan.name if plan.job is None else plan.job.file.stem,
+        name=plan.name if plan.job is None else "_".join(filter(None, [plan.job.file.stem, plan.job.label])),
         time=time,
         comments=_head(plan),
         part=None if plan.job is None else plan.job.T_base_part,

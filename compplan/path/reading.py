@@ -12,6 +12,7 @@ from compplan.files.given import is_file_name, take_table
 from compplan.files.tables import read_table
 from compplan.path.cam import read_cam, refuse_idle
 from compplan.path.cam.options import CamTable
+from compplan.path.operations import select_operation
 from compplan.path.toolpath import COLUMNS, Toolpath, check_toolpath, toolpath_from_table
 
 
@@ -38,7 +39,9 @@ def read_toolpath(source: Any, *, cam: CamTable | None = None, feed: float | Non
     path = Path(source)
     if path.suffix.lower() == ".csv":
         return toolpath_from_table(read_table(path, COLUMNS), feed=feed)
-    return check_toolpath(_set_feed(refuse_idle(read_cam(path, cam)), feed))
+    toolpath = _set_feed(refuse_idle(read_cam(path, cam)), feed)
+    number = None if cam is None else cam.operation
+    return check_toolpath(toolpath if number is None else select_operation(toolpath, number))
 
 
 def _set_feed(toolpath: Toolpath, feed: float | None) -> Toolpath:

@@ -11,7 +11,7 @@ import numpy as np
 from compplan.cell.wanted import Vote
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
 from compplan.job.job import Job
-from compplan.job.loading import load_path
+from compplan.job.loading import load_path, refuse_unsettled
 from compplan.path.contact import tool_axes
 from compplan.path.force_law import ForceLaw
 from compplan.path.toolpath import Toolpath, check_toolpath
@@ -258,6 +258,7 @@ def job_robot(job: Job) -> Robot:
         robot = job.mounted or load_robot(job.robot, relative_to=job.folder)
     except UnknownNameError as error:
         raise UnknownNameError("robot", error.name, error.choices, file=job.file, where="robot") from None
+    refuse_unsettled(job)
     if job.tool is None:
         return robot
     try:

@@ -187,5 +187,5 @@ def describe_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases) -
             notes.append(f"the program waits {wiring.spindle_wait_s:g} s for the spindle (assumed): spindle_ready")
     tools = {(event.value, event.text) for event in events if event.kind == "tool"}
     if len(tools) > 1:
-        notes.append(f"{len(tools)} tools are called: the program is planned for one, split the CAM file by tools")
+        notes.append(f"{len(tools)} tools are called: the program is planned for one: write [[tool]] for each")
     return notes

@@ -19,6 +19,10 @@ FOREIGN = re.compile(r"[^A-Za-z0-9 .,:+\-_/()=%#*]+")
 DEVICES = frozenset({"con", "prn", "aux", "nul"} | {f"{name}{n}" for name in ("com", "lpt") for n in range(10)})
 
 
+#: What tells the programs of one job apart: the tool of each, at the end of its name.
+LABEL = re.compile(r"_(?:T|op)\d{1,5}(?:_run\d+)?$")
+
+
 def clean_text(text: str, longest: int = LONGEST_COMMENT) -> str:
     """Return text as one line of plain letters that no controller takes for code.
 
@@ -67,7 +71,10 @@ def legal_name(text: str, longest: int, *, reserved: Collection[str] = ()) -> st
 
     """
     name = re.sub(r"[^A-Za-z0-9]+", "_", clean_text(text, 10 * longest)).strip("_") or "program"
-    name = (name if name[0].isalpha() else f"p_{name}")[:longest].rstrip("_")
+    name = name if name[0].isalpha() else f"p_{name}"
+    label = LABEL.search(name)
+    tail = label.group() if label and len(name) > longest else ""
+    name = name[: longest - len(tail)].rstrip("_") + tail
     if name.lower() in DEVICES or name.lower() in reserved:
         name = f"{name[: longest - 2]}_p"
     return name

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import re
+from dataclasses import fields, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from compplan.second.gcode import GCode
-from compplan.second.moves import CannotTellError, Reading
+from compplan.second.moves import RAPID, CannotTellError, Reading
 
 _PRINTER = re.compile(r"^\s*M(?:104|109|140|190)\b", re.M)
 
@@ -25,7 +29,37 @@ def read_moves(file: Path, options: dict[str, Any] | None = None) -> Reading:
     """
     options = options or {}
     text = file.read_bytes().decode("utf-8", errors="replace").lstrip("\ufeff")
-    return read_gcode(text, options)
+    reading = read_gcode(text, options)
+    return reading if options.get("operation") is None else pick_operation(reading, options["operation"])
+
+
+def pick_operation(reading: Reading, number: int) -> Reading:
+    """Return what the file cuts between two tool changes, counted from 1; calls that cut nothing do not count.
+
+    Raises:
+        CannotTellError: If there is no such stretch.
+
+    """
+    edges = [0, *(np.flatnonzero(np.diff(reading.tool)) + 1).tolist(), len(reading)]
+    runs: list[list[int]] = []
+    for first, after in pairwise(edges):
+        if not (reading.kind[first:after] != RAPID).any():
+            continue
+        if runs and reading.tool[runs[-1][0]] == reading.tool[first]:
+            runs[-1][1] = after
+        else:
+            runs.append([first, after])
+    if number > len(runs):
+        raise CannotTellError(f"operation {number} of {len(runs)}")
+    first, after = runs[number - 1]
+    if reading.kind[first] != RAPID and first > 0:
+        first -= 1  # the cut begins where the tool before ended
+    rows = slice(first, after)
+    taken = {
+        item.name: getattr(reading, item.name)[rows].copy() for item in fields(reading) if item.name != "notes"
+    }
+    taken["kind"][0], taken["feed"][0] = RAPID, 0.0
+    return replace(reading, **taken)
 
 
 def read_gcode(text: str, options: dict[str, Any]) -> Reading:

@@ -17,7 +17,8 @@ from compplan.robot import Robot
 from compplan.robot.folder import find_robot_folder
 
 #: Tables of a job that a verb takes as keywords.
-TABLES = tuple(name for name in Job.model_fields if name not in ("schema_", "name", "robot", "toolpath"))
+NO_TABLES = ("schema_", "name", "robot", "toolpath")
+TABLES = tuple(field.alias or name for name, field in Job.model_fields.items() if name not in NO_TABLES)
 #: A path in memory stands in the job under this name.
 IN_MEMORY = "path in memory"
 #: The force model of a path that no force is known of.
@@ -63,7 +64,8 @@ def make_job(source: Any, robot: Any = None, tables: Mapping[str, Any] | None = 
 def _read_source(source: Any) -> tuple[Toolpath | None, dict[str, Any], Path]:
     """Return the path in memory or None, the tables of the job, and the file that it stands in."""
     if isinstance(source, Job):
-        return source.given, source.model_dump(exclude_unset=True, by_alias=True), source.file
+        tables = source.model_dump(exclude_unset=True, by_alias=True)
+        return source.given, {**tables, **({"tool": source.data["tool"]} if source.tools else {})}, source.file
     if is_file_name(source) and Path(source).suffix.lower() == ".toml":
         return None, read_toml(source), Path(source)
     if isinstance(source, Mapping) and "toolpath" in source:

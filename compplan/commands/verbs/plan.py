@@ -39,10 +39,11 @@ def plan(
         InputError: If job, path or robot are not what they have to be, or the part is out of reach.
     """
     from compplan.commands.verbs.given_job import make_job
+    from compplan.job.operations import settle_job
     from compplan.outputs.plan import note_programs, write_plan
     from compplan.plan.plan import plan_job
 
-    result = note_programs(plan_job(make_job(job, robot, tables), progress=progress))
+    result = note_programs(plan_job(settle_job(make_job(job, robot, tables)), progress=progress))
     if out is not None:
         write_plan(result, out)
     return result
@@ -71,10 +72,11 @@ def compare(
         InputError: If job, path or robot are not what they have to be, or the part is out of reach.
     """
     from compplan.commands.verbs.given_job import make_job
+    from compplan.job.operations import settle_job
     from compplan.outputs.plan import write_comparison
     from compplan.plan.compare import compare_job
 
-    result = compare_job(make_job(job, robot, tables), announce=progress)
+    result = compare_job(settle_job(make_job(job, robot, tables)), announce=progress)
     if out is not None:
         write_comparison(result, out)
     return result

@@ -21,6 +21,7 @@ class CamTable(StrictTable):
         head, or the table, or are left out.
     cycles: drilling cycles are skipped, the tool moves rapidly above the holes, or expanded into cutting moves.
     tool_direction: axis of the TCP frame that points out of the tool in robot programs (left out: z, with a note).
+    operation: which operation of the file alone is read, counted from 1 (what is cut between two tool changes).
     strict: a file that is read with any note is refused.
     """
 
@@ -31,4 +32,5 @@ class CamTable(StrictTable):
     rotary: Literal["head", "table", "ignore"] = "head"
     cycles: Literal["skip", "expand"] = "skip"
     tool_direction: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
+    operation: int | None = Field(default=None, ge=1)
     strict: bool = False

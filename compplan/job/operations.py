@@ -1,0 +1,136 @@
+"""A job whose CAM file calls several tools: one job for each of them, of one tool, which everything else takes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from compplan.errors import InputError
+from compplan.job.job import Job, check_job, load_job
+from compplan.job.loading import job_toolpath_file
+from compplan.job.tool_library import read_tool_library
+from compplan.job.tools import Described, called_speed, find_listed, find_numbered, lay_process
+from compplan.path.operations import Operation, split_operations
+from compplan.path.reading import read_toolpath
+
+
+def split_job(job: Job) -> tuple[Job, ...]:
+    """Return one job for each operation of the job's CAM file, each with the tool, mass and force law of its T number.
+
+    A job without [[tool]] and [tools] is returned as it is, as is one whose toolpath is no CAM file.
+
+    Raises:
+        InputError: If a tool that cuts is not described; with the words that would describe it.
+
+    """
+    if not job.tools and job.tool_table is None:
+        return (job,)
+    operations = _read_operations(job)
+    wanted = range(1, len(operations) + 1) if job.cam.operation is None else (job.cam.operation,)
+    if wanted[-1] > len(operations):
+        tools = ", ".join(operation.tool for operation in operations)
+        message = f"is {wanted[-1]}, the CAM file has {len(operations)} (tools {tools})"
+        raise InputError(message, file=job.file, where="cam.operation")
+    described = [_describe(job, operations[number - 1]) for number in wanted]
+    labels = label_operations(operations)
+    return tuple(
+        _make_job(job, number if len(operations) > 1 else None, operations[number - 1], tool, labels[number - 1])
+        for number, tool in zip(wanted, described, strict=True)
+    )
+
+
+def _read_operations(job: Job) -> tuple[Operation, ...]:
+    """Return the operations of the job's CAM file, or of the toolpath in memory."""
+    if job.given is not None:
+        return split_operations(job.given)
+    file = job_toolpath_file(job) if isinstance(job.toolpath, str) else None
+    if file is None or file.suffix.lower() == ".csv":
+        message = "describes tools by number, and the toolpath is no CAM file that calls any: write [tool]"
+        raise InputError(message, file=job.file, where="tool" if job.tools else "tools")
+    cam = job.cam.model_copy(update={"operation": None})
+    feed = None if job.feed.constant_mm_s is None else job.feed.constant_mm_s * 1e-3
+    return split_operations(read_toolpath(file, cam=cam, feed=feed))
+
+
+def label_operations(operations: tuple[Operation, ...]) -> list[str]:
+    """Return short names of operations: T1, T2; T1_run2 where T1 cuts again; op3 where a tool is called by name."""
+    labels: list[str] = []
+    for count, operation in enumerate(operations, 1):
+        label = f"op{count}" if operation.name else f"T{operation.number}"
+        times = sum(other == label or other.startswith(f"{label}_run") for other in labels)
+        labels.append(f"{label}_run{times + 1}" if times else label)
+    return labels
+
+
+def load_one_job(path: str | Path, robot: str | None = None, keep: str | None = None) -> Job:
+    """Read a job file for what takes one tool: the job of its one operation, or of the one that [cam] operation names.
+
+    Raises:
+        InputError: As `load_job` and `split_job` say, and if the file has several operations and none is named.
+
+    """
+    return settle_job(load_job(path, robot, keep))
+
+
+def settle_job(job: Job) -> Job:
+    """Return the job of the one operation of a job, or of the one that its [cam] operation names.
+
+    Raises:
+        InputError: If there are several and none is named, or the tool is not described.
+
+    """
+    jobs = split_job(job)
+    if len(jobs) > 1:
+        tools = ", ".join(f"{k} {one.label}" for k, one in enumerate(jobs, 1))
+        message = f"the CAM file has {len(jobs)} operations ({tools}) and this takes one"
+        raise InputError(f"{message}; write [cam] operation = 1", file=job.file, where="cam.operation")
+    return jobs[0]
+
+
+def _describe(job: Job, operation: Operation) -> Described:
+    """Return what the job says of the tool of an operation.
+
+    Raises:
+        InputError: If it says nothing.
+
+    """
+    if job.tool_table is not None:
+        file = job.folder / job.tool_table.file
+        found = find_listed(read_tool_library(file, job.tool_table.unit), operation, job.tool, file)
+        if found is None:
+            message = f"the CAM file cuts with {operation.tool}, and {job.tool_table.file} has no such tool"
+            raise InputError(f"{message}; add it there", file=job.file, where="tools.file")
+        return found
+    found = find_numbered(job.tools, operation)
+    if found is None:
+        key = f'name = "{operation.name}"' if operation.name else f"number = {operation.number}"
+        start = "" if operation.name or operation.number else " before it calls any tool (T0)"
+        message = f"the CAM file cuts with {operation.tool}{start}, and no [[tool]] describes it"
+        raise InputError(f"{message}; write [[tool]] with {key}", file=job.file, where="tool")
+    return found
+
+
+def _make_job(job: Job, number: int | None, operation: Operation, described: Described, label: str) -> Job:
+    """Return the job of one operation."""
+    data: dict[str, Any] = {key: value for key, value in job.data.items() if key != "tools"}
+    data["tool"] = described.tool
+    process = lay_process(
+        job.data.get("process", {}), described, called_speed(operation), listed=job.tool_table is not None
+    )
+    if process is not None:
+        data["process"] = process
+    if number is not None:
+        data["cam"] = {**data.get("cam", {}), "operation": number}
+        data["name"] = f"{job.name or job.file.stem}, {label}"
+    given = None if job.given is None else operation.toolpath
+    try:
+        made = check_job(data, job.file, toolpath=given, robot=job._mounted)
+    except InputError as error:
+        where = str(error.where or "")
+        if where.startswith(("process", "tool")):
+            message = f"{error.message} ({operation.tool}: {described.where})"
+            raise InputError(message, file=error.file, where=where) from None
+        raise
+    made._label = label if number is not None else ""
+    made._own_robot = job._own_robot
+    return made
