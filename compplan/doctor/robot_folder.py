@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from compplan.program.counting import load_controller
 from compplan.robot import Array, Robot
 from compplan.robot.folder import read_rating
 from compplan.robot.mounting import name_axis, outward_axis
+from compplan.robot.shapes import find_mesh, read_bodies, tell_shapes
 from compplan.robot.soft_limits import tell_soft_limits
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 from compplan.statics.elastic import cartesian_compliance
@@ -38,7 +40,8 @@ def examine_robot(robot: Robot) -> list[Remark]:
         robot: The robot.
     """
     findings = [_describe(robot), *_look_at_sources(robot), *_look_at_limits(robot), *_look_at_weights(robot)]
-    return [*findings, *_look_at_springs(robot), *_look_at_geometry(robot), *_look_at_controller(robot)]
+    findings += [*_look_at_springs(robot), *_look_at_geometry(robot), *_look_at_controller(robot)]
+    return [*findings, *_look_at_shapes(robot)]
 
 
 def _describe(robot: Robot) -> Remark:
@@ -145,6 +148,22 @@ def _look_at_controller(robot: Robot) -> Iterator[Remark]:
     names = [effect.name for effect in robot_effects(robot)]
     if names:
         yield Remark("note", "effects", f"effects.toml adds {', '.join(names)}")
+
+
+def _look_at_shapes(robot: Robot) -> Iterator[Remark]:
+    bodies = read_bodies(robot)
+    advice = "a job with [collision] refuses this robot: mend robot.urdf, or put its meshes into meshes/ of the folder"
+    gaps = [body for body in bodies if body.gap]
+    for body in gaps:
+        yield Remark("odd", "collision", f"{body.link}: {body.gap}", advice if body is gaps[-1] else "")
+    still = any(body.dropped and not body.moves for body in bodies)
+    yield Remark("note" if gaps or still else "fine", "collision", f"shapes of each link: {tell_shapes(bodies)}")
+    drawn = ElementTree.fromstring(robot.urdf).iterfind("link/visual//mesh")
+    names = {mesh.attrib.get("filename", "") for mesh in drawn}
+    lost = sorted(name for name in names if find_mesh(name, robot.folder) is None)
+    if lost:
+        said = f"{len(lost)} of {len(names)} meshes of visuals are not found ({lost[0]})"
+        yield Remark("note", "visuals", f"{said}: pages draw the arm without them")
 
 
 def _sample(robot: Robot) -> Array:

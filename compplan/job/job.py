@@ -14,7 +14,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, field_
 
 from compplan.errors import InputError
 from compplan.files.tables import Array
-from compplan.files.tomlfile import Numbers, OneOf, SchemaOne, StrictTable, Vector3, check_table, read_toml
+from compplan.files.tomlfile import Numbers, OneOf, SchemaOne, StrictTable, Vector3, Words, check_table, read_toml
 from compplan.job.frames import PartTable, ToolTable
 from compplan.job.names import STRATEGIES
 from compplan.job.noise import NoiseTable
@@ -178,6 +178,7 @@ class CollisionTable(StrictTable):
     clearance_mm: float = Field(default=5.0, ge=0.0, le=1e4)
     tip_zone_mm: float = Field(default=30.0, ge=0.0, le=1e4)
     self_collision: bool = True
+    without_shapes: Words = ()
 
 
 class FileTable(StrictTable):

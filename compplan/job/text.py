@@ -273,6 +273,7 @@ plant_delay_ms = 37.0
 # clearance_mm = 5.0                # least distance that is allowed
 # tip_zone_mm = 30.0                # the tool within this distance of its tip may touch the part
 # self_collision = true             # keep the arm clear of itself too
+# without_shapes = ["link_2"]       # links that move and are checked without their shapes; else such an arm is refused
 """
 
 

@@ -9,6 +9,7 @@ from compplan.job.job import Job
 from compplan.plan.bending import Bending
 from compplan.plan.coupling import CouplingEffect
 from compplan.plan.frame_notes import tell_frames
+from compplan.plan.outside import tell_outside
 from compplan.plan.slow import tell_causes
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing
@@ -53,14 +54,15 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
             f"(masses: {bending.masses}); the plan does not compensate it, {reason}."
         )
     scene = task.start.request.scene if task.start is not None and task.start.request is not None else None
-    if scene is not None and scene.note:
-        notes.append(scene.note)
+    notes += scene.notes if scene is not None else ()
     notes += _tell_margin(task)
     slow = tell_causes(task, timing)
     notes += [slow] if slow else []
     swings = (np.abs(np.diff(task.q_start, axis=0)).max(axis=1) > SWING) & ~task.nominal.rapid[1:]
     for waypoint in (np.flatnonzero(swings) + 1)[:3].tolist():
         notes.append(f"The posture swings over in the move to waypoint {waypoint}: near a singularity.")
+    if job is not None and (told := tell_outside(job, task.robot)):
+        notes.append(told)
     if told := tell_soft_limits(task.robot):
         notes.append(f"{told[0].upper()}{told[1:]}.")
     if not np.isfinite(task.robot.acceleration_limits).any():

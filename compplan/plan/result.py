@@ -268,7 +268,8 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
     if plan.coupling is not None:
         summary["coupling"] = _summarise_coupling(plan.coupling)
     if plan.clearance is not None:
-        summary["clearance"] = describe_clearance(plan.clearance)
+        request = None if plan.task.start is None else plan.task.start.request
+        summary["clearance"] = describe_clearance(plan.clearance, None if request is None else request.scene)
     if failures:
         summary["failures"] = [{"waypoint": waypoint, "limit": limit} for waypoint, limit in sorted(failures.items())]
         summary["failure"] = plan.explain_failures()

@@ -113,8 +113,8 @@ def _least_along(scene: CollisionScene, q: Array, pairs: NDArray[np.int_], far: 
     return contacts
 
 
-def describe_clearance(profile: ClearanceProfile) -> dict[str, Any]:
-    """Describe the clearance along a path for plan.json."""
+def describe_clearance(profile: ClearanceProfile, scene: CollisionScene | None = None) -> dict[str, Any]:
+    """Describe the clearance along a path for plan.json, and how many shapes of each body of the arm are known."""
     waypoint, contact = profile.least
     own = profile.own
     return {
@@ -125,6 +125,7 @@ def describe_clearance(profile: ClearanceProfile) -> dict[str, Any]:
         "own_least_mm": 1e3 * own.distance,
         "own_waypoint": profile.own_waypoint,
         "own_between": [own.first, own.second] if own.first else [],
+        "shapes": {} if scene is None else {body.link: body.count for body in scene.bodies},
     }
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +17,8 @@ from numpy.typing import NDArray
 from compplan.errors import InputError
 from compplan.posture.contacts import Solid, find_contacts, locate_link_frames
 from compplan.robot import Array, Robot
-from compplan.robot.solids import cut_tip, load_mesh, make_geometry, read_shapes
+from compplan.robot.shapes import BodyShapes, leave_out, read_bodies, tell_shapes
+from compplan.robot.solids import cut_tip, load_mesh, make_geometry
 
 if TYPE_CHECKING:
     from compplan.job.job import Job
@@ -38,7 +40,8 @@ class CollisionScene:
         solids: Shapes of the arm, tool, part, fixture.
         outside: Pairs of arm or tool with part or fixture. Shape (p, 2).
         own: Pairs of arm or tool with the arm itself. Shape (o, 2).
-        note: What a user should know of it.
+        notes: What a user should know of it, one sentence each.
+        bodies: What is known of the collision shapes of each body of the arm.
         meshes: What was given, to be drawn: name, link that carries it ("" where it stands still), and mesh [m].
 
     """
@@ -47,7 +50,8 @@ class CollisionScene:
     solids: tuple[Solid, ...]
     outside: NDArray[np.int_]
     own: NDArray[np.int_]
-    note: str = ""
+    notes: tuple[str, ...] = ()
+    bodies: tuple[BodyShapes, ...] = ()
     meshes: tuple[tuple[str, str, Any], ...] = ()
 
     @cached_property
@@ -63,7 +67,7 @@ class CollisionScene:
 
 def build_scene(
     robot: Robot, *, part: Any = None, fixture: Any = None, tool: Any = None, T_base_part: Array | None = None,
-    tip_zone: float = 0.03, self_collision: bool = True,
+    tip_zone: float = 0.03, self_collision: bool = True, bodies: Sequence[BodyShapes] | None = None,
 ) -> CollisionScene:  # fmt: skip
     """Build the scene of a job.
 
@@ -75,8 +79,10 @@ def build_scene(
         T_base_part: Pose of the part frame. Shape (4, 4). [m]
         tip_zone: The tool within this distance of its tip may touch the part. [m]
         self_collision: Whether the arm has to keep clear of itself.
+        bodies: The collision shapes of the arm; those of the robot's URDF if left out.
 
     """
+    bodies = read_bodies(robot) if bodies is None else bodies
     pose = np.eye(4) if T_base_part is None else T_base_part
     body = _bodies(robot)
     solids, roles = [], []
@@ -89,7 +95,7 @@ def build_scene(
         roles.append(role)
 
     behind = _behind_flange(robot)
-    for shape in read_shapes(robot):
+    for shape in (shape for entry in bodies for shape in entry.shapes):
         if shape.link in behind:
             add(shape.name, shape.link, shape.form, "tool", shape.placement)
             cut = cut_tip(shape.mesh(), _tip_in(robot, shape.link), tip_zone)
@@ -109,19 +115,22 @@ def build_scene(
     outside, own = _list_pairs(solids, roles)
     if not self_collision:
         own = own[:0]
-    return _leave_out_touching(CollisionScene(robot, tuple(solids), outside, own, meshes=tuple(given)))
+    scene = CollisionScene(robot, tuple(solids), outside, own, bodies=tuple(bodies), meshes=tuple(given))
+    return _leave_out_touching(scene)
 
 
 def load_scene(job: Job, robot: Robot) -> CollisionScene | None:
     """Build the scene that a job describes; None where it has no table [collision].
 
     Raises:
-        InputError: If a mesh is missing or cannot be read.
+        InputError: If a mesh is missing or cannot be read, or a part of the arm that moves would not be seen.
 
     """
     table = job.collision
     if table is None:
         return None
+    bodies = read_bodies(robot)
+    check_bodies(bodies, table.without_shapes, robot.name, job.file)
     meshes = {}
     for name in ("part", "fixture", "tool"):
         file = getattr(table, name)
@@ -131,20 +140,53 @@ def load_scene(job: Job, robot: Robot) -> CollisionScene | None:
             meshes[name] = load_mesh(job.folder / file, table.unit)
         except InputError as error:
             raise InputError(error.message, file=job.file, where=f"collision.{name}") from None
-    note = ""
+    notes = [f"Collision shapes of the arm: {tell_shapes(bodies)}."]
+    if table.without_shapes:
+        unseen = ", ".join(f"{body.link}: {body.gap}" for body in bodies if body.link in table.without_shapes)
+        notes.append(f"[collision] without_shapes leaves out of the check what is not known of the arm ({unseen}).")
     if job.tool is not None and "tool" not in meshes:
         capsule = stand_in_tool(robot)
         if capsule is not None:
             meshes["tool"] = capsule
-            note = (
+            notes.append(
                 f"No mesh of the tool is given: a capsule of {2e3 * STAND_IN_RADIUS:.0f} mm diameter (assumed) from "
                 "the flange to the tool's tip stands for it in the clearance."
             )
     scene = build_scene(
         robot, **meshes, T_base_part=job.T_base_part, tip_zone=table.tip_zone_mm * 1e-3,
-        self_collision=table.self_collision,
+        self_collision=table.self_collision, bodies=leave_out(bodies, table.without_shapes),
     )  # fmt: skip
-    return replace(scene, note=note)
+    return replace(scene, bodies=bodies, notes=tuple(notes))
+
+
+def check_bodies(bodies: Sequence[BodyShapes], without: Sequence[str], robot: str, file: Path) -> None:
+    """Refuse an arm of which a collision check would not see a part that moves, unless the job names that part.
+
+    Args:
+        bodies: What is known of the shapes of each body.
+        without: Links that the job takes without shapes.
+        robot: Name of the robot, for messages.
+        file: The job file, for messages.
+
+    Raises:
+        InputError: With the link, what is wrong with its shapes, and what to do.
+
+    """
+    gaps = [body for body in bodies if body.gap]
+    for number, link in enumerate(without):
+        if link not in [body.link for body in gaps]:
+            message = f"{link!r} names no link whose shapes are missing or in doubt, those are {[b.link for b in gaps]}"
+            raise InputError(message, file=file, where=f"collision.without_shapes[{number}]")
+    open_ = [body for body in gaps if body.link not in without]
+    if not open_:
+        return
+    more = f" and of {', '.join(body.link for body in open_[1:])}" if open_[1:] else ""
+    raise InputError(
+        f"link {open_[0].link!r} of {robot} moves; {open_[0].gap}; collisions of it{more} would not be seen: mend "
+        "robot.urdf, or put its meshes into meshes/ of the robot folder (compplan doctor lists every link), "
+        "or name the links in collision.without_shapes",
+        file=file, where="collision",
+    )  # fmt: skip
 
 
 def stand_in_tool(robot: Robot) -> Any:

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import ShapeError
 from compplan.robot import Array, Joint, Robot
+from compplan.robot.shapes import find_mesh
 from compplan.robot.solids import load_mesh, read_colour
 
 #: Colours of part, fixture and tool, and the most triangles of one of them that are drawn as they are.
@@ -304,22 +305,15 @@ def _triangulate(geometry: ElementTree.Element | None, folder: Path | None) -> t
         mesh = trimesh.creation.cylinder(float(form.attrib["radius"]), float(form.attrib["length"]), sections=28)
     elif form.tag == "sphere":
         mesh = trimesh.creation.icosphere(subdivisions=2, radius=float(form.attrib["radius"]))
+    elif form.tag == "capsule":
+        mesh = trimesh.creation.capsule(float(form.attrib["length"]), float(form.attrib["radius"]), count=[20, 20])
     else:
-        file = _mesh_file(form.attrib.get("filename", ""), folder)
+        file = find_mesh(form.attrib.get("filename", ""), folder)
         if file is None:
             return None
         mesh = load_mesh(file, "m")
         mesh.apply_scale(_numbers(form, "scale", "1 1 1"))
     return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)
-
-
-def _mesh_file(name: str, folder: Path | None) -> Path | None:
-    """Find a mesh file beside the URDF; a package:// address is looked for by its tail."""
-    tail = Path(name.split("://", 1)[-1])
-    if folder is None or not name:
-        return None
-    candidates = [folder / tail, folder / Path(*tail.parts[1:]), folder / "meshes" / tail.name]
-    return next((file for file in candidates if file.is_file()), None)
 
 
 def _rod(robot: Robot, poses: dict[str, Array], drawn: set[str]) -> Shape | None:

@@ -1,19 +1,17 @@
-"""Shapes for collision: primitives and meshes of a URDF, mesh files, and coal's geometries of them."""
+"""Solids for collision: primitives and meshes, mesh files, and coal's geometries of them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.files.tables import MOST_BYTES
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 
 UNITS = {"mm": 1e-3, "m": 1.0, "inch": 0.0254}
 #: Rounds of subdivision that cut the tip zone out of a mesh.
@@ -29,7 +27,8 @@ class UrdfShape:
     Attributes:
         name: Name of its link, with a number where the link has several.
         link: Its link.
-        form: ("box", size (3,)), ("cylinder", radius, length), ("sphere", radius) or a mesh (trimesh). [m]
+        form: ("box", size (3,)), ("cylinder" or "capsule", radius, length), ("sphere", radius) or a mesh (trimesh); the
+            length of a capsule is that between its two centres. [m]
         placement: Its pose in the link's frame. Shape (4, 4). [m]
 
     """
@@ -42,19 +41,6 @@ class UrdfShape:
     def mesh(self) -> Any:
         """Return it as a mesh in the link's frame."""
         return as_mesh(self.form).apply_transform(self.placement)
-
-
-def read_shapes(robot: Robot) -> Iterator[UrdfShape]:
-    """Read the collision shapes of the robot's chain; a tool that a job mounts replaces what the URDF hangs there."""
-    links = {robot.base, *(joint.child for joint in robot.joints)}
-    for element in ElementTree.fromstring(robot.urdf).findall("link"):
-        link = element.attrib["name"]
-        shapes = element.findall("collision") if link in links else []
-        for number, shape in enumerate(shapes):
-            form = _read_form(shape.find("geometry"), robot.folder)
-            if form is not None:
-                name = link if len(shapes) == 1 else f"{link} ({number + 1})"
-                yield UrdfShape(name, link, form, _read_origin(shape.find("origin")))
 
 
 def read_colour(element: ElementTree.Element) -> tuple[float, float, float, float] | None:
@@ -102,6 +88,8 @@ def as_mesh(form: Any) -> Any:
         return trimesh.creation.box(form[1])
     if form[0] == "cylinder":
         return trimesh.creation.cylinder(form[1], form[2], sections=SECTIONS)
+    if form[0] == "capsule":
+        return trimesh.creation.capsule(height=form[2], radius=form[1], count=[SECTIONS, SECTIONS])
     return trimesh.creation.icosphere(subdivisions=2, radius=form[1])
 
 
@@ -125,7 +113,7 @@ def make_geometry(form: Any, placement: Array | None = None) -> tuple[Any, Array
     centre = box.mean(axis=0)
     radius = 1.01 * float(np.linalg.norm(mesh.vertices - centre, axis=1).max())
     if isinstance(form, tuple):
-        kinds = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
+        kinds = {"box": coal.Box, "cylinder": coal.Cylinder, "capsule": coal.Capsule, "sphere": coal.Sphere}
         sizes = form[1] if form[0] == "box" else form[1:]
         return kinds[form[0]](*(float(size) for size in sizes)), centre, radius, box
     geometry = coal.BVHModelOBBRSS()
@@ -162,40 +150,3 @@ def cut_tip(mesh: Any, tip: Array, zone: float) -> Any:
     nearest = trimesh.triangles.closest_point(corners, np.tile(tip, (len(faces), 1)))
     kept = faces[np.linalg.norm(nearest - tip, axis=1) >= zone]
     return trimesh.Trimesh(vertices, kept, process=False) if len(kept) else None
-
-
-def _read_form(geometry: ElementTree.Element | None, folder: Path | None) -> Any:
-    if geometry is None or not len(geometry):
-        return None
-    shape = geometry[0]
-    if shape.tag == "box":
-        return ("box", _numbers(shape, "size"))
-    if shape.tag == "cylinder":
-        return ("cylinder", float(shape.attrib["radius"]), float(shape.attrib["length"]))
-    if shape.tag == "sphere":
-        return ("sphere", float(shape.attrib["radius"]))
-    file = _find_mesh(shape.attrib.get("filename", ""), folder)
-    if file is None:
-        return None
-    mesh = load_mesh(file, "m")
-    return mesh.apply_scale(_numbers(shape, "scale", "1 1 1"))
-
-
-def _find_mesh(name: str, folder: Path | None) -> Path | None:
-    tail = Path(name.split("://", 1)[-1])
-    if folder is None or not name:
-        return None
-    places = [folder / tail, folder / Path(*tail.parts[1:]), folder / "meshes" / tail.name]
-    return next((file for file in places if file.is_file()), None)
-
-
-def _read_origin(element: ElementTree.Element | None) -> Array:
-    pose = np.eye(4)
-    if element is not None:
-        pose[:3, 3] = _numbers(element, "xyz", "0 0 0")
-        pose[:3, :3] = Rotation.from_euler("xyz", _numbers(element, "rpy", "0 0 0")).as_matrix()
-    return pose
-
-
-def _numbers(element: ElementTree.Element, key: str, default: str = "") -> list[float]:
-    return [float(value) for value in element.attrib.get(key, default).split()]
