@@ -161,8 +161,6 @@ def test_reversed_arc_centres_are_told_and_may_be_demanded(read) -> None:
         ("G5 X1 Y1 I1 J1 P1 Q1", r":1: G5 \(splines\)"),
         ("G6.2 P3", r":1: G6.2 \(NURBS\)"),
         ("G71 P1 Q2", r":1: G71 as a lathe cycle"),
-        ("0 BEGIN PGM 1 MM", r":1: conversational block"),
-        ("5 L X+10 Y+2 R0 FMAX", r":1: conversational block"),
         ("G1 X--5 F1", r":1: cannot read 'X--5'"),
     ],
 )

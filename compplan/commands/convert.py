@@ -20,7 +20,7 @@ from compplan.path.toolpath import check_toolpath, resample_toolpath, write_tool
 CHOICES = {
     "unit": ["mm", "inch"], "arc_centres": ["incremental", "absolute", "reversed"],
     "circle_sense": ["auto", "right_hand", "left_hand"], "rotary": ["head", "table", "ignore"],
-    "cycles": ["skip", "expand"], "tool_direction": ["x", "y", "z", "-x", "-y", "-z"],
+    "tilt_angles": ["spatial"], "cycles": ["skip", "expand"], "tool_direction": ["x", "y", "z", "-x", "-y", "-z"],
 }
 
 #: Endings of a toolpath table.
@@ -37,6 +37,7 @@ TABLES = (".csv", ".txt", "")
 @click.option("--circle-sense", type=click.Choice(CHOICES["circle_sense"]), help="Sense of an APT CIRCLE.")
 @click.option("--rotary", type=click.Choice(CHOICES["rotary"]), help="What A B C words turn.")
 @click.option("--cycles", type=click.Choice(CHOICES["cycles"]), help="Whether drilling cycles are cut.")
+@click.option("--tilt-angles", type=click.Choice(CHOICES["tilt_angles"]), help="What cycle 19 (Heidenhain) states.")
 @click.option("--tool-direction", type=click.Choice(CHOICES["tool_direction"]), help="Where the TCP frame points out.")
 @click.option("--strict", is_flag=True, default=None, help="Refuse a file that is read with any note.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")

@@ -20,6 +20,8 @@ class CamTable(StrictTable):
     rotary: how A B C words turn the tool axis in a file that moves the tool tip in the part frame: the axes turn the
         head, or the table, or are left out.
     cycles: drilling cycles are skipped, the tool moves rapidly above the holes, or expanded into cutting moves.
+    tilt_angles: what cycle 19 of Heidenhain programs states: spatial angles (left out: refused, since some machines
+        take angles of their rotary axes).
     tool_direction: axis of the TCP frame that points out of the tool in robot programs (left out: z, with a note).
     operation: which operation of the file alone is read, counted from 1 (what is cut between two tool changes).
     strict: a file that is read with any note is refused.
@@ -31,6 +33,7 @@ class CamTable(StrictTable):
     circle_sense: Literal["auto", "right_hand", "left_hand"] = "auto"
     rotary: Literal["head", "table", "ignore"] = "head"
     cycles: Literal["skip", "expand"] = "skip"
+    tilt_angles: Literal["spatial"] | None = None
     tool_direction: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
     operation: int | None = Field(default=None, ge=1)
     strict: bool = False

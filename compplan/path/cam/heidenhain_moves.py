@@ -1,0 +1,320 @@
+"""Motion blocks of Heidenhain programs: L, LP, LN, CC, C, CR, CT, CP, CTP, and the words of a block."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from compplan.path.cam.arcs import Point, combine, dot
+from compplan.path.cam.contour import Corner, Element, find_centre, find_tangent_arc
+from compplan.path.cam.frames import UNIT, rotate
+from compplan.path.cam.gcode_codes import NOTED
+from compplan.path.cam.heidenhain_frames import AXES, TILT_ANGLES
+from compplan.path.cam.heidenhain_machine import MachineReader
+from compplan.path.cam.heidenhain_words import M_WORDS, split_words
+from compplan.path.cam.options import CamTable
+
+#: Axes of the working plane by the tool axis.
+PLANES = {0: (1, 2), 1: (2, 0), 2: (0, 1)}
+ROTARY = "ABC"
+
+
+class MoveReader(MachineReader):
+    """Carry out motion blocks."""
+
+    def __init__(self, file: Path, options: CamTable) -> None:
+        super().__init__(file, options)
+        self.was_rapid = True
+        self.side = ""
+        self.pole: tuple[int, int, float, float] | None = None
+        self.rotary = [0.0, 0.0, 0.0]
+
+    def split(self, text: str) -> tuple[dict[str, str], set[int]]:
+        """Return the words of a block by their letters, and its M functions.
+
+        Raises:
+            InputError: If something in it is not read, or a word stands twice.
+
+        """
+        functions: set[int] = set()
+        if "M1" in text or "M 1" in text:
+            for found in M_WORDS.finditer(text):
+                functions.add(int(found.group(1)))
+                self._note_function(int(found.group(1)), found.group(2))
+            text = M_WORDS.sub(" ", text)
+        found_words, rest = split_words(text)
+        if rest:
+            raise self.error(f"cannot read {rest[:30]!r} in the block {text[:40]!r}")
+        words: dict[str, str] = {}
+        for letter, value in found_words:
+            if letter == "M":
+                functions.add(int(self.value(value)))
+            elif letter in words or (letter[0] == "I" and letter[1:] in words) or "I" + letter in words:
+                raise self.error(f"word {letter} stands twice in the block {text[:40]!r}")
+            else:
+                words[letter] = value
+        return words, functions
+
+    def run_motion(self, kind: str, rest: str, corner: Corner | None) -> None:
+        """Carry out a motion block.
+
+        Args:
+            kind: L, LP, LN, C, CR, CT, CP or CTP.
+            rest: What follows.
+            corner: Corner that the block after it asks for.
+
+        """
+        words, functions = self.split(rest)
+        self.start_functions(functions)
+        self.take_side(words)
+        rapid = self.take_feed(words)
+        if functions & {91, 92}:
+            self._go_in_machine(words)
+        elif kind in ("L", "LP", "LN"):
+            self._go_straight(kind, words, corner, rapid=rapid)
+        else:
+            self._go_round(kind, words, corner, rapid=rapid)
+        if self.calls or functions & {89, 99}:
+            self.call_where_asked(functions)
+        self.stop_functions(functions)
+
+    def take_side(self, words: Mapping[str, str]) -> None:
+        """Keep whether the tool runs left or right of the contour."""
+        for word in ("R0", "RL", "RR", "R"):
+            if word in words and (word != "R" or words[word] in ("+", "-")):
+                self.side = word[1:].replace("0", "")
+                if word != "R0":
+                    self.log.note(NOTED[41.0].replace("G41, G42", "RL, RR"), self.line)
+
+    def take_feed(self, words: Mapping[str, str]) -> bool:
+        """Take the feed of a block; return whether it is rapid."""
+        if "FMAX" in words:
+            return True
+        if "FAUTO" in words:
+            if self.tool_feed is None:
+                raise self.error("F AUTO, but TOOL CALL states no F")
+            self.feed = self.tool_feed
+        elif "FU" in words:
+            self.feed = self._length(words["FU"]) * self.spindle / 60.0
+        elif "FZ" in words or "FT" in words:
+            raise self.error("feeds per tooth (FZ) or as a time (FT) are not read; write F")
+        elif "F" in words:
+            if not words["F"]:
+                raise self.error("word F has no number")
+            self.feed = self.to_mm_s(self.value(words["F"]))
+        return False
+
+    def target(self, words: Mapping[str, str]) -> tuple[Point, tuple[int, ...]]:
+        """Return where the words of a block lead, and which axes they name as absolute coordinates."""
+        point, named = list(self.contour.position), []
+        for axis, letter in enumerate(AXES):
+            if letter in words:
+                point[axis] = self.value(words[letter])
+                named.append(axis)
+            elif "I" + letter in words:
+                point[axis] += self.value(words["I" + letter])
+        if not words.keys().isdisjoint(("PR", "PA", "IPR", "IPA")):
+            first, second, radius, angle = self._polar(words, (point[0], point[1], point[2]))
+            point[first] = self._pole()[2] + radius * _cos(angle)
+            point[second] = self._pole()[3] + radius * _sin(angle)
+            named += [first, second]
+        return (point[0], point[1], point[2]), tuple(named)
+
+    def _pole(self) -> tuple[int, int, float, float]:
+        if self.pole is None:
+            raise self.error("no pole or centre (CC) stands before this block")
+        return self.pole
+
+    def _polar(self, words: Mapping[str, str], start: Point) -> tuple[int, int, float, float]:
+        """Return the axes of the pole's plane, radius and angle [deg] of the end of a polar block."""
+        first, second, x, y = self._pole()
+        dx, dy = start[first] - x, start[second] - y
+        radius, angle = math.hypot(dx, dy), math.degrees(math.atan2(dy, dx))
+        if "PR" in words or "IPR" in words:
+            radius = self.value(words["PR"]) if "PR" in words else radius + self.value(words["IPR"])
+        if "PA" in words or "IPA" in words:
+            angle = self.value(words["PA"]) if "PA" in words else angle + self.value(words["IPA"])
+        return first, second, radius, angle
+
+    def _go_in_machine(self, words: Mapping[str, str]) -> None:
+        """Leave out a move in machine coordinates; where it ended is not known."""
+        self.contour.refuse_open()
+        named = [axis for axis, letter in enumerate(AXES) if letter in words or "I" + letter in words]
+        if named:
+            self.log.note("moves in machine coordinates (M91, M92) are left out", self.line)
+            self.course.lose(named)
+        for axis, letter in enumerate(ROTARY):
+            if letter in words:
+                self.rotary[axis] = self.value(words[letter])
+
+    def _go_straight(self, kind: str, words: Mapping[str, str], corner: Corner | None, *, rapid: bool) -> None:
+        if words.get("R", "+") not in ("+", "-") or "DR" in words:
+            raise self.error("words of an arc in a straight block")
+        target, named = self.target(words)
+        moving = named or target != self.contour.position
+        start = self.rotary[:]
+        axis = self._turn(words) if kind != "LN" else self._turn_to_vector(words)
+        if not moving and axis is None:
+            return
+        if rapid:
+            self.contour.refuse_open()
+            self.course.rapid(target, named, axis)
+        else:
+            on_way = None
+            if axis is not None and self.spatial is False and kind != "LN":
+                on_way = self._on_way(start, self.rotary[:])
+            self.contour.add(
+                Element(self.contour.position, target, named, self.speed(), self.line, axis=axis, on_way=on_way,
+                        normal=unit_axis(self.tool_axis)), corner)  # fmt: skip
+        self.was_rapid = rapid
+
+    def _turn(self, words: Mapping[str, str]) -> Point | None:
+        """Return the tool axis that A B C ask for, None where they ask for nothing."""
+        letters = [letter for letter in "ABC" if letter in words or "I" + letter in words]
+        if not words.keys().isdisjoint(("U", "V", "W", "IU", "IV", "IW")):
+            self.log.note("axes U V W are not read", self.line)
+        if not letters:
+            return None
+        by_plane = any(name in words[letter] for letter in letters if letter in words for name in TILT_ANGLES)
+        if self.tilt.rows != UNIT and (by_plane or not self.tip_control):
+            note = "A B C in a tilted plane position the rotary axes as the plane asks: its axis is taken"
+            self.log.note(note, self.line)
+            return None
+        for letter in letters:
+            axis = "ABC".index(letter)
+            self.rotary[axis] = (
+                self.value(words[letter]) if letter in words else self.rotary[axis] + self.value(words["I" + letter])
+            )
+        if self.spatial:
+            a, b, c = self.rotary
+            return rotate(2, c).then(rotate(1, b)).then(rotate(0, a)).turn(unit_axis(self.tool_axis))
+        return self.find_axis((self.rotary[0], self.rotary[1], self.rotary[2]))
+
+    def find_axis(self, angles: Point) -> Point:
+        """Return the tool axis for angles of the rotary axes [deg]."""
+        if not any(angles):
+            return unit_axis(self.tool_axis)
+        raise self.error("rotary axes A B C: what they turn is not read for this language yet")
+
+    def _on_way(self, start: list[float], end: list[float]) -> Callable[[float], Point]:
+        def axis(share: float) -> Point:
+            a, b, c = (one + share * (other - one) for one, other in zip(start, end, strict=True))
+            return self.find_axis((a, b, c))
+
+        return axis
+
+    def _turn_to_vector(self, words: Mapping[str, str]) -> Point | None:
+        """Return the tool axis of an LN block: its vector TX TY TZ, or with tip control its normal NX NY NZ."""
+        for letter in ("T", "N") if self.tip_control else ("T",):
+            names = [letter + axis for axis in AXES]
+            found = [name for name in names if name in words]
+            if not found:
+                continue
+            vector = tuple(self.value(words[name]) if name in words else 0.0 for name in names)
+            length = math.hypot(*vector)
+            if len(found) < 3 or not 1e-3 < length < 1e3:
+                raise self.error(f"direction {' '.join(found)} of an LN block, expected three numbers, not all 0")
+            turned = self.course.frame.turn((vector[0], vector[1], vector[2]))
+            size = math.hypot(*turned)
+            return turned[0] / size, turned[1] / size, turned[2] / size
+        return None
+
+    def set_pole(self, rest: str) -> None:
+        """Carry out CC."""
+        words, functions = self.split(rest)
+        start = self.contour.position
+        plane = PLANES[self.tool_axis]
+        named = [axis for axis, letter in enumerate(AXES) if letter in words or "I" + letter in words]
+        if named and len(named) != 2:
+            raise self.error(f"CC names {len(named)} axes, expected 2 (or none: where the tool is)")
+        if named:
+            first, second = next(pair for pair in PLANES.values() if set(pair) == set(named))
+        else:
+            first, second = plane
+        place = [
+            self.value(words[AXES[axis]]) if AXES[axis] in words
+            else start[axis] + (self.value(words["I" + AXES[axis]]) if named else 0.0)
+            for axis in (first, second)
+        ]  # fmt: skip
+        self.pole = first, second, place[0], place[1]
+        self.start_functions(functions)
+        self.stop_functions(functions)
+
+    def _go_round(self, kind: str, words: Mapping[str, str], corner: Corner | None, *, rapid: bool) -> None:
+        """Cut along an arc."""
+        if any(letter in words or "I" + letter in words for letter in "ABC"):
+            raise self.error("rotary axes on an arc are not read")
+        start = self.contour.position
+        target, named = self.target(words)
+        feed = 0.0 if rapid else self.speed()
+        if rapid:
+            raise self.error("an arc with FMAX is not read; give it a feed")
+        turns, plane = 1, PLANES[self.tool_axis]
+        if kind in ("C", "CP"):
+            plane = self._pole()[:2]
+        normal = unit_axis(3 - sum(plane))
+        if kind in ("CT", "CTP"):
+            found = find_tangent_arc(start, self.find_direction(), target, normal)
+            if abs(dot(combine(1.0, target, -1.0, start), normal)) > 1e-9:
+                raise self.error(f"{kind} that leaves its plane is not read")
+            if found is None:
+                self.contour.add(Element(start, target, named, feed, self.line, normal=normal), corner)
+                return
+            centre, right_hand = found
+        else:
+            right_hand = self._sense(words)
+            if kind == "CR":
+                if not words.get("R"):
+                    raise self.error("CR has no radius R")
+                centre = find_centre(start, target, normal, self.value(words["R"]), right_hand=right_hand)
+            else:
+                first, second, x, y = self._pole()
+                places = list(start)
+                places[first], places[second] = x, y
+                centre = places[0], places[1], places[2]
+            if "IPA" in words:
+                turns = self._count_turns(self.value(words["IPA"]), right_hand=right_hand)
+        self.contour.add(
+            Element(start, target, named, feed, self.line, centre, normal, right_hand, turns), corner
+        )
+        self.was_rapid = False
+
+    def _sense(self, words: Mapping[str, str]) -> bool:
+        sign = words.get("DR", "")
+        if sign not in ("+", "-"):
+            raise self.error("arc without a sense, expected DR+ or DR-")
+        return sign == "+"
+
+    def _count_turns(self, angle: float, *, right_hand: bool) -> int:
+        """Return the turns of an arc that goes on by an angle [deg]."""
+        if angle == 0.0 or (angle > 0.0) != right_hand:
+            raise self.error(f"IPA{angle:+g} and DR{'+' if right_hand else '-'} contradict each other")
+        turns = math.ceil(abs(angle) / 360.0 - 1e-9)
+        if turns > 10_000:
+            raise self.error(f"arc of {turns} turns, at most 10000 are read")
+        return turns
+
+    def find_direction(self) -> Point:
+        """Return the direction in which the contour arrives, in the coordinates of the program."""
+        if self.contour.held is not None:
+            element = self.contour.held[0]
+            return element.tangent(element.end)
+        direction = self.course.direction
+        if direction is None or self.contour.approach is not None:
+            raise self.error("nothing is cut right before this block that it could go on from smoothly")
+        back = self.course.frame.invert().turn(direction)
+        size = math.hypot(*back)
+        return back[0] / size, back[1] / size, back[2] / size
+
+def unit_axis(number: int) -> Point:
+    """Return the unit vector of X, Y or Z (0, 1, 2)."""
+    return ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))[number]
+
+
+def _cos(degrees: float) -> float:
+    return math.cos(math.radians(degrees))
+
+
+def _sin(degrees: float) -> float:
+    return math.sin(math.radians(degrees))
