@@ -72,7 +72,8 @@ def test_the_chosen_posture_leaves_no_more_than_the_cam_default(angled) -> None:
 def test_travel_is_priced_as_an_error_and_a_plain_posture_is_kept_that_is_as_accurate(angled) -> None:
     case, greedy = angled
     axes = case.job.T_base_part[:3, :3]
-    stance = choose_stance(case.robot, case.nominal, case.job.tool_x_base, PostureSettings(stations=160), axes=axes)
+    settings = PostureSettings(stations=160, motion=MotionFigures(stated=True))  # no assumed figure prices motion
+    stance = choose_stance(case.robot, case.nominal, case.job.tool_x_base, settings, axes=axes)
     plain = choose_posture(case.robot, case.nominal.position, tool_axes(case.nominal, case.job.tool_x_base))
     costs = summarise_costs(build_chain(case.robot), case.robot, case.nominal, plain.q, PostureSettings(), axes)
     # some micrometres less under load, for six times the travel, and inertia bends more than all of that
@@ -82,9 +83,25 @@ def test_travel_is_priced_as_an_error_and_a_plain_posture_is_kept_that_is_as_acc
     assert stance.costs["joint_travel_deg"] < 1.5 * costs["joint_travel_deg"]
 
 
+def test_each_preset_is_the_best_of_the_three_at_what_it_is_for(angled) -> None:
+    case, _ = angled
+    axes = case.job.T_base_part[:3, :3]
+    found = {
+        preset: choose_stance(case.robot, case.nominal, case.job.tool_x_base, settings, axes=axes).costs
+        for preset in ("accurate", "smooth", "fast")
+        if (settings := PostureSettings(stations=120, preset=preset))
+    }
+    for preset, key, slack in (("accurate", "sensitivity_rms_mm", 1.001), ("smooth", "joint_travel_deg", 1.03),
+                               ("fast", "time_s", 1.001)):  # fmt: skip
+        assert found[preset][key] <= slack * min(costs[key] for costs in found.values())
+    assert found["accurate"]["deviation_rms_mm"] < 0.95 * found["smooth"]["deviation_rms_mm"]
+    assert found["smooth"]["joint_travel_deg"] < 0.5 * found["accurate"]["joint_travel_deg"]
+
+
 def test_the_margin_that_is_asked_for_is_kept_where_some_way_keeps_it() -> None:
     case = make_case("kuka_kr270", "spiral", 45.0)  # the plain posture comes within 1.4 deg of a limit
-    stance = choose_stance(case.robot, case.nominal, case.job.tool_x_base)
+    settings = PostureSettings(motion=MotionFigures(stated=True))
+    stance = choose_stance(case.robot, case.nominal, case.job.tool_x_base, settings)
     assert stance.keeps_margin and stance.costs["limit_distance_deg"] >= 10.0
     assert stance.costs["joint_travel_deg"] < 0.5 * 2577  # deg that 2.6 micrometres less under load would travel
 

@@ -100,9 +100,10 @@ def _leg(
         tips = locate_frames(task.chain, np.array([start, end])).tcp_position
         duration = max(duration, 1.875 * float(np.linalg.norm(tips[1] - tips[0])) / feed)
     time = u * max(duration, task.gentle_time)
-    columns = (start * (1 - share) + end * share, here * (1 - share) + there * share)
-    wrench = before * (1 - share) + after * share
-    return columns[0][:-1], columns[1][:-1], wrench[:-1], np.diff(time)
+    q, wrench = start * (1 - share) + end * share, before * (1 - share) + after * share
+    # a joint move bows: the rows say where the tool goes, not where a straight line would have it
+    position = attain_pose(task.chain, q, wrench, slope=False).position
+    return q[:-1], position[:-1], wrench[:-1], np.diff(time)
 
 
 def _unload(task: PlanTask, q: Array, end: int) -> Array:

@@ -36,7 +36,7 @@ def weigh_joints(chain: Chain, q: Array, robot: Robot) -> Array:
     some = q[np.unique(np.linspace(0, len(q) - 1, min(len(q), LOOKED_AT)).astype(int))]
     columns = joint_jacobian(chain, locate_frames(chain, some))[:, :3]
     lever = np.einsum("nij,nij->j", columns, columns) / len(some)
-    gear, periods, lost, _, _ = MotionFigures()
+    gear, periods, lost, *_ = MotionFigures()
     width = np.full(robot.nq, lost)
     for entry in robot.effects:
         if entry.get("effect") == "backlash" and entry.get("joint") in robot.joint_names:

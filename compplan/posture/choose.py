@@ -39,9 +39,11 @@ from compplan.statics.ik import CONFIGURATIONS, Arm, build_arm
 
 #: Tells by how much postures keep clear: (q (m, nq), waypoints (m,)) -> margin (m,) [m], negative where too near.
 Margin = Callable[[Array, NDArray[np.int_]], Array]
-#: Errors of a finished posture that add up, and the share of the plain posture's that a choice has to get below: its
-#: figures are not known better (assumed).
-ERRORS, GAIN = ("sensitivity_rms_mm", "travel_error_rms_mm", "inertia_rms_mm"), 0.99
+#: Errors of a finished posture that add up.
+ERRORS = ("sensitivity_rms_mm", "travel_error_rms_mm", "inertia_rms_mm")
+#: Share of the plain posture's figure that a choice has to get below to be worth its turns: figures of the band are not
+#: known better (assumed), the others are compared as they are.
+GAINS = {"accurate": 0.999, "promise": 0.99, "smooth": 1.0, "fast": 0.999}
 #: Waypoints of the finished line whose margin is looked at.
 MARGIN_SAMPLES = 600
 #: Searches that collisions may ask for, and rounds of further stations.
@@ -135,7 +137,8 @@ def _choose_at(task: Task, stations: NDArray[np.int_]) -> tuple[Stance, NDArray[
         task.nominal, stations, most_step=settings.most_step, reconfigure=settings.reconfigure
     )
     coarse = _fill(task, stations, build_options(task.arm, settings))
-    weights = choose_weights(settings.preset, least_level(coarse, rungs), dict(settings.weights))
+    own = {**({"travel": 1.0} if settings.motion.stated and settings.preset == "accurate" else {}), **settings.weights}
+    weights = choose_weights(settings.preset, least_level(coarse, rungs), own)
     if coarse.usable.any():  # none is where the part is out of reach, which the search says
         reached = coarse.q[coarse.usable]
         rungs = replace(rungs, price=price_motion(task.chain, reached, robot.prismatic, settings.motion))
@@ -196,13 +199,13 @@ def _drop_near_limits(lattice: Lattice) -> Lattice:
 
 
 def _prefer_still(task: Task, stance: Stance) -> Stance:
-    """Keep one configuration and the tool's x where the job has it, unless the choice gains more than its travel costs.
+    """Keep one configuration and the tool's x where the job has it, unless the choice is better by what it is for.
 
-    Both finished postures are weighed as they are: what compensation leaves, gears and inertia. The plain one has to
-    stand as well as was asked for, or as the choice does.
+    Both finished postures are weighed as they are, by the measure of the preset (`measure_choice`). The plain one has
+    to stand as well as was asked for, or as the choice does.
     """
     settings, nominal, robot = task.settings, task.nominal, task.robot
-    if settings.preset not in ("accurate", "promise") or not stance.weights.travel > 0 or robot.nq < 6:
+    if robot.nq < 6 or settings.weights:
         return stance
     leans = np.abs(np.stack([stance.spin, stance.lead, stance.lean])).max()
     if leans < STILL and not stance.changes and not len(task.arm.held):  # the choice is the plain posture itself
@@ -224,10 +227,13 @@ def _prefer_still(task: Task, stance: Stance) -> Stance:
                         ("dexterity_min", settings.singularity_margin)):
         if costs[name] < min(asked, chosen[name]):
             return stance
-    counts = [count_chatter(task.chatter, q) for q in (plain.q, stance.q)]
-    if counts[0] is not None and counts[1] is not None and counts[0].at > counts[1].at:
+    chatters = [count_chatter(task.chatter, q) for q in (plain.q, stance.q)]
+    if chatters[0] is not None and chatters[1] is not None and chatters[0].at > chatters[1].at:
         return stance
-    if costs["joint_travel_deg"] >= chosen["joint_travel_deg"] or sum_errors(chosen) < GAIN * sum_errors(costs):
+    counts = stance.weights.travel > 0
+    ours, theirs = (measure_choice(settings.preset, value, counts_travel=counts) for value in (chosen, costs))
+    gained = ours < GAINS[settings.preset] * theirs
+    if gained or (theirs > ours and costs["joint_travel_deg"] >= chosen["joint_travel_deg"]):
         return stance
     none = np.zeros(len(nominal))
     picture = replace(stance.map, chosen=np.zeros(len(stance.map.chosen)))
@@ -235,6 +241,15 @@ def _prefer_still(task: Task, stance: Stance) -> Stance:
         stance, q=plain.q, rotation=rotation, spin=none, lead=none, lean=none, configuration=plain.configuration,
         changes=(), costs=costs, map=picture, instead_of=chosen,
     )  # fmt: skip
+
+
+def measure_choice(preset: str, costs: dict[str, float], *, counts_travel: bool = False) -> float:
+    """Return what a preset makes small, of a finished posture: deviation [mm], joint travel [deg] or time [s]."""
+    if preset == "smooth":
+        return costs["joint_travel_deg"]
+    if preset == "fast":
+        return costs["time_s"]
+    return sum_errors(costs) if preset == "promise" or counts_travel else costs["sensitivity_rms_mm"]
 
 
 def sum_errors(costs: dict[str, float]) -> float:

@@ -93,13 +93,17 @@ class Weights:
     travel: float = 1.0
 
 
-#: Presets. `sensitivity`, `deviation` and `travel` count as they stand; the others are shares of the least squared
-#: sensitivity that any posture along the path has, so that a preset means the same for a light and for a heavy cut.
+#: Presets: least remaining deviation, least band, least joint motion, shortest cycle; what else a preset counts decides
+#: between equals. `sensitivity`, `deviation` and `travel` count as they stand; the others are shares of the least
+#: squared sensitivity that any posture along the path has, so that a preset means the same for light and heavy cuts.
 PRESETS: dict[str, Weights] = {
-    "accurate": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001, rate=3.0, stability=10.0),
+    "accurate": Weights(limits=0.001, dexterity=0.0001, singularity=10.0, motion=2e-4, rate=3.0, stability=10.0,
+                        travel=0.0),
     "promise": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001, rate=3.0, stability=10.0),
-    "smooth": Weights(limits=0.2, dexterity=0.02, singularity=10.0, motion=0.5, rate=3.0, stability=10.0),
-    "fast": Weights(limits=0.1, dexterity=0.02, singularity=10.0, motion=0.02, time=0.2, rate=10.0, stability=10.0),
+    "smooth": Weights(sensitivity=0.001, limits=0.002, dexterity=0.0002, singularity=10.0, motion=5.0, rate=3.0,
+                      stability=10.0, travel=0.0),
+    "fast": Weights(sensitivity=0.01, limits=0.01, dexterity=0.002, singularity=10.0, motion=0.02, time=10.0,
+                    rate=1000.0, stability=10.0, travel=0.0),
 }
 RELATIVE = ("limits", "dexterity", "singularity", "motion", "time", "rate", "stability")
 

@@ -37,6 +37,7 @@ class MotionFigures(NamedTuple):
         lost: Lost motion of turning joints, full width. [rad]
         frequency: Lowest natural frequency of the arm. [Hz]
         source: Where they come from.
+        stated: Whether job or robot folder state them; the preset "accurate" prices motion by no assumed figure.
 
     """
 
@@ -45,6 +46,7 @@ class MotionFigures(NamedTuple):
     lost: float = float(np.radians(0.002))
     frequency: float = 10.0
     source: str = "assumed"
+    stated: bool = False
 
 
 @dataclass(frozen=True)

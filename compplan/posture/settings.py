@@ -119,4 +119,5 @@ def _read_motion(job: Job, robot: Robot) -> MotionFigures:
     stated = {"gear_error_deg", "gear_periods", "backlash_deg"} & noise.model_fields_set
     source = "[noise] of the job" if stated else "assumed, as in [noise]"
     source += ", lost motion of the robot folder" if widths else ""
-    return MotionFigures(float(np.radians(noise.gear_error_deg)), noise.gear_periods, lost, source=source)
+    gear = float(np.radians(noise.gear_error_deg))
+    return MotionFigures(gear, noise.gear_periods, lost, source=source, stated=bool(stated or widths))

@@ -187,7 +187,7 @@ def summarise_costs(
     travel = np.abs(steps[:, revolute]).sum()
     feed = np.where(nominal.rapid[1:] | (nominal.feed[1:] <= 0), np.inf, nominal.feed[1:])
     time = np.maximum(nominal.steps / feed, (np.abs(steps) / robot.velocity_limits).max(axis=1))
-    gear, periods, lost, frequency, _ = settings.motion
+    gear, periods, lost, frequency, *_ = settings.motion
     travelled = measure_travel_error(chain, q, share, robot.prismatic, gear=gear, periods=periods, lost=lost)
     return {
         "sensitivity_rms_mm": remaining["expected_rms_mm"],

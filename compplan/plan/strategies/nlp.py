@@ -101,9 +101,8 @@ def _finish(task: PlanTask, problem: PathProblem, q: Array, command: Command) ->
     missed = _size(_missed(task, problem, q))
     failures = name_failures(task, q, np.flatnonzero(missed > KEPT))
     if task.robot.effects:
-        # what no command can mend, such as lost motion at a reversal, is judged by the tolerance
-        slight = 0.5 * task.tolerance
-        failures = {k: name for k, name in failures.items() if name != OUT_OF_REACH or missed[k] > slight}
+        # what no command can mend, such as lost motion at a reversal, is no matter of reach: the judge sees the tip
+        failures = {k: name for k, name in failures.items() if name != OUT_OF_REACH or task.missed[k]}
     failures |= judge_limits(replace(task, missed=np.zeros_like(task.missed)), q).failures
     return replace(command, q=q, status="infeasible" if failures else "solved", failures=failures)
 
