@@ -462,3 +462,11 @@ def test_meshes_of_a_cell_are_drawn_where_they_stand():
     path = np.column_stack([np.linspace(1.0, 1.2, 15), np.zeros(15), np.ones(15)])
     names = [trace.name for trace in draw_cell(robot, np.tile(q, (15, 1)), path, around=[part, tool], kinds=kinds).data]
     assert names == ["kuka_kr270", "part", "tool", "cut with force", "cut without force", "rapid"]
+
+
+def test_only_plot_methods_touch_the_users_figures_and_nothing_their_backend() -> None:
+    """A notebook that writes a plan keeps its inline pictures."""
+    root = Path(__file__).parents[1] / "compplan"
+    texts = {str(file.relative_to(root)): file.read_text(encoding="utf-8") for file in root.rglob("*.py")}
+    assert [name for name, text in texts.items() if "pyplot" in text] == ["files/shown.py"]
+    assert not [name for name, text in texts.items() if "matplotlib.use(" in text]

@@ -12,15 +12,13 @@ from compplan.report.style import LIMIT, SEQUENTIAL
 
 def draw_place_map(result: PlaceResult) -> bytes:
     """Draw horizontal and vertical sections of the grid through the chosen place as a PNG."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
     from matplotlib.colors import LinearSegmentedColormap
+    from matplotlib.figure import Figure
 
     rating = next((r for r in result.ratings if r.turn == result.turn), result.ratings[0])
     shades = LinearSegmentedColormap.from_list("sensitivity", list(SEQUENTIAL)).with_extremes(bad="#e3e5e8")
-    figure, panels = pyplot.subplots(1, 2, figsize=(11.0, 4.6), dpi=130, layout="constrained")
+    figure = Figure(figsize=(11.0, 4.6), dpi=130, layout="constrained")  # none of the user's own
+    panels = figure.subplots(1, 2)
     low, high = np.nanpercentile(1e3 * rating.bound, (1, 97))
     chosen, marked = result.position, {"markeredgecolor": "#111418", "linestyle": "none"}
     for panel, (across, up, through) in zip(panels, ((0, 1, 2), (0, 2, 1)), strict=True):
@@ -37,7 +35,6 @@ def draw_place_map(result: PlaceResult) -> bytes:
     figure.colorbar(mesh, ax=panels, label="remaining deviation (lower bound), mm")
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
-    pyplot.close(figure)
     return buffer.getvalue()
 
 

@@ -33,17 +33,15 @@ CHOSEN = "#111418"
 
 def draw_map_picture(picture: PostureMap) -> bytes:
     """Draw the map as a PNG."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
     from matplotlib.colors import LinearSegmentedColormap, ListedColormap
+    from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
     values = np.where(~np.isin(picture.reason, list(TONES)), 1e3 * picture.sensitivity, np.nan)
     values = np.where(values > 0, values, np.nan)
     one = len(picture.spin) == 1
-    figure, axes = pyplot.subplots(figsize=(9.0, 2.8 if one else 4.2), dpi=130, layout="constrained")
+    figure = Figure(figsize=(9.0, 2.8 if one else 4.2), dpi=130, layout="constrained")  # none of the user's own
+    axes = figure.subplots()
     if one:
         axes.plot(1e3 * picture.length, values[:, 0], color=CHOSEN, linewidth=1.8)
         held = format_set_value(float(np.degrees(picture.spin[0])))
@@ -72,11 +70,8 @@ def draw_map_picture(picture: PostureMap) -> bytes:
 
 
 def _save(figure: Any) -> bytes:
-    from matplotlib import pyplot
-
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
-    pyplot.close(figure)
     return buffer.getvalue()
 
 
