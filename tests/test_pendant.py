@@ -6,18 +6,21 @@ rotations multiplied out here.
 
 from __future__ import annotations
 
+import json
 import tomllib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from commandline import run_command
 from robot_sources import SOURCES
 from test_robot_library import turn, walk
 
 from compplan.cell.frames import read_frame, read_part
 from compplan.cell.judge import build_judge, judge_pose
 from compplan.cell.reading import read_judge
+from compplan.doctor.pendant import look_at_pendant
 from compplan.errors import InputError
 from compplan.job.frames import PartTable, ToolTable
 from compplan.job.job import check_job
@@ -229,3 +232,28 @@ def test_shipped_controller_files_still_say_everything_else(tmp_path: Path) -> N
     for name, folder in robot_folders().items():
         table = tomllib.loads((folder / "controller.toml").read_text(encoding="utf-8"))
         assert {"schema", "controller", "sign", "zero_deg", "pendant"} <= set(table), name
+
+
+def test_doctor_says_which_way_tool_0_jogs_and_draws_it(tmp_path: Path, monkeypatch, capsys) -> None:
+    done = run_command(["doctor", "kuka_kr16_2", "--json", "--picture", tmp_path / "flange.svg"], monkeypatch, capsys)
+    said = {finding["about"]: finding for finding in json.loads(done.out)["findings"]}
+    assert done.status == 0 and said["pendant"]["state"] == "fine"
+    assert "x points along -z and z along x of 'flange' (tool0 of ros-industrial" in said["pendant"]["sentence"]
+    # a KUKA with every axis at 0 stretches its arm level: its tool then has B = 90 deg, x down and z ahead
+    jog = said["jog check"]["sentence"]
+    assert "with every axis at 0, tool 0 jogs along +x towards -z and along +z towards x of" in jog
+    drawn = (tmp_path / "flange.svg").read_text()
+    assert drawn.startswith("<?xml") and len(drawn) > 20_000
+    for words, wrong in ((["doctor", "--picture", "a.svg"], "draws the flange of a robot"),
+                         (["doctor", "ur10", "--picture", tmp_path / "a.txt"], "is no picture")):  # fmt: skip
+        done = run_command(words, monkeypatch, capsys)
+        assert done.status == 2 and wrong in done.err and not (tmp_path / "a.txt").exists()
+
+
+@pytest.mark.parametrize(("name", "x", "z"), [
+    ("abb_irb6700_200_260", "-z", "x"), ("fanuc_m20ia", "z", "x"), ("yaskawa_gp25", "z", "x"), ("ur10e", "x", "-y"),
+])  # fmt: skip
+def test_tool_0_at_zero_stands_as_the_makers_show_it(name: str, x: str, z: str) -> None:
+    # ABB: quaternion .7071 0 .7071 0; FANUC and Yaskawa: W 180, P -90, R 0; UR: x ahead of the arm, z to the side
+    remark = next(remark for remark in look_at_pendant(load_robot(name)) if remark.about == "jog check")
+    assert f"+x towards {x} and along +z towards {z} of" in remark.sentence

@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from compplan.doctor.pendant import look_at_pendant
 from compplan.doctor.remarks import Remark
 from compplan.effects import robot_effects
 from compplan.program.counting import load_controller
@@ -41,7 +42,7 @@ def examine_robot(robot: Robot) -> list[Remark]:
     """
     findings = [_describe(robot), *_look_at_sources(robot), *_look_at_limits(robot), *_look_at_weights(robot)]
     findings += [*_look_at_springs(robot), *_look_at_geometry(robot), *_look_at_controller(robot)]
-    return [*findings, *_look_at_shapes(robot)]
+    return [*findings, *look_at_pendant(robot), *_look_at_shapes(robot)]
 
 
 def _describe(robot: Robot) -> Remark:
