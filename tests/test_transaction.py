@@ -94,11 +94,14 @@ def test_a_manifest_cannot_reach_outside_its_folder(tmp_path, way):
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"commands": 3}', '{"commands": {"plan": 1}}', "[" * 100000])
-def test_a_manifest_that_is_none_counts_as_none(text, tmp_path):
+def test_a_manifest_that_is_none_names_no_file_that_may_be_replaced(text, tmp_path):
     write(tmp_path / "out", {"a": "1"})
     (tmp_path / "out" / MANIFEST).write_text(text)
-    write(tmp_path / "out", {"a": "2"})
-    assert read(tmp_path / "out") == {"a": "2"}
+    with pytest.raises(InputError, match="no manifest"):
+        write(tmp_path / "out", {"a": "2"})
+    assert read(tmp_path / "out") == {"a": "1"}
+    write(tmp_path / "out", {"a": "1", "b": "2"})
+    assert read(tmp_path / "out") == {"a": "1", "b": "2"}
 
 
 def test_an_exception_changes_nothing(tmp_path):

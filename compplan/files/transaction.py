@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from compplan.errors import InputError
+from compplan.files.foreign import refuse_foreign
 from compplan.files.origin import describe_origin, is_input
 
 LOG = logging.getLogger(__name__)
@@ -89,6 +90,8 @@ def replace_folder(folder: str | Path, command: str) -> Iterator[Path]:
             fcntl.flock(handle, fcntl.LOCK_EX)
             yield part
             _refuse_inputs(part, folder)
+            names = [MANIFEST, *list_files(part)]
+            refuse_foreign(names, place, known_files(place), folder, same=lambda name: _is_same(part, place, name))
             part.chmod(0o777 & ~_umask())
             _write_manifest(part, place, command)
             for path in [*part.rglob("*"), part]:
@@ -177,6 +180,40 @@ def _check_parent(path: Path) -> None:
         raise InputError(f"cannot be written: {there} is a file", file=path)
     if there.is_dir() and not os.access(there, os.W_OK | os.X_OK):
         raise InputError(f"cannot be written: folder {there} takes no files from you", file=path)
+
+
+def check_results(path: Path, names: Iterable[str]) -> None:
+    """Refuse a folder in which a directory or a file of the user's own has the name of a result.
+
+    Args:
+        path: The folder; it may not be there.
+        names: Names that the results are known to have before anything is computed.
+
+    Raises:
+        InputError: With what is in the way; nothing is tried.
+
+    """
+    check_folder(path)
+    if path.is_dir():
+        refuse_foreign([MANIFEST, *names], path.resolve(), known_files(path), path)
+
+
+def known_files(folder: Path) -> set[str]:
+    """Return the files of a folder that compplan wrote by its manifest, and that one unless it is another program's."""
+    commands = read_manifest(folder)
+    names = {name for entry in commands.values() for name in entry["files"]}
+    try:
+        table = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        table = {}  # damaged: it counts as none
+    foreign = isinstance(table, dict) and table and "commands" not in table
+    return names if foreign else {MANIFEST, *names}
+
+
+def _is_same(part: Path, place: Path, name: str) -> bool:
+    """Tell whether a new file is the same as the one in its place."""
+    both = (part / name).is_file() and (place / name).is_file()
+    return both and digest_file(part / name) == digest_file(place / name)
 
 
 def _refuse_inputs(part: Path, folder: Path) -> None:
