@@ -15,6 +15,7 @@ from compplan.maps.pictures import deflection_panels, draw_deflection, draw_join
 from compplan.maps.reach import ELBOWS
 from compplan.maps.survey import ROWS, WRIST_FOR_QUALITY_DEG, RobotMaps
 from compplan.report import Column, PageTable, Picture, Section, describe_robot, write_page
+from compplan.report.page import KeyFigure, Opening
 from compplan.robot import Array
 
 
@@ -126,5 +127,22 @@ def _write_report(result: RobotMaps, pictures: dict[str, tuple[bytes, str]], fil
         lede,
         sections,
         kind="Map",
+        opening=_open(result, worst, Picture(*pictures["map_horizontal.png"], description="Horizontal plane")),
         provenance=describe_robot(result.robot, facts, assumptions),
     )
+
+
+def _open(result: RobotMaps, worst: dict[str, Any], picture: Picture) -> Opening:
+    """Say how soft the arm is where it works, and where it is stiffest."""
+    flat = worst["horizontal"]
+    verdict = (
+        f"{result.robot.name} yields {flat['mean']:.2f} µm/N on average over the horizontal plane, "
+        f"{flat['min']:.2f} where it is stiffest."
+    )
+    figures = [
+        KeyFigure(f"{flat['min']:.2f} µm/N", "least deflection, worst direction of the force"),
+        KeyFigure(f"{flat['mean']:.2f} µm/N", "mean over the plane"),
+        KeyFigure(f"{flat['max']:.2f} µm/N", "greatest"),
+    ]
+    todo = "Put the part where the map is low: compplan place JOB looks for the place."
+    return Opening(verdict, "", figures, picture, todo)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from compplan.loop.campaign import MANY, PoseCampaign
+from compplan.report.openings import open_campaign
 from compplan.report.page import Block, Chart, Column, Columns, PageTable, Section, TableCell, write_page
 from compplan.report.path_scene import draw_cell
 from compplan.report.provenance import describe_robot
@@ -45,7 +46,8 @@ def write_campaign_page(campaign: PoseCampaign, file: Path) -> None:
         warning = f"On the straight joint move to pose {numbers} the arm touches something: go around by hand."
     write_page(
         file, f"{plan.name}: {len(campaign.poses) - 1} poses to measure", say_campaign(campaign), sections,
-        kind=f"Campaign, {plan.robot.name}", warning=warning, notes=campaign.notes,
+        kind=f"Campaign, {plan.robot.name}", opening=open_campaign(
+            campaign, Chart(_draw_curve(campaign), _caption(campaign), 340)), warning=warning, notes=campaign.notes,
         provenance=describe_robot(plan.robot, [("known from", campaign.design.known.source)]),
     )  # fmt: skip
 

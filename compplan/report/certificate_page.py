@@ -10,6 +10,7 @@ import numpy as np
 from compplan.effects.assumed import list_assumed
 from compplan.loop.certificate import DRIFTED, Certificate
 from compplan.loop.iso9283 import VISITS, PoseAccuracy
+from compplan.report.openings import open_certificate
 from compplan.report.page import Block, Chart, Column, PageTable, Section, TableCell, write_page
 from compplan.report.provenance import describe_robot
 from compplan.report.style import AFTER, BEFORE, CATEGORIES, format_length, format_number
@@ -36,6 +37,7 @@ def write_certificate_page(certificate: Certificate, file: Path) -> None:
     name = robot.name if same is None or same.name == robot.name else f"{same.name} ({robot.name})"
     provenance = describe_robot(robot, [("known from", certificate.known.source)], list_assumed(robot))
     write_page(file, f"{name}: certificate", summarise(certificate), sections, kind="Robot certificate",
+               opening=open_certificate(certificate),
                provenance=provenance)  # fmt: skip
 
 

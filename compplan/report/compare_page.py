@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.report.along_path import FLOOR, Stations, find_spans
+from compplan.report.openings import open_comparison
 from compplan.report.page import Block, Chart, Column, Fold, PageTable, Section, TableCell, write_page
 from compplan.report.panels import draw_panels, measure_panels
 from compplan.report.provenance import describe_grade, describe_robot
@@ -26,6 +27,8 @@ from compplan.robot import Array, Robot
 
 #: What the cell is called in which the plan's model is the truth.
 SAME_MODEL = "as modelled"
+#: What the picture of the first screen shows.
+DRAWN_CAPTION = "Bar: every second robot like yours stays below it; tick: 95 of 100 do. Dashed: the tolerance."
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,14 @@ class CompareView:
         """Names of the strategies, in the order given."""
         return list(next(iter(self.deviation.values())))
 
+    @property
+    def left(self) -> dict[str, tuple[float, float]]:
+        """By strategy: rms deviation on drawn robots, median and what 95 % stay below; else rms and largest. [m]."""
+        return {
+            name: self.drawn.get(name, (self.rms(self.own, name), self.largest(self.own, name)))
+            for name in self.strategies
+        }
+
     def rms(self, cell: str, strategy: str) -> float:
         """Root mean square of the deviation over the cut [m]."""
         return float(np.sqrt(np.mean(self.deviation[cell][strategy][self.cut] ** 2)))
@@ -101,6 +112,11 @@ def write_comparison(view: CompareView, file: Path) -> None:
         summarise_comparison(view),
         [_figures(view), _along(view)],
         kind=f"Strategies compared, {view.robot.name}",
+        opening=open_comparison(
+            {name: pair[0] for name, pair in view.left.items()}, {name: pair[1] for name, pair in view.left.items()},
+            view.tolerance, drawn=bool(view.drawn),
+            picture=Chart(_draw_left(view), DRAWN_CAPTION, 90 + 46 * len(view.strategies)),
+        ),
         notes=view.notes,
         provenance=describe_robot(view.robot, facts, list(view.assumptions)),
     )
@@ -223,6 +239,27 @@ def _bars(view: CompareView, cells: Sequence[str]) -> Any:
     figure.update_yaxes(autorange="reversed")
     figure.add_vline(x=1e3 * view.tolerance, line={"color": TOLERANCE, "width": 1.4, "dash": "dash"})
     figure.update_layout(barmode="group", bargap=0.28, legend={"traceorder": "normal"})
+    return figure
+
+
+def _draw_left(view: CompareView) -> Any:
+    """Draw what each strategy leaves on robots that may be the user's."""
+    import plotly.graph_objects as go
+
+    names = view.strategies
+    left = view.left
+    middle = [1e3 * left[name][0] for name in names]
+    most = [1e3 * max(left[name][1] - left[name][0], 0.0) for name in names]
+    figure = go.Figure(go.Bar(
+        y=[name.replace("_", " ") for name in names], x=middle, orientation="h", marker_color=CATEGORIES[0],
+        text=[format_length(left[name][0]) for name in names], textposition="inside", insidetextanchor="start",
+        constraintext="none",
+        error_x={"type": "data", "array": most, "arrayminus": [0.0] * len(most), "thickness": 1.6, "width": 6},
+        hovertemplate="%{x:.3g} mm<extra></extra>",
+    ))  # fmt: skip
+    figure.update_xaxes(title_text="deviation, rms, mm", rangemode="tozero")
+    figure.update_yaxes(autorange="reversed")
+    figure.add_vline(x=1e3 * view.tolerance, line={"color": TOLERANCE, "width": 1.6, "dash": "dash"})
     return figure
 
 

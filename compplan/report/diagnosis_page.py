@@ -22,6 +22,7 @@ from compplan.report.gap_figures import (
     draw_together,
     draw_traces,
 )
+from compplan.report.openings import open_diagnosis
 from compplan.report.page import Block, Chart, Column, Columns, Fold, PageTable, Section, TableCell, write_page
 from compplan.report.path_scene import describe_magnification
 from compplan.report.provenance import describe_grade, describe_robot
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 DRAWN = 12
 #: Candidates below this probability stand in the table alone.
 UNLIKELY = 5e-4
+#: What the picture of the first screen shows.
+SHARES = "Share of the error by place; lines: 95 % intervals."
 Row = list[TableCell | str | float | int | None]
 
 
@@ -102,6 +105,9 @@ def write_diagnosis(view: DiagnosisView, file: Path) -> None:
         [say_where(view), say_which(view), say_how_far(view)],
         [section for section in sections if section.blocks],
         kind=f"Diagnosis of the sim-to-real gap, {view.robot.name}",
+        opening=open_diagnosis(
+            view.verdict, view.gap, Chart(draw_shares(view.split.shares.by_place, "place"), SHARES, 330)
+        ),
         notes=[*view.notes, describe_grade(view.robot)],
         provenance=describe_robot(view.robot, [*_count_rows(view), *view.facts], list(view.assumptions)),
     )

@@ -14,6 +14,7 @@ from compplan.path.forces.fit import ForceFit
 from compplan.path.toolpath import Toolpath
 from compplan.plan.stability import Stability
 from compplan.report.along_path import Stations, draw_lines, draw_wrench, find_spans
+from compplan.report.openings import open_forces
 from compplan.report.page import Block, Chart, Column, Columns, PageTable, Provenance, Section, TableCell, write_page
 from compplan.report.robot_scene import frame_scene
 from compplan.report.stability_section import show_stability
@@ -49,7 +50,9 @@ def write_forces_page(
     facts = [("force model", found.job.process.model), *_list_coefficients(coefficients)]
     notes = list(summary["notes"])
     assumed = [note for note in notes if "assumed" in note]
-    write_page(file, found.job.name or "Forces", _lede(summary), sections, kind="Forces", notes=notes,
+    lines = draw_lines(stations, {"force": np.linalg.norm(found.wrench[:, :3], axis=1)}, "N", title="force", zero=True)
+    opening = open_forces(found, summary, Chart(lines, "Size of the force along the path.", height=330))
+    write_page(file, found.job.name or "Forces", _lede(summary), sections, kind="Forces", opening=opening, notes=notes,
                provenance=Provenance(facts, assumed))  # fmt: skip
 
 

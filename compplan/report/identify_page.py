@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from compplan.report.openings import open_identification
 from compplan.report.page import Chart, Column, Fold, PageTable, Provenance, Section, TableCell, write_page
 from compplan.report.style import AFTER, BEFORE, NEUTRAL, TOLERANCE
 
@@ -53,7 +54,10 @@ def write_identification_page(summary: dict[str, Any], file: Path) -> None:
         *((f"residual {name}, per axis", f"{value:.3g}") for name, value in summary["residual_per_axis"].items()),
     ]
     provenance = Provenance(facts, [note for note in summary["notes"] if "assumed" in note])
-    write_page(file, f"{robot}: identified", lede, sections, kind="Identification", provenance=provenance)
+    pictures = _changes(compliances)
+    opening = open_identification(summary, pictures[0] if pictures else _gap_chart(gap))
+    write_page(file, f"{robot}: identified", lede, sections, kind="Identification", opening=opening,
+               provenance=provenance)  # fmt: skip
 
 
 def _changes(entries: list[dict[str, Any]]) -> list[Chart]:

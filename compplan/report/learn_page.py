@@ -10,6 +10,7 @@ import numpy as np
 
 from compplan.loop.teach import Teaching
 from compplan.report.effect_words import show_size
+from compplan.report.openings import open_teaching
 from compplan.report.page import Chart, Column, PageTable, Section, TableCell, write_page
 from compplan.report.provenance import describe_robot
 from compplan.report.style import AFTER, BEFORE, CATEGORIES, format_length
@@ -43,7 +44,9 @@ def write_learn_page(teaching: Teaching, file: Path) -> None:
     word = "the step is taken" if lesson.taken else "no step is taken"
     warning = "" if lesson.taken else f"No step is taken: {lesson.reason}."
     write_page(
-        file, f"{teaching.after.name}: {word}", _summarise(teaching), sections, kind=f"Lesson, {teaching.robot.name}",
+        file, f"{teaching.after.name}: {word}", _summarise(teaching), sections,
+        kind=f"Measured part, {teaching.robot.name}",
+        opening=open_teaching(teaching, Chart(_draw_part(teaching), "Dots: measured. Lines: what explains it.", 340)),
         warning=warning, notes=teaching.notes[1:],
         provenance=describe_robot(teaching.robot, [("corrected plan", "plan.html")]),
     )  # fmt: skip

@@ -16,6 +16,7 @@ from compplan.report.montecarlo_figures import (
     draw_loops,
     draw_sensitivity,
 )
+from compplan.report.openings import open_study
 from compplan.report.page import Block, Chart, Column, Fold, PageTable, Section, TableCell, write_page
 from compplan.report.panels import measure_panels
 from compplan.report.plan_report import list_assumptions
@@ -23,6 +24,8 @@ from compplan.report.provenance import describe_grade, describe_robot
 from compplan.report.style import format_length, format_percent, format_set_value
 from compplan.study.job_study import JobStudy
 
+#: What the boxes show.
+BOXES = "Box: middle half of the robots drawn; line: 5 to 95 %; dashed: the tolerance. Logarithmic."
 Rows = list[list[TableCell | str | float | int | None]]
 
 
@@ -64,6 +67,7 @@ def write_montecarlo_report(result: JobStudy, folder: Path) -> Path:
         _lede(result),
         sections,
         kind=f"Strategies under uncertainty, {study.task.robot.name}",
+        opening=open_study(result, Chart(draw_distributions(result.run), BOXES, 90 + 34 * len(summary["strategies"]))),
         notes=_notes(result),
         provenance=describe_robot(study.task.robot, facts, assumptions),
     )
@@ -134,7 +138,7 @@ def _strategies(result: JobStudy) -> Section:
     heads = [Column(title) for title in ("strategy", "knows", "measures", "commands")]
     height = 90 + 34 * len(figures)
     chart = Chart(
-        draw_distributions(result.run), "Box: middle half of the cells; line: 5 to 95 %. Logarithmic.", height=height
+        draw_distributions(result.run), BOXES, height=height
     )
     fold = Fold("What each strategy knows, measures and commands", [PageTable(heads, about)])
     return Section("Strategies", [table, chart, fold])

@@ -1,15 +1,19 @@
 """The frame of every page: one HTML file that opens without a network, readable on paper, in light and in dark.
 
-A page has a title, a lede (the answer in a sentence or three), sections made of blocks, and its provenance. Blocks are
-paragraphs (str), tables, charts and pictures.
+Every page has the same anatomy: the opening fills the first screen and the first sheet of paper (the verdict in a line,
+what stops the machine, a picture, three figures, what to do next); below it, folded, stand the same in more words,
+remarks, sections made of blocks (paragraphs, tables, charts, pictures), and what the page was made from. Paper shows
+what is open on the screen. No script but the page's own runs in it, and nothing is fetched.
 """
 
 from __future__ import annotations
 
 import base64
+import gzip
+import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -121,11 +125,44 @@ Block = str | PageTable | Chart | Picture | Columns | Fold
 
 @dataclass(frozen=True)
 class Section:
-    """Group blocks under a title, with a sentence that says what they show."""
+    """Group blocks under a title, with a sentence that says what they show; it is folded unless it is open."""
 
     title: str
     blocks: Sequence[Block]
     lede: str = ""
+    open: bool = False
+
+
+@dataclass(frozen=True)
+class KeyFigure:
+    """One of the figures of an opening: the number with its unit, and what it is."""
+
+    value: str
+    words: str
+    tone: str = ""
+
+
+@dataclass(frozen=True)
+class Opening:
+    """What the first screen of a page says.
+
+    Args:
+        verdict: The answer in one line.
+        tone: "good", "bad", "unsure", or "" where the page judges nothing.
+        figures: Three figures.
+        picture: One picture.
+        next: What to do next, one sentence.
+        stops: What has to be settled before the machine moves, one sentence each.
+        sheet: What is shown open right below, such as the setup sheet.
+    """
+
+    verdict: str
+    tone: str = ""
+    figures: Sequence[KeyFigure] = ()
+    picture: Block | None = None
+    next: str = ""
+    stops: Sequence[str] = ()
+    sheet: Section | None = None
 
 
 @dataclass(frozen=True)
@@ -148,6 +185,7 @@ def write_page(
     sections: Sequence[Section],
     *,
     kind: str = "",
+    opening: Opening | None = None,
     warning: str = "",
     notes: Sequence[str] = (),
     provenance: Provenance | None = None,
@@ -160,11 +198,14 @@ def write_page(
         lede: What the page says, in one sentence or several; several stand as a numbered list.
         sections: The sections.
         kind: Small line above the title, such as "Plan".
-        warning: Sentence that stands in a frame above everything, such as why a plan is infeasible.
-        notes: Sentences to know before the rest is read.
+        opening: The first screen; left out: the first sentence of the lede and the first picture.
+        warning: Sentence that comes first of what stops the machine, such as why a plan is infeasible.
+        notes: Remarks; they are folded.
         provenance: What the page was made from.
     """
-    html = render_page(title, lede, sections, kind=kind, warning=warning, notes=notes, provenance=provenance)
+    html = render_page(
+        title, lede, sections, kind=kind, opening=opening, warning=warning, notes=notes, provenance=provenance
+    )
     write_text(file, html)
 
 
@@ -174,36 +215,71 @@ def render_page(
     sections: Sequence[Section],
     *,
     kind: str = "",
+    opening: Opening | None = None,
     warning: str = "",
     notes: Sequence[str] = (),
     provenance: Provenance | None = None,
 ) -> str:
     """Return the HTML of a page; arguments as for `write_page`."""
     charts: list[dict[str, Any]] = []
+    ledes = [lede] if isinstance(lede, str) else list(lede)
+    first = opening or Opening(ledes[0].partition(". ")[0].rstrip(".") + "." if ledes else title)
+    picture = None if first.picture is None else _describe(first.picture, charts)
+    shown = [*([] if first.sheet is None else [replace(first.sheet, open=True)]), *sections]
     parts = [
-        {"title": section.title, "lede": section.lede, "blocks": [_describe(block, charts) for block in section.blocks]}
-        for section in sections
-    ]
+        {"title": section.title, "lede": section.lede, "open": section.open,
+         "sheet": k == 0 and first.sheet is not None, "blocks": [_describe(block, charts) for block in section.blocks]}
+        for k, section in enumerate(shown)
+    ]  # fmt: skip
     themes = {theme: build_template(theme) for theme in ("light", "dark")}
     payload = {**share_values(charts), "themes": themes}
+    script = (TEMPLATES / "page.js").read_text(encoding="utf-8")
     return str(
         _environment()
         .get_template("page.html.j2")
         .render(
             title=title,
-            ledes=[lede] if isinstance(lede, str) else list(lede),
+            ledes=ledes,
             kind=kind,
-            warning=warning,
+            opening=first,
+            picture=picture,
+            stops=[*([warning] if warning else []), *first.stops],
             notes=list(notes),
             sections=parts,
             provenance=None if provenance is None else _with_origin(provenance),
             version=VERSION,
             css=(TEMPLATES / "page.css").read_text(encoding="utf-8"),
-            script=(TEMPLATES / "page.js").read_text(encoding="utf-8"),
+            script=script,
+            policy=write_policy(script, with_charts=bool(charts)),
             plotly=_plotly_script() if charts else "",
             payload=json.dumps(payload, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
         )
     )
+
+
+def write_policy(script: str, *, with_charts: bool) -> str:
+    """Return the content security policy of a page: its own script and the chart library by their hashes, no network.
+
+    Args:
+        script: The script of the page.
+        with_charts: Whether the chart library lies in the page.
+    """
+    digests = [hash_script(script.encode())] + ([_plotly_digest()] if with_charts else [])
+    rules = {
+        "default-src": "'none'", "script-src": " ".join(digests), "style-src": "'unsafe-inline'",
+        "img-src": "data: blob:", "base-uri": "'none'", "form-action": "'none'",
+    }  # fmt: skip
+    return "; ".join(f"{rule} {value}" for rule, value in rules.items())
+
+
+def hash_script(text: bytes) -> str:
+    """Return the source expression of an inline script."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text).digest()).decode()}'"
+
+
+@cache
+def _plotly_digest() -> str:
+    return hash_script(gzip.decompress(PLOTLY.read_bytes()))
 
 
 def share_values(charts: Sequence[dict[str, Any]]) -> dict[str, Any]:

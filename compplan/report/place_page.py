@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from compplan.report.openings import open_place
 from compplan.report.page import Column, PageTable, Picture, Provenance, Section, TableCell, write_page
 from compplan.report.style import format_percent
 
@@ -31,7 +32,6 @@ def write_place_page(summary: Mapping[str, Any], place_map: bytes, posture_map: 
     posture = [Picture(posture_map, "Posture along the path at the chosen place.")]
     sections = [
         Section("There and here", [_table(summary)], "What is left of the deviation along the path, after correction."),
-        Section("Places", maps),
         Section("Turns about the vertical", [_turns(summary["grids"])], "The best place of each turn."),
         Section("Posture", posture),
     ]
@@ -44,6 +44,7 @@ def write_place_page(summary: Mapping[str, Any], place_map: bytes, posture_map: 
         say_placement(summary),
         sections,
         kind="Placement",
+        opening=open_place(summary, maps[0]),
         provenance=Provenance([("robot", summary["robot"])], assumed),
     )
 

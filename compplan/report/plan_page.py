@@ -15,8 +15,9 @@ from compplan.report.along_path import (
     find_spans,
 )
 from compplan.report.force_moves import busiest_rate, tell_force
-from compplan.report.page import Block, Chart, Column, Fold, PageTable, Section, TableCell, write_page
+from compplan.report.page import Block, Chart, Column, Fold, Opening, PageTable, Section, TableCell, write_page
 from compplan.report.path_scene import describe_magnification, draw_deviation_paths
+from compplan.report.plan_opening import list_remarks
 from compplan.report.plan_view import PlanView
 from compplan.report.provenance import describe_grade, describe_robot
 from compplan.report.reach_section import show_reach
@@ -38,12 +39,13 @@ from compplan.robot import Array
 LISTED = 40
 
 
-def write_view(view: PlanView, file: Path) -> None:
+def write_view(view: PlanView, file: Path, opening: Opening | None = None) -> None:
     """Write the page of a plan.
 
     Args:
         view: What it shows.
         file: The HTML file.
+        opening: Its first screen.
     """
     sections = [
         show_reach(view),
@@ -60,8 +62,9 @@ def write_view(view: PlanView, file: Path) -> None:
         summarise_plan(view),
         [section for section in sections if section.blocks],
         kind=f"Path plan, {view.robot.name}",
+        opening=opening,
         warning=_warn(view),
-        notes=view.notes,
+        notes=list_remarks(view.notes) if opening is not None else view.notes,
         provenance=describe_robot(view.robot, facts, list(view.assumptions)),
     )
 

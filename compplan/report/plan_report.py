@@ -14,6 +14,7 @@ from compplan.plan.slow import mark_slow, tell_causes
 from compplan.posture.alternatives import compare_postures
 from compplan.report.coupling_section import show_coupling
 from compplan.report.page import Section
+from compplan.report.plan_opening import open_plan
 from compplan.report.plan_page import write_view
 from compplan.report.plan_view import PlanView
 from compplan.report.posture_section import list_uncertainties, show_posture
@@ -41,7 +42,7 @@ def write_plan_report(plan: Plan, out: str | Path, *, extra: Sequence[Section] =
         InputError: If the folder cannot be written.
     """
     file = Path(out) / "report.html"
-    write_view(view_plan(plan, extra), file)
+    write_view(view_plan(plan, extra), file, open_plan(plan, Path(out)))
     return file
 
 

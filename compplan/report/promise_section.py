@@ -49,21 +49,21 @@ def show_promise(promise: Promise, stations: Stations, tolerance: float) -> Sect
         blocks.append(_leading(promise))
     if promise.assumed:
         blocks.append(Fold("What is assumed", list(promise.assumed)))
-    return Section("Promise", blocks, say_promise(promise, tolerance))
+    return Section("95 % band", blocks, say_promise(promise, tolerance))
 
 
 def say_promise(promise: Promise, tolerance: float) -> str:
     """Say in a sentence or two what can be promised."""
     text = (
-        f"At any point the true tip is within {format_length(promise.greatest)} of the path with 95 %; the tolerance"
-        f" that can be promised for the whole part is {format_length(promise.whole)}."
+        f"At any point the true tip is within {format_length(promise.greatest)} of the path with 95 %; along the whole"
+        f" part within {format_length(promise.whole)}."
     )
     kept = "That keeps" if promise.whole <= tolerance else "That does not keep"
     text += f" {kept} the tolerance of {format_set_value(1e3 * tolerance)} mm."
     best = promise.narrowings[0] if promise.narrowings else None
     if best is not None and best.promise < WORTH * promise.greatest:
         text += (
-            f" Knowing {best.words} would bring the promise at any point from {format_length(promise.greatest)} to"
+            f" Knowing {best.words} would narrow the band at any point from {format_length(promise.greatest)} to"
             f" {format_length(best.promise)}."
         )
     known = promise.known

@@ -10,7 +10,7 @@ from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json
 from compplan.files.transaction import replace_folder
 from compplan.report import Column, PageTable, Picture, Section, TableCell, describe_robot, write_page
-from compplan.report.page import Provenance
+from compplan.report.page import KeyFigure, Opening, Provenance
 from compplan.report.style import format_number
 from compplan.reproduce.paper import Reproduction, Row, count_verdicts
 
@@ -60,7 +60,20 @@ def _write_report(result: Reproduction, file: Path) -> None:
         [("paper", result.citation), *dict.fromkeys(fact for part in parts for fact in part.facts)],
         list(dict.fromkeys(text for part in parts for text in part.assumptions)),
     )
-    write_page(file, result.title, result.lede, sections, kind="Reproduction", provenance=provenance)
+    write_page(file, result.title, result.lede, sections, kind="Reproduction", opening=_open(result),
+               provenance=provenance)  # fmt: skip
+
+
+def _open(result: Reproduction) -> Opening:
+    """Say how many figures of the paper come out alike."""
+    counts = count_verdicts(result.rows)
+    good = counts.get("matches", 0) + counts.get("close", 0)
+    told = sum(counts.values())
+    figures = [KeyFigure(str(count), words) for words, count in list(counts.items())[:3]]
+    picture = _picture(result.figures[0]) if result.figures else None
+    verdict = f"{good} of {told} figures of the paper come out within 20 %."
+    todo = "Read which figures do not, and what the paper leaves out, below."
+    return Opening(verdict, "good" if good > 0.5 * told else "unsure", figures, picture, todo)
 
 
 def _picture(figure: Any) -> Picture:

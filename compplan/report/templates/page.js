@@ -124,6 +124,37 @@
     });
   }
 
+  // A chart in a fold is drawn when the fold is opened, in the width that it then has.
+  function drawWithin(fold) {
+    fold.querySelectorAll(".plot").forEach((node) => {
+      const number = Number(node.id.slice("chart-".length));
+      if (!node.closest("details:not([open])") && window.Plotly) {
+        if (drawn.has(number)) Plotly.Plots.resize(node);
+        else draw(number);
+      }
+    });
+  }
+
+  function openTarget() {
+    const target = window.location.hash.length > 1 && document.getElementById(window.location.hash.slice(1));
+    if (target && target.tagName === "DETAILS") {
+      target.open = true;
+      target.scrollIntoView();
+    }
+  }
+
+  const folds = [...document.querySelectorAll("details")];
+  const unfold = document.getElementById("unfold");
+  unfold.hidden = !folds.length;
+  unfold.addEventListener("click", () => {
+    const wanted = unfold.textContent === "Open all";
+    folds.forEach((fold) => { fold.open = wanted; });
+    unfold.textContent = wanted ? "Close all" : "Open all";
+  });
+  window.addEventListener("hashchange", openTarget);
+  document.querySelectorAll("nav a").forEach((link) => link.addEventListener("click", () => window.setTimeout(openTarget, 0)));
+  openTarget();
+
   function paint(name) {
     if (root.dataset.theme === name) return;
     root.dataset.theme = name;
@@ -164,7 +195,7 @@
 
   function drawNext(number) {
     if (number >= page.charts.length) return;
-    draw(number);
+    if (!element(number).closest("details:not([open])")) draw(number);
     window.setTimeout(() => drawNext(number + 1), 0);
   }
 
@@ -184,16 +215,16 @@
   }
   window.addEventListener("beforeprint", () => {
     paint("light");
-    document.querySelectorAll("details").forEach((fold) => { fold.dataset.was = fold.open; fold.open = true; });
     page.charts.forEach((_, number) => {
+      if (element(number).closest("details:not([open])")) return;
       draw(number);
       fitPaper(element(number));
     });
   });
   window.addEventListener("afterprint", () => {
     paint(theme());
-    document.querySelectorAll("details").forEach((fold) => { fold.open = fold.dataset.was === "true"; });
-    page.charts.forEach((_, number) => fitScreen(element(number)));
+    drawn.forEach((number) => fitScreen(element(number)));
   });
+  folds.forEach((fold) => fold.addEventListener("toggle", () => { if (fold.open) drawWithin(fold); }));
   drawNext(0);
 })();

@@ -1,0 +1,54 @@
+"""The picture of a result on its page: the same curves that `plot()` draws, as an interactive chart."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from compplan.files.shown import Curves, pick_style
+from compplan.report.page import Chart
+from compplan.report.thinning import thin_rows
+
+#: Points of a line that are drawn at most.
+POINTS = 1500
+
+
+def show_curves(curves: Curves, caption: str, height: int = 360) -> Chart:
+    """Return curves as a chart.
+
+    Args:
+        curves: What is drawn.
+        caption: What to see in it, in a sentence.
+        height: Height on the page. [px]
+    """
+    return Chart(draw_curves(curves), caption, height=height)
+
+
+def draw_curves(curves: Curves) -> Any:
+    """Draw curves with plotly."""
+    import plotly.graph_objects as go
+
+    figure = go.Figure()
+    for line in curves.lines:
+        colour, dash = pick_style(line.role)
+        rows = thin_rows([np.asarray(line.y, float)], POINTS)
+        figure.add_scatter(
+            x=np.asarray(line.x)[rows], y=np.asarray(line.y)[rows], mode="lines", name=line.label, connectgaps=False,
+            line={"color": colour, "dash": dash, "width": 1.8}, hovertemplate=f"%{{y:.3g}}<extra>{line.label}</extra>",
+        )  # fmt: skip
+    if curves.level is not None:
+        colour, dash = pick_style("tolerance")
+        x = np.concatenate([np.asarray(line.x, float) for line in curves.lines])
+        ends = [float(np.nanmin(x)), float(np.nanmax(x))]
+        figure.add_scatter(
+            x=ends, y=[curves.level[0]] * 2, mode="lines", name=curves.level[1],
+            line={"color": colour, "dash": dash, "width": 2.2},
+            hovertemplate=f"%{{y:.3g}}<extra>{curves.level[1]}</extra>",
+        )  # fmt: skip
+    figure.update_xaxes(title_text=curves.x)
+    figure.update_yaxes(title_text=curves.y, type="log" if curves.logarithmic else "linear")
+    if not curves.logarithmic:
+        figure.update_yaxes(rangemode="tozero")
+    figure.update_layout(margin={"t": 30, "r": 12, "l": 60, "b": 46})
+    return figure

@@ -1,0 +1,168 @@
+"""The first screen of a plan, and its setup sheet: what the person at the machine needs, on one A4."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from compplan.program.counting import load_controller
+from compplan.program.frames import place_numbers, rotation_vectors
+from compplan.report.curve_chart import show_curves
+from compplan.report.page import Block, Column, KeyFigure, Opening, PageTable, Section, TableCell
+from compplan.report.style import format_bound, format_length, format_number, format_percent, format_set_length
+from compplan.robot import Array, Robot
+
+if TYPE_CHECKING:
+    from compplan.plan.plan import Plan
+
+#: What the verdict looks like.
+TONES = {"keeps": "good", "may_not_keep": "bad", "not_known": "unsure"}
+#: Words of notes that have to be settled before the machine moves; each stands in the sentence that its author writes.
+STOPPING = (
+    "ARE NOT KNOWN", "swing over", "swings over", "never starts the spindle", "is that so?", "Is tool.position_mm",
+    "below the part", "touches", "collid", "soft limit", "spindle stands",
+)  # fmt: skip
+#: Files of a result that are no program.
+NO_PROGRAM = {".html", ".json", ".png", ".npz", ".glb", ".bin", ".toml", ".urdf"}
+#: Tables of a result that are no program.
+NO_PROGRAM_NAMES = {"deviation.csv", "forces.csv"}
+
+
+def open_plan(plan: Plan, folder: Path | None = None) -> Opening:
+    """Return the first screen of a plan.
+
+    Args:
+        plan: The plan.
+        folder: Folder that its programs are written to already, for their checksums; None where there are none.
+    """
+    verdict = plan.verdict
+    sentence = first_sentence(verdict.sentence)
+    band = "not known" if verdict.band is None else format_length(verdict.band)
+    before, after = format_length(plan.before.max_deviation), format_bound(plan.after.max_deviation)
+    figures = [
+        KeyFigure(band, f"95 % band: where the true tip stays; the tolerance is {format_set_length(verdict.tolerance)}",
+                  TONES[verdict.word] if verdict.word != "not_known" else ""),
+        KeyFigure(f"{before} → {after}", "greatest deviation without and with correction, on the robot as modelled"),
+        KeyFigure(f"{format_number(float(plan.timing.time[-1]))}\u00a0s",
+                  f"for {format_length(plan.task.nominal.cutting_length)} of cut"),
+    ]  # fmt: skip
+    if verdict.beyond_share:
+        figures[2] = KeyFigure(format_percent(verdict.beyond_share), "of the cut may be beyond the tolerance", "bad")
+    picture = show_curves(plan.curves(), "Distance of the tool tip from the path. The 95 % band has to stay below the "
+                          "tolerance.", 340)  # fmt: skip
+    todo = verdict.change or "Run the program without a part at reduced override, then cut and measure one part."
+    stops = list_stops(plan.notes)
+    return Opening(sentence, TONES[verdict.word], figures, picture, todo, stops, write_sheet(plan, folder))
+
+
+def first_sentence(text: str) -> str:
+    """Return the first sentence of a text."""
+    return re.split(r"(?<=[.!?])\s+(?=[A-Z])", text.strip(), maxsplit=1)[0]
+
+
+def list_stops(notes: Sequence[str]) -> list[str]:
+    """Return the notes that have to be settled before the machine moves."""
+    return [note for note in notes if any(word in note for word in STOPPING)]
+
+
+def list_remarks(notes: Sequence[str]) -> list[str]:
+    """Return the other notes."""
+    stops = set(list_stops(notes))
+    return [note for note in notes if note not in stops]
+
+
+def write_sheet(plan: Plan, folder: Path | None) -> Section:
+    """Return the setup sheet: part, frames, tool, start, band, and the checksums of the programs."""
+    rows: list[list[TableCell | str | float | int | None]] = [
+        [TableCell(name, "strong"), words] for name, words in (*_say_frames(plan), *_say_run(plan))
+    ]
+    rows[:0] = [[TableCell("Job", "strong"), plan.name], [TableCell("Verdict", "strong"), plan.verdict.sentence]]
+    rows += [[TableCell("Before the machine moves", "bad"), stop] for stop in list_stops(plan.notes)]
+    blocks: list[Block] = [PageTable([Column("Setup"), Column("")], rows)]
+    programs = [] if folder is None else list_programs(folder)
+    if programs:
+        cells: list[list[TableCell | str | float | int | None]] = [list(program) for program in programs]
+        blocks.append(PageTable([Column("Program"), Column("lines"), Column("SHA-256, first 16 digits")], cells,
+                                "The file on the controller is this one if its checksum is the same."))  # fmt: skip
+    blocks.append("Set up by ______________________   Checked by ______________________   Date ______________")
+    return Section("Setup sheet", blocks, "What has to stand on the machine as it stands here.", open=True)
+
+
+def list_programs(folder: Path) -> list[tuple[str, int, str]]:
+    """List program files in a folder: name, lines, and the first digits of their checksum."""
+    files = sorted(file for file in folder.rglob("*") if file.suffix not in NO_PROGRAM and file.is_file())
+    files = [file for file in files if file.name not in NO_PROGRAM_NAMES]
+    found = []
+    for file in files:
+        content = file.read_bytes()
+        digest = hashlib.sha256(content).hexdigest()[:16]
+        found.append((str(file.relative_to(folder)), content.count(b"\n"), digest))
+    return found
+
+
+def say_pose(pose: Array) -> str:
+    """Write a pose as pendants take it: millimetres, and angles by the names of the common forms. Shape (4, 4). [m]."""
+    x, y, z, a, b, c = place_numbers(pose, "ZYX", 3)
+    turn = np.degrees(rotation_vectors(pose[None])[0]).round(3) + 0.0
+    place = f"X {x:g}  Y {y:g}  Z {z:g} mm"
+    if not np.any(turn):
+        return f"{place}, not turned"
+    vector = ", ".join(f"{value:g}" for value in turn)
+    return f"{place}; A {a:g}  B {b:g}  C {c:g} deg (z, y', x''); rotation vector {vector} deg"
+
+
+def locate_tcp(robot: Robot) -> Array:
+    """Return the tool centre point seen from the flange; nothing moves between them. Shape (4, 4). [m]."""
+    pose, beyond = np.eye(4), False
+    for joint in robot.joints:
+        beyond = beyond or joint.parent == robot.flange
+        pose = pose @ joint.placement if beyond else pose
+    return pose
+
+
+def _say_frames(plan: Plan) -> list[tuple[str, str]]:
+    """Return robot, part and tool in words."""
+    robot, job = plan.robot, plan.job
+    controller = load_controller(robot)
+    rows = [("Robot", f"{robot.name}; controller {controller.name or 'not known'}; model is {robot.grade}")]
+    if job is not None:
+        rows.append(("Part frame, in the robot base", say_pose(job.T_base_part)))
+    tool = None if job is None else job.tool
+    if tool is None:
+        rows.append(("Tool", f"the robot model's own ({robot.tcp} from {robot.flange})"))
+    else:
+        mass = "weight not known" if tool.mass_kg is None else f"{tool.mass_kg:g} kg"
+        rows.append(("Tool", f"of the job; {mass}"))
+    rows.append(("Tool centre point, in the flange", say_pose(locate_tcp(robot))))
+    source = Path(plan.task.nominal.source).name or "in memory"
+    return [*rows, ("Toolpath", f"{source}; {len(plan.task)} waypoints")]
+
+
+def _say_run(plan: Plan) -> list[tuple[str, str]]:
+    """Return start, feed, clearance and band in words."""
+    robot, verdict = plan.robot, plan.verdict
+    first = plan.approach.key_q[0] if len(plan.approach.key_q) else plan.q[0]
+    joints = ", ".join(f"{name.split('_')[0]} {round(float(values[0]), 2) + 0.0:.2f} {name.split('_')[1]}"
+                       for name, values in robot.joint_columns(first[None]).items())  # fmt: skip
+    feed = plan.timing.feed[plan.task.cut]
+    feed = 1e3 * feed[np.isfinite(feed) & (feed > 0)]
+    speed = f"{feed.min():.4g} to {feed.max():.4g} mm/s" if len(feed) else "not known"
+    margins = plan.margins
+    rows = [
+        ("First joint position", joints),
+        ("Feed of the cut", f"{speed}; {plan.timing.time[-1]:.4g} s in all"),
+        ("Nearest joint limit", f"{robot.joint_names[margins.joint]}: {np.degrees(margins.position):.3g} deg"),
+    ]
+    if plan.clearance is not None:
+        near = min(plan.clearance.least[1], plan.clearance.own, key=lambda contact: contact.distance)
+        if np.isfinite(near.distance) and near.first:
+            rows.append(("Least clearance", f"{format_length(near.distance)}: {near.first} to {near.second}"))
+    band = "not known" if verdict.band is None else format_length(verdict.band)
+    rows.append(("Tolerance and 95 % band", f"{format_set_length(verdict.tolerance)}; band {band}"))
+    force = float(np.linalg.norm(plan.task.wrench[:, :3], axis=1).max(initial=0.0))
+    return [*rows, ("Greatest predicted force", f"{force:.4g} N" if force else "none predicted")]
