@@ -12,8 +12,12 @@ from compplan.job.job import load_job
 from compplan.measure.reading import read_campaign
 from compplan.program import WRITERS, list_languages
 from compplan.program.counting import load_controller
+from compplan.program.pendant import locate_pendant
 from compplan.robot import load_robot
 from compplan.robot.folder import find_robot_folder, robot_folders
+from compplan.robot.mounting import name_axis, outward_axis
+from compplan.robot.skeleton import write_skeleton
+from compplan.statics.chain import build_chain, locate_frames
 
 
 def test_a_job_names_the_robot_its_own_language_and_the_toolpath(tmp_path: Path, monkeypatch, capsys) -> None:
@@ -86,7 +90,7 @@ def test_the_empty_log_is_read_once_it_has_rows(tmp_path: Path, monkeypatch, cap
         ["init", "x.toml", "--toolpath", "no.nc"],
         ["init", "x.toml", "--robot", "no_robot"],
         ["init", "x.csv"],
-        ["init", "x.toml", "--toolpath", __file__],
+        ["init", "x.toml", "--toolpath", str(Path(__file__).with_name("arms.py"))],  # no line of it is G-code
         ["doctor", "ur10", "--robot", "kuka_kr270"],
         ["convert", "no.nc", "--out", "x.nc"],
     ],
@@ -106,3 +110,52 @@ def test_the_first_job_of_a_small_arm_has_a_force_that_its_joints_bear(tmp_path,
     effort = load_robot("fanuc_lrmate200id7l").effort_limits[1]
     assert push * lever < effort < 1200.0 * lever and push > 10.0
     assert job.process.lateral_N == pytest.approx(push / 3.0, rel=0.1)
+
+
+EE_LINK = """<robot name="arm"><link name="base_link"/><link name="a"/><link name="b"/><link name="ee_link"/>
+<joint name="j1" type="revolute"><parent link="base_link"/><child link="a"/><origin xyz="0 0 0.4"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="3" velocity="2" effort="9"/></joint>
+<joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.5 0 0"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" velocity="2" effort="9"/></joint>
+<joint name="fixed" type="fixed"><parent link="b"/><child link="ee_link"/><origin xyz="0 0.1 0"
+rpy="0 0 1.5707963267948966"/></joint></robot>
+"""
+
+
+def test_a_urdf_that_does_not_say_which_axis_leaves_the_tool_is_refused_until_it_is_told(
+    tmp_path: Path, monkeypatch, capsys
+) -> None:
+    (tmp_path / "arm.urdf").write_text(EE_LINK)
+    words = ["init", "robot", tmp_path / "arm.urdf", "--out", tmp_path / "arm"]
+    done = run_command(words, monkeypatch, capsys)
+    assert done.status == 2 and "does not say which axis of 'ee_link' points out of the tool" in done.err
+    assert "turns about x of it: a straight tool leaves along x or -x" in done.err and not (tmp_path / "arm").exists()
+    done = run_command([*words, "--tool-axis", "x"], monkeypatch, capsys)
+    assert done.status == 0, done.err
+    robot = load_robot(tmp_path / "arm")
+    assert (robot.tcp, robot.flange) == ("tool0", "ee_link") and outward_axis(robot).tolist() == [1.0, 0.0, 0.0]
+    frames = locate_frames(build_chain(robot), np.zeros((1, 2)))
+    assert frames.tcp_position[0] == pytest.approx([0.5, 0.1, 0.4])
+    assert frames.tcp_rotation[0][:, 2] == pytest.approx([0.0, 1.0, 0.0], abs=1e-12)  # x of ee_link is y of the base
+    counting = load_controller(robot)
+    assert not counting.known and counting.joint_names == ("J1", "J2")
+    text = (tmp_path / "arm" / "controller.toml").read_text()
+    assert "# z         = [1.0, 0.0, 0.0]" in text and "checked     = false" in text
+    done = run_command(["doctor", tmp_path / "arm"], monkeypatch, capsys)
+    assert done.status == 0 and "checked = false" in done.out
+
+
+@pytest.mark.parametrize("axis", ["x", "-x", "y", "-y", "z", "-z"])
+def test_z_of_the_new_frame_points_along_the_axis_that_was_named(tmp_path: Path, axis: str) -> None:
+    (tmp_path / "arm.urdf").write_text(EE_LINK)
+    for name, text in write_skeleton(tmp_path / "arm.urdf", tool_axis=axis).items():
+        (tmp_path / name).write_text(text)
+    assert name_axis(outward_axis(load_robot(tmp_path))) == axis
+
+
+def test_a_tool0_gives_the_pendant_its_frame_and_counts_as_unconfirmed(tmp_path: Path) -> None:
+    for name, text in write_skeleton(find_robot_folder("fanuc_m20ia") / "robot.urdf").items():
+        (tmp_path / name).write_text(text)
+    found, shipped = locate_pendant(load_robot(tmp_path)), locate_pendant(load_robot("fanuc_m20ia"))
+    assert found is not None and shipped is not None and found.stated and not found.confirmed
+    assert found.pose == pytest.approx(shipped.pose, abs=1e-8)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 import tomllib
 from pathlib import Path
 
@@ -23,7 +24,7 @@ from compplan.path.reading import read_toolpath
 from compplan.program import WRITERS, list_languages
 from compplan.program.counting import load_controller
 from compplan.robot import Robot, load_robot
-from compplan.robot.skeleton import write_skeleton
+from compplan.robot.skeleton import TURNS, write_skeleton
 
 #: Keys of a force model that stay out until somebody wants them.
 OPTIONAL = ("# required", "# stock_top_mm")
@@ -39,12 +40,14 @@ FEW_TURNS_MM = 5.0
               help="Robot of the job, or of the log: folder or shipped robot.")  # fmt: skip
 @click.option("--toolpath", default=None, help="Toolpath of the job, relative to it: CSV or a CAM file.")
 @click.option("--tcp", default=None, help="init robot: frame of the tool centre point; left out: the end of the chain.")
+@click.option("--tool-axis", type=click.Choice(list(TURNS)), default=None,
+              help="init robot: axis of that frame that points out of the tool.")  # fmt: skip
 @click.option("--short", is_flag=True, help="A job of the keys that one needs first, without the others.")
 @click.option("--out", type=click.Path(path_type=Path), default=None, help="Folder of the robot, or file of the log.")
 @click.option("--schema", is_flag=True, help="Print the JSON schema of a job, and write nothing.")
 def command(
-    words: tuple[str, ...], robot_name: str | None, toolpath: str | None, tcp: str | None, short: bool,
-    out: Path | None, schema: bool,
+    words: tuple[str, ...], robot_name: str | None, toolpath: str | None, tcp: str | None, tool_axis: str | None,
+    short: bool, out: Path | None, schema: bool,
 ) -> None:  # fmt: skip
     """Write a job FILE (default job.toml) in which every key is explained; or a robot folder; or an empty log.
 
@@ -71,14 +74,14 @@ def command(
         raise InputError(f"--short has no meaning in: compplan init {words[0]}")
     if words[:1] == ("robot",):
         _refuse(words, 2, "robot URDF", robot_name=robot_name, toolpath=toolpath)
-        _init_robot(Path(words[1]), tcp, out)
+        _init_robot(Path(words[1]), tcp, tool_axis, out)
     elif words[:1] == ("log",):
-        _refuse(words, 1, "log --robot ROBOT", toolpath=toolpath, tcp=tcp)
+        _refuse(words, 1, "log --robot ROBOT", toolpath=toolpath, tcp=tcp, tool_axis=tool_axis)
         _init_log(robot_name, out or Path("measurements.csv"))
     else:
         if len(words) > 1:
             raise InputError(f"init takes one FILE, 'robot URDF' or 'log', not {' '.join(words)!r}")
-        _refuse(words, len(words), "FILE", tcp=tcp, out=out)
+        _refuse(words, len(words), "FILE", tcp=tcp, tool_axis=tool_axis, out=out)
         _init_job(Path(words[0]) if words else Path("job.toml"), robot_name, toolpath, short=short)
 
 
@@ -88,7 +91,8 @@ def _refuse(words: tuple[str, ...], count: int, form: str, **options: object) ->
         raise InputError(f"{len(words) - 1} words after {words[0]!r}, expected: compplan init {form}")
     for name, value in options.items():
         if value is not None:
-            raise InputError(f"--{name.removesuffix('_name')} has no meaning in: compplan init {form}")
+            option = name.removesuffix("_name").replace("_", "-")
+            raise InputError(f"--{option} has no meaning in: compplan init {form}")
 
 
 def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short: bool) -> None:
@@ -187,11 +191,17 @@ def _check_toolpath(path: Path) -> None:
         raise InputError(f"is no toolpath, expected a file that ends in .csv, {', '.join(list_suffixes())}", file=path)
 
 
-def _init_robot(urdf: Path, tcp: str | None, out: Path | None) -> None:
+def _init_robot(urdf: Path, tcp: str | None, tool_axis: str | None, out: Path | None) -> None:
     folder = out or Path(urdf.stem)
     if not folder.is_dir() or any(folder.iterdir()):  # a run that died may have left it empty
         _refuse_existing(folder)
-    texts = write_skeleton(urdf, tcp)
+    try:
+        texts = write_skeleton(urdf, tcp, tool_axis)
+    except InputError as error:
+        if tool_axis is not None or "which axis of" not in error.message or not sys.stdin.isatty():
+            raise
+        asked = f"The URDF {error.message.partition(';')[0]}. Which one does"
+        texts = write_skeleton(urdf, tcp, click.prompt(asked, type=click.Choice(list(TURNS)), err=True))
     with replace_folder(folder, "init") as new:
         for name, text in texts.items():
             write_text(new / name, text)

@@ -145,7 +145,9 @@ def _look_at_controller(robot: Robot) -> Iterator[Remark]:
     if counting.known:
         yield Remark("fine", "controller", "controller.toml says how the joints are counted")
     else:
-        yield Remark("note", "controller", "no controller.toml: signs and zeros of native programs are not known")
+        there = robot.folder is not None and (robot.folder / "controller.toml").is_file()
+        why = "controller.toml says checked = false" if there else "no controller.toml"
+        yield Remark("note", "controller", f"{why}: signs and zeros of native programs are not known")
     names = [effect.name for effect in robot_effects(robot)]
     if names:
         yield Remark("note", "effects", f"effects.toml adds {', '.join(names)}")

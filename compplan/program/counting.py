@@ -69,6 +69,7 @@ class ControllerTable(StrictTable):
     coupling: Annotated[tuple[Numbers, ...], Field(strict=False)] | None = None
     world: WorldTable = WorldTable()
     pendant: PendantTable | None = None
+    checked: bool = True
     configuration: dict[str, ConfigurationWord] = Field(default_factory=dict)
 
 
@@ -84,7 +85,7 @@ class Counting:
         zero: What it counts at q = 0. Shape (nq,). [deg or mm]
         words: Its configuration words by name.
         world: Pose of the frame that its frames count from, seen from the URDF's base. Shape (4, 4). [m]
-        known: Whether a controller.toml says all this, or the URDF stands in for it.
+        known: Whether a controller.toml that is checked says all this, or the URDF stands in for it.
 
     """
 
@@ -150,7 +151,8 @@ def load_controller(robot: Robot) -> Counting:
     world = np.eye(4)
     world[:3, :3] = Rotation.from_rotvec(np.radians(table.world.rotation_deg)).as_matrix()
     world[:3, 3] = np.array(table.world.position_mm) * 1e-3
-    return Counting(table.controller, tuple(names), robot.prismatic, matrix, zero, table.configuration, world)
+    words = table.configuration
+    return Counting(table.controller, tuple(names), robot.prismatic, matrix, zero, words, world, table.checked)
 
 
 def to_controller(controller: Counting, q: Array) -> Array:
