@@ -89,7 +89,7 @@ def _turned_part(patch: pytest.MonkeyPatch) -> None:
 
 def _turned_tool(patch: pytest.MonkeyPatch) -> None:
     def mount(tool: ToolTable, robot: Robot) -> Robot:
-        pose = tool.T_flange_tcp.copy()
+        pose = tool.pose.copy()
         pose[:3, :3] = pose[:3, :3].T
         return robot.with_tool(pose, tool.mass_kg, np.asarray(tool.centre_of_mass_mm) * 1e-3)
 
@@ -142,3 +142,5 @@ def test_parabolas_through_uneven_times_are_exact() -> None:
     velocity, change = fit_parabolas(q, time, np.array([1, 2, 3]))
     assert velocity[:, 0] == pytest.approx(2.0 - 6.0 * time[1:4])
     assert change[:, 0] == pytest.approx(-6.0)
+
+

@@ -26,17 +26,21 @@ GRAVITY = np.array([0.0, 0.0, -9.81])
 AXES = {"x": np.array([1.0, 0, 0]), "y": np.array([0, 1.0, 0]), "z": np.array([0, 0, 1.0])}
 
 
-def read_judge(folder: Path, tool: Mapping[str, Any] | None = None, *, moving: bool = False) -> Judge:
+def read_judge(
+    folder: Path, tool: Mapping[str, Any] | None = None, *, moving: bool = False, geometry: str = "robot.urdf"
+) -> Judge:
     """Read a robot folder and build the judge of the robot in it.
 
     Args:
         folder: The robot folder.
         tool: The table [tool] of a job as it stands in the file, or None for the folder's own tool.
         moving: Whether the judge is for the inertia of motion: all masses, and no weight.
+        geometry: URDF of the folder; robot.urdf where it has none of this name.
 
     """
+    urdf = folder / geometry if (folder / geometry).is_file() else folder / "robot.urdf"
     table = tomllib.loads(read_text(folder / "elasticity.toml"))
-    tree = _Tree(read_text(folder / "robot.urdf"))
+    tree = _Tree(read_text(urdf))
     names = tree.chain_to(table["tcp"])
     flange = table.get("flange") or tree.default_flange(names)
     gravity = None if table.get("gravity") is None else np.array(table["gravity"], float)

@@ -78,7 +78,7 @@ def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
 def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
     """Plan a job of one tool, as `carry_out` says."""
     from compplan.commands.progress import show_progress
-    from compplan.outputs.plan import note_programs, summarise_plan, write_plan
+    from compplan.outputs.plan import deliver_plan, note_programs, summarise_plan
     from compplan.plan.bending import tell_bending
     from compplan.plan.plan import plan_job
     from compplan.report.provenance import describe_grade
@@ -90,7 +90,7 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
         announce("promise: where the true tip is")
         _ = plan.promise, plan.mismatch
         announce("write: programs, joints.csv, report.html")
-        files = write_plan(plan, folder)
+        plan, files = deliver_plan(plan, folder)
     if as_json:
         click.echo(dump_json(summarise_plan(plan), indent=2))
     else:

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.files.tables import write_json, write_table
 from compplan.files.transaction import list_files, replace_folder
@@ -21,6 +22,7 @@ from compplan.plan.compare import Comparison, summarise_comparison
 from compplan.plan.result import Plan, summarise_plan
 from compplan.program import Program
 from compplan.robot import Array
+from compplan.statics.sensitivity import attain_pose
 
 
 def write_plan(plan: Plan, folder: str | Path) -> list[Path]:
@@ -37,24 +39,91 @@ def write_plan(plan: Plan, folder: str | Path) -> list[Path]:
         InputError: If the folder cannot be written, or a program does not fit its language; nothing is written then.
 
     """
+    return deliver_plan(plan, folder)[1]
+
+
+def deliver_plan(plan: Plan, folder: str | Path) -> tuple[Plan, list[Path]]:
+    """Write a plan as `write_plan` does, read back what was written, and return the plan with what that says."""
     with replace_folder(folder, "plan") as part:
-        write_programs(plan, part)
-        fill_plan_folder(plan, part)
+        programs = write_programs(plan, part)
+        write_joints(plan, part / "joints.csv")
+        before = plan.status
+        plan = read_back(plan, part)
+        if plan.status != before:  # the heads of the programs say so
+            for file in programs:
+                file.unlink(missing_ok=True)
+            write_programs(plan, part)
+        _fill_beside(plan, part)
         names = list_files(part)
-    return [Path(folder) / name for name in names]
+    return plan, [Path(folder) / name for name in names]
 
 
 def fill_plan_folder(plan: Plan, part: Path) -> None:
     """Write all of a plan but its programs into a folder that is there."""
+    write_joints(plan, part / "joints.csv")
+    _fill_beside(plan, part)
+
+
+def _fill_beside(plan: Plan, part: Path) -> None:
     from compplan.report.plan_report import write_plan_report
     from compplan.report.posture_map import draw_map_picture, extra_axis_sections
 
-    write_joints(plan, part / "joints.csv")
     write_plan_cell(plan, part)
     write_plan_report(plan, part, extra=extra_axis_sections(plan))
     if plan.task.start is not None and plan.task.start.stance is not None:
         (part / "posture_map.png").write_bytes(draw_map_picture(plan.task.start.stance.map))
     write_json(part / "plan.json", summarise_plan(plan), indent=2)
+
+
+def read_back(plan: Plan, folder: Path) -> Plan:
+    """Return a plan with what its files say, read back by readers of their own; one without a job stays as it is."""
+    from compplan.cell.delivered import Commanded, vote_on_delivery
+
+    job, robot = plan.job, plan.robot.folder
+    if job is None or robot is None or job.mounted is not None:
+        return plan
+    way, back, n = plan.approach, plan.retract, len(plan.task)
+    first, last = len(way.q), len(way.q) + n
+    start = float(way.gap.sum())
+    time = np.r_[np.r_[0.0, np.cumsum(way.gap)][:-1], start + plan.timing.time]
+    time = np.r_[time, time[-1] + np.cumsum(back.gap)]
+    ahead, behind = (_find_rows(part.key_q, part.q) for part in (way, back))
+    rows = np.r_[ahead, first + np.arange(n), last + behind]
+    feed = np.r_[np.zeros(first), np.where(plan.task.nominal.rapid, 0.0, plan.command_feed), np.zeros(len(back.q))]
+    q = np.vstack([way.q, plan.q, back.q])
+    wanted = Commanded(q, time, place_rows(plan)[0], rows, (first, last), feed)
+    vote = vote_on_delivery(folder, job.model_dump(by_alias=True, exclude_unset=True), Path(robot), wanted)
+    if not vote.breaches and not vote.notes:
+        return plan
+    told = replace(plan, breaches=(*plan.breaches, *vote.breaches), notes=(*plan.notes, *vote.notes))
+    told.__dict__.update({name: plan.__dict__[name] for name in ("promise", "mismatch") if name in plan.__dict__})
+    return told
+
+
+def _find_rows(some: Array, among: Array) -> NDArray[np.int_]:
+    """Return the rows at which some postures stand, in order; the last that fits each."""
+    found, left = [], len(among)
+    for posture in some[::-1]:
+        fits = np.flatnonzero(np.abs(among[:left] - posture).max(axis=1) < 1e-12)
+        left = int(fits[-1]) if len(fits) else max(left - 1, 0)
+        found.append(left)
+    return np.array(found[::-1], int)
+
+
+def place_rows(plan: Plan, wanted: Array | None = None) -> tuple[Array, Array]:
+    """Return wanted tip (n, 3) [m] and tool axis (n, 3) of the rows of joints.csv.
+
+    On the way to the path and back nothing but the joints is wanted: the rows say where they hold the loaded tool.
+    """
+    task, parts = plan.task, []
+    for way in (plan.approach, plan.retract):
+        if len(way.q):
+            held = attain_pose(task.chain, way.q, way.wrench, slope=False)
+            parts.append((held.position, -held.rotation[:, :, 2]))
+        else:
+            parts.append((np.zeros((0, 3)), np.zeros((0, 3))))
+    position = np.vstack([parts[0][0], task.position if wanted is None else wanted, parts[1][0]])
+    return position, np.vstack([parts[0][1], task.nominal.axis, parts[1][1]])
 
 
 def write_comparison(comparison: Comparison, folder: str | Path) -> list[Path]:
@@ -93,10 +162,8 @@ def write_joints(plan: Plan, path: Path, wanted: Array | None = None) -> None:
     end = start + float(plan.timing.time[-1])
     time = np.r_[np.r_[0.0, np.cumsum(before.gap)][:-1], start + plan.timing.time, end + np.cumsum(after.gap)]
     q = np.vstack([before.q, plan.q, after.q])
-    position = np.vstack([before.position, task.position if wanted is None else wanted, after.position])
+    position, axis = place_rows(plan, wanted)
     wrench = np.vstack([before.wrench, task.wrench, after.wrench])
-    first, last = np.tile(task.nominal.axis[0], (len(before.q), 1)), np.tile(task.nominal.axis[-1], (len(after.q), 1))
-    axis = np.vstack([first, task.nominal.axis, last])
     stays = np.where(task.leaving, "retract", "approach")
     move = np.where(task.nominal.rapid, "rapid", np.where(task.lead, stays, "cut"))
     columns: dict[str, object] = {"time_s": time}

@@ -59,6 +59,8 @@ class Machine:
         feed: As programmed, mm/min, mm/turn or 1/min as `feed_mode` (94, 95, 93) says; None before the first.
         axis: Tool axis in the part frame, tip to spindle.
         been_home: Whether it has left the part for a place of the machine.
+        height: Greatest height of a rapid move so far, part frame. [mm]
+        left: Where it left the part for a place of the machine, or None.
 
     """
 
@@ -72,6 +74,8 @@ class Machine:
     spindle: float = 0.0
     axis: tuple[float, ...] = (0.0, 0.0, 1.0)
     been_home: bool = False
+    height: float = -math.inf
+    left: list[float] | None = None
 
     def place(self, point: Sequence[float]) -> list[float]:
         """Return a point of the program's frame in the part frame."""
@@ -100,6 +104,7 @@ class Machine:
             target = self.begin_cut(target)
         start, self.at = self.at, list(target)
         if not any(map(math.isnan, self.at)):
+            self._come_back(kind)
             length = math.dist(start, target)
             rate = self.speed(0.0 if math.isnan(length) else length) if speed is None else speed
             self.record.move(kind, self.place(self.at), rate, self.axis, drill=drill)
@@ -116,6 +121,17 @@ class Machine:
         self.record.note("the first cut starts from zero where the file has not said where")
         self.record.move(RAPID, self.place(self.at), 0.0, self.axis)
         return [self.at[k] if math.isnan(target[k]) else target[k] for k in range(3)]
+
+    def _come_back(self, kind: int) -> None:
+        """Come back from where only the machine knows: sideways at the greater height of where it left and arrives."""
+        place = self.place(self.at)
+        if self.left is not None:
+            over = [place[0], place[1], max(self.left[2], place[2])]
+            if over not in (place, self.left):
+                self.record.move(RAPID, over, 0.0, self.axis)
+        self.left = None
+        if kind == RAPID:
+            self.height = max(self.height, place[2])
 
     def rapid(self, target: Sequence[float]) -> None:
         """Move fast."""
@@ -177,6 +193,11 @@ class Machine:
         """Some axes went to a place that only the machine knows."""
         self.been_home = self.been_home or not any(math.isnan(self.at[axis]) for axis in axes)
         here = self.place(self.at)
+        if not any(map(math.isnan, here)):
+            if 2 in axes and here[2] < self.height:  # home lies above: the way there leads up
+                here[2] = self.height
+                self.record.move(RAPID, here, 0.0, self.axis)
+            self.left = list(here)
         for axis in axes:
             here[axis] = NAN
         self.at = carry(transpose(self.matrix), [here[n] - self.shift[n] for n in range(3)])

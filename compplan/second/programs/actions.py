@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from program_moves import NUMBER, Move
+from compplan.second.programs.poses import NUMBER, Move
 
 TEXT = r'"([^"]*)"'
 #: Forms of each language, longest first: a pattern over whole lines (indentation aside), and the action it is.

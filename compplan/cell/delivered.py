@@ -1,0 +1,286 @@
+"""Is what was written what was planned? joints.csv and every program read back, and held against the commanded arm.
+
+Programs are read by `compplan.second.programs`, counted back by a reading of controller.toml of its own, and placed by
+Pinocchio; nothing goes through the writers.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from compplan.cell.frames import read_part
+from compplan.cell.inertia import stand_stiff
+from compplan.cell.reading import read_judge
+from compplan.cell.wanted import Vote
+from compplan.robot import Array
+from compplan.second.controller import Counting, read_counting
+from compplan.second.programs.fanuc_abb import read_csv, read_fanuc, read_rapid
+from compplan.second.programs.kuka_staubli import read_krl, read_val3
+from compplan.second.programs.poses import Move
+from compplan.second.programs.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
+from compplan.second.robot import JointTable, read_joints
+
+#: Files that each language writes, joint programs and programs with positions, and who reads them; {} is the name.
+FORMS: dict[str, tuple[tuple[str, ...], Callable[[Path], list[Move]] | None]] = {
+    "krl": (("{}_J.src", "{}_L.src"), read_krl),
+    "val3": (("{}", "{}_L"), read_val3),
+    "fanuc_ls": (("{}.LS", "{}_L.LS"), read_fanuc),
+    "rapid": (("{}.mod", "{}_L.mod"), read_rapid),
+    "urscript": (("{}.script", "{}_L.script"), read_urscript),
+    "sinumerik": (("{}.MPF",), read_sinumerik),
+    "inform": (("{}.JBI", "{}_L.JBI"), read_inform),
+    "kawasaki_as": (("{}.as", "{}_l.as"), read_kawasaki),
+    "csv": (("{}_joints.csv",), None),
+}
+#: What a reader that meets something else may end in.
+STRANGE = (AssertionError, KeyError, ValueError, IndexError, TypeError, AttributeError, StopIteration, OSError)
+#: Rounding that programs leave: of a joint [deg or mm], of the tip [mm], of its turn [deg], of a feed (share).
+JOINT, PLACE, TURN, FEED = 2e-3, 5e-3, 2e-3, 2e-2
+#: Rounding of feeds that are written with one decimal. [mm/s]
+FEED_STEP = 0.06
+#: Rounding that joints.csv leaves. [deg or mm]
+TABLE = 1e-6
+
+
+@dataclass(frozen=True)
+class Commanded:
+    """What was planned, row by row of what is delivered: the way there, the path, the way back.
+
+    Attributes:
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        time: Shape (n,). [s]
+        wanted: Wanted tip, base frame. Shape (n, 3). [m]
+        program: Rows that programs hold; joints.csv holds all. Shape (m,).
+        path: First row of the path, and the one after its last.
+        feed: Feed that is driven in the move to each row, 0 in rapid moves. Shape (n,). [m/s]
+
+    """
+
+    q: Array
+    time: Array
+    wanted: Array
+    program: Array
+    path: tuple[int, int]
+    feed: Array
+
+
+def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wanted: Commanded) -> Vote:
+    """Read back what was written.
+
+    Args:
+        folder: Folder that joints.csv and the programs are in.
+        tables: The tables of the job as they are written.
+        robot: The robot folder.
+        wanted: What was planned.
+
+    """
+    joints = read_joints(robot)
+    breaches = list(_vote_on_table(folder / "joints.csv", joints, wanted))
+    notes: list[str] = []
+    output = tables.get("output") or {}
+    if not output.get("programs"):
+        return Vote(tuple(breaches))
+    counting = read_counting(robot, joints.slides)
+    judge = read_judge(robot, tables.get("tool"), geometry="controller.urdf")
+    rows = wanted.program
+    position, rotation = stand_stiff(judge, wanted.q[rows])
+    stand = _Stand(
+        joints, counting, _degrees(wanted.q[rows], joints), position * 1e3, rotation, _world(robot), wanted,
+        _part(tables), _tool(robot, wanted.q[rows[:1]], position[0], rotation[0]),
+    )  # fmt: skip
+    own = {name for key in ("header", "footer") for name in (output.get(key) or {})}
+    for language in output["programs"]:
+        excused = language in own or bool(output.get("io"))
+        for file, found in _read_back(folder, language, counting):
+            if isinstance(found, BaseException):
+                said = f"{file.name} cannot be read back: {type(found).__name__} {found}"[:200]
+                (notes if excused else breaches).append(f"not checked: {said}" if excused else said)
+            else:
+                breaches += [f"{file.name}, read back: {text}" for text in stand.compare(found)]
+    return Vote(tuple(breaches), tuple(notes))
+
+
+def _read_back(
+    folder: Path, language: str, counting: Counting
+) -> Iterator[tuple[Path, list[Move] | BaseException]]:
+    """Return the programs of a language and their moves, or what kept them from being read."""
+    patterns, read = FORMS[language]
+    names = counting.names or tuple(f"A{k + 1}" for k in range(len(counting.zero)))
+    files = _find_mains(folder, patterns)
+    for file in files:
+        try:
+            yield file, read_csv(file, names) if read is None else read(file)
+        except STRANGE as error:
+            yield file, error
+    if not files:
+        yield folder / language, FileNotFoundError("no program was written")
+
+
+def _find_mains(folder: Path, patterns: tuple[str, ...]) -> list[Path]:
+    """Return the programs of a folder; parts, that end in a number, are called by them or run after each other."""
+    if patterns[0] == "{}":
+        return sorted(file.parent for file in folder.glob("*/*.dtx"))
+    endings = tuple(pattern.replace("{}", "") for pattern in patterns)
+    files = sorted(file for file in folder.iterdir() if file.name.endswith(endings))
+    wholes = {file.stem for file in files}
+    mains = []
+    for file in files:
+        whole = re.sub(r"_\d+$", "", file.stem)
+        if whole == file.stem or not ({whole, f"{whole}_1"} - {file.stem}) & wholes:
+            mains.append(file)
+        elif whole not in wholes and file.stem == f"{whole}_1":  # parts without a whole
+            mains.append(file.with_name(whole + file.suffix))
+    return mains
+
+
+@dataclass(frozen=True)
+class _Stand:
+    """The commanded arm at the rows that programs hold, in the geometry that the controller believes; mm and deg."""
+
+    joints: JointTable
+    counting: Counting
+    q: Array
+    position: Array
+    rotation: Array
+    world: Array
+    wanted: Commanded
+    part: Array
+    tool: Array
+
+    def compare(self, moves: list[Move]) -> list[str]:
+        """Say where the moves of a program are not those planned."""
+        moves = [move for move in moves if move.kind != "act"]
+        if len(moves) != len(self.q):
+            return [f"{len(moves)} moves, planned are {len(self.q)}"]
+        said = [
+            self._compare_joints(moves), self._compare_places(moves), self._compare_feeds(moves),
+            self._compare_tool(moves),
+        ]  # fmt: skip
+        return [text for text in said if text]
+
+    def _compare_joints(self, moves: list[Move]) -> str:
+        rows = np.array([k for k, move in enumerate(moves) if move.joints is not None], int)
+        if not len(rows):
+            return ""
+        outer = int(self.counting.external.sum())
+        shown = np.empty((len(rows), len(self.counting.zero)))
+        arm = np.array([moves[k].joints for k in rows], float)
+        if arm.shape[1] != shown.shape[1] - outer:
+            return f"{arm.shape[1]} joints, the arm has {shown.shape[1] - outer}"
+        shown[:, ~self.counting.external] = arm
+        if outer:
+            shown[:, self.counting.external] = np.array([moves[k].external[:outer] for k in rows], float)
+        off = np.abs(self.counting.undo(shown) - self.q[rows])
+        if off.max() <= JOINT:
+            return ""
+        row, joint = np.unravel_index(int(off.argmax()), off.shape)
+        unit = "mm" if self.joints.slides[joint] else "deg"
+        return f"{self.joints.names[joint]} is {off.max():.4g} {unit} off at row {rows[row]}"
+
+    def _compare_places(self, moves: list[Move]) -> str:
+        rows = [k for k, move in enumerate(moves) if move.pose is not None and move.base is not None]
+        if not rows:
+            return ""
+        pose = np.array([moves[k].pose for k in rows])
+        bases: dict[int, Array] = {id(moves[k].base): np.asarray(moves[k].base) for k in rows}
+        carried = np.array([self.world @ bases[id(moves[k].base)] for k in rows])
+        if np.abs(carried - self.part).max() > PLACE:
+            return "positions do not count from the part frame of the job"
+        tip = carried @ pose
+        off = np.linalg.norm(tip[:, :3, 3] - self.position[rows], axis=1)
+        if off.max() > PLACE:
+            return f"the tip is {off.max():.4g} mm off at row {rows[int(off.argmax())]}"
+        if moves[rows[0]].flange_turn:
+            return ""
+        cosine = np.einsum("nij,nij->n", tip[:, :3, :3], self.rotation[rows])
+        turned = np.degrees(np.arccos(np.clip(0.5 * (cosine - 1.0), -1.0, 1.0)))
+        if turned.max() > 10 * TURN:
+            return f"the tool is turned by {turned.max():.4g} deg at row {rows[int(turned.argmax())]}"
+        return ""
+
+    def _compare_tool(self, moves: list[Move]) -> str:
+        tool = moves[0].tool
+        if tool is None:
+            return ""
+        off = float(np.linalg.norm(tool[:3, 3] - self.tool[:3, 3]))
+        turned = 0.0 if moves[0].flange_turn else float(np.abs(tool[:3, :3] - self.tool[:3, :3]).max())
+        if off <= PLACE and turned <= 1e-4:
+            return ""
+        place = ", ".join(f"{value:.4g}" for value in tool[:3, 3])
+        wanted = ", ".join(f"{value:.4g}" for value in self.tool[:3, 3])
+        return f"the tool is at ({place}) mm from the pendant's flange, the job's at ({wanted})"
+
+    def _compare_feeds(self, moves: list[Move]) -> str:
+        wanted = self.wanted.feed[self.wanted.program] * 1e3
+        stated = np.array([np.nan if move.feed is None or move.kind != "line" else move.feed for move in moves])
+        sure = np.isfinite(stated) & (wanted > 0.0)
+        off = np.abs(np.where(sure, stated / np.where(sure, wanted, 1.0), 1.0) - 1.0)
+        off[np.abs(np.where(sure, stated - wanted, 0.0)) <= FEED_STEP] = 0.0
+        if off.max(initial=0.0) <= FEED:
+            return ""
+        row = int(off.argmax())
+        return f"a feed of {stated[row]:.4g} mm/s at row {row}, planned are {wanted[row]:.4g}"
+
+
+def _vote_on_table(file: Path, joints: JointTable, wanted: Commanded) -> Iterator[str]:
+    """Say where joints.csv is not what was planned."""
+    with file.open(encoding="utf-8", newline="") as stream:
+        rows = csv.reader(stream)
+        head = next(rows)
+        axes = (f"q{k + 1}_{'mm' if slides else 'deg'}" for k, slides in enumerate(joints.slides))
+        names = ["time_s", *axes, "x_mm", "y_mm", "z_mm"]
+        missing = [name for name in names if name not in head]
+        if missing:
+            yield f"joints.csv has no column {missing[0]}"
+            return
+        at = [head.index(name) for name in names]
+        table = np.array([[row[k] for k in at] for row in rows], float)
+    if len(table) != len(wanted.q):
+        yield f"joints.csv has {len(table)} rows, planned are {len(wanted.q)}"
+        return
+    nq = len(joints.slides)
+    off = np.abs(table[:, 1 : nq + 1] - _degrees(wanted.q, joints)).max()
+    if off > TABLE:
+        yield f"joints.csv: a joint is {off:.4g} deg or mm off"
+    if (late := np.abs(table[:, 0] - wanted.time).max()) > 1e-6:
+        yield f"joints.csv: time is {late:.4g} s off"
+    if (away := np.abs(table[:, nq + 1 :] - 1e3 * wanted.wanted).max()) > TABLE:
+        yield f"joints.csv: the wanted tip is {away:.4g} mm off"
+
+
+def _degrees(q: Array, joints: JointTable) -> Array:
+    return np.where(np.array(joints.slides), 1e3 * q, np.degrees(q))
+
+
+def _part(tables: Mapping[str, Any]) -> Array:
+    """Return the part frame of a job, seen from the base. Shape (4, 4). [mm]"""
+    found = read_part(tables.get("part") or {})
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = found.rotation, 1e3 * found.translation
+    return pose
+
+
+def _tool(robot: Path, q: Array, position: Array, rotation: Array) -> Array:
+    """Return the tool of a posture, seen from the flange frame of the teach pendant. Shape (4, 4). [mm]"""
+    at, turn = stand_stiff(read_judge(robot, {"frame": "pendant"}, geometry="controller.urdf"), q)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn[0].T @ rotation, 1e3 * turn[0].T @ (position - at[0])
+    return pose
+
+
+def _world(robot: Path) -> Array:
+    """Return the frame that the controller's frames count from, seen from the base. Shape (4, 4). [mm]"""
+    file, pose = robot / "controller.toml", np.eye(4)
+    table = tomllib.loads(file.read_text(encoding="utf-8")).get("world", {}) if file.is_file() else {}
+    pose[:3, :3] = pin.exp3(np.radians(table.get("rotation_deg", (0.0, 0.0, 0.0))))
+    pose[:3, 3] = table.get("position_mm", (0.0, 0.0, 0.0))
+    return pose

@@ -1,0 +1,266 @@
+"""Readers that run native robot programs as their controllers would, and share nothing with the writers.
+
+Each returns the moves in the order in which the robot makes them, with what was in force at each: tool, base, speed,
+whether the robot stops there. A line that a reader does not know stops it. Lengths in mm, angles in deg.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from compplan.second.programs.actions import mark_actions, read_action
+from compplan.second.programs.poses import (
+    NUMBER,
+    Move,
+    kuka_pose,
+    read_numbers,
+    staubli_pose,
+)
+
+# --------------------------------------------------------------------------------------------------------------- KRL
+
+ARM = ("A1", "A2", "A3", "A4", "A5", "A6")
+
+
+@dataclass
+class _Krl:
+    """A KRL interpreter for declarations, assignments, FOR, IF, calls, PTP and LIN."""
+
+    folder: Path
+    values: dict[str, Any] = field(default_factory=lambda: {"$NULLFRAME": dict.fromkeys("XYZABC", 0.0)})
+    whole: set[str] = field(default_factory=set)
+    moves: list[Move] = field(default_factory=list)
+    axes: tuple[float, ...] = ()
+
+    def evaluate(self, text: str) -> Any:
+        text = text.strip()
+        if re.fullmatch(NUMBER, text):
+            return float(text)
+        if text.startswith("{M "):
+            return read_numbers(text)[:4]
+        if text.startswith("{"):
+            return {key: float(value) for key, value in re.findall(rf"(\w+) ({NUMBER})", text)}
+        if match := re.fullmatch(r"(.+)([-+])(\d+)", text):
+            return float(self.evaluate(match[1])) + float(match[2] + match[3])
+        return self.values[self.resolve(text)]
+
+    def resolve(self, name: str) -> str:
+        """Return a variable's name with the number of its element."""
+        match = re.fullmatch(r"([$\w.]+)(?:\[(\w+)\])?", name.strip())
+        assert match, f"no variable: {name}"
+        if match[2] is None:
+            return match[1].upper()
+        return f"{match[1].upper()}[{int(float(self.evaluate(match[2])))}]"
+
+    def assign(self, name: str, text: str) -> None:
+        value = self.evaluate(text)
+        if name.strip() in self.whole:
+            value = float(math.floor(float(value) + 0.5))
+        self.values[self.resolve(name)] = value
+
+    def call(self, name: str) -> None:
+        data = self.folder / f"{name}.dat"
+        assert not (data.exists() and (self.folder / f"{name}.src").read_bytes().count(b"\r\n") < 2), "CR LF"
+        for line in data.read_text().splitlines() if data.exists() else []:
+            if "=" in line and not line.startswith(";"):
+                self.assign(*line.split("=", 1))
+        text = mark_actions((self.folder / f"{name}.src").read_text(), "krl")
+        lines = [line.split(";")[0].strip() for line in text.splitlines()]
+        start = lines.index(f"DEF {name}()")
+        self.run([line for line in lines[start + 1 : lines.index("END")] if line])
+
+    def run(self, lines: list[str]) -> None:
+        row = 0
+        while row < len(lines):
+            line = lines[row]
+            if line.startswith(("FOR ", "IF ")):
+                end = self.find_end(lines, row, line.split()[0])
+                self.block(line, lines[row + 1 : end])
+                row = end
+            else:
+                self.step(line)
+            row += 1
+
+    @staticmethod
+    def find_end(lines: list[str], row: int, word: str) -> int:
+        depth = 0
+        for index in range(row, len(lines)):
+            depth += lines[index].startswith(f"{word} ")
+            depth -= lines[index] == f"END{word}"
+            if not depth:
+                return index
+        raise AssertionError(f"{word} without END{word}")
+
+    def block(self, head: str, body: list[str]) -> None:
+        if match := re.fullmatch(r"FOR (\w+)=(\w+) TO (\w+)", head):
+            first, last = (int(float(self.evaluate(text))) for text in match.groups()[1:])
+            for number in range(first, last + 1):
+                self.values[match[1]] = float(number)
+                self.run(body)
+            return
+        match = re.fullmatch(rf"IF (.+)>({NUMBER}) THEN", head)
+        assert match, f"unknown line: {head}"
+        depths = np.cumsum([line.startswith("IF ") - (line == "ENDIF") for line in body])
+        other = next((i for i, line in enumerate(body) if line == "ELSE" and not depths[i]), len(body))
+        holds = float(self.evaluate(match[1])) > float(match[2])
+        self.run(body[:other] if holds else body[other + 1 :])
+
+    def step(self, line: str) -> None:
+        if act := read_action(line):
+            self.moves.append(act)
+        elif match := re.fullmatch(r"DECL INT ([\w,]+)", line):
+            self.whole |= set(match[1].split(","))
+        elif line == "BAS(#INITMOV,0)" or line.startswith("EXT "):
+            self.values |= {"$APO.CPTP": 0.0, "$APO.CDIS": 0.0, "$ADVANCE": 3.0}
+        elif match := re.fullmatch(r"(\w+)\(\)", line):
+            self.call(match[1])
+        elif match := re.fullmatch(r"(PTP|LIN) (\S+)(?: (C_\w+))?", line):
+            self.move(match[1], self.evaluate(match[2]), match[3])
+        else:
+            assert "=" in line, f"unknown line: {line}"
+            self.assign(*line.split("=", 1))
+
+    def move(self, word: str, point: dict[str, float], blend: str | None) -> None:
+        space = {"C_PTP": "$APO.CPTP", "C_DIS": "$APO.CDIS"}.get(blend or "")
+        stops = space is None or not self.values.get(space) or not self.values.get("$ADVANCE")
+        places = {key: self.values[f"${key.upper()}"] for key in ("tool", "base")}
+        frames: dict[str, Any] = {key: kuka_pose(*(place[name] for name in "XYZABC")) for key, place in places.items()}
+        joints = tuple(point[name] for name in ARM) if "A1" in point else None
+        pose = kuka_pose(*(point[key] for key in "XYZABC")) if "X" in point else None
+        configuration = tuple(int(point[key]) for key in "ST" if key in point)
+        external = tuple(point[f"E{number}"] for number in range(1, 7))
+        feed, percent = (float(self.values["$VEL.CP"]) * 1e3, None) if word == "LIN" else (None, self.percent())
+        kind = "joint" if word == "PTP" else "line"
+        load = tuple(self.values.get("$LOAD", ()))
+        self.moves.append(Move(kind, stops, joints, external, pose, feed, percent, configuration, **frames, load=load))
+
+    def percent(self) -> float:
+        rates = {self.values[f"$VEL_AXIS[{number}]"] for number in range(1, 7)}
+        assert len(rates) == 1, "axes differ"
+        return float(rates.pop())
+
+
+def read_krl(source: Path) -> list[Move]:
+    """Run a KRL program; its name is that of the .src file, parts and data lie beside it."""
+    interpreter = _Krl(source.parent)
+    interpreter.call(source.stem)
+    return interpreter.moves
+
+
+# -------------------------------------------------------------------------------------------------------------- VAL3
+
+
+PLACE = ("x", "y", "z", "rx", "ry", "rz")
+
+
+def _val3_tag(element: ElementTree.Element) -> str:
+    return element.tag.split("}")[-1]
+
+
+@dataclass
+class _Val3:
+    """A VAL3 interpreter for counting loops, if, calls, movej and movel over the arrays of the .dtx file."""
+
+    folder: Path
+    data: dict[str, list[dict[str, str]]]
+    scalars: dict[str, float] = field(default_factory=dict)
+    waited: bool = True
+    moves: list[Move] = field(default_factory=list)
+
+    def call(self, name: str) -> None:
+        root = ElementTree.fromstring((self.folder / f"{name}.pgx").read_text())
+        code = next(element.text or "" for element in root.iter() if _val3_tag(element) == "Code")
+        lines = [line.split("//")[0].strip() for line in mark_actions(code, "val3").splitlines()]
+        lines = [line for line in lines if line]
+        assert (lines[0], lines[-1]) == ("begin", "end")
+        self.run(lines[1:-1])
+
+    def run(self, lines: list[str]) -> None:
+        row = 0
+        while row < len(lines):
+            line = lines[row]
+            if match := re.fullmatch(r"for (\w+)=(\d+) to (\d+)", line):
+                end = self.find(lines, row, "endFor", "for ")
+                for number in range(int(match[2]), int(match[3]) + 1):
+                    self.scalars[match[1]] = number
+                    self.run(lines[row + 1 : end])
+                row = end
+            elif match := re.fullmatch(r"if (\w+)\[(\w+)\]>0", line):
+                end, other = (self.find(lines, row, word, "if ") for word in ("endIf", "else"))
+                positive = float(self.element(match[1], match[2])["value"]) > 0
+                self.run(lines[row + 1 : other] if positive else lines[other + 1 : end])
+                row = end
+            else:
+                self.step(line)
+            row += 1
+
+    @staticmethod
+    def find(lines: list[str], row: int, word: str, opening: str) -> int:
+        """Return where a block that opens at a row has its `word`."""
+        depth = 0
+        for index in range(row, len(lines)):
+            depth += lines[index].startswith(opening)
+            if depth == 1 and lines[index] == word:
+                return index
+            depth -= lines[index] == ("endIf" if opening == "if " else "endFor")
+        raise AssertionError(f"no {word}")
+
+    def element(self, name: str, index: str) -> dict[str, str]:
+        return self.data[name][int(self.scalars[index])]
+
+    def step(self, line: str) -> None:
+        if act := read_action(line):
+            assert self.waited, "what happens beside motion does not wait for the arm"
+            self.moves.append(act)
+        elif match := re.fullmatch(r"call (\w+)\(\)", line):
+            self.call(match[1])
+        elif match := re.fullmatch(r"(\w+)\.tvel=(\w+)\[(\w+)\]", line):
+            self.data[match[1]][0]["tmax"] = self.element(match[2], match[3])["value"]
+        elif match := re.fullmatch(r"move([jl])\((\w+)\[(\w+)\],(\w+),(\w+)\)", line):
+            self.move(match[1], self.element(match[2], match[3]), self.data[match[4]][0], self.data[match[5]][0])
+        elif line == "waitEndMove()":
+            self.moves[-1:] = [Move(**{**vars(move), "stops": True}) for move in self.moves[-1:]]
+            self.waited = True
+        else:
+            assert line == "resetMotion()", f"unknown line: {line}"
+
+    def move(self, kind: str, point: dict[str, str], tool: dict[str, str], how: dict[str, str]) -> None:
+        assert tool["fatherId"] == "flange[0]"
+        self.waited = False
+        joints, pose, base = None, None, np.eye(4)
+        if kind == "j":
+            joints = tuple(float(point[f"j{number}"]) for number in range(1, 7))
+        else:
+            (frame,) = self.data[point["fatherId"].removesuffix("[0]")]
+            assert frame["fatherId"] == "world[0]"
+            pose, base = (staubli_pose(*(float(each[key]) for key in PLACE)) for each in (point, frame))
+        words = tuple(point[key] for key in ("shoulder", "elbow", "wrist") if key in point)
+        stops = how["blend"] == "off" or not float(how["leave"])
+        mounted = staubli_pose(*(float(tool[key]) for key in PLACE))
+        slow = float(how["tmax"]) < 99999
+        feed, percent = (float(how["tmax"]), None) if slow else (None, float(how["vel"]))
+        name = {"j": "joint", "l": "line"}[kind]
+        self.moves.append(Move(name, stops, joints, (), pose, feed, percent, words, mounted, base))
+
+
+def read_val3(project: Path) -> list[Move]:
+    """Run the program start of a VAL3 project folder."""
+    data: dict[str, list[dict[str, str]]] = {}
+    root = ElementTree.fromstring(next(project.glob("*.dtx")).read_text())
+    for element in root.iter():
+        if _val3_tag(element) == "Data":
+            values = [dict(child.attrib) for child in element]
+            assert [value["key"] for value in values] == [str(key) for key in range(int(element.attrib["size"]))]
+            data[element.attrib["name"]] = values
+    listed = re.search(r'millimeterUnit="(\w+)"', next(project.glob("*.pjx")).read_text())
+    assert listed and listed[1] == "true"
+    interpreter = _Val3(project, data)
+    interpreter.call("start")
+    return interpreter.moves

@@ -1,0 +1,106 @@
+"""What readers of native robot programs have in common: the move, and poses from the angles of each language.
+
+They share nothing with the writers. Lengths in mm, angles in deg.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+Pose = np.ndarray
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+
+
+@dataclass(frozen=True)
+class Move:
+    """Hold a move: where it ends, how fast it runs, whether it stops there.
+
+    `joints` are those of the arm and `external` the further axes, as the controller counts them; `pose` is the tool's,
+    seen from the base in force. A speed is mm/s along the path (`feed`) or a share of the axis rates (`percent`).
+    `configuration` is as the language writes it; `load` is the tool's mass [kg] and its centre, flange frame [mm];
+    `rate` that of the leading joint [deg/s]; with `flange_turn` a pose has the tool's tip and the flange's turn.
+    `action` is what a program does beside motion; its `kind` is "act".
+    """
+
+    kind: str
+    stops: bool
+    joints: tuple[float, ...] | None = None
+    external: tuple[float, ...] = ()
+    pose: Pose | None = None
+    feed: float | None = None
+    percent: float | None = None
+    configuration: tuple[object, ...] = ()
+    tool: Pose | None = None
+    base: Pose | None = None
+    load: tuple[float, ...] = ()
+    rate: float | None = None
+    flange_turn: bool = False
+    action: tuple[object, ...] = ()
+
+
+def turn(axis: str, angle: float) -> Pose:
+    """Rotation about x, y or z. Shape (4, 4)."""
+    c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+    first, second = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
+    matrix = np.eye(4)
+    matrix[first, first] = matrix[second, second] = c
+    matrix[second, first], matrix[first, second] = s, -s
+    return matrix
+
+
+def shift(x: float, y: float, z: float) -> Pose:
+    """Translation. Shape (4, 4)."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = x, y, z
+    return matrix
+
+
+def kuka_pose(x: float, y: float, z: float, a: float, b: float, c: float) -> Pose:
+    """KUKA: A about z, then B about the new y, then C about the newest x."""
+    return shift(x, y, z) @ turn("z", a) @ turn("y", b) @ turn("x", c)
+
+
+def staubli_pose(x: float, y: float, z: float, rx: float, ry: float, rz: float) -> Pose:
+    """Staubli: rx about x, then ry about the new y, then rz about the newest z."""
+    return shift(x, y, z) @ turn("x", rx) @ turn("y", ry) @ turn("z", rz)
+
+
+def fanuc_pose(x: float, y: float, z: float, w: float, p: float, r: float) -> Pose:
+    """FANUC: W about x, then P about the fixed y, then R about the fixed z."""
+    return shift(x, y, z) @ turn("z", r) @ turn("y", p) @ turn("x", w)
+
+
+def kawasaki_pose(x: float, y: float, z: float, o: float, a: float, t: float) -> Pose:
+    """Kawasaki: O about z, then A about the new y, then T about the newest z."""
+    return shift(x, y, z) @ turn("z", o) @ turn("y", a) @ turn("z", t)
+
+
+def vector_pose(x: float, y: float, z: float, a: float, b: float, c: float) -> Pose:
+    """Universal Robots: m and a rotation vector in rad (Rodrigues); in mm here."""
+    angle, matrix = math.sqrt(a * a + b * b + c * c), shift(x * 1e3, y * 1e3, z * 1e3)
+    if angle > 0:
+        cross = np.array([[0, -c, b], [c, 0, -a], [-b, a, 0]]) / angle
+        matrix[:3, :3] = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+    return matrix
+
+
+def abb_pose(place: list[float], quaternion: list[float]) -> Pose:
+    """ABB: the quaternion's real part stands first."""
+    w, x, y, z = quaternion
+    assert math.isclose(w * w + x * x + y * y + z * z, 1.0, abs_tol=1e-6), "no unit quaternion"
+    matrix = shift(*place)
+    matrix[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return matrix
+
+
+def read_numbers(text: str) -> list[float]:
+    """Return the numbers of a text."""
+    return [float(number) for number in re.findall(NUMBER, text)]
