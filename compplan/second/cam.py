@@ -13,6 +13,18 @@ import numpy as np
 from compplan.second.gcode import GCode
 from compplan.second.moves import RAPID, CannotTellError, Reading
 
+#: Languages that are not read here, by what stands in their files, and by endings.
+OTHERS = {
+    "Heidenhain": re.compile(r"^\s*\d*\s*BEGIN PGM\b", re.M),
+    "APT": re.compile(r"^\s*(?:GOTO\s*/|PARTNO|TOOL PATH\s*/|\$\$)", re.M),
+    "Sinumerik": re.compile(r"^[^;(#]*(?:\b[XYZIJKR]\d*=|\bMCALL\b|\bCYCLE\d+|\bSUPA\b|\bTRAORI\b)", re.M),
+    "KRL": re.compile(r"^\s*(?:DEF\s+\w+\s*\(|(?:PTP|LIN)\s)", re.M),
+    "RAPID": re.compile(r"^\s*(?:MODULE\s|Move[LJC]\s|MoveAbsJ\s)", re.M),
+}
+ENDINGS = {
+    "Sinumerik": (".mpf", ".spf", ".arc"), "Heidenhain": (".h",), "APT": (".apt", ".cls", ".cl", ".aptsource", ".ncl"),
+    "KRL": (".src",), "RAPID": (".mod",),
+}  # fmt: skip
 _PRINTER = re.compile(r"^\s*M(?:104|109|140|190)\b", re.M)
 
 
@@ -29,6 +41,9 @@ def read_moves(file: Path, options: dict[str, Any] | None = None) -> Reading:
     """
     options = options or {}
     text = file.read_bytes().decode("utf-8", errors="replace").lstrip("\ufeff")
+    for language, mark in OTHERS.items():
+        if mark.search(text) or file.suffix.lower() in ENDINGS.get(language, ()):
+            raise CannotTellError(f"{language} is not read a second time")
     reading = read_gcode(text, options)
     return reading if options.get("operation") is None else pick_operation(reading, options["operation"])
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from compplan.second.gcode_flow import Flow
+from compplan.second.gcode_flow import MOVING_M, Flow
 from compplan.second.gcode_words import Words
 from compplan.second.machine import PLANES, UNIT, Machine, carry, multiply, turn_about
 from compplan.second.moves import NAN, CannotTellError, Reading
@@ -17,10 +17,6 @@ from compplan.second.moves import NAN, CannotTellError, Reading
 #: G codes that move nothing and change nothing that is read here.
 SILENT = {
     4.1, 5.1, 8.0, 9.0, 40.0, 43.0, 43.1, 44.0, 49.0, 50.0, 61.0, 61.1, 62.0, 64.0, 69.1, 80.0, 94.1, 96.0, 97.0, 187.0,
-}  # fmt: skip
-#: M codes whose block may move too.
-MOVING_M = {
-    *range(0, 15), 16, 17, 18, 19, 29, 30, 31, 33, 34, 35, 36, 41, 42, 43, 44, 46, 47, 48, 49, 50, 51, 60, 61, 88, 89,
 }  # fmt: skip
 CYCLES = {73, 74, 76, 81, 82, 83, 84, 85, 86, 88, 89}
 PECKS, FED_OUT = {73, 83}, {74, 84, 85, 89}
@@ -51,6 +47,7 @@ class GCode:
     machine: Machine = field(default_factory=Machine)
     scale: float = 1.0
     motion: float = 0.0
+    modal: float = 0.0
     absolute: bool = True
     to_initial: bool = True
     polar: bool = False
@@ -86,7 +83,7 @@ class GCode:
         codes = [value for letter, value in words if letter == "G"]
         actions = [int(value) for letter, value in words if letter == "M"]
         has = {letter: value for letter, value in words if letter not in "GMN"}
-        if any(action not in MOVING_M and action not in (97, 98, 99, 198) for action in actions) and not codes:
+        if any(action not in MOVING_M for action in actions) and not codes:
             return False  # its words are its own
         if 97 in actions or 98 in actions:
             flow.call(has, local=97 in actions)
@@ -153,7 +150,7 @@ class GCode:
                 self._home(has)
             elif code == 53:
                 self.machine.forget([k for k, axis in enumerate(AXES) if axis in has])
-                self.motion = next((c for c in codes if c in (0, 1)), self.motion)
+                self.motion = self.modal = next((c for c in codes if c in (0, 1)), self.motion)
                 return True
             elif code == 52:
                 for k, axis in enumerate(AXES):
@@ -243,7 +240,8 @@ class GCode:
             if code in (0, 1, 2, 3, 80) or int(code) in CYCLES:
                 if code in CYCLES and self.motion not in CYCLES:
                     self.cycle = {"initial": self.machine.at[PLANES[self.machine.plane][2]]}
-                self.motion = code
+                self.motion = self.modal if code == 80 else code
+                self.modal = code if code in (0, 1, 2, 3) else self.modal
         if not any(axis in has for axis in "XYZABCIJKRUVW"):
             return
         if any(axis in has for axis in "UVW"):
@@ -299,17 +297,17 @@ class GCode:
         """Carry out a drilling cycle at a place."""
         machine, known = self.machine, self.cycle
         i, j, k = PLANES[machine.plane]
-        known |= {key: has[key] for key in ("R", AXES[k], "Q") if key in has}
+        rise = 0.0 if self.absolute else known["initial"]
+        if "R" in has:
+            known["plane"] = has["R"] * self.scale + rise
+        if AXES[k] in has:
+            known["depth"] = has[AXES[k]] * self.scale + (0.0 if self.absolute else known.get("plane", NAN))
         target, at = self._target({key: value for key, value in has.items() if key != AXES[k]}), machine.at
         if not self.expand:
             return
-        if "R" not in known or AXES[k] not in known:
+        if "plane" not in known or "depth" not in known:
             raise CannotTellError("a cycle without R or depth", machine.record.line)
-        if self.absolute:
-            plane, depth = known["R"] * self.scale, known[AXES[k]] * self.scale
-        else:
-            plane = known["initial"] + known["R"] * self.scale
-            depth = plane + known[AXES[k]] * self.scale
+        plane, depth = known["plane"], known["depth"]
         out = max(known["initial"], plane) if self.to_initial and not math.isnan(known["initial"]) else plane
         if self.to_initial and math.isnan(known["initial"]):
             out = NAN
@@ -328,9 +326,9 @@ class GCode:
                 point = [over[n] if n != k else height for n in range(3)]
                 if point != machine.at:
                     machine.straight(int(cut), point, drill=cut and code in PECKS)
-            up = [over[n] if n != k else plane for n in range(3)]
-            machine.straight(int(code in FED_OUT), up)
-            if out != plane:
+            if code in FED_OUT:
+                machine.line([over[n] if n != k else plane for n in range(3)])
+            if out != plane or code not in FED_OUT:
                 machine.rapid([over[n] if n != k else out for n in range(3)])
 
 

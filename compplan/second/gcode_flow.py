@@ -14,6 +14,13 @@ _ASSIGN = re.compile(r"#(\d+|\[.*?\])\s*=(.*)")
 _IF = re.compile(r"IF\s*(\[.*\])\s*(?:GOTO\s*(\d+)|THEN\s*(.+))$")
 _WHILE = re.compile(r"WHILE\s*(\[.*\])\s*DO\s*(\d)$")
 _NUMBERED = re.compile(r"N(\d+)")
+_ALIGNED = re.compile(r":\d+\s*(?=[A-Z])")
+_ACTION = re.compile(r"(?:N\d+\s*)?M(\d+)")
+#: M codes whose block may move too.
+MOVING_M = {
+    *range(0, 15), 16, 17, 18, 19, 29, 30, 31, 33, 34, 35, 36, 41, 42, 43, 44, 46, 47, 48, 49, 50, 51, 60, 61, 88, 89,
+    97, 98, 99, 198,
+}  # fmt: skip
 _PROGRAM = re.compile(r"[O:](\d+)")
 
 
@@ -38,6 +45,10 @@ class Flow:
             self.spent += 1
             if self.spent > MOST_BLOCKS:
                 raise CannotTellError("a loop without end", self.line)
+            if text[:1] == ":" and (match := _ALIGNED.match(text)):
+                text = text[match.end() :]
+            if (match := _ACTION.match(text)) and int(match[1]) not in MOVING_M and "G" not in text:
+                continue  # the words of an M code of its own, texts among them
             if not text or text[0] in "O:":
                 if self.calls == [] and text and self.line > 1 and self._is_subprogram():
                     return None

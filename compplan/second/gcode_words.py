@@ -59,6 +59,9 @@ def _cut_slowly(text: str, values: dict[str, float], line: int) -> Words:
             value = evaluate(text[at:end], values)
         else:
             match = _NUMBER.match(text, at) or _VARIABLE.match(text, at)
+            if match is None and text.startswith("G28"):  # a printer's flags
+                words.append((head[1], 0.0))
+                continue
             if match is None:
                 raise CannotTellError(f"{text[head.start():head.start() + 20]!r}", line)
             value, end = evaluate(match[0], values), match.end()

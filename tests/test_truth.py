@@ -1,0 +1,73 @@
+"""Programs in the exact form of common posts: every move of both readers is the one that the standards ask for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from truth_cases import Case, find_difference_from, find_wrong_move, list_cases
+
+from benchmarks import truth
+from compplan.second.cam import read_moves
+from compplan.second.moves import CannotTellError
+
+CASES = list_cases()
+NAMES = [case.file.name for case in CASES]
+#: Programs that the second reader cannot tell yet.
+SECOND_CANNOT = {".mpf", ".h", ".cls", ".aptsource", ".ncl"}
+#: Programs that the first reader does not read as they are, and what it does instead. Nothing may be added.
+OPEN: dict[str, str] = {
+    "fanuc_macro.nc": "refused: expression '#100=0' is not read, only numbers are; ",
+    "fanuc_rotation.nc": "refused: G68 (coordinate rotation) is not read; post-process",
+    "fanuc_subprogram.nc": "refused: subprogram call M98 is not read; write the program ",
+    "fusion_drill.nc": "the path read begins 15 mm from where the second reader begi",
+    "fusion_fanuc.nc": "the path read begins 15 mm from where the second reader begi",
+    "fusion_helix.nc": "the path read begins 15 mm from where the second reader begi",
+    "g92_shift.nc": "the path read begins 14.14 mm from where the second reader b",
+    "marlin_cura.gcode": "refused: R1000 in a straight move is not read; a rounded cor",
+    "nx_cls_arc.cls": "the path read goes another way at waypoint 2; a second readi",
+    "polar.nc": "refused: G16 (polar coordinates) is not read; post-process w",
+    "prusaslicer.gcode": "refused: R12 in a straight move is not read; a rounded corne",
+    "sinumerik_frames.mpf": "refused: ROT is not read and changes the path or its frame; ",
+    "sinumerik_loops.mpf": "refused: program control 'FOR R5=1 TO 3' is not read; write ",
+    "sinumerik_mcall.mpf": "refused: program control 'MCALL CYCLE81' is not read; write ",
+    "sinumerik_nx.mpf": "refused: expression 'R1=20 R2=R1*2' is not read, only number",
+}
+
+
+def test_there_are_forty_programs_with_heads_and_ends() -> None:
+    assert len(CASES) >= 40
+    assert len({case.form for case in CASES}) == len(CASES)
+
+
+@pytest.mark.parametrize("case", CASES, ids=NAMES)
+def test_the_second_reader_finds_every_move(case: Case) -> None:
+    try:
+        found = read_moves(case.file, dict(case.options))
+    except CannotTellError:
+        assert case.file.suffix in SECOND_CANNOT
+        return
+    assert find_wrong_move(found, case.moves) == ""
+
+
+@pytest.mark.parametrize("case", CASES, ids=NAMES)
+def test_the_first_reader_goes_where_the_program_goes(case: Case, request: pytest.FixtureRequest) -> None:
+    if case.file.name in OPEN:
+        request.applymarker(pytest.mark.xfail(reason=OPEN[case.file.name]))
+    assert find_difference_from(case) == ""
+
+
+def test_the_table_of_what_is_read_is_as_it_would_be_written_now() -> None:
+    words = (truth.judge_first(CASES[0]), truth.judge_second(CASES[0]))
+    assert all(word in ("as it is", "refused", "otherwise", "cannot tell") for word in words)
+    page = truth.PAGE.read_text(encoding="utf-8")
+    names = [line.split("|")[1].strip() for line in page.splitlines() if line.startswith("| ")][1:]
+    assert names == NAMES
+    assert page == truth.write_page(), "python -m benchmarks.truth writes it"
+
+
+def test_a_wrong_move_is_seen() -> None:
+    case = CASES[0]
+    other = np.array(case.moves.end)
+    other[2, 0] += 1e-5
+    moved = type(case.moves)(**{**vars(case.moves), "end": other})
+    assert "move 2" in find_wrong_move(moved, case.moves)

@@ -1,0 +1,19 @@
+; LightBurn 1.0
+G00 G17 G40 G21 G54
+G90
+M4
+; Cut @ 600 mm/min, 40% power
+M8
+G0 X10Y10
+G0 Z0
+G91
+G1 X20S400F600
+G1 Y10
+G1 X-20
+G1 Y-10
+G0 X5
+G90
+G1 S0
+M5
+M9
+M2
