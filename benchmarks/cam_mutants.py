@@ -45,6 +45,22 @@ G90 G2 I5 Z-8 P3
 G81 X5 Y5 Z-3 R2 F60
 G91 X5 L3
 G80 G90
+#1 = 2
+WHILE [#1 GT 0] DO 1
+G1 X[20 + #1 * 2] Y#1
+#1 = #1 - 1
+END 1
+IF [#1 EQ 0] GOTO 90
+G1 X99
+N90 G68 X0 Y0 R30
+G1 X10 Y0
+G69
+G51 X0 Y0 Z0 P2.
+G1 X5
+G50
+G28 G91 Z0
+G90 G0 X0 Y0
+Z5
 MSG("done; here")
 TRAORI
 G1 X1 A10 C20
@@ -278,7 +294,7 @@ def run_mutants(language: str, count: int, seed: int, folder: Path | None = None
         file = Path(made) / f"part{suffix}"
         for number in range(count):
             file.write_bytes(mutate(draw.choice(programs), draw).encode(draw.choice(["utf-8", "latin-1"]), "replace"))
-            _read_one(file, CamTable(cycles=draw.choice(["skip", "expand"])), number, tally)
+            _read_one(file, CamTable(cycles=draw.choice(["skip", "expand"]), rotary="head"), number, tally)
     return tally
 
 

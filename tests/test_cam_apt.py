@@ -119,7 +119,10 @@ def test_arcs_with_a_start_direction_and_arcs_by_letters(read) -> None:
 
 def test_holes_of_a_cycle_are_no_cutting_moves(read) -> None:
     holes = "CYCLE/DRILL,5\nGOTO/2,0,0\nGOTO/3,0,0\nCYCLE/OFF\n"
-    cam = read(f"UNITS/MM\nFEDRAT/60\nGOTO/0,0,0\nGOTO/1,0,0\n{holes}GOTO/3,1,0\n")
+    text = f"UNITS/MM\nFEDRAT/60\nGOTO/0,0,0\nGOTO/1,0,0\n{holes}GOTO/3,1,0\n"
+    cam, cut = read(text, cycles="skip"), read(text)
+    assert (cut.facts.cutting_moves, cut.facts.cycles, cut.facts.cutting_length_mm) == (2, 2, 2)
+    assert cut.toolpath.cutting_length == pytest.approx(12e-3)  # two holes of 5 mm more
     assert (cam.facts.cutting_moves, cam.facts.cycles, cam.facts.cutting_length_mm) == (2, 2, 2)
     assert "drilling cycles are left out" in cam.facts.notes[-1]
 
@@ -193,7 +196,8 @@ def test_holes_are_cut_along_the_tool_axis_where_they_are_asked_for(read, cycle:
 
 def test_tapped_holes_are_left_with_the_feed_and_holes_without_depth_refused(read) -> None:
     head = "UNITS/MM\nFEDRAT/60\nRAPID\nGOTO/0,0,50\n"
-    assert read(head + "CYCLE/TAP,DEPTH,10,CLEAR,2\nGOTO/5,0,0\n", cycles="expand").facts.cutting_length_mm == 24
+    tapped = read(head + "CYCLE/TAP,DEPTH,10,CLEAR,2\nGOTO/5,0,0\n", cycles="expand")
+    assert tapped.toolpath.cutting_length == pytest.approx(24e-3) and tapped.facts.cycles == 1
     with pytest.raises(InputError, match=r":6: CYCLE/DRILL states no depth"):
         read(head + "CYCLE/DRILL,CLEAR,2\nGOTO/5,0,0\n", cycles="expand")
 

@@ -148,16 +148,19 @@ def test_reversed_arc_centres_are_told_and_may_be_demanded(read) -> None:
         ("G21 G0 X0 Y0 Z0\nG2 X1 F9", r":2: arc has neither a centre \(I J\) nor a radius \(R\)"),
         ("G21 G18 G0 X0 Y0 Z0\nG2 X1 F9", r":2: arc has neither a centre \(I K\)"),
         ("G21 G0 X0 Y0 Z0\nG2 X10 R2 F9", r":2: arc of radius R 2 mm cannot join ends that are 10 mm apart"),
-        ("G1 X#100", r":1: expression 'G1 X#100' is not read"),
-        ("G1 X[1+2]", r":1: expression"),
-        ("#1=5", r":1: expression"),
+        ("G1 X#100", r":1: #100 is read before the file has set it"),
+        ("G1 X[1+2", r":1: expected '\]' in '\[1\+2'"),
+        ("#3000=5", r":1: #3000 belongs to the control"),
         ("O100 SUB", r":1: program control"),
         ("IF R1>5 GOTOF A", r":1: program control"),
-        ("G21\nM98 P100", r":2: subprogram call M98"),
-        ("G65 P9000", r":1: G65 \(macro calls\) is not read"),
-        ("G68 R30", r":1: G68 \(coordinate rotation\)"),
-        ("G51 X2", r":1: G51 \(scaling\)"),
-        ("G16", r":1: G16 \(polar coordinates\)"),
+        ("G21\nM98 P100", r":2: subprogram call M98 P100: O100 is not in this file"),
+        ("G65 P9000", r":1: subprogram call G65 P9000: O9000 is not in this file"),
+        ("G68 R30", r":1: a rotation or scale about the tool's place, whose X is not known"),
+        ("G68.2 P2 X0", r":1: G68.2 is read in G90, as Euler angles or with P1"),
+        ("G51 X0 Y0 Z0 P1000000", r":1: G51 scales by"),
+        ("G91 G16 X1 Y2", r":1: polar coordinates \(G16\) in G91"),
+        ("X10 Y5", r":1: coordinates before any motion code"),
+        ("G66 P9000", r":1: G66 \(modal macro calls\) is not read"),
         ("G5 X1 Y1 I1 J1 P1 Q1", r":1: G5 \(splines\)"),
         ("G6.2 P3", r":1: G6.2 \(NURBS\)"),
         ("G71 P1 Q2", r":1: G71 as a lathe cycle"),
@@ -212,7 +215,7 @@ def test_feed_modes_give_the_feed_of_the_move(read) -> None:
 
 def test_drilling_cycles_are_skipped_or_cut(read) -> None:
     text = "G21 G0 X0 Y0 Z5\nG99 G81 X10 Y0 Z-5 R2 F60\nG91 X10 L2\nG80\nG90 G1 X0 F60\n"
-    skipped, cut = read(text), read(text, cycles="expand")
+    skipped, cut = read(text, cycles="skip"), read(text)
     assert (skipped.facts.cycles, skipped.facts.cutting_moves) == (3, 1)
     assert "drilling cycle G81 is left out" in skipped.facts.notes[0]
     assert [point for point, rapid in zip(ends(cut), cut.toolpath.rapid, strict=True) if not rapid] == [
@@ -223,7 +226,7 @@ def test_drilling_cycles_are_skipped_or_cut(read) -> None:
 @pytest.mark.parametrize(("kind", "axis"), [("head", [0.5, 0, np.sqrt(0.75)]), ("table", [0.5, 0, np.sqrt(0.75)])])
 def test_rotary_words_turn_the_tool_axis_by_a_stated_convention(read, kind: str, axis: list[float]) -> None:
     angles = "A30 C90" if kind == "head" else "A-30 C-90"
-    cam = read(f"G21\nTRAORI\nG0 X0 Y0 Z0 A0 C0\nG1 X10 {angles} F60\n", rotary=kind)
+    cam = read(f"G21\nG43.4 H1\nG0 X0 Y0 Z0 A0 C0\nG1 X10 {angles} F60\n", rotary=kind)
     assert cam.toolpath.axis[-1] == pytest.approx(axis)
     assert cam.facts.cutting_moves == 1 and cam.facts.cutting_length_mm == pytest.approx(10)
     turns = np.degrees(np.arccos(np.clip(np.sum(cam.toolpath.axis[1:] * cam.toolpath.axis[:-1], axis=1), -1, 1)))
@@ -231,8 +234,11 @@ def test_rotary_words_turn_the_tool_axis_by_a_stated_convention(read, kind: str,
     assert read(f"G21 G0 X0 Y0 Z0 A0\nG1 X10 {angles} F60\n", rotary="ignore").toolpath.axis[-1].tolist() == [0, 0, 1]
 
 
-def test_rotary_words_without_tip_control_are_noted(read) -> None:
-    assert "without tool centre point control" in read("G21 G0 X0 Y0 Z0\nG1 X1 B10 F9\n").facts.notes[0]
+def test_rotary_words_without_a_stated_machine_are_refused(read) -> None:
+    for text in ("G21 G0 X0 Y0 Z0\nG1 X1 B10 F9\n", "G21 G43.4 H1\nG0 X0 Y0 Z5 A30 C45\nG1 Z0 F9\n"):
+        with pytest.raises(InputError, match=r'rotary words .* state which with rotary = "head", "table" or'):
+            read(text)
+    assert read("G21 G0 X0 Y0 Z0 A0 C0\nG1 X1 C0 F9\n").facts.cutting_moves == 1  # they turn nothing
 
 
 def test_leading_rapid_moves_from_an_unknown_place_are_no_waypoints(read) -> None:

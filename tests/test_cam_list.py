@@ -40,6 +40,7 @@ REFUSED = [
     (".nc", HEAD + "G1 X1O F9\n", "letter O stands in or beside a number"),
     (".nc", HEAD + "G1 XO F9\n", "word XO is not read and may move the tool"),
     (".nc", HEAD + "G1 Xnan F9\n", "word XNAN is not read and may move the tool"),
+    (".nc", "G21 G54.1 P1 G0 X0 Y0 Z0\nG1 X1 F60\nG54.1 P2\nX2\n", "the file cuts in G54.1 P1 and in G54.1 P2"),
     (".mpf", HEAD + "TRAORI\nG58 X10\nG1 X1 F9\n", "G58 with coordinates shifts the frame"),
     (".mpf", HEAD + "TRAORI\nG1 X1 A3=0 B3=0 F9\n", "expected three numbers"),
     (".mpf", HEAD + "TRAORI\nG1 X1 A2=0 B2=180 C2=0 F9\n", "expected A3= B3= C3= or rotary axes"),
@@ -73,7 +74,6 @@ def test_what_may_change_the_path_is_refused(read, suffix: str, text: str, sente
 
 #: suffix, text, expected tips [mm] without the first, expected feeds [mm/s], words of a note or "".
 READ = [
-    (".nc", HEAD + "G54.1 P1\nG1 X1 F60\nG54.1 P2\nX2\n", [[1, 0, 0], [2, 0, 0]], [1, 1], "work offsets (G54 ..)"),
     (".nc", HEAD + "G1 X1 E5 F60\n", [[1, 0, 0]], [1], "axis E is not read"),
     (".nc", HEAD + "G1 X1 F60 M77\n", [[1, 0, 0]], [1], "M77 is not read"),
     (".apt", write_apt("INSERT/G1 X5"), [[20, 0, 0]], [1], "text for the control is not read"),

@@ -80,7 +80,7 @@ def refuse_idle(cam: CamFile) -> Toolpath:
         InputError: If it holds drilling alone, or nothing to cut.
 
     """
-    if cam.facts.cutting_moves or cam.facts.rotary_only_moves:
+    if cam.facts.cutting_moves or cam.facts.rotary_only_moves or cam.toolpath.cutting_length > 0.0:
         return cam.toolpath
     if cam.facts.cycles:
         message = f"drilling only, {cam.facts.cycles} holes and no other cut; the option cycles = expand cuts them"

@@ -237,7 +237,6 @@ class _Reader(ArcReader):
     def _drill(self, cycle: Cycle, point: Point, axis: Point) -> None:
         """Go to a hole, and cut it where holes are cut; pecks, dwells and turned tools are left out."""
         log = self.log
-        log.counts["cycles"] += 1
         if self.options.cycles != "expand":
             log.note("drilling cycles are left out: the tool moves rapidly above the holes (option cycles)", self.line)
             log.rapid(point, axis)
@@ -268,7 +267,8 @@ class _Reader(ArcReader):
         rapid, self.rapid = self.rapid, False
         arc, self.arc = self.arc, None
         if self.cycle is not None:
-            self._drill(self.cycle, point, axis)
+            with self.log.hole():
+                self._drill(self.cycle, point, axis)
         elif rapid:
             self.log.rapid(point, axis)
         elif not self.placed:

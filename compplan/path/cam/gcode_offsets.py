@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from compplan.path.cam.arcs import Point
-
-UNKNOWN = "work offsets (G54 ..) are not known: all coordinates are taken in one frame"
-EQUAL = "work offsets are known in part (G10 L2): axes that it does not name are taken as equal"
 
 
 @dataclass
@@ -42,18 +40,31 @@ class Offsets:
             raise ValueError
         return moved
 
-    def switch(self, code: float) -> tuple[Point, str]:
-        """Put another offset in force; return how far the origin moves, and what has to be noted."""
+    def switch(self, code: float) -> Point | None:
+        """Put another offset in force; return how far the origin moves [mm], None where nobody knows."""
         old, new = self.origins.get(self.active, {}), self.origins.get(code, {})
         changed, self.active = code != self.active, code
         if not changed:
-            return (0.0, 0.0, 0.0), ""
-        if not old or not new or old.keys() != new.keys():
-            return (0.0, 0.0, 0.0), UNKNOWN
-        step = tuple(new.get(axis, 0.0) - old.get(axis, 0.0) for axis in range(3))
-        return (step[0], step[1], step[2]), "" if len(new) == 3 else EQUAL
+            return 0.0, 0.0, 0.0
+        if len(old) < 3 or len(new) < 3:
+            return None
+        return new[0] - old[0], new[1] - old[1], new[2] - old[2]
 
     def from_machine(self, axis: int, value: float) -> float | None:
         """Return a machine coordinate as the offset in force counts it; None where its origin is not known."""
         origin = self.origins.get(self.active, {}).get(axis)
         return None if origin is None else value - origin
+
+
+def name_offset(code: float) -> str:
+    """Return the name of a work offset: G54, G59.1, G54.1 P12."""
+    return f"G54.1 P{code - 1000.0:g}" if code >= 1000.0 else f"G{code:g}"
+
+
+def find_offset(name: str) -> float | None:
+    """Return the code of a work offset by its name (G54, G59.1, G54.1 P12, G154 P12, G505), None for other names."""
+    found = re.fullmatch(r"G(54\.1|154)\s*P(\d{1,3})", name.strip().upper())
+    if found:
+        return 1000.0 + float(found.group(2))
+    found = re.fullmatch(r"G(5[4-9](?:\.\d)?|5\d\d)", name.strip().upper())
+    return float(found.group(1)) if found else None

@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
 from compplan.path.cam.arcs import Point
 from compplan.path.cam.gcode_offsets import Offsets
 from compplan.path.cam.moves import MoveLog
@@ -41,6 +38,7 @@ class State:
     cooling: bool = False
     tool: float = 0.0
     tool_name: str = ""
+    changes_by_t: bool = False
     origin: Point = (0.0, 0.0, 0.0)
     shift: Point = (0.0, 0.0, 0.0)
     base: Point = (0.0, 0.0, 0.0)
@@ -49,10 +47,12 @@ class State:
     lost: set[int] = field(default_factory=set)
     moved: bool = False
     tip_control: bool = False
-    rotary: Point = (0.0, 0.0, 0.0)
-    rotary_before: Point = (0.0, 0.0, 0.0)
+    rotary: dict[str, float] = field(default_factory=dict)
+    polar: bool = False
+    polar_word: list[float] = field(default_factory=lambda: [0.0, 0.0])
     retract_to_start: bool = True
-    cycle_start: float = 0.0
+    cycle_code: float = 0.0
+    cycle_start: float | None = None
     cycle: dict[str, float] = field(default_factory=dict)
 
     def set_unit(self, scale: float) -> None:
@@ -88,7 +88,12 @@ class State:
 
     def knows_position(self) -> bool:
         """Return whether the tool's place is known, or a cut has begun."""
-        return self.moved or len(self.known) == 3
+        return not self.lost and (self.moved or len(self.known) == 3)
+
+    def lose(self, axes: Iterable[int]) -> None:
+        """Take axes to a place that nobody knows."""
+        self.lost.update(axes)
+        self.known.difference_update(axes)
 
     def note_start(self, log: MoveLog, line: int) -> None:
         """Note which coordinates the first cut starts from without having been told."""
@@ -107,7 +112,7 @@ class State:
         for axis, number in coordinates.items():
             value = number * self.scale
             if not self.moved or axis in self.lost:
-                position[axis] = value  # nothing was cut yet, or a probe stopped somewhere: this is where it is
+                position[axis] = value + self.zero(axis)  # nothing was cut yet, or the place was lost: here it is
                 self.lost.discard(axis)
                 self.known.add(axis)
             else:
@@ -153,26 +158,10 @@ class State:
                 centre[axis] += sign * values.get(letter, 0.0) * self.scale
         return centre[0], centre[1], centre[2]
 
-    def turn(self, values: Mapping[str, float]) -> None:
-        """Take the rotary words of a block [deg]."""
-        rotary = list(self.rotary)
-        for axis, letter in enumerate("ABC"):
+    def turn(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Take the rotary words of a block [deg]; return the angles before."""
+        before = dict(self.rotary)
+        for letter in "ABC":
             if letter in values:
-                rotary[axis] = values[letter] + (rotary[axis] if self.incremental else 0.0)
-        self.rotary_before, self.rotary = self.rotary, (rotary[0], rotary[1], rotary[2])
-
-    def rotary_axis(self, kind: str, share: float) -> Point:
-        """Return the tool axis while the rotary axes are on their way.
-
-        The head turns the tool: axis = Rz(C) Ry(B) Rx(A) z. The table turns the part: axis = Rz(-C) Ry(-B) Rx(-A) z.
-
-        Args:
-            kind: "head" or "table".
-            share: How much of the turn is done, 0 to 1.
-
-        """
-        angles = np.array(self.rotary_before) * (1.0 - share) + np.array(self.rotary) * share
-        sign = -1.0 if kind == "table" else 1.0
-        axis = Rotation.from_euler("xyz", sign * angles, degrees=True).apply([0.0, 0.0, 1.0])
-        x, y, z = (axis + 0.0).tolist()
-        return x, y, z
+                self.rotary[letter] = values[letter] + (self.rotary.get(letter, 0.0) if self.incremental else 0.0)
+        return before

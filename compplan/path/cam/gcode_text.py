@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
 
-from compplan.errors import InputError
+from compplan.path.cam.gcode_flow import DEEPEST, HEAD, MOST_CALLS, FlowReader
+from compplan.path.cam.gcode_machine import owns_words
 from compplan.path.cam.gcode_state import AXES, State
 from compplan.path.cam.gcode_vendor import (
     CALL,
@@ -34,28 +35,31 @@ from compplan.path.cam.gcode_words import (
     split_words,
     strip_comments,
 )
-from compplan.path.cam.lines import MOST_LINES, read_bounded, split_lines
+from compplan.path.cam.lines import read_bounded, split_lines
 from compplan.path.cam.moves import MoveLog
 from compplan.path.cam.options import CamTable
 
 Words = list[tuple[str, float]]
-#: Greatest number of passes of one subprogram call, and of calls within calls.
-MOST_CALLS = 9999
-DEEPEST = 11
+#: A line that an M code owns, its text included.
+OWNER_LINE = re.compile(r"(?:N\d+\s*)?M0*(\d+(?:\.\d+)?)(?=[\sA-Z]|$)(?!.*\bG\d)")
+#: Macro variables and control of the flow (Fanuc).
+MACRO = re.compile(
+    r"#\s*[\d#<\[]|(?<![A-Z_])[A-Z,]\s*[-+]?\s*\[|"
+    r"^(?:N\s*\d+\s*)?(?:IF\s*\[|WHILE\s*\[|GOTO\s*\d|DO\s*[1-9]\s*$|END\s*[1-9]\s*$)"
+)
 TOOL_NAME = re.compile(r"\bT\d*\s*=\s*\"([^\"]*)\"", re.IGNORECASE)
 MOTION = re.compile(r"(?<![A-Z0-9])G0*[0-3](?![\d.])")
 
 
-class TextReader(ABC):
-    """Follow a program line by line."""
+class TextReader(FlowReader):
+    """Read the lines of a program."""
 
     def __init__(self, file: Path, options: CamTable, state: State) -> None:
-        self.file, self.options, self.state = file, options, state
+        super().__init__(file)
+        self.options, self.state = options, state
         self.log = MoveLog(options.chord_tolerance_mm)
-        self.line = self.executed = self.depth = 0
         self.begun = False
         self.siemens = file.suffix.lower() in (".mpf", ".spf")
-        self.programs: dict[str, tuple[Sequence[str], int, int, Path]] = {}
 
     @abstractmethod
     def run_block(self, words: Words) -> bool:
@@ -65,27 +69,13 @@ class TextReader(ABC):
     def finish(self) -> None:
         """Refuse what is left open at the end of the program."""
 
-    def error(self, message: str) -> InputError:
-        """Return an error at the line that is read."""
-        return InputError(message, file=self.file, where=self.line)
-
     def run(self, lines: Sequence[str]) -> None:
         """Read every line up to the end of the program."""
-        self._find_programs(lines)
-        self._run_lines(lines, 0, len(lines))
+        self._run_lines(lines, 0, self._find_programs(lines))
         self.finish()
         if not self.state.unit_stated:
             unit = self.options.unit or "mm"
             self.log.note(f"no unit is stated (G20, G21): {unit} is assumed", 1)
-
-    def _run_lines(self, lines: Sequence[str], first: int, last: int) -> None:
-        for index in range(first, last):
-            self.line = index + 1
-            self.executed += 1
-            if self.executed > MOST_LINES:
-                raise self.error(f"more than {MOST_LINES} blocks are carried out, calls counted; no more are read")
-            if self._run_line(lines[index]):
-                return
 
     def _run_line(self, raw: str) -> bool:
         """Carry out one line; return whether the program ends."""
@@ -105,6 +95,16 @@ class TextReader(ABC):
         if "/" in line:
             line = self._drop_marks(line)
         words, rest = split_words(line)
+        if rest and (owner := OWNER_LINE.match(line)) and owns_words(float(owner.group(1))):
+            self.log.note(f"M{owner.group(1)} is not read", self.line)
+            self.log.happen("comment", self.line, text=f"M{owner.group(1)} of the CAM file")
+            return False
+        if rest and not self.siemens and MACRO.search(line):
+            spelled = self.run_macro(line)
+            if spelled is None:
+                return False
+            line = spelled
+            words, rest = split_words(line)
         if (rest or (words and words[0][0] in "LN")) and self._call(line):
             return False
         named = TOOL_NAME.search(raw) if '"' in raw else None
@@ -151,8 +151,8 @@ class TextReader(ABC):
         if TIP_CONTROL.search(line):
             self.state.tip_control = True
         if re.search(r"\bSUPA\b", line):
-            self.log.note("moves in machine coordinates (SUPA) are left out", self.line)
-            return None
+            words = self._read_past(re.sub(r"\bSUPA\b", " ", line).strip())
+            return [*(words or []), ("G", 153.0)]
         if not self.begun and not BLOCK.match(line) and not IDENTIFIER.match(line):
             self.log.note(f"text before the first block is not read: {line[:20]!r}", self.line)
             return None
@@ -197,13 +197,18 @@ class TextReader(ABC):
         old = [value / state.scale for value in state.shift] if found.group(1) == "ATRANS" else [0.0, 0.0, 0.0]
         state.set_shift({axis: old[axis] + numbers.get(AXES[axis], 0.0) for axis in range(3)})
 
-    def _find_programs(self, lines: Sequence[str]) -> None:
-        """Find the subprograms that stand in the file itself, after %_N_NAME_SPF."""
+    def _find_programs(self, lines: Sequence[str]) -> int:
+        """Find the subprograms that stand in the file, after %_N_NAME_SPF or O1000; return where the first one ends."""
         heads = [index for index, line in enumerate(lines) if line.startswith("%_N_")]
         for index, stop in zip(heads, [*heads[1:], len(lines)], strict=False):
             found = re.match(r"%_N_(\w+)_SPF", lines[index].upper())
             if found:
                 self.programs[found.group(1)] = (lines, index + 1, stop, self.file)
+        numbers = [(index, found.group(1)) for index, line in enumerate(lines)
+                   if line[:1] in "Oo: " and (found := HEAD.match(line))]  # fmt: skip
+        for (index, number), stop in zip(numbers, [*(at for at, _ in numbers[1:]), len(lines)], strict=False):
+            self.programs.setdefault(number, (lines, index + 1, stop, self.file))
+        return numbers[1][0] if len(numbers) > 1 else len(lines)
 
     def _call(self, line: str) -> bool:
         """Carry out a call of a subprogram (L100 P3, or its name); return whether the line is one."""
@@ -227,11 +232,5 @@ class TextReader(ABC):
         if times > MOST_CALLS or self.depth >= DEEPEST:
             raise self.error(f"subprogram {called} is called {times} times at depth {self.depth + 1}, allowed are "
                              f"{MOST_CALLS} times and a depth of {DEEPEST}")  # fmt: skip
-        lines, first, last, file = self.programs[called]
-        here, at, self.file = self.line, self.file, file
-        self.depth += 1
-        for _ in range(times):
-            self._run_lines(lines, first, last)
-        self.depth -= 1
-        self.line, self.file = here, at
+        self._run_program(self.programs[called], times)
         return True

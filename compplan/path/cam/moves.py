@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from array import array
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.errors import InputError
 from compplan.files.tables import Array
@@ -23,7 +26,7 @@ FARTHEST = 1e8
 #: Moves shorter than this do not count as moves. [mm]
 STILL = 1e-9
 #: Greatest number of events, and of comments, that a file may have.
-MOST_EVENTS, MOST_COMMENTS = 20_000, 2_000
+MOST_EVENTS, MOST_COMMENTS = 1_000_000, 2_000
 #: Letters of a comment that are kept.
 LONGEST_TEXT = 200
 #: Greatest radius of an arc: a kilometre. [mm]
@@ -111,6 +114,8 @@ class MoveLog:
     waypoints: int = 0
     events: list[Event] = field(default_factory=list)
     comments: int = 0
+    #: Rows of holes, which are no cutting moves of the facts.
+    _holes: list[tuple[int, int]] = field(default_factory=list)
     _rows: array[float] = field(default_factory=lambda: array("d"))
     _arcs: dict[int, Arc] = field(default_factory=dict)
 
@@ -124,6 +129,11 @@ class MoveLog:
         rows[:, :3] += step
         self._rows = array("d", rows.ravel())
         self.position = combine(1.0, self.position, 1.0, step)
+
+    def forget(self) -> None:
+        """Drop every move so far: they were none of the part's."""
+        self._rows, self._arcs, self.waypoints = array("d"), {}, 0
+        self.events = [replace(event, place=-1) for event in self.events]
 
     def rapid(self, point: Point, axis: Point | None = None) -> None:
         """Move rapidly to a point."""
@@ -171,6 +181,17 @@ class MoveLog:
         self.length += arc.length
         self.arc_length += arc.length
         self.position = end
+
+    @contextmanager
+    def hole(self) -> Iterator[None]:
+        """Count what is cut within as one hole: no cutting moves, no length."""
+        counts, length, first = dict(self.counts), self.length, len(self._rows) // WIDTH
+        self.counts["cycles"] += 1
+        yield
+        for name in ("cutting_moves", "unmoved_blocks"):
+            self.counts[name] = counts[name]
+        self.length = length
+        self._holes.append((first, len(self._rows) // WIDTH))
 
     def note(self, message: str, line: int) -> None:
         """Note something that was assumed or read past."""
@@ -236,6 +257,17 @@ class MoveLog:
         full[last, :3] = programmed
         return full, events
 
+    def _drilled(self, number: int) -> NDArray[np.bool_]:
+        """Return which rows belong to holes; arcs make more rows of one."""
+        drilled = np.zeros(number, dtype=bool)
+        if self._holes:
+            repeats = np.ones(len(self._rows) // WIDTH, dtype=np.int64)
+            repeats[list(self._arcs)] = sample_arcs(list(self._arcs.values()), self.chord)[1]
+            place = np.concatenate([[0], np.cumsum(repeats)])
+            for first, last in self._holes:
+                drilled[place[first] : place[last]] = True
+        return drilled
+
     def finish(self, file: Path, kind: str, unit: str, lines: int) -> CamFile:
         """Return toolpath and facts.
 
@@ -249,7 +281,8 @@ class MoveLog:
         rapid = table[:, 7] == 1.0
         moved = np.concatenate([[False], np.any(np.abs(np.diff(table[:, :3], axis=0)) > STILL, axis=1)])[: len(table)]
         cut = ~rapid & moved
-        touched = cut | np.concatenate([cut[1:], [False]])[: len(table)]
+        milled = cut & ~self._drilled(len(table))
+        touched = milled | np.concatenate([milled[1:], [False]])[: len(table)]
         box = None
         if touched.any():
             lowest, greatest = table[touched, :3].min(axis=0), table[touched, :3].max(axis=0)

@@ -2,24 +2,38 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from compplan.files.tomlfile import StrictTable
+
+#: A coordinate [mm].
+Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
+Vector = Annotated[list[Coordinate], Field(min_length=3, max_length=3)]
+WCS = r"^[Gg](54\.1|154) ?[Pp]\d{1,3}$|^[Gg](5[4-9](\.\d)?|5\d\d)$"
 
 
 class CamTable(StrictTable):
     """[cam]: how a CAM file is read.
 
     unit: unit of files that do not say it (left out: millimetres, with a note).
+    feed_mm_s: feed of cutting moves for which the file states none, or 0.
     chord_tolerance_mm: greatest distance between an arc and its chords.
     arc_centres: how G-code I J K count in files that do not say it (left out: incremental, unless only another reading
         puts every arc of the file on a circle; then with a note).
     circle_sense: how the axis of an APT CIRCLE tells the sense (auto: as the words of the record say).
-    rotary: how A B C words turn the tool axis in a file that moves the tool tip in the part frame: the axes turn the
-        head, or the table, or are left out.
-    cycles: drilling cycles are skipped, the tool moves rapidly above the holes, or expanded into cutting moves.
+    rotary: what the A B C words of a file turn: the tool (head), the part (table), or both; or they are left out
+        (ignore). A file whose A B C turn something is refused without it.
+    rotary_axes: the rotary axes, that which carries the other first (in a head_table the head's first); "-C" for a
+        table that turns against the right hand. Left out: tilt and then C on a table, C and then tilt on a head.
+    rotary_centre_mm: a point of the first table axis, as seen from the part zero, and rotary_offset_mm: from there to
+        the second table axis. Files without control of the tip (G43.4, TRAORI, M128) need it.
+    pivot_mm: from the tip of the tool to where the axes of the head meet; such files need it too.
+    tip_control: X Y Z are the tip in the part frame though the file has no G43.4, TRAORI or M128.
+    wcs: the work offset that is the part frame ("G54", "G54.1 P3") in a file that cuts in several; the cuts in others
+        are left out.
+    cycles: drilling cycles are expanded into cutting moves, or skipped: the tool moves rapidly above the holes.
     tilt_angles: what cycle 19 of Heidenhain programs states: spatial angles (left out: refused, since some machines
         take angles of their rotary axes).
     tool_direction: axis of the TCP frame that points out of the tool in robot programs (left out: z, with a note).
@@ -28,11 +42,18 @@ class CamTable(StrictTable):
     """
 
     unit: Literal["mm", "inch"] | None = None
+    feed_mm_s: float | None = Field(default=None, gt=0.0, le=10_000.0)
     chord_tolerance_mm: float = Field(default=0.001, ge=1e-6, le=10.0)
     arc_centres: Literal["incremental", "absolute", "reversed"] | None = None
     circle_sense: Literal["auto", "right_hand", "left_hand"] = "auto"
-    rotary: Literal["head", "table", "ignore"] = "head"
-    cycles: Literal["skip", "expand"] = "skip"
+    rotary: Literal["head", "table", "head_table", "ignore"] | None = None
+    rotary_axes: list[Literal["A", "B", "C", "-A", "-B", "-C"]] | None = Field(default=None, min_length=1, max_length=2)
+    rotary_centre_mm: Vector | None = None
+    rotary_offset_mm: Vector = Field(default_factory=lambda: [0.0, 0.0, 0.0])
+    pivot_mm: float | None = Field(default=None, ge=0.0, le=1e5)
+    tip_control: bool = False
+    wcs: Annotated[str, Field(pattern=WCS)] | None = None
+    cycles: Literal["skip", "expand"] = "expand"
     tilt_angles: Literal["spatial"] | None = None
     tool_direction: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
     operation: int | None = Field(default=None, ge=1)
