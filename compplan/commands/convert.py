@@ -9,18 +9,19 @@ from typing import Any
 
 import click
 
+from compplan.commands.cam_options import keep_stated, take_cam_options
 from compplan.commands.places import OUT_TABLE
 from compplan.errors import InputError
 from compplan.files.tables import dump_json
-from compplan.files.tomlfile import check_table
+from compplan.files.tomlfile import check_table, read_named_table
 from compplan.path.cam import CamFacts, read_cam, refuse_idle
 from compplan.path.cam.options import CamTable
 from compplan.path.toolpath import check_toolpath, resample_toolpath, write_toolpath
 
 CHOICES = {
     "unit": ["mm", "inch"], "arc_centres": ["incremental", "absolute", "reversed"],
-    "circle_sense": ["auto", "right_hand", "left_hand"], "rotary": ["head", "table", "ignore"],
-    "tilt_angles": ["spatial"], "cycles": ["skip", "expand"], "tool_direction": ["x", "y", "z", "-x", "-y", "-z"],
+    "circle_sense": ["auto", "right_hand", "left_hand"], "tilt_angles": ["spatial"],
+    "cycles": ["skip", "expand"], "tool_direction": ["x", "y", "z", "-x", "-y", "-z"],
 }
 
 #: Endings of a toolpath table.
@@ -35,20 +36,24 @@ TABLES = (".csv", ".txt", "")
 @click.option("--max-step-mm", type=float, help="Divide cutting moves that are longer.")
 @click.option("--arc-centres", type=click.Choice(CHOICES["arc_centres"]), help="How I J K count in G-code.")
 @click.option("--circle-sense", type=click.Choice(CHOICES["circle_sense"]), help="Sense of an APT CIRCLE.")
-@click.option("--rotary", type=click.Choice(CHOICES["rotary"]), help="What A B C words turn.")
+@take_cam_options
+@click.option("--cam", "cam_file", metavar="FILE", help="TOML file as [cam] of a job; options here come before it.")
 @click.option("--cycles", type=click.Choice(CHOICES["cycles"]), help="Whether drilling cycles are cut.")
 @click.option("--tilt-angles", type=click.Choice(CHOICES["tilt_angles"]), help="What cycle 19 (Heidenhain) states.")
 @click.option("--tool-direction", type=click.Choice(CHOICES["tool_direction"]), help="Where the TCP frame points out.")
 @click.option("--strict", is_flag=True, default=None, help="Refuse a file that is read with any note.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
-def command(camfile: Path, out: Path, max_step_mm: float | None, as_json: bool, **options: Any) -> None:
+def command(
+    camfile: Path, out: Path, max_step_mm: float | None, as_json: bool, cam_file: str | None, **options: Any
+) -> None:
     """Convert CAMFILE (a CAM file of a known language) to a toolpath table, and say what was read.
 
     Example: compplan convert part.nc --out part.csv
     """
     if out.suffix.lower() not in TABLES:
         raise InputError(f"--out is {str(out)!r}, expected the name of a table that ends in .csv")
-    cam = read_cam(camfile, check_table(CamTable, {key: value for key, value in options.items() if value is not None}))
+    stated = read_named_table(cam_file, "cam")[0] if cam_file is not None else {}
+    cam = read_cam(camfile, check_table(CamTable, {**stated, **keep_stated(**options)}, file=cam_file))
     toolpath = refuse_idle(cam)
     if max_step_mm is not None and not 0.0 < max_step_mm < inf:
         raise InputError(f"--max-step-mm is {max_step_mm:g}, expected a finite number of mm, more than 0")
@@ -56,7 +61,7 @@ def command(camfile: Path, out: Path, max_step_mm: float | None, as_json: bool, 
         toolpath = resample_toolpath(toolpath, max_step_mm * 1e-3)
     write_toolpath(check_toolpath(toolpath, need_feed=False), out)
     if still := int(((toolpath.feed == 0.0) & ~toolpath.rapid)[1:].sum()):
-        note = f"{still} cutting moves have no feed: state feed.constant_mm_s in the job"
+        note = f"{still} cutting moves have no feed: state it with --feed"
         cam = dataclasses.replace(cam, facts=dataclasses.replace(cam.facts, notes=(*cam.facts.notes, note)))
     if as_json:
         facts = {**dataclasses.asdict(cam.facts), "waypoints": len(toolpath)}

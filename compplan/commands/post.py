@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from compplan.commands.cam_options import keep_stated, take_cam_options
 from compplan.commands.completion import complete_robots
 from compplan.commands.places import OUT_FOLDER
 from compplan.errors import InputError
@@ -30,6 +31,7 @@ OPTIONS = {
 @click.option("--process", metavar="FILE", help="TOML file as [process] of a job; left out: no force is predicted.")
 @click.option("--program", "programs", multiple=True, required=True, help="Language; may be given more than once.")
 @click.option("--cam", metavar="FILE", help="TOML file as [cam] of a job: how the file is read.")
+@take_cam_options
 @click.option("--plan", "wishes", metavar="FILE", help="TOML file as [plan] of a job: strategy, tolerance, posture.")
 @click.option("--output", metavar="FILE", help="TOML file as [output] of a job: signals (io), header, footer, ..")
 @click.option("--out", "folder", type=OUT_FOLDER, help="Folder to write to (CAMFILE_program).")
@@ -37,7 +39,7 @@ OPTIONS = {
 def command(
     camfile: Path, robot: str, part: str, tool: str | None, tools: str | None, process: str | None,
     programs: tuple[str, ...], cam: str | None, wishes: str | None, output: str | None, folder: Path | None,
-    as_json: bool,
+    as_json: bool, **of_cam: Any,
 ) -> None:  # fmt: skip
     """Read CAMFILE, plan it and write the programs, plan.json, joints.csv and report.html.
 
@@ -47,12 +49,14 @@ def command(
     from compplan.outputs.post import make_post_job
 
     folder = folder or camfile.with_name(f"{camfile.stem}_program")
+    stated = keep_stated(**of_cam)
+    of_file = {**({} if cam is None else read_named_table(cam, "cam")[0]), **stated} if stated else cam
     stands_in = folder.absolute() / f"{camfile.stem}.toml"
     note = "No --process is given: no force is predicted, the arm bends under weights alone." if process is None else ""
     try:
         job = make_post_job(
             camfile, robot=robot, part=read_part(part), program=programs, tool=tool, tools=tools, process=process,
-            cam=cam, plan=wishes, output=None if output is None else read_output(output), stands_in=stands_in,
+            cam=of_file, plan=wishes, output=None if output is None else read_output(output), stands_in=stands_in,
         )  # fmt: skip
         carry_out(job, folder, as_json=as_json, note=note)
     except InputError as error:

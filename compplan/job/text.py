@@ -183,8 +183,16 @@ any_brand = false                   # true: programs for another brand than the 
 # unit = "mm"                       # mm | inch, for files that do not say
 chord_tolerance_mm = 0.001          # greatest distance between an arc and its chords
 # arc_centres = "incremental"       # G-code I J K: incremental | absolute | reversed, for files that do not say
-rotary = "head"                     # A B C words turn the head | table | ignore
-cycles = "skip"                     # drilling cycles: skip | expand into cutting moves
+# feed_mm_s = 10.0                  # feed of cutting moves for which the file states none, or 0
+# rotary = "head"                   # A B C words turn the head (tool) | table (part) | head_table | ignore; a file
+                                    #   whose A B C turn something is refused without it
+# rotary_axes = ["A", "C"]          # the axis that carries the other first (head_table: the head's); "-C": left-handed
+# rotary_centre_mm = [0.0, 0.0, 0.0]  # files without G43.4, TRAORI, M128: first table axis from the part zero
+rotary_offset_mm = [0.0, 0.0, 0.0]  # ... and from there to the second
+# pivot_mm = 250.0                  # ... and from the tool tip to where the axes of the head meet
+tip_control = false                 # true: X Y Z are the tip in the part frame though the file has none of these words
+# wcs = "G54"                       # the work offset that is the part frame, in a file that cuts in several
+cycles = "expand"                   # drilling cycles: expand into cutting moves | skip
 # tool_direction = "z"              # robot programs: the axis of the TCP frame that points out of the tool
 # operation = 2                     # only what the file does with its second tool (operations count from 1)
 # strict = true                     # refuse a file read with any note; as [toolpath] file = "..", strict = true

@@ -8,8 +8,11 @@ A new reader is one new file and one line in `READERS`.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+
+import numpy as np
 
 from compplan.errors import InputError
 from compplan.files.plugins import load_plugins
@@ -66,11 +69,32 @@ def read_cam(path: str | Path, options: CamTable | None = None) -> CamFile:
         raise InputError(f"unknown kind of toolpath file '{path.suffix}', choose from {known}", file=path)
     options = options or CamTable()
     file: CamFile = reader.read(text, path, options)
+    if options.feed_mm_s is not None:
+        file = set_missing_feed(file, options.feed_mm_s)
     notes = file.facts.notes
     if options.strict and notes:
         message = f"{len(notes)} notes, strict allows none; the first: {notes[0]}"
         raise InputError(message, file=path)
     return file
+
+
+def set_missing_feed(file: CamFile, feed_mm_s: float) -> CamFile:
+    """Give a feed to the cutting moves for which a file states none, or 0; a note says how many.
+
+    Args:
+        file: The file.
+        feed_mm_s: The feed. [mm/s]
+
+    """
+    path = file.toolpath
+    bare = ~path.rapid & (path.feed == 0.0)
+    bare[:1] = False
+    if not bare.any():
+        return file
+    note = f"{int(bare.sum())} cutting moves have no feed in the file: {feed_mm_s:g} mm/s is taken (feed_mm_s)"
+    told = (*path.notes, f"{Path(file.facts.file).name}, {note}.")
+    toolpath = replace(path, feed=np.where(bare, feed_mm_s * 1e-3, path.feed), notes=told)
+    return replace(file, toolpath=toolpath, facts=replace(file.facts, notes=(*file.facts.notes, note)))
 
 
 def refuse_idle(cam: CamFile) -> Toolpath:

@@ -44,7 +44,8 @@ suffixes = (".src", ".sub")
 
 def recognise(text: str) -> bool:
     """Tell whether a text of unknown suffix is KRL."""
-    return re.search(r"^[ \t]*(&ACCESS|(GLOBAL )?DEF +\w+ *\()", text, re.MULTILINE | re.IGNORECASE) is not None
+    head = r"^[ \t]*(&ACCESS|(GLOBAL )?DEF +\w+ *\([^()\r\n]*\)[ \t]*(;.*)?\r?$)"
+    return re.search(head, text, re.MULTILINE | re.IGNORECASE) is not None
 
 
 def read(text: str, file: Path, options: CamTable) -> CamFile:

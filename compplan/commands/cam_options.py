@@ -1,0 +1,28 @@
+"""Options of commands that read a CAM file: what it does not say by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import click
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+FEED = click.option(
+    "--feed", "feed_mm_s", type=float, metavar="MM_S", help="Feed of cutting moves for which the file states none."
+)
+ROTARY = click.option(
+    "--rotary", type=click.Choice(["head", "table", "head_table", "ignore"]), help="What A B C words turn."
+)
+WCS = click.option("--wcs", metavar="G54", help="The work offset that is the part frame, if a file cuts in several.")
+
+
+def take_cam_options(command: Command) -> Command:
+    """Give a command the options --feed, --rotary and --wcs."""
+    return FEED(ROTARY(WCS(command)))
+
+
+def keep_stated(**options: Any) -> dict[str, Any]:
+    """Return the options that were given, by their keys in [cam]."""
+    return {key: value for key, value in options.items() if value is not None}
