@@ -11,7 +11,7 @@ from compplan.commands.cam_options import keep_stated, take_cam_options
 from compplan.commands.completion import complete_robots
 from compplan.commands.places import OUT_FOLDER
 from compplan.errors import InputError
-from compplan.files.tomlfile import check_table
+from compplan.files.tomlfile import check_table, read_named_table
 
 #: Where the tables and keys of the job that this command makes up come from.
 OPTIONS = {

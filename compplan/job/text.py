@@ -192,6 +192,7 @@ rotary_offset_mm = [0.0, 0.0, 0.0]  # ... and from there to the second
 # pivot_mm = 250.0                  # ... and from the tool tip to where the axes of the head meet
 tip_control = false                 # true: X Y Z are the tip in the part frame though the file has none of these words
 # wcs = "G54"                       # the work offset that is the part frame, in a file that cuts in several
+# tilt_angles = "spatial"           # what cycle 19 of Heidenhain programs states
 cycles = "expand"                   # drilling cycles: expand into cutting moves | skip
 # tool_direction = "z"              # robot programs: the axis of the TCP frame that points out of the tool
 # operation = 2                     # only what the file does with its second tool (operations count from 1)
