@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +14,10 @@ from compplan.cell.predict import predict_campaign
 from compplan.effects import Effect, fold_effects
 from compplan.effects.assumed import known_uncertainty
 from compplan.errors import InputError
+from compplan.job.job import check_job
 from compplan.loop.certificate import measure_drift, measure_drives, measure_stiffness
 from compplan.loop.iso9283 import measure_pose_accuracy
-from compplan.loop.reference import Reference, promise_plan
+from compplan.loop.reference import Reference, plan_jobs, plan_references, promise_plan
 from compplan.measure.campaign import Campaign
 from compplan.path.toolpath import Toolpath
 from compplan.plan.plan import PlanOptions, plan_compensation
@@ -77,6 +79,65 @@ def test_lost_motion_and_drift_are_what_was_put_in() -> None:
     assert 0.3 * 1e-4 * drive.lever < rms <= most < 1.1e-4 * drive.lever
     with pytest.raises(InputError, match=r"robot 'kuka_kr240' puts the tip \d+ mm from where .*another robot"):
         measure_drift(robot, load_robot("kuka_kr240"), (reference,))
+
+
+def test_the_calibration_factor_widens_every_interval_and_that_of_the_older_folder() -> None:
+    robot = load_robot("kuka_kr270")
+    nominal = next(s.compliance for s in robot.springs if s.joint == "joint_2")
+    once, thrice = known_stiffness(0.1 * nominal), replace(known_stiffness(0.1 * nominal), calibration=3.0)
+    plain, wide = (measure_drives(robot, known, (), None)[2] for known in (once, thrice))
+    assert plain.play_spread is not None and wide.play_spread == pytest.approx(3 * plain.play_spread)
+    soft = fold_effects(robot, [Effect("joint_stiffness", "joint_2", None, {"compliance_change_rad_per_Nm": nominal})])
+    changes = [
+        measure_stiffness(soft, once, robot, replace(robot, uncertainty=older))[1].change for older in (once, thrice)
+    ]
+    assert changes == pytest.approx([10 / np.sqrt(2), 10 / np.sqrt(10)])
+
+
+def test_a_folder_that_nobody_measured_hides_no_change_behind_its_assumed_widths() -> None:
+    robot = load_robot("ur5e")
+    nominal = next(s.compliance for s in robot.springs if s.joint == robot.joint_names[2])
+    unknown = Unknown("joint_stiffness", robot.joint_names[2], None, ("compliance_change_rad_per_Nm",),
+                      np.array([0.075 * nominal]))  # fmt: skip
+    known = Uncertainty("measured", "made up", (unknown,), np.eye(1))
+    change = Effect("joint_stiffness", robot.joint_names[2], None, {"compliance_change_rad_per_Nm": 0.77 * nominal})
+    softer = replace(fold_effects(robot, [change]), uncertainty=known)
+    assert known_uncertainty(robot).grade != "measured"
+    assert measure_stiffness(softer, known, robot, robot)[2].change == pytest.approx(0.77 / 0.075)
+    # and widths that are assumed today cannot tell a change at all
+    assert measure_stiffness(robot, known_uncertainty(robot), robot, robot)[2].change is None
+
+
+@pytest.mark.slow
+def test_certificate_and_diagnosis_of_one_log_say_the_same(tmp_path, monkeypatch, capsys) -> None:
+    log = Path(__file__).parents[1] / "docs/notebooks/diagnose_campaign/measurements.csv"
+    arguments = ["diagnose", log, "--robot", "kuka_kr270", "--out", tmp_path / "d"]
+    assert run_command(arguments, monkeypatch, capsys).status == 0
+    told = json.loads((tmp_path / "d" / "diagnosis.json").read_text())["verdict"]["effects"]
+    for robot, since in (("kuka_kr270", []), (tmp_path / "d" / "robot", ["--since", "kuka_kr270"])):
+        arguments = ["certificate", robot, "--log", log, *since, "--out", tmp_path / "c.html", "--json"]
+        said = json.loads(run_command(arguments, monkeypatch, capsys).out)
+        assert [(e["effect"], e["joint"]) for e in said["diagnosis"]] == [(e["effect"], e["joint"]) for e in told]
+        soft = [e["joint"] for e in told if e["effect"] == "joint_stiffness"]
+        assert set(soft) <= set(said["changed_beyond_chance"])
+        text = (tmp_path / "c.html").read_text(encoding="utf-8")
+        assert "no stiffness differs" not in text and "ISF cone" not in text
+
+
+def test_the_paths_of_a_certificate_are_the_users_or_of_the_robots_own_size() -> None:
+    robot = load_robot("ur5e")
+    for reference, radius in zip(plan_references(robot), (0.15 * robot.longest_reach,) * 2, strict=True):
+        assert reference.name.startswith("circle, radius") and reference.plan is not None
+        assert np.ptp(reference.plan.task.position[:, 0]) < 2.2 * radius
+    assert "ISF" not in "".join(r.name for r in plan_references(robot))
+    job = check_job({
+        "schema": 1, "robot": "ur5e", "name": "my circle", "part": {"position_mm": [450.0, 100.0, 250.0]},
+        "toolpath": {"generator": "circle", "radius_mm": 60.0, "waypoints": 30, "feed_mm_s": 40.0},
+        "process": {"model": "constant", "force_N": [0.0, 0.0, 30.0]},
+    }, Path("mine.toml"))  # fmt: skip
+    (mine,) = plan_jobs(robot, [job])
+    assert mine.name == "my circle" and mine.promise is not None
+    assert np.linalg.norm(mine.force) == pytest.approx(30.0)
 
 
 def test_the_command_writes_one_page_and_says_what_to_do_next(tmp_path, monkeypatch, capsys) -> None:

@@ -13,19 +13,30 @@ from compplan.files.tables import dump_json
 
 @click.command("certificate")
 @click.argument("robot_name", metavar="ROBOT", shell_complete=complete_robots)
-@click.option("--log", "log", type=click.Path(path_type=Path), help="Measurement log: accuracy and repeatability.")
+@click.option("--log", "log", type=click.Path(path_type=Path),
+              help="Measurement log: diagnosed, and taken for accuracy and repeatability.")
 @click.option("--since", "older", help="Robot folder of the last certificate: drift.")
+@click.option("--job", "jobs", type=click.Path(path_type=Path), multiple=True,
+              help="Job whose path is promised, in place of circles of the robot's own size; may be repeated.")
+@click.option("--register", help="Frames that the diagnosis of the log fits first: base, tool or base,tool.")
 @click.option("--out", "file", type=OUT_FILE, required=True, help="HTML file to write.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
-def command(robot_name: str, log: Path | None, older: str | None, file: Path, as_json: bool) -> None:
+def command(
+    robot_name: str, log: Path | None, older: str | None, jobs: tuple[Path, ...], register: str | None, file: Path,
+    as_json: bool,
+) -> None:  # fmt: skip
     """Certify ROBOT: stiffness, lost motion, gear error, drift, and the tolerance within reach, on one page.
+
+    With --log the answer is that of compplan diagnose on the same log, against the folder of --since if one is given.
 
     Example: compplan certificate out/robot --log campaign.csv --since last/robot --out certificate.html
     """
     from compplan.commands.measured import read_log
     from compplan.commands.progress import show_progress
     from compplan.errors import InputError
+    from compplan.job.job import load_job
     from compplan.loop.certificate import certify_robot
+    from compplan.measure.registration import parse_parts
     from compplan.outputs.certificate import write_certificate
     from compplan.report.certificate_page import summarise
     from compplan.robot import load_robot
@@ -36,10 +47,11 @@ def command(robot_name: str, log: Path | None, older: str | None, file: Path, as
     before = None if older is None else load_robot(older)
     if before is not None and before.joint_names != robot.joint_names:
         raise InputError(f"robot {before.name!r} has other joints than {robot.name!r}: no drift between them")
-    campaign = read_log(log, robot)
+    campaign, parts = read_log(log, robot), parse_parts(register)
+    paths = [load_job(job, robot_name) for job in jobs]
     with show_progress() as announce:
-        announce("reference paths, stiffness, drift")
-        certificate = certify_robot(robot, campaign, before)
+        announce("paths, stiffness, drift" if campaign is None else "diagnosis of the log, paths, stiffness, drift")
+        certificate = certify_robot(robot, campaign, before, paths, parts)
         announce("report")
         summary = write_certificate(certificate, file)
     if as_json:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from xml.etree import ElementTree
 
 import numpy as np
 
+from compplan.diagnose import Diagnosis, diagnose_campaign
+from compplan.diagnose.campaign_diagnosis import FEWEST_ROWS
+from compplan.diagnose.change import state_change
 from compplan.effects.assumed import known_uncertainty
 from compplan.effects.scene import own_springs
 from compplan.errors import InputError
+from compplan.job.job import Job
 from compplan.loop.iso9283 import PoseAccuracy, measure_pose_accuracy
-from compplan.loop.reference import Reference, plan_references
+from compplan.loop.reference import Reference, plan_jobs, plan_references
 from compplan.measure.campaign import Campaign
 from compplan.promise.slopes import stage_path, tip_of
 from compplan.robot import Array, Robot, read_robot_folder
@@ -25,6 +30,8 @@ REACH = 1.959964
 DRIFTED = 2.0
 #: Two folders that put the tip farther apart than this are of two robots, or of one with two tools (assumed). [m]
 FARTHEST_DRIFT = 0.1
+#: Effects that are a change of a joint's stiffness.
+STIFFNESS = ("joint_stiffness", "stiffness_nonlinearity")
 #: Lost motion or gear error that makes this share of the tolerance's square is worth a repair (assumed).
 WORTH_REPAIR = 0.1
 
@@ -75,6 +82,25 @@ class DriveError:
     lever: float
 
 
+@dataclass(frozen=True)
+class Named:
+    """An effect that the diagnosis of the log names.
+
+    Attributes:
+        effect: Its name.
+        joint: Its joint, or None.
+        axis: Its axis, or None.
+        probability: Its probability.
+        percent: Change of a joint's compliance with its 95 % interval, of the nominal one, or None. [%]
+    """
+
+    effect: str
+    joint: str | None
+    axis: str | None
+    probability: float
+    percent: tuple[float, float, float] | None
+
+
 @dataclass(frozen=True, eq=False)
 class Certificate:
     """What is known of a robot today.
@@ -87,7 +113,9 @@ class Certificate:
         references: Reference paths and what can be promised there.
         accuracy: Of the log, or None.
         log: Name of the log, or "".
-        older: Folder of the last certificate, or None.
+        older: Folder that today's is held against, or None.
+        drifts: Whether that one was measured too: only then is a difference a change of the robot.
+        findings: What the diagnosis of the log names.
         moved: Change of the tip since then at the same commands on every reference path, rms and greatest. [m]
         literature: Shipped robot of this type, or None.
         next_steps: What to measure or repair next, one sentence each.
@@ -104,38 +132,80 @@ class Certificate:
     moved: tuple[tuple[str, float, float], ...]
     literature: Robot | None
     next_steps: tuple[str, ...]
+    drifts: bool = False
+    findings: tuple[Named, ...] = ()
+
+    @property
+    def changed(self) -> tuple[str, ...]:
+        """Joints whose stiffness differs beyond chance, by the folders or by the diagnosis of the log."""
+        told = {f.joint for f in self.findings if f.effect in STIFFNESS and f.joint is not None}
+        told |= {e.joint for e in self.stiffness if e.change is not None and abs(e.change) > DRIFTED}
+        return tuple(e.joint for e in self.stiffness if e.joint in told)
 
 
-def certify_robot(robot: Robot, campaign: Campaign | None = None, older: Robot | None = None) -> Certificate:
+def certify_robot(
+    robot: Robot, campaign: Campaign | None = None, older: Robot | None = None, jobs: Sequence[Job] = (),
+    register: Sequence[str] = (),
+) -> Certificate:  # fmt: skip
     """Certify a robot.
+
+    With a log, the diagnosis of it is part of the certificate: against the older folder where one is given, else
+    against today's. Where today's folder was never measured, the folder that the diagnosis delivers is certified.
 
     Args:
         robot: The robot of today's folder.
-        campaign: A log to take accuracy and repeatability from.
-        older: The robot of the last certificate's folder.
+        campaign: A log to diagnose, and to take accuracy and repeatability from.
+        older: The robot that today's is held against.
+        jobs: Jobs whose paths are promised; reference paths of the robot's own size if left out.
+        register: Frames that the diagnosis fits first.
 
     Raises:
         InputError: If the older folder is of another robot, or a file is not what it has to be.
     """
-    known = known_uncertainty(robot)
-    references = tuple(plan_references(robot))
-    literature = find_literature(robot)
-    stiffness = tuple(measure_stiffness(robot, known, literature, older))
-    drives = tuple(measure_drives(robot, known, references, older))
+    findings: tuple[Named, ...] = ()
+    today = robot
+    if campaign is not None and campaign.usable.sum() >= FEWEST_ROWS:
+        diagnosis = diagnose_campaign(robot if older is None else older, campaign, register=tuple(register))
+        findings = name_findings(diagnosis)
+        if older is None and known_uncertainty(robot).grade != "measured":
+            today = replace(diagnosis.updated, name=robot.name, folder=robot.folder)
+            older = robot
+    known = known_uncertainty(today)
+    references = tuple(plan_jobs(today, jobs) if jobs else plan_references(today))
+    literature = find_literature(today)
     certificate = Certificate(
-        robot=robot,
+        robot=today,
         known=known,
-        stiffness=stiffness,
-        drives=drives,
+        stiffness=tuple(measure_stiffness(today, known, literature, older)),
+        drives=tuple(measure_drives(today, known, references, older)),
         references=references,
-        accuracy=None if campaign is None else measure_pose_accuracy(robot, campaign),
+        accuracy=None if campaign is None else measure_pose_accuracy(today, campaign),
         log="" if campaign is None or campaign.file is None else campaign.file.name,
         older=older,
-        moved=() if older is None else tuple(measure_drift(robot, older, references)),
+        moved=() if older is None else tuple(measure_drift(today, older, references)),
         literature=literature,
         next_steps=(),
+        drifts=older is not None and is_measured(older) and known.grade == "measured",
+        findings=findings,
     )
     return replace(certificate, next_steps=tuple(advise(certificate)))
+
+
+def is_measured(robot: Robot) -> bool:
+    """Tell whether the widths of a folder come from measurements of this robot."""
+    return known_uncertainty(robot).grade == "measured"
+
+
+def name_findings(diagnosis: Diagnosis) -> tuple[Named, ...]:
+    """State what a diagnosis names, each as the diagnosis states it."""
+    named = []
+    for finding in diagnosis.verdict.findings:
+        effect, joint, axis = finding.effect.place
+        change = state_change(diagnosis.robot, finding.effect, diagnosis.deliveries[0].uncertainty)
+        percent = change.get("change_percent")
+        share = None if percent is None else (percent[0], percent[1], percent[2])
+        named.append(Named(str(effect), joint, axis, finding.probability, share))
+    return tuple(named)
 
 
 def find_literature(robot: Robot) -> Robot | None:
@@ -162,8 +232,12 @@ def measure_stiffness(
         told = deviation_of(known, "joint_stiffness", joint.name)
         spread = 0.0 if told is None else known.calibration * float(np.linalg.norm(told))
         before = _compliance(older, index)
-        past = None if known_then is None else deviation_of(known_then, "joint_stiffness", joint.name)
-        both = float(np.hypot(spread, 0.0 if past is None else np.linalg.norm(past)))
+        # an older folder that nobody measured is a number to hold today's against, its width says nothing of today
+        past = None
+        if known_then is not None and known_then.grade == "measured":
+            past = deviation_of(known_then, "joint_stiffness", joint.name)
+        then = 0.0 if past is None or known_then is None else known_then.calibration * float(np.linalg.norm(past))
+        both = float(np.hypot(spread, then)) if known.grade == "measured" else 0.0
         found.append(
             Stiffness(
                 joint=joint.name,
@@ -190,9 +264,9 @@ def measure_drives(
             DriveError(
                 joint=joint.name,
                 play=_play(robot, joint.name),
-                play_spread=None if play is None else REACH * float(np.linalg.norm(play)),
+                play_spread=None if play is None else REACH * known.calibration * float(np.linalg.norm(play)),
                 gear=_gear(robot, joint.name),
-                gear_spread=None if gear is None else REACH * float(np.linalg.norm(gear)),
+                gear_spread=None if gear is None else REACH * known.calibration * float(np.linalg.norm(gear)),
                 older_play=None if older is None else _play(older, joint.name),
                 lever=float(levers[index]),
             )
@@ -234,8 +308,9 @@ def advise(certificate: Certificate) -> list[str]:
     for entry in certificate.stiffness:
         if entry.change is not None and abs(entry.change) > DRIFTED:
             word = "softer" if entry.change > 0 else "stiffer"
+            than = "at the last certificate" if certificate.drifts or certificate.older is None else "its folder said"
             said.append(
-                f"look at {entry.joint}: it is {word} than at the last certificate by"
+                f"look at {entry.joint}: it is {word} than {than} by"
                 f" {abs(entry.change):.1f} standard deviations"
             )
     for reference in certificate.references:

@@ -1,23 +1,30 @@
-"""Reference paths: a circle of 500 mm radius and the cone of incremental forming, placed where a robot reaches them."""
+"""Reference paths of a certificate: those of jobs, or a large and a small circle of the robot's own size [ISO 9283]."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from compplan.errors import CompplanError
-from compplan.path.generators import Pace, generate_circle, generate_cone
+from compplan.job.job import Job
+from compplan.path.generators import Pace, generate_circle
 from compplan.path.toolpath import Toolpath, place_toolpath
-from compplan.plan.plan import Plan, PlanOptions, plan_compensation
+from compplan.plan.plan import PlanOptions, plan_compensation, plan_job
+from compplan.plan.result import Plan
 from compplan.promise.band import Promise, promise_path
 from compplan.promise.slopes import ForceSpread, stage_path
 from compplan.robot import Array, Robot
+from compplan.robot.folder import read_rating
 
 #: Centres that are tried, as shares of the longest reach: along x, and up (assumed).
 PLACES = ((0.60, 0.30), (0.50, 0.30), (0.50, 0.15), (0.60, 0.10), (0.45, 0.45), (0.40, 0.25))
-#: Forces of the published paths [N], and what arms below the reach [m] carry instead (assumed).
-CIRCLE_FORCE, CONE_FORCE, SMALL, LIGHT = (440.0, 1370.0, -635.0), (0.0, 400.0, 1200.0), 2.2, 0.05
+#: Radius of the large circle as a share of the longest reach, rounded to this [m]; the small one is a tenth of it.
+RADIUS, ROUND, SMALLER = 0.15, 0.01, 0.1
+#: Force on the tool where no rating is known, per metre of reach. [N/m] (assumed)
+FORCE = 50.0
+GRAVITY = 9.81
 WAYPOINTS = 90
 
 
@@ -27,7 +34,7 @@ class Reference:
 
     Attributes:
         name: What it is called.
-        force: Force on the tool, base axes. Shape (3,). [N]
+        force: Force on the tool, the greatest on the path, base axes. Shape (3,). [N]
         centre: Where it stands, base frame. Shape (3,). [m]; None where the robot does not reach it.
         plan: Its plan, or None.
         promise: What the robot alone can promise there, the force known exactly, or None.
@@ -43,15 +50,37 @@ class Reference:
 
 
 def plan_references(robot: Robot) -> list[Reference]:
-    """Plan both reference paths on a robot, each at the first place where that succeeds."""
-    share = 1.0 if robot.longest_reach > SMALL else LIGHT
-    circle = generate_circle(0.5, Pace(feed=0.1, waypoints=WAYPOINTS))
-    cone = generate_cone(0.04, 0.015, np.pi / 4, 0.0025, Pace(feed=0.02, waypoints=WAYPOINTS))
+    """Plan the robot's own reference paths, each at the first place where that succeeds.
+
+    The force is the weight of the rated payload, downwards, or an assumed one where no rating is known.
+    """
+    rating = read_rating(robot)
+    down = FORCE * robot.longest_reach if rating is None else GRAVITY * rating[0]
+    large = max(ROUND, round(RADIUS * robot.longest_reach / ROUND) * ROUND)
     found = []
-    for name, path, force in (
-        ("circle, radius 500 mm", circle, CIRCLE_FORCE), ("ISF cone, 40 mm, 45 deg", cone, CONE_FORCE)
-    ):  # fmt: skip
-        found.append(plan_reference(robot, name, path, share * np.array(force)))
+    for radius in (large, SMALLER * large):
+        path = generate_circle(radius, Pace(feed=0.1 * radius / 0.2, waypoints=WAYPOINTS))
+        found.append(plan_reference(robot, f"circle, radius {1e3 * radius:.4g} mm", path, np.array([0.0, 0.0, -down])))
+    return found
+
+
+def plan_jobs(robot: Robot, jobs: Sequence[Job]) -> list[Reference]:
+    """Plan the paths of jobs, whose robot is the one that is certified."""
+    found = []
+    for job in jobs:
+        name = job.name or job.file.stem
+        try:
+            plan = plan_job(job)
+        except CompplanError as error:
+            found.append(Reference(name, np.zeros(3), None, None, None, " ".join(str(error).split())))
+            continue
+        force = plan.task.wrench[plan.task.cut, :3]
+        most = force[np.linalg.norm(force, axis=1).argmax()] if len(force) else np.zeros(3)
+        centre = plan.task.position[plan.task.cut].mean(axis=0)
+        if plan.command.status != "solved":
+            found.append(Reference(name, most, centre, None, None, plan.explain_failures()))
+            continue
+        found.append(Reference(name, most, centre, plan, promise_plan(plan)))
     return found
 
 

@@ -53,6 +53,14 @@ def summarise_certificate(certificate: Certificate) -> dict[str, Any]:
             for reference in certificate.references
         ],
         "drift_mm": [{"name": name, "rms": rms * 1e3, "max": most * 1e3} for name, rms, most in certificate.moved],
+        "held_against": None if certificate.older is None else {
+            "robot": certificate.older.name, "measured": certificate.drifts},
+        "changed_beyond_chance": list(certificate.changed),
+        "diagnosis": [
+            {"effect": f.effect, "joint": f.joint, "axis": f.axis, "probability": f.probability,
+             "change_percent": None if f.percent is None else list(f.percent)}
+            for f in certificate.findings
+        ],
         "next": list(certificate.next_steps),
         "made_by": describe_origin(),
     }  # fmt: skip

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from compplan.effects.assumed import list_assumed
-from compplan.loop.certificate import DRIFTED, Certificate
+from compplan.loop.certificate import DRIFTED, Certificate, Named
 from compplan.loop.iso9283 import VISITS, PoseAccuracy
+from compplan.report.effect_words import describe_change
 from compplan.report.openings import open_certificate
 from compplan.report.page import Block, Chart, Column, PageTable, Section, TableCell, write_page
 from compplan.report.provenance import describe_robot
@@ -51,12 +52,25 @@ def summarise(certificate: Certificate) -> str:
             text += f" On the {reference.name} a tolerance of {format_length(reference.promise.whole)} can be promised."
     if accuracy is not None and accuracy.again:
         text += f" Its repeatability RP is {format_length(accuracy.pooled)} over {_met_again(accuracy)}."
-    drifted = [e.joint for e in certificate.stiffness if e.change is not None and abs(e.change) > DRIFTED]
+    if certificate.findings:
+        text += f" The diagnosis of {certificate.log or 'the log'} names {'; '.join(map(_name, certificate.findings))}."
+    changed = f"; the stiffness of {', '.join(certificate.changed)} differs beyond chance"
     if certificate.older is not None:
         worst = max((most for _, _, most in certificate.moved), default=0.0)
-        text += f" Since the last certificate the tip has moved by up to {format_length(worst)}"
-        text += f"; {', '.join(drifted)} changed beyond chance." if drifted else "; no stiffness changed beyond chance."
+        since = " Since the last certificate the tip has moved by up to"
+        if not certificate.drifts:
+            since = f" Against {certificate.older.name}, whose figures nobody measured, the tip goes elsewhere by up to"
+        text += f"{since} {format_length(worst)}"
+        text += f"{changed}." if certificate.changed else "; no stiffness differs beyond chance."
     return text
+
+
+def _name(finding: Named) -> str:
+    """Name a finding as the diagnosis does, with the change of a joint's compliance."""
+    words = " ".join(part for part in (finding.effect.replace("_", " "), finding.joint, finding.axis) if part)
+    if finding.percent is None:
+        return words
+    return f"{words}: compliance {describe_change({'change_percent': finding.percent})} (95 %)"
 
 
 def _met_again(accuracy: PoseAccuracy) -> str:
@@ -102,8 +116,9 @@ def _reach(certificate: Certificate) -> Section:
         Column("whole path, 95 %", "mm"), Column("most of it from"),
     ]  # fmt: skip
     caption = (
-        "Tolerance that can be promised after compensation, the force known exactly. Place and forces are assumed"
-        " (published ones; a twentieth of them on small arms)."
+        "Tolerance that can be promised after compensation, the force known exactly. Circles of the robot's own size:"
+        " place and force (the weight of the rated payload, or 50 N a metre of reach) are assumed; --job takes a path"
+        " of your own."
     )
     return Section("Tolerance within reach", [PageTable(columns, rows, caption)])
 
@@ -183,7 +198,8 @@ def _drift(certificate: Certificate) -> Section:
     older = certificate.older
     last = "" if older is None or older.folder is None else "/".join(Path(older.folder).parts[-2:])
     lede = f"Where the tip goes at the same commands, today against the folder {last}."
-    return Section("Drift since the last certificate", [PageTable(columns, rows)], lede)
+    title = "Drift since the last certificate" if certificate.drifts else "Against a folder that was not measured"
+    return Section(title, [PageTable(columns, rows)], lede)
 
 
 def _list(sentences: tuple[str, ...]) -> PageTable:
