@@ -31,6 +31,9 @@ from compplan.robot import Array, Robot
 from compplan.statics.chain import locate_frames
 from compplan.version import VERSION
 
+#: Stretches and limits that a sentence lists, and its letters at most.
+LISTED, LONGEST = 3, 300
+
 
 @dataclass(frozen=True, repr=False)
 class Plan(Shown):
@@ -145,15 +148,22 @@ class Plan(Shown):
         """Say in a sentence which waypoints fail and which limits stop them, or what is not confirmed; else nothing."""
         if not self.command.failures:
             return f"not confirmed: {'; '.join(self.breaches)}" if self.breaches else ""
-        failures = self.command.failures
+        failures, start = self.command.failures, self.task.start
         limits = sorted({name for text in failures.values() for name in text.split(", ")})
         first = min(failures)
         length = self.task.nominal.arc_length[first] * 1e3
-        spans = ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in group_waypoints(sorted(failures)))
-        return (
+        if start is not None and start.mend:
+            head = f"{len(failures)} of {len(self.task)} waypoints are out of reach, the first is waypoint {first}"
+            return f"{head} (s = {length:.0f} mm): {start.mend}"[:LONGEST]
+        groups = group_waypoints(sorted(failures))
+        spans = ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in groups[:LISTED])
+        more = ", ..." if len(groups) > LISTED else ""
+        names = "; ".join(limits[:LISTED]) + ("; ..." if len(limits) > LISTED else "")
+        said = (
             f"{len(failures)} of {len(self.task)} waypoints cannot be reached within the limits "
-            f"({'; '.join(limits)}), the first is waypoint {first} (s = {length:.1f} mm); waypoints {spans}"
+            f"({names}), the first is waypoint {first} (s = {length:.1f} mm); waypoints {spans}{more}"
         )
+        return said if len(said) <= LONGEST else f"{said[: LONGEST - 3]}..."
 
     def summary(self) -> list[tuple[str, str]]:
         """Return the figures that a person asks for first."""

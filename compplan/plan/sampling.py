@@ -16,6 +16,7 @@ from compplan.path.events import find_halts
 from compplan.path.toolpath import Toolpath, divide_toolpath
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import cutting_runs
+from compplan.posture.follow import reach_with_all
 from compplan.posture.trace import reach_tip_and_axis
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
@@ -113,8 +114,13 @@ def divide_task(task: PlanTask, places: Array, lead: NDArray[np.bool_] | None = 
             q[fresh], reached = reach_tip_and_axis(arm, q[fresh], position, rotation[fresh])
             rotation[fresh] = locate_frames(arm.chain, q[fresh]).tcp_rotation
         else:
-            q[fresh] = refine_ik(arm, q[fresh], position, rotation[fresh])
+            between = q[fresh]
+            q[fresh] = refine_ik(arm, between, position, rotation[fresh])
             reached = np.abs(pose_error(arm.chain, q[fresh], position, rotation[fresh])).max(axis=1) <= REACHED
+            reached &= ((q[fresh] >= task.robot.lower) & (q[fresh] <= task.robot.upper)).all(axis=1)
+            if task.robot.nq > 6 and not reached.all():
+                again = np.flatnonzero(fresh)[~reached]
+                reached[~reached] = _reach_again(task, q, rotation, nominal.position, again, between[~reached])
         missed[fresh] = ~reached | ((q[fresh] < task.robot.lower) | (q[fresh] > task.robot.upper)).any(axis=1)
     compensated = ~nominal.rapid
     compensated[find_contacts(nominal.rapid)] = True
@@ -124,6 +130,19 @@ def divide_task(task: PlanTask, places: Array, lead: NDArray[np.bool_] | None = 
         places=np.interp(places, np.arange(len(task)), task.origin),
     )  # fmt: skip
     return replace(new, wrench=predict_loads(new))
+
+
+def _reach_again(
+    task: PlanTask, q: Array, rotation: Array, position: Array, rows: NDArray[np.int_], near: Array
+) -> NDArray[np.bool_]:
+    """Let all joints of an arm of more than six help where six do not reach, in place; tell where they do."""
+    found, reached = reach_with_all(
+        task.robot, task.chain, near, position[rows], rotation[rows], free_spin=task.spin_free, draw=False
+    )
+    q[rows[reached]] = found[reached]
+    if task.spin_free:
+        rotation[rows[reached]] = locate_frames(task.chain, found[reached]).tcp_rotation
+    return reached
 
 
 def prepare_sampling(task: PlanTask, *, rest_at_corners: bool) -> PlanTask:

@@ -18,12 +18,14 @@ from compplan.posture.collision_scene import CollisionScene, load_scene
 from compplan.posture.contacts import describe_contact
 from compplan.posture.costs import ErrorModel
 from compplan.posture.few_joints import follow_path
+from compplan.posture.follow import follow_from
+from compplan.posture.partial import find_partial
 from compplan.posture.settings import PostureSettings, read_settings
 from compplan.posture.stance import Wish, choose_posture
 from compplan.posture.summary import Stance
 from compplan.robot import Array, Robot
-from compplan.statics.chain import locate_frames
-from compplan.statics.ik import build_arm
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.ik import CONFIGURATIONS, build_arm, name_configuration
 
 if TYPE_CHECKING:
     from compplan.job.job import Job
@@ -62,7 +64,8 @@ class Start:
         stance: What the graph chose, or None where it found nothing (or was not asked).
         request: What was asked for, or None.
         notes: What a user should know, one sentence each.
-        of_program: Whether an earlier program's motion is kept.
+        of_program: Whether q is a motion that is kept as it is: an earlier program's, or one that was followed.
+        mend: What stops the first waypoint that is out of reach and what mends it, "" where all is reached.
 
     """
 
@@ -75,6 +78,7 @@ class Start:
     request: PostureRequest | None = None
     notes: tuple[str, ...] = ()
     of_program: bool = False
+    mend: str = ""
 
 
 def read_request(job: Job, robot: Robot, errors: ErrorModel | None = None) -> PostureRequest:
@@ -113,21 +117,69 @@ def find_start(
             raise InputError(f"robot {robot.name!r} of {robot.nq} joints reaches no waypoint of the path in one branch")
         return Start(nominal, q, locate_frames(arm.chain, q).tcp_rotation, {}, missed, None, request, note)
     if request is not None:
+        if wish.start is not None and not robot.prismatic[: robot.nq - 6].all():  # the job says where seven axes stand
+            followed = _follow_start(robot, nominal, rotation, wish.start, request)
+            if followed is not None:
+                return followed
         try:
             stance = _ask_graph(robot, nominal, tool_x, request)
         except InfeasibleError as error:
             sentence = str(error)
-            instead = "One configuration is kept instead, and x of the TCP frame points along plan.tool_x all the way."
-            note = (f"{sentence[0].upper()}{sentence[1:]}. {instead}",)
+            plain = "One configuration is kept instead, and x of the TCP frame points along plan.tool_x all the way."
+            note = (f"{sentence[0].upper()}{sentence[1:]}. {plain}",)
             if request.scene is not None:
                 blind = find_start(robot, nominal, tool_x, rotation, wish, replace(request, scene=None))
                 if blind.stance is not None:
                     note = (f"{sentence[0].upper()}{sentence[1:]}. The posture is that without anything in the way.",)
                     return replace(blind, request=request, notes=(*note, *blind.notes))
+            instead = _go_on(robot, nominal, tool_x, rotation, wish, request)
+            if instead is not None:
+                return instead
         else:
             return _stand(stance, nominal, request)
     posture = choose_posture(robot, nominal.position, rotation, wish)
     return Start(nominal, posture.q, rotation, posture.configuration, posture.missed, None, request, note)
+
+
+def _go_on(
+    robot: Robot, nominal: Toolpath, tool_x: Array, rotation: Array, wish: Wish, request: PostureRequest
+) -> Start | None:
+    """Go on where the graph finds no way along the whole path: from the job's start, else along what is in reach."""
+    settings = request.settings
+    followed = None if wish.start is None else _follow_start(robot, nominal, rotation, wish.start, request)
+    if followed is not None:
+        return followed
+    partial = find_partial(robot, nominal, tool_x, settings, request.axes)
+    if partial is None:
+        return None
+    sentence = partial.sentence
+    return Start(
+        nominal, partial.q, partial.rotation, partial.configuration, partial.missed, None, request,
+        (f"{sentence[0].upper()}{sentence[1:]}.",), of_program=True, mend=partial.mend,
+    )  # fmt: skip
+
+
+def _follow_start(
+    robot: Robot, nominal: Toolpath, rotation: Array, start: Array, request: PostureRequest
+) -> Start | None:
+    """Go on from the job's start by the least motion of all joints; None where that does not lead along the path."""
+    if request.scene is not None:
+        return None
+    settings, chain = request.settings, build_chain(robot)
+    q, missed = follow_from(
+        robot, chain, nominal.position, rotation, start, free_spin=settings.free_spin, most_step=settings.most_step
+    )
+    if missed.any():
+        return None
+    stood = locate_frames(chain, q).tcp_rotation
+    told = "The motion goes on from the job's start, every waypoint by the least motion of the joints."
+    return Start(nominal, q, stood, _name(robot, q), missed, None, request, (told,), of_program=True)
+
+
+def _name(robot: Robot, q: Array) -> dict[str, str]:
+    """Name the configuration along most of a motion."""
+    arm = build_arm(robot)
+    return CONFIGURATIONS[int(np.bincount(name_configuration(arm, q)).argmax())] if len(arm.arm) == 6 else {}
 
 
 def _stand(stance: Stance, nominal: Toolpath, request: PostureRequest) -> Start:

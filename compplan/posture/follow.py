@@ -1,0 +1,97 @@
+"""Follow a path from where the arm stands, joint by joint: the motion that goes on where the graph finds no way.
+
+The graph knows an arm by its configurations and by positions of extra axes on a grid; an arm of seven joints can go on
+between them. Each waypoint is reached from the one before by the least motion of all joints (a pseudo-inverse), drawn
+a little towards the middle of the limits by what tip and tool axis leave free.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.robot import Array, Robot
+from compplan.statics.chain import Chain, joint_jacobian, locate_frames
+from compplan.statics.ik import middle_of_limits
+
+#: Waypoints that are followed one by one; those between are reached from a line through these.
+STATIONS = 500
+#: Newton steps at a waypoint, the greatest motion of a joint in one, and what counts as reached. [rad or m]
+STEPS, LARGEST, REACHED = 25, 0.2, 1e-8
+#: Share of the way to the middle of the limits that the free motion takes in a step.
+DRAWN = 0.02
+
+
+def follow_from(
+    robot: Robot, chain: Chain, position: Array, rotation: Array, start: Array, *, free_spin: bool, most_step: float
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Follow a path from joint positions near its first waypoint.
+
+    Args:
+        robot: The robot with its tool, for its limits.
+        chain: Its chain.
+        position: Wanted tips. Shape (n, 3). [m]
+        rotation: Wanted orientation of the TCP frame. Shape (n, 3, 3).
+        start: Where the arm stands. Shape (nq,). [rad or m]
+        free_spin: Whether the rotation about the tool axis is free.
+        most_step: Greatest motion of a joint between neighbouring waypoints. [rad or m]
+
+    Returns:
+        Joint positions (n, nq) [rad or m], and which waypoints are not reached without a jump (n,).
+
+    """
+    n = len(position)
+    rows = np.unique(np.linspace(0, n - 1, min(n, STATIONS)).astype(int))
+    stations = np.empty((len(rows), robot.nq))
+    q = np.clip(start, robot.lower, robot.upper)[None]
+    for k, row in enumerate(rows):
+        q, _ = reach_with_all(robot, chain, q, position[[row]], rotation[[row]], free_spin=free_spin, draw=k > 0)
+        stations[k] = q[0]
+    path = np.stack([np.interp(np.arange(n), rows, column) for column in stations.T], axis=1)
+    path, reached = reach_with_all(robot, chain, path, position, rotation, free_spin=free_spin, draw=False)
+    torn = np.r_[False, np.abs(np.diff(path, axis=0)).max(axis=1) > most_step]
+    return path, ~reached | torn
+
+
+def reach_with_all(
+    robot: Robot, chain: Chain, q: Array, position: Array, rotation: Array, *, free_spin: bool, draw: bool
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Put tool tips and axes right with all joints, within their limits, from nearby; shapes as of `follow_from`.
+
+    Returns:
+        Joint positions, and whether tip and axis (and x, where the spin is not free) are right.
+
+    """
+    q, rest = np.array(q), middle_of_limits(robot)
+    for count in range(STEPS):
+        frames = locate_frames(chain, q)
+        error, task = _equations(chain, q, frames.tcp_position, frames.tcp_rotation, position, rotation, free_spin)
+        size = np.abs(error).max(axis=1)
+        if (size < 1e-11).all() and count:
+            break
+        columns = task * ~(((q <= robot.lower) | (q >= robot.upper)) & (count > 5))[:, None, :]
+        gram = columns @ np.swapaxes(columns, 1, 2) + 1e-10 * np.eye(columns.shape[1])
+        inverse = np.swapaxes(columns, 1, 2) @ np.linalg.inv(gram)
+        step = (inverse @ error[..., None])[..., 0]
+        if draw and count == 0:
+            wish = DRAWN * np.where(np.isfinite(rest), rest - q, 0.0)
+            step = step + wish - (inverse @ (columns @ wish[..., None]))[..., 0]
+        step *= np.minimum(1.0, LARGEST / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-300))
+        q = np.clip(q + step, robot.lower, robot.upper)
+    frames = locate_frames(chain, q)
+    error, _ = _equations(chain, q, frames.tcp_position, frames.tcp_rotation, position, rotation, free_spin)
+    return q, np.abs(error).max(axis=1) < REACHED
+
+
+def _equations(
+    chain: Chain, q: Array, tip: Array, stood: Array, position: Array, rotation: Array, free_spin: bool
+) -> tuple[Array, Array]:
+    """Return by how much tips and axes are missed, and how that answers to the joints. Shapes (n, 5 or 6), (.., nq)."""
+    columns = joint_jacobian(chain, locate_frames(chain, q))
+    pairs = [(rotation[:, :, 0], stood[:, :, 2]), (rotation[:, :, 1], stood[:, :, 2])]
+    pairs += [] if free_spin else [(rotation[:, :, 1], stood[:, :, 0])]
+    missed = np.stack([np.einsum("ni,ni->n", a, b) for a, b in pairs], axis=1)
+    behind = np.einsum("ni,ni->n", rotation[:, :, 2], stood[:, :, 2]) < 0
+    missed[:, 0] += behind  # an axis that points the other way is no solution
+    turns = np.stack([np.einsum("ni,nij->nj", np.cross(b, a), columns[:, 3:]) for a, b in pairs], axis=1)
+    return np.concatenate([position - tip, -missed], axis=1), np.concatenate([columns[:, :3], turns], axis=1)
