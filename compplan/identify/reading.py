@@ -105,7 +105,7 @@ def observe_campaign(robot: Robot, campaign: Campaign, frames: Registration) -> 
 
 
 def _notes_on_rows(campaign: Campaign, used: int) -> list[str]:
-    notes = []
+    notes = [note for note in campaign.notes if "pasted" in note]
     passed = int((campaign.usable & campaign.on_path).sum())
     if passed:
         notes.append(f"{passed} rows that were sampled on the fly are left out: lag is no compliance")

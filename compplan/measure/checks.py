@@ -15,12 +15,15 @@ from numpy.typing import NDArray
 from compplan.errors import InputError
 from compplan.files.tables import Table
 from compplan.measure.campaign import Campaign
+from compplan.measure.pasted import find_pasted
 from compplan.robot import Array, Robot
 
 #: Beyond its limits a joint may read one turn [rad] or this way [m] more: zeros that are off, limits that were opened.
 TURN, WAY = 2.0 * np.pi, 10.0
 #: Greatest force [N], moment [N m], length of a campaign [s] and standard deviation [m, rad] that are taken for true.
 MOST_FORCE, MOST_MOMENT, LONGEST, MOST_SIGMA = 1e6, 1e6, 1e8, 1.0
+#: Least standard deviation [m, rad]: a nanometre; no instrument that follows a robot sees less.
+LEAST_SIGMA = 1e-9
 #: Temperatures that instruments and robots stand. [C]
 COLDEST, HOTTEST = -60.0, 300.0
 #: Share of the rows that may be gross outliers (measurement log, contract).
@@ -46,7 +49,13 @@ def check_campaign(campaign: Campaign, robot: Robot, table: Table) -> Campaign:
     _check_temperature(campaign, table)
     _check_orientation(table)
     notes = list(table.notes)
-    bad = np.zeros(len(campaign), bool)
+    bad = find_pasted(table)
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        notes.append(
+            f"{bad.sum()} of {len(campaign)} rows say what earlier rows say in every column, the first in line "
+            f"{table.lines[row]}: pasted again, they count once"
+        )
     for about, wrong in _absurd_rows(campaign, robot).items():
         if not wrong.any():
             continue
@@ -114,11 +123,11 @@ def _check_sigma(campaign: Campaign, table: Table) -> None:
     for key, values in (("sigma_position", campaign.sigma), ("sigma_rotation", campaign.sigma_rotation)):
         if values is None:
             continue
-        wrong = (values <= 0.0) | (values > MOST_SIGMA)
+        wrong = (values < LEAST_SIGMA) | (values > MOST_SIGMA)
         if wrong.any():
             row = int(np.flatnonzero(wrong)[0])
             unit = "m" if key == "sigma_position" else "rad"
-            message = f"{table.headers[key]} is {values[row]:g} {unit}, expected more than 0 and at most {MOST_SIGMA:g}"
+            message = f"{table.headers[key]} is {values[row]:g} {unit}, expected {LEAST_SIGMA:g} to {MOST_SIGMA:g}"
             raise table.error(message, row)
 
 

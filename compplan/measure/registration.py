@@ -23,6 +23,8 @@ PARTS = ("base", "tool")
 #: Greatest distance of a registered frame; degrees stay far below it. [mm]
 FARTHEST_MM = 1e6
 STEPS = 60
+#: Rows that fix a frame at the least, and the extent of places that are one place. [m]
+LEAST_ROWS, STANDING = 3, 1e-6
 #: A step below this has converged [m or rad].
 SETTLED = 1e-10
 #: Radians of orientation that weigh as much as a metre of position.
@@ -131,12 +133,16 @@ def fit_registration(
         parts: Which of "base" and "tool" to fit.
         rows: Rows to use; all usable ones if left out. Shape (n,), bool.
 
+    Raises:
+        InputError: If the rows cannot fix a frame: fewer than three, or the tool at one place in all of them.
+
     """
     use = campaign.usable if rows is None else np.asarray(rows, bool) & campaign.usable
     index = np.flatnonzero(use)
     registration = Registration.identity(campaign, parts)
     if not len(index) or not parts:
         return registration
+    _check_rows(campaign, position[index], len(index), parts)
     measured, p, R = campaign.position[index], position[index], rotation[index]
     turned = None if campaign.rotation is None else campaign.rotation[index]
     tool_of = campaign.target_index[index]
@@ -153,6 +159,18 @@ def fit_registration(
         if np.abs(step).max(initial=0.0) < SETTLED:
             break
     return Registration(base, tools, campaign.target_names, tuple(parts))
+
+
+def _check_rows(campaign: Campaign, position: Array, count: int, parts: Sequence[str]) -> None:
+    """Refuse rows that leave frames open: too few of them, or none in which the tool or the target has moved."""
+    words = f"--register {','.join(parts)}"
+    if count < LEAST_ROWS:
+        message = f"{words} needs at least {LEAST_ROWS} rows with joints and a measured position, the log has {count}"
+        raise InputError(message, file=campaign.file)
+    for what, points in (("joints", position), ("measured positions", campaign.position[campaign.usable])):
+        if float(np.ptp(points, axis=0).max()) < STANDING:
+            message = f"{words} needs poses that differ, the {what} leave the tool at one place in all {count} rows"
+            raise InputError(message, file=campaign.file)
 
 
 def read_registration(file: Path) -> Registration:

@@ -22,6 +22,8 @@ WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 WRENCH_HEADERS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 #: Greatest extent of a toolpath that is taken for true. [m]
 WIDEST = 100.0
+#: Least extent that is taken for true, and the extent below which a path is asked about. [m]
+NARROWEST, SMALL = 1e-5, 1e-3
 #: Feeds of cutting moves that are taken for true. [m/s]
 SLOWEST, FASTEST = 1e-6, 1e2
 #: Greatest number of waypoints that a division may make.
@@ -173,6 +175,8 @@ def check_toolpath(
     span = float(np.ptp(toolpath.position, axis=0).max())
     if span > WIDEST:
         refuse(f"toolpath spans {span:.0f} m{_blame_unit(table)}")
+    if 0.0 < span < NARROWEST:
+        refuse(f"toolpath spans {span * 1e3:.3g} mm, expected at least {NARROWEST * 1e3:g} mm; is it in metres?")
     if toolpath.steps.sum() <= 0.0:
         refuse("toolpath has zero length: all waypoints coincide")
     if toolpath.cutting_length <= 0.0:
@@ -191,7 +195,9 @@ def check_toolpath(
     if len(still):
         feed = toolpath.feed[still[0]] * 1e3
         refuse(f"feed is {feed:g} mm/s, expected more than 0 on a cutting move", int(still[0]))
-    return replace(toolpath, axis=toolpath.axis / norms[:, None])
+    asked = f"The whole toolpath spans {span * 1e3:.3g} mm: is it in metres, or in inches?"
+    notes = toolpath.notes if span >= SMALL or asked in toolpath.notes else (*toolpath.notes, asked)
+    return replace(toolpath, axis=toolpath.axis / norms[:, None], notes=notes)
 
 
 def _blame_unit(table: Table | None) -> str:

@@ -63,6 +63,7 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
         notes.append(f"The posture swings over in the move to waypoint {waypoint}: near a singularity.")
     if job is not None and (told := tell_outside(job, task.robot)):
         notes.append(told)
+    notes += _ask_about_x(task, job)
     if told := tell_soft_limits(task.robot):
         notes.append(f"{told[0].upper()}{told[1:]}.")
     if not np.isfinite(task.robot.acceleration_limits).any():
@@ -82,6 +83,17 @@ def tell_spindle(task: PlanTask, job: Job | None) -> list[str]:
         "The CAM file never starts the spindle (no M3 or M4), so the programs do not: start it before the cut, "
         "or name lines that do in [output] header."
     ]
+
+
+def _ask_about_x(task: PlanTask, job: Job | None) -> list[str]:
+    """Say that a stated x of the TCP frame means nothing where it points along the tool axis."""
+    if job is None or "tool_x" not in job.plan.model_fields_set:
+        return []
+    wanted = np.asarray(job.tool_x_base, float)
+    across = np.linalg.norm(np.cross(task.nominal.axis, wanted / np.linalg.norm(wanted)), axis=1)
+    if across.max() > np.sin(np.radians(1.0)):
+        return []
+    return ["plan.tool_x points along the tool axis, so it says nothing: the rotation about the axis is chosen freely."]
 
 
 def _tell_margin(task: PlanTask) -> list[str]:

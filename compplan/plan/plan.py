@@ -41,6 +41,9 @@ from compplan.promise.posture_errors import posture_errors
 from compplan.robot import Array, Robot, load_robot
 from compplan.statics.chain import build_chain
 
+#: Sine of the angle between the tool axis and x of the TCP frame below which they are one direction.
+SIDE = float(np.sin(np.radians(1.0)))
+
 
 @dataclass(frozen=True)
 class PlanOptions:
@@ -207,6 +210,7 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
 
     """
     nominal = check_toolpath(nominal, file=file)
+    _check_tool_x(nominal, options, file)
     rotation = tool_axes(nominal, np.asarray(options.tool_x, float))
     chain = build_chain(robot)
     equations = 5 if options.spin_free else 6
@@ -265,6 +269,18 @@ def job_robot(job: Job) -> Robot:
         return job.tool.mount(robot)
     except InputError as error:
         raise error if error.file else InputError(error.message, file=job.file, where=error.where) from None
+
+
+def _check_tool_x(nominal: Toolpath, options: PlanOptions, file: Path | None) -> None:
+    """Refuse an x of the TCP frame that points along the tool axis, where the tool may not rotate about that axis."""
+    wanted = np.asarray(options.tool_x, float) / np.linalg.norm(options.tool_x)
+    along = np.flatnonzero(np.linalg.norm(np.cross(nominal.axis, wanted), axis=1) < SIDE)
+    if len(along) and not options.spin_free:
+        message = (
+            f"points along the tool axis at {len(along)} of {len(nominal)} waypoints, the first is {along[0]}: x of "
+            "the TCP frame cannot; name a direction across the axis, or let rotate_about_tool_axis be true"
+        )
+        raise InputError(message, file=file, where="plan.tool_x" if file else None)
 
 
 def read_options(job: Job, robot: Robot) -> PlanOptions:
