@@ -158,7 +158,7 @@ def test_reversed_arc_centres_are_told_and_may_be_demanded(read) -> None:
         ("G68 R30", r":1: a rotation or scale about the tool's place, whose X is not known"),
         ("G68.2 P2 X0", r":1: G68.2 is read in G90, as Euler angles or with P1"),
         ("G51 X0 Y0 Z0 P1000000", r":1: G51 scales by"),
-        ("G91 G16 X1 Y2", r":1: polar coordinates \(G16\) in G91"),
+        ("G91 G16 X1 Y2", r":1: polar coordinates \(G16\) with a radius in G91"),
         ("X10 Y5", r":1: coordinates before any motion code"),
         ("G66 P9000", r":1: G66 \(modal macro calls\) is not read"),
         ("G5 X1 Y1 I1 J1 P1 Q1", r":1: G5 \(splines\)"),

@@ -183,6 +183,7 @@ def test_rotations_scales_mirrors_and_polar_coordinates_move_the_path(read) -> N
     assert end("G51.1 X5\nG1 X0 Y3 F9\n") == [10, 3, 10]
     assert end("G51.1 X5\nG50.1\nG1 X2 Y3 F9\n") == [2, 3, 10]
     assert end("G16\nG1 X10 Y90 F9\nG15\n") == [0, 10, 10]
+    assert end("G16\nG1 X10 Y30 F9\nG91 Y60\nG90 G15\n") == [0, 10, 10]
     mirrored = read(HEAD + "G51.1 X0\nG1 X0 Y0 F9\nG3 X10 Y10 R10\n", ".nc").toolpath.position[2:] * 1e3
     assert np.hypot(mirrored[:, 0], mirrored[:, 1] - 10) == pytest.approx(10)  # it turns the other way, about (0, 10)
     with pytest.raises(InputError, match="would be an ellipse"):

@@ -251,7 +251,8 @@ class _Reader(MotionReader):
         state = self.state
         if not state.cycle_code:
             axis = 3 - sum(PLANE_AXES[state.plane])
-            state.cycle_start = None if axis in state.lost else state.position[axis]
+            unknown = axis in state.lost or (axis not in state.known and not state.moved)
+            state.cycle_start = None if unknown else state.position[axis]
             state.cycle = {}
         state.cycle_code = code
 

@@ -76,11 +76,17 @@ class MotionReader(TiltReader):
     def _read_polar(self, values: dict[str, float]) -> dict[str, float]:
         """Return X (radius) and Y (angle) of polar coordinates as X and Y."""
         state = self.state
-        if state.incremental or state.plane != 17:
-            raise self.error("polar coordinates (G16) in G91 or outside of the plane G17 are not read")
-        state.polar_word = [values.get("X", state.polar_word[0]), values.get("Y", state.polar_word[1])]
+        if (state.incremental and "X" in values) or state.plane != 17:
+            raise self.error("polar coordinates (G16) with a radius in G91, or outside of the plane G17, are not read")
+        turned = state.polar_word[1] if state.incremental else 0.0
+        named = turned + values["Y"] if "Y" in values else state.polar_word[1]
+        state.polar_word = [values.get("X", state.polar_word[0]), named]
         radius, angle = state.polar_word[0], math.radians(state.polar_word[1])
-        return {**values, "X": radius * math.cos(angle), "Y": radius * math.sin(angle)}
+        x, y = radius * math.cos(angle), radius * math.sin(angle)
+        if state.incremental:  # the radius stays, and with it the pole
+            x -= (state.position[0] - state.zero(0)) / state.scale
+            y -= (state.position[1] - state.zero(1)) / state.scale
+        return {**values, "X": x, "Y": y}
 
     def _check_straight(self, values: dict[str, float]) -> None:
         """Refuse or note words of an arc in a straight move."""

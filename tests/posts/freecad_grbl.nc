@@ -1,0 +1,30 @@
+(Exported by FreeCAD)
+(Post Processor: grbl_post)
+(Begin preamble)
+G17 G90
+G21
+(Begin operation: T2)
+(Path: T2)
+(TC: T2)
+(Begin toolchange)
+( M6 T2 )
+M3 S12000
+(Finish operation: T2)
+(Begin operation: Profile)
+G0 Z15.000
+G0 X-3.000 Y0.000
+G0 Z3.000
+G1 X-3.000 Y0.000 Z-1.000 F200.000
+G1 X-3.000 Y30.000 Z-1.000 F800.000
+G2 X0.000 Y33.000 Z-1.000 I3.000 J0.000 K0.000 F800.000
+G1 X40.000 Y33.000 Z-1.000
+G2 X43.000 Y30.000 Z-1.000 I0.000 J-3.000 K0.000
+G1 X43.000 Y0.000
+G2 X40.000 Y-3.000 I-3.000 J0.000
+G1 X0.000
+G2 X-3.000 Y0.000 I0.000 J3.000
+G0 Z15.000
+(Begin postamble)
+M5
+G17 G90
+M2
