@@ -90,7 +90,7 @@ def test_the_empty_log_is_read_once_it_has_rows(tmp_path: Path, monkeypatch, cap
         ["init", "x.toml", "--toolpath", "no.nc"],
         ["init", "x.toml", "--robot", "no_robot"],
         ["init", "x.csv"],
-        ["init", "x.toml", "--toolpath", str(Path(__file__).with_name("arms.py"))],  # no line of it is G-code
+        ["init", "x.toml", "--toolpath", __file__],
         ["doctor", "ur10", "--robot", "kuka_kr270"],
         ["convert", "no.nc", "--out", "x.nc"],
     ],

@@ -284,3 +284,36 @@ def test_post_takes_tools_on_the_command_line(tmp_path: Path, monkeypatch, capsy
     assert "2 operations (T1, T2), solved" in done.out and "then those of T2" in done.out
     main = (tmp_path / "out" / "two_T2_L.src").read_text()
     assert re.search(r"\$TOOL=\{X 0.0+,Y 0.0+,Z 210.0+,", main)
+
+
+def test_a_plan_that_leaves_holes_out_is_not_solved(tmp_path: Path) -> None:
+    job = make_job(tmp_path, f"{HEAD}G0 X0. Y0. Z9.\nG1 Z1. F600.\nX9.\n{DRILL.replace('T2 M6', '')}M30\n",
+                   cam={"cycles": "skip"}, plan={"strategy": "none", "tolerance_mm": 5.0},
+                   process={"model": "constant", "force_N": [0.0, 0.0, 0.0]})  # fmt: skip
+    plan = cp.plan_job(job)
+    assert plan.status == "not_confirmed" and 'write cycles = "expand"' in plan.explain_failures()
+
+
+def test_the_example_of_two_tools_is_two_jobs() -> None:
+    file = Path(__file__).parents[1] / "examples" / "two_tools" / "bracket.toml"
+    first, second = split_job(cp.load_job(file))
+    assert (first.label, first.process.model, second.label, second.process.model) == ("T1", "end_mill", "T2", "drill")
+
+
+@pytest.mark.slow
+def test_the_example_of_two_tools_is_solved(tmp_path: Path, monkeypatch, capsys) -> None:
+    file = Path(__file__).parents[1] / "examples" / "two_tools" / "bracket.toml"
+    done = run_command(["plan", file, "--out", tmp_path / "out"], monkeypatch, capsys)
+    assert done.status == 0, done.err
+    tools = json.loads((tmp_path / "out" / "plan.json").read_text())["tools"]
+    assert [tool["status"] for tool in tools] == ["solved", "solved"]
+
+
+def test_init_writes_a_tool_for_each_number_that_the_file_cuts_with(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_path(tmp_path)
+    done = run_command(["init", "my.toml", "--robot", "kuka_kr16_2", "--toolpath", "two.nc"], monkeypatch, capsys)
+    assert done.status == 0, done.err
+    job = cp.load_job("my.toml")
+    assert [tool.number for tool in job.tools] == [1, 2] and {tool.frame for tool in job.tools} == {"pendant"}
+    assert "put yours" in (tmp_path / "my.toml").read_text() and "the part stands at [" in done.out

@@ -16,7 +16,7 @@ from compplan.commands.progress import show_progress
 from compplan.errors import CompplanError, InputError
 from compplan.files.tables import write_text
 from compplan.files.transaction import replace_folder
-from compplan.job.text import mount_tool, set_force, set_place, shorten_job, write_job_text
+from compplan.job.text import mount_tool, number_tools, set_force, set_place, shorten_job, write_job_text
 from compplan.measure.skeleton import write_log_text
 from compplan.path.cam import find_reader, list_suffixes
 from compplan.path.cam.lines import read_bounded
@@ -110,6 +110,7 @@ def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short
         line = _line("toolpath", toolpath) + "\n\n"
         text = re.sub(r'# toolpath = "part.nc"\n.*?\n(?=\[part\])', lambda _: line, text, count=1, flags=re.DOTALL)
         text = _choose_process(text, "columns" if toolpath.lower().endswith(".csv") else "milling")
+        text = number_tools(text, _called_tools(file.parent / toolpath))
     if robot is not None:
         with show_progress() as announce:
             announce("place of the part")
@@ -141,11 +142,12 @@ def place_part(text: str, file: Path) -> tuple[str, str]:
     A toolpath that cannot be read as the text has it leaves the part where it is: it may need what the job says of it.
     """
     from compplan.job.job import check_job
+    from compplan.job.operations import split_job
     from compplan.plan.plan import job_robot
     from compplan.posture.first_place import find_first_place
 
     try:
-        job = check_job(tomllib.loads(text), file)
+        job = split_job(check_job(tomllib.loads(text), file))[0]
         found = find_first_place(job, job_robot(job))
     except CompplanError as error:
         return text, f"the part stands where it does in every new job, its path was not tried ({error})"
@@ -189,6 +191,20 @@ def _check_toolpath(path: Path) -> None:
         read_toolpath(path, feed=ANY_FEED)
     elif path.suffix.lower() not in list_suffixes() and find_reader(path, read_bounded(path)) is None:
         raise InputError(f"is no toolpath, expected a file that ends in .csv, {', '.join(list_suffixes())}", file=path)
+
+
+def _called_tools(path: Path) -> list[int]:
+    """Return the T numbers that a CAM file cuts with; none where it is not read as it stands."""
+    from compplan.path.cam.options import CamTable
+    from compplan.path.operations import split_operations
+
+    if path.suffix.lower() == ".csv":
+        return []
+    try:
+        operations = split_operations(read_toolpath(path, cam=CamTable(cycles="expand"), feed=ANY_FEED))
+    except CompplanError:
+        return []
+    return list(dict.fromkeys(operation.number for operation in operations))
 
 
 def _init_robot(urdf: Path, tcp: str | None, tool_axis: str | None, out: Path | None) -> None:

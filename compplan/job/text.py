@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -52,10 +53,10 @@ position_mm = [1500.0, 0.0, 183.0]
 rotation_deg = [0.0, 0.0, 0.0]      # rotation vector; or one of abc_deg (KUKA A B C), wpr_deg (FANUC W P R, Yaskawa
                                     #   Rx Ry Rz), quaternion (ABB: w x y z), zyz_deg (Kawasaki O A T, Comau A E R,
                                     #   Doosan A B C), val3_deg (Staubli), rotation_rad (Universal Robots)
+# in place of both, points measured in the robot base: best fit of three or more,
 # points_mm = { nominal = [[0.0, 0.0, 0.0], [100.0, 0.0, 0.0], [0.0, 80.0, 0.0]], measured = [[..], [..], [..]] }
-                                    # in place of both: best fit of three or more points, drawn and measured in the base
-# datum_mm = { plane = [[..], [..], [..]], line = [[..], [..]], point = [..] }  # or 3-2-1, measured in the base: three
-                                    #   of z = 0 (counter-clockwise from above), two along x on y = 0, one on x = 0
+# or 3-2-1: three of the face z = 0 (counter-clockwise from above), two along x on y = 0, one on x = 0
+# datum_mm = { plane = [[..], [..], [..]], line = [[..], [..]], point = [..] }
 
 # [tool]                            # in place of the robot folder's TCP and tool mass: from flange frame to TCP frame
 # frame = "flange"                  # flange: of the URDF | pendant: the maker's, as the teach pendant shows tool data
@@ -329,6 +330,19 @@ def mount_tool(text: str, robot: Robot, *, used: bool) -> str:
     return f"{head}{first}\n{straight}{keys}{rest}"
 
 
+def number_tools(text: str, numbers: Sequence[int]) -> str:
+    """Let a job's text have one [[tool]] for each T number, all like its [tool]; one number leaves it as it is."""
+    found = re.search(r"(?m)^(?:# )?\[tool\].*?\n(?=\n)", text, flags=re.DOTALL)
+    if found is None or len(numbers) < 2:
+        return text
+    keys = found.group().partition("\n")[2].replace("# ", "") if found.group().startswith("# ") else None
+    blocks = []
+    for number in numbers:
+        body = found.group().partition("\n")[2] if keys is None else keys
+        blocks.append(f"[[tool]]                            # T{number} of the CAM file\nnumber = {number}\n{body}")
+    return text[: found.start()] + "\n".join(blocks) + text[found.end() :]
+
+
 def set_place(text: str, position_mm: list[float], comment: str) -> str:
     """Put the part of a job's text elsewhere."""
     return re.sub(r"(?<=\[part\]).*?\nposition_mm = \[.*?\].*?(?=\n)",
@@ -348,7 +362,7 @@ def shorten_job(text: str) -> str:
     kept, table = ["# A compplan job: the keys that one needs first. All of them: compplan init without --short."], ""
     for line in text.splitlines():
         if line.startswith("["):
-            table = line[1:].partition("]")[0]
+            table = line.lstrip("[").partition("]")[0]
             kept += ["", line] if table in SHORT else []
         elif line.startswith("#"):
             kept += [line] if "assumed: put yours" in line and table in ("tool", "process") else []

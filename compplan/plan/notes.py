@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from compplan.cell.forces import RECORDED
@@ -17,6 +19,8 @@ from compplan.robot.soft_limits import tell_soft_limits
 
 #: Share of the tolerance from which on the inertia of the motion is told.
 WORTH_A_NOTE = 0.1
+#: How readers note drilling cycles that they do not cut.
+LEFT_OUT = "left out: the tool moves rapidly above the holes"
 #: Force models of a turning tool.
 TURNING = ("milling", "end_mill", "drill")
 #: A joint that moves more than this between two waypoints of a cut swings over. [rad or m]
@@ -33,6 +37,13 @@ def tell_coupling(effect: CouplingEffect | None) -> tuple[str, ...]:
             f"in x / y / z of the base, {1e3 * after:.3g} mm (rms) in place of {1e3 * before:.3g} mm; "
             f"{settled.passes} passes, ratio {settled.ratio:.2g}.")  # fmt: skip
     return (note,) if settled.agrees else (note, settled.explain())
+
+
+def tell_left_out(notes: Sequence[str]) -> tuple[str, ...]:
+    """Say that cuts of the file are in no program: a plan without them is not the plan of the file."""
+    if not any(LEFT_OUT in note for note in notes):
+        return ()
+    return ('holes of the file are not cut, [cam] cycles = "skip" leaves them out; write cycles = "expand"',)
 
 
 def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None) -> tuple[str, ...]:

@@ -27,7 +27,7 @@ from compplan.plan.evaluate import (
     measure_margins,
 )
 from compplan.plan.feed import FeedWish
-from compplan.plan.notes import list_notes, tell_coupling
+from compplan.plan.notes import list_notes, tell_coupling, tell_left_out
 from compplan.plan.result import Plan
 from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
 from compplan.plan.task import SMOOTHING, PlanTask
@@ -184,7 +184,7 @@ def plan_task(
     if task.inertia and not np.isfinite(bending.inertia):
         breaches += ("plan.inertia is true, and the robot folder knows no masses or no springs",)
     votes = Vote() if bench.driven is None else cast_votes(bench.driven, after, bending)
-    breaches += votes.breaches
+    breaches += (*votes.breaches, *tell_left_out(task.nominal.notes))
     coupling = compare_coupling(task, before)
     told = list_notes(task, timing, bending, job)
     return Plan(
