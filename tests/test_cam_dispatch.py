@@ -16,7 +16,7 @@ RAPID = "MODULE part\nPROC main()\nENDPROC\nENDMODULE\n"
 TEXTS = {"gcode": NC, "apt": APT, "krl": KRL, "rapid": RAPID}
 
 
-@pytest.mark.parametrize("suffix", [".nc", ".ptp", ".tap", ".txt", ".mpf", ".min", ".eia", ".apt", ".src", ".mod", ""])
+@pytest.mark.parametrize("suffix", [".nc", ".ptp", ".tap", ".txt", ".min", ".eia", ".apt", ".src", ".mod", ""])
 @pytest.mark.parametrize("language", list(TEXTS))
 def test_content_decides_over_the_ending(language: str, suffix: str) -> None:
     reader = find_reader(Path(f"part{suffix}"), TEXTS[language])

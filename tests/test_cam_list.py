@@ -41,7 +41,7 @@ REFUSED = [
     (".nc", HEAD + "G1 XO F9\n", "word XO is not read and may move the tool"),
     (".nc", HEAD + "G1 Xnan F9\n", "word XNAN is not read and may move the tool"),
     (".nc", "G21 G54.1 P1 G0 X0 Y0 Z0\nG1 X1 F60\nG54.1 P2\nX2\n", "the file cuts in G54.1 P1 and in G54.1 P2"),
-    (".mpf", HEAD + "TRAORI\nG58 X10\nG1 X1 F9\n", "G58 with coordinates shifts the frame"),
+    (".mpf", HEAD + "TRAORI\nG58 X10\nG1 X1 F9\n", "G58 (a shift of the frame) is not read"),
     (".mpf", HEAD + "TRAORI\nG1 X1 A3=0 B3=0 F9\n", "expected three numbers"),
     (".mpf", HEAD + "TRAORI\nG1 X1 A2=0 B2=180 C2=0 F9\n", "expected A3= B3= C3= or rotary axes"),
     (".apt", write_apt("INDEX/1"), "INDEX (repeated paths) is not read"),

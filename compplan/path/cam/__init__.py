@@ -16,7 +16,7 @@ import numpy as np
 
 from compplan.errors import InputError
 from compplan.files.plugins import load_plugins
-from compplan.path.cam import apt, gcode, heidenhain, krl, rapid
+from compplan.path.cam import apt, gcode, heidenhain, krl, rapid, sinumerik
 from compplan.path.cam.lines import read_bounded
 from compplan.path.cam.moves import CamFacts, CamFile
 from compplan.path.cam.options import CamTable
@@ -25,7 +25,7 @@ from compplan.path.toolpath import Toolpath
 #: Letters of the head of a file by which its language is known.
 HEAD_LETTERS = 100_000
 #: Every reader, by the name of its language.
-READERS: dict[str, ModuleType] = {module.name: module for module in (gcode, apt, krl, rapid, heidenhain)}
+READERS: dict[str, ModuleType] = {module.name: module for module in (gcode, apt, krl, rapid, heidenhain, sinumerik)}
 READERS.update(load_plugins("readers", READERS))
 
 __all__ = ["READERS", "CamFacts", "CamFile", "CamTable", "find_reader", "list_suffixes", "read_cam", "refuse_idle"]

@@ -59,12 +59,16 @@ class Element:
 
 @dataclass(frozen=True)
 class Corner:
-    """Hold a corner: ROUND (radius), LEG (from the corner to either end of the chamfer) or CHAMFER (its length)."""
+    """Hold a corner: ROUND (radius), LEG (from the corner to either end of the chamfer) or CHAMFER (its length).
+
+    A modal one is left out where no cut follows.
+    """
 
     kind: str
     size: float
     feed: float | None
     line: int
+    modal: bool = False
 
 
 Approach = Callable[[Element], list[Element]]
@@ -113,12 +117,15 @@ class Contour:
             self._put(element)
 
     def refuse_open(self) -> None:
-        """Refuse a corner or an approach that no cut follows.
+        """Refuse a corner or an approach that no cut follows; put down what waits for a modal one.
 
         Raises:
             InputError: If there is one.
 
         """
+        if self.held is not None and self.held[1].modal:
+            element, self.held = self.held[0], None
+            self._put(element)
         if self.held is not None:
             raise InputError(f"the rounded or cut corner of line {self.held[1].line} has no cutting move after it")
         if self.approach is not None:

@@ -44,7 +44,7 @@ CHANGE = re.compile(r"M0*6(?!\d)", re.IGNORECASE)
 
 name = "gcode"
 suffixes = (
-    ".nc", ".gcode", ".tap", ".ngc", ".cnc", ".ncc", ".mpf", ".spf", ".iso", ".eia", ".h", ".ptp", ".min", ".gc", ".g",
+    ".nc", ".gcode", ".tap", ".ngc", ".cnc", ".ncc", ".iso", ".eia", ".h", ".ptp", ".min", ".gc", ".g",
     ".fnc", ".dnc", ".din", ".pim", ".anc",
 )  # fmt: skip
 
