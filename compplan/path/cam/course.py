@@ -52,6 +52,11 @@ class Course:
         self.position = back.apply(self.frame.apply(self.position))
         self.frame, self.direction = frame, None
 
+    def move_frame(self, frame: Frame) -> None:
+        """Put a frame in force under the tool: its coordinates stay, its place in the part changes."""
+        if frame != self.frame:
+            self.frame, self.direction = frame, None
+
     def aim(self, axis: Point) -> None:
         """Turn the tool, in the part, by rotary axes: where that takes its tip is not known."""
         if _angle(self.log.axis, axis) > STEADY:

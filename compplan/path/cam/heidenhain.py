@@ -349,9 +349,9 @@ class _Reader(CycleReader):
             else:
                 raise self.error(f"TRANS {rest[:30]!r} is not read; use cycles 7, 8, 10, 11")
         elif rest.startswith("RESET TCPM"):
-            self.tip_control = self.spatial = False
+            self.control_tip(False)
         elif rest.startswith("TCPM"):
-            self.tip_control, self.spatial = True, "AXIS SPAT" in rest
+            self.control_tip(True, spatial="AXIS SPAT" in rest)
             if re.search(r"REFPNT\s+(CNT|TIP-CNT|CNT-CNT)", rest):
                 raise self.error("TCPM with the centre of the tool as reference (REFPNT CNT) is not read")
         elif rest.startswith("DWELL") and (found := re.search(rf"TIME\s*({NUMBER})", rest)):

@@ -14,6 +14,7 @@ from compplan.path.cam.frames import NOWHERE, UNIT, Frame, rotate, shift, stand_
 from compplan.path.cam.heidenhain_words import GRAMMAR, VALUE
 from compplan.path.cam.moves import MoveLog
 from compplan.path.cam.options import CamTable
+from compplan.path.cam.turning import Rotary
 
 INCH = 25.4
 AXES = "XYZ"
@@ -46,6 +47,8 @@ class FrameReader:
         self.mirror: Point = (1.0, 1.0, 1.0)
         self.turned, self.scale = 0.0, 1.0
         self.preset: float | None = None
+        self.tip_control = self.tilted = False
+        self.rotary = Rotary(options)
         self.values.update(dict.fromkeys(TILT_ANGLES, 0.0))
 
     def error(self, message: str) -> InputError:
@@ -75,16 +78,20 @@ class FrameReader:
         why = self.unknown.get(name, "the program gives it none")
         raise ValueError(f"parameter {name} has no value that is known: {why}")
 
-    def set_frame(self) -> None:
-        """Put together what is in force, and turn the tool with the plane."""
-        frame = self.unit.then(shift(*self.before)).then(self.tilt).then(shift(*self.after))
+    def set_frame(self, *, carried: bool = False) -> None:
+        """Put together what is in force; carried: rotary axes have carried tool or part along."""
+        place = Frame() if self.tilted else self.rotary.place(tip_control=self.tip_control)
+        frame = place.then(self.unit).then(shift(*self.before)).then(self.tilt).then(shift(*self.after))
         if self.mirror != (1.0, 1.0, 1.0):
             frame = frame.then(stretch(*self.mirror))
         if self.turned:
             frame = frame.then(rotate(self.tool_axis, self.turned))
         if self.scale != 1.0:
             frame = frame.then(stretch(self.scale, self.scale, self.scale))
-        self.course.use(frame)
+        if carried:
+            self.course.move_frame(frame)
+        else:
+            self.course.use(frame)
 
     def define_frame(self, number: int, part: int | None, rest: str) -> bool:
         """Carry out CYCL DEF 7, 8, 10, 11, 19, 26 and 247; return whether the cycle is one of them."""
@@ -183,6 +190,7 @@ class FrameReader:
     def _stand(self, tilt: Frame) -> None:
         """Put a tilted plane in force, or take it back."""
         self.contour.refuse_open()
+        self.tilted = not tilt.plain
         if tilt == self.tilt:
             return
         if (self.turned or self.scale != 1.0 or self.mirror != (1.0, 1.0, 1.0) or self.after != NOWHERE):

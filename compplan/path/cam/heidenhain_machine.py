@@ -34,7 +34,7 @@ class MachineReader(FrameReader):
         super().__init__(file, options)
         self.feed: float | None = None
         self.tool_feed: float | None = None
-        self.per_turn = self.tip_control = self.spatial = self.calls = False
+        self.per_turn = self.spatial = self.calls = False
         self.spindle = 0.0
         self.turning = ""
         self.cooling = False
@@ -76,7 +76,7 @@ class MachineReader(FrameReader):
                 self.log.note(f"M{number} is not read", self.line)
                 self.log.happen("comment", self.line, text=f"M{number} of the CAM file")
         if 128 in functions:
-            self.tip_control, self.spatial = True, False
+            self.control_tip(True)
         if functions & {136, 137}:
             self.per_turn = 136 in functions
 
@@ -85,13 +85,19 @@ class MachineReader(FrameReader):
         if not functions:
             return
         if 129 in functions:
-            self.tip_control = self.spatial = False
+            self.control_tip(False)
         for number in sorted(functions & STOPS.keys()):
             kind = STOPS[number]
             self.turning = "" if kind == "spindle_off" else self.turning
             self.cooling = self.cooling and kind != "coolant_off"
             self.log.happen(kind, self.line)
         self.ends = self.ends or bool(functions & ENDS)
+
+    def control_tip(self, on: bool, *, spatial: bool = False) -> None:
+        """Let X Y Z be the tip in the part frame, however the rotary axes stand, or not."""
+        self.contour.refuse_open()
+        self.tip_control, self.spatial = on, spatial
+        self.set_frame()
 
     def call_where_asked(self, functions: set[int]) -> None:
         """Carry out the cycle after a move that calls it: M99 once, M89 from here on."""

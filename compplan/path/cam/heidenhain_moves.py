@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from compplan.path.cam.arcs import Point, combine, dot
 from compplan.path.cam.contour import Corner, Element, find_centre, find_tangent_arc
-from compplan.path.cam.frames import UNIT, rotate
+from compplan.path.cam.frames import rotate
 from compplan.path.cam.gcode_codes import NOTED
 from compplan.path.cam.heidenhain_frames import AXES, TILT_ANGLES
 from compplan.path.cam.heidenhain_machine import MachineReader
 from compplan.path.cam.heidenhain_words import M_WORDS, split_words
 from compplan.path.cam.options import CamTable
+from compplan.path.cam.turning import LETTERS
 
 #: Axes of the working plane by the tool axis.
 PLANES = {0: (1, 2), 1: (2, 0), 2: (0, 1)}
-ROTARY = "ABC"
 
 
 class MoveReader(MachineReader):
@@ -28,7 +28,6 @@ class MoveReader(MachineReader):
         self.was_rapid = True
         self.side = ""
         self.pole: tuple[int, int, float, float] | None = None
-        self.rotary = [0.0, 0.0, 0.0]
 
     def split(self, text: str) -> tuple[dict[str, str], set[int]]:
         """Return the words of a block by their letters, and its M functions.
@@ -144,65 +143,67 @@ class MoveReader(MachineReader):
         if named:
             self.log.note("moves in machine coordinates (M91, M92) are left out", self.line)
             self.course.lose(named)
-        for axis, letter in enumerate(ROTARY):
+        for letter in LETTERS:
             if letter in words:
-                self.rotary[axis] = self.value(words[letter])
+                self.rotary.take(letter, self.value(words[letter]))
 
     def _go_straight(self, kind: str, words: Mapping[str, str], corner: Corner | None, *, rapid: bool) -> None:
         if words.get("R", "+") not in ("+", "-") or "DR" in words:
             raise self.error("words of an arc in a straight block")
         target, named = self.target(words)
         moving = named or target != self.contour.position
-        start = self.rotary[:]
-        axis = self._turn(words) if kind != "LN" else self._turn_to_vector(words)
+        before = dict(self.rotary.angles)
+        axis = self._turn(words, rapid=rapid) if kind != "LN" else self._turn_to_vector(words)
         if not moving and axis is None:
             return
         if rapid:
             self.contour.refuse_open()
             self.course.rapid(target, named, axis)
         else:
-            on_way = None
-            if axis is not None and self.spatial is False and kind != "LN":
-                on_way = self._on_way(start, self.rotary[:])
+            self.check_machine()
+            turning = axis is not None and not self.spatial and kind != "LN"
+            on_way = self.rotary.turn_on_way(before) if turning else None
             self.contour.add(
                 Element(self.contour.position, target, named, self.speed(), self.line, axis=axis, on_way=on_way,
                         normal=unit_axis(self.tool_axis)), corner)  # fmt: skip
         self.was_rapid = rapid
 
-    def _turn(self, words: Mapping[str, str]) -> Point | None:
+    def check_machine(self) -> None:
+        """Refuse a cut while rotary axes stand turned of which nobody says what they turn."""
+        if not self.tilted and not self.spatial:
+            self.rotary.refuse_unknown()
+
+    def _turn(self, words: Mapping[str, str], *, rapid: bool) -> Point | None:
         """Return the tool axis that A B C ask for, None where they ask for nothing."""
-        letters = [letter for letter in "ABC" if letter in words or "I" + letter in words]
+        letters = [letter for letter in LETTERS if letter in words or "I" + letter in words]
         if not words.keys().isdisjoint(("U", "V", "W", "IU", "IV", "IW")):
             self.log.note("axes U V W are not read", self.line)
-        if not letters:
+        if not letters or self.rotary.ignored:
             return None
         by_plane = any(name in words[letter] for letter in letters if letter in words for name in TILT_ANGLES)
-        if self.tilt.rows != UNIT and (by_plane or not self.tip_control):
+        if self.tilted and (by_plane or not self.tip_control):
             note = "A B C in a tilted plane position the rotary axes as the plane asks: its axis is taken"
             self.log.note(note, self.line)
             return None
+        before = dict(self.rotary.angles)
         for letter in letters:
-            axis = "ABC".index(letter)
-            self.rotary[axis] = (
-                self.value(words[letter]) if letter in words else self.rotary[axis] + self.value(words["I" + letter])
-            )
+            angle = self.rotary.angles.get(letter, 0.0)
+            angle = self.value(words[letter]) if letter in words else angle + self.value(words["I" + letter])
+            self.rotary.take(letter, angle)
+        angles = self.rotary.angles
         if self.spatial:
-            a, b, c = self.rotary
+            a, b, c = (angles.get(letter, 0.0) for letter in LETTERS)
             return rotate(2, c).then(rotate(1, b)).then(rotate(0, a)).turn(unit_axis(self.tool_axis))
-        return self.find_axis((self.rotary[0], self.rotary[1], self.rotary[2]))
-
-    def find_axis(self, angles: Point) -> Point:
-        """Return the tool axis for angles of the rotary axes [deg]."""
-        if not any(angles):
+        if self.rotary.unknown:
+            self.course.lose()
+            return None
+        if not any(angles.values()) and not any(before.values()):
             return unit_axis(self.tool_axis)
-        raise self.error("rotary axes A B C: what they turn is not read for this language yet")
-
-    def _on_way(self, start: list[float], end: list[float]) -> Callable[[float], Point]:
-        def axis(share: float) -> Point:
-            a, b, c = (one + share * (other - one) for one, other in zip(start, end, strict=True))
-            return self.find_axis((a, b, c))
-
-        return axis
+        if not self.tip_control and not self.options.tip_control:
+            if not rapid:
+                raise self.error("a cut on which rotary axes turn without control of the tip (M128) is not read")
+            self.set_frame(carried=True)
+        return self.rotary.point_tool()
 
     def _turn_to_vector(self, words: Mapping[str, str]) -> Point | None:
         """Return the tool axis of an LN block: its vector TX TY TZ, or with tip control its normal NX NY NZ."""
@@ -243,8 +244,9 @@ class MoveReader(MachineReader):
 
     def _go_round(self, kind: str, words: Mapping[str, str], corner: Corner | None, *, rapid: bool) -> None:
         """Cut along an arc."""
-        if any(letter in words or "I" + letter in words for letter in "ABC"):
+        if any(letter in words or "I" + letter in words for letter in LETTERS):
             raise self.error("rotary axes on an arc are not read")
+        self.check_machine()
         start = self.contour.position
         target, named = self.target(words)
         feed = 0.0 if rapid else self.speed()

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from compplan.errors import InputError
+from compplan.path.cam.gcode import BEGINNING
 from compplan.path.cam.lines import MOST_LINES, count_lines, read_bounded, split_lines
 from compplan.path.cam.moves import CamFile
 from compplan.path.cam.options import CamTable
@@ -28,14 +29,14 @@ suffixes = (".mpf", ".spf", ".arc")
 #: What no other language has, and what G-code of others may hold as well.
 SURE = re.compile(
     r"^[ \t]*%_N_\w+_(MPF|SPF)|^;\$PATH=|\bCYCLE8[0-9]{1,2}\s*\(|\bGOTO[FB][ \t]+\w|\bSUPA\b|\bTRAFOOF\b|"
-    r"^[ \t]*(N\d+[ \t]*)?(TRAORI|STOPRE|A?TRANS|A?ROT|A?MIRROR|A?SCALE|CYCLE832|MCALL|DEF[ \t]+(REAL|INT|BOOL))\b(?![ \t]*/)|"
+    r"^[ \t]*(N\d+[ \t]*)?(TRAORI|STOPRE|A?TRANS|A?ROT|A?MIRROR|A?SCALE|CYCLE832|MCALL)\b(?![ \t]*/)|"
+    r"^[ \t]*(N\d+[ \t]*)?DEF[ \t]+(REAL|INT|BOOL)\b|"
     r"\bWORKPIECE\s*\(|[XYZIJK]\s*=\s*(AC|IC)\s*\(|^[ \t]*(N\d+[ \t]*)?MSG[ \t]*\(|\bORI(WKS|MKS|AXES|VECT)\b|"
     r"\b(CR|SPOS|TURN|AR)=|^[ \t]*(N\d+[ \t]*)?R\d+\s*=|[ABC]3=",
     re.MULTILINE | re.IGNORECASE,
 )
 #: The number of a Fanuc program, which no Sinumerik program has.
 PROGRAM_NUMBER = re.compile(r"^[ \t]*O\d{1,8}\b", re.MULTILINE)
-BLOCK = re.compile(r"^[ \t]*(N\d+[ \t]*)?[GMTXYZSF][ \t]*=?[ \t]*[-+]?\d", re.MULTILINE | re.IGNORECASE)
 HEAD = re.compile(r"\s*%_N_(\w+?)_(MPF|SPF)\b", re.IGNORECASE)
 PROC = re.compile(r"\s*(?:N\d+\s*)?PROC\s+(\w+)", re.IGNORECASE)
 
@@ -44,7 +45,7 @@ PROC = re.compile(r"\s*(?:N\d+\s*)?PROC\s+(\w+)", re.IGNORECASE)
 def recognise(text: str) -> int:
     """Tell whether a text is of a Sinumerik control: 1 for G-code of no mark, which the ending decides."""
     sure = SURE.search(text) is not None and PROGRAM_NUMBER.search(text) is None
-    return 2 if sure else int(BLOCK.search(text) is not None)
+    return 2 if sure else int(BEGINNING.search(text) is not None)
 
 
 def read(text: str, file: Path, options: CamTable) -> CamFile:

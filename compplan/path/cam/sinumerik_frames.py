@@ -11,10 +11,10 @@ from compplan.path.cam.contour import Contour
 from compplan.path.cam.course import Course
 from compplan.path.cam.expressions import evaluate
 from compplan.path.cam.frames import Frame, rotate, shift, stretch
-from compplan.path.cam.gcode_codes import NOTED
 from compplan.path.cam.moves import MoveLog
 from compplan.path.cam.options import CamTable
 from compplan.path.cam.sinumerik_words import GRAMMAR, Words
+from compplan.path.cam.turning import Rotary
 
 AXES = "XYZ"
 INCH = 25.4
@@ -48,7 +48,9 @@ class FrameReader:
         self.unknown: dict[str, str] = {}
         self.plane = 17
         self.program, self.swivel = Frame(), Frame()
-        self.swivelled = False
+        self.swivelled = self.tip_control = False
+        self.rotary = Rotary(options)
+        self.outside = ""
         self.offset: float | None = None
         self.feed: float | None = None
         self.feed_mode = 94
@@ -88,10 +90,15 @@ class FrameReader:
         except ValueError as fault:
             raise self.error(str(fault)) from None
 
-    def set_frame(self) -> None:
-        """Put together what is in force."""
+    def set_frame(self, *, carried: bool = False) -> None:
+        """Put together what is in force; carried: rotary axes have carried tool or part along."""
         self.contour.refuse_open()
-        self.course.use(self.swivel.then(self.program))
+        place = Frame() if self.swivelled else self.rotary.place(tip_control=self.tip_control)
+        frame = place.then(self.swivel).then(self.program)
+        if carried:
+            self.course.move_frame(frame)
+        else:
+            self.course.use(frame)
 
     def change_frame(self, word: str, words: Words) -> None:
         """Carry out TRANS, ROT, SCALE, MIRROR (in place of what was) and ATRANS .. (on top of it)."""
@@ -156,10 +163,22 @@ class FrameReader:
         self.course.aim(axis)
 
     def use_offset(self, code: float) -> None:
-        """Take a work offset; the first one before any move is that of the path."""
-        if self.offset is not None and code != self.offset and (self.log.waypoints or self.course.knows):
-            self.log.note(NOTED[54.0], self.line)
-        self.offset = code
+        """Take a work offset; that of the first cut is the part frame, and cuts in others are refused."""
+        part = float(self.options.wcs[1:]) if self.options.wcs and self.options.wcs[1:].isdigit() else None
+        if self.offset is None or not self.log.counts["cutting_moves"]:
+            self.offset = part or code
+        self.outside = "" if code == self.offset else f"G{code:g}"
+        if self.outside:
+            self.contour.refuse_open()
+            self.course.lose()
+
+    def check_offset(self) -> None:
+        """Refuse a cut in another work offset than the part frame's."""
+        if self.outside:
+            raise self.error(
+                f"the file cuts in G{self.offset or 54.0:g} and in {self.outside}, and how they stand to each other is "
+                "not known; write a program for each work offset"
+            )
 
     def set_unit(self, scale: float) -> None:
         """Take millimetres or inches."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 from compplan.path.cam.arcs import Point, arc_about, combine, dot
@@ -15,13 +14,13 @@ from compplan.path.cam.options import CamTable
 from compplan.path.cam.robot_moves import find_arc
 from compplan.path.cam.sinumerik_frames import AXES, INCH, NORMALS, PLANES, FrameReader
 from compplan.path.cam.sinumerik_words import Words
+from compplan.path.cam.turning import LETTERS
 
 CENTRES = ("I", "J", "K")
 MIDDLES = ("I1", "J1", "K1")
 DIRECTIONS = ("A3", "B3", "C3")
-ROTARY = "ABC"
 #: Addresses of a motion block, and those that say nothing of the path.
-MOVING = {*AXES, *CENTRES, *MIDDLES, *DIRECTIONS, *ROTARY, "CR", "AR", "AP", "RP", "TURN"}
+MOVING = {*AXES, *CENTRES, *MIDDLES, *DIRECTIONS, *LETTERS, "CR", "AR", "AP", "RP", "TURN"}
 CORNERS = {"RND": "ROUND", "CHR": "LEG", "CHF": "CHAMFER"}
 SILENT_WORDS = {"F", "S", "T", "D", "H", "M", "P", "FB", "FRC", "FRCM", "E", *VALUES, "ADISPOS", "SPOS", "FA", "DISCL",
                 "FGREF", "OTOL", "CTOL", "TOFFL", "TOFFR", "OMA", "STOLF", "TCARR"}  # fmt: skip
@@ -51,10 +50,8 @@ class MoveReader(FrameReader):
         self.motion: float | str = 1.0
         self.stated = False
         self.incremental = False
-        self.tip_control = False
         self.pole: Point = (0.0, 0.0, 0.0)
         self.polar: dict[str, float] = {}
-        self.rotary = [0.0, 0.0, 0.0]
         self.rounding = 0.0
         self.machine_once = False
 
@@ -109,10 +106,9 @@ class MoveReader(FrameReader):
             self.motion, self.stated = name, True
         elif name == "SUPA":
             return "machine"
-        elif name == "TRAORI":
-            self.tip_control = True
-        elif name == "TRAFOOF":
-            self.tip_control = False
+        elif name in ("TRAORI", "TRAFOOF"):
+            self.tip_control = name == "TRAORI"
+            self.set_frame()
         elif name in ("ORIEULER", "ORIRPY", "ORIRPY2", "ORIMKS"):
             pass
         elif REFUSED_NAMES.fullmatch(name) and name not in ("DIAM90",):
@@ -155,9 +151,9 @@ class MoveReader(FrameReader):
         self.contour.refuse_open()
         self.log.note("moves in machine coordinates (SUPA, G53, G153, G74, G75) are left out", self.line)
         self.course.lose(axis for axis, letter in enumerate(AXES) if letter in values)
-        for axis, letter in enumerate(ROTARY):
+        for letter in LETTERS:
             if letter in values:
-                self.rotary[axis] = values[letter]
+                self.rotary.take(letter, values[letter])
 
     def _set_pole(self, code: float, words: Words) -> None:
         """Carry out G110 (from the tool), G111 (from the origin), G112 (from the last pole)."""
@@ -208,35 +204,36 @@ class MoveReader(FrameReader):
         if not self.stated and not self.log.waypoints:
             self.log.note("coordinates before any G0 or G1 are read as G1", self.line)
         if self.motion in (2.0, 3.0, "CIP", "CT"):
-            if words.values.keys() & {*ROTARY, *DIRECTIONS} and self._turn(words) is not None:
-                raise self.error("the tool turns along an arc, which is not read")
+            if words.values.keys() & {*LETTERS, *DIRECTIONS} and not self.rotary.ignored:
+                raise self.error("an arc with words that turn the tool is not read")
+            self._check_cut()
             self._go_round(words, target, named)
             return
         if words.values.keys() & {"CR", "AR", "TURN", *MIDDLES}:
             raise self.error("words of an arc (CR, AR, TURN) in a straight block")
         if words.values.keys() & set(CENTRES):
             self.log.note("I J K in straight moves are not read", self.line)
-        start = self.rotary[:]
-        axis = self._turn(words)
+        before = dict(self.rotary.angles)
+        axis = self._turn(words, rapid=self.motion == 0.0)
         if not named and axis is None and target == self.contour.position:
             return
         if self.motion == 0.0:
             self.contour.refuse_open()
             self.course.rapid(target, named, axis)
             return
+        self._check_cut()
         feed = self._block_feed(words, math.dist(target, self.contour.position))
         by_axes = axis is not None and not words.values.keys() & set(DIRECTIONS)
-        on_way = self._on_way(start, self.rotary[:]) if by_axes else None
+        on_way = self.rotary.turn_on_way(before) if by_axes else None
         self.contour.add(
             Element(self.contour.position, target, named, feed, self.line, normal=NORMALS[self.plane], axis=axis,
                     on_way=on_way), self._corner(words))  # fmt: skip
 
-    def _on_way(self, start: list[float], end: list[float]) -> Callable[[float], Point]:
-        def axis(share: float) -> Point:
-            a, b, c = (one + share * (other - one) for one, other in zip(start, end, strict=True))
-            return self.find_axis((a, b, c))
-
-        return axis
+    def _check_cut(self) -> None:
+        """Refuse a cut whose frame is not known: another work offset, rotary axes of an unknown machine."""
+        self.check_offset()
+        if not self.swivelled:
+            self.rotary.refuse_unknown()
 
     def _block_feed(self, words: Words, length: float) -> float:
         if "FB" in words.values:
@@ -251,7 +248,7 @@ class MoveReader(FrameReader):
                 return Corner(kind, words.values[address] * self.scale, feed, self.line)
         return Corner("ROUND", self.rounding, None, self.line, modal=True) if self.rounding else None
 
-    def _turn(self, words: Words) -> Point | None:
+    def _turn(self, words: Words, *, rapid: bool) -> Point | None:
         """Return the tool axis that A3 B3 C3 or A B C ask for, None where they ask for nothing."""
         named = [letter for letter in DIRECTIONS if letter in words.values]
         if named:
@@ -262,24 +259,28 @@ class MoveReader(FrameReader):
             turned = self.course.frame.turn((vector[0], vector[1], vector[2]))
             size = math.hypot(*turned)
             return turned[0] / size, turned[1] / size, turned[2] / size
-        letters = [letter for letter in ROTARY if letter in words.values]
-        if not letters:
+        letters = [letter for letter in LETTERS if letter in words.values]
+        if not letters or self.rotary.ignored:
             return None
         if self.swivelled and not self.tip_control:
             note = "A B C in a swivelled plane position the rotary axes as the plane asks: its axis is taken"
             self.log.note(note, self.line)
             return None
+        before = dict(self.rotary.angles)
         for letter in letters:
-            axis, number = ROTARY.index(letter), words.values[letter]
             relative = letter in words.relative or (self.incremental and letter not in words.absolute)
-            self.rotary[axis] = number + (self.rotary[axis] if relative else 0.0)
-        return self.find_axis((self.rotary[0], self.rotary[1], self.rotary[2]))
-
-    def find_axis(self, angles: Point) -> Point:
-        """Return the tool axis for angles of the rotary axes [deg]."""
-        if not any(angles):
+            base = self.rotary.angles.get(letter, 0.0) if relative else 0.0
+            self.rotary.take(letter, words.values[letter] + base)
+        if self.rotary.unknown:
+            self.course.lose()
+            return None
+        if not any(self.rotary.angles.values()) and not any(before.values()):
             return self.swivel.turn(NORMALS[17])
-        raise self.error("rotary axes A B C: what they turn is not read for this language yet")
+        if not self.tip_control and not self.options.tip_control:
+            if not rapid:
+                raise self.error("a cut on which rotary axes turn without control of the tip (TRAORI) is not read")
+            self.set_frame(carried=True)
+        return self.rotary.point_tool()
 
     def _go_round(self, words: Words, target: Point, named: tuple[int, ...]) -> None:
         """Cut along an arc."""
