@@ -11,6 +11,7 @@ from cam_files import read_cam_text
 
 from compplan.errors import InputError
 from compplan.path.cam import CamFile
+from compplan.path.toolpath import check_toolpath
 
 KRL = "&ACCESS RVP\n&REL 1\nDEF part( )\n;FOLD INI\nINTERRUPT ON 3\nBAS (#INITMOV,0)\n;ENDFOLD\n{}\nEND\n"
 DOWN = "A 0,B 180,C 0"  # z of the TCP frame points down: the tool axis is 0 0 1
@@ -192,3 +193,31 @@ def test_robot_programs_of_unknown_suffix_are_known_by_their_text(read) -> None:
     assert read(KRL.format("$VEL.CP=1\nPTP {X 0,Y 0,Z 0,A 0,B 0,C 0}\nLIN {X 1}"), ".txt").facts.kind == "krl"
     body = f"MoveJ {target(0, 0, 0)},v50,fine,t;\nMoveL {target(1, 0, 0)},v50,fine,t;"
     assert read(RAPID.format("", body), ".txt").facts.kind == "rapid"
+
+
+def test_the_number_of_a_joint_move_and_the_greatest_speed_are_read(tmp_path: Path) -> None:
+    target = "[[{},0,0],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+    moves = f"MoveJ {target.format(0)},v100,z10,t;\nMoveL {target.format(10)}\\ID:=20,v50,fine,t;\n"
+    text = f"MODULE part\nPROC main()\n{moves}MoveL {target.format(90)},vmax,z1,t;\nENDPROC\nENDMODULE\n"
+    cam = read_cam_text(tmp_path, text, ".mod")
+    assert (cam.toolpath.position[:, 0] * 1e3).round(6).tolist() == [0, 10, 90]
+    assert cam.toolpath.rapid.tolist() == [True, False, True]
+
+
+def test_a_speed_that_a_subprogram_sets_is_asked_for_and_taken_from_the_option(tmp_path: Path) -> None:
+    text = "DEF part( )\nMMPM(1200)\nPTP {X 0,Y 0,Z 0,A 0,B 180,C 0}\nLIN {X 20}\nEND\n"
+    plain, stated = (read_cam_text(tmp_path, text, ".src", **options) for options in ({}, {"feed_mm_s": 20.0}))
+    assert any("MMPM(1200) in line 2 may set it; state it with feed_mm_s" in note for note in plain.facts.notes)
+    assert stated.toolpath.feed[-1] == pytest.approx(0.02)
+    with pytest.raises(InputError, match=r"feed is 0 mm/s, .*state it with feed_mm_s"):
+        check_toolpath(plain.toolpath)
+
+
+def test_a_speed_by_a_name_that_is_not_known_needs_the_option(tmp_path: Path) -> None:
+    krl = "DEF part( )\n$VEL.CP=FAST\nPTP {X 0,Y 0,Z 0,A 0,B 180,C 0}\nLIN {X 20}\nEND\n"
+    target = "[[{},0,0],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+    moves = f"MoveJ {target.format(0)},v100,z10,t;\nMoveL {target.format(10)},vCut,fine,t;\n"
+    for suffix, text in ((".src", krl), (".mod", f"MODULE part\nPROC main()\n{moves}ENDPROC\nENDMODULE\n")):
+        with pytest.raises(InputError, match=r"feed_mm_s \(--feed\)"):
+            read_cam_text(tmp_path, text, suffix)
+        assert read_cam_text(tmp_path, text, suffix, feed_mm_s=5.0).toolpath.feed[-1] == pytest.approx(0.005)

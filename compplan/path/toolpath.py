@@ -194,7 +194,8 @@ def check_toolpath(
     still = np.flatnonzero((cutting & need_feed & (toolpath.feed == 0.0)) | (toolpath.feed < 0.0))
     if len(still):
         feed = toolpath.feed[still[0]] * 1e3
-        refuse(f"feed is {feed:g} mm/s, expected more than 0 on a cutting move", int(still[0]))
+        how = "; state it with feed_mm_s of [cam] (--feed) or feed.constant_mm_s of the job" if feed == 0.0 else ""
+        refuse(f"feed is {feed:g} mm/s, expected more than 0 on a cutting move{how}", int(still[0]))
     asked = f"The whole toolpath spans {span * 1e3:.3g} mm: is it in metres, or in inches?"
     notes = toolpath.notes if span >= SMALL or asked in toolpath.notes else (*toolpath.notes, asked)
     return replace(toolpath, axis=toolpath.axis / norms[:, None], notes=notes)

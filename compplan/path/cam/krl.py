@@ -71,7 +71,7 @@ class _Reader:
     """Follow a program statement by statement."""
 
     def __init__(self, file: Path, options: CamTable) -> None:
-        self.file, self.line = file, 0
+        self.file, self.line, self.options = file, 0, options
         self.moves = RobotMoves(options)
         self.feed = 0.0
         self.own: float | None = None
@@ -84,6 +84,7 @@ class _Reader:
         self.last: dict[str, float] = {}
         self.blocks = self.depth = self.executed = 0
         self.spline: list[Array] | None = None
+        self.called = ""
 
     def error(self, message: str) -> InputError:
         return InputError(message, file=self.file, where=self.line)
@@ -215,9 +216,9 @@ class _Reader:
             raise self.error("$IPO_MODE=#TCP (the part in the robot's hand) is not read")
         elif target.startswith("$VEL") and re.search(r"\bCP\b", statement):
             speed = re.search(rf"\bCP\s*=?\s*({NUMBER})\s*(?:[,}}]|$)", statement)
-            if not speed:
-                raise self.error(f"{statement[:40]!r} sets no speed in m/s")
-            self.feed = float(speed.group(1)) * 1e3
+            if not speed and self.options.feed_mm_s is None:
+                raise self.error(f"{statement[:40]!r} sets no speed in m/s; state one with feed_mm_s (--feed)")
+            self.feed = float(speed.group(1)) * 1e3 if speed else 0.0
 
     def _set_up(self, word: str, value: str) -> None:
         """Carry out BAS(#word, value)."""
@@ -366,7 +367,9 @@ class _Reader:
     def _speed(self) -> float:
         feed = self.feed if self.own is None else self.own
         if feed <= 0.0:
-            self.moves.log.note("cutting moves before any speed $VEL.CP have none", self.line)
+            where = f", {self.called} may set it" if self.called else ""
+            note = f"cutting moves before any speed $VEL.CP have none{where}; state it with feed_mm_s (--feed)"
+            self.moves.log.note(note, self.line)
         return feed
 
     def _call(self, statement: str) -> None:
@@ -378,6 +381,7 @@ class _Reader:
             if beside is not None:
                 self._find_programs(list(split_lines(read_bounded(beside))), beside)
         if called not in self.programs:
+            self.called = self.called or f"{statement[:24]} in line {self.line}"
             note = f"call of {called[:24]}() is not read: it is neither here nor beside the file"
             self.moves.log.note(note, self.line)
             where = "in a loop or a branch: " if self.blocks else ""

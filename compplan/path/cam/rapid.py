@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,19 +12,15 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.files.tables import Array
-from compplan.path.cam.lines import LONGEST_LINE, MOST_LINES, count_lines, split_lines
+from compplan.path.cam.lines import MOST_LINES, count_lines
 from compplan.path.cam.moves import FARTHEST, CamFile
 from compplan.path.cam.options import CamTable
+from compplan.path.cam.rapid_words import split_fields, split_statements
 from compplan.path.cam.robot_moves import DEEPEST, NUMBER, RobotMoves, make_pose
 
 name = "rapid"
 suffixes = (".mod", ".modx", ".prg", ".sys")
 
-#: Lines that end without a semicolon.
-BARE = re.compile(
-    r"(MODULE|ENDMODULE|(LOCAL\s+)?(PROC|FUNC|TRAP|RECORD)|END(PROC|FUNC|TRAP|RECORD|IF|FOR|WHILE|TEST)|ELSE(IF)?|IF|FOR|"
-    r"WHILE|TEST|CASE|DEFAULT|ERROR|UNDO|BACKWARD)\b"
-)
 OPENS, CLOSES = re.compile(r"(IF|FOR|WHILE|TEST)\b"), re.compile(r"(ENDIF|ENDFOR|ENDWHILE|ENDTEST)\b")
 PROC = re.compile(r"(?:LOCAL\s+)?PROC\s+(\w+)\s*\(")
 DATA = re.compile(
@@ -36,6 +32,8 @@ OUTPUT = re.compile(r"(?:SETDO\s*(?:\\[^,]*,)?\s*(\w+)\s*,\s*([01])|(SET|RESET)\
 WAITS = re.compile(rf"WAITTIME\s*(?:\\INPOS\s*,)?\s*({NUMBER})$")
 #: Statements that a robot program of another language cannot repeat: the operator is asked.
 ASKED = re.compile(r"(WAIT\w*|SET[A-Z]O\w*|SET|RESET|PULSEDO|INVERTDO|TRIGGIO|TRIGGEQUIP|TRIGGINT)\b")
+#: Number by which two robots move together (\\ID:=20), after a target.
+POINT_ID = re.compile(r"\\\s*ID\s*:=\s*\w+")
 VELSET = re.compile(rf"VELSET\s+({NUMBER})\s*,\s*({NUMBER})$")
 #: Statements that move the tool, or the frames that it moves in, in ways that are not read.
 REFUSED = re.compile(r"((SEARCH[LC]|ARC\w+|SPOT\w*|PAINT\w*|CORRCON|PDISP\w+|EOFFS\w+|GOTO)\b|CSS\w+ACT|%|CALLBYVAR)")
@@ -75,7 +73,7 @@ class _Reader:
     """Follow a module statement by statement."""
 
     def __init__(self, file: Path, options: CamTable) -> None:
-        self.file, self.line = file, 0
+        self.file, self.line, self.options = file, 0, options
         self.moves = RobotMoves(options)
         self.data: dict[tuple[str, str], str] = {}
         self.programs: dict[str, list[tuple[int, str]]] = {}
@@ -208,7 +206,7 @@ class _Reader:
             self.moves.log.note(note, self.line)
             self.moves.lose()
             return
-        fields = split_fields(re.sub(r"^\s*CONC\s*,", "", rest))
+        fields = split_fields(POINT_ID.sub("", re.sub(r"^\s*CONC\s*,", "", rest)))
         circle = word.startswith(("MOVEC", "TRIGGC"))
         count = 2 if circle else 1
         if len(fields) < count + 3:
@@ -232,6 +230,9 @@ class _Reader:
             self.moves.rapid(poses[0], self.line)
         elif circle:
             self.moves.circle(poses[0][:3, 3], poses[1], self._speed(fields[2]), self.line)
+        elif fields[1].strip() == "VMAX":
+            self.moves.log.note("straight moves at vmax are read as rapid ones", self.line)
+            self.moves.rapid(poses[0], self.line)
         else:
             self.moves.straight(poses[0], self._speed(fields[1]), self.line)
 
@@ -347,52 +348,10 @@ class _Reader:
         if text.startswith("["):
             return self._number(split_fields(text[1:-1])[0])
         found = re.fullmatch(r"V(\d+)", text)
+        if not found and self.options.feed_mm_s is not None:
+            self.moves.log.note(f"speed {field[:24]!r} is not known here", self.line)
+            return 0.0
         if not found:
-            raise self.error(f"speed {field[:24]!r} is not known, expected v100 or data of this module")
+            hint = "expected v100 or data of this module; state it with feed_mm_s (--feed)"
+            raise self.error(f"speed {field[:24]!r} is not known, {hint}")
         return float(found.group(1))
-
-
-def split_statements(text: str) -> Iterator[tuple[int, str]]:
-    """Yield statements in capitals, text in quotes left out, with the line that each begins in.
-
-    Raises:
-        ValueError: If a quote is never closed, or a statement is longer than any may be.
-
-    """
-    pending, first = "", 0
-    for number, raw in enumerate(split_lines(text), start=1):
-        line = re.sub(r'"[^"]*"', '""', raw) if '"' in raw else raw
-        if not pending.strip() and raw.lstrip().startswith("!"):
-            yield number, raw.strip()
-            continue
-        line = line.partition("!")[0].upper()
-        if line.replace('""', "").count('"'):
-            raise ValueError(f'line {number}: a quote (") is opened and never closed')
-        if not pending.strip():
-            first = number
-            if re.match(r"\s*(%%%|VERSION:|LANGUAGE:)", line):
-                continue
-        if not pending.strip() and BARE.match(line.strip()) and ";" not in line:
-            yield number, " ".join(line.split())
-            continue
-        *whole, rest = (pending + " " + line).split(";")
-        for statement in whole:
-            if statement.strip():
-                yield first, " ".join(statement.split())
-            first = number
-        pending = rest
-        if len(pending) > LONGEST_LINE:
-            raise ValueError(f"statement of more than {LONGEST_LINE} characters in line {first}; no more are read")
-    if pending.strip():
-        yield first, " ".join(pending.split())
-
-
-def split_fields(text: str) -> list[str]:
-    """Split at commas outside of brackets."""
-    parts, depth, start = [], 0, 0
-    for index, letter in enumerate(text):
-        depth += (letter in "[(") - (letter in "])")
-        if letter == "," and depth == 0:
-            parts.append(text[start:index])
-            start = index + 1
-    return [*parts, text[start:]]

@@ -159,8 +159,7 @@ class FrameReader:
         self.swivelled = not self.swivel.plain
         self.program = Frame()
         self.set_frame()
-        axis = self.swivel.turn(NORMALS[self.plane])
-        self.course.aim(axis)
+        self.course.aim(self.swivel.turn(NORMALS[self.plane]))
 
     def use_offset(self, code: float) -> None:
         """Take a work offset; that of the first cut is the part frame, and cuts in others are refused."""
