@@ -33,7 +33,7 @@ def arc_path(radius: float, feed: float, n: int = 400) -> Toolpath:
 
 
 def make_task(nominal: Toolpath, robot=ROBOT):
-    return build_task(robot, nominal, PlanOptions(spin_free=False))
+    return build_task(robot, nominal, PlanOptions(spin_free=False, inertia=False))
 
 
 def test_only_sharp_corners_are_corners() -> None:

@@ -141,7 +141,7 @@ def test_plan_states_its_promise_and_what_it_rests_on(tmp_path, monkeypatch, cap
     assert max(parts.values()) < promised["p95_max"] < 1.01 * np.sqrt(sum(v**2 for v in parts.values())) + 0.05
     assert promised["p95_max"] <= promised["whole_path_p95"]
     assert any("assumed" in sentence for sentence in plan["promise_from"]["assumed"])
-    assert "that can be promised" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "along the whole part within" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
 def test_the_oracle_is_the_quantile_of_the_tips_and_unmodelled_ones_leave_the_band(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ def make_path(n=40, force=FORCE, centre=(1.7, 0.1, 0.9)):
 
 def make_task(robot="kuka_kr270", *, spin_free=False, path=None, **options):
     robot = load_robot(robot) if isinstance(robot, str) else robot
-    return build_task(robot, path or make_path(), PlanOptions(spin_free=spin_free, **options))
+    return build_task(robot, path or make_path(), PlanOptions(spin_free=spin_free, inertia=False, **options))
 
 
 def worst(task, strategy):

@@ -12,6 +12,7 @@ import pytest
 
 import compplan.cell.wanted as wanted
 import compplan.job.loading as loading
+import compplan.plan.agreement as agreement
 import compplan.plan.bending as bending
 import compplan.plan.plan as planning
 from compplan.cell.inertia import fit_parabolas
@@ -108,8 +109,9 @@ def _hasty(patch: pytest.MonkeyPatch) -> None:
 
 
 def _heavy(patch: pytest.MonkeyPatch) -> None:
-    true = bending.inertial_loads
-    patch.setattr(bending, "inertial_loads", lambda *words: 2.0 * true(*words))
+    true = bending.load_motion
+    for module in (bending, agreement):
+        patch.setattr(module, "load_motion", lambda *words: 2.0 * true(*words))
 
 
 MISTAKES: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], str]] = {

@@ -64,7 +64,7 @@ class PlanTable(StrictTable):
     tolerance_mm: float = Field(default=0.1, gt=0.0, le=100.0)
     tool_x: Vector3 = (1.0, 0.0, 0.0)
     keep: Annotated[str, Field(min_length=1, max_length=LONGEST_PATH)] = KEEP_ROBOT
-    inertia: bool = False
+    inertia: bool = True
 
     @field_validator("tool_x")
     @classmethod

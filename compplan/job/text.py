@@ -162,7 +162,7 @@ tolerance_mm = 0.1                  # in-tolerance verdicts and shares refer to 
 tool_x = [1.0, 0.0, 0.0]            # part axes: where the TCP frame's x points when rotation about the axis is not free
 keep = "robot"                      # posture: robot (with --robot that which the job's own robot chooses) | nothing |
                                     #   joints.csv of an earlier plan
-inertia = false                     # compensate the inertia of the motion too (masses of the URDF)
+inertia = true                      # compensate the inertia of the motion (masses of the URDF); the band counts it
 
 [output]
 programs = ["val3"]                 # <programs>

@@ -93,7 +93,8 @@ def plan_reference(robot: Robot, name: str, path: Toolpath, force: Array) -> Ref
         place[:3, 3] = along * robot.longest_reach, 0.0, up * robot.longest_reach
         nominal = replace(place_toolpath(path, place), wrench=wrench)
         try:
-            plan = plan_compensation(robot, nominal, PlanOptions(chord=1.0, max_correction=0.02), name=name)
+            options = PlanOptions(chord=1.0, max_correction=0.02, inertia=False)
+            plan = plan_compensation(robot, nominal, options, name=name)
         except CompplanError as error:
             reason = " ".join(str(error).split())
             continue

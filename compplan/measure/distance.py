@@ -13,25 +13,30 @@ LEVEL = 0.95
 MOST_FACTOR = 20.0
 
 
-def band_radius(covariance: Array, level: float = LEVEL) -> Array:
+def band_radius(covariance: Array, level: float = LEVEL, mean: Array | None = None) -> Array:
     """Return the distance that a normal error of three components keeps within. Shape (n, 3, 3) -> (n,). [m]
 
-    The quantile of sum_i lambda_i z_i^2, lambda the eigenvalues of the covariance, from its first three moments
-    [Buckley1988]; exact where one lambda, or several equal ones, make all of it.
+    The quantile of |m + x|^2, x of the covariance V, from its first three moments [Buckley1988]: tr V + m.m,
+    2 tr V^2 + 4 m.V m, 8 tr V^3 + 24 m.V^2 m. Exact for m = 0 where one eigenvalue, or several equal ones, make all
+    of V.
 
     Args:
         covariance: Covariance of the error. Shape (n, 3, 3). [m^2]
         level: The probability.
+        mean: Mean of the error, zero if left out. Shape (n, 3). [m]
     """
-    scale = np.trace(covariance, axis1=1, axis2=2)
-    some = scale > 0.0
-    unit = np.where(some[:, None, None], covariance, np.eye(3)) / np.where(some, scale, 3.0)[:, None, None]
-    square = unit @ unit
-    second = 2.0 * np.trace(square, axis1=1, axis2=2)
-    third = 8.0 * np.einsum("nij,nji->n", square, unit)
+    bias = np.zeros((len(covariance), 3)) if mean is None else mean
+    first = np.trace(covariance, axis1=1, axis2=2) + np.einsum("ni,ni->n", bias, bias)
+    some = np.trace(covariance, axis1=1, axis2=2) > 1e-12 * first
+    scale = np.where(some, first, 3.0)
+    unit = np.where(some[:, None, None], covariance, np.eye(3)) / scale[:, None, None]
+    shift = np.where(some[:, None], bias, 0.0) / np.sqrt(scale)[:, None]
+    square, along = unit @ unit, np.einsum("nij,nj->ni", unit, shift)
+    second = 2.0 * np.trace(square, axis1=1, axis2=2) + 4.0 * np.einsum("ni,ni->n", shift, along)
+    third = 8.0 * np.einsum("nij,nji->n", square, unit) + 24.0 * np.einsum("ni,ni->n", along, along)
     freedom = 8.0 * second**3 / third**2
     quantile = 1.0 + (2.0 * gammaincinv(0.5 * freedom, level) - freedom) * np.sqrt(second / (2.0 * freedom))
-    return np.asarray(np.sqrt(scale * np.maximum(quantile, 0.0)))
+    return np.asarray(np.sqrt(first * np.where(some, np.maximum(quantile, 0.0), 1.0)))
 
 
 def calibrate_band(

@@ -7,13 +7,13 @@ correction on the force: they are worked out in turn until the tip moves by no m
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.cell.vibration import Dynamics, build_dynamics, inertial_loads
-from compplan.plan.bending import find_bias, relax_bias
+from compplan.cell.vibration import build_dynamics, inertial_loads
+from compplan.plan.bending import find_inside
 from compplan.plan.between import Between, measure_between, wanted_pieces
 from compplan.plan.feed import FeedWish, time_run
 from compplan.plan.sampling import MOST_PIECES, Mending, divide_by, divide_task, grow_places, predict_loads
@@ -21,6 +21,8 @@ from compplan.plan.strategies import command_path, nlp
 from compplan.plan.task import Command, PlanTask, attain_rows
 from compplan.plan.timing import Timing, cutting_runs, find_slowdown, state_timing, time_between_cuts
 from compplan.robot import Array
+from compplan.statics.chain import Chain
+from compplan.statics.inertia import build_moving_chain, load_motion
 from compplan.statics.sensitivity import attain_pose
 
 #: Turns that force, feed and motion may take, and the shift of the tip that asks for no new correction. [m]
@@ -47,6 +49,8 @@ class Agreement:
         excess: Factor by which a limit of a joint's motion is still passed; 1 at most where all agree.
         turns: Turns taken.
         notes: Sentences for the user.
+        change: Shift of the tip that the last turn still made. [m]
+        slow: Factor by which the run is slower than limits ask for, so that it can follow its corrections. Shape (n,).
 
     """
 
@@ -57,6 +61,8 @@ class Agreement:
     excess: float
     turns: int
     notes: tuple[str, ...] = ()
+    change: float = 0.0
+    slow: Array = field(default_factory=lambda: np.ones(0))
 
 
 def agree(
@@ -72,13 +78,39 @@ def agree(
 
     """
     progress("sampling")
-    if task.missed.any():  # what does not move along the path has no inertia worth planning with
+    if task.missed.any() or not task.chain.n_springs or not task.robot.bodies:
+        # what does not move along the path has no inertia worth planning with, and what has no mass or spring none
         task = replace(task, inertia=False)
+    found = _fit(task, strategy, wish, progress)
+    if not task.inertia or not (doubt := _doubt_inertia(found)):
+        return found
+    progress("compensation without inertia")
+    found = _fit(replace(task, inertia=False), strategy, wish, progress)
+    note = f"The inertia of the motion is not compensated here: with it {doubt}. The 95 % band counts all of it."
+    return replace(found, notes=(*found.notes, note))
+
+
+def _doubt_inertia(found: Agreement) -> str:
+    """Say what keeps a plan that compensates inertia from being one, "" where nothing does."""
+    task = found.task
+    if found.command.status != "solved":
+        return "a limit is not held"
+    if found.excess > 1.0:
+        return f"joint limits are passed by a factor of {found.excess:.3g}"
+    if found.change > SETTLED * task.tolerance:
+        return f"motion and correction do not settle (last turn {1e3 * found.change:.2g} mm)"
+    if found.between.max_deviation > task.tolerance:
+        return f"the tip strays by {1e3 * found.between.max_deviation:.2g} mm between waypoints"
+    return ""
+
+
+def _fit(task: PlanTask, strategy: str, wish: FeedWish, progress: Callable[[str], None]) -> Agreement:
+    """Divide a path, command it and divide it again until it is right between waypoints too."""
     task = _divide_ahead(_resolve_starts(task, wish) if task.inertia else task, wish)
-    mending = Mending()
+    mending, slow = Mending(), None
     for last in range(DIVISIONS + 1):
         progress(f"compensation of {len(task)} waypoints")
-        found = _take_turns(task, strategy, wish, progress)
+        found = _take_turns(task, strategy, wish, progress, slow)
         if found.command.solutions:
             spent = sum(solution.iterations for solution in found.command.solutions)
             progress(f"compensation: passes {len(found.command.solutions)}, solver iterations {spent}")
@@ -86,7 +118,9 @@ def agree(
         pieces = mending.allow(task, pieces, excess)
         if last == DIVISIONS or not (pieces > 1).any() or task.missed.any():
             break
+        before = task.origin
         task = divide_by(task if not task.follows_feed else replace(task, wrench=found.task.wrench), pieces)
+        slow = np.interp(task.origin, before, found.slow) if task.inertia else None
         if task.follows_feed:
             task = _drive(task, task.q_start, wish)[0]
     return found
@@ -111,7 +145,9 @@ def _divide_ahead(task: PlanTask, wish: FeedWish) -> PlanTask:
     return task
 
 
-def _take_turns(task: PlanTask, strategy: str, wish: FeedWish, progress: Callable[[str], None]) -> Agreement:
+def _take_turns(
+    task: PlanTask, strategy: str, wish: FeedWish, progress: Callable[[str], None], slow: Array | None
+) -> Agreement:
     """Command the path; where the force follows the feed, slow the run down until its own corrections can follow.
 
     Where inertia counts, it is that of the commanded motion: command and inertia are worked out in turn.
@@ -123,9 +159,9 @@ def _take_turns(task: PlanTask, strategy: str, wish: FeedWish, progress: Callabl
     if not task.follows_feed and not task.inertia:
         driven, timing, notes = time_run(task, command.q, wish)
         between = measure_between(driven, command.q, timing.time)
-        return Agreement(driven, command, timing, between, 0.0, 1, notes)
-    dynamics = build_dynamics(task.robot) if task.inertia else None
-    slow, excess, change = np.ones(len(task)), np.inf, np.inf
+        return Agreement(driven, command, timing, between, 0.0, 1, notes, slow=np.ones(len(task)))
+    masses = build_moving_chain(task.robot) if task.inertia else None
+    slow, excess, change = np.ones(len(task)) if slow is None else slow, np.inf, np.inf
     turns = 0
     while (excess > 1.0 or (task.inertia and change > SETTLED * task.tolerance)) and turns < TURNS:
         turns += 1
@@ -133,22 +169,21 @@ def _take_turns(task: PlanTask, strategy: str, wish: FeedWish, progress: Callabl
         driven, timing, notes = time_run(task, task.q_start, wish, slow)
         loads = predict_loads(task, _moving_feed(timing)) if task.follows_feed else task.wrench
         time = time_between_cuts(task, command.q, timing.time)
-        bias = None if dynamics is None else _find_inertia(task, command.q, time, dynamics)
+        bias = None if masses is None else _find_inertia(task, time, masses)
         changed = replace(task, wrench=loads, bias=bias)
         change, task = _shift(task, changed, command.q), changed
         if change > EXACT:
             command = nlp.correct_command(task, command) if strategy == "nlp" else command_path(task, strategy)
         slower = find_slowdown(task, command.q, time)
         excess = float(slower.max())
-        slow *= np.minimum(slower, 3.0) * (1.02 if excess > 1.0 else 1.0)
+        near = slower > 1.0 if task.inertia else excess > 1.0  # a load of inertia follows the feed here alone
+        slow = slow * np.minimum(slower, 3.0) * np.where(near, 1.02, 1.0)
     if excess > 1.0:
         notes = (*notes, f"Force and motion do not agree: joint limits are passed by a factor of {excess:.3g}.")
-    if task.inertia and change > SETTLED * task.tolerance:
-        notes = (*notes, f"Inertia and motion do not agree: the last turn moves the tip by {1e3 * change:.2g} mm.")
     timing = state_timing(driven, command.q, time_between_cuts(task, command.q, timing.time))
     driven = replace(driven, wrench=task.wrench, bias=task.bias)
     between = measure_between(driven, command.q, timing.time)
-    return Agreement(driven, command, timing, between, excess, turns, notes)
+    return Agreement(driven, command, timing, between, excess, turns, notes, change if task.inertia else 0.0, slow)
 
 
 def _drive(task: PlanTask, q: Array, wish: FeedWish) -> tuple[PlanTask, Timing]:
@@ -157,10 +192,9 @@ def _drive(task: PlanTask, q: Array, wish: FeedWish) -> tuple[PlanTask, Timing]:
     return replace(task, wrench=predict_loads(task, _moving_feed(timing))), timing
 
 
-def _find_inertia(task: PlanTask, q: Array, time: Array, dynamics: Dynamics) -> Array:
-    """Return the load of inertia to plan with next."""
-    new = find_bias(task, q, time, dynamics)
-    return relax_bias(task, time, np.zeros_like(new) if task.bias is None else task.bias, new)
+def _find_inertia(task: PlanTask, time: Array, masses: Chain) -> Array:
+    """Return the load of inertia to plan with: that of an arm whose tool follows the path, whatever the command."""
+    return load_motion(masses, task.q_start, time, find_inside(task))
 
 
 def _moving_feed(timing: Timing) -> Array:

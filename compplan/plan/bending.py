@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_banded
 
 from compplan.cell.vibration import (
     Dynamics,
@@ -15,18 +14,23 @@ from compplan.cell.vibration import (
     inertial_loads,
     natural_frequencies,
 )
+from compplan.effects.assumed import known_uncertainty
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing, cutting_runs
 from compplan.posture.start import PostureRequest
+from compplan.promise.motion import Motion, know_masses, swing_arm
 from compplan.robot import Array, Robot
 from compplan.statics.chain import locate_frames
 from compplan.statics.elastic import solve_equilibrium
 from compplan.statics.ik import middle_of_limits
+from compplan.statics.inertia import build_moving_chain, load_motion
 
 #: Waypoints that are looked at where there are more: the half with the greatest accelerations, and even ones.
 LOOKED_AT = 2000
 #: Postures at which frequencies are computed.
 POSTURES = 25
+#: Share of critical damping of an arm's modes where a job states none (assumed).
+DAMPING = 0.03
 #: Shortest and longest time over which motion is smoothed. [s]
 SHORTEST, LONGEST = 0.02, 0.3
 
@@ -38,10 +42,12 @@ class Bending:
     Attributes:
         process: By the wrench on the tool. [m]
         weight: By the weights that the model carries. [m]
-        inertia: By the inertia of the timed motion; NaN without masses. [m]
+        inertia: By the inertia of the timed motion, answered by the modes of the arm; NaN without masses. [m]
         compensated: Whether the plan compensates that.
         frequencies: The two lowest natural frequencies, least along the path; NaN without masses. Shape (2,). [Hz]
         masses: Where the folder has its masses from.
+        motion: What the motion adds to the band, or None.
+        at_once: Greatest displacement by inertia if the springs gave at once; NaN without masses. [m]
 
     """
 
@@ -51,6 +57,8 @@ class Bending:
     compensated: bool
     frequencies: Array
     masses: str
+    motion: Motion | None = None
+    at_once: float = float("nan")
 
     def describe(self) -> dict[str, object]:
         """Describe it for plan.json; what is not known is left out."""
@@ -72,13 +80,14 @@ def tell_bending(bending: Bending) -> str:
     return f"the arm bends by up to {', '.join(said)}" if said else "nothing bends the arm in this model"
 
 
-def measure_bending(task: PlanTask, q: Array, timing: Timing) -> Bending:
+def measure_bending(task: PlanTask, q: Array, timing: Timing, damping: float = DAMPING) -> Bending:
     """Measure what bends the arm along a command.
 
     Args:
         task: The task; its wrench acts.
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         timing: Its run.
+        damping: Share of critical damping of the modes.
 
     """
     rows = np.flatnonzero(task.compensated)
@@ -90,89 +99,93 @@ def measure_bending(task: PlanTask, q: Array, timing: Timing) -> Bending:
     stiff = locate_frames(task.chain, q[rows]).tcp_position
     free = solve_equilibrium(task.chain, q[rows], still, tolerance=1e-10).position
     loaded = solve_equilibrium(task.chain, q[rows], task.wrench[rows], tolerance=1e-10).position
-    inertia, rings = float("nan"), np.full(2, np.nan)
-    if dynamics.known:
-        loads = find_bias(task, q, timing.time, dynamics, rows)[rows]
-        moving = solve_equilibrium(task.chain, q[rows], task.wrench[rows], tolerance=1e-10, torque_bias=loads).position
-        inertia = _greatest(moving - loaded)
+    motion = measure_motion(task, timing.time, dynamics, damping)
+    inertia, at_once, rings = float("nan"), float("nan"), np.full(2, np.nan)
+    if motion is not None:
+        inertia, at_once = _greatest(motion.answer[task.cut]), _greatest(motion.static)
         few = rows[np.linspace(0, len(rows) - 1, min(POSTURES, len(rows))).astype(int)]
         rings = natural_frequencies(dynamics, q[few]).min(axis=0)
     masses = str(task.robot.sources.get("masses", "the folder does not say"))
-    return Bending(_greatest(loaded - free), _greatest(free - stiff), inertia, task.inertia, rings, masses)
+    return Bending(_greatest(loaded - free), _greatest(free - stiff), inertia, task.inertia, rings, masses, motion,
+                   at_once)  # fmt: skip
 
 
-def find_bias(
-    task: PlanTask, q: Array, time: Array, dynamics: Dynamics, among: NDArray[np.int_] | None = None
-) -> Array:
-    """Return what the inertia of a timed motion puts on each elastic coordinate. Shape (n, s). [N m or N].
-
-    Nothing acts in rapid moves, and where the tool rests.
+def measure_motion(task: PlanTask, time: Array, dynamics: Dynamics, damping: float) -> Motion | None:
+    """Let the arm answer to the load of its motion with its own modes; None without masses on springs.
 
     Args:
         task: The task.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        time: Time at each waypoint. Shape (n,). [s]
+        dynamics: The robot with its masses.
+        damping: Share of critical damping of its modes.
+
+    """
+    if not dynamics.known:
+        return None
+    loads = load_motion(build_moving_chain(task.robot), task.q_start, time, find_inside(task))
+    moving, still = (
+        solve_equilibrium(task.chain, task.q_start, task.wrench, tolerance=1e-10, torque_bias=bias).position
+        for bias in (loads, None)
+    )
+    width, masses = know_masses(task.robot, known_uncertainty(task.robot))
+    source = f"{masses}, damping of the modes {damping:g} of critical (assumed)"
+    return swing_arm(dynamics, task.q_start, time, loads, moving - still, width=width, damping=damping,
+                     compensated=task.inertia, source=source)  # fmt: skip
+
+
+def find_inside(task: PlanTask) -> NDArray[np.bool_]:
+    """Tell which waypoints are in motion, within a run from rest to rest. Shape (n,)."""
+    inside = np.zeros(len(task), bool)
+    for first, last in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests):
+        inside[first + 1 : last] = True
+    return inside
+
+
+def find_bias(
+    task: PlanTask, time: Array, dynamics: Dynamics, among: NDArray[np.int_] | None = None
+) -> Array:
+    """Return what the inertia of a timed motion puts on each elastic coordinate. Shape (n, s). [N m or N].
+
+    The motion is that of an arm whose tool follows the path, which is where its links go: what the drives run ahead of
+    them to make up for the springs moves no link. Nothing acts in rapid moves, and where the tool rests.
+
+    Args:
+        task: The task.
         time: Time at each waypoint. Shape (n,). [s]
         dynamics: The robot with its masses.
         among: Waypoints that are looked at, the others stay without; all if left out. Shape (k,).
 
     """
-    bias = np.zeros((len(q), task.chain.n_springs))
+    bias = np.zeros((len(task), task.chain.n_springs))
     if dynamics.known:
         runs = cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
-        velocity, acceleration = differentiate_run(q, time, runs)
+        velocity, acceleration = differentiate_run(task.q_start, time, runs)
         rows = np.flatnonzero(acceleration.any(axis=1))
         rows = rows if among is None else np.intersect1d(rows, among)
-        bias[rows] = inertial_loads(dynamics, q[rows], velocity[rows], acceleration[rows])
+        bias[rows] = inertial_loads(dynamics, task.q_start[rows], velocity[rows], acceleration[rows])
     return bias
 
 
-def add_starts(task: PlanTask, q: Array, time: Array, dynamics: Dynamics, bias: Array) -> Array:
+def add_starts(task: PlanTask, time: Array, dynamics: Dynamics, bias: Array) -> Array:
     """Return loads of inertia with those at rests within a cut, of the move that begins there: q'' = 2 dq / dt^2.
 
     Args:
         task: The task.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
         time: Time at each waypoint. Shape (n,). [s]
         dynamics: The robot with its masses.
         bias: Loads that are nothing at rests. Shape (n, s). [N m or N]
 
     """
     moving = np.r_[~(task.nominal.rapid | task.lead)[1:], False]
-    rests = np.zeros(len(q), bool) if task.rests is None else task.rests
+    rests = np.zeros(len(task), bool) if task.rests is None else task.rests
     rows = np.flatnonzero(task.cut & moving & rests)
     if not dynamics.known or not len(rows):
         return bias
     step = np.maximum(time[rows + 1] - time[rows], 1e-12)[:, None]
-    push = 2.0 * (q[rows + 1] - q[rows]) / step**2
+    push = 2.0 * (task.q_start[rows + 1] - task.q_start[rows]) / step**2
     bias = bias.copy()
-    bias[rows] = inertial_loads(dynamics, q[rows], 0.0 * push, push)
+    bias[rows] = inertial_loads(dynamics, task.q_start[rows], 0.0 * push, push)
     return bias
-
-
-def relax_bias(task: PlanTask, time: Array, old: Array, new: Array) -> Array:
-    """Go from one load of inertia towards that of the command which it leads to, as far as converges.
-
-    A correction d = C b of a load b has an inertia of its own: with D the second difference in time and w the lowest
-    natural frequency, b = b0 + D b / w^2 along that mode. Steps (1 - D / w^2)^-1 (new - old) arrive there at once, and
-    gradually in the stiffer ones; plain repetition grows at what is faster than w.
-
-    Args:
-        task: The task.
-        time: Time at each waypoint. Shape (n,). [s]
-        old: Load that the command was computed with. Shape (n, s). [N m or N]
-        new: Load of that command's motion. Shape (n, s). [N m or N]
-
-    """
-    change, square = np.zeros_like(new), (2 * np.pi / task.smoothing) ** 2
-    for first, last in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests):
-        if last - first < 2:
-            continue
-        step = np.maximum(np.diff(time[first : last + 1]), 1e-12)
-        left, right = (2.0 / (side * (step[:-1] + step[1:])) / square for side in (step[:-1], step[1:]))
-        bands = np.stack([np.r_[0.0, -right[:-1]], 1.0 + left + right, np.r_[-left[1:], 0.0]])
-        inside = slice(first + 1, last)
-        change[inside] = solve_banded((1, 1), bands, new[inside] - old[inside])
-    return np.asarray(old + change)
 
 
 def choose_smoothing(robot: Robot, q: Array, default: float) -> float:

@@ -241,8 +241,9 @@ def list_left_out(case: Case) -> tuple[str, ...]:
         told.append("path errors of the controller (no trace of it)")
     if not np.isfinite(case.bending.inertia):
         told.append("inertia and vibration of the arm (no masses, or no springs)")
-    told.append("place of the part ([noise] part_frame_mm states none)")
-    told += ["bending of the cutter", "chatter", "warming up"]
+    if case.promise is None or not case.promise.placed:
+        told.append("place of the part ([noise] part_frame_mm states none)")
+    told += ["ringing after rapid moves", "bending of the cutter", "chatter", "warming up"]
     return tuple(told)
 
 

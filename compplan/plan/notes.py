@@ -59,10 +59,12 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
     if job is not None and job.tool is not None and job.tool.mass_kg is None:
         notes.append("The weight of the tool is not known: [tool] says no mass_kg, so none bends the arm.")
     if not task.inertia and bending.inertia > WORTH_A_NOTE * task.tolerance:
+        asked = job is None or job.plan.inertia
         reason = "parts of the path are out of reach" if task.missed.any() else "with [plan] inertia = true it does"
+        said = ", the 95 % band counts it" if asked and not task.missed.any() else f", {reason}"
         notes.append(
             f"The inertia of the motion bends the arm by up to {1e3 * bending.inertia:.2g} mm "
-            f"(masses: {bending.masses}); the plan does not compensate it, {reason}."
+            f"(masses: {bending.masses}); the plan does not compensate it{said}."
         )
     scene = task.start.request.scene if task.start is not None and task.start.request is not None else None
     notes += scene.notes if scene is not None else ()

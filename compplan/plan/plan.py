@@ -17,7 +17,7 @@ from compplan.path.force_law import ForceLaw
 from compplan.path.toolpath import Toolpath, check_toolpath
 from compplan.plan.agreement import agree
 from compplan.plan.approach import plan_approach, plan_retract
-from compplan.plan.bending import choose_smoothing, measure_bending, state_frequency
+from compplan.plan.bending import DAMPING, choose_smoothing, measure_bending, state_frequency
 from compplan.plan.buckling import explain_buckling, find_buckling
 from compplan.plan.chatter import read_chatter
 from compplan.plan.evaluate import (
@@ -80,7 +80,7 @@ class PlanOptions:
     feed: FeedWish = field(default_factory=FeedWish)
     law: ForceLaw | None = None
     chord: float | None = None
-    inertia: bool = False
+    inertia: bool = True
     lock: Lock | None = None
 
 
@@ -177,12 +177,10 @@ def plan_task(
         bench = replace(bench, wrench=after.settled.wrench)
     progress("margins, approach and retract")
     margins = measure_margins(task, command.q, timing)
-    bending = measure_bending(task, command.q, timing)
+    bending = measure_bending(task, command.q, timing, DAMPING if job is None else job.stability.damping)
     breaches = find_breaches(task, command, timing, found.between, after, margins, bench)
     if after.settled is not None and not after.settled.agrees:
         breaches += (after.settled.explain(),)
-    if task.inertia and not np.isfinite(bending.inertia):
-        breaches += ("plan.inertia is true, and the robot folder knows no masses or no springs",)
     votes = Vote() if bench.driven is None else cast_votes(bench.driven, after, bending)
     breaches += (*votes.breaches, *tell_left_out(task.nominal.notes))
     coupling = compare_coupling(task, before)

@@ -26,6 +26,7 @@ from compplan.plan.task import Command, PlanTask
 from compplan.plan.timing import Timing
 from compplan.posture.clearance import ClearanceProfile, describe_clearance
 from compplan.promise.band import Promise, promise_path
+from compplan.promise.motion import read_placement, shift_part
 from compplan.promise.slopes import read_force_spread, stage_path
 from compplan.robot import Array, Robot
 from compplan.statics.chain import locate_frames
@@ -129,9 +130,13 @@ class Plan(Shown):
         driven = max(float(way.max(initial=0.0)) for way in (self.between.joint, self.between.cartesian))
         bow = max(driven - self.after.max_deviation, 0.0)
         scene = stage_path(task.robot, self.q, task.wrench, task.step_time)
-        force = read_force_spread(None if self.job is None else self.job.noise)
+        noise = None if self.job is None else self.job.noise
+        placed, part = read_placement(noise), None
+        if placed is not None and self.job is not None:
+            part = shift_part(task.position, self.job.T_base_part[:3, 3], placed)
         try:
-            return promise_path(task.robot, scene, task.cut, force, left=self.after.distance, between=bow)
+            return promise_path(task.robot, scene, task.cut, read_force_spread(noise), left=self.after.distance,
+                                between=bow, motion=self.bending.motion, part=part)  # fmt: skip
         except ConvergenceError:
             return None
 

@@ -168,7 +168,7 @@ def prepare_sampling(task: PlanTask, *, rest_at_corners: bool) -> PlanTask:
     rapid = task.nominal.rapid
     rests[[k for k in find_halts(task.nominal.events) if not rapid[k : k + 2].any() and k + 1 < len(task)]] = True
     task = replace(task, rests=rests)
-    graded = _grade(task) if task.follows_feed or task.inertia else np.zeros(0)
+    graded = _grade(task) if task.follows_feed else np.zeros(0)
     places = np.unique(np.r_[np.arange(len(task)), graded, _bound_travel(task)])
     return divide_task(task, places) if len(places) > len(task) else task
 

@@ -27,8 +27,8 @@ from compplan.statics.sensitivity import AttainedPose, attain_pose, chunk_rows
 
 #: Time over which motion is smoothed where no natural frequency is known. [s]
 SMOOTHING = 0.05
-#: Such times that a move takes at least which loads the tool where it stands, and where inertia counts.
-PERIODS, CALM_PERIODS = 2.0, 6.0
+#: Such times that a move takes at least which loads the tool where it stands.
+PERIODS = 2.0
 
 
 @dataclass(frozen=True)
@@ -108,8 +108,8 @@ class PlanTask:
 
     @property
     def gentle_time(self) -> float:
-        """Least time of a move that loads or unloads the tool where it stands [s]; its inertia is not compensated."""
-        return (CALM_PERIODS if self.inertia else PERIODS) * self.smoothing
+        """Least time of a move that loads or unloads the tool where it stands. [s]."""
+        return PERIODS * self.smoothing
 
     @property
     def follows_feed(self) -> bool:

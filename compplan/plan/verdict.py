@@ -54,7 +54,7 @@ class Bench:
 def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> Bench:
     """Read robot, tool and process a second time; a robot or a path in memory is taken as it is."""
     if job is None or task.robot.folder is None or job.mounted is not None:
-        bias = _load_motion(task, q, timing, build_dynamics(task.robot)) if task.inertia else None
+        bias = _load_motion(task, timing, build_dynamics(task.robot)) if task.inertia else None
         return Bench(build_cell(task.robot), task.wrench, bias)
     tables = job.model_dump(by_alias=True, exclude_unset=True)
     if job.given is not None:
@@ -63,8 +63,8 @@ def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> B
     moving = read_judge(Path(task.robot.folder), tables.get("tool"), moving=True)
     driven, bias = Driven(task, q, timing.time, tables, job.folder, cell.judge, moving), None
     if task.inertia:
-        rests = np.zeros(len(q), bool) if task.rests is None else task.rests
-        bias = load_springs(moving, q, timing.time, driven.cutting, rests)
+        rests = np.zeros(len(task), bool) if task.rests is None else task.rests
+        bias = load_springs(moving, task.q_start, timing.time, driven.cutting, rests)
     law = task.law
     rows = DrivenRows(
         task.position, task.nominal.axis, task.nominal.rapid, task.lead, timing.time,
@@ -79,9 +79,9 @@ def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> B
     return Bench(cell, wrench, bias, read_stiffness(tables, rows, wrench), driven)
 
 
-def _load_motion(task: PlanTask, q: Array, timing: Timing, dynamics: Dynamics) -> Array:
+def _load_motion(task: PlanTask, timing: Timing, dynamics: Dynamics) -> Array:
     """Return what the inertia of the motion puts on the springs, where a move leaves a rest too. Shape (n, s)."""
-    return add_starts(task, q, timing.time, dynamics, find_bias(task, q, timing.time, dynamics))
+    return add_starts(task, timing.time, dynamics, find_bias(task, timing.time, dynamics))
 
 
 def find_breaches(

@@ -168,9 +168,10 @@ def _vote_on_feed(driven: Driven) -> list[str]:
 
 def _vote_on_inertia(driven: Driven, bending: Bending) -> list[str]:
     """What the plan says that inertia moves the tip is what Pinocchio's inverse dynamics says."""
-    if not np.isfinite(bending.inertia):
+    if not np.isfinite(bending.at_once):
         return []
-    task, q, cutting = driven.task, driven.q, driven.cutting
+    task, cutting = driven.task, driven.cutting
+    q = task.q_start  # the links go where the tool does
     rows = 1 + np.flatnonzero(cutting[1:-1] & cutting[2:])
     if not len(rows):
         return []
@@ -180,7 +181,7 @@ def _vote_on_inertia(driven: Driven, bending: Bending) -> list[str]:
     rows = rows[~rests[rows]]
     loads = load_springs(driven.moving, q, driven.time, cutting, rests, rows)
     most = float(np.linalg.norm(shift_tip(driven.moving, q[rows], loads[rows]), axis=1).max())
-    if abs(most - bending.inertia) <= INERTIA_LEAST + INERTIA_SHARE * max(most, bending.inertia):
+    if abs(most - bending.at_once) <= INERTIA_LEAST + INERTIA_SHARE * max(most, bending.at_once):
         return []
-    told, found = 1e3 * bending.inertia, 1e3 * most
+    told, found = 1e3 * bending.at_once, 1e3 * most
     return [f"inertia moves the tip by {told:.3g} mm in the plan, by {found:.3g} mm in Pinocchio's inverse dynamics"]

@@ -3,10 +3,11 @@
 To first order the tip is off by e = J p + u + r + f with independent normal parts: parameters p of covariance S, what
 no parameter explains u, repeatability r, force f. Its covariance is
 
-    V = k^2 (J S J^T + s_u^2/3 1) + s_r^2 1 + V_f,     k: the calibration on poses that the fit never saw,
+    V = k^2 (J S J^T + s_u^2/3 1) + s_r^2 1 + V_f + V_m + V_p,   k: the calibration on poses that the fit never saw,
 
-and the radius that |e| keeps within with probability 0.95 is the square root of that quantile of sum_i lambda_i z_i^2,
-lambda the eigenvalues of V (`compplan.measure.distance`).
+V_m of what the motion of the arm adds, about its mean, V_p of the place of the part where it is stated
+(`compplan.promise.motion`). The radius that |e| keeps within with probability 0.95 is that quantile of a quadratic form
+(`compplan.measure.distance`).
 """
 
 from __future__ import annotations
@@ -21,13 +22,14 @@ from scipy.spatial.distance import cdist
 from compplan.effects.assumed import known_uncertainty, list_assumed
 from compplan.effects.scene import Scene
 from compplan.measure.distance import LEVEL, band_radius
+from compplan.promise.motion import Motion
 from compplan.promise.narrow import Narrowing, list_knowable, rank_narrowings
 from compplan.promise.slopes import ForceSpread, measure_force_slopes, measure_slopes, pick_rows, tip_of
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 
 #: What makes the band, in the order of the page.
-PARTS = ("model", "unexplained", "repeatability", "force")
+PARTS = ("model", "unexplained", "repeatability", "force", "motion", "placement")
 #: What people call the parameters of the robot, by effect; others are called by their effect.
 CAUSES = {
     "stiffness of the robot": (
@@ -40,8 +42,10 @@ CAUSES = {
 #: What the other parts are called.
 OTHER_CAUSES = {
     "unexplained": "what no parameter of the robot explains", "repeatability": "repeatability",
-    "force": "process force",
+    "force": "process force", "motion": "inertia and vibration", "placement": "place of the part",
 }  # fmt: skip
+#: Rows that are added where the motion moves the tip the most.
+MOVED = 60
 #: Drawn paths that tell what the whole path keeps within, and their seed.
 PATHS, SEED = 2000, 20260601
 
@@ -56,6 +60,7 @@ class Slopes:
         model: Motion of the tip per unit of every parameter. Shape (k, 3, p).
         shared: Motion by one standard deviation of the force, alike along the path. Shape (k, 3, 4). [m]
         local: The same, from place to place. Shape (k, 3, 1). [m]
+        moved: Where the motion of drawn arms puts the tip, none where it is not counted. Shape (d, k, 3). [m]
     """
 
     rows: NDArray[np.int_]
@@ -63,6 +68,7 @@ class Slopes:
     model: Array
     shared: Array
     local: Array
+    moved: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +89,8 @@ class Promise:
         without: What `greatest` would be if a part were nothing, by part. [m]
         narrowings: What better knowledge of one cause would make of `greatest`, smallest first.
         causes: The band where it is widest by each cause alone, in words of people. [m]
+        motion: What the motion of the arm adds, None where it is not counted.
+        placed: Whether the place of the part is counted.
     """
 
     radius: Array
@@ -98,6 +106,8 @@ class Promise:
     without: Mapping[str, float] = field(default_factory=dict)
     narrowings: tuple[Narrowing, ...] = ()
     causes: Mapping[str, float] = field(default_factory=dict)
+    motion: Motion | None = None
+    placed: bool = False
 
     @property
     def greatest(self) -> float:
@@ -118,29 +128,49 @@ class Promise:
         return int(rows[self.radius[rows].argmax()])
 
 
-def linearise_path(scene: Scene, known: Uncertainty, force: ForceSpread, cut: NDArray[np.bool_]) -> Slopes:
-    """Differentiate a path by every parameter and by the force at a few rows of the cut."""
+def linearise_path(
+    scene: Scene, known: Uncertainty, force: ForceSpread, cut: NDArray[np.bool_], *, motion: Motion | None = None,
+    part: Array | None = None,
+) -> Slopes:  # fmt: skip
+    """Differentiate a path by every parameter, by the force and by the place of the part at a few rows of the cut.
+
+    Args:
+        scene: The robot at all rows of the path.
+        known: What is known of the robot.
+        force: How surely the force is known.
+        cut: Rows that matter. Shape (n,).
+        motion: What the motion of the arm adds, or None.
+        part: Motion of the part by one standard deviation of its place, or None. Shape (n, 3, 6). [m]
+    """
     rows = pick_rows(cut)
+    if motion is not None:
+        rows = np.union1d(rows, motion.worst_rows(cut, MOVED))
     shared, local = measure_force_slopes(scene, rows, force)
-    return Slopes(rows, tip_of(scene, rows), measure_slopes(scene, known.unknowns, rows), shared, local)
+    if part is not None:
+        shared = np.concatenate([shared, part[rows]], axis=2)
+    moved = np.zeros((0, len(rows), 3)) if motion is None else motion.error[:, rows]
+    return Slopes(rows, tip_of(scene, rows), measure_slopes(scene, known.unknowns, rows), shared, local, moved)
 
 
 def split_covariance(slopes: Slopes, known: Uncertainty) -> dict[str, Array]:
     """Return the covariance of the tip that each part makes. Shape (k, 3, 3) each. [m^2]."""
     eye = np.broadcast_to(np.eye(3), (len(slopes.rows), 3, 3))
     moved = known.calibration * slopes.model @ known.root
-    force = np.concatenate([slopes.shared, slopes.local], axis=2)
+    force = np.concatenate([slopes.shared[:, :, :4], slopes.local], axis=2)
+    part, away = slopes.shared[:, :, 4:], slopes.moved - (slopes.moved.mean(axis=0) if len(slopes.moved) else 0.0)
     return {
         "model": moved @ np.swapaxes(moved, 1, 2),
         "unexplained": eye * (known.calibration * known.unexplained) ** 2 / 3.0,
         "repeatability": eye * (known.repeatability or 0.0) ** 2,
         "force": force @ np.swapaxes(force, 1, 2),
+        "motion": np.einsum("dni,dnj->nij", away, away) / max(len(away) - 1, 1) if len(away) else 0.0 * eye,
+        "placement": part @ np.swapaxes(part, 1, 2),
     }
 
 
 def promise_path(
     robot: Robot, scene: Scene, cut: NDArray[np.bool_], force: ForceSpread, *,
-    left: Array | None = None, between: float = 0.0,
+    left: Array | None = None, between: float = 0.0, motion: Motion | None = None, part: Array | None = None,
 ) -> Promise:  # fmt: skip
     """Promise how far the true tip is from the planned one along a path.
 
@@ -151,37 +181,50 @@ def promise_path(
         force: How surely the force is known.
         left: Distance that the plan itself leaves at every row. Shape (n,). [m]
         between: Greatest distance between rows beyond that at the rows. [m]
+        motion: What the motion of the arm adds, or None.
+        part: Motion of the part by one standard deviation of its place, or None. Shape (n, 3, 6). [m]
 
     Raises:
         InputError: If the folder's uncertainty.toml names what this robot does not have.
     """
     known = known_uncertainty(robot)
-    slopes = linearise_path(scene, known, force, cut)
-    parts = split_covariance(slopes, known)
-    n = len(cut)
-    total = _spread(slopes.rows, sum(parts.values(), np.zeros((1, 3, 3))), n)
+    slopes = linearise_path(scene, known, force, cut, motion=motion, part=part)
+    parts, n = split_covariance(slopes, known), len(cut)
+    spread = {name: _spread(slopes.rows, value, n) for name, value in parts.items()}
+    mean = None if motion is None else motion.mean
+    if motion is not None:  # it is known at every row
+        spread["motion"] = motion.covariance
+    total = np.asarray(sum(spread.values()))
     left = np.zeros(n) if left is None else left
 
-    def greatest(part: Array) -> float:
-        rest = total[cut] - _spread(slopes.rows, part, n)[cut]
-        return float((band_radius(rest) + left[cut]).max(initial=0.0)) + between
+    def greatest(covariance: Array, bias: Array | None) -> float:
+        return float((band_radius(covariance, mean=bias) + left)[cut].max(initial=0.0)) + between
 
+    radius = band_radius(total, mean=mean)
+    drawn = draw_paths(slopes, known)
     return Promise(
-        radius=band_radius(total) + left,
-        parts={name: band_radius(_spread(slopes.rows, parts[name], n)) for name in PARTS},
+        radius=radius + left,
+        parts={name: band_radius(value, mean=mean if name == "motion" else None) for name, value in spread.items()},
         covariance=total,
         cut=cut,
         between=between,
-        whole=float(band_radius(total)[cut].max(initial=0.0)) * widen_to_path(draw_paths(slopes, known))
-        + float(left[cut].max(initial=0.0)) + between,
+        whole=float(radius[cut].max(initial=0.0)) * widen_to_path(drawn) + float(left[cut].max(initial=0.0)) + between,
         leading=lead_unknowns(slopes, known, parts),
         known=known,
         force=force,
-        without={name: greatest(parts[name]) for name in PARTS},
-        narrowings=rank_narrowings(list_knowable(robot, known, slopes.model, parts), greatest),
+        without={
+            name: greatest(total - value, None if name == "motion" else mean) for name, value in spread.items()
+        },
+        narrowings=rank_narrowings(
+            list_knowable(robot, known, slopes.model, parts),
+            lambda value: greatest(total - _spread(slopes.rows, value, n), mean),
+        ),
+        assumed=(*list_assumed(robot), *([f"force: {force.source}"] if "assumed" in force.source else []),
+                 *([f"inertia and vibration: {motion.source}"] if motion is not None else [])),
         causes=name_causes(slopes, known, parts),
-        assumed=(*list_assumed(robot), *([f"force: {force.source}"] if "assumed" in force.source else [])),
-    )
+        motion=motion,
+        placed=part is not None,
+    )  # fmt: skip
 
 
 def widen_to_path(drawn: Array, level: float = LEVEL) -> float:
@@ -210,6 +253,8 @@ def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:
     moved = moved.reshape(k, 3, count)
     moved += (known.repeatability or 0.0) * random.standard_normal((1, 3, count))
     moved += slopes.local * random.standard_normal((k, 1, count))
+    if len(slopes.moved):
+        moved += np.moveaxis(slopes.moved[random.integers(len(slopes.moved), size=count)], 0, 2)
     size = known.calibration * known.unexplained / np.sqrt(3.0)
     if size > 0.0:
         apart = cdist(slopes.tip, slopes.tip) / known.scale
@@ -223,7 +268,9 @@ def name_causes(slopes: Slopes, known: Uncertainty, parts: Mapping[str, Array]) 
     """Return the band where it is widest by each cause alone, parameters of one kind together. [m]"""
     if not len(slopes.rows):
         return {}
-    widest = int(np.trace(sum(parts.values(), np.zeros((1, 3, 3))), axis1=1, axis2=2).argmax())
+    mean = slopes.moved.mean(axis=0) if len(slopes.moved) else np.zeros((len(slopes.rows), 3))
+    variance = np.trace(sum(parts.values(), np.zeros((1, 3, 3))), axis1=1, axis2=2)
+    widest = int((variance + (mean**2).sum(axis=1)).argmax())
     found = {words: parts[name][widest] for name, words in OTHER_CAUSES.items()}
     words = {effect: name for name, effects in CAUSES.items() for effect in effects}
     kinds = [words.get(unknown.effect, unknown.effect.replace("_", " ")) for unknown in known.unknowns]
@@ -231,7 +278,11 @@ def name_causes(slopes: Slopes, known: Uncertainty, parts: Mapping[str, Array]) 
     for name in dict.fromkeys(kinds):
         moved = known.calibration * slopes.model[widest][:, kind == name] @ known.root[kind == name]
         found[name] = moved @ moved.T
-    return {name: float(band_radius(part[None])[0]) for name, part in found.items()}
+    moved = OTHER_CAUSES["motion"]
+    return {
+        name: float(band_radius(part[None], mean=mean[[widest]] if name == moved else None)[0])
+        for name, part in found.items()
+    }
 
 
 def lead_unknowns(

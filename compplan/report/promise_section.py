@@ -15,6 +15,8 @@ WORDS = {
     "unexplained": "what no parameter explains",
     "repeatability": "repeatability",
     "force": "the force",
+    "motion": "inertia and vibration",
+    "placement": "place of the part",
 }
 
 #: What better knowledge has to leave at most for a sentence of its own: a share of the promise.
@@ -31,7 +33,7 @@ def show_promise(promise: Promise, stations: Stations, tolerance: float) -> Sect
     """
     judged = np.where(promise.cut, 1.0, np.nan)
     series = {"all together": 1e3 * promise.radius * judged}
-    series |= {WORDS[name]: 1e3 * promise.parts[name] * judged for name in PARTS}
+    series |= {WORDS[name]: 1e3 * promise.parts[name] * judged for name in PARTS if promise.parts[name].any()}
     chart = draw_lines(
         stations,
         series,
@@ -83,6 +85,8 @@ def _table(promise: Promise) -> PageTable:
     total = promise.radius[widest] ** 2
     for name in PARTS:
         values = promise.parts[name]
+        if not values.any():
+            continue
         share = float(values[widest] ** 2 / total) if total > 0 else 0.0
         mean = float(np.sqrt(np.mean(values[cut] ** 2)))
         without = promise.without.get(name)

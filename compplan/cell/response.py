@@ -1,0 +1,110 @@
+"""How an arm with its modes answers to the load of its own motion: it lags, overshoots and rings out.
+
+At a posture the elastic coordinates move in modes v_k, w^2 M v = K v with v^T M v = 1. Under the load b(t) of a
+motion [Craig2006]
+
+    eta_k'' + 2 z w_k eta_k' + w_k^2 eta_k = v_k^T b(t),    tip = J C b + sum_k J v_k (eta_k - v_k^T b / w_k^2),
+
+what is stiffer than the modes counted follows at once. The load goes over linearly between rows, for which the answer
+is exact; modes are those of a few postures, each begun early enough that its start has rung out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.linalg import solve_banded
+
+from compplan.cell.vibration import Dynamics
+from compplan.robot import Array
+
+#: Modes that are counted, and postures along a path whose modes are taken.
+MODES, POSTURES = 6, 16
+#: Time that a posture's modes are begun early, as multiples of the slowest decay 1 / (z w).
+EARLY = 4.0
+
+
+@dataclass(frozen=True)
+class Modes:
+    """The lowest modes at one posture; m modes, s elastic coordinates.
+
+    Attributes:
+        omega: Angular frequencies. Shape (m,). [rad/s]
+        shape: Elastic coordinates of each mode. Shape (s, m). [1/sqrt(kg) and kin]
+        tip: Motion of the tip in each. Shape (3, m). [1/sqrt(kg)]
+    """
+
+    omega: Array
+    shape: Array
+    tip: Array
+
+
+def find_shapes(dynamics: Dynamics, q: Array, count: int = MODES) -> list[Modes]:
+    """Return the lowest modes at some postures.
+
+    Args:
+        dynamics: The robot.
+        q: Joint positions. Shape (k, nq). [rad or m]
+        count: How many modes at most.
+    """
+    judge, found = dynamics.judge, []
+    data, world = judge.model.createData(), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    for configuration in q @ judge.commanded.T + judge.shift:
+        mass = pin.crba(judge.model, data, configuration)
+        mass = (np.triu(mass) + np.triu(mass, 1).T)[np.ix_(judge.elastic, judge.elastic)]
+        tip = pin.computeFrameJacobian(judge.model, data, configuration, judge.tcp, world)[:3, judge.elastic]
+        square, shapes = np.linalg.eig(dynamics.compliance @ mass)
+        order = np.argsort(square.real)[::-1][:count]
+        order = order[square.real[order] > 1e-12]
+        way = shapes.real[:, order]
+        way = way / np.sqrt(np.maximum(np.einsum("sm,st,tm->m", way, mass, way), 1e-300))
+        found.append(Modes(1.0 / np.sqrt(square.real[order]), way, tip @ way))
+    return found
+
+
+def ring(modes: list[Modes], places: NDArray[np.int_], time: Array, load: Array, scale: float, damping: float) -> Array:
+    """Return by how much more the tip moves than if the springs gave at once. Shape (n, 3). [m]
+
+    Args:
+        modes: Modes at some rows.
+        places: Those rows, ascending. Shape (k,).
+        time: Time at each row. Shape (n,). [s]
+        load: Load of the motion on each elastic coordinate. Shape (n, s). [N m or N]
+        scale: Factor on all frequencies.
+        damping: Share of critical damping.
+    """
+    found, n = np.zeros((len(time), 3)), len(time)
+    edges = np.r_[0, (places[1:] + places[:-1]) // 2 + 1, n]
+    for own, first, last in zip(modes, edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        if not len(own.omega) or last <= first:
+            continue
+        omega = scale * own.omega
+        early = int(np.searchsorted(time, time[first] - EARLY / (damping * omega.min())))
+        push = load[early:last] @ own.shape
+        if not push.any():
+            continue
+        answer = np.stack(
+            [_answer(time[early:last], push[:, k], w, damping) - push[:, k] / w**2 for k, w in enumerate(omega)], axis=1
+        )
+        # frequencies that differ by a factor come from compliances that do: modes keep their static share
+        found[first:last] = (answer[first - early :] * scale**2) @ own.tip.T
+    return found
+
+
+def _answer(time: Array, push: Array, omega: float, damping: float) -> Array:
+    """Solve eta'' + 2 z w eta' + w^2 eta = push from rest at the static place, push linear between rows. Shape (n,)."""
+    rate = omega * (-damping + 1j * np.sqrt(1.0 - damping**2))
+    x = rate * np.maximum(np.diff(time), 1e-12)
+    decay = np.exp(x)
+    small = np.abs(x) < 1e-3
+    safe = np.where(small, 1.0, x)
+    whole = np.where(small, 1.0 + x / 2 + x**2 / 6, (np.exp(np.where(small, 0.0, x)) - 1.0) / safe)
+    late = np.where(small, 0.5 + x / 6, (whole - 1.0) / safe)
+    gain = (x / rate) * ((whole - late) * push[:-1] + late * push[1:])
+    start = push[0] * -1.0 / rate  # at rest under the first load
+    bands = np.vstack([np.ones(len(time), complex), np.r_[-decay, 0.0]])
+    state = solve_banded((1, 0), bands, np.r_[start, gain], check_finite=False)
+    return np.asarray(state.imag / (omega * np.sqrt(1.0 - damping**2)))

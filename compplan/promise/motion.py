@@ -1,0 +1,137 @@
+"""What the motion of the arm and the place of the part add to the band.
+
+The springs answer to the load b(t) of the motion with their own dynamics (`compplan.cell.response`). Where a plan
+compensates b, the tip is off by what masses and compliances are other than modelled; with k the factor of both,
+
+    e(t) = (k - 1) x(t; k)     compensated,          e(t) = k x(t; k)     not compensated,
+
+x the answer of the tip with frequencies over sqrt(k). Factors and damping are drawn, evenly over their distributions.
+A part whose place is stated to a width is off by a shift and a turn about its own frame, one for the whole path.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from compplan.cell.response import POSTURES, find_shapes, ring
+from compplan.cell.vibration import Dynamics
+from compplan.effects.scene import own_springs
+from compplan.job.noise import NoiseTable
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Uncertainty
+
+#: Relative standard deviation of the masses that move, where the folder states them and where they are assumed
+#: (assumed: makers state arms to some 10 %; shares of links guessed from the whole arm err by more).
+STATED, GUESSED = 0.10, 0.30
+#: Factor by which damping may be other than assumed, one standard deviation (assumed).
+DAMPING_FACTOR = 1.6
+#: Factors and dampings that are drawn.
+DRAWS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Where the motion of the arm puts the tip; n rows.
+
+    Attributes:
+        error: Tip beside the planned one in every draw. Shape (d, n, 3). [m]
+        answer: Motion of the tip by the load of its motion, as modelled. Shape (n, 3). [m]
+        static: The same if the springs gave at once. Shape (n, 3). [m]
+        source: What it rests on.
+        compensated: Whether the plan compensates that.
+    """
+
+    error: Array
+    answer: Array
+    static: Array
+    source: str
+    compensated: bool
+
+    @property
+    def mean(self) -> Array:
+        """Mean over the draws. Shape (n, 3). [m]."""
+        return np.asarray(self.error.mean(axis=0))
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance over the draws. Shape (n, 3, 3). [m^2]."""
+        away = self.error - self.mean
+        return np.asarray(np.einsum("dni,dnj->nij", away, away) / max(len(away) - 1, 1))
+
+    def worst_rows(self, cut: NDArray[np.bool_], most: int) -> NDArray[np.int_]:
+        """Return the rows of the cut where the motion moves the tip the most, at most so many."""
+        rows = np.flatnonzero(cut)
+        size = (self.error[:, rows] ** 2).sum(axis=2).max(axis=0)
+        return np.sort(rows[np.argsort(size)[-most:]])
+
+
+def swing_arm(
+    dynamics: Dynamics, q: Array, time: Array, load: Array, static: Array, *, width: float, damping: float,
+    compensated: bool, source: str,
+) -> Motion:  # fmt: skip
+    """Let drawn arms answer to the load of a motion.
+
+    Args:
+        dynamics: The robot with its masses.
+        q: Joint positions. Shape (n, nq). [rad or m]
+        time: Time at each row. Shape (n,). [s]
+        load: Load of the motion on each elastic coordinate. Shape (n, s). [N m or N]
+        static: Motion of the tip if the springs gave at once. Shape (n, 3). [m]
+        width: Relative standard deviation of masses and compliances together.
+        damping: Share of critical damping.
+        compensated: Whether the plan compensates the load.
+        source: What masses and damping rest on.
+    """
+    places = np.unique(np.linspace(0, len(q) - 1, min(POSTURES, len(q))).astype(int))
+    modes = find_shapes(dynamics, q[places])
+    level = norm.ppf((np.arange(DRAWS) + 0.5) / DRAWS)
+    factors = np.exp(width * level - 0.5 * width**2)
+    dampings = np.clip(damping * DAMPING_FACTOR ** level[(7 * np.arange(DRAWS)) % DRAWS], 1e-3, 0.9)
+    error = np.empty((DRAWS, len(q), 3))
+    for number, (factor, share) in enumerate(zip(factors.tolist(), dampings.tolist(), strict=True)):
+        answer = static + ring(modes, places, time, load, factor**-0.5, share)
+        error[number] = (factor - 1.0 if compensated else factor) * answer
+    answer = static + ring(modes, places, time, load, 1.0, damping)
+    return Motion(error, answer, static, source, compensated)
+
+
+def know_masses(robot: Robot, known: Uncertainty) -> tuple[float, str]:
+    """Return the relative width of masses and compliances together, and what the masses rest on."""
+    said = str(robot.sources.get("masses", "the folder does not say"))
+    assumed = "assumed" in said or "does not say" in said
+    masses = GUESSED if assumed else STATED
+    own = {robot.joint_names[spring.joint]: spring.compliance for spring in own_springs(robot).values()}
+    shares = [
+        float(unknown.deviation[0]) / own[str(unknown.joint)]
+        for unknown in known.unknowns
+        if unknown.effect == "joint_stiffness" and own.get(str(unknown.joint), 0.0) > 0.0
+    ]
+    soft = known.calibration * float(np.sqrt(np.mean(np.square(shares)))) if shares else 0.0
+    return float(np.hypot(masses, soft)), f"masses to {masses:.0%} ({said})"
+
+
+def read_placement(noise: NoiseTable | None) -> tuple[float, float] | None:
+    """Return how surely the part's place is stated, shift [m] and turn [rad] per axis; None where a job states none."""
+    if noise is None or not {"part_frame_mm", "part_frame_deg"} & noise.model_fields_set:
+        return None
+    return noise.part_frame_mm * 1e-3, float(np.radians(noise.part_frame_deg))
+
+
+def shift_part(position: Array, origin: Array, width: tuple[float, float]) -> Array:
+    """Return how the part moves by one standard deviation of its place: three shifts, three turns. Shape (n, 3, 6).
+
+    Args:
+        position: Wanted tip. Shape (n, 3). [m]
+        origin: Origin of the part frame. Shape (3,). [m]
+        width: Standard deviations per axis. [m, rad]
+    """
+    columns = np.zeros((len(position), 3, 6))
+    columns[:, :, :3] = width[0] * np.eye(3)
+    arm = position - origin
+    for axis in range(3):
+        columns[:, :, 3 + axis] = width[1] * np.cross(np.eye(3)[axis], arm)
+    return columns

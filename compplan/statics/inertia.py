@@ -1,0 +1,89 @@
+"""What the motion of an arm puts on its springs, from where its masses go in time.
+
+Every body stands for four points that have its mass, centre and inertia. With p_b their places at the rows of a timed
+motion, p_b'' by divided differences, and f_b = -m_b p_b'' [d'Alembert], an elastic coordinate k with
+axis a_k through o_k carries
+
+    b_k = a_k . sum_b (p_b - o_k) x f_b     (a_k . sum_b f_b where it translates),   b the points beyond it.
+
+The motion to ask about is that of the links. Where a plan keeps the tip on its path they go as the arm goes whose tool
+follows the path, and the drives run ahead of them by what the springs give: no load follows from the command's own
+corrections, and the load is the one in motion (the link side is the flat output of an elastic joint, damping aside
+[Spong1987]).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.robot import Array, Robot
+from compplan.robot.model import Body
+from compplan.statics.chain import Chain, build_chain, chunks, locate_frames
+
+#: Directions of the four points from the centre: their sum is zero, their second moment four times the unit matrix.
+CORNERS = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+
+
+def build_moving_chain(robot: Robot) -> Chain:
+    """Build the elastic chain of a robot with all its masses as points; their weight loads nothing here."""
+    points = tuple(point for body in robot.bodies for point in divide_body(body))
+    return build_chain(replace(robot, gravity=np.zeros(3), weights=(), bodies=points))
+
+
+def divide_body(body: Body) -> list[Body]:
+    """Return four point masses with the mass, the centre and the inertia of a body.
+
+    The second moment S = 1/2 tr(I) 1 - I is that of the points c + m^-1/2 S^1/2 e of mass m / 4; what is negative in S
+    belongs to no body and is left out.
+    """
+    if body.mass <= 0.0:
+        return [body]
+    moment = 0.5 * np.trace(body.inertia) * np.eye(3) - body.inertia
+    value, vector = np.linalg.eigh(0.5 * (moment + moment.T))
+    arms = CORNERS @ (vector * np.sqrt(np.maximum(value, 0.0) / body.mass)).T
+    return [Body(body.link, 0.25 * body.mass, body.centre + arm) for arm in arms]
+
+
+def load_motion(chain: Chain, q: Array, time: Array, inside: NDArray[np.bool_]) -> Array:
+    """Return what a timed motion puts on each elastic coordinate; nothing outside its runs. Shape (n, s). [N m or N]
+
+    Args:
+        chain: The chain with its masses (`build_moving_chain`).
+        q: Joint positions of the links' motion. Shape (n, nq). [rad or m]
+        time: Time at each row. Shape (n,). [s]
+        inside: Rows that are within a run from rest to rest, its ends left out. Shape (n,).
+    """
+    loads, rows = np.zeros((len(q), chain.n_springs)), np.flatnonzero(inside)
+    if not len(rows) or not len(chain.mass):
+        return loads
+    for part in chunks(len(rows)):
+        here = rows[part]
+        first, last = here[0] - 1, here[-1] + 1
+        frames = locate_frames(chain, q[first : last + 1])
+        middle = here - first
+        force = -chain.mass[:, None] * _differentiate(frames.centre, time[first : last + 1], middle)
+        loads[here] = _gather(chain, frames.axis[middle], frames.origin[middle], frames.centre[middle], force)
+    return loads
+
+
+def _differentiate(place: Array, time: Array, rows: NDArray[np.int_]) -> Array:
+    """Return the second derivative in time at some rows by divided differences. Shape (k, b, 3)."""
+    before, after = (np.maximum(time[rows + side] - time[rows + side - 1], 1e-12)[:, None, None] for side in (0, 1))
+    change = (place[rows + 1] - place[rows]) / after - (place[rows] - place[rows - 1]) / before
+    return np.asarray(2.0 * change / (before + after))
+
+
+def _gather(chain: Chain, axis: Array, origin: Array, place: Array, force: Array) -> Array:
+    """Return the loads of forces at the masses on the elastic coordinates. Shape (k, s)."""
+    loads = np.empty((len(force), chain.n_springs))
+    moment = np.cross(place, force)
+    for k, element in enumerate(chain.spring_elements.tolist()):
+        beyond = chain.body_element >= element
+        total = force[:, beyond].sum(axis=1)
+        if not chain.translates[element]:
+            total = moment[:, beyond].sum(axis=1) - np.cross(origin[:, element], total)
+        loads[:, k] = np.einsum("ni,ni->n", axis[:, element], total)
+    return loads

@@ -1,0 +1,131 @@
+"""What the motion of the arm and the place of the part add to the band: closed forms and independent integration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from arms import one_joint_arm
+from scipy.integrate import solve_ivp
+
+from compplan.cell.response import find_shapes, ring
+from compplan.cell.vibration import build_dynamics
+from compplan.job.job import check_job
+from compplan.measure.distance import band_radius
+from compplan.plan.plan import plan_job
+from compplan.promise.motion import shift_part, swing_arm
+from compplan.robot.model import Body
+from compplan.statics.inertia import divide_body
+
+JOB: dict[str, Any] = {
+    "schema": 1,
+    "robot": "kuka_kr270",
+    "toolpath": {"generator": "circle", "radius_mm": 100.0, "feed_mm_s": 150.0, "waypoints": 120},
+    "part": {"position_mm": [1700.0, 0.0, 900.0]},
+    "process": {"model": "constant", "force_N": [0.0, 0.0, 0.0], "frame": "base"},
+    "plan": {"tolerance_mm": 0.1},
+}
+
+
+def test_four_points_have_the_mass_the_centre_and_the_inertia_of_a_body() -> None:
+    turn = np.linalg.qr(np.random.default_rng(2).standard_normal((3, 3)))[0]
+    body = Body("link", 7.0, np.array([0.1, -0.2, 0.3]), turn @ np.diag([0.3, 0.4, 0.5]) @ turn.T)
+    points = divide_body(body)
+    assert sum(point.mass for point in points) == pytest.approx(7.0)
+    assert np.mean([point.centre for point in points], axis=0) == pytest.approx(body.centre)
+    arms = [point.centre - body.centre for point in points]
+    inertia = sum(7.0 / 4 * (arm @ arm * np.eye(3) - np.outer(arm, arm)) for arm in arms)
+    assert inertia == pytest.approx(body.inertia, abs=1e-12)
+
+
+@pytest.mark.parametrize(("scale", "damping"), [(1.0, 0.03), (0.8, 0.1)])
+def test_a_mass_on_a_spring_rings_as_an_integration_in_small_steps_says(
+    tmp_path: Path, scale: float, damping: float
+) -> None:
+    """One joint, 20 kg at 1 m, C = 1e-5: w = 70.7 rad/s; a load that sets in and ends, rows far from even."""
+    dynamics = build_dynamics(one_joint_arm(tmp_path, 1.0, 1e-5, mass=20.0))
+    random = np.random.default_rng(3)
+    time = np.sort(np.r_[0.0, random.uniform(0.0, 1.0, 200), 1.0])
+    load = np.where(time < 0.5, 100.0 * np.sin(6.0 * time) ** 2, 0.0)[:, None]
+    modes = find_shapes(dynamics, np.zeros((1, 1)))
+    omega = scale * modes[0].omega[0]
+    assert modes[0].omega[0] == pytest.approx((1e-5 * 20.0) ** -0.5, rel=1e-3)
+    more = ring(modes, np.array([0]), time, load, scale, damping)
+    static = 1e-5 * load[:, 0]
+
+    def change(t: float, x: np.ndarray) -> list[float]:
+        push = 1e-5 * omega**2 * np.interp(t, time, load[:, 0])
+        return [x[1], push - 2 * damping * omega * x[1] - omega**2 * x[0]]
+
+    found = solve_ivp(change, (0.0, 1.0), [0.0, 0.0], t_eval=time, rtol=1e-9, atol=1e-12, max_step=2e-3).y[0]
+    assert np.abs(found).max() > 1.02 * np.abs(static).max()
+    tip = np.abs(more[:, 2]) * np.sign(found - static)
+    assert tip == pytest.approx(found - static, abs=2e-3 * np.abs(found).max())
+
+
+def test_a_load_that_stays_adds_nothing_to_what_the_springs_give_at_once(tmp_path: Path) -> None:
+    dynamics = build_dynamics(one_joint_arm(tmp_path, 1.0, 1e-5, mass=20.0))
+    time = np.linspace(0.0, 1.0, 50)
+    more = ring(find_shapes(dynamics, np.zeros((1, 1))), np.array([0]), time, np.full((50, 1), 10.0), 1.0, 0.03)
+    assert np.abs(more).max() < 1e-15
+
+
+def test_what_is_compensated_leaves_the_share_that_masses_and_springs_are_other_than_modelled(tmp_path: Path) -> None:
+    """A slow load: the tip is k - 1 or k times the static bend, k lognormal with the width that is stated."""
+    dynamics = build_dynamics(one_joint_arm(tmp_path, 1.0, 1e-5, mass=20.0))
+    time, q = np.linspace(0.0, 10.0, 50), np.zeros((50, 1))
+    static = np.tile([0.0, 0.0, 1e-3], (50, 1))
+    both = [
+        swing_arm(
+            dynamics, q, time, np.full((50, 1), 100.0), static, width=0.2, damping=0.03, compensated=each, source=""
+        )
+        for each in (True, False)
+    ]
+    for motion, middle in zip(both, (0.0, 1e-3), strict=True):
+        assert motion.mean[25, 2] == pytest.approx(middle, abs=2e-5)
+        assert np.sqrt(motion.covariance[25, 2, 2]) == pytest.approx(2e-4, rel=0.1)
+
+
+def test_the_radius_about_a_known_shift_holds_its_share() -> None:
+    random = np.random.default_rng(4)
+    for mean, spread in (([1.0, 0, 0], [1, 1, 1.0]), ([3.0, 1, 0], [1, 0.2, 0.5]), ([0, 0, 5.0], [0.1, 0.1, 1.0])):
+        radius = band_radius(np.diag(np.square(spread))[None], mean=np.array([mean]))[0]
+        drawn = np.array(mean) + random.standard_normal((200000, 3)) * spread
+        assert np.mean(np.linalg.norm(drawn, axis=1) <= radius) == pytest.approx(0.95, abs=6e-3)
+    assert band_radius(np.zeros((1, 3, 3)), mean=np.array([[3.0, 4, 0]]))[0] == pytest.approx(5.0)
+
+
+def test_a_plan_that_leaves_inertia_alone_has_it_in_its_band_and_its_verdict_says_so() -> None:
+    """The same path at the same feed without force: what differs is the inertia of the motion."""
+    jobs = {on: check_job({**JOB, "plan": {"tolerance_mm": 0.1, "inertia": on}}, "job.toml") for on in (True, False)}
+    plans = {on: plan_job(job) for on, job in jobs.items()}
+    bands = {on: plan.promise for on, plan in plans.items()}
+    assert plans[True].task.inertia and plans[True].status == "solved"
+    for on in (True, False):
+        assert bands[on] is not None and bands[on].motion is not None
+    widest = {on: float(band.parts["motion"][band.cut].max()) for on, band in bands.items() if band is not None}
+    assert widest[True] < 0.8 * widest[False]
+    assert widest[False] > plans[False].bending.inertia
+    if plans[False].verdict.largest_cause == "inertia and vibration":
+        assert "inertia = true" in plans[False].verdict.change
+
+
+def test_the_place_of_a_part_counts_where_it_is_stated_and_is_listed_where_not() -> None:
+    plain, placed = (
+        plan_job(check_job({**JOB, **more}, "job.toml"))
+        for more in ({}, {"noise": {"part_frame_mm": 0.5, "part_frame_deg": 0.0}})
+    )
+    assert any("place of the part" in one for one in plain.verdict.left_out)
+    assert not any("place of the part" in one for one in placed.verdict.left_out)
+    assert placed.promise is not None and plain.promise is not None
+    assert placed.promise.parts["placement"] == pytest.approx(2.795483 * 5e-4, rel=1e-4)
+    assert placed.verdict.largest_cause == "place of the part"
+    assert plain.promise.parts["placement"] == pytest.approx(0.0)
+
+
+def test_a_part_that_is_turned_moves_by_the_angle_times_the_distance_from_its_frame() -> None:
+    columns = shift_part(np.array([[1.0, 0.5, 0.0]]), np.array([1.0, 0.0, 0.0]), (1e-4, 2e-5))
+    assert np.linalg.norm(columns[0, :, 5]) == pytest.approx(2e-5 * 0.5)
+    assert columns[0, :, 4] == pytest.approx(0.0)
