@@ -42,6 +42,8 @@ from compplan.path.cam.options import CamTable
 Words = list[tuple[str, float]]
 #: A line that an M code owns, its text included.
 OWNER_LINE = re.compile(r"(?:N\d+\s*)?M0*(\d+(?:\.\d+)?)(?=[\sA-Z]|$)(?!.*\bG\d)")
+#: Home of a printer: bare letters name axes (G28 X Y) or ways to do it (G28 W); all axes are elsewhere after it.
+BARE_HOME = re.compile(r"(?:N\d+\s*)?G28(?:\s+[A-Z]\d?)+\s*")
 #: Macro variables and control of the flow (Fanuc).
 MACRO = re.compile(
     r"#\s*[\d#<\[]|(?<![A-Z_])[A-Z,]\s*[-+]?\s*\[|"
@@ -99,6 +101,8 @@ class TextReader(FlowReader):
             self.log.note(f"M{owner.group(1)} is not read", self.line)
             self.log.happen("comment", self.line, text=f"M{owner.group(1)} of the CAM file")
             return False
+        if rest and BARE_HOME.fullmatch(line):
+            words, rest = [("G", 28.0)], ""
         if rest and not self.siemens and MACRO.search(line):
             spelled = self.run_macro(line)
             if spelled is None:
