@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from compplan.files.quantities import format_length
 from compplan.report.page import Column, PageTable, Provenance, Section, TableCell, write_page
 
 
@@ -19,8 +20,8 @@ def write_operations_page(summary: Mapping[str, Any], file: Path) -> None:
     """
     tools = summary["tools"]
     sections = [
-        Section("Tools", [_table(tools), f"Each tool's own page: {_list(tools)}."], "One plan and one program a tool."),
-        Section("Programs", [_programs(tools)], "To be run in this order; each begins with its tool change."),
+        Section("Tools", [_table(tools), f"Each tool's own page: {_list(tools)}."], "One plan a tool.", open=True),
+        Section("Programs", [_programs(tools)], "Run them in this order; each begins with its tool change.", open=True),
     ]
     if summary["notes"]:
         sections.append(Section("What to know", list(summary["notes"])))
@@ -33,11 +34,13 @@ def write_operations_page(summary: Mapping[str, Any], file: Path) -> None:
 def say_operations(summary: Mapping[str, Any]) -> str:
     """Say in two sentences what the tools together come to."""
     tools = summary["tools"]
-    after, before = summary["error_after_mm"]["max"], summary["error_before_mm"]["max"]
+    before, after = (format_length(1e-3 * summary[key]["max"]) for key in ("error_before_mm", "error_after_mm"))
+    verdict = summary["verdict"]["word"].replace("_", " ")
     names = ", ".join(tool["label"] for tool in tools)
     return (
-        f"{len(tools)} operations ({names}), {summary['status'].replace('_', ' ')}: greatest deviation {before:.3g} mm "
-        f"uncorrected, {after:.3g} mm planned, {summary['duration_s']:.0f} s without the tool changes."
+        f"{len(tools)} operations ({names}), {summary['status'].replace('_', ' ')}: greatest deviation {before} "
+        f"uncorrected, {after} planned, {summary['duration_s']:.0f} s without the tool changes. Verdict: {verdict} "
+        f"{summary['verdict']['tolerance_mm']:g} mm."
     )
 
 
