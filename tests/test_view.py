@@ -6,6 +6,7 @@ import json
 import socket
 import time
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -118,7 +119,7 @@ def test_the_part_takes_the_colour_of_the_path_beside_it_and_keeps_its_own_elsew
     corners = np.vstack([record.tip[row], record.tip[row] + [0.0, 0.0, -0.4], record.tip[row] + [0.5, 0.0, 0.0]])
     part = Solid("part", "", (0.8, 0.6, 0.4, 1.0), corners, np.array([[0, 1, 2]]))
     colours = scene.paint_solid(part, "uncorrected")
-    expected = paint_sizes(scene.sizes["uncorrected"][[row]], record.tolerance)[0]
+    expected = paint_sizes(scene.sizes["uncorrected"][[row]], 0.5 * scene.top("uncorrected"))[0]
     np.testing.assert_array_equal(colours[0, :3], expected)
     np.testing.assert_array_equal(colours[1:], [[204, 153, 102, 255]] * 2)
 
@@ -133,7 +134,10 @@ def test_rings_of_the_promise_stand_off_the_path_by_its_radius(scene: PlanScene)
 
 def test_a_row_tells_joints_force_deviation_and_posture(scene: PlanScene) -> None:
     told = scene.tell(scene.start + 5)
-    for word in ("uncorrected", "tolerance", "joint_3", "deg", "Force on the tool", "N (x, y, z", "Posture: shoulder"):
+    for word in (
+        "Waypoint", "without correction", "tolerance", "joint_3", "deg", "Force on the tool", "N (x, y, z",
+        "Posture: shoulder",
+    ):  # fmt: skip
         assert word in told
 
 
@@ -310,7 +314,7 @@ def test_the_viewer_runs_in_a_browser_without_a_complaint(folder: Path) -> None:
     try:
         with browse() as page:
             page.open(f"http://127.0.0.1:{port}", 900, 700)
-            page.wait("document.querySelector('canvas') !== null && document.body.innerText.includes('magnify')")
+            page.wait("document.querySelector('canvas') !== null && document.body.innerText.includes('worst places')")
             time.sleep(4.0)
             before = viewer.row
             viewer.play.value = True
@@ -325,5 +329,87 @@ def test_the_viewer_runs_in_a_browser_without_a_complaint(folder: Path) -> None:
             page.click(300, 350)
             page.wait("document.body.innerText.includes('Posture')")
             assert page.complaints == []
+            viewer.way.value = viewer.scene.ways["uncorrected"]
+            viewer.redraw()
+            wanted = viewer.scene.name_row(viewer.scene.worst("uncorrected")[1], "uncorrected")
+            place = (
+                "(() => { const b = [...document.querySelectorAll('button')].find((e) => e.innerText.trim() === "
+                f"{json.dumps(wanted)}); if (!b) return null; b.scrollIntoView(); "
+                "return b.getBoundingClientRect().toJSON(); })()"
+            )
+            page.wait(f"{place} !== null")
+            box = page.run(place)
+            page.click(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
+            time.sleep(2.0)
+            assert viewer.row == viewer.scene.worst("uncorrected")[1]
+            assert page.run("document.querySelectorAll('svg path.curve').length") == 1
+            assert page.complaints == []
     finally:
         viewer.stop()
+
+
+@pytest.mark.slow
+def test_the_start_view_holds_the_whole_arm_and_the_coloured_path(folder: Path) -> None:
+    pytest.importorskip("viser")
+    import base64
+    import io
+
+    from browser import CHROMIUM, browse
+    from PIL import Image
+
+    from compplan.report.view.server import start_server
+
+    if CHROMIUM is None:
+        pytest.skip("needs Chromium")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    viewer = start_server(folder, port)
+    try:
+        with browse() as page:
+            page.open(f"http://127.0.0.1:{port}", 1300, 900)
+            page.wait("document.querySelector('canvas') !== null && document.body.innerText.includes('worst places')")
+            time.sleep(6.0)
+            png = base64.b64decode(page.ask("Page.captureScreenshot", format="png")["data"])
+    finally:
+        viewer.stop()
+    picture = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)[:, :900]
+    grey = np.ptp(picture, axis=2) < 12
+    coloured = ~grey & (np.ptp(picture, axis=2) > 60)
+    drawn = (picture.sum(axis=2) < 690) | coloured
+    edge = np.concatenate([drawn[:6].ravel(), drawn[-6:].ravel(), drawn[:, :6].ravel()])
+    assert edge.mean() < 0.03  # nothing of the arm is cut off; thin lines of the floor may be
+    assert coloured.sum() > 300  # the path is seen
+    rows = np.flatnonzero(drawn.mean(axis=1) > 0.01)
+    assert rows.max() - rows.min() > 0.5 * len(picture)  # the arm fills the view
+
+
+def test_the_panel_marks_where_the_arm_is_and_names_the_worst_places(scene: PlanScene) -> None:
+    from compplan.report.view.panel import draw_colour_bar, draw_curve
+
+    record, size = scene.recording, scene.sizes["uncorrected"]
+    half = float(record.time[-1]) / 2.0
+    svg = draw_curve(record.time, size, record.tolerance, half)
+    mark = float(svg.split('class="mark" x1="')[1].split('"')[0])
+    assert mark == pytest.approx(150.0, abs=0.2) and 'class="curve" d="M' in svg
+    worst = scene.worst("uncorrected")
+    assert size[worst[0]] == np.nanmax(size) and len(worst) == 5
+    assert all(size[a] >= size[b] for a, b in pairwise(worst))
+    assert min(abs(a - b) for k, a in enumerate(worst) for b in worst[:k]) >= len(size) // 20
+    assert "mm at" in scene.name_row(worst[0], "uncorrected")
+    assert "tolerance" in draw_colour_bar(scene.top("uncorrected"), record.tolerance)
+    small = replace(record, deviation={way: 0.02 * values for way, values in record.deviation.items()})
+    seen = PlanScene(small).magnification("uncorrected") * 0.02 * np.nanmax(size)
+    assert seen == pytest.approx(0.1 * np.ptp(record.tip[record.move == "cut"], axis=0).max(), rel=0.1)
+    assert scene.magnification("planned") == 1.0
+
+
+def test_a_spindle_and_a_block_are_drawn_where_no_mesh_is_known(scene: PlanScene) -> None:
+    solids = {solid.name: solid for solid in scene.recording.cell.solids}
+    cutter, spindle = solids["cutter, drawn"], solids["spindle, drawn"]
+    assert cutter.link == spindle.link == scene.recording.cell.tcp
+    assert cutter.vertices[:, 2].max() == pytest.approx(0.0, abs=1e-4)  # it begins at the tip
+    assert spindle.vertices[:, 2].max() < cutter.vertices[:, 2].max()
+    block, tip = solids["block under the path, drawn"], scene.recording.tip[scene.recording.move == "cut"]
+    assert block.vertices[:, 2].max() == pytest.approx(tip[:, 2].min(), abs=1e-4)
+    assert (np.ptp(block.vertices[:, :2], axis=0) > np.ptp(tip[:, :2], axis=0)).all()

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 #: Colour of the stock.
 STOCK_COLOUR = (0.66, 0.70, 0.74, 0.35)
+#: Colour of a tool that is drawn because no mesh of it is known, and the shortest that is drawn. [m]
+TOOL_COLOUR, SHORTEST_TOOL = (0.45, 0.47, 0.50, 1.0), 0.02
 #: Below this share of a row's gap nothing is named that explains it.
 LEAST_SHARE = 0.25
 
@@ -45,7 +47,9 @@ def write_plan_cell(plan: Plan, folder: Path) -> None:
         "configuration": dict(plan.task.configuration),
         "softer": plan.mismatch.cell,
     }
-    cell = describe_cell(plan.robot, [*meshes, *_describe_stock(plan)])
+    known = {shape["name"] for shape in meshes}
+    drawn = [*([] if "tool" in known else _describe_spindle(plan)), *([] if "part" in known else _describe_block(plan))]
+    cell = describe_cell(plan.robot, [*meshes, *_describe_stock(plan), *drawn])
     write_json(folder / "cell.json", {**cell, **more}, indent=None)
     write_deviation(plan, folder / "deviation.csv")
 
@@ -163,6 +167,49 @@ def _describe_stock(plan: Plan) -> list[dict[str, Any]]:
     pose = plan.job.T_base_part
     vertices = np.asarray(plain.vertices, float) @ pose[:3, :3].T + pose[:3, 3]
     return [_describe_shape("stock", "", STOCK_COLOUR, vertices, plain.faces)]
+
+
+def _describe_spindle(plan: Plan) -> list[dict[str, Any]]:
+    """Return a cutter and a spindle between tip and flange, drawn where no mesh of the tool is known."""
+    import trimesh
+
+    robot = plan.robot
+    frames = locate_chain_frames(robot)
+    reach = np.linalg.inv(frames[robot.tcp]) @ frames[robot.flange]
+    height = -float(reach[2, 3])  # the tip's z points out of the tool
+    if height < SHORTEST_TOOL:
+        return []
+    shapes = []
+    for name, radius, low, high in (("cutter", 0.06, 0.0, 0.45), ("spindle", 0.22, 0.4, 1.0)):
+        size = min(radius * height, 0.09)
+        mesh = trimesh.creation.cylinder(radius=size, height=(high - low) * height, sections=24)
+        vertices = np.asarray(mesh.vertices, float) - [0.0, 0.0, 0.5 * (low + high) * height]
+        shapes.append(_describe_shape(f"{name}, drawn", robot.tcp, TOOL_COLOUR, vertices, mesh.faces))
+    return shapes
+
+
+def locate_chain_frames(robot: Robot) -> dict[str, Array]:
+    """Locate the links of a robot whose joints stand at zero. Shape (4, 4) each. [m]."""
+    poses = {robot.base: np.eye(4)}
+    for joint in robot.joints:
+        poses[joint.child] = poses[joint.parent] @ joint.placement
+    return poses
+
+
+def _describe_block(plan: Plan) -> list[dict[str, Any]]:
+    """Return a block that holds the cut, drawn where neither part nor stock is known."""
+    import trimesh
+
+    if plan.job is None or getattr(plan.job.process, "stock", None) is not None:
+        return []
+    pose, tip = plan.job.T_base_part, plan.task.position[plan.task.cut]
+    inside = (tip - pose[:3, 3]) @ pose[:3, :3]
+    low, high = inside.min(axis=0), inside.max(axis=0)
+    edge = 0.08 * float((high - low).max())
+    bounds = np.stack([low - [edge, edge, 3.0 * edge], [high[0] + edge, high[1] + edge, low[2]]])
+    mesh = trimesh.creation.box(bounds=bounds)
+    vertices = np.asarray(mesh.vertices, float) @ pose[:3, :3].T + pose[:3, 3]
+    return [_describe_shape("block under the path, drawn", "", STOCK_COLOUR, vertices, mesh.faces)]
 
 
 def _describe_shape(name: str, link: str, colour: Sequence[float], vertices: Array, faces: Any) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.report.style import format_angle, format_length, format_number
+from compplan.report.style import format_length, format_number
 from compplan.report.thinning import simplify_path
 from compplan.report.view.motion import bend_arm, locate_chain
 from compplan.report.view.paint import LAST, Bytes, Lines, join_rows, paint_sizes, pick_point
@@ -26,6 +26,8 @@ NEAR = 0.025
 PROMISE = "promise"
 #: A length of deviation.csv that reads 0 is below this. [m]
 TINY = 1e-12
+#: Greatest magnification, and the share of the tolerance below which a deviation is not worth one.
+MOST_MAGNIFIED, SEEN = 500.0, 0.02
 Rows = NDArray[np.int_] | slice | int
 EVERY = slice(None)
 
@@ -43,11 +45,12 @@ class PlanScene:
     @cached_property
     def ways(self) -> dict[str, str]:
         """What can be shown, with what it is called."""
-        softer = f"planned, robot not as modelled ({self.recording.cell.facts.get('softer', 'softer')}, assumed)"
-        names = {"uncorrected": "uncorrected", "planned": "planned, as modelled", "softer": softer}
+        factor = self.recording.cell.facts.get("softer", "softer")
+        softer = f"as planned, robot softer than modelled ({factor}, assumed)"
+        names = {"uncorrected": "without correction", "planned": "as planned, robot as modelled", "softer": softer}
         known = {way: name for way, name in names.items() if np.isfinite(self.recording.deviation[way]).any()}
         if np.isfinite(self.recording.promise).any():
-            known[PROMISE] = "planned, where the true tip is with 95 %"
+            known[PROMISE] = "95 % band of the true tip"
         return known
 
     @property
@@ -71,6 +74,40 @@ class PlanScene:
         }
         return {**sizes, PROMISE: self.recording.promise}
 
+    def top(self, way: str) -> float:
+        """Deviation that has the last colour: the greatest of this way, but at least twice the tolerance. [m]."""
+        return max(LAST * self.recording.tolerance, float(np.nanmax(self.sizes[way], initial=0.0)))
+
+    def magnification(self, way: str) -> float:
+        """Tell by how much a way's deviation is magnified so that it is seen at once."""
+        size = float(np.nanmax(self.sizes[way], initial=0.0))
+        if size < SEEN * self.recording.tolerance:
+            return 1.0
+        extent = float(np.ptp(self.recording.tip[self.recording.move == "cut"], axis=0).max())
+        wanted = MAGNIFIED * extent / size
+        return float(np.clip(round(wanted), 1.0, MOST_MAGNIFIED))
+
+    def worst(self, way: str, count: int = 5) -> list[int]:
+        """List the rows where a way strays most, the worst first, no two of them near each other."""
+        size = np.nan_to_num(self.sizes[way], nan=-1.0)
+        apart = max(len(size) // 20, 1)
+        found: list[int] = []
+        for row in np.argsort(-size).tolist():
+            if size[row] <= 0.0 or len(found) == count:
+                break
+            if all(abs(row - other) >= apart for other in found):
+                found.append(row)
+        return found
+
+    @cached_property
+    def length(self) -> Array:
+        """Length of the path up to each row. Shape (n,). [m]."""
+        return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(self.recording.tip, axis=0), axis=1))]
+
+    def name_row(self, row: int, way: str) -> str:
+        """Name a row as the list of worst places does."""
+        return f"{_say_length(self.sizes[way][row])} at {1e3 * self.length[row]:.4g}\u00a0mm"
+
     def place(self, way: str, magnify: float, rows: Rows = EVERY) -> Array:
         """Where the loaded tip is drawn at rows, its deviation magnified. Shape (k, 3), or (3,) of one row. [m]"""
         if way == PROMISE:
@@ -91,7 +128,7 @@ class PlanScene:
 
     def draw_path(self, way: str, magnify: float) -> Lines:
         """Draw the path of the loaded tip, coloured by its deviation against the tolerance."""
-        colours = paint_sizes(self.sizes[way][self.rows], self.recording.tolerance)
+        colours = paint_sizes(self.sizes[way][self.rows], self.top(way) / LAST)
         return join_rows(self.place(way, magnify, self.rows), colours)
 
     def draw_wanted(self) -> Lines:
@@ -112,7 +149,7 @@ class PlanScene:
         ring = np.cos(angle) * aside + np.sin(angle) * np.cross(along, aside)
         points = tip[rows] + magnify * radius[rows][:, None] * ring
         ends = np.stack([points[:-1], points[1:]], axis=2).reshape(-1, 2, 3).astype(np.float32)
-        colours = np.tile(paint_sizes(radius[rows], self.recording.tolerance), (CORNERS, 1))
+        colours = np.tile(paint_sizes(radius[rows], self.top(PROMISE) / LAST), (CORNERS, 1))
         return Lines(ends, np.repeat(colours[:, None], 2, axis=1))
 
     def paint_solid(self, solid: Solid, way: str) -> Bytes:
@@ -126,7 +163,7 @@ class PlanScene:
             return own
         distance, nearest = cKDTree(self.recording.tip[told]).query(solid.vertices)
         near = distance < NEAR
-        own[near, :3] = paint_sizes(size[told[nearest[near]]], self.recording.tolerance)
+        own[near, :3] = paint_sizes(size[told[nearest[near]]], self.top(way) / LAST)
         return own
 
     def pose_links(self, row: int, way: str, magnify: float) -> dict[str, Array]:
@@ -156,12 +193,12 @@ class PlanScene:
     def tell(self, row: int) -> str:
         """Tell what is known of a row, as markdown: deviations, joints, force, posture."""
         record = self.recording
-        lines = [f"**Row {row}** of {self.count}, {record.move[row]}, {record.time[row]:.2f} s", ""]
+        lines = [f"**Waypoint {row}** of {self.count}, {record.move[row]}, {record.time[row]:.2f} s", ""]
         lines += ["| deviation | |", "|---|---|"]
         lines += [f"| {name} | {_say_length(self.sizes[way][row])} |" for way, name in self.ways.items()]
         lines += [f"| tolerance | {format_length(record.tolerance)} |", "", "| joint | |", "|---|---|"]
         for joint, value in zip(record.cell.actuated, record.q[row], strict=True):
-            said = format_length(float(value)) if joint.kind == "prismatic" else format_angle(float(value))
+            said = format_length(float(value)) if joint.kind == "prismatic" else f"{np.degrees(value):.2f}\u00a0deg"
             lines.append(f"| {joint.name} | {said} |")
         force = ", ".join(format_number(float(value)) for value in record.wrench[row, :3])
         lines += ["", f"Force on the tool: {force} N (x, y, z of the base)"]

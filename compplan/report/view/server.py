@@ -16,13 +16,16 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import InputError
 from compplan.report.view.gap_scene import GapScene
 from compplan.report.view.paint import Lines
+from compplan.report.view.panel import draw_colour_bar, draw_curve
 from compplan.report.view.plan_scene import PROMISE, PlanScene
 from compplan.report.view.recording import Cell, GapRecording, Solid, read_recording
 from compplan.robot import Array
 
 HOST = "127.0.0.1"
-#: From where a place is looked at, as shares of the distance.
-ASIDE = np.array([0.7, -1.0, 0.6])
+#: Distance from which everything is seen, in radii of the ball about it.
+FRAMED = 1.5
+#: How far the view is moved aside, for the panel covers its right, in the same radii.
+BESIDE_PANEL = 0.3
 #: Colour of the force arrow.
 DARK = np.full((1, 2, 3), 60, np.uint8)
 #: Half the width of the floor, the distance of its lines [m], and their grey.
@@ -31,6 +34,8 @@ FLOOR, CELL, LIGHT = 3.0, 0.5, 208
 PICTURES, PANEL = 30.0, 5.0
 #: Length of the longest force arrow, as a share of the arm's reach.
 FORCE_LENGTH = 0.12
+#: Worst places that are listed.
+WORST = 5
 
 
 def start_server(folder: Path, port: int) -> Any:
@@ -124,20 +129,45 @@ class Stage:
             name, lines.points, lines.colours, thickness=width, thickness_units="screen"
         )
 
-    def look_at(self, points: Array) -> None:
-        """Turn the eyes of whoever opens the page to points, and offer to come nearer."""
+    def bound_arm(self, poses: dict[str, Array]) -> Array:
+        """Return the corners of the arm as it stands. Shape (k, 3). [m]."""
+        corners = [poses[solid.link][:3, 3] + solid.vertices @ poses[solid.link][:3, :3].T
+                   for solid in self.cell.solids if solid.link in poses]  # fmt: skip
+        return np.concatenate([*corners, np.zeros((1, 3))])
+
+    def look_at(self, points: Array, arm: Array) -> None:
+        """Frame the whole arm and the path, the path in front; offer to come nearer.
+
+        Args:
+            points: The path. Shape (n, 3). [m]
+            arm: Corners of the arm as it stands. Shape (k, 3). [m]
+        """
+        everything = np.concatenate([arm, points])
+        low, high = everything.min(axis=0), everything.max(axis=0)
+        middle, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
+        out = np.append(points.mean(axis=0)[:2] - middle[:2], 0.0)
+        out /= max(float(np.linalg.norm(out)), 1e-9)
+        aside = out + 0.9 * np.array([out[1], -out[0], 0.0]) + np.array([0.0, 0.0, 0.55])
+        aside /= float(np.linalg.norm(aside))
+        right = np.cross(-aside, [0.0, 0.0, 1.0])
+        middle = middle + BESIDE_PANEL * radius * right / max(float(np.linalg.norm(right)), 1e-9)
+        centre = points.mean(axis=0)
         near = 1.5 * float(np.ptp(points, axis=0).max()) + 0.05
-        centre, extent = points.mean(axis=0), near + 1.0
-        places = {"cell": extent, "path": near}
-        self.server.initial_camera.position = tuple(centre + extent * ASIDE)
-        self.server.initial_camera.look_at = tuple(centre)
-        buttons = self.server.gui.add_button_group("look at", list(places))
+        self.views = {"whole arm": (middle, middle + FRAMED * radius * aside), "path": (centre, centre + near * aside)}
+        self.server.initial_camera.position = tuple(self.views["whole arm"][1])
+        self.server.initial_camera.look_at = tuple(middle)
+        buttons = self.server.gui.add_button_group("look at", list(self.views))
 
         @buttons.on_click
         def _(event: Any) -> None:
             if event.client is not None:
-                event.client.camera.position = centre + places[buttons.value] * ASIDE
-                event.client.camera.look_at = centre
+                look, stand = self.views[buttons.value]
+                event.client.camera.position, event.client.camera.look_at = stand, look
+
+    def come_near(self, client: Any, point: Array) -> None:
+        """Bring the eyes of a client near to a point of the path."""
+        look, stand = self.views["path"]
+        client.camera.position, client.camera.look_at = point + 0.6 * (stand - look), point
 
     def light_part(self, scene: PlanScene, way: str, under: str = "/cell") -> None:
         """Colour the part by what the path beside it does."""
@@ -163,7 +193,12 @@ class PlanViewer:
         self.marker = server.scene.add_icosphere("/tip", radius=0.012 * self.extent + 0.001, color=(29, 35, 41))
         self.force = self.stage.draw("/force", Lines(np.zeros((1, 2, 3), np.float32), DARK), 3.0)
         self.stage.draw("/wanted", scene.draw_wanted(), 1.5)
-        self.stage.look_at(tip)
+        standing = scene.pose_links(scene.start, self.chosen, 0.0)
+        self.stage.look_at(tip[scene.recording.move == "cut"], self.stage.bound_arm(standing))
+        cut = tip[scene.recording.move == "cut"]
+        above = np.array([*cut.mean(axis=0)[:2], cut[:, 2].max() + 0.6 * self.extent])
+        wide = 1e3 * float(np.ptp(cut, axis=0).max())
+        server.scene.add_label("/size", f"cut, {wide:.3g} mm wide", position=above, anchor="bottom-center")
         self.redraw()
         self.show_row(self.row)
         server.scene.on_pointer_event("click")(self._click)
@@ -172,22 +207,42 @@ class PlanViewer:
     def _build_panel(self) -> None:
         gui, scene = self.server.gui, self.scene
         names = list(scene.ways.values())
-        gui.add_markdown(f"**{scene.recording.name}** \n\n{scene.recording.cell.robot}, model graded "
+        gui.add_markdown(f"**{scene.recording.name}** \n\n{scene.recording.cell.robot}, robot model is "
                          f"{scene.recording.cell.grade}")  # fmt: skip
-        first = scene.ways.get("planned", names[0])
-        self.way = gui.add_dropdown("tip", names, initial_value=first)
-        self.magnify = gui.add_slider("magnify", min=1, max=500, step=1, initial_value=1)
-        self.beside = gui.add_checkbox("uncorrected beside it", initial_value=False)
-        self.play = gui.add_checkbox("move", initial_value=False)
-        self.speed = gui.add_slider("times real time", min=0.1, max=20.0, step=0.1, initial_value=1.0)
-        self.slider = gui.add_slider("row", min=0, max=scene.count - 1, step=1, initial_value=self.row)
-        tolerance = 1e3 * scene.recording.tolerance
-        gui.add_markdown(f"Blue: no deviation; yellow: the tolerance, {tolerance:g} mm; dark red: twice of it or more; "
-                         "grey: not in the cut.")  # fmt: skip
-        self.text = gui.add_markdown("")
-        for control in (self.way, self.magnify, self.beside):
+        shown = next(way for way in ("uncorrected", PROMISE, "planned", "softer") if way in scene.ways)
+        self.way = gui.add_dropdown("show the tip", names, initial_value=scene.ways[shown])
+        self.magnify = gui.add_slider("deviation times", min=1, max=500, step=1,
+                                      initial_value=int(scene.magnification(shown)))  # fmt: skip
+        self.bar = gui.add_html("")
+        self.play = gui.add_checkbox("play", initial_value=False)
+        self.slider = gui.add_slider("waypoint", min=0, max=scene.count - 1, step=1, initial_value=self.row)
+        self.curve = gui.add_html("")
+        self.speed = gui.add_slider("speed, times real", min=0.1, max=20.0, step=0.1, initial_value=1.0)
+        with gui.add_folder("worst places, click to go there"):
+            self.worst = [gui.add_button("-") for _ in range(WORST)]
+        self.beside = gui.add_checkbox("without correction beside it", initial_value=False)
+        with gui.add_folder("this waypoint"):
+            self.text = gui.add_markdown("")
+        self.way.on_update(self._choose)
+        for control in (self.magnify, self.beside):
             control.on_update(lambda _: self.redraw())
         self.slider.on_update(self._slide)
+        for number, button in enumerate(self.worst):
+            button.on_click(lambda event, number=number: self._go(event, number))
+
+    def _choose(self, event: Any) -> None:
+        """Show another way of the tip, magnified so that it is seen."""
+        if event.client is not None:
+            self.magnify.value = int(self.scene.magnification(self.chosen))
+        self.redraw()
+
+    def _go(self, event: Any, number: int) -> None:
+        """Go to one of the worst places, and bring the eyes there."""
+        rows = self.scene.worst(self.chosen, WORST)
+        if number < len(rows):
+            self._stop_at(rows[number])
+            if event.client is not None:
+                self.stage.come_near(event.client, self.scene.recording.tip[rows[number]])
 
     @property
     def chosen(self) -> str:
@@ -198,13 +253,19 @@ class PlanViewer:
         """Draw path, promise and part anew."""
         with self.lock, self.server.atomic():
             way, magnify = self.chosen, float(self.magnify.value)
-            self.stage.draw("/path", self.scene.draw_path(way, magnify), 4.0)
+            self.stage.draw("/path", self.scene.draw_path(way, magnify), 6.0)
             shown = way == PROMISE
             rings = self.stage.draw("/promise", self.scene.draw_promise(magnify), 1.5) if shown else None
             if rings is None:
                 self.server.scene.remove_by_name("/promise")
             self.stage.light_part(self.scene, way)
             self._draw_beside(magnify)
+            self.bar.content = draw_colour_bar(self.scene.top(way), self.scene.recording.tolerance)
+            rows = self.scene.worst(way, WORST)
+            for number, button in enumerate(self.worst):
+                button.visible = number < len(rows)
+                if number < len(rows):
+                    button.label = self.scene.name_row(rows[number], way)
             self.show_row(self.row)
 
     def _draw_beside(self, magnify: float) -> None:
@@ -220,7 +281,7 @@ class PlanViewer:
         self.stage.draw("/beside/path", self.scene.draw_path("uncorrected", magnify), 4.0)
         self.stage.light_part(self.scene, "uncorrected", "/beside")
         top = np.array([*tip[:, :2].mean(axis=0), tip[:, 2].max() + 0.1 * self.extent])
-        scene.add_label("/beside/name", "uncorrected", position=top, anchor="bottom-center")
+        scene.add_label("/beside/name", "without correction", position=top, anchor="bottom-center")
 
     def show_row(self, row: int) -> None:
         """Show the arm, the tip and the force at a row."""
@@ -236,6 +297,9 @@ class PlanViewer:
             if time.monotonic() - self.told > 1.0 / PANEL or not self.play.value:
                 self.told = time.monotonic()
                 self.text.content = self.scene.tell(row)
+                time_of = self.scene.recording.time
+                self.curve.content = draw_curve(time_of, self.scene.sizes[way], self.scene.recording.tolerance,
+                                                float(time_of[row]))  # fmt: skip
 
     def _slide(self, event: Any) -> None:
         if event.client is not None:  # a person moved it
@@ -244,6 +308,10 @@ class PlanViewer:
     def _click(self, event: Any) -> None:
         origin, direction = np.array(event.ray_origin, float), np.array(event.ray_direction, float)
         row = self.scene.pick(origin, direction, self.chosen, float(self.magnify.value))
+        self._stop_at(row)
+
+    def _stop_at(self, row: int) -> None:
+        """Stop the arm at a row."""
         self.play.value = False
         self.slider.value = row
         self.show_row(row)
@@ -277,9 +345,10 @@ class GapViewer:
     def __init__(self, server: Any, scene: GapScene) -> None:
         self.server, self.scene, self.stage = server, scene, Stage(server, scene.recording.cell)
         gui, self.pose = server.gui, 0
-        self.way = gui.add_dropdown("show", list(scene.ways.values()))
+        self.way = gui.add_dropdown("gap to the", list(scene.ways.values()))
         most = max(10.0, 4.0 * scene.magnification)
-        self.magnify = gui.add_slider("magnify", min=1, max=most, step=1, initial_value=min(scene.magnification, most))
+        first = min(scene.magnification, most)
+        self.magnify = gui.add_slider("arrows times", min=1, max=most, step=1, initial_value=first)
         self.slider = gui.add_slider("pose", min=0, max=max(scene.count - 1, 1), step=1, initial_value=0)
         legend = "<br>".join(f'<b style="color: {colour}">&#9632;</b> {name}' for name, colour in scene.legend.items())
         gui.add_html(f'<div style="padding: 0 1em; font-size: 0.85em">Explained most by<br>{legend}</div>')
@@ -288,7 +357,7 @@ class GapViewer:
             control.on_update(lambda _: self.redraw())
         self.slider.on_update(lambda _: self.show_pose(min(int(self.slider.value), scene.count - 1)))
         points = scene.recording.point[np.isfinite(scene.recording.point).all(axis=1)]
-        self.stage.look_at(points)
+        self.stage.look_at(points, self.stage.bound_arm(scene.pose_links(0)))
         self.marker = server.scene.add_icosphere("/pose", radius=0.012, color=(29, 35, 41))
         self.redraw()
         self.show_pose(0)
