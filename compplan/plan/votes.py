@@ -79,7 +79,8 @@ def cast_votes(driven: Driven, after: Evaluation, bending: Bending) -> Vote:
     position, rotation = stand_stiff(driven.judge, driven.q)
     breaches = [
         *path.breaches, *_vote_on_axis(driven, after, rotation), *_vote_on_correction(driven, position),
-        *_vote_on_motion(driven, joints), *_vote_on_feed(driven), *_vote_on_inertia(driven, bending),
+        *_vote_on_bounds(driven, joints), *_vote_on_motion(driven, joints), *_vote_on_feed(driven),
+        *_vote_on_inertia(driven, bending),
     ]  # fmt: skip
     return Vote(tuple(breaches), path.notes)
 
@@ -121,6 +122,32 @@ def _vote_on_correction(driven: Driven, stiff: Array) -> list[str]:
         return []
     found = f"{1e3 * size.max():.3g} mm at waypoint {size.argmax()}"
     return [f"the judge finds a correction of {found}, allowed are {1e3 * most:g} mm"]
+
+
+def _vote_on_bounds(driven: Driven, joints: JointTable) -> list[str]:
+    """The plan was held to no wider bounds than job and robot folder state."""
+    task, plan, found = driven.task, driven.tables.get("plan", {}), []
+    stated = {
+        "tolerance": (task.tolerance, 1e-3 * plan.get("tolerance_mm", 0.1)),
+        "greatest correction": (task.max_correction, 1e-3 * plan.get("max_correction_mm", 10.0)),
+    }
+    for name, (held, said) in stated.items():
+        if held > said * (1.0 + 1e-9):
+            found.append(f"the plan was held to a {name} of {1e3 * held:.4g} mm, the job says {1e3 * said:.4g}")
+    if len(joints.names) != task.robot.nq:
+        return found
+    scale = driven.tables.get("limits", {})
+    pairs = {
+        "lower limit": (joints.lower, task.robot.lower), "upper limit": (task.robot.upper, joints.upper),
+        "velocity": (task.velocity_limits, joints.velocity * scale.get("velocity_scale", 1.0)),
+        "acceleration": (task.acceleration_limits, joints.acceleration * scale.get("acceleration_scale", 1.0)),
+        "effort": (task.robot.effort_limits, joints.effort),
+    }  # fmt: skip
+    for name, (held, said) in pairs.items():
+        wide = np.flatnonzero(held > said + 1e-6 * (1.0 + np.abs(np.where(np.isfinite(said), said, 0.0))))
+        if len(wide):
+            found.append(f"the {name} of {joints.names[wide[0]]} is wider in the plan than in the robot folder")
+    return found
 
 
 def _vote_on_motion(driven: Driven, joints: JointTable) -> list[str]:

@@ -54,10 +54,14 @@ def read_joints(folder: Path) -> JointTable:
         found = joint.find("limit")
         stated = {} if found is None else found.attrib
         bounded = joint.get("type") != "continuous"
+        soft = joint.find("safety_controller")
+        inner = {} if soft is None else soft.attrib
+        low = max(float(stated.get("lower", "0")), float(inner.get("soft_lower_limit", "-inf")))
+        high = min(float(stated.get("upper", "0")), float(inner.get("soft_upper_limit", "inf")))
         limits.append(
             (
-                float(stated.get("lower", "0")) if bounded else -math.inf,
-                float(stated.get("upper", "0")) if bounded else math.inf,
+                low if bounded else -math.inf,
+                high if bounded else math.inf,
                 float(stated.get("velocity", "0")) or math.inf,
                 float(stated.get("effort", "0")) or math.inf,
             )

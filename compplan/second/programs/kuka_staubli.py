@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from functools import lru_cache
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -158,6 +159,10 @@ def read_krl(source: Path) -> list[Move]:
 
 
 PLACE = ("x", "y", "z", "rx", "ry", "rz")
+_VAL3_MOVE = re.compile(r"move([jl])\((\w+)\[(\w+)\],(\w+),(\w+)\)")
+_VAL3_FEED = re.compile(r"(\w+)\.tvel=(\w+)\[(\w+)\]")
+#: Tool and base stay from move to move.
+_standing = lru_cache(maxsize=16)(staubli_pose)
 
 
 def _val3_tag(element: ElementTree.Element) -> str:
@@ -216,15 +221,17 @@ class _Val3:
         return self.data[name][int(self.scalars[index])]
 
     def step(self, line: str) -> None:
-        if act := read_action(line):
+        if line.startswith("move"):
+            match = _VAL3_MOVE.fullmatch(line)
+            assert match, f"unknown line: {line}"
+            self.move(match[1], self.element(match[2], match[3]), self.data[match[4]][0], self.data[match[5]][0])
+        elif match := _VAL3_FEED.fullmatch(line):
+            self.data[match[1]][0]["tmax"] = self.element(match[2], match[3])["value"]
+        elif act := read_action(line):
             assert self.waited, "what happens beside motion does not wait for the arm"
             self.moves.append(act)
         elif match := re.fullmatch(r"call (\w+)\(\)", line):
             self.call(match[1])
-        elif match := re.fullmatch(r"(\w+)\.tvel=(\w+)\[(\w+)\]", line):
-            self.data[match[1]][0]["tmax"] = self.element(match[2], match[3])["value"]
-        elif match := re.fullmatch(r"move([jl])\((\w+)\[(\w+)\],(\w+),(\w+)\)", line):
-            self.move(match[1], self.element(match[2], match[3]), self.data[match[4]][0], self.data[match[5]][0])
         elif line == "waitEndMove()":
             self.moves[-1:] = [Move(**{**vars(move), "stops": True}) for move in self.moves[-1:]]
             self.waited = True
@@ -240,10 +247,11 @@ class _Val3:
         else:
             (frame,) = self.data[point["fatherId"].removesuffix("[0]")]
             assert frame["fatherId"] == "world[0]"
-            pose, base = (staubli_pose(*(float(each[key]) for key in PLACE)) for each in (point, frame))
+            pose = staubli_pose(*(float(point[key]) for key in PLACE))
+            base = _standing(*(float(frame[key]) for key in PLACE))
         words = tuple(point[key] for key in ("shoulder", "elbow", "wrist") if key in point)
         stops = how["blend"] == "off" or not float(how["leave"])
-        mounted = staubli_pose(*(float(tool[key]) for key in PLACE))
+        mounted = _standing(*(float(tool[key]) for key in PLACE))
         slow = float(how["tmax"]) < 99999
         feed, percent = (float(how["tmax"]), None) if slow else (None, float(how["vel"]))
         name = {"j": "joint", "l": "line"}[kind]

@@ -61,17 +61,33 @@ def shift(x: float, y: float, z: float) -> Pose:
 
 def kuka_pose(x: float, y: float, z: float, a: float, b: float, c: float) -> Pose:
     """KUKA: A about z, then B about the new y, then C about the newest x."""
-    return shift(x, y, z) @ turn("z", a) @ turn("y", b) @ turn("x", c)
+    return fanuc_pose(x, y, z, c, b, a)
 
 
 def staubli_pose(x: float, y: float, z: float, rx: float, ry: float, rz: float) -> Pose:
     """Staubli: rx about x, then ry about the new y, then rz about the newest z."""
-    return shift(x, y, z) @ turn("x", rx) @ turn("y", ry) @ turn("z", rz)
+    (sx, cx), (sy, cy), (sz, cz) = ((math.sin(math.radians(a)), math.cos(math.radians(a))) for a in (rx, ry, rz))
+    return np.array(
+        [
+            [cy * cz, -cy * sz, sy, x],
+            [cx * sz + sx * sy * cz, cx * cz - sx * sy * sz, -sx * cy, y],
+            [sx * sz - cx * sy * cz, sx * cz + cx * sy * sz, cx * cy, z],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
 
 
 def fanuc_pose(x: float, y: float, z: float, w: float, p: float, r: float) -> Pose:
     """FANUC: W about x, then P about the fixed y, then R about the fixed z."""
-    return shift(x, y, z) @ turn("z", r) @ turn("y", p) @ turn("x", w)
+    (sx, cx), (sy, cy), (sz, cz) = ((math.sin(math.radians(a)), math.cos(math.radians(a))) for a in (w, p, r))
+    return np.array(
+        [
+            [cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx, x],
+            [sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx, y],
+            [-sy, cy * sx, cy * cx, z],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
 
 
 def kawasaki_pose(x: float, y: float, z: float, o: float, a: float, t: float) -> Pose:
