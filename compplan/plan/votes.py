@@ -143,8 +143,8 @@ def _vote_on_bounds(driven: Driven, joints: JointTable) -> list[str]:
         "acceleration": (task.acceleration_limits, joints.acceleration * scale.get("acceleration_scale", 1.0)),
         "effort": (task.robot.effort_limits, joints.effort),
     }  # fmt: skip
-    for name, (held, said) in pairs.items():
-        wide = np.flatnonzero(held > said + 1e-6 * (1.0 + np.abs(np.where(np.isfinite(said), said, 0.0))))
+    for name, (used, known) in pairs.items():
+        wide = np.flatnonzero(used > known + 1e-6 * (1.0 + np.abs(np.where(np.isfinite(known), known, 0.0))))
         if len(wide):
             found.append(f"the {name} of {joints.names[wide[0]]} is wider in the plan than in the robot folder")
     return found
