@@ -44,7 +44,7 @@ def test_the_stretch_within_reach_is_kept_and_the_first_row_beyond_is_named_with
     assert np.ptp(task.q_start[kept, 0]) > 2.0  # the rail goes along
     sentence = " ".join(task.start.notes)
     assert len(sentence) <= 300 and task.start.mend in sentence
-    assert f"the first is {np.ceil(first):.0f} " in sentence and "upper limit of joint_1" in sentence
+    assert f"the first is {np.ceil(first):.0f} " in sentence and "upper position limit of joint_1" in sentence
     shift = re.search(r"moved by ([-+]\d+) mm along y", sentence)
     assert shift is not None
     mended = build_task(*prepare_job(rail_job(tmp_path, float(shift[1]))))

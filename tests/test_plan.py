@@ -98,8 +98,9 @@ def test_without_its_limits_the_circle_out_of_limits_is_solved():
 
 def test_failing_waypoints_and_limits_are_named_in_a_sentence():
     sentence = cp.plan_job(shipped("limits_reach")).explain_failures()
-    assert " waypoints cannot be reached within the limits (correction limit; lower position limit" in sentence
-    assert "the first is waypoint 0 (s = 0.0 mm)" in sentence
+    assert "waypoints are out of reach, the first is waypoint 0 (s = 0 mm): lower position limit of joint_2" in sentence
+    assert "with the part moved by" in sentence and "plan.max_correction_mm stops others" in sentence
+    assert len(sentence) <= 300
 
 
 def test_the_tool_comes_to_a_contact_without_force_and_the_correction_comes_in_while_it_grows():

@@ -166,7 +166,9 @@ def plan_task(
     progress("virtual cell")
     clearance, near = check_clearance(task.start, command.q)
     bench = set_up_bench(task, command.q, timing, job)
-    stopped = {**find_jumps(task, command.q), **find_overloads(task, command.q, bench), **near}
+    lost = task.missed | np.r_[False, task.missed[:-1]]  # what is out of reach stands where it can
+    jumps = {waypoint: limit for waypoint, limit in find_jumps(task, command.q).items() if not lost[waypoint]}
+    stopped = {**jumps, **find_overloads(task, command.q, bench), **near}
     for waypoint, limit in (*find_buckling(task, command.q).items(), *command.failures.items()):
         stopped[waypoint] = f"{stopped[waypoint]}, {limit}" if waypoint in stopped else limit
     if stopped:

@@ -159,7 +159,8 @@ class Plan(Shown):
         length = self.task.nominal.arc_length[first] * 1e3
         if start is not None and start.mend:
             head = f"{len(failures)} of {len(self.task)} waypoints are out of reach, the first is waypoint {first}"
-            return f"{head} (s = {length:.0f} mm): {start.mend}"[:LONGEST]
+            others = "; plan.max_correction_mm stops others" if "correction limit" in failures.values() else ""
+            return f"{head} (s = {length:.0f} mm): {start.mend}{others}"[:LONGEST]
         groups = group_waypoints(sorted(failures))
         spans = ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in groups[:LISTED])
         more = ", ..." if len(groups) > LISTED else ""

@@ -173,8 +173,8 @@ def _say(
     room = np.minimum(best[0] - robot.lower, robot.upper - best[0])
     at = np.flatnonzero(room < np.where(robot.prismatic, 1e-3, settings.limit_room))
     sides = ["lower" if best[0, j] - robot.lower[j] < robot.upper[j] - best[0, j] else "upper" for j in at]
-    named = [f"{side} limit of {robot.joint_names[j]}" for j, side in zip(at, sides, strict=True)]
-    stopped = " and ".join(named[:2]) or "the length of the arm"
+    named = [f"{side} position limit of {robot.joint_names[j]}" for j, side in zip(at, sides, strict=True)]
+    stopped = " and ".join(named[:2]) or "the reach of the arm"
     verb = "stop" if len(named) > 1 else "stops"
     text = f"{stopped} {verb} it"
     shift = _find_shift(robot, nominal, tool_x, settings, axes, some, np.flatnonzero(~missed), miss)
