@@ -209,6 +209,7 @@ def test_tapped_holes_are_left_with_the_feed_and_holes_without_depth_refused(rea
         ("CYCLE/DRILL,10.,120.,MMPM,2.", 2.0),
         ("CYCLE/BRKCHP,DEPTH,10,STEP,2,IPM,12,CLEAR,2,3DCUT", 5.08),
         ("CYCLE/DRILL,RAPTO,2,FEDTO,-10,RTRCTO,20,MMPM,120", 2.0),
+        ("CYCLE/DEEP2,FEDTO,10.,1STPECK,5.,SUBPECK,2.,MMPM,120.,RAPTO,2.,RTRCTO,20.", 2.0),
     ],
 )
 def test_cycles_in_the_order_of_several_systems_end_at_their_depth(read, cycle: str, feed: float) -> None:
@@ -216,7 +217,7 @@ def test_cycles_in_the_order_of_several_systems_end_at_their_depth(read, cycle: 
     cut = ~cam.toolpath.rapid
     assert ((cam.toolpath.position * 1e3)[cut].round(9).tolist(), cut.sum()) == ([[5, 0, -10]], 1)
     assert cam.toolpath.feed[cut][0] * 1e3 == pytest.approx(feed)
-    assert cam.facts.cutting_length_mm == (10 if "1STPECK" in cycle else 12)
+    assert cam.toolpath.cutting_length * 1e3 == pytest.approx(10 if "DEEP," in cycle else 12)
 
 
 @pytest.mark.parametrize("word", ["1O", "1OO", "12OO", "5EE", "1.2.3", "1-", "9D"])

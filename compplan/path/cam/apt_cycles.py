@@ -12,9 +12,9 @@ DEPTH = {"DEPTH", "DEEP"}
 CLEAR, RETRACT = ("RAPTO", "CLEAR", "CLEARANCE"), ("RTRCTO", "RETURN")
 FEED_WORDS = {"MMPM", "MMPMIN", "IPM", "MMPR", "IPR", "PERMIN", "PERREV", "FEDRAT", "UPM", "UPR", "FPM", "MPM"}
 #: Words followed by a number that does not shape the path.
-OTHER = {"STEP", "DWELL", "CSINK", "PECK", "INCR", "DWELLR", "ORIENT", "RPM", "NUMBER", "CAM", "BOTTOM", "BRKCHP",
-         "1STPECK", "PECKMIN", "MINPECK", "DECR", "STEP1", "STEP2", "BACKFEED", "TPI", "PITCH", "MMPP", "TIMES", "REV",
-         "SPINDL", "OPTION", "CHIP", "SEC", "LEAD"}  # fmt: skip
+OTHER = {"1STPECK", "BACKFEED", "BOTTOM", "BRKCHP", "CAM", "CHIP", "CSINK", "DECR", "DWELL", "DWELLR", "INCR", "LEAD",
+         "MINPECK", "MMPP", "NUMBER", "OPTION", "ORIENT", "PECK", "PECKMIN", "PITCH", "REV", "RPM", "SEC", "SPINDL",
+         "STEP", "STEP1", "STEP2", "SUBPECK", "TIMES", "TPI"}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,10 @@ class Cycle:
 
 
 def read_cycle(fields: Sequence[float | str]) -> Cycle:
-    """Read CYCLE/kind with DEPTH, d or FEDTO, -d, CLEAR or RAPTO, c and MMPM, f; or their order without words.
+    """Read CYCLE/kind with DEPTH, d or FEDTO, d, CLEAR or RAPTO, c and MMPM, f; or their order without words.
 
-    In order, a feed stands after its unit or before it: CYCLE/kind, d, MMPM, f, c (ISO) or CYCLE/kind, d, f, IPM, c.
+    FEDTO is a depth of either sign. In order, a feed stands after its unit or before it:
+    CYCLE/kind, d, MMPM, f, c (ISO) or CYCLE/kind, d, f, IPM, c.
 
     Raises:
         ValueError: If a number belongs to no word that is known.
@@ -62,7 +63,7 @@ def read_cycle(fields: Sequence[float | str]) -> Cycle:
         if word in DEPTH:
             depth = abs(field)
         elif word == "FEDTO":
-            depth = -field
+            depth = abs(field)  # a hole lies below its point, whatever sign the system gives it
         elif word in CLEAR or word in RETRACT:
             levels[word] = field
         elif word in FEED_WORDS:

@@ -105,7 +105,8 @@ class CycleReader(ContourReader):
         if self.cycle is None:
             raise self.error("a cycle is called, and none that is read is defined")
         if self.cycle.number in OLD_DRILLING:
-            self._drill_old(self.cycle)
+            with self.log.hole():
+                self._drill_old(self.cycle)
         else:
             self._drill(self.cycle)
 
@@ -162,6 +163,11 @@ class CycleReader(ContourReader):
         return point[0], point[1], point[2]
 
     def _drill(self, cycle: Cycle) -> None:
+        """Carry out a cycle from 200 as one hole."""
+        with self.log.hole():
+            self._cut_hole(cycle)
+
+    def _cut_hole(self, cycle: Cycle) -> None:
         """Carry out a cycle from 200: to the clearance Q200 above the surface Q203, with Q206 by Q201, back."""
         values = cycle.values
         try:
@@ -173,7 +179,6 @@ class CycleReader(ContourReader):
         feed, out = self._cycle_feeds(cycle)
         first, bottom = surface + clear, surface + depth
         top = max(first, surface + values.get("Q204", 0.0))
-        self.log.counts["cycles"] += 1
         axis = (self.tool_axis,)
         self.course.rapid(self._level(first), axis)
         if self.options.cycles == "expand" and depth != 0.0:
@@ -250,7 +255,6 @@ class CycleReader(ContourReader):
         if parts[2] > 0.0 and parts[1] >= 0.0:
             raise self.error(f"CYCL DEF {cycle.number} with a depth above the surface is not read")
         start = self.course.position
-        self.log.counts["cycles"] += 1
         if self.options.cycles != "expand":
             self.log.note(f"drilling cycle {cycle.number} is left out: the tool moves rapidly above the holes "
                           "(option cycles)", self.line)  # fmt: skip

@@ -62,6 +62,11 @@ class CycleReader(MoveReader):
             self._drill(*self.modal)
 
     def _drill(self, called: str, numbers: list[float | None]) -> None:
+        """Carry out CYCLE8x as one hole."""
+        with self.log.hole():
+            self._cut_hole(called, numbers)
+
+    def _cut_hole(self, called: str, numbers: list[float | None]) -> None:
         """Carry out CYCLE8x(RTP, RFP, SDIS, DP, DPR, ..): from RFP + SDIS to DP, back to RTP.
 
         DPR, where it is not 0, is the depth below RFP in place of DP.
@@ -78,7 +83,6 @@ class CycleReader(MoveReader):
         if (bottom - surface) * sense > 0.0:
             raise self.error(f"{called} ends above its reference plane, expected a depth below RFP")
         feed, out = self._cycle_feeds(called, numbers)
-        self.log.counts["cycles"] += 1
         axis = (NORMALS[self.plane].index(1.0),)
         self.course.rapid(self._level(first), axis)
         if self.options.cycles == "expand":
