@@ -128,8 +128,8 @@ def find_difference(path: Followed, reading: Reading) -> str:
     at, share = 0, 1.0  # the move that the last row stands on, and how far along
     for i in range(1, len(rows)):
         point, last = rows[i], rows[i - 1]
-        if math.dist(point, last) <= 1e-9:
-            continue
+        if math.dist(point, last) <= 1e-9 or (share >= 1.0 and math.dist(point, moves[at][1].end) <= BESIDE):
+            continue  # still where the move ends: rows beside a rest stand nearer to it than that
         found = _advance(moves, at, share, point, last, rapid[i], loose, path.chord)
         if found is None:
             wanted = moves[min(at + (share >= 1.0), len(moves) - 1)][0]
