@@ -84,12 +84,12 @@ def write_sheet(plan: Plan, folder: Path | None) -> Section:
     rows[:0] = [[TableCell("Job", "strong"), plan.name], [TableCell("Verdict", "strong"), plan.verdict.sentence]]
     rows += [[TableCell("Before the machine moves", "bad"), stop] for stop in list_stops(plan.notes)]
     blocks: list[Block] = [PageTable([Column("Setup"), Column("")], rows)]
+    blocks.append("Set up by ______________________   Checked by ______________________   Date ______________")
     programs = [] if folder is None else list_programs(folder)
     if programs:
         cells: list[list[TableCell | str | float | int | None]] = [list(program) for program in programs]
         blocks.append(PageTable([Column("Program"), Column("lines"), Column("SHA-256, first 16 digits")], cells,
                                 "The file on the controller is this one if its checksum is the same."))  # fmt: skip
-    blocks.append("Set up by ______________________   Checked by ______________________   Date ______________")
     return Section("Setup sheet", blocks, "What has to stand on the machine as it stands here.", open=True)
 
 
