@@ -43,9 +43,9 @@ if TYPE_CHECKING:
     from compplan.job.force_prediction import ForcePrediction, predict_forces
     from compplan.job.job import Job, check_job, load_job
     from compplan.job.operations import split_job
-    from compplan.loop.campaign import PoseCampaign, design_campaign
+    from compplan.loop.campaign import design_campaign
     from compplan.loop.teach import Teaching, teach_part
-    from compplan.maps.survey import RobotMaps, map_robot
+    from compplan.maps.survey import map_robot
     from compplan.measure.campaign import Campaign
     from compplan.measure.reading import read_campaign
     from compplan.outputs.montecarlo import write_study
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from compplan.plan.compare import Comparison, compare_job
     from compplan.plan.evaluate import Evaluation, evaluate_run
     from compplan.plan.plan import Plan, PlanOptions, plan_compensation, plan_job
-    from compplan.posture.place import PlaceResult, place_part
+    from compplan.posture.place import place_part
     from compplan.program import Program, build_program, write_program
     from compplan.robot import Robot, load_robot, write_robot_folder
     from compplan.study.job_study import JobStudy, study_job
@@ -132,7 +132,7 @@ __all__ = [  # noqa: RUF022 (by subject)
     "read_toolpath", "write_toolpath", "place_toolpath", "Campaign", "read_campaign",
     # planning, step by step
     "Plan", "PlanOptions", "plan_job", "plan_compensation", "write_plan", "write_operations", "Posted",
-    "Comparison", "compare_job", "write_comparison", "ForcePrediction", "predict_forces", "PlaceResult", "place_part",
+    "Comparison", "compare_job", "write_comparison", "ForcePrediction", "predict_forces", "place_part",
     # the independent check
     "Cell", "build_cell", "run_cell", "Evaluation", "evaluate_run",
     # programs
@@ -141,9 +141,9 @@ __all__ = [  # noqa: RUF022 (by subject)
     "Diagnosis", "diagnose_campaign", "Effect", "EFFECTS", "fold_effects", "Prediction", "predict_campaign",
     "propose_measurements", "Identification", "identify_campaign",
     # measured parts
-    "Teaching", "teach_part", "PoseCampaign", "design_campaign",
+    "Teaching", "teach_part", "design_campaign",
     # studies and maps
-    "JobStudy", "Settings", "study_job", "write_study", "RobotMaps", "map_robot",
+    "JobStudy", "Settings", "study_job", "write_study", "map_robot",
     # errors
     "CompplanError", "InputError", "InfeasibleError",
 ]  # fmt: skip
