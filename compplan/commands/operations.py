@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,6 +34,7 @@ def carry_out_all(jobs: Sequence[Job], folder: Path, *, as_json: bool, note: str
     from compplan.outputs.plan import note_programs
     from compplan.plan.operations import summarise_operations
     from compplan.plan.plan import plan_job
+    from compplan.plan.result import replace_said
     from compplan.report.operations_page import say_operations
 
     name = jobs[0].data.get("name", "").rpartition(",")[0] or jobs[0].file.stem
@@ -43,7 +43,7 @@ def carry_out_all(jobs: Sequence[Job], folder: Path, *, as_json: bool, note: str
         with show_progress() as announce:
             announce(f"tool {job.label}")
             plan = note_programs(plan_job(job, progress=announce))
-            plans.append(replace(plan, notes=(note, *plan.notes)) if note and not plans else plan)
+            plans.append(replace_said(plan, (note, *plan.notes)) if note and not plans else plan)
     files = write_operations(plans, folder, name)
     summary = summarise_operations(plans, name)
     if as_json:

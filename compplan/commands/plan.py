@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -81,12 +80,13 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
     from compplan.outputs.plan import deliver_plan, note_programs, summarise_plan
     from compplan.plan.bending import tell_bending
     from compplan.plan.plan import plan_job
+    from compplan.plan.result import replace_said
     from compplan.report.provenance import describe_grade
     from compplan.report.style import format_length
 
     with show_progress(STAGES) as announce:
         plan = note_programs(plan_job(job, progress=announce))
-        plan = replace(plan, notes=(note, *plan.notes)) if note else plan
+        plan = replace_said(plan, (note, *plan.notes)) if note else plan
         announce("promise: where the true tip is")
         _ = plan.promise, plan.mismatch
         announce("write: programs, joints.csv, report.html")

@@ -19,7 +19,7 @@ from compplan.outputs.cell import write_plan_cell
 from compplan.path.events import ENDING, Event
 from compplan.path.toolpath import WRENCH_HEADERS
 from compplan.plan.compare import Comparison, summarise_comparison
-from compplan.plan.result import Plan, summarise_plan
+from compplan.plan.result import Plan, replace_said, summarise_plan
 from compplan.program import Program
 from compplan.robot import Array
 from compplan.statics.sensitivity import attain_pose
@@ -95,9 +95,7 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     vote = vote_on_delivery(folder, job.model_dump(by_alias=True, exclude_unset=True), Path(robot), wanted)
     if not vote.breaches and not vote.notes:
         return plan
-    told = replace(plan, breaches=(*plan.breaches, *vote.breaches), notes=(*plan.notes, *vote.notes))
-    told.__dict__.update({name: plan.__dict__[name] for name in ("promise", "mismatch") if name in plan.__dict__})
-    return told
+    return replace_said(plan, (*plan.notes, *vote.notes), (*plan.breaches, *vote.breaches))
 
 
 def _find_rows(some: Array, among: Array) -> NDArray[np.int_]:
@@ -203,7 +201,7 @@ def note_programs(plan: Plan) -> Plan:
         return plan
     program = make_program(plan)
     notes = [note for language in plan.job.output.programs for note in describe_program(program, language)]
-    return replace(plan, notes=(*plan.notes, *notes))
+    return replace_said(plan, (*plan.notes, *notes))
 
 
 def make_program(plan: Plan) -> Program:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -230,6 +230,15 @@ class Plan(Shown):
             chosen_posture=start is not None and start.stance is not None, force_model=model,
             sources=[f"{name} of {self.robot.name}: {text}" for name, text in self.robot.sources.items()],
         )  # fmt: skip
+
+
+def replace_said(plan: Plan, notes: tuple[str, ...], breaches: tuple[str, ...] | None = None) -> Plan:
+    """Return a plan with other notes, and breaches; what has been worked out from the rest of it stays known."""
+    breaches = plan.breaches if breaches is None else breaches
+    said = replace(plan, notes=notes, breaches=breaches)
+    kept = ("promise", "mismatch", "command_feed", "correction", *(("verdict",) if breaches == plan.breaches else ()))
+    said.__dict__.update({name: plan.__dict__[name] for name in kept if name in plan.__dict__})
+    return said
 
 
 def summarise_plan(plan: Plan) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from compplan.cell.response import POSTURES, find_shapes, ring
 from compplan.cell.vibration import Dynamics
@@ -88,7 +88,7 @@ def swing_arm(
     """
     places = np.unique(np.linspace(0, len(q) - 1, min(POSTURES, len(q))).astype(int))
     modes = find_shapes(dynamics, q[places])
-    level = norm.ppf((np.arange(DRAWS) + 0.5) / DRAWS)
+    level = ndtri((np.arange(DRAWS) + 0.5) / DRAWS)
     factors = np.exp(width * level - 0.5 * width**2)
     dampings = np.clip(damping * DAMPING_FACTOR ** level[(7 * np.arange(DRAWS)) % DRAWS], 1e-3, 0.9)
     error = np.empty((DRAWS, len(q), 3))

@@ -161,6 +161,10 @@ def read_krl(source: Path) -> list[Move]:
 PLACE = ("x", "y", "z", "rx", "ry", "rz")
 _VAL3_MOVE = re.compile(r"move([jl])\((\w+)\[(\w+)\],(\w+),(\w+)\)")
 _VAL3_FEED = re.compile(r"(\w+)\.tvel=(\w+)\[(\w+)\]")
+_VAL3_FOR = re.compile(r"for (\w+)=(\d+) to (\d+)")
+_VAL3_IF = re.compile(r"if (\w+)\[(\w+)\]>0")
+#: A line, what it says where it opens a block, and the lines of its blocks.
+_Val3Line = tuple[str, re.Match[str] | None, list[str], list[str] | None]
 #: Tool and base stay from move to move.
 _standing = lru_cache(maxsize=16)(staubli_pose)
 
@@ -178,6 +182,7 @@ class _Val3:
     scalars: dict[str, float] = field(default_factory=dict)
     waited: bool = True
     moves: list[Move] = field(default_factory=list)
+    blocks: dict[int, tuple[list[str], list[_Val3Line]]] = field(default_factory=dict)
 
     def call(self, name: str) -> None:
         root = ElementTree.fromstring((self.folder / f"{name}.pgx").read_text())
@@ -188,23 +193,37 @@ class _Val3:
         self.run(lines[1:-1])
 
     def run(self, lines: list[str]) -> None:
+        """Run lines; a block is laid out once, however often a loop comes to it."""
+        if id(lines) not in self.blocks:
+            self.blocks[id(lines)] = (lines, self.lay_out(lines))
+        for line, match, first, other in self.blocks[id(lines)][1]:
+            if match is None:
+                self.step(line)
+            elif other is None:
+                for number in range(int(match[2]), int(match[3]) + 1):
+                    self.scalars[match[1]] = number
+                    self.run(first)
+            else:
+                self.run(first if float(self.element(match[1], match[2])["value"]) > 0 else other)
+
+    def lay_out(self, lines: list[str]) -> list[_Val3Line]:
+        """Return lines with what they open: the lines of a loop, or both branches of an if."""
+        laid: list[_Val3Line] = []
         row = 0
         while row < len(lines):
             line = lines[row]
-            if match := re.fullmatch(r"for (\w+)=(\d+) to (\d+)", line):
+            if match := _VAL3_FOR.fullmatch(line):
                 end = self.find(lines, row, "endFor", "for ")
-                for number in range(int(match[2]), int(match[3]) + 1):
-                    self.scalars[match[1]] = number
-                    self.run(lines[row + 1 : end])
+                laid.append((line, match, lines[row + 1 : end], None))
                 row = end
-            elif match := re.fullmatch(r"if (\w+)\[(\w+)\]>0", line):
+            elif match := _VAL3_IF.fullmatch(line):
                 end, other = (self.find(lines, row, word, "if ") for word in ("endIf", "else"))
-                positive = float(self.element(match[1], match[2])["value"]) > 0
-                self.run(lines[row + 1 : other] if positive else lines[other + 1 : end])
+                laid.append((line, match, lines[row + 1 : other], lines[other + 1 : end]))
                 row = end
             else:
-                self.step(line)
+                laid.append((line, None, [], None))
             row += 1
+        return laid
 
     @staticmethod
     def find(lines: list[str], row: int, word: str, opening: str) -> int:
