@@ -82,6 +82,7 @@ ARCS = {
     "CIP X20 Y10 I1=17.0710678 J1=2.9289322": ([20, 10, 10], 5 * math.pi),
     "CT X20 Y10": ([20, 10, 10], 5 * math.pi),
     "G111 X10 Y10\nG3 AP=0 RP=10": ([20, 10, 10], 5 * math.pi),
+    "G3 X10 Y0 Z4 I0 J10 TURN=2": ([10, 0, 4], math.hypot(60 * math.pi, 6)),
     "G3 X20 Y10 Z6 I0 J10 TURN=2": ([20, 10, 6], math.hypot(45 * math.pi, 4)),
 }
 
@@ -252,7 +253,7 @@ REFUSED = [
     ("G1 X9 F9 RND=5\nG0 Y9", "no cutting move after"), ("G147 X5 DISR=2", "soft approach"),
     ("CYCLE81(20,0,2)", "no depth"),
     ("HOLES2(0,0,9,0,0,4)", "no drilling cycle"), ("MCALL L5", "L5"), ("CYCLE81(20,0,2,5)", "above its reference"),
-    ("G3 X0 Y0 I5 TURN=2 F9", "one turn more or not"), ("G1 X5 B30 F9", "otary"), ("WHEN TRUE DO M8", "WHEN"),
+    ("G1 X5 B30 F9", "otary"), ("WHEN TRUE DO M8", "WHEN"),
     ("G1 X5 SUPA\nG1 X6 F9", "not known"),
 ]  # fmt: skip
 

@@ -73,6 +73,15 @@ def test_a_turned_and_a_shifted_frame_carry_every_point() -> None:
     assert _ends("G0 X0 Y0 Z0\nG68 X0 Y0 R90\nG1 X10 F60\nG69\nX0 Y0\n") == [[0, 0, 0], [0, 10, 0], [0, 0, 0]]
     assert _ends("G0 X0 Y0 Z0\nG52 X5\nG1 X10 F60\nG52 X0\nX0\n") == [[0, 0, 0], [15, 0, 0], [0, 0, 0]]
     assert _ends("G0 X10 Y0 Z0\nG92 X0\nG1 X1 F60\n") == [[10, 0, 0], [11, 0, 0]]
+    assert _ends("G0 X10 Y0 Z0\nG92 X0\nG92.2\nG92.3\nG1 X1 F60\n") == [[10, 0, 0], [11, 0, 0]]
+
+
+def test_what_leads_from_home_is_no_move_of_the_part() -> None:
+    assert _ends("G28\nG1 Z2 F60\nX10 Y20\nX30\n") == [[10, 20, 2], [30, 20, 2]]
+    with pytest.raises(CannotTellError, match="only the machine knows"):
+        _ends("G28\nG1 Z2 F60\nG2 X10 Y20 I5\n")
+    with pytest.raises(CannotTellError, match="after G92 is dropped"):
+        _ends("G92 X0 Y0 Z0\nG1 X10 F60\nG92.1\nG1 X20\n")
 
 
 @pytest.mark.parametrize("text", ["G41 D1", "G1 A30 F60", "G2 X5", "G12 I5", "/G1 X5", "G55\nG0 X1", "G1 X1 U2", "?"])
@@ -122,3 +131,19 @@ def test_another_axis_and_another_feed_are_seen() -> None:
     assert "axis" in find_difference(replace(path, axis=axis), read)
     assert "feed" in find_difference(replace(path, feed=np.full(len(path.rapid), 2e-3)), read)
     assert LINE == 1
+
+
+def _drilled(*heights: float, fast: str) -> str:
+    """Say how a hole to Z-9 from Z2, a row at each height, differs from G83; f: a row at rapid speed."""
+    read = read_gcode("G0 X0 Y0 Z2\nG83 Z-9 R2 Q4 F60\n", {})
+    rows = np.array([[0.0, 0.0, 2e-3], *([0.0, 0.0, height * 1e-3] for height in heights)])
+    rapid = np.array([True, *(letter == "r" for letter in fast)])
+    return find_difference(Followed(rows, np.tile([0.0, 0, 1], (len(rows), 1)), rapid), read)
+
+
+def test_a_drill_draws_back_fast_and_comes_again_no_deeper_than_it_has_cut() -> None:
+    assert _drilled(-2, 2, -1.7, -6, 2, -5.7, -9, 2, fast="frrfrrfr") == ""
+    assert _drilled(-2, 2, -2.1, -9, 2, fast="frrfr")
+    assert _drilled(-2, 2, -1.7, -6, 2, fast="frrfr")
+    assert _drilled(-2, 2, -1.7, -9, 2, fast="frrrr")
+    assert _drilled(-9, 2, fast="rr")

@@ -15,14 +15,7 @@ NAMES = [case.file.name for case in CASES]
 #: Programs that the second reader cannot tell yet.
 SECOND_CANNOT = {".mpf", ".h", ".cls", ".aptsource", ".ncl"}
 #: Programs that the first reader does not read as they are, and what it does instead. Nothing may be added.
-OPEN: dict[str, str] = {
-    "fusion_drill.nc": "the path read goes another way at waypoint 12; a second read",
-    "g92_shift.nc": "the path read begins 14.14 mm from where the second reader b",
-    "marlin_cura.gcode": "the path read begins 22.41 mm from where the second reader b",
-    "nx_cls_arc.cls": "the path read goes another way at waypoint 2; a second readi",
-    "prusaslicer.gcode": "the path read begins 130.9 mm from where the second reader b",
-    "sinumerik_nx.mpf": "refused: a full circle with TURN= may be meant with one turn",
-}
+OPEN: dict[str, str] = {}
 
 
 def test_there_are_forty_programs_with_heads_and_ends() -> None:

@@ -51,6 +51,7 @@ class _Move:
         self.kind, self.line = int(reading.kind[k]), int(reading.line[k])
         self.start, self.end = start, _point(reading.end[k])
         self.drill = bool(reading.drill[k])
+        self.reached = 0.0  # share that a drill has cut: so far it may draw back and come again fast
         self.length = math.dist(self.start, self.end)
         if self.kind == ARC:
             self._lay_out(reading, k)
@@ -136,7 +137,7 @@ def find_difference(path: Followed, reading: Reading) -> str:
             return _tell(reading, wanted, f"goes another way at waypoint {i}")
         at, share = found
         k, move = moves[at]
-        wanted_feed = 0.0 if move.kind == RAPID else float(reading.feed[k])
+        wanted_feed = 0.0 if rapid[i] else float(reading.feed[k])
         if path.feed is not None and wanted_feed > 0.0 and abs(path.feed[i] / wanted_feed - 1.0) > FEED_SHARE:
             feeds = f"{60e3 * path.feed[i]:.4g} mm/min, programmed are {60e3 * wanted_feed:.4g}"
             return _tell(reading, k, f"has a feed of {feeds} at waypoint {i}")
@@ -174,15 +175,21 @@ def _advance(
     first = at
     while at < len(moves):
         move = moves[at][1]
-        if (at > first or share < 1.0) and (move.kind == RAPID) == rapid:
+        drawn = rapid and move.drill and at == first
+        if (at > first or share < 1.0) and (drawn or (move.kind == RAPID) == rapid):
             before = share if at == first else 0.0
             off, along = move.locate(point, before)
             room = loose + (chord if move.kind == ARC else 0.0)
-            if off <= room and (move.drill or along >= before - loose / max(move.length, 1e-12)):
+            slack = loose / max(move.length, 1e-12)
+            if off <= room and (along <= move.reached + slack if drawn else move.drill or along >= before - slack):
+                move.reached = max(move.reached, along)
                 return at, along
         passed = at == first and share >= 1.0  # to leave a move the row before has to reach its end, or the step to
         if not passed and move.length > SHORT and _miss(last, point, move.end) > loose:
             return None
+        rest = move.length if at > first else math.dist(last, move.end) * (loose <= BESIDE)
+        if not passed and rest > max(SHORT, loose) and (move.kind == RAPID) != rapid:
+            return None  # a rapid step takes the place of no cut, nor a cut that of a rapid move
         at += 1
     return None
 

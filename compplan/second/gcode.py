@@ -56,6 +56,9 @@ class GCode:
     changed: bool = False
     work: float | None = None
     origin: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    kept: list[float] | None = None
+    declared: bool = False
+    adrift: bool = False
     local: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     turned: tuple[float, float, float] | None = None
     angles: dict[str, float] = field(default_factory=dict)
@@ -191,7 +194,11 @@ class GCode:
     def _declare(self, has: dict[str, float], code: float) -> None:
         """G92: the place where the machine stands gets new numbers; where nobody knows it they are its place."""
         if code != 92:
-            self.origin = [0.0, 0.0, 0.0]
+            if code == 92.3 and self.kept is None:
+                raise CannotTellError("G92.3 of an offset from before the file", self.machine.record.line)
+            self.origin = list(self.kept or ()) if code == 92.3 else [0.0, 0.0, 0.0]
+            self.adrift = self.declared and code != 92.3
+            self.kept = [0.0, 0.0, 0.0] if code == 92.1 else self.kept
             self._set_frame()
             return
         if self.turned is not None:
@@ -202,7 +209,9 @@ class GCode:
                 value = has[axis] * self.scale
                 if math.isnan(here[k]):
                     here[k] = value + self.local[k] + self.origin[k]
+                    self.declared = True
                 self.origin[k] = here[k] - value - self.local[k]
+        self.kept = list(self.origin)
         self.machine.shift = [self.origin[k] + self.local[k] for k in range(3)]
         self.machine.at = [here[k] - self.machine.shift[k] for k in range(3)]
 
@@ -244,6 +253,8 @@ class GCode:
                 self.modal = code if code in (0, 1, 2, 3) else self.modal
         if not any(axis in has for axis in "XYZABCIJKRUVW"):
             return
+        if self.adrift:
+            raise CannotTellError("moves after G92 is dropped that said where the tool is", self.machine.record.line)
         if any(axis in has for axis in "UVW"):
             raise CannotTellError("words U, V, W", self.machine.record.line)
         if any(axis in has for axis in ROTARY):

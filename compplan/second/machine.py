@@ -58,6 +58,7 @@ class Machine:
         matrix, shift: From the program's frame to the part's.
         feed: As programmed, mm/min, mm/turn or 1/min as `feed_mode` (94, 95, 93) says; None before the first.
         axis: Tool axis in the part frame, tip to spindle.
+        homed: Whether it has gone to a place of the machine.
         been_home: Whether it has left the part for a place of the machine.
         height: Greatest height of a rapid move so far, part frame. [mm]
         left: Where it left the part for a place of the machine, or None.
@@ -74,6 +75,7 @@ class Machine:
     spindle: float = 0.0
     axis: tuple[float, ...] = (0.0, 0.0, 1.0)
     been_home: bool = False
+    homed: bool = False
     height: float = -math.inf
     left: list[float] | None = None
 
@@ -101,20 +103,29 @@ class Machine:
     def straight(self, kind: int, target: Sequence[float], *, drill: bool = False, speed: float | None = None) -> None:
         """Move to a place of the program's frame on a line."""
         if kind != RAPID:
-            target = self.begin_cut(target)
+            target = self.begin_cut(target, through=not drill)
         start, self.at = self.at, list(target)
         if not any(map(math.isnan, self.at)):
+            kind = RAPID if any(map(math.isnan, start)) and not self.record.rows else kind
             self._come_back(kind)
             length = math.dist(start, target)
             rate = self.speed(0.0 if math.isnan(length) else length) if speed is None else speed
             self.record.move(kind, self.place(self.at), rate, self.axis, drill=drill)
 
-    def begin_cut(self, target: Sequence[float]) -> list[float]:
-        """Let a cut begin where nobody has said: at zero by custom, where the machine has not been elsewhere."""
+    def begin_cut(self, target: Sequence[float], *, through: bool = False) -> list[float]:
+        """Let a cut begin where nobody has said: at zero by custom, where the machine has not been elsewhere.
+
+        Args:
+            target: Where it leads.
+            through: Whether it may begin at home, whose place the machine keeps: then it is no move of the part.
+
+        """
         unknown = [k for k in range(3) if math.isnan(self.at[k])]
         if not unknown:
             return list(target)
-        if self.been_home or self.matrix != UNIT:
+        if self.homed and not self.record.rows and through:
+            return list(target)  # a printer on its way from home
+        if self.homed or self.been_home or self.matrix != UNIT:
             raise CannotTellError("a cut from where only the machine knows", self.record.line)
         for k in unknown:
             self.at[k] = -self.shift[k]
@@ -191,6 +202,7 @@ class Machine:
 
     def forget(self, axes: Sequence[int]) -> None:
         """Some axes went to a place that only the machine knows."""
+        self.homed = True
         self.been_home = self.been_home or not any(math.isnan(self.at[axis]) for axis in axes)
         here = self.place(self.at)
         if not any(map(math.isnan, here)):

@@ -15,6 +15,7 @@ from compplan.path.cam.gcode_state import AXES, State
 from compplan.path.cam.gcode_text import TextReader
 from compplan.path.cam.options import CamTable
 
+DECLARED = "moves after the G92 origin is dropped are left out: how it lies to the work offset is not known"
 OUTSIDE = "cuts in other work offsets than the part frame's (wcs) are left out"
 
 
@@ -107,11 +108,11 @@ class FrameReader(TextReader):
 
     def _run_once(self, code: float, values: dict[str, float]) -> None:
         """Carry out a code that takes the coordinates of its block for itself."""
-        state, named = self.state, [axis for axis in range(3) if AXES[axis] in values]
+        named = [axis for axis in range(3) if AXES[axis] in values]
         if code in (92.0, 52.0):
             self._offset(code, {axis: values[AXES[axis]] for axis in named})
         elif code in OFFSETS:
-            state.clear_origin()
+            self._drop_offset(code)
         elif code == 10.0:
             self._set_offset(values)
         elif code in (28.0, 30.0):
@@ -155,6 +156,30 @@ class FrameReader(TextReader):
             self.log.shift((step[0], step[1], step[2]))
         if lost != state.lost or (cutting and state.position != before):
             self.path.rapid(state.position)
+
+    def _drop_offset(self, code: float) -> None:
+        """Carry out G92.1 and G92.2, which drop what G92 set, and G92.3, which brings back what G92.2 dropped.
+
+        Raises:
+            InputError: If an offset from before the program comes back.
+
+        """
+        state = self.state
+        if code == 92.3:
+            if state.kept_origin is None:
+                raise self.error("G92.3 brings back an offset from before this program, which is not known; "
+                                 "set it with G92 in the file")  # fmt: skip
+            state.origin = state.kept_origin
+            self.path.unmute(DECLARED)
+            return
+        state.clear_origin(keep=code == 92.2)
+        if state.declared:
+            self.log.note(DECLARED, self.line)
+            refusal = (
+                f"a cut after G{code:g}, which drops the origin that G92 set where the tool stood: how it lies to the "
+                "work offset is not known; end the cuts before it, or let a move to X Y Z come before G92"
+            )
+            self.path.mute(DECLARED, refusal)
 
     def _move_in_machine(self, values: dict[str, float]) -> None:
         """Carry out a move in machine coordinates (G53) where the work offset in force is known, else leave it out."""

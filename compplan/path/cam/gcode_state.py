@@ -19,7 +19,8 @@ class State:
     """Hold the modal state of a program.
 
     Positions stand in the frame that is in force at the first cut; `origin` is where the program's own origin stands
-    in it since then (G92, G52), `base` where that of the work offset in force does.
+    in it since then (G92, G52), `base` where that of the work offset in force does. `kept_origin` is what G92.3 brings
+    back, `declared` the axes whose place is known by G92 alone.
     """
 
     scale: float
@@ -40,6 +41,8 @@ class State:
     tool_name: str = ""
     changes_by_t: bool = False
     origin: Point = (0.0, 0.0, 0.0)
+    kept_origin: Point | None = None
+    declared: set[int] = field(default_factory=set)
     shift: Point = (0.0, 0.0, 0.0)
     base: Point = (0.0, 0.0, 0.0)
     offsets: Offsets = field(default_factory=Offsets)
@@ -107,18 +110,22 @@ class State:
                      "let a rapid move (G0) above the part come first", line)  # fmt: skip
 
     def set_origin(self, coordinates: Mapping[int, float]) -> None:
-        """Give the present position new coordinates (G92), in program units."""
+        """Give the present position new coordinates (G92), in program units.
+
+        Where nobody knows the position they are its place; else the origin moves, before the first cut as after it.
+        """
         position, origin = list(self.position), list(self.origin)
         for axis, number in coordinates.items():
             value = number * self.scale
-            if not self.moved or axis in self.lost:
-                position[axis] = value + self.zero(axis)  # nothing was cut yet, or the place was lost: here it is
+            if axis in self.lost or (axis not in self.known and not self.moved):
+                position[axis] = value + self.zero(axis)
                 self.lost.discard(axis)
                 self.known.add(axis)
+                self.declared.add(axis)
             else:
                 origin[axis] = position[axis] - value - self.shift[axis] - self.base[axis]
         self.position = position[0], position[1], position[2]
-        self.origin = origin[0], origin[1], origin[2]
+        self.origin = self.kept_origin = origin[0], origin[1], origin[2]
 
     def set_shift(self, coordinates: Mapping[int, float]) -> None:
         """Shift the program's origin (G52), in program units."""
@@ -127,8 +134,10 @@ class State:
             shift[axis] = number * self.scale
         self.shift = shift[0], shift[1], shift[2]
 
-    def clear_origin(self) -> None:
-        """Drop what G92 set."""
+    def clear_origin(self, *, keep: bool) -> None:
+        """Drop what G92 set (G92.1), or keep it for G92.3 (G92.2)."""
+        if not keep:
+            self.kept_origin = (0.0, 0.0, 0.0)
         self.origin = (0.0, 0.0, 0.0)
 
     def set_feed(self, number: float) -> None:

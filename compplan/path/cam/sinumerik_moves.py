@@ -310,7 +310,8 @@ class MoveReader(FrameReader):
             raise self.error("arc has neither a centre (I J K) nor a radius (CR=), an angle (AR=) or a pole")
         flat = math.dist(_flat(start, normal), _flat(target, normal)) < 1e-9
         if flat and turns:
-            raise self.error("a full circle with TURN= may be meant with one turn more or not; write it in parts")
+            note = f"a full circle with TURN={turns:g} is read as {turns + 1:g} turns: TURN adds to the circle itself"
+            self.log.note(note, self.line)
         count = int(turns) + 1
         way = arc_about(start, target, centre, normal, right_hand=right_hand, turns=count).length
         feed = self._block_feed(words, way)
