@@ -24,8 +24,9 @@ myst_heading_anchors = 3
 #: Pages are also read in the repository, where they link to files that are no pages: those links stay as they are.
 suppress_warnings = ["myst.xref_missing", "myst.header"]
 
-# Notebooks are kept without outputs; COMPPLAN_DOCS_EXECUTE=1 (set in CI) runs each and fails where one does.
-nb_execution_mode = "force" if os.environ.get("COMPPLAN_DOCS_EXECUTE") == "1" else "off"
+# Notebooks are kept without outputs; the build runs each, keeps the outputs, and fails where one does.
+# COMPPLAN_DOCS_EXECUTE=0 builds without them.
+nb_execution_mode = "off" if os.environ.get("COMPPLAN_DOCS_EXECUTE") == "0" else "cache"
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 
