@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 #: Words of ours that a reader would have to look up, and what is said instead (docs/glossary.md).
 RIDDLES = {
-    r"\bthe promise\b": "the 95 % band", r"\bthe judge\b": "the independent check", r"\blessons?\b": "what a part teaches",
+    r"\bthe promise\b": "the 95 % band", r"\bthe judge\b": "the independent check", r"\blessons?\b": "a part teaches",
     r"held-out floor": "noise floor of fresh poses", r"grade scaled": "springs are scaled", r"\bties honest\b": "",
     r"\basked once\b": "", r"\bown seeds?\b": "", r"\bpushed back\b": "",
 }  # fmt: skip
@@ -92,6 +92,9 @@ def read_prose(file: Path) -> str:
     return re.sub(r"\n- ", "\n\n", re.sub(r"[*`]", "", text))
 
 
-@pytest.mark.parametrize("name", ["README.md", "docs/first_part.md", "docs/loop.md", "docs/programs.md", "docs/limits.md"])
+FIRST_PAGES = ("README.md", "docs/first_part.md", "docs/loop.md", "docs/programs.md", "docs/limits.md")
+
+
+@pytest.mark.parametrize("name", FIRST_PAGES)
 def test_first_pages_read_at_school_grade_ten_or_below(name: str) -> None:
     assert textstat.flesch_kincaid_grade(read_prose(ROOT / name)) <= 10.0
