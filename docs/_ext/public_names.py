@@ -1,4 +1,4 @@
-"""The directive `public-names`: every name of `compplan.__all__` with its docstring, by the room it lives in."""
+"""The directive `public-names ROOM ..`: the names of `compplan.__all__` that live in some rooms, with docstrings."""
 
 from __future__ import annotations
 
@@ -19,17 +19,19 @@ TITLES = {
 
 
 class PublicNames(SphinxDirective):
-    """List the public names by room."""
+    """List the public names of some rooms; with one room without a heading for it."""
+
+    required_arguments = 1
+    final_argument_whitespace = True
 
     def run(self) -> list[nodes.Node]:
         """Write one autodoc directive a name and let it be parsed."""
-        rooms: dict[str, list[str]] = {}
-        for name in compplan.__all__:
-            rooms.setdefault(compplan._HOME[name].split(".")[0], []).append(name)
+        wanted = self.arguments[0].split()
         lines: list[str] = []
-        for room in [*(r for r in TITLES if r in rooms), *(r for r in rooms if r not in TITLES)]:
-            lines += [f"## {TITLES.get(room, room)}", ""]
-            for name in sorted(rooms[room], key=str.lower):
+        for room in wanted:
+            names = [name for name in compplan.__all__ if compplan._HOME[name].split(".")[0] == room]
+            lines += [f"## {TITLES[room]}", ""] if len(wanted) > 1 and names else []
+            for name in sorted(names, key=str.lower):
                 lines += ["```{eval-rst}", *self.describe(name), "```", ""]
         return self.parse_text_to_nodes("\n".join(lines), allow_section_headings=True)
 
