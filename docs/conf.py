@@ -55,7 +55,14 @@ def shorten_signature(
     return tuple(text and text.replace(ARRAY, "Array") for text in (signature, returns))
 
 
+def link_notebooks(app: object, docname: str, source: list[str]) -> None:
+    """Let links to notebook files, which work in the repository, lead to their pages: the folder is a symbolic link."""
+    link = r"\[([^\]]+)\]\((?:\.\./)?notebooks/(\w+)\.ipynb\)"
+    source[0] = re.sub(link, r"{doc}`\1 </notebooks/\2>`", source[0])
+
+
 def setup(app) -> None:
     """Register the hooks."""
+    app.connect("source-read", link_notebooks)
     app.connect("autodoc-process-docstring", escape_docstring, priority=100)
     app.connect("autodoc-process-signature", shorten_signature)
