@@ -13,7 +13,6 @@ from compplan.job.job import Job, check_job
 from compplan.plan import stability
 from compplan.plan.plan import prepare_job
 from compplan.plan.stability import Stability, judge_stability
-from compplan.posture import chatter
 
 MILL = {"model": "end_mill", "diameter_mm": 10.0, "teeth": 3, "spindle_rpm": 6000.0, "material": "al7075_t6",
         "stock": {"block_mm": [[-12.0, -20.0, -30.0], [12.0, 20.0, 0.0]]}}  # fmt: skip
@@ -41,8 +40,6 @@ def judge(folder: Path, avoid: bool) -> Stability:
 
 def test_a_slot_that_chatters_is_cut_in_a_posture_in_which_it_does_not(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(stability, "_draw_map", lambda *_: None)  # the map over speeds is not asked for
-    for module, name, few in ((stability, "POSTURES", 3), (chatter, "STATIONS", 2), (chatter, "LOOKED", 6)):
-        monkeypatch.setattr(module, name, few)
     plain, avoided = judge(tmp_path, False), judge(tmp_path, True)
     cut = int((plain.multiplier > 0.0).sum())
     assert plain.unstable.sum() > 0.8 * cut and avoided.unstable.sum() == 0
