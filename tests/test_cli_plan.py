@@ -20,6 +20,8 @@ PATHS = Path(__file__).parents[1] / "paths"
 def small_job(tmp_path):
     """Write a small job beside no other file."""
     text = (PATHS / "circle_10mm.toml").read_text(encoding="utf-8").replace("waypoints = 500", "waypoints = 80")
+    assert "[plan]" in text
+    text = text.replace("[plan]", "[plan]\ninertia = false")  # the tip at rest is asked for
     file = tmp_path / "circle.toml"
     file.write_text(text, encoding="utf-8")
     return file
