@@ -35,6 +35,8 @@ SURE = re.compile(
     r"\b(CR|SPOS|TURN|AR)=|^[ \t]*(N\d+[ \t]*)?R\d+\s*=|[ABC]3=",
     re.MULTILINE | re.IGNORECASE,
 )
+#: A comment of other dialects in brackets: what a cutter is called there (CR=0) is no word of the program.
+BRACKETED = re.compile(r"(?<![\w=])\((?!\")[^()\n]*\)")
 #: The number of a Fanuc program, which no Sinumerik program has.
 PROGRAM_NUMBER = re.compile(r"^[ \t]*O\d{1,8}\b", re.MULTILINE)
 HEAD = re.compile(r"\s*%_N_(\w+?)_(MPF|SPF)\b", re.IGNORECASE)
@@ -44,7 +46,7 @@ PROC = re.compile(r"\s*(?:N\d+\s*)?PROC\s+(\w+)", re.IGNORECASE)
 
 def recognise(text: str) -> int:
     """Tell whether a text is of a Sinumerik control: 1 for G-code of no mark, which the ending decides."""
-    sure = SURE.search(text) is not None and PROGRAM_NUMBER.search(text) is None
+    sure = SURE.search(BRACKETED.sub("", text)) is not None and PROGRAM_NUMBER.search(text) is None
     return 2 if sure else int(BEGINNING.search(text) is not None)
 
 
