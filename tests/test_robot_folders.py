@@ -126,7 +126,10 @@ def test_the_controller_counts_every_joint_and_its_words_refer_to_things_that_ex
         "coupling",
         "configuration",
         "world",
+        "pendant",
     }
+    pendant = table["pendant"]  # the maker's flange frame: two unit axes across each other, and where they come from
+    assert np.dot(pendant["x"], pendant["z"]) == pytest.approx(0.0, abs=1e-9) and len(pendant["source"]) > 10
     assert len(table["sign"]) == len(table["zero_deg"]) == len(table["joint_names"]) == model.nq
     assert set(table["sign"]) <= {-1, 1}
     assert np.shape(table.get("coupling", np.zeros((model.nq, model.nq)))) == (model.nq, model.nq)
