@@ -3,7 +3,9 @@
 python -m benchmarks.planted [--list FILE] [--only WORD] [--out FILE]
 
 A list is a TOML file of [[mistake]] tables: name, area, file (in compplan/), old, new (text of that file, old replaced
-once), job (one of JOBS). Each is put into a copy of the package, the job is planned with it, and the status is read.
+once), job (one of JOBS, or of the list's own [[job]] tables: name, path, text, job). Each is put into a copy of the
+package, the job is planned with it, and the status is read. planted.toml is by the author of the votes,
+planted_blind.toml by someone who had not read them.
 """
 
 from __future__ import annotations
@@ -75,13 +77,18 @@ JOBS: dict[str, tuple[str, str, dict[str, str]]] = {
 }
 
 
-def write_job(folder: Path, name: str) -> Path:
-    path, text, words = JOBS[name]
+def write_job(folder: Path, name: str, own: dict[str, dict[str, str]]) -> Path:
+    """Write a job and its path file: one of the list's own, else of JOBS."""
     folder.mkdir(parents=True, exist_ok=True)
+    job = folder / f"{name}.toml"
+    if name in own:
+        (folder / own[name]["path"]).write_text(own[name]["text"])
+        job.write_text(own[name]["job"])
+        return job
+    path, text, words = JOBS[name]
     (folder / path).write_text(text)
     said = {"robot": "kuka_kr240", "place": "1800.0, 100.0, 700.0", "inertia": "false", "plan": "",
             "programs": PROGRAMS, "path": path, **words}  # fmt: skip
-    job = folder / f"{name}.toml"
     job.write_text(JOB.format(**said))
     return job
 
@@ -101,14 +108,14 @@ def plan_with(package: Path, job: Path) -> tuple[str, str]:
         return f"exit {done.returncode}", said
 
 
-def run_mistakes(mistakes: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+def run_mistakes(mistakes: list[dict[str, Any]], own: dict[str, dict[str, str]]) -> Iterator[dict[str, Any]]:
     """Plan with every mistake; the plan without any comes first."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         shutil.copytree(ROOT / "compplan", folder / "compplan", ignore=shutil.ignore_patterns("__pycache__"))
         (folder / "robots").symlink_to(ROOT / "robots")
         for name in sorted({str(mistake["job"]) for mistake in mistakes}):
-            status, said = plan_with(folder / "compplan", write_job(folder / "clean" / name, name))
+            status, said = plan_with(folder / "compplan", write_job(folder / "clean" / name, name, own))
             yield {"name": f"without a mistake, {name}", "area": "", "status": status, "said": said}
         for number, mistake in enumerate(mistakes):
             file = folder / "compplan" / mistake["file"]
@@ -118,7 +125,7 @@ def run_mistakes(mistakes: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
                 continue
             file.write_text(text.replace(mistake["old"], mistake["new"], 1), encoding="utf-8")
             try:
-                status, said = plan_with(folder / "compplan", write_job(folder / str(number), mistake["job"]))
+                status, said = plan_with(folder / "compplan", write_job(folder / str(number), mistake["job"], own))
             finally:
                 file.write_text(text, encoding="utf-8")
             yield {**mistake, "status": status, "said": said}
@@ -131,10 +138,10 @@ def main() -> int:
     parser.add_argument("--only", default="", help="Those whose name or area has this word.")
     parser.add_argument("--out", type=Path, help="JSON file of what came of them.")
     asked = parser.parse_args()
-    mistakes = tomllib.loads(asked.list.read_text(encoding="utf-8"))["mistake"]
-    mistakes = [entry for entry in mistakes if asked.only in f"{entry['name']} {entry['area']}"]
+    listed = tomllib.loads(asked.list.read_text(encoding="utf-8"))
+    mistakes = [entry for entry in listed["mistake"] if asked.only in f"{entry['name']} {entry['area']}"]
     found = []
-    for row in run_mistakes(mistakes):
+    for row in run_mistakes(mistakes, {job["name"]: job for job in listed.get("job", [])}):
         found.append(row)
         print(f"{row['area']:12} {row['name']:45} {row['status']:14} {row['said'][:160]}", flush=True)
     planted = [row for row in found if row["area"]]
