@@ -77,7 +77,7 @@ def write_job(**tables: dict) -> dict:
         "toolpath": {"generator": "circle", "radius_mm": 15.0, "waypoints": 40, "feed_mm_s": 20.0, "approach_mm": 5.0},
         "part": {"position_mm": [1500.0, 0.0, 183.0]},
         "process": {"model": "constant", "force_N": [300.0, 200.0, 1000.0]},
-        "plan": {"strategy": "nlp", "rotate_about_tool_axis": False, "configuration": {"elbow": "up"}, "inertia": False},
+        "plan": {"rotate_about_tool_axis": False, "configuration": {"elbow": "up"}, "inertia": False},
         "sampling": {"chord_mm": 0.02},
     }  # fmt: skip
     return {**job, **tables}
