@@ -36,7 +36,8 @@ def measure(settings: Settings) -> Findings:
     mistakes = [name for name in MISTAKES if name != "mistake_none"]
     written, drawn = settings.work / "written", settings.work / "drawn"
     run_benchmark("benchmarks.plan_check", "--out", written, "--jobs", *JOBS, *mistakes, "--keep")
-    run_benchmark("benchmarks.plan_check", "--out", drawn, "--drawn", DRAWN, "--seed", FIRST, "--keep", "--limit", PATIENCE)
+    draw = ("--drawn", DRAWN, "--seed", FIRST, "--limit", PATIENCE)
+    run_benchmark("benchmarks.plan_check", "--out", drawn, *draw, "--keep")
     found = {row["job"]: row for row in json.loads((written / "plan_check.json").read_text("utf-8"))}
     many = json.loads((drawn / "plan_check.json").read_text("utf-8"))
     rows, before, softer, at = [], [], [], []
