@@ -1,0 +1,28 @@
+"""Evidence pages: one page a question, docs/results/NAME.md, each written by the command that measures it.
+
+    python -m benchmarks.results [NAME ...] [--out docs/results] [--real DIR]
+
+A page is one file here and one line in `PAGES`: `TITLE`, `QUESTION`, `METHOD`, `LIMITS` and
+`measure(settings) -> Findings`. README and manual quote figures from the pages' "In short" alone.
+"""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+from benchmarks.results import (
+    bad_input,
+    diagnosis_drawn,
+    diagnosis_real,
+    forces,
+    loop,
+    planning,
+    posture,
+    speed,
+)
+
+#: Every page by the name of its file.
+PAGES: dict[str, ModuleType] = {
+    module.__name__.rpartition(".")[2]: module
+    for module in (planning, posture, forces, speed, diagnosis_drawn, diagnosis_real, loop, bad_input)
+}

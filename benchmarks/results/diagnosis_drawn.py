@@ -1,0 +1,60 @@
+"""The diagnosis beside a plain rival on drawn campaigns that it has not met."""
+
+from __future__ import annotations
+
+import json
+
+from benchmarks.results.findings import ROOT, Findings, Settings, run_benchmark
+
+TITLE = "Diagnosis: does it name the hidden effect?"
+QUESTION = "On drawn campaigns whose effects are withheld: how often is the right effect named at its place?"
+METHOD = (
+    "`benchmarks.outsider` draws campaigns from the published file formats alone; its author had read neither the "
+    "product nor the other generator. `benchmarks.diagnosis_score` asks the product by its command line, and a plain "
+    "rival: least squares with the whole vocabulary, greedy, with BIC. Shares stand with 95 % Wilson intervals."
+)
+LIMITS = (
+    "Drawn robots. What measured robots show stands in [diagnosis_real](diagnosis_real.md).",
+    "Generator and vocabulary share the list of effects of the file format.",
+    "Few campaigns: the intervals are wide.",
+)
+SEEDS = "200:236"
+SINGLES, DOUBLES = "singles placed", "doubles complete"
+NOTHING, SURE = "nothing there or everyday errors: no false name", "wrong among claims stated .8 and more"
+
+
+def measure(settings: Settings) -> Findings:
+    """Draw, ask and score."""
+    run_benchmark("benchmarks.outsider", "--seeds", SEEDS, "--out", settings.work / "suite")
+    run_benchmark("benchmarks.diagnosis_score", settings.work / "suite", "--product-tree", ROOT,
+                  "--name", "compplan", "--out", settings.work / "scores")  # fmt: skip
+    scores = json.loads((settings.work / "scores" / "scores.json").read_text("utf-8"))
+    table = (settings.work / "scores" / "scores.md").read_text("utf-8").split("\n\n")[0]
+    ours, rival = scores["compplan"]["shares"], scores["rival"]["shares"]
+
+    def beside(key: str) -> str:
+        return f"{_hits(ours[key])} (plain rival {_hits(rival[key])})"
+
+    worse = [
+        f"{key}: {_hits(ours[key])}, the plain rival {_hits(rival[key])}."
+        for key in ours if ours[key]["count"] and rival[key]["count"] and _loses(key, ours[key], rival[key])
+    ]  # fmt: skip
+    return Findings(
+        (
+            f"Single effects are named at their place in {beside(SINGLES)}.",
+            f"Pairs of effects are named completely in {beside(DOUBLES)}.",
+            f"Where nothing is wrong, nothing is named in {beside(NOTHING)}.",
+            f"Claims stated with .8 and more are wrong in {beside(SURE)}.",
+        ),
+        (table,),
+        tuple(worse),
+    )
+
+
+def _hits(share: dict) -> str:
+    return f"{share['hits']} of {share['count']}"
+
+
+def _loses(key: str, ours: dict, rival: dict) -> bool:
+    bad = any(word in key for word in ("wrong", "worse", "no answer", "below"))
+    return ours["share"] > rival["share"] if bad else ours["share"] < rival["share"]

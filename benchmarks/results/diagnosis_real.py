@@ -1,0 +1,91 @@
+"""The diagnosis beside a plain rival on measured robots; rows that chose nothing are the judge."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.results.findings import ROOT, Findings, MissingError, Settings, draw_table, run_benchmark
+
+TITLE = "Diagnosis of measured robots"
+QUESTION = "On tracker campaigns of real robots: how far are poses that chose nothing from the updated robot model?"
+METHOD = (
+    "`--real DIR` names folders with `robot/`, `measurements.csv` and `fresh.csv`. The diagnosis and the plain rival "
+    "see `measurements.csv`, whole and thinned by a fixed draw; `fresh.csv` chose nothing. Frames are fitted to the "
+    "fresh rows, the same for all."
+)
+LIMITS = (
+    "The campaigns are published ones and are no part of this project (their licences ask for their notices).",
+    "Two robots of one brand, unloaded. Load effects cannot be seen in them.",
+    "What causes the error of a real robot is known in part only; the table gives errors, not the truth of names.",
+)
+THINNED, SEED = (25, 100), 7
+
+
+def measure(settings: Settings) -> Findings:
+    """Ask the diagnosis and the rival about every campaign, whole and thinned."""
+    if settings.real is None:
+        raise MissingError("needs --real DIR with measured campaigns")
+    sources = sorted(file.parent for file in settings.real.glob("*/fresh.csv"))
+    if not sources:
+        raise MissingError(f"no fresh.csv below {settings.real}")
+    for source in sources:
+        _cut_cases(source, settings.work / "suite")
+    run_benchmark("benchmarks.diagnosis_score", settings.work / "suite", "--product-tree", ROOT,
+                  "--name", "compplan", "--out", settings.work / "scores")  # fmt: skip
+    rows, ratio, stated = [], [], []
+    for case in sorted((settings.work / "suite").iterdir()):
+        name, ours = case.name, _read(settings.work / "scores" / "compplan", case)
+        rival = _read(settings.work / "scores" / "rival", case)
+        fresh, other = _rms(ours["fresh_updated"]), _rms(rival["fresh_updated"])
+        nominal = _rms(ours["fresh_nominal"])
+        told = ours["gap"].get("held_out_after_rms_mm") or np.nan
+        ratio.append(fresh / other)
+        stated.append(told / fresh)
+        named = ", ".join(
+            f"{e['effect']} {e.get('joint') or ''} {e['probability']:.2f}" for e in ours["verdict"]["effects"]
+        )
+        rows.append((name, f"{nominal:.3f}", f"{fresh:.3f}", f"{other:.3f}", f"{told:.3f}",
+                     ours["verdict"]["status"], named or "-"))  # fmt: skip
+    head = ("campaign", "nominal, mm", "compplan, mm", "plain rival, mm", "compplan states, mm", "verdict", "named")
+    return Findings(
+        (
+            f"Error of fresh poses beside a plain rival's: {np.median(ratio):.2f} in the median of {len(rows)} "
+            f"campaigns, {max(ratio):.2f} at most.",
+            f"The stated error is {np.min(stated):.2f} to {np.max(stated):.2f} times the true one.",
+        ),
+        (draw_table(head, rows),),
+        tuple(
+            f"{row[0]}: {row[2]} mm, the plain rival {row[3]} mm."
+            for row, r in zip(rows, ratio, strict=True)
+            if r > 1.05
+        ),
+    )
+
+
+def _cut_cases(source: Path, suite: Path) -> None:
+    """Write a campaign whole and thinned as cases of a suite."""
+    lines = (source / "measurements.csv").read_text("utf-8").splitlines()
+    count = len(lines) - 1
+    random = np.random.default_rng(SEED)
+    parts = {"whole": np.arange(count)}
+    parts |= {f"{n:04d}": np.sort(random.choice(count, n, replace=False)) for n in THINNED if n < count}
+    for part, rows in parts.items():
+        case = suite / f"{source.name}_{part}"
+        shutil.copytree(source / "robot", case / "robot", dirs_exist_ok=True)
+        shutil.copy(source / "fresh.csv", case / "fresh.csv")
+        (case / "measurements.csv").write_text("\n".join([lines[0], *(lines[1 + k] for k in rows)]) + "\n", "utf-8")
+        truth = {"kind": "real", "effects": [], "background": [], "register": {"given": "not known"}}
+        (case / "truth.json").write_text(json.dumps(truth) + "\n", "utf-8")
+
+
+def _read(folder: Path, case: Path) -> dict:
+    return json.loads((folder / f"{case.parent.name}__{case.name}.json").read_text("utf-8"))
+
+
+def _rms(values: list[float | None]) -> float:
+    known = [value for value in values if value is not None]
+    return float(np.sqrt(np.mean(np.square(known))))
