@@ -22,9 +22,6 @@ from compplan.files.shown import Curve, Curves, Shown
 from compplan.measure.registration import Registration
 from compplan.robot import Array, Robot
 
-#: Causes that are named when a diagnosis is printed.
-MOST_NAMED = 7
-
 
 @dataclass(frozen=True)
 class Candidate:
@@ -108,12 +105,12 @@ class Diagnosis(Shown):
     def summary(self) -> list[tuple[str, str]]:
         """Return the answer: what is wrong, how far the gap shrinks."""
         gap, found = self.gap, self.verdict.findings
-        rows = []
-        for finding in found[:MOST_NAMED]:
+        rows, shown = [], 7  # a print has fifteen lines
+        for finding in found[:shown]:
             place = " ".join(str(part) for part in finding.effect.place[1:] if part is not None)
             moved = f", moves the tip {format_length(finding.explained)}" if np.isfinite(finding.explained) else ""
             rows.append((finding.effect.name, f"{place or 'robot'}: probability {finding.probability:.2f}{moved}"))
-        more = [("further causes", str(len(found) - MOST_NAMED))] if len(found) > MOST_NAMED else []
+        more = [("further causes", str(len(found) - shown))] if len(found) > shown else []
         status = self.verdict.status.replace("_", " ") if self.verdict.status != "none" else "nothing is wrong"
         return [
             ("diagnosis", f"{status}, {self.robot.name}, {len(self.residual_before)} rows"),
