@@ -18,7 +18,7 @@ from compplan.effects import robot_effects
 from compplan.effects.linearization import Place
 from compplan.effects.signature import plain
 from compplan.files.quantities import format_length
-from compplan.files.shown import Curve, Curves, Shown
+from compplan.files.shown import MOST_LISTED, Curve, Curves, Shown
 from compplan.measure.registration import Registration
 from compplan.robot import Array, Robot
 
@@ -105,12 +105,12 @@ class Diagnosis(Shown):
     def summary(self) -> list[tuple[str, str]]:
         """Return the answer: what is wrong, how far the gap shrinks."""
         gap, found = self.gap, self.verdict.findings
-        rows, shown = [], 7  # a print has fifteen lines
-        for finding in found[:shown]:
+        rows = []
+        for finding in found[:MOST_LISTED]:
             place = " ".join(str(part) for part in finding.effect.place[1:] if part is not None)
             moved = f", moves the tip {format_length(finding.explained)}" if np.isfinite(finding.explained) else ""
             rows.append((finding.effect.name, f"{place or 'robot'}: probability {finding.probability:.2f}{moved}"))
-        more = [("further causes", str(len(found) - shown))] if len(found) > shown else []
+        more = [("further causes", str(len(found) - MOST_LISTED))] if len(found) > MOST_LISTED else []
         status = self.verdict.status.replace("_", " ") if self.verdict.status != "none" else "nothing is wrong"
         return [
             ("diagnosis", f"{status}, {self.robot.name}, {len(self.residual_before)} rows"),

@@ -32,6 +32,9 @@ ROLES = {
 }  # fmt: skip
 MATPLOTLIB_DASHES = {"solid": "-", "dash": "--", "dot": ":"}
 
+#: Entries of a list that a print shows: it has fifteen lines.
+MOST_LISTED = 7
+
 
 class Curve(NamedTuple):
     """One line of a plot.
