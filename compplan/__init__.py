@@ -96,7 +96,7 @@ _MODULES = {
     "plan.compare": ("Comparison", "compare_job", "compare_task"),
     "plan.evaluate": ("Evaluation", "evaluate_run", "path_accuracy"),
     "plan.nlp": ("build_nlp", "solve_nlp"),
-    "plan.path_problem": ("PathProblem", "Rows"),
+    "plan.path_problem": ("PathProblem", "ProgramRows"),
     "plan.plan": (
         "Plan", "PlanOptions", "build_task", "job_robot", "plan_compensation", "plan_job", "plan_task", "prepare_job",
     ),

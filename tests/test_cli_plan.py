@@ -9,7 +9,7 @@ import pytest
 from commandline import run_command
 
 from compplan.cell.judge import build_judge, judge_pose
-from compplan.files.columns import Column
+from compplan.files.columns import FileColumn
 from compplan.files.tables import read_table
 from compplan.robot import load_robot
 
@@ -44,15 +44,15 @@ def test_plan_writes_every_file_of_the_contract(small_job, tmp_path, monkeypatch
 
 def test_joints_csv_puts_the_loaded_tool_on_the_path(small_job, tmp_path, monkeypatch, capsys):
     run_command(["plan", small_job, "--out", tmp_path / "out"], monkeypatch, capsys)
-    wrench = [Column(f"f{a}", "force") for a in "xyz"] + [Column(f"m{a}", "moment") for a in "xyz"]
-    columns = [Column("time", "time"), Column("q#", "angle"), *(Column(a, "length") for a in "xyz")]
+    wrench = [FileColumn(f"f{a}", "force") for a in "xyz"] + [FileColumn(f"m{a}", "moment") for a in "xyz"]
+    columns = [FileColumn("time", "time"), FileColumn("q#", "angle"), *(FileColumn(a, "length") for a in "xyz")]
     file = tmp_path / "out" / "joints.csv"
     # the kind of the move stands last and is no number
     lines = [line.rsplit(",", 1) for line in file.read_text(encoding="utf-8").splitlines()]
     assert lines[0][1] == "move"
     moves = [kind for _, kind in lines[1:]]
     file.write_text("\n".join(line for line, _ in lines) + "\n", encoding="utf-8")
-    table = read_table(file, [*columns, *(Column(a) for a in "ijk"), *wrench])
+    table = read_table(file, [*columns, *(FileColumn(a) for a in "ijk"), *wrench])
     q, load = table.stack(table.numbered("q#")), table.stack(["fx", "fy", "fz", "mx", "my", "mz"])
     position, rotation, _ = judge_pose(build_judge(load_robot("kuka_kr270")), q, load)
     cut = np.array(moves) == "cut"

@@ -9,7 +9,7 @@ import pytest
 from compplan.errors import ShapeError
 from compplan.plan import nlp as program
 from compplan.plan.nlp import build_nlp, solve_nlp
-from compplan.plan.path_problem import PathProblem, Rows, pose_data, smoothness_matrix
+from compplan.plan.path_problem import PathProblem, ProgramRows, pose_data, smoothness_matrix
 from compplan.plan.strategies.nlp import find_fast_rows
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
@@ -41,7 +41,7 @@ def make_problem(n=40, name="staubli_tx200", **changes):
 
 
 def plain_rows(problem):
-    return Rows(np.zeros(problem.q_start.shape, bool))
+    return ProgramRows(np.zeros(problem.q_start.shape, bool))
 
 
 def solve(problem, rows, passes=2):
@@ -94,7 +94,7 @@ def test_pose_equations_carry_value_and_slope_of_the_exact_loaded_pose():
 
 def test_derivative_of_all_constraints_agrees_with_casadi():
     problem = make_problem(n=8, max_correction=0.004)
-    rows = Rows(
+    rows = ProgramRows(
         np.zeros((8, 6), bool), limited=np.array([2, 3]), released=np.array([5]),
         velocity=np.array([[1, 0], [2, 5]]), acceleration=np.array([[3, 2]]),
     )  # fmt: skip
@@ -162,7 +162,7 @@ def test_bounds_in_the_program_are_hard():
     free = solve(make_problem(), plain_rows(make_problem()))
     top = float(free.q[:, 5].max())
     problem = make_problem(upper=np.r_[np.full(5, 10.0), top - 0.01])
-    bounded = solve(problem, Rows(np.ones((40, 6), bool)))
+    bounded = solve(problem, ProgramRows(np.ones((40, 6), bool)))
     assert bounded.success
     assert bounded.q[:, 5].max() <= top - 0.01
     attained = attain_pose(problem.chain, bounded.q, problem.wrench)
@@ -171,7 +171,7 @@ def test_bounds_in_the_program_are_hard():
 
 def test_a_failed_solve_can_be_looked_at():
     problem = make_problem(spin_free=False, upper=np.r_[np.full(4, 10.0), 0.70, 10.0])
-    nlp = build_nlp(problem, Rows(np.ones((40, 6), bool)))
+    nlp = build_nlp(problem, ProgramRows(np.ones((40, 6), bool)))
     solution = solve_nlp(nlp, problem.q_start, attain_pose(problem.chain, problem.q_start, problem.wrench))
     assert not solution.success
     assert solution.status != "Solve_Succeeded"

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from script_readers import read_urscript
 
 from compplan.errors import InputError, UnknownNameError
-from compplan.files.columns import Column
+from compplan.files.columns import FileColumn
 from compplan.files.tables import read_table
 from compplan.program import Program, build_program, write_program
 from compplan.program.counting import from_controller, load_controller
@@ -198,8 +198,8 @@ def test_positions_lead_back_to_the_poses_of_another_engine(name: str, tmp_path:
 def test_joint_tables_lead_back_to_the_joints_of_the_plan(tmp_path: Path) -> None:
     program = make_program("kuka_kr270", time=np.linspace(0, 1, N))
     (file,) = write_program(program, "csv", tmp_path)
-    names = [Column(name, "angle", required=True) for name in program.joint_names]
-    table = read_table(file, [*names, Column("time", "time"), Column("feed", "speed"), Column("rapid")])
+    names = [FileColumn(name, "angle", required=True) for name in program.joint_names]
+    table = read_table(file, [*names, FileColumn("time", "time"), FileColumn("feed", "speed"), FileColumn("rapid")])
     counted = np.degrees(table.stack(program.joint_names))
     q = from_controller(load_controller(load_robot("kuka_kr270")), counted)
     assert np.abs(q - make_q("kuka_kr270")).max() < 1e-9

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
 import compplan as cp
-from compplan.diagnose.questions import Rows, ask_unit, question_campaign
+from compplan.diagnose.questions import QuestionRows, ask_unit, question_campaign
 from compplan.effects import Effect
 from compplan.files.tables import write_table
 from compplan.measure.campaign import Campaign
@@ -74,7 +74,7 @@ def test_a_unit_is_told_by_distances_however_small_the_workspace(reach: float) -
         # the instrument stands elsewhere, and turned; distances do not see that
         seen = factor * position @ Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix().T + [5.0, -3.0, 1.0]
         campaign = Campaign(run=np.array(["static"] * 40), q=still, wrench=still, position=seen)
-        question = ask_unit(Rows(campaign, position, np.tile(np.eye(3), (40, 1, 1))))
+        question = ask_unit(QuestionRows(campaign, position, np.tile(np.eye(3), (40, 1, 1))))
         assert (question is None) == (unit == "")
         assert question is None or f"are the positions in {unit}," in question.sentence
 

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from compplan.errors import InputError, ShapeError
-from compplan.files.columns import UNITS, Column, split_unit, to_unit
+from compplan.files.columns import UNITS, FileColumn, split_unit, to_unit
 from compplan.files.tables import read_table, write_table, write_text
 from compplan.files.transaction import replace_file
 
 COLUMNS = (
-    Column("run", "text"),
-    *(Column(name, "length", required=True) for name in "xy"),
-    Column("q#", ("angle", "length")),
-    Column("q#_link", ("angle", "length")),
-    *(Column(name, "force", group="force", missing=True) for name in ("fx", "fy")),
-    Column("sigma", "length", key="sigma_position"),
-    Column("sigma", "angle", key="sigma_angle"),
+    FileColumn("run", "text"),
+    *(FileColumn(name, "length", required=True) for name in "xy"),
+    FileColumn("q#", ("angle", "length")),
+    FileColumn("q#_link", ("angle", "length")),
+    *(FileColumn(name, "force", group="force", missing=True) for name in ("fx", "fy")),
+    FileColumn("sigma", "length", key="sigma_position"),
+    FileColumn("sigma", "angle", key="sigma_angle"),
 )
 
 
@@ -53,7 +53,7 @@ def test_a_quantity_in_each_unit_is_read_and_written_as_what_it_is_in_si(tmp_pat
     for unit, (value, si) in SAME.items():
         file = tmp_path / "units.csv"
         file.write_text(f"a_{unit}\n{value}\n", encoding="utf-8")
-        read_back = read_table(file, [Column("a", UNITS[unit][0])]).values["a"]
+        read_back = read_table(file, [FileColumn("a", UNITS[unit][0])]).values["a"]
         assert read_back == pytest.approx([si], rel=1e-14), unit
         assert to_unit(np.array([si]), f"a_{unit}") == pytest.approx([value], rel=1e-14), unit
 

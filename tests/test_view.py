@@ -25,7 +25,7 @@ from compplan.report.view.gap_scene import GapScene
 from compplan.report.view.motion import bend_arm, locate_chain
 from compplan.report.view.paint import join_rows, paint_names, paint_sizes, pick_point, read_colour
 from compplan.report.view.plan_scene import PROMISE, PlanScene
-from compplan.report.view.recording import GapRecording, PlanRecording, Solid, read_recording
+from compplan.report.view.recording import GapRecording, PlanRecording, ViewSolid, read_recording
 from compplan.robot import load_robot
 
 
@@ -117,7 +117,7 @@ def test_a_click_means_the_point_nearest_to_the_ray_and_nothing_behind_the_eye()
 def test_the_part_takes_the_colour_of_the_path_beside_it_and_keeps_its_own_elsewhere(scene: PlanScene) -> None:
     record, row = scene.recording, scene.start + 40
     corners = np.vstack([record.tip[row], record.tip[row] + [0.0, 0.0, -0.4], record.tip[row] + [0.5, 0.0, 0.0]])
-    part = Solid("part", "", (0.8, 0.6, 0.4, 1.0), corners, np.array([[0, 1, 2]]))
+    part = ViewSolid("part", "", (0.8, 0.6, 0.4, 1.0), corners, np.array([[0, 1, 2]]))
     colours = scene.paint_solid(part, "uncorrected")
     expected = paint_sizes(scene.sizes["uncorrected"][[row]], 0.5 * scene.top("uncorrected"))[0]
     np.testing.assert_array_equal(colours[0, :3], expected)
@@ -221,12 +221,12 @@ def test_the_slope_of_the_tip_is_its_difference(name: str, tmp_path: Path) -> No
 
 def make_gap() -> GapScene:
     from compplan.outputs.cell import describe_cell
-    from compplan.report.view.recording import Cell, _read_joint, _read_solid
+    from compplan.report.view.recording import ViewCell, _read_joint, _read_solid
 
     robot = load_robot("ur10")
     content = json.loads(json.dumps(describe_cell(robot), default=lambda array: array.tolist()))
     solids = tuple(_read_solid(entry) for entry in content["shapes"])
-    cell = Cell(robot.name, robot.grade, robot.base, robot.tcp,
+    cell = ViewCell(robot.name, robot.grade, robot.base, robot.tcp,
                 tuple(_read_joint(entry) for entry in content["joints"]), solids, content)  # fmt: skip
     rng = np.random.default_rng(0)
     gap = {"nominal model": rng.normal(0, 1e-3, (6, 3)), "updated model": rng.normal(0, 1e-4, (6, 3))}

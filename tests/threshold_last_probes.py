@@ -142,7 +142,7 @@ def ask_update(bench: Bench) -> Any:
     """Which folders are delivered, of predictions that differ by shares of a gap."""
     found = bench.diagnosis
     folds = held_out.Folds(found.fit, held_out.make_folds(bench.few))
-    nominal = state.State((), {}, None, bench.few.usable)
+    nominal = state.FitState((), {}, None, bench.few.usable)
     plain = folds.hold_out([], background=False)
     answers: list[Any] = []
     for scale in (1.0, 0.3, 0.1, 0.06):

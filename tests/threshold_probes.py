@@ -325,7 +325,7 @@ def ask_explanations(bench: Bench) -> Any:
     for claim in own.model.claims:
         others = ambiguity.find_rivals(own, claim.signature, values)
         for size in (1.0, 0.3, 0.1, 0.03, 0.01):
-            nothing = state.State((), {}, None, bench.campaign.usable)
+            nothing = state.FitState((), {}, None, bench.campaign.usable)
             told = explanations.explain_otherwise(own, nothing, size * values, {claim.signature: others})
             found.append([(other.signature.name, other.weight) for other in told])
     return found

@@ -28,7 +28,7 @@ EARLY = 4.0
 
 
 @dataclass(frozen=True)
-class Modes:
+class ModeShapes:
     """The lowest modes at one posture; m modes, s elastic coordinates.
 
     Attributes:
@@ -42,7 +42,7 @@ class Modes:
     tip: Array
 
 
-def find_shapes(dynamics: Dynamics, q: Array, count: int = MODES) -> list[Modes]:
+def find_shapes(dynamics: Dynamics, q: Array, count: int = MODES) -> list[ModeShapes]:
     """Return the lowest modes at some postures.
 
     Args:
@@ -61,11 +61,13 @@ def find_shapes(dynamics: Dynamics, q: Array, count: int = MODES) -> list[Modes]
         order = order[square.real[order] > 1e-12]
         way = shapes.real[:, order]
         way = way / np.sqrt(np.maximum(np.einsum("sm,st,tm->m", way, mass, way), 1e-300))
-        found.append(Modes(1.0 / np.sqrt(square.real[order]), way, tip @ way))
+        found.append(ModeShapes(1.0 / np.sqrt(square.real[order]), way, tip @ way))
     return found
 
 
-def ring(modes: list[Modes], places: NDArray[np.int_], time: Array, load: Array, scale: float, damping: float) -> Array:
+def ring(
+    modes: list[ModeShapes], places: NDArray[np.int_], time: Array, load: Array, scale: float, damping: float
+) -> Array:
     """Return by how much more the tip moves than if the springs gave at once. Shape (n, 3). [m]
 
     Args:

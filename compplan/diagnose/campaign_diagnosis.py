@@ -17,7 +17,7 @@ from compplan.diagnose.held_out import Folds, make_folds
 from compplan.diagnose.polish import polish_fit
 from compplan.diagnose.result import Candidate, Diagnosis, Gap
 from compplan.diagnose.search import Claim, distinct_places
-from compplan.diagnose.state import Fit, Problem, State, attain_state
+from compplan.diagnose.state import Fit, FitState, Problem, attain_state
 from compplan.diagnose.verdict import Finding, Verdict, reach_verdict
 from compplan.effects import attain_scene, robot_effects
 from compplan.effects.linearization import Place
@@ -71,7 +71,7 @@ def diagnose_campaign(
 
 def _register(problem: Problem, campaign: Campaign) -> tuple[Registration | None, Scene]:
     """Fit the registration of the nominal robot."""
-    state = State(problem.fixed, {}, None, campaign.usable)
+    state = FitState(problem.fixed, {}, None, campaign.usable)
     scene, attained = attain_state(problem, state)
     if not problem.register:
         stated = stated_registration(campaign)
@@ -104,7 +104,7 @@ def _conclude(
         plain = replace(plain, residual=before[plain.rows])
     good = campaign.usable.copy()
     good[fit.outliers] = False
-    state = State(problem.fixed, {}, registration, fit.state.use)
+    state = FitState(problem.fixed, {}, registration, fit.state.use)
     deliveries = deliver_folders(folds, verdict, plain, state, good)
     first = deliveries[0]
     seen = good[plain.rows]
@@ -128,7 +128,7 @@ def _conclude(
     )  # fmt: skip
 
 
-def _with_sizes(verdict: Verdict, state: State) -> Verdict:
+def _with_sizes(verdict: Verdict, state: FitState) -> Verdict:
     """Give the findings the parameters that the delivered robot holds."""
     held = {effect.place: effect for effect in reversed(state.effects)}
 

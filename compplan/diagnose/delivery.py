@@ -20,7 +20,7 @@ from compplan.diagnose.held_out import Folds, HeldOut, with_claims
 from compplan.diagnose.polish import polish_fit
 from compplan.diagnose.posterior import state_uncertainty
 from compplan.diagnose.search import Claim
-from compplan.diagnose.state import Fit, Problem, State, advance_state, attain_state, stands
+from compplan.diagnose.state import Fit, FitState, Problem, advance_state, attain_state, stands
 from compplan.diagnose.verdict import Verdict
 from compplan.effects import Effect, fold_effects, is_of_instrument
 from compplan.robot import Array, Robot
@@ -53,7 +53,7 @@ class Delivery:
     """
 
     kind: str
-    state: State
+    state: FitState
     held: HeldOut
     fitted: Fit | None
     residual: Array
@@ -74,7 +74,7 @@ class Delivery:
 
 
 def deliver_folders(
-    folds: Folds, verdict: Verdict, plain: HeldOut, nominal: State, good: NDArray[np.bool_]
+    folds: Folds, verdict: Verdict, plain: HeldOut, nominal: FitState, good: NDArray[np.bool_]
 ) -> tuple[Delivery, ...]:
     """Build the folders that are worth delivering, the one to use first.
 
@@ -158,7 +158,7 @@ def possible_claims(verdict: Verdict) -> list[Claim]:
 
 
 def _build(
-    fit: Fit, kind: str, claims: Sequence[Claim], held: HeldOut, sure: Callable[[State, HeldOut], Uncertainty]
+    fit: Fit, kind: str, claims: Sequence[Claim], held: HeldOut, sure: Callable[[FitState, HeldOut], Uncertainty]
 ) -> Delivery | None:
     """Fit a folder to all rows, exactly; None where its robot finds no equilibrium."""
     fitted = with_claims(fit, claims, background=kind == CALIBRATED)
@@ -169,7 +169,7 @@ def _build(
     return Delivery(kind, state, held, fitted, _residual(fit.problem, state), sure(state, held))
 
 
-def _residual(problem: Problem, state: State) -> Array:
+def _residual(problem: Problem, state: FitState) -> Array:
     return position_residual(problem.campaign, *attain_state(problem, state))
 
 
@@ -178,7 +178,7 @@ def of_instrument(effect: Effect) -> bool:
     return is_of_instrument(effect.name)
 
 
-def settle_play(problem: Problem, state: State) -> State:
+def settle_play(problem: Problem, state: FitState) -> FitState:
     """Find on which side of its play each joint stood when the campaign began: where the first rows say so."""
     campaign = problem.campaign
     first = campaign.first_visit & campaign.usable & (campaign.run_index == 0)

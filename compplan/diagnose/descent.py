@@ -8,7 +8,7 @@ import numpy as np
 
 from compplan.diagnose.channels import Channel, build_channels
 from compplan.diagnose.evidence import Hyper
-from compplan.diagnose.state import Fit, State, advance_state, attain_state
+from compplan.diagnose.state import Fit, FitState, advance_state, attain_state
 from compplan.errors import ConvergenceError
 from compplan.robot import Array
 
@@ -19,7 +19,7 @@ STEPS = (1.0, 0.5, 0.25, 0.1)
 FAR_OFF = 8.0
 
 
-def descend(fit: Fit, full: State) -> tuple[State, float] | None:
+def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
     """Shorten a step until the exact model gains by it; returns the state and its exact score, or None.
 
     The score is the log posterior of the model with the squares that the exact model leaves in the place of those that
@@ -43,7 +43,7 @@ def descend(fit: Fit, full: State) -> tuple[State, float] | None:
     start = cost(fit.channels, here)
     promised = square_left(fit.channels, ledger.left(target), posterior.hyper)
     promised += float(np.sum(weight * target[posterior.columns] ** 2))
-    tried: list[tuple[float, State]] = []
+    tried: list[tuple[float, FitState]] = []
     for share in STEPS:
         state = full if share == 1.0 else advance_state(fit, share)
         channels = observe_state(fit, state)
@@ -77,7 +77,7 @@ def square_left(channels: Sequence[Channel], left: Sequence[Array], hyper: Hyper
     return total
 
 
-def observe_state(fit: Fit, state: State) -> tuple[Channel, ...] | None:
+def observe_state(fit: Fit, state: FitState) -> tuple[Channel, ...] | None:
     """Compare the campaign with the exact model of a state, or None where that finds no equilibrium."""
     try:
         scene, attained = attain_state(fit.problem, state)

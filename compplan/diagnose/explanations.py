@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnose.ambiguity import Rival, imitate_claim
-from compplan.diagnose.state import Fit, State
+from compplan.diagnose.state import Fit, FitState
 from compplan.diagnose.verdict import Verdict
 from compplan.effects import is_of_instrument
 from compplan.effects.signature import Signature
@@ -55,7 +55,7 @@ def name_rivals(verdict: Verdict) -> dict[int, tuple[Rival, ...]]:
 
 
 def explain_otherwise(
-    fit: Fit, state: State, mean: Array, rivals: Mapping[int, Sequence[Rival]]
+    fit: Fit, state: FitState, mean: Array, rivals: Mapping[int, Sequence[Rival]]
 ) -> list[Explanation]:
     """Find what the robot would be under the rivals of the claims that may be true.
 

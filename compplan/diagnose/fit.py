@@ -20,8 +20,8 @@ from compplan.diagnose.restart import search_again_plainly
 from compplan.diagnose.search import MOST_EFFECTS, Claim, Search, search_models
 from compplan.diagnose.state import (
     Fit,
+    FitState,
     Problem,
-    State,
     advance_state,
     attain_state,
     claims_of,
@@ -57,7 +57,7 @@ def fit_effects(
         registration: Frames to begin with, or None.
         progress: Told what is being done.
     """
-    state = State(problem.fixed, {}, registration, problem.campaign.usable)
+    state = FitState(problem.fixed, {}, registration, problem.campaign.usable)
     noises: dict[str, Noise] | None = None
     proposals: list[Signature] = []
     best: Fit | None = None
@@ -90,7 +90,7 @@ def fit_effects(
 
 
 def _round(
-    problem: Problem, state: State, noises: dict[str, Noise] | None, proposals: list[Signature],
+    problem: Problem, state: FitState, noises: dict[str, Noise] | None, proposals: list[Signature],
     progress: Callable[[str], None],
 ) -> tuple[Fit, list[Signature]]:  # fmt: skip
     """Linearize at a state, search, look for rows and periods in what is left, and search again."""
@@ -123,7 +123,7 @@ def _round(
 
 
 def _offer_all(
-    problem: Problem, state: State, at: Linearization, proposals: list[Signature]
+    problem: Problem, state: FitState, at: Linearization, proposals: list[Signature]
 ) -> list[Signature]:  # fmt: skip
     """List what needs no search for rows or periods, and what claims hold of earlier proposals."""
     fixed = offered_signatures(at, problem.register, problem.excluded)
@@ -144,7 +144,7 @@ def search_again(fit: Fit, fresh: list[Signature], progress: Callable[[str], Non
 
 
 def _search_ledger(
-    problem: Problem, state: State, at: Linearization, channels: tuple[Channel, ...], ledger: Ledger,
+    problem: Problem, state: FitState, at: Linearization, channels: tuple[Channel, ...], ledger: Ledger,
     noises: dict[str, Noise], progress: Callable[[str], None],
 ) -> Fit:  # fmt: skip
     signatures = ledger.signatures
@@ -178,7 +178,7 @@ def _propose(fit: Fit) -> list[Signature]:
     return proposals + propose_waves(fit.at, fit.channels, left, own)
 
 
-def _settled(fit: Fit, old: State, new: State) -> bool:
+def _settled(fit: Fit, old: FitState, new: FitState) -> bool:
     if {key for key, _ in old.claims} != {key for key, _ in new.claims}:
         return False
     names = fit.search.ledger.names
@@ -189,7 +189,7 @@ def _settled(fit: Fit, old: State, new: State) -> bool:
     return max(steps, default=0.0) < SETTLED
 
 
-def _finish(fit: Fit, state: State) -> Fit:
+def _finish(fit: Fit, state: FitState) -> Fit:
     """Keep the last search, and the state that its posterior leads to, with the outliers seen from there."""
     campaign = fit.problem.campaign
     scene, attained = attain_state(fit.problem, state)

@@ -21,7 +21,7 @@ from compplan.diagnose.ledger import ChannelProducts, Ledger, Products, select_r
 from compplan.diagnose.offers import REGISTRATION
 from compplan.diagnose.polish import register_again
 from compplan.diagnose.search import Claim, Search, search_models
-from compplan.diagnose.state import Fit, State, advance_state, attain_state, stands
+from compplan.diagnose.state import Fit, FitState, advance_state, attain_state, stands
 from compplan.errors import ConvergenceError
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array
@@ -223,7 +223,7 @@ def with_claims(fit: Fit, claims: Sequence[Claim], *, background: bool, ledger: 
     return replace(fit, search=search, model=replace(fit.model, claims=tuple(claims), posterior=posterior))
 
 
-def predict_gap(fit: Fit, state: State) -> Array | None:
+def predict_gap(fit: Fit, state: FitState) -> Array | None:
     """Return measured minus predicted positions of the exact model, or None without equilibrium. Shape (n, 3). [m]"""
     try:
         scene, attained = attain_state(fit.problem, state)

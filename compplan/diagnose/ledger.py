@@ -45,7 +45,7 @@ class Products:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class ChannelRows:
     """Values of a channel, turned so that the first of every group is its mean times the root of its size.
 
     Attributes:
@@ -75,7 +75,7 @@ class ChannelProducts:
     total: Products
     means: dict[int, Products]
     witnesses: float
-    rows: Rows | None = None
+    rows: ChannelRows | None = None
 
     def take(self, columns: NDArray[np.int_]) -> ChannelProducts:
         """Take some columns."""
@@ -281,7 +281,7 @@ def _multiply(channel: Channel, design: Array, observed: Array, old: ChannelProd
     return ChannelProducts(channel.name, total, means, channel.noise.witnesses, rows)
 
 
-def turn_rows(group: NDArray[np.int_], design: Array, observed: Array) -> Rows:
+def turn_rows(group: NDArray[np.int_], design: Array, observed: Array) -> ChannelRows:
     """Turn values so that the first of every group is its mean times the root of its size [Helmert1876].
 
     A reflection takes the vector of ones to the first axis: x - u (u^T x) 2 / (u^T u), u = 1 - sqrt(n) e_1.
@@ -303,7 +303,7 @@ def turn_rows(group: NDArray[np.int_], design: Array, observed: Array) -> Rows:
             both[start:end] -= (2.0 / float(across @ across)) * across[:, None, None] * along
         size[start] = typical_size(np.array([n]))[0]
     flat = both.reshape(-1, both.shape[-1])
-    return Rows(flat[:, :-1], flat[:, -1], size.reshape(-1))
+    return ChannelRows(flat[:, :-1], flat[:, -1], size.reshape(-1))
 
 
 def _products(design: Array, observed: Array, old: Products | None) -> Products:

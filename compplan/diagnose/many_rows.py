@@ -27,7 +27,7 @@ from compplan.robot import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Weights:
+class ProductWeights:
     """How products K enter the evidence.
 
     Attributes:
@@ -68,7 +68,7 @@ class ManyRows:
         square: Observations with themselves. Shape (K,).
     """
 
-    weights: Weights
+    weights: ProductWeights
     gram: Array
     against: Array
     square: Array
@@ -108,7 +108,7 @@ class SolvedColumns:
         return mirror_lower(self.triangle)
 
 
-def list_products(channels: Sequence[ChannelProducts]) -> tuple[Weights, list[Products]]:
+def list_products(channels: Sequence[ChannelProducts]) -> tuple[ProductWeights, list[Products]]:
     """List the products of all channels, each once, and how they enter."""
     found: list[tuple[int, int, float, Products]] = []
     for number, channel in enumerate(channels):
@@ -119,7 +119,7 @@ def list_products(channels: Sequence[ChannelProducts]) -> tuple[Weights, list[Pr
     products = [part for *_, part in found]
     numbers, sizes, whole = (np.array([entry[k] for entry in found]) for k in range(3))
     count = np.array([part.count for part in products], float)
-    return Weights(numbers.astype(int), sizes.astype(float), whole, count), products
+    return ProductWeights(numbers.astype(int), sizes.astype(float), whole, count), products
 
 
 def gather_products(channels: Sequence[ChannelProducts], active: NDArray[np.int_]) -> ManyRows:

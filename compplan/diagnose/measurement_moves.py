@@ -57,7 +57,7 @@ WARMED = 1.0
 
 
 @dataclass(frozen=True)
-class Move:
+class MeasuringMove:
     """Rows that are measured together.
 
     Attributes:
@@ -80,7 +80,7 @@ class Pool:
     run: list[str] = field(default_factory=list)
     time: list[float] = field(default_factory=list)
     warmth: list[float] = field(default_factory=list)
-    moves: list[Move] = field(default_factory=list)
+    moves: list[MeasuringMove] = field(default_factory=list)
 
     def add(self, q: Array, wrench: Array, run: str, time: float, warmth: float) -> int:
         """Append a row and return its number."""
@@ -92,7 +92,7 @@ class Pool:
         return len(self.q) - 1
 
 
-def lay_out_moves(robot: Robot, campaign: Campaign, seed: int = 0) -> tuple[Campaign, tuple[Move, ...]]:
+def lay_out_moves(robot: Robot, campaign: Campaign, seed: int = 0) -> tuple[Campaign, tuple[MeasuringMove, ...]]:
     """Lay out candidate moves as the continuation of a campaign.
 
     Poses stay within the joint limits, no lower and no nearer to the base axis than the campaign went; loads stay
@@ -181,14 +181,14 @@ def _add_static(pool: Pool, robot: Robot, campaign: Campaign, poses: Array) -> N
         return pool.add(q, wrench, "static_next", clock + PACE * len(pool.q), 1.0)
 
     for q in poses:
-        pool.moves.append(Move("new_poses", (stay(q, nothing),)))
+        pool.moves.append(MeasuringMove("new_poses", (stay(q, nothing),)))
     heaviest = max(float(np.linalg.norm(load[:3])) for load in loads)
     weight = np.array([0.0, 0.0, -heaviest, 0.0, 0.0, 0.0])
     for number, q in enumerate(poses[:LOADED_POSES]):
         load = loads[number % len(loads)]
-        pool.moves.append(Move("loaded_unloaded", (stay(q, nothing), stay(q, load))))
-        pool.moves.append(Move("sign_flip", (stay(q, load), stay(q, -load))))
-        pool.moves.append(Move("two_payloads", (stay(q, LIGHT * weight), stay(q, weight))))
+        pool.moves.append(MeasuringMove("loaded_unloaded", (stay(q, nothing), stay(q, load))))
+        pool.moves.append(MeasuringMove("sign_flip", (stay(q, load), stay(q, -load))))
+        pool.moves.append(MeasuringMove("two_payloads", (stay(q, LIGHT * weight), stay(q, weight))))
 
 
 def _add_reversals(pool: Pool, robot: Robot, poses: Array) -> None:
@@ -202,7 +202,7 @@ def _add_reversals(pool: Pool, robot: Robot, poses: Array) -> None:
             for side in (-1.0, 1.0):
                 pool.add(centre + side * step, nothing, "static_next", clock + PACE * len(pool.q), 1.0)
                 rows.append(pool.add(centre, nothing, "static_next", clock + PACE * len(pool.q), 1.0))
-            pool.moves.append(Move("reversal", tuple(rows), joint.name))
+            pool.moves.append(MeasuringMove("reversal", tuple(rows), joint.name))
 
 
 def _add_sweeps(pool: Pool, robot: Robot, campaign: Campaign, poses: Array) -> None:
@@ -216,7 +216,7 @@ def _add_sweeps(pool: Pool, robot: Robot, campaign: Campaign, poses: Array) -> N
             if len(sweep) < FEWEST_ROWS:
                 continue
             rows = tuple(pool.add(s, nothing, "static_next", clock + PACE * len(pool.q), 1.0) for s in sweep)
-            pool.moves.append(Move("joint_sweep", rows, joint.name))
+            pool.moves.append(MeasuringMove("joint_sweep", rows, joint.name))
 
 
 def _add_warm_up(pool: Pool, poses: Array) -> None:
@@ -225,7 +225,7 @@ def _add_warm_up(pool: Pool, poses: Array) -> None:
     for seconds, warmth in zip(COURSE, (0.0, 0.5, 1.0), strict=True):
         for number, q in enumerate(poses[:WARM_POSES]):
             rows[number].append(pool.add(q, nothing, "static_warming", seconds + PACE * number, warmth))
-    pool.moves += [Move("warm_up", tuple(numbers)) for numbers in rows]
+    pool.moves += [MeasuringMove("warm_up", tuple(numbers)) for numbers in rows]
 
 
 def _add_paths(pool: Pool, robot: Robot, poses: Array) -> None:
@@ -245,7 +245,7 @@ def _add_paths(pool: Pool, robot: Robot, poses: Array) -> None:
                 moment = clock + SWING * angle / speed
                 rows.append(pool.add(q, nothing, f"path_next_{index + 1}_{number + 1}", moment, 1.0))
             clock = max(pool.time)
-        pool.moves.append(Move("two_speeds", tuple(rows), joint.name))
+        pool.moves.append(MeasuringMove("two_speeds", tuple(rows), joint.name))
 
 
 def _clock(campaign: Campaign) -> float:

@@ -20,7 +20,7 @@ from scipy.special import expit, logit
 
 from compplan.diagnose.ambiguity import is_comparable
 from compplan.diagnose.certainty import TEMPER
-from compplan.diagnose.measurement_moves import KINDS, Move, lay_out_moves
+from compplan.diagnose.measurement_moves import KINDS, MeasuringMove, lay_out_moves
 from compplan.diagnose.offers import registration_signatures
 from compplan.diagnose.probe import probe_signature
 from compplan.diagnose.result import Diagnosis, place_table
@@ -85,7 +85,7 @@ class Proposal:
 
     separates: tuple[Place, Place | None]
     kind: str
-    moves: tuple[Move, ...]
+    moves: tuple[MeasuringMove, ...]
     probability: float
     gain: float
     information: float
@@ -200,7 +200,7 @@ def _motion(signature: Signature, k: int, channel: str) -> Array:
     return signature.encoder[:, :, k]
 
 
-def best_proposal(fit: Fit, pair: Pair, designs: Sequence[Array], moves: Sequence[Move]) -> Proposal | None:
+def best_proposal(fit: Fit, pair: Pair, designs: Sequence[Array], moves: Sequence[MeasuringMove]) -> Proposal | None:
     """Find the kind of move that separates a pair best, with as few moves as do it."""
     found: list[Proposal] = []
     for kind in KINDS:

@@ -13,7 +13,7 @@ from compplan.diagnose.ledger import build_ledger
 from compplan.diagnose.offers import REGISTRATION, key_of, offer_again, offered_signatures, proposed_signatures
 from compplan.diagnose.outliers import find_outliers
 from compplan.diagnose.search import Claim, Search
-from compplan.diagnose.state import Fit, State, advance_state, attain_state, known_approach, linearize_state, stands
+from compplan.diagnose.state import Fit, FitState, advance_state, attain_state, known_approach, linearize_state, stands
 from compplan.measure.registration import fit_registration
 
 #: Exact steps at most (assumed: Gauss-Newton from nearby).
@@ -51,7 +51,7 @@ def polish_fit(fit: Fit) -> Fit:
     return replace(fit, state=best, exact=least, outliers=outliers)
 
 
-def register_again(fit: Fit, state: State, use: NDArray[np.bool_]) -> State:
+def register_again(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> FitState:
     """Fit the frames of a campaign to a state's exact model, where they are fitted at all and where that is closer."""
     problem = fit.problem
     if not problem.register:
@@ -62,14 +62,14 @@ def register_again(fit: Fit, state: State, use: NDArray[np.bool_]) -> State:
     return registered if exact_rms(fit, registered, use) < exact_rms(fit, state, use) else state
 
 
-def exact_rms(fit: Fit, state: State, use: NDArray[np.bool_]) -> float:
+def exact_rms(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> float:
     """Return the root mean square distance that the exact model leaves on some rows. [m]"""
     campaign = fit.problem.campaign
     residual = position_residual(campaign, *attain_state(fit.problem, state))[use & campaign.usable]
     return float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
 
 
-def _step(fit: Fit, state: State, use: NDArray[np.bool_]) -> State:
+def _step(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> FitState:
     """Linearize at a state and take the posterior mean of the claimed and background columns."""
     at = linearize_state(fit.problem, state)
     channels = build_channels(at.scene, at.attained, use, fit.noises)

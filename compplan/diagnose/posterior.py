@@ -24,7 +24,7 @@ from compplan.diagnose.held_out import HeldOut, with_claims
 from compplan.diagnose.ledger import Ledger
 from compplan.diagnose.offers import REGISTRATION
 from compplan.diagnose.search import Claim
-from compplan.diagnose.state import Fit, State
+from compplan.diagnose.state import Fit, FitState
 from compplan.diagnose.unmodelled import UNMODELLED
 from compplan.effects import is_of_instrument
 from compplan.measure.distance import calibrate_band
@@ -49,7 +49,7 @@ class _Known:
 
 
 def state_uncertainty(
-    fit: Fit, claims: list[Claim], state: State, held: HeldOut, good: NDArray[np.bool_],
+    fit: Fit, claims: list[Claim], state: FitState, held: HeldOut, good: NDArray[np.bool_],
     rivals: Mapping[int, Sequence[Rival]] | None = None,
 ) -> Uncertainty:  # fmt: skip
     """State how surely the delivered robot is known.
@@ -105,7 +105,7 @@ def _with_usual_classes(fit: Fit) -> Fit:
     return replace(fit, model=replace(fit.model, posterior=replace(posterior, hyper=usual)))
 
 
-def _collect(fitted: Fit, claims: list[Claim], state: State) -> _Known:
+def _collect(fitted: Fit, claims: list[Claim], state: FitState) -> _Known:
     """Collect parameters of the claims, then of the background, each once."""
     ledger, posterior = fitted.search.ledger, fitted.model.posterior
     place = {int(column): number for number, column in enumerate(posterior.columns)}

@@ -53,7 +53,7 @@ LONG, MOVED = 0.3, 1e-3
 MOMENT, SAME_MOMENT = 1.0, 0.05
 
 
-class Rows(NamedTuple):
+class QuestionRows(NamedTuple):
     """Rows that the questions are asked of, in order; n of them.
 
     Attributes:
@@ -114,15 +114,15 @@ def question_campaign(robot: Robot, campaign: Campaign, register: Sequence[str] 
     return questions
 
 
-def stage_rows(robot: Robot, campaign: Campaign) -> Rows:
+def stage_rows(robot: Robot, campaign: Campaign) -> QuestionRows:
     """Take the rows that hold joints and position, thinned, with what the nominal robot predicts."""
     index = np.flatnonzero(campaign.usable)
     part = replace(campaign.take(index[:: max(1, len(index) // SAMPLE)]), link=None, motor=None)
     attained = attain_scene(stage_scene(robot, part))
-    return Rows(part, attained.position, attained.rotation)
+    return QuestionRows(part, attained.position, attained.rotation)
 
 
-def ask_unit(rows: Rows) -> Question | None:
+def ask_unit(rows: QuestionRows) -> Question | None:
     """Compare distances between targets with those that the joints say."""
     half = len(rows.position) // 2
     here, there = np.arange(half), np.arange(half) + half
@@ -142,7 +142,7 @@ def ask_unit(rows: Rows) -> Question | None:
     return None
 
 
-def ask_hand(rows: Rows) -> Question | None:
+def ask_hand(rows: QuestionRows) -> Question | None:
     """Compare the best rigid placement with the best mirrored one (Kabsch, both determinants)."""
     proper, mirrored = (_placement_rms(rows.position, rows.measured, mirror) for mirror in (False, True))
     if proper > NO_EFFECT and mirrored < CONVINCING * proper:
@@ -154,7 +154,7 @@ def ask_hand(rows: Rows) -> Question | None:
     return None
 
 
-def ask_step(rows: Rows) -> Question | None:
+def ask_step(rows: QuestionRows) -> Question | None:
     """Compare the rows with those one row earlier and one row later, inside runs."""
     still = _placement_rms(rows.position, rows.measured, False)
     if still < NO_EFFECT:
@@ -172,7 +172,7 @@ def ask_step(rows: Rows) -> Question | None:
     return None
 
 
-def ask_target(rows: Rows, register: Sequence[str]) -> Question | None:
+def ask_target(rows: QuestionRows, register: Sequence[str]) -> Question | None:
     """Ask for the target where the gap is one vector of the TCP frame."""
     if "tool" in register or rows.campaign.target_offset is not None:
         return None
@@ -190,7 +190,7 @@ def ask_target(rows: Rows, register: Sequence[str]) -> Question | None:
     )
 
 
-def ask_frames(rows: Rows, register: Sequence[str]) -> Question | None:
+def ask_frames(rows: QuestionRows, register: Sequence[str]) -> Question | None:
     """Ask for a registration where one makes the gap small."""
     gap = float(np.median(np.linalg.norm(rows.measured - rows.position, axis=1)))
     for parts in (("base",), ("base", "tool")):
@@ -210,7 +210,7 @@ def ask_frames(rows: Rows, register: Sequence[str]) -> Question | None:
     return None
 
 
-def ask_moment_point(robot: Robot, rows: Rows) -> Question | None:
+def ask_moment_point(robot: Robot, rows: QuestionRows) -> Question | None:
     """Tell whether the moments are those of a force at the TCP, taken about the flange."""
     chain = build_chain(robot)
     lever = rows.position - _flange(robot, rows)
@@ -230,7 +230,7 @@ def ask_moment_point(robot: Robot, rows: Rows) -> Question | None:
     )
 
 
-def ask_sign(robot: Robot, rows: Rows, register: Sequence[str]) -> Question | None:
+def ask_sign(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Question | None:
     """Compare springs that yield to weights and loads with springs that push against them.
 
     Residuals against the rigid robot are fitted by geometry, zeros and frames (with priors), and by a compliance
@@ -261,7 +261,7 @@ def ask_sign(robot: Robot, rows: Rows, register: Sequence[str]) -> Question | No
     return Question("sign", said)
 
 
-def ask_clock(robot: Robot, rows: Rows, register: Sequence[str]) -> Question | None:
+def ask_clock(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Question | None:
     """Ask about the clock where positions on paths run ahead of the joints, or behind, by more than any lag."""
     path = rows.campaign.on_path
     if register or path.sum() < PATH_ROWS or not rows.campaign.speed[path].any():
@@ -297,7 +297,7 @@ class _Shapes(NamedTuple):
     load: Array
 
 
-def _shape_elastics(robot: Robot, rows: Rows, register: Sequence[str]) -> _Shapes:
+def _shape_elastics(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> _Shapes:
     own = tuple(Spring(joint.name, "own", 0.0) for joint in robot.actuated)
     frames_of = tuple(Spring(joint.name, axis, 0.0) for joint in robot.joints for axis in ELASTIC_AXES)
     bare = replace(robot, springs=own + frames_of, link_elasticities=(), gravity=robot.real_gravity, effects=())
@@ -347,7 +347,7 @@ def _placement_rms(nominal: Array, measured: Array, mirror: bool) -> float:
     return float(np.sqrt(np.median(distance**2)))
 
 
-def _flange(robot: Robot, rows: Rows) -> Array:
+def _flange(robot: Robot, rows: QuestionRows) -> Array:
     """Locate the flange: the TCP moved back along the fixed joints that carry the tool. Shape (n, 3). [m]"""
     pose = np.eye(4)
     links = [joint.child for joint in robot.joints]

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from compplan.diagnose.channels import position_residual
 from compplan.diagnose.offers import REGISTRATION
-from compplan.diagnose.state import State, attain_state
+from compplan.diagnose.state import FitState, attain_state
 from compplan.diagnose.verdict import CLAIMED, Finding
 from compplan.effects import driver_of, locate_effect, robot_effects
 from compplan.measure.campaign import Campaign
@@ -350,7 +350,7 @@ def _find_conventions(diagnosis: Diagnosis, motion: PosteriorMotion) -> list[tup
     before = motion.take_frames(diagnosis.residual_before[motion.rows].reshape(-1, 1))[:, 0]
     left, moves = before, []
     for number in range(len(found)):
-        state = State(problem.fixed[: known + number + 1], {}, diagnosis.registration, problem.campaign.usable)
+        state = FitState(problem.fixed[: known + number + 1], {}, diagnosis.registration, problem.campaign.usable)
         after = position_residual(problem.campaign, *attain_state(problem, state))[motion.rows]
         after = motion.take_frames(after.reshape(-1, 1))[:, 0]
         after = motion.first_order if number + 1 == len(found) else after

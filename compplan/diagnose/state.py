@@ -63,7 +63,7 @@ class Problem:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class FitState:
     """Where a fit stands.
 
     Attributes:
@@ -104,25 +104,25 @@ class Fit:
     """
 
     problem: Problem
-    state: State
+    state: FitState
     at: Linearization
     channels: tuple[Channel, ...]
     search: Search
     model: Model
     noises: dict[str, Noise]
     outliers: NDArray[np.int_]
-    base: State | None = None
+    base: FitState | None = None
     exact: float = 0.0
     score: float = -np.inf
 
 
-def known_approach(campaign: Campaign, state: State) -> NDArray[np.bool_]:
+def known_approach(campaign: Campaign, state: FitState) -> NDArray[np.bool_]:
     """Tell which rows a model can predict: all, or with play those whose approach is known. Shape (n,)."""
     play = any(key[0] == "backlash" for key, _ in state.claims)
     return ~campaign.first_visit if play else np.ones(len(campaign), bool)
 
 
-def stands(problem: Problem, state: State) -> bool:
+def stands(problem: Problem, state: FitState) -> bool:
     """Tell whether the robot of a state finds its equilibrium at every row."""
     try:
         _, attained = attain_state(problem, state)
@@ -131,7 +131,7 @@ def stands(problem: Problem, state: State) -> bool:
     return bool(np.isfinite(attained.position).all())
 
 
-def attain_state(problem: Problem, state: State) -> tuple[Scene, Attained]:
+def attain_state(problem: Problem, state: FitState) -> tuple[Scene, Attained]:
     """Put the state's effects into a scene and solve it."""
     for effects, scene, attained in problem.latest:
         if effects is state.effects:
@@ -146,13 +146,13 @@ def attain_state(problem: Problem, state: State) -> tuple[Scene, Attained]:
     return scene, attained
 
 
-def linearize_state(problem: Problem, state: State) -> Linearization:
+def linearize_state(problem: Problem, state: FitState) -> Linearization:
     """Put the state's effects into a scene, solve it and linearize."""
     scene, attained = attain_state(problem, state)
     return linearize_scene(scene, attained, {effect.place: effect.parameters for effect in state.effects})
 
 
-def advance_state(fit: Fit, share: float = 1.0) -> State:
+def advance_state(fit: Fit, share: float = 1.0) -> FitState:
     """Take the posterior mean into the exact model, or a share of the way to it from where the fit stands."""
     ledger = fit.search.ledger
     prior, posterior = bend_forwards(ledger, fit.search.prior_of(fit.model.claims), fit.model.posterior)
@@ -187,7 +187,7 @@ def advance_state(fit: Fit, share: float = 1.0) -> State:
     scatter = fit.noises["position"].sigma * float(
         np.exp(0.5 * first.log_noise[0]) * np.hypot(1.0, np.exp(first.log_shared[0]))
     )
-    return State(tuple(effects), values, registration, fit.state.use, claims_of(fit), scatter)
+    return FitState(tuple(effects), values, registration, fit.state.use, claims_of(fit), scatter)
 
 
 def idle(ledger: Ledger, columns: NDArray[np.int_], vector: Array) -> bool:

@@ -36,7 +36,7 @@ UNITS: dict[str, tuple[str, float]] = {
 
 
 @dataclass(frozen=True)
-class Column:
+class FileColumn:
     """State one column that a table may have.
 
     Args:
@@ -93,8 +93,8 @@ def to_unit(values: NDArray[np.float64], header: str) -> NDArray[np.float64]:
 
 
 def match_columns(
-    path: Path, line: int, header: list[str], columns: Sequence[Column], unknown: str
-) -> tuple[dict[str, tuple[int, Column, str]], list[str]]:
+    path: Path, line: int, header: list[str], columns: Sequence[FileColumn], unknown: str
+) -> tuple[dict[str, tuple[int, FileColumn, str]], list[str]]:
     """Match the header of a file with the columns that it may have.
 
     Args:
@@ -111,7 +111,7 @@ def match_columns(
         InputError: If a column is unknown, occurs twice, has no or a wrong unit, or is missing, alone or of a group.
 
     """
-    matched: dict[str, tuple[int, Column, str]] = {}
+    matched: dict[str, tuple[int, FileColumn, str]] = {}
     notes: list[str] = []
     for index, title in enumerate(header):
         found = _find_column(title, columns)
@@ -132,7 +132,7 @@ def match_columns(
     return matched, notes
 
 
-def _find_column(title: str, columns: Sequence[Column]) -> tuple[Column, str, str] | None:
+def _find_column(title: str, columns: Sequence[FileColumn]) -> tuple[FileColumn, str, str] | None:
     """Return the column that a title names, with its unit and key."""
     name, unit = split_unit(title)
     for column in columns:
@@ -150,7 +150,7 @@ def _name_pattern(name: str) -> re.Pattern[str]:
     return re.compile(re.escape(name).replace(r"\#", "#").replace("#", "[1-9][0-9]?"))
 
 
-def _explain_unknown(title: str, columns: Sequence[Column]) -> str:
+def _explain_unknown(title: str, columns: Sequence[FileColumn]) -> str:
     """Return why a title is no column: no unit, another unit, or no such name."""
     name, unit = split_unit(title)
     for column in columns:
@@ -162,7 +162,7 @@ def _explain_unknown(title: str, columns: Sequence[Column]) -> str:
 
 
 def _check_groups(
-    path: Path, line: int, header: list[str], columns: Sequence[Column], present: Sequence[Column]
+    path: Path, line: int, header: list[str], columns: Sequence[FileColumn], present: Sequence[FileColumn]
 ) -> None:
     """Refuse a table without a required column, or with part of a group."""
     groups = {column.group for column in present if column.group is not None}

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError
-from compplan.files.columns import UNITS, Column, match_columns
+from compplan.files.columns import UNITS, FileColumn, match_columns
 from compplan.files.tables import Array, Table, read_table
 
 
-def open_table(source: Any, columns: Sequence[Column], *, what: str, unknown: str = "refuse") -> Table:
+def open_table(source: Any, columns: Sequence[FileColumn], *, what: str, unknown: str = "refuse") -> Table:
     """Read a table from a file, or take one that is in memory already; see `read_table` and `take_table`."""
     if is_file_name(source):
         return read_table(source, columns, unknown=unknown)
@@ -26,7 +26,7 @@ def is_file_name(source: Any) -> bool:
     return isinstance(source, str | Path)
 
 
-def take_table(data: Any, columns: Sequence[Column], *, what: str, unknown: str = "refuse") -> Table:
+def take_table(data: Any, columns: Sequence[FileColumn], *, what: str, unknown: str = "refuse") -> Table:
     """Take a table that is in memory already: a DataFrame, a mapping of columns, or an array with named fields.
 
     Column names carry units as in a file. A name may also stand for several columns side by side, `position_mm` for

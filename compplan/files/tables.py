@@ -1,6 +1,6 @@
 """Tables at the edge: CSV files whose column names carry units, as SI arrays, and files that appear whole or never.
 
-A reader states the columns it knows as `Column`s (`compplan.files.columns`); `read_table` answers with SI arrays by
+A reader states the columns it knows as `FileColumn`s (`compplan.files.columns`); `read_table` answers with SI arrays by
 key, or with one sentence that names file and line. `write_table` is the way back. Everything that compplan writes goes
 through `replace_file`.
 """
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError, ShapeError
-from compplan.files.columns import UNITS, Column, match_columns
+from compplan.files.columns import UNITS, FileColumn, match_columns
 from compplan.files.origin import note_input
 from compplan.files.transaction import replace_file
 
@@ -83,7 +83,7 @@ class Table:
         return InputError(message, file=self.file, where=1 if row is None else int(self.lines[row]))
 
 
-def read_table(path: str | Path, columns: Sequence[Column], *, unknown: str = "refuse") -> Table:
+def read_table(path: str | Path, columns: Sequence[FileColumn], *, unknown: str = "refuse") -> Table:
     """Read a CSV file whose column names carry units.
 
     Blank lines and lines that begin with # are skipped. An empty field, or nan, is a missing value.

@@ -3,18 +3,18 @@
 from compplan.identify.estimate import Estimate, estimate_parameters
 from compplan.identify.forward import KNOWN_FRAMES, predict_rows
 from compplan.identify.observations import Observations, make_observations, simulate_observations
-from compplan.identify.parameters import Parameter, Structure, build_structure, candidate_springs, own_springs
+from compplan.identify.parameters import FreeRobot, Parameter, build_structure, candidate_springs, own_springs
 from compplan.identify.reduce import ReducedModel, reduce_model
 from compplan.identify.separability import Inseparable
 
 __all__ = [
     "KNOWN_FRAMES",
     "Estimate",
+    "FreeRobot",
     "Inseparable",
     "Observations",
     "Parameter",
     "ReducedModel",
-    "Structure",
     "build_structure",
     "candidate_springs",
     "estimate_parameters",

@@ -10,7 +10,7 @@ import numpy as np
 from compplan.errors import InputError, UnknownNameError
 from compplan.identify.estimate import Estimate, estimate_parameters
 from compplan.identify.observations import Observations
-from compplan.identify.parameters import Structure
+from compplan.identify.parameters import FreeRobot
 from compplan.robot import Array
 
 
@@ -43,7 +43,7 @@ class AxisByAxis:
 
 
 def estimate_axis_by_axis(
-    structure: Structure, tests: Sequence[AxisTest], *, most: int = 30, tolerance: float = 1e-3
+    structure: FreeRobot, tests: Sequence[AxisTest], *, most: int = 30, tolerance: float = 1e-3
 ) -> AxisByAxis:
     """Identify the parameters of each test, all others as they stand, until a sweep changes nothing.
 
@@ -75,7 +75,7 @@ def estimate_axis_by_axis(
     raise InputError(f"the tests did not settle in {most} sweeps; identify their parameters together")
 
 
-def move_nominal(structure: Structure, values: Array) -> Structure:
+def move_nominal(structure: FreeRobot, values: Array) -> FreeRobot:
     """Make the given compliances of a structure its nominal ones."""
     chain = replace(structure.chain, compliance=structure.compliance(values))
     moved = tuple(replace(p, nominal=float(v)) for p, v in zip(structure.parameters, values, strict=True))

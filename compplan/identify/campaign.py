@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compplan.identify.estimate import Estimate
-from compplan.identify.gap import Gap, measure_gap
+from compplan.identify.gap import IdentifiedGap, measure_gap
 from compplan.identify.heldout import gain_score
 from compplan.identify.observations import Observations
-from compplan.identify.parameters import GEOMETRY, Structure
+from compplan.identify.parameters import GEOMETRY, FreeRobot
 from compplan.identify.posterior import identified_uncertainty
 from compplan.identify.problem import (
     IdentifyOptions,
@@ -57,7 +57,7 @@ class Identification:
     refinement: Refinement
     geometry: str
     reference: str
-    gap: Gap
+    gap: IdentifiedGap
     registration: Registration
     observations: Observations
     outliers: tuple[int, ...]
@@ -131,7 +131,7 @@ class _Growth:
     """A model that grew at one choice of geometry."""
 
     problem: IdentifyProblem
-    structure: Structure
+    structure: FreeRobot
     estimate: Estimate
     refinement: Refinement
     kept: Estimate
@@ -209,7 +209,7 @@ def _say_clustered(kept: Estimate) -> list[str]:
     ]
 
 
-def _drop_negative(problem: IdentifyProblem, structure: Structure, refinement: Refinement) -> Estimate:
+def _drop_negative(problem: IdentifyProblem, structure: FreeRobot, refinement: Refinement) -> Estimate:
     """Fit again without springs that came out below zero, until none does."""
     names, estimate = list(refinement.names), refinement.estimate
     while True:
@@ -232,7 +232,7 @@ def _drop_negative(problem: IdentifyProblem, structure: Structure, refinement: R
         estimate = problem.fit(_make_rigid(kept, structure, [n for n in refinement.names if n not in names]))
 
 
-def _make_rigid(kept: Structure, structure: Structure, names: Sequence[str]) -> Structure:
+def _make_rigid(kept: FreeRobot, structure: FreeRobot, names: Sequence[str]) -> FreeRobot:
     """Set the compliance of some springs that are not free to zero."""
     matrix = kept.chain.compliance.copy()
     for parameter in structure.parameters:

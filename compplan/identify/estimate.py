@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.stats import t
 
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
-from compplan.identify.forward import KNOWN_FRAMES, Prediction, frame_parameters, move_frames, predict_rows
+from compplan.identify.forward import KNOWN_FRAMES, PredictedRows, frame_parameters, move_frames, predict_rows
 from compplan.identify.observations import Observations
-from compplan.identify.parameters import Parameter, Structure
+from compplan.identify.parameters import FreeRobot, Parameter
 from compplan.identify.robust import check_loss, loss_weights
 from compplan.identify.separability import Inseparable, condition_number, explain_held, find_free
 from compplan.identify.spread import state_spread
@@ -46,7 +46,7 @@ class Estimate:
         iterations: Steps that were taken.
     """
 
-    structure: Structure
+    structure: FreeRobot
     parameters: tuple[Parameter, ...]
     values: Array
     covariance: Array
@@ -55,7 +55,7 @@ class Estimate:
     condition: float
     freedom: Array
     registration: Registration
-    prediction: Prediction
+    prediction: PredictedRows
     residuals: Array
     weights: Array
     noise: Array
@@ -85,7 +85,7 @@ class Estimate:
 
 
 def estimate_parameters(
-    structure: Structure,
+    structure: FreeRobot,
     observations: Observations,
     *,
     registration: Registration | None = None,
@@ -171,7 +171,7 @@ def pose_groups(observations: Observations) -> NDArray[np.int_]:
 
 
 def _iterate(
-    structure: Structure,
+    structure: FreeRobot,
     observations: Observations,
     frames: Registration,
     parameters: tuple[Parameter, ...],
@@ -179,8 +179,8 @@ def _iterate(
     group: NDArray[np.int_] | None,
     loss: str,
     sigma: str,
-    state: tuple[Prediction, System],
-) -> tuple[Array, Registration, Prediction, System, Array, int]:
+    state: tuple[PredictedRows, System],
+) -> tuple[Array, Registration, PredictedRows, System, Array, int]:
     """Step until the values stand still against their standard errors."""
     (prediction, system), values, noise = state, structure.nominal, np.ones(3)
     sizes, previous = np.array([parameter.size for parameter in parameters])[free], np.inf
@@ -206,13 +206,13 @@ def _iterate(
 
 
 def _advance(
-    structure: Structure,
+    structure: FreeRobot,
     observations: Observations,
     values: Array,
     frames: Registration,
     step: Array,
-    prediction: Prediction,
-) -> tuple[Array, Registration, Prediction]:
+    prediction: PredictedRows,
+) -> tuple[Array, Registration, PredictedRows]:
     """Go along a step, halved until the loaded robot stands."""
     for _ in range(12):
         moved = move_frames(frames, step[len(values) :], observations.rotation is not None)

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import ConvergenceError
 from compplan.identify.observations import Observations
-from compplan.identify.parameters import AXES, TYPICAL_SIZE, Parameter, Structure
+from compplan.identify.parameters import AXES, TYPICAL_SIZE, FreeRobot, Parameter
 from compplan.measure.registration import Registration
 from compplan.robot import Array
 from compplan.statics.chain import Frames, jacobian, locate_frames
@@ -61,7 +61,7 @@ def move_frames(registration: Registration, change: Array, orientation: bool) ->
 
 
 @dataclass(frozen=True)
-class Prediction:
+class PredictedRows:
     """What the model says about n rows.
 
     Attributes:
@@ -80,12 +80,12 @@ class Prediction:
 
 
 def predict_rows(
-    structure: Structure,
+    structure: FreeRobot,
     values: Array,
     observations: Observations,
     registration: Registration,
     start: Array | None = None,
-) -> Prediction:
+) -> PredictedRows:
     """Predict what is measured, in exact loaded equilibrium: theta = C(p) tau(q, theta) + shift(p).
 
     Args:
@@ -120,7 +120,7 @@ def predict_rows(
     offset = registration.tool[observations.target]
     R, p = registration.base[:3, :3], registration.base[:3, 3]
     lever = np.einsum("nij,nj->ni", frames.tcp_rotation, offset[:, :3, 3])
-    return Prediction(
+    return PredictedRows(
         position=(frames.tcp_position + lever) @ R.T + p,
         rotation=R @ frames.tcp_rotation @ offset[:, :3, :3],
         theta=theta,
@@ -130,7 +130,7 @@ def predict_rows(
 
 
 def sensitivities(
-    structure: Structure, observations: Observations, registration: Registration, prediction: Prediction
+    structure: FreeRobot, observations: Observations, registration: Registration, prediction: PredictedRows
 ) -> Array:
     """Differentiate the measured pose with respect to every parameter, frames last.
 
@@ -154,7 +154,7 @@ def sensitivities(
     return np.concatenate(parts, axis=2)
 
 
-def pose_residuals(observations: Observations, prediction: Prediction) -> Array:
+def pose_residuals(observations: Observations, prediction: PredictedRows) -> Array:
     """Take measured minus predicted, position then rotation vector, measuring axes; [m, rad]. Shape (n, 6)."""
     residual = np.full((len(observations), 6), np.nan)
     residual[:, :3] = observations.position - prediction.position
@@ -165,7 +165,7 @@ def pose_residuals(observations: Observations, prediction: Prediction) -> Array:
     return residual
 
 
-def _elastic_columns(structure: Structure, columns: Array, torque: Array) -> Array:
+def _elastic_columns(structure: FreeRobot, columns: Array, torque: Array) -> Array:
     result = np.zeros((len(columns), 6, len(structure.parameters)))
     entries = [(k, *e) for k, p in enumerate(structure.parameters) for e in p.entries]
     if entries:
@@ -182,7 +182,7 @@ def _elastic_columns(structure: Structure, columns: Array, torque: Array) -> Arr
 
 
 def _frame_columns(
-    observations: Observations, registration: Registration, prediction: Prediction, R: Array
+    observations: Observations, registration: Registration, prediction: PredictedRows, R: Array
 ) -> list[Array]:
     n = len(observations)
     parts: list[Array] = []

@@ -9,13 +9,13 @@ import numpy as np
 from compplan.identify.axis_by_axis import move_nominal
 from compplan.identify.estimate import Estimate, pose_groups
 from compplan.identify.heldout import distance_rms, leave_out, linearise_at
-from compplan.identify.parameters import Structure
+from compplan.identify.parameters import FreeRobot
 from compplan.identify.problem import IdentifyProblem
 from compplan.robot import Array
 
 
 @dataclass(frozen=True)
-class Gap:
+class IdentifiedGap:
     """Rms of the 3D distance over the rows that are no outliers. [m]
 
     Attributes:
@@ -35,7 +35,7 @@ class Gap:
     under_load_after: float | None
 
 
-def measure_gap(problem: IdentifyProblem, structure: Structure, kept: Estimate, *, difference: bool) -> Gap:
+def measure_gap(problem: IdentifyProblem, structure: FreeRobot, kept: Estimate, *, difference: bool) -> IdentifiedGap:
     """Measure the gap of the nominal and the identified robot.
 
     Args:
@@ -55,7 +55,7 @@ def measure_gap(problem: IdentifyProblem, structure: Structure, kept: Estimate, 
     def held_out(estimate: Estimate, *, difference: bool = False) -> float:
         return distance_rms(_leave_out(problem, replace(estimate, weights=weights), difference=difference), rows)
 
-    return Gap(
+    return IdentifiedGap(
         before=distance_rms(bare.residuals, rows),
         after=distance_rms(shown.residuals, rows),
         held_out_before=held_out(bare),

@@ -16,7 +16,7 @@ FOLDS = 5
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class HeldOutRows:
     """Residuals of rows under models that were fitted without them.
 
     Attributes:
@@ -58,7 +58,7 @@ def leave_out(
     *,
     difference: bool = False,
     folds: int = FOLDS,
-) -> HeldOut:
+) -> HeldOutRows:
     """Refit without each block of poses and predict it.
 
     Each refit is one Gauss-Newton step from the fit of all rows: the model is linear in its parameters far below noise.
@@ -95,7 +95,7 @@ def leave_out(
     np.add.at(score, poses, (left**2).sum(axis=1))
     with np.errstate(divide="ignore", invalid="ignore"):
         back = np.where(whitener * root > 0, left / (whitener * root), np.nan)
-    return HeldOut(back, score)
+    return HeldOutRows(back, score)
 
 
 def gain_score(before: Array, after: Array) -> float:

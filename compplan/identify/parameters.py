@@ -49,7 +49,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Structure:
+class FreeRobot:
     """A robot, its elastic chain and the parameters that are free in it.
 
     Attributes:
@@ -99,7 +99,7 @@ class Structure:
                 constant[parameter.shift] += value
         return constant
 
-    def select(self, keep: Iterable[str]) -> Structure:
+    def select(self, keep: Iterable[str]) -> FreeRobot:
         """Keep the parameters of these names free; the others stay at their nominal values."""
         wanted = set(keep)
         return replace(self, parameters=tuple(p for p in self.parameters if p.name in wanted))
@@ -112,7 +112,7 @@ def build_structure(
     add: Sequence[Spring] = (),
     links: str | None = None,
     geometry: str = "none",
-) -> Structure:
+) -> FreeRobot:
     """Choose what is free in a robot.
 
     Args:
@@ -157,7 +157,7 @@ def build_structure(
         unit = "m" if _slides(robot, spring) else "rad"
         free.append(Parameter(_geometry_name(spring), "geometry", unit, 0.0, TYPICAL_SIZE[unit], shift=index))
     labels = (*present, *("" for _ in geometric))
-    return Structure(extended, build_chain(extended), tuple(free), labels, tuple(link_index))
+    return FreeRobot(extended, build_chain(extended), tuple(free), labels, tuple(link_index))
 
 
 def own_springs(robot: Robot) -> tuple[Spring, ...]:

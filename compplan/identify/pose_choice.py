@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from compplan.errors import InputError
 from compplan.identify.forward import KNOWN_FRAMES, frame_parameters, predict_rows, sensitivities
 from compplan.identify.observations import Observations, make_observations
-from compplan.identify.parameters import Parameter, Structure
+from compplan.identify.parameters import FreeRobot, Parameter
 from compplan.identify.separability import find_free
 from compplan.identify.system import invert
 from compplan.measure.registration import Registration
@@ -114,7 +114,7 @@ def draw_candidates(
 
 
 def weigh_candidates(
-    structure: Structure,
+    structure: FreeRobot,
     candidates: PoseCandidates,
     *,
     orientation: bool = True,

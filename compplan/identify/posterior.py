@@ -9,8 +9,8 @@ import numpy as np
 from compplan.effects.assumed import assume_geometry
 from compplan.effects.scene import own_springs
 from compplan.identify.estimate import Estimate
-from compplan.identify.gap import Gap
-from compplan.identify.parameters import Parameter, Structure
+from compplan.identify.gap import IdentifiedGap
+from compplan.identify.parameters import FreeRobot, Parameter
 from compplan.robot import Array, Joint, Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown, spread_unknowns
 
@@ -19,7 +19,7 @@ HELD = 0.3
 
 
 def identified_uncertainty(
-    robot: Robot, kept: Estimate, gap: Gap, *, difference: bool, sigma: float, source: str
+    robot: Robot, kept: Estimate, gap: IdentifiedGap, *, difference: bool, sigma: float, source: str
 ) -> Uncertainty:
     """State how surely an identified robot is known.
 
@@ -60,7 +60,7 @@ def identified_uncertainty(
     )
 
 
-def _name(structure: Structure, parameter: Parameter) -> Unknown | None:
+def _name(structure: FreeRobot, parameter: Parameter) -> Unknown | None:
     """Return the unknown of the vocabulary that a parameter is, without its size; None where there is none."""
     joints = {joint.name: joint for joint in structure.robot.joints}
     springs = dict(zip(structure.spring_labels, structure.robot.springs, strict=True))

@@ -12,7 +12,7 @@ from compplan.identify.heldout import gain_score, leave_out, linearise_at
 from compplan.identify.observations import Observations
 from compplan.identify.parameters import (
     GEOMETRY,
-    Structure,
+    FreeRobot,
     build_structure,
     candidate_springs,
     label_spring,
@@ -73,17 +73,17 @@ class IdentifyProblem:
     geometry: str = "none"
     reference: str = "absolute"
 
-    def structure(self, *, extras: bool = False) -> Structure:
+    def structure(self, *, extras: bool = False) -> FreeRobot:
         """Build the structure of everything that is considered; `extras` are candidates of the stepwise refinement."""
         return build_considered(self.robot, self.options, self.geometry, extras=extras)
 
-    def demanded(self, structure: Structure) -> list[str]:
+    def demanded(self, structure: FreeRobot) -> list[str]:
         """List the parameters that need not earn their place: those of the nominal model, and what was asked for."""
         asked = {label_spring(spring) for spring in self.robot.springs}
         asked |= {*self.options.add, *(self.options.springs or ())}
         return [p.name for p in structure.parameters if p.name in asked or p.kind not in ("joint", "spring")]
 
-    def fit(self, structure: Structure) -> Estimate:
+    def fit(self, structure: FreeRobot) -> Estimate:
         """Fit a structure."""
         return estimate_parameters(
             structure,
@@ -94,7 +94,7 @@ class IdentifyProblem:
         )
 
 
-def build_considered(robot: Robot, options: IdentifyOptions, geometry: str, *, extras: bool = False) -> Structure:
+def build_considered(robot: Robot, options: IdentifyOptions, geometry: str, *, extras: bool = False) -> FreeRobot:
     """Build the structure of everything that the options ask for.
 
     Args:

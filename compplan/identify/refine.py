@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from compplan.identify.estimate import Estimate, estimate_parameters, pose_groups
 from compplan.identify.heldout import distance_rms, gain_score, leave_out
 from compplan.identify.observations import Observations
-from compplan.identify.parameters import Parameter, Structure
+from compplan.identify.parameters import FreeRobot, Parameter
 from compplan.identify.separability import find_free
 from compplan.identify.system import invert, linearise, stack, weigh
 from compplan.measure.registration import Registration
@@ -27,7 +27,7 @@ MAX_ADDED = 12
 
 
 @dataclass(frozen=True)
-class Candidate:
+class RoundCandidate:
     """One candidate in one round of refinement.
 
     Attributes:
@@ -58,7 +58,7 @@ class RefinementRound:
     """
 
     held_out_rms: float
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[RoundCandidate, ...]
     added: str
 
 
@@ -78,7 +78,7 @@ class Refinement:
 
 
 def refine_structure(
-    structure: Structure,
+    structure: FreeRobot,
     start: Sequence[str],
     observations: Observations,
     *,
@@ -114,7 +114,7 @@ def refine_structure(
 
 
 def probe_model(
-    structure: Structure, present: Estimate, observations: Observations, *, difference: bool = False
+    structure: FreeRobot, present: Estimate, observations: Observations, *, difference: bool = False
 ) -> RefinementRound:
     """Test a fitted model against every parameter of a structure that it leaves out.
 
@@ -145,13 +145,13 @@ def probe_model(
         free = base.copy()
         free[k] = True
         if not _tellable(matrix, parameters, free, k):
-            found.append(Candidate(names[k], 0.0, 0.0, distance_rms(before.residual, rows), 0.0, told=False))
+            found.append(RoundCandidate(names[k], 0.0, 0.0, distance_rms(before.residual, rows), 0.0, told=False))
             continue
         inverse = invert(matrix[np.ix_(free, free)])
         place = int(np.flatnonzero(free).searchsorted(k))
         after = leave_out(system, observations, present, free, difference=difference)
         found.append(
-            Candidate(
+            RoundCandidate(
                 name=names[k],
                 value=float(values[k] + inverse[place] @ side[free]),
                 standard_error=float(np.sqrt(inverse[place, place])),
@@ -171,6 +171,6 @@ def _tellable(matrix: Array, parameters: Sequence[Parameter], free: NDArray[np.b
     return bool(told[index.searchsorted(k)] and told.sum() == len(index))
 
 
-def _signed(structure: Structure) -> set[str]:
+def _signed(structure: FreeRobot) -> set[str]:
     """List the parameters that may be negative: geometry, and couplings inside a link."""
     return {p.name for p in structure.parameters if p.kind == "geometry" or p.unit == "rad/N" or "*" in p.name}

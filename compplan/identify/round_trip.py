@@ -18,7 +18,7 @@ from compplan.errors import UnknownNameError
 from compplan.identify.estimate import Estimate, estimate_parameters
 from compplan.identify.forward import KNOWN_FRAMES, predict_rows
 from compplan.identify.observations import Observations, simulate_observations
-from compplan.identify.parameters import Structure, build_structure, link_springs, own_springs
+from compplan.identify.parameters import FreeRobot, build_structure, link_springs, own_springs
 from compplan.identify.pose_choice import draw_candidates
 from compplan.robot import Array, Body, LinkElasticity, Robot, Spring
 
@@ -104,7 +104,7 @@ def measure_coverage(trips: Sequence[RoundTrip], level: float = 0.95) -> Coverag
     return Coverage(int(held.sum()), len(held), float(test.pvalue))
 
 
-def _build(robot: Robot, model: str) -> Structure:
+def _build(robot: Robot, model: str) -> FreeRobot:
     """Give a robot the springs, links and masses of a model, with values that are not zero."""
     rigid = [replace(spring, compliance=spring.compliance or 1e-6) for spring in own_springs(robot)]
     soft = replace(robot, springs=(*robot.springs, *rigid), effects=())
@@ -146,7 +146,7 @@ def _load(
 
 
 def _simulate(
-    structure: Structure, truth: Array, blank: Observations, model: str, rng: np.random.Generator
+    structure: FreeRobot, truth: Array, blank: Observations, model: str, rng: np.random.Generator
 ) -> Observations:
     """Measure the true robot in exact equilibrium, with noise, and with small unknown frames where these are fitted."""
     frames = KNOWN_FRAMES

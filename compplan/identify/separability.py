@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.identify.forward import Prediction
+from compplan.identify.forward import PredictedRows
 from compplan.identify.observations import Observations
-from compplan.identify.parameters import Parameter, Structure
+from compplan.identify.parameters import FreeRobot, Parameter
 from compplan.robot import Array
 
 #: A direction whose standard error is more than this many typical sizes is called unidentifiable.
@@ -78,9 +78,9 @@ def find_free(information: Array, parameters: Sequence[Parameter]) -> NDArray[np
 
 
 def explain_held(
-    structure: Structure,
+    structure: FreeRobot,
     observations: Observations,
-    prediction: Prediction,
+    prediction: PredictedRows,
     information: Array,
     parameters: Sequence[Parameter],
     free: NDArray[np.bool_],
@@ -132,7 +132,9 @@ def loads_are_vertical(observations: Observations) -> bool:
     return bool(across < 1e-9 * max(np.abs(load[:, 2]).max(initial=0.0), 1e-300))
 
 
-def _why_never(structure: Structure, observations: Observations, prediction: Prediction, parameter: Parameter) -> str:
+def _why_never(
+    structure: FreeRobot, observations: Observations, prediction: PredictedRows, parameter: Parameter
+) -> str:
     load, gravity = observations.wrench, structure.chain.gravity.any() and structure.chain.mass.any()
     if parameter.kind in ("geometry", "base", "tool"):
         return "these poses do not show it"
@@ -161,7 +163,7 @@ def _why_never(structure: Structure, observations: Observations, prediction: Pre
 
 
 def _why_together(
-    structure: Structure, observations: Observations, prediction: Prediction, parameters: Sequence[Parameter]
+    structure: FreeRobot, observations: Observations, prediction: PredictedRows, parameters: Sequence[Parameter]
 ) -> str:
     kinds = {parameter.kind for parameter in parameters}
     if len(parameters) == 2 and _same_axis(structure, prediction, parameters):
@@ -179,7 +181,7 @@ def _why_together(
     return "they move the tool in proportion at these poses and loads; add poses and load directions"
 
 
-def _same_axis(structure: Structure, prediction: Prediction, parameters: Sequence[Parameter]) -> bool:
+def _same_axis(structure: FreeRobot, prediction: PredictedRows, parameters: Sequence[Parameter]) -> bool:
     if any(len(p.entries) != 1 or p.entries[0][0] != p.entries[0][1] for p in parameters):
         return False
     chain, frames = structure.chain, prediction.frames

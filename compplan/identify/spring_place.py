@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from compplan.errors import CompplanError, InputError
 from compplan.identify.estimate import Estimate, estimate_parameters, pose_groups
 from compplan.identify.observations import Observations
-from compplan.identify.parameters import Structure
+from compplan.identify.parameters import FreeRobot
 from compplan.identify.system import linearise, weigh
 from compplan.measure.registration import Registration
 from compplan.robot import Array
@@ -32,14 +32,14 @@ class SpringPlace:
         standard_errors: Of the offset; zero along the spring's own axis, where it changes nothing. Shape (3,). [m]
     """
 
-    structure: Structure
+    structure: FreeRobot
     estimate: Estimate
     offset: Array
     standard_errors: Array
 
 
 def place_spring(
-    structure: Structure,
+    structure: FreeRobot,
     name: str,
     observations: Observations,
     *,
@@ -67,7 +67,7 @@ def place_spring(
     across = np.flatnonzero(np.array(ELASTIC_AXES[spring.axis][1]) == 0)
     group = pose_groups(observations) if reference == "difference" else None
 
-    def fit(components: Array) -> tuple[Structure, Estimate]:
+    def fit(components: Array) -> tuple[FreeRobot, Estimate]:
         offset = spring.offset.copy()
         offset[across] = components
         placed = move_spring(structure, index, offset)
@@ -99,7 +99,7 @@ def place_spring(
     return SpringPlace(placed, estimate, placed.robot.springs[index].offset, errors)
 
 
-def move_spring(structure: Structure, index: int, offset: Array) -> Structure:
+def move_spring(structure: FreeRobot, index: int, offset: Array) -> FreeRobot:
     """Put a spring of a structure elsewhere. Index in `structure.robot.springs`; offset shape (3,). [m]"""
     springs = list(structure.robot.springs)
     springs[index] = replace(springs[index], offset=np.asarray(offset, float))

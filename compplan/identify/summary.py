@@ -9,7 +9,7 @@ import numpy as np
 from compplan.identify.campaign import Identification
 from compplan.identify.estimate import Estimate
 from compplan.identify.parameters import Parameter
-from compplan.identify.refine import Candidate, RefinementRound
+from compplan.identify.refine import RefinementRound, RoundCandidate
 
 #: Unit in which a parameter is shown, and factor from SI.
 SHOWN = {
@@ -132,7 +132,7 @@ def _describe(estimate: Estimate, name: str, *, kept: bool) -> dict[str, Any]:
 def _describe_round(entry: RefinementRound, result: Identification) -> dict[str, Any]:
     units = {p.name: SHOWN[p.unit] for p in (*result.estimate.parameters, *result.kept.parameters)}
 
-    def describe(candidate: Candidate) -> dict[str, Any]:
+    def describe(candidate: RoundCandidate) -> dict[str, Any]:
         unit, factor = units.get(candidate.name, ("urad/(N m)", 1e6))
         return {
             "name": candidate.name,

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.identify.forward import Prediction, pose_residuals, sensitivities
+from compplan.identify.forward import PredictedRows, pose_residuals, sensitivities
 from compplan.identify.observations import Observations
-from compplan.identify.parameters import Structure
+from compplan.identify.parameters import FreeRobot
 from compplan.identify.robust import robust_scale
 from compplan.measure.registration import Registration
 from compplan.robot import Array
@@ -50,7 +50,7 @@ class System(NamedTuple):
 
 
 def linearise(
-    structure: Structure, observations: Observations, frames: Registration, prediction: Prediction, values: Array
+    structure: FreeRobot, observations: Observations, frames: Registration, prediction: PredictedRows, values: Array
 ) -> System:
     """Build the linearised problem at a state."""
     residual = pose_residuals(observations, prediction)
@@ -150,7 +150,7 @@ def estimate_noise(
 
 
 def _encoder_rows(
-    structure: Structure, observations: Observations, prediction: Prediction, values: Array
+    structure: FreeRobot, observations: Observations, prediction: PredictedRows, values: Array
 ) -> tuple[Array, Array]:
     """Compare link-side minus motor-side readings with what the gears yield [Klimchik2018, eqs. 7-8]."""
     chain = structure.chain

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.effects.folding import shift_origin, shift_zero
 from compplan.identify.estimate import Estimate
-from compplan.identify.parameters import AXES, Structure
+from compplan.identify.parameters import AXES, FreeRobot
 from compplan.robot import Array, LinkElasticity, Robot, Spring
 
 
@@ -56,7 +56,7 @@ def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> tuple[Robo
     return updated, tuple(notes)
 
 
-def _update_links(structure: Structure, values: Array) -> tuple[list[LinkElasticity], list[str]]:
+def _update_links(structure: FreeRobot, values: Array) -> tuple[list[LinkElasticity], list[str]]:
     matrix, links, notes = structure.compliance(values), [], []
     for block, first in zip(structure.robot.link_elasticities, structure.link_coordinates, strict=True):
         own = matrix[first : first + 6, first : first + 6]

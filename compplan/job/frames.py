@@ -98,7 +98,7 @@ class PoseTable(StrictTable):
 
 
 @dataclass(frozen=True)
-class Fit:
+class FittedFrame:
     """Hold a part frame that was found from points.
 
     Attributes:
@@ -143,7 +143,7 @@ class PointPairs(StrictTable):
                 raise ValueError(f"has {name} points on one line, which leave a turn about it open")
         return self
 
-    def fit(self) -> Fit:
+    def fit(self) -> FittedFrame:
         """Fit the frame so that the sum of the squared distances is least [Kabsch1976]."""
         nominal, measured = np.asarray(self.nominal), np.asarray(self.measured)
         middle, seen = nominal.mean(axis=0), measured.mean(axis=0)
@@ -151,7 +151,7 @@ class PointPairs(StrictTable):
         turn = vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))]) @ u.T
         left = np.linalg.norm(measured - seen - (nominal - middle) @ turn.T, axis=1)
         pose = make_pose(seen - turn @ middle, Rotation.from_matrix(turn))
-        return Fit(pose, left, f"best fit of {len(nominal)}")
+        return FittedFrame(pose, left, f"best fit of {len(nominal)}")
 
 
 class Datums(StrictTable):
@@ -177,7 +177,7 @@ class Datums(StrictTable):
             raise ValueError("has a line that stands on the plane, expected two points along x")
         return self
 
-    def fit(self) -> Fit:
+    def fit(self) -> FittedFrame:
         """Build the frame: z from the plane, x from the line, the origin where the three faces meet."""
         a, b, c = np.asarray(self.plane)
         z = np.cross(b - a, c - a)
@@ -187,7 +187,7 @@ class Datums(StrictTable):
         x /= np.linalg.norm(x)
         y = np.cross(z, x)
         origin = x * (x @ np.asarray(self.point)) + y * (y @ first) + z * (z @ a)
-        return Fit(make_pose(origin, Rotation.from_matrix(np.column_stack([x, y, z]))), np.zeros(0), "3-2-1")
+        return FittedFrame(make_pose(origin, Rotation.from_matrix(np.column_stack([x, y, z]))), np.zeros(0), "3-2-1")
 
 
 class PartTable(PoseTable):
@@ -205,7 +205,7 @@ class PartTable(PoseTable):
         return self
 
     @property
-    def fit(self) -> Fit | None:
+    def fit(self) -> FittedFrame | None:
         """The frame found from points; None where it is stated."""
         found = self.points_mm or self.datum_mm
         return None if found is None else found.fit()

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from compplan.files.columns import Column
+from compplan.files.columns import FileColumn
 from compplan.files.given import open_table
 from compplan.files.tables import Table
 from compplan.path.toolpath import Toolpath
@@ -82,8 +82,8 @@ def read_measured_points(source: Any) -> Table:
     Raises:
         InputError: If the file is not such a table.
     """
-    columns = [Column(axis, "length", required=True) for axis in "xyz"]
-    columns += [Column("s", "length"), Column("sigma", "length", missing=True)]
+    columns = [FileColumn(axis, "length", required=True) for axis in "xyz"]
+    columns += [FileColumn("s", "length"), FileColumn("sigma", "length", missing=True)]
     table = open_table(source, columns, what="measured points", unknown="note")
     if not len(table):
         raise table.error("the table has no rows, expected one row a measured point")

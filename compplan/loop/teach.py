@@ -13,7 +13,7 @@ from compplan.effects import EFFECTS, Effect, attain_scene
 from compplan.effects.assumed import LINK_ELASTICITY, known_uncertainty
 from compplan.effects.scene import Scene
 from compplan.effects.signature import pack_parameters
-from compplan.files.columns import Column
+from compplan.files.columns import FileColumn
 from compplan.files.quantities import format_length
 from compplan.files.shown import Curve, Curves, Shown
 from compplan.files.tables import read_table
@@ -397,11 +397,11 @@ def read_residual(file: Path | None, robot: Robot) -> Residual | None:
     """
     if file is None or not file.exists():
         return None
-    columns = [Column(name, "length", required=True) for name in ("s", "dx", "dy", "dz", "sigma")]
+    columns = [FileColumn(name, "length", required=True) for name in ("s", "dx", "dy", "dz", "sigma")]
     for number, slides in enumerate(robot.prismatic, 1):
-        columns.append(Column(f"q{number}", "length" if slides else "angle", required=True))
+        columns.append(FileColumn(f"q{number}", "length" if slides else "angle", required=True))
     names = [[f"u{n}{axis}" for axis in "xyz"] for n in range(1, KEPT + 1)]
-    columns += [Column(name, "length", required=True) for own in names for name in own]
+    columns += [FileColumn(name, "length", required=True) for own in names for name in own]
     table = read_table(file, columns)
     length = table.values["s"]
     if not len(length) or (np.diff(length) < 0).any():

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
-from compplan.files.columns import Column
+from compplan.files.columns import FileColumn
 from compplan.files.given import is_file_name, open_table
 from compplan.files.tables import Table
 from compplan.measure.campaign import MODES, WRENCH, Campaign
@@ -18,27 +18,27 @@ from compplan.measure.checks import check_campaign
 from compplan.robot import Array, Robot
 
 
-def log_columns(robot: Robot | None = None) -> list[Column]:
+def log_columns(robot: Robot | None = None) -> list[FileColumn]:
     """List the columns that a log of this robot may have; of any robot, however many joints, where none is given."""
     joints: list[tuple[str, str | tuple[str, ...]]] = [("q#", ("angle", "length"))]
     if robot is not None:
         joints = [(f"q{k}", "length" if slides else "angle") for k, slides in enumerate(robot.prismatic, 1)]
     columns = [
-        Column("run", "text"),
-        Column("mode", "text"),
-        Column("target", "text"),
-        Column("time", "time", missing=True),
+        FileColumn("run", "text"),
+        FileColumn("mode", "text"),
+        FileColumn("target", "text"),
+        FileColumn("time", "time", missing=True),
     ]
     for joint, kind in joints:
-        columns.append(Column(joint, kind, required=True, missing=True))
-        columns += [Column(f"{joint}_{side}", kind, missing=True) for side in ("link", "motor")]
-    columns += [Column(name, "force", missing=True, group="force") for name in WRENCH[:3]]
-    columns += [Column(name, "moment", missing=True, group="moment") for name in WRENCH[3:]]
-    columns += [Column(name, "length", required=True, missing=True) for name in "xyz"]
-    columns += [Column(name, "angle", missing=True, group="orientation") for name in ("rx", "ry", "rz")]
-    columns.append(Column("temperature", "temperature", missing=True))
-    columns.append(Column("sigma", "length", missing=True, key="sigma_position"))
-    columns.append(Column("sigma", "angle", missing=True, key="sigma_rotation"))
+        columns.append(FileColumn(joint, kind, required=True, missing=True))
+        columns += [FileColumn(f"{joint}_{side}", kind, missing=True) for side in ("link", "motor")]
+    columns += [FileColumn(name, "force", missing=True, group="force") for name in WRENCH[:3]]
+    columns += [FileColumn(name, "moment", missing=True, group="moment") for name in WRENCH[3:]]
+    columns += [FileColumn(name, "length", required=True, missing=True) for name in "xyz"]
+    columns += [FileColumn(name, "angle", missing=True, group="orientation") for name in ("rx", "ry", "rz")]
+    columns.append(FileColumn("temperature", "temperature", missing=True))
+    columns.append(FileColumn("sigma", "length", missing=True, key="sigma_position"))
+    columns.append(FileColumn("sigma", "angle", missing=True, key="sigma_rotation"))
     return columns
 
 

@@ -68,7 +68,7 @@ def _check_near(value: Vector3) -> Vector3:
     return value
 
 
-class PoseTable(StrictTable):
+class RegistrationPose(StrictTable):
     """A pose of registration.toml: mm, and a rotation vector in degrees."""
 
     position_mm: Annotated[Vector3, AfterValidator(_check_near)]
@@ -82,7 +82,7 @@ class PoseTable(StrictTable):
         return pose
 
 
-class TargetTable(PoseTable):
+class TargetTable(RegistrationPose):
     """[[tool]]: a target in the TCP frame."""
 
     target: str = ""
@@ -93,7 +93,7 @@ class RegistrationTable(StrictTable):
 
     schema_: SchemaOne = Field(alias="schema")
     fitted: Annotated[tuple[Literal["base", "tool"], ...], Field(strict=False)]
-    base: PoseTable
+    base: RegistrationPose
     tool: Annotated[tuple[TargetTable, ...], Field(strict=False, min_length=1)]
 
 

@@ -25,7 +25,7 @@ PLANES = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 
 
 @dataclass(frozen=True)
-class Curve:
+class ParametricCurve:
     """Describe a curve that waypoints are put on.
 
     Args:
@@ -98,7 +98,9 @@ class Pace:
         return feed, max(2, round(count))
 
 
-def walk_curve(curve: Curve, pace: Pace, *, axis: tuple[float, float, float] = UP, approach: float = 0.0) -> Toolpath:
+def walk_curve(
+    curve: ParametricCurve, pace: Pace, *, axis: tuple[float, float, float] = UP, approach: float = 0.0
+) -> Toolpath:
     """Put waypoints on a curve at equal distances along it.
 
     Args:
@@ -163,7 +165,7 @@ def generate_circle(
         return position
 
     grid = _angles(abs(turns))
-    return walk_curve(Curve(point, grid[-1], grid), pace, axis=axis, approach=approach)
+    return walk_curve(ParametricCurve(point, grid[-1], grid), pace, axis=axis, approach=approach)
 
 
 def generate_spiral(
@@ -199,13 +201,13 @@ def generate_spiral(
         raise InputError("both or none of turns and length are given, expected exactly one")
     span = outer_radius - inner_radius
 
-    def curve(count: float) -> Curve:
+    def curve(count: float) -> ParametricCurve:
         def point(u: Array) -> Array:
             r = inner_radius + span * u / (2.0 * np.pi * count)
             return np.column_stack([r * np.cos(u), r * np.sin(u), np.zeros(len(u))]) + np.asarray(centre)
 
         grid = _angles(count)
-        return Curve(point, grid[-1], grid)
+        return ParametricCurve(point, grid[-1], grid)
 
     if turns is None:
         wanted = float(length or 0.0)
@@ -259,7 +261,7 @@ def generate_cone(
     if not levels:
         turns = depth / pitch
         grid = _angles(turns)
-        helix = Curve(lambda u: ring(u, u / grid[-1] * depth), grid[-1], grid)
+        helix = ParametricCurve(lambda u: ring(u, u / grid[-1] * depth), grid[-1], grid)
         return walk_curve(helix, pace, axis=axis, approach=approach)
     count = max(1, round(depth / pitch))
     # u runs from 0 to 2 on every level: the first half steps down the wall at angle 0, the second goes round
@@ -272,7 +274,7 @@ def generate_cone(
 
     one = np.concatenate([[0.0], np.linspace(1.0, 2.0, 2001)[:-1]])
     grid = np.concatenate([2.0 * level + one for level in range(count)] + [np.array([2.0 * count])])
-    return walk_curve(Curve(level_point, 2.0 * count, grid), pace, axis=axis, approach=approach)
+    return walk_curve(ParametricCurve(level_point, 2.0 * count, grid), pace, axis=axis, approach=approach)
 
 
 class GeneratorTable(StrictTable):

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from compplan.errors import InputError, ShapeError
-from compplan.files.columns import Column
+from compplan.files.columns import FileColumn
 from compplan.files.plugins import load_plugins
 from compplan.files.tables import Array, read_table
 from compplan.files.tomlfile import StrictTable, Vector3
@@ -135,9 +135,9 @@ else:
     Process = Annotated[Union[tuple(MODELS.values())], Field(discriminator="model")]  # noqa: UP007
 
 FILE_COLUMNS = (
-    Column("s", "length"),
-    *(Column(name, "force", required=True) for name in WRENCH[:3]),
-    *(Column(name, "moment", group="moment") for name in WRENCH[3:]),
+    FileColumn("s", "length"),
+    *(FileColumn(name, "force", required=True) for name in WRENCH[:3]),
+    *(FileColumn(name, "moment", group="moment") for name in WRENCH[3:]),
 )
 
 

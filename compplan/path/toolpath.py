@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError, ShapeError
-from compplan.files.columns import Column, to_unit
+from compplan.files.columns import FileColumn, to_unit
 from compplan.files.shown import Curve, Curves, Shown
 from compplan.files.tables import Array, Table, write_table
 from compplan.path.events import Event, move_events
@@ -32,12 +32,12 @@ MOST_WAYPOINTS = 5_000_000
 AXIS_ROUNDING = 1e-3
 
 COLUMNS = (
-    *(Column(name, "length", required=True) for name in "xyz"),
-    *(Column(name, "number", group="tool axis") for name in "ijk"),
-    Column("feed", "speed", missing=True),
-    Column("rapid", "number"),
-    *(Column(name, "force", group="force") for name in WRENCH[:3]),
-    *(Column(name, "moment", group="moment") for name in WRENCH[3:]),
+    *(FileColumn(name, "length", required=True) for name in "xyz"),
+    *(FileColumn(name, "number", group="tool axis") for name in "ijk"),
+    FileColumn("feed", "speed", missing=True),
+    FileColumn("rapid", "number"),
+    *(FileColumn(name, "force", group="force") for name in WRENCH[:3]),
+    *(FileColumn(name, "moment", group="moment") for name in WRENCH[3:]),
 )
 
 

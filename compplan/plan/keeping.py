@@ -78,7 +78,7 @@ class Stretch:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class ToleranceVerdict:
     """Whether the part may be expected within its tolerance.
 
     Attributes:
@@ -140,7 +140,7 @@ class Verdict:
         return tuple(lines)
 
 
-def judge_keeping(case: Case) -> Verdict:
+def judge_keeping(case: Case) -> ToleranceVerdict:
     """Judge whether the part may be expected within its tolerance."""
     tolerance, promise = case.task.tolerance, case.promise
     missing = find_missing(case)
@@ -155,7 +155,7 @@ def judge_keeping(case: Case) -> Verdict:
             return _not_known(case, *missing, promise, share)
         sentence = f"Keeps {_mm(tolerance)}: with 95 % the tip stays within {_mm(promise.whole)} along the whole cut"
         cause = find_cause(case, promise)
-        return Verdict(
+        return ToleranceVerdict(
             KEEPS, f"{sentence}, {say_basis(promise)}.", tolerance, promise.whole, share, (), cause, "",
             say_basis(promise), list_left_out(case),
         )  # fmt: skip
@@ -164,7 +164,7 @@ def judge_keeping(case: Case) -> Verdict:
     return _may_not_keep(case, promise, beyond, share)
 
 
-def _may_not_keep(case: Case, promise: Promise, beyond: NDArray[np.bool_], share: float) -> Verdict:
+def _may_not_keep(case: Case, promise: Promise, beyond: NDArray[np.bool_], share: float) -> ToleranceVerdict:
     tolerance, length = case.task.tolerance, case.task.nominal.arc_length
     where = find_stretches(beyond, length, promise.along)
     cause = find_cause(case, promise)
@@ -175,17 +175,17 @@ def _may_not_keep(case: Case, promise: Promise, beyond: NDArray[np.bool_], share
         off = f"{len(case.failures)} waypoints are not reached within the limits"
         spot = f"the first is waypoint {min(case.failures)}" if case.failures else spot
     sentence = f"May not keep {_mm(tolerance)}: {off} ({spot}). Largest cause: {cause}. {change}"
-    return Verdict(
+    return ToleranceVerdict(
         MAY_NOT_KEEP, sentence.strip(), tolerance, promise.whole, share, where, cause, change, say_basis(promise),
         list_left_out(case),
     )  # fmt: skip
 
 
-def _not_known(case: Case, missing: str, change: str, promise: Promise | None, share: float | None) -> Verdict:
+def _not_known(case: Case, missing: str, change: str, promise: Promise | None, share: float | None) -> ToleranceVerdict:
     tolerance, basis = case.task.tolerance, "" if promise is None else say_basis(promise)
     band = None if promise is None else promise.whole
     sentence = f"Not known whether it keeps {_mm(tolerance)}: {missing}. {change}"
-    return Verdict(
+    return ToleranceVerdict(
         NOT_KNOWN, sentence.strip(), tolerance, band, share, (), missing, change, basis, list_left_out(case)
     )
 

@@ -13,7 +13,7 @@ The loaded pose is the unloaded one (CasADi kinematics) with a deflection that i
 and carries its exact first derivative: p(q) = p_r(q) + R_r(q) (d + D (q - q_0)). Solving, linearising again at the
 solution and solving again is Newton's method on the exact equilibrium, and costs the same for six springs as for forty.
 w weighs the joints by what their motion costs in accuracy at the tip; a rail keeps q_start. Rows that cannot become
-active are left out; `Rows` says which are in. The Hessian is that of the objective
+active are left out; `ProgramRows` says which are in. The Hessian is that of the objective
 (Gauss-Newton).
 """
 
@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from compplan.plan.path_problem import PathProblem, Rows, pose_data, rate_matrix, smoothness_matrix
+from compplan.plan.path_problem import PathProblem, ProgramRows, pose_data, rate_matrix, smoothness_matrix
 from compplan.robot import Array
 from compplan.statics.chain import Chain
 from compplan.statics.kinematics import build_pose_function
@@ -77,7 +77,7 @@ class Nlp:
     """
 
     problem: PathProblem
-    rows: Rows
+    rows: ProgramRows
     solver: ca.Function
     constraints: ca.Function
     lower_g: Array
@@ -110,7 +110,7 @@ class NlpSolution(NamedTuple):
     excess: Array
 
 
-def build_nlp(problem: PathProblem, rows: Rows) -> Nlp:
+def build_nlp(problem: PathProblem, rows: ProgramRows) -> Nlp:
     """Build the program of a path.
 
     Args:
@@ -204,7 +204,7 @@ class _Part(NamedTuple):
     upper: Array
 
 
-def _pose_rows(problem: PathProblem, rows: Rows, joints: ca.MX, slack: ca.MX, data: ca.MX) -> _Part:
+def _pose_rows(problem: PathProblem, rows: ProgramRows, joints: ca.MX, slack: ca.MX, data: ca.MX) -> _Part:
     """Build the pose equations of every waypoint, less what released waypoints miss."""
     nq, n, size = *joints.shape, problem.equations
     residual = _pose_residual(problem)
@@ -219,7 +219,9 @@ def _pose_rows(problem: PathProblem, rows: Rows, joints: ca.MX, slack: ca.MX, da
     return _Part(value + ca.mtimes(ca.DM(missed), slack), ca.horzcat(derivative, ca.DM(missed)), zeros, zeros)
 
 
-def _correction_rows(problem: PathProblem, rows: Rows, joints: ca.MX, slack: ca.MX, data: ca.MX, limit: ca.MX) -> _Part:
+def _correction_rows(
+    problem: PathProblem, rows: ProgramRows, joints: ca.MX, slack: ca.MX, data: ca.MX, limit: ca.MX
+) -> _Part:
     """Build the correction limit at some waypoints."""
     nq, n = joints.shape
     count, chosen = len(rows.limited), rows.limited.tolist()

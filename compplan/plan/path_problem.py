@@ -101,7 +101,7 @@ class PathProblem:
 
 
 @dataclass(frozen=True)
-class Rows:
+class ProgramRows:
     """Which rows stand in the program beside the pose equations; indices of waypoints, and joints where it says pairs.
 
     Attributes:
@@ -119,7 +119,7 @@ class Rows:
     velocity: NDArray[np.int_] = field(default_factory=lambda: np.zeros((0, 2), int))
     acceleration: NDArray[np.int_] = field(default_factory=lambda: np.zeros((0, 2), int))
 
-    def same_program(self, other: Rows) -> bool:
+    def same_program(self, other: ProgramRows) -> bool:
         """Tell whether the program has the same rows; bounds are only numbers in it."""
         names = ("limited", "released", "velocity", "acceleration")
         return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
@@ -170,7 +170,7 @@ def smoothness_matrix(problem: PathProblem) -> sparse.csr_matrix:
     return sparse.csr_matrix((np.concatenate(bands), (rows, columns)), shape=(n - 2, n))
 
 
-def rate_matrix(problem: PathProblem, rows: Rows) -> tuple[sparse.csc_matrix, Array]:
+def rate_matrix(problem: PathProblem, rows: ProgramRows) -> tuple[sparse.csc_matrix, Array]:
     """Build the rate rows: change of joint position a step, change of velocity at a waypoint, and their bounds.
 
     Returns:

@@ -20,7 +20,7 @@ from compplan.plan.between import Between
 from compplan.plan.citations import list_citations
 from compplan.plan.coupling import CouplingEffect
 from compplan.plan.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
-from compplan.plan.keeping import Case, Verdict, judge_keeping
+from compplan.plan.keeping import Case, ToleranceVerdict, judge_keeping
 from compplan.plan.slow import group_waypoints
 from compplan.plan.task import Command, PlanTask
 from compplan.plan.timing import Timing
@@ -141,7 +141,7 @@ class Plan(Shown):
             return None
 
     @cached_property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> ToleranceVerdict:
         """Whether the part may be expected within its tolerance: `word` for programs, `sentence` for people."""
         case = Case(
             self.task, self.status, self.command.failures, self.explain_failures(), self.after.distance, self.bending,

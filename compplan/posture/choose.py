@@ -32,7 +32,7 @@ from compplan.posture.search import Line, Rungs, measure_rungs, search_line
 from compplan.posture.settings import PostureSettings
 from compplan.posture.stance import Wish, choose_posture
 from compplan.posture.summary import PostureMap, Stance, mark_collisions, slice_map, summarise_costs
-from compplan.posture.trace import Trace, trace_line
+from compplan.posture.trace import PostureTrace, trace_line
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
 from compplan.statics.ik import CONFIGURATIONS, Arm, build_arm
@@ -264,7 +264,7 @@ def least_level(lattice: Lattice, rungs: Rungs) -> float:
     return float(1e6 * (rungs.cut_share[known] * values[known] ** 2).sum() / max(rungs.cut_share[known].sum(), 1e-300))
 
 
-def _trace(task: Task, stations: NDArray[np.int_], options: Options, line: Line, *, smooth: bool) -> Trace:
+def _trace(task: Task, stations: NDArray[np.int_], options: Options, line: Line, *, smooth: bool) -> PostureTrace:
     return trace_line(
         task.arm, task.nominal, task.tool_x, stations, options, line.option, line.q,
         most_step=task.settings.most_step, free_spin=task.settings.free_spin, smooth=smooth,
@@ -347,7 +347,7 @@ def _keep_slot(lattice: Lattice, line: Line) -> Lattice:
     return replace(lattice, reason=reason)
 
 
-def _allow_changes(trace: Trace, nominal: Toolpath, settings: PostureSettings) -> Trace:
+def _allow_changes(trace: PostureTrace, nominal: Toolpath, settings: PostureSettings) -> PostureTrace:
     """Forgive steps of rapid moves where the arm may change its configuration; elsewhere they count as torn."""
     if settings.reconfigure:
         return trace

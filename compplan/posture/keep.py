@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import CompplanError, InputError
-from compplan.files.columns import Column
+from compplan.files.columns import FileColumn
 from compplan.files.tables import read_table
 from compplan.job.job import KEEP_NOTHING, KEEP_ROBOT, Job
 from compplan.path.toolpath import Toolpath
@@ -121,9 +121,9 @@ def read_program(path: Path, robot: Robot) -> Kept:
     file = path / "joints.csv" if path.is_dir() else path
     if not file.is_file():
         raise InputError("no such file, expected joints.csv of an earlier plan, or its folder", file=file)
-    wanted = [Column(name, "length", True) for name in "xyz"] + [Column(name, "number", True) for name in "ijk"]
-    joints = [Column(f"q{n}", "length" if slides else "angle", True) for n, slides in enumerate(robot.prismatic, 1)]
-    table = read_table(file, [*wanted, *joints, Column("move", "text")], unknown="note")
+    wanted = [FileColumn(name, "length", True) for name in "xyz"] + [FileColumn(name, "number", True) for name in "ijk"]
+    joints = [FileColumn(f"q{n}", "length" if slides else "angle", True) for n, slides in enumerate(robot.prismatic, 1)]
+    table = read_table(file, [*wanted, *joints, FileColumn("move", "text")], unknown="note")
     along = ~np.isin(table.text["move"], BESIDE) if "move" in table else np.ones(len(table), bool)
     numbers = table.stack([*"xyz", *"ijk", *(column.name for column in joints)])
     if along.sum() < 2 or not np.isfinite(numbers).all():

@@ -25,7 +25,7 @@ REACHED = 1e-6
 
 
 @dataclass(frozen=True)
-class Trace:
+class PostureTrace:
     """How the robot stands at every waypoint, unloaded.
 
     Attributes:
@@ -50,7 +50,7 @@ def trace_line(
     arm: Arm, nominal: Toolpath, tool_x: Array, stations: NDArray[np.int_], options: Options, choice: NDArray[np.int_],
     q: Array, *, most_step: float, free_spin: bool = True,
     smooth: bool = False,
-) -> Trace:  # fmt: skip
+) -> PostureTrace:  # fmt: skip
     """Follow a line of the graph at every waypoint.
 
     Args:
@@ -105,7 +105,7 @@ def trace_line(
         turned = np.swapaxes(upright[stretch], 1, 2) @ rotation[stretch]
         spin[stretch] -= np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
     outside = ((followed < arm.robot.lower) | (followed > arm.robot.upper)).any(axis=1)
-    return Trace(followed, rotation, spin, lead, lean, lost | outside | torn)
+    return PostureTrace(followed, rotation, spin, lead, lean, lost | outside | torn)
 
 
 def _find_torn(q: Array, nominal: Toolpath, most_step: float) -> NDArray[np.bool_]:

@@ -15,7 +15,17 @@ from compplan.path.toolpath import Toolpath
 from compplan.plan.stability import Stability
 from compplan.report.along_path import Stations, draw_lines, draw_wrench, find_spans
 from compplan.report.openings import open_forces
-from compplan.report.page import Block, Chart, Column, Columns, PageTable, Provenance, Section, TableCell, write_page
+from compplan.report.page import (
+    Block,
+    Chart,
+    Column,
+    Columns,
+    PageTable,
+    Provenance,
+    Section,
+    TableCell,
+    write_page,
+)
 from compplan.report.robot_scene import frame_scene
 from compplan.report.stability_section import show_stability
 from compplan.report.style import AFTER, BEFORE, CATEGORIES, NEUTRAL, SEQUENTIAL, format_number

@@ -22,7 +22,7 @@ from compplan.plan.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import Chain, locate_frames
 from compplan.study.factors import PARTS, TWIST, Factors, link_blocks, to_normal, to_seed
-from compplan.study.posterior import Posterior, move_by_posterior, take_posterior
+from compplan.study.posterior import RobotPosterior, move_by_posterior, take_posterior
 
 #: Assumed where neither job nor robot folder states one, an axis. [m]
 REPEATABILITY = 2e-5
@@ -72,7 +72,7 @@ class Surroundings:
     knot: Array
     forget: float
     repeatability: float
-    posterior: Posterior | None = None
+    posterior: RobotPosterior | None = None
 
 
 class Cells(NamedTuple):

@@ -30,7 +30,7 @@ MODES, STATIONS = 12, 200
 LEAST = 0.02
 
 
-class Part(NamedTuple):
+class ArmParameter(NamedTuple):
     """A parameter that acts inside the arm.
 
     Attributes:
@@ -47,7 +47,7 @@ class Part(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior:
+class RobotPosterior:
     """What is known of a robot, ready for samples.
 
     Attributes:
@@ -56,7 +56,7 @@ class Posterior:
     """
 
     root: Array
-    parts: tuple[Part, ...]
+    parts: tuple[ArmParameter, ...]
 
     def draw(self, z: Array, factor: Array, zero: Array, drive: Array) -> None:
         """Add the parameters of b samples to factors (s, b), zeros (nq, b) and drives (nq, b, n). z: (r, b)."""
@@ -91,10 +91,10 @@ def settle_robot(robot: Robot, noise: NoiseTable) -> NoiseTable:
     return noise.model_copy(update={**dict.fromkeys(OF_ROBOT, 0.0), "repeatability_mm": told * 1e3})
 
 
-def take_posterior(task: PlanTask, travel: Array) -> Posterior:
+def take_posterior(task: PlanTask, travel: Array) -> RobotPosterior:
     """Find where the parameters of a task's robot act. travel: direction of travel of each joint, shape (nq, n)."""
     known = known_uncertainty(task.robot)
-    return Posterior(known.calibration * known.root, _list_parts(task, known, travel))
+    return RobotPosterior(known.calibration * known.root, _list_parts(task, known, travel))
 
 
 def move_by_posterior(task: PlanTask, known: Uncertainty) -> list[Array]:
@@ -117,21 +117,21 @@ def move_by_posterior(task: PlanTask, known: Uncertainty) -> list[Array]:
     return found + [_spread(rows, np.outer(mode, axis), len(task)) for mode in smooth.T for axis in np.eye(3)]
 
 
-def _list_parts(task: PlanTask, known: Uncertainty, travel: Array) -> tuple[Part, ...]:
+def _list_parts(task: PlanTask, known: Uncertainty, travel: Array) -> tuple[ArmParameter, ...]:
     robot, parts, first = task.robot, [], 0
     own, names = own_springs(robot), [joint.name for joint in robot.actuated]
     for unknown in known.unknowns:
         joint = names.index(unknown.joint) if unknown.joint in names else -1
         one = np.ones(1)
         if unknown.effect == "joint_stiffness" and joint in own:
-            parts.append(Part(first, "factor", own[joint].coordinate, one / own[joint].compliance))
+            parts.append(ArmParameter(first, "factor", own[joint].coordinate, one / own[joint].compliance))
         elif unknown.effect == "joint_offset":
-            parts.append(Part(first, "zero", joint, one))
+            parts.append(ArmParameter(first, "zero", joint, one))
         elif unknown.effect == "backlash":
-            parts.append(Part(first, "drive", joint, -0.5 * travel[joint]))
+            parts.append(ArmParameter(first, "drive", joint, -0.5 * travel[joint]))
         elif unknown.effect == transmission_error.name and "cycles_per_turn" in unknown.fixed:
             shape = transmission_error.waves(task.q_start[:, joint], unknown.fixed["cycles_per_turn"], False)
-            parts += [Part(first + k, "drive", joint, column) for k, column in enumerate(shape.T)]
+            parts += [ArmParameter(first + k, "drive", joint, column) for k, column in enumerate(shape.T)]
         first += len(unknown.keys)
     return tuple(parts)
 

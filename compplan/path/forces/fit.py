@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.errors import InputError
-from compplan.files.columns import Column
+from compplan.files.columns import FileColumn
 from compplan.files.tables import Array, read_table
 from compplan.path.contact import cutting_progress, path_axes
 from compplan.path.force_law import ForceLaw
@@ -34,9 +34,9 @@ MOST_FORCE, MOST_RATIO = 1e6, 100.0
 NAMES = ("tangential", "radial", "axial")
 
 COLUMNS = (
-    Column("s", "length", required=True),
-    *(Column(name, "force", required=True) for name in WRENCH[:3]),
-    *(Column(name, "moment", group="moment") for name in WRENCH[3:]),
+    FileColumn("s", "length", required=True),
+    *(FileColumn(name, "force", required=True) for name in WRENCH[:3]),
+    *(FileColumn(name, "moment", group="moment") for name in WRENCH[3:]),
 )
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter1d
 
 from compplan.plan.nlp import Nlp, NlpSolution, build_nlp, solve_nlp
-from compplan.plan.path_problem import ANCHOR_WEIGHT, PathProblem, Rows, smoothness_matrix
+from compplan.plan.path_problem import ANCHOR_WEIGHT, PathProblem, ProgramRows, smoothness_matrix
 from compplan.plan.strategies.compromise import find_compromise
 from compplan.plan.strategies.equations import differentiate_equations, pose_equations
 from compplan.plan.strategies.limits import (
@@ -52,7 +52,7 @@ class _State:
     """Where the passes stand: joint positions, rows of the next program, the last program, what was solved."""
 
     q: Array
-    rows: Rows
+    rows: ProgramRows
     attained: AttainedPose | None = None
     nlp: Nlp | None = None
     solutions: tuple[NlpSolution, ...] = ()
@@ -69,7 +69,7 @@ def command_path(task: PlanTask) -> Command:
     attained = attain_rows(task, task.q_start, np.arange(len(task)))
     problem = hold_start(task, attained)
     near = np.minimum(task.q_start - problem.lower, problem.upper - task.q_start) < NEAR_LIMIT
-    state = _State(task.q_start, Rows(near), attained)
+    state = _State(task.q_start, ProgramRows(near), attained)
     state = _try_waypoints(task, state, np.flatnonzero(task.missed))
     for _ in range(LOST_PASSES if task.missed.any() else MOST_PASSES):
         state = _solve_pass(task, problem, state)

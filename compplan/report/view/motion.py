@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.report.view.recording import Cell
+from compplan.report.view.recording import ViewCell
 from compplan.robot import Array
 
 #: Steps towards the drawn tip, and the damping of one. [1, m/rad]
 STEPS, DAMPING = 3, 1e-3
 
 
-def locate_chain(cell: Cell, q: Array) -> dict[str, Array]:
+def locate_chain(cell: ViewCell, q: Array) -> dict[str, Array]:
     """Locate every link of the arm; shape (4, 4) each [m].
 
     Args:
@@ -34,7 +34,7 @@ def locate_chain(cell: Cell, q: Array) -> dict[str, Array]:
     return poses
 
 
-def slope_tip(cell: Cell, poses: dict[str, Array]) -> Array:
+def slope_tip(cell: ViewCell, poses: dict[str, Array]) -> Array:
     """Return how the tip moves with each joint: axis x (tip - axis point) of a turning joint, axis of a sliding one.
 
     Args:
@@ -59,7 +59,7 @@ def slope_tip(cell: Cell, poses: dict[str, Array]) -> Array:
     return slope
 
 
-def bend_arm(cell: Cell, q: Array, tip: Array) -> Array:
+def bend_arm(cell: ViewCell, q: Array, tip: Array) -> Array:
     """Move the joints as little as need be until the tip is at a place, for drawing: damped least squares.
 
     Args:

@@ -12,7 +12,7 @@ from compplan.report.style import format_length, format_number
 from compplan.report.thinning import simplify_path
 from compplan.report.view.motion import bend_arm, locate_chain
 from compplan.report.view.paint import LAST, Bytes, Lines, join_rows, paint_sizes, pick_point
-from compplan.report.view.recording import PlanRecording, Solid
+from compplan.report.view.recording import PlanRecording, ViewSolid
 from compplan.robot import Array
 
 #: A line is drawn this near to its path, as a share of the path's extent but no finer than the second figure [m], and
@@ -152,7 +152,7 @@ class PlanScene:
         colours = np.tile(paint_sizes(radius[rows], self.top(PROMISE) / LAST), (CORNERS, 1))
         return Lines(ends, np.repeat(colours[:, None], 2, axis=1))
 
-    def paint_solid(self, solid: Solid, way: str) -> Bytes:
+    def paint_solid(self, solid: ViewSolid, way: str) -> Bytes:
         """Colour the corners of the part by the deviation of the path beside them. Shape (v, 4)."""
         from scipy.spatial import cKDTree
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError
-from compplan.files.columns import Column
+from compplan.files.columns import FileColumn
 from compplan.files.tables import Table, read_table, read_text
 from compplan.robot import Array, Joint, Mimic
 
@@ -21,7 +21,7 @@ WAYS = ("uncorrected", "planned", "softer")
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class ViewSolid:
     """A shape of the cell.
 
     Attributes:
@@ -40,7 +40,7 @@ class Solid:
 
 
 @dataclass(frozen=True, eq=False)
-class Cell:
+class ViewCell:
     """What stands in the cell, and how the arm moves.
 
     Attributes:
@@ -58,7 +58,7 @@ class Cell:
     base: str
     tcp: str
     joints: tuple[Joint, ...]
-    solids: tuple[Solid, ...]
+    solids: tuple[ViewSolid, ...]
     facts: Mapping[str, Any]
 
     @property
@@ -84,7 +84,7 @@ class PlanRecording:
         promise: Distance that holds the true tip with 95 %, NaN where nothing is promised. Shape (n,). [m]
     """
 
-    cell: Cell
+    cell: ViewCell
     name: str
     tolerance: float
     time: Array
@@ -111,7 +111,7 @@ class GapRecording:
         share: The share that it explains, from 0 to 1. Shape (n,).
     """
 
-    cell: Cell
+    cell: ViewCell
     row: NDArray[np.int_]
     run: NDArray[np.str_]
     q: Array
@@ -141,15 +141,16 @@ def read_recording(folder: Path) -> PlanRecording | GapRecording:
 def read_plan(folder: Path) -> PlanRecording:
     """Read a plan."""
     cell = read_cell(folder / "cell.json")
-    columns = [Column("time", "time", True), *_joint_columns(cell)]
-    columns += [Column(name, "length", True) for name in "xyz"] + [Column(name, required=True) for name in "ijk"]
-    columns += [Column(name, "force", True) for name in ("fx", "fy", "fz")]
-    columns += [Column(name, "moment", True) for name in ("mx", "my", "mz")] + [Column("move", "text")]
+    columns = [FileColumn("time", "time", True), *_joint_columns(cell)]
+    columns += [FileColumn(name, "length", True) for name in "xyz"]
+    columns += [FileColumn(name, required=True) for name in "ijk"]
+    columns += [FileColumn(name, "force", True) for name in ("fx", "fy", "fz")]
+    columns += [FileColumn(name, "moment", True) for name in ("mx", "my", "mz")] + [FileColumn("move", "text")]
     table = read_table(folder / "joints.csv", columns)
     n = len(table.values["time"])
     names = [f"{way}_{axis}" for way in WAYS for axis in "xyz"]
     told = read_table(
-        folder / "deviation.csv", [Column(name, "length", True, missing=True) for name in (*names, "promise")]
+        folder / "deviation.csv", [FileColumn(name, "length", True, missing=True) for name in (*names, "promise")]
     )
     if len(told.values["promise"]) != n:
         message = f"has {len(told.values['promise'])} rows, joints.csv has {n}; plan again"
@@ -171,10 +172,10 @@ def read_plan(folder: Path) -> PlanRecording:
 def read_gap(folder: Path) -> GapRecording:
     """Read the measured poses of a diagnosis."""
     cell = read_cell(folder / "cell.json")
-    columns = [Column("row", required=True), Column("run", "text", True), *_joint_columns(cell)]
+    columns = [FileColumn("row", required=True), FileColumn("run", "text", True), *_joint_columns(cell)]
     names = [f"{part}{axis}" for part in ("", "gap_", "left_") for axis in "xyz"]
-    columns += [Column(name, "length", True, missing=True) for name in names]
-    columns += [Column("explained_by", "text", True), Column("explained_share", required=True)]
+    columns += [FileColumn(name, "length", True, missing=True) for name in names]
+    columns += [FileColumn("explained_by", "text", True), FileColumn("explained_share", required=True)]
     table = read_table(folder / "gap.csv", columns)
     return GapRecording(
         cell=cell,
@@ -188,7 +189,7 @@ def read_gap(folder: Path) -> GapRecording:
     )
 
 
-def read_cell(file: Path) -> Cell:
+def read_cell(file: Path) -> ViewCell:
     """Read cell.json.
 
     Raises:
@@ -201,7 +202,7 @@ def read_cell(file: Path) -> Cell:
         links = {content["base"], "", *(joint.child for joint in joints)}
         if not {solid.link for solid in solids} <= links or content["tcp"] not in links:
             raise ValueError("a link that no joint moves")
-        return Cell(content["robot"], content["grade"], content["base"], content["tcp"], joints, solids, content)
+        return ViewCell(content["robot"], content["grade"], content["base"], content["tcp"], joints, solids, content)
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise InputError(f"is not what compplan writes ({error}); run the command again", file=file) from None
 
@@ -219,13 +220,13 @@ def _read_joint(entry: Mapping[str, Any]) -> Joint:
     )
 
 
-def _read_solid(entry: Mapping[str, Any]) -> Solid:
+def _read_solid(entry: Mapping[str, Any]) -> ViewSolid:
     red, green, blue, opacity = (float(value) for value in entry["colour"])
     vertices = 1e-3 * np.array(entry["vertices_mm"], float).reshape(-1, 3)
     faces = np.array(entry["faces"], int).reshape(-1, 3)
     if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
         raise ValueError(f"faces of {entry['name']} name corners that are not there")
-    return Solid(entry["name"], entry["link"], (red, green, blue, opacity), vertices, faces)
+    return ViewSolid(entry["name"], entry["link"], (red, green, blue, opacity), vertices, faces)
 
 
 def _read_name(file: Path) -> str:
@@ -235,12 +236,12 @@ def _read_name(file: Path) -> str:
         return file.parent.name
 
 
-def _joint_columns(cell: Cell) -> list[Column]:
+def _joint_columns(cell: ViewCell) -> list[FileColumn]:
     kinds = ("length" if joint.kind == "prismatic" else "angle" for joint in cell.actuated)
-    return [Column(f"q{number}", kind, True) for number, kind in enumerate(kinds, start=1)]
+    return [FileColumn(f"q{number}", kind, True) for number, kind in enumerate(kinds, start=1)]
 
 
-def _joints_of(table: Table, cell: Cell) -> Array:
+def _joints_of(table: Table, cell: ViewCell) -> Array:
     return np.column_stack([table.values[f"q{number + 1}"] for number in range(len(cell.actuated))])
 
 

@@ -18,7 +18,7 @@ from compplan.report.view.gap_scene import GapScene
 from compplan.report.view.paint import Lines
 from compplan.report.view.panel import draw_colour_bar, draw_curve
 from compplan.report.view.plan_scene import PROMISE, PlanScene
-from compplan.report.view.recording import Cell, GapRecording, Solid, read_recording
+from compplan.report.view.recording import GapRecording, ViewCell, ViewSolid, read_recording
 from compplan.robot import Array
 
 HOST = "127.0.0.1"
@@ -89,7 +89,7 @@ def stop_server(server: Any) -> None:
 class Stage:
     """The cell on a server: its solids, moved with the links of the arm."""
 
-    def __init__(self, server: Any, cell: Cell) -> None:
+    def __init__(self, server: Any, cell: ViewCell) -> None:
         self.server, self.cell = server, cell
         server.scene.set_up_direction("+z")
         server.scene.configure_default_lights(cast_shadow=False)
@@ -99,7 +99,7 @@ class Stage:
         for number, solid in enumerate(cell.solids):
             self.add_solid(solid, number)
 
-    def add_solid(self, solid: Solid, number: int) -> None:
+    def add_solid(self, solid: ViewSolid, number: int) -> None:
         """Add a shape to the link that carries it."""
         name = f"/arm/{solid.link}/{number}" if solid.link else f"/cell/{solid.name}"
         red, green, blue, opacity = solid.colour
@@ -110,7 +110,7 @@ class Stage:
             cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
 
-    def paint(self, name: str, solid: Solid, colours: Any) -> None:
+    def paint(self, name: str, solid: ViewSolid, colours: Any) -> None:
         """Show a shape that stands still with a colour a corner."""
         import trimesh
 
@@ -175,7 +175,7 @@ class Stage:
             self.paint(f"{under}/{solid.name}", solid, scene.paint_solid(solid, way))
 
     @property
-    def parts(self) -> list[Solid]:
+    def parts(self) -> list[ViewSolid]:
         """What is cut."""
         return [solid for solid in self.cell.solids if solid.name == "part"]
 
