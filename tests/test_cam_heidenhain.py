@@ -422,3 +422,9 @@ def test_numbers_case_spaces_and_comments_change_nothing(tmp_path_factory, data)
     assert np.array_equal(plain.toolpath.position, other.toolpath.position)
     assert np.array_equal(plain.toolpath.feed, other.toolpath.feed)
 
+
+def test_marked_blocks_are_read_and_cycle_numbers_may_stand_close(read) -> None:
+    """hyperMILL writes /81 M30 and CYCL DEF9 .0; what an operator may skip is carried out, and said."""
+    cam = read(close("CYCL DEF9 .0 DWELL TIME\nCYCL DEF9.1 DWELL5\n/7 L Z-2 F300\n8 / L X+20"))
+    assert cuts(cam) == [[0, 0, -2], [20, 0, -2]]
+    assert "line 6: blocks marked with / are read (2 times)" in cam.facts.notes

@@ -105,6 +105,21 @@ def test_krl_positions_and_bases_come_from_the_data_beside_and_subprograms_are_f
     ]
 
 
+def test_krl_loops_over_points_of_a_public_data_file_are_carried_out(krl, tmp_path: Path) -> None:
+    """Long paths stand in data files beside the program, and a loop goes through them; the wrist is set on the way."""
+    points = "\n".join(f"gfPoint[{i} ]={{X {10 * i},Y 0.0,Z 0.0,A 0.0,B 180.0,C 0.0}}" for i in range(1, 5))
+    (tmp_path / "points.dat").write_text(f"DEFDAT points PUBLIC\nDECL GLOBAL FRAME gfPoint[4]\n{points}\nENDDAT\n")
+    (tmp_path / "others.dat").write_text("DEFDAT others PUBLIC\nDECL GLOBAL FRAME gfOther[1]\nENDDAT\n")
+    loop = "INT i, j\nFOR i = 1 TO 4 STEP 1\ngfPoint[i].Z = -2\nLIN gfPoint[i] C_DIS\nENDFOR\n"
+    loop += "FOR j=4 TO 1 STEP -3\nLIN gfPoint[j]\nENDFOR"
+    cam = krl(f"$VEL.CP=0.05\nPTP {{X 0,Y 0,Z 0,{DOWN}}}\n{loop}\n")
+    assert tips(cam) == [[0, 0, 0], [10, 0, -2], [20, 0, -2], [30, 0, -2], [40, 0, -2], [10, 0, -2]]
+    assert cam.facts.notes == ("line 1: positions of other files are read: points.dat",)
+    (tmp_path / "again.dat").write_text("DEFDAT again PUBLIC\nDECL GLOBAL FRAME gfPoint[4]\nENDDAT\n")
+    with pytest.raises(InputError, match=r"GFPOINT stands in again.dat and in points.dat, both public"):
+        krl(f"PTP {{X 0,Y 0,Z 0,{DOWN}}}\n{loop}\n")
+
+
 def test_krl_bases_that_change_are_followed_where_they_are_known(krl) -> None:
     frames = "BASE_DATA[1]={X 100,Y 0,Z 0,A 0,B 0,C 0}\nBASE_DATA[2]={FRAME: X 100,Y 50,Z 0,A 90,B 0,C 0}\n"
     body = f"$VEL.CP=0.05\n$BASE=BASE_DATA[1]\nPTP {{X 0,Y 0,Z 0,{DOWN}}}\nBAS(#BASE,2)\nLIN {{X 10,Y 0,Z 0,{DOWN}}}\n"
@@ -116,7 +131,10 @@ def test_krl_bases_that_change_are_followed_where_they_are_known(krl) -> None:
 @pytest.mark.parametrize(
     ("line", "sentence"),
     [
-        ("LIN_REL {X 5}", "LIN_REL"), ("FOR I=1 TO 3\nLIN {X 5}\nENDFOR", "stands in a loop or a branch"),
+        ("LIN_REL {X 5}", "LIN_REL"), ("FOR I=1 TO N\nLIN {X 5}\nENDFOR", "stands in a loop or a branch"),
+        ("FOR I=1 TO 3\nEXIT\nENDFOR", "the loop ends where 'EXIT' says"),
+        ("FOR I=1 TO 3\nI=2\nENDFOR", "the loop ends where 'I=2' says"),
+        ("FOR I=1 TO 3\nLIN {X 5}", "FOR has no ENDFOR"), ("FOR I=1 TO 3 STEP 0\nENDFOR", "never ends"),
         ("LIN PT[I]", r"position 'PT\[I\]' is not known"), ("LIN {X 5+A}", "position 'X 5"),
         ("LIN {X 1O}", "position 'X 1O'"),
         ("LIN {X 1,X 2}", "each once"), ("GOTO M1", "GOTO is not read"), ("$IPO_MODE=#TCP", "in the robot's hand"),

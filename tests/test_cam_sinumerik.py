@@ -296,3 +296,15 @@ def test_the_order_of_words_case_spaces_and_comments_change_nothing(tmp_path_fac
     plain, other = (read_cam_text(folder, text, ".mpf", cycles="expand") for text in texts)
     assert np.array_equal(plain.toolpath.position, other.toolpath.position)
     assert np.array_equal(plain.toolpath.feed, other.toolpath.feed)
+
+
+def test_homes_that_only_the_machine_knows_and_traori_with_its_number_are_read(read) -> None:
+    """NX posts retract to _Z_HOME, which the machine's builder defines; TRAORI(1) names the transformation."""
+    home = "SUPA G0 Z=_Z_HOME D0\nSUPA G0 X=_X_HOME Y=_Y_HOME-10 D1\n"
+    body = "G0 X10 Y5\nZ20\nTRAORI(1)\nG1 Z0 F300\nX20\nTRAFOOF\n"
+    cam = read(f"{HEAD}{home}{body}G0 Z30\nSUPA G0 Z=_Z_HOME D0\nM30\n")
+    assert ends(cam)[-4:] == [[10, 5, 20], [10, 5, 0], [20, 5, 0], [20, 5, 30]]
+    with pytest.raises(InputError, match=r":6: A of a move in machine coordinates is not known; write its angle"):
+        read(f"{HEAD}SUPA G0 A=_A_HOME\nM30\n")
+    with pytest.raises(InputError, match=r":6: _Z_HOME has no value that is known"):
+        read(f"{HEAD}G0 Z=_Z_HOME\nM30\n")

@@ -139,6 +139,9 @@ class _Reader(CycleReader):
             if block.comment:
                 self.log.happen("comment", self.line, text=block.comment)
             index += 1
+            if text[:1] == "/":
+                self.log.note("blocks marked with / are read", self.line)
+                text = text[1:].strip()
             if not text:
                 continue
             if text == "LBL 0" and depth:

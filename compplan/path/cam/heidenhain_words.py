@@ -25,7 +25,7 @@ ASSIGN = re.compile(r"(Q[LRS]?\d+)\s*=\s*(.+)")
 JUMP = re.compile(r"IF\s+(.+?)\s+(EQU|NE|GT|LT)\s+(.+?)\s+GOTO\s+LBL\s*(\".*\"|\d+|QS?\d+)\s*$")
 CALL = re.compile(r"CALL\s+LBL\s*(\"[^\"]*\"|\d+|QS?\d+)\s*(?:REP\s*(\d+|Q[LR]?\d+)(?:\s*/\s*\d+)?)?\s*$")
 LABEL = re.compile(r"LBL\s*(\"[^\"]*\"|\d+)\s*$")
-CYCLE = re.compile(r"CYCL\s+DEF\s+(\d+)(?:\.(\d+))?\s*(.*)")
+CYCLE = re.compile(r"CYCL\s+DEF\s*(\d+)(?:\s*\.(\d+))?\s*(.*)")
 ISO = re.compile(r"^\s*%\S*\s+G7[01]\b", re.MULTILINE)
 #: M functions that have words of their own; only some of them a feed.
 M_WORDS = re.compile(
@@ -62,7 +62,7 @@ GRAMMAR = Grammar(
 
 @dataclass(frozen=True)
 class Block:
-    """Hold a block: its line, its text in capitals without number and comment, its comment."""
+    """Hold a block: its line, its text in capitals without number and comment (/: may be skipped), its comment."""
 
     line: int
     text: str
@@ -84,8 +84,10 @@ def split_blocks(text: str) -> Iterator[Block]:
             body = body[:-1].rstrip()
         body, comment = _cut_comment(body)
         if not goes_on:
+            mark = "/" if body[:1] == "/" else ""
+            body = body[1:].lstrip() if mark else body
             found = BLOCK_NUMBER.match(body) if body[:1].isdigit() else None
-            pending, notes, first = body[found.end() :] if found else body, comment, line
+            pending, notes, first = mark + (body[found.end() :] if found else body), comment, line
         else:
             pending, notes = f"{pending} {body}", f"{notes} {comment}"
             if len(pending) > LONGEST_LINE:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from compplan.errors import InputError
 from compplan.files.tables import Array
+from compplan.path.cam.krl_flow import ProgramReader
 from compplan.path.cam.krl_words import (
     AGGREGATE,
     ANGLES,
@@ -21,7 +21,6 @@ from compplan.path.cam.krl_words import (
     CLOSES,
     ENDING,
     EXTERNAL,
-    HEAD,
     ITEM,
     MOTION,
     OPENS,
@@ -29,14 +28,13 @@ from compplan.path.cam.krl_words import (
     PLACE,
     SILENT,
     WAITS,
-    clean_line,
     read_pose,
     split_positions,
 )
-from compplan.path.cam.lines import MOST_LINES, count_lines, read_bounded, split_lines
+from compplan.path.cam.lines import count_lines
 from compplan.path.cam.moves import FARTHEST, CamFile
 from compplan.path.cam.options import CamTable
-from compplan.path.cam.robot_moves import DEEPEST, NUMBER, RobotMoves
+from compplan.path.cam.robot_moves import NUMBER, RobotMoves
 
 name = "krl"
 suffixes = (".src", ".sub")
@@ -67,11 +65,12 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     return reader.moves.log.finish(file, "krl", "mm", count_lines(text))
 
 
-class _Reader:
+class _Reader(ProgramReader):
     """Follow a program statement by statement."""
 
     def __init__(self, file: Path, options: CamTable) -> None:
-        self.file, self.line, self.options = file, 0, options
+        super().__init__(file)
+        self.options = options
         self.moves = RobotMoves(options)
         self.feed = 0.0
         self.own: float | None = None
@@ -80,55 +79,11 @@ class _Reader:
         self.base_name = ""
         self.placed = False
         self.positions: dict[str, str] = {}
-        self.programs: dict[str, tuple[list[str], int, Path]] = {}
         self.last: dict[str, float] = {}
-        self.blocks = self.depth = self.executed = 0
         self.spline: list[Array] | None = None
         self.called = ""
 
-    def error(self, message: str) -> InputError:
-        return InputError(message, file=self.file, where=self.line)
-
-    def run(self, text: str) -> None:
-        """Carry out the first program of the file."""
-        lines = list(split_lines(text))
-        self._load_data(self.file)
-        first = self._find_programs(lines, self.file)
-        self._run_lines(lines, first)
-
-    def _load_data(self, file: Path) -> None:
-        """Keep the positions and frames that the .dat file beside a program declares."""
-        beside = next((file.with_suffix(end) for end in (".dat", ".DAT") if file.with_suffix(end).is_file()), None)
-        for raw in split_lines(read_bounded(beside)) if beside else ():
-            self._assign(clean_line(raw))
-
-    def _find_programs(self, lines: list[str], file: Path) -> int:
-        """Find DEF NAME() in a file; return the line after the first."""
-        first = -1
-        for index, raw in enumerate(lines):
-            found = HEAD.match(clean_line(raw)) if "DEF" in raw.upper() else None
-            if found:
-                self.programs[found.group(1)] = (lines, index + 1, file)
-                first = index + 1 if first < 0 else first
-        return max(first, 0)
-
-    def _run_lines(self, lines: list[str], first: int) -> None:
-        for index in range(first, len(lines)):
-            self.line = index + 1
-            self.executed += 1
-            if self.executed > MOST_LINES:
-                raise self.error(f"more than {MOST_LINES} statements are carried out; no more are read")
-            statement = clean_line(lines[index])
-            self._tell(lines[index])
-            if statement in ("END", "ENDFCT") or (statement == "RETURN" and not self.blocks):
-                return
-            if statement:
-                try:
-                    self._carry_out(statement)
-                except InputError as fault:
-                    raise fault if fault.file else self.error(fault.message) from None
-
-    def _carry_out(self, statement: str) -> None:
+    def carry_out(self, statement: str) -> None:
         if OPENS.match(statement):
             self.blocks += 1
         elif CLOSES.match(statement):
@@ -143,14 +98,14 @@ class _Reader:
             self._move(statement)
         elif BAS.match(statement):
             self._set_up(*BAS.match(statement).groups())  # type: ignore[union-attr]
-        elif self._switch(statement) or self._assign(statement) or SILENT.match(statement) or statement.endswith(":"):
+        elif self._switch(statement) or self.assign(statement) or SILENT.match(statement) or statement.endswith(":"):
             pass
         elif CALL.match(statement):
-            self._call(statement)
+            self.call(statement)
         else:
             self.moves.log.note(f"statement {statement.split()[0][:20]} is not read", self.line)
 
-    def _tell(self, raw: str) -> None:
+    def tell(self, raw: str) -> None:
         """Keep a comment; folds are the editor's."""
         text = raw.partition(";")[2].strip() if ";" in raw else ""
         if text and not re.match(r"(END)?FOLD\b|%\{", text, re.IGNORECASE):
@@ -173,12 +128,13 @@ class _Reader:
             return False
         return True
 
-    def _assign(self, statement: str) -> bool:
+    def assign(self, statement: str) -> bool:
         """Carry out an assignment; return whether it is one."""
         found = ASSIGN.match(statement)
         if not found or MOTION.match(statement):
             return False
         target, value = found.groups()
+        target = target.replace(" ", "")
         whole, _, part = target.partition(".")
         if target in ("$BASE", "$TOOL", "$IPO_MODE", "$VEL", "$VEL.CP"):
             self._set_system(target, statement, value)
@@ -371,29 +327,3 @@ class _Reader:
             note = f"cutting moves before any speed $VEL.CP have none{where}; state it with feed_mm_s (--feed)"
             self.moves.log.note(note, self.line)
         return feed
-
-    def _call(self, statement: str) -> None:
-        """Carry out a program of the file, or NAME.src beside it; note calls of others."""
-        called = CALL.match(statement).group(1)  # type: ignore[union-attr]
-        if called not in self.programs:
-            beside = next((path for end in (".src", ".SRC") for word in (called, called.lower())
-                           if (path := self.file.with_name(word + end)).is_file()), None)  # fmt: skip
-            if beside is not None:
-                self._find_programs(list(split_lines(read_bounded(beside))), beside)
-        if called not in self.programs:
-            self.called = self.called or f"{statement[:24]} in line {self.line}"
-            note = f"call of {called[:24]}() is not read: it is neither here nor beside the file"
-            self.moves.log.note(note, self.line)
-            where = "in a loop or a branch: " if self.blocks else ""
-            self.moves.log.happen("call", self.line, text=f"{where}{statement}")
-            return
-        if self.blocks or self.depth >= DEEPEST:
-            raise self.error(f"call of {called}() in a loop, a branch or too deep; write the moves out")
-        lines, first, file = self.programs[called]
-        here, at, self.file = self.line, self.file, file
-        if file != at:
-            self._load_data(file)
-        self.depth += 1
-        self._run_lines(lines, first)
-        self.depth -= 1
-        self.line, self.file = here, at

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from compplan.files.tables import Array
-from compplan.path.cam.robot_moves import NUMBER, make_pose
+from compplan.path.cam.robot_moves import NUMBER
 
 ITEM = re.compile(rf"\s*([A-Z]\w*)\s+({NUMBER}|'[BH][0-9A-F]+')\s*(?:,|$)")
 AGGREGATE = re.compile(r"\{\s*(?:[A-Z]\w*\s*:)?([^{}]*)\}")
 ASSIGN = re.compile(
-    r"(?:DECL\s+|GLOBAL\s+|CONST\s+)*(?:[A-Z]\w*\s+)?(\$?[A-Z][\w.]*(?:\[\d+\])?(?:\.\w+)?)\s*=\s*(.+)$"
+    r"(?:DECL\s+|GLOBAL\s+|CONST\s+)*(?:[A-Z]\w*\s+)?(\$?[A-Z][\w.]*(?:\[\s*\d+\s*\])?(?:\.\w+)?)\s*=\s*(.+)$"
 )
 #: What may follow a position: approximation.
 ENDING = re.compile(r"(\s*C_[A-Z]+|\s*CA\s.*)*\s*$")
@@ -25,6 +25,8 @@ ASKED = re.compile(r"WAIT\b|PULSE\b|TRIGGER\b|\$A?N?OUT|ANOUT\b")
 MOTION = re.compile(r"(S?LIN|S?CIRC|S?PTP|SPL|SPLINE|ENDSPLINE|LIN_REL|PTP_REL|CIRC_REL|S\w+_REL)\b")
 OPENS = re.compile(r"(IF|FOR|WHILE|LOOP|REPEAT|SWITCH)\b")
 CLOSES = re.compile(r"(ENDIF|ENDFOR|ENDWHILE|ENDLOOP|UNTIL|ENDSWITCH)\b")
+#: A loop whose bounds are numbers.
+FOR = re.compile(r"FOR\s+([A-Z]\w*)\s*=\s*([-+]?\d+)\s+TO\s+([-+]?\d+)(?:\s+STEP\s+([-+]?\d+))?\s*$")
 CALL = re.compile(r"([A-Z_]\w{0,60})\s*\((.*)\)\s*$")
 HEAD = re.compile(r"(?:GLOBAL\s+)?DEF(?:FCT\s+\w+)?\s+(\w+)\s*\(")
 BAS = re.compile(r"BAS\s*\(\s*#(\w+)\s*,\s*([^)]*)\)")
@@ -57,5 +59,11 @@ def clean_line(raw: str) -> str:
 
 def read_pose(numbers: Mapping[str, float]) -> Array:
     """Return the pose of X Y Z A B C: R = Rz(A) Ry(B) Rx(C)."""
-    rotation = Rotation.from_euler("ZYX", [numbers[key] for key in ANGLES], degrees=True).as_matrix()
-    return make_pose(np.array([numbers[key] for key in PLACE]), rotation)
+    a, b, c = (math.radians(numbers[key]) for key in ANGLES)
+    sa, ca, sb, cb, sc, cc = math.sin(a), math.cos(a), math.sin(b), math.cos(b), math.sin(c), math.cos(c)
+    return np.array([
+        [ca * cb, ca * sb * sc - sa * cc, ca * sb * cc + sa * sc, numbers["X"]],
+        [sa * cb, sa * sb * sc + ca * cc, sa * sb * cc - ca * sc, numbers["Y"]],
+        [-sb, cb * sc, cb * cc, numbers["Z"]],
+        [0.0, 0.0, 0.0, 1.0],
+    ])  # fmt: skip

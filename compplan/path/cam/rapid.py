@@ -271,7 +271,9 @@ class _Reader:
         if fields[0].strip() == "TRUE":
             raise self.error(f"work object {wobj} is held by the robot, which is not read")
         if fields[1].strip() == "FALSE":
-            raise self.error(f"work object {wobj} moves with another unit, which is not read")
+            note = f"work object {wobj} moves with another unit: the path is taken in it as it is written"
+            self.moves.log.note(note, self.line)
+            return None
         user, thing = (self._pose(field, 2) for field in fields[3:])
         return user @ thing
 

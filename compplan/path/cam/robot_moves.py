@@ -60,6 +60,11 @@ class RobotMoves:
             self.log.note("the first straight move after joint moves is where the path begins: it is rapid", line)
             self.rapid(pose, line)
             return
+        axis = self._axis(end)
+        if math.dist(self._axis(self.pose), axis) < STEADY:
+            self.log.line(_point(end), feed, axis)
+            self.pose = end
+            return
         shares, rotations = self._turn(self.pose, end)
         start, counts = self.pose[:3, 3], dict(self.log.counts)
         for share, rotation in zip(shares, rotations, strict=True):
@@ -152,7 +157,8 @@ class RobotMoves:
 
     def _axis(self, rotation: Array) -> Point:
         """Return the tool axis of a pose: from the tip towards the spindle; a steady tool keeps its axis exactly."""
-        axis = _tuple(-rotation[:3, :3] @ self.direction)
+        x, y, z = (-rotation[:3, :3] @ self.direction).tolist()
+        axis = x + 0.0, y + 0.0, z + 0.0
         return self.log.axis if math.dist(axis, self.log.axis) < STEADY else axis
 
     def _note(self, line: int) -> None:
@@ -213,8 +219,8 @@ def _direction(name: str) -> Array:
 
 
 def _tuple(vector: Array) -> Point:
-    x, y, z = (np.asarray(vector, float) + 0.0).tolist()
-    return x, y, z
+    x, y, z = vector.tolist()
+    return x + 0.0, y + 0.0, z + 0.0
 
 
 def _point(pose: Array) -> Point:

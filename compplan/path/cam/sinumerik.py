@@ -39,6 +39,8 @@ SURE = re.compile(
 BRACKETED = re.compile(r"(?<![\w=])\((?!\")[^()\n]*\)")
 #: The number of a Fanuc program, which no Sinumerik program has.
 PROGRAM_NUMBER = re.compile(r"^[ \t]*O\d{1,8}\b", re.MULTILINE)
+#: Moves in machine coordinates, which are left out: their places need not be known.
+HOME = re.compile(r"\bSUPA\b|\bG0*1?53\b|\bG7[45]\b")
 HEAD = re.compile(r"\s*%_N_(\w+?)_(MPF|SPF)\b", re.IGNORECASE)
 PROC = re.compile(r"\s*(?:N\d+\s*)?PROC\s+(\w+)", re.IGNORECASE)
 
@@ -162,7 +164,7 @@ class _Reader(FlowReader):
             flow = FLOW.match(text)
             if flow:
                 return self.run_flow(flow.group(1), text, raw, unit, index, active, repeats)
-            words = split_block(text, self.look_up, self.variables)
+            words = split_block(text, self.look_up_home if HOME.search(text) else self.look_up, self.variables)
         return -1 if self._run_block(words, raw) else index + 1
 
     def _run_block(self, words: Words, raw: str) -> bool:
@@ -194,7 +196,9 @@ class _Reader(FlowReader):
         if moved and self.modal is not None:
             self.drill_here()
         for called, arguments in words.calls:
-            if not self.run_cycle(called, arguments, modal=modal):
+            if called == "TRAORI":
+                self.set_name(called)
+            elif not self.run_cycle(called, arguments, modal=modal):
                 self._call(called, arguments, words.values.get("P", 1.0))
         return self.stop_machine(words) if words.machine else False
 

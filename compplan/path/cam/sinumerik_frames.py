@@ -21,6 +21,8 @@ INCH = 25.4
 NORMALS: dict[int, Point] = {17: (0.0, 0.0, 1.0), 18: (0.0, 1.0, 0.0), 19: (1.0, 0.0, 0.0)}
 #: First and second axis of the planes.
 PLANES = {17: (0, 1), 18: (2, 0), 19: (1, 2)}
+#: Value of a variable that is not known, where the move that it stands in is left out.
+ELSEWHERE = 1e30
 FRAME_WORDS = {"TRANS", "ATRANS", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "AMIRROR"}
 #: System variables that have one value while a program runs.
 SYSTEM = {"$PI": 3.141592653589793, "TRUE": 1.0, "FALSE": 0.0, "$P_SEARCH": 0.0, "$P_ISTEST": 0.0, "$P_SIM": 0.0,
@@ -82,6 +84,13 @@ class FrameReader:
             return 0.0
         shown = f"{name}[{', '.join(f'{index:g}' for index in indices)}]" if indices else name
         raise ValueError(f"{shown} has no value that is known: {self.unknown.get(name, 'the program gives it none')}")
+
+    def look_up_home(self, name: str, indices: tuple[float, ...]) -> float:
+        """Return the value of a variable in a move that is left out; ELSEWHERE where it has none that is known."""
+        try:
+            return self.look_up(name, indices)
+        except ValueError:
+            return ELSEWHERE
 
     def evaluate(self, text: str) -> float:
         """Return the value of an expression."""

@@ -12,7 +12,7 @@ from compplan.path.cam.gcode_codes import NOTED
 from compplan.path.cam.gcode_vendor import HARMLESS, VALUES
 from compplan.path.cam.options import CamTable
 from compplan.path.cam.robot_moves import find_arc
-from compplan.path.cam.sinumerik_frames import AXES, INCH, NORMALS, PLANES, FrameReader
+from compplan.path.cam.sinumerik_frames import AXES, ELSEWHERE, INCH, NORMALS, PLANES, FrameReader
 from compplan.path.cam.sinumerik_words import Words
 from compplan.path.cam.turning import LETTERS
 
@@ -97,10 +97,10 @@ class MoveReader(FrameReader):
                     raise self.error(f"G{code:g} with coordinates is not read and may move the tool")
                 self.log.note(f"G{code:g} is not read", self.line)
         for name in words.names:
-            once = self._set_name(name) or once
+            once = self.set_name(name) or once
         return once
 
-    def _set_name(self, name: str) -> str:
+    def set_name(self, name: str) -> str:
         """Set what a word without a number sets."""
         if name in ("CIP", "CT"):
             self.motion, self.stated = name, True
@@ -152,6 +152,8 @@ class MoveReader(FrameReader):
         self.log.note("moves in machine coordinates (SUPA, G53, G153, G74, G75) are left out", self.line)
         self.course.lose(axis for axis, letter in enumerate(AXES) if letter in values)
         for letter in LETTERS:
+            if abs(values.get(letter, 0.0)) > 0.5 * ELSEWHERE:
+                raise self.error(f"{letter} of a move in machine coordinates is not known; write its angle")
             if letter in values:
                 self.rotary.take(letter, values[letter])
 
