@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,11 @@ from compplan.job.noise import describe_noise
 from compplan.path.forces.friction_stir import FrictionStirProcess, weld_torque, weld_wrench
 from compplan.path.forces.grinding import GrindingProcess, grinding_wrench
 from compplan.path.forces.sheet_forming import (
+    UNCERTAINTY,
     IsfRegressionProcess,
     find_step_down,
     find_wall_angle,
+    scallop_height,
     sheet_wrench,
     steady_axial_force,
 )
@@ -133,6 +136,22 @@ def test_the_regression_has_its_printed_exponents() -> None:
     base = float(steady_axial_force(100.0, 1.0, 10.0, np.array(0.5), np.radians(50.0)))
     assert base == pytest.approx(0.0716 * 100 * 10**0.41 * 0.5**0.09 * 50 * np.cos(np.radians(50)), rel=1e-12)
     assert float(steady_axial_force(100.0, 2.0, 10.0, np.array(0.5), np.radians(50.0))) / base == pytest.approx(2**1.57)
+
+
+def test_two_grooves_of_a_ball_meet_at_the_crest_of_the_scallop() -> None:
+    radius, step, angle = 5.0, 0.5, np.radians(45.0)
+    half = 0.5 * step / np.sin(angle)  # between the grooves, along the wall
+    assert float(scallop_height(step, 2 * radius, angle)) == pytest.approx(radius - np.sqrt(radius**2 - half**2))
+    assert float(scallop_height(50.0, 2 * radius, angle)) == pytest.approx(radius)
+
+
+def test_both_readings_of_the_regression_are_said_and_lie_inside_its_spread() -> None:
+    nominal, law = load_path(load_job(EXAMPLES[0].parent / "isf_cone.toml"))
+    found = re.search(r"deg.*: (\d+) N along the tool. Were its height the step-down, (\d+) N", law.note)
+    assert found is not None
+    read, other = (float(number) for number in found.groups())
+    assert nominal.wrench[:, 2].max() == pytest.approx(read, rel=0.03)
+    assert read < other < read * (1 + 1.96 * UNCERTAINTY)
 
 
 @pytest.mark.parametrize("angle", [30.0, 45.0, 60.0])

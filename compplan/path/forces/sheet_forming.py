@@ -1,14 +1,17 @@
 """Incremental sheet forming: the regression of Aerens and others (2010) for the steady axial force.
 
-    F_z = 0.0716 R_m t^1.57 d^0.41 p^0.09 a cos(a)
+    F_z = 0.0716 R_m t^1.57 d^0.41 h^0.09 a cos(a)
 
-R_m tensile strength [N/mm^2], t thickness, d tool diameter, p step-down [mm], a wall angle [deg]; F_z in N. Source:
-Aerens, Eyckens, Van Bael, Duflou, Int. J. Adv. Manuf. Technol. 46 (2010) 969, the form for materials that they did not
-test; it stands as it is commonly quoted and was not checked against the print. Their five materials' own forms could
-not be sourced. Valid, as far as known, for t 0.8 to 2 mm, d 10 to 25 mm, p 0.25 to 2 mm, a 20 to 65 deg, steel and
-aluminium sheet; +- 15 % is assumed. Radial and tangential parts are assumed: the mean normal of the contact stands
-halfway between wall and scallop, tan((a + b) / 2) with cos(b) = 1 - 2 p / d, and friction drags against the travel.
-The force builds up over the first contours, linearly over `build_up_mm` of depth (assumed: the tool's radius).
+R_m tensile strength [N/mm^2], t thickness, d tool diameter, h scallop height [mm], a wall angle [deg]; F_z in N.
+Source: Aerens, Eyckens, Van Bael, Duflou, Int. J. Adv. Manuf. Technol. 46 (2010) 969, the form for materials that they
+did not test; it stands as it is commonly quoted and was not checked against the print. Their five materials' own forms
+could not be sourced. Quotes of it leave open whether h is the height of the scallop or the step-down. It is read as the
+scallop: the groove of a ball of diameter d whose crests, step-down / sin(a) apart along the wall, stand h above its
+bottom, is the groove of the radial part below. The other reading gives a larger force; the note states both, and the
+spread of the level holds both. Valid, as far as known, for t 0.8 to 2 mm, d 10 to 25 mm, step-down 0.25 to 2 mm,
+a 20 to 65 deg, steel and aluminium sheet. Radial and tangential parts are assumed: the mean normal of the contact
+stands halfway between wall and scallop, tan((a + b) / 2) with cos(b) = 1 - 2 h / d, and friction drags against the
+travel. The force builds up over the first contours, linearly over `build_up_mm` of depth (assumed: the tool's radius).
 """
 
 from __future__ import annotations
@@ -30,8 +33,9 @@ STRENGTH = {"aa3003_o": 110.0, "aa5754_h22": 230.0, "dc01": 330.0, "aisi304": 62
 VALID = {
     "thickness": (0.8, 2.0), "tool_diameter": (10.0, 25.0), "step_down": (0.25, 2.0), "wall_angle": (20.0, 65.0)
 }  # fmt: skip
-#: Relative standard deviation that Monte Carlo draws the level with, assumed.
-UNCERTAINTY = 0.15
+#: Relative standard deviation of the level, assumed: .15 of the regression and .2 of the reading of h. Twice of it
+#: holds a step-down of up to 80 scallop heights, 80^0.09 = 1.48.
+UNCERTAINTY = 0.25
 #: Walls are steeper than this. [rad]
 FLATTEST = float(np.radians(8.0))
 #: A neighbouring contour lies this far below, in steps down.
@@ -77,18 +81,32 @@ class IsfRegressionProcess(PathForceTable):
         return describe_sheet(self, nominal)
 
 
-def steady_axial_force(strength: float, thickness: float, diameter: float, step_down: Array, angle: Array) -> Array:
+def scallop_height(step_down: float, diameter: float, angle: Array) -> Array:
+    """Return how high the crest between two contours stands above the grooves of a ball end. [mm]
+
+    Args:
+        step_down: Depth from contour to contour. [mm]
+        diameter: Of the tool. [mm]
+        angle: Wall angle against the sheet. [rad]
+
+    """
+    radius = 0.5 * diameter
+    half = np.minimum(0.5 * step_down / np.maximum(np.sin(angle), 1e-9), radius)
+    return np.asarray(half**2 / (radius + np.sqrt(radius**2 - half**2)))
+
+
+def steady_axial_force(strength: float, thickness: float, diameter: float, height: Array, angle: Array) -> Array:
     """Return the steady axial force [N] of the regression.
 
     Args:
         strength: Tensile strength. [N/mm^2]
         thickness: Of the sheet. [mm]
         diameter: Of the tool. [mm]
-        step_down: Depth from contour to contour. [mm]
+        height: Of the scallop. [mm]
         angle: Wall angle against the sheet. [rad]
 
     """
-    size = 0.0716 * strength * thickness**1.57 * diameter**0.41 * np.asarray(step_down) ** 0.09
+    size = 0.0716 * strength * thickness**1.57 * diameter**0.41 * np.asarray(height) ** 0.09
     return np.asarray(size * np.degrees(angle) * np.cos(angle))
 
 
@@ -108,11 +126,10 @@ def sheet_wrench(process: IsfRegressionProcess, nominal: Toolpath) -> Array:
     """
     depth = _sink(nominal)
     step, angle = find_contours(process, nominal)
-    axial = steady_axial_force(
-        process.strength, process.thickness_mm, process.tool_diameter_mm, np.array(step), angle
-    )
-    scallop = np.arccos(np.clip(1.0 - 2.0 * step / process.tool_diameter_mm, -1.0, 1.0))
-    radial = axial * np.tan(0.5 * (angle + scallop))
+    height = scallop_height(step, process.tool_diameter_mm, angle)
+    axial = steady_axial_force(process.strength, process.thickness_mm, process.tool_diameter_mm, height, angle)
+    groove = np.arccos(np.clip(1.0 - 2.0 * height / process.tool_diameter_mm, -1.0, 1.0))
+    radial = axial * np.tan(0.5 * (angle + groove))
     build_up = process.build_up_mm if process.build_up_mm is not None else 0.5 * process.tool_diameter_mm
     share = np.ones(len(nominal)) if build_up == 0.0 else np.clip((depth * 1e3 + step) / build_up, 0.0, 1.0)
     side = 1.0 if process.wall_side == "right" else -1.0
@@ -130,12 +147,20 @@ def describe_sheet(process: IsfRegressionProcess, nominal: Toolpath) -> list[str
              "wall_angle": typical}  # fmt: skip
     outside = [f"{name} {value:.3g} (valid {VALID[name][0]:g} to {VALID[name][1]:g})" for name, value in found.items()
                if not VALID[name][0] <= value <= VALID[name][1]]  # fmt: skip
+    wall = np.radians(typical)
+    height = float(scallop_height(step, process.tool_diameter_mm, np.array(wall)))
+    sheet = (process.strength, process.thickness_mm, process.tool_diameter_mm)
+    read, other = (float(steady_axial_force(*sheet, np.array(size), np.array(wall))) for size in (height, step))
     notes = [
-        f"Forming force by the regression of Aerens and others (2010): step-down {step:.3g} mm, "
-        f"wall angle {typical:.3g} deg, tensile strength {process.strength:.4g} N/mm2"
+        f"Forming force by the regression of Aerens and others (2010): scallop {height:.2g} mm (step-down {step:.3g} "
+        f"mm), wall angle {typical:.3g} deg, tensile strength {process.strength:.4g} N/mm2"
         + (" (assumed, a handbook's size)" if process.material else "")
-        + f"; radial part, friction {process.friction:g} and build-up over the first contours are assumed."
+        + f": {read:.0f} N along the tool. Were its height the step-down, {other:.0f} N; quotes of it do not settle "
+        f"which, the spread of the force (+- {100 * process.uncertainty:g} %, assumed) holds both. Radial part, "
+        f"friction {process.friction:g} and build-up over the first contours are assumed."
     ]
+    if other > read * (1.0 + 1.96 * process.uncertainty):
+        notes.append("The step-down is so large against the scallop that this spread does not hold both readings.")
     if outside:
         notes.append(f"Outside the range that the regression is known to hold in: {', '.join(outside)}.")
     return notes
