@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +15,7 @@ from compplan.errors import InputError
 from compplan.job.job import load_job
 from compplan.job.loading import load_path
 from compplan.path.contact import cutting_progress
-from compplan.path.forces.fit import read_force_log
+from compplan.path.forces.fit import fit_forces, read_force_log
 from compplan.plan import stability
 
 POCKET = Path(__file__).parent.parent / "examples" / "forces" / "pocket.toml"
@@ -74,7 +76,7 @@ def test_a_log_gives_back_the_coefficients_that_made_it_within_their_intervals(l
     found, notes = json.loads(answer.out)["log"], json.loads(answer.out)["notes"]
     assert "stability" not in json.loads(answer.out)
     assert any("chatters is not judged; a table [stability]" in note for note in notes)
-    truth = dict(zip([number["name"] for number in found["fitted"]], [900, 300, 120, 20, 18, 1], strict=True))
+    truth = dict(zip([number["name"] for number in found["fitted"]], [900, 300, 120, 20, 18, 1] + 7 * [0], strict=True))
     for number in found["fitted"]:
         half = 0.5 * (number["high"] - number["low"])
         assert abs(number["value"] - truth[number["name"]]) < 1.5 * half, number
@@ -107,3 +109,74 @@ def test_a_job_without_a_cutter_has_forces_too(tmp_path, monkeypatch, capsys) ->
     answer = run_command(["forces", POCKET.with_name("weld.toml"), "--out", tmp_path / "out"], monkeypatch, capsys)
     assert answer.status == 0 and "friction_stir: " in answer.out
     assert "engagement" not in json.loads((tmp_path / "out" / "forces.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("lag_mm", [-3.0, 5.0])
+def test_offset_drift_and_lag_of_a_log_are_told_from_the_force(lag_mm, log, tmp_path, monkeypatch, capsys) -> None:
+    rows = np.loadtxt(log, delimiter=",", skiprows=1)
+    rows[:, 0] += lag_mm
+    rows[:, 1:] += [8.0, -5.0, 20.0] + np.linspace(-0.5, 0.5, len(rows))[:, None] * [6.0, 0.0, -10.0]
+    shifted = tmp_path / "shifted.csv"
+    np.savetxt(shifted, rows, delimiter=",", header="s_mm,fx_N,fy_N,fz_N", comments="")
+    job = write_job(tmp_path, 'material = "al7075_t6"')
+    words = ["forces", job, "--out", tmp_path / "out", "--log", shifted, "--write", tmp_path / "fitted.toml", "--json"]
+    answer = run_command(words, monkeypatch, capsys)
+    assert answer.status == 0, answer.err
+    found = {number["name"]: number for number in json.loads(answer.out)["log"]["fitted"]}
+    truth = {"tangential cutting coefficient": 900.0, "radial cutting coefficient": 300.0, "lag of the log": lag_mm,
+             "offset of fx": 8.0, "offset of fz": 20.0, "drift of fz over the log": -10.0}  # fmt: skip
+    for name, value in truth.items():
+        half = 0.5 * (found[name]["high"] - found[name]["low"])
+        assert abs(found[name]["value"] - value) < max(1.5 * half, 0.02), found[name]
+    assert found["tangential cutting coefficient"]["value"] == pytest.approx(900.0, rel=0.05)
+    table = tomllib.loads((tmp_path / "fitted.toml").read_text(encoding="utf-8"))["process"]["coefficients"]
+    assert table["cutting_N_mm2"][0] == pytest.approx(900.0, rel=0.05) and min(table["edge_N_mm"]) >= 0.0
+    (tmp_path / "later").mkdir()
+    later = write_job(tmp_path / "later", f"coefficients = {json.dumps(table).replace(': ', ' = ')}")
+    text = re.sub(r'"(\w+)" = ', r"\1 = ", later.read_text(encoding="utf-8"))
+    later.write_text(text, encoding="utf-8")
+    assert load_path(load_job(later))[0].wrench[:, :3].any()
+
+
+def test_time_moments_and_power_are_channels_of_a_log_too(tmp_path) -> None:
+    job = load_job(write_job(tmp_path, 'material = "al7075_t6"'))
+    nominal, law = load_path(job)
+    cut = ~nominal.rapid
+    step = np.diff(cutting_progress(nominal), prepend=0.0) / np.maximum(nominal.feed, 1e-9)
+    power = 2 * np.pi * 12000 / 60 * np.einsum("ni,ni->n", nominal.wrench[:, 3:], nominal.axis) + 150.0  # idle
+    columns = np.column_stack([np.cumsum(step), nominal.wrench, power])[cut]
+    noise = np.random.default_rng(2).normal(0.0, [0.0, 9.0, 9.0, 9.0, 0.02, 0.02, 0.02, 5.0], columns.shape)
+    file = tmp_path / "timed.csv"
+    header = "t_s,fx_N,fy_N,fz_N,mx_Nm,my_Nm,mz_Nm,power_W"
+    np.savetxt(file, columns + noise, delimiter=",", header=header, comments="")
+    widths = {}
+    for name, keep in (("all", 8), ("forces", 4)):
+        np.savetxt(file, (columns + noise)[:, :keep], delimiter=",", comments="",
+                   header=",".join(header.split(",")[:keep]))  # fmt: skip
+        found = fit_forces(read_force_log(file), law, nominal, file).numbers[0]
+        assert abs(found.value - 767.01) < 0.75 * (found.high - found.low)
+        widths[name] = found.high - found.low
+    assert widths["all"] < 0.9 * widths["forces"]
+
+
+def test_a_log_of_another_frame_is_refused_in_words(log, tmp_path, monkeypatch, capsys) -> None:
+    rows = np.loadtxt(log, delimiter=",", skiprows=1)
+    rows[:, 1:] = np.random.default_rng(3).normal(0.0, np.abs(rows[:, 1:]).mean(axis=0), rows[:, 1:].shape)
+    other = tmp_path / "other.csv"
+    np.savetxt(other, rows, delimiter=",", header="s_mm,fx_N,fy_N,fz_N", comments="")
+    job = write_job(tmp_path, 'material = "al7075_t6"')
+    answer = run_command(["forces", job, "--out", tmp_path / "out", "--log", other], monkeypatch, capsys)
+    assert answer.status == 2 and "of the log at no lag within 20 mm; check that job and log" in answer.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_coefficient_below_zero_is_never_silent(log, tmp_path) -> None:
+    job = load_job(write_job(tmp_path, 'material = "al7075_t6"'))
+    nominal, law = load_path(job)
+    rows = np.loadtxt(log, delimiter=",", skiprows=1)
+    rows[:, 1:] *= -1.0  # force of the tool on the part
+    file = tmp_path / "negated.csv"
+    np.savetxt(file, rows, delimiter=",", header="s_mm,fx_N,fy_N,fz_N", comments="")
+    fit = fit_forces(read_force_log(file), law, nominal, file)
+    assert fit.numbers[0].high < 0.0
+    assert any("tangential cutting coefficient is fitted below 0 for sure" in note for note in fit.notes)

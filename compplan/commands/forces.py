@@ -7,16 +7,19 @@ from pathlib import Path
 import click
 
 from compplan.commands.places import OUT_FOLDER
+from compplan.errors import InputError
 from compplan.files.tables import dump_json
 
 
 @click.command()
 @click.argument("job", type=click.Path(path_type=Path))
 @click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
-@click.option("--log", type=click.Path(path_type=Path), help="Measured forces: CSV with s_mm, the length cut so far, "
-              "and fx_N fy_N fz_N, part axes.")  # fmt: skip
+@click.option("--log", type=click.Path(path_type=Path), help="Measured forces: CSV with s_mm or t_s, the length or the "
+              "time cut so far, and fx_N fy_N fz_N, part axes; mx_Nm my_Nm mz_Nm at the tip and power_W are used too.")
+@click.option("--write", "table", type=click.Path(path_type=Path), help="With --log: write the fitted coefficients to "
+              "this file, as a table for the job.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (forces.json) to stdout.")
-def command(job: Path, folder: Path, log: Path | None, as_json: bool) -> None:
+def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_json: bool) -> None:
     """Predict engagement and force along the path of JOB: write forces.json, forces.csv and report.html.
 
     Example: compplan forces examples/forces/pocket.toml --out out
@@ -24,14 +27,18 @@ def command(job: Path, folder: Path, log: Path | None, as_json: bool) -> None:
     from compplan.commands.progress import show_progress
     from compplan.job.force_prediction import predict_forces
     from compplan.job.operations import load_one_job
-    from compplan.outputs.forces import write_forces
+    from compplan.outputs.forces import write_coefficients, write_forces
     from compplan.plan.stability import judge_stability
 
+    if table is not None and log is None:
+        raise InputError("--write needs --log, the measured forces")
     checked = load_one_job(job)
     chatters = checked.process.model == "end_mill"
     with show_progress() as announce:
         announce("forces: engagement and wrench along the path")
         found = predict_forces(checked, log)
+        if table is not None:
+            write_coefficients(found, table)
         if chatters and checked.stability.judge and not as_json:
             click.echo("judging the stability of the cut at postures and cuts along the path: about ten seconds ...")
         announce("forces: stability of the cut")
@@ -58,6 +65,10 @@ def command(job: Path, folder: Path, log: Path | None, as_json: bool) -> None:
         for number in fit["fitted"]:
             click.echo(f"  {number['name']}: {number['value']:.4g} {number['unit']} "
                        f"[{number['low']:.4g}, {number['high']:.4g}], {number['in_job']:.4g} in the job")  # fmt: skip
+        for note in fit["notes"]:
+            click.echo(f"  {note}")
     for note in summary["notes"]:
         click.echo(note)
+    if table is not None:
+        click.echo(f"wrote {table}: put it in the job in place of material")
     click.echo(f"wrote forces.json, forces.csv, report.html to {folder}")

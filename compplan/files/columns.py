@@ -32,6 +32,8 @@ UNITS: dict[str, tuple[str, float]] = {
     "m_min": ("speed", 1.0 / 60.0),
     "mm_min": ("speed", 1e-3 / 60.0),
     "C": ("temperature", 1.0),
+    "W": ("power", 1.0),
+    "kW": ("power", 1e3),
 }
 
 
@@ -41,8 +43,8 @@ class FileColumn:
 
     Args:
         name: Name without unit. A trailing or inner `#` stands for a number from 1: `q#` is q1, q2, ...
-        dimension: "length", "angle", "force", "moment", "time", "speed", "temperature", "number" (no unit) or "text";
-            several where the unit decides (joints: angle or length).
+        dimension: "length", "angle", "force", "moment", "time", "speed", "temperature", "power", "number" (no unit) or
+            "text"; several where the unit decides (joints: angle or length).
         required: A table without it is refused.
         missing: Whether a field may be empty, which reads as NaN.
         group: Columns of one group stand together: all of them or none.

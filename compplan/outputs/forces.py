@@ -7,11 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomli_w
+from pydantic import ValidationError
 
+from compplan.errors import InputError
 from compplan.files.origin import describe_origin
-from compplan.files.tables import write_json, write_table
+from compplan.files.tables import write_json, write_table, write_text
 from compplan.files.transaction import replace_folder
 from compplan.job.force_prediction import ForcePrediction
+from compplan.path.forces.cutting import CoefficientTable
 from compplan.path.process import Process
 from compplan.path.toolpath import WRENCH_HEADERS
 from compplan.plan.stability import Stability, mark_spans
@@ -50,6 +54,7 @@ def summarise_forces(found: ForcePrediction, stability: Stability | None = None,
         summary["log"] = {
             "rows": found.fit.rows, "rms_N": found.fit.level, "rms_before_N": found.fit.rms_before,
             "rms_after_N": found.fit.rms_after, "fitted": [asdict(number) for number in found.fit.numbers],
+            "notes": list(found.fit.notes),
         }  # fmt: skip
     return summary
 
@@ -105,6 +110,33 @@ def write_forces(
         write_forces_page(found, summary, stability, part / "report.html")
         write_json(part / "forces.json", summary)
     return summary
+
+
+def write_coefficients(found: ForcePrediction, file: Path) -> None:
+    """Write the fitted coefficients as [process.coefficients] of a job.
+
+    Raises:
+        InputError: If the force model has no coefficients, or the file cannot be written.
+
+    """
+    fitted = None if found.fit is None else found.fit.coefficients
+    if fitted is None:
+        message = f"process.model is {found.job.process.model!r}, --write is for models with cutting coefficients"
+        raise InputError(message, file=found.job.file, where="process.model")
+    table = {
+        "cutting_N_mm2": [float(f"{value:.5g}") for value in fitted.cutting],
+        "edge_N_mm": [float(f"{value:.4g}") for value in fitted.edge], "exponent": list(fitted.exponent),
+        "uncertainty": fitted.uncertainty, "source": fitted.source,
+    }  # fmt: skip
+    try:
+        CoefficientTable.model_validate(table)
+    except ValidationError as error:
+        why = error.errors()[0]["msg"].removeprefix("Value error, ")
+        raise InputError(f"the fitted coefficients are no job's: {why}", file=file) from None
+    text = ("# In place of `material`. uncertainty is that of the force along the cut that was logged, one standard\n"
+            "# deviation; another tool, its wear and another cut add to it.\n"
+            + tomli_w.dumps({"process": {"coefficients": table}}))  # fmt: skip
+    write_text(file, text)
 
 
 def _tabulate(found: ForcePrediction, stability: Stability | None) -> dict[str, object]:

@@ -205,4 +205,6 @@ def _comparison(fit: ForceFit) -> Section:
     before, after, level = (format_number(v) for v in (fit.rms_before, fit.rms_after, fit.level))
     text = (f"{fit.rows} rows of the log lie in the cut. The prediction is off by {before} N (rms), of {level} N "
             f"measured; with the fitted numbers by {after} N.")  # fmt: skip
-    return Section("Measured log", [text, PageTable(columns, table, "Intervals from leaving out blocks of the path.")])
+    notes = list(fit.notes)
+    table_of_numbers = PageTable(columns, table, "Intervals from leaving out blocks of the path.")
+    return Section("Measured log", [text, *notes, table_of_numbers])

@@ -1,8 +1,11 @@
 """A measured force log beside the prediction: which coefficients fit it, with intervals.
 
-The mean wrench of a cutter is linear in its coefficients, so that a linear least-squares fit finds them; for every
-other model one factor for each path axis is fitted. Errors along a path hang together: the 95 % intervals come from
-leaving out blocks of the path in turn (jackknife), not from the scatter of single rows.
+The mean wrench of a cutter is linear in its coefficients; for every other model one factor for each path axis is
+fitted. A log has faults of its own, which are fitted with them: an offset and a drift of each channel (rows in the air
+are their tare) and one lag, the length by which the log runs behind the path. The lag is searched for over
+`MOST_LAG`, the rest is linear. Channels are weighed by what is left of each. Errors along a path hang together: the
+95 % intervals come from leaving out blocks of the path in turn (jackknife, the lag as a derivative), not from the
+scatter of single rows, and the same blocks say what the fit explains of rows that it has not seen.
 """
 
 from __future__ import annotations
@@ -11,12 +14,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear, minimize_scalar
 
 from compplan.errors import InputError
 from compplan.files.columns import FileColumn
 from compplan.files.tables import Array, read_table
 from compplan.path.contact import cutting_progress, path_axes
 from compplan.path.force_law import ForceLaw
+from compplan.path.forces.materials import Coefficients
 from compplan.path.toolpath import WRENCH, Toolpath
 
 #: Least share of the cut that a log spans: less is a length in metres that was called mm (assumed).
@@ -31,12 +37,24 @@ SAME = 1e-9
 AIR = 0.02
 #: No tool bears more, and no prediction errs by more than this factor: beyond, a unit is wrong (assumed). [N, 1]
 MOST_FORCE, MOST_RATIO = 1e6, 100.0
+#: Greatest lag that is searched for, to either side: a length [m], and a share of the cut (assumed).
+MOST_LAG, LAG_SHARE = 0.02, 0.2
+#: Steps of the search for the lag to either side; rows that it and the fit look at at most, means of what stands near.
+LAGS, LAG_ROWS, MOST_ROWS = 60, 1500, 50_000
+#: Half of the step of the derivative to the lag. [m]
+LAG_STEP = 1e-5
+#: Least share of the variance of rows left out that a fit explains; below, it does not fit (assumed).
+EXPLAINED = 0.3
+#: Von Neumann's ratio of neighbours below which what is left hangs together (2 for none, assumed).
+HANGS_TOGETHER = 1.0
 NAMES = ("tangential", "radial", "axial")
 
 COLUMNS = (
-    FileColumn("s", "length", required=True),
+    FileColumn("s", "length"),
+    FileColumn("t", "time"),
     *(FileColumn(name, "force", required=True) for name in WRENCH[:3]),
     *(FileColumn(name, "moment", group="moment") for name in WRENCH[3:]),
+    FileColumn("power", "power"),
 )
 
 
@@ -45,13 +63,17 @@ class ForceLog:
     """A measured log; m rows.
 
     Attributes:
-        s: Length cut so far. Shape (m,). [m]
-        force: On the tool, part axes. Shape (m, 3). [N]
+        place: Length cut so far [m], or time cut so far [s]. Shape (m,).
+        timed: Whether `place` is a time.
+        wrench: On the tool at its tip, part axes; 3 columns without moments. Shape (m, 3 or 6). [N, N m]
+        power: Of the spindle, or None. Shape (m,). [W]
 
     """
 
-    s: Array
-    force: Array
+    place: Array
+    timed: bool
+    wrench: Array
+    power: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -71,13 +93,13 @@ class ForceFit:
     """The comparison with a log.
 
     Attributes:
-        numbers: What was fitted.
+        numbers: What was fitted: the force's numbers, then lag and the offset and drift of each force.
         rms_before: Of measured minus predicted force. [N]
         rms_after: The same with the fitted numbers. [N]
         level: Root mean square of the measured force. [N]
         rows: Rows in contact that were used.
-        measured: Force at the rows, path axes. Shape (m, 3). [N]
-        s: Length cut so far at the rows. Shape (m,). [m]
+        notes: What a user should know of the fit, one sentence each.
+        coefficients: Of the cutter as a job can hold them, edges not below 0, or None for other models.
 
     """
 
@@ -86,30 +108,67 @@ class ForceFit:
     rms_after: float
     level: float
     rows: int
-    measured: Array
-    s: Array
+    notes: tuple[str, ...]
+    coefficients: Coefficients | None
+
+
+@dataclass(frozen=True)
+class _Prediction:
+    """What each number contributes along the path, at its unit; n waypoints.
+
+    Attributes:
+        progress: Length cut so far. Shape (n,). [m]
+        columns: Path axes; forces, moments, and the spindle's power last. Shape (c, n, 7).
+        axes: Path axes as columns, part frame. Shape (n, 3, 3).
+        names, units, in_job: Of the c numbers.
+
+    """
+
+    progress: Array
+    columns: Array
+    axes: Array
+    names: list[str]
+    units: list[str]
+    in_job: Array
+
+    def at(self, s: Array, channels: list[int]) -> Array:
+        """Return the contributions at lengths cut, part axes; none off the cut. Shape (c, m, k)."""
+        near = np.clip(np.searchsorted(self.progress, s - SAME), 1, len(self.progress) - 1)
+        span = self.progress[near] - self.progress[near - 1]
+        share = np.clip((s - self.progress[near - 1]) / np.maximum(span, SAME), 0.0, 1.0)[:, None]
+        local = (1.0 - share) * self.columns[:, near - 1] + share * self.columns[:, near]
+        local *= ((s >= -SAME) & (s <= self.progress[-1] + SAME))[:, None]
+        turned = np.concatenate([
+            np.einsum("mij,cmj->cmi", self.axes[near], local[:, :, :3]),
+            np.einsum("mij,cmj->cmi", self.axes[near], local[:, :, 3:6]), local[:, :, 6:],
+        ], axis=2)  # fmt: skip
+        return np.asarray(turned[:, :, channels])
 
 
 def read_force_log(path: Path) -> ForceLog:
-    """Read a log: CSV with s_mm (the length cut so far) and fx_N fy_N fz_N, part axes.
+    """Read a log: CSV with s_mm or t_s (length or time cut so far), fx_N fy_N fz_N, moments and power_W, part axes.
 
     Raises:
         InputError: If it is not what it has to be.
 
     """
     table = read_table(path, COLUMNS)
-    s = table.values["s"]
-    if len(s) < 2:
-        raise table.error(f"{len(s)} rows, expected at least 2")
-    back = np.flatnonzero(np.diff(s) < 0.0)
+    timed = "t" in table.values
+    if timed == ("s" in table.values):
+        raise table.error("needs one of the columns s_mm and t_s, the length or the time cut so far")
+    place = table.values["t" if timed else "s"]
+    if len(place) < 2:
+        raise table.error(f"{len(place)} rows, expected at least 2")
+    back = np.flatnonzero(np.diff(place) < 0.0)
     if len(back):
-        raise table.error("s_mm falls here; rows must stand in the order of the path", int(back[0]) + 1)
-    force = np.column_stack([table.values[name] for name in WRENCH[:3]])
-    wrong = np.abs(force).max(axis=1) > MOST_FORCE
+        name = "t_s" if timed else "s_mm"
+        raise table.error(f"{name} falls here; rows must stand in the order of the path", int(back[0]) + 1)
+    wrench = np.column_stack([table.values[name] for name in WRENCH if name in table.values])
+    wrong = np.abs(wrench[:, :3]).max(axis=1) > MOST_FORCE
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
-        raise table.error(f"a force of {np.abs(force[row]).max():.3g} N, at most {MOST_FORCE:g} N is allowed", row)
-    return ForceLog(s, force)
+        raise table.error(f"a force of {np.abs(wrench[row, :3]).max():.3g} N, at most {MOST_FORCE:g} N is allowed", row)
+    return ForceLog(place, timed, wrench, table.values.get("power"))
 
 
 def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> ForceFit:
@@ -122,47 +181,234 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
         file: The log's file, for messages.
 
     Raises:
-        InputError: If too few rows lie in the cut.
+        InputError: If too few rows lie in the cut, or the prediction does not explain the log.
 
     """
-    progress = cutting_progress(nominal)
+    model = _predict(law, nominal)
+    channels, measured = _choose_channels(log, law)
+    s, measured = _pool(_lengths(log, nominal, model.progress), measured, MOST_ROWS)
+    predicted = np.einsum("c,cmk->mk", model.in_job, model.at(s, channels))
+    cut = _find_cut(s, predicted, model.progress[-1], file)
+    _check_level(measured[cut, :3], predicted[cut, :3], file)
+    known = np.abs(model.at(s, channels)).max(axis=(1, 2)) > 0.0
+    tare = np.column_stack([np.ones(len(s)), (s - s.mean()) / max(float(np.ptp(s)), SAME)])
+    scale, most = measured.std(axis=0) + 1e-12, min(MOST_LAG, LAG_SHARE * float(model.progress[-1]))
+    for _ in range(2):
+        lag = _find_lag(model, s, measured / scale, channels, scale, tare, most)
+        matrix = _design(model, s - lag, channels, known, tare) / scale[:, None]
+        value, left = _solve(matrix, measured / scale)
+        scale = scale * left.std(axis=0) + 1e-12
+    turn = _slope(model, s - lag, channels, known, value)
+    matrix = np.concatenate([_design(model, s - lag, channels, known, tare), turn], axis=2) / scale[:, None]
+    value = np.append(value, 0.0)
+    left = measured / scale - np.einsum("mkc,c->mk", matrix, value)
+    covariance, unseen = _jackknife(matrix, measured / scale, len(s))
+    if unseen < EXPLAINED:
+        message = (f"the prediction explains {100 * max(unseen, 0.0):.0f} % of the log at no lag within "
+                   f"{1e3 * most:.3g} mm; check that job and log are of one cut, its frame, and "
+                   f"{'t_s' if log.timed else 's_mm'}")  # fmt: skip
+        raise InputError(message, file=file)
+    value[-1] = lag
+    numbers = _list_numbers(model, known, value, np.sqrt(np.diag(covariance)), scale)
+    notes = _describe(numbers, int(known.sum()), left, scale, lag, most)
+    before = predicted[cut, :3] - measured[cut, :3]
+    after = (left * scale)[cut, :3]
+    return ForceFit(
+        numbers, _rms(before), _rms(after), _rms(measured[cut, :3]), len(cut), tuple(notes),
+        _as_job_holds(law, known, matrix, measured / scale, value, covariance, file),
+    )  # fmt: skip
+
+
+def _rms(force: Array) -> float:
+    return float(np.sqrt((force**2).sum(axis=1).mean()))
+
+
+def _predict(law: ForceLaw, nominal: Toolpath) -> _Prediction:
+    """Return what each number contributes, path axes, and the path axes in the part frame."""
     axes = path_axes(nominal)
-    near = np.clip(np.searchsorted(progress, log.s - SAME), 0, len(progress) - 1)
-    measured = np.einsum("nji,nj->ni", axes[near], log.force @ law.T_base_part[:3, :3].T)
     columns, names, unit, in_job = _columns(law, nominal, axes)
-    columns = np.stack(
-        [np.stack([np.interp(log.s, progress, column[:, k]) for k in range(3)], axis=1) for column in columns]
-    )
-    predicted = np.einsum("c,cmk->mk", in_job, columns)
-    size = np.linalg.norm(predicted, axis=1)
-    along = (log.s >= -1e-6) & (log.s <= progress[-1] + 1e-6)
-    cut = np.flatnonzero((size > AIR * size.max(initial=0.0)) & along)
+    power = np.zeros((*columns.shape[:2], 1))
+    if law.cutting is not None:
+        power[..., 0] = 2.0 * np.pi * law.cutting.process.spindle().speed * columns[:, :, 5]
+    R = np.einsum("ji,njk->nik", law.T_base_part[:3, :3], axes)
+    return _Prediction(cutting_progress(nominal), np.concatenate([columns, power], axis=2), R, names, unit, in_job)
+
+
+def _choose_channels(log: ForceLog, law: ForceLaw) -> tuple[list[int], Array]:
+    """Return what is fitted, forces, moments (3 to 5) and power (6), and its rows; forces alone without a cutter."""
+    if law.cutting is None:
+        return [0, 1, 2], log.wrench[:, :3]
+    channels = list(range(log.wrench.shape[1]))
+    return (channels, log.wrench) if log.power is None else ([*channels, 6], np.column_stack([log.wrench, log.power]))
+
+
+def _lengths(log: ForceLog, nominal: Toolpath, progress: Array) -> Array:
+    """Return the length cut so far at each row. Shape (m,). [m]"""
+    if not log.timed:
+        return log.place
+    step = np.diff(progress) / np.maximum(nominal.feed[1:], 1e-9)
+    time = np.concatenate([[0.0], np.cumsum(step)])
+    inside = np.interp(log.place, time, progress)
+    # before and after the cut the log goes on at the feed of its ends
+    feed = max(float(np.median(nominal.feed[~nominal.rapid])), 1e-9)
+    beyond = np.minimum(log.place - time[0], 0.0) + np.maximum(log.place - time[-1], 0.0)
+    return np.asarray(inside + feed * beyond)
+
+
+def _pool(s: Array, measured: Array, most: int) -> tuple[Array, Array]:
+    """Return means of rows that follow each other, so that at most `most` are left."""
+    size = -(-len(s) // most)
+    if size < 2:
+        return s, measured
+    start = np.arange(0, len(s), size)
+    count = np.diff(np.append(start, len(s)))
+    return np.add.reduceat(s, start) / count, np.add.reduceat(measured, start) / count[:, None]
+
+
+def _find_cut(s: Array, predicted: Array, end: float, file: Path) -> NDArray[np.int_]:
+    """Return the rows that lie in the cut.
+
+    Raises:
+        InputError: If they are too few.
+
+    """
+    size = np.linalg.norm(predicted[:, :3], axis=1)
+    cut = np.flatnonzero(size > AIR * size.max(initial=0.0))
     if len(cut) < FEWEST:
         raise InputError(f"{len(cut)} rows lie in the cut, a comparison needs {FEWEST}; check s_mm", file=file)
-    if (places := len(np.unique(log.s[cut]))) < BLOCKS:
+    if (places := len(np.unique(s[cut]))) < BLOCKS:
         raise InputError(f"s_mm has {places} values in the cut, a comparison needs {BLOCKS}", file=file)
-    if (span := float(np.ptp(log.s[cut]))) < LEAST_SPAN * progress[-1]:
-        message = f"s_mm spans {1e3 * span:.3g} mm of a cut of {1e3 * progress[-1]:.4g} mm: check its unit"
+    if (span := float(np.ptp(s[cut]))) < LEAST_SPAN * end:
+        message = f"s_mm spans {1e3 * span:.3g} mm of a cut of {1e3 * end:.4g} mm: check its unit"
         raise InputError(message, file=file)
-    columns, measured = columns[:, cut], measured[cut]
-    _check_level(measured, predicted[cut], file)
-    known = np.abs(columns).max(axis=(1, 2)) > 0.0
-    matrix, target = columns[known].reshape(known.sum(), -1).T, measured.reshape(-1)
-    value = np.linalg.lstsq(matrix, target, rcond=1e-10)[0]
-    block = np.repeat(np.arange(len(cut)) * BLOCKS // len(cut), 3)
-    left = np.array([np.linalg.lstsq(matrix[block != b], target[block != b], rcond=1e-10)[0] for b in range(BLOCKS)])
-    spread = STUDENT * np.sqrt((BLOCKS - 1) / BLOCKS * ((left - left.mean(axis=0)) ** 2).sum(axis=0))
-    numbers = tuple(
-        FittedNumber(name, float(was), float(v), float(v - d), float(v + d), u)
-        for name, was, v, d, u in zip(
-            np.array(names)[known], in_job[known], value, spread, np.array(unit)[known], strict=True
-        )
-    )
-    before = np.einsum("c,cmk->mk", in_job, columns) - measured
-    after = target - matrix @ value
-    return ForceFit(
-        numbers, float(np.sqrt((before**2).sum(axis=1).mean())), float(np.sqrt((after**2).sum() / len(cut))),
-        float(np.sqrt((measured**2).sum(axis=1).mean())), len(cut), measured, log.s[cut],
+    return cut
+
+
+def _design(model: _Prediction, s: Array, channels: list[int], known: NDArray[np.bool_], tare: Array) -> Array:
+    """Return the columns of the linear fit: the numbers', then offset and drift of each channel. Shape (m, k, c)."""
+    own = np.moveaxis(model.at(s, channels)[known], 0, 2)
+    k = len(channels)
+    each = np.einsum("mt,kl->mklt", tare, np.eye(k)).reshape(len(s), k, 2 * k)
+    return np.concatenate([own, each], axis=2)
+
+
+def _slope(model: _Prediction, s: Array, channels: list[int], known: NDArray[np.bool_], value: Array) -> Array:
+    """Return how the predicted channels change with a lag. Shape (m, k, 1). [N, N m or W to a metre]"""
+    behind, ahead = (model.at(s + side * LAG_STEP, channels)[known] for side in (-1.0, 1.0))
+    return np.asarray(np.einsum("cmk,c->mk", behind - ahead, value[: known.sum()])[:, :, None] / (2.0 * LAG_STEP))
+
+
+def _solve(matrix: Array, target: Array) -> tuple[Array, Array]:
+    """Return the least squares and what it leaves. Shapes (c,), (m, k)."""
+    value = np.linalg.lstsq(matrix.reshape(-1, matrix.shape[2]), target.reshape(-1), rcond=1e-10)[0]
+    return value, target - np.einsum("mkc,c->mk", matrix, value)
+
+
+def _find_lag(
+    model: _Prediction, s: Array, target: Array, channels: list[int], scale: Array, tare: Array, most: float
+) -> float:
+    """Return the lag at which least is left. [m]"""
+    rows = np.arange(0, len(s), -(-len(s) // LAG_ROWS))
+    every, wanted = np.ones(len(model.names), dtype=bool), target[rows]
+
+    def left(lag: float) -> float:
+        matrix = _design(model, s[rows] - lag, channels, every, tare[rows]) / scale[:, None]
+        flat = matrix.reshape(-1, matrix.shape[2])
+        value = np.linalg.lstsq(flat.T @ flat, flat.T @ wanted.reshape(-1), rcond=1e-12)[0]
+        return float(((wanted.reshape(-1) - flat @ value) ** 2).sum())
+
+    steps = np.linspace(-most, most, 2 * LAGS + 1)
+    found = np.array([left(float(lag)) for lag in steps])
+    best = int(np.argmin(found))
+    low, high = steps[max(best - 1, 0)], steps[min(best + 1, 2 * LAGS)]
+    refined = minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": 1e-6})
+    return float(refined.x) if refined.fun < found[best] else float(steps[best])
+
+
+def _jackknife(matrix: Array, target: Array, rows: int) -> tuple[Array, float]:
+    """Return the covariance of the numbers from blocks left out, and the share of rows left out that is explained.
+
+    The last column is the derivative to the lag, counted from the lag that was found.
+    """
+    c, block = matrix.shape[2], np.arange(rows) * BLOCKS // rows
+    normal = np.stack([np.einsum("mkc,mkd->cd", matrix[block == b], matrix[block == b]) for b in range(BLOCKS)])
+    right = np.stack([np.einsum("mkc,mk->c", matrix[block == b], target[block == b]) for b in range(BLOCKS)])
+    size = np.sqrt(np.maximum(np.diag(normal.sum(axis=0)), 1e-300))
+    left_out = np.stack([
+        np.linalg.lstsq((normal.sum(axis=0) - normal[b]) / np.outer(size, size), (right.sum(axis=0) - right[b]) / size,
+                        rcond=1e-12)[0] / size
+        for b in range(BLOCKS)
+    ])  # fmt: skip
+    away = left_out - left_out.mean(axis=0)
+    covariance = (BLOCKS - 1) / BLOCKS * np.einsum("bc,bd->cd", away, away)
+    own = c - 1 - 2 * target.shape[1]
+    unseen = target - np.einsum("mkc,mc->mk", matrix, left_out[block])
+    flat = target - np.einsum("mkc,mc->mk", matrix[:, :, own:-1], left_out[block][:, own:-1])
+    return covariance, float(1.0 - (unseen**2).sum() / max(float((flat**2).sum()), 1e-300))
+
+
+def _list_numbers(
+    model: _Prediction, known: NDArray[np.bool_], value: Array, sigma: Array, scale: Array
+) -> tuple[FittedNumber, ...]:
+    """Return the numbers with their intervals: the model's, the lag, offsets and drifts of the forces."""
+    own = int(known.sum())
+    kept = np.flatnonzero(known)
+    rows = [(model.names[k], float(model.in_job[k]), i, 1.0, model.units[k]) for i, k in enumerate(kept)]
+    rows.append(("lag of the log", 0.0, len(value) - 1, 1e3, "mm"))
+    for axis, name in enumerate("xyz"):
+        rows += [(f"offset of f{name}", 0.0, own + 2 * axis, 1.0, "N"),
+                 (f"drift of f{name} over the log", 0.0, own + 2 * axis + 1, 1.0, "N")]  # fmt: skip
+    return tuple(
+        FittedNumber(name, was, float(u * value[i]), float(u * (value[i] - STUDENT * sigma[i])),
+                     float(u * (value[i] + STUDENT * sigma[i])), unit)
+        for name, was, i, u, unit in rows
+    )  # fmt: skip
+
+
+def _describe(
+    numbers: tuple[FittedNumber, ...], own: int, left: Array, scale: Array, lag: float, most: float
+) -> list[str]:
+    """Say what is odd about a fit."""
+    notes = []
+    if abs(lag) > 0.98 * most:
+        notes.append(f"The log fits best at the end of the lags that were tried, {1e3 * lag:.3g} mm: check s_mm.")
+    for number in numbers[:own]:
+        if number.value < 0.0 <= number.high:
+            notes.append(f"The {number.name} is fitted below 0 and cannot be told from 0 by this log.")
+        elif number.high < 0.0 and not number.name.startswith("axial"):
+            notes.append(f"The {number.name} is fitted below 0 for sure, which no cut does: the model does not fit "
+                         "this log; check cutter, stock, direction of cut and frame of the log.")  # fmt: skip
+    force = left[:, :3]
+    ratio = (np.diff(force, axis=0) ** 2).sum(axis=0) / np.maximum((force**2).sum(axis=0), 1e-300)
+    for axis in np.flatnonzero(ratio < HANGS_TOGETHER):
+        notes.append(f"What is left of f{'xyz'[axis]}, {(left * scale)[:, axis].std():.3g} N (rms), hangs together "
+                     "along the path: the model misses something there; the intervals count it.")  # fmt: skip
+    return notes
+
+
+def _as_job_holds(
+    law: ForceLaw, known: NDArray[np.bool_], matrix: Array, target: Array, value: Array, covariance: Array, file: Path
+) -> Coefficients | None:
+    """Return coefficients as a job can hold them: edges not below 0, and the level's spread along this cut."""
+    if law.cutting is None:
+        return None
+    own = int(known.sum())
+    edge = np.flatnonzero(known) >= 3
+    low = np.full(matrix.shape[2], -np.inf)
+    low[:own][edge] = 0.0
+    flat = matrix.reshape(-1, matrix.shape[2])
+    upper = np.linalg.qr(np.column_stack([flat, target.reshape(-1)]), mode="r")
+    held = lsq_linear(upper[:, :-1], upper[:, -1], bounds=(low, np.inf)).x[:own]
+    every = np.zeros(6)
+    every[known] = held
+    force = matrix[:, :3, :own].reshape(-1, own)
+    size = float(np.linalg.norm(force @ held))
+    slope = force.T @ (force @ held) / max(size, 1e-300)
+    spread = float(np.sqrt(max(slope @ covariance[:own, :own] @ slope, 0.0))) / max(size, 1e-300)
+    resistance = law.cutting.process.resistance
+    return Coefficients(
+        (every[0], every[1], every[2]), (every[3], every[4], every[5]), resistance.exponent,
+        uncertainty=max(round(spread, 4), 1e-4), source=f"fitted to {file.name}",
     )  # fmt: skip
 
 
@@ -175,16 +421,16 @@ def _check_level(measured: Array, predicted: Array, file: Path) -> None:
 
 
 def _columns(law: ForceLaw, nominal: Toolpath, axes: Array) -> tuple[Array, list[str], list[str], Array]:
-    """Return what each number contributes at its unit, path axes; names, units, and values now. Shape (c, n, 3)."""
+    """Return what each number contributes at its unit, path axes; names, units, and values now. Shape (c, n, 6)."""
     if law.cutting is not None:
         resistance = law.cutting.process.resistance
         per_tooth = law.cutting.process.spindle().feed_per_tooth(nominal.feed)
         every = law.cutting.shape.columns(resistance.exponent, per_tooth) * ~nominal.rapid[:, None, None]
         names = [f"{part} cutting coefficient" for part in NAMES] + [f"{part} edge coefficient" for part in NAMES]
         values = np.array([*resistance.cutting, *resistance.edge])
-        return np.swapaxes(every[:, :, :3], 0, 1), names, ["N/mm2"] * 3 + ["N/mm"] * 3, values
+        return np.swapaxes(every, 0, 1), names, ["N/mm2"] * 3 + ["N/mm"] * 3, values
     wrench = np.zeros((len(nominal), 6)) if nominal.wrench is None else nominal.wrench
-    local = np.einsum("nji,nj->ni", axes, wrench[:, :3])
-    columns = np.stack([local * np.eye(3)[k] for k in range(3)])
+    local = np.concatenate([np.einsum("nji,nj->ni", axes, wrench[:, k : k + 3]) for k in (0, 3)], axis=1)
+    columns = np.stack([local * np.tile(np.eye(3)[k], 2) for k in range(3)])
     names = [f"factor {where}" for where in ("along the travel", "to the left", "along the tool axis")]
     return columns, names, ["1"] * 3, np.ones(3)
