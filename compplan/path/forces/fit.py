@@ -301,7 +301,7 @@ def _slope(model: _Prediction, s: Array, channels: list[int], known: NDArray[np.
 def _solve(matrix: Array, target: Array) -> tuple[Array, Array]:
     """Return the least squares and what it leaves. Shapes (c,), (m, k)."""
     value = np.linalg.lstsq(matrix.reshape(-1, matrix.shape[2]), target.reshape(-1), rcond=1e-10)[0]
-    return value, target - np.einsum("mkc,c->mk", matrix, value)
+    return np.asarray(value), np.asarray(target - np.einsum("mkc,c->mk", matrix, value))
 
 
 def _find_lag(
@@ -397,7 +397,7 @@ def _as_job_holds(
     low = np.full(matrix.shape[2], -np.inf)
     low[:own][edge] = 0.0
     flat = matrix.reshape(-1, matrix.shape[2])
-    upper = np.linalg.qr(np.column_stack([flat, target.reshape(-1)]), mode="r")
+    upper = np.linalg.qr(np.column_stack([flat, target.reshape(-1)]))[1]
     held = lsq_linear(upper[:, :-1], upper[:, -1], bounds=(low, np.inf)).x[:own]
     every = np.zeros(6)
     every[known] = held
