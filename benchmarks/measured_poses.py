@@ -24,14 +24,14 @@ from numpy.typing import NDArray
 from benchmarks.real_campaign import BLOCK, KEPT
 from compplan.cell.predict import predict_campaign
 from compplan.effects import attain_scene
-from compplan.effects.assumed import UNEXPLAINED, known_uncertainty
+from compplan.known.assumed import UNEXPLAINED, known_uncertainty
+from compplan.known.slopes import measure_slopes, take_rows
+from compplan.known.vary import stage_robot
 from compplan.loop.candidates import Candidates
 from compplan.loop.design import Design, choose_measurements
 from compplan.measure.campaign import Campaign
 from compplan.measure.reading import read_campaign
 from compplan.promise.band import Slopes
-from compplan.promise.slopes import measure_slopes, take_rows
-from compplan.promise.vary import stage_robot
 from compplan.robot import Array, Robot, load_robot
 
 FRAMES = ("base", "tool")

@@ -28,14 +28,14 @@ import numpy as np
 from compplan.cell.predict import predict_campaign
 from compplan.effects import Effect
 from compplan.job.job import load_job
+from compplan.known.slopes import measure_slopes, stage_path
+from compplan.known.vary import stage_robot
 from compplan.loop.campaign import Shop, design_campaign
 from compplan.measure.distance import band_radius
 from compplan.measure.reading import read_campaign
 from compplan.plan.plan import Plan, plan_job
 from compplan.promise.band import Promise
 from compplan.promise.sampling import Sampled, sample_promise
-from compplan.promise.slopes import measure_slopes, stage_path
-from compplan.promise.vary import stage_robot
 from compplan.robot import load_robot
 
 ROOT = Path(__file__).parents[1]
@@ -123,8 +123,8 @@ def cover_case(case: Path, out: Path) -> tuple[float, float, float, float, float
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, 300).astype(int))]
     left = (log.position - predict_campaign(robot, log, register=register).position)[rows]
     nominal = (log.position - predict_campaign(load_robot(case / "robot"), log, register=register).position)[rows]
-    moved = known.calibration * measure_slopes(stage_robot(robot, log), known.unknowns, rows) @ known.root
-    noise = float(truth["sigma_mm"]) ** 2 * 1e-6 + (known.calibration * known.unexplained) ** 2 / 3.0
+    moved = measure_slopes(stage_robot(robot, log), known.unknowns, rows) @ known.spread
+    noise = float(truth["sigma_mm"]) ** 2 * 1e-6 + known.smooth**2
     band = band_radius(moved @ np.swapaxes(moved, 1, 2) + noise * np.eye(3))
     size = np.linalg.norm(left, axis=1)
     far = float(np.sqrt(np.mean(np.sum(nominal**2, axis=1))))

@@ -12,9 +12,9 @@ from commandline import run_command
 
 from compplan.cell.predict import predict_campaign
 from compplan.effects import Effect, fold_effects
-from compplan.effects.assumed import known_uncertainty
 from compplan.errors import InputError
 from compplan.job.job import check_job
+from compplan.known.assumed import known_uncertainty
 from compplan.loop.certificate import measure_drift, measure_drives, measure_stiffness
 from compplan.loop.iso9283 import measure_pose_accuracy
 from compplan.loop.reference import Reference, plan_jobs, plan_references, promise_plan
@@ -87,6 +87,9 @@ def test_the_calibration_factor_widens_every_interval_and_that_of_the_older_fold
     once, thrice = known_stiffness(0.1 * nominal), replace(known_stiffness(0.1 * nominal), calibration=3.0)
     plain, wide = (measure_drives(robot, known, (), None)[2] for known in (once, thrice))
     assert plain.play_spread is not None and wide.play_spread == pytest.approx(3 * plain.play_spread)
+    assumed = known_uncertainty(robot)
+    gears = [measure_drives(robot, replace(assumed, calibration=k), (), None)[2].gear_spread or 0.0 for k in (1.0, 3.0)]
+    assert gears[1] == pytest.approx(3 * gears[0]) and gears[0] > 0.0
     soft = fold_effects(robot, [Effect("joint_stiffness", "joint_2", None, {"compliance_change_rad_per_Nm": nominal})])
     changes = [
         measure_stiffness(soft, once, robot, replace(robot, uncertainty=older))[1].change for older in (once, thrice)

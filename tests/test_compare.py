@@ -8,10 +8,10 @@ import pytest
 
 import compplan as cp
 from compplan.job.job import check_job
+from compplan.known.slopes import ForceSpread
 from compplan.outputs.plan import summarise_comparison
 from compplan.plan.compare import draw_strategies
 from compplan.plan.evaluate import evaluate_run
-from compplan.promise.slopes import ForceSpread
 from compplan.report.compare_report import view_comparison
 from compplan.robot.uncertainty import Uncertainty, Unknown
 

@@ -18,9 +18,9 @@ from compplan.effects import (
     locate_effect,
     stage_scene,
 )
-from compplan.effects.assumed import assume_uncertainty, known_uncertainty
 from compplan.effects.linearization import Linearization, linearize_scene
 from compplan.effects.scene import own_springs
+from compplan.known.assumed import assume_uncertainty, known_uncertainty
 from compplan.robot import Spring, load_robot
 from tests.drawn_campaigns import draw_robot_files, rail_arm
 

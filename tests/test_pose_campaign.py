@@ -13,16 +13,16 @@ from compplan.cell.predict import predict_campaign
 from compplan.effects import Effect, fold_effects
 from compplan.errors import InputError
 from compplan.job.job import load_job
+from compplan.known.slopes import ForceSpread, stage_path
+from compplan.known.vary import draw_robots
 from compplan.loop.campaign import Shop, design_campaign
 from compplan.loop.candidates import find_postures, list_candidates
-from compplan.loop.design import Design, choose_measurements, learn_rows, measure_gains, random_choice, update_known
+from compplan.loop.design import Design, choose_measurements, learn_rows, measure_gains, random_choice
 from compplan.loop.order import order_poses
 from compplan.measure.campaign import Campaign
 from compplan.measure.reading import read_campaign
 from compplan.plan.plan import plan_job
 from compplan.promise.band import linearise_path
-from compplan.promise.slopes import ForceSpread, stage_path
-from compplan.promise.vary import draw_robots
 from compplan.robot import Robot, load_robot
 from compplan.robot.folder import write_robot_folder
 from compplan.robot.uncertainty import Uncertainty, Unknown
@@ -76,7 +76,7 @@ def test_designed_poses_beat_random_ones_and_never_widen_the_band() -> None:
     chance = [random_choice(design, candidates, 6, seed).rms[-1] for seed in range(9)]
     assert (np.diff(choice.rms) <= 1e-12).all()
     assert choice.rms[-1] < min(chance)
-    after = update_known(design.known, choice.covariance)
+    after = design.known.with_covariance(choice.covariance)
     assert after.covariance == pytest.approx(choice.covariance, rel=1e-9, abs=1e-30)
     # weights alone cannot turn joint 1 about its vertical axis
     still = choose_measurements(design, list_candidates(robot, postures, [100.0], 0.0, design.known.unknowns), 6)

@@ -11,18 +11,19 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.effects.assumed import known_uncertainty
+from compplan.known.assumed import known_uncertainty
+from compplan.known.slopes import ForceSpread, measure_slopes, stage_path
+from compplan.known.vary import draw_field, draw_robots, draw_values
 from compplan.measure.distance import band_radius, calibrate_band
-from compplan.promise.band import promise_path
+from compplan.promise.band import draw_paths, linearise_path, promise_path, split_covariance
 from compplan.promise.sampling import sample_promise
-from compplan.promise.slopes import ForceSpread, measure_slopes, stage_path
-from compplan.promise.vary import draw_field, draw_robots, draw_values
 from compplan.robot import load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from tests.arms import one_joint_arm
 
 PATHS = Path(__file__).parents[1] / "paths"
 SURE = ForceSpread(0.0, 0.0, 0.0, "known")
+UNSURE = ForceSpread(0.1, 0.02, 0.05, "made up")
 
 
 def soft_joint(deviation: float, **more: float) -> Uncertainty:
@@ -71,6 +72,25 @@ def test_the_parts_of_the_band_are_what_makes_it(tmp_path: Path) -> None:
     assert promise.parts["repeatability"] == pytest.approx(2.795483e-5, rel=1e-6)
 
 
+def test_the_calibration_factor_widens_parameters_and_what_is_unexplained_and_nothing_else() -> None:
+    """Factor 1 -> 3: their covariance is nine times as large, by split_covariance and by drawn paths alike."""
+    robot = load_robot("kuka_kr270")
+    q = np.radians([0.0, -70, 90, 0, 60, 0]) + np.linspace(0, 0.2, 30)[:, None]
+    scene = stage_path(robot, q, np.tile([200.0, 100, -300, 0, 0, 0], (30, 1)))
+    known, cut = known_uncertainty(robot), np.ones(30, bool)
+    wide = replace(known, calibration=3.0)
+    one, three = (promise_path(replace(robot, uncertainty=k), scene, cut, UNSURE) for k in (known, wide))
+    slopes = linearise_path(scene, known, UNSURE, cut)
+    parts, wider = split_covariance(slopes, known), split_covariance(slopes, wide)
+    for name in ("model", "unexplained", "force", "repeatability"):
+        share = 9.0 if name in ("model", "unexplained") else 1.0
+        assert wider[name] == pytest.approx(share * parts[name], rel=1e-9)
+        assert three.parts[name] == pytest.approx(np.sqrt(share) * one.parts[name], rel=1e-6)
+    alone = [replace(k, repeatability=0.0) for k in (known, wide)]
+    still = replace(slopes, shared=0.0 * slopes.shared, local=0.0 * slopes.local)
+    assert draw_paths(still, alone[1]) == pytest.approx(3.0 * draw_paths(still, alone[0]), rel=1e-9)
+
+
 def test_lost_motion_counts_by_the_direction_of_travel(tmp_path: Path) -> None:
     """The tip lags by half the width on the way up and leads by it on the way back: both give one slope, L / 2."""
     robot = one_joint_arm(tmp_path, length=2.0, compliance=0.0)
@@ -103,7 +123,7 @@ def test_drawn_robots_follow_their_seed_and_their_covariance() -> None:
     point = np.array([[1.0, 0.5, 0.2]])
     assert np.array_equal(first[1].field.at(point), again[1].field.at(point))
     values = draw_values(replace(known, calibration=1.5), 4000, seed=3)
-    assert values.std(axis=0) == pytest.approx(1.5 * known.deviation, rel=0.08)
+    assert values.std(axis=0) == pytest.approx(1.5 * known.width, rel=0.08)
 
 
 def test_a_drawn_field_has_its_size_and_forgets_itself_over_its_scale(tmp_path: Path) -> None:

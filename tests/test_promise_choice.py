@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from compplan.effects import attain_scene
-from compplan.effects.assumed import known_uncertainty
 from compplan.effects.linearization import linearize_scene
 from compplan.errors import InputError
 from compplan.job.job import Job, check_job
 from compplan.job.loading import load_nominal
+from compplan.known.assumed import known_uncertainty
+from compplan.known.slopes import ForceSpread, measure_force_slopes, measure_slopes, read_force_spread, stage_path
 from compplan.plan.plan import job_robot, plan_job
 from compplan.posture.choose import choose_stance
 from compplan.posture.settings import read_settings
 from compplan.promise.band import promise_path
 from compplan.promise.posture_errors import PostureErrors, derive_force, derive_unknowns, posture_errors
-from compplan.promise.slopes import ForceSpread, measure_force_slopes, measure_slopes, read_force_spread, stage_path
 from compplan.robot import Robot, load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from tests.arms import one_joint_arm

@@ -7,7 +7,7 @@ import pytest
 
 import compplan as cp
 from compplan.effects import attain_scene
-from compplan.promise.vary import draw_values, stage_robot, vary_scene
+from compplan.known.vary import draw_values, stage_robot, vary_scene
 
 SIGMA = 3e-5
 
@@ -41,4 +41,4 @@ def test_a_soft_first_joint_and_a_soft_base_are_as_probable_and_do_the_same() ->
     first = np.flatnonzero(rival.shift)[0]
     there = np.abs(draw_values(known, 400, 1)[:, first]) > 0.5 * soft * known.calibration
     assert there.mean() == pytest.approx(0.5, abs=0.08)
-    assert known.deviation[first] >= np.sqrt(0.5) * abs(rival.shift[first]) * (1.0 - 1e-6)
+    assert known.width[first] >= known.calibration * np.sqrt(0.5) * abs(rival.shift[first]) * (1.0 - 1e-6)

@@ -9,13 +9,14 @@ import pytest
 from scipy.special import ndtr
 
 from compplan.effects import attain_scene
-from compplan.effects.assumed import known_uncertainty
 from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.job.noise import NoiseTable, describe_noise
+from compplan.known.assumed import known_uncertainty
+from compplan.known.slopes import stage_path
+from compplan.known.vary import vary_scene
 from compplan.plan.plan import build_task, prepare_job
-from compplan.promise.slopes import stage_path
-from compplan.promise.vary import vary_scene
+from compplan.robot.uncertainty import RivalRobot, Uncertainty, Unknown, spread_unknowns
 from compplan.study.draw import draw_cells
 from compplan.study.judging import run_strategy
 from compplan.study.posterior import MODES, count_coordinates, settle_robot
@@ -61,7 +62,7 @@ def test_a_drawn_robot_moves_the_tip_as_the_exact_equilibrium_of_its_parameters_
     scene = stage_path(task.robot, task.q_start, task.wrench, task.step_time)
     rest = attain_scene(scene).position
     for seen, one in zip(moved, z, strict=True):
-        values = known.calibration * known.root @ one[: known.factor.shape[1]]
+        values = known.spread @ one[: known.factor.shape[1]]
         exact = attain_scene(vary_scene(scene, known.unknowns, values)).position - rest
         # a joint that has not moved yet is off by half its lost motion one way or the other: from the first turn on
         size = np.linalg.norm(exact, axis=1).max()
@@ -75,6 +76,29 @@ def test_what_is_unexplained_has_its_size_along_the_path(study: Study) -> None:
     moved = tips(study, z) - tips(study, np.zeros((1, z.shape[1])))
     size = np.sqrt(np.mean(np.sum(moved**2, axis=2)))
     assert size == pytest.approx(known.unexplained, rel=0.05)
+
+
+def test_samples_take_a_rival_as_often_as_its_weight_says_and_the_factor_widens_both() -> None:
+    """Folder .7, rival .3: the zero of joint 2 or the length of joint 3; two clouds, three times as far apart."""
+    unknowns = (
+        Unknown("joint_offset", "joint_2", None, ("offset_rad",), np.zeros(1)),
+        Unknown("link_geometry", "joint_3", "tx", ("tx_m",), np.zeros(1)),
+    )
+    shift, own = np.array([4e-4, -6e-4]), np.diag([1e-5, 1e-5]) ** 2
+    unknowns, factor = spread_unknowns(unknowns, own + 0.3 * np.outer(shift, shift))
+    known = Uncertainty("measured", "test", unknowns, factor, rivals=(RivalRobot("b", "a", 0.3, shift),))
+    robot, nominal, options = prepare_job(check_job({**JOB, "noise": {"robot": "posterior", **REST}}, "job.toml"))
+    z = np.random.default_rng(1).standard_normal((400, count_coordinates(replace(robot, uncertainty=known))))
+    for factor_on in (1.0, 3.0):
+        armed = replace(robot, uncertainty=replace(known, calibration=factor_on))
+        task = build_task(armed, nominal, replace(options, posture=None))
+        study = prepare_study(task, NoiseTable(robot="posterior", **REST), ["none"])
+        moved = tips(study, z) - tips(study, np.zeros((1, z.shape[1])))
+        scene = stage_path(task.robot, task.q_start, task.wrench, task.step_time)
+        other = attain_scene(vary_scene(scene, unknowns, factor_on * shift)).position - attain_scene(scene).position
+        there = np.linalg.norm(moved - other, axis=(1, 2)) < np.linalg.norm(moved, axis=(1, 2))
+        assert there.mean() == pytest.approx(0.3, abs=0.07)
+        assert moved[there].mean(axis=0) == pytest.approx(other, abs=0.02 * np.abs(other).max())
 
 
 def test_the_spread_of_the_robot_is_left_to_the_folder(study: Study) -> None:

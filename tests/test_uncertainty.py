@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.effects.assumed import assume_uncertainty, known_uncertainty, list_assumed
 from compplan.errors import InputError
-from compplan.promise.vary import draw_values
+from compplan.known.assumed import assume_uncertainty, known_uncertainty, list_assumed
+from compplan.known.vary import draw_values
 from compplan.robot import load_robot, write_robot_folder
 from compplan.robot.uncertainty import (
     RivalRobot,
@@ -74,7 +74,7 @@ def random_uncertainty(seed: int = 5) -> Uncertainty:
 def test_what_is_read_is_what_the_file_says(tmp_path: Path) -> None:
     known = read_uncertainty(write(tmp_path, GOOD))
     assert known is not None
-    assert known.covariance == pytest.approx(np.array([[4e-16, 1.2e-13], [1.2e-13, 1e-10]]))
+    assert known.covariance == pytest.approx(1.44 * np.array([[4e-16, 1.2e-13], [1.2e-13, 1e-10]]))
     assert (known.unexplained, known.scale, known.repeatability) == pytest.approx((3e-5, 0.25, 2e-5))
     assert (known.calibration, known.groups) == (1.2, 30)
     assert known.names == ("joint_stiffness joint_2", "joint_offset joint_3")
@@ -127,7 +127,7 @@ def test_draws_take_a_rival_as_often_as_its_weight_says_and_keep_the_covariance(
     assert there.mean() == pytest.approx(0.3, abs=0.025)
     assert values[there].mean(axis=0) == pytest.approx(shift, abs=0.02)
     assert values[~there].std(axis=0) == pytest.approx([0.1, 0.05], rel=0.05)
-    assert values.T @ values / len(values) == pytest.approx(known.covariance, rel=0.08)
+    assert values.T @ values / len(values) == pytest.approx(known.covariance / 4.0, rel=0.08)
 
 
 def test_an_unknown_that_is_said_twice_is_refused_and_another_setting_of_it_is_not(tmp_path: Path) -> None:
@@ -141,7 +141,7 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     known = random_uncertainty()
     again = read_uncertainty(write(tmp_path, format_uncertainty(known)))
     assert again is not None
-    scale = np.outer(known.deviation, known.deviation)
+    scale = np.outer(known.width, known.width)
     assert np.abs((again.covariance - known.covariance) / scale).max() < 1e-4
     assert again.names == known.names
     assert again.unknowns[2].fixed == {"cycles_per_turn": [2.0]}
@@ -225,12 +225,12 @@ def test_a_folder_without_the_file_gets_widths_by_its_grade_that_are_labelled(na
     robot = load_robot(name)
     known = known_uncertainty(robot)
     assert known.grade == ("literature" if robot.grade == "literature" else "assumed")
-    assert (known.deviation > 0).all()
+    assert (known.width > 0).all()
     assert "assumed" in known.source
     assert "assumed" in " ".join(list_assumed(robot))
     better = assume_uncertainty(replace(robot, grade="identified"))
-    named = dict(zip(better.names, better.deviation, strict=True))
-    assert all(named[label] <= size for label, size in zip(known.names, known.deviation, strict=True))
+    named = dict(zip(better.names, better.width, strict=True))
+    assert all(named[label] <= size for label, size in zip(known.names, known.width, strict=True))
 
 
 def test_assumed_widths_of_a_robot_as_delivered_are_what_is_said_of_them_in_si() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 from compplan.effects.scene import own_springs
 from compplan.effects.signature import Effect
 from compplan.robot import Robot
-from compplan.robot.uncertainty import Uncertainty
+from compplan.robot.uncertainty import Uncertainty, split_unknowns
 
 #: Standard deviations of a two-sided interval of 95 % (theory).
 HALF_WIDTH = 1.96
@@ -26,10 +26,10 @@ def state_change(robot: Robot, effect: Effect, sure: Uncertainty) -> dict[str, A
         knows, "change_percent": value, lower and upper end in percent of the model's.
     """
     deviation = {
-        key: sure.calibration * float(sigma)
-        for unknown in sure.unknowns
+        key: float(sigma)
+        for unknown, widths in split_unknowns(sure.unknowns, sure.width)
         if (unknown.effect, unknown.joint, unknown.axis) == tuple(effect.place)
-        for key, sigma in zip(unknown.keys, unknown.deviation, strict=True)
+        for key, sigma in zip(unknown.keys, widths, strict=True)
     }
     ends = {
         key: [float(value) - HALF_WIDTH * deviation[key], float(value) + HALF_WIDTH * deviation[key]]

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from compplan.effects.assumed import assume_geometry
 from compplan.effects.scene import own_springs
 from compplan.identify.estimate import Estimate
 from compplan.identify.gap import IdentifiedGap
 from compplan.identify.parameters import FreeRobot, Parameter
+from compplan.known.assumed import assume_geometry
 from compplan.robot import Array, Joint, Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown, spread_unknowns
 

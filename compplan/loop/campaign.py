@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from compplan.cell.predict import predict_campaign
-from compplan.effects.assumed import LINK_ELASTICITY, known_uncertainty, list_assumed
 from compplan.errors import InputError
+from compplan.known.assumed import LINK_ELASTICITY, known_uncertainty, list_assumed
+from compplan.known.slopes import measure_slopes, read_force_spread, stage_path
+from compplan.known.vary import stage_robot
 from compplan.loop.candidates import Candidates, find_postures, list_candidates, run_up
-from compplan.loop.design import Choice, Design, choose_measurements, learn_rows, random_choice, update_known
+from compplan.loop.design import Choice, Design, choose_measurements, learn_rows, random_choice
 from compplan.loop.order import order_poses
 from compplan.measure.campaign import Campaign
 from compplan.measure.distance import band_radius
 from compplan.plan.plan import Plan
 from compplan.posture.collision_scene import CollisionScene, build_scene
 from compplan.promise.band import lead_unknowns, linearise_path, split_covariance
-from compplan.promise.slopes import measure_slopes, read_force_spread, stage_path
-from compplan.promise.vary import stage_robot
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 
@@ -201,7 +201,7 @@ def model_part(design: Design, covariance: Array) -> float:
 
 
 def _find_rest(design: Design, known: Uncertainty, covariance: Array) -> tuple[tuple[str, float], ...]:
-    after = update_known(known, covariance)
+    after = known.with_covariance(covariance)
     return lead_unknowns(design.path, after, split_covariance(design.path, after))
 
 

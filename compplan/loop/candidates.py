@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from compplan.effects import attain_scene
 from compplan.effects.scene import Scene
+from compplan.known.slopes import measure_slopes, take_rows
+from compplan.known.vary import stage_robot
 from compplan.measure.campaign import Campaign
 from compplan.posture.clearance import measure_margin
 from compplan.posture.collision_scene import CollisionScene
-from compplan.promise.slopes import measure_slopes, take_rows
-from compplan.promise.vary import stage_robot
 from compplan.robot import Array, Robot
 from compplan.robot.model import STANDARD_GRAVITY
 from compplan.robot.uncertainty import Unknown

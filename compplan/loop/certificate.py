@@ -11,17 +11,17 @@ import numpy as np
 from compplan.diagnose import Diagnosis, diagnose_campaign
 from compplan.diagnose.campaign_diagnosis import FEWEST_ROWS
 from compplan.diagnose.change import state_change
-from compplan.effects.assumed import known_uncertainty
 from compplan.effects.scene import own_springs
 from compplan.errors import InputError
 from compplan.job.job import Job
+from compplan.known.assumed import known_uncertainty
+from compplan.known.slopes import stage_path, tip_of
 from compplan.loop.iso9283 import PoseAccuracy, measure_pose_accuracy
 from compplan.loop.reference import Reference, plan_jobs, plan_references
 from compplan.measure.campaign import Campaign
-from compplan.promise.slopes import stage_path, tip_of
 from compplan.robot import Array, Robot, read_robot_folder
 from compplan.robot.folder import robot_folders
-from compplan.robot.uncertainty import Uncertainty
+from compplan.robot.uncertainty import Uncertainty, split_unknowns
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 
 #: Two-sided 95 % of a normal value.
@@ -215,9 +215,9 @@ def find_literature(robot: Robot) -> Robot | None:
     return shipped if shipped is not None and shipped.joint_names == robot.joint_names else None
 
 
-def deviation_of(known: Uncertainty, effect: str, joint: str) -> Array | None:
-    """Return the deviations of the parameters of an effect at a joint, or None where it is not among the unknowns."""
-    parts = [u.deviation for u in known.unknowns if (u.effect, u.joint) == (effect, joint)]
+def width_of(known: Uncertainty, effect: str, joint: str) -> Array | None:
+    """Return the widths of the parameters of an effect at a joint, or None where it is not among the unknowns."""
+    parts = [own for u, own in split_unknowns(known.unknowns, known.width) if (u.effect, u.joint) == (effect, joint)]
     return np.concatenate(parts) if parts else None
 
 
@@ -229,14 +229,14 @@ def measure_stiffness(
     known_then = None if older is None else known_uncertainty(older)
     for index, joint in enumerate(robot.actuated):
         compliance = own[index].compliance if index in own else 0.0
-        told = deviation_of(known, "joint_stiffness", joint.name)
-        spread = 0.0 if told is None else known.calibration * float(np.linalg.norm(told))
+        told = width_of(known, "joint_stiffness", joint.name)
+        spread = 0.0 if told is None else float(np.linalg.norm(told))
         before = _compliance(older, index)
         # an older folder that nobody measured is a number to hold today's against, its width says nothing of today
         past = None
         if known_then is not None and known_then.grade == "measured":
-            past = deviation_of(known_then, "joint_stiffness", joint.name)
-        then = 0.0 if past is None or known_then is None else known_then.calibration * float(np.linalg.norm(past))
+            past = width_of(known_then, "joint_stiffness", joint.name)
+        then = 0.0 if past is None else float(np.linalg.norm(past))
         both = float(np.hypot(spread, then)) if known.grade == "measured" else 0.0
         found.append(
             Stiffness(
@@ -259,14 +259,14 @@ def measure_drives(
     levers = _levers(robot, references)
     found = []
     for index, joint in enumerate(robot.actuated):
-        play, gear = deviation_of(known, "backlash", joint.name), deviation_of(known, "transmission_error", joint.name)
+        play, gear = (width_of(known, effect, joint.name) for effect in ("backlash", "transmission_error"))
         found.append(
             DriveError(
                 joint=joint.name,
                 play=_play(robot, joint.name),
-                play_spread=None if play is None else REACH * known.calibration * float(np.linalg.norm(play)),
+                play_spread=None if play is None else REACH * float(np.linalg.norm(play)),
                 gear=_gear(robot, joint.name),
-                gear_spread=None if gear is None else REACH * known.calibration * float(np.linalg.norm(gear)),
+                gear_spread=None if gear is None else REACH * float(np.linalg.norm(gear)),
                 older_play=None if older is None else _play(older, joint.name),
                 lever=float(levers[index]),
             )

@@ -11,7 +11,7 @@ one while that helps.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +21,7 @@ from compplan.loop.candidates import Candidates
 from compplan.measure.distance import band_radius
 from compplan.promise.band import Slopes, split_covariance
 from compplan.robot import Array
-from compplan.robot.uncertainty import Uncertainty, spread_unknowns
+from compplan.robot.uncertainty import Uncertainty
 
 #: Standard deviations of frames that are not known. [m, rad]
 LOOSE = (1.0, 0.5)
@@ -50,14 +50,14 @@ class Design:
     @cached_property
     def start(self) -> Array:
         """Covariance before the first measurement. Shape (p + f, p + f)."""
-        p = len(self.known.deviation)
+        p = len(self.known.factor)
         loose = np.zeros(0)
         if "base" in self.frames:
             loose = np.repeat(LOOSE, 3)
         if "tool" in self.frames:
             loose = np.r_[loose, np.full(3, LOOSE[0])]
         full = np.zeros((p + len(loose), p + len(loose)))
-        full[:p, :p] = self.known.calibration**2 * self.known.covariance
+        full[:p, :p] = self.known.covariance
         full[p:, p:] = np.diag(loose**2)
         return full
 
@@ -70,8 +70,7 @@ class Design:
     @property
     def noise(self) -> float:
         """Variance of one measurement per axis: instrument, repeatability, what no parameter explains. [m^2]."""
-        unexplained = (self.known.calibration * self.known.unexplained) ** 2 / 3.0
-        return self.sigma**2 + (self.known.repeatability or 0.0) ** 2 + unexplained
+        return self.sigma**2 + (self.known.repeatability or 0.0) ** 2 + self.known.smooth**2
 
     def rows(self, slopes: Array, tip: Array, rotation: Array) -> Array:
         """Return what measurements see of parameters and frames. Shape (m, 3, p + f)."""
@@ -93,7 +92,7 @@ class Design:
 
     def model(self, covariance: Array) -> Array:
         """Return the covariance of the tip by parameters, from that of the state. Shape (k, 3, 3). [m^2]."""
-        p = len(self.known.deviation)
+        p = len(self.known.factor)
         return np.asarray(self.path.model @ covariance[:p, :p] @ np.swapaxes(self.path.model, 1, 2))
 
     def band(self, covariance: Array) -> Array:
@@ -188,7 +187,7 @@ def grade_choice(design: Design, rows: Array, chosen: Sequence[int], before: Arr
     for number in chosen:
         covariance = learn_rows(covariance, rows[[number]], design.noise)
         bands.append(design.band(covariance))
-    p = len(design.known.deviation)
+    p = len(design.known.factor)
     greatest = np.array([band.max() for band in bands])
     rms = np.array([np.sqrt(np.mean(band**2)) for band in bands])
     return Choice(np.array(chosen, int), greatest, rms, covariance[:p, :p])
@@ -199,15 +198,6 @@ def random_choice(design: Design, candidates: Candidates, count: int, seed: int,
     rows = design.rows(candidates.slopes, candidates.tip, candidates.rotation)
     picked = np.random.default_rng(seed).choice(len(rows), size=count, replace=count > len(rows))
     return grade_choice(design, rows, picked.tolist(), design.start if start is None else start)
-
-
-def update_known(known: Uncertainty, covariance: Array) -> Uncertainty:
-    """Return what is known with another covariance of the parameters (calibration included in it).
-
-    Rival explanations stay in it by their mean square; one by one they are not kept.
-    """
-    unknowns, factor = spread_unknowns(known.unknowns, covariance / known.calibration**2)
-    return replace(known, unknowns=unknowns, factor=factor, rivals=())
 
 
 def _exchange(chosen: list[int], before: Array, rows: Array, weight: Array, noise: float) -> bool:

@@ -142,7 +142,7 @@ class _Model:
     def repeats(self) -> tuple[Array, Array, Array]:
         """Return what the next part repeats: parameters, shared force (columns), residual (covariance)."""
         k = len(self.slopes.rows)
-        columns = self.known.calibration * (self.slopes.model @ self.known.root).reshape(3 * k, -1)
+        columns = (self.slopes.model @ self.known.spread).reshape(3 * k, -1)
         force = self.slopes.shared.reshape(3 * k, -1)
         apart = cdist(self.slopes.tip, self.slopes.tip) / self.scale
         field = np.kron(self.size**2 * np.exp(-0.5 * apart**2), np.eye(3))
@@ -197,7 +197,7 @@ def learn_part(
         path: What an earlier lesson left open of this path (`Lesson.open`), or None. Shape (k, 3, r). [m]
     """
     path = None if path is None else path.reshape(3 * len(slopes.rows), -1)
-    width = max(known.calibration * known.unexplained / np.sqrt(3.0), LEAST) if least_size is None else least_size
+    width = max(known.smooth, LEAST) if least_size is None else least_size
     tries = [
         (score, size, scale)
         for scale in SCALES
@@ -224,7 +224,7 @@ def learn_part(
         taken=taken, reason=reason, values=state.values, force=state.force,
         physics=state.physics.reshape(k, 3), pushed=state.pushed.reshape(k, 3),
         residual=state.residual.reshape(k, 3), weight=state.weight.reshape(k, 3),
-        covariance=state.covariance if taken else known.calibration**2 * known.covariance,
+        covariance=state.covariance if taken else known.covariance,
         open=_reduce_covariance(state.tip if taken else prior).reshape(k, 3, -1),
         band_before=before, band_after=after if taken else before,
         band_seen=(seen_before, seen_after if taken else seen_before), size=size * width, scale=scale * known.scale,
@@ -275,7 +275,7 @@ def _posterior(model: _Model, gathered: Gathered) -> _State:
     prior = columns @ columns.T + force @ force.T + field
     factor = cho_factor(H @ prior @ H.T + own + 1e-18 * np.eye(len(y)))
     weight = H.T @ cho_solve(factor, y)
-    root = model.known.calibration * model.known.root
+    root = model.known.spread
     normal = columns.T @ weight
     gain = cho_solve(factor, H @ columns)
     left = np.eye(len(normal)) - columns.T @ H.T @ gain

@@ -9,12 +9,12 @@ import numpy as np
 
 from compplan.errors import CompplanError
 from compplan.job.job import Job
+from compplan.known.slopes import ForceSpread, stage_path
 from compplan.path.generators import Pace, generate_circle
 from compplan.path.toolpath import Toolpath, place_toolpath
 from compplan.plan.plan import PlanOptions, plan_compensation, plan_job
 from compplan.plan.result import Plan
 from compplan.promise.band import Promise, promise_path
-from compplan.promise.slopes import ForceSpread, stage_path
 from compplan.robot import Array, Robot
 from compplan.robot.folder import read_rating
 

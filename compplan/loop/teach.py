@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from compplan.effects import EFFECTS, Effect, attain_scene
-from compplan.effects.assumed import LINK_ELASTICITY, known_uncertainty
 from compplan.effects.scene import Scene
 from compplan.effects.signature import pack_parameters
 from compplan.files.columns import FileColumn
@@ -18,17 +17,8 @@ from compplan.files.quantities import format_length
 from compplan.files.shown import Curve, Curves, Shown
 from compplan.files.tables import read_table
 from compplan.job.job import Job
-from compplan.loop.design import update_known
-from compplan.loop.learn import KEPT, Lesson, gather_points, learn_part
-from compplan.loop.measured_path import MeasuredPath, match_points, read_measured_points
-from compplan.path.toolpath import Toolpath
-from compplan.plan.plan import PlanOptions, build_task, plan_task, prepare_job
-from compplan.plan.result import Plan
-from compplan.plan.task import PlanTask
-from compplan.posture.keep import read_lock, turn_about_axis
-from compplan.posture.trace import reach_tip_and_axis
-from compplan.promise.band import Slopes, linearise_path
-from compplan.promise.slopes import (
+from compplan.known.assumed import LINK_ELASTICITY, known_uncertainty
+from compplan.known.slopes import (
     ForceSpread,
     measure_force_slopes,
     pick_rows,
@@ -38,7 +28,16 @@ from compplan.promise.slopes import (
     take_rows,
     tip_of,
 )
-from compplan.promise.vary import vary_robot, vary_scene
+from compplan.known.vary import vary_robot, vary_scene
+from compplan.loop.learn import KEPT, Lesson, gather_points, learn_part
+from compplan.loop.measured_path import MeasuredPath, match_points, read_measured_points
+from compplan.path.toolpath import Toolpath
+from compplan.plan.plan import PlanOptions, build_task, plan_task, prepare_job
+from compplan.plan.result import Plan
+from compplan.plan.task import PlanTask
+from compplan.posture.keep import read_lock, turn_about_axis
+from compplan.posture.trace import reach_tip_and_axis
+from compplan.promise.band import Slopes, linearise_path
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown, split_unknowns
 from compplan.statics.chain import locate_frames
@@ -242,7 +241,7 @@ def teach_robot(robot: Robot, known: Uncertainty, values: Array, covariance: Arr
         held.append(part)
     holds = np.concatenate(held) if held else np.zeros(0)
     missing = values - holds
-    after = update_known(known, covariance + np.outer(missing, missing))
+    after = known.with_covariance(covariance + np.outer(missing, missing))
     folder = after.select(u.effect != "tool_frame" for u in after.unknowns)
     return replace(robot, uncertainty=replace(folder, grade=known.grade)), holds
 
@@ -273,7 +272,7 @@ def _sum_springs(robot: Robot) -> float:
 def list_learned(known: Uncertainty, values: Array, held: Array, most: int = 10) -> list[Learned]:
     """List the parameters that moved most for their width."""
     kept = np.abs(values - held) <= 0.1 * np.abs(values)
-    width = known.calibration * known.deviation
+    width = known.width
     share = np.abs(values) / np.maximum(width, 1e-300)
     names, keys = known.names, [key for unknown in known.unknowns for key in unknown.keys]
     return [

@@ -14,7 +14,7 @@ from compplan.cell.vibration import (
     inertial_loads,
     natural_frequencies,
 )
-from compplan.effects.assumed import known_uncertainty
+from compplan.known.assumed import known_uncertainty
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing, cutting_runs
 from compplan.posture.start import PostureRequest

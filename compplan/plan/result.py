@@ -14,6 +14,7 @@ from compplan.files.origin import describe_origin
 from compplan.files.quantities import format_length, format_number, format_set_length
 from compplan.files.shown import Curve, Curves, Shown
 from compplan.job.job import Job
+from compplan.known.slopes import read_force_spread, stage_path
 from compplan.plan.approach import Passage
 from compplan.plan.bending import Bending
 from compplan.plan.between import Between
@@ -27,7 +28,6 @@ from compplan.plan.timing import Timing
 from compplan.posture.clearance import ClearanceProfile, describe_clearance
 from compplan.promise.band import Promise, promise_path
 from compplan.promise.motion import read_placement, shift_part
-from compplan.promise.slopes import read_force_spread, stage_path
 from compplan.robot import Array, Robot
 from compplan.statics.chain import locate_frames
 from compplan.version import VERSION

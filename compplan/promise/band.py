@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from compplan.effects.assumed import known_uncertainty, list_assumed
 from compplan.effects.scene import Scene
+from compplan.known.assumed import known_uncertainty, list_assumed
+from compplan.known.slopes import ForceSpread, measure_force_slopes, measure_slopes, pick_rows, tip_of
 from compplan.measure.distance import LEVEL, band_radius
 from compplan.promise.motion import Motion
 from compplan.promise.narrow import Narrowing, list_knowable, rank_narrowings
-from compplan.promise.slopes import ForceSpread, measure_force_slopes, measure_slopes, pick_rows, tip_of
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 
@@ -155,12 +155,12 @@ def linearise_path(
 def split_covariance(slopes: Slopes, known: Uncertainty) -> dict[str, Array]:
     """Return the covariance of the tip that each part makes. Shape (k, 3, 3) each. [m^2]."""
     eye = np.broadcast_to(np.eye(3), (len(slopes.rows), 3, 3))
-    moved = known.calibration * slopes.model @ known.root
+    moved = slopes.model @ known.spread
     force = np.concatenate([slopes.shared[:, :, :4], slopes.local], axis=2)
     part, away = slopes.shared[:, :, 4:], slopes.moved - (slopes.moved.mean(axis=0) if len(slopes.moved) else 0.0)
     return {
         "model": moved @ np.swapaxes(moved, 1, 2),
-        "unexplained": eye * (known.calibration * known.unexplained) ** 2 / 3.0,
+        "unexplained": eye * known.smooth**2,
         "repeatability": eye * (known.repeatability or 0.0) ** 2,
         "force": force @ np.swapaxes(force, 1, 2),
         "motion": np.einsum("dni,dnj->nij", away, away) / max(len(away) - 1, 1) if len(away) else 0.0 * eye,
@@ -248,14 +248,14 @@ def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:
     """
     random = np.random.default_rng(SEED)
     k = len(slopes.rows)
-    columns = np.concatenate([known.calibration * slopes.model @ known.root, slopes.shared], axis=2)
+    columns = np.concatenate([slopes.model @ known.spread, slopes.shared], axis=2)
     moved = columns.reshape(3 * k, -1) @ random.standard_normal((columns.shape[2], count))
     moved = moved.reshape(k, 3, count)
     moved += (known.repeatability or 0.0) * random.standard_normal((1, 3, count))
     moved += slopes.local * random.standard_normal((k, 1, count))
     if len(slopes.moved):
         moved += np.moveaxis(slopes.moved[random.integers(len(slopes.moved), size=count)], 0, 2)
-    size = known.calibration * known.unexplained / np.sqrt(3.0)
+    size = known.smooth
     if size > 0.0:
         apart = cdist(slopes.tip, slopes.tip) / known.scale
         value, vector = np.linalg.eigh(np.exp(-0.5 * apart**2))
@@ -276,7 +276,7 @@ def name_causes(slopes: Slopes, known: Uncertainty, parts: Mapping[str, Array]) 
     kinds = [words.get(unknown.effect, unknown.effect.replace("_", " ")) for unknown in known.unknowns]
     kind = np.repeat(np.array(kinds, dtype=object), [len(unknown.keys) for unknown in known.unknowns])
     for name in dict.fromkeys(kinds):
-        moved = known.calibration * slopes.model[widest][:, kind == name] @ known.root[kind == name]
+        moved = slopes.model[widest][:, kind == name] @ known.spread[kind == name]
         found[name] = moved @ moved.T
     moved = OTHER_CAUSES["motion"]
     return {
@@ -290,7 +290,7 @@ def lead_unknowns(
 ) -> tuple[tuple[str, float], ...]:
     """Rank parameters by how much smaller the mean variance along the path would be if they were known exactly."""
     total = float(np.mean([np.trace(part, axis1=1, axis2=2) for part in parts.values()]) * len(parts))
-    gain = measure_gain(slopes.model, known.calibration**2 * known.covariance)
+    gain = measure_gain(slopes.model, known.covariance)
     order = np.argsort(-gain)[:most]
     names = known.names
     return tuple((names[k], float(gain[k] / max(total, 1e-300))) for k in order if gain[k] > 1e-3 * total)

@@ -22,7 +22,7 @@ from compplan.cell.vibration import Dynamics
 from compplan.effects.scene import own_springs
 from compplan.job.noise import NoiseTable
 from compplan.robot import Array, Robot
-from compplan.robot.uncertainty import Uncertainty
+from compplan.robot.uncertainty import Uncertainty, split_unknowns
 
 #: Relative standard deviation of the masses that move, where the folder states them and where they are assumed
 #: (assumed: makers state arms to some 10 %; shares of links guessed from the whole arm err by more).
@@ -106,11 +106,11 @@ def know_masses(robot: Robot, known: Uncertainty) -> tuple[float, str]:
     masses = GUESSED if assumed else STATED
     own = {robot.joint_names[spring.joint]: spring.compliance for spring in own_springs(robot).values()}
     shares = [
-        float(unknown.deviation[0]) / own[str(unknown.joint)]
-        for unknown in known.unknowns
+        float(width[0]) / own[str(unknown.joint)]
+        for unknown, width in split_unknowns(known.unknowns, known.width)
         if unknown.effect == "joint_stiffness" and own.get(str(unknown.joint), 0.0) > 0.0
     ]
-    soft = known.calibration * float(np.sqrt(np.mean(np.square(shares)))) if shares else 0.0
+    soft = float(np.sqrt(np.mean(np.square(shares)))) if shares else 0.0
     return float(np.hypot(masses, soft)), f"masses to {masses:.0%} ({said})"
 
 

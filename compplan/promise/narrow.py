@@ -59,7 +59,7 @@ def list_knowable(
         parts: Covariance of the tip by each part.
         most: Parameters that are looked at: those that take off the most.
     """
-    covariance = known.calibration**2 * known.covariance
+    covariance = known.covariance
     deviation = np.sqrt(np.diag(covariance))
     seen = model @ covariance / np.where(deviation > 0, deviation, 1.0)
     found = []

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from compplan.effects import EFFECTS, attain_scene, transmission_error
-from compplan.effects.assumed import known_uncertainty
 from compplan.effects.linearization import Linearization, linearize_scene
 from compplan.effects.scene import Scene
 from compplan.effects.signature import Signature, plain
 from compplan.errors import ConvergenceError
 from compplan.job.job import Job
-from compplan.promise.slopes import ForceSpread, measure_slopes, read_force_spread, stage_path
+from compplan.known.assumed import known_uncertainty
+from compplan.known.slopes import ForceSpread, measure_slopes, read_force_spread, stage_path
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 
@@ -59,8 +59,8 @@ class PostureErrors:
     def _columns(self, scene: Scene) -> Array:
         known, n = self.known, len(scene.wrench)
         at = linearize_scene(scene, attain_scene(scene))
-        model = known.calibration * derive_unknowns(at, known.unknowns) @ known.root
-        alike = np.hypot(known.calibration * known.unexplained / np.sqrt(3.0), known.repeatability or 0.0)
+        model = derive_unknowns(at, known.unknowns) @ known.spread
+        alike = np.hypot(known.smooth, known.repeatability or 0.0)
         force = derive_force(at, scene.wrench, self.force)
         return np.concatenate([model, force, np.broadcast_to(alike * np.eye(3), (n, 3, 3))], axis=2)
 

@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from compplan.effects import Effect, apply_effects, attain_scene
 from compplan.effects.scene import Scene
+from compplan.known.slopes import pick_rows, take_rows, turn_wrench
+from compplan.known.vary import draw_field, draw_values, vary_scene
 from compplan.measure.distance import LEVEL
 from compplan.promise.band import Promise
-from compplan.promise.slopes import pick_rows, take_rows, turn_wrench
-from compplan.promise.vary import draw_field, draw_values, vary_scene
 from compplan.robot import Array
 from compplan.robot.uncertainty import Uncertainty
 

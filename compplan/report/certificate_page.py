@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from compplan.effects.assumed import list_assumed
+from compplan.known.assumed import list_assumed
 from compplan.loop.certificate import DRIFTED, Certificate, Named
 from compplan.loop.iso9283 import VISITS, PoseAccuracy
 from compplan.report.effect_words import describe_change

@@ -130,24 +130,52 @@ class Uncertainty:
     rivals: tuple[RivalRobot, ...] = ()
 
     @property
-    def deviation(self) -> Array:
-        """Standard deviation of every parameter. Shape (p,). [SI]."""
-        return np.concatenate([unknown.deviation for unknown in self.unknowns]) if self.unknowns else np.zeros(0)
-
-    @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters. Length p."""
         return tuple(name for unknown in self.unknowns for name in unknown.names)
 
+    def _widen(self, value: Array) -> Array:
+        """Widen what a fit says by the factor of poses that it never saw: the one place that multiplies it."""
+        return np.asarray(self.calibration * value)
+
     @property
-    def root(self) -> Array:
-        """Square root of the covariance: covariance = root root^T. Shape (p, r). [SI]."""
-        return np.asarray(self.deviation[:, None] * self.factor)
+    def width(self) -> Array:
+        """Standard deviation of every parameter, the calibration in it. Shape (p,). [SI]."""
+        stated = [unknown.deviation for unknown in self.unknowns]
+        return self._widen(np.concatenate(stated)) if stated else np.zeros(0)
+
+    @property
+    def spread(self) -> Array:
+        """Square root of the covariance: covariance = spread spread^T. Shape (p, r). [SI]."""
+        return np.asarray(self.width[:, None] * self.factor)
 
     @property
     def covariance(self) -> Array:
-        """Covariance of the parameters. Shape (p, p). [SI]."""
-        return np.asarray(self.root @ self.root.T)
+        """Covariance of the parameters, the calibration in it. Shape (p, p). [SI]."""
+        return np.asarray(self.spread @ self.spread.T)
+
+    @property
+    def smooth(self) -> float:
+        """Standard deviation per axis of what no parameter explains, the calibration in it. [m]."""
+        return float(self._widen(np.asarray(self.unexplained))) / np.sqrt(3.0)
+
+    def with_covariance(self, covariance: Array) -> Uncertainty:
+        """Take another covariance, calibration in it, (p, p); rivals stay in it by mean square, not one by one."""
+        unknowns, factor = spread_unknowns(self.unknowns, covariance / self.calibration**2)
+        return replace(self, unknowns=unknowns, factor=factor, rivals=())
+
+    def split_rivals(self) -> tuple[Array, Array]:
+        """Split the spread into what is normal and the rivals' shifts, the calibration in both.
+
+        Returns:
+            Square root of the covariance about whichever explanation holds, (p, r); shift of each rival, (rivals, p).
+        """
+        if not self.rivals:
+            return self.spread, np.zeros((0, len(self.factor)))
+        stated = np.concatenate([unknown.deviation for unknown in self.unknowns])[:, None] * self.factor
+        moment = sum(rival.weight * np.outer(rival.shift, rival.shift) for rival in self.rivals)
+        deviation, factor = factor_covariance(stated @ stated.T - moment)
+        return self._widen(deviation[:, None] * factor), self._widen(np.stack([rival.shift for rival in self.rivals]))
 
     def select(self, keep: Iterable[bool]) -> Uncertainty:
         """Keep some of the unknowns, one truth value each; what they share with the others is kept in their rows."""

@@ -15,9 +15,9 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from compplan.effects import fold_effects, is_of_instrument, robot_effects
-from compplan.effects.assumed import known_uncertainty
 from compplan.effects.attained import attain_with_effects
 from compplan.job.noise import EffectNoise, NoiseTable
+from compplan.known.assumed import known_uncertainty
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import Chain, locate_frames
@@ -212,8 +212,9 @@ def draw_cells(at: Surroundings, points: Array) -> Cells:
     factor[at.gears] = log_normal(take("gear_compliance"), noise.joint_compliance)
     for block, z in zip(at.links, take("link_compliance"), strict=True):
         factor[block] = log_normal(z, noise.link_compliance)
-    moving = ("geometry", "temperature", "tool_frame", "part_frame", "effects", "posterior")
-    causes = np.vstack([take(name) for name in moving])
+    moving = ("geometry", "temperature", "tool_frame", "part_frame", "effects")
+    robot = take("posterior") if at.posterior is None else at.posterior.settle(take("posterior"))
+    causes = np.vstack([*(take(name) for name in moving), robot])
     causes *= at.scale[:, None]
     bias, noises = take("force_bias"), _Noises(at, points)
     wrench = [_draw_wrench(at, take, noises, part) for part in range(PARTS)]
@@ -223,7 +224,7 @@ def draw_cells(at: Surroundings, points: Array) -> Cells:
               + noise.force_gain * bias[6, :, None] * wrench[-1])  # fmt: skip
     zero, drive = at.zero[:, None] * take("joint_zero"), _draw_drive(at, take, points)
     if at.posterior is not None:
-        at.posterior.draw(take("posterior"), factor, zero, drive)
+        at.posterior.draw(robot, factor, zero, drive)
     return Cells(
         factor=factor,
         zero=zero,

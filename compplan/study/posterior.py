@@ -1,7 +1,8 @@
 """Robots of a study that are drawn from what is known of the robot: [noise] robot = "posterior".
 
-A sample's coordinates make one draw of all parameters, p = k R z with covariance k^2 R R^T, and one of what no
-parameter explains. Compliances of driven springs, zeros, lost motion and gear waves act where the samples have them,
+A sample's coordinates make one draw of all parameters, p = S z + s_j: normal about the explanation j that holds, which
+one coordinate for each cause with rivals picks by their weights; and one of what no parameter explains. Compliances of
+driven springs, zeros, lost motion and gear waves act where the samples have them,
 so that encoders see them; everything else moves the tip to first order.
 """
 
@@ -13,14 +14,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
+from scipy.special import ndtr
 
 from compplan.effects import transmission_error
-from compplan.effects.assumed import known_uncertainty
 from compplan.effects.scene import own_springs
 from compplan.errors import InputError
 from compplan.job.noise import OF_ROBOT, NoiseTable
+from compplan.known.assumed import known_uncertainty
+from compplan.known.slopes import measure_slopes, pick_rows, stage_path
+from compplan.known.vary import group_rivals
 from compplan.plan.task import PlanTask
-from compplan.promise.slopes import measure_slopes, pick_rows, stage_path
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 
@@ -51,15 +54,36 @@ class RobotPosterior:
     """What is known of a robot, ready for samples.
 
     Attributes:
-        root: Parameters per coordinate, as calibrated. Shape (p, r). [SI]
+        root: Parameters per normal coordinate, then per rival explanation that holds. Shape (p, r + rivals). [SI]
         parts: Parameters that act inside the arm; the others move the tip.
+        rivals: For each cause, the numbers of its rivals and the weights of each and of the folder's, last.
     """
 
     root: Array
     parts: tuple[ArmParameter, ...]
+    rivals: list[tuple[list[int], Array]]
+
+    def settle(self, z: Array) -> Array:
+        """Turn the coordinate of each cause into which rival holds, 1 for that one; b samples.
+
+        Args:
+            z: Normal coordinates: r of the parameters, one a cause, those of what is unexplained. Shape (m, b).
+
+        Returns:
+            The same with one row a rival in place of one a cause.
+        """
+        count = sum(len(own) for own, _ in self.rivals)
+        r = self.root.shape[1] - count
+        holds = np.zeros((count, z.shape[1]))
+        for (own, weights), level in zip(self.rivals, ndtr(z[r : r + len(self.rivals)]), strict=True):
+            # the folder's own explanation first: it is what holds at the mean of all coordinates
+            edges = weights[-1] + np.r_[0.0, np.cumsum(weights[:-1])]
+            for number, low, high in zip(own, edges, edges[1:], strict=False):
+                holds[number] = (level > low) & ((level <= high) | (number == own[-1]))
+        return np.concatenate([z[:r], holds, z[r + len(self.rivals) :]])
 
     def draw(self, z: Array, factor: Array, zero: Array, drive: Array) -> None:
-        """Add the parameters of b samples to factors (s, b), zeros (nq, b) and drives (nq, b, n). z: (r, b)."""
+        """Add parameters of b samples to factors (s, b), zeros (nq, b) and drives (nq, b, n). z: settled, (m, b)."""
         values = self.root @ z[: self.root.shape[1]]
         for part in self.parts:
             if part.kind == "factor":
@@ -71,8 +95,9 @@ class RobotPosterior:
 
 
 def count_coordinates(robot: Robot) -> int:
-    """Count the coordinates of a draw: those of the parameters, and three times MODES for what is unexplained."""
-    return known_uncertainty(robot).factor.shape[1] + 3 * MODES
+    """Count the coordinates of a draw: parameters, causes with rivals, three times MODES for what is unexplained."""
+    known = known_uncertainty(robot)
+    return known.split_rivals()[0].shape[1] + len(group_rivals(known)) + 3 * MODES
 
 
 def settle_robot(robot: Robot, noise: NoiseTable) -> NoiseTable:
@@ -94,27 +119,32 @@ def settle_robot(robot: Robot, noise: NoiseTable) -> NoiseTable:
 def take_posterior(task: PlanTask, travel: Array) -> RobotPosterior:
     """Find where the parameters of a task's robot act. travel: direction of travel of each joint, shape (nq, n)."""
     known = known_uncertainty(task.robot)
-    return RobotPosterior(known.calibration * known.root, _list_parts(task, known, travel))
+    return RobotPosterior(_list_columns(known), _list_parts(task, known, travel), group_rivals(known))
 
 
 def move_by_posterior(task: PlanTask, known: Uncertainty) -> list[Array]:
-    """Return the motion of the tip per coordinate: parameters that act nowhere inside the arm, and smooth errors.
+    """Return the motion of the tip per settled coordinate: parameters that act outside the arm, and smooth errors.
 
     Shape (n, 3) each. [m]
     """
     inside = {part.row for part in _list_parts(task, known, np.zeros((task.robot.nq, len(task))))}
     rows = pick_rows(np.ones(len(task), bool), STATIONS)
     scene = stage_path(task.robot, task.q_start, task.wrench, task.step_time)
-    slopes = known.calibration * measure_slopes(scene, known.unknowns, rows)
+    slopes = measure_slopes(scene, known.unknowns, rows)
     slopes[:, :, sorted(inside)] = 0.0
-    found = [_spread(rows, column, len(task)) for column in np.moveaxis(slopes @ known.root, 2, 0)]
+    found = [_spread(rows, column, len(task)) for column in np.moveaxis(slopes @ _list_columns(known), 2, 0)]
     apart = cdist(task.position[rows], task.position[rows]) / known.scale
     value, vector = np.linalg.eigh(np.exp(-0.5 * apart**2))
-    size = known.calibration * known.unexplained / np.sqrt(3.0)
     smooth = np.zeros((len(rows), MODES))
     most = min(MODES, len(rows))
-    smooth[:, :most] = size * (vector * np.sqrt(np.maximum(value, 0.0)))[:, ::-1][:, :most]
+    smooth[:, :most] = known.smooth * (vector * np.sqrt(np.maximum(value, 0.0)))[:, ::-1][:, :most]
     return found + [_spread(rows, np.outer(mode, axis), len(task)) for mode in smooth.T for axis in np.eye(3)]
+
+
+def _list_columns(known: Uncertainty) -> Array:
+    """Return what each normal coordinate and each rival makes of the parameters. Shape (p, r + rivals). [SI]"""
+    root, shifts = known.split_rivals()
+    return np.concatenate([root, shifts.T], axis=1)
 
 
 def _list_parts(task: PlanTask, known: Uncertainty, travel: Array) -> tuple[ArmParameter, ...]:

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from compplan.effects.assumed import known_uncertainty, list_assumed
 from compplan.job.noise import describe_noise
+from compplan.known.assumed import known_uncertainty, list_assumed
 from compplan.robot import Array
 from compplan.study.runner import Run
 from compplan.study.sensitivity import Sensitivity

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compplan.effects import Effect, apply_effects, fold_effects, is_of_instrument, robot_effects, stage_scene
-from compplan.effects.assumed import LINK_ELASTICITY, known_uncertainty
 from compplan.effects.folding import base_joint
 from compplan.effects.scene import Scene
 from compplan.effects.signature import pack_parameters
+from compplan.known.assumed import LINK_ELASTICITY, known_uncertainty
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot, Spring
-from compplan.robot.uncertainty import Uncertainty, Unknown, factor_covariance, split_unknowns
+from compplan.robot.uncertainty import Uncertainty, Unknown, split_unknowns
 
 #: Waves that a drawn field is made of.
 WAVES = 64
@@ -107,18 +107,23 @@ def draw_values(known: Uncertainty, count: int, seed: int) -> Array:
     of the covariance is normal about it.
     """
     random = np.random.default_rng(seed)
-    if not known.rivals:
-        return np.asarray(known.calibration * random.standard_normal((count, known.factor.shape[1])) @ known.root.T)
-    moment = sum(rival.weight * np.outer(rival.shift, rival.shift) for rival in known.rivals)
-    deviation, factor = factor_covariance(known.covariance - moment)
-    values = random.standard_normal((count, factor.shape[1])) @ (deviation[:, None] * factor).T
+    root, shifts = known.split_rivals()
+    values = random.standard_normal((count, root.shape[1])) @ root.T
+    for own, weights in group_rivals(known):
+        picked = random.choice(len(weights), size=count, p=weights)
+        values += np.vstack([shifts[own], np.zeros(len(root))])[picked]
+    return np.asarray(values)
+
+
+def group_rivals(known: Uncertainty) -> list[tuple[list[int], Array]]:
+    """Return, for each cause that has rivals, their numbers and the weights of each and of the folder's, last."""
+    found = []
     for cause in dict.fromkeys(rival.instead for rival in known.rivals):
-        own = [rival for rival in known.rivals if rival.instead == cause]
-        weights = np.array([rival.weight for rival in own])
+        own = [number for number, rival in enumerate(known.rivals) if rival.instead == cause]
+        weights = np.array([known.rivals[number].weight for number in own])
         weights = np.r_[weights, max(1.0 - weights.sum(), 0.0)]
-        picked = random.choice(len(weights), size=count, p=weights / weights.sum())
-        values += np.vstack([*(rival.shift for rival in own), np.zeros_like(deviation)])[picked]
-    return np.asarray(known.calibration * values)
+        found.append((own, weights / weights.sum()))
+    return found
 
 
 def draw_field(known: Uncertainty, seed: int, number: int) -> Field:
@@ -126,8 +131,7 @@ def draw_field(known: Uncertainty, seed: int, number: int) -> Field:
     random = np.random.default_rng(seed + 7919 * (number + 1))
     frequency = random.standard_normal((WAVES, 3)) / known.scale
     phase = random.uniform(0.0, 2.0 * np.pi, WAVES)
-    size = known.calibration * known.unexplained / np.sqrt(3.0)
-    return Field(frequency, phase, size * np.sqrt(2.0 / WAVES) * random.standard_normal((WAVES, 3)))
+    return Field(frequency, phase, known.smooth * np.sqrt(2.0 / WAVES) * random.standard_normal((WAVES, 3)))
 
 
 def draw_robots(robot: Robot, count: int, seed: int) -> Iterator[Draw]:

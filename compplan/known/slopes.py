@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from compplan.effects import attain_scene, command_campaign
 from compplan.effects.scene import Scene
 from compplan.job.noise import NoiseTable
-from compplan.promise.vary import stage_robot, vary_scene
+from compplan.known.vary import stage_robot, vary_scene
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Unknown
 
