@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     from compplan.job.operations import split_job
     from compplan.loop.campaign import design_campaign
     from compplan.loop.teach import Teaching, teach_part
-    from compplan.maps.survey import map_robot
     from compplan.measure.campaign import Campaign
     from compplan.measure.reading import read_campaign
     from compplan.outputs.montecarlo import write_study
@@ -59,6 +58,7 @@ if TYPE_CHECKING:
     from compplan.plan.plan import Plan, PlanOptions, plan_compensation, plan_job
     from compplan.posture.place import place_part
     from compplan.program import Program, build_program, write_program
+    from compplan.report.maps.survey import map_robot
     from compplan.robot import Robot, load_robot, write_robot_folder
     from compplan.study.job_study import JobStudy, study_job
     from compplan.study.runner import Settings
@@ -110,7 +110,7 @@ _MODULES = {
     "job.force_prediction": ("ForcePrediction", "predict_forces"),
     "loop.campaign": ("PoseCampaign", "Shop", "design_campaign"),
     "loop.teach": ("Teaching", "teach_part"),
-    "maps.survey": ("MapSettings", "RobotMaps", "map_robot"),
+    "report.maps.survey": ("MapSettings", "RobotMaps", "map_robot"),
     "plan.closed_loop": ("TimeCell", "run_in_time"),
     "plan.correction_loop": ("largest_pole",),
     "plan.strategies.online_correction": ("LOOPS",),

@@ -10,9 +10,9 @@ from click.testing import CliRunner
 
 from compplan.commands.map import command
 from compplan.errors import InputError
-from compplan.maps.maps import map_deflection
-from compplan.maps.reach import ELBOWS, POSTURES, Plane, make_plane, reach_plane, stand_of_arm, working_limits
-from compplan.maps.survey import MapSettings, map_robot
+from compplan.report.maps.maps import map_deflection
+from compplan.report.maps.reach import ELBOWS, POSTURES, Plane, make_plane, reach_plane, stand_of_arm, working_limits
+from compplan.report.maps.survey import MapSettings, map_robot
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.elastic import cartesian_compliance, solve_equilibrium

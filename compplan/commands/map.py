@@ -13,9 +13,9 @@ from compplan.commands.progress import show_progress
 from compplan.effects import robot_effects
 from compplan.errors import InputError
 from compplan.files.tables import dump_json
-from compplan.maps.reach import POSTURES
-from compplan.maps.survey import MapSettings, map_robot
 from compplan.outputs.map import write_map
+from compplan.report.maps.reach import POSTURES
+from compplan.report.maps.survey import MapSettings, map_robot
 from compplan.robot import load_robot
 
 #: Greatest load [N, Nm] and height [mm] that are taken for true.

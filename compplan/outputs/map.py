@@ -10,11 +10,11 @@ import numpy as np
 from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json
 from compplan.files.transaction import replace_folder
-from compplan.maps.maps import DeflectionMap
-from compplan.maps.pictures import deflection_panels, draw_deflection, draw_joint_map
-from compplan.maps.reach import ELBOWS
-from compplan.maps.survey import ROWS, WRIST_FOR_QUALITY_DEG, RobotMaps
 from compplan.report import Column, PageTable, Picture, Section, describe_robot, write_page
+from compplan.report.maps.maps import DeflectionMap
+from compplan.report.maps.pictures import deflection_panels, draw_deflection, draw_joint_map
+from compplan.report.maps.reach import ELBOWS
+from compplan.report.maps.survey import ROWS, WRIST_FOR_QUALITY_DEG, RobotMaps
 from compplan.report.page import KeyFigure, Opening
 from compplan.robot import Array
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.identify import Estimate, build_structure, estimate_parameters, make_observations
-from compplan.maps.pictures import draw_joint_map, draw_lines
+from compplan.report.maps.pictures import draw_joint_map, draw_lines
 from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, compare, statement, unavailable
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain, locate_frames

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from compplan.identify import reduce_model
-from compplan.maps.pictures import draw_shares
+from compplan.report.maps.pictures import draw_shares
 from compplan.reproduce.paper import PaperFigure, Reproduction, Row, compare, statement
 from compplan.robot import Array, LinkElasticity, Robot
 from compplan.robot.beam import hollow_beam_compliance

@@ -10,8 +10,8 @@ import numpy as np
 
 from compplan.errors import InputError
 from compplan.identify import reduce_model
-from compplan.maps.maps import DeflectionMap, map_deflection
-from compplan.maps.reach import ELBOWS, make_plane, reach_plane, stand_of_arm, working_limits
+from compplan.report.maps.maps import DeflectionMap, map_deflection
+from compplan.report.maps.reach import ELBOWS, make_plane, reach_plane, stand_of_arm, working_limits
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain
 from compplan.statics.ik import build_arm, middle_of_limits

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError
-from compplan.maps.reach import ON_LIMIT
+from compplan.report.maps.reach import ON_LIMIT
 from compplan.robot import Array
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import cartesian_compliance

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.maps.maps import DeflectionMap
-from compplan.maps.reach import ELBOWS
+from compplan.report.maps.maps import DeflectionMap
+from compplan.report.maps.reach import ELBOWS
 from compplan.report.style import CATEGORIES, INK, NEUTRAL, SEQUENTIAL
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, locate_frames

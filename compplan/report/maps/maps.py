@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import ConvergenceError
-from compplan.maps.reach import ELBOWS, Plane, ReachedPlane
+from compplan.report.maps.reach import ELBOWS, Plane, ReachedPlane
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
 from compplan.statics.elastic import cartesian_compliance, solve_equilibrium
