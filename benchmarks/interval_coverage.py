@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 import time
 
-from compplan.identify.round_trip import MODELS, Coverage, measure_coverage, run_round_trip
+from benchmarks.round_trip import MODELS, Coverage, measure_coverage, run_round_trip
 from compplan.robot import load_robot, robot_folders
 
 

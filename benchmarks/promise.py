@@ -25,6 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.drawn_robots import Sampled, sample_promise
 from compplan.cell.predict import predict_campaign
 from compplan.effects import Effect
 from compplan.job.job import load_job
@@ -35,7 +36,6 @@ from compplan.measure.distance import band_radius
 from compplan.measure.reading import read_campaign
 from compplan.plan.plan import Plan, plan_job
 from compplan.promise.band import Promise
-from compplan.promise.sampling import Sampled, sample_promise
 from compplan.robot import load_robot
 
 ROOT = Path(__file__).parents[1]

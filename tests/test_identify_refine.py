@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compplan.errors import InputError, UnknownNameError
+from compplan.errors import InputError
 from compplan.identify import build_structure, candidate_springs, estimate_parameters, simulate_observations
-from compplan.identify.axis_by_axis import AxisTest, estimate_axis_by_axis
 from compplan.identify.forward import KNOWN_FRAMES, pose_residuals, predict_rows
 from compplan.identify.heldout import distance_rms, gain_score, leave_out, linearise_at, make_folds, visited_poses
 from compplan.identify.pose_choice import draw_candidates
@@ -103,31 +102,3 @@ def test_a_gain_is_weighed_against_its_scatter() -> None:
     assert gain_score(before, before - 1 + rng.normal(0, 1, 400)) > GAIN_LIMIT
     assert abs(gain_score(before, before + rng.normal(0, 1, 400))) < GAIN_LIMIT
     assert distance_rms(np.array([[3.0, 4.0, 0.0], [np.nan, 0, 0]]), np.array([True, True])) == pytest.approx(5.0)
-
-
-def test_axis_by_axis_tests_lead_to_the_same_compliances_as_one_fit() -> None:
-    robot = load_robot("staubli_tx200")
-    factor = np.array([1.3, 0.7, 1.2, 0.8, 1.5, 0.9])
-    changed = [replace(s, compliance=s.compliance * f) for s, f in zip(robot.springs, factor, strict=True)]
-    truth = replace(robot, springs=tuple(changed))
-    half = np.pi / 2
-    # Poses and forces of the paper's Tables A1 and A2, 1 kN each, in our joint zeros.
-    plan = [
-        (("joint_1", "joint_3.rx"), [0, half, 0, 0, 0, 0], [0, 1000, 0]),
-        (("joint_2",), [0, 0, half, 0, 0, 0], [1000, 0, 0]),
-        (("joint_3",), [0, 0, half, 0, half, 0], [0, 0, 1000]),
-        (("joint_5",), [0, half, 0, 0, half, 0], [1000, 0, 0]),
-        (("joint_4",), [0, 0, 0.75 * np.pi, 0, half, 0], [0, 1000, 0]),
-    ]
-    tests = []
-    for names, pose, force in plan:
-        levels = np.linspace(0.2, 1.0, 5)[:, None]
-        wrench = np.hstack([levels * np.array(force, float), np.zeros((5, 3))])
-        tests.append(AxisTest(names, simulate_observations(truth, np.tile(np.array(pose, float), (5, 1)), wrench)))
-    found = estimate_axis_by_axis(build_structure(robot), tests, tolerance=1e-7)
-    np.testing.assert_allclose(found.values, [s.compliance for s in truth.springs], rtol=2e-3)
-    assert found.sweeps > 1
-    with pytest.raises(UnknownNameError, match="no parameter named 'joint_7'"):
-        estimate_axis_by_axis(build_structure(robot), [AxisTest(("joint_7",), tests[0].observations)])
-    with pytest.raises(InputError, match="did not settle in 1 sweeps"):
-        estimate_axis_by_axis(build_structure(robot), tests, most=1)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from benchmarks.round_trip import MODELS, measure_coverage, run_round_trip
 from compplan.errors import UnknownNameError
-from compplan.identify.round_trip import MODELS, measure_coverage, run_round_trip
 from compplan.robot import load_robot, robot_folders
 
 

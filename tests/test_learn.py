@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from commandline import run_command
 
+from benchmarks.drawn_robots import draw_robots
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
 from compplan.known.slopes import stage_path, tip_of
-from compplan.known.vary import draw_robots
 from compplan.loop.learn import Gathered, learn_part
 from compplan.loop.measured_path import match_points, read_measured_points
 from compplan.loop.teach import hold_values, plan_learned, read_residual, residual_file

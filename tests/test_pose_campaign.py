@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from commandline import run_command
 
+from benchmarks.drawn_robots import draw_robots
 from compplan.cell.predict import predict_campaign
 from compplan.effects import Effect, fold_effects
 from compplan.errors import InputError
 from compplan.job.job import load_job
 from compplan.known.slopes import ForceSpread, stage_path
-from compplan.known.vary import draw_robots
 from compplan.loop.campaign import Shop, design_campaign
 from compplan.loop.candidates import find_postures, list_candidates
 from compplan.loop.design import Design, choose_measurements, learn_rows, measure_gains, random_choice

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from commandline import run_command
 
+from benchmarks.drawn_robots import draw_field, draw_robots, sample_promise
 from compplan.known.assumed import known_uncertainty
 from compplan.known.slopes import ForceSpread, measure_slopes, stage_path
-from compplan.known.vary import draw_field, draw_robots, draw_values
+from compplan.known.vary import draw_values
 from compplan.measure.distance import band_radius, calibrate_band
 from compplan.promise.band import draw_paths, linearise_path, promise_path, split_covariance
-from compplan.promise.sampling import sample_promise
 from compplan.robot import load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from tests.arms import one_joint_arm

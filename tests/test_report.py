@@ -37,7 +37,6 @@ from compplan.report.panels import draw_small_multiples
 from compplan.report.path_scene import choose_magnification, draw_cell
 from compplan.report.plan_page import PlanView, summarise_plan, write_view
 from compplan.report.posture_section import _show_map
-from compplan.report.robot_picture import project_points, save_robot_picture
 from compplan.report.robot_scene import draw_robot, place_meshes, shade_faces
 from compplan.report.style import format_angle, format_length, format_number, format_percent, mark_decades
 from compplan.robot import load_robot
@@ -261,19 +260,6 @@ def test_mesh_visuals_are_drawn_where_their_file_is_at_hand(tmp_path: Path) -> N
     gone = place_shapes(replace(robot, urdf=urdf, folder=tmp_path / "nowhere"), np.zeros(6))
     assert len(here) == len(gone) + 1
     assert np.allclose(np.ptp(here[0].vertices, axis=0), 0.4)
-
-
-def test_a_still_picture_shows_robot_and_path(tmp_path: Path) -> None:
-    from matplotlib.image import imread
-
-    view = make_view(60)
-    file = tmp_path / "robot.png"
-    size = 1e3 * np.linalg.norm(view.before, axis=1)
-    save_robot_picture(view.robot, view.q[0], file, path=view.nominal, value=size, label="mm", width=300, height=200)
-    picture = imread(file)
-    assert picture.shape[:2] == (200, 300)
-    assert 0.05 < (picture[..., :3].min(axis=2) < 0.95).mean() < 0.9
-    assert project_points(np.array([[0.0, 0.0, 1.0]]))[0, 1] > 0
 
 
 def test_the_page_of_a_plan_says_what_it_reaches(tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ from compplan.path.reading import read_toolpath
 from compplan.path.toolpath import (
     Toolpath,
     check_toolpath,
-    join_waypoints,
     place_toolpath,
     resample_toolpath,
     write_toolpath,
@@ -118,12 +117,6 @@ def test_placing_turns_positions_axes_and_wrenches_together() -> None:
     assert placed.position[0] == pytest.approx([1, 3, 3])
     assert placed.axis[0] == pytest.approx([0, 1, 0])
     assert placed.wrench is not None and placed.wrench[0] == pytest.approx([0, 1, 0, 0, 0, 0])
-
-
-def test_repeated_waypoints_are_joined() -> None:
-    position = np.array([[0, 0, 0], [0, 0, 0], [1.0, 0, 0]])
-    toolpath = Toolpath(position, np.tile([0.0, 0, 1], (3, 1)), np.ones(3), np.zeros(3, bool))
-    assert len(join_waypoints(toolpath, 1e-9)) == 2
 
 
 def test_a_toolpath_that_is_not_from_a_file_names_the_waypoint() -> None:

@@ -355,16 +355,9 @@ def ask_proposals(bench: Bench) -> Any:
 
 
 def ask_unmodelled(bench: Bench) -> Any:
-    """Dependences that the campaign can show, and an oscillation on its path."""
-    own = bench.fit
-    rows = own.channels[0].rows
-    time, moving = own.problem.campaign.time[rows], own.problem.campaign.on_path[rows]
-    found = unmodelled.unmodelled_signatures(own.at)
-    answers: list[Any] = [(s.place, s.form, s.scale, s.twist[::9].sum(axis=0)) for s in found]
-    for frequency, size in ((3.1, 4.0), (3.1, 0.6), (0.4, 1.5)):
-        wave = size * np.sin(2 * np.pi * frequency * time)[:, None] * moving[:, None] * [0.0, 0.0, 1.0]
-        answers += [s.form for s in unmodelled.propose_oscillation(own.at, own.channels, [wave])]
-    return answers
+    """Dependences that the campaign can show."""
+    found = unmodelled.unmodelled_signatures(bench.fit.at)
+    return [(s.place, s.form, s.scale, s.twist[::9].sum(axis=0)) for s in found]
 
 
 def ask_state(bench: Bench) -> Any:

@@ -15,7 +15,6 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.polynomial import legendre
 
-from compplan.diagnose.channels import Channel
 from compplan.effects.linearization import AXES, Linearization
 from compplan.effects.signature import Signature
 from compplan.measure.campaign import Campaign
@@ -38,15 +37,6 @@ FAR = 8.0
 TURNS = AXES[3:]
 #: Twists along the base axes (theory).
 SHIFT = np.eye(6)[:, :3]
-#: Frequencies that are looked at on paths, at most, and log likelihood that an oscillation has to explain
-#: (theory: the best of some thousand of pure noise, with room).
-MOST_FREQUENCIES, WORTH_A_WAVE = 3000, 15.0
-#: Fewest samples on paths, and gaps between samples that are breaks, over the median (assumed).
-PATH_ROWS, BREAK = 40, 10.0
-#: Frequencies lie this part of a turn over the span apart (theory: a quarter loses little), the closer look goes this
-#: many turns to either side, in this part of a turn over the whole campaign, and the last one in this part of that
-#: (assumed).
-BETWEEN, AROUND, FINE, FINEST = 0.25, 1.5, 0.1, 0.02
 #: Least range of another joint whose angle an error may follow (assumed). [rad]
 LEAST_RANGE = 0.1
 #: Speeds at which friction fades, over the fastest, and the least that counts as motion (assumed). [-, rad/s or m/s]
@@ -219,55 +209,6 @@ def time_curves(campaign: Campaign) -> Array:
     share = (clock - clock.min()) / span
     early = np.exp(-share[:, None] / np.array(EARLY))
     return np.concatenate([legendre.legvander(2.0 * share - 1.0, TIME_DEGREE), early - early.mean(axis=0)], axis=1)
-
-
-def propose_oscillation(at: Linearization, channels: Sequence[Channel], left: Sequence[Array]) -> list[Signature]:
-    """Propose an oscillation of the target over time on the paths, at the frequency that explains most.
-
-    Args:
-        at: The linearization.
-        channels: Channels of observations; the first is the position.
-        left: What the model leaves in each channel, in units of the noise, oscillations that it has added back.
-    """
-    campaign, rows = at.campaign, channels[0].rows
-    moving = campaign.on_path[rows]
-    if campaign.time is None or moving.sum() < PATH_ROWS:
-        return []
-    time, rest = campaign.time[rows][moving], left[0][moving]
-    steps = np.diff(time)
-    steps = steps[(steps > 0) & (steps < BREAK * np.median(steps))]
-    if not len(steps):
-        return []
-    span = float(steps.sum())
-    frequencies = np.arange(2.0 / span, 0.5 / float(np.median(steps)), BETWEEN / span)
-    if not 0 < len(frequencies) <= MOST_FREQUENCIES:
-        return []
-    rest = rest - rest.mean(axis=0)
-    frequency, gain = _strongest(frequencies, time, rest)
-    if gain < WORTH_A_WAVE:
-        return []
-    # runs lie far apart in time: between them the phase tells the frequency much closer
-    fine = max(FINE / float(np.ptp(time)), 1.0 / (span * MOST_FREQUENCIES))
-    for width, step in ((AROUND / span, fine), (fine, FINEST * fine)):
-        frequency, _ = _strongest(np.arange(frequency - width, frequency + width, step), time, rest)
-    return [oscillation_at(at, frequency, len(frequencies))]
-
-
-def _strongest(frequencies: Array, time: Array, rest: Array) -> tuple[float, float]:
-    """Return the frequency at which a signal is strongest, and the log likelihood that its wave explains."""
-    gain = np.sum(np.abs(np.exp(2j * np.pi * frequencies[:, None] * time) @ rest) ** 2, axis=1) / len(time)
-    best = int(np.argmax(gain))
-    return float(frequencies[best]), float(gain[best])
-
-
-def oscillation_at(at: Linearization, frequency: float, tried: int) -> Signature:
-    """Offer an oscillation on the paths at a frequency [Hz], picked from `tried` ones."""
-    campaign = at.campaign
-    phase = 2.0 * np.pi * frequency * np.nan_to_num(campaign.time if campaign.time is not None else np.zeros(1))
-    waves = np.column_stack([np.sin(phase), np.cos(phase)]) * campaign.on_path[:, None]
-    twist = _times(np.broadcast_to(SHIFT, (len(campaign), 6, 3)), waves)
-    (signature,) = _offer(at, None, "an oscillation on the path", f"oscillation {frequency:.6g} Hz", twist)
-    return replace(signature, tried=tried, fixed={"frequency_Hz": frequency})
 
 
 def past_load(time: Array, load: Array, tau: float) -> Array:

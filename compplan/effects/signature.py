@@ -135,15 +135,6 @@ def pack_parameters(keys: Iterable[str], values: Array, fixed: Mapping[str, Any]
     return result
 
 
-def unpack_parameters(keys: Iterable[str], parameters: Mapping[str, Any]) -> Array:
-    """Return the values that `pack_parameters` collected."""
-    values = []
-    for key in keys:
-        name, hash_, item = key.partition("#")
-        values.append(float(parameters[name][int(item)] if hash_ else parameters[name]))
-    return np.array(values)
-
-
 def plain(value: Any) -> Any:
     """Return numbers and arrays as plain Python values."""
     if isinstance(value, np.ndarray | list | tuple):

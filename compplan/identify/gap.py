@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compplan.identify.axis_by_axis import move_nominal
 from compplan.identify.estimate import Estimate, pose_groups
 from compplan.identify.heldout import distance_rms, leave_out, linearise_at
 from compplan.identify.parameters import FreeRobot
@@ -48,7 +47,7 @@ def measure_gap(problem: IdentifyProblem, structure: FreeRobot, kept: Estimate, 
     bare = problem.fit(structure.select([]))
     shown = kept
     if difference:
-        shown = problem.fit(move_nominal(kept.structure, kept.model_values).select([]))
+        shown = problem.fit(_move_nominal(kept.structure, kept.model_values).select([]))
     several = len(np.unique(group)) < 0.7 * len(group) and np.abs(problem.observations.wrench).max(initial=0.0) > 0
     weights = kept.weights
 
@@ -72,3 +71,10 @@ def _leave_out(problem: IdentifyProblem, estimate: Estimate, *, difference: bool
         # Frames and geometry do not show in differences of one pose.
         free &= np.array([parameter.kind in ("joint", "spring", "link") for parameter in estimate.parameters], bool)
     return leave_out(system, problem.observations, estimate, free, difference=difference).residual
+
+
+def _move_nominal(structure: FreeRobot, values: Array) -> FreeRobot:
+    """Make the given compliances of a structure its nominal ones."""
+    chain = replace(structure.chain, compliance=structure.compliance(values))
+    moved = tuple(replace(p, nominal=float(v)) for p, v in zip(structure.parameters, values, strict=True))
+    return replace(structure, chain=chain, parameters=moved)

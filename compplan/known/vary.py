@@ -6,8 +6,8 @@ through the effects' own forward model.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,47 +15,10 @@ from compplan.effects import Effect, apply_effects, fold_effects, is_of_instrume
 from compplan.effects.folding import base_joint
 from compplan.effects.scene import Scene
 from compplan.effects.signature import pack_parameters
-from compplan.known.assumed import LINK_ELASTICITY, known_uncertainty
+from compplan.known.assumed import LINK_ELASTICITY
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot, Spring
 from compplan.robot.uncertainty import Uncertainty, Unknown, split_unknowns
-
-#: Waves that a drawn field is made of.
-WAVES = 64
-
-
-@dataclass(frozen=True, eq=False)
-class Field:
-    """A smooth random error over the workspace: e(x) = a sum_k c_k cos(w_k . x + f_k), Gaussian of a given scale.
-
-    Attributes:
-        frequency: Shape (k, 3). [rad/m]
-        phase: Shape (k,). [rad]
-        amplitude: Shape (k, 3). [m]
-    """
-
-    frequency: Array
-    phase: Array
-    amplitude: Array
-
-    def at(self, position: Array) -> Array:
-        """Return the error at places in the base frame. Shape (n, 3). [m]."""
-        return np.asarray(np.cos(position @ self.frequency.T + self.phase) @ self.amplitude)
-
-
-@dataclass(frozen=True, eq=False)
-class Draw:
-    """One robot that might be the true one.
-
-    Attributes:
-        robot: The robot with its drawn parameters.
-        field: What no parameter explains.
-        values: The parameters about the folder's. Shape (p,). [SI]
-    """
-
-    robot: Robot
-    field: Field
-    values: Array
 
 
 def vary_robot(robot: Robot, unknown: Unknown, values: Array) -> tuple[Robot, Effect | None]:
@@ -124,37 +87,6 @@ def group_rivals(known: Uncertainty) -> list[tuple[list[int], Array]]:
         weights = np.r_[weights, max(1.0 - weights.sum(), 0.0)]
         found.append((own, weights / weights.sum()))
     return found
-
-
-def draw_field(known: Uncertainty, seed: int, number: int) -> Field:
-    """Draw what no parameter explains of robot `number`: covariance exp(-d^2 / 2 l^2), by random waves."""
-    random = np.random.default_rng(seed + 7919 * (number + 1))
-    frequency = random.standard_normal((WAVES, 3)) / known.scale
-    phase = random.uniform(0.0, 2.0 * np.pi, WAVES)
-    return Field(frequency, phase, known.smooth * np.sqrt(2.0 / WAVES) * random.standard_normal((WAVES, 3)))
-
-
-def draw_robots(robot: Robot, count: int, seed: int) -> Iterator[Draw]:
-    """Draw robots that might be the true one; the same seed gives the same robots.
-
-    Springs may come out softer or stiffer than the folder's, below zero where the folder's width allows it: a spring in
-    series that takes away. What a folder of a robot cannot hold (a negative tilt of the base) is cut at zero.
-
-    Args:
-        robot: The robot; its uncertainty.toml, or widths assumed by its grade.
-        count: How many.
-        seed: Seed.
-    """
-    known = known_uncertainty(robot)
-    for number, values in enumerate(draw_values(known, count, seed)):
-        drawn = robot
-        for unknown, own in split_unknowns(known.unknowns, values):
-            drawn, effect = vary_robot(drawn, unknown, own)
-            if effect is not None and effect.name == "base_compliance":
-                effect = replace(effect, parameters={k: max(v, 0.0) for k, v in effect.parameters.items()})
-            if effect is not None:
-                drawn = fold_effects(drawn, [effect])
-        yield Draw(drawn, draw_field(known, seed, number), values)
 
 
 def _in_series(robot: Robot, spring: Spring) -> Robot:

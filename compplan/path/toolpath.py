@@ -137,11 +137,6 @@ class Toolpath(Shown):
         return float(self.steps[~self.rapid[1:]].sum())
 
 
-def measure_length(toolpath: Toolpath) -> float:
-    """Return the length of the moves that are not rapid [m]."""
-    return toolpath.cutting_length
-
-
 def check_toolpath(
     toolpath: Toolpath, *, file: str | Path | None = None, table: Table | None = None, need_feed: bool = True
 ) -> Toolpath:
@@ -353,11 +348,3 @@ def divide_toolpath(toolpath: Toolpath, places: Array) -> Toolpath:
         toolpath, position=between(toolpath.position), axis=axis, feed=toolpath.feed[move], rapid=toolpath.rapid[move],
         wrench=wrench, events=move_events(toolpath.events, places),
     )  # fmt: skip
-
-
-def join_waypoints(toolpath: Toolpath, shortest: float) -> Toolpath:
-    """Leave out waypoints that repeat their predecessor within `shortest` [m] while the tool axis stays."""
-    keep = np.ones(len(toolpath), dtype=bool)
-    turned = np.linalg.norm(np.diff(toolpath.axis, axis=0), axis=1) > 1e-9
-    keep[1:] = (toolpath.steps > shortest) | turned
-    return select_waypoints(toolpath, np.flatnonzero(keep))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from compplan.path.toolpath import Toolpath
 from compplan.posture.chatter import ChatterCount
 from compplan.posture.costs import Weights, draw_errors, error_columns, measure_nodes
-from compplan.posture.lattice import COLLISION, REASONS, SINGULAR, USABLE, Lattice, Options
+from compplan.posture.lattice import COLLISION, SINGULAR, USABLE, Lattice, Options
 from compplan.posture.motion import measure_inertia_error, measure_travel_error
 from compplan.posture.search import Line
 from compplan.posture.settings import PostureSettings
@@ -254,8 +254,3 @@ def mark_collisions(
     spread = touching.repeat(stride, axis=0).repeat(stride, axis=1)[: reason.shape[0], : reason.shape[1]]
     reason[spread & ((reason == USABLE) | (reason == SINGULAR))] = COLLISION
     return replace(picture, reason=reason)
-
-
-def describe_reasons(reason: NDArray[np.int8]) -> NDArray[np.str_]:
-    """Turn reasons into words. Same shape."""
-    return np.array(REASONS)[reason]

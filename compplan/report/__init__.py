@@ -15,7 +15,6 @@ from compplan.report.page import (
     write_page,
 )
 from compplan.report.provenance import describe_grade, describe_robot
-from compplan.report.robot_picture import save_robot_picture
 from compplan.report.robot_scene import draw_robot, frame_scene, locate_links, place_shapes
 from compplan.report.thinning import simplify_path, thin_path, thin_rows
 
@@ -36,7 +35,6 @@ __all__ = [
     "locate_links",
     "place_shapes",
     "render_page",
-    "save_robot_picture",
     "simplify_path",
     "thin_path",
     "thin_rows",

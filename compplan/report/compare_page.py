@@ -25,8 +25,6 @@ from compplan.report.style import (
 )
 from compplan.robot import Array, Robot
 
-#: What the cell is called in which the plan's model is the truth.
-SAME_MODEL = "as modelled"
 #: What the picture of the first screen shows.
 DRAWN_CAPTION = "Bar: every second robot like yours stays below it; tick: 95 of 100 do. Dashed: the tolerance."
 

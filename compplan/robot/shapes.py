@@ -7,7 +7,7 @@ scaled twice. Nothing here decides: `gap` says in words what a check would not s
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -113,12 +113,6 @@ def read_bodies(robot: Robot) -> tuple[BodyShapes, ...]:
                 continue
             body.shapes.append(UrdfShape(name, carrier, form, pose @ read_origin(shape.find("origin"))))
     return tuple(_judge(body, robot.longest_reach) for body in bodies)
-
-
-def read_shapes(robot: Robot) -> Iterator[UrdfShape]:
-    """Read the collision shapes of the arm that can be read; `read_bodies` says which cannot."""
-    for body in read_bodies(robot):
-        yield from body.shapes
 
 
 def leave_out(bodies: Sequence[BodyShapes], links: Sequence[str]) -> tuple[BodyShapes, ...]:

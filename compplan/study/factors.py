@@ -21,7 +21,6 @@ from compplan.robot import Array, Robot
 from compplan.study.posterior import count_coordinates
 
 Sequence = Literal["sobol", "latin_hypercube"]
-SEQUENCES: tuple[Sequence, ...] = ("sobol", "latin_hypercube")
 #: Parts of one sample that have a scatter of their own: measured ones and the one that is judged.
 PARTS = 3
 #: Coordinates of a placement: three translations, three rotations.

@@ -1,4 +1,4 @@
-"""Write observations as a measurement log: for examples, tests and the planning of campaigns."""
+"""Write observations as a measurement log."""
 
 from __future__ import annotations
 
