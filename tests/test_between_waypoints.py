@@ -14,7 +14,6 @@ import compplan as cp
 from compplan.cell.vibration import build_dynamics, inertial_loads
 from compplan.job.job import check_job
 from compplan.plan.approach import DWELL
-from compplan.plan.bending import find_bias
 from compplan.plan.between import measure_between
 from compplan.plan.plan import build_task, prepare_job
 from compplan.plan.profile import ease, ease_duration, ease_times, smooth_profile
@@ -187,7 +186,7 @@ def test_the_inertia_of_the_motion_is_compensated_and_judged_unless_a_job_says_n
     assert plain.bending.inertia > 2e-5 and not plain.bending.compensated
     assert plan.status == "solved" and plan.bending.compensated and plan.bending.inertia > 2e-5
     assert plan.after.max_deviation < 0.2 * plan.bending.inertia  # the judge takes masses and motion by itself
-    moving = find_bias(plan.task, plan.timing.time, build_dynamics(plan.robot))
+    moving = set_up_bench(plan.task, plan.q, plan.timing, None).bias
     loaded = attain_pose(plan.task.chain, plan.q, plan.task.wrench, slope=False, torque_bias=moving).position
     off = np.linalg.norm(loaded - plan.task.position, axis=1)[plan.task.cut]
     still = attain_pose(plan.task.chain, plan.q, plan.task.wrench, slope=False).position

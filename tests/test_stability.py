@@ -43,7 +43,8 @@ def test_modes_have_the_frequencies_of_the_arm_and_together_its_compliance() -> 
     robot = load_robot("staubli_tx200")
     dynamics = build_dynamics(robot)
     q = np.radians([[10.0, 40.0, 80.0, 20.0, 50.0, 0.0]])
-    (omega, shape), = find_modes(dynamics, q, 99)
+    modes, = find_modes(dynamics, q, 99)
+    omega, shape = modes.omega, modes.tip
     assert omega[:2] / (2 * np.pi) == pytest.approx(natural_frequencies(dynamics, q)[0], rel=1e-9)
     assert (shape / omega**2) @ shape.T == pytest.approx(tip_compliance(dynamics.judge, q)[0], rel=1e-3, abs=1e-9)
 

@@ -8,11 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.plan_check.robot import Arm, Array, Joint, pose_of, rotation_vector
+from benchmarks.plan_check.robot import Arm, Array, Joint, Spring, pose_of, rotation_vector
 
 #: Relative standard deviation of compliances by grade, of masses where assumed and where stated (docs/robots.md).
 SOFTER = {"identified": 0.10, "literature": 0.20, "scaled": 0.50, "placeholder": 0.80}
 HEAVIER = (0.30, 0.10)
+#: Compliance of joints that a folder calls rigid: turning [rad/(N m)] and sliding [m/N], of which a grade's share acts.
+RIGID = (1e-6, 1e-7)
 #: Zeros [rad], lengths [m], directions [rad] of an arm as delivered, and of one that was calibrated.
 DELIVERED = np.radians(0.010), 1e-4, np.radians(0.003)
 CALIBRATED = np.radians(0.003), 3e-5, np.radians(0.001)
@@ -77,6 +79,11 @@ def draw_truth(arm: Arm, folder: Path, rng: np.random.Generator) -> Truth:
         name: [replace(s, compliance=s.compliance * max(1.0 + soft * rng.standard_normal(), 0.05)) for s in own]
         for name, own in arm.springs.items()
     }
+    for joint in arm.commanded:
+        own = springs.get(joint.name, [])
+        if not any(spring.slides == joint.slides and abs(spring.axis @ joint.axis) > 0.99 for spring in own):
+            size = soft * RIGID[int(joint.slides)] * abs(float(rng.standard_normal()))
+            springs[joint.name] = [*own, Spring(joint.axis, joint.slides, size + 1e-12, np.zeros(3))]
     elasticities = {
         link: [block * max(1.0 + soft * rng.standard_normal(), 0.05) for block in blocks]
         for link, blocks in arm.elasticities.items()
@@ -111,7 +118,12 @@ def _move_joint(joint: Joint, widths: tuple[float, float, float], rng: np.random
     if joint.kind == "fixed":
         return joint
     zero, length, turn = widths
-    pose = joint.pose @ pose_of(rotation_vector(turn * rng.standard_normal(3)), length * rng.standard_normal(3))
+    turned, moved = turn * rng.standard_normal(3), length * rng.standard_normal(3)
+    if joint.slides:  # an error along the joint's own motion is its zero
+        moved -= joint.axis * (joint.axis @ moved) - length * float(rng.standard_normal()) * joint.axis
+    else:
+        turned -= joint.axis * (joint.axis @ turned)
+    pose = joint.pose @ pose_of(rotation_vector(turned), moved)
     if not joint.slides:
         pose = pose @ pose_of(rotation_vector(zero * float(rng.standard_normal()) * joint.axis), np.zeros(3))
     return replace(joint, pose=pose)

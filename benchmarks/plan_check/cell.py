@@ -114,7 +114,7 @@ class Cell:
                 applied[:] = 0
                 mujoco.mj_applyFT(model, data, wrench[i, :3], wrench[i, 3:], data.xpos[self.tip], self.tip, applied)
                 for mass in extra:
-                    self._weigh(mass, applied)
+                    self.weigh(mass, applied)
                 new = self.compliance @ (applied - bias)[self.elastic]
                 step = np.abs(new - theta).max(initial=0.0)
                 theta = new
@@ -142,12 +142,13 @@ class Cell:
             mujoco.mj_applyFT(model, data, wrench[i, :3], wrench[i, 3:], data.xpos[self.tip], self.tip, applied)
             if gravity is None:
                 for mass in self.arm.weights:
-                    self._weigh(mass, applied)
+                    self.weigh(mass, applied)
             np.add.at(held[i], self.driver, (bias - applied)[self.set] * self.multiplier)
         model.opt.gravity[:] = before
         return held
 
-    def _weigh(self, mass: Mass, applied: Array) -> None:
+    def weigh(self, mass: Mass, applied: Array) -> None:
+        """Add the weight of a mass that hangs on a link to generalised forces, where the bodies are now."""
         body = self.carrier[mass.link]
         point = self.data.xpos[body] + self.data.xmat[body].reshape(3, 3) @ mass.centre
         mujoco.mj_applyFT(self.model, self.data, mass.mass * STANDARD_GRAVITY, np.zeros(3), point, body, applied)

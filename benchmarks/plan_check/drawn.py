@@ -31,19 +31,20 @@ def write_drawn(folder: Path, seed: int) -> Path:
     name = f"drawn_{seed}"
     while True:
         robot = str(rng.choice(sorted(p.parent.name for p in ROBOTS.glob("*/robot.urdf"))))
-        tool = _draw_tool(rng, read_arm(ROBOTS / robot))
+        tool = draw_tool(rng, read_arm(ROBOTS / robot))
         arm = mount_tool(read_arm(ROBOTS / robot), tool)
-        pose = _draw_pose(rng, arm)
-        if pose is not None:
+        posture = draw_posture(rng, arm)
+        if posture is not None:
+            pose = posture[1]
             break
-    size = float(rng.uniform(0.03, 0.2)) * _reach(arm) * 1e3
+    size = float(rng.uniform(0.03, 0.2)) * reach_of(arm) * 1e3
     tip, axis, feed = _draw_path(rng, size)
     write_toolpath(folder / f"{name}.csv", tip, feed, axis, lift=float(rng.uniform(5.0, 60.0)))
-    rotation = _logarithm(pose[:3, :3] @ np.diag([1.0, -1.0, -1.0]))  # the tool axis points back to the spindle: -z
+    rotation = turn_of(pose[:3, :3] @ np.diag([1.0, -1.0, -1.0]))  # the tool axis points back to the spindle: -z
     job = {
         "schema": 1, "name": name, "robot": robot, "toolpath": f"{name}.csv",
         "part": {"position_mm": (1e3 * pose[:3, 3]).round(3).tolist(), "rotation_deg": rotation.round(6).tolist()},
-        "tool": tool, "process": _draw_force(rng, arm, pose), "plan": _draw_wishes(rng),
+        "tool": tool, "process": draw_force(rng, arm, pose), "plan": _draw_wishes(rng),
     }  # fmt: skip
     if rng.random() < 0.3:
         job["posture"] = {"preset": str(rng.choice(["accurate", "smooth", "fast"]))}
@@ -53,7 +54,7 @@ def write_drawn(folder: Path, seed: int) -> Path:
     return folder / f"{name}.toml"
 
 
-def _draw_tool(rng: np.random.Generator, arm: Arm) -> dict:
+def draw_tool(rng: np.random.Generator, arm: Arm) -> dict:
     """Draw a tool in line with the flange or across it, as long as a tenth of the arm or two."""
     at = next((k for k, joint in enumerate(arm.joints) if joint.parent == arm.flange), len(arm.joints))
     flange = np.eye(4)
@@ -61,31 +62,33 @@ def _draw_tool(rng: np.random.Generator, arm: Arm) -> dict:
         flange = flange @ joint.pose
     turn, across = float(rng.uniform(0.0, 2.0 * np.pi)), float(np.radians(rng.choice([0.0, 0.0, 45.0, 90.0])))
     out = flange[:3, :3] @ rotation_vector(np.array([0.0, 0.0, turn])) @ rotation_vector(np.array([0.0, across, 0.0]))
-    length = float(rng.uniform(0.06, 0.18)) * _reach(arm)
+    length = float(rng.uniform(0.06, 0.18)) * reach_of(arm)
     tip = flange[:3, :3] @ np.array([0.0, 0.0, 0.5 * length]) + out @ np.array([0.0, 0.0, length])
-    tool = {"position_mm": (1e3 * tip).round(3).tolist(), "rotation_deg": _logarithm(out).round(6).tolist()}
+    tool = {"position_mm": (1e3 * tip).round(3).tolist(), "rotation_deg": turn_of(out).round(6).tolist()}
     if rng.random() < 0.5:
-        tool["mass_kg"] = round(float(rng.uniform(0.5, 3.0)) * _reach(arm) ** 2, 2)
+        tool["mass_kg"] = round(float(rng.uniform(0.5, 3.0)) * reach_of(arm) ** 2, 2)
         tool["centre_of_mass_mm"] = (500.0 * tip).round(1).tolist()
     return tool
 
 
-def _draw_pose(rng: np.random.Generator, arm: Arm) -> Array | None:
-    """Draw a pose of the tip in the working range, None where a thousand postures give none."""
+def draw_posture(rng: np.random.Generator, arm: Arm) -> tuple[Array, Array] | None:
+    """Draw joint positions whose tip is in the working range, and its pose; None where a thousand give none."""
     low = np.array([joint.lower for joint in arm.commanded])
     high = np.array([joint.upper for joint in arm.commanded])
     slides = np.array([joint.slides for joint in arm.commanded])
     centre, half = 0.5 * (low + high), 0.5 * MIDDLE * (high - low)
     half = np.where(slides, half, np.minimum(half, WIDEST))
     centre = np.where(~slides & (high - low > 2.0 * np.pi - 0.1), 0.0, centre)
-    poses = Kinematics(arm).tip(centre + half * rng.uniform(-1.0, 1.0, (1000, len(low))))
-    reach = _reach(arm)
+    joints = centre + half * rng.uniform(-1.0, 1.0, (1000, len(low)))
+    poses = Kinematics(arm).tip(joints)
+    reach = reach_of(arm)
     held = np.zeros(2) if not slides.any() else poses[:, :2, 3].mean(axis=0)
     aside = np.linalg.norm(poses[:, :2, 3] - held, axis=1) / reach
     high_up = poses[:, 2, 3] / reach
     fit = (aside > DISTANCE[0]) & (aside < DISTANCE[1]) & (high_up > HEIGHT[0]) & (high_up < HEIGHT[1])
     fit &= poses[:, 2, 2] < 0.5  # not from below
-    return poses[np.flatnonzero(fit)[0]] if fit.any() else None
+    first = int(fit.argmax())
+    return (joints[first], poses[first]) if fit.any() else None
 
 
 def _draw_path(rng: np.random.Generator, size: float) -> tuple[Array, Array, float]:
@@ -102,7 +105,7 @@ def _draw_path(rng: np.random.Generator, size: float) -> tuple[Array, Array, flo
         angle = 2.0 * np.pi * float(rng.uniform(1.0, 6.0)) * share
         tip = 0.5 * size * np.stack([np.cos(angle), np.sin(angle), -0.5 * share], axis=1)
     elif kind == "line":
-        tip = size * (share - 0.5)[:, None] * _unit(rng) * np.array([1.0, 1.0, 0.2])
+        tip = size * (share - 0.5)[:, None] * draw_direction(rng) * np.array([1.0, 1.0, 0.2])
     else:
         corners = 0.5 * size * rng.uniform(-1.0, 1.0, (int(rng.integers(3, 8)), 3)) * np.array([1.0, 1.0, 0.1])
         along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))]
@@ -113,18 +116,18 @@ def _draw_path(rng: np.random.Generator, size: float) -> tuple[Array, Array, flo
     return tip, axis, float(rng.uniform(5.0, 120.0))
 
 
-def _draw_force(rng: np.random.Generator, arm: Arm, pose: Array) -> dict:
+def draw_force(rng: np.random.Generator, arm: Arm, pose: Array) -> dict:
     """Draw a force that takes a tenth to nine tenths of a joint's effort, with the levers of the tip."""
     frames, _ = Kinematics(arm).frames(np.zeros((1, len(arm.commanded))))
     wrist = np.linalg.norm(frames[arm.joints[-1].child][0, :3, 3] - frames[arm.commanded[-1].child][0, :3, 3])
     levers = [1.0 if joint.slides else np.linalg.norm(pose[:3, 3]) for joint in arm.commanded[:-3]] + [wrist] * 3
     efforts = [joint.effort for joint in arm.commanded]
     most = min(effort / max(lever, 0.05) for effort, lever in zip(efforts, levers, strict=True))
-    size = float(rng.uniform(0.1, 0.9)) * min(most, 400.0 * _reach(arm) ** 2)
+    size = float(rng.uniform(0.1, 0.9)) * min(most, 400.0 * reach_of(arm) ** 2)
     frame = str(rng.choice(["part", "path", "base"]))
-    force = {"model": "constant", "force_N": (size * _unit(rng)).round(2).tolist(), "frame": frame}
+    force = {"model": "constant", "force_N": (size * draw_direction(rng)).round(2).tolist(), "frame": frame}
     if rng.random() < 0.4:
-        force["moment_Nm"] = (0.02 * size * _unit(rng)).round(3).tolist()
+        force["moment_Nm"] = (0.02 * size * draw_direction(rng)).round(3).tolist()
     if rng.random() < 0.5:
         force["ramp_mm"] = round(float(rng.uniform(1.0, 10.0)), 2)
     return force
@@ -137,17 +140,17 @@ def _draw_wishes(rng: np.random.Generator) -> dict:
     return wishes
 
 
-def _unit(rng: np.random.Generator) -> Array:
+def draw_direction(rng: np.random.Generator) -> Array:
     vector = rng.normal(size=3)
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _reach(arm: Arm) -> float:
+def reach_of(arm: Arm) -> float:
     """Return the sum of the arm's links, rails left out. [m]"""
     return float(sum(np.linalg.norm(joint.pose[:3, 3]) for joint in arm.joints if not joint.slides))
 
 
-def _logarithm(rotation: Array) -> Array:
+def turn_of(rotation: Array) -> Array:
     """Return the rotation vector. Shape (3,). [deg]"""
     from scipy.spatial.transform import Rotation
 

@@ -11,58 +11,17 @@ is exact; modes are those of a few postures, each begun early enough that its st
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 
-from compplan.cell.vibration import Dynamics
+from compplan.cell.vibration import ModeShapes
 from compplan.robot import Array
 
 #: Modes that are counted, and postures along a path whose modes are taken.
 MODES, POSTURES = 6, 16
 #: Time that a posture's modes are begun early, as multiples of the slowest decay 1 / (z w).
 EARLY = 4.0
-
-
-@dataclass(frozen=True)
-class ModeShapes:
-    """The lowest modes at one posture; m modes, s elastic coordinates.
-
-    Attributes:
-        omega: Angular frequencies. Shape (m,). [rad/s]
-        shape: Elastic coordinates of each mode. Shape (s, m). [1/sqrt(kg) and kin]
-        tip: Motion of the tip in each. Shape (3, m). [1/sqrt(kg)]
-    """
-
-    omega: Array
-    shape: Array
-    tip: Array
-
-
-def find_shapes(dynamics: Dynamics, q: Array, count: int = MODES) -> list[ModeShapes]:
-    """Return the lowest modes at some postures.
-
-    Args:
-        dynamics: The robot.
-        q: Joint positions. Shape (k, nq). [rad or m]
-        count: How many modes at most.
-    """
-    judge, found = dynamics.judge, []
-    data, world = judge.model.createData(), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    for configuration in q @ judge.commanded.T + judge.shift:
-        mass = pin.crba(judge.model, data, configuration)
-        mass = (np.triu(mass) + np.triu(mass, 1).T)[np.ix_(judge.elastic, judge.elastic)]
-        tip = pin.computeFrameJacobian(judge.model, data, configuration, judge.tcp, world)[:3, judge.elastic]
-        square, shapes = np.linalg.eig(dynamics.compliance @ mass)
-        order = np.argsort(square.real)[::-1][:count]
-        order = order[square.real[order] > 1e-12]
-        way = shapes.real[:, order]
-        way = way / np.sqrt(np.maximum(np.einsum("sm,st,tm->m", way, mass, way), 1e-300))
-        found.append(ModeShapes(1.0 / np.sqrt(square.real[order]), way, tip @ way))
-    return found
 
 
 def ring(

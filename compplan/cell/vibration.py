@@ -35,6 +35,22 @@ class Dynamics:
         return bool(len(self.judge.elastic)) and sum(inertia.mass for inertia in self.judge.model.inertias) > 0
 
 
+@dataclass(frozen=True)
+class ModeShapes:
+    """The lowest modes at one posture, v^T M v = 1; m modes, s elastic coordinates.
+
+    Attributes:
+        omega: Angular frequencies, rising. Shape (m,). [rad/s]
+        shape: Elastic coordinates of each mode. Shape (s, m). [1/sqrt(kg) and kin]
+        tip: Motion of the tip in each, base axes. Shape (3, m). [1/sqrt(kg)]
+
+    """
+
+    omega: Array
+    shape: Array
+    tip: Array
+
+
 def build_dynamics(robot: Robot) -> Dynamics:
     """Build the dynamics of a robot, all bodies of its URDF and the tool included."""
     judge = build_judge(replace(robot, gravity=np.zeros(3), weights=()))
@@ -50,46 +66,34 @@ def natural_frequencies(dynamics: Dynamics, q: Array, count: int = 2) -> Array:
         count: How many frequencies.
 
     """
-    judge, found = dynamics.judge, np.full((len(q), count), np.nan)
-    if not dynamics.known:
-        return found
-    data, rigid = judge.model.createData(), q @ judge.commanded.T + judge.shift
-    for i in range(len(q)):
-        mass = pin.crba(judge.model, data, rigid[i])
-        mass = np.triu(mass) + np.triu(mass, 1).T
-        square = np.linalg.eigvals(dynamics.compliance @ mass[np.ix_(judge.elastic, judge.elastic)]).real
-        slow = np.sort(square[square > 1e-12])[::-1][:count]
-        found[i, : len(slow)] = 1.0 / (2.0 * np.pi * np.sqrt(slow))
+    found = np.full((len(q), count), np.nan)
+    if dynamics.known:
+        for row, modes in zip(found, find_modes(dynamics, q, count), strict=True):
+            row[: len(modes.omega)] = modes.omega / (2.0 * np.pi)
     return found
 
 
-def find_modes(dynamics: Dynamics, q: Array, count: int) -> list[tuple[Array, Array]]:
-    """Return the lowest modes at some postures: angular frequencies, and how the tip moves in each.
-
-    With M v = C^-1 v / w^2 scaled to v^T M v = 1 the tip moves by J v.
+def find_modes(dynamics: Dynamics, q: Array, count: int) -> list[ModeShapes]:
+    """Return the lowest modes at some postures, from M v = C^-1 v / w^2.
 
     Args:
         dynamics: The robot.
         q: Joint positions. Shape (k, nq). [rad or m]
         count: How many modes at most.
 
-    Returns:
-        For each posture frequencies, shape (m,) [rad/s], and motion of the tip, base axes, shape (3, m) [1/sqrt(kg)].
-
     """
     judge, found = dynamics.judge, []
-    data, rigid = judge.model.createData(), q @ judge.commanded.T + judge.shift
-    for configuration in rigid:
+    data, world = judge.model.createData(), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    for configuration in q @ judge.commanded.T + judge.shift:
         mass = pin.crba(judge.model, data, configuration)
         mass = (np.triu(mass) + np.triu(mass, 1).T)[np.ix_(judge.elastic, judge.elastic)]
-        world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         tip = pin.computeFrameJacobian(judge.model, data, configuration, judge.tcp, world)[:3, judge.elastic]
         square, shapes = np.linalg.eig(dynamics.compliance @ mass)
         order = np.argsort(square.real)[::-1][:count]
         order = order[square.real[order] > 1e-12]
         way = shapes.real[:, order]
         way = way / np.sqrt(np.maximum(np.einsum("sm,st,tm->m", way, mass, way), 1e-300))
-        found.append((1.0 / np.sqrt(square.real[order]), tip @ way))
+        found.append(ModeShapes(1.0 / np.sqrt(square.real[order]), way, tip @ way))
     return found
 
 
@@ -110,25 +114,3 @@ def inertial_loads(dynamics: Dynamics, q: Array, velocity: Array, acceleration: 
     for i in range(len(q)):
         loads[i] = -pin.rnea(judge.model, data, rigid[i], rate[i], change[i])[judge.elastic]
     return loads
-
-
-def differentiate_run(q: Array, time: Array, runs: list[tuple[int, int]]) -> tuple[Array, Array]:
-    """Return joint velocities and accelerations of a timed motion by differences; zero at the ends of runs and outside.
-
-    Args:
-        q: Joint positions. Shape (n, nq). [rad or m]
-        time: Shape (n,). [s]
-        runs: First and last row of every run from rest to rest.
-
-    Returns:
-        Shapes (n, nq). [rad/s or m/s, and a second]
-
-    """
-    velocity, acceleration = np.zeros(q.shape), np.zeros(q.shape)
-    for first, last in runs:
-        step = np.maximum(np.diff(time[first : last + 1]), 1e-12)[:, None]
-        mean, inside = np.diff(q[first : last + 1], axis=0) / step, slice(first + 1, last)
-        both = step[:-1] + step[1:]
-        velocity[inside] = (step[:-1] * mean[1:] + step[1:] * mean[:-1]) / both
-        acceleration[inside] = 2.0 * np.diff(mean, axis=0) / both
-    return velocity, acceleration

@@ -7,13 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.cell.vibration import (
-    Dynamics,
-    build_dynamics,
-    differentiate_run,
-    inertial_loads,
-    natural_frequencies,
-)
+from compplan.cell.vibration import Dynamics, build_dynamics, natural_frequencies
 from compplan.known.assumed import known_uncertainty
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing, cutting_runs
@@ -139,53 +133,6 @@ def find_inside(task: PlanTask) -> NDArray[np.bool_]:
     for first, last in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests):
         inside[first + 1 : last] = True
     return inside
-
-
-def find_bias(
-    task: PlanTask, time: Array, dynamics: Dynamics, among: NDArray[np.int_] | None = None
-) -> Array:
-    """Return what the inertia of a timed motion puts on each elastic coordinate. Shape (n, s). [N m or N].
-
-    The motion is that of an arm whose tool follows the path, which is where its links go: what the drives run ahead of
-    them to make up for the springs moves no link. Nothing acts in rapid moves, and where the tool rests.
-
-    Args:
-        task: The task.
-        time: Time at each waypoint. Shape (n,). [s]
-        dynamics: The robot with its masses.
-        among: Waypoints that are looked at, the others stay without; all if left out. Shape (k,).
-
-    """
-    bias = np.zeros((len(task), task.chain.n_springs))
-    if dynamics.known:
-        runs = cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
-        velocity, acceleration = differentiate_run(task.q_start, time, runs)
-        rows = np.flatnonzero(acceleration.any(axis=1))
-        rows = rows if among is None else np.intersect1d(rows, among)
-        bias[rows] = inertial_loads(dynamics, task.q_start[rows], velocity[rows], acceleration[rows])
-    return bias
-
-
-def add_starts(task: PlanTask, time: Array, dynamics: Dynamics, bias: Array) -> Array:
-    """Return loads of inertia with those at rests within a cut, of the move that begins there: q'' = 2 dq / dt^2.
-
-    Args:
-        task: The task.
-        time: Time at each waypoint. Shape (n,). [s]
-        dynamics: The robot with its masses.
-        bias: Loads that are nothing at rests. Shape (n, s). [N m or N]
-
-    """
-    moving = np.r_[~(task.nominal.rapid | task.lead)[1:], False]
-    rests = np.zeros(len(task), bool) if task.rests is None else task.rests
-    rows = np.flatnonzero(task.cut & moving & rests)
-    if not dynamics.known or not len(rows):
-        return bias
-    step = np.maximum(time[rows + 1] - time[rows], 1e-12)[:, None]
-    push = 2.0 * (task.q_start[rows + 1] - task.q_start[rows]) / step**2
-    bias = bias.copy()
-    bias[rows] = inertial_loads(dynamics, task.q_start[rows], 0.0 * push, push)
-    return bias
 
 
 def choose_smoothing(robot: Robot, q: Array, default: float) -> float:

@@ -77,8 +77,8 @@ class CutChatter:
         some = replace(found, depth=found.depth[rows], travel=found.travel[rows], level=found.level[rows])
         gains = find_gains(some, process.resistance, spindle.feed_per_tooth(self.nominal.feed[place]))
         period, axes = 1.0 / (spindle.speed * spindle.teeth), path_axes(self.nominal)[place]
-        for i, (omega, shape) in enumerate(find_modes(self.dynamics, q, MODES)):
-            modes = Modes(omega, shape, self.damping).turn(axes[which[i]])
+        for i, own in enumerate(find_modes(self.dynamics, q, MODES)):
+            modes = Modes(own.omega, own.tip, self.damping).turn(axes[which[i]])
             limit = find_limit(CutDynamics(reserve * gains[which[i]], spindle.teeth, period, modes), DEPTHS)
             beyond[i] = 1.0 / limit - 1.0 + LEAST if np.isfinite(limit) else 0.0
         return beyond

@@ -126,7 +126,7 @@ def _judge(
     rows = np.flatnonzero(cutting.engagement.touches & ~nominal.rapid)
     spindle = cutting.process.spindle()
     posture = rows[np.unique(np.linspace(0, len(rows) - 1, min(POSTURES, len(rows))).astype(int))]
-    modes = [Modes(omega, shape, damping) for omega, shape in find_modes(dynamics, q[posture], MODES)]
+    modes = [Modes(own.omega, own.tip, damping) for own in find_modes(dynamics, q[posture], MODES)]
     near = np.abs(rows[:, None] - posture[None, :]).argmin(axis=1)
     gains = find_gains(cutting.engagement, cutting.process.resistance, spindle.feed_per_tooth(nominal.feed))
     mean, axes = spindle.teeth * gains.mean(axis=1), path_axes(nominal)

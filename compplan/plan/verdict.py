@@ -17,9 +17,8 @@ from compplan.cell.forces import DrivenRows, read_forces, read_stiffness
 from compplan.cell.inertia import load_springs
 from compplan.cell.judge import Judge
 from compplan.cell.reading import read_judge
-from compplan.cell.vibration import Dynamics, build_dynamics
+from compplan.cell.vibration import build_dynamics
 from compplan.job.job import Job
-from compplan.plan.bending import add_starts, find_bias
 from compplan.plan.between import Between, divide_times, insert_between, judged_moves
 from compplan.plan.evaluate import Evaluation, Margins
 from compplan.plan.strategies.limits import AT_CORRECTION
@@ -54,7 +53,7 @@ class Bench:
 def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> Bench:
     """Read robot, tool and process a second time; a robot or a path in memory is taken as it is."""
     if job is None or task.robot.folder is None or job.mounted is not None:
-        bias = _load_motion(task, timing, build_dynamics(task.robot)) if task.inertia else None
+        bias = _load_springs(task, build_dynamics(task.robot).judge, timing.time) if task.inertia else None
         return Bench(build_cell(task.robot), task.wrench, bias)
     tables = job.model_dump(by_alias=True, exclude_unset=True)
     if job.given is not None:
@@ -63,8 +62,7 @@ def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> B
     moving = read_judge(Path(task.robot.folder), tables.get("tool"), moving=True)
     driven, bias = Driven(task, q, timing.time, tables, job.folder, cell.judge, moving), None
     if task.inertia:
-        rests = np.zeros(len(task), bool) if task.rests is None else task.rests
-        bias = load_springs(moving, task.q_start, timing.time, driven.cutting, rests)
+        bias = _load_springs(task, moving, timing.time)
     law = task.law
     rows = DrivenRows(
         task.position, task.nominal.axis, task.nominal.rapid, task.lead, timing.time,
@@ -79,9 +77,10 @@ def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> B
     return Bench(cell, wrench, bias, read_stiffness(tables, rows, wrench), driven)
 
 
-def _load_motion(task: PlanTask, timing: Timing, dynamics: Dynamics) -> Array:
+def _load_springs(task: PlanTask, moving: Judge, time: Array) -> Array:
     """Return what the inertia of the motion puts on the springs, where a move leaves a rest too. Shape (n, s)."""
-    return add_starts(task, timing.time, dynamics, find_bias(task, timing.time, dynamics))
+    rests = np.zeros(len(task), bool) if task.rests is None else task.rests
+    return load_springs(moving, task.q_start, time, np.r_[False, ~task.nominal.rapid[1:]], rests)
 
 
 def find_breaches(

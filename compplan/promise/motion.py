@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from compplan.cell.response import POSTURES, find_shapes, ring
-from compplan.cell.vibration import Dynamics
+from compplan.cell.response import MODES, POSTURES, ring
+from compplan.cell.vibration import Dynamics, find_modes
 from compplan.effects.scene import own_springs
 from compplan.job.noise import NoiseTable
 from compplan.robot import Array, Robot
@@ -87,7 +87,7 @@ def swing_arm(
         source: What masses and damping rest on.
     """
     places = np.unique(np.linspace(0, len(q) - 1, min(POSTURES, len(q))).astype(int))
-    modes = find_shapes(dynamics, q[places])
+    modes = find_modes(dynamics, q[places], MODES)
     level = ndtri((np.arange(DRAWS) + 0.5) / DRAWS)
     factors = np.exp(width * level - 0.5 * width**2)
     dampings = np.clip(damping * DAMPING_FACTOR ** level[(7 * np.arange(DRAWS)) % DRAWS], 1e-3, 0.9)
