@@ -201,23 +201,6 @@ def test_with_inertia_a_force_that_sets_in_at_contact_is_corrected_in_the_time_t
     assert (rate <= plan.task.velocity_limits).all()
 
 
-def test_where_inertia_counts_the_judge_sees_the_push_of_a_move_that_leaves_a_rest(tmp_path):
-    turning = {"model": "constant", "force_N": [-100.0, 60.0, 130.0], "frame": "path"}
-    job = three_points(tmp_path, turning, plan={"rotate_about_tool_axis": False, "inertia": True})
-    plan = cp.plan_job(job)
-    task, time = plan.task, plan.timing.time
-    corner = int(np.flatnonzero(task.rests & task.cut & np.r_[~task.lead[1:], False] & ~task.nominal.rapid)[0])
-    step = time[corner + 1] - time[corner]
-    slow = time + np.where(np.arange(len(time)) > corner, 9.0 * step, 0.0)
-    usual, gentle = (
-        set_up_bench(task, plan.q, replace(plan.timing, time=each), job).bias[corner] for each in (time, slow)
-    )
-    push = 2.0 * (task.q_start[[corner + 1]] - task.q_start[[corner]]) / step**2
-    moved = inertial_loads(build_dynamics(plan.robot), task.q_start[[corner]], 0.0 * push, push)
-    assert usual == pytest.approx(moved[0], rel=1e-6, abs=1e-9)
-    assert gentle == pytest.approx(usual / 100.0, rel=1e-6, abs=1e-9)
-
-
 def test_the_inertia_of_what_is_out_of_reach_is_left_alone_and_the_note_says_so(tmp_path):
     far = three_points(tmp_path, CONSTANT, plan={"inertia": True}, part={"position_mm": [2700.0, 0.0, 700.0]})
     plan = cp.plan_job(far)

@@ -10,14 +10,16 @@ import pytest
 from arms import one_joint_arm
 from scipy.integrate import solve_ivp
 
+from compplan.cell.inertia import average_loads
 from compplan.cell.response import MODES, ring
 from compplan.cell.vibration import build_dynamics, find_modes
 from compplan.job.job import check_job
 from compplan.measure.distance import band_radius
+from compplan.plan.bending import find_inside
 from compplan.plan.plan import plan_job
-from compplan.promise.motion import shift_part, swing_arm
+from compplan.promise.motion import Push, shift_part, swing_arm
 from compplan.robot.model import Body
-from compplan.statics.inertia import divide_body
+from compplan.statics.inertia import build_moving_chain, divide_body, load_motion, smooth_loads
 
 JOB: dict[str, Any] = {
     "schema": 1,
@@ -77,15 +79,72 @@ def test_what_is_compensated_leaves_the_share_that_masses_and_springs_are_other_
     dynamics = build_dynamics(one_joint_arm(tmp_path, 1.0, 1e-5, mass=20.0))
     time, q = np.linspace(0.0, 10.0, 50), np.zeros((50, 1))
     static = np.tile([0.0, 0.0, 1e-3], (50, 1))
+    moving, nothing = Push(np.full((50, 1), 100.0), static), Push(np.zeros((50, 1)), 0.0 * static)
     both = [
-        swing_arm(
-            dynamics, q, time, np.full((50, 1), 100.0), static, width=0.2, damping=0.03, compensated=each, source=""
-        )
-        for each in (True, False)
+        swing_arm(dynamics, q, time, moving, held, width=0.2, damping=0.03, source="") for held in (moving, nothing)
     ]
     for motion, middle in zip(both, (0.0, 1e-3), strict=True):
         assert motion.mean[25, 2] == pytest.approx(middle, abs=2e-5)
         assert np.sqrt(motion.covariance[25, 2, 2]) == pytest.approx(2e-4, rel=0.1)
+
+
+def spike(n: int, row: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return even times of one second, and loads of two springs that are nothing but at one row."""
+    load = np.zeros((n, 2))
+    load[row] = 100.0, -50.0
+    return np.linspace(0.0, 1.0, n), load
+
+
+@pytest.mark.parametrize("row", [1, 40, 199])
+def test_no_correction_that_jumps_is_made_against_inertia(row: int) -> None:
+    """A load at one row beside a stop, or within a run: what is compensated changes by no more than 2 max|b| / h."""
+    time, load = spike(201, row)
+    smooth = smooth_loads(load, time, [(0, 200)], 0.1)
+    step = np.abs(np.diff(smooth, axis=0)).max(axis=0) / 0.005
+    assert (step <= 2.0 * np.abs(load).max(axis=0) / 0.05).all()
+    assert smooth[[0, -1]] == pytest.approx(0.0, abs=1e-9)
+    assert np.abs(smooth).max() < 0.11 * np.abs(load).max()
+    if row == 40:  # what a run carries on average stays
+        assert smooth.sum(axis=0) == pytest.approx(load.sum(axis=0), rel=1e-6)
+
+
+def test_a_load_that_an_arm_follows_is_compensated_as_it_is_and_runs_stay_apart() -> None:
+    """Where a load is linear in time its mean over a window is itself; a sine loses 1 - sinc^2(f h)."""
+    time = np.sort(np.r_[0.0, np.random.default_rng(5).uniform(0.0, 2.0, 3000), 2.0])
+    load = np.stack([3.0 * time, np.sin(2.0 * np.pi * 4.0 * time)], axis=1)
+    smooth = smooth_loads(load, time, [(0, len(time) - 1)], 0.1)
+    inner = (time > 0.1) & (time < 1.9)
+    assert smooth[inner, 0] == pytest.approx(load[inner, 0], abs=1e-6)
+    assert smooth[inner, 1] == pytest.approx(np.sinc(4.0 * 0.05) ** 2 * load[inner, 1], abs=2e-3)
+    two = smooth_loads(load, time, [(0, 1000), (1000, 2000)], 0.1)
+    assert two[1000] == pytest.approx(0.0, abs=1e-9) and two[2001:] == pytest.approx(0.0)
+
+
+def test_the_judge_averages_loads_as_the_plan_does_by_a_way_of_its_own() -> None:
+    random = np.random.default_rng(6)
+    time = np.sort(np.r_[0.0, random.uniform(0.0, 2.0, 400), 2.0])
+    load, runs = np.sin(time[:, None] * np.array([3.0, 20.0, 90.0])), [(0, 150), (150, 401)]
+    load[:, 1] += np.where(np.arange(402) == 148, 20.0, 0.0)  # a jump beside a stop
+    assert average_loads(load, time, runs, 0.2) == pytest.approx(smooth_loads(load, time, runs, 0.2), abs=0.02 * 20.0)
+    assert average_loads(load, time, runs, 0.2)[:, ::2] == pytest.approx(
+        smooth_loads(load, time, runs, 0.2)[:, ::2], abs=5e-3
+    )
+
+
+def test_a_nervous_path_moves_no_drive_nervously_and_what_that_leaves_is_in_the_band(tmp_path: Path) -> None:
+    """Rows on a zigzag of 20 um: its inertia is out of the arm's reach, so the command does not answer to it."""
+    x = np.linspace(0.0, 120.0, 121)
+    rows = [f"{a:.4f},{0.02 * (k % 2):.4f},0,60" for k, a in enumerate(x)]
+    (tmp_path / "path.csv").write_text("\n".join(["x_mm,y_mm,z_mm,feed_mm_s", *rows]) + "\n", encoding="utf-8")
+    table = {**JOB, "toolpath": "path.csv", "sampling": {"max_step_mm": 1000.0}}
+    plan = plan_job(check_job(table, tmp_path / "job.toml"))
+    task, promise = plan.task, plan.promise
+    assert plan.status == "solved" and task.bias is not None and promise is not None and promise.motion is not None
+    raw = load_motion(build_moving_chain(task.robot), task.q_start, plan.timing.time, find_inside(task))
+    middle = slice(len(task) // 3, 2 * len(task) // 3)
+    jumps, smooth = (np.abs(np.diff(load[middle], axis=0)).max(axis=0) for load in (raw, task.bias))
+    assert (jumps > 1.0).any() and (smooth[jumps > 1.0] < 0.3 * jumps[jumps > 1.0]).all()
+    assert np.linalg.norm(promise.motion.mean[plan.task.cut], axis=1).max() > 1e-6
 
 
 def test_the_radius_about_a_known_shift_holds_its_share() -> None:

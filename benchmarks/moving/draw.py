@@ -119,9 +119,7 @@ def _move_joint(joint: Joint, widths: tuple[float, float, float], rng: np.random
         return joint
     zero, length, turn = widths
     turned, moved = turn * rng.standard_normal(3), length * rng.standard_normal(3)
-    if joint.slides:  # an error along the joint's own motion is its zero
-        moved -= joint.axis * (joint.axis @ moved) - length * float(rng.standard_normal()) * joint.axis
-    else:
+    if not joint.slides:  # a turn about its own axis is its zero
         turned -= joint.axis * (joint.axis @ turned)
     pose = joint.pose @ pose_of(rotation_vector(turned), moved)
     if not joint.slides:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -17,9 +19,11 @@ from benchmarks.plan_check.robot import Arm, Array, mount_tool, read_arm
 #: Feeds [mm/s], one range a job in turn; how long a cut takes at most [s]; its size in reaches of the arm.
 FEEDS, DURATION, SIZE = ((6.0, 25.0), (25.0, 90.0), (90.0, 350.0)), (2.0, 5.0), (0.03, 0.15)
 #: Distance between waypoints [mm], the fewest and the most.
-SPACING, FEWEST, MOST = 2.0, 60, 200
+SPACING, FEWEST, MOST = 1.0, 200, 400
 #: Share of the jobs whose robot's compliances somebody has published or scaled; the others take any shipped robot.
 PUBLISHED = 0.6
+#: Share of the jobs whose robot is one that somebody has calibrated and identified.
+CALIBRATED = 0.5
 #: Least distance from joint limits that makes a job an ordinary one, and its share of a force that a joint just bears.
 FREE, EASY = np.radians(3.0), 0.4
 #: Tolerance [mm], powers of ten.
@@ -47,6 +51,8 @@ def write_job(folder: Path, seed: int, *, inertia: bool = True) -> Path:
     force = draw_force(rng, arm, pose)
     for key in force.keys() & {"force_N", "moment_Nm"}:
         force[key] = [round(EASY * value, 3) for value in force[key]]
+    if rng.random() < CALIBRATED:
+        robot = _calibrate(folder, robot)
     table = {
         "schema": 1, "name": name, "robot": robot, "toolpath": f"{name}.csv",
         "part": {"position_mm": (1e3 * pose[:3, 3]).round(3).tolist(), "rotation_deg": rotation.round(6).tolist()},
@@ -64,6 +70,17 @@ def _draw_robot(rng: np.random.Generator) -> str:
         tables = {p: tomllib.loads((p / "elasticity.toml").read_text(encoding="utf-8")) for p in robots}
         robots = [p for p in robots if tables[p].get("grade", "placeholder") != "placeholder"]
     return robots[int(rng.integers(len(robots)))].name
+
+
+def _calibrate(folder: Path, robot: str) -> str:
+    """Write a robot's folder beside the job, graded as identified: narrow widths. Return its name there."""
+    name = f"identified_{robot}"
+    shutil.copytree(ROBOTS / robot, folder / name, dirs_exist_ok=True)
+    file = folder / name / "elasticity.toml"
+    text = file.read_text(encoding="utf-8")
+    text = re.sub(r'(?m)^grade\s*=\s*"[a-z]+"', 'grade = "identified"', text)
+    file.write_text(text, encoding="utf-8")
+    return name
 
 
 def _draw_path(rng: np.random.Generator, length: float, reach: float) -> tuple[Array, Array]:

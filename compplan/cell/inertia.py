@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from compplan.cell.judge import Judge
 from compplan.robot import Array
 
+#: Times at which a window is looked up.
+WEIGHED = 64
+
 
 def fit_parabolas(q: Array, time: Array, rows: NDArray[np.int_]) -> tuple[Array, Array]:
     """Return velocities and accelerations at rows, of the parabola through each row and its neighbours. Shapes (k, nq).
@@ -36,9 +39,7 @@ def load_springs(
     judge: Judge, q: Array, time: Array, moving: NDArray[np.bool_], rests: NDArray[np.bool_],
     among: NDArray[np.int_] | None = None,
 ) -> Array:  # fmt: skip
-    """Return what the inertia of a timed motion puts on each elastic coordinate; nothing in rapid moves. Shape (n, s).
-
-    At a rest within a cut it is that of the move which begins there, from rest: q'' = 2 dq / dt^2.
+    """Return what the inertia of a timed motion puts on each elastic coordinate; nothing at rest. Shape (n, s).
 
     Args:
         judge: The robot with all its masses and no weight.
@@ -55,20 +56,47 @@ def load_springs(
     inside = np.zeros(len(q), bool)
     inside[1:-1] = moving[1:-1] & moving[2:]
     rows = np.flatnonzero(inside & ~rests)
-    starts = np.flatnonzero(inside & rests)
     if among is not None:
-        rows, starts = np.intersect1d(rows, among), np.intersect1d(starts, among)
+        rows = np.intersect1d(rows, among)
     velocity, change = fit_parabolas(q, time, rows)
-    step = np.maximum(time[starts + 1] - time[starts], 1e-12)[:, None]
-    push = 2.0 * (q[starts + 1] - q[starts]) / step**2
     data = judge.model.createData()
-    for row, rate, rise in zip(
-        np.r_[rows, starts], np.vstack([velocity, 0.0 * push]) @ judge.commanded.T,
-        np.vstack([change, push]) @ judge.commanded.T, strict=True,
-    ):  # fmt: skip
+    for row, rate, rise in zip(rows, velocity @ judge.commanded.T, change @ judge.commanded.T, strict=True):
         if rise.any() or rate.any():
             forces = pin.rnea(judge.model, data, judge.commanded @ q[row] + judge.shift, rate, rise)
             found[row] = -forces[judge.elastic]
+    return found
+
+
+def average_loads(loads: Array, time: Array, runs: list[tuple[int, int]], window: float) -> Array:
+    """Return the part of loads that an arm can follow: weighted means over a window of time. Shape (n, s). [N m or N]
+
+    The weight falls from the middle of the window to its ends, looked up at some times in it; beyond the ends of a run
+    loads count as their mirror image, turned about. What is left out swings the arm; it is part of the band.
+
+    Args:
+        loads: Shape (n, s). [N m or N]
+        time: Rising. Shape (n,). [s]
+        runs: First and last row of every run from rest to rest.
+        window: Length of the window, 0 for none. [s]
+
+    """
+    found, half = np.zeros(loads.shape), 0.5 * window
+    share = (np.arange(WEIGHED) + 0.5) / WEIGHED * 2.0 - 1.0
+    weight = (1.0 - np.abs(share)) / (1.0 - np.abs(share)).sum()
+    for first, last in runs:
+        run = slice(first, last + 1)
+        clock, own = time[run] - time[first], loads[run]
+        if half <= 0.0 or len(own) < 3 or clock[-1] <= 0.0:
+            found[run] = own
+            continue
+        own = np.vstack([0.0 * own[:1], own[1:-1], 0.0 * own[:1]])
+        for offset, part in zip(share * min(half, clock[-1]), weight, strict=True):
+            at = clock + offset
+            side = np.where((at < 0.0) | (at > clock[-1]), -part, part)
+            back = np.where(at < 0.0, -at, np.where(at > clock[-1], 2.0 * clock[-1] - at, at))
+            row = np.clip(np.searchsorted(clock, back, side="right"), 1, len(clock) - 1)
+            past = (back - clock[row - 1]) / np.maximum(clock[row] - clock[row - 1], 1e-12)
+            found[run] += (side * (1.0 - past))[:, None] * own[row - 1] + (side * past)[:, None] * own[row]
     return found
 
 

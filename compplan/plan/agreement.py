@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.cell.vibration import build_dynamics, inertial_loads
-from compplan.plan.bending import find_inside
+from compplan.plan.bending import plan_loads
 from compplan.plan.between import Between, measure_between, wanted_pieces
 from compplan.plan.feed import FeedWish, time_run
 from compplan.plan.sampling import MOST_PIECES, Mending, divide_by, divide_task, grow_places, predict_loads
@@ -21,8 +21,7 @@ from compplan.plan.strategies import command_path, nlp
 from compplan.plan.task import Command, PlanTask, attain_rows
 from compplan.plan.timing import Timing, cutting_runs, find_slowdown, state_timing, time_between_cuts
 from compplan.robot import Array
-from compplan.statics.chain import Chain
-from compplan.statics.inertia import build_moving_chain, load_motion
+from compplan.statics.inertia import build_moving_chain
 from compplan.statics.sensitivity import attain_pose
 
 #: Turns that force, feed and motion may take, and the shift of the tip that asks for no new correction. [m]
@@ -169,7 +168,7 @@ def _take_turns(
         driven, timing, notes = time_run(task, task.q_start, wish, slow)
         loads = predict_loads(task, _moving_feed(timing)) if task.follows_feed else task.wrench
         time = time_between_cuts(task, command.q, timing.time)
-        bias = None if masses is None else _find_inertia(task, time, masses)
+        bias = None if masses is None else plan_loads(task, time, masses)
         changed = replace(task, wrench=loads, bias=bias)
         change, task = _shift(task, changed, command.q), changed
         if change > EXACT:
@@ -190,11 +189,6 @@ def _drive(task: PlanTask, q: Array, wish: FeedWish) -> tuple[PlanTask, Timing]:
     """Time joint positions and put the force at that feed into the task."""
     timing = time_run(task, q, wish)[1]
     return replace(task, wrench=predict_loads(task, _moving_feed(timing))), timing
-
-
-def _find_inertia(task: PlanTask, time: Array, masses: Chain) -> Array:
-    """Return the load of inertia to plan with: that of an arm whose tool follows the path, whatever the command."""
-    return load_motion(masses, task.q_start, time, find_inside(task))
 
 
 def _moving_feed(timing: Timing) -> Array:

@@ -12,12 +12,12 @@ from compplan.known.assumed import known_uncertainty
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing, cutting_runs
 from compplan.posture.start import PostureRequest
-from compplan.promise.motion import Motion, know_masses, swing_arm
+from compplan.promise.motion import Motion, Push, know_masses, swing_arm
 from compplan.robot import Array, Robot
-from compplan.statics.chain import locate_frames
+from compplan.statics.chain import Chain, locate_frames
 from compplan.statics.elastic import solve_equilibrium
 from compplan.statics.ik import middle_of_limits
-from compplan.statics.inertia import build_moving_chain, load_motion
+from compplan.statics.inertia import build_moving_chain, load_motion, smooth_loads
 
 #: Waypoints that are looked at where there are more: the half with the greatest accelerations, and even ones.
 LOOKED_AT = 2000
@@ -25,6 +25,8 @@ LOOKED_AT = 2000
 POSTURES = 25
 #: Share of critical damping of an arm's modes where a job states none (assumed).
 DAMPING = 0.03
+#: Window over which the load of inertia is averaged before it is compensated, in periods of the lowest mode.
+FOLLOWED = 0.5
 #: Shortest and longest time over which motion is smoothed. [s]
 SHORTEST, LONGEST = 0.02, 0.3
 
@@ -117,22 +119,45 @@ def measure_motion(task: PlanTask, time: Array, dynamics: Dynamics, damping: flo
     if not dynamics.known:
         return None
     loads = load_motion(build_moving_chain(task.robot), task.q_start, time, find_inside(task))
-    moving, still = (
+    held = np.zeros_like(loads) if not task.inertia or task.bias is None else task.bias
+    still, moving, moved = (
         solve_equilibrium(task.chain, task.q_start, task.wrench, tolerance=1e-10, torque_bias=bias).position
-        for bias in (loads, None)
+        for bias in (None, loads, held)
     )
     width, masses = know_masses(task.robot, known_uncertainty(task.robot))
     source = f"{masses}, damping of the modes {damping:g} of critical (assumed)"
-    return swing_arm(dynamics, task.q_start, time, loads, moving - still, width=width, damping=damping,
-                     compensated=task.inertia, source=source)  # fmt: skip
+    return swing_arm(
+        dynamics, task.q_start, time, Push(loads, moving - still), Push(held, moved - still), width=width,
+        damping=damping, source=source,
+    )  # fmt: skip
+
+
+def find_runs(task: PlanTask) -> list[tuple[int, int]]:
+    """Return first and last waypoint of every run of the cut that begins and ends at rest."""
+    return cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
 
 
 def find_inside(task: PlanTask) -> NDArray[np.bool_]:
     """Tell which waypoints are in motion, within a run from rest to rest. Shape (n,)."""
     inside = np.zeros(len(task), bool)
-    for first, last in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests):
+    for first, last in find_runs(task):
         inside[first + 1 : last] = True
     return inside
+
+
+def plan_loads(task: PlanTask, time: Array, masses: Chain) -> Array:
+    """Return the load of inertia that a plan compensates: as far as the arm can follow it. Shape (n, s). [N m or N]
+
+    It is that of an arm whose tool follows the path, whatever the command.
+
+    Args:
+        task: The task.
+        time: Time at each waypoint. Shape (n,). [s]
+        masses: The chain with its masses.
+
+    """
+    loads = load_motion(masses, task.q_start, time, find_inside(task))
+    return smooth_loads(loads, time, find_runs(task), FOLLOWED * task.smoothing)
 
 
 def choose_smoothing(robot: Robot, q: Array, default: float) -> float:

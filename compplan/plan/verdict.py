@@ -14,11 +14,12 @@ import pinocchio as pin
 
 from compplan.cell.cell import AS_MODELLED, Cell, build_cell, run_cell
 from compplan.cell.forces import DrivenRows, read_forces, read_stiffness
-from compplan.cell.inertia import load_springs
+from compplan.cell.inertia import average_loads, load_springs
 from compplan.cell.judge import Judge
 from compplan.cell.reading import read_judge
 from compplan.cell.vibration import build_dynamics
 from compplan.job.job import Job
+from compplan.plan.bending import FOLLOWED, find_runs
 from compplan.plan.between import Between, divide_times, insert_between, judged_moves
 from compplan.plan.evaluate import Evaluation, Margins
 from compplan.plan.strategies.limits import AT_CORRECTION
@@ -78,9 +79,10 @@ def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> B
 
 
 def _load_springs(task: PlanTask, moving: Judge, time: Array) -> Array:
-    """Return what the inertia of the motion puts on the springs, where a move leaves a rest too. Shape (n, s)."""
+    """Return what the inertia of the motion puts on the springs, as far as the arm follows it: shape (n, s)."""
     rests = np.zeros(len(task), bool) if task.rests is None else task.rests
-    return load_springs(moving, task.q_start, time, np.r_[False, ~task.nominal.rapid[1:]], rests)
+    loads = load_springs(moving, task.q_start, time, np.r_[False, ~task.nominal.rapid[1:]], rests)
+    return average_loads(loads, time, find_runs(task), FOLLOWED * task.smoothing)
 
 
 def find_breaches(

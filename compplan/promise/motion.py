@@ -1,17 +1,20 @@
 """What the motion of the arm and the place of the part add to the band.
 
-The springs answer to the load b(t) of the motion with their own dynamics (`compplan.cell.response`). Where a plan
-compensates b, the tip is off by what masses and compliances are other than modelled; with k the factor of both,
+The springs answer to the load b(t) of the motion with their own dynamics (`compplan.cell.response`), and so they do to
+drives that move ahead by what the load c(t) that a plan compensates would bend. With k the factor of masses and
+compliances,
 
-    e(t) = (k - 1) x(t; k)     compensated,          e(t) = k x(t; k)     not compensated,
+    e(t) = k x(t; k)[b] - x(t; k)[c],      c = 0 where nothing is compensated,
 
-x the answer of the tip with frequencies over sqrt(k). Factors and damping are drawn, evenly over their distributions.
+x[.] the answer of the tip to a load as modelled, with frequencies over sqrt(k). c is b without what changes faster than
+the arm can follow. Factors and damping are drawn, evenly over their distributions.
 A part whose place is stated to a width is off by a shift and a turn about its own frame, one for the whole path.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,14 +45,12 @@ class Motion:
         answer: Motion of the tip by the load of its motion, as modelled. Shape (n, 3). [m]
         static: The same if the springs gave at once. Shape (n, 3). [m]
         source: What it rests on.
-        compensated: Whether the plan compensates that.
     """
 
     error: Array
     answer: Array
     static: Array
     source: str
-    compensated: bool
 
     @property
     def mean(self) -> Array:
@@ -69,21 +70,26 @@ class Motion:
         return np.sort(rows[np.argsort(size)[-most:]])
 
 
+class Push(NamedTuple):
+    """A load on each elastic coordinate, shape (n, s) [N m or N], and the tip's motion at rest by it, (n, 3) [m]."""
+
+    load: Array
+    static: Array
+
+
 def swing_arm(
-    dynamics: Dynamics, q: Array, time: Array, load: Array, static: Array, *, width: float, damping: float,
-    compensated: bool, source: str,
-) -> Motion:  # fmt: skip
+    dynamics: Dynamics, q: Array, time: Array, moving: Push, held: Push, *, width: float, damping: float, source: str
+) -> Motion:
     """Let drawn arms answer to the load of a motion.
 
     Args:
         dynamics: The robot with its masses.
         q: Joint positions. Shape (n, nq). [rad or m]
         time: Time at each row. Shape (n,). [s]
-        load: Load of the motion on each elastic coordinate. Shape (n, s). [N m or N]
-        static: Motion of the tip if the springs gave at once. Shape (n, 3). [m]
+        moving: The load of the motion.
+        held: The load that the plan compensates, nothing where it compensates none.
         width: Relative standard deviation of masses and compliances together.
         damping: Share of critical damping.
-        compensated: Whether the plan compensates the load.
         source: What masses and damping rest on.
     """
     places = np.unique(np.linspace(0, len(q) - 1, min(POSTURES, len(q))).astype(int))
@@ -93,10 +99,10 @@ def swing_arm(
     dampings = np.clip(damping * DAMPING_FACTOR ** level[(7 * np.arange(DRAWS)) % DRAWS], 1e-3, 0.9)
     error = np.empty((DRAWS, len(q), 3))
     for number, (factor, share) in enumerate(zip(factors.tolist(), dampings.tolist(), strict=True)):
-        answer = static + ring(modes, places, time, load, factor**-0.5, share)
-        error[number] = (factor - 1.0 if compensated else factor) * answer
-    answer = static + ring(modes, places, time, load, 1.0, damping)
-    return Motion(error, answer, static, source, compensated)
+        static, load = (factor * of - to for of, to in ((moving.static, held.static), (moving.load, held.load)))
+        error[number] = static + ring(modes, places, time, load, factor**-0.5, share)
+    answer = moving.static + ring(modes, places, time, moving.load, 1.0, damping)
+    return Motion(error, answer, moving.static, source)
 
 
 def know_masses(robot: Robot, known: Uncertainty) -> tuple[float, str]:

@@ -18,6 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
 
 from compplan.robot import Array, Robot
 from compplan.robot.model import Body
@@ -67,6 +68,39 @@ def load_motion(chain: Chain, q: Array, time: Array, inside: NDArray[np.bool_]) 
         force = -chain.mass[:, None] * _differentiate(frames.centre, time[first : last + 1], middle)
         loads[here] = _gather(chain, frames.axis[middle], frames.origin[middle], frames.centre[middle], force)
     return loads
+
+
+def smooth_loads(load: Array, time: Array, runs: list[tuple[int, int]], window: float) -> Array:
+    """Return loads as their mean over a window of time, weighted by a triangle; nothing outside the runs. Shape (n, s).
+
+    What changes faster than an arm can follow is no reason to move its drives: a kink of the path, or rows beside a
+    stop, would make them jump, and an arm of other stiffness would ring by that. At the ends of a run the load goes on
+    as its mirror image with the other sign, so that drives begin where they rest. With B'' = b, b linear between rows,
+
+        b_w(t) = (B(t + h) - 2 B(t) + B(t - h)) / h^2,   h half the window,   |db_w/dt| <= 2 max|b| / h.
+
+    Args:
+        load: Load on each elastic coordinate. Shape (n, s). [N m or N]
+        time: Time at each row. Shape (n,). [s]
+        runs: First and last row of every run that begins and ends at rest.
+        window: Length of the window, 0 for none. [s]
+    """
+    found, half = np.zeros(load.shape), 0.5 * window
+    for first, last in runs:
+        here, own = time[first : last + 1] - time[first], load[first : last + 1]
+        keep = np.r_[True, np.diff(here) > 1e-9]
+        if half <= 0.0 or keep.sum() < 3:
+            found[first : last + 1] = own
+            continue
+        at, value = here[keep], own[keep].copy()
+        value[[0, -1]] = 0.0
+        at = np.r_[-at[:0:-1], at, 2.0 * at[-1] - at[-2::-1]]
+        value = np.vstack([-value[:0:-1], value, -value[-2::-1]])
+        twice = make_interp_spline(at, value, k=1).antiderivative(2)
+        reach = min(half, here[-1])
+        middle = twice(here + reach) - 2.0 * twice(here) + twice(here - reach)
+        found[first : last + 1] = middle / reach**2
+    return found
 
 
 def _differentiate(place: Array, time: Array, rows: NDArray[np.int_]) -> Array:
