@@ -12,7 +12,6 @@ import pytest
 
 import compplan.cell.wanted as wanted
 import compplan.job.loading as loading
-import compplan.plan.agreement as agreement
 import compplan.plan.bending as bending
 import compplan.plan.plan as planning
 from compplan.cell.inertia import fit_parabolas
@@ -110,8 +109,7 @@ def _hasty(patch: pytest.MonkeyPatch) -> None:
 
 def _heavy(patch: pytest.MonkeyPatch) -> None:
     true = bending.load_motion
-    for module in (bending, agreement):
-        patch.setattr(module, "load_motion", lambda *words: 2.0 * true(*words))
+    patch.setattr(bending, "load_motion", lambda *words: 2.0 * true(*words))
 
 
 MISTAKES: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], str]] = {
