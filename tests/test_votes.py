@@ -17,6 +17,7 @@ import compplan.plan.plan as planning
 from compplan.cell.inertia import fit_parabolas
 from compplan.job.job import Job, ToolTable, load_job
 from compplan.path.toolpath import Toolpath, place_toolpath
+from compplan.plan.keeping import Case, judge_keeping
 from compplan.plan.plan import plan_job
 from compplan.plan.timing import Timing
 from compplan.robot import Array, Robot
@@ -53,7 +54,7 @@ def test_a_sound_plan_is_confirmed_by_all_votes(job: Job) -> None:
     assert not [note for note in plan.notes if "not checked" in note]
 
 
-def test_what_the_second_reader_cannot_tell_is_said_and_not_held_against_the_plan(
+def test_what_the_second_reader_cannot_tell_is_no_known_part(
     job: Job, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def read(file: Path, options: object) -> None:
@@ -62,6 +63,11 @@ def test_what_the_second_reader_cannot_tell_is_said_and_not_held_against_the_pla
     monkeypatch.setattr(wanted, "read_moves", read)
     plan = plan_job(job)
     assert plan.status == "solved"
+    assert plan.verdict.word != "keeps"
+    assert "the path was not read a second time (part.nc, line 7: G12)" in plan.verdict.sentence
+    case = Case(plan.task, "solved", {}, "", plan.after.distance, plan.bending, plan.promise, True, plan.unread)
+    wide = judge_keeping(replace(case, task=replace(plan.task, tolerance=1.0)))
+    assert (wide.word, wide.largest_cause.split(" (")[0]) == ("not_known", "the path was not read a second time")
     assert any("not checked by a second reading: path of part.nc, line 7: G12" in note for note in plan.notes)
 
 

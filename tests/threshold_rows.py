@@ -34,10 +34,6 @@ ROWS: dict[str, dict[str, Row]] = {
         "PRESENT": ("priors", 1e-6, 0.999),
         "RARE": ("priors", {"gravity_compensator": 1e-6}, {}),
     },
-    "blend": {
-        "WIDE": ("blend", {"joint_offset": ("zeros", 1e-6)}, {"joint_offset": ("zeros", 1e3)}),
-        "MANY_STAYS": ("blend", 0, None, "the log has fewer"),
-    },
     "calibration": {
         "TOLD": ("told_frames", 1e-9, 1e3),
         "SHOWN": ("told", {"m": ("mm", 1.0), "rad": ("deg", 1.0)}, {"m": ("mm", 1e6), "rad": ("deg", 1e6)}),
@@ -91,7 +87,7 @@ ROWS: dict[str, dict[str, Row]] = {
         "WORTH_IT": ("choice", -9.0, 0.99),
         "WORTH_MORE": ("choice", -9.0, 0.99),
         "LUCK": ("choice", 2.0, -1.0),
-        "BEYOND_DOUBT": ("sure", 0.0, 1.0),
+        "MANY_STAYS": ("update", 0, None, "the log has fewer"),
     },
     "descent": {"STEPS": ("state", (1.0,), (3.0, 1.5)), "FAR_OFF": ("state", 0.01, 1e4)},
     "doubt": {

@@ -16,13 +16,16 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
-from compplan.cell.frames import read_part
+from compplan.cell.frames import read_frame, read_part
 from compplan.cell.inertia import stand_stiff
 from compplan.cell.reading import read_judge
+from compplan.cell.spoken import Spoken
 from compplan.cell.wanted import Vote
 from compplan.robot import Array
-from compplan.second.controller import Counting, read_counting
+from compplan.second.controller import ReadCounting, read_counting
+from compplan.second.posture import read_words
 from compplan.second.programs.fanuc_abb import read_csv, read_fanuc, read_rapid
 from compplan.second.programs.kuka_staubli import read_krl, read_val3
 from compplan.second.programs.poses import Move
@@ -62,6 +65,9 @@ class Commanded:
         program: Rows that programs hold; joints.csv holds all. Shape (m,).
         path: First row of the path, and the one after its last.
         feed: Feed that is driven in the move to each row, 0 in rapid moves. Shape (n,). [m/s]
+        stands: Whether the tool has to stand still at each row that programs hold, beside the ends of rapid moves.
+            Shape (m,).
+        may: Whether it may. Shape (m,).
 
     """
 
@@ -71,6 +77,8 @@ class Commanded:
     program: Array
     path: tuple[int, int]
     feed: Array
+    stands: NDArray[np.bool_]
+    may: NDArray[np.bool_]
 
 
 def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wanted: Commanded) -> Vote:
@@ -97,6 +105,7 @@ def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wante
         joints, counting, _degrees(wanted.q[rows], joints), position * 1e3, rotation, _world(robot), wanted,
         _part(tables), _tool(robot, wanted.q[rows[:1]], position[0], rotation[0]),
     )  # fmt: skip
+    spoken = _say(stand, tables, robot)
     own = {name for key in ("header", "footer") for name in (output.get(key) or {})}
     for language in output["programs"]:
         if language not in FORMS:  # a language of somebody else's package
@@ -105,15 +114,16 @@ def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wante
         excused = language in own or bool(output.get("io"))
         for file, found in _read_back(folder, language, counting):
             if isinstance(found, BaseException):
-                said = f"{file.name} cannot be read back: {type(found).__name__} {found}"[:200]
-                (notes if excused else breaches).append(f"not checked: {said}" if excused else said)
+                fault = f"{file.name} cannot be read back: {type(found).__name__} {found}"[:200]
+                (notes if excused else breaches).append(f"not checked: {fault}" if excused else fault)
             else:
-                breaches += [f"{file.name}, read back: {text}" for text in stand.compare(found)]
+                said = stand.compare(found) or spoken.compare(language, [m for m in found if m.kind != "act"])
+                breaches += [f"{file.name}, read back: {text}" for text in said]
     return Vote(tuple(breaches), tuple(notes))
 
 
 def _read_back(
-    folder: Path, language: str, counting: Counting
+    folder: Path, language: str, counting: ReadCounting
 ) -> Iterator[tuple[Path, list[Move] | BaseException]]:
     """Return the programs of a language and their moves, or what kept them from being read."""
     patterns, read = FORMS[language]
@@ -150,7 +160,7 @@ class _Stand:
     """The commanded arm at the rows that programs hold, in the geometry that the controller believes; mm and deg."""
 
     joints: JointTable
-    counting: Counting
+    counting: ReadCounting
     q: Array
     position: Array
     rotation: Array
@@ -234,6 +244,31 @@ class _Stand:
         return f"a feed of {stated[row]:.4g} mm/s at row {row}, planned are {wanted[row]:.4g}"
 
 
+def _say(stand: _Stand, tables: Mapping[str, Any], robot: Path) -> Spoken:
+    """Return what programs have to say beside where they lead."""
+    wanted, counting, joints = stand.wanted, stand.counting, stand.joints
+    rows = wanted.program
+    shown = counting.show(stand.q)
+    step = np.diff(wanted.time[rows], prepend=np.nan)
+    rates = _degrees(joints.velocity[None], joints)[0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = (np.abs(np.diff(shown, axis=0, prepend=np.nan)) / rates).max(axis=1) / step
+    tool = tables.get("tool") or {}
+    mass, centre = tool.get("mass_kg"), np.array(tool.get("centre_of_mass_mm", (0.0, 0.0, 0.0)), float)
+    seen = stand.tool @ np.linalg.inv(_millimetres(read_frame(tool))) @ np.r_[centre, 1.0]
+    words = read_words(robot, joints.names, wanted.q[rows])
+    return Spoken(
+        shown[:, ~counting.external], words, wanted.feed[rows] <= 0.0, wanted.stands, wanted.may, share, mass,
+        seen[:3],
+    )
+
+
+def _millimetres(frame: pin.SE3) -> Array:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = frame.rotation, 1e3 * frame.translation
+    return pose
+
+
 def _vote_on_table(file: Path, joints: JointTable, wanted: Commanded) -> Iterator[str]:
     """Say where joints.csv is not what was planned."""
     with file.open(encoding="utf-8", newline="") as stream:
@@ -266,10 +301,7 @@ def _degrees(q: Array, joints: JointTable) -> Array:
 
 def _part(tables: Mapping[str, Any]) -> Array:
     """Return the part frame of a job, seen from the base. Shape (4, 4). [mm]"""
-    found = read_part(tables.get("part") or {})
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = found.rotation, 1e3 * found.translation
-    return pose
+    return _millimetres(read_part(tables.get("part") or {}))
 
 
 def _tool(robot: Path, q: Array, position: Array, rotation: Array) -> Array:

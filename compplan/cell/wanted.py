@@ -23,10 +23,14 @@ CHORD, ROUNDING = 1e-6, 2e-7
 
 @dataclass(frozen=True)
 class Vote:
-    """What a second look at a part of a plan says: sentences that speak against it, and what was not looked at."""
+    """What a second look at a part of a plan says: sentences that speak against it, and what was not looked at.
+
+    `unread` says why the path was not read a second time, "" where it was.
+    """
 
     breaches: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    unread: str = ""
 
 
 def vote_on_path(tables: Mapping[str, Any], folder: Path, rows: DrivenRows, feed: Array) -> Vote:
@@ -46,7 +50,8 @@ def vote_on_path(tables: Mapping[str, Any], folder: Path, rows: DrivenRows, feed
     try:
         reading, chord = read_wanted(tables, folder)
     except CannotTellError as error:
-        return Vote(notes=(f"not checked by a second reading: path of {name}, {error}",))
+        said = f"not checked by a second reading: path of {name}, {error}"
+        return Vote(notes=(said,), unread=f"{name}, {error}")
     part, table = read_part(tables.get("part") or {}), tables.get("feed", {})
     posture = tables.get("posture", {})
     constant = table.get("constant_mm_s")

@@ -46,7 +46,7 @@ def command(
     """Diagnose the gap between ROBOT and MEASUREMENTS (a measurement log).
 
     Writes DIR/diagnosis.json, DIR/robot (the updated robot folder, which every figure belongs to) and DIR/report.html;
-    where named causes alone and all that a calibration finds are both worth a folder, DIR/robot is the one that
+    where named causes alone and with small errors everywhere are both worth a folder, DIR/robot is the one that
     predicts better, and DIR/robot_causes or DIR/robot_calibrated the other.
 
     Example: compplan diagnose docs/notebooks/diagnose_campaign/measurements.csv --robot kuka_kr270 --out out

@@ -108,7 +108,6 @@ ramp_out_mm = 0.0                   # ... and falls to 0 over this length before
 # runout_mm = 0.0                   # end_mill: of the ripple
 # flute_mm = 30.0                   # left out: three diameters, assumed
 # material = "al7075_t6"            # <materials>
-# materials = "materials.toml"      # a file of your own: coefficients under each name that material then may be
 # coefficients = { cutting_N_mm2 = [800.0, 300.0, 150.0], edge_N_mm = [15.0, 12.0, 2.0], exponent = [0.0, 0.0, 0.0],
 #                  uncertainty = 0.1, source = "own tests" }  # in place of a material: tangential, radial, axial
 # stock = { block_mm = [[0.0, 0.0, -20.0], [100.0, 80.0, 0.0]] }  # or { mesh = "blank.stl", unit = "mm" }; left out:
@@ -193,7 +192,6 @@ chord_tolerance_mm = 0.001          # greatest distance between an arc and its c
 rotary_offset_mm = [0.0, 0.0, 0.0]  # ... and from there to the second
 # pivot_mm = 250.0                  # ... and from the tool tip to where the axes of the head meet
 tip_control = false                 # true: X Y Z are the tip in the part frame though the file has none of these words
-# compensation = "centre_line"      # files with G41, G42, RL, RR hold the path of the tool's centre; else refused
 # wcs = "G54"                       # the work offset that is the part frame, in a file that cuts in several
 # tilt_angles = "spatial"           # what cycle 19 of Heidenhain programs states
 cycles = "expand"                   # drilling cycles: expand into cutting moves | skip

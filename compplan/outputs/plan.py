@@ -16,7 +16,7 @@ from compplan.files.tables import write_json, write_table
 from compplan.files.transaction import list_files, replace_folder
 from compplan.job.job import Job
 from compplan.outputs.cell import write_plan_cell
-from compplan.path.events import ENDING, Event
+from compplan.path.events import ENDING, Event, find_halts
 from compplan.path.toolpath import WRENCH_HEADERS
 from compplan.plan.compare import Comparison, summarise_comparison
 from compplan.plan.result import Plan, replace_said, summarise_plan
@@ -91,11 +91,33 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     rows = np.r_[ahead, first + np.arange(n), last + behind]
     feed = np.r_[np.zeros(first), np.where(plan.task.nominal.rapid, 0.0, plan.command_feed), np.zeros(len(back.q))]
     q = np.vstack([way.q, plan.q, back.q])
-    wanted = Commanded(q, time, place_rows(plan)[0], rows, (first, last), feed)
+    stands, may = _find_stands(plan, len(ahead), len(behind))
+    wanted = Commanded(q, time, place_rows(plan)[0], rows, (first, last), feed, stands, may)
     vote = vote_on_delivery(folder, job.model_dump(by_alias=True, exclude_unset=True), Path(robot), wanted)
     if not vote.breaches and not vote.notes:
         return plan
     return replace_said(plan, (*plan.notes, *vote.notes), (*plan.breaches, *vote.breaches))
+
+
+def _find_stands(plan: Plan, before: int, after: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Tell at which rows of a program the tool has to stand still beside the ends of rapid moves, and where it may.
+
+    It has to where the cut begins after an approach and where something happens; it may where the plan rests, since
+    programs run through sharp corners of a cut.
+
+    Args:
+        plan: The plan.
+        before: Rows of the approach.
+        after: Rows of the retract.
+
+    """
+    n = len(plan.task)
+    stands, may = np.zeros(before + n + after, bool), np.zeros(before + n + after, bool)
+    if plan.task.rests is not None:
+        may[before : before + n] = plan.task.rests
+    stands[before] |= before > 0
+    stands[find_halts(place_events(plan.task.nominal.events, before, n, after))] = True
+    return stands, may
 
 
 def _find_rows(some: Array, among: Array) -> NDArray[np.int_]:

@@ -2,7 +2,8 @@
 
 `status` says what the equations and the judge say. The verdict says what the 95 % band of the true tip says: `keeps`
 where the whole cut stays within the tolerance with 95 %, `may_not_keep` where it does not, `not_known` where something
-that moves the tip is not known and the rest of the band lies within the tolerance.
+that moves the tip is not known, or the path was read by one reader alone, and the rest of the band lies within the
+tolerance.
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ KEEPS, MAY_NOT_KEEP, NOT_KNOWN = "keeps", "may_not_keep", "not_known"
 #: Stretches beyond the tolerance that are listed.
 LISTED = 20
 MEASURE = "Measure the robot: compplan campaign."
+#: What is said where one reader alone has read the path, and what to do about it.
+UNREAD = "the path was not read a second time"
+LOOK = "Compare the planned path with the CAM system before the first cut."
 #: What would change the verdict, by the largest cause.
 CHANGES = {
     "process force": "Measure the process force and state how surely it is known: [noise] wrench_level.",
@@ -46,6 +50,7 @@ class Case:
         bending: What bends the arm, cause by cause.
         promise: The band; None where a robot within what is known finds no equilibrium.
         inertia_wanted: Whether the job lets the plan compensate the inertia of the motion.
+        unread: Why the path was not read a second time, "" where it was.
     """
 
     task: PlanTask
@@ -56,6 +61,7 @@ class Case:
     bending: Bending
     promise: Promise | None
     inertia_wanted: bool = True
+    unread: str = ""
 
 
 @dataclass(frozen=True)
@@ -175,6 +181,7 @@ def _may_not_keep(case: Case, promise: Promise, beyond: NDArray[np.bool_], share
         off = f"{len(case.failures)} waypoints are not reached within the limits"
         spot = f"the first is waypoint {min(case.failures)}" if case.failures else spot
     sentence = f"May not keep {_mm(tolerance)}: {off} ({spot}). Largest cause: {cause}. {change}"
+    sentence += f" Besides, {UNREAD} ({case.unread}). {LOOK}" if case.unread else ""
     return ToleranceVerdict(
         MAY_NOT_KEEP, sentence.strip(), tolerance, promise.whole, share, where, cause, change, say_basis(promise),
         list_left_out(case),
@@ -193,6 +200,8 @@ def _not_known(case: Case, missing: str, change: str, promise: Promise | None, s
 def find_missing(case: Case) -> tuple[str, str] | None:
     """Say what has to be known for a verdict and is not, and what to do about it; None where all is known."""
     robot = case.task.robot
+    if case.unread:
+        return f"{UNREAD} ({case.unread})", LOOK
     if robot.uncertainty is None and robot.grade == "placeholder":
         return "nobody has measured how this robot bends (its model is a placeholder)", MEASURE
     if not np.isfinite(case.bending.inertia):

@@ -191,7 +191,7 @@ def plan_task(
         name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
         margins=margins, breaches=breaches, job=job, approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q), between=found.between, bending=bending, coupling=coupling,
-        clearance=clearance,
+        clearance=clearance, unread=votes.unread,
         notes=(*(task.start.notes if task.start else ()), *feed_notes, *told, *tell_coupling(coupling), *votes.notes),
     )  # fmt: skip
 

@@ -60,6 +60,7 @@ class Plan(Shown):
         notes: Warnings, one sentence each.
         job: The job, or None.
         learned: The promise of what measured parts have taught on this path, or None.
+        unread: Why the path was not read a second time, "" where it was or there is no file.
 
     """
 
@@ -82,6 +83,7 @@ class Plan(Shown):
     notes: tuple[str, ...] = ()
     job: Job | None = None
     learned: Promise | None = None
+    unread: str = ""
 
     @property
     def robot(self) -> Robot:
@@ -145,7 +147,7 @@ class Plan(Shown):
         """Whether the part may be expected within its tolerance: `word` for programs, `sentence` for people."""
         case = Case(
             self.task, self.status, self.command.failures, self.explain_failures(), self.after.distance, self.bending,
-            self.promise, self.job is None or self.job.plan.inertia,
+            self.promise, self.job is None or self.job.plan.inertia, self.unread,
         )  # fmt: skip
         return judge_keeping(case)
 

@@ -82,7 +82,7 @@ def cast_votes(driven: Driven, after: Evaluation, bending: Bending) -> Vote:
         *_vote_on_bounds(driven, joints), *_vote_on_motion(driven, joints), *_vote_on_feed(driven),
         *_vote_on_inertia(driven, bending),
     ]  # fmt: skip
-    return Vote(tuple(breaches), path.notes)
+    return Vote(tuple(breaches), path.notes, path.unread)
 
 
 def _vote_on_axis(driven: Driven, after: Evaluation, stiff: Array) -> list[str]:

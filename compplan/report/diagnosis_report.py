@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 DELIVERED = {
     "nominal": "the nominal robot as it was",
     "causes": "the named causes alone",
-    "calibrated": "all that a calibration finds, named or not",
+    "calibrated": "named causes and small errors everywhere",
 }
 
 

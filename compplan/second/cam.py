@@ -10,14 +10,21 @@ from typing import Any
 
 import numpy as np
 
+from compplan.second.apt import read_apt
 from compplan.second.gcode import GCode
+from compplan.second.heidenhain import read_heidenhain
+from compplan.second.krl import read_krl_path
 from compplan.second.moves import RAPID, CannotTellError, Reading
+from compplan.second.rapid import read_rapid_path
+from compplan.second.sinumerik import read_sinumerik_program
 
-#: Languages that are not read here, by what stands in their files, and by endings.
+#: Languages besides G-code, by what stands in their files, and by endings.
 OTHERS = {
     "Heidenhain": re.compile(r"^\s*\d*\s*BEGIN PGM\b", re.M),
     "APT": re.compile(r"^\s*(?:GOTO\s*/|PARTNO|TOOL PATH\s*/|\$\$)", re.M),
-    "Sinumerik": re.compile(r"^[^;(#]*(?:\b[XYZIJKR]\d*=|\bMCALL\b|\bCYCLE\d+|\bSUPA\b|\bTRAORI\b)", re.M),
+    "Sinumerik": re.compile(
+        r"^[^;(#]*(?:\b[XYZIJKR]\d*=|\bMCALL\b|\bCYCLE\d+|\bSUPA\b|\bTRAORI\b|\bA?TRANS\b|\bA?ROT\b)", re.M
+    ),
     "KRL": re.compile(r"^\s*(?:DEF\s+\w+\s*\(|(?:PTP|LIN)\s)", re.M),
     "RAPID": re.compile(r"^\s*(?:MODULE\s|Move[LJC]\s|MoveAbsJ\s)", re.M),
 }
@@ -41,11 +48,44 @@ def read_moves(file: Path, options: dict[str, Any] | None = None) -> Reading:
     """
     options = options or {}
     text = file.read_bytes().decode("utf-8", errors="replace").lstrip("\ufeff")
-    for language, mark in OTHERS.items():
-        if mark.search(text) or file.suffix.lower() in ENDINGS.get(language, ()):
-            raise CannotTellError(f"{language} is not read a second time")
-    reading = read_gcode(text, options)
+    reading = read_language(tell_language(text, file.suffix.lower()), text, options, file)
     return reading if options.get("operation") is None else pick_operation(reading, options["operation"])
+
+
+def tell_language(text: str, ending: str) -> str:
+    """Tell which language a file is written in: its text says so, else its ending; G-code otherwise."""
+    marked = [language for language, mark in OTHERS.items() if mark.search(text)]
+    ended = [language for language, endings in ENDINGS.items() if ending in endings]
+    return [*marked, *ended, "G-code"][0]
+
+
+def read_language(language: str, text: str, options: dict[str, Any], file: Path | None = None) -> Reading:
+    """Read a file in a language.
+
+    Args:
+        language: A key of `OTHERS`, or "G-code".
+        text: The file.
+        options: The table [cam] of a job as it stands in the file.
+        file: Where it stands, None in memory.
+
+    Raises:
+        CannotTellError: If something in it is not known here.
+
+    """
+    expand = options.get("cycles", "expand") == "expand"
+    if language == "G-code":
+        return read_gcode(text, options)
+    if language == "APT":
+        return read_apt(text, unit=options.get("unit"), sense=options.get("circle_sense", "auto"), expand=expand)
+    if language == "Heidenhain":
+        return read_heidenhain(text, expand=expand, rotary=options.get("rotary"))
+    if language == "Sinumerik":
+        return read_sinumerik_program(text, expand=expand)
+    points = options.get("tool_direction")
+    if language == "RAPID":
+        return read_rapid_path(text, points=points)
+    folder, name = (None, "") if file is None else (file.parent, file.stem)
+    return read_krl_path(text, folder=folder, name=name, points=points)
 
 
 def pick_operation(reading: Reading, number: int) -> Reading:
@@ -82,6 +122,7 @@ def read_gcode(text: str, options: dict[str, Any]) -> Reading:
     reader = GCode(
         inch=options.get("unit") == "inch", centres=options.get("arc_centres") or "incremental",
         expand=options.get("cycles", "expand") == "expand", rotary=options.get("rotary"),
+        rotary_axes=options.get("rotary_axes"), tracking=bool(options.get("tip_control")), wcs=options.get("wcs"),
         printer=bool(_PRINTER.search(text)),
     )  # fmt: skip
     try:

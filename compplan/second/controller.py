@@ -16,7 +16,7 @@ from compplan.second.moves import Array
 
 
 @dataclass(frozen=True)
-class Counting:
+class ReadCounting:
     """Hold how a controller counts: shown = sign * q + zero + coupling @ q, in deg, slides in mm.
 
     Attributes:
@@ -32,12 +32,16 @@ class Counting:
     external: NDArray[np.bool_]
     names: tuple[str, ...]
 
+    def show(self, degrees: Array) -> Array:
+        """Return what the controller shows of the joints of the robot folder, in deg and mm. Shape (n, nq)."""
+        return np.asarray(degrees @ self.matrix.T + self.zero)
+
     def undo(self, shown: Array) -> Array:
         """Return the joints of the robot folder from what a controller shows, in its order. Shape (n, nq)."""
         return np.asarray(np.linalg.solve(self.matrix, (shown - self.zero).T).T)
 
 
-def read_counting(folder: Path, slides: tuple[bool, ...]) -> Counting:
+def read_counting(folder: Path, slides: tuple[bool, ...]) -> ReadCounting:
     """Read how the controller of a robot folder counts; without controller.toml it counts as the URDF does.
 
     Args:
@@ -52,4 +56,4 @@ def read_counting(folder: Path, slides: tuple[bool, ...]) -> Counting:
     matrix = np.diag(sign) + np.array(table.get("coupling", np.zeros((nq, nq))), float)
     named = np.array([bool(re.fullmatch(r"E\d+", name.upper())) for name in names] or [False] * nq, bool)
     external = named if named.any() else np.array(slides, bool)
-    return Counting(matrix, np.array(table.get("zero_deg", [0.0] * nq), float), external, names)
+    return ReadCounting(matrix, np.array(table.get("zero_deg", [0.0] * nq), float), external, names)

@@ -14,6 +14,7 @@ _FUNCTIONS: dict[str, Callable[[float], float]] = {
     "TAN": lambda v: math.tan(math.radians(v)), "ASIN": lambda v: math.degrees(math.asin(v)),
     "ACOS": lambda v: math.degrees(math.acos(v)), "SQRT": math.sqrt, "ABS": abs, "FIX": math.floor, "FUP": math.ceil,
     "ROUND": lambda v: math.floor(v + 0.5), "TRUNC": math.trunc, "INT": math.trunc, "NEG": lambda v: -v,
+    "SQ": lambda v: v * v, "FRAC": lambda v: v - math.trunc(v), "LN": math.log, "EXP": math.exp,
 }  # fmt: skip
 _COMPARE: dict[str, Callable[[float, float], bool]] = {
     "EQ": lambda a, b: a == b, "NE": lambda a, b: a != b, "GT": lambda a, b: a > b, "GE": lambda a, b: a >= b,

@@ -141,7 +141,8 @@ def find_difference(path: Followed, reading: Reading) -> str:
         if path.feed is not None and wanted_feed > 0.0 and abs(path.feed[i] / wanted_feed - 1.0) > FEED_SHARE:
             feeds = f"{60e3 * path.feed[i]:.4g} mm/min, programmed are {60e3 * wanted_feed:.4g}"
             return _tell(reading, k, f"has a feed of {feeds} at waypoint {i}")
-        if math.dist(point, move.end) <= BESIDE:
+        over_again = move.kind == ARC and abs(move.sweep) > 2.0 * math.pi and share < 0.999  # of several turns
+        if math.dist(point, move.end) <= BESIDE and not over_again:
             share = 1.0
             turned = math.acos(min(max(float(path.axis[i] @ reading.axis[k]), -1.0), 1.0))
             if turned > path.lean + TURNED:

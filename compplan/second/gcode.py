@@ -9,18 +9,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from compplan.second.gcode_flow import MOVING_M, Flow
+from compplan.second.corners import cut_corner
+from compplan.second.gcode_flow import KNOWN, MOVING_M, SILENT, Flow
 from compplan.second.gcode_words import Words
-from compplan.second.machine import PLANES, UNIT, Machine, carry, multiply, turn_about
+from compplan.second.machine import PLANES, UNIT, DrivenMachine, Matrix, carry, multiply, turn_about
 from compplan.second.moves import NAN, CannotTellError, Reading
+from compplan.second.offsets import WorkOffsets
+from compplan.second.rotary import point_tool
 
-#: G codes that move nothing and change nothing that is read here.
-SILENT = {
-    4.1, 5.1, 8.0, 9.0, 40.0, 43.0, 43.1, 44.0, 49.0, 50.0, 61.0, 61.1, 62.0, 64.0, 69.1, 80.0, 94.1, 96.0, 97.0, 187.0,
-}  # fmt: skip
 CYCLES = {73, 74, 76, 81, 82, 83, 84, 85, 86, 88, 89}
 PECKS, FED_OUT = {73, 83}, {74, 84, 85, 89}
 AXES = "XYZ"
+#: Words that ask for a corner to be rounded or cut off.
+CORNERS = {",R": "round", ",C": "side"}
 ROTARY = "ABC"
 #: G codes that use the axis words of their block themselves.
 USERS = {4, 10, 28, 30, 52, 65, 66, 68, 68.2, 92, 92.1, 92.2, 92.3, 29, 11}
@@ -34,7 +35,10 @@ class GCode:
         inch: Whether lengths are inches where the file does not say; None: millimetres.
         centres: "incremental", "absolute" or "reversed" where the file does not say.
         expand: Whether drilling cycles are moves.
-        rotary: What A, B, C turn: "head", "table", or None.
+        rotary: What A, B, C turn: "head", "table", "head_table", or None.
+        rotary_axes: The axes that turn, that which carries the other first, or None.
+        tracking: Whether X, Y, Z are the tip whatever the rotary axes do.
+        wcs: Name of the work offset that is the part frame, or None.
         printer: Whether it is a printer's file: values of G28 are flags.
 
     """
@@ -43,18 +47,25 @@ class GCode:
     centres: str = "incremental"
     expand: bool = True
     rotary: str | None = None
+    rotary_axes: list[str] | None = None
+    tracking: bool = False
+    wcs: str | None = None
     printer: bool = False
-    machine: Machine = field(default_factory=Machine)
+    machine: DrivenMachine = field(default_factory=DrivenMachine)
     scale: float = 1.0
     motion: float = 0.0
     modal: float = 0.0
     absolute: bool = True
     to_initial: bool = True
     polar: bool = False
-    tracking: bool = False
+    always: bool = False
     selected: int = -1
     changed: bool = False
-    work: float | None = None
+    work: WorkOffsets = field(default_factory=WorkOffsets)
+    base: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    tilt: tuple[Matrix, list[float]] | None = None
+    corner: tuple[float, str] | None = None
+    before: list[float] | None = None
     origin: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     kept: list[float] | None = None
     declared: bool = False
@@ -72,11 +83,17 @@ class GCode:
 
         """
         self.scale = 25.4 if self.inch else 1.0
+        self.always = self.tracking
         flow = Flow(text)
         while (words := flow.next_block()) is not None:
             self.machine.record.line = flow.line
-            if words and self.block(words, flow):
-                break
+            try:
+                if words and self.block(words, flow):
+                    break
+            except CannotTellError as error:
+                raise CannotTellError(error.reason, error.line or flow.line) from None
+        if self.corner is not None:
+            raise CannotTellError("a corner without a move after it", self.machine.record.line)
         for note in flow.notes:
             self.machine.record.note(note)
         return self.machine.record.finish()
@@ -124,7 +141,7 @@ class GCode:
             elif code in (41, 42):
                 raise CannotTellError("cutter radius compensation", machine.record.line)
             if code == 49:
-                self.tracking = False
+                self.tracking = self.always
         if "F" in has:
             machine.feed = has["F"] * (1.0 if machine.feed_mode == 93 else self.scale)
         if "S" in has and 50 not in codes:
@@ -140,14 +157,20 @@ class GCode:
         machine, line = self.machine, self.machine.record.line
         for code in codes:
             if 54 <= code < 60 or code == 154:
-                which = code + has.get("P", 0.0) / 1000.0 if code in (54.1, 154) else code
-                if self.work not in (None, which):
-                    raise CannotTellError("more than one work offset", line)
-                self.work = which
+                name = f"G{code:g} P{has.get('P', 0.0):g}" if code in (54.1, 154) else f"G{code:g}"
+                self.base = self.work.shift(name)
+                self._set_frame()
             elif code == 68:
                 self._turn(has)
+            elif code == 68.2:
+                self._tilt(has)
+            elif code == 53.1:
+                self.machine.axis = tuple(carry(UNIT if self.tilt is None else self.tilt[0], (0.0, 0.0, 1.0)))
+                self.machine.at = [NAN, NAN, NAN]  # where the tip swings to is the machine's own
             elif code == 69:
-                self.turned = None
+                if self.tilt is not None:
+                    self.machine.axis = (0.0, 0.0, 1.0)
+                self.turned = self.tilt = None
                 self._set_frame()
             elif code in (28, 30):
                 self._home(has)
@@ -162,7 +185,10 @@ class GCode:
             elif code == 92 or code in (92.1, 92.2, 92.3):
                 self._declare(has, code)
             elif code == 10 and has.get("L", 0.0) in (2.0, 20.0):
-                machine.record.note("work offsets that the file sets are taken as the part frame's own place")
+                if has["L"] != 2.0 or not self.absolute or self.wcs is not None:
+                    raise CannotTellError("G10 that counts on, or with a part frame that the job names", line)
+                place = {k: has[axis] * self.scale for k, axis in enumerate(AXES) if axis in has}
+                self.work.state(int(has.get("P", 0.0)), place, moved=bool(machine.record.rows))
             elif code not in SILENT and code not in KNOWN and int(code) not in CYCLES:
                 raise CannotTellError(f"G{code:g}", line)
         if 5 in codes and any(axis in has for axis in "XYZIJ"):
@@ -172,15 +198,30 @@ class GCode:
     def _turn(self, has: dict[str, float]) -> None:
         i, j, _ = PLANES[self.machine.plane]
         at = self.machine.at
+        if self.tilt is not None:
+            raise CannotTellError("G68 in a tilted plane", self.machine.record.line)
         centre = [has[AXES[n]] * self.scale if AXES[n] in has else at[n] for n in (i, j)]
         if "R" not in has or not self.absolute:
             raise CannotTellError("G68 without R, or counted on", self.machine.record.line)
         self.turned = (centre[0], centre[1], has["R"])
         self._set_frame()
 
+    def _tilt(self, has: dict[str, float]) -> None:
+        """G68.2: a plane at X Y Z, turned by I about z, then J about the new x, then K about the newest z."""
+        if any(self.local) or any(self.origin) or self.turned is not None or "P" in has:
+            raise CannotTellError("G68.2 in a moved frame, or with P", self.machine.record.line)
+        matrix = multiply(turn_about(2, has.get("I", 0.0)), turn_about(0, has.get("J", 0.0)))
+        matrix = multiply(matrix, turn_about(2, has.get("K", 0.0)))
+        self.tilt = matrix, [has.get(axis, 0.0) * self.scale for axis in AXES]
+        self._set_frame()
+
     def _set_frame(self) -> None:
-        """Put together local shift, rotation and what G92 declared."""
-        shift = [self.origin[k] + self.local[k] for k in range(3)]
+        """Put together work offset, local shift, rotation and what G92 declared."""
+        self.before = None
+        shift = [self.origin[k] + self.local[k] + self.base[k] for k in range(3)]
+        if self.tilt is not None:
+            self.machine.set_frame(self.tilt[0], [self.base[k] + self.tilt[1][k] for k in range(3)])
+            return
         if self.turned is None:
             self.machine.set_frame(UNIT, shift)
             return
@@ -201,18 +242,18 @@ class GCode:
             self.kept = [0.0, 0.0, 0.0] if code == 92.1 else self.kept
             self._set_frame()
             return
-        if self.turned is not None:
+        if self.turned is not None or self.tilt is not None:
             raise CannotTellError("G92 in a turned frame", self.machine.record.line)
         here = self.machine.place(self.machine.at)
         for k, axis in enumerate(AXES):
             if axis in has:
                 value = has[axis] * self.scale
                 if math.isnan(here[k]):
-                    here[k] = value + self.local[k] + self.origin[k]
+                    here[k] = value + self.local[k] + self.origin[k] + self.base[k]
                     self.declared = True
-                self.origin[k] = here[k] - value - self.local[k]
+                self.origin[k] = here[k] - value - self.local[k] - self.base[k]
         self.kept = list(self.origin)
-        self.machine.shift = [self.origin[k] + self.local[k] for k in range(3)]
+        self.machine.shift = [self.origin[k] + self.local[k] + self.base[k] for k in range(3)]
         self.machine.at = [here[k] - self.machine.shift[k] for k in range(3)]
 
     def _home(self, has: dict[str, float]) -> None:
@@ -253,6 +294,10 @@ class GCode:
                 self.modal = code if code in (0, 1, 2, 3) else self.modal
         if not any(axis in has for axis in "XYZABCIJKRUVW"):
             return
+        if self.work.part is None:
+            self.work.part = self.work.used
+            if self.wcs is not None and self.wcs != self.work.used:
+                raise CannotTellError(f"moves in {self.work.used}, the part frame is {self.wcs}")
         if self.adrift:
             raise CannotTellError("moves after G92 is dropped that said where the tool is", self.machine.record.line)
         if any(axis in has for axis in "UVW"):
@@ -264,26 +309,35 @@ class GCode:
         elif self.motion in (2, 3):
             self._arc(has)
         elif self.motion in (0, 1) and any(axis in has for axis in "XYZABC"):
-            self.machine.straight(int(self.motion), self._target(has))
+            self._line(has)
+
+    def _line(self, has: dict[str, float]) -> None:
+        """Move straight; over the corner before where the block before asked for it."""
+        target, start, machine = self._target(has), list(self.machine.at), self.machine
+        if self.corner is not None:
+            if self.motion != 1 or self.before is None or not machine.record.rows:
+                raise CannotTellError("a corner that no line follows", machine.record.line)
+            size, form = self.corner
+            cut_corner(machine, self.before, target, size, form=form, feed=machine.record.rows[-1][7])
+        machine.straight(int(self.motion), target)
+        self.before = start if self.motion == 1 else None
+        self.corner = next(((has[word] * self.scale, form) for word, form in CORNERS.items() if word in has), None)
 
     def _swing(self, has: dict[str, float]) -> None:
         """Turn the tool axis by rotary words."""
         if not self.absolute:
             raise CannotTellError("rotary words counted on", self.machine.record.line)
         self.angles |= {axis: has[axis] for axis in ROTARY if axis in has}
-        if not any(self.angles.values()):
+        if self.rotary == "ignore" or (not any(self.angles.values()) and self.machine.axis == (0.0, 0.0, 1.0)):
             return
-        if self.rotary not in ("head", "table") or not self.tracking:
+        if self.rotary not in ("head", "table", "head_table") or not self.tracking or self.tilt is not None:
             raise CannotTellError("rotary words without a machine whose tip is followed", self.machine.record.line)
-        matrix = UNIT
-        for k, axis in ((2, "C"), (1, "B"), (0, "A")):
-            matrix = multiply(matrix, turn_about(k, self.angles.get(axis, 0.0)))
-        if self.rotary == "table":
-            raise CannotTellError("rotary words of a table", self.machine.record.line)
-        self.machine.axis = tuple(carry(matrix, (0.0, 0.0, 1.0)))
+        self.machine.axis = point_tool(self.rotary, self.rotary_axes, self.angles)
 
     def _arc(self, has: dict[str, float]) -> None:
-        machine = self.machine
+        machine, self.before = self.machine, None
+        if self.corner is not None or any(word in has for word in CORNERS):
+            raise CannotTellError("a corner beside an arc", machine.record.line)
         machine.begin_cut(machine.at)
         target = self._target(has)
         i, j, _ = PLANES[machine.plane]
@@ -314,14 +368,15 @@ class GCode:
         if AXES[k] in has:
             known["depth"] = has[AXES[k]] * self.scale + (0.0 if self.absolute else known.get("plane", NAN))
         target, at = self._target({key: value for key, value in has.items() if key != AXES[k]}), machine.at
+        self.before = None
+        if math.isnan(known["initial"]) or self.corner is not None:
+            raise CannotTellError("a cycle from an unknown height", machine.record.line)
         if not self.expand:
             return
         if "plane" not in known or "depth" not in known:
             raise CannotTellError("a cycle without R or depth", machine.record.line)
         plane, depth = known["plane"], known["depth"]
-        out = max(known["initial"], plane) if self.to_initial and not math.isnan(known["initial"]) else plane
-        if self.to_initial and math.isnan(known["initial"]):
-            out = NAN
+        out = max(known["initial"], plane) if self.to_initial else plane
         code, step = int(self.motion), [target[n] - at[n] for n in range(3)]
         for count in range(int(has.get("L", has.get("K", 1.0)))):
             if count and not self.absolute:
@@ -341,10 +396,3 @@ class GCode:
                 machine.line([over[n] if n != k else plane for n in range(3)])
             if out != plane or code not in FED_OUT:
                 machine.rapid([over[n] if n != k else out for n in range(3)])
-
-
-#: G codes that `GCode` acts on.
-KNOWN = {
-    0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 10.0, 11.0, 15.0, 16.0, 17.0, 18.0, 19.0, 20.0, 21.0, 28.0, 29.0, 30.0, 43.4, 43.5,
-    52.0, 53.0, 68.0, 69.0, 70.0, 71.0, 90.0, 90.1, 91.0, 91.1, 92.0, 93.0, 94.0, 95.0, 98.0, 99.0,
-}  # fmt: skip

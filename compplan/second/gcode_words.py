@@ -9,6 +9,8 @@ from compplan.second.moves import CannotTellError
 
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
 _PLAIN = re.compile(r"([A-Z])\s*([-+]?(?:\d+\.?\d*|\.\d+))")
+_CORNER = re.compile(r",([RC])([-+]?(?:\d+\.?\d*|\.\d+))")
+_EXPONENT = re.compile(r"\d\.?E[-+]?\d")
 _NAMED = re.compile(r"[A-Z_]{2,}[A-Z_0-9]*(?:\s|=|$)")
 _START = re.compile(r"\s*([A-Z])\s*([-+]?)\s*")
 _NUMBER = re.compile(r"\d+\.?\d*|\.\d+")
@@ -25,6 +27,8 @@ def strip_comments(text: str) -> str:
         before = None
         while before != text:
             before, text = text, _COMMENT.sub(" ", text)
+    if '"' in text:
+        text = re.sub(r'T\s*=\s*"[^"]*"', " ", text)
     return text.replace("%", " ").strip().upper()
 
 
@@ -35,7 +39,12 @@ def cut_words(text: str, values: dict[str, float], line: int) -> Words:
         CannotTellError: If something in it is no word.
 
     """
+    if _EXPONENT.search(text):
+        raise CannotTellError(f"a number or an E word in {text[:20]!r}", line)
     text = text.replace(" ", "").replace("\t", "")
+    corners = [(f",{letter}", float(number)) for letter, number in _CORNER.findall(text)] if "," in text else []
+    if corners:
+        return [*cut_words(_CORNER.sub("", text), values, line), *corners]
     words = [(letter, float(number)) for letter, number in _PLAIN.findall(text)]
     if sum(map(len, (part for pair in _PLAIN.findall(text) for part in pair))) == len(text):
         return words

@@ -50,7 +50,7 @@ def carry(a: Matrix, vector: Sequence[float]) -> list[float]:
 
 
 @dataclass
-class Machine:
+class DrivenMachine:
     """Where a machine stands and what it has done.
 
     Attributes:
