@@ -18,6 +18,7 @@ import click
 from compplan.commands.loudness import offer_loudness
 from compplan.commands.streams import steady_streams
 from compplan.errors import CompplanError, InputError, find_near
+from compplan.files.later import put_off
 from compplan.files.origin import record_inputs
 from compplan.version import VERSION
 
@@ -147,6 +148,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         os.environ.setdefault("PYTHONWARNINGS", "ignore")  # of worker processes
     for name in THREADS:  # read when numpy is imported, which no module does before a command is found
         os.environ.setdefault(name, "1")
+    put_off()
     words = list(sys.argv[1:] if arguments is None else arguments)
     previous = signal.signal(signal.SIGTERM, _leave_on_term)
     try:

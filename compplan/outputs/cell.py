@@ -24,6 +24,7 @@ import numpy as np
 from compplan.files.tables import write_json, write_table
 from compplan.report.robot_scene import FINEST, MESH_COLOURS, locate_links, place_shapes
 from compplan.robot import Array, Robot
+from compplan.robot.primitives import triangulate_box, triangulate_cylinder
 
 if TYPE_CHECKING:
     from compplan.diagnose.result import Diagnosis
@@ -152,27 +153,23 @@ def _describe_mesh(name: str, link: str, mesh: Any) -> dict[str, Any]:
 
 def _describe_stock(plan: Plan) -> list[dict[str, Any]]:
     """Return the stock that the job's force model cuts, where it names one."""
-    import trimesh
-
     stock = None if plan.job is None else getattr(plan.job.process, "stock", None)
     if plan.job is None or stock is None:
         return []
     if stock.block_mm is not None:
-        mesh = trimesh.creation.box(bounds=1e-3 * np.asarray(stock.block_mm, float))
+        corners, faces = triangulate_box(*(1e-3 * np.asarray(stock.block_mm, float)))
     else:
         from compplan.robot.solids import load_mesh
 
         mesh = load_mesh(plan.job.folder / stock.mesh, stock.unit)
-    plain = mesh if len(mesh.faces) <= FINEST else mesh.convex_hull
+        plain = mesh if len(mesh.faces) <= FINEST else mesh.convex_hull
+        corners, faces = np.asarray(plain.vertices, float), plain.faces
     pose = plan.job.T_base_part
-    vertices = np.asarray(plain.vertices, float) @ pose[:3, :3].T + pose[:3, 3]
-    return [_describe_shape("stock", "", STOCK_COLOUR, vertices, plain.faces)]
+    return [_describe_shape("stock", "", STOCK_COLOUR, corners @ pose[:3, :3].T + pose[:3, 3], faces)]
 
 
 def _describe_spindle(plan: Plan) -> list[dict[str, Any]]:
     """Return a cutter and a spindle between tip and flange, drawn where no mesh of the tool is known."""
-    import trimesh
-
     robot = plan.robot
     frames = locate_chain_frames(robot)
     reach = np.linalg.inv(frames[robot.tcp]) @ frames[robot.flange]
@@ -182,9 +179,9 @@ def _describe_spindle(plan: Plan) -> list[dict[str, Any]]:
     shapes = []
     for name, radius, low, high in (("cutter", 0.06, 0.0, 0.45), ("spindle", 0.22, 0.4, 1.0)):
         size = min(radius * height, 0.09)
-        mesh = trimesh.creation.cylinder(radius=size, height=(high - low) * height, sections=24)
-        vertices = np.asarray(mesh.vertices, float) - [0.0, 0.0, 0.5 * (low + high) * height]
-        shapes.append(_describe_shape(f"{name}, drawn", robot.tcp, TOOL_COLOUR, vertices, mesh.faces))
+        upright, faces = triangulate_cylinder(size, (high - low) * height, sections=24)
+        vertices = upright - [0.0, 0.0, 0.5 * (low + high) * height]
+        shapes.append(_describe_shape(f"{name}, drawn", robot.tcp, TOOL_COLOUR, vertices, faces))
     return shapes
 
 
@@ -198,18 +195,16 @@ def locate_chain_frames(robot: Robot) -> dict[str, Array]:
 
 def _describe_block(plan: Plan) -> list[dict[str, Any]]:
     """Return a block that holds the cut, drawn where neither part nor stock is known."""
-    import trimesh
-
     if plan.job is None or getattr(plan.job.process, "stock", None) is not None:
         return []
     pose, tip = plan.job.T_base_part, plan.task.position[plan.task.cut]
     inside = (tip - pose[:3, 3]) @ pose[:3, :3]
     low, high = inside.min(axis=0), inside.max(axis=0)
     edge = 0.08 * float((high - low).max())
-    bounds = np.stack([low - [edge, edge, 3.0 * edge], [high[0] + edge, high[1] + edge, low[2]]])
-    mesh = trimesh.creation.box(bounds=bounds)
-    vertices = np.asarray(mesh.vertices, float) @ pose[:3, :3].T + pose[:3, 3]
-    return [_describe_shape("block under the path, drawn", "", STOCK_COLOUR, vertices, mesh.faces)]
+    top = np.array([high[0] + edge, high[1] + edge, low[2]])
+    corners, faces = triangulate_box(low - np.array([edge, edge, 3.0 * edge]), top)
+    vertices = corners @ pose[:3, :3].T + pose[:3, 3]
+    return [_describe_shape("block under the path, drawn", "", STOCK_COLOUR, vertices, faces)]
 
 
 def _describe_shape(name: str, link: str, colour: Sequence[float], vertices: Array, faces: Any) -> dict[str, Any]:

@@ -66,12 +66,10 @@ def fill_plan_folder(plan: Plan, part: Path) -> None:
 
 def _fill_beside(plan: Plan, part: Path) -> None:
     from compplan.report.plan_report import write_plan_report
-    from compplan.report.posture_map import draw_map_picture, extra_axis_sections
+    from compplan.report.posture_map import extra_axis_sections
 
     write_plan_cell(plan, part)
     write_plan_report(plan, part, extra=extra_axis_sections(plan))
-    if plan.task.start is not None and plan.task.start.stance is not None:
-        (part / "posture_map.png").write_bytes(draw_map_picture(plan.task.start.stance.map))
     write_json(part / "plan.json", summarise_plan(plan), indent=2)
 
 

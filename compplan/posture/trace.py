@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
-from scipy.ndimage import gaussian_filter1d
 
 from compplan.path.toolpath import Toolpath
 from compplan.posture.lattice import Options, orient_tool
@@ -72,7 +71,7 @@ def trace_line(
     spin_at, lead_at, lean_at = (_take(v, choice) for v in (options.spin, options.lead, options.lean))
     along = np.unwrap(spin_at)
     if smooth and len(stations) > 3:
-        along, lead_at, lean_at = (gaussian_filter1d(v, SMOOTH, mode="nearest") for v in (along, lead_at, lean_at))
+        along, lead_at, lean_at = (_blur(v) for v in (along, lead_at, lean_at))
     spin, lead, lean = (_interpolate(place, stations, v) for v in (along, lead_at, lean_at))
     between = np.stack([_interpolate(place, stations, q[:, j]) for j in range(q.shape[1])], axis=1)
     for j, stroke in enumerate(least_strokes(arm.robot)):
@@ -148,6 +147,13 @@ def reach_tip_and_axis(arm: Arm, q: Array, position: Array, rotation: Array) -> 
         step = (np.swapaxes(task, 1, 2) @ np.linalg.solve(gram, error[..., None]))[..., 0]
         q[:, arm.arm] += step * np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
     return q, np.abs(error).max(axis=1) < REACHED
+
+
+def _blur(values: Array) -> Array:
+    """Blur along the stations by a Gaussian of SMOOTH stations; both ends go on as they are."""
+    reach = round(4.0 * SMOOTH)
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / SMOOTH) ** 2)
+    return np.convolve(np.pad(values, reach, mode="edge"), weights / weights.sum(), mode="valid")
 
 
 def _measure(nominal: Toolpath) -> Array:

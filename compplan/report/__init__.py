@@ -1,6 +1,5 @@
 """Pages and pictures: what was computed, shown so that an engineer can judge it."""
 
-from compplan.report.diagnosis_report import write_diagnosis_report
 from compplan.report.page import (
     Chart,
     Column,
@@ -38,6 +37,5 @@ __all__ = [
     "simplify_path",
     "thin_path",
     "thin_rows",
-    "write_diagnosis_report",
     "write_page",
 ]

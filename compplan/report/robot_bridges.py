@@ -8,6 +8,7 @@ import numpy as np
 
 from compplan.report.robot_scene import Shape, locate_links
 from compplan.robot import Array, Robot
+from compplan.robot.primitives import triangulate_rod
 
 #: Step along the line through the joints, and how far outside a shape still counts as in it. [m]
 STEP, TOLERANCE = 0.004, 1e-6
@@ -26,8 +27,6 @@ def bridge_gaps(robot: Robot, q: Array, shapes: list[Shape]) -> list[Shape]:
         shapes: What is drawn of it at that pose: convex shapes, or nothing is closed.
 
     """
-    import trimesh
-
     if not shapes or any(len(shape.faces) >= MESH for shape in shapes):
         return []
     line = _trace_joints(robot, q)
@@ -45,8 +44,7 @@ def bridge_gaps(robot: Robot, q: Array, shapes: list[Shape]) -> list[Shape]:
             continue
         sides = [shapes[int(within[:, row].argmax())] for row in (last, first)]
         radius = SLIM * max(float(_depth(side, side.vertices.mean(axis=0)[None])[0]) for side in sides)
-        mesh = trimesh.creation.cylinder(radius=radius, segment=ends, sections=20)
-        bridges.append(Shape(sides[0].link, np.asarray(mesh.vertices), np.asarray(mesh.faces, int), sides[0].colour))
+        bridges.append(Shape(sides[0].link, *triangulate_rod(*ends, radius, sections=20), sides[0].colour))
     return bridges
 
 

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import ShapeError
 from compplan.robot import Array, Joint, Robot
+from compplan.robot.primitives import triangulate_box, triangulate_cylinder, triangulate_rod
 from compplan.robot.shapes import find_mesh
 from compplan.robot.solids import load_mesh, read_colour
 
@@ -294,19 +295,22 @@ def _paint_of(
 
 
 def _triangulate(geometry: ElementTree.Element | None, folder: Path | None) -> tuple[Array, NDArray[np.int_]] | None:
-    import trimesh
-
     if geometry is None or not len(geometry):
         return None
     form = geometry[0]
     if form.tag == "box":
-        mesh = trimesh.creation.box(_numbers(form, "size", "0.1 0.1 0.1"))
-    elif form.tag == "cylinder":
-        mesh = trimesh.creation.cylinder(float(form.attrib["radius"]), float(form.attrib["length"]), sections=28)
-    elif form.tag == "sphere":
-        mesh = trimesh.creation.icosphere(subdivisions=2, radius=float(form.attrib["radius"]))
-    elif form.tag == "capsule":
-        mesh = trimesh.creation.capsule(float(form.attrib["length"]), float(form.attrib["radius"]), count=[20, 20])
+        size = np.array(_numbers(form, "size", "0.1 0.1 0.1"))
+        return triangulate_box(-0.5 * size, 0.5 * size)
+    if form.tag == "cylinder":
+        return triangulate_cylinder(float(form.attrib["radius"]), float(form.attrib["length"]), sections=28)
+    if form.tag in ("sphere", "capsule"):
+        import trimesh
+
+        round_ = float(form.attrib["radius"])
+        if form.tag == "sphere":
+            mesh = trimesh.creation.icosphere(subdivisions=2, radius=round_)
+        else:
+            mesh = trimesh.creation.capsule(float(form.attrib["length"]), round_, count=[20, 20])
     else:
         file = find_mesh(form.attrib.get("filename", ""), folder)
         if file is None:
@@ -318,8 +322,6 @@ def _triangulate(geometry: ElementTree.Element | None, folder: Path | None) -> t
 
 def _rod(robot: Robot, poses: dict[str, Array], drawn: set[str]) -> Shape | None:
     """Draw a thin rod from flange to TCP where nothing else shows the tool."""
-    import trimesh
-
     behind, links = False, []
     for joint in robot.joints:
         behind = behind or joint.parent == robot.flange
@@ -328,5 +330,4 @@ def _rod(robot: Robot, poses: dict[str, Array], drawn: set[str]) -> Shape | None
     start, end = poses[robot.flange][:3, 3], poses[robot.tcp][:3, 3]
     if drawn & set(links) or np.linalg.norm(end - start) < SHORTEST_ROD:
         return None
-    mesh = trimesh.creation.cylinder(radius=0.02, segment=[start, end], sections=20)
-    return Shape(robot.tcp, np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int), (0.55, 0.57, 0.6, 1.0))
+    return Shape(robot.tcp, *triangulate_rod(start, end, 0.02, sections=20), (0.55, 0.57, 0.6, 1.0))

@@ -9,10 +9,10 @@ the next pass as near to the path as the limits allow.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, maximum_filter1d
 
 from compplan.plan.nlp import Nlp, NlpSolution, build_nlp, solve_nlp
 from compplan.plan.path_problem import ANCHOR_WEIGHT, PathProblem, ProgramRows, smoothness_matrix
@@ -121,7 +121,7 @@ def hold_start(task: PlanTask, attained: AttainedPose) -> PathProblem:
     smooth = smoothness_matrix(problem)
     bent = correction if problem.keeps_shape else task.q_start + correction
     pull = np.abs(smooth.T @ (smooth @ bent)).max(axis=1)
-    return replace(problem, hold=np.maximum(ANCHOR_WEIGHT, maximum_filter1d(HOLD * pull, 4 * NEAR_WAYPOINTS + 1)))
+    return replace(problem, hold=np.maximum(ANCHOR_WEIGHT, _spread_most(HOLD * pull, 2 * NEAR_WAYPOINTS)))
 
 
 def find_fast_rows(problem: PathProblem, q: Array) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
@@ -227,10 +227,16 @@ def _size(rows: Array, without: NDArray[np.int_] | None = None) -> Array:
 
 def _widen(marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Mark the neighbours along the path too."""
-    if not marked.any():
-        return marked
-    reach = np.ones(2 * NEAR_WAYPOINTS + 1, bool)
-    return np.asarray(binary_dilation(marked, reach if marked.ndim == 1 else reach[:, None]))
+    return _spread_most(marked, NEAR_WAYPOINTS) if marked.any() else marked
+
+
+def _spread_most(values: NDArray[Any], reach: int) -> NDArray[Any]:
+    """Return the greatest of the values within a reach of rows."""
+    most = values.copy()
+    for away in range(1, min(reach, len(values) - 1) + 1):
+        np.maximum(most[away:], values[:-away], out=most[away:])
+        np.maximum(most[:-away], values[away:], out=most[:-away])
+    return most
 
 
 def _join(old: NDArray[np.int_], new: NDArray[np.int_]) -> NDArray[np.int_]:
