@@ -10,12 +10,11 @@ from compplan.second.programs.poses import (
     kuka_pose,
     read_numbers,
     shift,
-    staubli_pose,
     turn,
     vector_pose,
 )
 
 __all__ = [
     "NUMBER", "Move", "Pose", "abb_pose", "fanuc_pose", "kawasaki_pose", "kuka_pose", "read_numbers", "shift",
-    "staubli_pose", "turn", "vector_pose",
+    "turn", "vector_pose",
 ]

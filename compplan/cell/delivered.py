@@ -204,8 +204,9 @@ class _Stand:
         if not rows:
             return ""
         pose = np.array([moves[k].pose for k in rows])
-        bases: dict[int, Array] = {id(moves[k].base): np.asarray(moves[k].base) for k in rows}
-        carried = np.array([self.world @ bases[id(moves[k].base)] for k in rows])
+        bases = {id(moves[k].base): moves[k].base for k in rows}
+        seen: dict[int, Array] = {key: self.world @ np.asarray(base) for key, base in bases.items()}
+        carried = np.array([seen[id(moves[k].base)] for k in rows])
         if np.abs(carried - self.part).max() > PLACE:
             return "positions do not count from the part frame of the job"
         tip = carried @ pose
@@ -272,16 +273,15 @@ def _millimetres(frame: pin.SE3) -> Array:
 def _vote_on_table(file: Path, joints: JointTable, wanted: Commanded) -> Iterator[str]:
     """Say where joints.csv is not what was planned."""
     with file.open(encoding="utf-8", newline="") as stream:
-        rows = csv.reader(stream)
-        head = next(rows)
-        axes = (f"q{k + 1}_{'mm' if slides else 'deg'}" for k, slides in enumerate(joints.slides))
-        names = ["time_s", *axes, "x_mm", "y_mm", "z_mm"]
-        missing = [name for name in names if name not in head]
-        if missing:
-            yield f"joints.csv has no column {missing[0]}"
-            return
-        at = [head.index(name) for name in names]
-        table = np.array([[row[k] for k in at] for row in rows], float)
+        head = next(csv.reader(stream))
+    axes = (f"q{k + 1}_{'mm' if slides else 'deg'}" for k, slides in enumerate(joints.slides))
+    names = ["time_s", *axes, "x_mm", "y_mm", "z_mm"]
+    missing = [name for name in names if name not in head]
+    if missing:
+        yield f"joints.csv has no column {missing[0]}"
+        return
+    at = [head.index(name) for name in names]
+    table = np.loadtxt(file, delimiter=",", skiprows=1, usecols=at, ndmin=2, encoding="utf-8")
     if len(table) != len(wanted.q):
         yield f"joints.csv has {len(table)} rows, planned are {len(wanted.q)}"
         return

@@ -6,6 +6,7 @@ generalised gravity.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -201,8 +202,9 @@ def judge_pose(
     more = np.zeros((len(q), len(judge.elastic))) if bias is None else bias
     theta = before = np.zeros(len(judge.elastic))
     rigid = q @ judge.commanded.T + judge.shift
+    near = np.r_[False, np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) < NEIGHBOUR].tolist()
     for i in range(len(q)):
-        start = 2 * theta - before if i and np.abs(q[i] - q[i - 1]).max() < NEIGHBOUR else theta
+        start = 2 * theta - before if near[i] else theta
         try:
             before, theta = theta, _settle(judge, data, rigid[i], load[i], more[i], start, tolerance)
         except ConvergenceError as error:
@@ -240,11 +242,12 @@ def _settle(
     step, world = np.inf, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     for _ in range(MAX_ITERATIONS):
         configuration[elastic] = rigid[elastic] + theta
-        torque = pin.computeFrameJacobian(model, data, configuration, judge.tcp, world).T[elastic] @ wrench + bias
+        torque = (wrench @ pin.computeFrameJacobian(model, data, configuration, judge.tcp, world))[elastic] + bias
         if judge.weighs:
             torque -= judge.weigh(data, configuration)[elastic]
         update = judge.compliance @ torque
-        step = float(np.abs(update - theta).max(initial=0.0))
+        change = update - theta
+        step = math.sqrt(change @ change)
         theta = update
         if step < tolerance:
             configuration[elastic] = rigid[elastic] + theta

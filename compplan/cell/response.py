@@ -47,25 +47,27 @@ def ring(
         push = load[early:last] @ own.shape
         if not push.any():
             continue
-        answer = np.stack(
-            [_answer(time[early:last], push[:, k], w, damping) - push[:, k] / w**2 for k, w in enumerate(omega)], axis=1
-        )
+        answer = _answer(time[early:last], push, omega, damping) - push / omega**2
         # frequencies that differ by a factor come from compliances that do: modes keep their static share
         found[first:last] = (answer[first - early :] * scale**2) @ own.tip.T
     return found
 
 
-def _answer(time: Array, push: Array, omega: float, damping: float) -> Array:
-    """Solve eta'' + 2 z w eta' + w^2 eta = push from rest at the static place, push linear between rows. Shape (n,)."""
+def _answer(time: Array, push: Array, omega: Array, damping: float) -> Array:
+    """Solve eta'' + 2 z w eta' + w^2 eta = push from rest at the static place, push linear between rows.
+
+    Shape (n, m), one column a mode; the modes stand one after another in one band of equations.
+    """
     rate = omega * (-damping + 1j * np.sqrt(1.0 - damping**2))
-    x = rate * np.maximum(np.diff(time), 1e-12)
+    x = np.maximum(np.diff(time), 1e-12)[:, None] * rate
     decay = np.exp(x)
     small = np.abs(x) < 1e-3
     safe = np.where(small, 1.0, x)
-    whole = np.where(small, 1.0 + x / 2 + x**2 / 6, (np.exp(np.where(small, 0.0, x)) - 1.0) / safe)
+    whole = np.where(small, 1.0 + x / 2 + x**2 / 6, (decay - 1.0) / safe)
     late = np.where(small, 0.5 + x / 6, (whole - 1.0) / safe)
     gain = (x / rate) * ((whole - late) * push[:-1] + late * push[1:])
-    start = push[0] * -1.0 / rate  # at rest under the first load
-    bands = np.vstack([np.ones(len(time), complex), np.r_[-decay, 0.0]])
-    state = solve_banded((1, 0), bands, np.r_[start, gain], check_finite=False)
-    return np.asarray(state.imag / (omega * np.sqrt(1.0 - damping**2)))
+    start = push[:1] * -1.0 / rate  # at rest under the first load
+    bands = np.ones((2, push.size), complex)
+    bands[1] = np.vstack([-decay, np.zeros((1, len(omega)))]).T.ravel()
+    state = solve_banded((1, 0), bands, np.vstack([start, gain]).T.ravel(), overwrite_b=True, check_finite=False)
+    return np.asarray(state.reshape(len(omega), -1).T.imag / (omega * np.sqrt(1.0 - damping**2)))

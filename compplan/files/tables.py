@@ -287,8 +287,11 @@ def write_table(path: str | Path, columns: Mapping[str, object], *, decimals: in
 def _format_cells(values: NDArray[Any], decimals: int) -> list[str]:
     """Return one column as text."""
     if values.dtype.kind == "f":
-        rounded = (np.round(values, decimals) + 0.0).tolist()  # + 0.0 makes -0 a 0
-        return ["" if value != value else f"{value:.15g}" for value in rounded]
+        rounded = np.round(values, decimals) + 0.0  # + 0.0 makes -0 a 0
+        if len(rounded) and (rounded == rounded[0]).all():
+            return [f"{float(rounded[0]):.15g}"] * len(rounded)
+        texts = ("%.15g\n" * len(rounded) % tuple(rounded.tolist())).split("\n")[:-1]
+        return [text if text != "nan" else "" for text in texts] if np.isnan(rounded).any() else texts
     if values.dtype.kind == "b":
         return [str(int(value)) for value in values.tolist()]
     texts = [str(value) for value in values.tolist()]

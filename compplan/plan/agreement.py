@@ -19,7 +19,7 @@ from compplan.plan.feed import FeedWish, time_run
 from compplan.plan.sampling import MOST_PIECES, Mending, divide_by, divide_task, grow_places, predict_loads
 from compplan.plan.strategies import command_path, nlp
 from compplan.plan.task import Command, PlanTask, attain_rows
-from compplan.plan.timing import Timing, cutting_runs, find_slowdown, state_timing, time_between_cuts
+from compplan.plan.timing import Timing, cutting_runs, find_slowdown, state_timing, time_between_cuts, time_ends
 from compplan.robot import Array
 from compplan.statics.inertia import build_moving_chain
 from compplan.statics.sensitivity import attain_pose
@@ -161,11 +161,13 @@ def _take_turns(
         return Agreement(driven, command, timing, between, 0.0, 1, notes, slow=np.ones(len(task)))
     masses = build_moving_chain(task.robot) if task.inertia else None
     slow, excess, change = np.ones(len(task)) if slow is None else slow, np.inf, np.inf
-    turns = 0
+    turns, run, timed = 0, None, slow
     while (excess > 1.0 or (task.inertia and change > SETTLED * task.tolerance)) and turns < TURNS:
         turns += 1
         progress(f"force and feed, turn {turns}")
-        driven, timing, notes = time_run(task, task.q_start, wish, slow)
+        if run is None or wish.torque or not np.array_equal(slow, timed):
+            run, timed = time_run(task, task.q_start, wish, slow), slow
+        driven, timing, notes = run
         loads = predict_loads(task, _moving_feed(timing)) if task.follows_feed else task.wrench
         time = time_between_cuts(task, command.q, timing.time)
         bias = None if masses is None else plan_loads(task, time, masses)
@@ -228,7 +230,8 @@ def _resolve_starts(task: PlanTask, wish: FeedWish) -> PlanTask:
     dynamics, runs = build_dynamics(task.robot), cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
     if not dynamics.known or not runs:
         return task
-    time, rests = time_run(task, task.q_start, wish)[1].time, np.array(runs).ravel()
+    time = time_run(task, task.q_start, wish)[1].time if wish.constant or wish.torque else time_ends(task, task.q_start)
+    rests = np.array(runs).ravel()
     moves = rests - np.tile([0, 1], len(runs))
     step = np.maximum(np.diff(time)[moves], 1e-12)[:, None]
     push = 2.0 * (task.q_start[moves + 1] - task.q_start[moves]) / step**2 * np.tile([[1.0], [-1.0]], (len(runs), 1))

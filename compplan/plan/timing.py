@@ -25,6 +25,8 @@ from compplan.statics.chain import locate_frames
 LOWERED = 0.995
 #: Share of the limits that a run may use by finite differences, and rounds that slow it down where it uses more.
 FULL_USE, SLOW_ROUNDS = 0.999, 8
+#: What of a run counts as its end: rows, time, and spans of smoothing. [1, s, 1]
+END_ROWS, END_TIME, END_SPANS = 100, 6.0, 20.0
 #: Acceleration of a joint whose folder states none, in rapid moves: full speed after this time. [s]
 FULL_SPEED_AFTER = 0.5
 
@@ -94,6 +96,35 @@ def time_command(
         time = _time_run(task, along, q[run], rows, np.ones(end + 1 - start) if slow is None else slow[run])
         step[start + 1 : end + 1] = np.diff(time)
     return state_timing(task, q, time_between_cuts(task, q, np.cumsum(step)))
+
+
+def time_ends(task: PlanTask, q: Array) -> Array:
+    """Return times of which the first and the last moves of every run from rest to rest are right.
+
+    A run speeds up and slows down within END_TIME and some spans of smoothing; what lies farther away is not timed.
+
+    Args:
+        task: The task: programmed feed, limits, rapid moves.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+
+    Returns:
+        Time at each waypoint. Shape (n,). [s]
+
+    """
+    step, far = np.zeros(len(q)), END_TIME + END_SPANS * task.smoothing
+    for start, end in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests):
+        if not task.nominal.steps[start:end].any():
+            continue
+        along = np.r_[0.0, np.cumsum(parameter_steps(task, q, start, end))]
+        count = len(along)
+        last = max(int(np.searchsorted(along, far)) + 1, END_ROWS)
+        first = min(int(np.searchsorted(along, along[-1] - far)), count - END_ROWS)
+        parts = [slice(0, count)] if last >= first else [slice(0, last), slice(first, count)]
+        for part in parts:
+            own = along[part] - along[part.start]
+            time = _time_run(task, own, q[start : end + 1][part], None, np.ones(len(own)))
+            step[start + 1 + part.start : start + part.stop] = np.diff(time)
+    return np.cumsum(step)
 
 
 def time_between_cuts(task: PlanTask, q: Array, time: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 from xml.etree import ElementTree
@@ -186,10 +186,21 @@ def locate_link(robot: Robot, q: Array, link: str) -> Array:
         InputError: If the chain has no such link.
 
     """
+    return locate_links(robot, q, [link])[link]
+
+
+def locate_links(robot: Robot, q: Array, links: Sequence[str]) -> dict[str, Array]:
+    """Return the poses of the frames of some links, unloaded, base frame. Shape (n, nq) -> (n, 4, 4) [m].
+
+    Raises:
+        InputError: If the chain has no such link.
+
+    """
     pose = np.tile(np.eye(4), (len(q), 1, 1))
-    if link == robot.base:
-        return pose
+    found = {robot.base: pose}
     column = {name: index for index, name in enumerate(robot.joint_names)}
+    if all(link == robot.base for link in links):
+        return found
     for joint in robot.joints:
         pose = pose @ joint.placement
         value = _joint_value(joint, q, column)
@@ -200,9 +211,12 @@ def locate_link(robot: Robot, q: Array, link: str) -> Array:
             else:
                 move[:, :3, :3] = Rotation.from_rotvec(value[:, None] * joint.axis).as_matrix()
             pose = pose @ move
-        if joint.child == link:
-            return pose
-    raise InputError(f"no link named {link!r}, choose from {[joint.child for joint in robot.joints]}")
+        if joint.child in links:
+            found[joint.child] = pose
+        if all(link in found for link in links):
+            return found
+    missing = next(link for link in links if link not in found)
+    raise InputError(f"no link named {missing!r}, choose from {[joint.child for joint in robot.joints]}")
 
 
 def find_bend(robot: Robot, q: Array) -> NDArray[np.bool_] | None:
@@ -213,7 +227,8 @@ def find_bend(robot: Robot, q: Array) -> NDArray[np.bool_] | None:
     turning = [joint for joint in robot.joints if joint.name in robot.joint_names and joint.kind != "prismatic"]
     if len(turning) != 6:
         return None
-    fourth, fifth, sixth = (locate_link(robot, q, joint.child)[:, :3, :3] @ joint.axis for joint in turning[3:])
+    poses = locate_links(robot, q, [joint.child for joint in turning[3:]])
+    fourth, fifth, sixth = (poses[joint.child][:, :3, :3] @ joint.axis for joint in turning[3:])
     return np.asarray(np.einsum("ni,ni->n", fifth, np.cross(fourth, sixth)) >= 0.0)
 
 
@@ -226,12 +241,14 @@ def _joint_value(joint: Joint, q: Array, column: Mapping[str, int]) -> Array | N
 def name_words(controller: Counting, robot: Robot, q: Array) -> dict[str, NDArray[np.str_]]:
     """Return the value of each configuration word at every waypoint: {"elbow": ["up", ...], ...}."""
     named: dict[str, NDArray[np.str_]] = {}
+    links = [link for word in controller.words.values() if word.joint is None for link in (word.frame, word.point)]
+    poses = locate_links(robot, q, [link or "" for link in links])
     for key, word in controller.words.items():
         if word.joint is not None:
             angle = np.degrees(q[:, robot.joint_names.index(word.joint)]) - word.threshold_deg
             above = (angle + 180.0) % 360.0 >= 180.0
         else:
-            frame, point = locate_link(robot, q, word.frame or ""), locate_link(robot, q, word.point or "")
+            frame, point = poses[word.frame or ""], poses[word.point or ""]
             seen = np.einsum("nji,nj->ni", frame[:, :3, :3], point[:, :3, 3] - frame[:, :3, 3])
             above = seen[:, "xyz".index(word.axis)] * 1e3 >= word.threshold_mm
         named[key] = np.where(above, word.above, word.below)

@@ -186,11 +186,9 @@ def _data(program: Program, parts: list[slice], linear: bool) -> str:
     feeds = np.where(program.alone(linear=linear), 0.0, program.feed)
     stops = program.stops(linear=linear)
     points = _points(program) if linear else []
+    form = " ".join(f'j{index}="%.6f"' for index in range(1, program.joints.shape[1] + 1))
     for number, rows in enumerate(parts, start=1):
-        joints = [
-            " ".join(f'j{index}="{value:.6f}"' for index, value in enumerate(row, start=1))
-            for row in program.joints[rows].tolist()
-        ]
+        joints = [form % tuple(row) for row in program.joints[rows].tolist()]
         lines += _array(f"jPath{number}", "jointRx", joints)
         if linear:
             lines += _array(f"pPath{number}", "pointRx", points[rows])
@@ -216,9 +214,7 @@ def _points(program: Program) -> list[str]:
     for key, (known, same) in WORDS.items():
         native = program.native.get(key, np.full(len(program), same))
         words.append(native if {*native.tolist()} <= known else np.full(len(program), same))
-    lines = []
-    for row, (x, y, z, rx, ry, rz) in enumerate(table.tolist()):
-        place = f'x="{x:.5f}" y="{y:.5f}" z="{z:.5f}" rx="{rx:.6f}" ry="{ry:.6f}" rz="{rz:.6f}"'
-        named = " ".join(f'{key}="{values[row]}"' for key, values in zip(WORDS, words, strict=True))
-        lines.append(f'{place} {named} fatherId="fPart[0]"')
-    return lines
+    form = 'x="%.5f" y="%.5f" z="%.5f" rx="%.6f" ry="%.6f" rz="%.6f" '
+    form += "".join(f'{key}="%s" ' for key in WORDS) + 'fatherId="fPart[0]"'
+    named = zip(*(values.tolist() for values in words), strict=True)
+    return [form % (*place, *own) for place, own in zip(table.tolist(), named, strict=True)]

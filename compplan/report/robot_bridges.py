@@ -44,7 +44,7 @@ def bridge_gaps(robot: Robot, q: Array, shapes: list[Shape]) -> list[Shape]:
             continue
         sides = [shapes[int(within[:, row].argmax())] for row in (last, first)]
         radius = SLIM * max(float(_depth(side, side.vertices.mean(axis=0)[None])[0]) for side in sides)
-        bridges.append(Shape(sides[0].link, *triangulate_rod(*ends, radius, sections=20), sides[0].colour))
+        bridges.append(Shape(sides[0].link, *triangulate_rod(ends[0], ends[1], radius, 20), sides[0].colour))
     return bridges
 
 

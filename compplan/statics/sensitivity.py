@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from compplan.robot import Array
-from compplan.statics.chain import Chain, Frames, jacobian
+from compplan.statics.chain import Chain, Frames, chunks, jacobian
 from compplan.statics.elastic import load_derivative, solve_equilibrium
 
 CHUNK = 1024
@@ -56,7 +56,8 @@ def attain_pose(
     n = len(q)
     load = np.zeros((n, 6)) if wrench is None else wrench
     position, rotation, columns = np.empty((n, 3)), np.empty((n, 3, 3)), np.zeros((n, 6, chain.nq))
-    for rows in chunk_rows(n, chain):
+    # without a slope the arrays of a part are few, and larger parts cost less
+    for rows in chunk_rows(n, chain) if slope else chunks(n):
         bias = None if torque_bias is None else torque_bias[rows]
         loaded = solve_equilibrium(chain, q[rows], load[rows], tolerance=tolerance, torque_bias=bias)
         position[rows], rotation[rows] = loaded.position, loaded.rotation

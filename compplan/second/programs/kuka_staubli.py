@@ -22,7 +22,7 @@ from compplan.second.programs.poses import (
     Move,
     kuka_pose,
     read_numbers,
-    staubli_pose,
+    staubli_poses,
 )
 
 # --------------------------------------------------------------------------------------------------------------- KRL
@@ -163,10 +163,9 @@ _VAL3_MOVE = re.compile(r"move([jl])\((\w+)\[(\w+)\],(\w+),(\w+)\)")
 _VAL3_FEED = re.compile(r"(\w+)\.tvel=(\w+)\[(\w+)\]")
 _VAL3_FOR = re.compile(r"for (\w+)=(\d+) to (\d+)")
 _VAL3_IF = re.compile(r"if (\w+)\[(\w+)\]>0")
+_STANDING = np.eye(4)
 #: A line, what it says where it opens a block, and the lines of its blocks.
 _Val3Line = tuple[str, re.Match[str] | None, list[str], list[str] | None]
-#: Tool and base stay from move to move.
-_standing = lru_cache(maxsize=16)(staubli_pose)
 
 
 def _val3_tag(element: ElementTree.Element) -> str:
@@ -183,6 +182,8 @@ class _Val3:
     waited: bool = True
     moves: list[Move] = field(default_factory=list)
     blocks: dict[int, tuple[list[str], list[_Val3Line]]] = field(default_factory=dict)
+    places: dict[str, list[Any]] = field(default_factory=dict)
+    turns: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
 
     def call(self, name: str) -> None:
         root = ElementTree.fromstring((self.folder / f"{name}.pgx").read_text())
@@ -239,42 +240,70 @@ class _Val3:
     def element(self, name: str, index: str) -> dict[str, str]:
         return self.data[name][int(self.scalars[index])]
 
+    def place(self, name: str, index: int = 0) -> Any:
+        """Return the pose of an element; those of an array are read at once."""
+        if name not in self.places:
+            numbers = np.array([[each[key] for key in PLACE] for each in self.data[name]], float)
+            self.places[name] = list(staubli_poses(numbers))
+        return self.places[name][index]
+
+    def joints(self, name: str, index: int) -> tuple[float, ...]:
+        """Return the joints of an element; those of an array are read at once."""
+        if name not in self.turns:
+            numbers = np.array([[each[f"j{number}"] for number in range(1, 7)] for each in self.data[name]], float)
+            self.turns[name] = list(map(tuple, numbers.tolist()))
+        return self.turns[name][index]
+
     def step(self, line: str) -> None:
-        if line.startswith("move"):
-            match = _VAL3_MOVE.fullmatch(line)
-            assert match, f"unknown line: {line}"
-            self.move(match[1], self.element(match[2], match[3]), self.data[match[4]][0], self.data[match[5]][0])
-        elif match := _VAL3_FEED.fullmatch(line):
-            self.data[match[1]][0]["tmax"] = self.element(match[2], match[3])["value"]
+        if match := _val3_move(line):
+            self.move(*match)
+        elif feed := _val3_feed(line):
+            self.data[feed[0]][0]["tmax"] = self.element(feed[1], feed[2])["value"]
         elif act := read_action(line):
             assert self.waited, "what happens beside motion does not wait for the arm"
             self.moves.append(act)
-        elif match := re.fullmatch(r"call (\w+)\(\)", line):
-            self.call(match[1])
+        elif called := re.fullmatch(r"call (\w+)\(\)", line):
+            self.call(called[1])
         elif line == "waitEndMove()":
-            self.moves[-1:] = [Move(**{**vars(move), "stops": True}) for move in self.moves[-1:]]
+            self.moves[-1:] = [move._replace(stops=True) for move in self.moves[-1:]]
             self.waited = True
         else:
             assert line == "resetMotion()", f"unknown line: {line}"
 
-    def move(self, kind: str, point: dict[str, str], tool: dict[str, str], how: dict[str, str]) -> None:
+    def move(self, kind: str, points: str, index: str, mounted: str, way: str) -> None:
+        row = int(self.scalars[index])
+        point, tool, how = self.data[points][row], self.data[mounted][0], self.data[way][0]
         assert tool["fatherId"] == "flange[0]"
         self.waited = False
-        joints, pose, base = None, None, np.eye(4)
+        joints, pose, base = None, None, _STANDING
         if kind == "j":
-            joints = tuple(float(point[f"j{number}"]) for number in range(1, 7))
+            joints = self.joints(points, row)
         else:
-            (frame,) = self.data[point["fatherId"].removesuffix("[0]")]
+            father = point["fatherId"].removesuffix("[0]")
+            (frame,) = self.data[father]
             assert frame["fatherId"] == "world[0]"
-            pose = staubli_pose(*(float(point[key]) for key in PLACE))
-            base = _standing(*(float(frame[key]) for key in PLACE))
+            pose, base = self.place(points, row), self.place(father)
         words = tuple(point[key] for key in ("shoulder", "elbow", "wrist") if key in point)
         stops = how["blend"] == "off" or not float(how["leave"])
-        mounted = _standing(*(float(tool[key]) for key in PLACE))
         slow = float(how["tmax"]) < 99999
         feed, percent = (float(how["tmax"]), None) if slow else (None, float(how["vel"]))
-        name = {"j": "joint", "l": "line"}[kind]
-        self.moves.append(Move(name, stops, joints, (), pose, feed, percent, words, mounted, base))
+        name = "joint" if kind == "j" else "line"
+        self.moves.append(Move(name, stops, joints, (), pose, feed, percent, words, self.place(mounted), base))
+
+
+@lru_cache(maxsize=4096)
+def _val3_move(line: str) -> tuple[str, str, str, str, str] | None:
+    """Return kind, array of points, index, tool and descriptor of a line that moves."""
+    match = _VAL3_MOVE.fullmatch(line)
+    assert match or not line.startswith("move"), f"unknown line: {line}"
+    return None if match is None else (match[1], match[2], match[3], match[4], match[5])
+
+
+@lru_cache(maxsize=4096)
+def _val3_feed(line: str) -> tuple[str, str, str] | None:
+    """Return descriptor, array and index of a line that sets a feed."""
+    match = _VAL3_FEED.fullmatch(line)
+    return None if match is None else (match[1], match[2], match[3])
 
 
 def read_val3(project: Path) -> list[Move]:

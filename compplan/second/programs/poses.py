@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,8 +15,7 @@ Pose = np.ndarray
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 
-@dataclass(frozen=True)
-class Move:
+class Move(NamedTuple):
     """Hold a move: where it ends, how fast it runs, whether it stops there.
 
     `joints` are those of the arm and `external` the further axes, as the controller counts them; `pose` is the tool's,
@@ -64,17 +63,16 @@ def kuka_pose(x: float, y: float, z: float, a: float, b: float, c: float) -> Pos
     return fanuc_pose(x, y, z, c, b, a)
 
 
-def staubli_pose(x: float, y: float, z: float, rx: float, ry: float, rz: float) -> Pose:
-    """Staubli: rx about x, then ry about the new y, then rz about the newest z."""
-    (sx, cx), (sy, cy), (sz, cz) = ((math.sin(math.radians(a)), math.cos(math.radians(a))) for a in (rx, ry, rz))
-    return np.array(
-        [
-            [cy * cz, -cy * sz, sy, x],
-            [cx * sz + sx * sy * cz, cx * cz - sx * sy * sz, -sx * cy, y],
-            [sx * sz - cx * sy * cz, sx * cz + cx * sy * sz, cx * cy, z],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
+def staubli_poses(numbers: Pose) -> Pose:
+    """Staubli: rx about x, then ry about the new y, then rz about the newest z. Shape (n, 6) -> (n, 4, 4)."""
+    x, y, z = numbers[:, :3].T
+    (sx, sy, sz), (cx, cy, cz) = (wave(np.radians(numbers[:, 3:])).T for wave in (np.sin, np.cos))
+    poses = np.zeros((len(numbers), 4, 4))
+    poses[:, 0] = np.column_stack([cy * cz, -cy * sz, sy, x])
+    poses[:, 1] = np.column_stack([cx * sz + sx * sy * cz, cx * cz - sx * sy * sz, -sx * cy, y])
+    poses[:, 2] = np.column_stack([sx * sz - cx * sy * cz, sx * cz + cx * sy * sz, cx * cy, z])
+    poses[:, 3, 3] = 1.0
+    return poses
 
 
 def fanuc_pose(x: float, y: float, z: float, w: float, p: float, r: float) -> Pose:

@@ -222,7 +222,7 @@ class _Kawasaki:
             elif match := re.fullmatch(r"CALL (\w+)", line):
                 self.run(match[1])
             elif line == "BREAK":
-                self.moves[-1] = Move(**{**vars(self.moves[-1]), "stops": True})
+                self.moves[-1] = self.moves[-1]._replace(stops=True)
             else:
                 self.move(line)
 
