@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from commandline import run_command
 
+from compplan.files.notes import list_remarks, list_stops
 from compplan.job.job import Job, check_job
 from compplan.path.cam import read_cam
 from compplan.path.events import Event
@@ -160,6 +161,7 @@ def test_a_tool_that_leaves_the_flange_sideways_is_asked_about() -> None:
     note, = ask_about_tool(check_job({**JOB, "tool": {"position_mm": [280.0, 0.0, 30.0]}}), ur)
     assert "The tip lies 83.9 deg aside of the direction z" in note
     note, = ask_about_tool(check_job({**JOB, "tool": {"position_mm": [0.0, 0.0, 1200.0]}}), ur)
+    assert list_stops(["a remark", note]) == [note] and list_remarks(["a remark", note]) == ["a remark"]
     assert "1200 mm long" in note and "tool.position_mm in mm" in note
 
 

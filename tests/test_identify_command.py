@@ -71,7 +71,7 @@ def test_a_log_becomes_an_updated_robot_folder_and_a_report_with_intervals(tmp_p
     updated = load_robot(tmp_path / "out" / "robot")
     assert updated.grade == "identified"
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "What cannot be told" in page and "joint_6" in page
+    assert "What cannot be determined" in page and "joint_6" in page
     assert updated.sources["compliance"] == "identified from measurements.csv, 40 rows"
     for spring, wanted in zip(updated.springs, truth.springs, strict=True):
         assert spring.compliance == pytest.approx(wanted.compliance, rel=0.15)

@@ -71,8 +71,8 @@ def test_a_plan_draws_into_axes_that_it_is_given_and_gives_them_back(plan) -> No
     _, (left, right) = plt.subplots(1, 2)
     assert plan.plot(right) is right and not left.lines
     drawn = {line.get_label(): line for line in right.lines}
-    np.testing.assert_allclose(np.nanmax(drawn["before"].get_ydata()), plan.before.max_deviation * 1e3)
-    np.testing.assert_allclose(drawn["tolerance"].get_ydata(), 0.1)
+    np.testing.assert_allclose(np.nanmax(drawn["without correction"].get_ydata()), plan.before.max_deviation * 1e3)
+    np.testing.assert_allclose(drawn["tolerance 0.1 mm"].get_ydata(), 0.1)
     assert right.get_xlabel().endswith("[mm]") and right.get_ylabel().endswith("[mm]")
     own = plan.plot()
     assert own.figure is not right.figure

@@ -154,7 +154,7 @@ def test_a_table_shows_units_dashes_and_tones() -> None:
 def test_the_foot_names_grade_sources_and_what_was_assumed() -> None:
     robot = load_robot("kuka_kr270")
     html = render_page("T", "L", [], provenance=describe_robot(robot, assumptions=["force level assumed"]))
-    assert "literature" in html
+    assert "from published data, not measured on your robot" in html
     assert "Mamedov 2018" in html
     assert "Assumed, not measured" in html
     assert "force level assumed" in html

@@ -66,4 +66,4 @@ def print_table(comparison: Comparison) -> None:
     console.print(table)
     if drawn is not None:
         console.print(f"drawn robots: {drawn.source}")
-    console.print(f"judge: {comparison.judge}; robot model graded {comparison.task.robot.grade}")
+    console.print(f"deviation computed by {comparison.judge}; robot model: {comparison.task.robot.grade}")

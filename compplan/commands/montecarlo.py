@@ -112,7 +112,7 @@ def print_table(summary: dict[str, Any]) -> None:
     if summary["waypoints"] < summary["waypoints_of_path"]:
         console.print(f"path thinned from {summary['waypoints_of_path']} to {summary['waypoints']} waypoints")
     grade = summary["robot_grade"]
-    console.print(f"robot model graded {grade}; uncertainties as in the report, assumed where the job is silent")
+    console.print(f"robot model: {grade}; uncertainties as in the report, assumed where the job states none")
 
 
 @contextmanager

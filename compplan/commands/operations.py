@@ -30,6 +30,7 @@ def carry_out_all(jobs: Sequence[Job], folder: Path, *, as_json: bool, note: str
 
     """
     from compplan.commands.progress import show_progress
+    from compplan.files.notes import Stop
     from compplan.outputs.operations import describe_order, write_operations
     from compplan.outputs.plan import note_programs
     from compplan.plan.operations import summarise_operations
@@ -54,7 +55,7 @@ def carry_out_all(jobs: Sequence[Job], folder: Path, *, as_json: bool, note: str
             label = "" if plan.job is None else plan.job.label
             click.echo(f"{label}: {plan.status}, {len(plan.task)} waypoints; {plan.verdict.sentence}")
         for told in summary["notes"]:
-            click.echo(told)
+            click.echo(f"before the machine moves: {told}" if isinstance(told, Stop) else told)
         if any(plan.job is not None and plan.job.output.programs for plan in plans):
             click.echo(describe_order(summary))
         click.echo(f"wrote {len(files)} files to {folder}; next: open {folder / 'report.html'}, or compplan view "

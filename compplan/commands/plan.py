@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 #: What a plan goes through, as it tells it.
 STAGES = (
     "robot and toolpath", "posture", "sampling", "compensation", "force and feed", "virtual cell", "margins",
-    "promise", "write",
+    "95 % band", "write",
 )  # fmt: skip
 
 
@@ -77,6 +77,7 @@ def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
 def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
     """Plan a job of one tool, as `carry_out` says."""
     from compplan.commands.progress import show_progress
+    from compplan.files.notes import Stop
     from compplan.outputs.plan import deliver_plan, note_programs, summarise_plan
     from compplan.plan.bending import tell_bending
     from compplan.plan.plan import plan_job
@@ -87,7 +88,7 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
     with show_progress(STAGES) as announce:
         plan = note_programs(plan_job(job, progress=announce))
         plan = replace_said(plan, (note, *plan.notes)) if note else plan
-        announce("promise: where the true tip is")
+        announce("95 % band: where the true tip is")
         _ = plan.promise, plan.mismatch
         announce("write: programs, joints.csv, report.html")
         plan, files = deliver_plan(plan, folder)
@@ -102,16 +103,15 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
         wrong = plan.mismatch
         click.echo(f"{format_length(wrong.max_deviation)} planned where the robot is not as modelled ({wrong.cell})")
         if plan.promise is not None:
-            promised, whole = format_length(plan.promise.greatest), format_length(plan.promise.whole)
-            click.echo(f"true tip within {promised} with 95 %, the whole path within {whole}")
+            click.echo(f"true tip within {format_length(plan.promise.whole)} along the whole path, with 95 %")
             click.echo(f"  from: {plan.promise.known.source}; force {plan.promise.force.source}")
         click.echo(describe_grade(plan.robot))
         for note in plan.notes:
-            click.echo(note)
+            click.echo(f"before the machine moves: {note}" if isinstance(note, Stop) else note)
         click.echo(f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}")
         click.echo(
             f"next: open {folder / 'report.html'}, or compplan view {folder}; compplan campaign designs measurements "
-            "that narrow the band of the true tip"
+            "that narrow the 95 % band"
         )
     if plan.status != "solved":
         failing = sorted(plan.command.failures)

@@ -5,7 +5,8 @@ from __future__ import annotations
 #: Colours that read on light and on dark paper.
 BEFORE = "#d1603d"
 AFTER = "#2b86a8"
-TOLERANCE = "#6c60c0"
+BAND = "#6c60c0"
+TOLERANCE = "#737b85"
 LIMIT = "#c2382e"
 NEUTRAL = "#8b929b"
 #: One colour per category: strategies, runs, joints. As many as whoever sees two primaries can tell apart at the

@@ -53,6 +53,18 @@ def format_length(metres: float, digits: int = 3) -> str:
     return f"{format_number(metres * 1e3, digits)}\u00a0mm"
 
 
+def format_mm(metres: float) -> str:
+    """Write a length in mm beside others in mm: to the micrometre, and no finer than that.
+
+    Args:
+        metres: The length. [m]
+    """
+    if 0 < abs(metres) < 1e-6:
+        return "< 0.001\u00a0mm"
+    coarse = math.isnan(metres) or abs(metres) >= 0.1e-3
+    return f"{format_number(1e3 * metres) if coarse else f'{1e3 * metres:.3f}'}\u00a0mm"
+
+
 def format_bound(metres: float) -> str:
     """Write a length that something stays within: `format_length`, or 0.01 um where it is smaller."""
     return "0.01\u00a0µm" if metres < 1e-8 else format_length(metres)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from compplan.errors import InputError
-from compplan.files.palette import AFTER, BEFORE, CATEGORIES, DASHES, LIMIT, NEUTRAL, TOLERANCE
+from compplan.files.palette import AFTER, BAND, BEFORE, CATEGORIES, DASHES, LIMIT, NEUTRAL, TOLERANCE
 from compplan.files.tables import Array
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 MOST_LINES, MOST_LETTERS = 15, 130
 #: Colour and dash of a line by what it shows.
 ROLES = {
-    "before": (BEFORE, "solid"), "after": (AFTER, "solid"), "band": (TOLERANCE, "solid"), "limit": (LIMIT, "dash"),
+    "before": (BEFORE, "solid"), "after": (AFTER, "solid"), "band": (BAND, "solid"), "limit": (LIMIT, "dash"),
     "tolerance": (TOLERANCE, "dash"), "neutral": (NEUTRAL, "solid"),
 }  # fmt: skip
 MATPLOTLIB_DASHES = {"solid": "-", "dash": "--", "dot": ":"}

@@ -90,7 +90,7 @@ def assume_uncertainty(robot: Robot) -> Uncertainty:
     p = sum(len(unknown.keys) for unknown in unknowns)
     return Uncertainty(
         grade=grade,
-        source=f"widths assumed for a folder graded {robot.grade}; no {FILE}",
+        source=f"uncertainty of the robot model assumed ({robot.grade}; the robot folder has no {FILE})",
         unknowns=tuple(unknowns),
         factor=np.eye(p),
         unexplained=UNEXPLAINED,

@@ -304,27 +304,27 @@ def advise(certificate: Certificate) -> list[str]:
         for what, size, spread in (("lost motion", 0.5 * drive.play, 0.5 * play), ("gear error", drive.gear, gear)):
             moved = size * drive.lever
             if size > spread and np.isfinite(tolerance) and moved**2 > WORTH_REPAIR * tolerance**2:
-                said.append(f"repair or adjust {drive.joint}: its {what} moves the tip by {moved * 1e3:.3f} mm")
+                said.append(f"Repair or adjust {drive.joint}: its {what} moves the tip by {moved * 1e3:.3f} mm.")
     for entry in certificate.stiffness:
         if entry.change is not None and abs(entry.change) > DRIFTED:
             word = "softer" if entry.change > 0 else "stiffer"
             than = "at the last certificate" if certificate.drifts or certificate.older is None else "its folder said"
             said.append(
-                f"look at {entry.joint}: it is {word} than {than} by"
-                f" {abs(entry.change):.1f} standard deviations"
+                f"Look at {entry.joint}: it is {word} than {than} by"
+                f" {abs(entry.change):.1f} standard deviations."
             )
     for reference in certificate.references:
         if reference.promise is not None and reference.promise.leading:
             name, share = reference.promise.leading[0]
             said.append(
-                f"measure {name}: {share:.0%} of the variance on the {reference.name} would go"
-                " (compplan campaign designs the poses)"
+                f"Measure the robot: compplan campaign JOB --poses 12 --out poses."
+                f" {name.replace('_', ' ').capitalize()} makes {share:.0%} of the variance on the {reference.name}."
             )
     if certificate.known.grade != "measured":
-        said.append("measure this machine: identify or diagnose a campaign, the widths are assumed so far")
+        said.append("Measure this robot (compplan identify or diagnose): how surely it is known is assumed so far.")
     accuracy = certificate.accuracy
     if accuracy is not None and not accuracy.again:
-        said.append("meet poses again in the next log: nothing tells the repeatability")
+        said.append("Measure some poses twice in the next log: so far its repeatability is not known.")
     return list(dict.fromkeys(said))
 
 

@@ -274,7 +274,7 @@ def place_events(events: Sequence[Event], before: int, count: int, after: int) -
 def _head(plan: Plan) -> list[str]:
     lines = [
         f"compplan: {plan.name}",
-        f"robot {plan.robot.name}, model graded {plan.robot.grade}, strategy {plan.strategy}",
+        f"robot {plan.robot.name}, robot model: {plan.robot.grade}, strategy {plan.strategy}",
     ]
     if plan.status != "solved":
         word = "INFEASIBLE" if plan.status == "infeasible" else "NOT CONFIRMED"

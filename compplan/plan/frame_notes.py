@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from compplan.files.notes import Stop
 from compplan.files.tables import Array
 from compplan.job.job import Job
 from compplan.plan.task import PlanTask
@@ -39,10 +40,10 @@ def ask_about_tool(job: Job, robot: Robot) -> list[str]:
     pose, out = job.tool.locate_tcp(robot), outward_axis(robot)
     length, notes = float(np.linalg.norm(pose[:3, 3])), []
     if length > LONG * robot.longest_reach:
-        notes.append(
+        notes.append(Stop(
             f"The tool is {1e3 * length:.4g} mm long, the arm's links end to end {1e3 * robot.longest_reach:.4g} mm: "
             "little of the wrist's turning is left at such a tip. Is tool.position_mm in mm?"
-        )
+        ))  # fmt: skip
     if job.collision is not None and job.collision.tool is not None:
         return notes
     angle = _angle(out, pose[:3, 2])
@@ -51,8 +52,8 @@ def ask_about_tool(job: Job, robot: Robot) -> list[str]:
         return notes
     said = (f"The tool points {angle:.3g} deg away from" if angle > SIDEWAYS
             else f"The tip lies {aside:.3g} deg aside of")  # fmt: skip
-    return [*notes, f"{said} the direction {name_axis(out)} in which the flange of {robot.name} looks: is that so? "
-                    f"{_straight(robot, length or 0.1)}"]  # fmt: skip
+    return [*notes, Stop(f"{said} the direction {name_axis(out)} in which the flange of {robot.name} looks: is that "
+                         f"so? {_straight(robot, length or 0.1)}")]  # fmt: skip
 
 
 def _straight(robot: Robot, length: float) -> str:
@@ -75,10 +76,10 @@ def ask_about_form(job: Job, robot: Robot) -> list[str]:
             notes.append(f"{name}.abc_deg are KUKA's A B C (z, y', x''); those of a Doosan turn z, y', z'': zyz_deg.")
     found = locate_pendant(robot) if job.tool is not None and job.tool.frame == "pendant" else None
     if found is not None and not found.confirmed:
-        notes.append(
+        notes.append(Stop(
             f"How the pendant of {robot.name} counts tools is not confirmed ({found.source}): jog along +x of tool 0 "
             f"and see whether the flange goes where compplan doctor {robot.name} says."
-        )
+        ))  # fmt: skip
     return notes
 
 
@@ -88,9 +89,9 @@ def look_at_spindle(axis: Array, job: Job) -> list[str]:
     if not len(axis) or float((axis @ up).max()) > -np.cos(np.radians(SIDEWAYS)):
         return []
     return [
-        "The spindle looks away from the part all along: it stands on the side of -z of the part frame. Is z of the "
-        "part turned over, or i j k of the toolpath?"
-    ]
+        Stop("The spindle looks away from the part all along: it stands on the side of -z of the part frame. Is z of "
+             "the part turned over, or i j k of the toolpath?")
+    ]  # fmt: skip
 
 
 def _angle(a: Array, b: Array) -> float:

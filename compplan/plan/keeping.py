@@ -24,13 +24,13 @@ from compplan.robot import Array
 KEEPS, MAY_NOT_KEEP, NOT_KNOWN = "keeps", "may_not_keep", "not_known"
 #: Stretches beyond the tolerance that are listed.
 LISTED = 20
-MEASURE = "Measure the robot: compplan campaign."
+MEASURE = "Measure the robot: compplan campaign JOB --poses 12 --out poses."
 #: What is said where one reader alone has read the path, and what to do about it.
 UNREAD = "the path was not read a second time"
 LOOK = "Compare the planned path with the CAM system before the first cut."
 #: What would change the verdict, by the largest cause.
 CHANGES = {
-    "process force": "Measure the process force and state how surely it is known: [noise] wrench_level.",
+    "process force": "Measure the process force and write its uncertainty into the job: [noise] wrench_level.",
     "inertia and vibration": "Lower the feed.",
     "place of the part": "Measure where the part is: [noise] part_frame_mm, part_frame_deg.",
     "repeatability": "Allow more, or take a robot that repeats better.",
@@ -175,12 +175,12 @@ def _may_not_keep(case: Case, promise: Promise, beyond: NDArray[np.bool_], share
     where = find_stretches(beyond, length, promise.along)
     cause = find_cause(case, promise)
     change = find_change(case, promise, cause)
-    spot = f"most at s = {1e3 * length[promise.widest]:.4g} mm"
-    off = f"the tip may be up to {_mm(promise.whole)} off (95 %), {_percent(share)} of the cut is beyond"
+    off = f"the tip may be up to {_mm(promise.whole)} off the path (95 %). Beyond the tolerance: {_percent(share)}"
+    off += f" of the cut, most of all {1e3 * length[promise.widest]:.4g} mm along the path"
     if case.status == "infeasible":
         off = f"{len(case.failures)} waypoints are not reached within the limits"
-        spot = f"the first is waypoint {min(case.failures)}" if case.failures else spot
-    sentence = f"May not keep {_mm(tolerance)}: {off} ({spot}). Largest cause: {cause}. {change}"
+        off += f" (the first is waypoint {min(case.failures)})" if case.failures else ""
+    sentence = f"May not keep {_mm(tolerance)}: {off}. Largest cause: {cause}. {change}"
     sentence += f" Besides, {UNREAD} ({case.unread}). {LOOK}" if case.unread else ""
     return ToleranceVerdict(
         MAY_NOT_KEEP, sentence.strip(), tolerance, promise.whole, share, where, cause, change, say_basis(promise),
@@ -222,13 +222,13 @@ def find_cause(case: Case, promise: Promise) -> str:
 def find_change(case: Case, promise: Promise, cause: str) -> str:
     """Say what would change the verdict."""
     if case.status == "infeasible":
-        return "Move the part, or allow more."
+        return "Move the part (compplan place JOB), or allow more."
     if cause == "inertia and vibration" and not case.inertia_wanted:
         return "Let the plan compensate it: [plan] inertia = true."
     if cause in CHANGES:
         return CHANGES[cause]
     if cause in CAUSES and promise.known.grade == "measured":
-        return "Measure more poses: compplan campaign."
+        return "Measure more poses: compplan campaign JOB --poses 12 --out poses."
     return MEASURE
 
 

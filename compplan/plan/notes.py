@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from compplan.cell.forces import RECORDED
+from compplan.files.notes import Stop
 from compplan.job.job import Job
 from compplan.plan.bending import Bending
 from compplan.plan.coupling import CouplingEffect
@@ -51,7 +52,8 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
     notes = [*task.nominal.notes, *([task.law.note] if task.law is not None and task.law.note else [])]
     if job is not None and job.process.model in RECORDED:
         reason = RECORDED[job.process.model]
-        notes.append(f"The judge takes the wrench of {job.process.model!r} as the planner recorded it: {reason}.")
+        model = job.process.model
+        notes.append(f"The independent check takes the wrench of {model!r} as the planner recorded it: {reason}.")
     if job is not None and job.process.model == "end_mill" and not job.stability.avoid:
         asks = "judges it" if job.stability.judge else "judges it where the job has a table [stability]"
         notes.append(f"Whether the cut chatters is not part of this plan: compplan forces {asks}.")
@@ -73,7 +75,7 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
     notes += [slow] if slow else []
     swings = (np.abs(np.diff(task.q_start, axis=0)).max(axis=1) > SWING) & ~task.nominal.rapid[1:]
     for waypoint in (np.flatnonzero(swings) + 1)[:3].tolist():
-        notes.append(f"The posture swings over in the move to waypoint {waypoint}: near a singularity.")
+        notes.append(Stop(f"The posture swings over in the move to waypoint {waypoint}: near a singularity."))
     if job is not None and (told := tell_outside(job, task.robot)):
         notes.append(told)
     notes += _ask_about_x(task, job)
@@ -93,9 +95,9 @@ def tell_spindle(task: PlanTask, job: Job | None) -> list[str]:
     if any(event.kind in ("spindle_cw", "spindle_ccw") for event in task.nominal.events):
         return []
     return [
-        "The CAM file never starts the spindle (no M3 or M4), so the programs do not: start it before the cut, "
-        "or name lines that do in [output] header."
-    ]
+        Stop("The CAM file never starts the spindle (no M3 or M4), so the programs do not: start it before the cut, "
+             "or name lines that do in [output] header.")
+    ]  # fmt: skip
 
 
 def _ask_about_x(task: PlanTask, job: Job | None) -> list[str]:

@@ -73,7 +73,9 @@ def describe_operation(plan: Plan, part: dict[str, Any]) -> dict[str, Any]:
 
 def tell_notes(plan: Plan) -> list[str]:
     """Return the notes of an operation, each led by its tool; those about the whole file as they are."""
-    return [note if note in plan.task.nominal.notes else f"{_label(plan)}: {note}" for note in plan.notes]
+    return [
+        note if note in plan.task.nominal.notes else type(note)(f"{_label(plan)}: {note}") for note in plan.notes
+    ]
 
 
 def _label(plan: Plan) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from compplan.cell.cell import JUDGE
 from compplan.errors import ConvergenceError
+from compplan.files.notes import list_stops
 from compplan.files.origin import describe_origin
 from compplan.files.quantities import format_length, format_number, format_set_length
 from compplan.files.shown import Curve, Curves, Shown
@@ -57,7 +58,7 @@ class Plan(Shown):
         breaches: What keeps the judge from confirming the plan, one sentence each.
         clearance: How far arm and tool keep clear of part and fixture, or None.
         coupling: The uncorrected tip without and with coupling of force and place, or None.
-        notes: Warnings, one sentence each.
+        notes: Warnings, one sentence each; those of the class `Stop` have to be settled before the machine moves.
         job: The job, or None.
         learned: The promise of what measured parts have taught on this path, or None.
         unread: Why the path was not read a second time, "" where it was or there is no file.
@@ -211,14 +212,14 @@ class Plan(Shown):
         return {**columns, "force_N": np.linalg.norm(task.wrench[:, :3], axis=1), "cut": task.cut}
 
     def curves(self) -> Curves:
-        """Return the deviation along the path, before and after, and the 95 % band. [mm]."""
+        """Return the deviation along the path, without and with correction, and the 95 % band. [mm]."""
         s, cut, band = self.task.nominal.arc_length * 1e3, self.task.cut, self.promise
-        lines = [Curve("before", s, np.where(cut, self.before.distance, np.nan) * 1e3, "before"),
-                 Curve("after, as modelled", s, np.where(cut, self.after.distance, np.nan) * 1e3, "after")]  # fmt: skip
+        before, after = (np.where(cut, side.distance, np.nan) * 1e3 for side in (self.before, self.after))
+        lines = [Curve("without correction", s, before, "before"), Curve("corrected, on the model", s, after, "after")]
         if band is not None:
-            lines.append(Curve("95 % band", s, np.where(cut, band.radius, np.nan) * 1e3, "band"))
+            lines.append(Curve("95 % band", s, np.where(cut, band.along, np.nan) * 1e3, "band"))
         return Curves(self.name, "along the path [mm]", "deviation of the tip [mm]", tuple(lines),
-                      (self.task.tolerance * 1e3, "tolerance"))  # fmt: skip
+                      (self.task.tolerance * 1e3, f"tolerance {self.task.tolerance * 1e3:g} mm"))  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:
         """Return what plan.json holds."""
@@ -288,6 +289,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "duration_s": float(plan.timing.time[-1]),
         "judge": plan.judge,
         "notes": list(plan.notes),
+        "stops": list_stops(plan.notes),
         "made_by": describe_origin(),
     }
     if plan.task.start is not None and plan.task.start.stance is not None:

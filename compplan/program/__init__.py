@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.errors import InputError, UnknownNameError
+from compplan.files.notes import Stop
 from compplan.files.plugins import load_plugins
 from compplan.program.counting import load_controller
 from compplan.program.fanuc_ls import write_fanuc_ls
@@ -134,16 +135,17 @@ def describe_program(program: Program, language: str) -> list[str]:
         language: One of `WRITERS`.
 
     """
-    notes = []
+    notes: list[str] = []
     if not program.known:
-        notes.append(
+        notes.append(Stop(
             f"{language}: SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN: the robot folder has no controller.toml, they "
             "are those of the URDF; check every axis against the controller's display"
-        )
+        ))  # fmt: skip
     swings = np.flatnonzero(program.swings).tolist()
     if swings and language != "csv":
         where = f"{', '.join(map(str, swings[:5]))}{' ...' if len(swings) > 5 else ''}"
-        notes.append(f"{language}: the configuration changes within a cut, at {where}: linear programs swing over")
+        changes = f"{language}: the configuration changes within a cut, at {where}: linear programs swing over"
+        notes.append(Stop(changes))
     module = sys.modules[WRITERS[language].__module__]
     describe, phrases = getattr(module, "describe", None), getattr(module, "PHRASES", None)
     own = describe(program) if describe else []

@@ -12,7 +12,7 @@ from compplan.report.openings import open_campaign
 from compplan.report.page import Block, Chart, Column, Columns, PageTable, Section, TableCell, write_page
 from compplan.report.path_scene import draw_cell
 from compplan.report.provenance import describe_robot
-from compplan.report.style import AFTER, BEFORE, CATEGORIES, format_length, format_percent
+from compplan.report.style import AFTER, CATEGORIES, TOLERANCE, format_length, format_percent
 from compplan.robot import Array
 
 Row = list[TableCell | str | float | int | None]
@@ -57,7 +57,7 @@ def say_campaign(campaign: PoseCampaign) -> str:
     choice = campaign.choice
     text = (
         f"{len(choice.rows)} poses narrow the 95 % band on this path from {format_length(choice.greatest[0])} to"
-        f" {format_length(choice.greatest[-1])} at its widest, if the robot is as its widths say."
+        f" {format_length(choice.greatest[-1])} at its widest point, if the robot is as uncertain as stated."
     )
     if campaign.log:
         text += f" {campaign.log} rows of the log count already."
@@ -72,8 +72,8 @@ def say_campaign(campaign: PoseCampaign) -> str:
 def _caption(campaign: PoseCampaign) -> str:
     floor = float(campaign.design.floor.max())
     return (
-        f"The floor of {format_length(floor)} is the force, repeatability and what no parameter explains:"
-        " a cut part tells of them (compplan learn)."
+        f"Dashed: {format_length(floor)} are left by the force, repeatability and what no parameter explains. Cut and"
+        " measure a part for those (compplan learn)."
     )
 
 
@@ -82,14 +82,15 @@ def _draw_curve(campaign: PoseCampaign) -> Any:
 
     choice, figure = campaign.choice, go.Figure()
     count = np.arange(len(choice.rms))
-    for name, values, colour in (("widest", choice.greatest, AFTER), ("rms", choice.rms, CATEGORIES[1])):
+    widest, mean = ("at its widest point", choice.greatest, AFTER), ("rms along the path", choice.rms, CATEGORIES[3])
+    for name, values, colour in (widest, mean):
         figure.add_trace(
             go.Scatter(x=count, y=1e3 * values, mode="lines+markers", name=name, line={"color": colour, "width": 2})
         )
     floor = 1e3 * float(campaign.design.floor.max())
     figure.add_trace(
-        go.Scatter(x=count[[0, -1]], y=[floor, floor], mode="lines", name="floor of the widest",
-                   line={"color": BEFORE, "dash": "dash"})
+        go.Scatter(x=count[[0, -1]], y=[floor, floor], mode="lines", name="no pose lowers it below",
+                   line={"color": TOLERANCE, "dash": "dash"})
     )  # fmt: skip
     figure.update_xaxes(title_text="poses measured")
     figure.update_yaxes(title_text="95 % band, mm", rangemode="tozero")

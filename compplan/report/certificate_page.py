@@ -17,7 +17,7 @@ from compplan.report.provenance import describe_robot
 from compplan.report.style import AFTER, BEFORE, CATEGORIES, format_length, format_number
 
 Row = list[TableCell | str | float | int | None]
-GRADES = {"measured": "measured", "literature": "assumed for a robot from literature", "assumed": "assumed"}
+GRADES = {"measured": "measured", "literature": "assumed for a robot model from published data", "assumed": "assumed"}
 
 
 def write_certificate_page(certificate: Certificate, file: Path) -> None:
@@ -38,18 +38,19 @@ def write_certificate_page(certificate: Certificate, file: Path) -> None:
     name = robot.name if same is None or same.name == robot.name else f"{same.name} ({robot.name})"
     provenance = describe_robot(robot, [("known from", certificate.known.source)], list_assumed(robot))
     write_page(file, f"{name}: certificate", summarise(certificate), sections, kind="Robot certificate",
-               opening=open_certificate(certificate),
+               opening=open_certificate(certificate, _picture(certificate)),
                provenance=provenance)  # fmt: skip
 
 
 def summarise(certificate: Certificate) -> str:
     """Say in a few sentences how the robot stands."""
     known, accuracy = certificate.known, certificate.accuracy
-    text = f"Widths of what is known of this robot are {GRADES[known.grade]}."
+    text = f"How surely this robot is known is {GRADES[known.grade]}."
     reached = [r for r in certificate.references if r.promise is not None]
     for reference in reached:
         if reference.promise is not None:
-            text += f" On the {reference.name} a tolerance of {format_length(reference.promise.whole)} can be promised."
+            band = format_length(reference.promise.whole)
+            text += f" On the {reference.name} it keeps a tolerance of {band} with 95\u00a0%."
     if accuracy is not None and accuracy.again:
         text += f" Its repeatability RP is {format_length(accuracy.pooled)} over {_met_again(accuracy)}."
     if certificate.findings:
@@ -116,7 +117,7 @@ def _reach(certificate: Certificate) -> Section:
         Column("whole path, 95 %", "mm"), Column("most of it from"),
     ]  # fmt: skip
     caption = (
-        "Tolerance that can be promised after compensation, the force known exactly. Circles of the robot's own size:"
+        "Tolerance that is kept after correction, the force known exactly. Circles of the robot's own size:"
         " place and force (the weight of the rated payload, or 50 N a metre of reach) are assumed; --job takes a path"
         " of your own."
     )
@@ -131,7 +132,7 @@ def _stiffness(certificate: Certificate) -> Section:
         literature = TableCell(_mega(entry.literature), "bad" if outside else "")
         rows.append([entry.joint, _mega(entry.value), _mega(entry.low), _mega(entry.high), literature, *past])
     columns = [
-        Column("joint"), Column("stiffness", "MN m/rad"), Column("from"), Column("to"), Column("literature"),
+        Column("joint"), Column("stiffness", "MN m/rad"), Column("from"), Column("to"), Column("published"),
     ]  # fmt: skip
     if certificate.older is not None:
         columns += [Column("last time"), Column("change", "standard deviations", 2)]
@@ -139,11 +140,17 @@ def _stiffness(certificate: Certificate) -> Section:
     source = "no shipped robot of this type"
     if named is not None:
         source = f"{named.name}, {named.sources.get('compliance', '')}"
-    lede = f"With 95 % intervals, {GRADES[certificate.known.grade]}. Literature: {source}."
+    lede = f"With 95 % intervals, {GRADES[certificate.known.grade]}. Published: {source}."
     blocks: list[Block] = [PageTable(columns, rows, "Infinite: the model holds the joint rigid. MN/m where it slides.")]
-    if any(np.isfinite(entry.value) for entry in certificate.stiffness):
-        blocks.append(Chart(_draw_stiffness(certificate), "Dots: today; whiskers: 95 %.", height=320))
     return Section("Stiffness", blocks, lede)
+
+
+def _picture(certificate: Certificate) -> Chart | None:
+    """Return the stiffness of the joints; None where the model holds all of them rigid."""
+    if not any(np.isfinite(entry.value) for entry in certificate.stiffness):
+        return None
+    caption = "Stiffness of each joint. Dots: today; lines: 95 % intervals."
+    return Chart(_draw_stiffness(certificate), caption, height=340)
 
 
 def _draw_stiffness(certificate: Certificate) -> Any:
@@ -159,7 +166,7 @@ def _draw_stiffness(certificate: Certificate) -> Any:
     figure.add_trace(
         go.Scatter(x=names, y=value, error_y=bars, mode="markers", name="today", marker={"color": AFTER, "size": 9})
     )
-    others = (("literature", CATEGORIES[1], "literature"), ("last time", BEFORE, "older"))
+    others = (("published", CATEGORIES[1], "literature"), ("last time", BEFORE, "older"))
     for label, colour, key in others:
         points = [getattr(entry, key) for entry in entries]
         if any(point is not None for point in points):

@@ -19,6 +19,7 @@ from compplan.report.style import (
     CATEGORIES,
     TOLERANCE,
     format_length,
+    format_mm,
     format_percent,
     format_set_length,
     format_set_value,
@@ -249,9 +250,8 @@ def _draw_left(view: CompareView) -> Any:
     middle = [1e3 * left[name][0] for name in names]
     most = [1e3 * max(left[name][1] - left[name][0], 0.0) for name in names]
     figure = go.Figure(go.Bar(
-        y=[name.replace("_", " ") for name in names], x=middle, orientation="h", marker_color=CATEGORIES[0],
-        text=[format_length(left[name][0]) for name in names], textposition="inside", insidetextanchor="start",
-        constraintext="none",
+        y=[f"{name.replace('_', ' ')}: {format_mm(left[name][0])}" for name in names], x=middle, orientation="h",
+        marker_color=CATEGORIES[0],
         error_x={"type": "data", "array": most, "arrayminus": [0.0] * len(most), "thickness": 1.6, "width": 6},
         hovertemplate="%{x:.3g} mm<extra></extra>",
     ))  # fmt: skip

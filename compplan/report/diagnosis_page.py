@@ -39,7 +39,7 @@ DRAWN = 12
 #: Candidates below this probability stand in the table alone.
 UNLIKELY = 5e-4
 #: What the picture of the first screen shows.
-SHARES = "Share of the error by place; lines: 95 % intervals."
+SHARES = "Share of the error by place. Lines: 95 % intervals; where one is long, another place explains it as well."
 Row = list[TableCell | str | float | int | None]
 
 
@@ -101,10 +101,10 @@ def write_diagnosis(view: DiagnosisView, file: Path) -> None:
     sections.append(_next(view))
     write_page(
         file,
-        view.title,
+        f"{view.robot.name}: diagnosis",
         [say_where(view), say_which(view), say_how_far(view)],
         [section for section in sections if section.blocks],
-        kind=f"Diagnosis of the sim-to-real gap, {view.robot.name}",
+        kind=f"Diagnosis of {view.title}",
         opening=open_diagnosis(
             view.verdict, view.gap, Chart(draw_shares(view.split.shares.by_place, "place"), SHARES, 330)
         ),

@@ -1,4 +1,4 @@
-"""The page of an identification: values with intervals, what cannot be told and why, the gap, how the model grew."""
+"""The page of an identification: values with intervals, what cannot be determined, the gap, how the model grew."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def write_identification_page(summary: dict[str, Any], file: Path) -> None:
             [*_changes(compliances), _parameters(compliances)],
             "Identified values with 95 % intervals. What did not earn its place on held-out poses is not written.",
         ),
-        Section("What cannot be told", [_held(summary)], "Held at their nominal values, and why."),
+        Section("What cannot be determined", [_held(summary)], "Held at their nominal values, and why."),
         Section(
             "Gap",
             [_gap_chart(gap), _gap(gap)],
@@ -137,7 +137,7 @@ def _held(summary: dict[str, Any]) -> PageTable:
         [entry["parameter"], ", ".join(entry["together_with"]) or None, entry["reason"]]
         for entry in summary["unidentifiable"]
     ]
-    return PageTable(columns, rows or [["none", None, "every parameter can be told"]], scroll=24)
+    return PageTable(columns, rows or [["none", None, "every parameter can be determined"]], scroll=24)
 
 
 def _gap(gap: dict[str, Any]) -> PageTable:
@@ -161,7 +161,8 @@ def _rounds(summary: dict[str, Any]) -> PageTable:
         standing = TableCell("model as it stands", "muted")
         rows.append([number, standing, None, None, entry["held_out_rms_mm"], None, None])
         for candidate in entry["candidates"][:8]:
-            verdict = "added" if candidate["name"] == entry["added"] else "" if candidate["told"] else "cannot be told"
+            verdict = "" if candidate["told"] else "cannot be determined"
+            verdict = "added" if candidate["name"] == entry["added"] else verdict
             rows.append(
                 [None, candidate["name"], candidate["value"], candidate["unit"], candidate["held_out_rms_mm"],
                  candidate["gain_in_standard_errors"], verdict]

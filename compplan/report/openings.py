@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from compplan.plan.keeping import MEASURE
 from compplan.report.effect_words import describe_effect, name_effect
 from compplan.report.page import Block, KeyFigure, Opening
-from compplan.report.style import format_length, format_number, format_percent, format_set_length
+from compplan.report.style import format_mm, format_number, format_percent, format_set_length
 
 if TYPE_CHECKING:
     from compplan.job.force_prediction import ForcePrediction
@@ -33,8 +34,7 @@ GROUPS = {
 
 def join_names(names: Sequence[str]) -> str:
     """Join names as a sentence does."""
-    plain = [name.replace("_", " ") for name in names]
-    return plain[0] if len(plain) == 1 else f"{', '.join(plain[:-1])} and {plain[-1]}"
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def open_comparison(
@@ -56,23 +56,23 @@ def open_comparison(
     kept = most <= tolerance
     where = "on a typical robot like yours" if drawn else "on the robot as modelled"
     if "none" in equals:
-        verdict = f"A correction brings nothing here: {format_length(least)} rms {where}, with and without it."
+        verdict = f"A correction brings nothing here: {format_mm(least)} rms {where}, with and without it."
     else:
-        without = f", without correction {format_length(left['none'])}" if "none" in left else ""
-        others = [name for name in equals if name != best]
-        verb = "leaves" if len(others) == 1 else "leave"
-        alike = f" {join_names(others).capitalize()} {verb} the same." if others else ""
-        verdict = f"Plan with {best}: it leaves {format_length(left[best])} rms {where}{without}.{alike}"
+        others = [name.replace("_", " ") for name in equals if name != best]
+        verb = "does" if len(others) == 1 else "do"
+        alike = f" {join_names(others).capitalize()} {verb} as well." if others else ""
+        verdict = f"Plan with the strategy {best.replace('_', ' ')}.{alike}"
+    stays = "it stays below that on 95 of 100 robots like yours" if drawn else "greatest deviation"
     figures = [
-        KeyFigure(format_length(left[best]), f"rms deviation with {best}, {where}"),
-        KeyFigure(format_length(most), f"what it stays below on 95 of 100 robots like yours; the tolerance is "
-                  f"{format_set_length(tolerance)}", "good" if kept else "bad"),
+        KeyFigure(format_mm(left[best]), f"rms deviation with {best.replace('_', ' ')}, {where}"),
+        KeyFigure(format_mm(most), f"{stays}; the tolerance is {format_set_length(tolerance)}",
+                  "good" if kept else "bad"),
     ]  # fmt: skip
     if "none" in left:
-        figures.append(KeyFigure(format_length(left["none"]), "rms deviation without correction"))
+        figures.append(KeyFigure(format_mm(left["none"]), "rms deviation without correction"))
     todo = f"Plan with it: compplan plan JOB, where the job says strategy = \"{best}\"."
     if not kept:
-        todo = "Measure the robot (compplan campaign): what is not known of it matters more than the strategy."
+        todo = f"{MEASURE} What is not known of it matters more than the strategy."
     return Opening(verdict, "good" if kept else "unsure", figures, picture, todo)
 
 
@@ -82,20 +82,19 @@ def open_study(result: JobStudy, picture: Block) -> Opening:
     best = min(figures, key=lambda name: figures[name]["rms_mm"]["mean"])
     entry = figures[best]
     share = float(entry["within_tolerance"])
-    of = f"of 100 robots like this one {100 * share:.0f} keep {format_set_length(tolerance)}"
-    verdict = f"With the strategy {best.replace('_', ' ')}, {of} over the whole part"
-    if "none" in figures:
-        verdict += f", without correction {100 * float(figures['none']['within_tolerance']):.0f}"
+    count = f"{100 * share:.0f}" if share else "None"
+    tone, name = "good" if share >= 0.95 else "bad", best.replace("_", " ")
+    verdict = f"{count} of 100 parts keep {format_set_length(tolerance)}, with the best strategy ({name})"
     numbers = [
-        KeyFigure(f"{100 * share:.0f} of 100", "parts within the tolerance", "good" if share >= 0.95 else "bad"),
-        KeyFigure(format_length(1e-3 * entry["rms_mm"]["mean"]), f"rms deviation with {best.replace('_', ' ')}, mean"),
-        KeyFigure(format_length(1e-3 * entry["max_mm"]["p95"]), "greatest deviation, in 95 of 100"),
+        KeyFigure(f"{100 * share:.0f} of 100", "parts within the tolerance over the whole path", tone),
+        KeyFigure(format_mm(1e-3 * entry["rms_mm"]["mean"]), "rms deviation with the best strategy, mean of all"),
+        KeyFigure(format_mm(1e-3 * entry["max_mm"]["p95"]), "95 of 100 parts are nowhere farther off than that"),
     ]
     todo = "More samples make the figures surer: --samples."
     if result.sensitivity is not None:
         shares = result.sensitivity.total[result.summary["sensitivity_of"]]
         group = result.sensitivity.groups[int(np.argmax(shares))]
-        todo = f"Know {GROUPS.get(group, group.replace('_', ' '))} better: it makes most of what is left."
+        todo = f"Measure {GROUPS.get(group, group.replace('_', ' '))}: it makes most of the deviation that is left."
     return Opening(f"{verdict}.", "good" if share >= 0.95 else "unsure", numbers, picture, todo)
 
 
@@ -120,16 +119,16 @@ def open_diagnosis(verdict_table: Mapping[str, Any], gap: Mapping[str, float | N
                                           "unsure"))  # fmt: skip
     figures = []
     if before is not None and after is not None:
-        figures = [KeyFigure(format_length(1e-3 * before), "rms error of the robot model before"),
-                   KeyFigure(format_length(1e-3 * after), "of the updated one, on rows that it never saw",
+        figures = [KeyFigure(format_mm(1e-3 * before), "rms error of the robot model before"),
+                   KeyFigure(format_mm(1e-3 * after), "rms error of the updated one, on rows not used for the fit",
                              "good" if after < 0.5 * before else "")]  # fmt: skip
     floor = gap.get("noise_floor_mm")
-    figures += [] if not floor else [KeyFigure(format_length(1e-3 * floor), "noise of the measurement")]
+    figures += [] if not floor else [KeyFigure(format_mm(1e-3 * floor), "noise of the measurement")]
     doubtful = [effect for effect in effects if effect.get("ambiguous_with")]
     todo = "Plan with the updated robot: compplan plan JOB --robot OUT/robot."
     if doubtful:
         rivals = join_names([name_effect(rival) for rival in doubtful[0]["ambiguous_with"][:2]])
-        todo += f" To tell {name_effect(doubtful[0])} from {rivals}, measure what is listed below."
+        todo += f" Not certain: {name_effect(doubtful[0])} may also be {rivals}. See What to measure next."
     elif status == "none":
         todo = "Nothing has to be done. Measure again after the next crash or service."
     return Opening(verdict, tone, figures, picture, todo)
@@ -140,17 +139,18 @@ def open_campaign(campaign: PoseCampaign, picture: Block) -> Opening:
     choice = campaign.choice
     now, then = float(choice.greatest[0]), float(choice.greatest[-1])
     useful = len(choice.rows) if choice.enough is None else choice.enough
-    verdict = f"{len(choice.rows)} poses narrow the 95 % band on this path from {format_length(now)} to "
-    verdict += f"{format_length(then)}."
+    verdict = f"{useful} poses are enough: they narrow the 95 % band on this path from {format_mm(now)} to "
+    verdict += f"{format_mm(float(choice.greatest[useful]))}."
     tone = "good" if then < 0.8 * now else "unsure"
     if useful == 0:
         verdict, tone = "No further pose is worth measuring for this path.", "good"
     figures = [
-        KeyFigure(format_length(now), "95 % band at its widest, now"),
-        KeyFigure(format_length(then), f"after {len(choice.rows)} poses, if the robot is as its widths say", tone),
-        KeyFigure(str(useful), "poses that are worth it"),
+        KeyFigure(format_mm(now), "95 % band at its widest point, now"),
+        KeyFigure(format_mm(then), f"expected after all {len(choice.rows)} poses", tone),
+        KeyFigure(str(useful), "poses that are worth measuring; each further one brings less than 0.5 %"),
     ]
-    todo = "Measure the poses in the order of the list into campaign.csv, then: compplan diagnose campaign.csv."
+    todo = "Measure the poses in the order of the list and fill in campaign.csv. Then: compplan diagnose campaign.csv "
+    todo += "--robot ROBOT --out updated."
     return Opening(verdict, tone, figures, picture, todo)
 
 
@@ -159,49 +159,53 @@ def open_teaching(teaching: Teaching, picture: Block) -> Opening:
     lesson = teaching.lesson
     if not lesson.taken:
         verdict = "The program stays as it is: the measured part does not say how to make the next one better."
-        figures = [KeyFigure(format_length(lesson.rms), "rms deviation of the measured part")]
+        figures = [KeyFigure(format_mm(lesson.rms), "rms deviation of the measured part")]
         return Opening(verdict, "unsure", figures, picture, "Measure more points, or another part, and learn again.")
-    verdict = f"The next part should be off by {format_length(lesson.expected)} rms, this one was by "
-    verdict += f"{format_length(lesson.rms)}."
+    verdict = "The new program should make the next part better."
     figures = [
-        KeyFigure(f"{format_length(lesson.rms)} → {format_length(lesson.expected)}",
-                  "rms deviation, measured and expected", "good"),
-        KeyFigure(format_length(lesson.held_out), "left of it on stretches that the correction never saw"),
-        KeyFigure(format_length(float(lesson.band_after.max())), "95 % band of the next part at its widest"),
+        KeyFigure(f"{format_mm(lesson.rms)} → {format_mm(lesson.expected)}",
+                  "rms deviation, measured on this part and expected of the next", "good"),
+        KeyFigure(format_mm(lesson.held_out), "checked: left on stretches not used for the correction"),
+        KeyFigure(format_mm(float(lesson.band_after.max())), "95 % band of the next part at its widest"),
     ]  # fmt: skip
     todo = "Cut the next part with the new program, measure it, and learn again with --robot OUT/robot."
     return Opening(verdict, "good", figures, picture, todo)
 
 
-def open_certificate(certificate: Certificate) -> Opening:
+def open_certificate(certificate: Certificate, picture: Block | None = None) -> Opening:
     """Say what tolerance this robot keeps, and what to do first."""
     reached = [r for r in certificate.references if r.promise is not None]
     figures = [
-        KeyFigure(format_length(r.promise.whole), f"95 % band on the {r.name}") for r in reached[:2] if r.promise
+        KeyFigure(format_mm(r.promise.whole), f"95 % band on the {r.name}") for r in reached[:2] if r.promise
     ]
     accuracy = certificate.accuracy
     if accuracy is not None and accuracy.again:
-        figures.append(KeyFigure(format_length(accuracy.pooled), "repeatability RP, as ISO 9283 defines it"))
+        figures.append(KeyFigure(format_mm(accuracy.pooled), "repeatability RP, as ISO 9283 defines it"))
     elif accuracy is not None:
-        figures.append(KeyFigure(format_length(accuracy.rms), "rms error of the model over the log"))
-    verdict = "On none of the reference paths a tolerance can be kept."
+        figures.append(KeyFigure(format_mm(accuracy.rms), "rms error of the model over the log"))
+    known = certificate.known.grade == "measured"
+    if len(figures) < 3:
+        figures.append(KeyFigure("measured" if known else "assumed", "is how surely the robot is known"))
+    verdict = "This robot keeps no tolerance on any of the reference paths."
     bands = [(r.promise.whole, r.name) for r in reached if r.promise is not None]
     if bands:
         band, name = min(bands)
-        verdict = f"After correction this robot keeps {format_length(band)} on the {name} with 95 %."
+        verdict = f"With correction, this robot keeps a tolerance of {format_mm(band)} on the {name}."
     steps = [str(step) for step in certificate.next_steps]
-    return Opening(verdict, "good" if reached else "bad", figures[:3], None, steps[0] if steps else "")
+    tone = "bad" if not reached else "good" if known else "unsure"
+    return Opening(verdict, tone, figures[:3], picture, steps[0] if steps else "")
 
 
 def open_forces(found: ForcePrediction, summary: Mapping[str, Any], picture: Block) -> Opening:
     """Say what force the tool carries."""
     force, level = summary["force_N"], summary.get("uncertainty")
     most, mean = format_number(force["max"]), format_number(force["mean_in_contact"])
-    verdict = f"The tool carries up to {most}\u00a0N, {mean}\u00a0N on average in the cut."
+    verdict = f"The force on the tool is at most {most}\u00a0N."
     figures = [KeyFigure(f"{most}\u00a0N", "greatest force"), KeyFigure(f"{mean}\u00a0N", "mean force in the cut")]
     if level is not None:
         whence = "as the job says" if summary["uncertainty_stated"] else "assumed"
-        figures.append(KeyFigure(f"± {100 * level:.0f}\u00a0%", f"of the level: one standard deviation, {whence}"))
+        words = f"uncertainty of these forces, one standard deviation, {whence}"
+        figures.append(KeyFigure(f"± {100 * level:.0f}\u00a0%", words))
     todo = "Plan with it: compplan plan JOB."
     if level is not None and not summary["uncertainty_stated"]:
         todo = "Measure the force of one cut and give the log: compplan forces JOB --log LOG.csv."
@@ -214,15 +218,17 @@ def open_place(summary: Mapping[str, Any], picture: Block) -> Opening:
     there, here = summary["sensitivity_mm"]["p95"], summary["sensitivity_here_mm"]
     verdict = f"Put the part at X {x:g}, Y {y:g}, Z {z:g} mm"
     verdict += f", turned by {summary['part']['turn_deg']:g} deg" if summary["part"]["turn_deg"] else ""
-    words = "what 95 % of the deviations stay below there, after correction"
+    words = "95 % of the remaining deviations are smaller there"
     figures = [KeyFigure(f"{there:.3g}\u00a0mm", words, "good")]
     if here is None:
-        verdict += "; from where the job has it the path cannot be followed."
+        verdict += "; at the job's place the path cannot be followed."
     else:
-        verdict += f": the deviation that is left falls to {format_percent(summary['ratio'])}."
-        figures.append(KeyFigure(f"{here['p95']:.3g}\u00a0mm", "the same where the job has it"))
-    figures.append(KeyFigure(f"{x:g}, {y:g}, {z:g}", "position_mm of [part]"))
-    return Opening(verdict, "good", figures, picture, "Write position_mm into [part] of the job and plan again.")
+        verdict += "."
+        figures.append(KeyFigure(f"{here['p95']:.3g}\u00a0mm", "the same at the job's place"))
+        less = format_percent(1.0 - summary["ratio"])
+        figures.append(KeyFigure(less, "less deviation than at the job's place", "good"))
+    todo = f"Write position_mm = [{x:g}, {y:g}, {z:g}] into [part] of the job and plan again."
+    return Opening(verdict, "good", figures, picture, todo)
 
 
 def open_identification(summary: Mapping[str, Any], picture: Block | None) -> Opening:
@@ -230,13 +236,15 @@ def open_identification(summary: Mapping[str, Any], picture: Block | None) -> Op
     gap = summary["gap"]
     before, after = 1e-3 * gap["held_out_before_rms_mm"], 1e-3 * gap["held_out_after_rms_mm"]
     better = after < before
-    verdict = f"The fitted robot model is off by {format_length(after)} rms on poses that it never saw, before by "
+    verdict = "The fit makes the robot model no better."
+    if better:
+        verdict = f"The fitted robot model is {format_number(before / after, 2)} times closer to the measurements."
     written = sum(1 for entry in summary["parameters"] if entry["written"])
     figures = [
-        KeyFigure(f"{format_length(before)} → {format_length(after)}", "rms error on poses that it never saw",
+        KeyFigure(f"{format_mm(before)} → {format_mm(after)}", "rms error before and after, on poses not in the fit",
                   "good" if better else "bad"),
         KeyFigure(str(written), "values are written to the robot folder"),
         KeyFigure(str(summary["poses"]), f"poses, {summary['rows']} rows"),
     ]  # fmt: skip
-    todo = "Plan with it: compplan plan JOB --robot OUT/robot." if better else "Measure more poses: compplan campaign."
-    return Opening(f"{verdict}{format_length(before)}.", "good" if better else "bad", figures, picture, todo)
+    todo = "Plan with it: compplan plan JOB --robot OUT/robot." if better else MEASURE
+    return Opening(verdict, "good" if better else "bad", figures, picture, todo)

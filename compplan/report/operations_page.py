@@ -6,8 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from compplan.files.quantities import format_length
-from compplan.report.page import Column, PageTable, Provenance, Section, TableCell, write_page
+from compplan.files.notes import list_remarks, list_stops
+from compplan.files.quantities import format_length, format_mm
+from compplan.report.page import Column, KeyFigure, Opening, PageTable, Provenance, Section, TableCell, write_page
+from compplan.report.plan_opening import TONES
 
 
 def write_operations_page(summary: Mapping[str, Any], file: Path) -> None:
@@ -23,11 +25,28 @@ def write_operations_page(summary: Mapping[str, Any], file: Path) -> None:
         Section("Tools", [_table(tools), f"Each tool's own page: {_list(tools)}."], "One plan a tool.", open=True),
         Section("Programs", [_programs(tools)], "Run them in this order; each begins with its tool change.", open=True),
     ]
-    if summary["notes"]:
-        sections.append(Section("What to know", list(summary["notes"])))
     write_page(
-        file, summary["name"], say_operations(summary), sections, kind="Plan",
-        provenance=Provenance([("robot", summary["robot"])], []),
+        file, summary["name"], say_operations(summary), sections, kind="Plan", opening=_open(summary),
+        notes=list_remarks(summary["notes"]), provenance=Provenance([("robot", summary["robot"])], []),
+    )  # fmt: skip
+
+
+def _open(summary: Mapping[str, Any]) -> Opening:
+    """Return the first screen: the verdict of the whole, and what stops the machine."""
+    tools, verdict = summary["tools"], summary["verdict"]
+    bands = [tool["verdict"]["band_mm"] for tool in tools]
+    band = "not known" if None in bands else format_mm(1e-3 * max(bands))
+    before, after = (format_mm(1e-3 * summary[key]["max"]) for key in ("error_before_mm", "error_after_mm"))
+    words = {"keeps": "All operations keep", "may_not_keep": "Not all operations keep",
+             "not_known": "It is not known whether all operations keep"}[verdict["word"]]  # fmt: skip
+    figures = [
+        KeyFigure(band, "95 % band, the widest of all operations", TONES[verdict["word"]]),
+        KeyFigure(f"{before} → {after}", "greatest deviation without and with correction, if the robot is as modelled"),
+        KeyFigure(f"{summary['duration_s']:.0f}\u00a0s", f"for {len(tools)} operations, without the tool changes"),
+    ]
+    return Opening(
+        f"{words} {verdict['tolerance_mm']:g} mm.", TONES[verdict["word"]], figures, None,
+        "Open the page of each tool; run the programs in the order below.", list_stops(summary["notes"]),
     )  # fmt: skip
 
 
@@ -55,11 +74,11 @@ def _table(tools: Sequence[Mapping[str, Any]]) -> PageTable:
         rows.append([
             tool["label"], tool["length_mm"], status, tool["verdict"]["word"].replace("_", " "),
             tool["error_before_mm"]["max"], tool["error_after_mm"]["max"],
-            tool.get("promise_mm", {}).get("p95_max"), tool["waypoints"], tool["duration_s"],
+            tool["verdict"]["band_mm"], tool["waypoints"], tool["duration_s"],
         ])  # fmt: skip
     columns = [
         Column("tool"), Column("flange to tip", "mm", 5), Column("status"), Column("verdict"),
-        Column("uncorrected, max", "mm"), Column("planned, max", "mm"), Column("true tip within, 95 %", "mm"),
+        Column("uncorrected, max", "mm"), Column("planned, max", "mm"), Column("95 % band", "mm"),
         Column("waypoints"), Column("time", "s"),
     ]  # fmt: skip
     return PageTable(columns, rows)

@@ -12,6 +12,7 @@ import base64
 import gzip
 import hashlib
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -325,13 +326,22 @@ def _with_origin(provenance: Provenance) -> Provenance:
 def _environment() -> Any:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    return Environment(
+    environment = Environment(
         loader=FileSystemLoader(TEMPLATES),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["whole_options"] = keep_options_whole
+    return environment
+
+
+def keep_options_whole(text: str) -> Any:
+    """Return text as HTML that breaks no line within an option of a command."""
+    from markupsafe import Markup, escape
+
+    return Markup(re.sub(r"(--[a-z-]+)", r'<span class="option">\1</span>', str(escape(text))))
 
 
 @cache

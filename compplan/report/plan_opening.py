@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from compplan.files.notes import list_stops
 from compplan.program.counting import load_controller
 from compplan.program.frames import place_numbers, rotation_vectors
 from compplan.report.curve_chart import show_curves
 from compplan.report.page import Block, Column, KeyFigure, Opening, PageTable, Section, TableCell
-from compplan.report.style import format_bound, format_length, format_number, format_percent, format_set_length
+from compplan.report.provenance import GRADE_MEANING
+from compplan.report.style import format_length, format_mm, format_number, format_percent, format_set_length
 from compplan.robot import Array, Robot
 
 if TYPE_CHECKING:
@@ -22,11 +23,6 @@ if TYPE_CHECKING:
 
 #: What the verdict looks like.
 TONES = {"keeps": "good", "may_not_keep": "bad", "not_known": "unsure"}
-#: Words of notes that have to be settled before the machine moves; each stands in the sentence that its author writes.
-STOPPING = (
-    "ARE NOT KNOWN", "swing over", "swings over", "never starts the spindle", "is that so?", "Is tool.position_mm",
-    "below the part", "touches", "collid", "soft limit", "spindle stands",
-)  # fmt: skip
 #: Files of a result that are no program.
 NO_PROGRAM = {".html", ".json", ".png", ".npz", ".glb", ".bin", ".toml", ".urdf"}
 #: Tables of a result that are no program.
@@ -42,12 +38,13 @@ def open_plan(plan: Plan, folder: Path | None = None) -> Opening:
     """
     verdict = plan.verdict
     sentence = first_sentence(verdict.sentence)
-    band = "not known" if verdict.band is None else format_length(verdict.band)
-    before, after = format_length(plan.before.max_deviation), format_bound(plan.after.max_deviation)
+    band = "not known" if verdict.band is None else format_mm(verdict.band)
+    before, after = format_mm(plan.before.max_deviation), format_mm(plan.after.max_deviation)
     figures = [
-        KeyFigure(band, f"95 % band: where the true tip stays; the tolerance is {format_set_length(verdict.tolerance)}",
+        KeyFigure(band, "95 % band: the true tip stays that close to the path; "
+                  f"the tolerance is {format_set_length(verdict.tolerance)}",
                   TONES[verdict.word] if verdict.word != "not_known" else ""),
-        KeyFigure(f"{before} → {after}", "greatest deviation without and with correction, on the robot as modelled"),
+        KeyFigure(f"{before} → {after}", "greatest deviation without and with correction, if the robot is as modelled"),
         KeyFigure(f"{format_number(float(plan.timing.time[-1]))}\u00a0s",
                   f"for {format_length(plan.task.nominal.cutting_length)} of cut"),
     ]  # fmt: skip
@@ -63,17 +60,6 @@ def open_plan(plan: Plan, folder: Path | None = None) -> Opening:
 def first_sentence(text: str) -> str:
     """Return the first sentence of a text."""
     return re.split(r"(?<=[.!?])\s+(?=[A-Z])", text.strip(), maxsplit=1)[0]
-
-
-def list_stops(notes: Sequence[str]) -> list[str]:
-    """Return the notes that have to be settled before the machine moves."""
-    return [note for note in notes if any(word in note for word in STOPPING)]
-
-
-def list_remarks(notes: Sequence[str]) -> list[str]:
-    """Return the other notes."""
-    stops = set(list_stops(notes))
-    return [note for note in notes if note not in stops]
 
 
 def write_sheet(plan: Plan, folder: Path | None) -> Section:
@@ -129,7 +115,8 @@ def _say_frames(plan: Plan) -> list[tuple[str, str]]:
     """Return robot, part and tool in words."""
     robot, job = plan.robot, plan.job
     controller = load_controller(robot)
-    rows = [("Robot", f"{robot.name}; controller {controller.name or 'not known'}; model is {robot.grade}")]
+    rows = [("Robot", f"{robot.name}; controller {controller.name or 'not known'}"),
+            ("Robot model", GRADE_MEANING[robot.grade])]  # fmt: skip
     if job is not None:
         rows.append(("Part frame, in the robot base", say_pose(job.T_base_part)))
     tool = None if job is None else job.tool
@@ -162,7 +149,7 @@ def _say_run(plan: Plan) -> list[tuple[str, str]]:
         near = min(plan.clearance.least[1], plan.clearance.own, key=lambda contact: contact.distance)
         if np.isfinite(near.distance) and near.first:
             rows.append(("Least clearance", f"{format_length(near.distance)}: {near.first} to {near.second}"))
-    band = "not known" if verdict.band is None else format_length(verdict.band)
+    band = "not known" if verdict.band is None else format_mm(verdict.band)
     rows.append(("Tolerance and 95 % band", f"{format_set_length(verdict.tolerance)}; band {band}"))
     force = float(np.linalg.norm(plan.task.wrench[:, :3], axis=1).max(initial=0.0))
     return [*rows, ("Greatest predicted force", f"{force:.4g} N" if force else "none predicted")]

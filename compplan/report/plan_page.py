@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from compplan.files.notes import list_remarks
 from compplan.report.along_path import (
     FLOOR,
     draw_joints,
@@ -17,7 +18,6 @@ from compplan.report.along_path import (
 from compplan.report.force_moves import busiest_rate, tell_force
 from compplan.report.page import Block, Chart, Column, Fold, Opening, PageTable, Section, TableCell, write_page
 from compplan.report.path_scene import describe_magnification, draw_deviation_paths
-from compplan.report.plan_opening import list_remarks
 from compplan.report.plan_view import PlanView
 from compplan.report.provenance import describe_grade, describe_robot
 from compplan.report.reach_section import show_reach
@@ -82,8 +82,8 @@ def summarise_plan(view: PlanView) -> str:
         wrong = format_length(view.mismatch.max_deviation)
         text += f". Where the robot is not as modelled ({view.mismatch.cell}, assumed) the plan leaves up to {wrong}"
     if view.promise is not None:
-        band = format_length(view.promise.greatest)
-        text += f". The true tip is within {band} with 95\u00a0%, by what is known of robot and force"
+        band = format_length(view.promise.whole)
+        text += f". Along the whole path the true tip is within {band} with 95\u00a0%"
     if view.inertia > view.tolerance:
         text += f". The inertia of the motion bends the arm by up to {format_length(view.inertia)}, not compensated"
     share = float((after <= view.tolerance).mean())

@@ -121,7 +121,7 @@ def _list_bending(plan: Plan) -> dict[str, str]:
     bending, assumed = plan.bending, " (assumed masses)" if "assumed" in plan.bending.masses else ""
     rows = {}
     if plan.promise is not None:
-        rows["true tip within, with 95\u00a0%"] = format_length(plan.promise.greatest)
+        rows["true tip within, with 95\u00a0%"] = format_length(plan.promise.whole)
     rows |= {"bent by the process": format_length(bending.process), "bent by weight": format_length(bending.weight)}
     if np.isfinite(bending.inertia):
         word = "compensated" if bending.compensated else "not compensated"

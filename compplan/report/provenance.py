@@ -6,10 +6,10 @@ from compplan.report.page import Provenance
 from compplan.robot import Robot
 
 GRADE_MEANING = {
-    "identified": "measured on this machine",
-    "literature": "taken from papers, not from the machine in front of you",
-    "scaled": "derived from similar machines, not measured",
-    "placeholder": "invented or absent, not to be relied on",
+    "identified": "measured on this robot",
+    "literature": "from published data, not measured on your robot",
+    "scaled": "estimated from similar robots, not measured",
+    "placeholder": "invented or absent: do not rely on it",
 }
 #: Words in a source that mean that nobody measured the number.
 DOUBTFUL = ("assumed", "unverified", "placeholder", "estimated", "scaled", "from memory")
@@ -17,7 +17,7 @@ DOUBTFUL = ("assumed", "unverified", "placeholder", "estimated", "scaled", "from
 
 def describe_grade(robot: Robot) -> str:
     """Say in a sentence how far the numbers of a robot can be trusted."""
-    return f"The robot model has the grade {robot.grade}: {GRADE_MEANING[robot.grade]}."
+    return f"Robot model: {GRADE_MEANING[robot.grade]}."
 
 
 def describe_robot(
@@ -30,7 +30,7 @@ def describe_robot(
         facts: Further facts, placed before the robot's.
         assumptions: Further assumptions, placed after the robot's.
     """
-    rows = [*(facts or []), ("robot", robot.name), ("grade", f"{robot.grade}: {GRADE_MEANING[robot.grade]}")]
+    rows = [*(facts or []), ("robot", robot.name), ("robot model", GRADE_MEANING[robot.grade])]
     rows += [(f"source of {name}", text) for name, text in robot.sources.items()]
     rows.append(("elastic model", _elastic_model(robot)))
     if robot.gravity is None:

@@ -42,7 +42,7 @@ def show_reach(view: PlanView) -> Section:
 
 
 def _band(view: PlanView) -> Chart:
-    """Show what a shop needs first: how far the true tip may be from the path, against the tolerance."""
+    """Show what matters first: how far the true tip may be from the path, against the tolerance."""
     judged = np.where(view.cut, 1.0, np.nan)
     before, after = (np.linalg.norm(side, axis=1) for side in (view.before, view.after))
     series = {"as modelled": 1e3 * after * judged}
@@ -51,7 +51,7 @@ def _band(view: PlanView) -> Chart:
         series[view.mismatch.cell] = 1e3 * view.mismatch.along(len(after)) * judged
         said += f" {view.mismatch.cell.capitalize()}: what it leaves if all of them are wrong by that much (assumed)."
     if view.promise is not None:
-        series = {"true tip, 95 %": 1e3 * view.promise.radius * judged, **series}
+        series = {"true tip, 95 %": 1e3 * view.promise.along * judged, **series}
         said = f"Shaded: where the true tip is with 95 %, by what is known of robot and force. {said}"
     shown = max(1.25 * 1e3 * view.tolerance, *(1.08 * float(np.nanmax(values)) for values in series.values()))
     uncorrected = 1e3 * before * judged
