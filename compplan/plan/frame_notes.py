@@ -38,7 +38,8 @@ def ask_about_tool(job: Job, robot: Robot) -> list[str]:
     if job.tool is None:
         return []
     pose, out = job.tool.locate_tcp(robot), outward_axis(robot)
-    length, notes = float(np.linalg.norm(pose[:3, 3])), []
+    length = float(np.linalg.norm(pose[:3, 3]))
+    notes: list[str] = []
     if length > LONG * robot.longest_reach:
         notes.append(Stop(
             f"The tool is {1e3 * length:.4g} mm long, the arm's links end to end {1e3 * robot.longest_reach:.4g} mm: "
