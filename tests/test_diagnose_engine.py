@@ -15,7 +15,6 @@ from compplan.diagnose import Diagnosis, diagnose_campaign
 from compplan.diagnose.accuracy import _summarise, draw_learning
 from compplan.diagnose.assessment import assess_diagnosis
 from compplan.diagnose.calibration import list_corrections
-from compplan.diagnose.delivery import hold_out_doubtful
 from compplan.diagnose.evidence import _choose_solver, _loose, _value_and_slope, find_posterior
 from compplan.diagnose.fit import fit_effects
 from compplan.diagnose.gains import find_gains
@@ -197,7 +196,7 @@ def test_every_figure_belongs_to_the_folder_that_is_written(diagnosis: Diagnosis
 
 
 def test_frames_are_fitted_to_the_campaign_around_a_robot_that_never_saw_the_rows(robot: Robot) -> None:
-    """With no effect the held-out gap is that of the registered nominal robot, whose frames every row has a part in.
+    """No frame takes anything more of what is left; each row was predicted by frames that other rows were fitted to.
 
     The frames take nine of the 48 values of sixteen points, six for the base and three for where the target sits.
     """
@@ -206,8 +205,12 @@ def test_frames_are_fitted_to_the_campaign_around_a_robot_that_never_saw_the_row
     fit = fit_effects(replace(problem, without=tuple(EFFECTS)), Registration.identity(campaign))
     held = Folds(fit, make_folds(campaign)).hold_out([], background=False)
     nominal = predict_campaign(robot, campaign, register=("base", "tool"))
-    registered = np.linalg.norm(campaign.position - nominal.position, axis=1)[held.rows]
-    assert np.linalg.norm(held.residual, axis=1) == pytest.approx(np.sqrt(48 / 39) * registered, abs=2e-6)
+    registered = (campaign.position - nominal.position)[held.rows]
+    place = campaign.position[held.rows]
+    assert held.residual.mean(axis=0) == pytest.approx(np.zeros(3), abs=1e-6)
+    assert np.cross(place, held.residual).mean(axis=0) == pytest.approx(np.zeros(3), abs=2e-6)
+    least = np.sqrt(48 / 39 * np.mean(np.sum(registered**2, axis=1)))
+    assert 1.0 < held.rms / least < 1.4
     assert free_of_frames(fit, 2) == pytest.approx(np.sqrt(2.0))
     assert free_of_frames(replace(fit, problem=replace(problem, register=())), 16) == 1.0
 
@@ -222,45 +225,6 @@ def test_a_choice_in_doubt_is_made_anew_from_every_part_of_the_poses(diagnosis: 
         assert {ledger.signatures[c.signature].place for c in chosen} == {CAUSE.place, SECOND.place}
     held = folds.hold_out(fit.model.claims, decide=lambda _: [])
     assert held.rms > 2 * folds.hold_out(fit.model.claims).rms
-
-
-def test_claims_in_doubt_are_worth_what_the_worse_of_two_predictions_says(
-    diagnosis: Diagnosis, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As they are, or chosen again from what may be delivered; a form that was looked for pays for its luck."""
-    fit = diagnosis.fit
-    folds, rows = Folds(fit, make_folds(fit.problem.campaign)), fit.search.ledger.source[0].rows
-    signatures, chosen = fit.search.ledger.signatures, []
-    size = {"kept": 2e-3, "chosen": 1e-3}
-
-    def hold_out(self: Folds, claims: list[Claim], decide: str = "kept") -> HeldOut:
-        return HeldOut(rows, np.full((len(rows), 3), size[decide]))
-
-    def decide_again(self: Folds, named: list[Claim], candidates: list[int]) -> str:
-        chosen.extend(candidates)
-        return "chosen"
-
-    monkeypatch.setattr(Folds, "hold_out", hold_out)
-    monkeypatch.setattr(Folds, "decide_again", decide_again)
-    kept, given_up = fit.model.claims[0], signatures[fit.model.claims[1].signature].place
-    seen = np.ones(len(rows), bool)
-    held = hold_out_doubtful(folds, [], [kept], seen)
-    assert held.residual == pytest.approx(2e-3)
-    places = {signatures[n].place for n in chosen}
-    assert signatures[kept.signature].place in places and given_up not in places
-    assert "wrench_bias" not in {place[0] for place in places}
-    size["chosen"] = 3e-3
-    assert hold_out_doubtful(folds, [], [kept], seen).residual == pytest.approx(3e-3)
-    looked_for = replace(signatures[kept.signature], tried=100)
-    ledger = replace(
-        fit.search.ledger,
-        signatures=tuple(looked_for if n == kept.signature else s for n, s in enumerate(signatures)),
-    )
-    other = Folds(replace(fit, search=replace(fit.search, ledger=ledger)), folds.fold)
-    poses = len(np.unique(folds.pose))
-    by_chance = np.sqrt(1.0 + 2.0 * np.log(100.0) / (3 * poses))
-    assert hold_out_doubtful(other, [], [kept], seen).rms == pytest.approx(3e-3 * np.sqrt(3.0) * by_chance)
-    assert hold_out_doubtful(other, [kept], [kept], seen).rms == pytest.approx(3e-3 * np.sqrt(3.0))
 
 
 def test_long_campaigns_are_dealt_in_longer_runs(robot: Robot) -> None:

@@ -15,6 +15,7 @@ from threshold_bench import Bench
 
 from compplan.diagnose import (
     accuracy,
+    blend,
     calibration,
     delivery,
     doubt,
@@ -323,13 +324,42 @@ def ask_choice(bench: Bench) -> Any:
                 np.arange(4), size[background] * shape
             ),
         )
-        named = SimpleNamespace(signature=0, size=1.0, rivals=())
+        named = SimpleNamespace(signature=0, size=1.0, rivals=(), probability=1.0)
         found = SimpleNamespace(findings=(named,), minor=(), doubtful=())
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(delivery, "possible_claims", lambda verdict: [1])
+            patch.setattr(delivery, "decide_once", lambda folds, claims: None)
+            patch.setattr(delivery, "blend_options", lambda folds, options, seen: [1])
+            patch.setattr(delivery, "hold_out_blend", lambda folds, blend: folds.hold_out(blend))
             patch.setattr(delivery, "_residual", lambda problem, state: np.zeros((4, 3)))
             patch.setattr(delivery, "state_uncertainty", lambda *rest, **named: None)
             patch.setattr(delivery, "_build", lambda fit, kind, claims, held, sure: (kind, held.rms))
             given = delivery.deliver_folders(folds, found, plain, None, np.ones(4, bool))  # type: ignore[arg-type]
         answers.append([entry if isinstance(entry, tuple) else entry.kind for entry in given])
     return answers
+
+
+def ask_sure(bench: Bench) -> Any:
+    """Which names are not weighed anew in parts of the campaign."""
+    names = [Effect("joint_offset", "joint_2"), Effect("joint_offset", "joint_3"), Effect("wrench_scale")]
+    found = [
+        SimpleNamespace(effect=effect, probability=p, signature=n, size=1.0)
+        for n, (effect, p) in enumerate(zip(names, (0.6, 0.97, 0.6), strict=True))
+    ]
+    return delivery.sure_claims(SimpleNamespace(findings=found))  # type: ignore[arg-type]
+
+
+def ask_blend(bench: Bench) -> Any:
+    """Weights of models that may go out, and what each leaves of poses that it never saw."""
+    folds = held_out.Folds(bench.small_fit, held_out.make_folds(bench.few))
+    claims = bench.small_fit.model.claims
+    decide = blend.decide_once(folds, claims)
+    mixed = blend.blend_options(folds, blend.list_options([], claims, decide), np.ones(len(folds.pose), bool))
+    return [decide is None, mixed.weights, mixed.by_fold, [one.residual for one in mixed.solved]]
+
+
+def ask_calibrated(bench: Bench) -> Any:
+    """What is called when small errors leave a part of a gap far above the noise."""
+    structure = verdict.Structure(0.0, 0.0, 1.0, 0.0, 0.0, True, 0.01)
+    unknown = verdict.Verdict("unknown", (), (), (), structure)
+    return [verdict.judge_calibration(unknown, 1.0, after).status for after in (0.1, 0.3)]

@@ -23,6 +23,7 @@ from compplan.diagnose import (
     measurement_moves,
     next_measurement,
     polish,
+    small_errors,
     state,
     traces,
     verdict,
@@ -162,3 +163,8 @@ def ask_told(bench: Bench) -> Any:
     told = [accuracy.measure_accuracy(found), accuracy.list_worst(found), accuracy.draw_learning(found)]
     told += [calibration.list_corrections(found), calibration.list_frames(found)]
     return [*told, where.split_diagnosis(found), traces.trace_findings(found)]
+
+
+def ask_small_errors(bench: Bench) -> Any:
+    """What a calibration finds, by joint and kind."""
+    return small_errors.divide_small_errors(bench.diagnosis)

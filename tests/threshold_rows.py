@@ -34,6 +34,10 @@ ROWS: dict[str, dict[str, Row]] = {
         "PRESENT": ("priors", 1e-6, 0.999),
         "RARE": ("priors", {"gravity_compensator": 1e-6}, {}),
     },
+    "blend": {
+        "WIDE": ("blend", {"joint_offset": ("zeros", 1e-6)}, {"joint_offset": ("zeros", 1e3)}),
+        "MANY_STAYS": ("blend", 0, None, "the log has fewer"),
+    },
     "calibration": {
         "TOLD": ("told_frames", 1e-9, 1e3),
         "SHOWN": ("told", {"m": ("mm", 1.0), "rad": ("deg", 1.0)}, {"m": ("mm", 1e6), "rad": ("deg", 1e6)}),
@@ -87,7 +91,7 @@ ROWS: dict[str, dict[str, Row]] = {
         "WORTH_IT": ("choice", -9.0, 0.99),
         "WORTH_MORE": ("choice", -9.0, 0.99),
         "LUCK": ("choice", 2.0, -1.0),
-        "MANY_STAYS": ("update", 0, None, "the log has fewer"),
+        "BEYOND_DOUBT": ("sure", 0.0, 1.0),
     },
     "descent": {"STEPS": ("state", (1.0,), (3.0, 1.5)), "FAR_OFF": ("state", 0.01, 1e4)},
     "doubt": {
@@ -312,6 +316,10 @@ ROWS: dict[str, dict[str, Row]] = {
         "IDLE": ("state", 1e-6, 1e6),
         "ACTIVE_SETS": ("state", 1, None, TIME),
     },
+    "small_errors": {
+        "ALIKE": ("small_errors", None, 2.0, FAR),
+        "LISTED": ("small_errors", -1.0, 2.0),
+    },
     "traces": {"NEAR_AXIS": ("told", None, 100.0, FAR)},
     "unmodelled": {
         "PLAIN_MOTION": ("unmodelled", 1e-7, 0.1),
@@ -331,6 +339,7 @@ ROWS: dict[str, dict[str, Row]] = {
         "CLAIMED": ("names", 0.0, 1.0),
         "RIVALS": ("margins", 0, None, "the fourth best rival weighs nothing beside the first"),
         "FLOORS_LEFT": ("verdict", 1e-3, 1e3),
+        "CALIBRATED_SHARE": ("calibrated", 1e-3, 1.0),
         "STRUCTURE_GAIN": ("left", -1e3, 1e3),
         "STRUCTURE_SIZE": ("left", 1e-6, 1e3),
         "NAMEABLE": ("names", 1e-3, 1e3),
@@ -349,6 +358,6 @@ ROWS: dict[str, dict[str, Row]] = {
 }  # fmt: skip
 #: Probes that take seconds.
 SLOW = {
-    "convincing", "convention_named", "diagnosis", "doubt", "fit", "left", "margins", "moves", "next", "pairs",
-    "rounds", "search", "short", "told", "update", "verdict", "weighing", "whole_search",
+    "convincing", "convention_named", "diagnosis", "small_errors", "doubt", "fit", "left", "margins", "moves", "next",
+    "pairs", "rounds", "search", "short", "told", "update", "verdict", "weighing", "whole_search",
 }  # fmt: skip

@@ -15,8 +15,10 @@ from compplan.diagnose import Diagnosis, Finding, diagnose_campaign
 from compplan.diagnose.accuracy import MORE
 from compplan.diagnose.assessment import Assessment, assess_diagnosis
 from compplan.diagnose.change import state_change
+from compplan.diagnose.delivery import NOMINAL
 from compplan.diagnose.next_measurement import propose_measurements
 from compplan.diagnose.unmodelled import describe_unmodelled
+from compplan.diagnose.verdict import CALIBRATED
 from compplan.diagnose.where import split_diagnosis
 from compplan.effects import EFFECTS
 from compplan.errors import UnknownNameError
@@ -46,7 +48,7 @@ def command(
     """Diagnose the gap between ROBOT and MEASUREMENTS (a measurement log).
 
     Writes DIR/diagnosis.json, DIR/robot (the updated robot folder, which every figure belongs to) and DIR/report.html;
-    where named causes alone and with small errors everywhere are both worth a folder, DIR/robot is the one that
+    where named causes alone and all that a calibration finds are both worth a folder, DIR/robot is the one that
     predicts better, and DIR/robot_causes or DIR/robot_calibrated the other.
 
     Example: compplan diagnose docs/notebooks/diagnose_campaign/measurements.csv --robot kuka_kr270 --out out
@@ -82,13 +84,18 @@ def command(
         click.echo(note)
     folders = ", ".join(f"{delivery.folder(number)}/" for number, delivery in enumerate(diagnosis.deliveries))
     click.echo(f"wrote diagnosis.json, report.html, {folders} to {out}")
-    click.echo(f"next: plan with it, compplan plan JOB --robot {out / 'robot'}; what to measure next is on the page")
+    if diagnosis.deliveries[0].kind == NOMINAL:
+        click.echo("next: nothing predicts better than the robot as it was; what to measure next is on the page")
+    else:
+        robot_folder = out / "robot"
+        click.echo(f"next: plan with it, compplan plan JOB --robot {robot_folder}; what to measure next is on the page")
 
 
 def describe_diagnosis(diagnosis: Diagnosis) -> str:
     """Write the answer in a few lines."""
     verdict, gap = diagnosis.verdict, diagnosis.gap
-    lines = [f"verdict: {verdict.status.replace('_', ' ')}"]
+    single = ": many small errors, no cause by itself" if verdict.status == CALIBRATED else ""
+    lines = [f"verdict: {verdict.status.replace('_', ' ')}{single}"]
     for finding in verdict.findings:
         place = " ".join(str(part) for part in finding.effect.place if part is not None)
         rivals = ", ".join(" ".join(str(p) for p in r.place if p is not None) for r in finding.rivals if r.alike)

@@ -18,7 +18,7 @@ from compplan.diagnose.polish import polish_fit
 from compplan.diagnose.result import Candidate, Diagnosis, Gap
 from compplan.diagnose.search import Claim, distinct_places
 from compplan.diagnose.state import Fit, FitState, Problem, attain_state
-from compplan.diagnose.verdict import Finding, Verdict, reach_verdict
+from compplan.diagnose.verdict import Finding, Verdict, judge_calibration, reach_verdict
 from compplan.effects import attain_scene, robot_effects
 from compplan.effects.linearization import Place
 from compplan.effects.scene import Scene
@@ -108,6 +108,8 @@ def _conclude(
     deliveries = deliver_folders(folds, verdict, plain, state, good)
     first = deliveries[0]
     seen = good[plain.rows]
+    if first.lawful is not None:
+        verdict = judge_calibration(verdict, plain.of(seen).rms, first.lawful.of(seen).rms)
     ranked = rank_candidates(fit, verdict, folds)
     taken = {f.effect.place for f in verdict.findings}
     gap = Gap(

@@ -1,7 +1,8 @@
 """Delivery: the robot folders that a diagnosis writes, each judged by what it predicts of poses that it never saw.
 
-Two folders at most: `causes` holds the named effects alone, `calibrated` the small errors everywhere as well. The one
-that predicts held-out poses better is delivered as `robot`; every figure of the page belongs to it.
+Two folders at most: `causes` holds the named effects alone, `calibrated` what a calibration finds as well, mixed of
+all models by what they predict (compplan.diagnose.blend). The one that predicts held-out poses better is delivered as
+`robot`; every figure of the page belongs to it.
 """
 
 from __future__ import annotations
@@ -14,10 +15,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnose.channels import block_index, position_residual
+from compplan.diagnose.blend import (
+    Blend,
+    blend_options,
+    build_state,
+    decide_once,
+    hold_out_blend,
+    hold_out_lawful,
+    list_options,
+)
+from compplan.diagnose.channels import position_residual
 from compplan.diagnose.explanations import name_rivals
 from compplan.diagnose.held_out import Folds, HeldOut, with_claims
-from compplan.diagnose.polish import polish_fit
+from compplan.diagnose.polish import polish_fit, register_again
 from compplan.diagnose.posterior import state_uncertainty
 from compplan.diagnose.search import Claim
 from compplan.diagnose.state import Fit, FitState, Problem, advance_state, attain_state, stands
@@ -33,9 +43,8 @@ WORTH_IT, WORTH_MORE = 0.01, 0.02
 #: tested is evidence already, its causes are named or its small errors are fitted; held-out poses can only veto it, and
 #: seven of them, all predicted better, are worth one case of 128.
 LUCK = 0.1
-#: From this many stays on, the choice of a few claims adds little to what held-out poses show: ten among two hundred
-#: places are worth 2 * 10 * log(200) of 3 * 400 values, 5 % of the error (assumed; [FosterGeorge1994]).
-MANY_STAYS = 400
+#: Names that are as sure as this are not weighed anew in parts of the campaign (assumed: at most one in ten is wrong).
+BEYOND_DOUBT = 0.9
 NOMINAL, CAUSES, CALIBRATED = "nominal", "causes", "calibrated"
 
 
@@ -50,6 +59,7 @@ class Delivery:
         fitted: Fit with its claims, whose posterior tells how sure its parameters are; None for the nominal robot.
         residual: Measured minus expected by its exact model, base axes, all rows. Shape (n, 3). [m]
         uncertainty: How surely it is known.
+        lawful: What the lawful part of a mixture predicts of rows that it never saw; None for no mixture.
     """
 
     kind: str
@@ -58,6 +68,7 @@ class Delivery:
     fitted: Fit | None
     residual: Array
     uncertainty: Uncertainty
+    lawful: HeldOut | None = None
 
     def folder(self, number: int) -> str:
         """Return the name of its folder, the first being `robot`."""
@@ -78,23 +89,28 @@ def deliver_folders(
 ) -> tuple[Delivery, ...]:
     """Build the folders that are worth delivering, the one to use first.
 
-    Named causes alone come first where small errors everywhere, or claims that are too improbable to be named, do not
-    predict better.
+    Named causes alone come first where the mixture of all that may be wrong does not predict better.
 
     Args:
         folds: The fit, dealt to folds.
         verdict: Its verdict.
         plain: What the nominal robot predicts.
-        nominal: State of the nominal robot.
+        nominal: FitState of the nominal robot.
         good: Rows that are no outliers. Shape (n,).
     """
     fit = folds.fit
     named = [Claim(f.signature, f.size) for f in verdict.findings if f.signature >= 0]
+    beyond = sure_claims(verdict)
     every = possible_claims(verdict)
-    judged = [(CAUSES, named, folds.hold_out(named, background=False)), (CALIBRATED, named, folds.hold_out(named))]
     seen = good[plain.rows]
-    if len(every) > len(named):
-        judged.append((CALIBRATED, every, hold_out_doubtful(folds, named, every, seen)))
+    again = decide_once(folds, every) if len(every) > len(beyond) else None
+    alone = again if len(named) > len(beyond) else None
+    # names in doubt are weighed anew beside all others in doubt, as the search did that found them
+    blend = blend_options(folds, list_options(beyond, every, again), seen)
+    judged: list[tuple[str, Sequence[Claim] | Blend, HeldOut]] = [
+        (CAUSES, named, folds.hold_out(named, background=False, decide=alone)),
+        (CALIBRATED, blend, hold_out_blend(folds, blend)),
+    ]
     sure = partial(state_uncertainty, fit, every, good=good, rivals=name_rivals(verdict))
     rest = Delivery(NOMINAL, nominal, plain, None, _residual(fit.problem, nominal), sure(nominal, plain))
     useful = [option for option in judged if _is_better(option[2].of(seen), plain.of(seen), folds.pose[seen])]
@@ -104,10 +120,14 @@ def deliver_folders(
     for option in useful[1:]:
         if option[2].of(seen).rms < (1.0 - WORTH_MORE) * first[2].of(seen).rms:
             first = option
-    second = [o for o in useful if o[0] != first[0] and o[1]]
+    second = [o for o in useful if o[0] != first[0] and (isinstance(o[1], Blend) or o[1])]
     chosen = [first, *sorted(second, key=lambda o: o[2].rms)[:1]]
     built = [_build(fit, kind, claims, held, sure) for kind, claims, held in chosen]
-    return tuple(delivery for delivery in built if delivery is not None) or (rest,)
+    lawful = hold_out_lawful(folds, blend, seen)
+    return tuple(
+        replace(delivery, lawful=lawful) if delivery.kind == CALIBRATED else delivery
+        for delivery in built if delivery is not None
+    ) or (rest,)  # fmt: skip
 
 
 def _is_better(new: HeldOut, nominal: HeldOut, pose: NDArray[np.int_]) -> bool:
@@ -115,56 +135,35 @@ def _is_better(new: HeldOut, nominal: HeldOut, pose: NDArray[np.int_]) -> bool:
     return new.rms < (1.0 - WORTH_IT) * nominal.rms and new.luck_against(nominal, pose) < LUCK
 
 
-def hold_out_doubtful(
-    folds: Folds, named: Sequence[Claim], every: Sequence[Claim], seen: NDArray[np.bool_]
-) -> HeldOut:  # fmt: skip
-    """Predict every row by claims of which some are in doubt: as they are, or chosen again, whichever is worse.
-
-    They have been chosen among hundreds of forms: few poses choose others of what may be delivered, and that counts.
-    Forms that have been looked for in all rows, the best of t, stay the same in every fold and are better there than
-    elsewhere by as much as the best of t is by chance, 2 log t squares of the noise [FosterGeorge1994].
-
-    Args:
-        folds: The fit, dealt to folds.
-        named: Claims that are not in doubt.
-        every: These and the others.
-        seen: Predicted rows that are no outliers. Shape (r,).
-    """
-    fit, signatures = folds.fit, folds.fit.search.ledger.signatures
-    held = folds.hold_out(every)
-    if len(np.unique(block_index(fit.problem.campaign))) < MANY_STAYS:
-        places = {signatures[claim.signature].place for claim in every}
-        given_up = {signatures[claim.signature].place for claim in fit.model.claims} - places
-        allowed = [
-            n for n in fit.search.candidates
-            if signatures[n].place not in given_up and not is_of_instrument(signatures[n].name)
-        ]  # fmt: skip
-        again = folds.hold_out(every, decide=folds.decide_again(named, allowed))
-        held = max(held, again, key=lambda h: h.of(seen).rms)
-    chance = 2.0 * sum(float(np.log(signatures[c.signature].tried)) for c in every if c not in named)
-    values = 3 * len(np.unique(folds.pose))
-    return replace(held, residual=float(np.sqrt(1.0 + chance / values)) * held.residual)
+def sure_claims(verdict: Verdict) -> list[Claim]:
+    """List named claims that are beyond doubt, or part of the instrument: these go out only where they are named."""
+    sure = [f for f in verdict.findings if f.probability >= BEYOND_DOUBT or of_instrument(f.effect)]
+    return [Claim(f.signature, f.size) for f in sure if f.signature >= 0]
 
 
 def possible_claims(verdict: Verdict) -> list[Claim]:
     """List claims that may be true and can be delivered: named ones, and others that are no part of the instrument.
 
-    What errors without a name explain as well (no evidence of its own) is no property of the robot: it interpolates
-    between the poses and misleads beyond them.
+    What errors without a name explain as well is among them: poses never seen decide what it is worth.
     """
-    unnamed = [f for f in (*verdict.minor, *verdict.doubtful) if f.evidence is not None and not of_instrument(f.effect)]
+    unnamed = [f for f in (*verdict.minor, *verdict.doubtful) if not of_instrument(f.effect)]
     sizes = {f.signature: f.size for f in (*verdict.findings, *unnamed) if f.signature >= 0}
     return [Claim(number, size) for number, size in sizes.items()]
 
 
 def _build(
-    fit: Fit, kind: str, claims: Sequence[Claim], held: HeldOut, sure: Callable[[FitState, HeldOut], Uncertainty]
+    fit: Fit, kind: str, model: Sequence[Claim] | Blend, held: HeldOut, sure: Callable[[FitState, HeldOut], Uncertainty]
 ) -> Delivery | None:
     """Fit a folder to all rows, exactly; None where its robot finds no equilibrium."""
-    fitted = with_claims(fit, claims, background=kind == CALIBRATED)
-    state = polish_fit(replace(fitted, state=advance_state(fitted), base=fit.base or fit.state)).state
+    if isinstance(model, Blend):
+        fitted, state = model.fitted(fit), build_state(fit, model.values(fit.search.ledger.p), model.claimed())
+    else:
+        fitted = with_claims(fit, model, background=kind == CALIBRATED)
+        state = polish_fit(replace(fitted, state=advance_state(fitted), base=fit.base or fit.state)).state
     if not stands(fit.problem, state):
         return None
+    if isinstance(model, Blend):
+        state = register_again(fit, state, fit.state.use)
     state = settle_play(fit.problem, state)
     return Delivery(kind, state, held, fitted, _residual(fit.problem, state), sure(state, held))
 

@@ -1,8 +1,8 @@
 """Held out: how far the gap shrinks on poses that a model never saw, predicted by the exact model.
 
 Frames that are registered belong to the campaign and not to the robot: a later campaign brings its own, fitted to its
-rows with everything else fixed. So they are fitted here, to all rows, around a robot that never saw those it predicts,
-and what they take of an error only because the poses are few is given back.
+rows with everything else fixed. So they are fitted here, to the errors of all rows at once, each predicted by a robot
+that never saw it, and what they take of an error only because the poses are few is given back.
 """
 
 from __future__ import annotations
@@ -19,9 +19,8 @@ from compplan.diagnose.channels import block_index, group_poses, position_residu
 from compplan.diagnose.evidence import Prior, find_posterior
 from compplan.diagnose.ledger import ChannelProducts, Ledger, Products, select_rows
 from compplan.diagnose.offers import REGISTRATION
-from compplan.diagnose.polish import register_again
 from compplan.diagnose.search import Claim, Search, search_models
-from compplan.diagnose.state import Fit, FitState, advance_state, attain_state, stands
+from compplan.diagnose.state import Fit, FitState, advance_state, attain_state
 from compplan.errors import ConvergenceError
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array
@@ -143,21 +142,29 @@ class Folds:
             decide: Chooses the claims of each fold from its ledger instead: where the choice itself is in doubt, it is
                 part of what has to be judged.
         """
+
+        def build(number: int, ledger: Ledger) -> tuple[Fit, FitState]:
+            own = claims if decide is None else decide(ledger)
+            fitted = with_claims(self.fit, own, background=background, ledger=ledger)
+            return fitted, advance_state(fitted)
+
+        return self.hold_out_states(build)
+
+    def hold_out_states(self, build: Callable[[int, Ledger], tuple[Fit, FitState]]) -> HeldOut:
+        """Predict every row by the exact model that a fit to the other folds leads to.
+
+        Args:
+            build: Makes a fit and its state from the number of a fold and the ledger without it.
+        """
         fit, rows = self.fit, self.fit.search.ledger.source[0].rows
         campaign, residual = fit.problem.campaign, np.zeros((len(self.fold), 3))
-        freed = free_of_frames(fit, len(np.unique(self.pose)))
         for number, ledger in self.ledgers:
-            own = claims if decide is None else decide(ledger)
-            fitted = with_claims(fit, own, background=background, ledger=ledger)
-            state = advance_state(fitted)
-            if fit.problem.register and stands(fit.problem, state):
-                state = register_again(fitted, state, fit.state.use)
-            gap = predict_gap(fitted, state)
+            gap = predict_gap(*build(number, ledger))
             if gap is None:
                 gap = np.where(campaign.usable[:, None], campaign.position, np.inf)
             test = self.fold == number
             residual[test] = gap[test]
-        return HeldOut(rows, freed * residual[rows])
+        return HeldOut(rows, fit_frames(fit, residual[rows], len(np.unique(self.pose))))
 
     def decide_again(
         self, named: Sequence[Claim], candidates: Sequence[int] | None = None
@@ -186,6 +193,24 @@ class Folds:
             test = self.fold[rows] == number
             left[test] = whole.observed[0][test] - whole.designs[0][test][..., posterior.columns] @ posterior.mean
         return HeldOut(rows, left * whole.source[0].sigma)
+
+
+def fit_frames(fit: Fit, residual: Array, poses: int) -> Array:
+    """Return errors as a later campaign of many poses would show them, its own frames fitted to them. Shape (r, 3). [m]
+
+    Args:
+        fit: The fit.
+        residual: Errors of the rows of its ledger. Shape (r, 3). [m]
+        poses: Poses, or blocks of paths, that they are.
+    """
+    if not fit.problem.register:
+        return residual
+    ledger, sigma = fit.search.ledger, fit.search.ledger.source[0].sigma
+    frames = ledger.designs[0][..., ledger.columns_named(REGISTRATION)]
+    left = (residual / sigma).reshape(-1)
+    columns = frames.reshape(len(left), -1)
+    left = left - columns @ np.linalg.lstsq(columns, left, rcond=1e-9)[0]
+    return np.asarray(free_of_frames(fit, poses) * left.reshape(residual.shape) * sigma)
 
 
 def free_of_frames(fit: Fit, poses: int) -> float:

@@ -13,7 +13,7 @@ from compplan.diagnose.change import state_change
 from compplan.diagnose.delivery import Delivery
 from compplan.diagnose.doubt import Doubt
 from compplan.diagnose.state import Fit
-from compplan.diagnose.verdict import Finding, Verdict
+from compplan.diagnose.verdict import CALIBRATED, Finding, Verdict
 from compplan.effects import robot_effects
 from compplan.effects.linearization import Place
 from compplan.effects.signature import plain
@@ -111,7 +111,8 @@ class Diagnosis(Shown):
             moved = f", moves the tip {format_length(finding.explained)}" if np.isfinite(finding.explained) else ""
             rows.append((finding.effect.name, f"{place or 'robot'}: probability {finding.probability:.2f}{moved}"))
         more = [("further causes", str(len(found) - MOST_LISTED))] if len(found) > MOST_LISTED else []
-        status = self.verdict.status.replace("_", " ") if self.verdict.status != "none" else "nothing is wrong"
+        words = {"none": "nothing is wrong", CALIBRATED: "not calibrated, many small errors"}
+        status = words.get(self.verdict.status, self.verdict.status.replace("_", " "))
         return [
             ("diagnosis", f"{status}, {self.robot.name}, {len(self.residual_before)} rows"),
             *rows, *more,

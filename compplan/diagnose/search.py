@@ -102,7 +102,7 @@ class Search:
 
     def prior_of(self, claims: Sequence[Claim]) -> Prior:
         """Return the prior with these claims."""
-        slab, background = np.zeros(self.ledger.p), self.prior.background.copy()
+        slab, background = self.prior.slab.copy(), self.prior.background.copy()
         for claim in claims:
             for columns in self.same_place[claim.signature]:
                 background[columns] = -1

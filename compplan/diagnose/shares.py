@@ -31,6 +31,7 @@ from compplan.robot import Array
 
 if TYPE_CHECKING:
     from compplan.diagnose.result import Diagnosis
+    from compplan.diagnose.state import Fit
 
 CALIBRATION, UNEXPLAINED = "small errors everywhere", "not explained"
 #: Groups of poses that are drawn anew, draws, and the rows that are looked at, at most; more are thinned evenly
@@ -180,10 +181,12 @@ class PosteriorMotion:
     Args:
         diagnosis: The diagnosis.
         rng: Draws parameters, pose groups and presence.
+        fitted: Whose posterior; that of the doubt, which the names come from, where left out.
     """
 
-    def __init__(self, diagnosis: Diagnosis, rng: np.random.Generator) -> None:
-        ledger, posterior = diagnosis.doubt.search.ledger, diagnosis.doubt.model.posterior
+    def __init__(self, diagnosis: Diagnosis, rng: np.random.Generator, fitted: Fit | None = None) -> None:
+        model = fitted or diagnosis.doubt
+        ledger, posterior = model.search.ledger, model.model.posterior
         source = ledger.source[0]
         chosen = np.arange(len(source.rows))[:: -(-len(source.rows) // ROWS)]
         self.rows, self.rng, self.diagnosis = source.rows[chosen], rng, diagnosis
@@ -209,6 +212,12 @@ class PosteriorMotion:
         self.weight = np.repeat(weight[block], 3, axis=0)
         square = float(self.gap @ self.gap) / len(self.rows)
         self.noise = float(np.clip(diagnosis.verdict.structure.floor**2 / max(square, 1e-300), 0.0, 1.0))
+
+    def follow(self, name: str) -> str:
+        """Say what an effect's error follows; without any load it is the robot's own weight that bends it."""
+        driver, campaign = driver_of(name), self.diagnosis.fit.problem.campaign
+        loaded = driver != "load" or bool(campaign.is_load(campaign.wrench[campaign.usable]).any())
+        return driver if loaded else "gravity"
 
     def take_frames(self, columns: Array) -> Array:
         """Take out of motions what frames that are fitted anyway follow. Shape (3 r, k). [m]"""
@@ -275,7 +284,7 @@ def list_parts(diagnosis: Diagnosis, motion: PosteriorMotion) -> tuple[list[Part
     ledger, taken = doubt.search.ledger, set(doubt.model.signatures)
     parts = [
         Part(locate_effect(finding.effect.name, finding.effect.joint), finding.effect.name,
-             driver_of(finding.effect.name), finding.probability, (), moved, np.zeros(0, int))
+             motion.follow(finding.effect.name), finding.probability, (), moved, np.zeros(0, int))
         for finding, moved in motion.conventions
     ]  # fmt: skip
     added: list[Part] = []
@@ -285,9 +294,9 @@ def list_parts(diagnosis: Diagnosis, motion: PosteriorMotion) -> tuple[list[Part
         if finding.signature in taken:
             own = motion.at(ledger.columns(finding.signature))
             moved = motion.design[:, own] @ motion.mean[own]
-            parts.append(_part_of(finding, moved, own, small=finding in verdict.minor))
+            parts.append(_part_of(finding, motion, moved, own, small=finding in verdict.minor))
         else:
-            added.append(_part_of(finding, _given_up_motion(diagnosis, motion, finding), np.zeros(0, int)))
+            added.append(_part_of(finding, motion, _given_up_motion(diagnosis, motion, finding), np.zeros(0, int)))
     claimed, background = ledger.join_columns(taken), diagnosis.fit.search.prior.background
     names = dict.fromkeys(s.name for s in ledger.signatures)
     for name in names:
@@ -297,7 +306,7 @@ def list_parts(diagnosis: Diagnosis, motion: PosteriorMotion) -> tuple[list[Part
         own = motion.at(small)
         if len(own):
             moved = motion.design[:, own] @ motion.mean[own]
-            parts.append(Part(CALIBRATION, name, driver_of(name), 1.0, (), moved, own))
+            parts.append(Part(CALIBRATION, name, motion.follow(name), 1.0, (), moved, own))
     return parts, added
 
 
@@ -321,15 +330,18 @@ def find_interval(share: float, drawn: Array) -> Share:
     return Share(*(float(np.clip(value, 0.0, 1.0)) for value in (share, min(low, share), max(high, share))))
 
 
-def _part_of(finding: Finding, moved: Array, columns: NDArray[np.int_], *, small: bool = False) -> Part:
+def _part_of(
+    finding: Finding, motion: PosteriorMotion, moved: Array, columns: NDArray[np.int_], *, small: bool = False
+) -> Part:
     effect = finding.effect
     if small:
-        return Part(CALIBRATION, effect.name, driver_of(effect.name), 1.0, (), moved, columns)
+        return Part(CALIBRATION, effect.name, motion.follow(effect.name), 1.0, (), moved, columns)
     place = locate_effect(effect.name, effect.joint)
-    elsewhere = [(locate_effect(r.place[0], r.place[1]), driver_of(r.place[0])) for r in finding.rivals if r.alike]
+    elsewhere = [(locate_effect(r.place[0], r.place[1]), motion.follow(r.place[0])) for r in finding.rivals if r.alike]
     return Part(
-        place, effect.name, driver_of(effect.name), finding.probability, tuple(dict.fromkeys(elsewhere)), moved, columns
-    )
+        place, effect.name, motion.follow(effect.name), finding.probability, tuple(dict.fromkeys(elsewhere)), moved,
+        columns,
+    )  # fmt: skip
 
 
 def _given_up_motion(diagnosis: Diagnosis, motion: PosteriorMotion, finding: Finding) -> Array:

@@ -168,7 +168,7 @@ def advance_state(fit: Fit, share: float = 1.0) -> FitState:
     for number in order:
         signature, columns = ledger.signatures[number], ledger.columns(number)
         if signature.name == REGISTRATION:
-            registration = _move_registration(registration, signature, vector[columns] * signature.scale)
+            registration = move_registration(registration, signature, vector[columns] * signature.scale)
             continue
         if number not in claimed:
             labels = background[columns]
@@ -224,7 +224,8 @@ def bend_forwards(ledger: Ledger, prior: Prior, posterior: Posterior) -> tuple[P
     return prior, posterior
 
 
-def _move_registration(registration: Registration | None, signature: Signature, step: Array) -> Registration | None:
+def move_registration(registration: Registration | None, signature: Signature, step: Array) -> Registration | None:
+    """Turn and shift the frame that a signature of the registration stands for."""
     if registration is None:
         return None
     move = np.eye(4)

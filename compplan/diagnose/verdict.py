@@ -30,6 +30,10 @@ CLAIMED = 0.5
 RIVALS = 3
 #: Noise floors that may be left where a gap counts as explained, or as none at all (assumed: the project's own rule).
 FLOORS_LEFT = 1.5
+#: A gap is one of a robot that was not calibrated where lawful small errors leave this share of it (assumed: the
+#: project's own rule).
+CALIBRATED_SHARE = 0.2
+CALIBRATED = "calibrated"
 #: Less than that is structure all the same where it gains this much log evidence (odds of 400 to one) and is as large
 #: as this share of the noise floor (assumed: smaller errors cost a campaign nothing).
 STRUCTURE_GAIN, STRUCTURE_SIZE = 6.0, 0.5
@@ -113,7 +117,7 @@ class Verdict:
     """The answer.
 
     Attributes:
-        status: "none", "explained", "partly_explained" or "unknown".
+        status: "none", "calibrated", "explained", "partly_explained" or "unknown".
         findings: Named effects, largest share of the gap first.
         doubtful: Effects that were considered and are too improbable to be named.
         minor: Effects that are there and too small to be a cause of the gap.
@@ -154,6 +158,18 @@ def reach_verdict(fit: Fit, doubt: Doubt) -> Verdict:
     else:
         status = "none" if structure.gap <= FLOORS_LEFT * structure.floor else "unknown"
     return Verdict(status, named, doubtful, minor, structure)
+
+
+def judge_calibration(verdict: Verdict, before: float, after: float) -> Verdict:
+    """Call a gap without a named cause that of a robot that was not calibrated, where lawful small errors explain it.
+
+    Args:
+        verdict: The verdict.
+        before: What the nominal robot leaves on poses left out. [m]
+        after: What lawful small errors leave on them. [m]
+    """
+    least = max(FLOORS_LEFT * verdict.structure.floor, CALIBRATED_SHARE * before)
+    return replace(verdict, status=CALIBRATED) if verdict.status == "unknown" and after <= least else verdict
 
 
 def weigh_claim(

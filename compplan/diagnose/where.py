@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.delivery import CALIBRATED
 from compplan.diagnose.gap_tables import GapTable, split_load, split_region, split_runs, split_time
 from compplan.diagnose.shares import DRAWS, UNEXPLAINED, Share, Shares, divide_gap, draw_blocks
+from compplan.diagnose.small_errors import SmallErrors, divide_small_errors
 from compplan.diagnose.traces import Trace, trace_findings
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot
@@ -56,12 +58,14 @@ class Split:
         spread: How the gap spreads over the rows.
         by_approach: By joint: how far the point moves when the joint's last move turns round.
         traces: Errors that the named joints make, over what they follow; for pictures.
+        small_errors: The gap divided among the errors of the robot that goes out, where that is a mixture.
     """
 
     shares: Shares
     spread: Spread
     by_approach: dict[str, dict[str, float]]
     traces: tuple[Trace, ...] = ()
+    small_errors: SmallErrors | None = None
 
     @property
     def by_joint(self) -> dict[str, Share]:
@@ -71,7 +75,9 @@ class Split:
     def to_json(self) -> dict[str, Any]:
         """Return what stands under `where` in diagnosis.json."""
         shares, spread = self.shares, self.spread
+        calibrated = {} if self.small_errors is None else {"calibrated": self.small_errors.to_json()}
         return {
+            **calibrated,
             "rms_mm": 1e3 * spread.rms,
             "carried_by": [carrier.to_json() for carrier in shares.carriers],
             "by_joint": {name: share.to_json() for name, share in shares.by_place.items()},
@@ -103,6 +109,7 @@ def split_diagnosis(diagnosis: Diagnosis, seed: int = 0) -> Split:
         spread_gap(diagnosis.robot, campaign, before, after, used, seed),
         measure_play(diagnosis),
         trace_findings(diagnosis),
+        divide_small_errors(diagnosis, seed) if diagnosis.deliveries[0].kind == CALIBRATED else None,
     )
 
 

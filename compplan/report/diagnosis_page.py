@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnose.shares import CALIBRATION, UNEXPLAINED, Share
+from compplan.diagnose.small_errors import SmallErrors
+from compplan.diagnose.verdict import CALIBRATED
 from compplan.report.calibration_section import show_calibration
 from compplan.report.effect_words import describe_change, describe_effect, describe_parameters, name_effect
 from compplan.report.gap_figures import (
@@ -66,6 +68,7 @@ class DiagnosisView:
         facts: Rows of name and value for the foot of the page.
         notes: Warnings, one sentence each.
         assumptions: What was assumed, one sentence each.
+        delivered: Kind of the robot folder that goes out: "nominal", "causes" or "calibrated".
     """
 
     title: str
@@ -86,6 +89,7 @@ class DiagnosisView:
     facts: Sequence[tuple[str, str]] = ()
     notes: Sequence[str] = ()
     assumptions: Sequence[str] = ()
+    delivered: str = "causes"
 
 
 def write_diagnosis(view: DiagnosisView, file: Path) -> None:
@@ -106,7 +110,7 @@ def write_diagnosis(view: DiagnosisView, file: Path) -> None:
         [section for section in sections if section.blocks],
         kind=f"Diagnosis of {view.title}",
         opening=open_diagnosis(
-            view.verdict, view.gap, Chart(draw_shares(view.split.shares.by_place, "place"), SHARES, 330)
+            view.verdict, view.gap, view.delivered, Chart(draw_shares(view.split.shares.by_place, "place"), SHARES, 330)
         ),
         notes=[*view.notes, describe_grade(view.robot)],
         provenance=describe_robot(view.robot, [*_count_rows(view), *view.facts], list(view.assumptions)),
@@ -118,6 +122,8 @@ def say_where(view: DiagnosisView) -> str:
     shares, split = view.split.shares, view.split
     gap = f"Where: the nominal model leaves {format_length(split.spread.rms)} rms"
     parts: list[str] = []
+    if view.verdict["status"] == CALIBRATED and split.small_errors is not None:
+        return f"{gap}; {_say_places(split.small_errors)}."
     for carrier in shares.carriers[:3]:
         if carrier.share.share >= 0.05 or not parts:
             sure = f"probability {carrier.probability:.2f}, {_say_interval(carrier.share)} if so"
@@ -136,6 +142,17 @@ def say_where(view: DiagnosisView) -> str:
     return f"{gap}; {'; '.join(parts)}."
 
 
+def _say_places(errors: SmallErrors) -> str:
+    """Say where the small errors of a robot that was not calibrated sit."""
+    order = sorted(errors.by_place.items(), key=lambda item: (item[0] == UNEXPLAINED, -item[1].share))
+    parts = [
+        f"{'no model explains' if name == UNEXPLAINED else name + ' carries'} {format_percent(share.share)} "
+        f"({_say_interval(share)})"
+        for name, share in order if share.share >= 0.02
+    ]  # fmt: skip
+    return "; ".join(parts)
+
+
 def _say_interval(share: Share) -> str:
     return f"95 %: {format_percent(share.low)} to {format_percent(share.high)}"
 
@@ -145,6 +162,8 @@ def say_which(view: DiagnosisView) -> str:
     status, effects = view.verdict["status"], view.verdict["effects"]
     if status == "none":
         return "Which: none; the residual is noise."
+    if status == CALIBRATED and view.split.small_errors is not None:
+        return say_small_errors(view.split.small_errors)
     if not effects:
         text = " ".join(view.structure[:1])
         return f"Which: unknown; there is structure in the residual and no effect explains it. {text}".rstrip()
@@ -164,6 +183,18 @@ def say_which(view: DiagnosisView) -> str:
         text += "; structure is left that none of them explains"
     left = f" {view.structure[0]}" if view.structure and status == "partly_explained" else ""
     return f"{text}.{left}"
+
+
+def say_small_errors(errors: SmallErrors) -> str:
+    """Say what a robot that was not calibrated has small errors of, and where."""
+    kinds = [
+        f"{kind} {format_percent(share.share)} ({_say_interval(share)})"
+        for kind, share in sorted(errors.by_kind.items(), key=lambda item: -item[1].share)
+        if share.share >= 0.02 and kind != UNEXPLAINED
+    ]
+    text = f"Which: no single cause; small errors make the gap: {', '.join(kinds)}"
+    groups = [f"{group.kind} of {group.place}, {format_percent(group.share.share)}" for group in errors.groups[:3]]
+    return f"{text}. {'; '.join(groups)}: both halves of the poses tell so." if groups else f"{text}."
 
 
 def say_how_far(view: DiagnosisView) -> str:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 DELIVERED = {
     "nominal": "the nominal robot as it was",
     "causes": "the named causes alone",
-    "calibrated": "named causes and small errors everywhere",
+    "calibrated": "all that a calibration finds, named or not",
 }
 
 
@@ -90,6 +90,7 @@ def view_diagnosis(
         after=diagnosis.residual_after,
         used=used,
         rivals=rivals,
+        delivered=diagnosis.deliveries[0].kind,
         structure=_describe_structure(diagnosis, named),
         facts=[
             ("robot folder that is delivered", DELIVERED[diagnosis.deliveries[0].kind]),
@@ -123,7 +124,9 @@ def _describe_structure(diagnosis: Diagnosis, named: bool) -> list[str]:
     structure = diagnosis.verdict.structure
     if not structure.left:
         return []
-    against = f", against {format_length(structure.explained)} that the named effects explain" if named else ""
+    # claims may move the target further than the gap, against small errors: they explain no more than there is
+    explained = format_length(min(structure.explained, structure.gap))
+    against = f", against {explained} that the named effects explain" if named else ""
     if structure.dependences:
         parts = [
             f"{format_length(d.explained)} rms is {describe_unmodelled(d.effect.joint, str(d.effect.axis))}"

@@ -98,12 +98,15 @@ def open_study(result: JobStudy, picture: Block) -> Opening:
     return Opening(f"{verdict}.", "good" if share >= 0.95 else "unsure", numbers, picture, todo)
 
 
-def open_diagnosis(verdict_table: Mapping[str, Any], gap: Mapping[str, float | None], picture: Block) -> Opening:
+def open_diagnosis(
+    verdict_table: Mapping[str, Any], gap: Mapping[str, float | None], delivered: str, picture: Block
+) -> Opening:
     """Say what is wrong with the robot, and how much of the gap that explains.
 
     Args:
         verdict_table: `verdict` of diagnosis.json.
         gap: `gap` of diagnosis.json.
+        delivered: Kind of the robot folder that is written: "nominal" where nothing predicts better.
         picture: The picture.
     """
     status, effects = verdict_table["status"], verdict_table["effects"]
@@ -113,6 +116,7 @@ def open_diagnosis(verdict_table: Mapping[str, Any], gap: Mapping[str, float | N
     verdicts = {
         "none": ("Nothing is wrong: what is left is noise of the measurement.", "good"),
         "unknown": ("Something is wrong that none of the known effects explains.", "unsure"),
+        "calibrated": ("The robot was not calibrated: many small errors, none of them a cause by itself.", "good"),
         "explained": (f"Found: {first}{more}.", "good"),
     }
     verdict, tone = verdicts.get(status, (f"Found in part: {first}{more}. Something is left that nothing explains.",
@@ -129,6 +133,8 @@ def open_diagnosis(verdict_table: Mapping[str, Any], gap: Mapping[str, float | N
     if doubtful:
         rivals = join_names([name_effect(rival) for rival in doubtful[0]["ambiguous_with"][:2]])
         todo += f" Not certain: {name_effect(doubtful[0])} may also be {rivals}. See What to measure next."
+    elif delivered == "nominal" and status != "none":
+        todo = "Nothing predicts better than the robot folder as it was. Measure more poses, as listed below."
     elif status == "none":
         todo = "Nothing has to be done. Measure again after the next crash or service."
     return Opening(verdict, tone, figures, picture, todo)
