@@ -13,8 +13,10 @@ from scipy.integrate import odeint
 import compplan as cp
 from compplan.cell.vibration import build_dynamics, inertial_loads
 from compplan.job.job import check_job
+from compplan.plan.agreement import _resolve_starts
 from compplan.plan.approach import DWELL
 from compplan.plan.between import measure_between
+from compplan.plan.feed import time_run
 from compplan.plan.plan import build_task, prepare_job
 from compplan.plan.profile import ease, ease_duration, ease_times, smooth_profile
 from compplan.plan.timing import cutting_runs, measure_use
@@ -288,3 +290,28 @@ def test_no_rapid_starts_or_ends_with_a_correction_and_the_rows_that_bring_it_in
     stays = np.isin(move, ["approach", "retract"])
     assert stays.sum() == 16 and held[stays].max() < 1e-3
     assert (np.diff(away[move == "approach"]) > 0).all() and (np.diff(away[move == "retract"]) < 0).all()
+
+
+@pytest.mark.parametrize(("share", "divided"), [(0.9, False), (1.2, True)])
+def test_a_start_from_rest_is_divided_where_its_acceleration_bends_the_arm_by_more_than_half_a_chord(share, divided):
+    """A first move of s in t from rest accelerates by a = 2 s / t^2: the bend by it is `share` of half a chord."""
+    job = {
+        "schema": 1, "robot": "kuka_kr270_full",
+        "toolpath": {"generator": "circle", "radius_mm": 80.0, "feed_mm_s": 100.0, "waypoints": 200},
+        "part": {"position_mm": [1800.0, 0.0, 800.0]}, "process": {"model": "constant", "force_N": [0.0, 0.0, 0.0]},
+        "plan": {"rotate_about_tool_axis": False, "inertia": True},
+    }  # fmt: skip
+    robot, nominal, options = prepare_job(check_job(job, "job.toml"))
+    task = build_task(robot, nominal, options)
+    time = time_run(task, task.q_start, options.feed)[1].time
+    bends = []
+    for rest, move, way in ((0, 0, 1.0), (-1, -2, -1.0)):
+        push = way * 2.0 * (task.q_start[move + 1] - task.q_start[move]) / (time[move + 1] - time[move]) ** 2
+        load = inertial_loads(build_dynamics(robot), task.q_start[[rest]], 0.0 * push[None], push[None])
+        bent, plain = (
+            attain_pose(task.chain, task.q_start[[rest]], task.wrench[[rest]], slope=False, torque_bias=bias).position
+            for bias in (load, None)
+        )
+        bends.append(float(np.linalg.norm(bent - plain)))
+    found = _resolve_starts(replace(task, chord=2.0 * max(bends) / share), options.feed)
+    assert (len(found) > len(task)) is divided

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +17,15 @@ from compplan.job.job import Job, load_job
 from compplan.known.slopes import stage_path, tip_of
 from compplan.loop.learn import Gathered, learn_part
 from compplan.loop.measured_path import match_points, read_measured_points
-from compplan.loop.teach import hold_values, plan_learned, read_residual, residual_file
+from compplan.loop.teach import (
+    Residual,
+    Teaching,
+    build_learned,
+    hold_values,
+    plan_learned,
+    read_residual,
+    residual_file,
+)
 from compplan.path.toolpath import Toolpath
 from compplan.promise.band import Slopes
 from compplan.robot import Robot, load_robot
@@ -215,3 +225,35 @@ def test_bad_measurements_end_in_one_line(small_job, tmp_path, monkeypatch, caps
         assert answer.err.count("\n") == 1
         assert words in answer.err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("header", ["x_mm,y_mm,z_mm", "x_mm,y_mm,z_mm,s_mm"])
+def test_points_beside_a_rapid_move_are_of_no_cut(tmp_path: Path, header: str) -> None:
+    """The path goes on 200 mm to the side without cutting: three points measured there count for nothing."""
+    path = straight_path()
+    end = path.position[-1] + [0.0, 0.2, 0.0]
+    path = replace(
+        path, position=np.vstack([path.position, end]), axis=np.vstack([path.axis, path.axis[-1]]),
+        feed=np.r_[path.feed, 0.05], rapid=np.r_[path.rapid, True],
+    )  # fmt: skip
+    s = np.linspace(10.0, 90.0, 10)
+    cut = np.column_stack([1500 + s, np.full(10, 0.2), np.full(10, 500.0), s])
+    side = np.array([50.0, 100.0, 150.0])
+    beside = np.column_stack([np.full(3, 1600.0), side, np.full(3, 500.0), 100.0 + side])
+    rows = np.vstack([cut, beside])[:, : header.count(",") + 1]
+    table = read_measured_points(write_points(tmp_path / "a.csv", header, rows))
+    found = match_points(table, path, np.eye(4), in_base=True)
+    assert (len(found), found.left_out) == (10, 3)
+
+
+def test_the_residual_is_taken_off_the_path_and_joints_csv_is_held_against_what_was_wanted(small_job: Job) -> None:
+    """1 mm to +x was left: the next program aims 1 mm to -x, and what is wanted is the path of the job."""
+    robot, length = load_robot("kuka_kr270"), np.array([0.0, 10.0])
+    q = np.tile(build_learned(small_job, robot, None)[1].q_start[30], (2, 1))
+    left = Residual(length, np.tile([1e-3, 0.0, 0.0], (2, 1)), np.full(2, 1e-5), q, np.zeros((2, 3, 1)))
+    nominal, task, _ = build_learned(small_job, robot, left)
+    rows = np.arange(len(nominal)) if len(task) == len(nominal) else task.origin
+    path = np.stack([np.interp(rows, np.arange(len(nominal)), column) for column in nominal.position.T], axis=1)
+    assert task.position == pytest.approx(path - [1e-3, 0.0, 0.0], abs=1e-9)
+    lesson = SimpleNamespace(after=SimpleNamespace(task=task), path=nominal, residual=left)
+    assert Teaching.wanted.__get__(lesson) == pytest.approx(path, abs=1e-9)

@@ -156,3 +156,10 @@ def test_every_material_says_where_it_comes_from_and_which_are_assumed() -> None
     for name, material in MATERIALS.items():
         assert material.source, name
         assert material.assumed == material.source.startswith("assumed"), name
+
+
+@pytest.mark.parametrize("depth", [0.5, 2.0, 20.0])
+def test_the_force_acts_at_half_the_engaged_height(depth: float) -> None:
+    """A cylinder without axial force: its moments across the axis are half the depth times the force across them."""
+    wrench = mean(engage(FLAT, (-60, 3, -depth), (0, 3, -depth)), PLAIN, 5e-5)
+    assert wrench[3:5] == pytest.approx(0.5e-3 * depth * np.array([-wrench[1], wrench[0]]), rel=0.02)

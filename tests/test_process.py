@@ -176,3 +176,14 @@ def test_turning_the_path_turns_its_wrench(process) -> None:
     turned = predict_wrench(process, place_toolpath(circle(approach=0.01), pose), R_base_part=pose[:3, :3])
     assert turned[:, :3] == pytest.approx(still[:, :3] @ pose[:3, :3].T, abs=1e-9)
     assert turned[:, 3:] == pytest.approx(still[:, 3:] @ pose[:3, :3].T, abs=1e-9)
+
+
+def test_a_wrench_file_counts_the_length_that_is_cut_and_no_rapid_move(tmp_path: Path) -> None:
+    """Two cuts of 100 mm and a rapid move of 300 mm between them: the second cut goes on at 100 mm."""
+    x = np.array([0.0, 50, 100, 400, 450, 500]) * 1e-3
+    rapid = np.array([False, False, False, True, False, False])
+    position = np.column_stack([x, 0.0 * x, 0.0 * x])
+    nominal = Toolpath(position, np.tile([0.0, 0, 1], (6, 1)), np.full(6, 0.05), rapid)
+    (tmp_path / "s.csv").write_text("s_mm,fx_N,fy_N,fz_N\n0,0,0,0\n1000,1000,0,0\n")
+    force = predict_wrench(FileProcess(model="file", file="s.csv", frame="part"), nominal, folder=tmp_path)[:, 0]
+    assert force[[0, 1, 2, 4, 5]] == pytest.approx([0.0, 50.0, 100.0, 150.0, 200.0])

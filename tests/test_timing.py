@@ -102,3 +102,16 @@ def test_rests_and_turns_on_the_spot_count_for_how_much_slower_a_run_has_to_be()
     assert find_slowdown(task, there, time) == pytest.approx([2.0] * 5 + [1.0] + [2.0] * 5)
     task.nominal.steps = np.zeros(10)  # a turn on the spot is timed by itself
     assert find_slowdown(task, there, time) == pytest.approx(np.ones(11))
+
+
+def test_joints_keep_their_acceleration_on_a_path_that_bends_by_its_closed_form():
+    """q = (cos 3s, sin 3s): what q'' v^2 + q' v v' really is, by hand, never passes the limit and comes near it."""
+    along = np.linspace(0.0, 3.0, 1201)
+    q = np.column_stack([np.cos(3.0 * along), np.sin(3.0 * along)])
+    _, change, speed, _ = time_cut(along, q, np.full(2, 100.0), np.full(2, 4.0))
+    push = np.gradient(0.5 * speed**2, along)
+    bend, slope = -9.0 * q, 3.0 * np.column_stack([-q[:, 1], q[:, 0]])
+    inner = slice(20, -20)
+    assert change[inner] == pytest.approx(bend[inner], abs=1e-3)
+    acceleration = np.abs(bend * speed[:, None] ** 2 + slope * push[:, None])[inner]
+    assert 4.0 * 0.9 < acceleration.max() < 4.0 * 1.05
