@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -28,6 +29,63 @@ from compplan.second.programs.poses import (
 # --------------------------------------------------------------------------------------------------------------- KRL
 
 ARM = ("A1", "A2", "A3", "A4", "A5", "A6")
+_KRL_FIELD = re.compile(rf"(\w+) ({NUMBER})")
+
+
+@lru_cache(maxsize=4096)
+def _krl_value(text: str) -> tuple[float | None, str, float]:
+    """Return the number that a text is; else, where it is a sum, its first part and the number added to it."""
+    if re.fullmatch(NUMBER, text):
+        return float(text), "", 0.0
+    match = re.fullmatch(r"(.+)([-+])(\d+)", text)
+    return (None, "", 0.0) if match is None else (None, match[1], float(match[2] + match[3]))
+
+
+@lru_cache(maxsize=4096)
+def _krl_name(name: str) -> tuple[str, str | None]:
+    """Return a variable's name, and what numbers its element."""
+    match = re.fullmatch(r"([$\w.]+)(?:\[(\w+)\])?", name.strip())
+    assert match, f"no variable: {name}"
+    return match[1].upper(), match[2]
+
+
+@lru_cache(maxsize=256)
+def _lay_out_krl(lines: tuple[str, ...]) -> list[tuple[str, tuple[str, ...] | None, tuple[str, ...] | None]]:
+    """Return lines with what they open: the lines of a FOR and nothing, or both branches of an IF."""
+    laid: list[tuple[str, tuple[str, ...] | None, tuple[str, ...] | None]] = []
+    row = 0
+    while row < len(lines):
+        word = lines[row].partition(" ")[0]
+        if word not in ("FOR", "IF"):
+            laid.append((lines[row], None, None))
+        else:
+            end = _end_krl(lines, row, word)
+            body, other = lines[row + 1 : end], None
+            if word == "IF":
+                depths = np.cumsum([line.startswith("IF ") - (line == "ENDIF") for line in body])
+                middle = next((i for i, line in enumerate(body) if line == "ELSE" and not depths[i]), len(body))
+                body, other = body[:middle], body[middle + 1 :]
+            laid.append((lines[row], body, other))
+            row = end
+        row += 1
+    return laid
+
+
+def _end_krl(lines: tuple[str, ...], row: int, word: str) -> int:
+    depth = 0
+    for index in range(row, len(lines)):
+        depth += lines[index].startswith(f"{word} ")
+        depth -= lines[index] == f"END{word}"
+        if not depth:
+            return index
+    raise AssertionError(f"{word} without END{word}")
+
+
+@lru_cache(maxsize=4096)
+def _krl_move(line: str) -> tuple[str, str, str | None] | None:
+    """Return motion, target and blend of a line that moves."""
+    match = re.fullmatch(r"(PTP|LIN) (\S+)(?: (C_\w+))?", line)
+    return None if match is None else (match[1], match[2], match[3])
 
 
 @dataclass
@@ -42,23 +100,21 @@ class _Krl:
 
     def evaluate(self, text: str) -> Any:
         text = text.strip()
-        if re.fullmatch(NUMBER, text):
-            return float(text)
         if text.startswith("{M "):
             return read_numbers(text)[:4]
         if text.startswith("{"):
-            return {key: float(value) for key, value in re.findall(rf"(\w+) ({NUMBER})", text)}
-        if match := re.fullmatch(r"(.+)([-+])(\d+)", text):
-            return float(self.evaluate(match[1])) + float(match[2] + match[3])
+            return {key: float(value) for key, value in _KRL_FIELD.findall(text)}
+        number, start, more = _krl_value(text)
+        if number is not None:
+            return number
+        if start:
+            return float(self.evaluate(start)) + more
         return self.values[self.resolve(text)]
 
     def resolve(self, name: str) -> str:
         """Return a variable's name with the number of its element."""
-        match = re.fullmatch(r"([$\w.]+)(?:\[(\w+)\])?", name.strip())
-        assert match, f"no variable: {name}"
-        if match[2] is None:
-            return match[1].upper()
-        return f"{match[1].upper()}[{int(float(self.evaluate(match[2])))}]"
+        whole, index = _krl_name(name)
+        return whole if index is None else f"{whole}[{int(float(self.evaluate(index)))}]"
 
     def assign(self, name: str, text: str) -> None:
         value = self.evaluate(text)
@@ -77,44 +133,29 @@ class _Krl:
         start = lines.index(f"DEF {name}()")
         self.run([line for line in lines[start + 1 : lines.index("END")] if line])
 
-    def run(self, lines: list[str]) -> None:
-        row = 0
-        while row < len(lines):
-            line = lines[row]
-            if line.startswith(("FOR ", "IF ")):
-                end = self.find_end(lines, row, line.split()[0])
-                self.block(line, lines[row + 1 : end])
-                row = end
-            else:
+    def run(self, lines: Sequence[str]) -> None:
+        for line, first, other in _lay_out_krl(tuple(lines)):
+            if first is None:
                 self.step(line)
-            row += 1
+            elif other is None:
+                self.count(line, first)
+            else:
+                match = re.fullmatch(rf"IF (.+)>({NUMBER}) THEN", line)
+                assert match, f"unknown line: {line}"
+                self.run(first if float(self.evaluate(match[1])) > float(match[2]) else other)
 
-    @staticmethod
-    def find_end(lines: list[str], row: int, word: str) -> int:
-        depth = 0
-        for index in range(row, len(lines)):
-            depth += lines[index].startswith(f"{word} ")
-            depth -= lines[index] == f"END{word}"
-            if not depth:
-                return index
-        raise AssertionError(f"{word} without END{word}")
-
-    def block(self, head: str, body: list[str]) -> None:
-        if match := re.fullmatch(r"FOR (\w+)=(\w+) TO (\w+)", head):
-            first, last = (int(float(self.evaluate(text))) for text in match.groups()[1:])
-            for number in range(first, last + 1):
-                self.values[match[1]] = float(number)
-                self.run(body)
-            return
-        match = re.fullmatch(rf"IF (.+)>({NUMBER}) THEN", head)
+    def count(self, head: str, body: tuple[str, ...]) -> None:
+        match = re.fullmatch(r"FOR (\w+)=(\w+) TO (\w+)", head)
         assert match, f"unknown line: {head}"
-        depths = np.cumsum([line.startswith("IF ") - (line == "ENDIF") for line in body])
-        other = next((i for i, line in enumerate(body) if line == "ELSE" and not depths[i]), len(body))
-        holds = float(self.evaluate(match[1])) > float(match[2])
-        self.run(body[:other] if holds else body[other + 1 :])
+        first, last = (int(float(self.evaluate(text))) for text in match.groups()[1:])
+        for number in range(first, last + 1):
+            self.values[match[1]] = float(number)
+            self.run(body)
 
     def step(self, line: str) -> None:
-        if act := read_action(line):
+        if moved := _krl_move(line):
+            self.move(moved[0], self.evaluate(moved[1]), moved[2])
+        elif act := read_action(line):
             self.moves.append(act)
         elif match := re.fullmatch(r"DECL INT ([\w,]+)", line):
             self.whole |= set(match[1].split(","))
@@ -122,8 +163,6 @@ class _Krl:
             self.values |= {"$APO.CPTP": 0.0, "$APO.CDIS": 0.0, "$ADVANCE": 3.0}
         elif match := re.fullmatch(r"(\w+)\(\)", line):
             self.call(match[1])
-        elif match := re.fullmatch(r"(PTP|LIN) (\S+)(?: (C_\w+))?", line):
-            self.move(match[1], self.evaluate(match[2]), match[3])
         else:
             assert "=" in line, f"unknown line: {line}"
             self.assign(*line.split("=", 1))
