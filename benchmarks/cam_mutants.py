@@ -337,7 +337,9 @@ def run_mutants(language: str, count: int, seed: int, folder: Path | None = None
         file = Path(made) / f"part{suffix}"
         for number in range(count):
             file.write_bytes(mutate(draw.choice(programs), draw).encode(draw.choice(["utf-8", "latin-1"]), "replace"))
-            _read_one(file, CamTable(cycles=draw.choice(["skip", "expand"]), rotary="head"), number, tally)
+            compensation = draw.choice([None, "centre_line"])
+            options = CamTable(cycles=draw.choice(["skip", "expand"]), rotary="head", compensation=compensation)
+            _read_one(file, options, number, tally)
     return tally
 
 

@@ -131,7 +131,7 @@ def test_vendor_records_are_read_past_with_a_note(read) -> None:
     cam = read("UNITS/MM\nFEDRAT/60,MMPM\nWPLANE/XY\nGOTO/0,0,0\nTLCOMP/ON\nGOTO/1,0,0\nGOHOME/Z\n")
     assert cam.facts.cutting_moves == 1
     assert [note.split(": ")[1][:13] for note in cam.facts.notes] == [
-        "record WPLANE", "the first GOT", "cutter compen", "GOHOME is lef",
+        "record WPLANE", "the first GOT", "TLCOMP is lef", "GOHOME is lef",
     ]  # fmt: skip
 
 

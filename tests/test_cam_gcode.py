@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import tempfile
 import time
 from pathlib import Path
 
@@ -253,6 +254,48 @@ def test_rotary_words_without_a_stated_machine_are_refused(read) -> None:
         with pytest.raises(InputError, match=r'rotary words .* state which with rotary = "head", "table" or'):
             read(text)
     assert read("G21 G0 X0 Y0 Z0 A0 C0\nG1 X1 C0 F9\n").facts.cutting_moves == 1  # they turn nothing
+
+
+def test_a_compensated_contour_asks_what_the_file_holds(read) -> None:
+    head = "G21 G90 G17\nG0 X0 Y0 Z5\nG1 Z0 F100\n"
+    with pytest.raises(InputError, match=r":4: G41 compensates the radius of the cutter: whether the file"):
+        read(f"{head}G41 D1 X10\n")
+    cam = read(f"{head}G41 D1 X10\nY10\nG40 X0\n", compensation="centre_line")
+    assert ends(cam)[-3:] == [[10, 0, 0], [10, 10, 0], [0, 10, 0]]
+    assert cam.facts.notes == (
+        "line 4: G41 compensates wear alone: the path is that of the tool's centre, as compensation = centre_line says",
+    )
+    assert read(f"{head}G41 D0 X10\n").facts.notes == ()
+
+
+BLOCKS = (
+    "X{a}", "Y{a} Z{b}", "G1 X{a} Y{b} F{c}", "N7 G01X{a}Y{b}", "F{c}", "G91", "G90", "G0 X{a}", "G1", "S{c}00 M3",
+    "G2 X{a} Y{b} R900", "G52 X{a}", "G92 Y{b}", "G68 X0 Y0 R30", "G69", "G51 X0 Y0 Z0 P2.", "G50", "G28 G91 Z0", "G20",
+    "G95 F.{c}", "G94 F{c}", "G21", "G81 X{a} Y{b} Z-3 R2 F{c}", "G80", "G1 X{a} ,R1", "G16", "G15", "X{a} F0",
+    "M98 P5",
+)  # fmt: skip
+DRAWN = st.tuples(st.sampled_from(BLOCKS), st.integers(-90, 90), st.integers(-9, 9), st.integers(1, 9))
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(DRAWN, max_size=25))
+def test_a_comment_changes_nothing_plain_blocks_are_read_as_any_other(blocks) -> None:
+    """Blocks of X Y Z F alone are read the short way; with a comment they are not."""
+    body = ["G90 G21 G17", "S1000 M3", "G0 X0 Y0 Z5", "G1 Z0 F100"]
+    body += [text.format(a=a, b=b, c=c) for text, a, b, c in blocks]
+    answers = []
+    with tempfile.TemporaryDirectory() as made:
+        file = Path(made) / "part.nc"
+        for end in ("", " ( )"):
+            file.write_text("".join(f"{line}{end}\n" for line in body))
+            try:
+                cam = read_cam(file)
+            except InputError as fault:
+                answers.append(str(fault))
+            else:
+                rows = cam.toolpath.position.tolist(), cam.toolpath.feed.tolist(), cam.toolpath.rapid.tolist()
+                answers.append((*rows, cam.facts.notes, cam.facts.cutting_length_mm))
+    assert answers[0] == answers[1]
 
 
 def test_leading_rapid_moves_from_an_unknown_place_are_no_waypoints(read) -> None:

@@ -159,7 +159,8 @@ APPROACHES = {
 @pytest.mark.parametrize("block", APPROACHES)
 def test_a_contour_is_approached_as_the_manual_says(read, block: str) -> None:
     begin, first, length = APPROACHES[block]
-    cam = read(close(f"L X+0 Y+40 Z+0 FMAX\nCC X+20 Y+0\n{block}\nL X+40\nDEP LT LEN15 F900"))
+    text = close(f"L X+0 Y+40 Z+0 FMAX\nCC X+20 Y+0\n{block}\nL X+40\nDEP LT LEN15 F900")
+    cam = read(text, compensation="centre_line")
     places = [point[:2] for point in ends(cam)]
     assert first in places and places[-2] == [55, 20]
     if begin is not None:
@@ -170,7 +171,7 @@ def test_a_contour_is_approached_as_the_manual_says(read, block: str) -> None:
         angle = math.atan2(10, -20) + math.acos(10 / math.hypot(20, 10))
         turn = (math.radians(270) - angle) % (2 * math.pi)
         assert cam.facts.cutting_length_mm == pytest.approx(straight + 10 * turn + 35)
-    assert any("RL, RR" in note for note in cam.facts.notes)
+    assert any(" compensates wear alone" in note for note in cam.facts.notes)
 
 
 @pytest.mark.parametrize(
@@ -183,7 +184,7 @@ def test_a_contour_is_approached_as_the_manual_says(read, block: str) -> None:
     ],
 )
 def test_a_contour_is_left_as_the_manual_says(read, block: str, end: list[float]) -> None:
-    cam = read(close(f"L X+20 Y+20 Z+0 FMAX\nL X+40 RL F500\n{block}"))
+    cam = read(close(f"L X+20 Y+20 Z+0 FMAX\nL X+40 RL F500\n{block}"), compensation="centre_line")
     assert ends(cam)[-2][:2] == pytest.approx(end)
 
 
@@ -421,6 +422,20 @@ def test_numbers_case_spaces_and_comments_change_nothing(tmp_path_factory, data)
     plain, other = (read_cam_text(folder, text, ".h") for text in (body, "\r\n".join(lines) + "\n"))
     assert np.array_equal(plain.toolpath.position, other.toolpath.position)
     assert np.array_equal(plain.toolpath.feed, other.toolpath.feed)
+
+
+def test_a_compensated_contour_asks_what_the_file_holds(read) -> None:
+    with pytest.raises(InputError, match=r":4: RL compensates .* write \[cam\] compensation = \"centre_line\""):
+        read(close("L Z-2 F300 RL"))
+    assert cuts(read(close("L Z-2 F300 RL\nL X+20 R0"), compensation="centre_line")) == [[0, 0, -2], [20, 0, -2]]
+
+
+def test_a_plain_block_is_read_as_any_other(read) -> None:
+    """Blocks of X Y Z F alone are read the short way; with R0 F900 M8 they are not: both make the same path."""
+    plain = "L Z-2 F300\nL X+10\nL X+20 Y-5.5 F900\nL Z+.5 M90\nRND R2\nL Y+7\nL X-3"
+    other = plain.replace("\nL X", "\nL R0 X").replace("\nL Z+.5 M90", "\nL R0 Z+.5 M90")
+    one, two = (read(close(f"CYCL DEF 7.0 DATUM\nCYCL DEF 7.1 X+3\n{body}")) for body in (plain, other))
+    assert ends(one) == ends(two) and one.toolpath.feed.tolist() == two.toolpath.feed.tolist()
 
 
 def test_marked_blocks_are_read_and_cycle_numbers_may_stand_close(read) -> None:

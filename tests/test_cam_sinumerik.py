@@ -308,3 +308,17 @@ def test_homes_that_only_the_machine_knows_and_traori_with_its_number_are_read(r
         read(f"{HEAD}SUPA G0 A=_A_HOME\nM30\n")
     with pytest.raises(InputError, match=r":6: _Z_HOME has no value that is known"):
         read(f"{HEAD}G0 Z=_Z_HOME\nM30\n")
+
+
+def test_a_compensated_contour_asks_what_the_file_holds(read) -> None:
+    with pytest.raises(InputError, match=r":6: G42 compensates the radius of the cutter"):
+        read(f"{HEAD}G1 G42 X10 F100\nM30\n")
+    assert cuts(read(f"{HEAD}G1 G42 X10 F100\nG40\nM30\n", compensation="centre_line")) == [[10, 0, 10]]
+
+
+def test_a_plain_block_is_read_as_any_other(read) -> None:
+    """Blocks of X Y Z F alone are read the short way; with M8 they are not: both make the same path."""
+    plain = "TRANS X5\nG1 Z-1 F300\nX10\nN5 X20 Y-5.5 F900\nZ.5 RND=0.2\nY7\nG91\nX1\nG90 X9\nG95\nX2 F.2"
+    other = plain.replace("X10", "X10 M8").replace("F900", "F900 M8").replace("Y7", "Y7 M8").replace("X9", "X9 M8")
+    one, two = (read(f"{HEAD}{body}\nG0 Z9\nM30\n") for body in (plain, other))
+    assert ends(one) == ends(two) and one.toolpath.feed.tolist() == two.toolpath.feed.tolist()

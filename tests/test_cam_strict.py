@@ -238,10 +238,11 @@ def test_a_plan_tells_what_its_reader_noted(tmp_path: Path) -> None:
     data = {
         "schema": 1, "robot": "staubli_tx200", "toolpath": "part.nc", "plan": {"strategy": "mirror"},
         "part": {"position_mm": [1500.0, 0.0, 183.0]}, "process": {"model": "constant", "force_N": [0.0, 0.0, 100.0]},
-        "sampling": {"max_step_mm": 10.0},
+        "sampling": {"max_step_mm": 10.0}, "cam": {"compensation": "centre_line"},
     }  # fmt: skip
     notes = json.loads(json.dumps(summarise_plan(plan_job(check_job(data, tmp_path / "job.toml")))["notes"]))
     assert [note for note in notes if note.startswith("part.nc, line")] == [
-        "part.nc, line 2: cutter compensation (G41, G42) is not applied: the path is taken as programmed.",
+        "part.nc, line 2: G41 compensates wear alone: the path is that of the tool's centre, as compensation = "
+        "centre_line says.",
         "part.nc, line 1: no unit is stated (G20, G21): mm is assumed.",
     ]

@@ -21,12 +21,12 @@ def test_one_command_goes_from_the_cam_file_to_the_program(tmp_path: Path, monke
     status = run(
         monkeypatch, str(tmp_path / "cut.nc"), "--robot", "staubli_tx200", "--part", "1500,0,183", "--process",
         str(tmp_path / "force.toml"), "--program", "csv", "--program", "val3",
-        "--out", str(tmp_path / "out"), "--json",
+        "--compensation", "centre_line", "--out", str(tmp_path / "out"), "--json",
     )  # fmt: skip
     summary = json.loads(capsys.readouterr().out)
     assert status in (0, 3) and (status == 0) == (summary["status"] == "solved")
     assert summary["error_after_mm"]["max"] < 0.2 * summary["error_before_mm"]["max"]
-    assert any("cut.nc, line 2: cutter compensation" in note for note in summary["notes"])
+    assert any("cut.nc, line 2: G41 compensates wear alone" in note for note in summary["notes"])
     written = {path.name for path in (tmp_path / "out").rglob("*")}
     assert {"plan.json", "joints.csv", "report.html"} <= written and any("cut" in name for name in written)
 

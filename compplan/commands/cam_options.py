@@ -16,11 +16,14 @@ ROTARY = click.option(
     "--rotary", type=click.Choice(["head", "table", "head_table", "ignore"]), help="What A B C words turn."
 )
 WCS = click.option("--wcs", metavar="G54", help="The work offset that is the part frame, if a file cuts in several.")
+COMPENSATION = click.option(
+    "--compensation", type=click.Choice(["centre_line"]), help="What a file holds where the control compensates (G41)."
+)
 
 
 def take_cam_options(command: Command) -> Command:
-    """Give a command the options --feed, --rotary and --wcs."""
-    return FEED(ROTARY(WCS(command)))
+    """Give a command the options --feed, --rotary, --wcs and --compensation."""
+    return FEED(ROTARY(WCS(COMPENSATION(command))))
 
 
 def keep_stated(**options: Any) -> dict[str, Any]:

@@ -192,6 +192,7 @@ chord_tolerance_mm = 0.001          # greatest distance between an arc and its c
 rotary_offset_mm = [0.0, 0.0, 0.0]  # ... and from there to the second
 # pivot_mm = 250.0                  # ... and from the tool tip to where the axes of the head meet
 tip_control = false                 # true: X Y Z are the tip in the part frame though the file has none of these words
+# compensation = "centre_line"      # files with G41, G42, RL, RR hold the path of the tool's centre; else refused
 # wcs = "G54"                       # the work offset that is the part frame, in a file that cuts in several
 # tilt_angles = "spatial"           # what cycle 19 of Heidenhain programs states
 cycles = "expand"                   # drilling cycles: expand into cutting moves | skip

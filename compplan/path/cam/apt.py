@@ -165,7 +165,7 @@ class _Reader(ArcReader):
     def _pass_over(self, major: str) -> None:
         self.nx = self.nx or major == "TLDATA"
         if major in ("CUTCOM", "TLCOMP"):
-            self.log.note("cutter compensation is not applied: the path is taken as programmed", self.line)
+            self.log.note(f"{major} is left out: the points of a cutter location file are the tool's", self.line)
         elif major == "GOHOME":
             self.log.note("GOHOME is left out", self.line)
         elif major not in SILENT:

@@ -91,6 +91,11 @@ class Contour:
             return self.target
         return self.held[0].end if self.held else self.course.position
 
+    @property
+    def idle(self) -> bool:
+        """Whether nothing waits for the next element."""
+        return self.held is None and self.approach is None
+
     def wait(self, approach: Approach, target: Point, line: int) -> None:
         """Let an approach to a point wait for the first element of the contour."""
         self.approach, self.target, self.first = approach, target, line

@@ -8,6 +8,7 @@ from pathlib import Path
 from compplan.errors import InputError
 from compplan.path.cam.gcode_codes import (
     ALONE,
+    COMPENSATED,
     CONTRARY,
     CYCLES,
     FRAMES,
@@ -25,7 +26,7 @@ from compplan.path.cam.gcode_moves import MotionReader, OffCircleError
 from compplan.path.cam.gcode_state import PLANE_AXES, State
 from compplan.path.cam.lines import split_lines
 from compplan.path.cam.moves import CamFile
-from compplan.path.cam.options import CamTable
+from compplan.path.cam.options import CamTable, ask_compensation
 
 CENTRE_READINGS = ("incremental", "absolute", "reversed")
 #: Words that a move may have.
@@ -72,7 +73,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     """
     readings = CENTRE_READINGS if options.arc_centres is None else (options.arc_centres,)
     first_fault: OffCircleError | None = None
-    lines = list(split_lines(text))
+    lines = split_lines(text)
     changes_by_t = CHANGE.search(text) is None
     for reading in readings:
         reader = _Reader(file, options, reading)
@@ -273,6 +274,9 @@ class _Reader(MotionReader):
                 self.log.note(NOTED[code], self.line)
         elif code in (41.1, 42.1) and values.get("D", 0.0) != 0.0:
             raise self.error(f"G{code:g} with a cutter diameter D is not read; post-process the tool centre's path")
+        elif code in COMPENSATED:
+            if values.get("D") != 0.0:
+                self.log.note(ask_compensation(self.options, f"G{code:g}"), self.line)
         elif code in NOTED:
             self.log.note(NOTED[code], self.line)
             if code == 29.0 and values.keys().isdisjoint(PLACES):

@@ -19,12 +19,13 @@ CYCLES = {73.0, 74.0, 76.0, *(float(number) for number in range(81, 90))}
 SILENT = {4.0, 9.0, 40.0, 61.0, 61.1, 64.0, 67.0, 96.0, 97.0, 113.0, 269.0}
 NOTED = {
     10.0: "G10 offsets are not read",
-    41.0: "cutter compensation (G41, G42) is not applied: the path is taken as programmed",
     43.0: "tool length compensation (G43) is not applied: the path is that of the tool tip",
     22.0: "limits of the working space (G22) are not read",
     29.0: "G29 (probing) is left out; where it ended is not known",
 }
-NOTED |= {41.1: NOTED[41.0], 42.0: NOTED[41.0], 42.1: NOTED[41.0], 43.1: NOTED[43.0], 44.0: NOTED[43.0]}
+NOTED |= {43.1: NOTED[43.0], 44.0: NOTED[43.0]}
+#: Codes that compensate the radius of the cutter.
+COMPENSATED = frozenset({41.0, 41.1, 42.0, 42.1})
 #: Greatest turn of the rotary axes between waypoints. [deg]
 TURN_STEP = 1.0
 PROBES = {31.0, 38.2, 38.3, 38.4, 38.5}

@@ -34,6 +34,35 @@ class MotionReader(TiltReader):
         self.corner: Corner | None = None
         self.proofs: set[tuple[float, ...]] = set()
 
+    def is_steady(self) -> bool:
+        """Tell whether a block of X Y Z F alone cuts straight to where its numbers say, and nothing else."""
+        state, path = self.state, self.path
+        return bool(
+            state.motion == 1.0 and state.moved and state.feed and state.feed_mode == 94 and self.begun
+            and not (state.incremental or state.polar or state.cycle_code or state.lost or self.corner or self.layers)
+            and len(state.known) == 3 and path.placement is None and not path.muted and not path.needs_start()
+        )  # fmt: skip
+
+    def cut_plain(self, x: str | None, y: str | None, z: str | None, feed: str | None) -> bool:
+        """Carry out a block of X Y Z F alone where the program is steady; return whether it was read."""
+        state = self.state
+        if x is None and y is None and z is None:
+            return False
+        if feed is not None:
+            if (number := float(feed)) <= 0.0:
+                return False
+            state.set_feed(number)
+        scale, old = state.scale, state.position
+        point = (
+            old[0] if x is None else float(x) * scale + state.zero(0),
+            old[1] if y is None else float(y) * scale + state.zero(1),
+            old[2] if z is None else float(z) * scale + state.zero(2),
+        )
+        state.position = point
+        assert state.feed is not None
+        self.log.line(point, state.feed / 60.0)
+        return True
+
     def _move(self, values: dict[str, float]) -> None:
         """Carry out the motion of a block."""
         state = self.state

@@ -38,6 +38,7 @@ from compplan.path.cam.gcode_words import (
 from compplan.path.cam.lines import read_bounded, split_lines
 from compplan.path.cam.moves import MoveLog
 from compplan.path.cam.options import CamTable
+from compplan.path.cam.plain import PLAIN_CODE
 
 Words = list[tuple[str, float]]
 #: A line that an M code owns, its text included.
@@ -60,8 +61,16 @@ class TextReader(FlowReader):
         super().__init__(file)
         self.options, self.state = options, state
         self.log = MoveLog(options.chord_tolerance_mm)
-        self.begun = False
+        self.begun = self.steady = False
         self.siemens = file.suffix.lower() in (".mpf", ".spf")
+
+    @abstractmethod
+    def is_steady(self) -> bool:
+        """Tell whether a block of X Y Z F alone cuts straight to where its numbers say, and nothing else."""
+
+    @abstractmethod
+    def cut_plain(self, x: str | None, y: str | None, z: str | None, feed: str | None) -> bool:
+        """Carry out a block of X Y Z F alone where the program is steady; return whether it was read."""
 
     @abstractmethod
     def run_block(self, words: Words) -> bool:
@@ -81,6 +90,14 @@ class TextReader(FlowReader):
 
     def _run_line(self, raw: str) -> bool:
         """Carry out one line; return whether the program ends."""
+        if self.steady and (found := PLAIN_CODE.fullmatch(raw)) and self.cut_plain(*found.groups()):
+            return False
+        ended = self._run_any(raw)
+        self.steady = self.is_steady()
+        return ended
+
+    def _run_any(self, raw: str) -> bool:
+        """Carry out a line of any kind; return whether the program ends."""
         try:
             line, comments = strip_comments(raw)
         except ValueError as fault:
@@ -225,7 +242,7 @@ class TextReader(FlowReader):
             for candidate in (f"{called}.SPF", f"{called}.spf", f"{called.lower()}.spf"):
                 beside = self.file.with_name(candidate)
                 if beside.is_file():
-                    found_lines = list(split_lines(read_bounded(beside)))
+                    found_lines = split_lines(read_bounded(beside))
                     self.programs[called] = (found_lines, 0, len(found_lines), beside)
                     break
         if called not in self.programs:

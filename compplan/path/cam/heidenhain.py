@@ -27,6 +27,7 @@ from compplan.path.cam.heidenhain_words import (
 from compplan.path.cam.lines import MOST_LINES, count_lines
 from compplan.path.cam.moves import CamFile
 from compplan.path.cam.options import CamTable
+from compplan.path.cam.plain import PLAIN_KLARTEXT
 
 name = "heidenhain"
 suffixes = (".h", ".i", ".hnc")
@@ -84,6 +85,7 @@ class _Reader(CycleReader):
         self.blocks: list[Block] = []
         self.labels: dict[str, int] = {}
         self.begun = self.inch = False
+        self.steady = False
         self.jumps = 0
         self.steps = 0
         if options.unit == "inch":
@@ -146,13 +148,22 @@ class _Reader(CycleReader):
                 continue
             if text == "LBL 0" and depth:
                 return index
+            plain = PLAIN_KLARTEXT.fullmatch(text) if self.steady else None
+            if plain and self._is_followed(index) and self.cut_plain(plain):
+                continue
+            self.steady = False
             if text[0] in "CIF" and (text.startswith(("CALL", "FN", "IF")) and self._jumps(text)):
                 index = self._jump(text, index, depth, repeats)
                 continue
             if text.startswith("END PGM"):
                 return index
             self._carry_out(text, index)
+            self.steady = text[0] == "L" and self.is_steady()
         return index
+
+    def _is_followed(self, index: int) -> bool:
+        """Return whether a block comes next, and asks for no corner."""
+        return index < len(self.blocks) and self.blocks[index].text[:3] not in ("RND", "CHF", "")
 
     def _jumps(self, text: str) -> bool:
         return text.startswith("CALL") or " GOTO" in text

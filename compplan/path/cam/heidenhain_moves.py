@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
 from compplan.path.cam.arcs import Point, combine, dot
 from compplan.path.cam.contour import Corner, Element, find_centre, find_tangent_arc
 from compplan.path.cam.frames import rotate
-from compplan.path.cam.gcode_codes import NOTED
 from compplan.path.cam.heidenhain_frames import AXES, TILT_ANGLES
 from compplan.path.cam.heidenhain_machine import MachineReader
 from compplan.path.cam.heidenhain_words import M_WORDS, split_words
-from compplan.path.cam.options import CamTable
+from compplan.path.cam.options import CamTable, ask_compensation
+from compplan.path.cam.plain import read_place
 from compplan.path.cam.turning import LETTERS
 
 #: Axes of the working plane by the tool axis.
@@ -84,7 +85,8 @@ class MoveReader(MachineReader):
             if word in words and (word != "R" or words[word] in ("+", "-")):
                 self.side = word[1:].replace("0", "")
                 if word != "R0":
-                    self.log.note(NOTED[41.0].replace("G41, G42", "RL, RR"), self.line)
+                    sign = words[word] if word == "R" else ""
+                    self.log.note(ask_compensation(self.options, f"{word}{sign}"), self.line)
 
     def take_feed(self, words: Mapping[str, str]) -> bool:
         """Take the feed of a block; return whether it is rapid."""
@@ -167,6 +169,24 @@ class MoveReader(MachineReader):
                 Element(self.contour.position, target, named, self.speed(), self.line, axis=axis, on_way=on_way,
                         normal=unit_axis(self.tool_axis)), corner)  # fmt: skip
         self.was_rapid = rapid
+
+    def is_steady(self) -> bool:
+        """Tell whether an L block of X Y Z F alone cuts straight to where its numbers say, and nothing else."""
+        return bool(
+            self.feed and not self.was_rapid and self.contour.idle and self.course.knows
+            and not (self.calls or self.rotary.unknown)
+        )  # fmt: skip
+
+    def cut_plain(self, found: re.Match[str]) -> bool:
+        """Carry out an L block of X Y Z F alone where the program is steady; return whether it was read."""
+        feed = found.group(4)
+        target = read_place(found, self.course.position, 1.0)
+        if target is None or (feed is not None and float(feed) <= 0.0):
+            return False
+        if feed is not None:
+            self.feed = self.to_mm_s(float(feed))
+        self.course.line(target, (), self.speed(), self.line)
+        return True
 
     def check_machine(self) -> None:
         """Refuse a cut while rotary axes stand turned of which nobody says what they turn."""

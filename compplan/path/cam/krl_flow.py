@@ -49,7 +49,7 @@ class ProgramReader:
 
     def run(self, text: str) -> None:
         """Carry out the first program of the file."""
-        lines = list(split_lines(text))
+        lines = split_lines(text)
         self._load_shared(text.upper())
         self._load_data(self.file)
         first = self._find_programs(lines, self.file)
@@ -169,7 +169,7 @@ class ProgramReader:
             beside = next((path for end in (".src", ".SRC") for word in (called, called.lower())
                            if (path := self.file.with_name(word + end)).is_file()), None)  # fmt: skip
             if beside is not None:
-                self._find_programs(list(split_lines(read_bounded(beside))), beside)
+                self._find_programs(split_lines(read_bounded(beside)), beside)
         if called not in self.programs:
             self.called = self.called or f"{statement[:24]} in line {self.line}"
             note = f"call of {called[:24]}() is not read: it is neither here nor beside the file"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator
 from pathlib import Path
 
 from compplan.errors import InputError
@@ -15,7 +13,6 @@ MOST_BYTES = 128 * 2**20
 MOST_LINES = 3_000_000
 #: Greatest length of a line; G-code blocks end at 256 characters on most controllers.
 LONGEST_LINE = 10_000
-LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n|$)")
 
 
 def read_bounded(path: Path) -> str:
@@ -35,7 +32,10 @@ def read_bounded(path: Path) -> str:
     count = count_lines(text)
     if count > MOST_LINES:
         raise InputError(f"has {count} lines, at most {MOST_LINES} are read", file=path)
-    for number, line in enumerate(split_lines(text), start=1):
+    lines = split_lines(text)
+    if max(map(len, lines), default=0) <= LONGEST_LINE:
+        return text
+    for number, line in enumerate(lines, start=1):
         if len(line) > LONGEST_LINE:
             message = f"line of {len(line)} characters, at most {LONGEST_LINE} are read"
             raise InputError(message, file=path, where=number)
@@ -48,8 +48,11 @@ def count_lines(text: str) -> int:
     return ends + (not text.endswith(("\n", "\r")) and bool(text))
 
 
-def split_lines(text: str) -> Iterator[str]:
-    """Yield the lines: they end with CR, LF or both, and with nothing else (no form feed, no U+0085, no U+2028)."""
-    for match in LINE.finditer(text):
-        if match.group():
-            yield match.group().rstrip("\r\n")
+def split_lines(text: str) -> list[str]:
+    """Return the lines: they end with CR, LF or both, and with nothing else (no form feed, no U+0085, no U+2028)."""
+    if "\r" in text:
+        text = text.replace("\r\n", "\n").replace("\r", "\n")
+    lines = text.split("\n")
+    if not lines[-1]:
+        lines.pop()
+    return lines

@@ -6,12 +6,28 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from compplan.errors import InputError
 from compplan.files.tomlfile import StrictTable
 
 #: A coordinate [mm].
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
 Vector = Annotated[list[Coordinate], Field(min_length=3, max_length=3)]
 WCS = r"^[Gg](54\.1|154) ?[Pp]\d{1,3}$|^[Gg](5[4-9](\.\d)?|5\d\d)$"
+
+
+def ask_compensation(options: CamTable, word: str) -> str:
+    """Return what is noted of a word that compensates the radius of the cutter.
+
+    Raises:
+        InputError: If nobody says what the file holds there.
+
+    """
+    if options.compensation is None:
+        raise InputError(f"{word} compensates the radius of the cutter: whether the file holds the path of the tool's "
+                         "centre (the control adds wear alone) or the contour of the part is not known; write [cam] "
+                         'compensation = "centre_line" (--compensation) for the first, post-process the second as '
+                         "the centre's path")  # fmt: skip
+    return f"{word} compensates wear alone: the path is that of the tool's centre, as compensation = centre_line says"
 
 
 class CamTable(StrictTable):
@@ -31,6 +47,9 @@ class CamTable(StrictTable):
         the second table axis. Files without control of the tip (G43.4, TRAORI, M128) need it.
     pivot_mm: from the tip of the tool to where the axes of the head meet; such files need it too.
     tip_control: X Y Z are the tip in the part frame though the file has no G43.4, TRAORI or M128.
+    compensation: what is written where the control compensates the radius of the cutter (G41, G42, RL, RR): the path of
+        the tool's centre, the control adding wear alone (centre_line). A contour of the part is not read: whoever has
+        one writes the centre's path. A file that compensates is refused without it.
     wcs: the work offset that is the part frame ("G54", "G54.1 P3") in a file that cuts in several; the cuts in others
         are left out.
     cycles: drilling cycles are expanded into cutting moves, or skipped: the tool moves rapidly above the holes.
@@ -52,6 +71,7 @@ class CamTable(StrictTable):
     rotary_offset_mm: Vector = Field(default_factory=lambda: [0.0, 0.0, 0.0])
     pivot_mm: float | None = Field(default=None, ge=0.0, le=1e5)
     tip_control: bool = False
+    compensation: Literal["centre_line"] | None = None
     wcs: Annotated[str, Field(pattern=WCS)] | None = None
     cycles: Literal["skip", "expand"] = "expand"
     tilt_angles: Literal["spatial"] | None = None

@@ -11,6 +11,7 @@ from compplan.path.cam.gcode import BEGINNING
 from compplan.path.cam.lines import MOST_LINES, count_lines, read_bounded, split_lines
 from compplan.path.cam.moves import CamFile
 from compplan.path.cam.options import CamTable
+from compplan.path.cam.plain import PLAIN_CODE
 from compplan.path.cam.sinumerik_flow import DEEPEST, FLOW, LIMIT_TEXT, MOST_CALLS, FlowReader, Unit, strip
 from compplan.path.cam.sinumerik_frames import FRAME_WORDS
 from compplan.path.cam.sinumerik_words import (
@@ -80,11 +81,11 @@ class _Reader(FlowReader):
         super().__init__(file, options)
         self.programs: dict[str, Unit] = {}
         self.steps = self.depth = 0
-        self.ended = False
+        self.ended = self.steady = False
 
     def run(self, text: str) -> None:
         """Read the first main program."""
-        lines = list(split_lines(text))
+        lines = split_lines(text)
         main = self._find_programs(lines, self.file)
         try:
             self._run(main)
@@ -142,6 +143,9 @@ class _Reader(FlowReader):
     def _run_line(self, unit: Unit, index: int, active: dict[int, float], repeats: dict[int, int]) -> int:
         """Carry out a line; return the next one, -1 at the end of the program."""
         raw = unit.lines[index]
+        if self.steady and (found := PLAIN_CODE.fullmatch(raw)) and self.cut_plain(found):
+            return index + 1
+        self.steady = False
         body, comment = cut_comment(raw)
         if comment and not comment.startswith("$PATH"):
             self.log.happen("comment", self.line, text=comment)
@@ -165,7 +169,9 @@ class _Reader(FlowReader):
             if flow:
                 return self.run_flow(flow.group(1), text, raw, unit, index, active, repeats)
             words = split_block(text, self.look_up_home if HOME.search(text) else self.look_up, self.variables)
-        return -1 if self._run_block(words, raw) else index + 1
+        ended = self._run_block(words, raw)
+        self.steady = self.modal is None and self.is_steady()
+        return -1 if ended else index + 1
 
     def _run_block(self, words: Words, raw: str) -> bool:
         """Carry out a block; return whether the program ends."""
@@ -216,7 +222,7 @@ class _Reader(FlowReader):
         for candidate in (f"{word}.SPF", f"{word}.spf", f"{word.lower()}.spf"):
             beside = self.file.with_name(candidate)
             if beside.is_file():
-                lines = list(split_lines(read_bounded(beside)))
+                lines = split_lines(read_bounded(beside))
                 self.programs[word] = Unit(lines, 0, len(lines), beside)
                 return True
         return False

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from compplan.path.cam.arcs import Point, arc_about, combine, dot
 from compplan.path.cam.contour import Corner, Element, find_centre, find_tangent_arc
-from compplan.path.cam.gcode_codes import NOTED
 from compplan.path.cam.gcode_vendor import HARMLESS, VALUES
-from compplan.path.cam.options import CamTable
+from compplan.path.cam.options import CamTable, ask_compensation
+from compplan.path.cam.plain import read_place
 from compplan.path.cam.robot_moves import find_arc
 from compplan.path.cam.sinumerik_frames import AXES, ELSEWHERE, INCH, NORMALS, PLANES, FrameReader
 from compplan.path.cam.sinumerik_words import Words
@@ -91,7 +91,8 @@ class MoveReader(FrameReader):
             elif code in OFFSET_CODES or 505.0 <= code <= 599.0:
                 self.use_offset(code)
             elif code in (41.0, 42.0):
-                self.log.note(NOTED[41.0], self.line)
+                if words.values.get("D") != 0.0:
+                    self.log.note(ask_compensation(self.options, f"G{code:g}"), self.line)
             elif code not in SILENT_CODES:
                 if words.values.keys() & MOVING and not motions:
                     raise self.error(f"G{code:g} with coordinates is not read and may move the tool")
@@ -230,6 +231,25 @@ class MoveReader(FrameReader):
         self.contour.add(
             Element(self.contour.position, target, named, feed, self.line, normal=NORMALS[self.plane], axis=axis,
                     on_way=on_way), self._corner(words))  # fmt: skip
+
+    def is_steady(self) -> bool:
+        """Tell whether a block of X Y Z F alone cuts straight to where its numbers say, and nothing else."""
+        return bool(
+            self.motion == 1.0 and self.feed and self.feed_mode == 94 and self.contour.idle and self.course.knows
+            and self.stated and not (self.incremental or self.rounding or self.outside or self.rotary.unknown)
+        )  # fmt: skip
+
+    def cut_plain(self, found: re.Match[str]) -> bool:
+        """Carry out a block of X Y Z F alone where the program is steady; return whether it was read."""
+        feed = found.group(4)
+        target = read_place(found, self.course.position, self.scale)
+        if target is None or (feed is not None and float(feed) <= 0.0):
+            return False
+        if feed is not None:
+            self.feed = float(feed)
+        assert self.feed is not None
+        self.course.line(target, (), self.feed * self.scale / 60.0, self.line)
+        return True
 
     def _check_cut(self) -> None:
         """Refuse a cut whose frame is not known: another work offset, rotary axes of an unknown machine."""
