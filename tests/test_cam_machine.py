@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from compplan.errors import InputError
 from compplan.path.cam import CamFile
 from compplan.path.cam.gcode_macro import MacroError, Variables, assign, work_out
-from compplan.path.cam.gcode_rotary import Machine
+from compplan.path.cam.gcode_rotary import RotaryMachine
 
 HEAD = "G21 G90\nG0 X0 Y0 Z10\n"
 
@@ -168,10 +168,10 @@ def test_a_head_swings_its_tip_about_the_pivot(read) -> None:
 
 def test_axes_in_an_order_of_their_own_and_against_the_right_hand() -> None:
     angles = {"A": 20.0, "B": 30.0, "C": 40.0}
-    assert Machine(head=(("A", 1.0), ("B", 1.0))).point_tool(angles) == pytest.approx(
+    assert RotaryMachine(head=(("A", 1.0), ("B", 1.0))).point_tool(angles) == pytest.approx(
         turn("A", 20) @ turn("B", 30) @ [0, 0, 1]
     )
-    assert Machine(table=(("B", -1.0), ("C", -1.0))).point_tool(angles) == pytest.approx(
+    assert RotaryMachine(table=(("B", -1.0), ("C", -1.0))).point_tool(angles) == pytest.approx(
         (turn("B", -30) @ turn("C", -40)).T @ [0, 0, 1]
     )
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from compplan.errors import InputError
 from compplan.path.cam.apt_arcs import INCH, ArcReader
-from compplan.path.cam.apt_cycles import FEED_OUT, Cycle, read_cycle
-from compplan.path.cam.apt_events import RECORDS, TEXT, Machine
+from compplan.path.cam.apt_cycles import FEED_OUT, AptCycle, read_cycle
+from compplan.path.cam.apt_events import RECORDS, TEXT, AptMachine
 from compplan.path.cam.apt_words import NUMBER, read_numbers, split_fields, split_records
 from compplan.path.cam.arcs import Point, combine
 from compplan.path.cam.lines import count_lines
@@ -81,10 +81,10 @@ class _Reader(ArcReader):
 
     def __init__(self, file: Path, options: CamTable, *, flipped: bool) -> None:
         super().__init__(file, options, flipped=flipped)
-        self.cycle: Cycle | None = None
+        self.cycle: AptCycle | None = None
         self.feed_before: tuple[float | None, float | None] = (None, None)
         self.frames: set[str] = set()
-        self.machine = Machine(self.log)
+        self.machine = AptMachine(self.log)
 
     def run(self, text: str) -> None:
         """Read every record.
@@ -234,7 +234,7 @@ class _Reader(ArcReader):
             if self.options.cycles == "expand" and self.cycle.feed:
                 self._set_feed(self.cycle.feed)
 
-    def _drill(self, cycle: Cycle, point: Point, axis: Point) -> None:
+    def _drill(self, cycle: AptCycle, point: Point, axis: Point) -> None:
         """Go to a hole, and cut it where holes are cut; pecks, dwells and turned tools are left out."""
         log = self.log
         if self.options.cycles != "expand":

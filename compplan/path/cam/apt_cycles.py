@@ -18,7 +18,7 @@ OTHER = {"1STPECK", "BACKFEED", "BOTTOM", "BRKCHP", "CAM", "CHIP", "CSINK", "DEC
 
 
 @dataclass(frozen=True)
-class Cycle:
+class AptCycle:
     """Hold a drilling cycle.
 
     Args:
@@ -37,7 +37,7 @@ class Cycle:
     feed: str
 
 
-def read_cycle(fields: Sequence[float | str]) -> Cycle:
+def read_cycle(fields: Sequence[float | str]) -> AptCycle:
     """Read CYCLE/kind with DEPTH, d or FEDTO, d, CLEAR or RAPTO, c and MMPM, f; or their order without words.
 
     FEDTO is a depth of either sign. In order, a feed stands after its unit or before it:
@@ -80,4 +80,4 @@ def read_cycle(fields: Sequence[float | str]) -> Cycle:
     if bare:
         raise ValueError(f"number {bare[0]:g} in a cycle is not known")
     clear = next((levels[word] for word in (*CLEAR, *RETRACT) if word in levels), 0.0)
-    return Cycle(kind, depth, clear, max([clear, *levels.values()]), feed)
+    return AptCycle(kind, depth, clear, max([clear, *levels.values()]), feed)

@@ -14,7 +14,7 @@ TEXT = ("PARTNO", "PPRINT", "REMARK", "TPRINT", "TITLES", "TOOL PATH", "LETTER",
 
 
 @dataclass
-class Machine:
+class AptMachine:
     """Hold what turns and runs: the spindle's sense and speed [1/min], coolant."""
 
     log: MoveLog

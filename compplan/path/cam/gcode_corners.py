@@ -9,7 +9,7 @@ from compplan.path.cam.arcs import NOTHING, Arc, Point, arc_about, combine, cros
 
 
 @dataclass(frozen=True)
-class Corner:
+class GcodeCorner:
     """Hold a straight move that ends in a corner, until the move after it is known.
 
     Args:
@@ -30,7 +30,7 @@ class Corner:
     line: int
 
 
-def cut_corner(corner: Corner, end: Point) -> tuple[Point, Point, Arc | None]:
+def cut_corner(corner: GcodeCorner, end: Point) -> tuple[Point, Point, Arc | None]:
     """Return where the first move ends, where the second begins, and the arc between them (None: a straight cut).
 
     With the angle t by which the path turns, a rounding of radius r begins r tan(t / 2) before the corner, and a

@@ -28,7 +28,7 @@ IF = re.compile(r"IF\s*(?=\[)")
 ARGUMENTS = dict(zip("ABCIJKDEFHMQRSTUVWXYZ", (1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 13, *range(17, 27)), strict=True))
 
 
-class FlowReader(ABC):
+class GcodeFlowReader(ABC):
     """Follow a program from line to line."""
 
     def __init__(self, file: Path) -> None:

@@ -19,7 +19,7 @@ DECLARED = "moves after the G92 origin is dropped are left out: how it lies to t
 OUTSIDE = "cuts in other work offsets than the part frame's (wcs) are left out"
 
 
-class FrameReader(TextReader):
+class GcodeFrameReader(TextReader):
     """Follow where the program's origin stands, and moves that count from elsewhere."""
 
     def __init__(self, file: Path, options: CamTable, state: State) -> None:

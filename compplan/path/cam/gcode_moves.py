@@ -8,7 +8,7 @@ from pathlib import Path
 from compplan.errors import InputError
 from compplan.path.cam.arcs import Arc, Point, arc_about, centre_from_radius, combine, cross, dot, fits_circle
 from compplan.path.cam.gcode_codes import MOST_TURNS, TURN_STEP
-from compplan.path.cam.gcode_corners import Corner, cut_corner
+from compplan.path.cam.gcode_corners import GcodeCorner, cut_corner
 from compplan.path.cam.gcode_cycles import run_cycle
 from compplan.path.cam.gcode_state import PLANE_AXES, PLANE_NORMALS, State
 from compplan.path.cam.gcode_tilt import TiltReader
@@ -31,7 +31,7 @@ class MotionReader(TiltReader):
 
     def __init__(self, file: Path, options: CamTable, state: State) -> None:
         super().__init__(file, options, state)
-        self.corner: Corner | None = None
+        self.corner: GcodeCorner | None = None
         self.proofs: set[tuple[float, ...]] = set()
 
     def is_steady(self) -> bool:
@@ -163,7 +163,7 @@ class MotionReader(TiltReader):
                 path.cut_arc(arc, start, feed)
             elif start != first:
                 path.cut_line(start, feed)
-        self.corner = Corner(*asked, start, target, feed, self.line) if asked else None
+        self.corner = GcodeCorner(*asked, start, target, feed, self.line) if asked else None
         if asked is None:
             path.cut_line(target, feed)
         self.state.position = target

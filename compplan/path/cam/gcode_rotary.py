@@ -19,7 +19,7 @@ class RotaryError(ValueError):
 
 
 @dataclass(frozen=True)
-class Machine:
+class RotaryMachine:
     """Hold the rotary axes of a machine.
 
     Args:
@@ -67,7 +67,7 @@ class Machine:
         if any(angles.get(letter) for letter, _ in self.head):
             if self.pivot is None:
                 raise RotaryError("pivot_mm = the distance from the tool tip to where the rotary axes meet")
-            swing = combine(1.0, UP, -1.0, Machine(self.head).point_tool(angles))
+            swing = combine(1.0, UP, -1.0, RotaryMachine(self.head).point_tool(angles))
             placed = Placement(step=combine(self.pivot, swing, 0.0, swing))
         if any(angles.get(letter) for letter, _ in self.table):
             if self.centre is None:
@@ -130,7 +130,7 @@ def order_axes(kind: str, letters: Iterable[str], stated: Iterable[str] | None) 
 def build_machine(
     kind: str, letters: Iterable[str], stated: Iterable[str] | None, *, centre: Point | None, offset: Point,
     pivot: float | None,
-) -> Machine:  # fmt: skip
+) -> RotaryMachine:  # fmt: skip
     """Return the machine that the user states.
 
     Args:
@@ -147,4 +147,4 @@ def build_machine(
     """
     head, table = order_axes(kind, letters, stated)
     signed = [tuple((axis[-1], -1.0 if axis[0] == "-" else 1.0) for axis in axes) for axes in (head, table)]
-    return Machine(signed[0], signed[1], centre, offset, pivot)
+    return RotaryMachine(signed[0], signed[1], centre, offset, pivot)

@@ -7,7 +7,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
 
-from compplan.path.cam.gcode_flow import DEEPEST, HEAD, MOST_CALLS, FlowReader
+from compplan.path.cam.gcode_flow import DEEPEST, HEAD, MOST_CALLS, GcodeFlowReader
 from compplan.path.cam.gcode_machine import owns_words
 from compplan.path.cam.gcode_state import AXES, State
 from compplan.path.cam.gcode_vendor import (
@@ -54,7 +54,7 @@ TOOL_NAME = re.compile(r"\bT\d*\s*=\s*\"([^\"]*)\"", re.IGNORECASE)
 MOTION = re.compile(r"(?<![A-Z0-9])G0*[0-3](?![\d.])")
 
 
-class TextReader(FlowReader):
+class TextReader(GcodeFlowReader):
     """Read the lines of a program."""
 
     def __init__(self, file: Path, options: CamTable, state: State) -> None:

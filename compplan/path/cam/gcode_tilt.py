@@ -10,9 +10,9 @@ from pathlib import Path
 from scipy.spatial.transform import Rotation
 
 from compplan.path.cam.arcs import Point
-from compplan.path.cam.gcode_frames import FrameReader
+from compplan.path.cam.gcode_frames import GcodeFrameReader
 from compplan.path.cam.gcode_placement import Placement, scale_about, tilt_plane, turn_about
-from compplan.path.cam.gcode_rotary import UP, Machine, RotaryError, build_machine
+from compplan.path.cam.gcode_rotary import UP, RotaryError, RotaryMachine, build_machine
 from compplan.path.cam.gcode_state import AXES, PLANE_AXES, PLANE_NORMALS, State
 from compplan.path.cam.options import CamTable
 
@@ -23,13 +23,13 @@ LEAST_THOUSANDTHS = 100.0
 LAYERS = ("mirror", "scale", "rotation", "plane")
 
 
-class TiltReader(FrameReader):
+class TiltReader(GcodeFrameReader):
     """Follow frames that turn, and rotary axes."""
 
     def __init__(self, file: Path, options: CamTable, state: State) -> None:
         super().__init__(file, options, state)
         self.layers: dict[str, Placement] = {}
-        self.machine: Machine | None = None
+        self.machine: RotaryMachine | None = None
         self.dynamic_offset = self.turned_to_plane = False
         self.mirrors: dict[int, float] = {}
         #: Letters of rotary axes that have turned.
@@ -198,7 +198,7 @@ class TiltReader(FrameReader):
             self.letters = self.letters | turned.keys()
             self.machine = self._build_machine(self.options.rotary)
 
-    def _build_machine(self, kind: str) -> Machine:
+    def _build_machine(self, kind: str) -> RotaryMachine:
         options = self.options
         centre, offset = options.rotary_centre_mm, options.rotary_offset_mm
         try:

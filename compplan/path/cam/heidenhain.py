@@ -9,7 +9,7 @@ from compplan.errors import InputError
 from compplan.path.cam.contour import Corner
 from compplan.path.cam.expressions import evaluate
 from compplan.path.cam.frames import Frame, stretch
-from compplan.path.cam.heidenhain_cycles import CycleReader
+from compplan.path.cam.heidenhain_cycles import HeidenhainCycleReader
 from compplan.path.cam.heidenhain_frames import INCH
 from compplan.path.cam.heidenhain_words import (
     ASSIGN,
@@ -21,7 +21,7 @@ from compplan.path.cam.heidenhain_words import (
     LABEL,
     NUMBER,
     VALUE,
-    Block,
+    HeidenhainBlock,
     split_blocks,
 )
 from compplan.path.cam.lines import MOST_LINES, count_lines
@@ -77,15 +77,14 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     return reader.log.finish(file, name, unit, count_lines(text))
 
 
-class _Reader(CycleReader):
+class _Reader(HeidenhainCycleReader):
     """Follow a program block by block."""
 
     def __init__(self, file: Path, options: CamTable) -> None:
         super().__init__(file, options)
-        self.blocks: list[Block] = []
+        self.blocks: list[HeidenhainBlock] = []
         self.labels: dict[str, int] = {}
         self.begun = self.inch = False
-        self.steady = False
         self.jumps = 0
         self.steps = 0
         if options.unit == "inch":
@@ -108,9 +107,7 @@ class _Reader(CycleReader):
             raise self.error(str(fault)) from None
         except InputError as fault:
             raise fault if fault.file else self.error(fault.message) from None
-        for running, kind in ((self.turning, "spindle_off"), (self.cooling, "coolant_off")):
-            if running:
-                self.log.happen(kind, self.line)
+        self.end_running(self.turning, cooling=self.cooling)
         if not self.begun:
             self.log.note(f"no unit is stated (BEGIN PGM .. MM): {self.options.unit or 'mm'} is assumed", 1)
 

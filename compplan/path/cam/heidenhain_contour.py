@@ -8,10 +8,10 @@ import re
 from compplan.path.cam.arcs import combine, dot
 from compplan.path.cam.contour import Element
 from compplan.path.cam.heidenhain_approach import Way, approach, depart
-from compplan.path.cam.heidenhain_moves import MoveReader, unit_axis
+from compplan.path.cam.heidenhain_moves import HeidenhainMoveReader, unit_axis
 
 
-class ContourReader(MoveReader):
+class HeidenhainContourReader(HeidenhainMoveReader):
     """Carry out approaches and departures."""
 
     def run_approach(self, rest: str) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from compplan.path.cam.arcs import Point
 from compplan.path.cam.contour import Element
-from compplan.path.cam.heidenhain_contour import ContourReader
+from compplan.path.cam.heidenhain_contour import HeidenhainContourReader
 from compplan.path.cam.heidenhain_moves import PLANES
 from compplan.path.cam.heidenhain_words import ASSIGN, CYCLE, NUMBER, VALUE
 from compplan.path.cam.options import CamTable
@@ -29,7 +29,7 @@ POSITION = re.compile(r"POS\s*\d+\s*\(([^()]*)\)")
 
 
 @dataclass
-class Cycle:
+class HeidenhainCycle:
     """Hold a cycle that is defined: its number, the values of its Q parameters, or those of its parts (1.1, 1.2)."""
 
     number: int
@@ -37,12 +37,12 @@ class Cycle:
     parts: dict[int, float] = field(default_factory=dict)
 
 
-class CycleReader(ContourReader):
+class HeidenhainCycleReader(HeidenhainContourReader):
     """Define and carry out cycles."""
 
     def __init__(self, file: Path, options: CamTable) -> None:
         super().__init__(file, options)
-        self.cycle: Cycle | None = None
+        self.cycle: HeidenhainCycle | None = None
         self.defining = False
         self.points: list[Point] = []
 
@@ -67,7 +67,7 @@ class CycleReader(ContourReader):
             raise self.error(f"CYCL DEF {number} is not read; write its moves out in the CAM system")
 
     def _define_new(self, number: int, rest: str) -> None:
-        cycle = Cycle(number)
+        cycle = HeidenhainCycle(number)
         for found in CYCLE_VALUE.finditer(rest):
             cycle.values[found.group(1)] = self._cycle_value(found.group(2))
         self.values.update(cycle.values)
@@ -94,7 +94,7 @@ class CycleReader(ContourReader):
 
     def _define_old(self, number: int, part: int, rest: str) -> None:
         if part == 0 or self.cycle is None or self.cycle.number != number:
-            self.cycle = Cycle(number)
+            self.cycle = HeidenhainCycle(number)
         found = re.search(rf"([-+]?\s*{NUMBER}|Q\d+)\s*$", rest)
         if part and found:
             self.cycle.parts[part] = self.value(found.group(1))
@@ -133,7 +133,7 @@ class CycleReader(ContourReader):
         values = dict(self.cycle.values)
         values["Q203"] = values.get("Q203", 0.0) + place[self.tool_axis]
         self._rapid_over(place)
-        self._drill(Cycle(self.cycle.number, values))
+        self._drill(HeidenhainCycle(self.cycle.number, values))
 
     def define_pattern(self, text: str) -> None:
         """Carry out PATTERN DEF with single positions."""
@@ -162,12 +162,12 @@ class CycleReader(ContourReader):
         point[self.tool_axis] = height
         return point[0], point[1], point[2]
 
-    def _drill(self, cycle: Cycle) -> None:
+    def _drill(self, cycle: HeidenhainCycle) -> None:
         """Carry out a cycle from 200 as one hole."""
         with self.log.hole():
             self._cut_hole(cycle)
 
-    def _cut_hole(self, cycle: Cycle) -> None:
+    def _cut_hole(self, cycle: HeidenhainCycle) -> None:
         """Carry out a cycle from 200: to the clearance Q200 above the surface Q203, with Q206 by Q201, back."""
         values = cycle.values
         try:
@@ -196,7 +196,7 @@ class CycleReader(ContourReader):
         self.course.rapid(self._level(top), axis)
         self.was_rapid = True
 
-    def _cycle_feeds(self, cycle: Cycle) -> tuple[float, float | None]:
+    def _cycle_feeds(self, cycle: HeidenhainCycle) -> tuple[float, float | None]:
         """Return feed into and out of a hole in mm/s, None where it is left rapidly."""
         values, number = cycle.values, cycle.number
         if number in (207, 209):
@@ -241,7 +241,7 @@ class CycleReader(ContourReader):
     def _cut(self, end: Point, feed: float) -> None:
         self.course.line(end, (), feed, self.line)
 
-    def _drill_old(self, cycle: Cycle) -> None:
+    def _drill_old(self, cycle: HeidenhainCycle) -> None:
         """Carry out cycles 1, 2 and 17: from the level where the tool is, by set-up clearance and depth."""
         parts = cycle.parts
         try:
@@ -265,7 +265,7 @@ class CycleReader(ContourReader):
         else:
             self.course.rapid(start, ())
 
-    def _drill_pattern(self, pattern: Cycle) -> None:
+    def _drill_pattern(self, pattern: HeidenhainCycle) -> None:
         """Carry out cycles 220 (holes on a circle) and 221 (holes in rows) with the cycle defined before."""
         if self.cycle is None or self.cycle.number in OLD_DRILLING:
             raise self.error(f"cycle {pattern.number}, and no cycle from 200 is defined before it")
@@ -287,7 +287,7 @@ class CycleReader(ContourReader):
             values = {**cycle.values, **kept}
             if n.get("Q301", 1.0) == 0.0:
                 values["Q204"] = 0.0
-            self._drill(Cycle(cycle.number, values))
+            self._drill(HeidenhainCycle(cycle.number, values))
         top = n.get("Q203", 0.0) + n.get("Q204", 0.0)
         if top > self.course.position[self.tool_axis]:
             self.course.rapid(self._level(top), (self.tool_axis,))

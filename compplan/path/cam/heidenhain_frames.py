@@ -5,16 +5,12 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from compplan.errors import InputError
 from compplan.path.cam.arcs import Point
-from compplan.path.cam.contour import Contour
-from compplan.path.cam.course import Course
 from compplan.path.cam.expressions import evaluate
+from compplan.path.cam.followed import FollowedReader
 from compplan.path.cam.frames import NOWHERE, UNIT, Frame, rotate, shift, stand_on, stretch
 from compplan.path.cam.heidenhain_words import GRAMMAR, VALUE
-from compplan.path.cam.moves import MoveLog
 from compplan.path.cam.options import CamTable
-from compplan.path.cam.turning import Rotary
 
 INCH = 25.4
 AXES = "XYZ"
@@ -29,17 +25,12 @@ HOW = re.compile(
 TILT_ANGLES = {"Q120", "Q121", "Q122"}
 
 
-class FrameReader:
+class HeidenhainFrameReader(FollowedReader):
     """Hold what a program has said of frames, parameters and the tool; millimetres and seconds."""
 
     def __init__(self, file: Path, options: CamTable) -> None:
-        self.file, self.options = file, options
-        self.log = MoveLog(options.chord_tolerance_mm)
-        self.course = Course(self.log)
-        self.contour = Contour(self.course)
-        self.line = 0
+        super().__init__(file, options)
         self.values: dict[str, float] = {}
-        self.unknown: dict[str, str] = {}
         self.unit = Frame()
         self.tool_axis = 2
         self.before, self.after = NOWHERE, NOWHERE
@@ -47,13 +38,8 @@ class FrameReader:
         self.mirror: Point = (1.0, 1.0, 1.0)
         self.turned, self.scale = 0.0, 1.0
         self.preset: float | None = None
-        self.tip_control = self.tilted = False
-        self.rotary = Rotary(options)
+        self.tilted = False
         self.values.update(dict.fromkeys(TILT_ANGLES, 0.0))
-
-    def error(self, message: str) -> InputError:
-        """Return an error at the block that is read."""
-        return InputError(message, file=self.file, where=self.line)
 
     def value(self, text: str) -> float:
         """Return a number or the value of a parameter, with its sign."""

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from compplan.path.cam.frames import UNIT
-from compplan.path.cam.heidenhain_frames import INCH, FrameReader
+from compplan.path.cam.heidenhain_frames import INCH, HeidenhainFrameReader
 from compplan.path.cam.heidenhain_words import VALUE
 from compplan.path.cam.options import CamTable
 
@@ -27,7 +27,7 @@ TOOL_DEF = re.compile(
 TOOL_WORD = re.compile(rf"(D[LR]2?|S|F[UZ]?)\s*:?\s*(?:=\s*)?({VALUE})")
 
 
-class MachineReader(FrameReader):
+class HeidenhainMachineReader(HeidenhainFrameReader):
     """Follow tools, spindle, coolant and feeds."""
 
     def __init__(self, file: Path, options: CamTable) -> None:

@@ -11,7 +11,7 @@ from compplan.path.cam.arcs import Point, combine, dot
 from compplan.path.cam.contour import Corner, Element, find_centre, find_tangent_arc
 from compplan.path.cam.frames import rotate
 from compplan.path.cam.heidenhain_frames import AXES, TILT_ANGLES
-from compplan.path.cam.heidenhain_machine import MachineReader
+from compplan.path.cam.heidenhain_machine import HeidenhainMachineReader
 from compplan.path.cam.heidenhain_words import M_WORDS, split_words
 from compplan.path.cam.options import CamTable, ask_compensation
 from compplan.path.cam.plain import read_place
@@ -21,7 +21,7 @@ from compplan.path.cam.turning import LETTERS
 PLANES = {0: (1, 2), 1: (2, 0), 2: (0, 1)}
 
 
-class MoveReader(MachineReader):
+class HeidenhainMoveReader(HeidenhainMachineReader):
     """Carry out motion blocks."""
 
     def __init__(self, file: Path, options: CamTable) -> None:

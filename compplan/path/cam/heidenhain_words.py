@@ -61,7 +61,7 @@ GRAMMAR = Grammar(
 
 
 @dataclass(frozen=True)
-class Block:
+class HeidenhainBlock:
     """Hold a block: its line, its text in capitals without number and comment (/: may be skipped), its comment."""
 
     line: int
@@ -69,7 +69,7 @@ class Block:
     comment: str
 
 
-def split_blocks(text: str) -> Iterator[Block]:
+def split_blocks(text: str) -> Iterator[HeidenhainBlock]:
     """Yield the blocks of a program; a ~ at the end of a line goes on in the next, as do lines of a cycle's values.
 
     Raises:
@@ -94,9 +94,9 @@ def split_blocks(text: str) -> Iterator[Block]:
                 raise ValueError(f"block of more than {LONGEST_LINE} characters in line {first}; no more are read")
         goes_on = more
         if not more:
-            yield Block(first, _tidy(pending), notes.strip())
+            yield HeidenhainBlock(first, _tidy(pending), notes.strip())
     if goes_on:
-        yield Block(first, _tidy(pending), notes.strip())
+        yield HeidenhainBlock(first, _tidy(pending), notes.strip())
 
 
 def _tidy(text: str) -> str:

@@ -12,7 +12,7 @@ from compplan.path.cam.lines import MOST_LINES, count_lines, read_bounded, split
 from compplan.path.cam.moves import CamFile
 from compplan.path.cam.options import CamTable
 from compplan.path.cam.plain import PLAIN_CODE
-from compplan.path.cam.sinumerik_flow import DEEPEST, FLOW, LIMIT_TEXT, MOST_CALLS, FlowReader, Unit, strip
+from compplan.path.cam.sinumerik_flow import DEEPEST, FLOW, LIMIT_TEXT, MOST_CALLS, SinumerikFlowReader, Unit, strip
 from compplan.path.cam.sinumerik_frames import FRAME_WORDS
 from compplan.path.cam.sinumerik_words import (
     BLOCK_NUMBER,
@@ -74,14 +74,14 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     return reader.log.finish(file, name, ", ".join(reader.units) or "not stated", count_lines(text))
 
 
-class _Reader(FlowReader):
+class _Reader(SinumerikFlowReader):
     """Follow a program block by block."""
 
     def __init__(self, file: Path, options: CamTable) -> None:
         super().__init__(file, options)
         self.programs: dict[str, Unit] = {}
         self.steps = self.depth = 0
-        self.ended = self.steady = False
+        self.ended = False
 
     def run(self, text: str) -> None:
         """Read the first main program."""
@@ -94,9 +94,7 @@ class _Reader(FlowReader):
             raise self.error(str(fault)) from None
         except InputError as fault:
             raise fault if fault.file else self.error(fault.message) from None
-        for running, kind in ((self.turning, "spindle_off"), (self.cooling, "coolant_off")):
-            if running:
-                self.log.happen(kind, self.line)
+        self.end_running(self.turning, cooling=self.cooling)
 
     def _find_programs(self, lines: Sequence[str], file: Path) -> Unit:
         """Find the programs of a file; return the first main program, or the first at all."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from compplan.path.cam.arcs import Point
 from compplan.path.cam.options import CamTable
 from compplan.path.cam.sinumerik_frames import NORMALS, PLANES
-from compplan.path.cam.sinumerik_moves import MoveReader
+from compplan.path.cam.sinumerik_moves import SinumerikMoveReader
 
 #: Drilling cycles, and whether the tool leaves the hole with a feed.
 DRILLING = {"CYCLE81": False, "CYCLE82": False, "CYCLE83": False, "CYCLE84": True, "CYCLE840": True, "CYCLE85": True,
@@ -28,7 +28,7 @@ PITCHES = {3: 0.5, 4: 0.7, 5: 0.8, 6: 1.0, 8: 1.25, 10: 1.5, 12: 1.75, 14: 2.0, 
            24: 3.0, 27: 3.0, 30: 3.5, 33: 3.5, 36: 4.0, 39: 4.0, 42: 4.5, 45: 4.5, 48: 5.0}  # fmt: skip
 
 
-class CycleReader(MoveReader):
+class SinumerikCycleReader(SinumerikMoveReader):
     """Carry out cycles."""
 
     def __init__(self, file: Path, options: CamTable) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from compplan.path.cam.options import CamTable
-from compplan.path.cam.sinumerik_cycles import CycleReader
+from compplan.path.cam.sinumerik_cycles import SinumerikCycleReader
 from compplan.path.cam.sinumerik_words import BLOCK_NUMBER, LABEL, cut_comment
 
 #: Greatest number of jumps, calls and passes that are carried out, and how deep programs call one another.
@@ -42,7 +42,7 @@ class Unit:
     alternatives: dict[int, int] = field(default_factory=dict)
 
 
-class FlowReader(CycleReader):
+class SinumerikFlowReader(SinumerikCycleReader):
     """Follow jumps and loops."""
 
     def __init__(self, file: Path, options: CamTable) -> None:

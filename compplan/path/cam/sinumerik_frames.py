@@ -5,16 +5,12 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from compplan.errors import InputError
 from compplan.path.cam.arcs import Point
-from compplan.path.cam.contour import Contour
-from compplan.path.cam.course import Course
 from compplan.path.cam.expressions import evaluate
+from compplan.path.cam.followed import FollowedReader
 from compplan.path.cam.frames import Frame, rotate, shift, stretch
-from compplan.path.cam.moves import MoveLog
 from compplan.path.cam.options import CamTable
 from compplan.path.cam.sinumerik_words import GRAMMAR, Words
-from compplan.path.cam.turning import Rotary
 
 AXES = "XYZ"
 INCH = 25.4
@@ -34,24 +30,18 @@ ENDS = {2, 17, 30}
 SILENT_M = {6, 40, 41, 42, 43, 44, 45, 70, 19, 10, 11, 21, 22}
 
 
-class FrameReader:
+class SinumerikFrameReader(FollowedReader):
     """Hold what a program has said of frames, variables, tool and machine; millimetres."""
 
     def __init__(self, file: Path, options: CamTable) -> None:
-        self.file, self.options = file, options
-        self.log = MoveLog(options.chord_tolerance_mm)
-        self.course = Course(self.log)
-        self.contour = Contour(self.course)
-        self.line = 0
+        super().__init__(file, options)
         self.scale = INCH if options.unit == "inch" else 1.0
         self.units: list[str] = []
         self.numbers: dict[tuple[str, tuple[float, ...]], float] = {}
         self.variables: set[str] = set()
-        self.unknown: dict[str, str] = {}
         self.plane = 17
         self.program, self.swivel = Frame(), Frame()
-        self.swivelled = self.tip_control = False
-        self.rotary = Rotary(options)
+        self.swivelled = False
         self.outside = ""
         self.offset: float | None = None
         self.feed: float | None = None
@@ -60,10 +50,6 @@ class FrameReader:
         self.turning = ""
         self.cooling = False
         self.tool, self.tool_name = 0.0, ""
-
-    def error(self, message: str) -> InputError:
-        """Return an error at the block that is read."""
-        return InputError(message, file=self.file, where=self.line)
 
     def look_up(self, name: str, indices: tuple[float, ...]) -> float:
         """Return the value of a variable.

@@ -12,7 +12,7 @@ from compplan.path.cam.gcode_vendor import HARMLESS, VALUES
 from compplan.path.cam.options import CamTable, ask_compensation
 from compplan.path.cam.plain import read_place
 from compplan.path.cam.robot_moves import find_arc
-from compplan.path.cam.sinumerik_frames import AXES, ELSEWHERE, INCH, NORMALS, PLANES, FrameReader
+from compplan.path.cam.sinumerik_frames import AXES, ELSEWHERE, INCH, NORMALS, PLANES, SinumerikFrameReader
 from compplan.path.cam.sinumerik_words import Words
 from compplan.path.cam.turning import LETTERS
 
@@ -42,7 +42,7 @@ REFUSED_NAMES = re.compile(
 OFFSET_CODES = {54.0, 55.0, 56.0, 57.0, 500.0}
 
 
-class MoveReader(FrameReader):
+class SinumerikMoveReader(SinumerikFrameReader):
     """Carry out motion blocks."""
 
     def __init__(self, file: Path, options: CamTable) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 from compplan.path.cam.arcs import Point
 from compplan.path.cam.frames import UNIT, Frame
-from compplan.path.cam.gcode_rotary import Machine, RotaryError, build_machine
+from compplan.path.cam.gcode_rotary import RotaryError, RotaryMachine, build_machine
 from compplan.path.cam.options import CamTable
 
 LETTERS = "ABC"
@@ -90,7 +90,7 @@ class Rotary:
             ) from None
         return Frame(UNIT if placed.rows == UNIT else placed.rows, placed.step)
 
-    def _machine(self) -> Machine:
+    def _machine(self) -> RotaryMachine:
         options = self.options
         centre, offset = options.rotary_centre_mm, options.rotary_offset_mm
         try:
