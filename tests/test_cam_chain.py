@@ -19,9 +19,9 @@ def test_a_cam_file_becomes_a_program_that_another_reader_reads(tmp_path: Path) 
     row = next(k for k in range(len(moves) // 2, len(moves)) if moves[k].kind == "line")
     move = moves[row]
     wrong = {
-        "errors": replace(move, pose=move.pose @ shift(0, 0, 2e-4)),
-        "configuration": replace(move, configuration=(move.configuration[0] ^ 4, move.configuration[1])),
-        "tool": replace(move, tool=move.tool @ shift(1e-3, 0, 0)), "base": replace(move, base=np.eye(4)),
+        "errors": move._replace(pose=move.pose @ shift(0, 0, 2e-4)),
+        "configuration": move._replace(configuration=(move.configuration[0] ^ 4, move.configuration[1])),
+        "tool": move._replace(tool=move.tool @ shift(1e-3, 0, 0)), "base": move._replace(base=np.eye(4)),
     }  # fmt: skip
     for what, other in wrong.items():
         faults = judge_form("gcode", "krl linear", [*moves[:row], other, *moves[row + 1 :]], planned).faults

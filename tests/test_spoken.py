@@ -46,7 +46,7 @@ def test_words_that_fit_the_arm_are_accepted_and_any_other_is_named(language: st
     for place, word in enumerate(SAID[language][1]):
         other = "X" if isinstance(word, str) and word.isalpha() else int(str(word)) + 1
         wrong = (*SAID[language][1][:place], other, *SAID[language][1][place + 1 :])
-        (said,) = WANTED.compare(language, [moves[0], replace(moves[1], configuration=wrong), moves[2]])
+        (said,) = WANTED.compare(language, [moves[0], moves[1]._replace(configuration=wrong), moves[2]])
         assert f"is {other} at row 1" in said
 
 
@@ -55,14 +55,14 @@ def test_stops_are_those_of_the_plan() -> None:
     assert WANTED.compare("krl", moves) == []
     rest = replace(WANTED, stands=np.array([False, True, False]))
     assert rest.compare("krl", moves) == ["the program runs through row 1, the plan does not"]
-    assert WANTED.compare("krl", [replace(moves[0], stops=True), *moves[1:]]) == [
+    assert WANTED.compare("krl", [moves[0]._replace(stops=True), *moves[1:]]) == [
         "the program stops at row 0, the plan does not"
     ]
     assert rest.compare("csv", moves) == []
-    stopped = [moves[0], replace(moves[1], stops=True), moves[2]]
+    stopped = [moves[0], moves[1]._replace(stops=True), moves[2]]
     assert replace(WANTED, may=np.array([False, True, False])).compare("krl", stopped) == []
     rapid = replace(WANTED, rapid=np.array([False, True, False]))
-    assert rapid.compare("krl", [replace(move, stops=True) for move in moves]) == []
+    assert rapid.compare("krl", [move._replace(stops=True) for move in moves]) == []
 
 
 def test_axis_rates_and_load_are_those_of_plan_and_job() -> None:
@@ -70,11 +70,11 @@ def test_axis_rates_and_load_are_those_of_plan_and_job() -> None:
     shares = replace(WANTED, rapid=np.ones(3, bool), share=np.array([np.nan, 0.4, 0.4]))
     assert shares.compare("krl", [move] * 3) == []
     cut = replace(shares, rapid=NONE)
-    moves = [replace(move, stops=row == 2) for row in range(3)]
+    moves = [move._replace(stops=row == 2) for row in range(3)]
     assert cut.compare("krl", moves) == []
-    (said,) = cut.compare("krl", [moves[0], replace(moves[1], percent=20.0), moves[2]])
+    (said,) = cut.compare("krl", [moves[0], moves[1]._replace(percent=20.0), moves[2]])
     assert said == "20 % of the axis rates at row 1, the plan takes 40 %"
-    (said,) = cut.compare("krl", [replace(moves[0], load=(24.0, 1.0, 2.0, 3.0)), *moves[1:]])
+    (said,) = cut.compare("krl", [moves[0]._replace(load=(24.0, 1.0, 2.0, 3.0)), *moves[1:]])
     assert said == "a tool of 24 kg, the job's has 12"
 
 
