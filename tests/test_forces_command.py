@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import tomllib
 from pathlib import Path
 
@@ -129,13 +128,13 @@ def test_offset_drift_and_lag_of_a_log_are_told_from_the_force(lag_mm, log, tmp_
         half = 0.5 * (found[name]["high"] - found[name]["low"])
         assert abs(found[name]["value"] - value) < max(1.5 * half, 0.02), found[name]
     assert found["tangential cutting coefficient"]["value"] == pytest.approx(900.0, rel=0.05)
-    table = tomllib.loads((tmp_path / "fitted.toml").read_text(encoding="utf-8"))["process"]["coefficients"]
+    table = tomllib.loads((tmp_path / "fitted.toml").read_text(encoding="utf-8"))["measured"]
     assert table["cutting_N_mm2"][0] == pytest.approx(900.0, rel=0.05) and min(table["edge_N_mm"]) >= 0.0
     (tmp_path / "later").mkdir()
-    later = write_job(tmp_path / "later", f"coefficients = {json.dumps(table).replace(': ', ' = ')}")
-    text = re.sub(r'"(\w+)" = ', r"\1 = ", later.read_text(encoding="utf-8"))
-    later.write_text(text, encoding="utf-8")
-    assert load_path(load_job(later))[0].wrench[:, :3].any()
+    later = load_job(write_job(tmp_path / "later", 'materials = "../fitted.toml"\nmaterial = "measured"'))
+    assert later.process.coefficients.cutting_N_mm2 == tuple(table["cutting_N_mm2"])
+    with pytest.raises(InputError, match=r"job.toml: process.material: is 'beech', fitted.toml has \['measured'\]"):
+        load_job(write_job(tmp_path / "later", 'materials = "../fitted.toml"\nmaterial = "beech"'))
 
 
 def test_time_moments_and_power_are_channels_of_a_log_too(tmp_path) -> None:

@@ -17,7 +17,7 @@ from compplan.files.tables import dump_json
 @click.option("--log", type=click.Path(path_type=Path), help="Measured forces: CSV with s_mm or t_s, the length or the "
               "time cut so far, and fx_N fy_N fz_N, part axes; mx_Nm my_Nm mz_Nm at the tip and power_W are used too.")
 @click.option("--write", "table", type=click.Path(path_type=Path), help="With --log: write the fitted coefficients to "
-              "this file, as a table for the job.")  # fmt: skip
+              "this file, which a job then names as its materials.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (forces.json) to stdout.")
 def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_json: bool) -> None:
     """Predict engagement and force along the path of JOB: write forces.json, forces.csv and report.html.
@@ -70,5 +70,5 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
     for note in summary["notes"]:
         click.echo(note)
     if table is not None:
-        click.echo(f"wrote {table}: put it in the job in place of material")
+        click.echo(f'wrote {table}; in a job: [process] materials = "{table.name}", material = "measured"')
     click.echo(f"wrote forces.json, forces.csv, report.html to {folder}")

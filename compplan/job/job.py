@@ -22,6 +22,7 @@ from compplan.job.signals import IoTable
 from compplan.job.tools import NumberedTool, ToolsTable, check_tools
 from compplan.path.cam import list_suffixes
 from compplan.path.cam.options import CamTable
+from compplan.path.forces.library import lay_material
 from compplan.path.forces.process_stiffness import CouplingTable
 from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
 from compplan.path.process import ColumnsProcess, Process
@@ -300,6 +301,8 @@ def check_job(
             raise InputError("stands beside [tools], expected one of both", file=file, where="tool")
         tools = check_tools(data["tool"], file)
         data = {key: value for key, value in data.items() if key != "tool"}
+    if isinstance(data.get("process"), dict):
+        data["process"] = lay_material(data["process"], Path(file), "process")
     table = data.get("toolpath")
     if isinstance(table, dict) and "file" in table:
         named = check_table(FileTable, table, file=file, key="toolpath")

@@ -108,6 +108,7 @@ ramp_out_mm = 0.0                   # ... and falls to 0 over this length before
 # runout_mm = 0.0                   # end_mill: of the ripple
 # flute_mm = 30.0                   # left out: three diameters, assumed
 # material = "al7075_t6"            # <materials>
+# materials = "materials.toml"      # a file of your own: coefficients under each name that material then may be
 # coefficients = { cutting_N_mm2 = [800.0, 300.0, 150.0], edge_N_mm = [15.0, 12.0, 2.0], exponent = [0.0, 0.0, 0.0],
 #                  uncertainty = 0.1, source = "own tests" }  # in place of a material: tangential, radial, axial
 # stock = { block_mm = [[0.0, 0.0, -20.0], [100.0, 80.0, 0.0]] }  # or { mesh = "blank.stl", unit = "mm" }; left out:

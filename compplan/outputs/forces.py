@@ -113,7 +113,7 @@ def write_forces(
 
 
 def write_coefficients(found: ForcePrediction, file: Path) -> None:
-    """Write the fitted coefficients as [process.coefficients] of a job.
+    """Write the fitted coefficients as a file of materials that holds `measured`.
 
     Raises:
         InputError: If the force model has no coefficients, or the file cannot be written.
@@ -133,9 +133,9 @@ def write_coefficients(found: ForcePrediction, file: Path) -> None:
     except ValidationError as error:
         why = error.errors()[0]["msg"].removeprefix("Value error, ")
         raise InputError(f"the fitted coefficients are no job's: {why}", file=file) from None
-    text = ("# In place of `material`. uncertainty is that of the force along the cut that was logged, one standard\n"
-            "# deviation; another tool, its wear and another cut add to it.\n"
-            + tomli_w.dumps({"process": {"coefficients": table}}))  # fmt: skip
+    text = (f'# A later job says under [process]: materials = "{file.name}" and material = "measured". uncertainty is\n'
+            "# that of the force along the cut that was logged, one standard deviation; another tool, wear, another\n"
+            "# cut add to it.\n" + tomli_w.dumps({"measured": table}))  # fmt: skip
     write_text(file, text)
 
 

@@ -97,6 +97,7 @@ class CuttingTable(StrictTable):
     spindle_rpm: float = Field(gt=0.0, le=2e5)
     flute_mm: float | None = Field(default=None, ge=0.01, le=1000.0)
     material: str | None = None
+    materials: str | None = None  # a file of the user's own, see `compplan.path.forces.library`
     coefficients: CoefficientTable | None = None
     stock: StockTable | None = None
     stock_top_mm: float | None = None
@@ -110,6 +111,8 @@ class CuttingTable(StrictTable):
 
     @model_validator(mode="after")
     def _check_material(self) -> CuttingTable:
+        if self.materials is not None:
+            raise ValueError("materials stands beside coefficients, choose one")
         if (self.material is None) == (self.coefficients is None):
             raise ValueError(f"needs one of coefficients and material, choose from {list(MATERIALS)}")
         if self.stock is not None and self.stock_top_mm is not None:

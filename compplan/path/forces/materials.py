@@ -37,6 +37,19 @@ class Coefficients:
     assumed: bool = False
 
 
+_MAKER = (
+    "(radial 0.4 and axial 0.2 of it assumed) kc1 and mc of a tool maker's table, Iscar turning catalogue 2017, p. 558"
+)
+
+
+def _of_maker(main: float, exponent: float, group: str, *, uncertainty: float = 0.25) -> Coefficients:
+    """Return what a tool maker's table gives along the cutting speed, the other parts assumed as shares of it."""
+    return Coefficients(
+        (main, 0.4 * main, 0.2 * main), exponent=(exponent, exponent, exponent), uncertainty=uncertainty, assumed=True,
+        source=f"assumed {_MAKER}: {group}",
+    )  # fmt: skip
+
+
 #: Uncertainties are assumed: the scatter between the publications that the source compares is larger still.
 MATERIALS: dict[str, Coefficients] = {
     "al6061_t6": Coefficients(
@@ -51,5 +64,20 @@ MATERIALS: dict[str, Coefficients] = {
     "c45": Coefficients(
         (1600.0, 640.0, 320.0), exponent=(0.25, 0.25, 0.25), uncertainty=0.25, assumed=True,
         source="assumed: kc1.1 and m as tool makers give for unalloyed steel, radial 0.4 and axial 0.2 of it",
+    ),
+    "low_carbon_steel": _of_maker(1350.0, 0.21, "non-alloy steel below .25 % C, annealed, 125 HB"),
+    "low_alloy_steel_300hb": _of_maker(1725.0, 0.24, "low alloy steel, quenched and tempered, 300 HB"),
+    "tool_steel_annealed": _of_maker(2450.0, 0.23, "high alloyed and tool steel, annealed, 200 HB"),
+    "stainless_austenitic": _of_maker(2150.0, 0.2, "austenitic stainless steel, 180 HB"),
+    "stainless_martensitic": _of_maker(1875.0, 0.21, "martensitic stainless steel, 240 HB"),
+    "cast_iron_pearlitic": _of_maker(1350.0, 0.28, "pearlitic cast iron, 250 HB"),
+    "aluminium_cast": _of_maker(700.0, 0.25, "cast aluminium of up to 12 % Si, cured, 90 HB"),
+    "brass": _of_maker(700.0, 0.27, "brass, 90 HB"),
+    "copper": _of_maker(700.0, 0.27, "electrolytic copper, 100 HB"),
+    "nickel_alloy_aged": _of_maker(3300.0, 0.24, "nickel or cobalt based, cured, 350 HB"),
+    "particleboard": Coefficients(
+        (34.8, 13.9, 0.0), uncertainty=0.3, assumed=True,
+        source="assumed (radial part 0.4) mean of 32.0 and 37.6 N/mm2 measured in peripheral milling, Palubicki 2021, "
+        "Materials 14, 2208",
     ),
 }  # fmt: skip
