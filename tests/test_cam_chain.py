@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +29,7 @@ def test_a_cam_file_becomes_a_program_that_another_reader_reads(tmp_path: Path) 
     assert "a cut with the spindle stopped" in judge_form("gcode", "krl linear", still, planned).faults
     joints = read_form("krl joint", tmp_path / "out", "golden")
     turned = np.array(joints[row].joints) + 1.1e-6
-    joints[row] = replace(joints[row], joints=tuple(turned.tolist()))
+    joints[row] = joints[row]._replace(joints=tuple(turned.tolist()))
     assert judge_form("gcode", "krl joint", joints, planned).faults == ("errors",)
 
 
