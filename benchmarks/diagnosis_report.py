@@ -124,7 +124,7 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def say_real(results: Table) -> list[str]:
+def describe_real(results: Table) -> list[str]:
     """Say what a real campaign shows: error on rows given to nobody, and how far the stated one is off."""
     parts: Table = results.get("real", {})
     if not parts:
@@ -143,7 +143,7 @@ def say_real(results: Table) -> list[str]:
     ]
 
 
-def say_lede(results: Table) -> list[str]:
+def describe_lede(results: Table) -> list[str]:
     """Say the answer in a few sentences."""
     out = []
     for suite, summaries in results["suites"].items():
@@ -154,7 +154,7 @@ def say_lede(results: Table) -> list[str]:
             f"campaigns (plain rival {show_share(rival[singles])}); claims stated .8 and more are wrong in "
             f"{show_share(product[sure])} (rival {show_share(rival[sure])})."
         )
-    return [*out, *say_real(results)]
+    return [*out, *describe_real(results)]
 
 
 @click.command()
@@ -192,7 +192,7 @@ def main(
     write_whole(out / "results.json", json.dumps(results, indent=1) + "\n")
     write_page(
         out / "report.html", "The diagnosis on robots that it has never met",
-        say_lede(results) or "Labelled campaigns.", sections,
+        describe_lede(results) or "Labelled campaigns.", sections,
         kind="Benchmark of the diagnosis", provenance=Provenance(facts, ASSUMED),
     )  # fmt: skip
     click.echo(str(out / "report.html"))

@@ -135,7 +135,7 @@ def compare_predictions(scores: Mapping[str, Sequence[Score]]) -> Section:
     return Section("How a later campaign is predicted", [text, Columns([[chart], [table]], (1.3, 1.0))])
 
 
-def say_answer(score: Score) -> str:
+def describe_answer(score: Score) -> str:
     """Write a verdict in one line."""
     claims = ", ".join(f"{c.label.replace('_', ' ')} {c.probability:.2f}" for c in score.claims)
     return f"{score.status.replace('_', ' ')}{': ' if claims else ''}{claims}"
@@ -148,7 +148,7 @@ def list_answers(title: str, truths: Sequence[Table], scores: Mapping[str, Seque
     for k, truth in enumerate(truths):
         part = [scores[n][k] for n in names]
         there = ", ".join(_there(e) for e in truth["effects"]) or "nothing"
-        cells = [TableCell(say_answer(s), _tone(s)) for s in part]
+        cells = [TableCell(describe_answer(s), _tone(s)) for s in part]
         product = scores.get("product", part)[k] if "product" in scores else part[0]
         rows.append([part[0].case.split("__")[-1], truth["kind"], there, *cells, product.stated, product.fresh])
     heads = [Column("campaign"), Column("kind"), Column("there"), *(Column(f"{word_of(n)} says") for n in names)]
@@ -186,7 +186,7 @@ def show_real(parts: Mapping[str, Mapping[str, Score]], repeats: Mapping[str, tu
             s = scores[contestant]
             off = s.stated / s.fresh if s.fresh else float("nan")
             tone = "" if not np.isfinite(off) else "bad" if off < 0.8 else "good" if abs(off - 1.0) <= 0.1 else ""
-            said = say_answer(s) if contestant in ("before", "product", "rival") else "names nothing"
+            said = describe_answer(s) if contestant in ("before", "product", "rival") else "names nothing"
             rows.append([part.replace("_", " "), word_of(contestant), s.stated, s.fresh, TableCell(off, tone), said])
     heads = [Column("rows given"), Column("contestant"), Column("stated", "mm"), Column("true", "mm")]
     heads += [Column("stated over true"), Column("answer")]

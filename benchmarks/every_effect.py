@@ -43,12 +43,12 @@ def diagnose_case(place: Place) -> Diagnosis:
         return diagnose_campaign(drawn.robot, campaign)
 
 
-def say_place(effect: Effect) -> str:
+def describe_place(effect: Effect) -> str:
     """Return effect, joint and axis in a few letters."""
     return " ".join(str(part) for part in effect.place if part)
 
 
-def say_sizes(effect: Effect) -> str:
+def describe_sizes(effect: Effect) -> str:
     """Return the first two numbers of an effect with their keys."""
     numbers = [(k, v) for k, v in effect.parameters.items() if isinstance(v, float)]
     lists = [(k, v[0]) for k, v in effect.parameters.items() if isinstance(v, list) and isinstance(v[0], float)]
@@ -59,12 +59,13 @@ def describe_case(place: Place) -> str:
     """Return the row of a case."""
     truth, found = CASES[place].effect, diagnose_case(place)
     verdict, gap = found.verdict, found.gap
-    named = [f"{say_place(f.effect)} {f.probability:.2f} ({say_sizes(f.effect)})" for f in verdict.findings]
+    named = [f"{describe_place(f.effect)} {f.probability:.2f} ({describe_sizes(f.effect)})" for f in verdict.findings]
     places = {f.effect.place for f in verdict.findings}
     alike = {r.place for f in verdict.findings for r in f.rivals if r.alike}
     right = "yes" if truth.place in places else "ambiguous" if truth.place in alike else "no"
     rms = ", ".join(f"{1e3 * value:.3f}" for value in (gap.before, gap.after, gap.held_out_after))
-    cells = (place[0], say_place(truth), say_sizes(truth), verdict.status, "; ".join(named) or "nothing", right, rms)
+    found = "; ".join(named) or "nothing"
+    cells = (place[0], describe_place(truth), describe_sizes(truth), verdict.status, found, right, rms)
     return f"| {' | '.join(cells)} |"
 
 

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.loop_page import Shop as Judged
-from benchmarks.loop_page import say_shops, write_loop_page
+from benchmarks.loop_page import describe_shops, write_loop_page
 from benchmarks.shop import REPEATABILITY, ROOT, TRACKER, cut_part, draw_shop, measure_poses, probe_part
 
 FLOOR = float(np.sqrt(3.0) * np.hypot(TRACKER, REPEATABILITY))
@@ -112,7 +112,7 @@ def main() -> None:
             (words.out / "rounds.json").write_text(json.dumps([asdict(shop) for shop in shops], indent=1), "utf-8")
             write_loop_page(shops, FLOOR, words.out / "report.html")
     if shops:
-        print("\n".join(say_shops(shops, FLOOR)))
+        print("\n".join(describe_shops(shops, FLOOR)))
 
 
 if __name__ == "__main__":

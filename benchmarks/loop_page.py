@@ -41,7 +41,7 @@ class Shop:
     as_predicted: tuple[float, ...]
 
 
-def say_shops(shops: Sequence[Shop], floor: float) -> list[str]:
+def describe_shops(shops: Sequence[Shop], floor: float) -> list[str]:
     """Say how near the noise floor the shops came, and in how many some round was worse than the nominal plan."""
     ratio = np.array([shop.true[JUDGED] / floor for shop in shops])
     near, far = (float(np.mean(ratio <= limit)) for limit in (1.2, 2.0))
@@ -62,7 +62,7 @@ def say_shops(shops: Sequence[Shop], floor: float) -> list[str]:
 
 def write_loop_page(shops: Sequence[Shop], floor: float, file: Path) -> None:
     """Write the page; `floor` is the noise floor. [m]"""
-    told = say_shops(shops, floor)
+    told = describe_shops(shops, floor)
     each: list[Block] = [Chart(_draw_rounds(shops, floor), "One line a shop. Dashed: the noise floor.", 420)]
     beside: list[Block] = [
         Chart(_draw_promises(shops), "Every round; below the line the true rms is within the promise.", 420),

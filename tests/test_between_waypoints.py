@@ -127,7 +127,7 @@ def test_a_planner_that_is_wrong_is_not_confirmed(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "build_chain", mistaken)
     plan = cp.plan_job(three_points(tmp_path, CONSTANT))
     assert plan.status == "not_confirmed"
-    assert "the judge finds the loaded tip" in plan.explain_failures()
+    assert "the independent check finds the loaded tip" in plan.explain_failures()
 
 
 def test_a_load_beyond_a_joints_effort_is_infeasible_and_names_it(tmp_path):

@@ -27,7 +27,7 @@ from compplan.diagnose.shares import UNEXPLAINED
 from compplan.diagnose.small_errors import divide_small_errors
 from compplan.diagnose.verdict import Structure, Verdict, judge_calibration
 from compplan.effects import Effect
-from compplan.report.diagnosis_page import say_small_errors
+from compplan.report.diagnosis_page import describe_small_errors
 from compplan.report.openings import open_diagnosis
 from compplan.robot import Robot
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
@@ -164,7 +164,7 @@ def test_what_small_errors_explain_is_called_calibrated_where_nothing_is_named()
 def test_the_page_says_what_small_errors_are_of_and_never_plans_with_a_nominal_robot(diagnosis: Diagnosis) -> None:
     found = divide_small_errors(diagnosis)
     assert found is not None
-    text = say_small_errors(found)
+    text = describe_small_errors(found)
     assert text.startswith("Which: no single cause; small errors make the gap: geometry ")
     assert "both halves of the poses tell so." in text
     unknown = {"status": "unknown", "effects": []}

@@ -16,7 +16,13 @@ from compplan.diagnose.where import Split, spread_gap
 from compplan.effects import EFFECTS
 from compplan.effects.signature import Effect
 from compplan.measure.campaign import Campaign
-from compplan.report.diagnosis_page import DiagnosisView, say_how_far, say_where, say_which, write_diagnosis
+from compplan.report.diagnosis_page import (
+    DiagnosisView,
+    describe_how_far,
+    describe_where,
+    describe_which,
+    write_diagnosis,
+)
 from compplan.report.effect_words import describe_change, describe_effect, describe_parameters, name_effect
 from compplan.report.gap_figures import _noise_share, draw_histogram, thin_dots
 from compplan.robot import load_robot
@@ -91,26 +97,27 @@ def test_the_three_answers_stand_on_top_and_name_place_cause_and_gain(tmp_path: 
 
 def test_unknown_and_none_are_said_plainly() -> None:
     unknown = make_view(verdict={"status": "unknown", "effects": []}, structure=["It repeats with joint_4."])
-    assert say_which(unknown).startswith("Which: unknown;")
-    assert "It repeats with joint_4." in say_which(unknown)
-    assert say_which(make_view(verdict={"status": "none", "effects": []})) == "Which: none; the residual is noise."
+    assert describe_which(unknown).startswith("Which: unknown;")
+    assert "It repeats with joint_4." in describe_which(unknown)
+    assert describe_which(make_view(verdict={"status": "none", "effects": []})) == "Which: none; the residual is noise."
 
 
 def test_a_gap_of_noise_has_no_place() -> None:
     view = make_view()
     quiet = replace(view.split, shares=make_shares(0.0))
-    assert "no joint, frame, sensor or load is named that carries a part of it" in say_where(replace(view, split=quiet))
+    said = describe_where(replace(view, split=quiet))
+    assert "no joint, frame, sensor or load is named that carries a part of it" in said
 
 
 def test_rivals_and_unexplained_structure_are_said() -> None:
     effect = {**SPRING, "ambiguous_with": [{"effect": "link_compliance", "joint": "joint_2", "axis": "ry"}]}
-    text = say_which(make_view(verdict={"status": "partly_explained", "effects": [effect]}))
+    text = describe_which(make_view(verdict={"status": "partly_explained", "effects": [effect]}))
     assert "cannot tell joint stiffness, joint_3 from link compliance, joint_2 ry" in text
     assert "structure is left that none of them explains" in text
 
 
 def test_without_held_out_rows_no_figure_is_given() -> None:
-    assert "no honest figure" in say_how_far(make_view(gap={"before_rms_mm": 0.5}))
+    assert "no honest figure" in describe_how_far(make_view(gap={"before_rms_mm": 0.5}))
 
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))
@@ -141,7 +148,8 @@ def test_a_softer_joint_is_told_as_a_share_of_the_model_with_its_interval(tmp_pa
     assert describe_change(told) == "+91 % ± 4 %"
     assert state_change(robot, replace(effect, joint="joint_2"), Uncertainty("measured", "", (width,))) == {}
     verdict = {"status": "explained", "effects": [{**SPRING, "parameters": dict(effect.parameters), **told}]}
-    assert "joint_3 differs from the model (+91 % ± 4 %, probability 0.97)" in say_which(make_view(verdict=verdict))
+    said = describe_which(make_view(verdict=verdict))
+    assert "joint_3 differs from the model (+91 % ± 4 %, probability 0.97)" in said
     write_diagnosis(make_view(verdict=verdict), tmp_path / "report.html")
     html = own_part((tmp_path / "report.html").read_text())
     assert "+91 % ± 4 %" in html and "95 %: 3.74e−07 to 4.08e−07" in html

@@ -17,10 +17,10 @@ from compplan.files.notes import list_remarks, list_stops
 from compplan.job.job import Job, check_job
 from compplan.path.cam import read_cam
 from compplan.path.events import Event
-from compplan.plan.bending import Bending, tell_bending
+from compplan.plan.bending import Bending, describe_bending
 from compplan.plan.frame_notes import ask_about_tool
-from compplan.plan.notes import tell_spindle
-from compplan.plan.slow import list_causes, tell_causes
+from compplan.plan.notes import describe_spindle
+from compplan.plan.slow import describe_causes, list_causes
 from compplan.robot import load_robot, robot_folders
 from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
 from compplan.statics.chain import build_chain, locate_frames
@@ -80,7 +80,7 @@ def test_a_slow_run_names_corners_the_limit_and_what_is_left(follows: bool, word
     assert causes.pop("by the velocity limit of joint_2") == [59, 60, 61]
     (text, left), = causes.items()
     assert text.startswith(words) and "up to 30 % of its limit" in text and left == [*range(50, 59), *range(62, 95)]
-    said = tell_causes(*slow_run(follows))
+    said = describe_causes(*slow_run(follows))
     assert said.startswith("The feed is lowered at 50 waypoints (28-32, 50-94): at corners")
     assert "down to 10 % at waypoint 30; by the velocity limit of joint_2, down to 70 % at waypoint 60; " in said
 
@@ -169,9 +169,9 @@ def test_a_cut_that_nothing_turns_the_spindle_for_is_told() -> None:
     job = check_job({**JOB, "process": {"model": "end_mill", "diameter_mm": 8.0, "teeth": 2, "spindle_rpm": 9000.0,
                                         "material": "al6082_t6"}})  # fmt: skip
     task: Any = SimpleNamespace(nominal=SimpleNamespace(events=(Event(-1, "tool", 1.0),)))
-    assert "never starts the spindle (no M3 or M4)" in tell_spindle(task, job)[0]
+    assert "never starts the spindle (no M3 or M4)" in describe_spindle(task, job)[0]
     task.nominal.events = (Event(0, "spindle_cw", 9000.0),)
-    assert not tell_spindle(task, job) and not tell_spindle(task, check_job({**JOB, "toolpath": "path.csv"}))
+    assert not describe_spindle(task, job) and not describe_spindle(task, check_job({**JOB, "toolpath": "path.csv"}))
 
 
 @pytest.mark.parametrize(
@@ -191,5 +191,5 @@ def test_a_cut_from_nowhere_names_every_coordinate_it_starts_from(text: str, sta
 def test_what_bends_the_arm_stands_in_one_line() -> None:
     bending = Bending(2e-4, 3.21e-4, 7.3e-4, False, np.zeros(2), "")
     said = "the arm bends by up to 0.321 mm (weight), 0.2 mm (process force), 0.73 mm (inertia, not compensated)"
-    assert tell_bending(bending) == said
-    assert tell_bending(Bending(0.0, 0.0, np.nan, False, np.zeros(2), "")) == "nothing bends the arm in this model"
+    assert describe_bending(bending) == said
+    assert describe_bending(Bending(0.0, 0.0, np.nan, False, np.zeros(2), "")) == "nothing bends the arm in this model"

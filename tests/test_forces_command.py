@@ -74,7 +74,7 @@ def test_a_log_gives_back_the_coefficients_that_made_it_within_their_intervals(l
     assert answer.status == 0, answer.err
     found, notes = json.loads(answer.out)["log"], json.loads(answer.out)["notes"]
     assert "stability" not in json.loads(answer.out)
-    assert any("chatters is not judged; a table [stability]" in note for note in notes)
+    assert any("chatters was not looked at; a table [stability]" in note for note in notes)
     truth = dict(zip([number["name"] for number in found["fitted"]], [900, 300, 120, 20, 18, 1] + 7 * [0], strict=True))
     for number in found["fitted"]:
         half = 0.5 * (number["high"] - number["low"])

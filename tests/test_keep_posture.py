@@ -10,7 +10,7 @@ from compplan.errors import InputError
 from compplan.job.job import load_job
 from compplan.loop.teach import build_learned
 from compplan.plan.plan import build_task, prepare_job
-from compplan.posture.keep import is_same_machine, tell_change
+from compplan.posture.keep import describe_posture_change, is_same_machine
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.folder import write_robot_folder
 
@@ -100,9 +100,9 @@ def test_what_cannot_be_kept_is_named(tmp_path: Path) -> None:
     far = np.array(q)
     far[:, 0] += 0.4
     far[:, 5] += 2 * np.pi
-    told = tell_change(own[0], q, far)
+    told = describe_posture_change(own[0], q, far)
     assert "22.92 deg" in told and "360 deg" in told and "joint" in told
-    assert tell_change(own[0], q, q + 0.01) == ""
+    assert describe_posture_change(own[0], q, q + 0.01) == ""
 
 
 def test_another_robot_is_no_machine_to_keep_the_posture_of(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import trimesh
 from commandline import run_command
 
 from compplan.job.job import load_job
-from compplan.plan.outside import list_outside, tell_outside
+from compplan.plan.outside import describe_outside, list_outside
 from compplan.robot import load_robot
 
 GOOD = Path(__file__).parent / "bad_inputs" / "good"
@@ -34,7 +34,7 @@ def change_job(work: Path, old: str, new: str) -> Path:
 
 def test_a_job_that_stays_in_its_folder_says_nothing(work: Path) -> None:
     job = load_job(work / "job.toml")
-    assert tell_outside(job, load_robot(work / "robot")) == ""
+    assert describe_outside(job, load_robot(work / "robot")) == ""
 
 
 @pytest.mark.parametrize("how", ["relative", "absolute", "link"])

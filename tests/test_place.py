@@ -10,10 +10,10 @@ import pytest
 from compplan.errors import InfeasibleError, InputError
 from compplan.job.job import check_job
 from compplan.plan.plan import job_robot
-from compplan.posture.place import Rater, describe_placement, place_part
+from compplan.posture.place import Rater, place_part, summarise_placement
 from compplan.posture.settings import PostureSettings
 from compplan.report.place_map import draw_place_map
-from compplan.report.place_page import say_placement
+from compplan.report.place_page import summarise_placement
 
 TABLE = {
     "schema": 1,
@@ -49,7 +49,7 @@ def test_no_place_of_the_grid_is_better_than_its_lower_bound(placed) -> None:
 
 def test_the_result_is_plain_json_with_a_picture(placed) -> None:
     job, result = placed
-    summary = json.loads(json.dumps(describe_placement(result, job), allow_nan=False))
+    summary = json.loads(json.dumps(summarise_placement(result, job), allow_nan=False))
     assert summary["schema"] == 1 and summary["ratio"] == pytest.approx(result.ratio)
     assert draw_place_map(result).startswith(b"\x89PNG")
 
@@ -72,10 +72,10 @@ class ChattersNear:
 def test_of_two_places_the_one_without_chatter_is_chosen_though_more_is_left_there(placed) -> None:
     job, plain = placed
     found = place_part(job, job_robot(job), chatter=ChattersNear)
-    summary = describe_placement(found, job)
+    summary = summarise_placement(found, job)
     assert plain.position[0] < 1.9 <= found.position[0]
     assert summary["chatter"]["at"] == 0 < summary["chatter"]["of"]
-    assert "The cut chatters at 0 of 40 waypoints" in say_placement(summary)
+    assert "The cut chatters at 0 of 40 waypoints" in summarise_placement(summary)
 
 
 def test_places_out_of_reach_are_rated_as_such() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.contestants import read_points
-from benchmarks.diagnosis_report import say_real
+from benchmarks.diagnosis_report import describe_real
 from benchmarks.real_campaign import BLOCK, cut_campaign, repeat_claims
 from benchmarks.rival.chain import load_chain, read_chain
 
@@ -67,6 +67,6 @@ def test_the_page_says_how_far_the_stated_error_of_a_real_robot_is_off() -> None
         part: {"product": {"status": "explained", "stated_mm": stated, "true_mm": 0.2}}
         for part, stated in (("whole", 0.22), ("half_a", 0.18), ("thin_015", 0.1))
     }
-    first, second = say_real({"real": parts})
+    first, second = describe_real({"real": parts})
     assert "whole campaign: product 0.2 mm" in first
     assert "off by 10 % in the median of 3 parts, and 0.50 of the true error at the least (thin 015)" in second

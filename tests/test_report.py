@@ -30,12 +30,12 @@ from compplan.report import (
     write_page,
 )
 from compplan.report.along_path import draw_lines, find_spans
-from compplan.report.compare_page import CompareView, summarise_comparison, write_comparison
-from compplan.report.force_moves import mark_force, tell_force
+from compplan.report.compare_page import CompareView, describe_comparison, write_comparison
+from compplan.report.force_moves import describe_force, mark_force
 from compplan.report.page import share_values
 from compplan.report.panels import draw_small_multiples
 from compplan.report.path_scene import choose_magnification, draw_cell
-from compplan.report.plan_page import PlanView, summarise_plan, write_view
+from compplan.report.plan_page import PlanView, describe_plan, write_view
 from compplan.report.posture_section import _show_map
 from compplan.report.robot_scene import draw_robot, place_meshes, shade_faces
 from compplan.report.style import format_angle, format_length, format_number, format_percent, mark_decades
@@ -267,8 +267,8 @@ def test_the_page_of_a_plan_says_what_it_reaches(tmp_path: Path) -> None:
     write_view(view, tmp_path / "report.html")
     html = (tmp_path / "report.html").read_text()
     size = np.linalg.norm(view.before, axis=1)[view.cut]
-    assert format_length(float(size.max())) in summarise_plan(view)
-    assert format_length(1e-4 * float(size.max())) in summarise_plan(view)
+    assert format_length(float(size.max())) in describe_plan(view)
+    assert format_length(1e-4 * float(size.max())) in describe_plan(view)
     assert "Circle &lt;test&gt;" in html
     assert "Infeasible" not in own_part(html)
     assert len(page_data(html)["charts"]) >= 7
@@ -310,7 +310,7 @@ def test_deviations_on_rapid_moves_count_for_nothing() -> None:
     view = make_view()
     wild = view.after.copy()
     wild[view.rapid] = 1.0
-    assert summarise_plan(replace(view, after=wild)) == summarise_plan(view)
+    assert describe_plan(replace(view, after=wild)) == describe_plan(view)
 
 
 def test_an_infeasible_plan_says_so_first_and_lists_its_waypoints(tmp_path: Path) -> None:
@@ -415,7 +415,7 @@ def test_the_page_of_a_comparison_names_the_closest_strategy_in_each_cell(tmp_pa
         "compliance x 1.2": {"none": 1.2 * size, "mirror": 0.19 * size, "nlp": 0.2 * size},
     }
     comparison = CompareView("Job", view.robot, view.nominal, view.time, view.cut, cells, 1e-4)
-    text = summarise_comparison(comparison)
+    text = describe_comparison(comparison)
     assert "nlp comes closest" in text
     assert "(compliance x 1.2), mirror comes closest" in text
     write_comparison(comparison, tmp_path / "report.html")
@@ -430,11 +430,10 @@ def test_moves_with_force_are_told_from_those_without():
     pushed = mark_force(wrench, cut)
     assert pushed.tolist() == [False, False, True, True, True, False]  # a move carries force if either end does
     length = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
-    assert tell_force(length, cut, pushed).startswith("The tool carries force on 60") and "2 stretches" in tell_force(
-        length, cut, pushed
-    )
-    assert tell_force(length, cut, cut) == "The tool carries force all along the cut."
-    assert tell_force(length, cut, ~cut & cut) == "No force is predicted."
+    said = describe_force(length, cut, pushed)
+    assert said.startswith("The tool carries force on 60") and "2 stretches" in said
+    assert describe_force(length, cut, cut) == "The tool carries force all along the cut."
+    assert describe_force(length, cut, ~cut & cut) == "No force is predicted."
 
 
 def test_meshes_of_a_cell_are_drawn_where_they_stand():

@@ -66,11 +66,11 @@ def test_the_folder_tells_the_deviations_of_the_plan(plan: Plan, folder: Path, s
 @pytest.mark.parametrize("name", ["kuka_kr240_rail", "staubli_tx200", "kuka_kr240"])
 def test_the_links_of_the_cell_are_where_the_robot_has_them(name: str, tmp_path: Path) -> None:
     from compplan.files.tables import write_json
-    from compplan.outputs.cell import describe_cell
+    from compplan.outputs.cell import summarise_cell
     from compplan.report.view.recording import read_cell
 
     robot = load_robot(name)
-    write_json(tmp_path / "cell.json", describe_cell(robot), indent=None)
+    write_json(tmp_path / "cell.json", summarise_cell(robot), indent=None)
     cell = read_cell(tmp_path / "cell.json")
     q = np.random.default_rng(3).uniform(-0.5, 0.5, robot.nq)
     expected, found = locate_links(robot, q), locate_chain(cell, q)
@@ -196,13 +196,13 @@ def test_a_picture_costs_the_same_on_a_long_path_as_on_a_short_one(scene: PlanSc
 @pytest.mark.parametrize("name", ["kuka_kr240_rail", "ur10"])
 def test_the_slope_of_the_tip_is_its_difference(name: str, tmp_path: Path) -> None:
     from compplan.files.tables import write_json
-    from compplan.outputs.cell import describe_cell
+    from compplan.outputs.cell import summarise_cell
     from compplan.report.view.motion import slope_tip
     from compplan.report.view.recording import read_cell
     from compplan.robot import Mimic
 
     robot = load_robot(name)
-    write_json(tmp_path / "cell.json", describe_cell(robot), indent=None)
+    write_json(tmp_path / "cell.json", summarise_cell(robot), indent=None)
     cell = read_cell(tmp_path / "cell.json")
     third = cell.actuated[2]
     joints = [replace(joint, mimic=Mimic("joint_1", -0.7, 0.1)) if joint is third else joint for joint in cell.joints]
@@ -220,11 +220,11 @@ def test_the_slope_of_the_tip_is_its_difference(name: str, tmp_path: Path) -> No
 
 
 def make_gap() -> GapScene:
-    from compplan.outputs.cell import describe_cell
+    from compplan.outputs.cell import summarise_cell
     from compplan.report.view.recording import ViewCell, _read_joint, _read_solid
 
     robot = load_robot("ur10")
-    content = json.loads(json.dumps(describe_cell(robot), default=lambda array: array.tolist()))
+    content = json.loads(json.dumps(summarise_cell(robot), default=lambda array: array.tolist()))
     solids = tuple(_read_solid(entry) for entry in content["shapes"])
     cell = ViewCell(robot.name, robot.grade, robot.base, robot.tcp,
                 tuple(_read_joint(entry) for entry in content["joints"]), solids, content)  # fmt: skip

@@ -22,7 +22,7 @@ from rich.progress import Progress
 from benchmarks.moving.draw import draw_truth
 from benchmarks.moving.job import write_job
 from benchmarks.moving.swing import Swing
-from benchmarks.moving.table import tell_job, tell_table
+from benchmarks.moving.table import describe_job, describe_table
 from benchmarks.plan_check.job import ROBOTS, Rows, read_job, read_joints
 from benchmarks.plan_check.robot import Arm, Array
 from benchmarks.plan_check.run import run_plan
@@ -105,8 +105,8 @@ def main() -> None:
                 found = run_job(wish.out, seed, wish.arms, inertia=not wish.no_inertia, limit_s=wish.limit)
                 file.write_text(json.dumps(found), encoding="utf-8")
             results.append(json.loads(file.read_text(encoding="utf-8")))
-            progress.console.print(tell_job(results[-1]), highlight=False, soft_wrap=True)
-    print(tell_table(results))
+            progress.console.print(describe_job(results[-1]), highlight=False, soft_wrap=True)
+    print(describe_table(results))
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from benchmarks.plan_check.robot import Array
 REDRAWS = 400
 
 
-def tell_job(one: dict) -> str:
+def describe_job(one: dict) -> str:
     """Return the line of a job: what it claims, and the share of true tips in its band."""
     found, said = one["found"], f"{one['plan_s']:5.0f} + {one['swing_s']:3.0f} s"
     head = f"{one['seed']:4} {one['robot']:<20}{one['status']!s:<14}{one['verdict']!s:<13}"
@@ -24,7 +24,7 @@ def tell_job(one: dict) -> str:
     )
 
 
-def tell_table(results: list[dict]) -> str:
+def describe_table(results: list[dict]) -> str:
     """Return the table of a run."""
     seeds = f"{results[0]['seed']} to {results[-1]['seed']}"
     solved = [one for one in results if one["status"] == "solved"]

@@ -15,7 +15,7 @@ from benchmarks.outsider.observe import Seen, make_true, observe, sags
 from benchmarks.outsider.robots import CAPACITY_KG, joint_name, write_robot
 from benchmarks.outsider.signatures import frame_columns, stack
 from benchmarks.outsider.statics import solve_statics
-from benchmarks.outsider.truth import tell_truth
+from benchmarks.outsider.truth import describe_truth
 from benchmarks.outsider.turns import AXES, DEGREE, Array, repeat, rotate, rotation_vectors, turn_about, turn_by
 from benchmarks.outsider.weighing import register, rms
 
@@ -58,7 +58,7 @@ def write_case(case: Case, out: Path) -> Path:
         split[which] = {"file": file, **split[which], "use": USES[which]}
         (folder / file).write_text(text, encoding="utf-8")
     rates = {"outlier_fraction": slips.outlier_rate, "missing_fraction": slips.missing_rate}
-    truth = tell_truth(case, split, registration if settings.register else None, rates | force_noise(case))
+    truth = describe_truth(case, split, registration if settings.register else None, rates | force_noise(case))
     text = json.dumps(truth, indent=1, default=lambda value: value.tolist(), allow_nan=False)
     (folder / "truth.json").write_text(text + "\n", encoding="utf-8")
     return folder

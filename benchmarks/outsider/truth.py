@@ -26,7 +26,7 @@ STATUS: Mapping[str, list[str]] = {
 EASY, MEDIUM = 40, 12  # standard deviations of the least visible cause
 
 
-def tell_truth(
+def describe_truth(
     case: Case,
     split: Mapping[str, Any],
     registration: Mapping[str, Any] | None,

@@ -1,4 +1,4 @@
-"""The loop from poses over a first part to the next program, in virtual shops."""
+"""The loop from poses over a first part to the next program, on simulated robots."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ METHOD = (
     "circle of 240 mm, KUKA KR 270."
 )
 LIMITS = (
-    "Virtual shops: exact clamping, known frames, one path, one robot.",
+    "Simulated robots: exact clamping, known frames, one path, one robot.",
     "The first part and the next are the same part. A different next part gains less.",
 )
 SHOPS, FIRST = 8, 60
@@ -32,14 +32,15 @@ def measure(settings: Settings) -> Findings:
     held = np.mean([[t <= p for t, p in zip(s["true"], s["promised"], strict=True)] for s in shops])
     rows = [(s["seed"], *(f"{x:.3f}" for x in t), ", ".join(s["hidden"])) for s, t in zip(shops, true, strict=True)]
     middle = [f"{x:.3f}" for x in np.median(true, axis=0)]
-    table = draw_table(("shop", *(f"{name}, mm" for name in ROUNDS), "hidden"), [*rows, ("median", *middle, "")])
+    table = draw_table(("robot", *(f"{name}, mm" for name in ROUNDS), "hidden"), [*rows, ("median", *middle, "")])
     return Findings(
         (
-            f"Median over {len(shops)} shops: nominal {middle[0]} mm, after 12 poses {middle[1]} mm, after one part "
+            f"Median over {len(shops)} simulated robots: nominal {middle[0]} mm, after 12 poses {middle[1]} mm, "
+            f"after one part "
             f"{middle[2]} mm.",
             f"The true rms lies within the 95 % band in {100 * held:.0f} % of the programs.",
         ),
         (table,),
-        (f"After twelve poses alone, {worse} of {len(shops)} shops are not better than before (scatter of the run "
+        (f"After twelve poses alone, {worse} of {len(shops)} robots are not better than before (scatter of the run "
          "included).",),
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""`compplan campaign`: the measurements that make a path's promise smallest."""
+"""`compplan campaign`: the measurements that narrow a path's 95 % band most."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def command(
     job: Path, count: int, folder: Path, robot: str | None, log: Path | None, weights: str, pull: float, sigma: float,
     register: str | None, seed: int, as_json: bool,
 ) -> None:  # fmt: skip
-    """Design the measurements that make the promise for JOB's path smallest.
+    """Design the measurements that narrow the 95 % band on JOB's path most.
 
     Writes campaign.csv (an empty log to fill in), programs that move to the poses, campaign.json and report.html.
 

@@ -17,7 +17,7 @@ from compplan.files.tables import dump_json
               help="Measurement log: diagnosed, and taken for accuracy and repeatability.")
 @click.option("--since", "older", help="Robot folder of the last certificate: drift.")
 @click.option("--job", "jobs", type=click.Path(path_type=Path), multiple=True,
-              help="Job whose path is promised, in place of circles of the robot's own size; may be repeated.")
+              help="Job whose path is looked at, in place of circles of the robot's own size; may be repeated.")
 @click.option("--register", help="Frames that the diagnosis of the log fits first: base, tool or base,tool.")
 @click.option("--out", "file", type=OUT_FILE, required=True, help="HTML file to write.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
@@ -38,7 +38,7 @@ def command(
     from compplan.loop.certificate import certify_robot
     from compplan.measure.registration import parse_parts
     from compplan.outputs.certificate import write_certificate
-    from compplan.report.certificate_page import summarise
+    from compplan.report.certificate_page import describe_certificate
     from compplan.robot import load_robot
 
     if file.suffix.lower() not in (".html", ".htm"):
@@ -57,7 +57,7 @@ def command(
     if as_json:
         click.echo(dump_json(summary, indent=2))
         return
-    click.echo(summarise(certificate).replace("\u00a0", " "))
+    click.echo(describe_certificate(certificate).replace("\u00a0", " "))
     for sentence in certificate.next_steps:
         click.echo(f"next: {sentence}")
     click.echo(f"wrote {file}")

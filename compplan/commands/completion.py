@@ -33,7 +33,7 @@ def complete_robots(context: click.Context, option: click.Parameter, begun: str)
 #: Option of a command on a job: plan with another robot than the job's.
 robot_instead = click.option(
     "--robot", "robot", shell_complete=complete_robots,
-    help="Robot folder in place of the job's, as a diagnosis or a lesson wrote it.",
+    help="Robot folder in place of the job's, as diagnose, identify or learn wrote it.",
 )  # fmt: skip
 
 #: Option of a command on a job: whose posture is kept.

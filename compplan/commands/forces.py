@@ -44,7 +44,7 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
         announce("forces: stability of the cut")
         stability, remark = judge_stability(found)
         if chatters and not checked.stability.judge:
-            remark = "Whether the cut chatters is not judged; a table [stability] in the job asks for it."
+            remark = "Whether the cut chatters was not looked at; a table [stability] in the job asks for it."
         announce("write: forces.json, forces.csv, report.html")
         summary = write_forces(found, folder, stability, remark)
     if as_json:

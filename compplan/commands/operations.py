@@ -36,7 +36,7 @@ def carry_out_all(jobs: Sequence[Job], folder: Path, *, as_json: bool, note: str
     from compplan.plan.operations import summarise_operations
     from compplan.plan.plan import plan_job
     from compplan.plan.result import replace_said
-    from compplan.report.operations_page import say_operations
+    from compplan.report.operations_page import describe_operations
 
     name = jobs[0].data.get("name", "").rpartition(",")[0] or jobs[0].file.stem
     plans: list[Plan] = []
@@ -50,7 +50,7 @@ def carry_out_all(jobs: Sequence[Job], folder: Path, *, as_json: bool, note: str
     if as_json:
         click.echo(dump_json(summary, indent=2))
     else:
-        click.echo(f"{name}: {say_operations(summary)}")
+        click.echo(f"{name}: {describe_operations(summary)}")
         for plan in plans:
             label = "" if plan.job is None else plan.job.label
             click.echo(f"{label}: {plan.status}, {len(plan.task)} waypoints; {plan.verdict.sentence}")

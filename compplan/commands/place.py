@@ -26,7 +26,7 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
     from compplan.plan.plan import job_robot
     from compplan.posture.place import place_part
     from compplan.promise.posture_errors import posture_errors
-    from compplan.report.place_page import say_chatter
+    from compplan.report.place_page import describe_chatter
 
     checked = load_one_job(job)
     with show_progress() as announce:
@@ -40,7 +40,7 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
     click.echo(f"remaining deviation (95 %) there {there:.4g} mm, at the job's place "
                + ("not to be followed" if here is None else f"{here['p95']:.4g} mm"))  # fmt: skip
     if "chatter" in summary:
-        click.echo(say_chatter(summary))
+        click.echo(describe_chatter(summary))
     click.echo("[part]")
     click.echo(f"position_mm = {summary['part']['position_mm']}")
     click.echo(f"rotation_deg = {summary['part']['rotation_deg']}")

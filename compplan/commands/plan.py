@@ -37,10 +37,10 @@ def command(job: Path, folder: Path, robot: str | None, keep: str | None, as_jso
     from compplan.job.job import load_job
 
     checked = load_job(job, robot, keep)
-    carry_out(checked, folder, as_json=as_json, note=_tell_lesson(checked, f"learned_{job.stem}.csv"))
+    carry_out(checked, folder, as_json=as_json, note=_describe_lesson(checked, f"learned_{job.stem}.csv"))
 
 
-def _tell_lesson(job: Job, name: str) -> str:
+def _describe_lesson(job: Job, name: str) -> str:
     """Say that the robot's folder holds a lesson of this path; a robot that is not found says so elsewhere."""
     from compplan.robot.folder import find_robot_folder
 
@@ -79,7 +79,7 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
     from compplan.commands.progress import show_progress
     from compplan.files.notes import Stop
     from compplan.outputs.plan import deliver_plan, note_programs, summarise_plan
-    from compplan.plan.bending import tell_bending
+    from compplan.plan.bending import describe_bending
     from compplan.plan.plan import plan_job
     from compplan.plan.result import replace_said
     from compplan.report.provenance import describe_grade
@@ -99,7 +99,7 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
         before, after = (format_length(run.max_deviation) for run in (plan.before, plan.after))
         click.echo(f"{plan.name}: {plan.status}, {len(plan.task)} waypoints, {plan.timing.time[-1]:.1f} s cycle time")
         click.echo(f"greatest deviation {before} uncorrected, {after} planned ({plan.judge})")
-        click.echo(f"  {tell_bending(plan.bending)}")
+        click.echo(f"  {describe_bending(plan.bending)}")
         wrong = plan.mismatch
         click.echo(f"{format_length(wrong.max_deviation)} planned where the robot is not as modelled ({wrong.cell})")
         if plan.promise is not None:

@@ -10,7 +10,7 @@ from compplan.commands.places import OUT_FOLDER
 from compplan.commands.progress import show_progress
 from compplan.files.tables import dump_json
 from compplan.reproduce import PAPERS, reproduce_paper
-from compplan.reproduce.page import describe_reproduction, write_reproduction
+from compplan.reproduce.page import summarise_reproduction, write_reproduction
 
 
 @click.command()
@@ -27,7 +27,7 @@ def command(paper: str, out: Path, as_json: bool) -> None:
         result = reproduce_paper(paper)
         progress("report")
         write_reproduction(result, out)
-    table = describe_reproduction(result)
+    table = summarise_reproduction(result)
     if as_json:
         click.echo(dump_json(table))
         return

@@ -110,7 +110,7 @@ def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     design = predict_columns(fit, at)
     tried = [(pair, best_proposal(fit, pair, design, moves)) for pair in pairs]
     proposals = sorted((found for _, found in tried if found is not None), key=lambda p: -p.gain)
-    tables = [describe_proposal(fit, at, proposal) for proposal in proposals]
+    tables = [summarise_proposal(fit, at, proposal) for proposal in proposals]
     tables += [_inseparable(pair) for pair, found in tried if found is None]
     return tables[:MOST_PROPOSALS]
 
@@ -307,7 +307,7 @@ def expected_gain(log_odds: float, information: float, temper: float = 1.0) -> f
     return float(first * kept + (1.0 - first) * lost - now)
 
 
-def describe_proposal(fit: Fit, at: Linearization, proposal: Proposal) -> dict[str, Any]:
+def summarise_proposal(fit: Fit, at: Linearization, proposal: Proposal) -> dict[str, Any]:
     """Return a proposal as diagnosis.json holds it: poses in deg (sliding joints in mm), loads in N and N m."""
     robot, campaign = fit.problem.robot, at.campaign
     rows = [row for move in proposal.moves for row in move.rows]

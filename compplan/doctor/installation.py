@@ -66,7 +66,7 @@ def _try_engines() -> Iterator[Remark]:
     """Let each engine solve something whose answer is known."""
     engines: dict[str, tuple[str, Callable[[], bool]]] = {
         "casadi": ("solver of the plans (IPOPT)", _try_ipopt),
-        "pinocchio": ("judge of the plans", _try_pinocchio),
+        "pinocchio": ("independent check of the plans", _try_pinocchio),
         "toppra": ("timing of the motion", _try_toppra),
         "eaik": ("inverse kinematics", lambda: importlib.import_module("eaik.IK_URDF") is not None),
     }

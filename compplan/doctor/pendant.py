@@ -36,11 +36,11 @@ def look_at_pendant(robot: Robot) -> Iterator[Remark]:
     else:
         why = "taken from the URDF" if not found.stated else "where x points is not confirmed"
         yield Remark("note", "pendant", f"{said}; {why}", "jog along +x of tool 0 before the first cut")
-    yield Remark("fine", "jog check", _tell_jog(robot, found.pose))
+    yield Remark("fine", "jog check", _describe_jog(robot, found.pose))
     yield from _look_at_mounted(robot, found.pose)
 
 
-def _tell_jog(robot: Robot, pendant: Array) -> str:
+def _describe_jog(robot: Robot, pendant: Array) -> str:
     """Say where the flange goes when one jogs along the tool's axes with every axis at 0."""
     q = stand_at_zero(robot)
     counting = load_controller(robot)

@@ -14,8 +14,8 @@ from compplan.program.counting import load_controller
 from compplan.robot import Array, Robot
 from compplan.robot.folder import read_rating
 from compplan.robot.mounting import name_axis, outward_axis
-from compplan.robot.shapes import find_mesh, read_bodies, tell_shapes
-from compplan.robot.soft_limits import tell_soft_limits
+from compplan.robot.shapes import describe_shapes, find_mesh, read_bodies
+from compplan.robot.soft_limits import describe_soft_limits
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 from compplan.statics.elastic import cartesian_compliance
 from compplan.statics.ik import middle_of_limits
@@ -59,9 +59,9 @@ def _describe(robot: Robot) -> Remark:
 
 def _look_at_sources(robot: Robot) -> Iterator[Remark]:
     if robot.grade == "placeholder":
-        yield Remark("odd", "grade", "placeholder: what bends is not to be relied on", "identify your machine")
+        yield Remark("odd", "robot model", "placeholder: do not rely on how it bends", "identify your robot")
     elif robot.grade != "identified":
-        yield Remark("note", "grade", f"{robot.grade}: not measured on your machine", "identify it first")
+        yield Remark("note", "robot model", f"{robot.grade}: not measured on your robot", "identify it first")
     for name in ("compliance", "geometry", "masses"):
         source = robot.sources.get(name)
         if source is None:
@@ -85,7 +85,7 @@ def _look_at_limits(robot: Robot) -> Iterator[Remark]:
         elif joint.velocity > fastest:
             said = f"{joint.velocity:.3g} {'m/s' if slide else 'rad/s'}"
             yield Remark("odd", "limits", f"{joint.name} moves at {said}", "is it in degrees or mm?")
-    if told := tell_soft_limits(robot):
+    if told := describe_soft_limits(robot):
         yield Remark("note", "limits", told)
     if not np.isfinite(robot.effort_limits).all():
         yield Remark("note", "limits", "some joints have no effort limit: overload is not seen")
@@ -160,7 +160,7 @@ def _look_at_shapes(robot: Robot) -> Iterator[Remark]:
     for body in gaps:
         yield Remark("odd", "collision", f"{body.link}: {body.gap}", advice if body is gaps[-1] else "")
     still = any(body.dropped and not body.moves for body in bodies)
-    yield Remark("note" if gaps or still else "fine", "collision", f"shapes of each link: {tell_shapes(bodies)}")
+    yield Remark("note" if gaps or still else "fine", "collision", f"shapes of each link: {describe_shapes(bodies)}")
     drawn = ElementTree.fromstring(robot.urdf).iterfind("link/visual//mesh")
     names = {mesh.attrib.get("filename", "") for mesh in drawn}
     lost = sorted(name for name in names if find_mesh(name, robot.folder) is None)

@@ -49,7 +49,7 @@ def replace_file(path: str | Path) -> Iterator[Path]:
     place = Path(path).resolve()
     home = place.parent
     made = [folder for folder in (home, *home.parents) if not folder.exists()]
-    with _say_faults(Path(path)):
+    with _describe_faults(Path(path)):
         home.mkdir(parents=True, exist_ok=True)
         _clear_leftovers(home, place)
         handle, name = tempfile.mkstemp(dir=home, prefix=f".{place.name}."[:200], suffix=PART)
@@ -82,7 +82,7 @@ def replace_folder(folder: str | Path, command: str) -> Iterator[Path]:
     folder = Path(folder)
     check_folder(folder)
     place = folder.resolve()
-    with _say_faults(folder), hold_folder(folder):
+    with _describe_faults(folder), hold_folder(folder):
         home = _home_of(place)
         part = Path(tempfile.mkdtemp(dir=home, prefix=f".{place.name}."[:200], suffix=PART))
         handle = os.open(part, os.O_RDONLY)
@@ -122,7 +122,7 @@ def hold_folder(folder: str | Path) -> Iterator[None]:
     if place in _HELD:
         yield
         return
-    with _say_faults(folder), ExitStack() as stack:
+    with _describe_faults(folder), ExitStack() as stack:
         made = [path for path in (place, *place.parents) if not path.exists()]
         place.mkdir(parents=True, exist_ok=True)
         handle = os.open(place, os.O_RDONLY | os.O_DIRECTORY)
@@ -150,7 +150,7 @@ def check_file(path: Path) -> None:
         InputError: With what is in the way; nothing is tried.
 
     """
-    with _say_faults(path):
+    with _describe_faults(path):
         if path.is_dir():
             raise InputError("cannot be written: is a folder, name a file", file=path)
         if path.exists() and not path.is_file():
@@ -167,7 +167,7 @@ def check_folder(path: Path) -> None:
         InputError: With what is in the way; nothing is tried.
 
     """
-    with _say_faults(path):
+    with _describe_faults(path):
         if path.exists() and not path.is_dir():
             raise InputError("cannot be written: is a file, name a folder", file=path)
         _check_parent(path if path.exists() else path.resolve())
@@ -236,7 +236,7 @@ def digest_file(path: Path) -> str:
 
 
 @contextmanager
-def _say_faults(path: Path) -> Iterator[None]:
+def _describe_faults(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:

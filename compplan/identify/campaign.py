@@ -122,7 +122,9 @@ def identify_campaign(
         registration=kept.registration,
         observations=problem.observations,
         outliers=outliers,
-        notes=(*notes, *said, *more, *growth.notes, *_say_clustered(kept), *_say_negative(estimate), *unwritten),
+        notes=(
+            *notes, *said, *more, *growth.notes, *_describe_clustered(kept), *_describe_negative(estimate), *unwritten
+        ),
     )
 
 
@@ -199,7 +201,7 @@ def _place_added(
     return kept, tuple(notes)
 
 
-def _say_clustered(kept: Estimate) -> list[str]:
+def _describe_clustered(kept: Estimate) -> list[str]:
     """Warn where residuals are not noise: an interval covers what the model holds, not what it lacks."""
     if not kept.clustered:
         return []
@@ -248,7 +250,7 @@ def _make_rigid(kept: FreeRobot, structure: FreeRobot, names: Sequence[str]) -> 
     )
 
 
-def _say_negative(estimate: Estimate) -> list[str]:
+def _describe_negative(estimate: Estimate) -> list[str]:
     """Warn of compliances that are below zero beyond doubt: something else than bending moves the tool there."""
     high = estimate.intervals()[:, 1]
     names = [

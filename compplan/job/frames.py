@@ -1,4 +1,4 @@
-"""Frames of a job as a shop has them: rotations by the name of their maker's form, the part frame by measured points.
+"""Frames of a job as they are at hand: rotations by the name of their maker's form, the part frame by measured points.
 
 abc_deg      KUKA A B C: about z, then the new y, then the newest x
 wpr_deg      FANUC W P R, Yaskawa Rx Ry Rz: about the fixed x, y, z

@@ -1,4 +1,4 @@
-"""Design the few measurements that make the promise for one path smallest, and say what they will bring."""
+"""Design the few measurements that narrow the 95 % band on one path most, and say what they will bring."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which measurements make the promise for a path smallest: the posterior variance of the tip on that path.
+"""Which measurements narrow the 95 % band on a path most: the posterior variance of the tip on that path.
 
 State x of parameters and unknown frames, covariance S. A measurement of the tip y = H x + noise of covariance R takes
 

@@ -128,11 +128,11 @@ def match_points(table: Table, nominal: Toolpath, T_base_part: Array, *, in_base
     places = len(np.unique(np.round(length[good], 6)))
     if places < FEWEST:
         raise table.error(f"{int(good.sum())} points are of {places} places of the cut, expected at least {FEWEST}")
-    notes = (*table.notes, *_say_left_out(table, good))
+    notes = (*table.notes, *_describe_left_out(table, good))
     return MeasuredPath(length[good], deviation[good], counts[good], sigma[good], int((~good).sum()), notes)
 
 
-def _say_left_out(table: Table, good: NDArray[np.bool_]) -> list[str]:
+def _describe_left_out(table: Table, good: NDArray[np.bool_]) -> list[str]:
     """Say how many points do not count.
 
     Raises:

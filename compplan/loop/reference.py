@@ -105,7 +105,7 @@ def plan_reference(robot: Robot, name: str, path: Toolpath, force: Array) -> Ref
 
 
 def promise_plan(plan: Plan) -> Promise:
-    """Promise the waypoints of a plan whose force is known exactly."""
+    """Compute the 95 % band of the waypoints of a plan whose force is known exactly."""
     task = plan.task
     scene = stage_path(task.robot, plan.q, task.wrench, task.step_time)
     return promise_path(task.robot, scene, task.cut, ForceSpread(0.0, 0.0, 0.0, "taken as known"))

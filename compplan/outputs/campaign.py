@@ -13,7 +13,7 @@ from compplan.files.transaction import list_files, replace_folder
 from compplan.loop.campaign import MANY, PoseCampaign
 from compplan.path.toolpath import WRENCH_HEADERS
 from compplan.program import build_program, write_program
-from compplan.report.campaign_page import say_campaign, write_campaign_page
+from compplan.report.campaign_page import describe_campaign, write_campaign_page
 
 
 def write_campaign(campaign: PoseCampaign, folder: Path) -> dict[str, Any]:
@@ -105,7 +105,7 @@ def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
             f"random_{MANY}": campaign.random[1] * 1e3,
         },
         "stop_after": choice.enough,
-        "says": say_campaign(campaign).replace("\u00a0", " "),
+        "says": describe_campaign(campaign).replace("\u00a0", " "),
         "remaining": [{"unknown": name, "share_of_variance": share} for name, share in campaign.rest],
         "ways_that_touch": [int(k) + 1 for k in campaign.touching],
         "instrument_sigma_mm": shop.sigma * 1e3,

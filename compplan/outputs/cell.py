@@ -50,12 +50,12 @@ def write_plan_cell(plan: Plan, folder: Path) -> None:
     }
     known = {shape["name"] for shape in meshes}
     drawn = [*([] if "tool" in known else _describe_spindle(plan)), *([] if "part" in known else _describe_block(plan))]
-    cell = describe_cell(plan.robot, [*meshes, *_describe_stock(plan), *drawn])
+    cell = summarise_cell(plan.robot, [*meshes, *_describe_stock(plan), *drawn])
     write_json(folder / "cell.json", {**cell, **more}, indent=None)
     write_deviation(plan, folder / "deviation.csv")
 
 
-def describe_cell(robot: Robot, around: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+def summarise_cell(robot: Robot, around: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
     """Return what cell.json holds: how the arm moves, and what stands there."""
     joints = [
         {
@@ -108,7 +108,7 @@ def write_gap(diagnosis: Diagnosis, shares: Shares, folder: Path) -> None:
         columns |= {f"{name}{axis}_mm": 1e3 * values[rows, k] for k, axis in enumerate("xyz")}
     columns |= {"explained_by": explained, "explained_share": share}
     write_table(folder / "gap.csv", columns, decimals=7)
-    write_json(folder / "cell.json", describe_cell(robot), indent=None)
+    write_json(folder / "cell.json", summarise_cell(robot), indent=None)
 
 
 def name_rows(shares: Shares) -> tuple[list[str], Array]:

@@ -89,8 +89,8 @@ def summarise_lesson(teaching: Teaching) -> dict[str, Any]:
         "physics_rms_mm": _rms(lesson.physics) * 1e3,
         "force_rms_mm": _rms(lesson.pushed) * 1e3,
         "residual_rms_mm": _rms(lesson.residual) * 1e3,
-        "band_before_mm": _say_band(lesson.band_before, lesson.band_seen[0]),
-        "band_after_mm": _say_band(lesson.band_after, lesson.band_seen[1]),
+        "band_before_mm": _describe_band(lesson.band_before, lesson.band_seen[0]),
+        "band_after_mm": _describe_band(lesson.band_after, lesson.band_seen[1]),
         "learned": [
             {"unknown": one.name, "value_SI": one.value, "width_before_SI": one.width, "in_robot_folder": one.kept}
             for one in teaching.learned
@@ -100,7 +100,7 @@ def summarise_lesson(teaching: Teaching) -> dict[str, Any]:
     }
 
 
-def _say_band(band: np.ndarray[Any, Any], seen: np.ndarray[Any, Any]) -> dict[str, float]:
+def _describe_band(band: np.ndarray[Any, Any], seen: np.ndarray[Any, Any]) -> dict[str, float]:
     """Return the widest band in all directions, and in those that were measured. [mm]"""
     return {"p95_max": float(band.max()) * 1e3, "p95_max_in_measured_directions": float(seen.max()) * 1e3}
 

@@ -9,7 +9,7 @@ from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json
 from compplan.files.transaction import replace_folder
 from compplan.job.job import Job
-from compplan.posture.place import PlaceResult, describe_placement
+from compplan.posture.place import PlaceResult, summarise_placement
 from compplan.report.place_map import draw_place_map
 from compplan.report.place_page import write_place_page
 from compplan.report.posture_map import draw_map_picture
@@ -26,7 +26,7 @@ def write_placement(result: PlaceResult, job: Job, folder: Path) -> dict[str, An
     Raises:
         InputError: If the folder cannot be written; nothing is written then.
     """
-    summary = {**describe_placement(result, job), "made_by": describe_origin()}
+    summary = {**summarise_placement(result, job), "made_by": describe_origin()}
     with replace_folder(folder, "place") as part:
         pictures = draw_place_map(result), draw_map_picture(result.stance.map)
         (part / "place_map.png").write_bytes(pictures[0])

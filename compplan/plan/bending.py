@@ -68,7 +68,7 @@ class Bending:
         }
 
 
-def tell_bending(bending: Bending) -> str:
+def describe_bending(bending: Bending) -> str:
     """Say in a line what bends the arm, cause by cause; causes that bend nothing are left out."""
     word = "compensated" if bending.compensated else "not compensated"
     causes = {"weight": bending.weight, "process force": bending.process, f"inertia, {word}": bending.inertia}

@@ -101,7 +101,7 @@ def read_chatter(job: Job, robot: Robot, nominal: Toolpath, law: ForceLaw | None
     if not job.stability.avoid:
         return None
     if law is None or law.cutting is None or not isinstance(job.process, EndMillProcess):
-        message = f"is true, but chatter is judged for the model 'end_mill' alone, not for {job.process.model!r}"
+        message = f"is true, but chatter is looked at for the model 'end_mill' alone, not for {job.process.model!r}"
         raise InputError(message, file=job.file, where="stability.avoid")
     dynamics = build_dynamics(robot)
     if not dynamics.known:

@@ -22,7 +22,7 @@ SHORT = 0.02
 LONG = 0.5
 
 
-def tell_frames(task: PlanTask, job: Job | None) -> list[str]:
+def describe_frames(task: PlanTask, job: Job | None) -> list[str]:
     """Ask about a tool across the flange or too long and a spindle below the part; say how a part frame was fitted."""
     if job is None:
         return []

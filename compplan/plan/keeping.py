@@ -162,8 +162,8 @@ def judge_keeping(case: Case) -> ToleranceVerdict:
         sentence = f"Keeps {_mm(tolerance)}: with 95 % the tip stays within {_mm(promise.whole)} along the whole cut"
         cause = find_cause(case, promise)
         return ToleranceVerdict(
-            KEEPS, f"{sentence}, {say_basis(promise)}.", tolerance, promise.whole, share, (), cause, "",
-            say_basis(promise), list_left_out(case),
+            KEEPS, f"{sentence}, {describe_basis(promise)}.", tolerance, promise.whole, share, (), cause, "",
+            describe_basis(promise), list_left_out(case),
         )  # fmt: skip
     if not beyond.any() and case.status == "not_confirmed":
         return _not_known(case, "the plan is not confirmed", f"{case.explained}.", promise, share)
@@ -183,13 +183,13 @@ def _may_not_keep(case: Case, promise: Promise, beyond: NDArray[np.bool_], share
     sentence = f"May not keep {_mm(tolerance)}: {off}. Largest cause: {cause}. {change}"
     sentence += f" Besides, {UNREAD} ({case.unread}). {LOOK}" if case.unread else ""
     return ToleranceVerdict(
-        MAY_NOT_KEEP, sentence.strip(), tolerance, promise.whole, share, where, cause, change, say_basis(promise),
+        MAY_NOT_KEEP, sentence.strip(), tolerance, promise.whole, share, where, cause, change, describe_basis(promise),
         list_left_out(case),
     )  # fmt: skip
 
 
 def _not_known(case: Case, missing: str, change: str, promise: Promise | None, share: float | None) -> ToleranceVerdict:
-    tolerance, basis = case.task.tolerance, "" if promise is None else say_basis(promise)
+    tolerance, basis = case.task.tolerance, "" if promise is None else describe_basis(promise)
     band = None if promise is None else promise.whole
     sentence = f"Not known whether it keeps {_mm(tolerance)}: {missing}. {change}"
     return ToleranceVerdict(
@@ -232,7 +232,7 @@ def find_change(case: Case, promise: Promise, cause: str) -> str:
     return MEASURE
 
 
-def say_basis(promise: Promise) -> str:
+def describe_basis(promise: Promise) -> str:
     """Say what the band rests on, in a few words."""
     robot = "measured" if promise.known.grade == "measured" else "assumed"
     force = "assumed" if "assumed" in promise.force.source else "stated"

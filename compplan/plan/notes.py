@@ -11,12 +11,12 @@ from compplan.files.notes import Stop
 from compplan.job.job import Job
 from compplan.plan.bending import Bending
 from compplan.plan.coupling import CouplingEffect
-from compplan.plan.frame_notes import tell_frames
-from compplan.plan.outside import tell_outside
-from compplan.plan.slow import tell_causes
+from compplan.plan.frame_notes import describe_frames
+from compplan.plan.outside import describe_outside
+from compplan.plan.slow import describe_causes
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing
-from compplan.robot.soft_limits import tell_soft_limits
+from compplan.robot.soft_limits import describe_soft_limits
 
 #: Share of the tolerance from which on the inertia of the motion is told.
 WORTH_A_NOTE = 0.1
@@ -28,7 +28,7 @@ TURNING = ("milling", "end_mill", "drill")
 SWING = 0.5
 
 
-def tell_coupling(effect: CouplingEffect | None) -> tuple[str, ...]:
+def describe_coupling(effect: CouplingEffect | None) -> tuple[str, ...]:
     """Say what it makes of the uncorrected tip that the force depends on where the tool is, and where that fails."""
     if effect is None:
         return ()
@@ -40,7 +40,7 @@ def tell_coupling(effect: CouplingEffect | None) -> tuple[str, ...]:
     return (note,) if settled.agrees else (note, settled.explain())
 
 
-def tell_left_out(notes: Sequence[str]) -> tuple[str, ...]:
+def describe_left_out(notes: Sequence[str]) -> tuple[str, ...]:
     """Say that cuts of the file are in no program: a plan without them is not the plan of the file."""
     if not any(LEFT_OUT in note for note in notes):
         return ()
@@ -55,9 +55,9 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
         model = job.process.model
         notes.append(f"The independent check takes the wrench of {model!r} as the planner recorded it: {reason}.")
     if job is not None and job.process.model == "end_mill" and not job.stability.avoid:
-        asks = "judges it" if job.stability.judge else "judges it where the job has a table [stability]"
+        asks = "tells it" if job.stability.judge else "tells it where the job has a table [stability]"
         notes.append(f"Whether the cut chatters is not part of this plan: compplan forces {asks}.")
-    notes += [*tell_spindle(task, job), *tell_frames(task, job)]
+    notes += [*describe_spindle(task, job), *describe_frames(task, job)]
     if job is not None and job.tool is not None and job.tool.mass_kg is None:
         notes.append("The weight of the tool is not known: [tool] says no mass_kg, so none bends the arm.")
     if not task.inertia and bending.inertia > WORTH_A_NOTE * task.tolerance:
@@ -70,23 +70,23 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
         )
     scene = task.start.request.scene if task.start is not None and task.start.request is not None else None
     notes += scene.notes if scene is not None else ()
-    notes += _tell_margin(task)
-    slow = tell_causes(task, timing)
+    notes += _describe_margin(task)
+    slow = describe_causes(task, timing)
     notes += [slow] if slow else []
     swings = (np.abs(np.diff(task.q_start, axis=0)).max(axis=1) > SWING) & ~task.nominal.rapid[1:]
     for waypoint in (np.flatnonzero(swings) + 1)[:3].tolist():
         notes.append(Stop(f"The posture swings over in the move to waypoint {waypoint}: near a singularity."))
-    if job is not None and (told := tell_outside(job, task.robot)):
+    if job is not None and (told := describe_outside(job, task.robot)):
         notes.append(told)
     notes += _ask_about_x(task, job)
-    if told := tell_soft_limits(task.robot):
+    if told := describe_soft_limits(task.robot):
         notes.append(f"{told[0].upper()}{told[1:]}.")
     if not np.isfinite(task.robot.acceleration_limits).any():
         notes.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
     return tuple(notes)
 
 
-def tell_spindle(task: PlanTask, job: Job | None) -> list[str]:
+def describe_spindle(task: PlanTask, job: Job | None) -> list[str]:
     """Say that nothing turns the spindle of a cut that comes from a CAM file."""
     if job is None or job.process.model not in TURNING or not isinstance(job.toolpath, str):
         return []
@@ -111,7 +111,7 @@ def _ask_about_x(task: PlanTask, job: Job | None) -> list[str]:
     return ["plan.tool_x points along the tool axis, so it says nothing: the rotation about the axis is chosen freely."]
 
 
-def _tell_margin(task: PlanTask) -> list[str]:
+def _describe_margin(task: PlanTask) -> list[str]:
     """Say where the posture comes nearer to a joint limit than was asked for, and which limit that is."""
     stance = None if task.start is None else task.start.stance
     turning = np.flatnonzero(~task.robot.prismatic)

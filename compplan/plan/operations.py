@@ -48,8 +48,8 @@ def summarise_operations(plans: Sequence[Plan], name: str) -> dict[str, Any]:
         },
         "duration_s": sum(part["duration_s"] for part in parts),
         "judge": first["judge"],
-        "notes": list(dict.fromkeys(note for plan in plans for note in tell_notes(plan))),
-        "tools": [describe_operation(plan, part) for plan, part in zip(plans, parts, strict=True)],
+        "notes": list(dict.fromkeys(note for plan in plans for note in describe_notes(plan))),
+        "tools": [summarise_operation(plan, part) for plan, part in zip(plans, parts, strict=True)],
         "made_by": describe_origin(),
     }
     if all("promise_mm" in part for part in parts):
@@ -60,7 +60,7 @@ def summarise_operations(plans: Sequence[Plan], name: str) -> dict[str, Any]:
     return whole
 
 
-def describe_operation(plan: Plan, part: dict[str, Any]) -> dict[str, Any]:
+def summarise_operation(plan: Plan, part: dict[str, Any]) -> dict[str, Any]:
     """Return one entry of `tools` in plan.json: which tool, in which folder, and its figures."""
     kept = ("status", "verdict", "waypoints", "error_before_mm", "error_after_mm", "correction_mm", "duration_s")
     tip = plan.robot.joints[-1].placement
@@ -71,7 +71,7 @@ def describe_operation(plan: Plan, part: dict[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def tell_notes(plan: Plan) -> list[str]:
+def describe_notes(plan: Plan) -> list[str]:
     """Return the notes of an operation, each led by its tool; those about the whole file as they are."""
     return [
         note if note in plan.task.nominal.notes else type(note)(f"{_label(plan)}: {note}") for note in plan.notes

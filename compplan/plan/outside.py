@@ -16,7 +16,7 @@ from compplan.robot.shapes import find_mesh
 COPIED = ("output.header.", "output.footer.")
 
 
-def tell_outside(job: Job, robot: Robot) -> str:
+def describe_outside(job: Job, robot: Robot) -> str:
     """Say which files the plan reads from outside the job's folder, links followed; "" where there are none.
 
     The robots that ship with compplan do not count. A job that no file holds is measured from the working directory.

@@ -27,7 +27,7 @@ from compplan.plan.evaluate import (
     measure_margins,
 )
 from compplan.plan.feed import FeedWish
-from compplan.plan.notes import list_notes, tell_coupling, tell_left_out
+from compplan.plan.notes import describe_coupling, describe_left_out, list_notes
 from compplan.plan.result import Plan
 from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
 from compplan.plan.task import SMOOTHING, PlanTask
@@ -184,7 +184,7 @@ def plan_task(
     if after.settled is not None and not after.settled.agrees:
         breaches += (after.settled.explain(),)
     votes = Vote() if bench.driven is None else cast_votes(bench.driven, after, bending)
-    breaches += (*votes.breaches, *tell_left_out(task.nominal.notes))
+    breaches += (*votes.breaches, *describe_left_out(task.nominal.notes))
     coupling = compare_coupling(task, before)
     told = list_notes(task, timing, bending, job)
     return Plan(
@@ -192,7 +192,8 @@ def plan_task(
         margins=margins, breaches=breaches, job=job, approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q), between=found.between, bending=bending, coupling=coupling,
         clearance=clearance, unread=votes.unread,
-        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told, *tell_coupling(coupling), *votes.notes),
+        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told, *describe_coupling(coupling),
+               *votes.notes),
     )  # fmt: skip
 
 

@@ -26,7 +26,7 @@ from compplan.plan.keeping import Case, ToleranceVerdict, judge_keeping
 from compplan.plan.slow import group_waypoints
 from compplan.plan.task import Command, PlanTask
 from compplan.plan.timing import Timing
-from compplan.posture.clearance import ClearanceProfile, describe_clearance
+from compplan.posture.clearance import ClearanceProfile, summarise_clearance
 from compplan.promise.band import Promise, promise_path
 from compplan.promise.motion import read_placement, shift_part
 from compplan.robot import Array, Robot
@@ -298,7 +298,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         summary["coupling"] = _summarise_coupling(plan.coupling)
     if plan.clearance is not None:
         request = None if plan.task.start is None else plan.task.start.request
-        summary["clearance"] = describe_clearance(plan.clearance, None if request is None else request.scene)
+        summary["clearance"] = summarise_clearance(plan.clearance, None if request is None else request.scene)
     if failures:
         summary["failures"] = [{"waypoint": waypoint, "limit": limit} for waypoint, limit in sorted(failures.items())]
         summary["failure"] = plan.explain_failures()

@@ -87,15 +87,15 @@ def list_causes(task: PlanTask, timing: Timing) -> list[tuple[str, NDArray[np.in
     causes = [("at corners, where the tool comes to rest", by_rest)]
     causes += [(f"by the {name}", by_limit & rows) for name, rows in _name_limits(task, timing, by_limit)]
     if left.any():
-        causes.append((f"{words} ({_tell_busiest(task, timing, left)})", left))
+        causes.append((f"{words} ({_describe_busiest(task, timing, left)})", left))
     return [(text, np.flatnonzero(rows)) for text, rows in causes if rows.any()]
 
 
-def tell_causes(task: PlanTask, timing: Timing) -> str:
+def describe_causes(task: PlanTask, timing: Timing) -> str:
     """Say at which waypoints the feed is lowered, why, and how far; "" where it is not."""
     spans = find_slow_spans(task, timing)
     if not spans:
-        return _tell_short_cut(task, timing)
+        return _describe_short_cut(task, timing)
     count = sum(last - first + 1 for first, last in spans)
     listed = ", ".join(f"{first}-{last}" for first, last in spans[:LISTED]) + (", ..." if len(spans) > LISTED else "")
     reasons = []
@@ -105,7 +105,7 @@ def tell_causes(task: PlanTask, timing: Timing) -> str:
     return f"The feed is lowered at {count} waypoints ({listed}): {'; '.join(reasons)}."
 
 
-def _tell_short_cut(task: PlanTask, timing: Timing) -> str:
+def _describe_short_cut(task: PlanTask, timing: Timing) -> str:
     """Say that a cut is over before the feed counts, where starting up and coming to rest lower the mean feed."""
     rows = np.flatnonzero(~task.nominal.rapid & ~task.lead & (task.nominal.feed > 0))
     rows = rows[rows > 0]
@@ -145,7 +145,7 @@ def _name_limits(
     return found
 
 
-def _tell_busiest(task: PlanTask, timing: Timing, rows: NDArray[np.bool_]) -> str:
+def _describe_busiest(task: PlanTask, timing: Timing, rows: NDArray[np.bool_]) -> str:
     """Say which rate is used the most on some waypoints."""
     use = {
         "velocity": np.abs(timing.velocity[rows]) / task.velocity_limits,

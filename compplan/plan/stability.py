@@ -105,9 +105,9 @@ def judge_stability(found: ForcePrediction) -> tuple[Stability | None, str]:
     try:
         q, dynamics, masses = _find_postures(job, found.nominal)
     except InputError as error:
-        return None, f"Stability is not judged: {error.message}."
+        return None, f"Stability was not looked at: {error.message}."
     if not dynamics.known:
-        return None, "Stability is not judged: the robot folder knows no masses or no springs."
+        return None, "Stability was not looked at: the robot folder knows no masses or no springs."
     return _judge(cutting, found.nominal, q, dynamics, job, masses), ""
 
 

@@ -104,10 +104,11 @@ def find_breaches(
     breaches, tolerance = [], task.tolerance
     if after.max_deviation > tolerance:
         worst = int(np.flatnonzero(after.cut)[after.distance[after.cut].argmax()])
-        breaches.append(f"the judge finds the loaded tip {_mm(after.max_deviation)} off the path at waypoint {worst}")
+        breaches.append(f"the independent check finds the loaded tip "
+                        f"{_mm(after.max_deviation)} off the path at waypoint {worst}")
     judged, move = judge_between(task, command.q, between, bench)
     if judged > tolerance:
-        breaches.append(f"the judge finds the loaded tip {_mm(judged)} off the path after waypoint {move}")
+        breaches.append(f"the independent check finds the loaded tip {_mm(judged)} off the path after waypoint {move}")
     if between.max_deviation > tolerance and judged <= tolerance:
         move = int(between.most.argmax())
         breaches.append(f"between waypoints the tip strays by {_mm(between.max_deviation)}, after waypoint {move}")

@@ -92,7 +92,8 @@ def _vote_on_axis(driven: Driven, after: Evaluation, stiff: Array) -> list[str]:
     beyond = np.where(cut, after.tilt - np.maximum(1.5 * bent, 0.0), -1.0)
     worst = int(beyond.argmax())
     if beyond[worst] > LEAN:
-        return [f"the judge finds the tool axis {np.degrees(after.tilt[worst]):.3g} deg aside at waypoint {worst}"]
+        return [f"the independent check finds the tool axis "
+                f"{np.degrees(after.tilt[worst]):.3g} deg aside at waypoint {worst}"]
     if task.spin_free or driven.q.shape[1] < 6:
         return []
     wanted = np.asarray(driven.tables.get("plan", {}).get("tool_x", (1.0, 0.0, 0.0)), float)
@@ -104,7 +105,8 @@ def _vote_on_axis(driven: Driven, after: Evaluation, stiff: Array) -> list[str]:
     turned = np.where(sure, _angle(after.rotation[:, :, 0], flat / np.maximum(size, 1e-12)[:, None]) - 1.5 * bent, -1.0)
     worst = int(turned.argmax())
     if turned[worst] > LEAN + 1.5 * _angle(after.rotation[worst : worst + 1, :, 0], stiff[worst : worst + 1, :, 0])[0]:
-        return [f"the judge finds the tool turned {np.degrees(turned[worst]):.3g} deg about its axis, waypoint {worst}"]
+        return [f"the independent check finds the tool turned "
+                f"{np.degrees(turned[worst]):.3g} deg about its axis, waypoint {worst}"]
     return []
 
 
@@ -121,7 +123,7 @@ def _vote_on_correction(driven: Driven, stiff: Array) -> list[str]:
     if size.max() <= most + 2 * AT_CORRECTION:
         return []
     found = f"{1e3 * size.max():.3g} mm at waypoint {size.argmax()}"
-    return [f"the judge finds a correction of {found}, allowed are {1e3 * most:g} mm"]
+    return [f"the independent check finds a correction of {found}, allowed are {1e3 * most:g} mm"]
 
 
 def _vote_on_bounds(driven: Driven, joints: JointTable) -> list[str]:

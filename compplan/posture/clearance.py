@@ -113,7 +113,7 @@ def _least_along(scene: CollisionScene, q: Array, pairs: NDArray[np.int_], far: 
     return contacts
 
 
-def describe_clearance(profile: ClearanceProfile, scene: CollisionScene | None = None) -> dict[str, Any]:
+def summarise_clearance(profile: ClearanceProfile, scene: CollisionScene | None = None) -> dict[str, Any]:
     """Describe the clearance along a path for plan.json, and how many shapes of each body of the arm are known."""
     waypoint, contact = profile.least
     own = profile.own

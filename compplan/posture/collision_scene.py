@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from compplan.errors import InputError
 from compplan.posture.contacts import Solid, find_contacts, locate_link_frames
 from compplan.robot import Array, Robot
-from compplan.robot.shapes import BodyShapes, leave_out, read_bodies, tell_shapes
+from compplan.robot.shapes import BodyShapes, describe_shapes, leave_out, read_bodies
 from compplan.robot.solids import cut_tip, load_mesh, make_geometry
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def load_scene(job: Job, robot: Robot) -> CollisionScene | None:
             meshes[name] = load_mesh(job.folder / file, table.unit)
         except InputError as error:
             raise InputError(error.message, file=job.file, where=f"collision.{name}") from None
-    notes = [f"Collision shapes of the arm: {tell_shapes(bodies)}."]
+    notes = [f"Collision shapes of the arm: {describe_shapes(bodies)}."]
     if table.without_shapes:
         unseen = ", ".join(f"{body.link}: {body.gap}" for body in bodies if body.link in table.without_shapes)
         notes.append(f"[collision] without_shapes leaves out of the check what is not known of the arm ({unseen}).")

@@ -172,14 +172,14 @@ def find_kept_start(
     anew = find_start(robot, nominal, tool_x, rotation, wish, request)
     if anew.missed.sum() >= kept.missed.sum():
         return replace(kept, notes=(*kept.notes, f"The posture is kept: that of {lock.source}."))
-    change = tell_change(robot, start.q, anew.q)
+    change = describe_posture_change(robot, start.q, anew.q)
     first = int(np.flatnonzero(kept.missed)[0])
     told = (f"The posture of {lock.source} cannot be kept, it does not reach waypoint {first} with {robot.name!r}: "
             f"{change or 'another one of the same branch is taken'}.")  # fmt: skip
     return replace(anew, notes=(told, *anew.notes))
 
 
-def tell_change(robot: Robot, before: Array, after: Array) -> str:
+def describe_posture_change(robot: Robot, before: Array, after: Array) -> str:
     """Name what changed between two postures along one path: configuration, and joints with the greatest change.
 
     Args:

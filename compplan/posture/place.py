@@ -144,7 +144,7 @@ def place_part(
     return PlaceResult(position, turn, height, stance, before, tuple(ratings), here)
 
 
-def describe_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
+def summarise_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
     """Describe a result for place.json."""
     before = result.before
     return {

@@ -108,7 +108,7 @@ def read_settings(job: Job, robot: Robot, errors: ErrorModel | None = None) -> P
 
 def _leave_to_promise(figures: MotionFigures) -> MotionFigures:
     """Gear error and lost motion are errors of the promise: motion pays for inertia alone."""
-    return figures._replace(gear=0.0, lost=0.0, source="gear error and lost motion: in the promise")
+    return figures._replace(gear=0.0, lost=0.0, source="gear error and lost motion: in the 95 % band")
 
 
 def _read_motion(job: Job, robot: Robot) -> MotionFigures:

@@ -193,7 +193,7 @@ def _stand(stance: Stance, nominal: Toolpath, request: PostureRequest) -> Start:
     if stance.chatter is not None:
         found = stance.chatter
         words += (f"The posture is chosen with regard to chatter: the cut chatters at {found.at} of {found.of} "
-                  f"waypoints that were judged ({found.source}).",)  # fmt: skip
+                  f"waypoints that were looked at ({found.source}).",)  # fmt: skip
     return Start(path, stance.q, stance.rotation, stance.configuration, stance.missed, stance, request, words)
 
 

@@ -25,7 +25,7 @@ END = ("TRANS", "TRAFOOF", "M30", "")
 RESERVED = frozenset({"if", "else", "for", "while", "loop", "repeat", "until", "case", "goto", "proc", "def", "stopre"})
 
 
-def _say_natively(event: Event) -> list[str] | None:
+def _describe_natively(event: Event) -> list[str] | None:
     speed = f" S{event.value:g}" if event.value > 0.0 else ""
     return {
         "spindle_cw": [f"M3{speed}"], "spindle_ccw": [f"M4{speed}"], "spindle_off": ["M5"], "coolant": ["M8"],
@@ -43,7 +43,7 @@ PHRASES = Phrases(
     pause=lambda task: ["M0"],
     pause_if=lambda signal, task: ["M1"],
     call=lambda name, number: [f"{name}({number:.0f})"],
-    native=_say_natively,
+    native=_describe_natively,
 )
 
 

@@ -45,14 +45,14 @@ def write_campaign_page(campaign: PoseCampaign, file: Path) -> None:
         numbers = ", ".join(str(k + 1) for k in campaign.touching)
         warning = f"On the straight joint move to pose {numbers} the arm touches something: go around by hand."
     write_page(
-        file, f"{plan.name}: {len(campaign.poses) - 1} poses to measure", say_campaign(campaign), sections,
+        file, f"{plan.name}: {len(campaign.poses) - 1} poses to measure", describe_campaign(campaign), sections,
         kind=f"Campaign, {plan.robot.name}", opening=open_campaign(
             campaign, Chart(_draw_curve(campaign), _caption(campaign), 340)), warning=warning, notes=campaign.notes,
         provenance=describe_robot(plan.robot, [("known from", campaign.design.known.source)]),
     )  # fmt: skip
 
 
-def say_campaign(campaign: PoseCampaign) -> str:
+def describe_campaign(campaign: PoseCampaign) -> str:
     """Say in a few sentences what the campaign brings and when to stop."""
     choice = campaign.choice
     text = (
@@ -134,7 +134,7 @@ def _table(campaign: PoseCampaign) -> PageTable:
         side = "rising" if poses.approach[k] > 0 else "falling"
         load = f"{poses.weight[k]:g} kg" if poses.weight[k] else "none"
         rows.append(
-            [label, worth, *(float(v) for v in poses.q[k] * scale), side, load, _say_pull(poses.pull[k]),
+            [label, worth, *(float(v) for v in poses.q[k] * scale), side, load, _describe_pull(poses.pull[k]),
              *(float(v) for v in 1e3 * poses.tip[k])]
         )  # fmt: skip
     units = ["mm" if slides else "deg" for slides in robot.prismatic]
@@ -145,7 +145,7 @@ def _table(campaign: PoseCampaign) -> PageTable:
     return PageTable(columns, rows, "Worth: 1 brings the most. The tip's place is that of the loaded tip.", scroll=24)
 
 
-def _say_pull(pull: Array) -> str:
+def _describe_pull(pull: Array) -> str:
     """Say a pull along one axis, such as 400 N along -y."""
     axis = int(np.abs(pull).argmax())
     if not pull.any():

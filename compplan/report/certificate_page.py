@@ -37,12 +37,12 @@ def write_certificate_page(certificate: Certificate, file: Path) -> None:
     robot, same = certificate.robot, certificate.literature
     name = robot.name if same is None or same.name == robot.name else f"{same.name} ({robot.name})"
     provenance = describe_robot(robot, [("known from", certificate.known.source)], list_assumed(robot))
-    write_page(file, f"{name}: certificate", summarise(certificate), sections, kind="Robot certificate",
+    write_page(file, f"{name}: certificate", describe_certificate(certificate), sections, kind="Robot certificate",
                opening=open_certificate(certificate, _picture(certificate)),
                provenance=provenance)  # fmt: skip
 
 
-def summarise(certificate: Certificate) -> str:
+def describe_certificate(certificate: Certificate) -> str:
     """Say in a few sentences how the robot stands."""
     known, accuracy = certificate.known, certificate.accuracy
     text = f"How surely this robot is known is {GRADES[known.grade]}."

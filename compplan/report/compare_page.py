@@ -108,7 +108,7 @@ def write_comparison(view: CompareView, file: Path) -> None:
     write_page(
         file,
         view.title,
-        summarise_comparison(view),
+        describe_comparison(view),
         [_figures(view), _along(view)],
         kind=f"Strategies compared, {view.robot.name}",
         opening=open_comparison(
@@ -121,11 +121,11 @@ def write_comparison(view: CompareView, file: Path) -> None:
     )
 
 
-def summarise_comparison(view: CompareView) -> str:
+def describe_comparison(view: CompareView) -> str:
     """Say in two sentences which strategy comes closest, in the modelled cell and where the model is wrong."""
     own, wrong = view.own, view.wrong
     best = [name for name in view.strategies if _is_closest(view, own, name)]
-    text = _say_drawn(view)
+    text = _describe_drawn(view)
     if wrong:
         worst = {name: max(view.rms(cell, name) for cell in wrong) for name in view.strategies}
         closest = min(worst, key=lambda name: worst[name])
@@ -142,7 +142,7 @@ def summarise_comparison(view: CompareView) -> str:
     return f"{text}. {describe_grade(view.robot)}"
 
 
-def _say_drawn(view: CompareView) -> str:
+def _describe_drawn(view: CompareView) -> str:
     if not view.drawn:
         return ""
     least = min(median for median, _ in view.drawn.values())

@@ -106,7 +106,7 @@ def write_diagnosis(view: DiagnosisView, file: Path) -> None:
     write_page(
         file,
         f"{view.robot.name}: diagnosis",
-        [say_where(view), say_which(view), say_how_far(view)],
+        [describe_where(view), describe_which(view), describe_how_far(view)],
         [section for section in sections if section.blocks],
         kind=f"Diagnosis of {view.title}",
         opening=open_diagnosis(
@@ -117,23 +117,23 @@ def write_diagnosis(view: DiagnosisView, file: Path) -> None:
     )
 
 
-def say_where(view: DiagnosisView) -> str:
+def describe_where(view: DiagnosisView) -> str:
     """Answer where the gap lies, in a sentence."""
     shares, split = view.split.shares, view.split
     gap = f"Where: the nominal model leaves {format_length(split.spread.rms)} rms"
     parts: list[str] = []
     if view.verdict["status"] == CALIBRATED and split.small_errors is not None:
-        return f"{gap}; {_say_places(split.small_errors)}."
+        return f"{gap}; {_describe_places(split.small_errors)}."
     for carrier in shares.carriers[:3]:
         if carrier.share.share >= 0.05 or not parts:
-            sure = f"probability {carrier.probability:.2f}, {_say_interval(carrier.share)} if so"
+            sure = f"probability {carrier.probability:.2f}, {_describe_interval(carrier.share)} if so"
             how = carrier.effect.replace("_", " ")
             parts.append(f"{carrier.place} carries {format_percent(carrier.share.share)} by {how} ({sure})")
     rest = {
         "small errors everywhere (calibration) carry": shares.by_place[CALIBRATION],
         "no model explains": shares.by_place[UNEXPLAINED],
     }
-    parts += [f"{what} {format_percent(share.share)} ({_say_interval(share)})"
+    parts += [f"{what} {format_percent(share.share)} ({_describe_interval(share)})"
               for what, share in rest.items() if share.share >= 0.02]  # fmt: skip
     if shares.noise >= 0.02:
         parts.append(f"noise is {format_percent(shares.noise)}")
@@ -142,28 +142,28 @@ def say_where(view: DiagnosisView) -> str:
     return f"{gap}; {'; '.join(parts)}."
 
 
-def _say_places(errors: SmallErrors) -> str:
+def _describe_places(errors: SmallErrors) -> str:
     """Say where the small errors of a robot that was not calibrated sit."""
     order = sorted(errors.by_place.items(), key=lambda item: (item[0] == UNEXPLAINED, -item[1].share))
     parts = [
         f"{'no model explains' if name == UNEXPLAINED else name + ' carries'} {format_percent(share.share)} "
-        f"({_say_interval(share)})"
+        f"({_describe_interval(share)})"
         for name, share in order if share.share >= 0.02
     ]  # fmt: skip
     return "; ".join(parts)
 
 
-def _say_interval(share: Share) -> str:
+def _describe_interval(share: Share) -> str:
     return f"95 %: {format_percent(share.low)} to {format_percent(share.high)}"
 
 
-def say_which(view: DiagnosisView) -> str:
+def describe_which(view: DiagnosisView) -> str:
     """Answer which effect causes the gap, in a sentence."""
     status, effects = view.verdict["status"], view.verdict["effects"]
     if status == "none":
         return "Which: none; the residual is noise."
     if status == CALIBRATED and view.split.small_errors is not None:
-        return say_small_errors(view.split.small_errors)
+        return describe_small_errors(view.split.small_errors)
     if not effects:
         text = " ".join(view.structure[:1])
         return f"Which: unknown; there is structure in the residual and no effect explains it. {text}".rstrip()
@@ -185,10 +185,10 @@ def say_which(view: DiagnosisView) -> str:
     return f"{text}.{left}"
 
 
-def say_small_errors(errors: SmallErrors) -> str:
+def describe_small_errors(errors: SmallErrors) -> str:
     """Say what a robot that was not calibrated has small errors of, and where."""
     kinds = [
-        f"{kind} {format_percent(share.share)} ({_say_interval(share)})"
+        f"{kind} {format_percent(share.share)} ({_describe_interval(share)})"
         for kind, share in sorted(errors.by_kind.items(), key=lambda item: -item[1].share)
         if share.share >= 0.02 and kind != UNEXPLAINED
     ]
@@ -197,7 +197,7 @@ def say_small_errors(errors: SmallErrors) -> str:
     return f"{text}. {'; '.join(groups)}: both halves of the poses tell so." if groups else f"{text}."
 
 
-def say_how_far(view: DiagnosisView) -> str:
+def describe_how_far(view: DiagnosisView) -> str:
     """Answer how far the gap shrinks, in a sentence."""
     before, after = view.gap.get("held_out_before_rms_mm"), view.gap.get("held_out_after_rms_mm")
     floor = view.gap.get("noise_floor_mm")

@@ -28,7 +28,7 @@ def mark_force(wrench: Array, cut: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(cut & (acts | np.r_[acts[:1], acts[:-1]]))
 
 
-def tell_force(length: Array, cut: NDArray[np.bool_], pushed: NDArray[np.bool_]) -> str:
+def describe_force(length: Array, cut: NDArray[np.bool_], pushed: NDArray[np.bool_]) -> str:
     """Say which share of the cut carries force.
 
     Args:

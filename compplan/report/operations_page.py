@@ -26,7 +26,7 @@ def write_operations_page(summary: Mapping[str, Any], file: Path) -> None:
         Section("Programs", [_programs(tools)], "Run them in this order; each begins with its tool change.", open=True),
     ]
     write_page(
-        file, summary["name"], say_operations(summary), sections, kind="Plan", opening=_open(summary),
+        file, summary["name"], describe_operations(summary), sections, kind="Plan", opening=_open(summary),
         notes=list_remarks(summary["notes"]), provenance=Provenance([("robot", summary["robot"])], []),
     )  # fmt: skip
 
@@ -50,7 +50,7 @@ def _open(summary: Mapping[str, Any]) -> Opening:
     )  # fmt: skip
 
 
-def say_operations(summary: Mapping[str, Any]) -> str:
+def describe_operations(summary: Mapping[str, Any]) -> str:
     """Say in two sentences what the tools together come to."""
     tools = summary["tools"]
     before, after = (format_length(1e-3 * summary[key]["max"]) for key in ("error_before_mm", "error_after_mm"))

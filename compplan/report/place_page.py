@@ -41,7 +41,7 @@ def write_place_page(summary: Mapping[str, Any], place_map: bytes, posture_map: 
     write_page(
         file,
         f"{summary['robot']}: where the part should stand",
-        say_placement(summary),
+        summarise_placement(summary),
         sections,
         kind="Placement",
         opening=open_place(summary, maps[0]),
@@ -49,7 +49,7 @@ def write_place_page(summary: Mapping[str, Any], place_map: bytes, posture_map: 
     )
 
 
-def say_placement(summary: Mapping[str, Any]) -> str:
+def summarise_placement(summary: Mapping[str, Any]) -> str:
     """Say in two sentences where the part should stand and what that brings."""
     x, y, z = summary["part"]["position_mm"]
     text = f"The part should stand at x {x:g} mm, y {y:g} mm, z {z:g} mm in the robot's base frame"
@@ -63,15 +63,15 @@ def say_placement(summary: Mapping[str, Any]) -> str:
         text += "; from the job's own place the path cannot be followed."
     else:
         text += f", against {here['p95']:.3g} mm at the job's own place: {format_percent(summary['ratio'])} of it."
-    return f"{text} {say_chatter(summary)}".rstrip()
+    return f"{text} {describe_chatter(summary)}".rstrip()
 
 
-def say_chatter(summary: Mapping[str, Any]) -> str:
+def describe_chatter(summary: Mapping[str, Any]) -> str:
     """Say at how many waypoints the cut chatters; nothing where the job does not ask."""
     if "chatter" not in summary:
         return ""
     there, here = summary["chatter"], summary["chatter_here"]
-    text = f"The cut chatters at {there['at']} of {there['of']} waypoints that were judged"
+    text = f"The cut chatters at {there['at']} of {there['of']} waypoints that were looked at"
     if here is not None:
         text += f", at the job's own place at {here['at']} of {here['of']}"
     return f"{text} ({there['source']})."

@@ -65,7 +65,7 @@ def first_sentence(text: str) -> str:
 def write_sheet(plan: Plan, folder: Path | None) -> Section:
     """Return the setup sheet: part, frames, tool, start, band, and the checksums of the programs."""
     rows: list[list[TableCell | str | float | int | None]] = [
-        [TableCell(name, "strong"), words] for name, words in (*_say_frames(plan), *_say_run(plan))
+        [TableCell(name, "strong"), words] for name, words in (*_describe_frames(plan), *_describe_run(plan))
     ]
     rows[:0] = [[TableCell("Job", "strong"), plan.name], [TableCell("Verdict", "strong"), plan.verdict.sentence]]
     rows += [[TableCell("Before the machine moves", "bad"), stop] for stop in list_stops(plan.notes)]
@@ -91,7 +91,7 @@ def list_programs(folder: Path) -> list[tuple[str, int, str]]:
     return found
 
 
-def say_pose(pose: Array) -> str:
+def describe_pose(pose: Array) -> str:
     """Write a pose as pendants take it: millimetres, and angles by the names of the common forms. Shape (4, 4). [m]."""
     x, y, z, a, b, c = place_numbers(pose, "ZYX", 3)
     turn = np.degrees(rotation_vectors(pose[None])[0]).round(3) + 0.0
@@ -111,26 +111,26 @@ def locate_tcp(robot: Robot) -> Array:
     return pose
 
 
-def _say_frames(plan: Plan) -> list[tuple[str, str]]:
+def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
     """Return robot, part and tool in words."""
     robot, job = plan.robot, plan.job
     controller = load_controller(robot)
     rows = [("Robot", f"{robot.name}; controller {controller.name or 'not known'}"),
             ("Robot model", GRADE_MEANING[robot.grade])]  # fmt: skip
     if job is not None:
-        rows.append(("Part frame, in the robot base", say_pose(job.T_base_part)))
+        rows.append(("Part frame, in the robot base", describe_pose(job.T_base_part)))
     tool = None if job is None else job.tool
     if tool is None:
         rows.append(("Tool", f"the robot model's own ({robot.tcp} from {robot.flange})"))
     else:
         mass = "weight not known" if tool.mass_kg is None else f"{tool.mass_kg:g} kg"
         rows.append(("Tool", f"of the job; {mass}"))
-    rows.append(("Tool centre point, in the flange", say_pose(locate_tcp(robot))))
+    rows.append(("Tool centre point, in the flange", describe_pose(locate_tcp(robot))))
     source = Path(plan.task.nominal.source).name or "in memory"
     return [*rows, ("Toolpath", f"{source}; {len(plan.task)} waypoints")]
 
 
-def _say_run(plan: Plan) -> list[tuple[str, str]]:
+def _describe_run(plan: Plan) -> list[tuple[str, str]]:
     """Return start, feed, clearance and band in words."""
     robot, verdict = plan.robot, plan.verdict
     first = plan.approach.key_q[0] if len(plan.approach.key_q) else plan.q[0]

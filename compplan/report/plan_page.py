@@ -15,7 +15,7 @@ from compplan.report.along_path import (
     draw_wrench,
     find_spans,
 )
-from compplan.report.force_moves import busiest_rate, tell_force
+from compplan.report.force_moves import busiest_rate, describe_force
 from compplan.report.page import Block, Chart, Column, Fold, Opening, PageTable, Section, TableCell, write_page
 from compplan.report.path_scene import describe_magnification, draw_deviation_paths
 from compplan.report.plan_view import PlanView
@@ -59,7 +59,7 @@ def write_view(view: PlanView, file: Path, opening: Opening | None = None) -> No
     write_page(
         file,
         view.title,
-        summarise_plan(view),
+        describe_plan(view),
         [section for section in sections if section.blocks],
         kind=f"Path plan, {view.robot.name}",
         opening=opening,
@@ -69,7 +69,7 @@ def write_view(view: PlanView, file: Path, opening: Opening | None = None) -> No
     )
 
 
-def summarise_plan(view: PlanView) -> str:
+def describe_plan(view: PlanView) -> str:
     """Say in a sentence or two what the plan reaches."""
     before, after = (np.linalg.norm(side, axis=1)[view.cut] for side in (view.before, view.after))
     verb = "keeps" if view.status == "solved" else "is a compromise that keeps"
@@ -181,7 +181,7 @@ def _corrections(view: PlanView) -> Section:
         tall = 440 if np.abs(view.wrench[:, 3:]).max() > 1e-9 else 300
         caption = "Predicted wrench of the environment on the tool at its tip, base axes."
         blocks.append(Chart(draw_wrench(view.stations, view.wrench), caption, height=tall, along=True))
-    return Section("Corrections and forces", blocks, tell_force(view.length, view.cut, view.pushed))
+    return Section("Corrections and forces", blocks, describe_force(view.length, view.cut, view.pushed))
 
 
 def _feed(view: PlanView) -> Section:

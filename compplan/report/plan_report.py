@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from compplan.plan.slow import mark_slow, tell_causes
+from compplan.plan.slow import describe_causes, mark_slow
 from compplan.posture.alternatives import compare_postures
 from compplan.report.coupling_section import show_coupling
 from compplan.report.page import Section
@@ -79,7 +79,7 @@ def view_plan(plan: Plan, extra: Sequence[Section] = ()) -> PlanView:
         velocity_limits=task.velocity_limits,
         acceleration_limits=task.acceleration_limits,
         slowed=mark_slow(task, timing),
-        slow_causes=tell_causes(task, timing),
+        slow_causes=describe_causes(task, timing),
         tilt_before=plan.before.tilt,
         tilt_after=plan.after.tilt,
         failures=plan.command.failures,

@@ -205,7 +205,7 @@ def _weigh(found: dict[str, float], plain: dict[str, float]) -> str:
 def list_uncertainties(stance: Stance) -> str:
     """Say which errors the choice of the posture assumes."""
     if stance.settings.errors is not None:
-        return f"posture: chosen for the promise; {stance.settings.errors.source}"
+        return f"posture: chosen for the smallest 95 % band; {stance.settings.errors.source}"
     uncertainty = stance.settings.uncertainty
     return (
         f"posture: errors of {100 * uncertainty.wrench:g} % of the wrench, {100 * uncertainty.compliance:g} % of the "

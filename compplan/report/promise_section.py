@@ -51,10 +51,10 @@ def show_promise(promise: Promise, stations: Stations, tolerance: float) -> Sect
         blocks.append(_leading(promise))
     if promise.assumed:
         blocks.append(Fold("What is assumed", list(promise.assumed)))
-    return Section("95 % band", blocks, say_promise(promise, tolerance))
+    return Section("95 % band", blocks, describe_promise(promise, tolerance))
 
 
-def say_promise(promise: Promise, tolerance: float) -> str:
+def describe_promise(promise: Promise, tolerance: float) -> str:
     """Say in a sentence or two what can be promised."""
     text = (
         f"At any point the true tip is within {format_length(promise.greatest)} of the path with 95 %; along the whole"
@@ -110,7 +110,7 @@ def _narrowings(promise: Promise) -> PageTable:
         for entry in promise.narrowings
     ]
     columns = [Column("if one knew"), Column("greatest of the band", "mm"), Column("narrower by")]
-    return PageTable(columns, rows, "What would reduce the promise most; each alone, the rest as it is.")
+    return PageTable(columns, rows, "What would narrow the band most; each alone, the rest as it is.")
 
 
 def _leading(promise: Promise) -> PageTable:

@@ -17,7 +17,7 @@ from compplan.reproduce.paper import Reproduction, Row, count_verdicts
 TONES = {"matches": "good", "close": "good", "fitted": "assumed", "inconsistent in the paper": "bad"}
 
 
-def describe_reproduction(result: Reproduction) -> dict[str, Any]:
+def summarise_reproduction(result: Reproduction) -> dict[str, Any]:
     """Make the table that reproduction.json holds."""
     return {
         "schema": 1,
@@ -37,7 +37,7 @@ def describe_reproduction(result: Reproduction) -> dict[str, Any]:
 def write_reproduction(result: Reproduction, folder: Path) -> None:
     """Write reproduction.json, report.html and the figures into a folder."""
     with replace_folder(folder, "reproduce") as part:
-        write_json(part / "reproduction.json", describe_reproduction(result))
+        write_json(part / "reproduction.json", summarise_reproduction(result))
         for number, figure in enumerate(result.figures, start=1):
             (part / f"figure_{number}.png").write_bytes(figure.png)
         _write_report(result, part / "report.html")

@@ -120,7 +120,7 @@ def leave_out(bodies: Sequence[BodyShapes], links: Sequence[str]) -> tuple[BodyS
     return tuple(replace(body, shapes=()) if body.link in links and body.doubt else body for body in bodies)
 
 
-def tell_shapes(bodies: Sequence[BodyShapes]) -> str:
+def describe_shapes(bodies: Sequence[BodyShapes]) -> str:
     """Say how many collision shapes of each body were read, dropped and are unknown."""
     told = []
     for body in bodies:

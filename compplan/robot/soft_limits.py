@@ -70,7 +70,7 @@ def narrow_limits(limits: Mapping[str, float], element: ElementTree.Element, fil
     return {**limits, "lower": lower, "upper": upper}
 
 
-def tell_soft_limits(robot: Robot) -> str:
+def describe_soft_limits(robot: Robot) -> str:
     """Say which joints' limits the URDF's soft limits narrow, and to what; "" where none does."""
     by_name = {joint.name: joint for joint in robot.actuated}
     told = []

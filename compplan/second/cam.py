@@ -48,11 +48,11 @@ def read_moves(file: Path, options: dict[str, Any] | None = None) -> Reading:
     """
     options = options or {}
     text = file.read_bytes().decode("utf-8", errors="replace").lstrip("\ufeff")
-    reading = read_language(tell_language(text, file.suffix.lower()), text, options, file)
+    reading = read_language(find_language(text, file.suffix.lower()), text, options, file)
     return reading if options.get("operation") is None else pick_operation(reading, options["operation"])
 
 
-def tell_language(text: str, ending: str) -> str:
+def find_language(text: str, ending: str) -> str:
     """Tell which language a file is written in: its text says so, else its ending; G-code otherwise."""
     marked = [language for language, mark in OTHERS.items() if mark.search(text)]
     ended = [language for language, endings in ENDINGS.items() if ending in endings]

@@ -171,7 +171,7 @@ def prepare_study(
     """
     noise = settle_robot(task.robot, noise or NoiseTable())
     if not task.compensated.any():
-        raise InputError("nothing of the path is cut, there is nothing to judge")
+        raise InputError("nothing of the path is cut, there is nothing to compare")
     gears = bool(task.chain.actuator.any())
     chosen = tuple(strategies) if strategies else tuple(s for s in list_strategies() if gears or "encoder" not in s)
     if strategies and PLAIN in strategies and plain is None:

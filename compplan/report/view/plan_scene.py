@@ -106,7 +106,7 @@ class PlanScene:
 
     def name_row(self, row: int, way: str) -> str:
         """Name a row as the list of worst places does."""
-        return f"{_say_length(self.sizes[way][row])} at {1e3 * self.length[row]:.4g}\u00a0mm"
+        return f"{_describe_length(self.sizes[way][row])} at {1e3 * self.length[row]:.4g}\u00a0mm"
 
     def place(self, way: str, magnify: float, rows: Rows = EVERY) -> Array:
         """Where the loaded tip is drawn at rows, its deviation magnified. Shape (k, 3), or (3,) of one row. [m]"""
@@ -195,7 +195,7 @@ class PlanScene:
         record = self.recording
         lines = [f"**Waypoint {row}** of {self.count}, {record.move[row]}, {record.time[row]:.2f} s", ""]
         lines += ["| deviation | |", "|---|---|"]
-        lines += [f"| {name} | {_say_length(self.sizes[way][row])} |" for way, name in self.ways.items()]
+        lines += [f"| {name} | {_describe_length(self.sizes[way][row])} |" for way, name in self.ways.items()]
         lines += [f"| tolerance | {format_length(record.tolerance)} |", "", "| joint | |", "|---|---|"]
         for joint, value in zip(record.cell.actuated, record.q[row], strict=True):
             said = format_length(float(value)) if joint.kind == "prismatic" else f"{np.degrees(value):.2f}\u00a0deg"
@@ -207,5 +207,5 @@ class PlanScene:
         return "\n".join([*lines, "", f"Wanted tip: {x}, {y}, {z} mm", "", f"Posture: {words or 'not told'}"])
 
 
-def _say_length(metres: float) -> str:
+def _describe_length(metres: float) -> str:
     return format_length(max(float(metres), TINY)) if np.isfinite(metres) else "not known here"
