@@ -13,7 +13,7 @@ from compplan.plan.plan import job_robot
 from compplan.posture.place import Rater, place_part, summarise_placement
 from compplan.posture.settings import PostureSettings
 from compplan.report.place_map import draw_place_map
-from compplan.report.place_page import summarise_placement
+from compplan.report.place_page import describe_placement
 
 TABLE = {
     "schema": 1,
@@ -75,7 +75,7 @@ def test_of_two_places_the_one_without_chatter_is_chosen_though_more_is_left_the
     summary = summarise_placement(found, job)
     assert plain.position[0] < 1.9 <= found.position[0]
     assert summary["chatter"]["at"] == 0 < summary["chatter"]["of"]
-    assert "The cut chatters at 0 of 40 waypoints" in summarise_placement(summary)
+    assert "The cut chatters at 0 of 40 waypoints" in describe_placement(summary)
 
 
 def test_places_out_of_reach_are_rated_as_such() -> None:

@@ -41,7 +41,7 @@ def write_place_page(summary: Mapping[str, Any], place_map: bytes, posture_map: 
     write_page(
         file,
         f"{summary['robot']}: where the part should stand",
-        summarise_placement(summary),
+        describe_placement(summary),
         sections,
         kind="Placement",
         opening=open_place(summary, maps[0]),
@@ -49,7 +49,7 @@ def write_place_page(summary: Mapping[str, Any], place_map: bytes, posture_map: 
     )
 
 
-def summarise_placement(summary: Mapping[str, Any]) -> str:
+def describe_placement(summary: Mapping[str, Any]) -> str:
     """Say in two sentences where the part should stand and what that brings."""
     x, y, z = summary["part"]["position_mm"]
     text = f"The part should stand at x {x:g} mm, y {y:g} mm, z {z:g} mm in the robot's base frame"
