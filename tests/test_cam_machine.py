@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from pathlib import Path
 
@@ -12,9 +13,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from compplan.errors import InputError
-from compplan.path.cam import CamFile
+from compplan.path.cam import CamFile, CamTable, read_cam
 from compplan.path.cam.gcode_macro import MacroError, Variables, assign, work_out
 from compplan.path.cam.gcode_rotary import RotaryMachine
+from compplan.path.cam.machines import list_machines
 
 HEAD = "G21 G90\nG0 X0 Y0 Z10\n"
 
@@ -371,3 +373,33 @@ def test_order_of_words_spaces_comments_numbers_and_case_change_nothing(read, dr
     assert np.array_equal(plain.toolpath.rapid, other.toolpath.rapid)
     told = [[event for event in cam.toolpath.events if event.kind != "comment"] for cam in (plain, other)]
     assert told[0] == told[1]
+
+
+def test_a_machine_by_name_is_its_keys(tmp_path: Path) -> None:
+    """A named machine reads as the keys that it stands for, a shop's own too; keys that are stated come before it."""
+    file = tmp_path / "part.nc"
+    file.write_text("G21 G90\nG43.4 H1\nG0 X0 Y0 Z5 A30 C45\nG1 Z0 F600\nX10\n")
+    own = 'schema = 1\n[machine]\nrotary = "head"\nrotary_axes = ["A", "C"]\npivot_mm = 200.0\n'
+    (tmp_path / "mill_5.toml").write_text(own)
+
+    def turn(**options: object) -> list[float]:
+        return read_cam(file, CamTable.model_validate(options)).toolpath.axis[-1].round(9).tolist()
+
+    half, c = math.sin(math.radians(30.0)) * math.sqrt(0.5), math.cos(math.radians(30.0))
+    assert turn(machine="trunnion_ac") == turn(rotary="table", rotary_axes=["A", "C"]) == pytest.approx([half, half, c])
+    assert turn(machine="trunnion_ac_iso") == pytest.approx([half, -half, c])
+    assert turn(machine="mill_5") == turn(rotary="head", rotary_axes=["A", "C"])
+    assert turn(machine="trunnion_ac", rotary_axes=["A", "-C"]) == turn(rotary="table", rotary_axes=["A", "-C"])
+    with pytest.raises(InputError, match=r"no machine named 'umc', choose from rotary_a, .*, or write umc.toml beside"):
+        turn(machine="umc")
+    (tmp_path / "mill_5.toml").write_text(own.replace("pivot_mm", "pivot"))
+    with pytest.raises(InputError, match=r"mill_5.toml: machine.pivot"):
+        turn(machine="mill_5")
+
+
+@pytest.mark.parametrize("name", list_machines())
+def test_every_machine_that_ships_turns_the_tool(name: str, tmp_path: Path) -> None:
+    axes = [axis[-1] for axis in list_machines()[name].rotary_axes]
+    (tmp_path / "part.nc").write_text(f"G21 G90\nG43.4 H1\nG0 X0 Y0 Z5 {axes[0]}30\nG1 Z0 F600\nX10\n")
+    axis = read_cam(tmp_path / "part.nc", CamTable(machine=name)).toolpath.axis[-1]
+    assert abs(axis[2]) == pytest.approx(1.0 if axes[0] == "C" else math.cos(math.radians(30.0)))

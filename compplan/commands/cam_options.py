@@ -7,6 +7,8 @@ from typing import Any, TypeVar
 
 import click
 
+from compplan.path.cam.machines import list_machines
+
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 FEED = click.option(
@@ -15,6 +17,10 @@ FEED = click.option(
 ROTARY = click.option(
     "--rotary", type=click.Choice(["head", "table", "head_table", "ignore"]), help="What A B C words turn."
 )
+MACHINE = click.option(
+    "--machine", metavar="NAME",
+    help=f"The machine that the file is made for: NAME.toml beside it, or {', '.join(list_machines())}.",
+)  # fmt: skip
 WCS = click.option("--wcs", metavar="G54", help="The work offset that is the part frame, if a file cuts in several.")
 COMPENSATION = click.option(
     "--compensation", type=click.Choice(["centre_line"]), help="What a file holds where the control compensates (G41)."
@@ -22,8 +28,8 @@ COMPENSATION = click.option(
 
 
 def take_cam_options(command: Command) -> Command:
-    """Give a command the options --feed, --rotary, --wcs and --compensation."""
-    return FEED(ROTARY(WCS(COMPENSATION(command))))
+    """Give a command the options --feed, --machine, --rotary, --wcs and --compensation."""
+    return FEED(MACHINE(ROTARY(WCS(COMPENSATION(command)))))
 
 
 def keep_stated(**options: Any) -> dict[str, Any]:

@@ -22,7 +22,7 @@ OLDEST_PYTHON = (3, 11)
 
 def examine_installation() -> list[Remark]:
     """Look at interpreter, libraries and what ships with compplan."""
-    return [*_look_at_platform(), *_look_at_libraries(), *_try_engines(), _look_at_robots()]
+    return [*_look_at_platform(), *_look_at_libraries(), *_try_engines(), _look_at_robots(), _look_at_machines()]
 
 
 def _look_at_platform() -> Iterator[Remark]:
@@ -112,6 +112,13 @@ def _try_toppra() -> bool:
     ]
     timed = algorithm.TOPPRA(limits, path).compute_trajectory(0.0, 0.0)
     return timed is not None and 1.0 <= timed.duration < 1.1
+
+
+def _look_at_machines() -> Remark:
+    """Name the machines whose rotary words are read by name."""
+    from compplan.path.cam.machines import list_machines
+
+    return Remark("fine", "machines", f"[cam] machine takes {', '.join(list_machines())}, or NAME.toml beside the file")
 
 
 def _look_at_robots() -> Remark:

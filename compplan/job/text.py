@@ -186,6 +186,7 @@ any_brand = false                   # true: programs for another brand than the 
 chord_tolerance_mm = 0.001          # greatest distance between an arc and its chords
 # arc_centres = "incremental"       # G-code I J K: incremental | absolute | reversed, for files that do not say
 # feed_mm_s = 10.0                  # feed of cutting moves for which the file states none, or 0
+# machine = "trunnion_ac"           # rotary axes by name (compplan doctor lists them), or NAME.toml beside the CAM file
 # rotary = "head"                   # A B C words turn the head (tool) | table (part) | head_table | ignore; a file
                                     #   whose A B C turn something is refused without it
 # rotary_axes = ["A", "C"]          # the axis that carries the other first (head_table: the head's); "-C": left-handed

@@ -18,6 +18,7 @@ from compplan.errors import InputError
 from compplan.files.plugins import load_plugins
 from compplan.path.cam import apt, gcode, heidenhain, krl, rapid, sinumerik
 from compplan.path.cam.lines import read_bounded
+from compplan.path.cam.machines import use_machine
 from compplan.path.cam.moves import CamFacts, CamFile
 from compplan.path.cam.options import CamTable
 from compplan.path.toolpath import Toolpath
@@ -67,7 +68,7 @@ def read_cam(path: str | Path, options: CamTable | None = None) -> CamFile:
     if reader is None:
         known = " ".join((".csv", *list_suffixes()))
         raise InputError(f"unknown kind of toolpath file '{path.suffix}', choose from {known}", file=path)
-    options = options or CamTable()
+    options = use_machine(options or CamTable(), path)
     file: CamFile = reader.read(text, path, options)
     if options.feed_mm_s is not None:
         file = set_missing_feed(file, options.feed_mm_s)

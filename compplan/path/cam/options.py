@@ -12,6 +12,8 @@ from compplan.files.tomlfile import StrictTable
 #: A coordinate [mm].
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
 Vector = Annotated[list[Coordinate], Field(min_length=3, max_length=3)]
+#: Rotary axes of a machine, that which carries the other first.
+Axes = Annotated[list[Literal["A", "B", "C", "-A", "-B", "-C"]], Field(min_length=1, max_length=2)]
 WCS = r"^[Gg](54\.1|154) ?[Pp]\d{1,3}$|^[Gg](5[4-9](\.\d)?|5\d\d)$"
 
 
@@ -39,6 +41,8 @@ class CamTable(StrictTable):
     arc_centres: how G-code I J K count in files that do not say it (left out: incremental, unless only another reading
         puts every arc of the file on a circle; then with a note).
     circle_sense: how the axis of an APT CIRCLE tells the sense (auto: as the words of the record say).
+    machine: name of the machine that the file is made for: its rotary axes and distances stand under that name in the
+        table that ships (compplan doctor lists it) or in NAME.toml beside the file. Stated keys come before it.
     rotary: what the A B C words of a file turn: the tool (head), the part (table), or both; or they are left out
         (ignore). A file whose A B C turn something is refused without it.
     rotary_axes: the rotary axes, that which carries the other first (in a head_table the head's first); "-C" for a
@@ -65,8 +69,9 @@ class CamTable(StrictTable):
     chord_tolerance_mm: float = Field(default=0.001, ge=1e-6, le=10.0)
     arc_centres: Literal["incremental", "absolute", "reversed"] | None = None
     circle_sense: Literal["auto", "right_hand", "left_hand"] = "auto"
+    machine: Annotated[str, Field(pattern=r"^[A-Za-z0-9][\w-]{0,63}$")] | None = None
     rotary: Literal["head", "table", "head_table", "ignore"] | None = None
-    rotary_axes: list[Literal["A", "B", "C", "-A", "-B", "-C"]] | None = Field(default=None, min_length=1, max_length=2)
+    rotary_axes: Axes | None = None
     rotary_centre_mm: Vector | None = None
     rotary_offset_mm: Vector = Field(default_factory=lambda: [0.0, 0.0, 0.0])
     pivot_mm: float | None = Field(default=None, ge=0.0, le=1e5)

@@ -46,7 +46,7 @@ class Rotary:
         if self.unknown:
             words = " ".join(f"{letter}{angle:g}" for letter, angle in self.angles.items() if angle)
             raise ValueError(f"rotary words {words} turn the tool or the part; state which with rotary = "
-                             '"head", "table" or "head_table" (--rotary)')  # fmt: skip
+                             '"head", "table" or "head_table" (--rotary), or machine = "NAME"')  # fmt: skip
 
     def point_tool(self, angles: Mapping[str, float] | None = None) -> Point:
         """Return the tool axis in the part, for these angles or for those in force.
