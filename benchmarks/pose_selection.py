@@ -6,19 +6,38 @@ Run: python benchmarks/pose_selection.py
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.identify.parameters import build_structure, own_springs
 from compplan.identify.pose_choice import (
+    PoseCandidates,
     choose_poses,
     compare_with_random,
-    dexterous_candidates,
     draw_candidates,
     weigh_candidates,
 )
-from compplan.robot import load_robot
+from compplan.robot import Robot, load_robot
+from compplan.statics.chain import build_chain
+from compplan.statics.quality import find_characteristic_length, quality_of_poses
 
 ROBOTS = ("kuka_kr270", "staubli_tx200", "kuka_kr240")
 POSES, CANDIDATES = 20, 1500
+
+
+def dexterous_candidates(robot: Robot, candidates: PoseCandidates, share: float = 0.25) -> NDArray[np.int_]:
+    """Find the candidates in the most dexterous postures, as Dumas' zones choose them [Dumas2011, Table I].
+
+    The Jacobian is taken over the length that makes the best of them most isotropic.
+
+    Args:
+        robot: The robot.
+        candidates: The candidates.
+        share: Share of the candidates that counts as dexterous.
+    """
+    chain = build_chain(robot)
+    length = find_characteristic_length(chain, candidates.q)
+    quality = quality_of_poses(chain, candidates.q, length)
+    return np.flatnonzero(quality >= np.quantile(quality, 1 - share))
 
 
 def main() -> None:

@@ -10,17 +10,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest
 
 from compplan.errors import UnknownNameError
 from compplan.identify.estimate import Estimate, estimate_parameters
 from compplan.identify.forward import KNOWN_FRAMES, predict_rows
-from compplan.identify.observations import Observations, simulate_observations
+from compplan.identify.observations import Observations, make_observations
 from compplan.identify.parameters import FreeRobot, build_structure, link_springs, own_springs
 from compplan.identify.pose_choice import draw_candidates
 from compplan.robot import Array, Body, LinkElasticity, Robot, Spring
+from compplan.statics.chain import build_chain
+from compplan.statics.elastic import solve_equilibrium
 
 #: Models of a round trip: what is soft, how it is loaded, and what is unknown besides.
 MODELS = ("joints", "extra springs", "base plate", "links", "gravity", "double encoders", "frames", "differences")
@@ -28,6 +30,59 @@ MODELS = ("joints", "extra springs", "base plate", "links", "gravity", "double e
 ASSUMED_MASS = 60.0
 ASSUMED_LINK = np.diag([5e-9, 5e-9, 1e-9, 5e-8, 5e-8, 1e-7])
 GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+def simulate_observations(
+    robot: Robot,
+    q: Array,
+    wrench: Array,
+    *,
+    seed: int | None = None,
+    tracker: Array | None = None,
+    orientation: bool = True,
+    sigma_rotation: float = 5e-5,
+    link_side: ArrayLike = False,
+) -> Observations:
+    """Simulate a campaign: exact equilibrium, seen by a laser tracker.
+
+    Noise of position is 15 um + 6 um/m of the distance from the tracker, per axis; without a seed there is none.
+
+    Args:
+        robot: The true robot.
+        q: Commanded joint positions. Shape (n, nq). [rad, m]
+        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
+        seed: Seed of the noise.
+        tracker: Place of the tracker, base frame; (4, 0, 1) if left out. Shape (3,). [m]
+        orientation: Whether orientation is measured too.
+        sigma_rotation: Standard deviation of orientation per axis, assumed. [rad]
+        link_side: Rows whose q are link-side readings. Scalar or shape (n,).
+    """
+    q = np.atleast_2d(np.asarray(q, float))
+    mask = np.broadcast_to(np.asarray(link_side, bool), (len(q),))
+    chain = build_chain(robot)
+    soft = solve_equilibrium(chain, q, wrench, tolerance=1e-12)
+    position, rotation = soft.position.copy(), soft.rotation.copy()
+    if mask.any():
+        matrix = chain.compliance.copy()
+        matrix[chain.actuator] = 0.0
+        matrix[:, chain.actuator] = 0.0
+        stiff = solve_equilibrium(replace(chain, compliance=matrix), q, wrench, tolerance=1e-12)
+        position[mask], rotation[mask] = stiff.position[mask], stiff.rotation[mask]
+    station = np.array([4.0, 0.0, 1.0]) if tracker is None else np.asarray(tracker, float)
+    sigma = 15e-6 + 6e-6 * np.linalg.norm(position - station, axis=1)
+    if seed is not None:
+        rng = np.random.default_rng(seed)
+        position = position + sigma[:, None] * rng.standard_normal(position.shape)
+        rotation = Rotation.from_rotvec(sigma_rotation * rng.standard_normal(position.shape)).as_matrix() @ rotation
+    return make_observations(
+        q,
+        wrench,
+        position,
+        rotation if orientation else None,
+        sigma_position=sigma,
+        sigma_rotation=sigma_rotation,
+        link_side=mask,
+    )
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
+from benchmarks.round_trip import simulate_observations
 from compplan.cli import group
 from compplan.errors import InputError, UnknownNameError
-from compplan.identify import simulate_observations
 from compplan.identify.campaign import identify_campaign
 from compplan.identify.parameters import link_springs
 from compplan.identify.pose_choice import draw_candidates

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.round_trip import simulate_observations
 from compplan.identify import Observations, build_structure, estimate_parameters, make_observations
-from compplan.identify.observations import simulate_observations
 from compplan.identify.parameters import link_springs
 from compplan.identify.pose_choice import draw_candidates
 from compplan.robot import Robot, load_robot

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.round_trip import simulate_observations
 from compplan.errors import InputError, ShapeError, UnknownNameError
 from compplan.identify import (
     build_structure,
@@ -15,7 +16,6 @@ from compplan.identify import (
     make_observations,
     own_springs,
     reduce_model,
-    simulate_observations,
 )
 from compplan.identify.pose_choice import draw_candidates
 from compplan.robot import Robot, load_robot

@@ -8,14 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.pose_selection import dexterous_candidates
+from benchmarks.round_trip import simulate_observations
 from compplan.errors import InputError
-from compplan.identify import build_structure, estimate_parameters, own_springs, simulate_observations
+from compplan.identify import build_structure, estimate_parameters, own_springs
 from compplan.identify.plan_campaign import plan_campaign
 from compplan.identify.pose_choice import (
     PoseInformation,
     choose_poses,
     compare_with_random,
-    dexterous_candidates,
     draw_candidates,
     weigh_candidates,
 )

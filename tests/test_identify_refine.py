@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.round_trip import simulate_observations
 from compplan.errors import InputError
-from compplan.identify import build_structure, candidate_springs, estimate_parameters, simulate_observations
+from compplan.identify import build_structure, candidate_springs, estimate_parameters
 from compplan.identify.forward import KNOWN_FRAMES, pose_residuals, predict_rows
 from compplan.identify.heldout import distance_rms, gain_score, leave_out, linearise_at, make_folds, visited_poses
 from compplan.identify.pose_choice import draw_candidates

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from compplan.identify import build_structure, estimate_parameters, own_springs, simulate_observations
+from benchmarks.round_trip import simulate_observations
+from compplan.identify import build_structure, estimate_parameters, own_springs
 from compplan.identify.forward import KNOWN_FRAMES
 from compplan.identify.pose_choice import draw_candidates
 from compplan.robot import LinkElasticity, Robot, Spring, load_robot

@@ -19,7 +19,7 @@ from compplan.robot.soft_limits import describe_soft_limits
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 from compplan.statics.elastic import cartesian_compliance
 from compplan.statics.ik import middle_of_limits
-from compplan.statics.quality import find_characteristic_length, quality_of_poses
+from compplan.statics.quality import natural_length, quality_of_poses
 
 #: Softest-direction deflection under 1 kN that industrial arms of 3 kg to 1000 kg payload show, with room (assumed;
 #: papers give .1 to 5 mm). [m]
@@ -132,7 +132,7 @@ def _look_at_geometry(robot: Robot) -> Iterator[Remark]:
     if robot.nq < 6:
         yield Remark("note", "geometry", f"{robot.nq} joints: orientation of the tool is not free")
         return
-    best = float(np.max(quality_of_poses(chain, q, find_characteristic_length(chain, q))))
+    best = float(np.max(quality_of_poses(chain, q, natural_length(chain, (robot.lower, robot.upper)))))
     rank = int(np.linalg.matrix_rank(joint_jacobian(chain, locate_frames(chain, q))[0]))
     if best < POOR or rank < 6:
         yield Remark("odd", "geometry", f"the best pose has inverse condition {best:.3g}", "are two axes the same?")

@@ -2,7 +2,7 @@
 
 from compplan.identify.estimate import Estimate, estimate_parameters
 from compplan.identify.forward import KNOWN_FRAMES, predict_rows
-from compplan.identify.observations import Observations, make_observations, simulate_observations
+from compplan.identify.observations import Observations, make_observations
 from compplan.identify.parameters import FreeRobot, Parameter, build_structure, candidate_springs, own_springs
 from compplan.identify.reduce import ReducedModel, reduce_model
 from compplan.identify.separability import Inseparable
@@ -22,5 +22,4 @@ __all__ = [
     "own_springs",
     "predict_rows",
     "reduce_model",
-    "simulate_observations",
 ]

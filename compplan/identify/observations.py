@@ -6,12 +6,9 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from compplan.errors import ShapeError
-from compplan.robot import Array, Robot
-from compplan.statics.chain import build_chain
-from compplan.statics.elastic import solve_equilibrium
+from compplan.robot import Array
 
 #: Assumed where a log states no standard deviation: they set the weight of orientation against position to begin with;
 #: both are then replaced by what the residuals say.
@@ -119,57 +116,4 @@ def make_observations(
         row=np.arange(n),
         encoder=extra,
         sigma_encoder=sigma_encoder,
-    )
-
-
-def simulate_observations(
-    robot: Robot,
-    q: Array,
-    wrench: Array,
-    *,
-    seed: int | None = None,
-    tracker: Array | None = None,
-    orientation: bool = True,
-    sigma_rotation: float = 5e-5,
-    link_side: ArrayLike = False,
-) -> Observations:
-    """Simulate a campaign: exact equilibrium, seen by a laser tracker.
-
-    Noise of position is 15 um + 6 um/m of the distance from the tracker, per axis; without a seed there is none.
-
-    Args:
-        robot: The true robot.
-        q: Commanded joint positions. Shape (n, nq). [rad, m]
-        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
-        seed: Seed of the noise.
-        tracker: Place of the tracker, base frame; (4, 0, 1) if left out. Shape (3,). [m]
-        orientation: Whether orientation is measured too.
-        sigma_rotation: Standard deviation of orientation per axis, assumed. [rad]
-        link_side: Rows whose q are link-side readings. Scalar or shape (n,).
-    """
-    q = np.atleast_2d(np.asarray(q, float))
-    mask = np.broadcast_to(np.asarray(link_side, bool), (len(q),))
-    chain = build_chain(robot)
-    soft = solve_equilibrium(chain, q, wrench, tolerance=1e-12)
-    position, rotation = soft.position.copy(), soft.rotation.copy()
-    if mask.any():
-        matrix = chain.compliance.copy()
-        matrix[chain.actuator] = 0.0
-        matrix[:, chain.actuator] = 0.0
-        stiff = solve_equilibrium(replace(chain, compliance=matrix), q, wrench, tolerance=1e-12)
-        position[mask], rotation[mask] = stiff.position[mask], stiff.rotation[mask]
-    station = np.array([4.0, 0.0, 1.0]) if tracker is None else np.asarray(tracker, float)
-    sigma = 15e-6 + 6e-6 * np.linalg.norm(position - station, axis=1)
-    if seed is not None:
-        rng = np.random.default_rng(seed)
-        position = position + sigma[:, None] * rng.standard_normal(position.shape)
-        rotation = Rotation.from_rotvec(sigma_rotation * rng.standard_normal(position.shape)).as_matrix() @ rotation
-    return make_observations(
-        q,
-        wrench,
-        position,
-        rotation if orientation else None,
-        sigma_position=sigma,
-        sigma_rotation=sigma_rotation,
-        link_side=mask,
     )

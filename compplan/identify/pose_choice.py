@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +15,10 @@ from compplan.identify.observations import Observations, make_observations
 from compplan.identify.parameters import FreeRobot, Parameter
 from compplan.identify.separability import find_free
 from compplan.identify.system import invert
+from compplan.known.exchange import exchange_taken, take_greedily
 from compplan.measure.registration import Registration
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, locate_frames
-from compplan.statics.quality import find_characteristic_length, quality_of_poses
 
 MAX_SWEEPS = 30
 #: Limits on standard errors are aimed at with this margin, and weighed against the determinant by this factor.
@@ -184,31 +185,16 @@ def choose_poses(
     sizes = np.array([parameter.size for parameter in information.parameters])
     bound = None if limits is None else (LIMIT_MARGIN * np.asarray(limits) / sizes) ** 2
     # A weak prior of ten typical sizes makes the first choices well defined.
-    matrix = 1e-2 * np.eye(rows.shape[2])
-    chosen = np.zeros(len(pool), bool)
-    for _ in range(count):
-        best = int(np.argmax(np.where(chosen, -np.inf, _gains(rows, matrix, None))))
-        chosen[best] = True
-        matrix += rows[best].T @ rows[best]
-    for goal in (None,) if bound is None else (None, bound):
-        _exchange(rows, matrix, chosen, goal)
+    prior = 1e-2 * np.eye(rows.shape[2])
+
+    def worth(taken: list[int], goal: Array | None = None) -> Array:
+        flat = rows[taken].reshape(-1, rows.shape[2])
+        return _gains(rows, prior + flat.T @ flat, goal)
+
+    chosen = exchange_taken(worth, sorted(take_greedily(worth, count)), MAX_SWEEPS)
+    if bound is not None:
+        chosen = exchange_taken(partial(worth, goal=bound), sorted(chosen), MAX_SWEEPS)
     return np.sort(pool[chosen])
-
-
-def dexterous_candidates(robot: Robot, candidates: PoseCandidates, share: float = 0.25) -> NDArray[np.int_]:
-    """Find the candidates in the most dexterous postures, as Dumas' zones choose them [Dumas2011, Table I].
-
-    The Jacobian is taken over the length that makes the best of them most isotropic.
-
-    Args:
-        robot: The robot.
-        candidates: The candidates.
-        share: Share of the candidates that counts as dexterous.
-    """
-    chain = build_chain(robot)
-    length = find_characteristic_length(chain, candidates.q)
-    quality = quality_of_poses(chain, candidates.q, length)
-    return np.flatnonzero(quality >= np.quantile(quality, 1 - share))
 
 
 def compare_with_random(
@@ -232,23 +218,6 @@ def compare_with_random(
     pool = np.arange(len(information.rows)) if allowed is None else np.asarray(allowed)
     errors = [information.standard_errors(rng.choice(pool, count, replace=False)) for _ in range(draws)]
     return np.asarray(np.median(errors, axis=0))
-
-
-def _exchange(rows: Array, matrix: Array, chosen: NDArray[np.bool_], bound: Array | None) -> None:
-    """Exchange chosen candidates for better ones, in place, until no exchange helps."""
-    for _ in range(MAX_SWEEPS):
-        changed = False
-        for leaving in np.flatnonzero(chosen):
-            without = matrix - rows[leaving].T @ rows[leaving]
-            gain = _gains(rows, without, bound)
-            stay = gain[leaving]
-            gain[chosen] = -np.inf
-            best = int(np.argmax(gain))
-            if gain[best] > stay + 1e-9:
-                chosen[leaving], chosen[best], changed = False, True, True
-                matrix[:] = without + rows[best].T @ rows[best]
-        if not changed:
-            return
 
 
 def _gains(rows: Array, matrix: Array, bound: Array | None) -> Array:

@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.known.exchange import exchange_taken, take_greedily
 from compplan.loop.candidates import Candidates
 from compplan.measure.distance import band_radius
 from compplan.promise.band import Slopes, split_covariance
@@ -168,17 +169,13 @@ def choose_measurements(design: Design, candidates: Candidates, count: int, star
     before = design.start if start is None else start
     rows = design.rows(candidates.slopes, candidates.tip, candidates.rotation)
     weight = design.target.T @ design.target
-    chosen: list[int] = []
-    covariance = before
-    for _ in range(count):
-        gains = measure_gains(covariance, rows, weight, design.noise)
-        gains[chosen] = -1.0
-        chosen.append(int(gains.argmax()))
-        covariance = learn_rows(covariance, rows[chosen[-1:]], design.noise)
-    for _ in range(ROUNDS):
-        if not _exchange(chosen, before, rows, weight, design.noise):
-            break
-    return grade_choice(design, rows, _sort(chosen, before, rows, weight, design.noise), before)
+
+    def worth(taken: list[int]) -> Array:
+        return measure_gains(learn_rows(before, rows[taken], design.noise), rows, weight, design.noise)
+
+    chosen = exchange_taken(worth, take_greedily(worth, count), ROUNDS)
+    order = take_greedily(lambda taken: worth([chosen[k] for k in taken])[chosen], count)
+    return grade_choice(design, rows, [chosen[k] for k in order], before)
 
 
 def grade_choice(design: Design, rows: Array, chosen: Sequence[int], before: Array) -> Choice:
@@ -198,27 +195,3 @@ def random_choice(design: Design, candidates: Candidates, count: int, seed: int,
     rows = design.rows(candidates.slopes, candidates.tip, candidates.rotation)
     picked = np.random.default_rng(seed).choice(len(rows), size=count, replace=count > len(rows))
     return grade_choice(design, rows, picked.tolist(), design.start if start is None else start)
-
-
-def _exchange(chosen: list[int], before: Array, rows: Array, weight: Array, noise: float) -> bool:
-    """Try to replace each measurement by a better one; tell whether any was."""
-    better = False
-    for place in range(len(chosen)):
-        others = chosen[:place] + chosen[place + 1 :]
-        gains = measure_gains(learn_rows(before, rows[others], noise), rows, weight, noise)
-        gains[others] = -1.0
-        best = int(gains.argmax())
-        if gains[best] > gains[chosen[place]] * (1.0 + 1e-9) and best != chosen[place]:
-            chosen[place] = best
-            better = True
-    return better
-
-
-def _sort(chosen: list[int], before: Array, rows: Array, weight: Array, noise: float) -> list[int]:
-    """Order measurements by what each adds to those before it."""
-    left, order, covariance = list(chosen), [], before
-    while left:
-        gains = measure_gains(covariance, rows[left], weight, noise)
-        order.append(left.pop(int(gains.argmax())))
-        covariance = learn_rows(covariance, rows[order[-1:]], noise)
-    return order

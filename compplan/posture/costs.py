@@ -20,6 +20,7 @@ import numpy as np
 from compplan.errors import InputError, UnknownNameError
 from compplan.robot import Array
 from compplan.statics.chain import Chain, Frames, jacobian, joint_jacobian, load_elements, locate_frames
+from compplan.statics.quality import natural_length
 
 CHUNK = 4096
 #: Samples of the errors for the 95 % value; fixed, so that postures compare alike.
@@ -259,14 +260,6 @@ def measure_dexterity(joint_columns: Array, length: float) -> Array:
     gram += (1e-14 * trace)[:, None, None] * np.eye(6)
     inverse = np.trace(np.linalg.inv(gram), axis1=1, axis2=2)
     return np.asarray(6.0 / np.sqrt(np.maximum(trace * inverse, 36.0)))
-
-
-def natural_length(chain: Chain, limits: tuple[Array, Array]) -> float:
-    """Return the length that balances linear and angular rows of the Jacobian over the joint ranges [m]."""
-    lower, upper = (np.clip(limit, -np.pi, np.pi) for limit in limits)
-    q = lower + (upper - lower) * np.random.default_rng(0).random((64, chain.nq))
-    columns = joint_jacobian(chain, locate_frames(chain, q))
-    return float(np.sqrt((columns[:, :3] ** 2).sum() / max((columns[:, 3:] ** 2).sum(), 1e-12)))
 
 
 @cache

@@ -100,8 +100,18 @@ def quality_of_poses(chain: Chain, q: Array, length: float) -> Array:
     return inverse_condition(normalise_jacobian(joint_jacobian(chain, locate_frames(chain, q)), length))
 
 
+def natural_length(chain: Chain, limits: tuple[Array, Array]) -> float:
+    """Return the characteristic length of an arm: it balances linear and angular rows over the joint ranges. [m]."""
+    lower, upper = (np.clip(limit, -np.pi, np.pi) for limit in limits)
+    q = lower + (upper - lower) * np.random.default_rng(0).random((64, chain.nq))
+    columns = joint_jacobian(chain, locate_frames(chain, q))
+    return float(np.sqrt((columns[:, :3] ** 2).sum() / max((columns[:, 3:] ** 2).sum(), 1e-12)))
+
+
 def find_characteristic_length(chain: Chain, q: Array) -> float:
-    """Find the length that makes the best of some poses as isotropic as can be [Angeles1992].
+    """Find the length that makes the best of some poses as isotropic as can be [Angeles1992], as the papers have it.
+
+    The product itself takes `natural_length` everywhere, so that plans and maps mean the same by dexterity.
 
     Args:
         chain: The chain.

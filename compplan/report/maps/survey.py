@@ -15,7 +15,7 @@ from compplan.report.maps.reach import ELBOWS, make_plane, reach_plane, stand_of
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain
 from compplan.statics.ik import build_arm, middle_of_limits
-from compplan.statics.quality import DexterityMap, find_characteristic_length, map_dexterity, quality_of_poses
+from compplan.statics.quality import DexterityMap, map_dexterity, natural_length, quality_of_poses
 
 REDUCTION = "400 random poses inside the limits, random forces of 1000 N with moments of 300 N m, 1 rad counts as 1 m"
 WRIST_FOR_QUALITY_DEG = 45.0
@@ -159,8 +159,7 @@ def _map_joints(robot: Robot, chain: Any, first: int, second: int) -> tuple[floa
     q[second + 1 :] = np.clip(wrist, robot.lower[second + 1 :], robot.upper[second + 1 :])
     lower, upper = np.maximum(robot.lower, -1.5 * np.pi), np.minimum(robot.upper, 1.5 * np.pi)
     sides = [np.linspace(lower[j], upper[j], 90) for j in (first, second)]
-    coarse = map_dexterity(chain, q, (first, second), sides[0][::4], sides[1][::4], 1.0)
-    length = find_characteristic_length(chain, coarse.q.reshape(-1, robot.nq))
+    length = natural_length(chain, (robot.lower, robot.upper))
     return length, map_dexterity(chain, q, (first, second), sides[0], sides[1], length)
 
 
