@@ -1,16 +1,19 @@
 """Curves over a joint's angle: a gear error has a period and may have overtones; a curve without one names no cause."""
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from compplan.diagnose import doubt
+from compplan.diagnose import diagnose_campaign, doubt
+from compplan.diagnose.gears import repeats
 from compplan.diagnose.proposals import find_series, wave_grid
 from compplan.diagnose.search import Claim
 from compplan.diagnose.verdict import SHAPELESS, Finding, Structure, count_lawful, count_values, leave_shapeless
 from compplan.effects import Effect
+from tests.simulated_campaigns import measure, plan_rows, write_small_robot
 
 POSES = 45
 
@@ -74,6 +77,35 @@ def test_a_curve_without_a_law_is_said_to_follow_its_joint() -> None:
     left = leave_shapeless(structure, findings)
     assert left.left and [(d.effect.joint, d.effect.axis) for d in left.dependences] == [("joint_0", "its own angle")]
     assert leave_shapeless(structure, findings[1:]) is structure
+
+
+def test_a_wave_of_a_gear_has_one_size_and_phase_in_both_halves_of_the_poses() -> None:
+    """Worse than no wave is what one half predicts of the other where their product is less than half of a square."""
+    wave = np.array([0, 1])
+    same = np.array([[1.0, 0.0], [0.9, 0.2], [1.0, 0.1], [0.8, -0.1]])
+    assert repeats(same, wave)
+    turned = same.copy()
+    turned[1::2] = turned[1::2, ::-1] * [1.0, -1.0]
+    assert not repeats(turned, wave)
+    smaller = same.copy()
+    smaller[1::2] *= 0.4
+    assert not repeats(smaller, wave)
+    # a curve of which each half fits something else is no gear, whatever each half gains
+    assert not repeats(np.random.default_rng(2).normal(size=(8, 2)), wave)
+
+
+@pytest.mark.slow
+def test_a_gear_of_several_waves_is_named_and_an_arch_that_does_not_repeat_is_not(tmp_path: Path) -> None:
+    robot = write_small_robot(tmp_path / "small")
+    rows = plan_rows(robot, 61, poses=80, loads=0)
+    gear = {"cycles_per_turn": [6.0, 11.0, 17.0], "sine_rad": [2e-4, 2e-4, 2e-4], "cosine_rad": [1e-4, -2e-4, 1e-4]}
+    arch = {"centre_rad": [0.1], "width_rad": [0.8], "height_rad": [8e-4]}
+    named = []
+    for shape in (gear, arch):
+        seen = measure(robot, rows, [Effect("transmission_error", "joint_2", None, shape)], 61)
+        named.append([f.effect.place[:2] for f in diagnose_campaign(robot, seen).verdict.findings])
+    assert ("transmission_error", "joint_2") in named[0]
+    assert ("transmission_error", "joint_2") not in named[1]
 
 
 @pytest.mark.parametrize(("ahead", "claimed"), [(0.5, "joint_stiffness"), (6.0, "stiffness_nonlinearity")])

@@ -21,6 +21,7 @@ from compplan.diagnose import (
     doubt,
     fit,
     gap_tables,
+    gears,
     held_out,
     next_measurement,
     posterior,
@@ -31,6 +32,7 @@ from compplan.diagnose import (
 from compplan.diagnose.search import Claim
 from compplan.diagnose.unmodelled import UNMODELLED
 from compplan.effects import Effect
+from compplan.effects.signature import Signature
 
 
 def ask_names(bench: Bench) -> Any:
@@ -363,3 +365,32 @@ def ask_calibrated(bench: Bench) -> Any:
     structure = verdict.Structure(0.0, 0.0, 1.0, 0.0, 0.0, True, 0.01)
     unknown = verdict.Verdict("unknown", (), (), (), structure)
     return [verdict.judge_calibration(unknown, 1.0, after).status for after in (0.1, 0.3)]
+
+
+def ask_gears(bench: Bench) -> Any:
+    """Which of several waves are those of a gear: by what they gain, how halves agree, and what they carry."""
+    waves = Signature(
+        "transmission_error", "joint_2", None, "waves 5 9", ("a", "b", "c", "d"), np.ones(4), np.zeros((0, 6, 4)),
+        fixed={"cycles_per_turn": [5.0, 9.0]}, lawful=False,
+    )  # fmt: skip
+    ledger = SimpleNamespace(signatures=[waves], columns=lambda number: np.arange(4))
+    q = np.linspace(0.0, 6.0, 9)[:, None] * np.ones(6)
+    fit = SimpleNamespace(
+        at=SimpleNamespace(robot=SimpleNamespace(joint_names=["joint_2"])),
+        problem=SimpleNamespace(campaign=SimpleNamespace(q=q)),
+    )
+    answers = []
+    for gain in (5.0, 50.0):
+        for agree in (1.0, 0.3, -1.0):
+            for rest in (1.2, 1.6):
+                # the first wave alone, and both together
+                lost = {2: gain, 4: rest * gain}
+                posterior = SimpleNamespace(
+                    loss_without=lambda own, lost=lost: 0.1 if own[0] == 2 and len(own) == 2 else lost[len(own)]
+                )
+                model = SimpleNamespace(posterior=posterior)
+                asked = SimpleNamespace(search=SimpleNamespace(ledger=ledger), model=model)
+                halves = np.tile([[1.0, 0.0, 1.0, 0.0], [1.0, 0.0, 1.0, 0.0]], (4, 1))
+                halves[1::4] *= agree
+                answers.append(gears._is_gear(fit, asked, Claim(0, 1.0), halves))  # type: ignore[arg-type]
+    return answers

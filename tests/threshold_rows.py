@@ -136,6 +136,12 @@ ROWS: dict[str, dict[str, Row]] = {
         "STRETCH_ROWS": ("stretches", 1, 1000),
         "THIRDS": ("told", (1.0, 2.0), (98.0, 99.0)),
     },
+    "gears": {
+        "OWN_GAIN": ("gears", 1.0, 100.0),
+        "PREDICTS": ("gears", -2.0, 2.0),
+        "AGREED": ("gears", 0.1, 1.1),
+        "MOST_OF_IT": ("gears lawful", 0.1, 0.9),
+    },
     "held_out": {
         "FOLDS": ("blocks", 2, 50),
         "RUN_OF_BLOCKS": ("blocks", 1, 30),
@@ -353,7 +359,6 @@ ROWS: dict[str, dict[str, Row]] = {
         "STEPS": ("left", 0, None, TIME),
         "LEFT_TO_NOISE": ("verdict", None, 1.0, FAR),
         "SHAPELESS": ("shapeless", 0.0, 1.0),
-        "MOST_OF_IT": ("lawful", 0.1, 0.9),
     },
 }  # fmt: skip
 #: Probes that take seconds.

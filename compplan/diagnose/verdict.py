@@ -12,6 +12,7 @@ from compplan.diagnose.ambiguity import Rival, find_rivals
 from compplan.diagnose.certainty import Evidence, rate_certainty
 from compplan.diagnose.doubt import AS_WELL, Doubt
 from compplan.diagnose.evidence import Hyper
+from compplan.diagnose.gears import MOST_OF_IT, find_gears
 from compplan.diagnose.imitation import rate_imitations
 from compplan.diagnose.ledger import forms_that_hold
 from compplan.diagnose.likeness import rate_likenesses
@@ -53,9 +54,6 @@ SPOKEN_OF = 0.4
 #: Probability of a claim that errors without a name explain as well, and of one whose form is no law of its effect
 #: (assumed: one in five; one in ten).
 GIVEN_UP, SHAPELESS = 0.2, 0.1
-#: A lawful form explains most of what a curve of no law does where it has this part of its log evidence (assumed: in
-#: drawn campaigns true gear errors have .85 and more but for one, other causes mostly less than .6).
-MOST_OF_IT = 0.75
 #: Margins beyond this are not told apart; steps of the fit of noise without errors that have no name (assumed).
 MOST_MARGIN, STEPS = 1e3, 8
 #: Share of the values that is left to the noise at least, however many a model takes (assumed).
@@ -140,8 +138,10 @@ def reach_verdict(fit: Fit, doubt: Doubt) -> Verdict:
     """
     structure = measure_structure(fit, doubt)
     repeated, imitated, alike = count_repetitions(fit, doubt), rate_imitations(fit, doubt), rate_likenesses(fit, doubt)
+    gears = find_gears(fit, doubt)
     findings = [
-        weigh_claim(fit, doubt, c, (repeated[c], imitated[c], *alike[c]), structure) for c in doubt.model.claims
+        weigh_claim(fit, doubt, c, (repeated[c], imitated[c], *alike[c]), structure, gear=c in gears)
+        for c in doubt.model.claims
     ]
     findings = sorted((name_far_zero(f) for f in findings), key=lambda f: -f.explained)
     small = NAMEABLE * structure.floor
@@ -173,7 +173,8 @@ def judge_calibration(verdict: Verdict, before: float, after: float) -> Verdict:
 
 
 def weigh_claim(
-    fit: Fit, doubt: Doubt, claim: Claim, checks: tuple[float, float, float, float], structure: Structure
+    fit: Fit, doubt: Doubt, claim: Claim, checks: tuple[float, float, float, float], structure: Structure, *,
+    gear: bool = False,
 ) -> Finding:  # fmt: skip
     """Compare the model with the best ones that lack a claim, among errors that no effect makes.
 
@@ -184,12 +185,14 @@ def weigh_claim(
         checks: Share of the halves of the campaign that tell it, too; probability that a cause without a name would be
             explained as fully; likeness of what is left, without and with errors that no effect makes.
         structure: What is left.
+        gear: Whether it is several waves of a gear, each of which pays for itself.
     """
     values = doubt.model.posterior.values(doubt.search.ledger.p)
     rivals = find_rivals(fit, claim.signature, values[: fit.search.ledger.p])
     alike = {r.place for r in rivals if r.alike}
     margin = margin_of(doubt.search, doubt.model.claims, doubt.model.posterior.hyper, claim, alike)
-    lawful = count_lawful(doubt, claim)
+    # each wave of a gear pays for itself: sine and cosine
+    lawful = 2 if gear else count_lawful(doubt, claim)
     plain = margin
     if claim in fit.model.claims:
         plain = margin_of(fit.search, fit.model.claims, fit.model.posterior.hyper, claim, alike)
