@@ -9,19 +9,10 @@ import pytest
 
 from compplan.cell.predict import predict_campaign
 from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.blend import (
-    Option,
-    blend_options,
-    build_state,
-    decide_once,
-    hold_out_blend,
-    list_options,
-    rate_chance,
-    solve_option,
-    stack_weights,
-)
+from compplan.diagnose.blend import blend_options, build_state, hold_out_blend, is_faithful, stack_weights
 from compplan.diagnose.delivery import possible_claims
 from compplan.diagnose.held_out import Folds, make_folds
+from compplan.diagnose.options import Option, decide_once, list_options, rate_chance, solve_option
 from compplan.diagnose.search import Claim
 from compplan.diagnose.shares import UNEXPLAINED
 from compplan.diagnose.small_errors import divide_small_errors
@@ -170,3 +161,14 @@ def test_the_page_says_what_small_errors_are_of_and_never_plans_with_a_nominal_r
     unknown = {"status": "unknown", "effects": []}
     told = [open_diagnosis(unknown, {}, kind, "").next for kind in ("nominal", "calibrated")]
     assert "Plan with" not in told[0] and told[1].startswith("Plan with the updated robot")
+
+
+def test_a_model_whose_exact_robot_does_not_do_what_derivatives_promise_has_no_part(diagnosis: Diagnosis) -> None:
+    """A zero that is off by half a turn: first order moves the tool along a line, the robot along an arc."""
+    folds = fold(diagnosis)
+    ledger = folds.fit.search.ledger
+    solved = solve_option(folds, Option("plain calibration", wide=True))
+    assert is_faithful(folds.fit, solved)
+    far = solved.posterior.mean.copy()
+    far[np.searchsorted(solved.posterior.columns, ledger.columns_named("joint_offset")[1])] = 3.0 / 1e-3
+    assert not is_faithful(folds.fit, replace(solved, posterior=replace(solved.posterior, mean=far)))

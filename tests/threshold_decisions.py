@@ -24,6 +24,7 @@ from compplan.diagnose import (
     gears,
     held_out,
     next_measurement,
+    options,
     posterior,
     probe,
     restart,
@@ -355,8 +356,8 @@ def ask_blend(bench: Bench) -> Any:
     """Weights of models that may go out, and what each leaves of poses that it never saw."""
     folds = held_out.Folds(bench.small_fit, held_out.make_folds(bench.few))
     claims = bench.small_fit.model.claims
-    decide = blend.decide_once(folds, claims)
-    mixed = blend.blend_options(folds, blend.list_options([], claims, decide), np.ones(len(folds.pose), bool))
+    decide = options.decide_once(folds, claims)
+    mixed = blend.blend_options(folds, options.list_options([], claims, decide), np.ones(len(folds.pose), bool))
     return [decide is None, mixed.weights, mixed.by_fold, [one.residual for one in mixed.solved]]
 
 

@@ -34,10 +34,7 @@ ROWS: dict[str, dict[str, Row]] = {
         "PRESENT": ("priors", 1e-6, 0.999),
         "RARE": ("priors", {"gravity_compensator": 1e-6}, {}),
     },
-    "blend": {
-        "WIDE": ("blend", {"joint_offset": ("zeros", 1e-6)}, {"joint_offset": ("zeros", 1e3)}),
-        "MANY_STAYS": ("blend", 0, None, "the log has fewer"),
-    },
+    "blend": {"FAITHFUL": ("blend", 1e-9, None, "the exact models of these small errors do as promised")},
     "calibration": {
         "TOLD": ("told_frames", 1e-9, 1e3),
         "SHOWN": ("told", {"m": ("mm", 1.0), "rad": ("deg", 1.0)}, {"m": ("mm", 1e6), "rad": ("deg", 1e6)}),
@@ -225,6 +222,10 @@ ROWS: dict[str, dict[str, Row]] = {
         "ALIKE": ("noise", -1.0, 1e3),
     },
     "offers": {"REGISTRATION_SCALE": ("priors", 1e-6, 1.0)},
+    "options": {
+        "WIDE": ("blend", {"joint_offset": ("zeros", 1e-6)}, {"joint_offset": ("zeros", 1e3)}),
+        "MANY_STAYS": ("blend", 0, None, "the log has fewer"),
+    },
     "outliers": {
         "OUTLYING": ("outliers", None, 1e3, "then only those count that stand beyond all others"),
         "MOST": ("outliers", 1e-4, 1.0),

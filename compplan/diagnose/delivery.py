@@ -15,18 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnose.blend import (
-    Blend,
-    blend_options,
-    build_state,
-    decide_once,
-    hold_out_blend,
-    hold_out_lawful,
-    list_options,
-)
+from compplan.diagnose.blend import Blend, blend_options, build_state, hold_out_blend, hold_out_lawful
 from compplan.diagnose.channels import position_residual
 from compplan.diagnose.explanations import name_rivals
 from compplan.diagnose.held_out import Folds, HeldOut, with_claims
+from compplan.diagnose.options import decide_once, list_options
 from compplan.diagnose.polish import polish_fit, register_again
 from compplan.diagnose.posterior import state_uncertainty
 from compplan.diagnose.search import Claim
