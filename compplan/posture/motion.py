@@ -78,11 +78,14 @@ class MotionPrice:
         """
         figures = self.figures
         bend = duration * settle * (2 * np.pi * figures.frequency) ** 2
-        price = square / max(bend, 1e-12) ** 2
+        whole = share * float(self.lever[j])
+        price = square * (whole / max(bend, 1e-12) ** 2)
         if not self.slides[j]:
-            gear = 0.5 * figures.gear**2 + 0.25 * figures.lost**2
-            price += gear * np.minimum(square * (figures.periods / (2 * np.pi * share)) ** 2, 1.0)
-        return np.asarray(share * self.lever[j] * price)
+            gear = square * (figures.periods / (2 * np.pi * share)) ** 2
+            np.minimum(gear, 1.0, out=gear)
+            gear *= whole * (0.5 * figures.gear**2 + 0.25 * figures.lost**2)
+            price += gear
+        return price
 
 
 def price_motion(chain: Chain, q: Array, slides: NDArray[np.bool_], figures: MotionFigures) -> MotionPrice:

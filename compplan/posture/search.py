@@ -265,8 +265,8 @@ def _near_rows(
         for j in turning[[-1, -3]] if len(turning) >= 3 else turning:
             step = here[j][:, :, None] - source[j][:, None, :]
             if joints.turns[j]:
-                step -= 2 * np.pi * np.round(step / (2 * np.pi))
-            near &= np.abs(step) <= limit
+                _take_turns_out(step)
+            near &= np.abs(step, out=step) <= limit
     rows, which = np.nonzero(near.any(axis=2))
     return rows, which
 
@@ -277,11 +277,11 @@ def _cost_edges(
     """Cost edges, those beyond the greatest motion infinite. Shapes (nq, r, w), (nq, r) and (r, 1) give (r, w)."""
     motion, most, time, strayed = (np.zeros(source.shape[1:]) for _ in range(4))
     timed, limit = weights.time > 0 or weights.rate > 0, rungs.most_motion[i]
-    price = None if rungs.price is None or not rungs.cut_edge[i] > 0 else rungs.price
+    price = None if rungs.price is None or not rungs.cut_edge[i] > 0 or not weights.travel else rungs.price
     for j in range(len(here)):
         step = here[j][:, None] - source[j]
         if joints.turns[j]:
-            step -= 2 * np.pi * np.round(step / (2 * np.pi))
+            _take_turns_out(step)
         square = step * step
         motion += square
         if price is not None:
@@ -302,6 +302,14 @@ def _cost_edges(
     if not np.isfinite(limit):
         edge += np.where(most > EDGE, CHANGE, 0.0)
     return np.asarray(np.where(most <= limit, edge, np.inf))
+
+
+def _take_turns_out(step: Array) -> None:
+    """Take full turns out of motions, in place. [rad]."""
+    turns = step / (2 * np.pi)
+    np.rint(turns, out=turns)
+    turns *= 2 * np.pi
+    step -= turns
 
 
 def _follow(q: Array, turns: NDArray[np.bool_]) -> Array:

@@ -6,9 +6,11 @@ loaded state with finite rotations: theta = C (J(q, theta)^T w + tau_gravity(q, 
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.errors import ConvergenceError, ShapeError
 from compplan.robot import Array
@@ -76,15 +78,41 @@ def solve_equilibrium(
         return LoadedPose(np.zeros((len(q), 0)), locate_frames(chain, q), np.zeros((len(q), 0)))
     bias = None if torque_bias is None else np.broadcast_to(torque_bias, (len(q), chain.n_springs))
     frames, theta, torque = empty_frames(chain, len(q)), *(np.empty((chain.n_springs, len(q))).T for _ in range(2))
-    for rows in chunks(len(q)):
-        part = chain.take(rows)
-        extra = None if bias is None else list(np.ascontiguousarray(bias[rows].T))
-        columns = np.ascontiguousarray((load[:1] if _one_row(load) else load[rows]).T)
-        solution = _iterate(part, np.ascontiguousarray(q[rows].T), columns, extra, tolerance, rows.start)
+    for rows, solution in _solve_pieces(chain, q, load, bias, tolerance, bodies=True):
         fill_frames(frames, rows, solution.walk)
         for j, (coordinate, moment) in enumerate(zip(solution.theta, solution.torque, strict=True)):
             theta[rows, j], torque[rows, j] = coordinate, moment
     return LoadedPose(theta, frames, torque)
+
+
+def locate_loaded(
+    chain: Chain, q: Array, wrench: Array, *, tolerance: float = 1e-13, torque_bias: Array | None = None
+) -> tuple[Array, Array]:
+    """Return where the loaded TCP stands, shapes (n, 3) [m] and (n, 3, 3); `solve_equilibrium` returns all of the arm.
+
+    Arguments and errors are those of `solve_equilibrium`.
+    """
+    if not chain.n_springs:
+        frames = locate_frames(chain, q)
+        return frames.tcp_position, frames.tcp_rotation
+    position, rotation = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
+    for rows, solution in _solve_pieces(chain, q, wrench, torque_bias, tolerance, bodies=False):
+        position[rows] = solution.walk.position.T
+        for i, column in enumerate(solution.walk.columns):
+            rotation[rows, :, i] = column.T
+    return position, rotation
+
+
+def _solve_pieces(
+    chain: Chain, q: Array, load: Array, bias: Array | None, tolerance: float, *, bodies: bool
+) -> Iterator[tuple[slice, _Solution]]:
+    """Solve the equilibrium piece by piece; the last walk with the centres of the bodies where they are asked for."""
+    for rows in chunks(len(q)):
+        part = chain.take(rows)
+        extra = None if bias is None else list(np.ascontiguousarray(bias[rows].T))
+        columns = np.ascontiguousarray((load[:1] if _one_row(load) else load[rows]).T)
+        turned = np.ascontiguousarray(q[rows].T)
+        yield rows, _iterate(part, turned, columns, extra, tolerance, first=rows.start, bodies=bodies)
 
 
 class _Solution(NamedTuple):
@@ -96,7 +124,7 @@ class _Solution(NamedTuple):
 
 
 def _iterate(
-    chain: Chain, q: Array, wrench: Array, bias: list[Array] | None, tolerance: float, first: int = 0
+    chain: Chain, q: Array, wrench: Array, bias: list[Array] | None, tolerance: float, *, first: int, bodies: bool
 ) -> _Solution:
     """Iterate theta <- C (J^T w + tau_g) until the geometric series of the changes falls below the tolerance."""
     compiled, elements = chain.compiled, [int(k) for k in chain.spring_elements]
@@ -114,7 +142,7 @@ def _iterate(
         theta = update
         ratio = min(change / previous, 1.0) if np.isfinite(previous) and previous > 0 else 1.0
         if change < tolerance or (ratio < 0.5 and change * ratio < 0.5 * tolerance):
-            return _Solution(theta, torque, walk_chain(compiled, turns, theta))
+            return _Solution(theta, torque, walk_chain(compiled, turns, theta, bodies=bodies))
         if not np.isfinite(change):
             break
         previous = change
@@ -204,13 +232,15 @@ def load_hessian(chain: Chain, q: Array, theta: Array, wrench: Array) -> Array:
     hessian, load = np.empty((n, len(springs), len(springs))), _wrench_rows(wrench, n)
     for rows in chunks(n):
         part = chain.take(rows)
-        change = load_derivative(part, locate_frames(part, q[rows], theta[rows]), load[rows])
-        hessian[rows] = change[:, springs][:, :, springs]
+        change = load_derivative(part, locate_frames(part, q[rows], theta[rows]), load[rows], springs)
+        hessian[rows] = change[:, :, springs]
     return hessian
 
 
-def load_derivative(chain: Chain, frames: Frames, wrench: Array) -> Array:
-    """Differentiate the load on every element with respect to the motion of every element, in closed form.
+def load_derivative(
+    chain: Chain, frames: Frames, wrench: Array, elements: NDArray[np.int_] | None = None
+) -> Array:
+    """Differentiate the load on elements with respect to the motion of every element, in closed form.
 
     An element k feels tau_k = a_k . sum_b (r_b - o_k) x f_b + a_k . m over the loads beyond it: the wrench (f, m)
     at the TCP and the weights. Element j turns or shifts everything beyond it while the loads keep their base axes.
@@ -219,44 +249,70 @@ def load_derivative(chain: Chain, frames: Frames, wrench: Array) -> Array:
         chain: The chain.
         frames: Its frames at n poses.
         wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
+        elements: The elements k that are asked for, all if left out. Shape (k,).
 
     Returns:
-        d tau_k / d x_j. Shape (n, m, m).
+        d tau_k / d x_j. Shape (n, k, m).
 
     """
     m = len(chain.names)
-    axis, slides = frames.axis, chain.translates
+    own = np.arange(m) if elements is None else elements
+    # components first: one operation works on one component of many poses
+    axis, slides = np.moveaxis(frames.axis, 0, -1), chain.translates
+    axis = [axis[:, i] for i in range(3)]
     force, moment, dyad = _loads_beyond(chain, frames, wrench)
-    swing = np.einsum("nkab,nkb->nka", dyad, axis) - axis * np.trace(dyad, axis1=2, axis2=3)[..., None]
-    swing = np.where(slides[None, :, None], np.cross(axis, force), swing)
-    later = np.einsum("nka,nja->nkj", axis, swing)
-    turned = np.einsum("nka,nja->nkj", np.cross(np.where(slides[:, None], force, moment), axis) * -1.0, axis)
-    lever = np.einsum("nkab,nka->nkb", dyad, axis)
-    spread = np.trace(dyad, axis1=2, axis2=3)
-    same = np.einsum("nkb,njb->nkj", lever, axis) - spread[:, :, None] * np.einsum("nka,nja->nkj", axis, axis)
-    earlier = turned + np.where(slides[None, :, None], 0.0, same)
-    earlier = np.where(slides[None, None, :], 0.0, earlier)
-    beyond = np.arange(m)[None, :] > np.arange(m)[:, None]
-    derivative = np.where(beyond, later, earlier)
-    derivative[:, slides[:, None] & beyond] = 0.0
-    return np.asarray(derivative)
+    mine, spread = [each[own] for each in axis], dyad[0][0] + dyad[1][1] + dyad[2][2]
+    swing = [_sum_products(dyad[i], axis) - axis[i] * spread for i in range(3)]
+    push = [each[own] for each in moment]
+    lever = [_sum_products([dyad[0][i][own], dyad[1][i][own], dyad[2][i][own]], mine) for i in range(3)]
+    lever = [lever[i] - spread[own] * mine[i] for i in range(3)]
+    if slides.any():
+        swing = [np.where(slides[:, None], a, b) for a, b in zip(_cross(axis, force), swing, strict=True)]
+        push = [np.where(slides[own, None], force[i][own], push[i]) for i in range(3)]
+        lever = [np.where(slides[own, None], 0.0, each) for each in lever]
+    before = [a + b for a, b in zip(_cross(mine, push), lever, strict=True)]
+    beyond = np.arange(m)[None, :] > own[:, None]
+    derivative = np.zeros((len(own), m, len(frames.tcp_position)))
+    for count, element in enumerate(own.tolist()):
+        early, late = slice(0, element + 1), slice(element + 1, m)
+        derivative[count, early] = _sum_products([each[count] for each in before], [each[early] for each in axis])
+        derivative[count, late] = _sum_products([each[count] for each in mine], [each[late] for each in swing])
+    if slides.any():
+        derivative[slides[None, :] & ~beyond] = 0.0
+        derivative[slides[own, None] & beyond] = 0.0
+    return np.moveaxis(derivative, -1, 0)
 
 
-def _loads_beyond(chain: Chain, frames: Frames, wrench: Array) -> tuple[Array, Array, Array]:
-    """Sum the loads beyond each element: force (n, m, 3), moment at its origin (n, m, 3), sum of l f^T (n, m, 3, 3)."""
-    lever = frames.tcp_position[:, None, :] - frames.origin
-    force = np.broadcast_to(wrench[:, None, :3], lever.shape)
-    moment = wrench[:, None, 3:] + np.cross(lever, force)
-    dyad = lever[..., :, None] * force[..., None, :]
+def _sum_products(a: Sequence[Array], b: Sequence[Array]) -> Array:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Sequence[Array], b: Sequence[Array]) -> list[Array]:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def _loads_beyond(chain: Chain, frames: Frames, wrench: Array) -> tuple[list[Array], list[Array], list[list[Array]]]:
+    """Sum the loads beyond each element: force, moment at its origin, and sum of l f^T; components of shape (m, n)."""
+    origin, tip = np.moveaxis(frames.origin, 0, -1), frames.tcp_position.T
+    lever = [tip[i] - origin[:, i] for i in range(3)]
+    f, w = wrench.T[:3], wrench.T[3:]
+    force = [np.broadcast_to(each, lever[0].shape) for each in f]
+    moment = [w[i] + each for i, each in enumerate(_cross(lever, force))]
+    dyad = [[lever[i] * f[j] for j in range(3)] for i in range(3)]
     if chain.gravity.any() and len(chain.body_element):
-        weight = np.broadcast_to(np.asarray(chain.mass)[..., None] * chain.gravity, frames.centre.shape)
-        beyond = (chain.body_element[:, None] >= np.arange(len(chain.names))[None, :]).astype(float)
-        total = np.einsum("bm,nbi->nmi", beyond, weight)
-        first = np.einsum("bm,nbi,nbj->nmij", beyond, frames.centre, weight)
-        dyad = dyad + first - frames.origin[..., :, None] * total[..., None, :]
-        arm = np.einsum("bm,nbi->nmi", beyond, np.cross(frames.centre, weight))
-        moment = moment + arm - np.cross(frames.origin, total)
-        force = force + total
+        place = [origin[:, i] for i in range(3)]
+        for j in np.flatnonzero(chain.gravity).tolist():
+            total, first = np.zeros_like(lever[0]), [np.zeros_like(lever[0]) for _ in range(3)]
+            for body, element in enumerate(chain.body_element.tolist()):
+                weight = np.asarray(chain.mass)[..., body] * chain.gravity[j]
+                total[: element + 1] += weight
+                for i in range(3):
+                    first[i][: element + 1] += weight * frames.centre[:, body, i]
+            first = [first[i] - place[i] * total for i in range(3)]
+            dyad = [[dyad[i][k] + first[i] if k == j else dyad[i][k] for k in range(3)] for i in range(3)]
+            one, two = (j + 1) % 3, (j + 2) % 3  # the moment of a force along j: l x e_j
+            moment[one], moment[two] = moment[one] + first[two], moment[two] - first[one]
+            force[j] = force[j] + total
     return force, moment, dyad
 
 

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from compplan.robot import Array
-from compplan.statics.chain import Chain, Frames, chunks, jacobian
-from compplan.statics.elastic import load_derivative, solve_equilibrium
+from compplan.statics.chain import Chain, Frames, jacobian
+from compplan.statics.elastic import load_derivative, locate_loaded, solve_equilibrium
 
-CHUNK = 1024
+CHUNK = 2048
 
 
 class AttainedPose(NamedTuple):
@@ -55,14 +55,16 @@ def attain_pose(
     """
     n = len(q)
     load = np.zeros((n, 6)) if wrench is None else wrench
-    position, rotation, columns = np.empty((n, 3)), np.empty((n, 3, 3)), np.zeros((n, 6, chain.nq))
-    # without a slope the arrays of a part are few, and larger parts cost less
-    for rows in chunk_rows(n, chain) if slope else chunks(n):
+    columns = np.zeros((n, 6, chain.nq))
+    if not slope:
+        found = locate_loaded(chain, q, load, tolerance=tolerance, torque_bias=torque_bias)
+        return AttainedPose(*found, columns)
+    position, rotation = np.empty((n, 3)), np.empty((n, 3, 3))
+    for rows in chunk_rows(n, chain):
         bias = None if torque_bias is None else torque_bias[rows]
         loaded = solve_equilibrium(chain, q[rows], load[rows], tolerance=tolerance, torque_bias=bias)
         position[rows], rotation[rows] = loaded.position, loaded.rotation
-        if slope:
-            columns[rows] = loaded_jacobian(chain, loaded.frames, load[rows])
+        columns[rows] = loaded_jacobian(chain, loaded.frames, load[rows])
     return AttainedPose(position, rotation, columns)
 
 
@@ -83,7 +85,7 @@ def loaded_jacobian(chain: Chain, frames: Frames, wrench: Array) -> Array:
     if not chain.n_springs:
         return driven
     springs = chain.spring_elements
-    change = load_derivative(chain, frames, wrench)[:, springs]
+    change = load_derivative(chain, frames, wrench, springs)
     inner = np.eye(len(springs)) - chain.compliance @ change[:, :, springs]
     answer = np.linalg.solve(inner, chain.compliance @ _driven_columns(chain, change))
     return np.asarray(driven + columns[:, :, springs] @ answer)
