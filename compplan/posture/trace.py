@@ -151,9 +151,14 @@ def reach_tip_and_axis(arm: Arm, q: Array, position: Array, rotation: Array) -> 
 
 def _blur(values: Array) -> Array:
     """Blur along the stations by a Gaussian of SMOOTH stations; both ends go on as they are."""
-    reach = round(4.0 * SMOOTH)
-    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / SMOOTH) ** 2)
-    return np.convolve(np.pad(values, reach, mode="edge"), weights / weights.sum(), mode="valid")
+    reach, n = round(4.0 * SMOOTH), len(values)
+    weights = np.exp(-0.5 * (np.arange(reach + 1) / SMOOTH) ** 2)
+    weights /= weights[0] + 2.0 * weights[1:].sum()
+    wide = np.pad(values, reach, mode="edge")
+    blurred = weights[0] * values
+    for away in range(reach, 0, -1):
+        blurred += weights[away] * (wide[reach - away : reach - away + n] + wide[reach + away : reach + away + n])
+    return blurred
 
 
 def _measure(nominal: Toolpath) -> Array:

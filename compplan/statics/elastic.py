@@ -258,8 +258,7 @@ def load_derivative(
     m = len(chain.names)
     own = np.arange(m) if elements is None else elements
     # components first: one operation works on one component of many poses
-    axis, slides = np.moveaxis(frames.axis, 0, -1), chain.translates
-    axis = [axis[:, i] for i in range(3)]
+    axis, slides = [np.moveaxis(frames.axis[:, :, i], 0, -1) for i in range(3)], chain.translates
     force, moment, dyad = _loads_beyond(chain, frames, wrench)
     mine, spread = [each[own] for each in axis], dyad[0][0] + dyad[1][1] + dyad[2][2]
     swing = [_sum_products(dyad[i], axis) - axis[i] * spread for i in range(3)]
