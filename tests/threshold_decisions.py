@@ -336,7 +336,8 @@ def ask_choice(bench: Bench) -> Any:
             patch.setattr(delivery, "hold_out_blend", lambda folds, blend: folds.hold_out(blend))
             patch.setattr(delivery, "_residual", lambda problem, state: np.zeros((4, 3)))
             patch.setattr(delivery, "state_uncertainty", lambda *rest, **named: None)
-            patch.setattr(delivery, "_build", lambda fit, kind, claims, held, sure: (kind, held.rms))
+            patch.setattr(delivery, "hold_out_lawful", lambda folds, blend, seen: None)
+            patch.setattr(delivery, "_build", lambda fit, kind, claims, held, sure, lawful: (kind, held.rms))
             given = delivery.deliver_folders(folds, found, plain, None, np.ones(4, bool))  # type: ignore[arg-type]
         answers.append([entry if isinstance(entry, tuple) else entry.kind for entry in given])
     return answers

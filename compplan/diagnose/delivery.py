@@ -115,12 +115,9 @@ def deliver_folders(
             first = option
     second = [o for o in useful if o[0] != first[0] and (isinstance(o[1], Blend) or o[1])]
     chosen = [first, *sorted(second, key=lambda o: o[2].rms)[:1]]
-    built = [_build(fit, kind, claims, held, sure) for kind, claims, held in chosen]
     lawful = hold_out_lawful(folds, blend, seen)
-    return tuple(
-        replace(delivery, lawful=lawful) if delivery.kind == CALIBRATED else delivery
-        for delivery in built if delivery is not None
-    ) or (rest,)  # fmt: skip
+    built = [_build(fit, kind, claims, held, sure, lawful) for kind, claims, held in chosen]
+    return tuple(delivery for delivery in built if delivery is not None) or (rest,)
 
 
 def _is_better(new: HeldOut, nominal: HeldOut, pose: NDArray[np.int_]) -> bool:
@@ -145,8 +142,9 @@ def possible_claims(verdict: Verdict) -> list[Claim]:
 
 
 def _build(
-    fit: Fit, kind: str, model: Sequence[Claim] | Blend, held: HeldOut, sure: Callable[[FitState, HeldOut], Uncertainty]
-) -> Delivery | None:
+    fit: Fit, kind: str, model: Sequence[Claim] | Blend, held: HeldOut,
+    sure: Callable[[FitState, HeldOut], Uncertainty], lawful: HeldOut,
+) -> Delivery | None:  # fmt: skip
     """Fit a folder to all rows, exactly; None where its robot finds no equilibrium."""
     if isinstance(model, Blend):
         fitted, state = model.fitted(fit), build_state(fit, model.values(fit.search.ledger.p), model.claimed())
@@ -158,7 +156,8 @@ def _build(
     if isinstance(model, Blend):
         state = register_again(fit, state, fit.state.use)
     state = settle_play(fit.problem, state)
-    return Delivery(kind, state, held, fitted, _residual(fit.problem, state), sure(state, held))
+    residual = _residual(fit.problem, state)
+    return Delivery(kind, state, held, fitted, residual, sure(state, held), lawful if kind == CALIBRATED else None)
 
 
 def _residual(problem: Problem, state: FitState) -> Array:
