@@ -81,11 +81,9 @@ class MotionPrice:
         whole = share * float(self.lever[j])
         price = square * (whole / max(bend, 1e-12) ** 2)
         if not self.slides[j]:
-            gear = square * (figures.periods / (2 * np.pi * share)) ** 2
-            np.minimum(gear, 1.0, out=gear)
-            gear *= whole * (0.5 * figures.gear**2 + 0.25 * figures.lost**2)
-            price += gear
-        return price
+            gear = np.minimum(square * (figures.periods / (2 * np.pi * share)) ** 2, 1.0)
+            price += gear * (whole * (0.5 * figures.gear**2 + 0.25 * figures.lost**2))
+        return np.asarray(price)
 
 
 def price_motion(chain: Chain, q: Array, slides: NDArray[np.bool_], figures: MotionFigures) -> MotionPrice:
