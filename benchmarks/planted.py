@@ -1,11 +1,15 @@
 """Planted mistakes: is a plan that rests on one called solved?
 
-python -m benchmarks.planted [--list FILE] [--only WORD] [--out FILE]
+python -m benchmarks.planted [--list FILE ..] [--only WORD] [--out FILE]
 
-A list is a TOML file of [[mistake]] tables: name, area, file (in compplan/), old, new (text of that file, old replaced
-once), job (one of JOBS, or of the list's own [[job]] tables: name, path, text, job). Each is put into a copy of the
-package, the job is planned with it, and the status is read. planted.toml is by the author of the votes,
-planted_blind.toml by someone who had not read them.
+Without --list all three lists are planted. A list is a TOML file of [[mistake]] tables: name, area, file (in
+compplan/), old, new (text of that file, old replaced once), job (one of JOBS, or of the list's own [[job]] tables:
+name, path, text, job). Each is put into a copy of the package, the job is planned with it, and the status is read.
+planted.toml is by the author of the votes, planted_blind.toml by someone who had not read them, planted_more.toml holds
+kinds that stand in neither.
+
+What comes of a mistake: a vote sees it (not_confirmed, infeasible), the command refuses the job (status 2), it ends in
+an internal fault, the plan is solved with a path that one reader alone has read (and says so), or it is called solved.
 """
 
 from __future__ import annotations
@@ -23,7 +27,9 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
-OWN_LIST = Path(__file__).with_suffix(".toml")
+LISTS = [Path(__file__).with_name(f"{name}.toml") for name in ("planted", "planted_blind", "planted_more")]
+#: What may come of a mistake, the good first.
+OUTCOMES = ("seen", "refused", "internal fault", "read once", "called solved", "not planted")
 #: Longest time of a plan. [s]
 LONGEST = 400
 PROGRAMS = '["krl", "val3", "fanuc_ls", "rapid", "urscript", "sinumerik", "inform", "kawasaki_as", "csv"]'
@@ -103,9 +109,28 @@ def plan_with(package: Path, job: Path) -> tuple[str, str]:
         return "too long", ""
     said = (done.stderr.strip().splitlines() or [""])[-1]
     try:
-        return str(json.loads(done.stdout)["status"]), said
+        plan = json.loads(done.stdout)
+        once = plan["status"] == "solved" and "not read a second time" in plan["verdict"]["sentence"]
+        return "read once" if once else str(plan["status"]), said
     except (json.JSONDecodeError, KeyError):
         return f"exit {done.returncode}", said
+
+
+def tell_outcome(status: str) -> str:
+    """Return which of `OUTCOMES` a status is."""
+    if status in ("not_confirmed", "infeasible", "exit 3"):
+        return "seen"
+    named = {"exit 2": "refused", "solved": "called solved", "read once": status, "not planted": status}
+    return named.get(status, "internal fault")
+
+
+def write_counts(rows: list[dict[str, Any]]) -> str:
+    """Return a table: an area a line, how many of its mistakes came to what."""
+    lines = ["| area | mistakes | " + " | ".join(OUTCOMES) + " |", "|---" * (len(OUTCOMES) + 2) + "|"]
+    for area in [*dict.fromkeys(row["area"] for row in rows), "all"]:
+        found = [tell_outcome(row["status"]) for row in rows if area in (row["area"], "all")]
+        lines.append(f"| {area} | {len(found)} | " + " | ".join(str(found.count(name)) for name in OUTCOMES) + " |")
+    return "\n".join(lines)
 
 
 def run_mistakes(mistakes: list[dict[str, Any]], own: dict[str, dict[str, str]]) -> Iterator[dict[str, Any]]:
@@ -134,22 +159,26 @@ def run_mistakes(mistakes: list[dict[str, Any]], own: dict[str, dict[str, str]])
 def main() -> int:
     """Print what came of every mistake; 1 if one was called solved, or could not be planted."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--list", type=Path, default=OWN_LIST, help="TOML file of mistakes.")
+    parser.add_argument("--list", type=Path, nargs="+", default=LISTS, help="TOML files of mistakes.")
     parser.add_argument("--only", default="", help="Those whose name or area has this word.")
     parser.add_argument("--out", type=Path, help="JSON file of what came of them.")
     asked = parser.parse_args()
-    listed = tomllib.loads(asked.list.read_text(encoding="utf-8"))
-    mistakes = [entry for entry in listed["mistake"] if asked.only in f"{entry['name']} {entry['area']}"]
     found = []
-    for row in run_mistakes(mistakes, {job["name"]: job for job in listed.get("job", [])}):
-        found.append(row)
-        print(f"{row['area']:12} {row['name']:45} {row['status']:14} {row['said'][:160]}", flush=True)
+    for file in asked.list:
+        listed = tomllib.loads(file.read_text(encoding="utf-8"))
+        mistakes = [entry for entry in listed["mistake"] if asked.only in f"{entry['name']} {entry['area']}"]
+        for row in run_mistakes(mistakes, {job["name"]: job for job in listed.get("job", [])}):
+            found.append({**row, "list": file.stem, "outcome": tell_outcome(row["status"])})
+            print(f"{row['area']:12} {row['name']:45} {row['status']:14} {row['said'][:160]}", flush=True)
     planted = [row for row in found if row["area"]]
-    wrong = [row for row in planted if row["status"] in ("solved", "not planted")]
-    print(f"{len(planted)} planted, {len(planted) - len(wrong)} seen, {len(wrong)} called solved or not planted")
+    clean = [row for row in found if not row["area"]]
+    print(f"\n{write_counts(planted)}\n")
+    count = {name: sum(row["outcome"] == name for row in planted) for name in OUTCOMES}
+    print(f"{len(planted)} planted: " + ", ".join(f"{number} {name}" for name, number in count.items()))
+    print(f"{len(clean)} jobs without a mistake: {sum(row['status'] == 'solved' for row in clean)} solved")
     if asked.out is not None:
         asked.out.write_text(json.dumps(found, indent=2), encoding="utf-8")
-    return int(bool(wrong))
+    return int(count["called solved"] + count["not planted"] > 0)
 
 
 if __name__ == "__main__":

@@ -76,9 +76,25 @@ def _late(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(outputs, "write_table", write)
 
 
+def _negate(patch: pytest.MonkeyPatch, name: str) -> None:
+    true = outputs.write_table
+
+    def write(path: Path, columns: dict[str, Any], **named: Any) -> None:
+        true(path, {key: -value if key == name else value for key, value in columns.items()}, **named)
+
+    patch.setattr(outputs, "write_table", write)
+
+
 MISTAKES: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
     "joints in radians": _radians,
     "times doubled": _late,
+    "forces on the part": lambda patch: _negate(patch, "fz_N"),
+    "the tool axis into the part": lambda patch: _negate(patch, "k"),
+    "stops where it should run": _program(lambda program: replace(program, exact=np.ones_like(program.exact))),
+    "runs where it should stop": lambda patch: _shift(
+        patch, programs.Program, "stops", lambda stops: np.zeros_like(stops)),
+    "turns of other axes": lambda patch: _shift(patch, krl, "turn_bits", lambda bits: bits ^ 1),
+    "the load of another tool": _program(lambda program: replace(program, mass=2.0 * program.mass)),
     "Euler angles in another order": lambda patch: _shift(patch, krl, "place_numbers", _swap_angles),
     "Euler order of every row": lambda patch: _shift(
         patch, krl, "place_table", lambda rows: rows[:, [0, 1, 2, 5, 4, 3]]),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,12 @@ from commandline import run_command
 from program_readers import read_krl, read_rapid
 
 import compplan as cp
+import compplan.outputs.plan as outputs
 from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.job.operations import load_one_job, split_job
 from compplan.job.tool_library import read_tool_library, take_tool
+from compplan.outputs.operations import deliver_operations
 from compplan.path.operations import split_operations
 from compplan.path.reading import read_toolpath
 from compplan.program.text import legal_name
@@ -176,6 +179,24 @@ def test_the_folder_holds_the_whole_and_each_tool(posted: cp.Posted) -> None:
     assert (np.diff(time) >= 0.0).all() and [row.rpartition(",")[2] for row in rows[:: len(rows) - 1]] == ["T1", "T2"]
     page = (posted.folder / "report.html").read_text()
     assert "2 operations (T1, T2), solved" in page and "two_T2_L.src" in page
+
+
+def test_what_was_written_for_several_tools_is_read_back(
+    posted: cp.Posted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    true = outputs.write_joints
+
+    def write_late(plan: cp.Plan, path: Path) -> None:
+        true(replace(plan, timing=replace(plan.timing, time=2.0 * plan.timing.time)), path)
+
+    plans, _ = deliver_operations(posted.plans, tmp_path / "sound", "two")
+    assert [plan.status for plan in plans] == ["solved", "solved"]
+    monkeypatch.setattr(outputs, "write_joints", write_late)
+    plans, _ = deliver_operations(posted.plans, tmp_path / "late", "two")
+    assert [plan.status for plan in plans] == ["not_confirmed", "not_confirmed"]
+    assert all("time is" in plan.breaches[-1] for plan in plans)
+    assert json.loads((tmp_path / "late" / "plan.json").read_text())["status"] == "not_confirmed"
+    assert "NOT CONFIRMED" in (tmp_path / "late" / "two_T2_L.src").read_text()
 
 
 def test_names_of_programs_are_shortened_before_their_tool_is() -> None:

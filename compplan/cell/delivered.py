@@ -50,6 +50,8 @@ STRANGE = (AssertionError, KeyError, ValueError, IndexError, TypeError, Attribut
 JOINT, PLACE, TURN, FEED = 2e-3, 5e-3, 2e-3, 2e-2
 #: Rounding of feeds that are written with one decimal. [mm/s]
 FEED_STEP = 0.06
+#: Columns of joints.csv beside time and joints.
+WANTED = ("x_mm", "y_mm", "z_mm", "i", "j", "k", "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 #: Rounding that joints.csv leaves. [deg or mm]
 TABLE = 1e-6
 
@@ -61,7 +63,7 @@ class Commanded:
     Attributes:
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         time: Shape (n,). [s]
-        wanted: Wanted tip, base frame. Shape (n, 3). [m]
+        wanted: Wanted tip [mm], tool axis, wrench on the tool [N, N m], base frame. Shape (n, 12).
         program: Rows that programs hold; joints.csv holds all. Shape (m,).
         path: First row of the path, and the one after its last.
         feed: Feed that is driven in the move to each row, 0 in rapid moves. Shape (n,). [m/s]
@@ -275,7 +277,7 @@ def _vote_on_table(file: Path, joints: JointTable, wanted: Commanded) -> Iterato
     with file.open(encoding="utf-8", newline="") as stream:
         head = next(csv.reader(stream))
     axes = (f"q{k + 1}_{'mm' if slides else 'deg'}" for k, slides in enumerate(joints.slides))
-    names = ["time_s", *axes, "x_mm", "y_mm", "z_mm"]
+    names = ["time_s", *axes, *WANTED]
     missing = [name for name in names if name not in head]
     if missing:
         yield f"joints.csv has no column {missing[0]}"
@@ -291,8 +293,11 @@ def _vote_on_table(file: Path, joints: JointTable, wanted: Commanded) -> Iterato
         yield f"joints.csv: a joint is {off:.4g} deg or mm off"
     if (late := np.abs(table[:, 0] - wanted.time).max()) > 1e-6:
         yield f"joints.csv: time is {late:.4g} s off"
-    if (away := np.abs(table[:, nq + 1 :] - 1e3 * wanted.wanted).max()) > TABLE:
-        yield f"joints.csv: the wanted tip is {away:.4g} mm off"
+    away = np.abs(table[:, nq + 1 :] - wanted.wanted)
+    for what, unit, columns in (("wanted tip", " mm", away[:, :3]), ("tool axis", "", away[:, 3:6]),
+                                ("wrench", " N or N m", away[:, 6:])):  # fmt: skip
+        if columns.max() > TABLE:
+            yield f"joints.csv: the {what} is {columns.max():.4g}{unit} off"
 
 
 def _degrees(q: Array, joints: JointTable) -> Array:

@@ -31,7 +31,7 @@ def carry_out_all(jobs: Sequence[Job], folder: Path, *, as_json: bool, note: str
     """
     from compplan.commands.progress import show_progress
     from compplan.files.notes import Stop
-    from compplan.outputs.operations import describe_order, write_operations
+    from compplan.outputs.operations import deliver_operations, describe_order
     from compplan.outputs.plan import note_programs
     from compplan.plan.operations import summarise_operations
     from compplan.plan.plan import plan_job
@@ -45,7 +45,7 @@ def carry_out_all(jobs: Sequence[Job], folder: Path, *, as_json: bool, note: str
             announce(f"tool {job.label}")
             plan = note_programs(plan_job(job, progress=announce))
             plans.append(replace_said(plan, (note, *plan.notes)) if note and not plans else plan)
-    files = write_operations(plans, folder, name)
+    plans, files = deliver_operations(plans, folder, name)
     summary = summarise_operations(plans, name)
     if as_json:
         click.echo(dump_json(summary, indent=2))

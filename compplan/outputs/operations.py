@@ -14,7 +14,7 @@ from typing import Any
 
 from compplan.files.tables import read_text, write_json, write_text
 from compplan.files.transaction import list_files, replace_folder
-from compplan.outputs.plan import fill_plan_folder, write_programs
+from compplan.outputs.plan import write_beside, write_moves
 from compplan.plan.operations import summarise_operations
 from compplan.plan.result import Plan
 from compplan.report.operations_page import write_operations_page
@@ -38,21 +38,32 @@ def write_operations(plans: Sequence[Plan], folder: str | Path, name: str) -> li
         InputError: If the folder cannot be written, or a program does not fit its language; nothing is written then.
 
     """
+    return deliver_operations(plans, folder, name)[1]
+
+
+def deliver_operations(plans: Sequence[Plan], folder: str | Path, name: str) -> tuple[list[Plan], list[Path]]:
+    """Write plans as `write_operations` does, read back what was written, and return them with what that says."""
+    read: list[Plan] = []
     with replace_folder(folder, "plan") as part:
         programs: dict[str, list[str]] = {}
         for plan in plans:
             label = "" if plan.job is None else plan.job.label
-            programs[label] = [str(file.relative_to(part)) for file in write_programs(plan, part)]
-            (part / label).mkdir()
-            fill_plan_folder(plan, part / label)
+            place = part / label
+            place.mkdir()
+            plan, files = write_moves(plan, place)
+            programs[label] = [str(file.relative_to(place)) for file in files]
+            for own in dict.fromkeys(Path(file).parts[0] for file in programs[label]):
+                (place / own).rename(part / own)
+            write_beside(plan, place)
+            read.append(plan)
         _join_joints([part / label / "joints.csv" for label in programs], list(programs), part / "joints.csv")
-        summary = summarise_operations(plans, name)
+        summary = summarise_operations(read, name)
         for entry in summary["tools"]:
             entry["programs"] = programs[entry["label"]]
         write_operations_page(summary, part / "report.html")
         write_json(part / "plan.json", summary, indent=2)
         names = list_files(part)
-    return [Path(folder) / name for name in names]
+    return read, [Path(folder) / name for name in names]
 
 
 def _join_joints(files: Sequence[Path], labels: Sequence[str], whole: Path) -> None:

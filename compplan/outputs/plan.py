@@ -45,26 +45,32 @@ def write_plan(plan: Plan, folder: str | Path) -> list[Path]:
 def deliver_plan(plan: Plan, folder: str | Path) -> tuple[Plan, list[Path]]:
     """Write a plan as `write_plan` does, read back what was written, and return the plan with what that says."""
     with replace_folder(folder, "plan") as part:
-        programs = write_programs(plan, part)
-        write_joints(plan, part / "joints.csv")
-        before = plan.status
-        plan = read_back(plan, part)
-        if plan.status != before:  # the heads of the programs say so
-            for file in programs:
-                file.unlink(missing_ok=True)
-            write_programs(plan, part)
-        _fill_beside(plan, part)
+        plan = write_moves(plan, part)[0]
+        write_beside(plan, part)
         names = list_files(part)
     return plan, [Path(folder) / name for name in names]
 
 
-def fill_plan_folder(plan: Plan, part: Path) -> None:
-    """Write all of a plan but its programs into a folder that is there."""
+def write_moves(plan: Plan, part: Path) -> tuple[Plan, list[Path]]:
+    """Write programs and joints.csv of a plan into a folder that is there, and read them back.
+
+    Returns:
+        The plan with what its files say, and the programs.
+
+    """
+    programs = write_programs(plan, part)
     write_joints(plan, part / "joints.csv")
-    _fill_beside(plan, part)
+    before = plan.status
+    plan = read_back(plan, part)
+    if plan.status != before:  # the heads of the programs say so
+        for file in programs:
+            file.unlink(missing_ok=True)
+        programs = write_programs(plan, part)
+    return plan, programs
 
 
-def _fill_beside(plan: Plan, part: Path) -> None:
+def write_beside(plan: Plan, part: Path) -> None:
+    """Write what stands beside the moves of a plan: the page, what `compplan view` needs, plan.json."""
     from compplan.report.plan_report import write_plan_report
     from compplan.report.posture_map import extra_axis_sections
 
@@ -90,7 +96,9 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     feed = np.r_[np.zeros(first), np.where(plan.task.nominal.rapid, 0.0, plan.command_feed), np.zeros(len(back.q))]
     q = np.vstack([way.q, plan.q, back.q])
     stands, may = _find_stands(plan, len(ahead), len(behind))
-    wanted = Commanded(q, time, place_rows(plan)[0], rows, (first, last), feed, stands, may)
+    position, axis = place_rows(plan)
+    tip = np.hstack([1e3 * position, axis, np.vstack([way.wrench, plan.task.wrench, back.wrench])])
+    wanted = Commanded(q, time, tip, rows, (first, last), feed, stands, may)
     vote = vote_on_delivery(folder, job.model_dump(by_alias=True, exclude_unset=True), Path(robot), wanted)
     if not vote.breaches and not vote.notes:
         return plan

@@ -11,8 +11,8 @@ from compplan.errors import InputError
 from compplan.files.tomlfile import read_named_table, read_toml
 from compplan.job.job import Job, check_job
 from compplan.job.operations import split_job
-from compplan.outputs.operations import write_operations
-from compplan.outputs.plan import note_programs, write_plan
+from compplan.outputs.operations import deliver_operations
+from compplan.outputs.plan import deliver_plan, note_programs
 from compplan.plan.operations import worst_status
 from compplan.plan.plan import plan_job
 from compplan.plan.result import Plan
@@ -84,8 +84,11 @@ def post(
     )  # fmt: skip
     jobs = split_job(job)
     plans = tuple(note_programs(plan_job(one)) for one in jobs)
-    files = write_plan(plans[0], folder) if len(plans) == 1 else write_operations(plans, folder, job.name)
-    return Posted(plans, folder, tuple(files))
+    if len(plans) == 1:
+        done, files = deliver_plan(plans[0], folder)
+        return Posted((done,), folder, tuple(files))
+    read, files = deliver_operations(plans, folder, job.name)
+    return Posted(tuple(read), folder, tuple(files))
 
 
 def make_post_job(
