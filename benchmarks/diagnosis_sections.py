@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.answer_scores import BESIDE, CONFIDENT, Score
+from compplan.report import figure as go
 from compplan.report.page import Block, Chart, Column, Columns, Fold, PageTable, Section, TableCell
 from compplan.report.style import AFTER, BEFORE, NEUTRAL, TOLERANCE, format_number
 
@@ -68,7 +69,6 @@ def _number(value: float | None) -> str:
 
 
 def _dots(names: Sequence[str], keys: Sequence[str], summaries: Mapping[str, Table]) -> Chart:
-    import plotly.graph_objects as go
 
     figure = go.Figure()
     labels = [f"{key} ↓" if key.startswith(BAD) else key for key in keys]
@@ -91,7 +91,6 @@ def _dots(names: Sequence[str], keys: Sequence[str], summaries: Mapping[str, Tab
 
 def judge_probabilities(summaries: Mapping[str, Table]) -> Section:
     """Show how often claims hold that were stated with some probability."""
-    import plotly.graph_objects as go
 
     figure = go.Figure()
     line = {"dash": "dot", "color": NEUTRAL}
@@ -110,7 +109,6 @@ def judge_probabilities(summaries: Mapping[str, Table]) -> Section:
 
 def compare_predictions(scores: Mapping[str, Sequence[Score]]) -> Section:
     """Show how far off a later campaign is that nobody had seen, over its noise floor."""
-    import plotly.graph_objects as go
 
     figure = go.Figure()
     rows: list[Row] = []
@@ -206,7 +204,6 @@ def show_real(parts: Mapping[str, Mapping[str, Score]], repeats: Mapping[str, tu
 
 
 def _learning(parts: Mapping[str, Mapping[str, Score]], contestants: Sequence[str]) -> Chart:
-    import plotly.graph_objects as go
 
     figure = go.Figure()
     thin = [p for p in parts if p.startswith("thin_")]

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from compplan.report import figure as go
 from compplan.report.page import Block, Chart, Column, PageTable, Provenance, Section, TableCell, write_page
 from compplan.report.style import CATEGORIES, format_length, format_percent
 
@@ -79,7 +80,6 @@ def write_loop_page(shops: Sequence[Shop], floor: float, file: Path) -> None:
 
 
 def _draw_rounds(shops: Sequence[Shop], floor: float) -> Any:
-    import plotly.graph_objects as go
 
     figure = go.Figure()
     for number, shop in enumerate(shops):
@@ -92,7 +92,6 @@ def _draw_rounds(shops: Sequence[Shop], floor: float) -> Any:
 
 
 def _draw_promises(shops: Sequence[Shop]) -> Any:
-    import plotly.graph_objects as go
 
     figure = go.Figure()
     for number, name in enumerate(ROUNDS):

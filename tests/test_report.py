@@ -9,7 +9,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-import plotly.graph_objects as go
 import pytest
 import trimesh
 from robot_library import over_robots
@@ -29,6 +28,7 @@ from compplan.report import (
     thin_rows,
     write_page,
 )
+from compplan.report import figure as go
 from compplan.report.along_path import draw_lines, find_spans
 from compplan.report.compare_page import CompareView, describe_comparison, write_comparison
 from compplan.report.force_moves import describe_force, mark_force

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import plotly.graph_objects as go
 import pytest
 from scipy.spatial import Delaunay
 
+from compplan.report import figure as go
 from compplan.report.reach_section import _fill_band
 from compplan.report.robot_bridges import bridge_gaps
 from compplan.report.robot_scene import locate_links, place_shapes

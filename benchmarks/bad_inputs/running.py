@@ -70,7 +70,7 @@ def load_commands() -> None:
 
     for module in COMMANDS.values():
         importlib.import_module(module)
-    for module in ("compplan.report", "matplotlib.pyplot", "plotly.graph_objects", "rich.table", "casadi", "eaik"):
+    for module in ("compplan.report", "matplotlib.pyplot", "rich.table", "casadi", "eaik"):
         importlib.import_module(module)
     for encoding in ("utf-8-sig", "utf-16", "latin-1"):
         codecs.lookup(encoding)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.report import figure as go
 from compplan.report.style import CATEGORIES, LIMIT, NEUTRAL, TOLERANCE, format_number, mark_decades, style_line
 from compplan.report.thinning import thin_rows
 from compplan.robot import Array
@@ -77,8 +78,6 @@ def draw_lines(
         limit: A level to mark by a dashed line, and what it is called.
         zero: Whether the axis starts at zero.
     """
-    import plotly.graph_objects as go
-
     figure = go.Figure()
     add_lines(figure, stations, series, unit, colours=colours)
     figure.update_xaxes(title_text="path length, mm", range=_length_range(stations))
@@ -112,8 +111,6 @@ def add_lines(
     limit: int = ROWS,
 ) -> None:
     """Add series along the path to a figure, thinned, with waypoint and time on hovering."""
-    import plotly.graph_objects as go
-
     rows = thin_rows(list(series.values()), limit)
     for number, (name, values) in enumerate(series.items()):
         line = go.Scatter(
@@ -149,8 +146,8 @@ def _add_bands(figure: Any, spans: Array, colour: str, opacity: float, row: int 
     """Add vertical bands over the height of a chart, all at once; one by one takes plotly minutes."""
     x, y = "x", "y"
     if row is not None:
-        cell = figure.get_subplot(row, col)
-        x, y = cell.xaxis.plotly_name.replace("xaxis", "x"), cell.yaxis.plotly_name.replace("yaxis", "y")
+        number = figure.grid[row, col]
+        x, y = f"x{number}", f"y{number}"
     style = {"type": "rect", "xref": x, "yref": f"{y} domain", "y0": 0, "y1": 1, "layer": "below"}
     paint = {"fillcolor": colour, "opacity": opacity, "line": {"width": 0}}
     bands = [{**style, **paint, "x0": float(start), "x1": float(end)} for start, end in spans]
@@ -176,15 +173,13 @@ def draw_joints(
         names: Names of the joints.
         slides: Which joints are prismatic. Shape (nq,).
     """
-    from plotly.subplots import make_subplots
-
     scale = np.where(slides, 1e3, 180 / np.pi)
     units = ["mm" if slide else "deg" for slide in slides]
     low, high = lower * scale, upper * scale
     titles = [_joint_title(*item) for item in zip(names, (q * scale).T, low, high, units, strict=True)]
     columns = 3
     lines = -(-len(names) // columns)
-    figure = make_subplots(
+    figure = go.make_subplots(
         rows=lines, cols=columns, subplot_titles=titles, horizontal_spacing=0.075, vertical_spacing=0.26 / lines + 0.04
     )
     layout: dict[str, Any] = {}
@@ -227,9 +222,7 @@ def draw_shares(stations: Stations, shares: Mapping[str, tuple[Array, Sequence[s
         stations: Where the waypoints are.
         shares: By rate ("velocity"): share of each joint's limit, shape (n, nq), 1 at the limit; and the joints' names.
     """
-    from plotly.subplots import make_subplots
-
-    figure = make_subplots(rows=len(shares), cols=1, shared_xaxes=True, vertical_spacing=0.08)
+    figure = go.make_subplots(rows=len(shares), cols=1, shared_xaxes=True, vertical_spacing=0.08)
     for row, (title, (share, names)) in enumerate(shares.items(), start=1):
         series = {name: 100 * share[:, k] for k, name in enumerate(names)}
         add_lines(figure, stations, series, "%", row=row, col=1, legend=row == 1)
@@ -253,12 +246,10 @@ def draw_wrench(stations: Stations, wrench: Array) -> Any:
         stations: Where the waypoints are.
         wrench: Wrench of the environment on the tool at the tip, base axes. Shape (n, 6). [N, N m]
     """
-    from plotly.subplots import make_subplots
-
     force = {f"f{axis}": wrench[:, k] for k, axis in enumerate("xyz")}
     if not np.abs(wrench[:, 3:]).max() > 1e-9:
         return draw_lines(stations, force, "N", title="force on the tool, base axes")
-    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.08)
+    figure = go.make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.08)
     add_lines(figure, stations, force, "N", row=1, col=1)
     moment = {f"m{axis}": wrench[:, 3 + k] for k, axis in enumerate("xyz")}
     add_lines(figure, stations, moment, "N m", row=2, col=1, colours=CATEGORIES[:3])

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from compplan.report import figure as go
 from compplan.report.page import Block, Chart, Column, Columns, Fold, PageTable, Section, TableCell
 from compplan.report.style import AFTER, NEUTRAL, format_length, format_number
 
@@ -61,7 +62,6 @@ def _accuracy(assessment: Assessment) -> PageTable:
 def _more_poses(learning: Learning | None) -> list[Block]:
     if learning is None:
         return ["Too few poses, or nothing delivered: what more poses would bring is not known."]
-    import plotly.graph_objects as go
 
     from compplan.diagnose.accuracy import MORE
 

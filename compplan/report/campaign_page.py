@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from compplan.loop.campaign import MANY, PoseCampaign
+from compplan.report import figure as go
 from compplan.report.openings import open_campaign
 from compplan.report.page import Block, Chart, Column, Columns, PageTable, Section, TableCell, write_page
 from compplan.report.path_scene import draw_cell
@@ -78,7 +79,6 @@ def _caption(campaign: PoseCampaign) -> str:
 
 
 def _draw_curve(campaign: PoseCampaign) -> Any:
-    import plotly.graph_objects as go
 
     choice, figure = campaign.choice, go.Figure()
     count = np.arange(len(choice.rms))
@@ -112,7 +112,6 @@ def _compare(campaign: PoseCampaign) -> PageTable:
 
 
 def _draw_poses(campaign: PoseCampaign) -> Any:
-    import plotly.graph_objects as go
 
     plan, tip = campaign.plan, 1e3 * campaign.poses.tip[:-1]
     figure = draw_cell(plan.robot, plan.q, plan.task.position)

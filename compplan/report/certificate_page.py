@@ -10,6 +10,7 @@ import numpy as np
 from compplan.known.assumed import list_assumed
 from compplan.loop.certificate import DRIFTED, Certificate, Named
 from compplan.loop.iso9283 import VISITS, PoseAccuracy
+from compplan.report import figure as go
 from compplan.report.effect_words import describe_change
 from compplan.report.openings import open_certificate
 from compplan.report.page import Block, Chart, Column, PageTable, Section, TableCell, write_page
@@ -154,7 +155,6 @@ def _picture(certificate: Certificate) -> Chart | None:
 
 
 def _draw_stiffness(certificate: Certificate) -> Any:
-    import plotly.graph_objects as go
 
     entries = [entry for entry in certificate.stiffness if np.isfinite(entry.value)]
     names = [entry.joint for entry in entries]

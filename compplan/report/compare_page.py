@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.report import figure as go
 from compplan.report.along_path import FLOOR, Stations, find_spans
 from compplan.report.openings import open_comparison
 from compplan.report.page import Block, Chart, Column, Fold, PageTable, Section, TableCell, write_page
@@ -214,7 +215,6 @@ def _long_table(view: CompareView) -> PageTable:
 
 
 def _bars(view: CompareView, cells: Sequence[str]) -> Any:
-    import plotly.graph_objects as go
 
     figure = go.Figure()
     names = [name.replace("_", " ") for name in view.strategies]
@@ -243,8 +243,6 @@ def _bars(view: CompareView, cells: Sequence[str]) -> Any:
 
 def _draw_left(view: CompareView) -> Any:
     """Draw what each strategy leaves on robots that may be the user's."""
-    import plotly.graph_objects as go
-
     names = view.strategies
     left = view.left
     middle = [1e3 * left[name][0] for name in names]

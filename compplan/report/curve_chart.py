@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from compplan.files.shown import Curves, pick_style
+from compplan.report import figure as go
 from compplan.report.page import Chart
 from compplan.report.thinning import thin_rows
 
@@ -27,8 +28,6 @@ def show_curves(curves: Curves, caption: str, height: int = 360) -> Chart:
 
 def draw_curves(curves: Curves) -> Any:
     """Draw curves with plotly."""
-    import plotly.graph_objects as go
-
     figure = go.Figure()
     for line in curves.lines:
         colour, dash = pick_style(line.role)

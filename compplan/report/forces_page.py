@@ -13,6 +13,7 @@ from compplan.path.forces.engagement import Engagement
 from compplan.path.forces.fit import ForceFit
 from compplan.path.toolpath import Toolpath
 from compplan.plan.stability import Stability
+from compplan.report import figure as go
 from compplan.report.along_path import Stations, draw_lines, draw_wrench, find_spans
 from compplan.report.openings import open_forces
 from compplan.report.page import (
@@ -115,7 +116,6 @@ def _overview(found: ForcePrediction) -> Section:
 
 
 def _colour_path(found: ForcePrediction, value: Array, unit: str) -> Any:
-    import plotly.graph_objects as go
 
     points, rapid = 1e3 * found.nominal.position, value <= 0.0
     rows = thin_path(found.nominal.position, value, POINTS)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.report import figure as go
 from compplan.report.path_scene import choose_magnification
 from compplan.report.robot_scene import draw_robot, frame_scene, place_shapes
 from compplan.report.style import (
@@ -51,8 +52,6 @@ def draw_residuals(robot: Robot, q: Array, point: Array, before: Array, after: A
         before: Measured minus predicted by the nominal model. Shape (n, 3). [m]
         after: Measured minus predicted by the updated model. Shape (n, 3). [m]
     """
-    from plotly.subplots import make_subplots
-
     sizes = [np.linalg.norm(side, axis=1) for side in (before, after)]
     rows = thin_dots(sizes[0], VECTORS)
     factor = choose_magnification(point, before)
@@ -61,7 +60,7 @@ def draw_residuals(robot: Robot, q: Array, point: Array, before: Array, after: A
         for name, size in zip(("nominal model", "updated model"), sizes, strict=True)
     ]
     specs = [[{"type": "scene"}, {"type": "scene"}]]
-    figure = make_subplots(rows=1, cols=2, specs=specs, horizontal_spacing=0.01, subplot_titles=titles)
+    figure = go.make_subplots(rows=1, cols=2, specs=specs, horizontal_spacing=0.01, subplot_titles=titles)
     middle = int(np.argmin(((q - np.median(q, axis=0)) ** 2).sum(1)))
     top = float(np.percentile(sizes[0], 99)) * 1e3
     for col, (side, size) in enumerate(zip((before, after), sizes, strict=True), start=1):
@@ -92,7 +91,6 @@ def draw_residuals(robot: Robot, q: Array, point: Array, before: Array, after: A
 
 
 def _vectors(point: Array, side: Array, factor: float, size: Array, rows: NDArray[np.int_]) -> Any:
-    import plotly.graph_objects as go
 
     n = len(point)
     ends = np.full((n, 3, 3), np.nan)
@@ -114,8 +112,6 @@ def draw_shares(shares: Mapping[str, Share], title: str) -> Any:
         shares: By name.
         title: What the bars divide by.
     """
-    import plotly.graph_objects as go
-
     names = list(shares)
     values = [100 * shares[name].share for name in names]
     figure = go.Figure(
@@ -140,8 +136,6 @@ def draw_together(together: Mapping[str, Mapping[str, float]]) -> Any:
     Args:
         together: By place and effect, from 0 to 1.
     """
-    import plotly.graph_objects as go
-
     places = list(together)
     effects = list(dict.fromkeys(name for own in together.values() for name in own))
     effects = [name for name in effects if any(together[place].get(name, 0.0) >= 0.005 for place in places)]
@@ -166,13 +160,10 @@ def draw_traces(traces: Sequence[Trace]) -> Any:
     Args:
         traces: One a small chart.
     """
-    import plotly.graph_objects as go
-    from plotly.subplots import make_subplots
-
     columns = min(len(traces), 3)
     lines = -(-len(traces) // columns)
     titles = [f"<b>{trace.place}</b>, {trace.effect.replace('_', ' ')}" for trace in traces]
-    figure = make_subplots(
+    figure = go.make_subplots(
         rows=lines, cols=columns, subplot_titles=titles, horizontal_spacing=0.08, vertical_spacing=0.3 / lines
     )
     for number, trace in enumerate(traces):
@@ -210,8 +201,6 @@ def draw_histogram(before: Array, after: Array, noise: float) -> Any:
         after: Distances after. Shape (n,). [m]
         noise: Noise floor, rms of the 3D distance. [m]
     """
-    import plotly.graph_objects as go
-
     both = np.concatenate([before, after])
     positive = both[both > 0]
     low, high = (float(positive.min()), float(positive.max())) if len(positive) else (1e-6, 1e-3)
@@ -253,12 +242,9 @@ def draw_factors(factors: Mapping[str, tuple[Array, str]], before: Array, after:
         before: Distances before. Shape (n,). [m]
         after: Distances after. Shape (n,). [m]
     """
-    import plotly.graph_objects as go
-    from plotly.subplots import make_subplots
-
     columns = 3
     lines = -(-len(factors) // columns)
-    figure = make_subplots(rows=lines, cols=columns, horizontal_spacing=0.07, vertical_spacing=0.26 / lines)
+    figure = go.make_subplots(rows=lines, cols=columns, horizontal_spacing=0.07, vertical_spacing=0.26 / lines)
     rows = thin_dots(before, DOTS)
     for number, (name, (values, unit)) in enumerate(factors.items()):
         row, col = number // columns + 1, number % columns + 1
@@ -281,8 +267,6 @@ def draw_candidates(candidates: Sequence[tuple[str, float]]) -> Any:
     Args:
         candidates: Name and probability.
     """
-    import plotly.graph_objects as go
-
     names = [name for name, _ in candidates]
     values = [probability for _, probability in candidates]
     figure = go.Figure(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from compplan.report import figure as go
 from compplan.report.openings import open_identification
 from compplan.report.page import Chart, Column, Fold, PageTable, Provenance, Section, TableCell, write_page
 from compplan.report.style import AFTER, BEFORE, NEUTRAL, TOLERANCE
@@ -62,8 +63,6 @@ def write_identification_page(summary: dict[str, Any], file: Path) -> None:
 
 def _changes(entries: list[dict[str, Any]]) -> list[Chart]:
     """Draw by how much each value differs from the one before, with its interval."""
-    import plotly.graph_objects as go
-
     known = [entry for entry in entries if entry["before"] and None not in entry["interval_95"]]
     if not known:
         return []
@@ -97,8 +96,6 @@ def _changes(entries: list[dict[str, Any]]) -> list[Chart]:
 
 def _gap_chart(gap: dict[str, Any]) -> Chart:
     """Draw the gap before and after, on rows of the fit and on held-out ones."""
-    import plotly.graph_objects as go
-
     rows = {"rows of the fit": "", "held-out poses": "held_out_"}
     if gap["under_load_before_rms_mm"] is not None:
         rows["under load, held out"] = "under_load_"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from compplan.loop.teach import Teaching
+from compplan.report import figure as go
 from compplan.report.effect_words import show_size
 from compplan.report.openings import open_teaching
 from compplan.report.page import Chart, Column, PageTable, Section, TableCell, write_page
@@ -78,7 +79,6 @@ def _size(vectors: Array) -> Array:
 
 
 def _draw_part(teaching: Teaching) -> Any:
-    import plotly.graph_objects as go
 
     lesson, figure = teaching.lesson, go.Figure()
     gathered, at = lesson.gathered, 1e3 * teaching.length
@@ -103,7 +103,6 @@ def _draw_part(teaching: Teaching) -> Any:
 
 
 def _draw_bands(teaching: Teaching) -> Any:
-    import plotly.graph_objects as go
 
     lesson, figure = teaching.lesson, go.Figure()
     for name, band, colour in (("before", lesson.band_before, BEFORE), ("after", lesson.band_after, AFTER)):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from compplan.plan.correction_loop import run_loop
+from compplan.report import figure as go
 from compplan.report.along_path import FLOOR, Stations
 from compplan.report.panels import draw_panels, draw_small_multiples
 from compplan.report.style import CATEGORIES, TOLERANCE, mark_decades, style_line
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
 
 def draw_distributions(run: Run) -> Any:
     """Draw the rms deviation of every strategy over the cells as boxes from 5 to 95 %."""
-    import plotly.graph_objects as go
-
     figure = go.Figure()
     rms = np.maximum(run.judged.rms, FLOOR)
     for k, name in enumerate(run.study.strategies):
@@ -58,8 +57,6 @@ def draw_along(run: Run) -> Any:
 
 def draw_differences(summary: Mapping[str, Any], main: str) -> Any:
     """Draw the paired differences of all strategies from one."""
-    import plotly.graph_objects as go
-
     names, means, low, high = [], [], [], []
     for pair in summary["paired_differences"]:
         first, second = pair["strategies"]
@@ -98,8 +95,6 @@ def draw_curves(curves: ErrorCurves) -> Any:
 
 def draw_sensitivity(found: Sensitivity, strategy: str) -> Any:
     """Draw the total indices of one strategy as bars, largest first."""
-    import plotly.graph_objects as go
-
     order = np.argsort(-found.total[strategy])
     figure = go.Figure(
         go.Bar(
@@ -128,8 +123,6 @@ def draw_convergence(run: Run) -> Any:
 
 def draw_loops() -> Any:
     """Draw the answers of the correction loops to a deflection of 1 mm."""
-    import plotly.graph_objects as go
-
     from compplan.plan.strategies.online_correction import LITERAL, PI, PID
 
     figure = go.Figure()

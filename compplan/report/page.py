@@ -67,7 +67,7 @@ class PageTable:
 
 @dataclass(frozen=True)
 class Chart:
-    """Show a plotly figure.
+    """Show a figure (`compplan.report.figure`).
 
     Args:
         figure: The figure; its template is replaced by the page's.

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from compplan.report import figure as go
 from compplan.report.along_path import Stations, add_lines, shade_spans
 from compplan.report.style import CATEGORIES, TOLERANCE, mark_decades, style_line
 from compplan.robot import Array
@@ -60,8 +61,6 @@ def draw_small_multiples(
         spread: Whether each curve is value, lower and upper end, which are drawn as bars.
         log: Whether the horizontal axis is logarithmic.
     """
-    import plotly.graph_objects as go
-
     columns = min(COLUMNS, len(panels))
     figure = _lay_out(list(panels))
     for number, curves in enumerate(panels.values()):
@@ -88,11 +87,10 @@ def measure_panels(count: int) -> int:
 
 
 def _lay_out(titles: list[str]) -> Any:
-    from plotly.subplots import make_subplots
 
     columns = min(COLUMNS, len(titles))
     lines = -(-len(titles) // columns)
-    return make_subplots(
+    return go.make_subplots(
         rows=lines, cols=columns, subplot_titles=titles, shared_yaxes=True, horizontal_spacing=0.025,
         vertical_spacing=0.32 / lines if lines > 1 else 0.0,
     )  # fmt: skip

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import ShapeError
+from compplan.report import figure as go
 from compplan.report.along_path import FLOOR
 from compplan.report.robot_bridges import bridge_gaps
 from compplan.report.robot_scene import Shape, draw_robot, draw_shapes, frame_scene, place_shapes
@@ -40,8 +41,6 @@ def draw_cell(
         around: What else stands there: part, fixture, tool.
         kinds: What the tool does in the move to each waypoint, as numbers of `KINDS`; not told if left out. Shape (n,).
     """
-    import plotly.graph_objects as go
-
     told = np.zeros(len(path), int) if kinds is None else kinds
     rows = thin_path(path, np.column_stack([path, 1e-3 * told]), POINTS)
     points = 1e3 * path[rows]
@@ -79,8 +78,6 @@ def draw_deviation_paths(
     Raises:
         ShapeError: If the three do not have one shape.
     """
-    from plotly.subplots import make_subplots
-
     if not path.shape == before.shape == after.shape:
         shapes = [array.shape for array in (path, before, after)]
         raise ShapeError(f"path, before and after have shapes {shapes}, expected one and the same")
@@ -89,7 +86,7 @@ def draw_deviation_paths(
     factor = choose_magnification(path, before)
     titles = [f"{name}: largest {format_length(float(size.max()))}" for name, size in zip(names, sizes, strict=True)]
     specs = [[{"type": "scene"}, {"type": "scene"}]]
-    figure = make_subplots(rows=1, cols=2, specs=specs, horizontal_spacing=0.01, subplot_titles=titles)
+    figure = go.make_subplots(rows=1, cols=2, specs=specs, horizontal_spacing=0.01, subplot_titles=titles)
     nominal = 1e3 * path[rows]
     shown = [nominal]
     for number, (deviation, size) in enumerate(zip((before, after), sizes, strict=True), start=1):
@@ -138,7 +135,6 @@ def describe_magnification(path: Array, deviation: Array) -> str:
 
 
 def _line(points: Array, line: dict[str, Any], name: str, *, hover: bool = True, custom: Array | None = None) -> Any:
-    import plotly.graph_objects as go
 
     x, y, z = points.astype(np.float32).T
     text = "waypoint %{customdata[0]:.0f}: %{customdata[1]:.4g} mm"

@@ -13,6 +13,7 @@ import numpy as np
 
 from compplan.posture.lattice import COLLISION, JOINT_LIMIT, NOT_WANTED, OUT_OF_REACH, REASONS, SINGULAR
 from compplan.posture.summary import PostureMap
+from compplan.report import figure as go
 from compplan.report.page import Block, Chart, Section
 from compplan.report.style import BEFORE, SEQUENTIAL, format_set_value
 from compplan.robot import Array
@@ -80,7 +81,6 @@ def extra_axis_sections(plan: Plan) -> list[Section]:
     start = plan.task.start
     if start is None or start.stance is None or not start.stance.map.held_grid.size:
         return []
-    import plotly.graph_objects as go
 
     picture = start.stance.map
     slides = bool(plan.robot.prismatic[0])

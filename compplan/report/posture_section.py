@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from compplan.report import figure as go
 from compplan.report.along_path import Stations, draw_lines
 from compplan.report.page import Block, Chart, Column, PageTable, Section, TableCell
 from compplan.report.style import AFTER, LIMIT, NEUTRAL, SEQUENTIAL, format_length, format_number
@@ -74,8 +75,6 @@ def draw_held(picture: PostureMap) -> Any:
     Args:
         picture: The map, of one rotation.
     """
-    import plotly.graph_objects as go
-
     line = go.Scatter(
         x=1e3 * picture.length, y=1e3 * picture.sensitivity[:, 0], mode="lines", line={"color": AFTER, "width": 1.6},
         hovertemplate="%{x:.1f} mm: %{y:.3g} mm<extra></extra>",
@@ -92,8 +91,6 @@ def draw_posture_map(picture: PostureMap) -> Any:
     Args:
         picture: The map.
     """
-    import plotly.graph_objects as go
-
     from compplan.posture.lattice import REASONS
 
     length, spin = 1e3 * picture.length, np.degrees(picture.spin)
@@ -154,7 +151,6 @@ def draw_clearance(stations: Stations, clearance: ClearanceProfile) -> Chart:
 
 
 def _field(values: Array, length: Array, spin: Array, scale: list[list[Any]], name: str) -> Any:
-    import plotly.graph_objects as go
 
     return go.Heatmap(
         z=values.T.astype(np.float32), x=length.astype(np.float32), y=spin.astype(np.float32), colorscale=scale,

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import ShapeError
+from compplan.report import figure as go
 from compplan.robot import Array, Joint, Robot
 from compplan.robot.primitives import triangulate_box, triangulate_cylinder, triangulate_rod
 from compplan.robot.shapes import find_mesh
@@ -129,8 +130,6 @@ def draw_robot(
         name: What hovering shows; default: the robot's name.
         more: Shapes that are drawn as parts of it.
     """
-    import plotly.graph_objects as go
-
     shapes = [*place_shapes(robot, q), *more]
     if not shapes:
         return []
@@ -152,8 +151,6 @@ def draw_robot(
 
 def draw_shapes(shapes: Sequence[Shape]) -> list[Any]:
     """Draw single shapes as plotly traces, in millimetres, each under its own name."""
-    import plotly.graph_objects as go
-
     traces = []
     for shape in shapes:
         x, y, z = (1e3 * shape.vertices).astype(np.float32).T

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from compplan.plan.stability import Stability, StabilityMap, mark_spans
+from compplan.report import figure as go
 from compplan.report.along_path import Stations, draw_lines
 from compplan.report.page import Block, Chart, Column, PageTable, Section, TableCell
 from compplan.report.style import AFTER, BEFORE, CATEGORIES, NEUTRAL, format_number
@@ -55,7 +56,6 @@ def _tabulate(stability: Stability, stations: Stations) -> PageTable | str:
 
 
 def _draw_map(drawn: StabilityMap) -> Any:
-    import plotly.graph_objects as go
 
     figure = go.Figure()
     for name, speed, limit, colour, mode in (
