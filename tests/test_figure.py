@@ -38,7 +38,8 @@ def test_small_charts_fill_the_page_from_the_top_left_and_do_not_overlap() -> No
     figure = go.make_subplots(rows=2, cols=3, horizontal_spacing=0.1, vertical_spacing=0.2, subplot_titles="abcdef")
     boxes = [(figure.layout[f"xaxis{n}"].domain, figure.layout[f"yaxis{n}"].domain) for n in ("", 2, 3, 4, 5, 6)]
     assert boxes[0][0][0] == 0 and boxes[0][1][1] == 1 and boxes[5][0][1] == pytest.approx(1) and boxes[5][1][0] == 0
-    assert boxes[1][0][0] - boxes[0][0][1] == pytest.approx(0.1) and boxes[0][1][0] - boxes[3][1][1] == pytest.approx(0.2)
+    assert boxes[1][0][0] - boxes[0][0][1] == pytest.approx(0.1)
+    assert boxes[0][1][0] - boxes[3][1][1] == pytest.approx(0.2)
     assert [note.text for note in figure.layout.annotations] == list("abcdef")
     figure.add_trace(go.Scatter(y=[1]), row=2, col=1).add_hline(y=3.0, line={"width": 1}, row=2, col=1)
     assert figure.data[0].xaxis == "x4" and figure.layout.shapes[0].yref == "y4"
