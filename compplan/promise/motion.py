@@ -95,6 +95,7 @@ def swing_arm(
     places = np.unique(np.linspace(0, len(q) - 1, min(POSTURES, len(q))).astype(int))
     modes = find_modes(dynamics, q[places], MODES)
     level = ndtri((np.arange(DRAWS) + 0.5) / DRAWS)
+    level /= np.sqrt(np.mean(level**2))  # a dozen even draws spread less than the distribution
     factors = np.exp(width * level - 0.5 * width**2)
     dampings = np.clip(damping * DAMPING_FACTOR ** level[(7 * np.arange(DRAWS)) % DRAWS], 1e-3, 0.9)
     error = np.empty((DRAWS, len(q), 3))
