@@ -9,16 +9,19 @@ import numpy as np
 import pytest
 from arms import one_joint_arm
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 from compplan.cell.inertia import average_loads
 from compplan.cell.response import MODES, ring
 from compplan.cell.vibration import build_dynamics, find_modes
 from compplan.job.job import check_job
 from compplan.measure.distance import band_radius
-from compplan.plan.bending import find_inside
+from compplan.plan.bending import find_inside, follow_links
 from compplan.plan.plan import plan_job
 from compplan.promise.motion import Push, shift_part, swing_arm
 from compplan.robot.model import Body
+from compplan.statics.chain import locate_frames
+from compplan.statics.ik import build_arm, refine_ik
 from compplan.statics.inertia import build_moving_chain, divide_body, load_motion, smooth_loads
 
 JOB: dict[str, Any] = {
@@ -140,7 +143,7 @@ def test_a_nervous_path_moves_no_drive_nervously_and_what_that_leaves_is_in_the_
     plan = plan_job(check_job(table, tmp_path / "job.toml"))
     task, promise = plan.task, plan.promise
     assert plan.status == "solved" and task.bias is not None and promise is not None and promise.motion is not None
-    raw = load_motion(build_moving_chain(task.robot), task.q_start, plan.timing.time, find_inside(task))
+    raw = load_motion(build_moving_chain(task.robot), task.q_links, plan.timing.time, find_inside(task))
     middle = slice(len(task) // 3, 2 * len(task) // 3)
     jumps, smooth = (np.abs(np.diff(load[middle], axis=0)).max(axis=0) for load in (raw, task.bias))
     assert (jumps > 1.0).any() and (smooth[jumps > 1.0] < 0.3 * jumps[jumps > 1.0]).all()
@@ -188,3 +191,18 @@ def test_a_part_that_is_turned_moves_by_the_angle_times_the_distance_from_its_fr
     columns = shift_part(np.array([[1.0, 0.5, 0.0]]), np.array([1.0, 0.0, 0.0]), (1e-4, 2e-5))
     assert np.linalg.norm(columns[0, :, 5]) == pytest.approx(2e-5 * 0.5)
     assert columns[0, :, 4] == pytest.approx(0.0)
+
+
+def test_the_links_go_where_the_command_turns_the_tool() -> None:
+    """A command may use the free rotation about the tool axis: the masses that it moves so count as they move."""
+    plan = plan_job(check_job(JOB, "job.toml"))
+    task, cut = plan.task, plan.task.cut
+    frames = locate_frames(task.chain, task.q_links)
+    assert np.linalg.norm(frames.tcp_position - task.position, axis=1)[cut].max() < 1e-7
+    turned = Rotation.from_rotvec(np.radians(4.0) * frames.tcp_rotation[:, :, 2])
+    wanted = turned.as_matrix() @ frames.tcp_rotation
+    arm = build_arm(task.robot)
+    q = refine_ik(arm, task.q_links, frames.tcp_position, wanted)
+    links = locate_frames(task.chain, follow_links(task, q))
+    spin = Rotation.from_matrix(links.tcp_rotation @ np.swapaxes(frames.tcp_rotation, 1, 2)).magnitude()
+    assert spin[cut] == pytest.approx(np.radians(4.0), rel=1e-3)

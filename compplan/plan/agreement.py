@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.cell.vibration import build_dynamics, inertial_loads
-from compplan.plan.bending import plan_loads
+from compplan.plan.bending import follow_links, plan_loads
 from compplan.plan.between import Between, measure_between, wanted_pieces
 from compplan.plan.feed import FeedWish, time_run
 from compplan.plan.sampling import MOST_PIECES, Mending, divide_by, divide_task, grow_places, predict_loads
@@ -170,8 +170,10 @@ def _take_turns(
         driven, timing, notes = run
         loads = predict_loads(task, _moving_feed(timing)) if task.follows_feed else task.wrench
         time = time_between_cuts(task, command.q, timing.time)
-        bias = None if masses is None else plan_loads(task, time, masses)
-        changed = replace(task, wrench=loads, bias=bias)
+        changed = replace(task, wrench=loads, bias=None)
+        if masses is not None:
+            changed = replace(changed, links=follow_links(task, command.q))
+            changed = replace(changed, bias=plan_loads(changed, time, masses))
         change, task = _shift(task, changed, command.q), changed
         if change > EXACT:
             command = nlp.correct_command(task, command) if strategy == "nlp" else command_path(task, strategy)

@@ -9,15 +9,17 @@ from numpy.typing import NDArray
 
 from compplan.cell.vibration import Dynamics, build_dynamics, natural_frequencies
 from compplan.known.assumed import known_uncertainty
+from compplan.plan.strategies.equations import differentiate_equations, pose_equations
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing, cutting_runs
 from compplan.posture.start import PostureRequest
 from compplan.promise.motion import Motion, Push, know_masses, swing_arm
 from compplan.robot import Array, Robot
-from compplan.statics.chain import Chain, locate_frames
+from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 from compplan.statics.elastic import solve_equilibrium
 from compplan.statics.ik import middle_of_limits
 from compplan.statics.inertia import build_moving_chain, load_motion, smooth_loads
+from compplan.statics.sensitivity import AttainedPose, chunk_rows
 
 #: Waypoints that are looked at where there are more: the half with the greatest accelerations, and even ones.
 LOOKED_AT = 2000
@@ -27,6 +29,8 @@ POSTURES = 25
 DAMPING = 0.03
 #: Window over which the load of inertia is averaged before it is compensated, in periods of the lowest mode.
 FOLLOWED = 0.5
+#: Newton steps from a command to where its links go: half a millimetre becomes a nanometre in two.
+LINK_STEPS = 2
 #: Shortest and longest time over which motion is smoothed. [s]
 SHORTEST, LONGEST = 0.02, 0.3
 
@@ -118,16 +122,16 @@ def measure_motion(task: PlanTask, time: Array, dynamics: Dynamics, damping: flo
     """
     if not dynamics.known:
         return None
-    loads = load_motion(build_moving_chain(task.robot), task.q_start, time, find_inside(task))
+    loads = load_motion(build_moving_chain(task.robot), task.q_links, time, find_inside(task))
     held = np.zeros_like(loads) if not task.inertia or task.bias is None else task.bias
     still, moving, moved = (
-        solve_equilibrium(task.chain, task.q_start, task.wrench, tolerance=1e-10, torque_bias=bias).position
+        solve_equilibrium(task.chain, task.q_links, task.wrench, tolerance=1e-10, torque_bias=bias).position
         for bias in (None, loads, held)
     )
     width, masses = know_masses(task.robot, known_uncertainty(task.robot))
     source = f"{masses}, damping of the modes {damping:g} of critical (assumed)"
     return swing_arm(
-        dynamics, task.q_start, time, Push(loads, moving - still), Push(held, moved - still), width=width,
+        dynamics, task.q_links, time, Push(loads, moving - still), Push(held, moved - still), width=width,
         damping=damping, source=source,
     )  # fmt: skip
 
@@ -148,16 +152,46 @@ def find_inside(task: PlanTask) -> NDArray[np.bool_]:
 def plan_loads(task: PlanTask, time: Array, masses: Chain) -> Array:
     """Return the load of inertia that a plan compensates: as far as the arm can follow it. Shape (n, s). [N m or N]
 
-    It is that of an arm whose tool follows the path, whatever the command.
+    It is that of an arm whose tool follows the path, turned as the command turns it.
 
     Args:
-        task: The task.
+        task: The task, its links where a command has them.
         time: Time at each waypoint. Shape (n,). [s]
         masses: The chain with its masses.
 
     """
-    loads = load_motion(masses, task.q_start, time, find_inside(task))
+    loads = load_motion(masses, task.q_links, time, find_inside(task))
     return smooth_loads(loads, time, find_runs(task), FOLLOWED * task.smoothing)
+
+
+def follow_links(task: PlanTask, q: Array) -> Array:
+    """Return where the links of an arm go whose loaded tool follows the path. Shape (n, nq). [rad or m]
+
+    They are those of a stiff arm with its tool on the path, turned about its axis as the command turns it: a command
+    may use the free rotation, and then that moves masses which q_start leaves where they are. Newton steps from the
+    command that move the joints least.
+
+    Args:
+        task: The task.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+
+    """
+    problem, links = task.problem, task.q_start.copy()
+    if not problem.redundant:
+        return links
+    rows = np.flatnonzero(task.compensated & ~task.missed)
+    for part in chunk_rows(len(rows), task.chain):
+        some = rows[part]
+        here = q[some]
+        for _ in range(LINK_STEPS):
+            frames = locate_frames(task.chain, here)
+            stiff = AttainedPose(frames.tcp_position, frames.tcp_rotation, joint_jacobian(task.chain, frames))
+            columns = differentiate_equations(problem, stiff, some) * ~problem.stays
+            normal = columns @ np.swapaxes(columns, 1, 2) + 1e-14 * np.eye(columns.shape[1])
+            missed = pose_equations(problem, stiff, some)[..., None]
+            here = here - (np.swapaxes(columns, 1, 2) @ np.linalg.solve(normal, missed))[..., 0]
+        links[some] = here
+    return links
 
 
 def choose_smoothing(robot: Robot, q: Array, default: float) -> float:

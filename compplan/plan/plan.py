@@ -17,7 +17,7 @@ from compplan.path.force_law import ForceLaw
 from compplan.path.toolpath import Toolpath, check_toolpath
 from compplan.plan.agreement import agree
 from compplan.plan.approach import plan_approach, plan_retract
-from compplan.plan.bending import DAMPING, choose_smoothing, measure_bending, state_frequency
+from compplan.plan.bending import DAMPING, choose_smoothing, follow_links, measure_bending, state_frequency
 from compplan.plan.buckling import explain_buckling, find_buckling
 from compplan.plan.chatter import read_chatter
 from compplan.plan.evaluate import (
@@ -162,7 +162,8 @@ def plan_task(
         found = agree(task, strategy, feed or FeedWish(), progress)
     except ConvergenceError as error:
         raise explain_buckling(task, error) or error from None
-    task, command, timing, feed_notes = found.task, found.command, found.timing, found.notes
+    command, timing, feed_notes = found.command, found.timing, found.notes
+    task = replace(found.task, links=follow_links(found.task, command.q))
     progress("virtual cell")
     clearance, near = check_clearance(task.start, command.q)
     bench = set_up_bench(task, command.q, timing, job)

@@ -126,7 +126,7 @@ def divide_task(task: PlanTask, places: Array, lead: NDArray[np.bool_] | None = 
     compensated[find_contacts(nominal.rapid)] = True
     new = replace(
         task, nominal=nominal, rotation=rotation, compensated=compensated, q_start=q, missed=missed, rests=rests,
-        lead=leads, wrench=np.zeros((len(places), 6)), bias=None, step_time=programmed_times(nominal),
+        lead=leads, wrench=np.zeros((len(places), 6)), bias=None, links=None, step_time=programmed_times(nominal),
         places=np.interp(places, np.arange(len(task)), task.origin),
     )  # fmt: skip
     return replace(new, wrench=predict_loads(new))

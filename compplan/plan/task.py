@@ -60,6 +60,7 @@ class PlanTask:
         smoothing: Time over which the motion is smoothed. [s]
         inertia: Whether the inertia of the motion counts as a load.
         bias: What it puts on each elastic coordinate, or None. Shape (n, s). [N m or N]
+        links: Joint positions that the links go through, None where those are q_start. Shape (n, nq). [rad or m]
         places: Number of each waypoint in the toolpath, fractional where a move was divided. Shape (n,).
 
     """
@@ -87,6 +88,7 @@ class PlanTask:
     smoothing: float = SMOOTHING
     inertia: bool = False
     bias: Array | None = None
+    links: Array | None = None
     places: Array | None = None
 
     def __post_init__(self) -> None:
@@ -120,6 +122,11 @@ class PlanTask:
     def coupled(self) -> bool:
         """Tell whether the force answers to where the tool is."""
         return self.law is not None and self.law.coupling is not None
+
+    @property
+    def q_links(self) -> Array:
+        """Joint positions that the links go through, whatever the drives run ahead. Shape (n, nq). [rad or m]."""
+        return self.q_start if self.links is None else self.links
 
     @property
     def cut(self) -> NDArray[np.bool_]:

@@ -81,7 +81,7 @@ def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> B
 def _load_springs(task: PlanTask, moving: Judge, time: Array) -> Array:
     """Return what the inertia of the motion puts on the springs, as far as the arm follows it: shape (n, s)."""
     rests = np.zeros(len(task), bool) if task.rests is None else task.rests
-    loads = load_springs(moving, task.q_start, time, np.r_[False, ~task.nominal.rapid[1:]], rests)
+    loads = load_springs(moving, task.q_links, time, np.r_[False, ~task.nominal.rapid[1:]], rests)
     return average_loads(loads, time, find_runs(task), FOLLOWED * task.smoothing)
 
 

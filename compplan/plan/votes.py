@@ -200,7 +200,7 @@ def _vote_on_inertia(driven: Driven, bending: Bending) -> list[str]:
     if not np.isfinite(bending.at_once):
         return []
     task, cutting = driven.task, driven.cutting
-    q = task.q_start  # the links go where the tool does
+    q = task.q_links
     rows = 1 + np.flatnonzero(cutting[1:-1] & cutting[2:])
     if not len(rows):
         return []
