@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,9 @@ import pytest
 from commandline import run_command
 
 from compplan.job.job import check_job
+from compplan.known.assumed import known_uncertainty
 from compplan.plan.keeping import find_stretches, share_length
-from compplan.plan.plan import plan_job
+from compplan.plan.plan import plan_compensation, plan_job, prepare_job
 from compplan.promise.band import widen_to_path
 
 JOB: dict[str, Any] = {
@@ -48,6 +50,21 @@ def test_a_plan_that_leaves_the_limits_never_keeps() -> None:
     assert plan.status == "infeasible"
     assert plan.verdict.word == "may_not_keep"
     assert "correction" in plan.verdict.largest_cause
+    assert plan.verdict.sentence.startswith("Do not start: there is no solution. May not keep 30 mm: ")
+
+
+def test_a_job_that_leaves_inertia_alone_says_so_and_so_does_the_basis_of_a_robot_that_nobody_measured() -> None:
+    job = check_job({**JOB, "plan": {"tolerance_mm": 30.0, "inertia": False}}, "job.toml")
+    robot, nominal, options = prepare_job(job)
+    known = replace(known_uncertainty(robot), grade="measured")
+    plain = plan_job(job).verdict
+    measured = plan_compensation(replace(robot, uncertainty=known), nominal, options).verdict
+    assert plain.word == measured.word == "keeps"
+    assert plain.sentence.endswith(
+        "along the whole cut (robot and force are assumed, not measured)."
+        " Inertia is not compensated: [plan] inertia = false."
+    )
+    assert "(the robot is measured; the force is assumed)" in measured.sentence
 
 
 def test_the_verdict_is_the_first_line_and_stands_in_plan_json_and_in_the_program(

@@ -28,6 +28,7 @@ MEASURE = "Measure the robot: compplan campaign JOB --poses 12 --out poses."
 #: What is said where one reader alone has read the path, and what to do about it.
 UNREAD = "the path was not read a second time"
 LOOK = "Compare the planned path with the CAM system before the first cut."
+LET_COMPENSATE = "Let the plan compensate it: [plan] inertia = true."
 #: What would change the verdict, by the largest cause.
 CHANGES = {
     "process force": "Measure the process force and write its uncertainty into the job: [noise] wrench_level.",
@@ -159,12 +160,12 @@ def judge_keeping(case: Case) -> ToleranceVerdict:
     if not beyond.any() and case.status == "solved":
         if missing:
             return _not_known(case, *missing, promise, share)
+        basis, cause = describe_basis(promise), find_cause(case, promise)
         sentence = f"Keeps {_mm(tolerance)}: with 95 % the tip stays within {_mm(promise.whole)} along the whole cut"
-        cause = find_cause(case, promise)
+        sentence += f" ({basis}).{say_inertia(case)}"
         return ToleranceVerdict(
-            KEEPS, f"{sentence}, {describe_basis(promise)}.", tolerance, promise.whole, share, (), cause, "",
-            describe_basis(promise), list_left_out(case),
-        )  # fmt: skip
+            KEEPS, sentence, tolerance, promise.whole, share, (), cause, "", basis, list_left_out(case)
+        )
     if not beyond.any() and case.status == "not_confirmed":
         return _not_known(case, "the plan is not confirmed", f"{case.explained}.", promise, share)
     return _may_not_keep(case, promise, beyond, share)
@@ -181,6 +182,10 @@ def _may_not_keep(case: Case, promise: Promise, beyond: NDArray[np.bool_], share
         off = f"{len(case.failures)} waypoints are not reached within the limits"
         off += f" (the first is waypoint {min(case.failures)})" if case.failures else ""
     sentence = f"May not keep {_mm(tolerance)}: {off}. Largest cause: {cause}. {change}"
+    sentence += "" if change == LET_COMPENSATE else say_inertia(case)
+    if case.status != "solved":
+        stop = "the plan is not confirmed" if case.status == "not_confirmed" else "there is no solution"
+        sentence = f"Do not start: {stop}. {sentence}"
     sentence += f" Besides, {UNREAD} ({case.unread}). {LOOK}" if case.unread else ""
     return ToleranceVerdict(
         MAY_NOT_KEEP, sentence.strip(), tolerance, promise.whole, share, where, cause, change, describe_basis(promise),
@@ -191,7 +196,9 @@ def _may_not_keep(case: Case, promise: Promise, beyond: NDArray[np.bool_], share
 def _not_known(case: Case, missing: str, change: str, promise: Promise | None, share: float | None) -> ToleranceVerdict:
     tolerance, basis = case.task.tolerance, "" if promise is None else describe_basis(promise)
     band = None if promise is None else promise.whole
-    sentence = f"Not known whether it keeps {_mm(tolerance)}: {missing}. {change}"
+    sentence = f"Not known whether it keeps {_mm(tolerance)}: {missing}. {change}{say_inertia(case)}"
+    if case.status != "solved":
+        sentence = f"Do not start. {sentence}"
     return ToleranceVerdict(
         NOT_KNOWN, sentence.strip(), tolerance, band, share, (), missing, change, basis, list_left_out(case)
     )
@@ -224,7 +231,7 @@ def find_change(case: Case, promise: Promise, cause: str) -> str:
     if case.status == "infeasible":
         return "Move the part (compplan place JOB), or allow more."
     if cause == "inertia and vibration" and not case.inertia_wanted:
-        return "Let the plan compensate it: [plan] inertia = true."
+        return LET_COMPENSATE
     if cause in CHANGES:
         return CHANGES[cause]
     if cause in CAUSES and promise.known.grade == "measured":
@@ -236,11 +243,19 @@ def describe_basis(promise: Promise) -> str:
     """Say what the band rests on, in a few words."""
     robot = "measured" if promise.known.grade == "measured" else "assumed"
     force = "assumed" if "assumed" in promise.force.source else "stated"
+    said = "the robot is measured" if robot == "measured" else "the robot is assumed, not measured"
     if not np.any(promise.parts["force"]):
-        return f"by {robot} widths of the robot"
+        return said
     if robot == force:
-        return f"by {robot} widths of robot and force"
-    return f"by {robot} widths of the robot and {force} ones of the force"
+        return "robot and force are assumed, not measured"
+    return f"{said}; the force is {force}"
+
+
+def say_inertia(case: Case) -> str:
+    """Say that inertia is left alone where the job wants it so, "" otherwise."""
+    if case.inertia_wanted or not np.isfinite(case.bending.inertia):
+        return ""
+    return " Inertia is not compensated: [plan] inertia = false."
 
 
 def list_left_out(case: Case) -> tuple[str, ...]:
