@@ -22,7 +22,8 @@ from compplan.diagnose.held_out import Folds, HeldOut, predict_gap
 from compplan.diagnose.ledger import Ledger
 from compplan.diagnose.offers import REGISTRATION
 from compplan.diagnose.options import Option, SolvedOption, in_calibration, solve_option
-from compplan.diagnose.state import Fit, FitState, idle, move_registration
+from compplan.diagnose.polish import register_again
+from compplan.diagnose.state import Fit, FitState, idle, move_registration, stands
 from compplan.effects.signature import Signature
 from compplan.robot import Array
 
@@ -174,10 +175,14 @@ def is_faithful(fit: Fit, one: SolvedOption) -> bool:
     values = one.posterior.values(ledger.p)
     used = np.flatnonzero(values)
     linear = (ledger.observed[0] - ledger.designs[0][..., used] @ values[used]) * source.sigma
-    gap = predict_gap(fit, build_state(fit, values, [claim.signature for claim in one.option.claims]))
+    state = build_state(fit, values, [claim.signature for claim in one.option.claims])
+    if not stands(fit.problem, state):
+        return False
+    gap = predict_gap(fit, register_again(fit, state, fit.state.use))
     if gap is None:
         return False
-    return bool(np.linalg.norm(gap[source.rows] - linear) < FAITHFUL * np.linalg.norm(one.residual))
+    more = np.linalg.norm(gap[source.rows]) - np.linalg.norm(linear)
+    return bool(more < FAITHFUL * np.linalg.norm(one.residual))
 
 
 def hold_out_lawful(folds: Folds, blend: Blend, seen: NDArray[np.bool_]) -> HeldOut:

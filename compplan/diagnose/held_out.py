@@ -19,8 +19,9 @@ from compplan.diagnose.channels import block_index, group_poses, position_residu
 from compplan.diagnose.evidence import Prior, find_posterior
 from compplan.diagnose.ledger import ChannelProducts, Ledger, Products, select_rows
 from compplan.diagnose.offers import REGISTRATION
+from compplan.diagnose.polish import register_again
 from compplan.diagnose.search import Claim, Search, search_models
-from compplan.diagnose.state import Fit, FitState, advance_state, attain_state
+from compplan.diagnose.state import Fit, FitState, advance_state, attain_state, stands
 from compplan.errors import ConvergenceError
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array
@@ -159,7 +160,11 @@ class Folds:
         fit, rows = self.fit, self.fit.search.ledger.source[0].rows
         campaign, residual = fit.problem.campaign, np.zeros((len(self.fold), 3))
         for number, ledger in self.ledgers:
-            gap = predict_gap(*build(number, ledger))
+            fitted, state = build(number, ledger)
+            if fit.problem.register and stands(fit.problem, state):
+                # frames turn far: what their derivatives leave out is fitted exactly, to rows that the fit saw
+                state = register_again(fitted, state, fit.state.use & (self.fold != number))
+            gap = predict_gap(fitted, state)
             if gap is None:
                 gap = np.where(campaign.usable[:, None], campaign.position, np.inf)
             test = self.fold == number
