@@ -22,6 +22,7 @@ CODE = {
         "    return gcode.read('G21 G90 F600\\nG1 X0 Y0 Z0\\nG1 X9\\n', file, options)\n"
     ),
     "plainly": (
+        "name = 'plainly'\n"
         "def write(program, folder, most):\n    file = folder / 'p.plain'\n    file.write_text(program.name)\n"
         "    return [file]\n"
     ),
@@ -41,8 +42,8 @@ ENTRIES = """
 [compplan.readers]
 dots = dots
 [compplan.languages]
-plainly = plainly:write
-krl = plainly:write
+plainly = plainly
+krl = plainly
 [compplan.effects]
 loose_bolt = loose_bolt
 broken = no_such_module
@@ -66,7 +67,7 @@ with warnings.catch_warnings(record=True) as told:
     path = cp.read_toolpath("part.dots")
 print(json.dumps({"status": plan.status, "strategy": plan.strategy, "before": plan.before.max_deviation,
     "force": float(np.abs(plan.task.wrench[:, :3]).max()), "effects": "loose_bolt" in cp.EFFECTS,
-    "path": path.cutting_length, "krl": WRITERS["krl"].__module__, "told": [str(w.message) for w in told]}))
+    "path": path.cutting_length, "krl": WRITERS["krl"].__name__, "told": [str(w.message) for w in told]}))
 """
 
 

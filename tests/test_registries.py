@@ -52,12 +52,13 @@ def test_a_strategy_is_one_file_and_one_line(add_module, tmp_path, monkeypatch, 
 def test_a_program_language_is_one_file_and_one_line(add_module, tmp_path, monkeypatch, capsys) -> None:
     module = add_module(
         "plainly",
+        "name = 'plainly'\n"
         "def write(program, folder, most):\n"
         "    file = folder / (program.name + '.plain')\n"
         "    file.write_text(str(len(program.joints)))\n"
         "    return [file]\n",
     )
-    monkeypatch.setitem(WRITERS, "plainly", module.write)
+    monkeypatch.setitem(WRITERS, "plainly", module)
     assert "plainly" in str(Job.model_json_schema())
     job = write_job(tmp_path, plan='[output]\nprograms = ["plainly"]')
     answer = run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys)

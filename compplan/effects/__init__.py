@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -51,7 +50,7 @@ from compplan.effects import (
 )
 from compplan.effects.checks import check_effect
 from compplan.effects.scene import Attained, Scene, attain_scene, stage_scene
-from compplan.effects.signature import Effect, Signature
+from compplan.effects.signature import Effect, EffectModel, Signature
 from compplan.errors import InputError, UnknownNameError
 from compplan.files.plugins import load_plugins
 from compplan.measure.campaign import Campaign
@@ -59,32 +58,30 @@ from compplan.robot import Array, Robot
 
 #: Every effect of the vocabulary, by name, in the order in which effects enter a scene: what changes the robot first,
 #: what needs its poses later. A new effect is one new file and one line here.
-EFFECTS: dict[str, ModuleType] = {
-    module.name: module
-    for module in (
-        joint_stiffness,
-        link_compliance,
-        base_compliance,
-        stiffness_nonlinearity,
-        gravity_sag,
-        payload,
-        gravity_compensator,
-        joint_offset,
-        link_geometry,
-        tool_frame,
-        base_frame,
-        backlash,
-        transmission_error,
-        thermal_drift,
-        wrench_bias,
-        wrench_scale,
-        tracking_lag,
-        frame_shift,
-        tool_shift,
-        joint_coupling,
-        time_skew,
-    )
-}
+_OWN: tuple[EffectModel, ...] = (
+    joint_stiffness,
+    link_compliance,
+    base_compliance,
+    stiffness_nonlinearity,
+    gravity_sag,
+    payload,
+    gravity_compensator,
+    joint_offset,
+    link_geometry,
+    tool_frame,
+    base_frame,
+    backlash,
+    transmission_error,
+    thermal_drift,
+    wrench_bias,
+    wrench_scale,
+    tracking_lag,
+    frame_shift,
+    tool_shift,
+    joint_coupling,
+    time_skew,
+)
+EFFECTS: dict[str, EffectModel] = {module.name: module for module in _OWN}
 EFFECTS.update(load_plugins("effects", EFFECTS))
 
 __all__ = [

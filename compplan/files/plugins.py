@@ -13,7 +13,7 @@ from typing import Any
 #: What can be added, and what the entry point names.
 GROUPS = {
     "readers": "module with name, suffixes, recognise, read",
-    "languages": "function (program, folder, most) -> files",
+    "languages": "module with name, write",
     "effects": "module with name, words, signatures, apply, fold",
     "strategies": "module with command_path",
     "force_models": "table, a subclass of compplan.path.contact.PathForceTable",

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,33 +10,16 @@ import numpy as np
 from compplan.errors import InputError, UnknownNameError
 from compplan.files.notes import Stop
 from compplan.files.plugins import load_plugins
+from compplan.program import fanuc_ls, inform, joint_csv, kawasaki_as, krl, rapid, sinumerik, urscript, val3
 from compplan.program.counting import load_controller
-from compplan.program.fanuc_ls import write_fanuc_ls
-from compplan.program.inform import write_inform
-from compplan.program.joint_csv import write_joint_csv
-from compplan.program.kawasaki_as import write_kawasaki_as
-from compplan.program.krl import write_krl
 from compplan.program.machine import Wiring, describe_events
-from compplan.program.program import Program, build_program
-from compplan.program.rapid import write_rapid
-from compplan.program.sinumerik import write_sinumerik
-from compplan.program.urscript import write_urscript
-from compplan.program.val3 import write_val3
+from compplan.program.program import Language, Program, build_program
 from compplan.robot import Robot
 
-#: Writer of each language: (program, folder, greatest number of points in a file or None) -> files written. Its module
-#: may say whose controllers speak the language (BRAND), and what a user has to know of a program (describe).
-WRITERS: dict[str, Callable[[Program, Path, int | None], list[Path]]] = {
-    "krl": write_krl,
-    "val3": write_val3,
-    "fanuc_ls": write_fanuc_ls,
-    "rapid": write_rapid,
-    "urscript": write_urscript,
-    "sinumerik": write_sinumerik,
-    "inform": write_inform,
-    "kawasaki_as": write_kawasaki_as,
-    "csv": write_joint_csv,
-}
+_OWN: tuple[Language, ...] = (krl, val3, fanuc_ls, rapid, urscript, sinumerik, inform, kawasaki_as, joint_csv)
+#: Module of each language, by name. It may also say whose controllers speak the language (BRAND), its words for events
+#: (PHRASES), and what a user has to know of a program (describe).
+WRITERS: dict[str, Language] = {module.name: module for module in _OWN}
 WRITERS.update(load_plugins("languages", WRITERS))
 
 __all__ = [
@@ -70,7 +52,7 @@ def write_program(
         raise UnknownNameError("program language", language, list(WRITERS))
     if not any_brand:
         check_brand(program.controller, language)
-    return WRITERS[language](program, Path(folder), most)
+    return WRITERS[language].write(program, Path(folder), most)
 
 
 def check_brand(controller: str, language: str) -> None:
@@ -146,7 +128,7 @@ def describe_program(program: Program, language: str) -> list[str]:
         where = f"{', '.join(map(str, swings[:5]))}{' ...' if len(swings) > 5 else ''}"
         changes = f"{language}: the configuration changes within a cut, at {where}: linear programs swing over"
         notes.append(Stop(changes))
-    module = sys.modules[WRITERS[language].__module__]
+    module = WRITERS[language]
     describe, phrases = getattr(module, "describe", None), getattr(module, "PHRASES", None)
     own = describe(program) if describe else []
     if phrases is not None:
@@ -157,4 +139,4 @@ def describe_program(program: Program, language: str) -> list[str]:
 
 
 def _brand(language: str) -> str:
-    return str(getattr(sys.modules[WRITERS[language].__module__], "BRAND", ""))
+    return str(getattr(WRITERS[language], "BRAND", ""))

@@ -13,6 +13,7 @@ from compplan.program.machine import Phrases, phrase_events
 from compplan.program.program import Program, describe_feeds, head_lines, split_parts
 from compplan.program.text import clean_text, legal_name, wrap_text
 
+name = "fanuc_ls"
 BRAND = "FANUC"
 #: Positions in a program where the job says nothing.
 MOST = 1000
@@ -36,7 +37,7 @@ PHRASES = Phrases(
 )
 
 
-def write_fanuc_ls(program: Program, folder: Path, most: int | None = None) -> list[Path]:
+def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.LS with joint positions and NAME_L.LS with Cartesian ones; long ones call NAME_1.LS and so on.
 
     Cutting moves are linear moves (L) with their feed, rapid moves and swings joint moves (J) at 20 %. Cartesian

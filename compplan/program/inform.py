@@ -20,6 +20,7 @@ from compplan.program.program import (
 )
 from compplan.program.text import clean_text, legal_name, wrap_text
 
+name = "inform"
 BRAND = "Yaskawa"
 #: Positions in a job where the program's job says nothing.
 MOST = 2000
@@ -43,7 +44,7 @@ PHRASES = Phrases(
 )
 
 
-def write_inform(program: Program, folder: Path, most: int | None = None) -> list[Path]:
+def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.JBI with joint angles and, where poses and configuration words are known, NAME_L.JBI with positions.
 
     Cutting moves of the linear job are MOVL with their feed (mm/s), rapid moves and swings MOVJ at 20 %; the joint job

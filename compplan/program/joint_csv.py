@@ -10,8 +10,10 @@ from compplan.files.tables import write_table
 from compplan.program.program import Program
 from compplan.program.text import legal_name
 
+name = "csv"
 
-def write_joint_csv(program: Program, folder: Path, most: int | None = None) -> list[Path]:
+
+def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME_joints.csv: a column a joint (A1_deg ...), feed_mm_s, rapid, and time_s where it is known.
 
     Args:

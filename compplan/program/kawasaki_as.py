@@ -12,6 +12,7 @@ from compplan.program.machine import Phrases, phrase_events
 from compplan.program.program import Program, count_digits, head_lines, joint_shares, need_six_axes, split_parts
 from compplan.program.text import legal_name
 
+name = "kawasaki_as"
 BRAND = "Kawasaki"
 #: Points in a program where the job says nothing.
 MOST = 2000
@@ -38,7 +39,7 @@ PHRASES = Phrases(
 )
 
 
-def write_kawasaki_as(program: Program, folder: Path, most: int | None = None) -> list[Path]:
+def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.as with joint moves (JMOVE) and, where poses are known, NAME_L.as with linear ones (LMOVE).
 
     Long ones hold further programs NAME_1 and so on, a file each, which the first calls. Transformations count from the

@@ -14,6 +14,7 @@ from compplan.program.machine import Phrases, phrase_events
 from compplan.program.program import Program, count_digits, head_lines, joint_percent, order_joints, split_parts
 from compplan.program.text import legal_name
 
+name = "krl"
 BRAND = "KUKA"
 ARM = ("A1", "A2", "A3", "A4", "A5", "A6")
 EXTERNAL = ("E1", "E2", "E3", "E4", "E5", "E6")
@@ -68,7 +69,7 @@ PHRASES = Phrases(
 )
 
 
-def write_krl(program: Program, folder: Path, most: int | None = None) -> list[Path]:
+def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME_J.src, which moves the joints, and NAME_L.src, which moves the tool; each calls its parts.
 
     The joint program repeats the plan as it is. The linear one goes through the geometry that the controller believes,

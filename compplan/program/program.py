@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -338,3 +340,13 @@ def need_six_axes(program: Program, language: str, *, sliding: int) -> None:
         rail = f" and up to {sliding} sliding" if sliding else ""
         own = list(program.joint_names)
         raise InputError(f"{language} programs are written for six rotating{rail} joints, this robot has {own}")
+
+
+class Language(Protocol):
+    """What the file of a language offers."""
+
+    name: str
+
+    def write(self, program: Program, folder: Path, most: int | None = None) -> list[Path]:
+        """Write a program into a folder, at most so many points in a file; return the files."""
+        ...

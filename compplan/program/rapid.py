@@ -14,6 +14,7 @@ from compplan.program.machine import Phrases, Signal, name_signal, phrase_events
 from compplan.program.program import Program, count_digits, head_lines, split_parts
 from compplan.program.text import legal_name
 
+name = "rapid"
 BRAND = "ABB"
 #: Points in a module where the job says nothing.
 MOST = 5000
@@ -47,7 +48,7 @@ PHRASES = Phrases(
 )
 
 
-def write_rapid(program: Program, folder: Path, most: int | None = None) -> list[Path]:
+def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.mod with joint moves and, where poses are known, NAME_L.mod with linear ones; each calls its parts.
 
     Waypoints are joint targets, or robot targets in a work object that is the part frame. The tool centre point runs no

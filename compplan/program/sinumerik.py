@@ -15,6 +15,7 @@ from compplan.program.machine import Phrases, phrase_events
 from compplan.program.program import Program, count_digits, head_lines, need_six_axes, split_parts
 from compplan.program.text import legal_name
 
+name = "sinumerik"
 #: The control drives arms of many brands.
 BRAND = ""
 #: Waypoints in a part program where the job says nothing.
@@ -47,7 +48,7 @@ PHRASES = Phrases(
 )
 
 
-def write_sinumerik(program: Program, folder: Path, most: int | None = None) -> list[Path]:
+def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.MPF, or NAME_1.SPF and so on with a NAME.MPF that calls them.
 
     Positions count from the part frame, set by TRANS and AROT on top of G500; X Y Z are the tool tip, A2 B2 C2 (ORIRPY)

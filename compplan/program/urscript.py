@@ -12,6 +12,7 @@ from compplan.program.machine import Phrases, phrase_events
 from compplan.program.program import Program, head_lines, joint_shares, need_six_axes, split_parts
 from compplan.program.text import legal_name
 
+name = "urscript"
 BRAND = "Universal Robots"
 #: Points in a program where the job says nothing.
 MOST = 2000
@@ -42,7 +43,7 @@ PHRASES = Phrases(
 )
 
 
-def write_urscript(program: Program, folder: Path, most: int | None = None) -> list[Path]:
+def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.script with joint moves and, where poses are known, NAME_L.script with linear ones.
 
     Long ones are cut into NAME_1.script and so on, each a program of its own, to be run in order. Positions count from

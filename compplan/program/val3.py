@@ -14,6 +14,7 @@ from compplan.program.machine import Phrases, Signal, name_signal, phrase_events
 from compplan.program.program import Program, head_lines, split_parts
 from compplan.program.text import legal_name
 
+name = "val3"
 BRAND = "Staubli"
 #: Points in an array where the job says nothing.
 MOST = 5000
@@ -53,7 +54,7 @@ PHRASES = Phrases(
 )
 
 
-def write_val3(program: Program, folder: Path, most: int | None = None) -> list[Path]:
+def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write the project NAME with joint motions and, where poses are known, NAME_L with linear ones.
 
     A project holds NAME.pjx, its data (.dtx) and programs (.pgx): start, stop, and one a part. movej runs through joint

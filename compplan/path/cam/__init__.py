@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
+from typing import Protocol
 
 import numpy as np
 
@@ -25,8 +25,30 @@ from compplan.path.toolpath import Toolpath
 
 #: Letters of the head of a file by which its language is known.
 HEAD_LETTERS = 100_000
+
+
+class CamReader(Protocol):
+    """What the file of a reader offers."""
+
+    name: str
+
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """Endings of its files."""
+        ...
+
+    def recognise(self, text: str) -> int:
+        """Tell how surely a text is of this language: 0, 1 or 2."""
+        ...
+
+    def read(self, text: str, file: Path, options: CamTable) -> CamFile:
+        """Read a text of this language."""
+        ...
+
+
+_OWN: tuple[CamReader, ...] = (gcode, apt, krl, rapid, heidenhain, sinumerik)
 #: Every reader, by the name of its language.
-READERS: dict[str, ModuleType] = {module.name: module for module in (gcode, apt, krl, rapid, heidenhain, sinumerik)}
+READERS: dict[str, CamReader] = {module.name: module for module in _OWN}
 READERS.update(load_plugins("readers", READERS))
 
 __all__ = ["READERS", "CamFacts", "CamFile", "CamTable", "find_reader", "list_suffixes", "read_cam", "refuse_idle"]
@@ -37,7 +59,7 @@ def list_suffixes() -> list[str]:
     return [suffix for reader in READERS.values() for suffix in reader.suffixes]
 
 
-def find_reader(path: Path, text: str) -> ModuleType | None:
+def find_reader(path: Path, text: str) -> CamReader | None:
     """Return the reader of a file: that whose language the text is most surely in, its suffix between equals.
 
     Args:
