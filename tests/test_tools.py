@@ -22,6 +22,8 @@ from compplan.job.tool_library import read_tool_library, take_tool
 from compplan.outputs.operations import deliver_operations
 from compplan.path.operations import split_operations
 from compplan.path.reading import read_toolpath
+from compplan.program import build_program, write_program
+from compplan.program.sequence import write_sequence
 from compplan.program.text import legal_name
 
 HEAD = "%\nO0007 (BRACKET)\nG90 G94 G17 G49 G40 G80\nG21\n"
@@ -161,6 +163,41 @@ def test_two_tools_and_their_holes_are_read_back_from_the_programs(posted: cp.Po
             assert tips[:, 2].min() == pytest.approx(-6.0, abs=1e-4)
         else:
             assert tips[:, 2].min() == pytest.approx(-1.0, abs=1e-4)
+
+
+def test_a_main_program_calls_the_programs_of_all_tools_where_the_language_has_calls(posted: cp.Posted) -> None:
+    for kind in ("J", "L"):
+        lines = (posted.folder / f"two_ALL_{kind}.src").read_text().splitlines()
+        assert [line for line in lines if line.startswith("two_")] == [f"two_T1_{kind}()", f"two_T2_{kind}()"]
+        assert lines[1] == f"DEF two_ALL_{kind}()" and lines[-1] == "END"
+    assert not list(posted.folder.glob("*ALL*.mod"))  # RAPID modules have a main program each
+    whole = json.loads((posted.folder / "plan.json").read_text())
+    assert whole["main_programs"] == ["two_ALL_J.src", "two_ALL_L.src"]
+
+
+@pytest.mark.parametrize(("language", "call"), [
+    ("krl", "{}()"), ("fanuc_ls", "CALL {} ;"), ("inform", "CALL JOB:{}"), ("kawasaki_as", "CALL {}"),
+    ("sinumerik", "{}"),
+])  # fmt: skip
+def test_a_main_program_names_what_no_other_program_calls(language: str, call: str, tmp_path: Path) -> None:
+    """Long programs are cut into parts that their own main program calls; that of the job calls those alone."""
+    robot = cp.load_robot("kuka_kr16_2")
+    q = np.linspace([0.1, -1.2, 1.5, 0.1, 0.8, 0.1], [0.3, -1.1, 1.4, 0.2, 0.9, 0.2], 30)
+    feed, rapid = np.full(30, 10.0e-3), np.arange(30) == 0
+    programs = [build_program(robot, q, feed, rapid, name=f"bracket_{label}") for label in ("T1", "T2")]
+    words = {key: np.full(30, value) for key, value in (("shoulder", "front"), ("elbow", "up"), ("wrist", "flip"))}
+    programs = [replace(program, words=words) if language == "inform" else program for program in programs]
+    groups = [write_program(program, language, tmp_path, most=10, any_brand=True) for program in programs]
+    mains = write_sequence(programs[0], language, "bracket", groups, tmp_path)
+    for main in mains:
+        kind = main.stem.upper().removeprefix("BRACKET_ALL") if language != "kawasaki_as" else main.stem[-2:].upper()
+        kind = kind if kind in ("_J", "_L") else ""
+        called = [file.stem for files in groups for file in files if file.suffix == main.suffix
+                  and re.fullmatch(rf"BRACKE?T?_T[12]{kind}", file.stem.upper())]  # fmt: skip
+        text = main.read_text()
+        assert len(called) == 2 and text.index(call.format(called[0])) < text.index(call.format(called[1]))
+        assert not re.search(r"T[12](_[JL])?_?\d", text, re.IGNORECASE)
+    assert mains
 
 
 def test_the_folder_holds_the_whole_and_each_tool(posted: cp.Posted) -> None:

@@ -57,7 +57,7 @@ def carry_out_all(jobs: Sequence[Job], folder: Path, *, as_json: bool, note: str
         for told in summary["notes"]:
             click.echo(f"before the machine moves: {told}" if isinstance(told, Stop) else told)
         if any(plan.job is not None and plan.job.output.programs for plan in plans):
-            click.echo(describe_order(summary))
+            click.echo(describe_order(summary, files))
         click.echo(f"wrote {len(files)} files to {folder}; next: open {folder / 'report.html'}, or compplan view "
                    f"{folder / summary['tools'][0]['folder']}")  # fmt: skip
     failing = [plan for plan in plans if plan.status != "solved"]

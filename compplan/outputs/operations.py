@@ -3,20 +3,23 @@
 OUT/plan.json, OUT/report.html     the whole, and a line for each tool
 OUT/joints.csv                     all rows in order, with a column tool
 OUT/JOB_T1.., OUT/JOB_T2..         programs, to be run in this order; each begins with its tool change
+OUT/JOB_ALL..                      main programs that call them in order, in languages with calls
 OUT/T1/, OUT/T2/                   all else that `compplan plan` writes for one tool
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from compplan.files.tables import read_text, write_json, write_text
 from compplan.files.transaction import list_files, replace_folder
-from compplan.outputs.plan import write_beside, write_moves
+from compplan.outputs.plan import head_of_status, make_program, write_beside, write_moves
 from compplan.plan.operations import summarise_operations
 from compplan.plan.result import Plan
+from compplan.program.sequence import WHOLE
 from compplan.report.operations_page import write_operations_page
 
 #: Time between the last row of a tool and the first of the next in joints.csv: the change is not timed. [s]
@@ -46,6 +49,7 @@ def deliver_operations(plans: Sequence[Plan], folder: str | Path, name: str) -> 
     read: list[Plan] = []
     with replace_folder(folder, "plan") as part:
         programs: dict[str, list[str]] = {}
+        written: list[list[Path]] = []
         for plan in plans:
             label = "" if plan.job is None else plan.job.label
             place = part / label
@@ -54,16 +58,37 @@ def deliver_operations(plans: Sequence[Plan], folder: str | Path, name: str) -> 
             programs[label] = [str(file.relative_to(place)) for file in files]
             for own in dict.fromkeys(Path(file).parts[0] for file in programs[label]):
                 (place / own).rename(part / own)
+            written.append([part / file for file in programs[label]])
             write_beside(plan, place)
             read.append(plan)
         _join_joints([part / label / "joints.csv" for label in programs], list(programs), part / "joints.csv")
+        mains = _write_mains(read, written, part, name)
         summary = summarise_operations(read, name)
+        summary["main_programs"] = [file.name for file in mains]
         for entry in summary["tools"]:
             entry["programs"] = programs[entry["label"]]
         write_operations_page(summary, part / "report.html")
         write_json(part / "plan.json", summary, indent=2)
         names = list_files(part)
     return read, [Path(folder) / name for name in names]
+
+
+def _write_mains(
+    plans: Sequence[Plan], written: Sequence[Sequence[Path]], folder: Path, name: str
+) -> list[Path]:
+    """Write the programs that call those of all tools, in the languages that have calls."""
+    from compplan.program.sequence import write_sequence
+
+    job = plans[0].job
+    if job is None or not job.output.programs:
+        return []
+    said = [f"{plan.job.label if plan.job else ''}: {line}" for plan in plans for line in head_of_status(plan)]
+    head = (f"compplan: {name}, the programs of all tools in order", *said)
+    first = replace(make_program(plans[0]), name=f"{name}, all tools; the first", comments=head)
+    return [
+        file for language in job.output.programs
+        for file in write_sequence(first, language, job.file.stem, written, folder)
+    ]  # fmt: skip
 
 
 def _join_joints(files: Sequence[Path], labels: Sequence[str], whole: Path) -> None:
@@ -83,7 +108,9 @@ def _join_joints(files: Sequence[Path], labels: Sequence[str], whole: Path) -> N
     write_text(whole, "\n".join([*lines, ""]))
 
 
-def describe_order(summary: dict[str, Any]) -> str:
-    """Say in which order the programs run."""
+def describe_order(summary: dict[str, Any], files: Sequence[Path]) -> str:
+    """Say in which order the programs run, and which main programs among the files do it."""
     labels = [entry["label"] for entry in summary["tools"]]
-    return f"run the programs of {', then those of '.join(labels)} (so their names end); each begins with its change"
+    order = f"run the programs of {', then those of '.join(labels)} (so their names end); each begins with its change"
+    mains = [file.name for file in files if WHOLE.search(file.stem)]
+    return f"{order}; {' and '.join(mains)} {'calls' if len(mains) == 1 else 'call'} them in order" if mains else order

@@ -284,7 +284,12 @@ def _head(plan: Plan) -> list[str]:
         f"compplan: {plan.name}",
         f"robot {plan.robot.name}, robot model: {plan.robot.grade}, strategy {plan.strategy}",
     ]
-    if plan.status != "solved":
-        word = "INFEASIBLE" if plan.status == "infeasible" else "NOT CONFIRMED"
-        lines.append(f"{word}: the best compromise, not a program to run")
-    return [*lines, *plan.verdict.head]
+    return [*lines, *head_of_status(plan), *plan.verdict.head]
+
+
+def head_of_status(plan: Plan) -> list[str]:
+    """Return the line that warns of a plan that is not solved."""
+    if plan.status == "solved":
+        return []
+    word = "INFEASIBLE" if plan.status == "infeasible" else "NOT CONFIRMED"
+    return [f"{word}: the best compromise, not a program to run"]

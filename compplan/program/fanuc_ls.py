@@ -126,11 +126,11 @@ def _write_kind(
         if len(parts) == 1:
             head, moves = head + before, moves + after
         files.append(folder / f"{part}.LS")
-        write_text(files[-1], _text(part, program, head + moves, positions), newline="\r\n")
+        write_text(files[-1], format_program(part, program, head + moves, positions), newline="\r\n")
     if len(parts) > 1:
         files.append(folder / f"{name}.LS")
         calls = [*setting, *before, *(f"  CALL {part} ;" for part in names), *after]
-        write_text(files[-1], _text(name, program, calls, []), newline="\r\n")
+        write_text(files[-1], format_program(name, program, calls, []), newline="\r\n")
     return files
 
 
@@ -180,7 +180,8 @@ def _position(entries: list[str], number: int) -> str:
     return f"P[{number}]{{\n   GP1:\n{head},\n\t" + ",\n\t".join(groups) + "\n};"
 
 
-def _text(name: str, program: Program, instructions: list[str], positions: list[str]) -> str:
+def format_program(name: str, program: Program, instructions: list[str], positions: list[str]) -> str:
+    """Return the file of a program: its head, its instructions, its positions."""
     comments = [f"  !{clean_text(line, LONGEST_REMARK)} ;" for line in head_lines(program)]
     body = [f"{number:4d}:{line}" for number, line in enumerate([*comments, *instructions], start=1)]
     attributes = [

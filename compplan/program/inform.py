@@ -93,12 +93,12 @@ def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, 
         setting = [*_settings(), *program.header] if len(parts) == 1 else []
         moves += program.footer if len(parts) == 1 else ()
         files.append(folder / f"{part}.JBI")
-        write_text(files[-1], _text(program, part, points, [*setting, *moves]), newline="\r\n")
+        write_text(files[-1], format_job(program, part, points, [*setting, *moves]), newline="\r\n")
     if len(parts) > 1:
         calls = [f"CALL JOB:{part}" for part in names]
         files.append(folder / f"{name}.JBI")
         instructions = [*_settings(), *program.header, *calls, *program.footer]
-        write_text(files[-1], _text(program, name, [], instructions), newline="\r\n")
+        write_text(files[-1], format_job(program, name, [], instructions), newline="\r\n")
     return files
 
 
@@ -141,7 +141,8 @@ def _moves(program: Program, rows: slice, linear: bool) -> list[str]:
     return lines
 
 
-def _text(program: Program, name: str, points: list[str], instructions: list[str]) -> str:
+def format_job(program: Program, name: str, points: list[str], instructions: list[str]) -> str:
+    """Return the file of a program: its head, its instructions, its positions."""
     tool = np.eye(4) if program.tool is None else program.tool
     variables = [
         "///POSTYPE BASE", "///RECTAN", f"///RCONF {','.join(['0'] * 24)}",
