@@ -27,8 +27,8 @@ from compplan.diagnose.state import Fit, FitState, idle, move_registration, stan
 from compplan.effects.signature import Signature
 from compplan.robot import Array
 
-#: The exact model of an option may leave so much more, over what it leaves of rows never seen (assumed: a tenth of its
-#: square).
+#: The exact model of an option may leave so much more or less, over what it leaves of rows never seen (assumed: a tenth
+#: of its square).
 FAITHFUL = 0.3
 
 
@@ -181,8 +181,8 @@ def is_faithful(fit: Fit, one: SolvedOption) -> bool:
     gap = predict_gap(fit, register_again(fit, state, fit.state.use))
     if gap is None:
         return False
-    more = np.linalg.norm(gap[source.rows]) - np.linalg.norm(linear)
-    return bool(more < FAITHFUL * np.linalg.norm(one.residual))
+    off = abs(np.linalg.norm(gap[source.rows]) - np.linalg.norm(linear))
+    return bool(off < FAITHFUL * np.linalg.norm(one.residual))
 
 
 def hold_out_lawful(folds: Folds, blend: Blend, seen: NDArray[np.bool_]) -> HeldOut:

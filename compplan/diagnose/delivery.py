@@ -19,7 +19,7 @@ from compplan.diagnose.blend import Blend, blend_options, build_state, hold_out_
 from compplan.diagnose.channels import position_residual
 from compplan.diagnose.explanations import name_rivals
 from compplan.diagnose.held_out import Folds, HeldOut, with_claims
-from compplan.diagnose.options import decide_once, list_options
+from compplan.diagnose.options import Decide, decide_once, list_options
 from compplan.diagnose.polish import polish_fit, register_again
 from compplan.diagnose.posterior import state_uncertainty
 from compplan.diagnose.search import Claim
@@ -97,8 +97,7 @@ def deliver_folders(
     every = possible_claims(verdict)
     seen = good[plain.rows]
     again = decide_once(folds, every) if len(every) > len(beyond) else None
-    alone = again if len(named) > len(beyond) else None
-    # names in doubt are weighed anew beside all others in doubt, as the search did that found them
+    alone = keep_places(folds, again, named) if again is not None and len(named) > len(beyond) else None
     blend = blend_options(folds, list_options(beyond, every, again), seen)
     judged: list[tuple[str, Sequence[Claim] | Blend, HeldOut]] = [
         (CAUSES, named, folds.hold_out(named, background=False, decide=alone)),
@@ -118,6 +117,19 @@ def deliver_folders(
     lawful = hold_out_lawful(folds, blend, seen)
     built = [_build(fit, kind, claims, held, sure, lawful) for kind, claims, held in chosen]
     return tuple(delivery for delivery in built if delivery is not None) or (rest,)
+
+
+def keep_places(folds: Folds, again: Decide, named: Sequence[Claim]) -> Decide:
+    """Return what weighs names anew beside all others in doubt, as the search did that found them, and keeps the names.
+
+    Args:
+        folds: The fit, dealt to folds.
+        again: Weighs all claims anew.
+        named: The names.
+    """
+    signatures = folds.fit.search.ledger.signatures
+    places = {signatures[claim.signature].place for claim in named}
+    return lambda ledger: [c for c in again(ledger) if signatures[c.signature].place in places]
 
 
 def _is_better(new: HeldOut, nominal: HeldOut, pose: NDArray[np.int_]) -> bool:
