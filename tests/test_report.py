@@ -36,7 +36,7 @@ from compplan.report.page import share_values
 from compplan.report.panels import draw_small_multiples
 from compplan.report.path_scene import choose_magnification, draw_cell
 from compplan.report.plan_page import PlanView, describe_plan, write_view
-from compplan.report.posture_section import _show_map
+from compplan.report.posture_section import show_map
 from compplan.report.robot_scene import draw_robot, place_meshes, shade_faces
 from compplan.report.style import format_angle, format_length, format_number, format_percent, mark_decades
 from compplan.robot import load_robot
@@ -379,14 +379,14 @@ def test_thirteen_strategies_get_thirteen_charts_on_the_same_axes() -> None:
 def test_a_held_rotation_is_drawn_as_a_line_along_the_path() -> None:
     held = SimpleNamespace(spin=np.zeros(1), length=np.linspace(0, 1, 20), sensitivity=np.full((20, 1), 2e-4),
                            reason=np.zeros((20, 1), int), chosen=np.zeros(20))  # fmt: skip
-    chart = _show_map(held)  # type: ignore[arg-type]
+    chart = show_map(held)  # type: ignore[arg-type]
     assert [trace.type for trace in chart.figure.data] == ["scatter"]
     np.testing.assert_allclose(chart.figure.data[0].y, 0.2)
     turned = replace_attributes(held, spin=np.linspace(0, 3, 4), sensitivity=np.full((20, 4), 2e-4),
                                 reason=np.zeros((20, 4), int))  # fmt: skip
-    assert "All rotations are alike" in _show_map(turned).caption  # type: ignore[arg-type]
+    assert "All rotations are alike" in show_map(turned).caption  # type: ignore[arg-type]
     turned.sensitivity = turned.sensitivity * np.linspace(1.0, 1.5, 4)
-    assert "alike" not in _show_map(turned).caption  # type: ignore[arg-type]
+    assert "alike" not in show_map(turned).caption  # type: ignore[arg-type]
 
 
 def replace_attributes(old: SimpleNamespace, **new: object) -> SimpleNamespace:

@@ -15,7 +15,7 @@ from compplan.files.tables import dump_json
 @click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (place.json) to stdout.")
 def command(job: Path, folder: Path, as_json: bool) -> None:
-    """Search where the part of JOB should stand: write place.json, report.html and two maps.
+    """Search where the part of JOB should stand: write place.json and report.html.
 
     Example: compplan place paths/circle_500mm.toml --out out
     """
@@ -46,5 +46,5 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
     click.echo(f"rotation_deg = {summary['part']['rotation_deg']}")
     if summary["base_height_mm"]:
         click.echo(f"# counted from the robot base, which is raised by {summary['base_height_mm']:g} mm")
-    click.echo(f"wrote place.json, report.html, place_map.png, posture_map.png to {folder}")
+    click.echo(f"wrote place.json, report.html to {folder}")
     click.echo("next: put [part] into the job, and plan")

@@ -12,7 +12,7 @@ from compplan.files.transaction import check_file, check_results
 
 #: Results whose names are known before anything is computed, by command; programs are named after the job.
 RESULTS = {
-    "plan": ("plan.json", "joints.csv", "report.html", "cell.json", "deviation.csv", "posture_map.png"),
+    "plan": ("plan.json", "joints.csv", "report.html", "cell.json", "deviation.csv"),
     "compare": ("compare.json", "report.html"),
     "montecarlo": ("montecarlo.json", "report.html"),
     "map": ("map.json", "map_horizontal.png", "map_vertical.png"),
@@ -21,7 +21,7 @@ RESULTS = {
     "campaign": ("campaign.json", "campaign.csv", "report.html"),
     "learn": ("learn.json", "plan.json", "joints.csv", "plan.html", "report.html", "robot/robot.urdf"),
     "reproduce": ("reproduction.json", "report.html"),
-    "place": ("place.json", "place_map.png", "report.html"),
+    "place": ("place.json", "report.html"),
     "forces": ("forces.json", "forces.csv", "report.html"),
     "post": ("plan.json", "joints.csv", "report.html"),
 }

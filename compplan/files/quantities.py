@@ -60,9 +60,14 @@ def format_mm(metres: float) -> str:
         metres: The length. [m]
     """
     if 0 < abs(metres) < 1e-6:
-        return "< 0.001\u00a0mm"
+        return "<\u00a00.001\u00a0mm"
     coarse = math.isnan(metres) or abs(metres) >= 0.1e-3
     return f"{format_number(1e3 * metres) if coarse else f'{1e3 * metres:.3f}'}\u00a0mm"
+
+
+def format_mm_change(before: float, after: float) -> str:
+    """Write two lengths, one after the other, in mm. [m]."""
+    return f"{format_mm(before).removesuffix(chr(160) + 'mm')} → {format_mm(after)}"
 
 
 def format_bound(metres: float) -> str:

@@ -49,5 +49,5 @@ def draw_curves(curves: Curves) -> Any:
     figure.update_yaxes(title_text=curves.y, type="log" if curves.logarithmic else "linear")
     if not curves.logarithmic:
         figure.update_yaxes(rangemode="tozero")
-    figure.update_layout(margin={"t": 30, "r": 12, "l": 60, "b": 46})
+    figure.update_layout(margin={"t": 46, "r": 12, "l": 60, "b": 46})
     return figure

@@ -73,11 +73,6 @@ def Heatmap(**keys: Any) -> Node:
     return _trace("heatmap", keys)
 
 
-def Contour(**keys: Any) -> Node:
-    """Return lines of equal value."""
-    return _trace("contour", keys)
-
-
 def Mesh3d(**keys: Any) -> Node:
     """Return triangles in space."""
     return _trace("mesh3d", keys)

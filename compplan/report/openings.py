@@ -13,7 +13,7 @@ import numpy as np
 from compplan.plan.keeping import MEASURE
 from compplan.report.effect_words import describe_effect, name_effect
 from compplan.report.page import Block, KeyFigure, Opening
-from compplan.report.style import format_mm, format_number, format_percent, format_set_length
+from compplan.report.style import format_mm, format_mm_change, format_number, format_percent, format_set_length
 
 if TYPE_CHECKING:
     from compplan.job.force_prediction import ForcePrediction
@@ -169,7 +169,7 @@ def open_teaching(teaching: Teaching, picture: Block) -> Opening:
         return Opening(verdict, "unsure", figures, picture, "Measure more points, or another part, and learn again.")
     verdict = "The new program should make the next part better."
     figures = [
-        KeyFigure(f"{format_mm(lesson.rms)} → {format_mm(lesson.expected)}",
+        KeyFigure(format_mm_change(lesson.rms, lesson.expected),
                   "rms deviation, measured on this part and expected of the next", "good"),
         KeyFigure(format_mm(lesson.held_out), "checked: left on stretches not used for the correction"),
         KeyFigure(format_mm(float(lesson.band_after.max())), "95 % band of the next part at its widest"),
@@ -247,7 +247,7 @@ def open_identification(summary: Mapping[str, Any], picture: Block | None) -> Op
         verdict = f"The fitted robot model is {format_number(before / after, 2)} times closer to the measurements."
     written = sum(1 for entry in summary["parameters"] if entry["written"])
     figures = [
-        KeyFigure(f"{format_mm(before)} → {format_mm(after)}", "rms error before and after, on poses not in the fit",
+        KeyFigure(format_mm_change(before, after), "rms error before and after, on poses not in the fit",
                   "good" if better else "bad"),
         KeyFigure(str(written), "values are written to the robot folder"),
         KeyFigure(str(summary["poses"]), f"poses, {summary['rows']} rows"),

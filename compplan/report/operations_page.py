@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from compplan.files.notes import list_remarks, list_stops
-from compplan.files.quantities import format_length, format_mm
+from compplan.files.quantities import format_length, format_mm, format_mm_change
 from compplan.report.page import Column, KeyFigure, Opening, PageTable, Provenance, Section, TableCell, write_page
 from compplan.report.plan_opening import TONES
 
@@ -36,12 +36,12 @@ def _open(summary: Mapping[str, Any]) -> Opening:
     tools, verdict = summary["tools"], summary["verdict"]
     bands = [tool["verdict"]["band_mm"] for tool in tools]
     band = "not known" if None in bands else format_mm(1e-3 * max(bands))
-    before, after = (format_mm(1e-3 * summary[key]["max"]) for key in ("error_before_mm", "error_after_mm"))
+    change = format_mm_change(*(1e-3 * summary[key]["max"] for key in ("error_before_mm", "error_after_mm")))
     words = {"keeps": "All operations keep", "may_not_keep": "Not all operations keep",
              "not_known": "It is not known whether all operations keep"}[verdict["word"]]  # fmt: skip
     figures = [
         KeyFigure(band, "95 % band, the widest of all operations", TONES[verdict["word"]]),
-        KeyFigure(f"{before} → {after}", "greatest deviation without and with correction, if the robot is as modelled"),
+        KeyFigure(change, "greatest deviation without and with correction, if the robot is as modelled"),
         KeyFigure(f"{summary['duration_s']:.0f}\u00a0s", f"for {len(tools)} operations, without the tool changes"),
     ]
     return Opening(
@@ -73,12 +73,12 @@ def _table(tools: Sequence[Mapping[str, Any]]) -> PageTable:
         status = TableCell(tool["status"], "good" if tool["status"] == "solved" else "bad")
         rows.append([
             tool["label"], tool["length_mm"], status, tool["verdict"]["word"].replace("_", " "),
-            tool["error_before_mm"]["max"], tool["error_after_mm"]["max"],
+            format_mm(1e-3 * tool["error_before_mm"]["max"]), format_mm(1e-3 * tool["error_after_mm"]["max"]),
             tool["verdict"]["band_mm"], tool["waypoints"], tool["duration_s"],
         ])  # fmt: skip
     columns = [
         Column("tool"), Column("flange to tip", "mm", 5), Column("status"), Column("verdict"),
-        Column("uncorrected, max", "mm"), Column("planned, max", "mm"), Column("95 % band", "mm"),
+        Column("uncorrected, max"), Column("planned, max"), Column("95 % band", "mm"),
         Column("waypoints"), Column("time", "s"),
     ]  # fmt: skip
     return PageTable(columns, rows)

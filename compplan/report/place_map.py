@@ -2,50 +2,49 @@
 
 from __future__ import annotations
 
-import io
+from typing import Any
 
 import numpy as np
 
 from compplan.posture.place import PlaceResult, Ratings
-from compplan.report.style import LIMIT, SEQUENTIAL
+from compplan.report import figure as go
+from compplan.report.style import INK, PAPER, SEQUENTIAL
 
 
-def draw_place_map(result: PlaceResult) -> bytes:
-    """Draw horizontal and vertical sections of the grid through the chosen place as a PNG."""
-    from matplotlib.colors import LinearSegmentedColormap
-    from matplotlib.figure import Figure
-
+def draw_place_map(result: PlaceResult) -> Any:
+    """Draw horizontal and vertical sections of the grid through the chosen place."""
     rating = next((r for r in result.ratings if r.turn == result.turn), result.ratings[0])
-    shades = LinearSegmentedColormap.from_list("sensitivity", list(SEQUENTIAL)).with_extremes(bad="#e3e5e8")
-    figure = Figure(figsize=(11.0, 4.6), dpi=130, layout="constrained")  # none of the user's own
-    panels = figure.subplots(1, 2)
-    low, high = np.nanpercentile(1e3 * rating.bound, (1, 97))
-    chosen, marked = result.position, {"markeredgecolor": "#111418", "linestyle": "none"}
-    for panel, (across, up, through) in zip(panels, ((0, 1, 2), (0, 2, 1)), strict=True):
-        values = _section(rating, through, float(chosen[through]))
-        x, y = 1e3 * rating.axes[across], 1e3 * rating.axes[up]
-        shown = np.ma.masked_invalid(1e3 * values).T
-        mesh = panel.pcolormesh(_borders(x), _borders(y), shown, cmap=shades, vmin=low, vmax=max(high, low + 1e-9))
-        panel.plot(*(1e3 * result.here[[across, up]]), marker="o", color="white", label="job's place", **marked)
-        panel.plot(*(1e3 * chosen[[across, up]]), marker="*", color=LIMIT, markersize=14, label="chosen", **marked)
-        panel.set(xlabel=f"{'xyz'[across]} of the part, mm", ylabel=f"{'xyz'[up]} of the part, mm")
-        panel.set_title(f"{'xyz'[through]} = {1e3 * chosen[through]:.0f} mm", fontsize=10)
-        panel.set_aspect("equal")
-    panels[0].legend(loc="upper left", fontsize=8)
-    figure.colorbar(mesh, ax=panels, label="remaining deviation (lower bound), mm")
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()
+    known = 1e3 * rating.bound[np.isfinite(rating.bound)]
+    low, high = np.percentile(known, (1, 97)) if len(known) else (0.0, 1.0)
+    chosen = result.position
+    cuts = ((0, 1, 2), (0, 2, 1))
+    titles = [f"{'xyz'[through]} = {1e3 * chosen[through]:.0f} mm" for *_, through in cuts]
+    figure = go.make_subplots(rows=1, cols=2, horizontal_spacing=0.14, subplot_titles=titles)
+    bar = {"title": {"text": "mm", "side": "top"}, "thickness": 12, "outlinewidth": 0}
+    for col, (across, up, through) in enumerate(cuts, start=1):
+        values = 1e3 * _section(rating, through, float(chosen[through]))
+        field = go.Heatmap(
+            z=values.T.astype(np.float32), x=1e3 * rating.axes[across], y=1e3 * rating.axes[up],
+            colorscale=[list(stop) for stop in SEQUENTIAL], zmin=float(low), zmax=float(max(high, low + 1e-9)),
+            showscale=col == 2, colorbar=bar, hoverongaps=False,
+            hovertemplate="%{x:.0f}, %{y:.0f} mm: %{z:.3g} mm<extra></extra>",
+        )  # fmt: skip
+        figure.add_trace(field, row=1, col=col)
+        for name, place, symbol in (("job's place", result.here, "circle"), ("chosen", chosen, "star")):
+            mark = {"symbol": symbol, "size": 13, "color": PAPER["light"],
+                    "line": {"width": 2, "color": INK["light"]}}  # fmt: skip
+            dot = go.Scatter(
+                x=[1e3 * float(place[across])], y=[1e3 * float(place[up])], mode="markers", marker=mark, name=name,
+                showlegend=col == 1, hoverinfo="name",
+            )  # fmt: skip
+            figure.add_trace(dot, row=1, col=col)
+        figure.update_xaxes(title_text=f"{'xyz'[across]} of the part, mm", showgrid=False, row=1, col=col)
+        figure.update_yaxes(title_text=f"{'xyz'[up]} of the part, mm", showgrid=False, row=1, col=col)
+    figure.update_annotations(font_size=12.5)
+    return figure.update_layout(legend={"y": 1.1}, margin={"t": 60, "b": 46})
 
 
 def _section(rating: Ratings, axis: int, value: float) -> np.ndarray:
     """Cut the grid at the value nearest to the given one."""
     nearest = int(np.abs(rating.axes[axis] - value).argmin())
     return np.take(rating.bound, nearest, axis=axis)
-
-
-def _borders(centres: np.ndarray) -> np.ndarray:
-    if len(centres) == 1:
-        return np.array([centres[0] - 25.0, centres[0] + 25.0])
-    middle = 0.5 * (centres[1:] + centres[:-1])
-    return np.r_[2 * centres[0] - middle[0], middle, 2 * centres[-1] - middle[-1]]

@@ -8,32 +8,34 @@ from typing import Any
 
 import numpy as np
 
+from compplan.posture.summary import PostureMap
 from compplan.report.openings import open_place
-from compplan.report.page import Column, PageTable, Picture, Provenance, Section, TableCell, write_page
+from compplan.report.page import Chart, Column, PageTable, Provenance, Section, TableCell, write_page
+from compplan.report.posture_section import show_map
 from compplan.report.style import format_percent
 
 
-def write_place_page(summary: Mapping[str, Any], place_map: bytes, posture_map: bytes, file: Path) -> None:
+def write_place_page(summary: Mapping[str, Any], place_map: Any, posture: PostureMap, file: Path) -> None:
     """Write the page of a placement.
 
     Args:
         summary: What place.json holds.
-        place_map: Picture of the remaining deviation by place, PNG.
-        posture_map: Picture of the posture along the path there, PNG.
+        place_map: Chart of the remaining deviation by place.
+        posture: The map of postures along the path there.
         file: The HTML file.
     """
     maps = [
-        Picture(
+        Chart(
             place_map,
-            "What the best posture at each place would leave (a lower bound), in a horizontal and a vertical cut "
-            "through the chosen place. Grey: the path cannot be followed there.",
+            "Deviation that the best posture at each place would leave at least, in a horizontal and a vertical cut "
+            "through the chosen place. Blank: the path cannot be followed there.",
+            360,
         )
     ]
-    posture = [Picture(posture_map, "Posture along the path at the chosen place.")]
     sections = [
         Section("There and here", [_table(summary)], "What is left of the deviation along the path, after correction."),
         Section("Turns about the vertical", [_turns(summary["grids"])], "The best place of each turn."),
-        Section("Posture", posture),
+        Section("Posture", [show_map(posture)], "The posture along the path at the chosen place."),
     ]
     assumed = []
     if "uncertainty_assumed" in summary:

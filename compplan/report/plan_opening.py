@@ -15,7 +15,14 @@ from compplan.program.frames import place_numbers, rotation_vectors
 from compplan.report.curve_chart import show_curves
 from compplan.report.page import Block, Column, KeyFigure, Opening, PageTable, Section, TableCell
 from compplan.report.provenance import GRADE_MEANING
-from compplan.report.style import format_length, format_mm, format_number, format_percent, format_set_length
+from compplan.report.style import (
+    format_length,
+    format_mm,
+    format_mm_change,
+    format_number,
+    format_percent,
+    format_set_length,
+)
 from compplan.robot import Array, Robot
 
 if TYPE_CHECKING:
@@ -39,12 +46,12 @@ def open_plan(plan: Plan, folder: Path | None = None) -> Opening:
     verdict = plan.verdict
     sentence = first_sentence(verdict.sentence)
     band = "not known" if verdict.band is None else format_mm(verdict.band)
-    before, after = format_mm(plan.before.max_deviation), format_mm(plan.after.max_deviation)
+    change = format_mm_change(plan.before.max_deviation, plan.after.max_deviation)
     figures = [
         KeyFigure(band, "95 % band: the true tip stays that close to the path; "
                   f"the tolerance is {format_set_length(verdict.tolerance)}",
                   TONES[verdict.word] if verdict.word != "not_known" else ""),
-        KeyFigure(f"{before} → {after}", "greatest deviation without and with correction, if the robot is as modelled"),
+        KeyFigure(change, "greatest deviation without and with correction, if the robot is as modelled"),
         KeyFigure(f"{format_number(float(plan.timing.time[-1]))}\u00a0s",
                   f"for {format_length(plan.task.nominal.cutting_length)} of cut"),
     ]  # fmt: skip

@@ -47,7 +47,7 @@ def show_posture(
         clearance: Clearance along the path, where it was asked for.
         both: Costs of the graph's way and of the plain one (one configuration, the tool's x as the job has it) or None.
     """
-    blocks: list[Block] = [_show_map(stance.map), _list_costs(stance, both)]
+    blocks: list[Block] = [show_map(stance.map), _list_costs(stance, both)]
     if clearance is not None:
         blocks.append(draw_clearance(stations, clearance))
     lede = f"Rotation about the tool axis against path length, preset {stance.settings.preset!r}."
@@ -56,7 +56,7 @@ def show_posture(
     return Section("Posture", blocks, lede)
 
 
-def _show_map(picture: PostureMap) -> Chart:
+def show_map(picture: PostureMap) -> Chart:
     """Show the map, or a line where there is only one rotation."""
     expected = "the deviation expected to remain after compensation, under the assumed errors of wrench and compliance."
     if len(picture.spin) == 1:

@@ -12,6 +12,7 @@ from compplan.files.quantities import (
     format_bound,
     format_length,
     format_mm,
+    format_mm_change,
     format_number,
     format_percent,
     format_set_length,
@@ -22,7 +23,8 @@ from compplan.files.quantities import (
 __all__ = [
     "AFTER", "BEFORE", "CATEGORIES", "DASHES", "DIVERGING", "FONT", "GRID", "INK", "LIMIT", "LINE", "NEUTRAL", "PAPER",
     "SEQUENTIAL", "SPACE_GRID", "TOLERANCE", "build_template", "format_angle", "format_bound", "format_length",
-    "format_mm", "format_number", "format_percent", "format_set_length", "format_set_value", "mark_decades",
+    "format_mm", "format_mm_change", "format_number", "format_percent", "format_set_length", "format_set_value",
+    "mark_decades",
     "name_length", "style_line",
 ]  # fmt: skip
 
