@@ -52,7 +52,8 @@ def ask_names(bench: Bench) -> Any:
         patch.setattr(verdict, "count_repetitions", lambda fit, found: dict.fromkeys(range(len(findings)), 1.0))
         patch.setattr(verdict, "rate_imitations", lambda fit, found: dict.fromkeys(range(len(findings)), 0.0))
         patch.setattr(verdict, "rate_likenesses", lambda fit, found: dict.fromkeys(range(len(findings)), (1.0, 1.0)))
-        patch.setattr(verdict, "weigh_claim", lambda fit, found, claim, checks, seen: findings[claim])
+        patch.setattr(verdict, "find_gears", lambda fit, found: frozenset())
+        patch.setattr(verdict, "weigh_claim", lambda fit, found, claim, checks, seen, gear: findings[claim])
         patch.setattr(verdict, "only_in_readings", lambda fit, found, finding: False)
         patch.setattr(verdict, "given_up", lambda fit, found, small: ())
         for register in ((), ("base",)):

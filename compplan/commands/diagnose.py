@@ -106,7 +106,9 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
             f"{_describe_motion(finding)}{tie}"
         )
     if verdict.structure.background > verdict.structure.floor:
-        lines.append(f"  calibration, small errors everywhere: {verdict.structure.background * 1e3:.3f} mm")
+        # small errors that cancel each other move the target further than the gap: they explain no more than there is
+        moved = min(verdict.structure.background, verdict.structure.gap)
+        lines.append(f"  calibration, small errors everywhere: {moved * 1e3:.3f} mm")
     for left in verdict.structure.dependences:
         what = describe_unmodelled(left.effect.joint, str(left.effect.axis))
         lines.append(f"  no effect explains {what}: {left.explained * 1e3:.3f} mm")
