@@ -21,7 +21,7 @@ MAX_ITERATIONS = 60
 INERTIA = 1e-6
 #: Masses whose sum is less than this share of their sizes count as none.
 LEAST_SHARE = 1e-3
-#: Poses nearer than this start from where the last two lead. [rad or m]
+#: Poses nearer than this start from where the last three lead. [rad or m]
 NEIGHBOUR = 0.02
 
 
@@ -200,13 +200,15 @@ def judge_pose(
     position, rotation = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
     thetas = np.zeros((len(q), len(judge.elastic)))
     more = np.zeros((len(q), len(judge.elastic))) if bias is None else bias
-    theta = before = np.zeros(len(judge.elastic))
+    theta = before = earlier = np.zeros(len(judge.elastic))
     rigid = q @ judge.commanded.T + judge.shift
     near = np.r_[False, np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) < NEIGHBOUR].tolist()
     for i in range(len(q)):
-        start = 2 * theta - before if near[i] else theta
+        start = theta
+        if near[i]:
+            start = 3.0 * (theta - before) + earlier if i > 2 and near[i - 1] and near[i - 2] else 2.0 * theta - before
         try:
-            before, theta = theta, _settle(judge, data, rigid[i], load[i], more[i], start, tolerance)
+            earlier, before, theta = before, theta, _settle(judge, data, rigid[i], load[i], more[i], start, tolerance)
         except ConvergenceError as error:
             message = f"{error} at waypoint {i} under {np.linalg.norm(load[i, :3]):.3g} N"
             raise ConvergenceError(
@@ -239,9 +241,9 @@ def _settle(
 ) -> Array:
     """Iterate theta <- C tau(theta) until the step vanishes."""
     model, configuration, elastic = judge.model, rigid.copy(), judge.elastic
-    step, world = np.inf, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    step, world, straight = np.inf, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, rigid[elastic]
     for _ in range(MAX_ITERATIONS):
-        configuration[elastic] = rigid[elastic] + theta
+        configuration[elastic] = straight + theta
         torque = (wrench @ pin.computeFrameJacobian(model, data, configuration, judge.tcp, world))[elastic] + bias
         if judge.weighs:
             torque -= judge.weigh(data, configuration)[elastic]
@@ -250,7 +252,7 @@ def _settle(
         step = math.sqrt(change @ change)
         theta = update
         if step < tolerance:
-            configuration[elastic] = rigid[elastic] + theta
+            configuration[elastic] = straight + theta
             pin.forwardKinematics(model, data, configuration)
             pin.updateFramePlacement(model, data, judge.tcp)
             return theta

@@ -152,8 +152,8 @@ def reach_tip_and_axis(arm: Arm, q: Array, position: Array, rotation: Array) -> 
 def _blur(values: Array) -> Array:
     """Blur along the stations by a Gaussian of SMOOTH stations; both ends go on as they are."""
     reach, n = round(4.0 * SMOOTH), len(values)
-    weights = np.exp(-0.5 * (np.arange(reach + 1) / SMOOTH) ** 2)
-    weights /= weights[0] + 2.0 * weights[1:].sum()
+    weights = np.exp(-0.5 / SMOOTH**2 * np.arange(-reach, reach + 1) ** 2)
+    weights = (weights / weights.sum())[reach:]
     wide = np.pad(values, reach, mode="edge")
     blurred = weights[0] * values
     for away in range(reach, 0, -1):

@@ -129,7 +129,8 @@ def solve_branches(arm: Arm, position: Array, rotation: Array, held: Array | Non
         if not arm.exact:
             q = refine_ik(arm, q, position[rows], rotation[rows])
         frames = locate_frames(arm.chain, q)
-        fits = np.abs(_miss(frames, position[rows], rotation[rows])).max(axis=1) < 1e-6
+        fits = np.abs(frames.tcp_position - position[rows]).max(axis=1) < 1e-6
+        fits &= np.abs(frames.tcp_rotation - rotation[rows]).max(axis=(1, 2)) < 1e-6
         names = _name_slots(arm, frames)[fits]  # full turns change no name
         rows, q = rows[fits], _wrap(arm, q[fits], rest)
         slots[rows, _assign_slots(rows, names)] = q
@@ -260,15 +261,17 @@ def _solve_closed(arm: Arm, position: Array, rotation: Array, held: Array) -> tu
         pose = _carry_to_arm(arm, pose, held)
     pose[:, :3, :3] = pose[:, :3, :3] @ arm.base_turn.T
     answers = arm.solver.IK_batched(pose, 1)
-    counts = np.array([len(answer.Q) for answer in answers])
+    found = [answer.Q for answer in answers]  # read once: each reading copies
+    counts = np.array([len(each) for each in found])
     if not counts.sum():
         return np.zeros(0, int), np.zeros((0, arm.chain.nq))
     rows = np.repeat(np.arange(len(position)), counts)
     q = np.empty((len(rows), arm.chain.nq))
-    q[:, arm.arm] = np.vstack([answer.Q for answer in answers if len(answer.Q)])
+    q[:, arm.arm] = np.vstack([each for each in found if len(each)])
     q[:, arm.held] = held[rows]
     if arm.exact:
-        rigid = ~np.concatenate([np.asarray(answer.is_LS, bool) for answer in answers if len(answer.Q)])
+        least = [answer.is_LS for answer, each in zip(answers, found, strict=True) if len(each)]
+        rigid = ~np.hstack(least).astype(bool)
         rows, q = rows[rigid], q[rigid]
     return rows, q
 
@@ -332,8 +335,9 @@ def _assign_slots(rows: NDArray[np.int_], names: NDArray[np.int_]) -> NDArray[np
     rows rise; shape (r,).
     """
     slots = names.copy()
-    first = np.unique(rows * 8 + names, return_index=True)[1]
-    for k in np.setdiff1d(np.arange(len(rows)), first):
+    later = np.ones(len(rows), bool)
+    later[np.unique(rows * 8 + names, return_index=True)[1]] = False
+    for k in np.flatnonzero(later):
         low, high = np.searchsorted(rows, rows[k], "left"), np.searchsorted(rows, rows[k], "right")
         taken = np.delete(slots[low:high], k - low)
         slots[k] = np.setdiff1d(np.arange(8), taken)[0] if len(set(taken)) < 8 else names[k]
