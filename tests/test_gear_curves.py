@@ -95,17 +95,12 @@ def test_a_wave_of_a_gear_has_one_size_and_phase_in_both_halves_of_the_poses() -
 
 
 @pytest.mark.slow
-def test_a_gear_of_several_waves_is_named_and_an_arch_that_does_not_repeat_is_not(tmp_path: Path) -> None:
+def test_a_gear_of_several_waves_is_named(tmp_path: Path) -> None:
     robot = write_small_robot(tmp_path / "small")
-    rows = plan_rows(robot, 61, poses=80, loads=0)
     gear = {"cycles_per_turn": [6.0, 11.0, 17.0], "sine_rad": [2e-4, 2e-4, 2e-4], "cosine_rad": [1e-4, -2e-4, 1e-4]}
-    arch = {"centre_rad": [0.1], "width_rad": [0.8], "height_rad": [8e-4]}
-    named = []
-    for shape in (gear, arch):
-        seen = measure(robot, rows, [Effect("transmission_error", "joint_2", None, shape)], 61)
-        named.append([f.effect.place[:2] for f in diagnose_campaign(robot, seen).verdict.findings])
-    assert ("transmission_error", "joint_2") in named[0]
-    assert ("transmission_error", "joint_2") not in named[1]
+    cause = Effect("transmission_error", "joint_2", None, gear)
+    found = diagnose_campaign(robot, measure(robot, plan_rows(robot, 61, poses=80, loads=0), [cause], 61))
+    assert cause.place[:2] in [f.effect.place[:2] for f in found.verdict.findings]
 
 
 @pytest.mark.parametrize(("ahead", "claimed"), [(0.5, "joint_stiffness"), (6.0, "stiffness_nonlinearity")])
