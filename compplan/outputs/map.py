@@ -136,13 +136,13 @@ def _open(result: RobotMaps, worst: dict[str, Any], picture: Picture) -> Opening
     """Say how soft the arm is where it works, and where it is stiffest."""
     flat = worst["horizontal"]
     verdict = (
-        f"{result.robot.name} yields {flat['mean']:.2f} µm/N on average over the horizontal plane, "
-        f"{flat['min']:.2f} where it is stiffest."
+        f"Under 1000 N the tool of {result.robot.name} gives way by {flat['mean']:.2f} mm on average, by "
+        f"{flat['min']:.2f} mm where the arm is stiffest."
     )
     figures = [
-        KeyFigure(f"{flat['min']:.2f} µm/N", "least deflection, worst direction of the force"),
-        KeyFigure(f"{flat['mean']:.2f} µm/N", "mean over the plane"),
-        KeyFigure(f"{flat['max']:.2f} µm/N", "greatest"),
+        KeyFigure(f"{flat['min']:.2f} mm", "under 1000 N in the worst direction, where the arm is stiffest"),
+        KeyFigure(f"{flat['mean']:.2f} mm", "mean over the horizontal plane"),
+        KeyFigure(f"{flat['max']:.2f} mm", "where it is softest"),
     ]
     todo = "Put the part where the map is low: compplan place JOB looks for the place."
     return Opening(verdict, "", figures, picture, todo)

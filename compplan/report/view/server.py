@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
+from compplan.report.provenance import GRADE_MEANING
 from compplan.report.view.gap_scene import GapScene
 from compplan.report.view.paint import Lines
 from compplan.report.view.panel import draw_colour_bar, draw_curve
@@ -207,8 +208,8 @@ class PlanViewer:
     def _build_panel(self) -> None:
         gui, scene = self.server.gui, self.scene
         names = list(scene.ways.values())
-        gui.add_markdown(f"**{scene.recording.name}** \n\n{scene.recording.cell.robot}, robot model is "
-                         f"{scene.recording.cell.grade}")  # fmt: skip
+        gui.add_markdown(f"**{scene.recording.name}** \n\n{scene.recording.cell.robot}, robot model "
+                         f"{GRADE_MEANING[scene.recording.cell.grade]}")  # fmt: skip
         shown = next(way for way in ("uncorrected", PROMISE, "planned", "softer") if way in scene.ways)
         self.way = gui.add_dropdown("show the tip", names, initial_value=scene.ways[shown])
         self.magnify = gui.add_slider("deviation times", min=1, max=500, step=1,
