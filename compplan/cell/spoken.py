@@ -21,7 +21,7 @@ NEAR = 1e-3
 #: Languages that run through joint tables and stop nowhere of themselves.
 NO_STOPS = frozenset({"csv"})
 #: Axis rates [percent] may be off by this share and by this much: some languages write whole percents from 1 to 100.
-RATE_SHARE, RATE_STEP = 0.25, 1.5
+RATE_SHARE, RATE_STEP = 0.05, 0.51
 #: Rounding of a mass [kg] and of its centre [mm].
 MASS, CENTRE = 0.01, 0.05
 #: What each word adds to cfx of a RAPID target, which of its values counts.
@@ -142,8 +142,9 @@ class Spoken:
 
     def _compare_shares(self, moves: Sequence[Move]) -> str:
         stated = np.array([np.nan if move.percent is None else move.percent for move in moves])
-        wanted = np.clip(100.0 * self.share, 1.0, 100.0)
-        off = np.abs(stated - wanted) - RATE_SHARE * wanted - RATE_STEP
+        wanted = np.minimum(100.0 * self.share, 100.0)
+        off = np.minimum(np.abs(stated - wanted), np.abs(stated - np.maximum(wanted, 1.0)))
+        off -= RATE_SHARE * wanted + RATE_STEP
         off[self.rapid | ~np.isfinite(off)] = -1.0
         if off.max(initial=-1.0) <= 0.0:
             return ""
