@@ -11,6 +11,7 @@ import pytest
 from compplan.second.cam import read_gcode
 from compplan.second.follow import Followed, find_difference
 from compplan.second.moves import ARC, LINE, RAPID, CannotTellError, follow_arc
+from compplan.second.tables import read_generator
 
 
 def _ends(text: str, **options: object) -> list[list[float]]:
@@ -147,3 +148,19 @@ def test_a_drill_draws_back_fast_and_comes_again_no_deeper_than_it_has_cut() -> 
     assert _drilled(-2, 2, -1.7, -6, 2, fast="frrfr")
     assert _drilled(-2, 2, -1.7, -9, 2, fast="frrrr")
     assert _drilled(-9, 2, fast="rr")
+
+
+def test_a_chord_at_the_middle_of_a_spiral_lies_beside_it_by_its_own_height() -> None:
+    reading, chord = read_generator(
+        {"generator": "spiral", "outer_radius_mm": 250.0, "length_mm": 2700.0, "feed_mm_s": 50.0, "waypoints": 2000}
+    )
+    sweep, end = float(reading.sweep[1]), 0.25
+    angles = np.r_[np.linspace(0.0, 0.3, 4), np.linspace(0.3, sweep, 4000)[1:]]
+    points = (end * angles / sweep)[:, None] * np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
+    first = np.linspace(points[0], points[1], 5)[:-1]
+    path = np.vstack([first, points[1:]])
+    followed = Followed(path, np.tile([0.0, 0.0, 1.0], (len(path), 1)), np.r_[True, np.zeros(len(path) - 1, bool)],
+                        chord=chord)  # fmt: skip
+    assert find_difference(followed, reading) == ""
+    path[3] += [0.0, 2e-4, 0.0]
+    assert find_difference(followed, reading) != ""

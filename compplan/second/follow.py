@@ -105,7 +105,26 @@ class _Move:
             return math.dist(point, self.end if share else self.start), share
         share = min(max(share, 0.0), 1.0)
         radius, rise = self.radius + share * self.widen, self.rise0 + share * self.climb
-        return math.hypot(math.hypot(along, aside) - radius, height - rise), share
+        off = math.hypot(math.hypot(along, aside) - radius, height - rise)
+        if self.widen and off > BESIDE:
+            return self._locate_on_spiral(along, aside, height, share)
+        return off, share
+
+    def _locate_on_spiral(self, along: float, aside: float, height: float, share: float) -> tuple[float, float]:
+        """Return the nearest place of a spiral, between where its angle and where its radius are the point's."""
+
+        def miss(at: float) -> float:
+            angle, radius = at * self.sweep, self.radius + at * self.widen
+            x, y = along - radius * math.cos(angle), aside - radius * math.sin(angle)
+            return math.hypot(x, y, height - self.rise0 - at * self.climb)
+
+        other = min(max((math.hypot(along, aside) - self.radius) / self.widen, 0.0), 1.0)
+        near = min(abs(0.25 / self.sweep), abs(share - other))
+        low, high = (share, share + near) if other > share else (share - near, share)
+        for _ in range(60):
+            a, b = low + (high - low) / 3.0, high - (high - low) / 3.0
+            low, high = (low, b) if miss(a) < miss(b) else (a, high)
+        return miss(0.5 * (low + high)), min(max(0.5 * (low + high), 0.0), 1.0)
 
 
 def _point(values: Array) -> Point:
@@ -129,7 +148,9 @@ def find_difference(path: Followed, reading: Reading) -> str:
     at, share = 0, 1.0  # the move that the last row stands on, and how far along
     for i in range(1, len(rows)):
         point, last = rows[i], rows[i - 1]
-        if math.dist(point, last) <= 1e-9 or (share >= 1.0 and math.dist(point, moves[at][1].end) <= BESIDE):
+        # a generated arc may end by a chord's room beside the second reader's
+        room = BESIDE + (path.chord if at == len(moves) - 1 and moves[at][1].kind == ARC else 0.0)
+        if math.dist(point, last) <= 1e-9 or (share >= 1.0 and math.dist(point, moves[at][1].end) <= room):
             continue  # still where the move ends: rows beside a rest stand nearer to it than that
         found = _advance(moves, at, share, point, last, rapid[i], loose, path.chord)
         if found is None:
