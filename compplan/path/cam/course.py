@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 
 from compplan.errors import InputError
 from compplan.path.cam.arcs import Arc, Point, arc_about, combine, cross, dot, fits_circle
-from compplan.path.cam.frames import Frame
+from compplan.path.cam.frames import UNIT, Frame
 from compplan.path.cam.moves import MoveLog
 
 AXES = "XYZ"
@@ -32,6 +32,8 @@ class Course:
         self.untold = {0, 1, 2}
         self.lost: set[int] = set()
         self.direction: Point | None = None
+        #: Whether the tool has gone where only the machine knows since its last move.
+        self.away = False
 
     @property
     def knows(self) -> bool:
@@ -66,7 +68,7 @@ class Course:
     def lose(self, axes: Iterable[int] = range(3)) -> None:
         """Forget coordinates: the tool has gone where only the machine knows."""
         self.lost.update(axes)
-        self.direction = None
+        self.direction, self.away = None, True
 
     def rapid(self, target: Point, named: Iterable[int], axis: Point | None = None) -> None:
         """Move rapidly to a place; nothing is put down until all of it is known."""
@@ -74,6 +76,10 @@ class Course:
         self.direction = None
         point = self.frame.apply(target)
         if self.knows:
+            if self.away and self.log.waypoints and axis in (None, self.log.axis) and self.frame.rows == UNIT:
+                above = max(self.log.position[2], point[2])  # from home sideways first, then down
+                self.log.rapid((point[0], point[1], above))
+            self.away = False
             self.log.rapid(point, axis)
             return
         self.log.counts["rapid_moves"] += 1
