@@ -79,7 +79,8 @@ def test_a_program_in_the_form_of_a_generic_post_is_read_move_by_move(read) -> N
 
 def test_moves_in_machine_coordinates_are_never_waypoints(read) -> None:
     cam = read(close("L Z-2 F300\nL X+20\nL Z+0 R0 FMAX M91\nL X-500 Y+0 R0 FMAX M91\nL X+5 Y+5 R0 FMAX\nL Z+8 FMAX"))
-    assert ends(cam) == [[0, 0, 10], [0, 0, -2], [20, 0, -2], [5, 5, 8], [5, 5, 50]]
+    up = [[20, 0, 10], [5, 5, 10]]  # straight up to the highest rapid, back sideways, then down
+    assert ends(cam) == [[0, 0, 10], [0, 0, -2], [20, 0, -2], *up, [5, 5, 8], [5, 5, 50]]
 
 
 def test_a_cut_that_begins_where_only_the_machine_knows_is_refused(read) -> None:

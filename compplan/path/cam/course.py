@@ -34,6 +34,8 @@ class Course:
         self.direction: Point | None = None
         #: Whether the tool has gone where only the machine knows since its last move.
         self.away = False
+        #: Greatest height of a rapid move so far, in the part [mm].
+        self.height: float | None = None
 
     @property
     def knows(self) -> bool:
@@ -70,6 +72,15 @@ class Course:
         self.lost.update(axes)
         self.direction, self.away = None, True
 
+    def retreat(self, line: int) -> None:
+        """Go straight up to the greatest height of a rapid so far: on the way to the machine's home."""
+        x, y, z = self.log.position
+        if self.knows and self.height is not None and z < self.height and self.frame.rows == UNIT:
+            note = f"the way home begins straight up to Z{self.height:g}, the highest rapid so far"
+            self.log.note(note, line)
+            self.log.rapid((x, y, self.height))
+            self.position = self.frame.invert().apply(self.log.position)
+
     def rapid(self, target: Point, named: Iterable[int], axis: Point | None = None) -> None:
         """Move rapidly to a place; nothing is put down until all of it is known."""
         self._reach(target, named)
@@ -80,6 +91,7 @@ class Course:
                 above = max(self.log.position[2], point[2])  # from home sideways first, then down
                 self.log.rapid((point[0], point[1], above))
             self.away = False
+            self.height = point[2] if self.height is None else max(self.height, point[2])
             self.log.rapid(point, axis)
             return
         self.log.counts["rapid_moves"] += 1

@@ -144,6 +144,8 @@ class HeidenhainMoveReader(HeidenhainMachineReader):
         named = [axis for axis, letter in enumerate(AXES) if letter in words or "I" + letter in words]
         if named:
             self.log.note("moves in machine coordinates (M91, M92) are left out", self.line)
+            if 2 in named:
+                self.course.retreat(self.line)
             self.course.lose(named)
         for letter in LETTERS:
             if letter in words:

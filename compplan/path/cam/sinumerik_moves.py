@@ -151,6 +151,8 @@ class SinumerikMoveReader(SinumerikFrameReader):
         """Leave out a move in machine coordinates; where it ended is not known."""
         self.contour.refuse_open()
         self.log.note("moves in machine coordinates (SUPA, G53, G153, G74, G75) are left out", self.line)
+        if "Z" in values:
+            self.course.retreat(self.line)
         self.course.lose(axis for axis, letter in enumerate(AXES) if letter in values)
         for letter in LETTERS:
             if abs(values.get(letter, 0.0)) > 0.5 * ELSEWHERE:
