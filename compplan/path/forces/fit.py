@@ -28,9 +28,9 @@ from compplan.path.toolpath import WRENCH, Toolpath
 #: Least share of the cut that a log spans: less is a length in metres that was called mm (assumed).
 LEAST_SPAN = 0.01
 #: Blocks of the path that are left out in turn, and rows in contact that a fit needs.
-BLOCKS, FEWEST = 20, 40
+BLOCKS, FEWEST = 40, 80
 #: Student's t of 95 % with BLOCKS - 1 degrees of freedom.
-STUDENT = 2.093
+STUDENT = 2.023
 #: Lengths that differ by less are the same waypoint. [m]
 SAME = 1e-9
 #: A force below this share of the greatest counts as the air. []
@@ -41,7 +41,7 @@ MOST_FORCE, MOST_RATIO = 1e6, 100.0
 MOST_LAG, LAG_SHARE = 0.02, 0.2
 #: Steps of the search for the lag to either side; rows that it and the fit look at at most, means of what stands near.
 LAGS, LAG_ROWS, MOST_ROWS = 60, 1500, 50_000
-#: Half of the step of the derivative to the lag. [m]
+#: Least half of the step of the derivative to the lag [m]; it is half of a row otherwise: a force jumps between rows.
 LAG_STEP = 1e-5
 #: Least share of the variance of rows left out that a fit explains; below, it does not fit (assumed).
 EXPLAINED = 0.3
@@ -209,7 +209,10 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
                    f"{'t_s' if log.timed else 's_mm'}")  # fmt: skip
         raise InputError(message, file=file)
     value[-1] = lag
-    numbers = _list_numbers(model, known, value, np.sqrt(np.diag(covariance)), scale)
+    sigma = np.sqrt(np.diag(covariance))
+    # a force that jumps is placed no better than within a row of the log
+    sigma[-1] = np.hypot(sigma[-1], float(np.median(np.diff(s))) / np.sqrt(12.0))
+    numbers = _list_numbers(model, known, value, sigma)
     notes = _describe(numbers, int(known.sum()), left, scale, lag, most)
     before = predicted[cut, :3] - measured[cut, :3]
     after = (left * scale)[cut, :3]
@@ -294,8 +297,9 @@ def _design(model: _Prediction, s: Array, channels: list[int], known: NDArray[np
 
 def _slope(model: _Prediction, s: Array, channels: list[int], known: NDArray[np.bool_], value: Array) -> Array:
     """Return how the predicted channels change with a lag. Shape (m, k, 1). [N, N m or W to a metre]"""
-    behind, ahead = (model.at(s + side * LAG_STEP, channels)[known] for side in (-1.0, 1.0))
-    return np.asarray(np.einsum("cmk,c->mk", behind - ahead, value[: known.sum()])[:, :, None] / (2.0 * LAG_STEP))
+    step = max(LAG_STEP, 0.5 * float(np.median(np.diff(s))))
+    behind, ahead = (model.at(s + side * step, channels)[known] for side in (-1.0, 1.0))
+    return np.asarray(np.einsum("cmk,c->mk", behind - ahead, value[: known.sum()])[:, :, None] / (2.0 * step))
 
 
 def _solve(matrix: Array, target: Array) -> tuple[Array, Array]:
@@ -348,7 +352,7 @@ def _jackknife(matrix: Array, target: Array, rows: int) -> tuple[Array, float]:
 
 
 def _list_numbers(
-    model: _Prediction, known: NDArray[np.bool_], value: Array, sigma: Array, scale: Array
+    model: _Prediction, known: NDArray[np.bool_], value: Array, sigma: Array
 ) -> tuple[FittedNumber, ...]:
     """Return the numbers with their intervals: the model's, the lag, offsets and drifts of the forces."""
     own = int(known.sum())
