@@ -41,6 +41,8 @@ COMMANDS = {
     "certificate": "compplan.commands.certificate",
     "convert": "compplan.commands.convert",
     "post": "compplan.commands.post",
+    "execute": "compplan.commands.execute",
+    "trace": "compplan.commands.trace",
     "reproduce": "compplan.commands.reproduce",
     "place": "compplan.commands.place",
     "forces": "compplan.commands.forces",

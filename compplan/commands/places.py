@@ -23,6 +23,7 @@ RESULTS = {
     "reproduce": ("reproduction.json", "report.html"),
     "place": ("place.json", "report.html"),
     "forces": ("forces.json", "forces.csv", "report.html"),
+    "trace": ("trace.json", "report.html", "robot/robot.urdf", "robot/elasticity.toml"),
     "post": ("plan.json", "joints.csv", "report.html"),
 }
 

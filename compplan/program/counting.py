@@ -24,6 +24,7 @@ from compplan.files.tomlfile import (
     refuse_other_types,
 )
 from compplan.program.pendant import PendantTable
+from compplan.program.servo import Motion, MotionTable, list_assumed, read_motion
 from compplan.robot import Joint, Robot
 from compplan.robot.urdf import read_urdf
 
@@ -69,6 +70,7 @@ class ControllerTable(StrictTable):
     coupling: Annotated[tuple[Numbers, ...], Field(strict=False)] | None = None
     world: WorldTable = WorldTable()
     pendant: PendantTable | None = None
+    motion: MotionTable | None = None
     checked: bool = True
     configuration: dict[str, ConfigurationWord] = Field(default_factory=dict)
 
@@ -153,6 +155,21 @@ def load_controller(robot: Robot) -> Counting:
     world[:3, 3] = np.array(table.world.position_mm) * 1e-3
     words = table.configuration
     return Counting(table.controller, tuple(names), robot.prismatic, matrix, zero, words, world, table.checked)
+
+
+def load_motion(robot: Robot) -> tuple[Motion, list[str]]:
+    """Read how the robot's controller moves ([motion] of controller.toml), and name what is assumed of it.
+
+    Raises:
+        InputError: If the file is not what it has to be, or does not fit the robot.
+
+    """
+    load_controller(robot)
+    file = None if robot.folder is None else robot.folder / "controller.toml"
+    there = file is not None and file.exists()
+    table = read_toml_model(ControllerTable, file).motion if there and file is not None else None
+    limits = robot.velocity_limits, robot.acceleration_limits
+    return read_motion(table, robot.prismatic, limits, file), list_assumed(table)
 
 
 def to_controller(controller: Counting, q: Array) -> Array:
