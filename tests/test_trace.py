@@ -1,4 +1,4 @@
-"""`compplan trace`: a controller drawn by an emulator of another author is found again, and told from the log's faults."""
+"""`compplan trace`: an emulated controller is found again, and told from the faults of its log."""
 
 from __future__ import annotations
 
@@ -82,8 +82,10 @@ def test_a_log_of_a_drive_that_follows_exactly_is_no_lag(tmp_path, monkeypatch, 
     words = ["trace", log, "--program", program, "--robot", "ur10", "--out", tmp_path / "out", "--json"]
     answer = run_command(words, monkeypatch, capsys)
     found = json.loads(answer.out)
-    assert found["left_mm"]["p95"] <= found["left_without_model_mm"]["p95"]
-    if not found["written"]:
+    assert found["left_mm"]["p95"] <= found["left_without_model_mm"]["p95"] + 1e-3
+    if found["written"]:
+        assert found["motion"]["blend_share"] < 0.05
+    else:
         old = Path("robots/ur10/controller.toml").read_text()
         assert (tmp_path / "out" / "robot" / "controller.toml").read_text() == old
     assert found["logs"][0]["torn_readings"] > 0
@@ -120,7 +122,7 @@ def test_what_is_no_log_is_refused_in_one_line(text, says, tmp_path, monkeypatch
 
 def test_a_log_of_another_program_is_refused(tmp_path, monkeypatch, capsys) -> None:
     _, log = draw(tmp_path, "1", 0.2, 1)
-    program = write_program(tmp_path / "p.csv", zigzag(1, 5) + [0.0, 0.0, 0.2], 0.1, 0.005)
+    program = write_program(tmp_path / "p.csv", zigzag(1, 5) + np.array([0.0, 0.0, 0.2]), 0.1, 0.005)
     words = ["trace", log, "--program", program, "--robot", "ur10", "--out", tmp_path / "out"]
     answer = run_command(words, monkeypatch, capsys)
     assert answer.status == 2 and "expected a log of this program" in answer.err

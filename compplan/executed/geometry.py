@@ -286,7 +286,7 @@ def _refuse(nodes: Nodes, moves: NDArray[np.int_], message: str) -> None:
 
 def _find_slopes(s: Array, q: Array, stops: NDArray[np.int_]) -> tuple[Array, Array]:
     """Return the slopes on either side of every point; they differ where the robot rests."""
-    slope = np.gradient(q, s, axis=0)
+    slope = np.gradient(q, s, axis=0, edge_order=2)
     chord = np.diff(q, axis=0) / np.diff(s)[:, None]
     before, after = slope.copy(), slope.copy()
     inner = stops[(stops > 0) & (stops < len(s) - 1)]

@@ -30,6 +30,8 @@ SPEED_WEIGHT = 0.01
 SPREAD = {"lag": 0.02, "acceleration": 5e-4, "lost": 5e-4}
 #: A richer model has to leave less than this share of a plainer one, on rows left out.
 WORTH = 0.98
+#: A model is no worse than the programmed path up to this distance. [m]
+EQUAL = 1e-6
 #: Steps of a fit.
 STEPS = 7
 #: Groups of rows that are left out in turn, at most.
@@ -93,8 +95,8 @@ def identify_motion(windows: Sequence[Window], folder: Motion, arm: Arm) -> Iden
     best = min(score(values) for values in ladder.values())
     rung = next(name for name, values in ladder.items() if score(values) * WORTH <= best)
     motion = climb_ladder(windows, folder, arm, last=rung)[rung]
-    rivals = (summarise_distance(without), summarise_distance(before))
-    helps = all(new < old for rival in rivals for new, old in zip(ladder[rung], rival, strict=True))
+    none, old = summarise_distance(without), summarise_distance(before)
+    helps = all(new < was and new < plain + EQUAL for new, was, plain in zip(ladder[rung], old, none, strict=True))
     held = "log" if by_log else "time"
     return Identified(motion, rung, helps, left[rung], before, without, ladder, held)
 
@@ -114,7 +116,7 @@ def climb_ladder(windows: Sequence[Window], folder: Motion, arm: Arm, last: str 
     nq = len(folder.lag)
     zero = np.zeros(nq)
     motion = replace(folder, lag=zero + 0.01, acceleration_lag=zero, lost_motion=zero)
-    motion = search_blend(windows, motion, ("speed", "common"), arm)
+    motion = search_blend(windows, motion, ("speed", "lag"), arm)
     found: dict[str, Motion] = {}
     for name, free in RUNGS.items():
         if name == "blend":

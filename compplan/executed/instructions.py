@@ -121,7 +121,8 @@ def _check_ends(table: Table, joints: Array, position: Array, axis: Array) -> Ar
     bent, partly_bent = mark_whole(joints), np.asarray(np.isfinite(joints).any(axis=1))
     for row in np.flatnonzero(~(posed | bent) | (partly & ~posed) | (partly_bent & ~bent))[:1]:
         raise table.error("needs all of x_mm y_mm z_mm or all of q1_deg .. of its end", int(row))
-    axis = np.where(np.isnan(axis).all(axis=1)[:, None] & posed[:, None], [0.0, 0.0, 1.0], axis)
+    left_out: NDArray[np.bool_] = np.asarray(np.isnan(axis).all(axis=1)) & posed
+    axis = np.where(left_out[:, None], [0.0, 0.0, 1.0], axis)
     size = np.linalg.norm(axis, axis=1)
     for row in np.flatnonzero(posed & ~(np.abs(size - 1.0) < 1e-2))[:1]:
         raise table.error(f"tool axis i j k has the length {size[row]:.4g}, expected 1", int(row))

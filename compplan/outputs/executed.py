@@ -20,7 +20,7 @@ from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json, write_text
 from compplan.files.transaction import replace_folder
 from compplan.program.counting import load_motion
-from compplan.program.servo import Motion, tabulate_motion
+from compplan.program.servo import ASSUMED, Motion, tabulate_motion
 from compplan.report.trace_page import write_trace_page
 from compplan.robot import Array, Robot, write_robot_folder
 from compplan.statics.ik import build_arm
@@ -103,10 +103,10 @@ def _list_limits(traces: Sequence[Trace], found: Identified) -> list[str]:
 def summarise_trace(traced: Traced) -> dict[str, Any]:
     """Return what trace.json holds."""
     found, prismatic = traced.found, traced.robot.prismatic
-    left = found.left if found.helps else found.left_before
+    left = _keep_left(found)
     return {
         "schema": 1,
-        "left_mm": _summarise(left if found.ladder else found.without),
+        "left_mm": _summarise(left),
         "left_without_model_mm": _summarise(found.without),
         "left_with_folder_mm": _summarise(found.left_before),
         "parts": share_causes(traced.gaps),
@@ -121,6 +121,13 @@ def summarise_trace(traced: Traced) -> dict[str, Any]:
         "notes": list(traced.notes),
         "made_by": describe_origin(),
     }
+
+
+def _keep_left(found: Identified) -> Array:
+    """Return the distances by what DIR/robot holds; values that nobody stated are no model."""
+    if found.helps:
+        return found.left
+    return found.without if found.motion.source == ASSUMED else found.left_before
 
 
 def share_causes(gaps: dict[str, Array]) -> dict[str, float]:
