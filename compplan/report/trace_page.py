@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from compplan.executed.identify import Identified
+from compplan.report import figure as go
 from compplan.report.page import (
     Chart,
     Column,
@@ -84,16 +85,14 @@ def _open_trace(summary: Mapping[str, Any], found: Identified) -> Opening:
 
 
 def _draw_distances(found: Identified) -> Any:
-    import plotly.graph_objects as go
-
     figure = go.Figure()
     share = np.linspace(0.0, 100.0, 101)
     kept = found.left if found.helps else found.left_before
     for name, values, colour in (("to the program", found.without, BEFORE), ("to the model's path", kept, AFTER)):
         distance = np.round(1e3 * np.percentile(values, share), 5)
-        figure.add_trace(go.Scatter(x=distance.tolist(), y=share.tolist(), mode="lines", name=name,
-                                    line={"color": colour, "width": 2}))  # fmt: skip
-    figure.update_layout(xaxis={"title": "distance, mm"}, yaxis={"title": "rows nearer, %"})
+        figure.add_scatter(x=distance, y=share, mode="lines", name=name, line={"color": colour, "width": 2})
+    figure.update_xaxes(title_text="distance, mm")
+    figure.update_yaxes(title_text="rows nearer, %")
     return figure
 
 
