@@ -1,6 +1,6 @@
 """Make the example campaign: a KR 270 whose joints are softer and stiffer than its folder says. Seed 7.
 
-Run: python examples/identify/make_campaign.py
+Run in the repository: python -m examples.identify.make_campaign
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from compplan.identify import simulate_observations
-from compplan.identify.campaign_log import write_campaign_log
 from compplan.identify.plan_campaign import plan_campaign
 from compplan.identify.problem import IdentifyOptions
 from compplan.robot import load_robot
+from tests.observation_log import write_campaign_log
 
 SEED = 7
 FACTORS = (1.4, 0.7, 1.2, 0.8, 1.3, 0.9)
