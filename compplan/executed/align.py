@@ -11,7 +11,9 @@ from compplan.executed.geometry import Path
 from compplan.robot import Array
 
 #: Rows that are found at once, and the way beside the expected one that is looked at. [m]
-BLOCK, MARGIN = 40, 0.012
+BLOCK, MARGIN = 12, 0.012
+#: A block that is farther from the path is lost. [m]
+LOST = 0.02
 #: What a metre away from the expected place counts as distance. [m/m]
 PULL = 0.15
 #: Places along the path at which a log may begin, and rows of it that are held against them.
@@ -58,6 +60,8 @@ def place_rows(path: Path, tip: Array, way: Array) -> Places:
         points = path.position[low:high]
         cost = ((tip[rows, None] - points) ** 2).sum(axis=2) + (PULL * (path.s[low:high] - expected[:, None])) ** 2
         s[rows] = path.s[low + cost.argmin(axis=1)]
+        if np.sqrt(cost.min(axis=1).min()) > LOST:  # the way since the start leads nowhere near: look all around
+            s[rows] = path.s[((tip[rows, None] - path.position[::4]) ** 2).sum(axis=2).argmin(axis=1) * 4]
         here = s[min(first + BLOCK, len(tip)) - 1]
     index = np.searchsorted(path.s, s)
     point, share = find_nearest(path.position, index, tip, SIDE)

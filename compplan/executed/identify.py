@@ -23,7 +23,7 @@ RUNGS: dict[str, tuple[str, ...]] = {
     "lag, acceleration and lost motion": ("speed", "lag", "acceleration", "lost"),
 }
 #: Blend shares that are tried first, and how finely the best is searched.
-SHARES, FINEST = (0.3, 0.7, 1.1), 0.02
+SHARES, FINEST = (0.3, 0.7, 1.1), 0.025
 #: Time in which a wrong speed counts as a distance. [s]
 SPEED_WEIGHT = 0.01
 #: What a joint is expected to differ by, a standard deviation: lag [s], acceleration lag [s^2], lost motion [rad].
@@ -33,9 +33,9 @@ WORTH = 0.98
 #: A model is no worse than the programmed path up to this distance. [m]
 EQUAL = 1e-6
 #: Steps of a fit.
-STEPS = 7
+STEPS = 5
 #: Groups of rows that are left out in turn, at most.
-GROUPS = 4
+GROUPS = 3
 
 
 @dataclass(frozen=True)
@@ -81,11 +81,12 @@ def identify_motion(windows: Sequence[Window], folder: Motion, arm: Arm) -> Iden
     before = np.concatenate([measure_left(window, folder, arm) for window in windows])
     if count < 2:
         return Identified(folder, "none", False, without, before, without, {}, "time")
-    left = {name: np.empty(0) for name in RUNGS}
+    everything = climb_ladder(windows, folder, arm)
+    whole = everything["lag"]  # where the search for each group begins
     pieces: dict[str, dict[int, Array]] = {name: {} for name in RUNGS}
     for group in range(count):
         seen = [w for w, g in zip(windows, groups, strict=True) if g != group]
-        fitted = climb_ladder(seen, folder, arm)
+        fitted = climb_ladder(seen, whole, arm, step=0.1)
         for name, motion in fitted.items():
             for k, window in enumerate(windows):
                 if groups[k] == group:
@@ -94,7 +95,7 @@ def identify_motion(windows: Sequence[Window], folder: Motion, arm: Arm) -> Iden
     ladder = {name: summarise_distance(values) for name, values in left.items()}
     best = min(score(values) for values in ladder.values())
     rung = next(name for name, values in ladder.items() if score(values) * WORTH <= best)
-    motion = climb_ladder(windows, folder, arm, last=rung)[rung]
+    motion = everything[rung]
     none, old = summarise_distance(without), summarise_distance(before)
     helps = all(new < was and new < plain + EQUAL for new, was, plain in zip(ladder[rung], old, none, strict=True))
     held = "log" if by_log else "time"
@@ -111,27 +112,25 @@ def score(values: tuple[float, float]) -> float:
     return float(np.sqrt(max(values[0], 1e-9) * max(values[1], 1e-9)))
 
 
-def climb_ladder(windows: Sequence[Window], folder: Motion, arm: Arm, last: str = "") -> dict[str, Motion]:
-    """Fit every rung, each from the one before, up to the last."""
-    nq = len(folder.lag)
-    zero = np.zeros(nq)
-    motion = replace(folder, lag=zero + 0.01, acceleration_lag=zero, lost_motion=zero)
-    motion = search_blend(windows, motion, ("speed", "lag"), arm)
+def climb_ladder(windows: Sequence[Window], begin: Motion, arm: Arm, step: float = 0.2) -> dict[str, Motion]:
+    """Fit every rung, each from the one before; blends are searched from steps of a share of 0.2, or around one."""
+    zero = np.zeros(len(begin.lag))
+    motion = replace(begin, lag=np.full(len(zero), max(0.01, float(begin.lag.mean()))), acceleration_lag=zero,
+                     lost_motion=zero)  # fmt: skip
+    motion = search_blend(windows, motion, ("speed", "lag"), arm, step)
     found: dict[str, Motion] = {}
     for name, free in RUNGS.items():
         if name == "blend":
             plain = replace(motion, lag=zero, acceleration_lag=zero, lost_motion=zero)
-            found[name] = search_blend(windows, plain, free, arm)
+            found[name] = search_blend(windows, plain, free, arm, step)
         else:
             motion = fit_motion(windows, motion, free, arm)
             found[name] = motion
-        if name == last:
-            break
     return found
 
 
-def search_blend(windows: Sequence[Window], motion: Motion, free: tuple[str, ...], arm: Arm) -> Motion:
-    """Fit the rest at blend shares: coarsely, then around the best, ever finer."""
+def search_blend(windows: Sequence[Window], motion: Motion, free: tuple[str, ...], arm: Arm, step: float) -> Motion:
+    """Fit the rest at blend shares: coarsely, or from the one given, then ever finer around the best."""
     tried: dict[float, tuple[float, Motion]] = {}
 
     def fit(share: float, begin: Motion) -> None:
@@ -140,9 +139,8 @@ def search_blend(windows: Sequence[Window], motion: Motion, free: tuple[str, ...
             fitted = fit_motion(windows, replace(begin, blend_share=share), free, arm, steps=3)
             tried[share] = (_cost(windows, fitted, arm), fitted)
 
-    for share in SHARES:
+    for share in SHARES if step > 0.1 else (motion.blend_share,):
         fit(share, motion)
-    step = 0.2
     while step >= FINEST:
         best = min(tried, key=lambda share: tried[share][0])
         for share in (best - step, best + step):

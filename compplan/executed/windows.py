@@ -19,9 +19,9 @@ from compplan.statics.chain import locate_frames
 from compplan.statics.ik import Arm
 
 #: Most rows of a log that are placed, of a window, and most windows of all logs.
-MOST_PLACED, MOST_ROWS, MOST_WINDOWS = 100_000, 700, 12
+MOST_PLACED, MOST_ROWS, MOST_WINDOWS = 100_000, 500, 8
 #: Time of a window, and what is executed before and after its rows, so that it runs as in the whole program. [s]
-WINDOW, LEAD = 6.0, 0.6
+WINDOW, LEAD = 5.0, 0.5
 #: A log whose rows are usually farther from the program is of another one. [m]
 OTHER_PROGRAM = 0.05
 #: Points of a path to either side among which a row's is looked for.
@@ -118,8 +118,8 @@ def load_trace(file: File, program: File, robot: Robot, arm: Arm) -> Trace:
     nodes = locate_nodes(instructions, arm, log.q[0])
     programmed = build_path(nodes, arm, 0.0)
     rows = np.arange(0, len(log), max(1, -(-len(log) // MOST_PLACED)))
-    tip = locate_frames(arm.chain, log.q[rows]).tcp_position
-    places = place_rows(programmed, tip, measure_way(log.time[rows], tip))
+    tip = locate_frames(arm.chain, log.q).tcp_position
+    places = place_rows(programmed, tip[rows], measure_way(log.time, tip)[rows])
     usual = float(np.median(places.distance))
     if usual > OTHER_PROGRAM:
         raise InputError(f"its rows are {1e3 * usual:.0f} mm beside {program} (median), expected a log of this program",

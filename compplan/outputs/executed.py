@@ -27,6 +27,8 @@ from compplan.statics.ik import build_arm
 
 #: The table [motion] of a controller.toml, up to the next table or the end, with the comments right above it.
 MOTION = re.compile(r"(?:^#[^\n]*\n)*^\[motion\][^\n]*\n(?:(?!\[)[^\n]*\n?)*", re.MULTILINE)
+#: Rows that are nearer to the program than this share of all are divided among causes; the rest may be misplaced. [%]
+WITHIN = 99.0
 CAUSES = ("lag", "blend", "jitter", "lost_motion")
 
 
@@ -132,8 +134,10 @@ def _keep_left(found: Identified) -> Array:
 
 def share_causes(gaps: dict[str, Array]) -> dict[str, float]:
     """Return the share of the mean square distance that lies along each cause; the rest is not explained."""
-    total = float((gaps["gap"] ** 2).sum())
-    shares = {name: float((gaps[name] * gaps["gap"]).sum()) / max(total, 1e-18) for name in CAUSES}
+    size = (gaps["gap"] ** 2).sum(axis=1)
+    kept = size <= np.percentile(size, WITHIN)
+    total = float(size[kept].sum())
+    shares = {name: float((gaps[name] * gaps["gap"])[kept].sum()) / max(total, 1e-18) for name in CAUSES}
     return {name: min(max(value, 0.0), 1.0) for name, value in shares.items()}
 
 
