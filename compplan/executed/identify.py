@@ -122,7 +122,7 @@ def climb_ladder(windows: Sequence[Window], begin: Motion, arm: Arm, step: float
     for name, free in RUNGS.items():
         if name == "blend":
             plain = replace(motion, lag=zero, acceleration_lag=zero, lost_motion=zero)
-            found[name] = search_blend(windows, plain, free, arm, step)
+            found[name] = fit_motion(windows, plain, free, arm)
         else:
             motion = fit_motion(windows, motion, free, arm)
             found[name] = motion

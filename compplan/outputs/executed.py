@@ -13,7 +13,7 @@ import numpy as np
 import tomli_w
 
 from compplan.errors import InputError
-from compplan.executed.identify import Identified, identify_motion, summarise_distance
+from compplan.executed.identify import Identified, identify_motion, score, summarise_distance
 from compplan.executed.model import divide_gap
 from compplan.executed.windows import Trace, Window, cut_windows, load_trace
 from compplan.files.origin import describe_origin
@@ -28,7 +28,7 @@ from compplan.statics.ik import build_arm
 #: The table [motion] of a controller.toml, up to the next table or the end, with the comments right above it.
 MOTION = re.compile(r"(?:^#[^\n]*\n)*^\[motion\][^\n]*\n(?:(?!\[)[^\n]*\n?)*", re.MULTILINE)
 #: Rows that are nearer to the program than this share of all are divided among causes; the rest may be misplaced. [%]
-WITHIN = 99.0
+WITHIN = 95.0
 CAUSES = ("lag", "blend", "jitter", "lost_motion")
 
 
@@ -126,10 +126,11 @@ def summarise_trace(traced: Traced) -> dict[str, Any]:
 
 
 def _keep_left(found: Identified) -> Array:
-    """Return the distances by what DIR/robot holds; values that nobody stated are no model."""
+    """Return the distances by what DIR/robot holds; values that nobody stated and that do not help are no model."""
     if found.helps:
         return found.left
-    return found.without if found.motion.source == ASSUMED else found.left_before
+    better = score(summarise_distance(found.left_before)) < score(summarise_distance(found.without))
+    return found.left_before if better or found.motion.source != ASSUMED else found.without
 
 
 def share_causes(gaps: dict[str, Array]) -> dict[str, float]:
