@@ -265,7 +265,7 @@ def ask_pairs(bench: Bench) -> Any:
 
 def ask_worth(bench: Bench) -> Any:
     """Moves that separate a pair hardly, and well."""
-    moves = [next_measurement.Move("static", (2 * k, 2 * k + 1)) for k in range(6)]
+    moves = [next_measurement.MeasuringMove("static", (2 * k, 2 * k + 1)) for k in range(6)]
     pair = SimpleNamespace(first=("a", None, None), second=("b", None, None), log_odds=0.0)
     answers = []
     for size in (0.1, 0.2, 0.5, 1.0, 3.0):

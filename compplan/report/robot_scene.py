@@ -30,6 +30,8 @@ FINEST = 20_000
 UNPAINTED = (0.62, 0.65, 0.68, 1.0)
 #: Least distance from flange to TCP that is drawn as a rod where the URDF shows no tool. [m]
 SHORTEST_ROD = 0.01
+#: Its colour, and length and radius of its thin end, of no cutter in particular. [m]
+ROD, CUTTER = (0.55, 0.57, 0.6, 1.0), (0.04, 0.003)
 #: Where the light comes from, base axes, and the share of light without a direction.
 LIGHT = np.array([0.35, -0.5, 0.79])
 AMBIENT = 0.45
@@ -318,7 +320,7 @@ def _triangulate(geometry: ElementTree.Element | None, folder: Path | None) -> t
 
 
 def _rod(robot: Robot, poses: dict[str, Array], drawn: set[str]) -> Shape | None:
-    """Draw a thin rod from flange to TCP where nothing else shows the tool."""
+    """Draw a rod from flange to TCP where nothing else shows the tool; thin at its end, so that the cut is seen."""
     behind, links = False, []
     for joint in robot.joints:
         behind = behind or joint.parent == robot.flange
@@ -327,4 +329,8 @@ def _rod(robot: Robot, poses: dict[str, Array], drawn: set[str]) -> Shape | None
     start, end = poses[robot.flange][:3, 3], poses[robot.tcp][:3, 3]
     if drawn & set(links) or np.linalg.norm(end - start) < SHORTEST_ROD:
         return None
-    return Shape(robot.tcp, *triangulate_rod(start, end, 0.02, sections=20), (0.55, 0.57, 0.6, 1.0))
+    neck = end + (start - end) * min(0.5, CUTTER[0] / float(np.linalg.norm(end - start)))
+    (holder, sides), (cutter, more) = (
+        triangulate_rod(*ends, radius, sections=20) for *ends, radius in ((start, neck, 0.02), (neck, end, CUTTER[1]))
+    )
+    return Shape(robot.tcp, np.vstack([holder, cutter]), np.vstack([sides, more + len(holder)]), ROD)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compplan.identify import simulate_observations
+from benchmarks.round_trip import simulate_observations
 from compplan.identify.plan_campaign import plan_campaign
 from compplan.identify.problem import IdentifyOptions
 from compplan.robot import load_robot
