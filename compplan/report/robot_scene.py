@@ -330,7 +330,6 @@ def _rod(robot: Robot, poses: dict[str, Array], drawn: set[str]) -> Shape | None
     if drawn & set(links) or np.linalg.norm(end - start) < SHORTEST_ROD:
         return None
     neck = end + (start - end) * min(0.5, CUTTER[0] / float(np.linalg.norm(end - start)))
-    (holder, sides), (cutter, more) = (
-        triangulate_rod(*ends, radius, sections=20) for *ends, radius in ((start, neck, 0.02), (neck, end, CUTTER[1]))
-    )
+    holder, sides = triangulate_rod(start, neck, 0.02, sections=20)
+    cutter, more = triangulate_rod(neck, end, CUTTER[1], sections=20)
     return Shape(robot.tcp, np.vstack([holder, cutter]), np.vstack([sides, more + len(holder)]), ROD)
