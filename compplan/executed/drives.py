@@ -11,14 +11,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import lfilter
 
-from compplan.program.servo import Motion
+from compplan.program.servo import ServoMotion
 from compplan.robot import Array
 
 #: A joint that goes slower than this does not turn back. [rad/s or m/s]
 STILL = 1e-6
 
 
-def follow_command(q: Array, motion: Motion) -> Array:
+def follow_command(q: Array, motion: ServoMotion) -> Array:
     """Return the joints that drives reach of a command at the controller's cycle; they rest before the first row.
 
     Args:

@@ -3,7 +3,7 @@
 A blend of a corner leaves the incoming move a distance r before the corner and joins the outgoing one r after it; with
 w from 0 to 1 it is  p = p_c + (1 - w)^2 (p_in - p_c) + w^2 (p_out - p_c),  which is tangent to both and nearest to the
 corner by half of what a straight cut would be. r is the zone times `blend_share`, at most half of either move. Two
-lines blend in space, what meets a joint move blends in the joints. ASSUMED of every make; ABB's manual says parabola.
+lines blend in space, what meets a joint move blends in the joints. Assumed of every make.
 """
 
 from __future__ import annotations

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from compplan.executed.drives import hold_direction, lag_command
-from compplan.executed.model import CYCLE, Run, drop_along, find_residual, measure_left, read_run, run_window
+from compplan.executed.model import CYCLE, WindowRun, drop_along, find_residual, measure_left, read_run, run_window
 from compplan.executed.windows import Window
-from compplan.program.servo import LONGEST_LAG, Motion
+from compplan.program.servo import LONGEST_LAG, ServoMotion
 from compplan.robot import Array
 from compplan.statics.ik import Arm
 
@@ -54,7 +54,7 @@ class Identified:
 
     """
 
-    motion: Motion
+    motion: ServoMotion
     rung: str
     helps: bool
     left: Array
@@ -64,7 +64,7 @@ class Identified:
     held_out: str = "log"
 
 
-def identify_motion(windows: Sequence[Window], folder: Motion, arm: Arm) -> Identified:
+def identify_motion(windows: Sequence[Window], folder: ServoMotion, arm: Arm) -> Identified:
     """Fit every rung with groups of rows left out, keep the plainest that is nearly the best, and fit it to all.
 
     Args:
@@ -112,13 +112,13 @@ def score(values: tuple[float, float]) -> float:
     return float(np.sqrt(max(values[0], 1e-9) * max(values[1], 1e-9)))
 
 
-def climb_ladder(windows: Sequence[Window], begin: Motion, arm: Arm, step: float = 0.2) -> dict[str, Motion]:
+def climb_ladder(windows: Sequence[Window], begin: ServoMotion, arm: Arm, step: float = 0.2) -> dict[str, ServoMotion]:
     """Fit every rung, each from the one before; blends are searched from steps of a share of 0.2, or around one."""
     zero = np.zeros(len(begin.lag))
     motion = replace(begin, lag=np.full(len(zero), max(0.01, float(begin.lag.mean()))), acceleration_lag=zero,
                      lost_motion=zero)  # fmt: skip
     motion = search_blend(windows, motion, ("speed", "lag"), arm, step)
-    found: dict[str, Motion] = {}
+    found: dict[str, ServoMotion] = {}
     for name, free in RUNGS.items():
         if name == "blend":
             plain = replace(motion, lag=zero, acceleration_lag=zero, lost_motion=zero)
@@ -129,11 +129,13 @@ def climb_ladder(windows: Sequence[Window], begin: Motion, arm: Arm, step: float
     return found
 
 
-def search_blend(windows: Sequence[Window], motion: Motion, free: tuple[str, ...], arm: Arm, step: float) -> Motion:
+def search_blend(
+    windows: Sequence[Window], motion: ServoMotion, free: tuple[str, ...], arm: Arm, step: float
+) -> ServoMotion:
     """Fit the rest at blend shares: coarsely, or from the one given, then ever finer around the best."""
-    tried: dict[float, tuple[float, Motion]] = {}
+    tried: dict[float, tuple[float, ServoMotion]] = {}
 
-    def fit(share: float, begin: Motion) -> None:
+    def fit(share: float, begin: ServoMotion) -> None:
         share = round(min(max(share, 0.0), 2.0), 4)
         if share not in tried:
             fitted = fit_motion(windows, replace(begin, blend_share=share), free, arm, steps=3)
@@ -149,7 +151,7 @@ def search_blend(windows: Sequence[Window], motion: Motion, free: tuple[str, ...
     return min(tried.values(), key=lambda entry: entry[0])[1]
 
 
-def _cost(windows: Sequence[Window], motion: Motion, arm: Arm) -> float:
+def _cost(windows: Sequence[Window], motion: ServoMotion, arm: Arm) -> float:
     gaps = np.concatenate([_lengths(find_residual(w, run_window(w, motion, arm))) for w in windows])
     return float(np.mean(np.sqrt(gaps**2 + 1e-12)))
 
@@ -159,8 +161,8 @@ def _lengths(gap: Array) -> Array:
 
 
 def fit_motion(
-    windows: Sequence[Window], motion: Motion, free: tuple[str, ...], arm: Arm, steps: int = STEPS
-) -> Motion:
+    windows: Sequence[Window], motion: ServoMotion, free: tuple[str, ...], arm: Arm, steps: int = STEPS
+) -> ServoMotion:
     """Fit a model by damped Gauss-Newton steps with robust weights; blends stay.
 
     A joint's parameters change its own column alone, so that one run gives the slopes of all joints.
@@ -203,7 +205,7 @@ def _names(free: tuple[str, ...], nq: int) -> list[tuple[str, int]]:
     return names
 
 
-def _apply(motion: Motion, free: tuple[str, ...], change: Array) -> Motion:
+def _apply(motion: ServoMotion, free: tuple[str, ...], change: Array) -> ServoMotion:
     lag, acceleration, lost = motion.lag.copy(), motion.acceleration_lag.copy(), motion.lost_motion.copy()
     pace, smoothing = motion.acceleration, motion.smoothing
     for (name, j), value in zip(_names(free, len(lag)), change, strict=True):
@@ -224,7 +226,7 @@ def _apply(motion: Motion, free: tuple[str, ...], change: Array) -> Motion:
 
 
 def _evaluate(
-    windows: Sequence[Window], motion: Motion, free: tuple[str, ...], arm: Arm, slopes: bool = True
+    windows: Sequence[Window], motion: ServoMotion, free: tuple[str, ...], arm: Arm, slopes: bool = True
 ) -> tuple[Array, Array, float]:
     """Return the normal matrix, its right side and the robust cost, all windows together."""
     nq = len(motion.lag)
@@ -247,7 +249,7 @@ def _evaluate(
     return matrix, side, cost + float((prior * wanted**2).sum())
 
 
-def _stack_gap(window: Window, run: Run) -> Array:
+def _stack_gap(window: Window, run: WindowRun) -> Array:
     """Return gaps across the path and of speed, as lengths. Shape (n (nq + 1),). [m]."""
     across = find_residual(window, run)
     _, slope = read_run(run.q, run.at)
@@ -258,7 +260,7 @@ def _stack_gap(window: Window, run: Run) -> Array:
 
 
 def _find_columns(
-    window: Window, run: Run, gap: Array, motion: Motion, free: tuple[str, ...], arm: Arm
+    window: Window, run: WindowRun, gap: Array, motion: ServoMotion, free: tuple[str, ...], arm: Arm
 ) -> Array:
     """Return the slopes of what a run explains, one column a free number. Shape (n (nq + 1), k)."""
     nq = window.q.shape[1]
@@ -284,7 +286,7 @@ def _find_columns(
     return np.stack(columns, axis=1)
 
 
-def _speed_slopes(slope: Array, run: Run, window: Window) -> Array:
+def _speed_slopes(slope: Array, run: WindowRun, window: Window) -> Array:
     """Return by how much each joint's parameter changes the speed along the run. Shape (n, nq)."""
     _, change = read_run(slope, run.at)
     _, tangent = read_run(run.q, run.at)
@@ -293,7 +295,7 @@ def _speed_slopes(slope: Array, run: Run, window: Window) -> Array:
     return np.asarray(change * window.leverage * tangent / size / CYCLE)
 
 
-def _joint_slopes(run: Run, motion: Motion, name: str) -> Array:
+def _joint_slopes(run: WindowRun, motion: ServoMotion, name: str) -> Array:
     """Return the slopes of all joints of a run in one kind of parameter, each in its own joint's."""
     if name == "lost":
         return np.asarray(-0.5 * hold_direction(run.command, CYCLE))
@@ -304,7 +306,7 @@ def _joint_slopes(run: Run, motion: Motion, name: str) -> Array:
     return (lag_command(run.command, *moved, CYCLE) - base) / step
 
 
-def _expect(motion: Motion, names: list[tuple[str, int]]) -> tuple[Array, Array]:
+def _expect(motion: ServoMotion, names: list[tuple[str, int]]) -> tuple[Array, Array]:
     """Return how firmly numbers are expected near what they usually are, and how far they are from it."""
     prior, wanted = np.zeros(len(names)), np.zeros(len(names))
     for k, (name, j) in enumerate(names):

@@ -11,7 +11,7 @@ from compplan.executed.drives import follow_command, lag_command
 from compplan.executed.geometry import follow_path
 from compplan.executed.timing import schedule_path
 from compplan.executed.windows import Window
-from compplan.program.servo import Motion
+from compplan.program.servo import ServoMotion
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import Arm
@@ -23,7 +23,7 @@ NEAR = 0.04
 
 
 @dataclass(frozen=True)
-class Run:
+class WindowRun:
     """A window as a model executes it.
 
     Args:
@@ -38,7 +38,7 @@ class Run:
     at: Array
 
 
-def run_window(window: Window, motion: Motion, arm: Arm) -> Run:
+def run_window(window: Window, motion: ServoMotion, arm: Arm) -> WindowRun:
     """Execute a window and find its rows in the run: where the path's length is theirs, then where joints are nearest.
 
     Args:
@@ -55,7 +55,7 @@ def run_window(window: Window, motion: Motion, arm: Arm) -> Run:
     command = follow_path(path, s)
     q = follow_command(command, model)
     at = np.interp(window.lengths(arm, motion.blend_share), s + 1e-9 * np.arange(len(s)), np.arange(len(s)))
-    return Run(command, q, _match_rows(window, q, at + float(motion.lag.mean()) / CYCLE))
+    return WindowRun(command, q, _match_rows(window, q, at + float(motion.lag.mean()) / CYCLE))
 
 
 def _match_rows(window: Window, q: Array, at: Array) -> Array:
@@ -80,7 +80,7 @@ def read_run(q: Array, at: Array) -> tuple[Array, Array]:
     return here + u * (c1 + u * (c2 + u * c3)), c1 + u * (2 * c2 + 3 * u * c3)
 
 
-def find_residual(window: Window, run: Run) -> Array:
+def find_residual(window: Window, run: WindowRun) -> Array:
     """Return what rows are beside a run, across it, in joints weighed by their leverage. Shape (n, nq). [m]."""
     here, slope = read_run(run.q, run.at)
     gap, slope = (window.q - here) * window.leverage, slope * window.leverage
@@ -93,20 +93,20 @@ def drop_along(gap: Array, slope: Array) -> Array:
     return np.asarray(gap - ((gap * slope).sum(axis=1) / size)[:, None] * slope)
 
 
-def locate_beside(window: Window, run: Run, q: Array, arm: Arm) -> Array:
+def locate_beside(window: Window, run: WindowRun, q: Array, arm: Arm) -> Array:
     """Return the point of a run's tip that is nearest to every row. Shape (n, 3). [m]."""
     tip = locate_frames(arm.chain, q).tcp_position
     index = np.round(run.at).astype(int)
     return find_nearest(tip, index, window.tip + window.torn_by, round(NEAR / CYCLE))[0]
 
 
-def measure_left(window: Window, motion: Motion, arm: Arm) -> Array:
+def measure_left(window: Window, motion: ServoMotion, arm: Arm) -> Array:
     """Return the distance of every row, torn or not, across the executed path of a model. Shape (n,). [m]."""
     run = run_window(window, motion, arm)
     return np.asarray(np.linalg.norm(window.tip + window.torn_by - locate_beside(window, run, run.q, arm), axis=1))
 
 
-def divide_gap(window: Window, motion: Motion, arm: Arm) -> dict[str, Array]:
+def divide_gap(window: Window, motion: ServoMotion, arm: Arm) -> dict[str, Array]:
     """Divide what rows are beside the programmed path among its causes.
 
     Every cause is the step from one executed path to the next at its nearest points: blends, then lag, then lost

@@ -14,7 +14,7 @@ from compplan.executed.instructions import read_instructions
 from compplan.executed.timing import schedule_path
 from compplan.files.tables import write_table
 from compplan.program.counting import load_motion
-from compplan.program.servo import Motion
+from compplan.program.servo import ServoMotion
 from compplan.robot import Array, Robot
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
@@ -41,7 +41,7 @@ class Executed:
     time: Array
     q: Array
     position: Array
-    motion: Motion
+    motion: ServoMotion
     notes: tuple[str, ...]
 
 
@@ -77,7 +77,7 @@ def execute_program(file: File, robot: Robot, start: Array | None = None) -> Exe
     return Executed(time, q, locate_frames(arm.chain, q).tcp_position, fine, tuple(notes))
 
 
-def _with_cycle(motion: Motion, cycle: float) -> Motion:
+def _with_cycle(motion: ServoMotion, cycle: float) -> ServoMotion:
     from dataclasses import replace
 
     return replace(motion, cycle=cycle)

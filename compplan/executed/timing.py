@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from compplan.executed.geometry import Path
-from compplan.program.servo import Motion
+from compplan.program.servo import ServoMotion
 from compplan.robot import Array
 
 
@@ -25,7 +25,7 @@ class Schedule:
     s: Array
 
 
-def limit_speed(path: Path, motion: Motion) -> Array:
+def limit_speed(path: Path, motion: ServoMotion) -> Array:
     """Return the speed at every point of a path: at most the feed, joint velocities, and what corners allow.
 
     A point's curvature q'' costs v^2 |q''| of each joint's acceleration and v^2 |p''| of the tip's; on the way between
@@ -57,7 +57,7 @@ def limit_speed(path: Path, motion: Motion) -> Array:
     return np.sqrt(np.maximum(square, 0.0))
 
 
-def schedule_path(path: Path, motion: Motion) -> Schedule:
+def schedule_path(path: Path, motion: ServoMotion) -> Schedule:
     """Tell when the controller is where, at its cycle; it rests at exact stops until its smoothing has come to rest."""
     speed = limit_speed(path, motion)
     step = np.diff(path.s)

@@ -86,7 +86,7 @@ class Window:
 
 
 @dataclass(frozen=True)
-class Trace:
+class PlacedLog:
     """A log beside its program.
 
     Args:
@@ -107,7 +107,7 @@ class Trace:
     ends: Array
 
 
-def load_trace(file: File, program: File, robot: Robot, arm: Arm) -> Trace:
+def load_trace(file: File, program: File, robot: Robot, arm: Arm) -> PlacedLog:
     """Read a log and its program, and find every row of the one on the other.
 
     Raises:
@@ -124,10 +124,10 @@ def load_trace(file: File, program: File, robot: Robot, arm: Arm) -> Trace:
     if usual > OTHER_PROGRAM:
         raise InputError(f"its rows are {1e3 * usual:.0f} mm beside {program} (median), expected a log of this program",
                          file=file)  # fmt: skip
-    return Trace(log, nodes, rows, places, programmed, programmed.ends)
+    return PlacedLog(log, nodes, rows, places, programmed, programmed.ends)
 
 
-def cut_windows(traces: list[Trace], arm: Arm) -> list[Window]:
+def cut_windows(traces: list[PlacedLog], arm: Arm) -> list[Window]:
     """Cut the logs into windows of some seconds; of many an even choice, drawn from all logs alike."""
     windows: list[Window] = []
     for number, trace in enumerate(traces):
@@ -141,7 +141,7 @@ def cut_windows(traces: list[Trace], arm: Arm) -> list[Window]:
     return windows
 
 
-def _divide_rows(trace: Trace) -> list[tuple[int, int]]:
+def _divide_rows(trace: PlacedLog) -> list[tuple[int, int]]:
     """Divide the rows that move by time; first row and the one after the last of each span."""
     time = trace.log.time[trace.rows]
     count = max(1, round((time[-1] - time[0]) / WINDOW))
@@ -150,7 +150,7 @@ def _divide_rows(trace: Trace) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in pairwise(edges) if b - a > 5]
 
 
-def _cut_window(trace: Trace, number: int, span: tuple[int, int], arm: Arm) -> Window | None:
+def _cut_window(trace: PlacedLog, number: int, span: tuple[int, int], arm: Arm) -> Window | None:
     log, ends, feed = trace.log, trace.ends, trace.nodes.instructions.feed
     part = slice(*span)
     s, rows = trace.places.s[part], trace.rows[part]

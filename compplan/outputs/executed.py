@@ -15,12 +15,12 @@ import tomli_w
 from compplan.errors import InputError
 from compplan.executed.identify import Identified, identify_motion, score, summarise_distance
 from compplan.executed.model import divide_gap
-from compplan.executed.windows import Trace, Window, cut_windows, load_trace
+from compplan.executed.windows import PlacedLog, Window, cut_windows, load_trace
 from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json, write_text
 from compplan.files.transaction import replace_folder
 from compplan.program.counting import load_motion
-from compplan.program.servo import ASSUMED, Motion, tabulate_motion
+from compplan.program.servo import ASSUMED, ServoMotion, tabulate_motion
 from compplan.report.trace_page import write_trace_page
 from compplan.robot import Array, Robot, write_robot_folder
 from compplan.statics.ik import build_arm
@@ -48,9 +48,9 @@ class Traced:
     """
 
     robot: Robot
-    traces: Sequence[Trace]
+    traces: Sequence[PlacedLog]
     windows: Sequence[Window]
-    folder: Motion
+    folder: ServoMotion
     found: Identified
     gaps: dict[str, Array]
     notes: tuple[str, ...]
@@ -88,7 +88,7 @@ def trace_logs(logs: Sequence[Path], programs: Sequence[Path], robot: Robot) -> 
     return Traced(robot, traces, windows, folder, found, joined, (*notes, *_list_limits(traces, found)))
 
 
-def _list_limits(traces: Sequence[Trace], found: Identified) -> list[str]:
+def _list_limits(traces: Sequence[PlacedLog], found: Identified) -> list[str]:
     """Say what the figures do not hold."""
     notes = []
     if found.held_out == "time" and found.ladder:
@@ -142,7 +142,7 @@ def share_causes(gaps: dict[str, Array]) -> dict[str, float]:
     return {name: min(max(value, 0.0), 1.0) for name, value in shares.items()}
 
 
-def describe_log(trace: Trace) -> dict[str, Any]:
+def describe_log(trace: PlacedLog) -> dict[str, Any]:
     """Return what the clock of a log did."""
     log, s = trace.log, trace.places.s
     return {
@@ -179,7 +179,7 @@ def write_trace(traced: Traced, folder: Path) -> dict[str, Any]:
     return summary
 
 
-def write_motion(motion: Motion, robot: Robot, file: Path) -> None:
+def write_motion(motion: ServoMotion, robot: Robot, file: Path) -> None:
     """Write the table [motion] of a controller.toml; everything else in it stays as it is."""
     if file.is_file():
         text = MOTION.sub("", file.read_text(encoding="utf-8")).rstrip("\n")

@@ -24,7 +24,7 @@ from compplan.files.tomlfile import (
     refuse_other_types,
 )
 from compplan.program.pendant import PendantTable
-from compplan.program.servo import Motion, MotionTable, list_assumed, read_motion
+from compplan.program.servo import MotionTable, ServoMotion, list_assumed, read_motion
 from compplan.robot import Joint, Robot
 from compplan.robot.urdf import read_urdf
 
@@ -157,7 +157,7 @@ def load_controller(robot: Robot) -> Counting:
     return Counting(table.controller, tuple(names), robot.prismatic, matrix, zero, words, world, table.checked)
 
 
-def load_motion(robot: Robot) -> tuple[Motion, list[str]]:
+def load_motion(robot: Robot) -> tuple[ServoMotion, list[str]]:
     """Read how the robot's controller moves ([motion] of controller.toml), and name what is assumed of it.
 
     Raises:

@@ -42,7 +42,7 @@ class MotionTable(StrictTable):
 
 
 @dataclass(frozen=True)
-class Motion:
+class ServoMotion:
     """Hold how a controller moves.
 
     Args:
@@ -73,7 +73,7 @@ class Motion:
 
 def read_motion(
     table: MotionTable | None, prismatic: NDArray[np.bool_], limits: tuple[Array, Array], file: Path | None = None
-) -> Motion:
+) -> ServoMotion:
     """Return the motion that a table [motion] states; without one, or without a key, the assumed values.
 
     Args:
@@ -103,14 +103,14 @@ def read_motion(
     velocity, acceleration = limits
     acceleration = np.where(np.isfinite(acceleration), acceleration, velocity / FULL_SPEED)
     unit = np.where(prismatic, 1e-3, np.pi / 180.0)
-    return Motion(
+    return ServoMotion(
         1e-3 * table.cycle_ms, table.blend_share, 1e-3 * table.acceleration_mm_s2, 1e-3 * table.smoothing_ms,
         1e-3 * lists["lag_ms"], 1e-6 * lists["acceleration_lag_ms2"], lists["lost_motion_deg"] * unit,
         velocity, acceleration, table.source,
     )  # fmt: skip
 
 
-def tabulate_motion(motion: Motion, prismatic: NDArray[np.bool_]) -> Mapping[str, Any]:
+def tabulate_motion(motion: ServoMotion, prismatic: NDArray[np.bool_]) -> Mapping[str, Any]:
     """Return the table [motion] that states a motion."""
     unit = np.where(prismatic, 1e3, 180.0 / np.pi)
 
