@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import sys
 import time
 from pathlib import Path
@@ -17,7 +18,7 @@ from benchmarks.plan_check.drawn import write_drawn
 from benchmarks.plan_check.job import read_job, read_joints
 from benchmarks.plan_check.measure import examine
 from benchmarks.plan_check.mistakes import MISTAKES, mistake_of
-from benchmarks.plan_check.paths import write_jobs
+from benchmarks.plan_check.paths import leave_inertia, write_jobs
 from benchmarks.plan_check.run import ROOT, Outcome, run_plan
 from benchmarks.plan_check.table import print_table, write_markdown
 from benchmarks.plan_check.verdict import judge_answer, list_breaches
@@ -94,8 +95,8 @@ def main() -> None:
     parser.add_argument("--drawn", type=int, default=0, help="plan this many drawn jobs in place of the written ones")
     parser.add_argument("--seed", type=int, default=0, help="first seed of the drawn jobs")
     wish = parser.parse_args()
-    jobs = {file.stem: file for file in sorted((ROOT / "paths").glob("*.toml"))}
-    jobs |= write_jobs(wish.out / "jobs")
+    shipped = shutil.copytree(ROOT / "paths", wish.out / "shipped", dirs_exist_ok=True)
+    jobs = {file.stem: file for file in sorted(shipped.glob("*.toml"))} | write_jobs(wish.out / "jobs")
     if wish.drawn:
         files = (write_drawn(wish.out / "jobs", seed) for seed in range(wish.seed, wish.seed + wish.drawn))
         jobs = {file.stem: file for file in files}
@@ -103,6 +104,7 @@ def main() -> None:
     if unknown:
         parser.error(f"no job {unknown[0]!r}, choose from {sorted(jobs)}")
     results = []
+    jobs = {name: leave_inertia(file) for name, file in jobs.items()}
     for name in wish.jobs or jobs:
         results.append(check(name, jobs[name], wish.out / "plans" / name, keep=wish.keep, limit_s=wish.limit))
         print(f"{name}: {results[-1]['verdict']}", file=sys.stderr, flush=True)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import itertools
 import re
 import shutil
+import tomllib
 from pathlib import Path
 
 import numpy as np
+import tomli_w
 
 from benchmarks.plan_check.job import ROBOTS
 from benchmarks.plan_check.mistakes import MISTAKES
@@ -50,6 +52,14 @@ def write_jobs(folder: Path) -> dict[str, Path]:
     for robot in ("seven_axis", "parallelogram"):
         shutil.copytree(JOBS / "robots" / robot, folder / "robots" / robot, dirs_exist_ok=True)
     return {file.stem: file for file in sorted(folder.glob("*.toml"))}
+
+
+def leave_inertia(file: Path) -> Path:
+    """Have a job leave the inertia of the motion alone, unless it asks for it: the cell holds the arm at rest."""
+    job = tomllib.loads(file.read_text(encoding="utf-8"))
+    job.setdefault("plan", {}).setdefault("inertia", False)
+    file.write_text(tomli_w.dumps(job), encoding="utf-8")
+    return file
 
 
 def write_toolpath(file: Path, tip: Array, feed: float, axis: Array | None = None, lift: float = 50.0) -> None:

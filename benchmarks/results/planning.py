@@ -22,6 +22,8 @@ METHOD = (
 )
 LIMITS = (
     '"After, as modelled" says that the equations are solved. It says nothing about your robot.',
+    "The arm is brought to rest, so these plans leave the inertia of the motion alone (`inertia = false`). Arms in "
+    "motion: `python -m benchmarks.moving`.",
     '"20 % softer" is a robot whose compliances are all 20 % larger than the model\'s. The 20 % are assumed.',
     "Robots are models from papers and data sheets. Nobody has cut a part with these programs and told us.",
 )
