@@ -173,6 +173,7 @@ def test_a_main_program_calls_the_programs_of_all_tools_where_the_language_has_c
     assert not list(posted.folder.glob("*ALL*.mod"))  # RAPID modules have a main program each
     whole = json.loads((posted.folder / "plan.json").read_text())
     assert whole["main_programs"] == ["two_ALL_J.src", "two_ALL_L.src"]
+    assert "two_ALL_J.src, two_ALL_L.src" in (posted.folder / "report.html").read_text()
 
 
 @pytest.mark.parametrize(("language", "call"), [

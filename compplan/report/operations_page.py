@@ -20,10 +20,10 @@ def write_operations_page(summary: Mapping[str, Any], file: Path) -> None:
         file: The HTML file.
 
     """
-    tools = summary["tools"]
+    tools, mains = summary["tools"], summary.get("main_programs", [])
     sections = [
         Section("Tools", [_table(tools), f"Each tool's own page: {_list(tools)}."], "One plan a tool.", open=True),
-        Section("Programs", [_programs(tools)], "Run them in this order; each begins with its tool change.", open=True),
+        Section("Programs", [_programs(tools, mains)], "In this order; each begins with its tool change.", open=True),
     ]
     write_page(
         file, summary["name"], describe_operations(summary), sections, kind="Plan", opening=_open(summary),
@@ -84,8 +84,10 @@ def _table(tools: Sequence[Mapping[str, Any]]) -> PageTable:
     return PageTable(columns, rows)
 
 
-def _programs(tools: Sequence[Mapping[str, Any]]) -> PageTable:
+def _programs(tools: Sequence[Mapping[str, Any]], mains: Sequence[str]) -> PageTable:
     rows: list[Sequence[TableCell | str | float | int | None]] = [
         [tool["label"], ", ".join(tool["programs"]) or "none asked for"] for tool in tools
     ]
+    if mains:
+        rows.append(["all, in order", ", ".join(mains)])
     return PageTable([Column("tool"), Column("files")], rows)
