@@ -136,7 +136,7 @@ def draw_force(rng: np.random.Generator, arm: Arm, pose: Array) -> dict:
 def _draw_wishes(rng: np.random.Generator) -> dict:
     wishes = {"strategy": "nlp", "tolerance_mm": float(rng.choice([0.02, 0.1, 0.3]))}
     if rng.random() < 0.2:
-        wishes["inertia"] = True
+        wishes["inertia"] = False  # held at rest, as `paths.leave_inertia`; the draw keeps its order
     return wishes
 
 
