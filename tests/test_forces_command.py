@@ -14,7 +14,8 @@ from compplan.errors import InputError
 from compplan.job.job import load_job
 from compplan.job.loading import load_path
 from compplan.path.contact import cutting_progress
-from compplan.path.forces.fit import fit_forces, read_force_log
+from compplan.path.forces.fit import fit_forces
+from compplan.path.forces.log import read_force_log
 from compplan.plan import stability
 
 POCKET = Path(__file__).parent.parent / "examples" / "forces" / "pocket.toml"

@@ -13,7 +13,8 @@ from compplan.job.loading import load_path
 from compplan.path.contact import path_axes
 from compplan.path.force_law import ForceLaw
 from compplan.path.forces.engagement import Engagement
-from compplan.path.forces.fit import ForceFit, fit_forces, read_force_log
+from compplan.path.forces.fit import ForceFit, fit_forces
+from compplan.path.forces.log import read_force_log
 from compplan.path.toolpath import Toolpath
 
 

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear, minimize_scalar
 
 from compplan.errors import InputError
-from compplan.files.columns import FileColumn
-from compplan.files.tables import Array, read_table
+from compplan.files.tables import Array
 from compplan.path.contact import cutting_progress, path_axes
 from compplan.path.force_law import ForceLaw
+from compplan.path.forces.log import ForceLog
 from compplan.path.forces.materials import Coefficients
-from compplan.path.toolpath import WRENCH, Toolpath
+from compplan.path.toolpath import Toolpath
 
 #: Least share of the cut that a log spans: less is a length in metres that was called mm (assumed).
 LEAST_SPAN = 0.01
@@ -35,8 +35,8 @@ STUDENT = 2.023
 SAME = 1e-9
 #: A force below this share of the greatest counts as the air. []
 AIR = 0.02
-#: No tool bears more, and no prediction errs by more than this factor: beyond, a unit is wrong (assumed). [N, 1]
-MOST_FORCE, MOST_RATIO = 1e6, 100.0
+#: No prediction errs by more than this factor: beyond, a unit is wrong (assumed). []
+MOST_RATIO = 100.0
 #: Greatest lag that is searched for, to either side: a length [m], and a share of the cut (assumed).
 MOST_LAG, LAG_SHARE = 0.02, 0.2
 #: Steps of the search for the lag to either side; rows that it and the fit look at at most, means of what stands near.
@@ -48,32 +48,6 @@ EXPLAINED = 0.3
 #: Von Neumann's ratio of neighbours below which what is left hangs together (2 for none, assumed).
 HANGS_TOGETHER = 1.0
 NAMES = ("tangential", "radial", "axial")
-
-COLUMNS = (
-    FileColumn("s", "length"),
-    FileColumn("t", "time"),
-    *(FileColumn(name, "force", required=True) for name in WRENCH[:3]),
-    *(FileColumn(name, "moment", group="moment") for name in WRENCH[3:]),
-    FileColumn("power", "power"),
-)
-
-
-@dataclass(frozen=True)
-class ForceLog:
-    """A measured log; m rows.
-
-    Attributes:
-        place: Length cut so far [m], or time cut so far [s]. Shape (m,).
-        timed: Whether `place` is a time.
-        wrench: On the tool at its tip, part axes; 3 columns without moments. Shape (m, 3 or 6). [N, N m]
-        power: Of the spindle, or None. Shape (m,). [W]
-
-    """
-
-    place: Array
-    timed: bool
-    wrench: Array
-    power: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -145,32 +119,6 @@ class _Prediction:
         return np.asarray(turned[:, :, channels])
 
 
-def read_force_log(path: Path) -> ForceLog:
-    """Read a log: CSV with s_mm or t_s (length or time cut so far), fx_N fy_N fz_N, moments and power_W, part axes.
-
-    Raises:
-        InputError: If it is not what it has to be.
-
-    """
-    table = read_table(path, COLUMNS)
-    timed = "t" in table.values
-    if timed == ("s" in table.values):
-        raise table.error("needs one of the columns s_mm and t_s, the length or the time cut so far")
-    place = table.values["t" if timed else "s"]
-    if len(place) < 2:
-        raise table.error(f"{len(place)} rows, expected at least 2")
-    back = np.flatnonzero(np.diff(place) < 0.0)
-    if len(back):
-        name = "t_s" if timed else "s_mm"
-        raise table.error(f"{name} falls here; rows must stand in the order of the path", int(back[0]) + 1)
-    wrench = np.column_stack([table.values[name] for name in WRENCH if name in table.values])
-    wrong = np.abs(wrench[:, :3]).max(axis=1) > MOST_FORCE
-    if wrong.any():
-        row = int(np.flatnonzero(wrong)[0])
-        raise table.error(f"a force of {np.abs(wrench[row, :3]).max():.3g} N, at most {MOST_FORCE:g} N is allowed", row)
-    return ForceLog(place, timed, wrench, table.values.get("power"))
-
-
 def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> ForceFit:
     """Compare a log with the prediction, and find the numbers that fit it.
 
@@ -187,28 +135,26 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
     model = _predict(law, nominal)
     channels, measured = _choose_channels(log, law)
     s, measured = _pool(_lengths(log, nominal, model.progress), measured, MOST_ROWS)
-    predicted = np.einsum("c,cmk->mk", model.in_job, model.at(s, channels))
+    columns = model.at(s, channels)
+    predicted, known = np.einsum("c,cmk->mk", model.in_job, columns), np.abs(columns).max(axis=(1, 2)) > 0.0
     cut = _find_cut(s, predicted, model.progress[-1], file)
     _check_level(measured[cut, :3], predicted[cut, :3], file)
-    known = np.abs(model.at(s, channels)).max(axis=(1, 2)) > 0.0
     tare = np.column_stack([np.ones(len(s)), (s - s.mean()) / max(float(np.ptp(s)), SAME)])
     scale, most = measured.std(axis=0) + 1e-12, min(MOST_LAG, LAG_SHARE * float(model.progress[-1]))
     for _ in range(2):
         lag = _find_lag(model, s, measured / scale, channels, scale, tare, most)
-        matrix = _design(model, s - lag, channels, known, tare) / scale[:, None]
-        value, left = _solve(matrix, measured / scale)
+        design = _design(model, s - lag, channels, known, tare)
+        value, left = _solve(design / scale[:, None], measured / scale)
         scale = scale * left.std(axis=0) + 1e-12
-    turn = _slope(model, s - lag, channels, known, value)
-    matrix = np.concatenate([_design(model, s - lag, channels, known, tare), turn], axis=2) / scale[:, None]
-    value = np.append(value, 0.0)
-    left = measured / scale - np.einsum("mkc,c->mk", matrix, value)
+    matrix = np.concatenate([design, _slope(model, s - lag, channels, known, value)], axis=2) / scale[:, None]
+    left = (measured - np.einsum("mkc,c->mk", design, value)) / scale
+    value = np.append(value, lag)
     covariance, unseen = _jackknife(matrix, measured / scale, len(s))
     if unseen < EXPLAINED:
         message = (f"the prediction explains {100 * max(unseen, 0.0):.0f} % of the log at no lag within "
                    f"{1e3 * most:.3g} mm; check that job and log are of one cut, its frame, and "
                    f"{'t_s' if log.timed else 's_mm'}")  # fmt: skip
         raise InputError(message, file=file)
-    value[-1] = lag
     sigma = np.sqrt(np.diag(covariance))
     # a force that jumps is placed no better than within a row of the log
     sigma[-1] = np.hypot(sigma[-1], float(np.median(np.diff(s))) / np.sqrt(12.0))
@@ -218,7 +164,7 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
     after = (left * scale)[cut, :3]
     return ForceFit(
         numbers, _rms(before), _rms(after), _rms(measured[cut, :3]), len(cut), tuple(notes),
-        _as_job_holds(law, known, matrix, measured / scale, value, covariance, file),
+        _as_job_holds(law, known, matrix, measured / scale, covariance, file),
     )  # fmt: skip
 
 
@@ -391,7 +337,7 @@ def _describe(
 
 
 def _as_job_holds(
-    law: ForceLaw, known: NDArray[np.bool_], matrix: Array, target: Array, value: Array, covariance: Array, file: Path
+    law: ForceLaw, known: NDArray[np.bool_], matrix: Array, target: Array, covariance: Array, file: Path
 ) -> Coefficients | None:
     """Return coefficients as a job can hold them: edges not below 0, and the level's spread along this cut."""
     if law.cutting is None:
