@@ -12,7 +12,7 @@ from compplan.known.slopes import ForceSpread
 from compplan.outputs.plan import summarise_comparison
 from compplan.plan.compare import draw_strategies
 from compplan.plan.evaluate import evaluate_run
-from compplan.report.compare_report import view_comparison
+from compplan.report.compare_page import find_left
 from compplan.robot.uncertainty import Uncertainty, Unknown
 
 PATHS = Path(__file__).parents[1] / "paths"
@@ -83,4 +83,4 @@ def test_what_is_drawn_stands_in_the_summary_beside_where_it_comes_from(comparis
     assert "assumed" in summary["drawn_from"]
     for figures in summary["strategies"].values():
         assert figures["drawn_rms_mm"]["median"] < figures["drawn_rms_mm"]["p95"]
-    assert view_comparison(comparison).drawn["nlp"] == (comparison.drawn.median("nlp"), comparison.drawn.most("nlp"))
+    assert find_left(comparison)["nlp"] == (comparison.drawn.median("nlp"), comparison.drawn.most("nlp"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,13 +17,8 @@ from compplan.diagnose.where import Split, spread_gap
 from compplan.effects import EFFECTS
 from compplan.effects.signature import Effect
 from compplan.measure.campaign import Campaign
-from compplan.report.diagnosis_page import (
-    DiagnosisView,
-    describe_how_far,
-    describe_where,
-    describe_which,
-    write_diagnosis,
-)
+from compplan.report.diagnosis_page import write_diagnosis_page
+from compplan.report.diagnosis_words import describe_how_far, describe_where, describe_which
 from compplan.report.effect_words import describe_change, describe_effect, describe_parameters, name_effect
 from compplan.report.gap_figures import _noise_share, draw_histogram, thin_dots
 from compplan.robot import load_robot
@@ -35,8 +31,19 @@ PARAMETERS = {"compliance_change_rad_per_Nm": 2.6e-7}
 SPRING = {"effect": "joint_stiffness", "joint": "joint_3", "axis": None, "probability": 0.97}
 
 
-def make_view(**changes: Any) -> DiagnosisView:
-    """Soften joint 3 by 60 % and diagnose it with the truth."""
+GAP = {
+    "before_rms_mm": 0.6, "after_rms_mm": 0.052, "held_out_before_rms_mm": 0.6, "held_out_after_rms_mm": 0.0525,
+    "noise_floor_mm": 1e3 * float(np.sqrt(3) * SIGMA),
+}  # fmt: skip
+TABLE = {
+    "verdict": {"status": "explained", "effects": [{**SPRING, "parameters": PARAMETERS}]}, "gap": GAP,
+    "candidates": [{**SPRING, "held_out_rms_mm": 0.0525}], "next_measurement": [],
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def diagnosed() -> tuple[Any, Split]:
+    """Soften joint 3 by 60 %: what the page reads of a diagnosis that knows the truth, and where the gap lies."""
     robot = load_robot("kuka_kr270")
     rng = np.random.default_rng(1)
     q = np.array([0.0, 0.4, -1.4, 0.0, 0.9, 0.0]) + rng.uniform(-1, 1, (120, 6)) * [1.2, 0.5, 0.5, 1.5, 0.6, 1.5]
@@ -50,19 +57,14 @@ def make_view(**changes: Any) -> DiagnosisView:
     nominal = solve_equilibrium(build_chain(robot), q, campaign.wrench).position
     noise = rng.normal(scale=SIGMA, size=(120, 3))
     point = solve_equilibrium(build_chain(replace(robot, springs=soft)), q, campaign.wrench).position + noise
-    before, floor = point - nominal, float(np.sqrt(3) * SIGMA)
-    view = DiagnosisView(
-        title="Campaign", robot=robot, campaign=replace(campaign, position=point),
-        verdict={"status": "explained", "effects": [{**SPRING, "parameters": PARAMETERS}]},
-        gap={
-            "before_rms_mm": 1e3 * float(np.sqrt((before**2).sum(1).mean())), "after_rms_mm": 0.052,
-            "held_out_before_rms_mm": 0.6, "held_out_after_rms_mm": 0.0525, "noise_floor_mm": 1e3 * floor,
-        },
-        candidates=[{**SPRING, "held_out_rms_mm": 0.0525}], next_measurement=[],
-        split=Split(make_shares(0.94), spread_gap(robot, campaign, before, noise, np.ones(120, bool)), {}),
-        assessment=None, point=point, before=before, after=noise, used=np.ones(120, bool),
+    before = point - nominal
+    diagnosis = SimpleNamespace(
+        robot=robot, residual_before=before, residual_after=noise, registration=None, outliers=np.zeros(0, int),
+        fit=SimpleNamespace(problem=SimpleNamespace(campaign=replace(campaign, position=point), register=())),
+        deliveries=[SimpleNamespace(kind="causes")], noise="the log", gap=SimpleNamespace(generic=2e-4, wrong=3e-4),
+        verdict=SimpleNamespace(structure=SimpleNamespace(left=False), findings=[]),
     )  # fmt: skip
-    return replace(view, **changes)
+    return diagnosis, Split(make_shares(0.94), spread_gap(robot, campaign, before, noise, np.ones(120, bool)), {})
 
 
 def make_shares(soft: float) -> Shares:
@@ -79,9 +81,10 @@ def own_part(html: str) -> str:
     return re.sub(r'<script type="text/plain" id="plotly-library">.*?</script>', "", html, flags=re.S)
 
 
-def test_the_three_answers_stand_on_top_and_name_place_cause_and_gain(tmp_path: Path) -> None:
-    view = make_view()
-    write_diagnosis(view, tmp_path / "report.html")
+def test_the_three_answers_stand_on_top_and_name_place_cause_and_gain(
+    diagnosed: tuple[Any, Split], tmp_path: Path
+) -> None:
+    write_diagnosis_page(diagnosed[0], tmp_path / "report.html", diagnosed[1], None, TABLE)
     html = own_part((tmp_path / "report.html").read_text())
     found = re.search(r'<ol class="lede">(.*?)</ol>', html, re.S)
     assert found
@@ -95,29 +98,28 @@ def test_the_three_answers_stand_on_top_and_name_place_cause_and_gain(tmp_path: 
     assert (tmp_path / "report.html").stat().st_size < 6e6
 
 
-def test_unknown_and_none_are_said_plainly() -> None:
-    unknown = make_view(verdict={"status": "unknown", "effects": []}, structure=["It repeats with joint_4."])
-    assert describe_which(unknown).startswith("Which: unknown;")
-    assert "It repeats with joint_4." in describe_which(unknown)
-    assert describe_which(make_view(verdict={"status": "none", "effects": []})) == "Which: none; the residual is noise."
+def test_unknown_and_none_are_said_plainly(diagnosed: tuple[Any, Split]) -> None:
+    unknown = describe_which({"status": "unknown", "effects": []}, ["It repeats with joint_4."], diagnosed[1])
+    assert unknown.startswith("Which: unknown;")
+    assert "It repeats with joint_4." in unknown
+    assert describe_which({"status": "none", "effects": []}, [], diagnosed[1]) == "Which: none; the residual is noise."
 
 
-def test_a_gap_of_noise_has_no_place() -> None:
-    view = make_view()
-    quiet = replace(view.split, shares=make_shares(0.0))
-    said = describe_where(replace(view, split=quiet))
+def test_a_gap_of_noise_has_no_place(diagnosed: tuple[Any, Split]) -> None:
+    quiet = replace(diagnosed[1], shares=make_shares(0.0))
+    said = describe_where(TABLE["verdict"], quiet)
     assert "no joint, frame, sensor or load is named that carries a part of it" in said
 
 
-def test_rivals_and_unexplained_structure_are_said() -> None:
+def test_rivals_and_unexplained_structure_are_said(diagnosed: tuple[Any, Split]) -> None:
     effect = {**SPRING, "ambiguous_with": [{"effect": "link_compliance", "joint": "joint_2", "axis": "ry"}]}
-    text = describe_which(make_view(verdict={"status": "partly_explained", "effects": [effect]}))
-    assert "cannot tell joint stiffness, joint_3 from link compliance, joint_2 ry" in text
+    text = describe_which({"status": "partly_explained", "effects": [effect]}, [], diagnosed[1])
+    assert "these measurements fit joint stiffness, joint_3 as well as link compliance, joint_2 ry" in text
     assert "structure is left that none of them explains" in text
 
 
 def test_without_held_out_rows_no_figure_is_given() -> None:
-    assert "no honest figure" in describe_how_far(make_view(gap={"before_rms_mm": 0.5}))
+    assert "no figure" in describe_how_far({"before_rms_mm": 0.5})
 
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))
@@ -139,7 +141,9 @@ def test_parameters_show_their_unit() -> None:
     assert describe_parameters({"shift_mm": [0.1, 0.2, 0.0]}) == "shift [0.100, 0.200, 0] mm"
 
 
-def test_a_softer_joint_is_told_as_a_share_of_the_model_with_its_interval(tmp_path: Path) -> None:
+def test_a_softer_joint_is_told_as_a_share_of_the_model_with_its_interval(
+    diagnosed: tuple[Any, Split], tmp_path: Path
+) -> None:
     robot = load_robot("kuka_kr270")  # joint_3 yields 0.43 urad/(N m)
     effect = Effect("joint_stiffness", "joint_3", None, {"compliance_change_rad_per_Nm": 3.913e-7})
     width = Unknown("joint_stiffness", "joint_3", None, ("compliance_change_rad_per_Nm",), np.array([4.3e-9]))
@@ -148,9 +152,9 @@ def test_a_softer_joint_is_told_as_a_share_of_the_model_with_its_interval(tmp_pa
     assert describe_change(told) == "+91 % ± 4 %"
     assert state_change(robot, replace(effect, joint="joint_2"), Uncertainty("measured", "", (width,))) == {}
     verdict = {"status": "explained", "effects": [{**SPRING, "parameters": dict(effect.parameters), **told}]}
-    said = describe_which(make_view(verdict=verdict))
+    said = describe_which(verdict, [], diagnosed[1])
     assert "joint_3 differs from the model (+91 % ± 4 %, probability 0.97)" in said
-    write_diagnosis(make_view(verdict=verdict), tmp_path / "report.html")
+    write_diagnosis_page(diagnosed[0], tmp_path / "report.html", diagnosed[1], None, {**TABLE, "verdict": verdict})
     html = own_part((tmp_path / "report.html").read_text())
     assert "+91 % ± 4 %" in html and "95 %: 3.74e−07 to 4.08e−07" in html
 

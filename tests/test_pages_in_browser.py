@@ -5,18 +5,17 @@ from __future__ import annotations
 import shutil
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("websockets")
 from browser import CHROMIUM, Page, browse
-from test_report import make_view
+from test_report import make_plan
 
-from compplan.files.shown import Curve, Curves
-from compplan.report.curve_chart import show_curves
-from compplan.report.page import KeyFigure, Opening, Section
-from compplan.report.plan_page import write_view
+from compplan.files.notes import Stop
+from compplan.report.plan_page import write_plan_page
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")]
 DRAWN = (
@@ -42,14 +41,7 @@ def page() -> Iterator[Page]:
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("page") / "report.html"
-    view = make_view()
-    told = [("1.2\u00a0mm", "95 % band"), ("3\u00a0mm", "before"), ("9\u00a0s", "time")]
-    figures = [KeyFigure(value, words, "bad") for value, words in told]
-    curve = Curves("", "x [mm]", "y [mm]", (Curve("before", view.length, view.length, "before"),), (0.1, "tolerance"))
-    sheet = Section("Setup sheet", ["Set up by"], open=True)
-    picture = show_curves(curve, "The path.")
-    stops = ["SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN"]
-    write_view(view, file, Opening("May not keep 0.1 mm.", "bad", figures, picture, "Measure the robot.", stops, sheet))
+    write_plan_page(replace(make_plan(), notes=(Stop("SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN"),)), file)
     return file
 
 

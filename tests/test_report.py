@@ -7,13 +7,24 @@ import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 from robot_library import over_robots
 
+from compplan.cell.cell import build_cell
 from compplan.errors import ShapeError
+from compplan.path.toolpath import Toolpath
+from compplan.plan.approach import Passage
+from compplan.plan.bending import Bending
+from compplan.plan.between import Between
+from compplan.plan.compare import Comparison
+from compplan.plan.evaluate import Evaluation, measure_margins
+from compplan.plan.result import Plan
+from compplan.plan.task import Command, PlanTask
+from compplan.plan.timing import state_timing
 from compplan.report import (
     Chart,
     Column,
@@ -29,13 +40,13 @@ from compplan.report import (
     write_page,
 )
 from compplan.report import figure as go
-from compplan.report.along_path import draw_lines, find_spans
-from compplan.report.compare_page import CompareView, describe_comparison, write_comparison
+from compplan.report.along_path import Stations, draw_lines, find_spans
+from compplan.report.compare_page import describe_comparison, write_compare_page
 from compplan.report.force_moves import describe_force, mark_force
 from compplan.report.page import share_values
 from compplan.report.panels import draw_small_multiples
 from compplan.report.path_scene import choose_magnification, draw_cell
-from compplan.report.plan_page import PlanView, describe_plan, write_view
+from compplan.report.plan_page import describe_plan, write_plan_page
 from compplan.report.posture_section import show_map
 from compplan.report.robot_scene import draw_robot, place_meshes, shade_faces
 from compplan.report.style import format_angle, format_length, format_number, format_percent, mark_decades
@@ -63,7 +74,7 @@ frame = "base"
 """
 
 
-def make_view(n: int = 400, name: str = "kuka_kr270") -> PlanView:
+def make_plan(n: int = 400, name: str = "kuka_kr270") -> Plan:
     """Bend a real robot along a path in joint space; the corrections leave a ten-thousandth."""
     robot = load_robot(name)
     chain = build_chain(robot)
@@ -71,17 +82,24 @@ def make_view(n: int = 400, name: str = "kuka_kr270") -> PlanView:
     q = np.tile([0.2, 0.6, -1.6, 0.1, 1.0, 0.3], (n, 1))
     q[:, 0] += 0.1 * np.sin(angle)
     q[:, 1] += 0.1 * np.cos(angle)
-    nominal = locate_frames(chain, q).tcp_position
-    wrench = np.tile([440.0, 1370.0, -635.0, 0.0, 0.0, 0.0], (n, 1))
-    before = solve_equilibrium(chain, q, wrench).position - nominal
-    time = np.linspace(0.0, 60.0, n)
-    velocity = np.gradient(q, time, axis=0)
-    rapid = np.arange(n) < n // 20
-    return PlanView(
-        title="Circle <test>", robot=robot, strategy="nlp", status="solved", nominal=nominal, rapid=rapid, q=q,
-        time=time, before=before, after=1e-4 * before, correction=-before, wrench=wrench, velocity=velocity,
-        acceleration=np.gradient(velocity, time, axis=0), feed_wanted=np.full(n, 0.05), feed=np.full(n, 0.05),
-        tolerance=1e-4, max_correction=1e-2,
+    frames, wrench = locate_frames(chain, q), np.tile([440.0, 1370.0, -635.0, 0.0, 0.0, 0.0], (n, 1))
+    away = solve_equilibrium(chain, q, wrench).position - frames.tcp_position
+    rapid, time, rotation = np.arange(n) < n // 20, np.linspace(0.0, 60.0, n), frames.tcp_rotation
+    nominal = Toolpath(frames.tcp_position + away, -rotation[:, :, 2], np.full(n, 0.05), rapid, wrench, "base")
+    task = PlanTask(
+        robot=robot, chain=chain, nominal=nominal, rotation=rotation, wrench=wrench, compensated=~rapid, q_start=q,
+        configuration={}, missed=np.zeros(n, bool), step_time=np.diff(time), velocity_limits=robot.velocity_limits,
+        acceleration_limits=robot.acceleration_limits, max_correction=1e-2, tolerance=1e-4, spin_free=True,
+    )  # fmt: skip
+    timing = replace(state_timing(task, q, time), feed=np.full(n, 0.05), share=np.ones(n))
+    before = Evaluation("as modelled", nominal.position + away, rotation, away, np.zeros(n), ~rapid)
+    after = replace(before, position=nominal.position + 1e-4 * away, deviation=1e-4 * away)
+    nowhere = Passage(np.zeros((0, 6)), np.zeros(0), np.zeros((0, 6)), np.zeros((0, 3)), np.zeros((0, 6)), np.zeros(0))
+    return Plan(
+        name="Circle <test>", task=task, strategy="nlp", command=Command(q), timing=timing, before=before, after=after,
+        margins=measure_margins(task, q, timing), approach=nowhere, retract=nowhere,
+        between=Between(*np.zeros((3, n - 1))),
+        bending=Bending(1e-3, 0.0, np.nan, False, np.full(2, np.nan), "assumed"),
     )  # fmt: skip
 
 
@@ -263,12 +281,12 @@ def test_mesh_visuals_are_drawn_where_their_file_is_at_hand(tmp_path: Path) -> N
 
 
 def test_the_page_of_a_plan_says_what_it_reaches(tmp_path: Path) -> None:
-    view = make_view()
-    write_view(view, tmp_path / "report.html")
+    plan = make_plan()
+    write_plan_page(plan, tmp_path / "report.html")
     html = (tmp_path / "report.html").read_text()
-    size = np.linalg.norm(view.before, axis=1)[view.cut]
-    assert format_length(float(size.max())) in describe_plan(view)
-    assert format_length(1e-4 * float(size.max())) in describe_plan(view)
+    size = plan.before.max_deviation
+    assert format_length(size) in describe_plan(plan)
+    assert format_length(1e-4 * size) in describe_plan(plan)
     assert "Circle &lt;test&gt;" in html
     assert "Infeasible" not in own_part(html)
     assert len(page_data(html)["charts"]) >= 7
@@ -277,11 +295,11 @@ def test_the_page_of_a_plan_says_what_it_reaches(tmp_path: Path) -> None:
 def test_a_real_plan_gets_its_page_with_what_its_job_assumes(tmp_path: Path) -> None:
     from compplan.job.job import load_job
     from compplan.plan.plan import plan_job
-    from compplan.report.plan_report import write_plan_report
 
     (tmp_path / "job.toml").write_text(JOB)
     plan = plan_job(load_job(tmp_path / "job.toml"))
-    html = own_part(write_plan_report(plan, tmp_path / "out").read_text())
+    write_plan_page(plan, tmp_path / "report.html")
+    html = own_part((tmp_path / "report.html").read_text())
     assert "keeps the loaded tool within 0.01\u00a0µm of the path" in html
     assert format_length(plan.before.max_deviation) in html
     assert "job: Assumed: where the part stands." in html
@@ -296,27 +314,28 @@ def test_a_real_plan_gets_its_page_with_what_its_job_assumes(tmp_path: Path) -> 
 def test_a_real_comparison_gets_its_page(tmp_path: Path) -> None:
     from compplan.job.job import load_job
     from compplan.plan.compare import compare_job
-    from compplan.report.compare_report import write_compare_report
 
     (tmp_path / "job.toml").write_text(JOB)
     comparison = compare_job(load_job(tmp_path / "job.toml"))
-    html = own_part(write_compare_report(comparison, tmp_path / "out").read_text())
+    write_compare_page(comparison, tmp_path / "report.html")
+    html = own_part((tmp_path / "report.html").read_text())
     for cell in comparison.cells:
         for run in comparison.evaluations[cell.name].values():
             assert f"{format_length(run.rms_deviation)}  ({format_length(run.max_deviation)})" in html
 
 
 def test_deviations_on_rapid_moves_count_for_nothing() -> None:
-    view = make_view()
-    wild = view.after.copy()
-    wild[view.rapid] = 1.0
-    assert describe_plan(replace(view, after=wild)) == describe_plan(view)
+    plan = make_plan()
+    wild = plan.after.deviation.copy()
+    wild[~plan.after.cut] = 1.0
+    assert describe_plan(replace(plan, after=replace(plan.after, deviation=wild))) == describe_plan(plan)
 
 
 def test_an_infeasible_plan_says_so_first_and_lists_its_waypoints(tmp_path: Path) -> None:
+    plan = make_plan()
     failures = {**dict.fromkeys(range(100, 121), "position limit of joint_5"), 200: "correction limit"}
-    view = replace(make_view(), status="infeasible", failures=failures)
-    write_view(view, tmp_path / "report.html")
+    command = replace(plan.command, status="infeasible", failures=failures)
+    write_plan_page(replace(plan, command=command), tmp_path / "report.html")
     html = own_part((tmp_path / "report.html").read_text())
     assert "Infeasible: 22 of 400 waypoints fail (correction limit, position limit of joint_5)" in html
     rows = re.findall(r"<tr><td[^>]*>(\d+)</td><td[^>]*>(\d+)</td>", html)
@@ -324,12 +343,11 @@ def test_an_infeasible_plan_says_so_first_and_lists_its_waypoints(tmp_path: Path
 
 
 def test_every_waypoint_that_fails_is_marked_however_many_there_are() -> None:
-    view = make_view(3000)
-    marked = np.arange(0, 3000, 7)
-    stations = replace(view.stations, marked=marked, shaded=np.zeros((0, 2)))
+    length, marked = np.linspace(0.0, 1.2, 3000), np.arange(0, 3000, 7)
+    stations = Stations(length, np.linspace(0.0, 60.0, 3000), marked, np.zeros((0, 2)))
     figure = draw_lines(stations, {"deviation": np.ones(3000)}, "mm", title="deviation")
     bands = np.array([[band.x0, band.x1] for band in figure.layout.shapes])
-    places = 1e3 * view.length[marked]
+    places = 1e3 * length[marked]
     covered = ((bands[:, :1] <= places + 1e-9) & (places - 1e-9 <= bands[:, 1:])).any(axis=0)
     assert covered.all()
     assert len(bands) <= 240
@@ -338,31 +356,37 @@ def test_every_waypoint_that_fails_is_marked_however_many_there_are() -> None:
 
 
 def test_a_lowered_feed_is_named_with_its_place_and_the_busiest_joint(tmp_path: Path) -> None:
-    view = make_view()
-    feed = view.feed.copy()
-    feed[150:170] = 0.02
-    velocity = view.velocity.copy()
-    velocity[150:170, 3] = view.robot.velocity_limits[3]
-    write_view(replace(view, feed=feed, velocity=velocity), tmp_path / "report.html")
+    plan = make_plan()
+    run = plan.timing
+    feed, share, velocity, limiting = run.feed.copy(), run.share.copy(), run.velocity.copy(), run.limiting.copy()
+    feed[150:170], share[150:170], limiting[150:170] = 0.02, 0.4, 3
+    velocity[150:170, 3] = plan.robot.velocity_limits[3]
+    by_velocity = np.ones(len(feed), bool)
+    slow = replace(run, feed=feed, share=share, velocity=velocity, limiting=limiting, by_velocity=by_velocity)
+    write_plan_page(replace(plan, timing=slow), tmp_path / "report.html")
     html = own_part((tmp_path / "report.html").read_text())
-    assert "The feed is lowered where joint limits need it." in html
+    assert "The feed is lowered at 20 waypoints (150-169): by the velocity limit of joint_4, down to 40 %" in html
     assert "velocity of joint_4 (100\u00a0%)" in html
     assert re.search(r">150</td><td[^>]*>169</td>", html)
 
 
 def test_the_page_of_fifty_thousand_waypoints_stays_small_and_keeps_its_peak(tmp_path: Path) -> None:
-    view = make_view(50_000)
-    after = view.after.copy()
+    plan = make_plan(50_000)
+    after = plan.after.deviation.copy()
     after[23_456] = [0.0, 0.0, 2e-4]
-    write_view(replace(view, after=after), tmp_path / "report.html")
+    write_plan_page(replace(plan, after=replace(plan.after, deviation=after)), tmp_path / "report.html")
     file = tmp_path / "report.html"
     assert file.stat().st_size < 2e6
-    chart = page_data(file.read_text())["charts"][3]
-    planned = chart["data"][1]["y"]  # type: ignore[index]
+    charts = [chart for chart in page_data(file.read_text())["charts"] if "planned" in names_of(chart)]
+    planned = next(trace["y"] for trace in charts[-2]["data"] if trace["name"] == "planned")  # type: ignore[union-attr]
     import base64
 
     values = np.frombuffer(base64.b64decode(planned["bdata"]), planned["dtype"])
     assert np.nanmax(values) == pytest.approx(0.2, rel=1e-6)
+
+
+def names_of(chart: dict[str, Any]) -> set[str]:
+    return {trace.get("name", "") for trace in chart["data"]}
 
 
 def test_thirteen_strategies_get_thirteen_charts_on_the_same_axes() -> None:
@@ -408,17 +432,21 @@ def test_spans_of_flags_are_found() -> None:
 
 
 def test_the_page_of_a_comparison_names_the_closest_strategy_in_each_cell(tmp_path: Path) -> None:
-    view = make_view(200)
-    size = np.linalg.norm(view.before, axis=1)
-    cells = {
-        "as modelled": {"none": size, "mirror": 0.01 * size, "nlp": 1e-5 * size},
-        "compliance x 1.2": {"none": 1.2 * size, "mirror": 0.19 * size, "nlp": 0.2 * size},
+    plan = make_plan(200)
+    left = {
+        "as modelled": {"none": 1.0, "mirror": 0.01, "nlp": 1e-5},
+        "compliance x 1.2": {"none": 1.2, "mirror": 0.19, "nlp": 0.2},
     }
-    comparison = CompareView("Job", view.robot, view.nominal, view.time, view.cut, cells, 1e-4)
+    away = plan.before.deviation
+    runs = {cell: {name: replace(plan.before, deviation=share * away) for name, share in own.items()}
+            for cell, own in left.items()}  # fmt: skip
+    cells = tuple(build_cell(plan.robot, name) for name in left)
+    commands = dict.fromkeys(("none", "mirror", "nlp"), plan.command)
+    comparison = Comparison("Job", plan.task, cells, commands, runs)
     text = describe_comparison(comparison)
     assert "nlp comes closest" in text
     assert "(compliance x 1.2), mirror comes closest" in text
-    write_comparison(comparison, tmp_path / "report.html")
+    write_compare_page(comparison, tmp_path / "report.html")
     html = own_part((tmp_path / "report.html").read_text())
     assert html.count('<td class=" good">') == 2
 

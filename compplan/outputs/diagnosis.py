@@ -14,7 +14,7 @@ from compplan.files.tables import write_json
 from compplan.files.transaction import replace_folder
 from compplan.measure.registration import write_registration
 from compplan.outputs.cell import write_gap
-from compplan.report.diagnosis_report import write_diagnosis_report
+from compplan.report.diagnosis_page import write_diagnosis_page
 from compplan.robot.folder import write_robot_folder
 
 
@@ -40,7 +40,7 @@ def write_diagnosis(
             write_robot_folder(diagnosis.robot_of(delivery), folder)
             if delivery.state.registration is not None:
                 write_registration(delivery.state.registration, folder / "registration.toml")
-        write_diagnosis_report(diagnosis, part, split=split, assessment=assessment, table=table)
+        write_diagnosis_page(diagnosis, part / "report.html", split, assessment, table)
         write_gap(diagnosis, split.shares, part)
         write_json(part / "diagnosis.json", table, indent=2)
     return table

@@ -14,9 +14,7 @@ from compplan.files.transaction import list_files, replace_folder
 from compplan.loop.teach import Residual, Teaching, residual_file
 from compplan.outputs.plan import summarise_plan, write_joints, write_programs
 from compplan.report.learn_page import write_learn_page
-from compplan.report.plan_opening import open_plan
-from compplan.report.plan_page import write_view
-from compplan.report.plan_report import view_plan
+from compplan.report.plan_page import write_plan_page
 from compplan.robot import Robot
 from compplan.robot.folder import write_robot_folder
 
@@ -35,7 +33,7 @@ def write_lesson(teaching: Teaching, folder: Path) -> dict[str, Any]:
         write_taught(teaching, part / "robot")
         write_programs(teaching.after, part)
         write_joints(teaching.after, part / "joints.csv", teaching.wanted)
-        write_view(view_plan(teaching.after), part / "plan.html", open_plan(teaching.after, part))
+        write_plan_page(teaching.after, part / "plan.html")
         write_json(part / "plan.json", summarise_plan(teaching.after), indent=2)
         write_learn_page(teaching, part / "report.html")
         summary = {**summarise_lesson(teaching), "files": [*map(str, list_files(part)), "learn.json"]}

@@ -71,11 +71,11 @@ def write_moves(plan: Plan, part: Path) -> tuple[Plan, list[Path]]:
 
 def write_beside(plan: Plan, part: Path) -> None:
     """Write what stands beside the moves of a plan: the page, what `compplan view` needs, plan.json."""
-    from compplan.report.plan_report import write_plan_report
+    from compplan.report.plan_page import write_plan_page
     from compplan.report.posture_map import extra_axis_sections
 
     write_plan_cell(plan, part)
-    write_plan_report(plan, part, extra=extra_axis_sections(plan))
+    write_plan_page(plan, part / "report.html", extra_axis_sections(plan))
     write_json(part / "plan.json", summarise_plan(plan), indent=2)
 
 
@@ -166,10 +166,10 @@ def write_comparison(comparison: Comparison, folder: str | Path) -> list[Path]:
         InputError: If the folder cannot be written; nothing is written then.
 
     """
-    from compplan.report.compare_report import write_compare_report
+    from compplan.report.compare_page import write_compare_page
 
     with replace_folder(folder, "compare") as part:
-        write_compare_report(comparison, part)
+        write_compare_page(comparison, part / "report.html")
         write_json(part / "compare.json", summarise_comparison(comparison), indent=2)
         names = list_files(part)
     return [Path(folder) / name for name in names]

@@ -6,7 +6,7 @@ thinned for drawing; peaks stay.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,6 +47,24 @@ class Stations:
     def hover(self, rows: NDArray[np.int_]) -> Array:
         """Waypoint and time of rows, as plotly's custom data. Shape (k, 2)."""
         return np.column_stack([rows, self.time[rows]]).astype(np.float32)
+
+
+def place_stations(
+    position: Array, time: Array, cut: NDArray[np.bool_], failures: Iterable[int] = ()
+) -> Stations:
+    """Return where the waypoints of a path are; what is not in the cut is shaded.
+
+    Args:
+        position: Wanted tip. Shape (n, 3). [m]
+        time: Time of each waypoint. Shape (n,). [s]
+        cut: Waypoints that are judged. Shape (n,).
+        failures: Waypoints to mark.
+    """
+    length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1))]
+    spans = find_spans(~cut)
+    last = np.minimum(spans[:, 1] + 1, len(cut) - 1)  # the point of contact ends a rapid move, and counts
+    shaded = length[np.column_stack([np.maximum(spans[:, 0] - 1, 0), last]).astype(int)].reshape(-1, 2)
+    return Stations(length, time, np.array(sorted(failures), int), shaded)
 
 
 def find_spans(flags: NDArray[np.bool_]) -> NDArray[np.int_]:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compplan.report import figure as go
-from compplan.report.along_path import FLOOR, Stations, find_spans
-from compplan.report.openings import open_comparison
+from compplan.report.along_path import FLOOR, place_stations
+from compplan.report.openings import join_names, open_comparison
 from compplan.report.page import Block, Chart, Column, Fold, PageTable, Section, TableCell, write_page
 from compplan.report.panels import draw_panels, measure_panels
-from compplan.report.provenance import describe_grade, describe_robot
+from compplan.report.provenance import describe_grade, describe_robot, list_assumptions
 from compplan.report.style import (
     CATEGORIES,
     TOLERANCE,
@@ -25,134 +23,106 @@ from compplan.report.style import (
     format_set_length,
     format_set_value,
 )
-from compplan.robot import Array, Robot
+
+if TYPE_CHECKING:
+    from compplan.plan.compare import Comparison
+    from compplan.plan.evaluate import Evaluation
 
 #: What the picture of the first screen shows.
 DRAWN_CAPTION = "Bar: every second robot like yours stays below it; tick: 95 of 100 do. Dashed: the tolerance."
 
 
-@dataclass(frozen=True)
-class CompareView:
-    """What the page of a comparison shows; n waypoints, base frame.
-
-    Attributes:
-        title: Name of the job.
-        robot: The robot, with the tool that the job mounts.
-        nominal: Wanted tool tip. Shape (n, 3). [m]
-        time: Time of each waypoint. Shape (n,). [s]
-        cut: Waypoints that are judged. Shape (n,).
-        deviation: By cell and strategy, distance of the loaded tip from the path; the first cell is the plan's own
-            model. Shape (n,) each. [m]
-        tolerance: Greatest deviation that counts as within tolerance. [m]
-        drawn: By strategy, rms deviation on robots drawn from what is known: median, and what 95 % stay below. [m]
-        drawn_from: What they are drawn from.
-        judge: Who computed the deviations.
-        facts: Rows of name and value for the foot of the page.
-        notes: Warnings, one sentence each.
-        assumptions: What was assumed, one sentence each.
-    """
-
-    title: str
-    robot: Robot
-    nominal: Array
-    time: Array
-    cut: NDArray[np.bool_]
-    deviation: Mapping[str, Mapping[str, Array]]
-    tolerance: float
-    drawn: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    drawn_from: str = ""
-    judge: str = ""
-    facts: Sequence[tuple[str, str]] = ()
-    notes: Sequence[str] = ()
-    assumptions: Sequence[str] = ()
-
-    @property
-    def own(self) -> str:
-        """The cell in which the plan's own model is the truth."""
-        return next(iter(self.deviation))
-
-    @property
-    def wrong(self) -> list[str]:
-        """The cells that the model is wrong about."""
-        return list(self.deviation)[1:]
-
-    @property
-    def strategies(self) -> list[str]:
-        """Names of the strategies, in the order given."""
-        return list(next(iter(self.deviation.values())))
-
-    @property
-    def left(self) -> dict[str, tuple[float, float]]:
-        """By strategy: rms deviation on drawn robots, median and what 95 % stay below; else rms and largest. [m]."""
-        return {
-            name: self.drawn.get(name, (self.rms(self.own, name), self.largest(self.own, name)))
-            for name in self.strategies
-        }
-
-    def rms(self, cell: str, strategy: str) -> float:
-        """Root mean square of the deviation over the cut [m]."""
-        return float(np.sqrt(np.mean(self.deviation[cell][strategy][self.cut] ** 2)))
-
-    def largest(self, cell: str, strategy: str) -> float:
-        """Largest deviation over the cut [m]."""
-        return float(self.deviation[cell][strategy][self.cut].max())
-
-
-def write_comparison(view: CompareView, file: Path) -> None:
+def write_compare_page(comparison: Comparison, file: Path) -> None:
     """Write the page of a comparison.
 
     Args:
-        view: What it shows.
+        comparison: The comparison.
         file: The HTML file.
+
+    Raises:
+        InputError: If the folder cannot be written.
     """
-    facts = [("deviation computed by", view.judge or "–"), *view.facts]
+    left, task = find_left(comparison), comparison.task
+    job = [] if comparison.job is None else [("job", str(comparison.job.file))]
+    facts = [("deviation computed by", comparison.judge), *job,
+             ("toolpath", task.nominal.source or "given in memory")]  # fmt: skip
+    others, assumptions = list_wrong(comparison), list_assumptions(comparison.job)
+    if others:
+        assumptions.append(f"cells: {', '.join(others)}: what the model may be wrong by is assumed, not measured")
+    notes = [
+        f"{name} is infeasible: {len(command.failures)} waypoints fail "
+        f"({', '.join(sorted(set(command.failures.values())))}); its best compromise is shown."
+        for name, command in comparison.commands.items() if command.status == "infeasible"
+    ]  # fmt: skip
     write_page(
         file,
-        view.title,
-        describe_comparison(view),
-        [_figures(view), _along(view)],
-        kind=f"Strategies compared, {view.robot.name}",
+        comparison.name,
+        describe_comparison(comparison),
+        [_figures(comparison), _along(comparison)],
+        kind=f"Strategies compared, {task.robot.name}",
         opening=open_comparison(
-            {name: pair[0] for name, pair in view.left.items()}, {name: pair[1] for name, pair in view.left.items()},
-            view.tolerance, drawn=bool(view.drawn),
-            picture=Chart(_draw_left(view), DRAWN_CAPTION, 90 + 46 * len(view.strategies)),
+            {name: pair[0] for name, pair in left.items()}, {name: pair[1] for name, pair in left.items()},
+            task.tolerance, drawn=comparison.drawn is not None,
+            picture=Chart(_draw_left(comparison), DRAWN_CAPTION, 90 + 46 * len(left)),
         ),
-        notes=view.notes,
-        provenance=describe_robot(view.robot, facts, list(view.assumptions)),
-    )
+        notes=notes,
+        provenance=describe_robot(task.robot, facts, assumptions),
+    )  # fmt: skip
 
 
-def describe_comparison(view: CompareView) -> str:
-    """Say in two sentences which strategy comes closest, in the modelled cell and where the model is wrong."""
-    own, wrong = view.own, view.wrong
-    best = [name for name in view.strategies if _is_closest(view, own, name)]
-    text = _describe_drawn(view)
+def find_left(comparison: Comparison) -> dict[str, tuple[float, float]]:
+    """Return by strategy median and 95 % of the rms deviation on drawn robots; without them rms and largest. [m]"""
+    drawn = comparison.drawn
+    if drawn is not None:
+        return {name: (drawn.median(name), drawn.most(name)) for name in drawn.rms}
+    return {name: (run.rms_deviation, run.max_deviation) for name, run in _own(comparison).items()}
+
+
+def list_wrong(comparison: Comparison) -> list[str]:
+    """List the cells that the model is wrong about."""
+    return [cell.name for cell in comparison.cells[1:]]
+
+
+def _own(comparison: Comparison) -> Mapping[str, Evaluation]:
+    """Return the runs in the cell in which the plan's own model is the truth."""
+    return comparison.evaluations[comparison.cells[0].name]
+
+
+def describe_comparison(comparison: Comparison) -> str:
+    """Say which strategy comes closest: on drawn robots, where the model is wrong, and where it is right."""
+    own, runs = comparison.cells[0].name, _own(comparison)
+    wrong = list_wrong(comparison)
+    text = _describe_drawn(comparison)
     if wrong:
-        worst = {name: max(view.rms(cell, name) for cell in wrong) for name in view.strategies}
-        closest = min(worst, key=lambda name: worst[name])
-        equals = [name for name in view.strategies if worst[name] <= 1.02 * worst[closest]]
-        text += f"Where the model is wrong ({', '.join(wrong)}), {_join_names(equals)} {_come(equals)} closest: "
-        text += f"up to {format_length(worst[closest])} rms"
-        if "none" in worst and "none" not in equals:
-            text += f", against {format_length(worst['none'])} without correction"
-        text += ". "
-    text += f"Where the robot is {own}, {_join_names(best)} {_come(best)} closest: "
-    text += f"{format_length(view.rms(own, best[0]))} rms"
-    if "none" in view.strategies and "none" not in best:
-        text += f", against {format_length(view.rms(own, 'none'))} without correction"
-    return f"{text}. {describe_grade(view.robot)}"
+        named = ", ".join(wrong)
+        worst = {name: max(comparison.evaluations[cell][name].rms_deviation for cell in wrong) for name in runs}
+        text += f"{_name_closest(worst, f'If the robot model is wrong ({named})', 'up to ')}. "
+    left = {name: max(run.rms_deviation, FLOOR / 1.02) for name, run in runs.items()}
+    text += _name_closest(left, f"If the robot is {own}", "")
+    return f"{text}. {describe_grade(comparison.task.robot)}"
 
 
-def _describe_drawn(view: CompareView) -> str:
-    if not view.drawn:
+def _name_closest(left: Mapping[str, float], where: str, word: str) -> str:
+    """Say which strategies leave least, and how much."""
+    least = min(left.values())
+    equals = [name for name, value in left.items() if value <= 1.02 * least]
+    text = f"{where}, {join_names(equals)} {_come(equals)} closest: {word}{format_length(least)} rms"
+    if "none" in left and "none" not in equals:
+        text += f", against {format_length(left['none'])} without correction"
+    return text
+
+
+def _describe_drawn(comparison: Comparison) -> str:
+    drawn = find_left(comparison) if comparison.drawn is not None else {}
+    if not drawn:
         return ""
-    least = min(median for median, _ in view.drawn.values())
-    equals = [name for name, (median, _) in view.drawn.items() if median <= 1.02 * least]
-    most = max(view.drawn[name][1] for name in equals)
-    text = f"On robots drawn from what is known of this one, {_join_names(equals)} {_come(equals)} closest: "
+    least = min(median for median, _ in drawn.values())
+    equals = [name for name, (median, _) in drawn.items() if median <= 1.02 * least]
+    most = max(drawn[name][1] for name in equals)
+    text = f"On robots that may be yours, by what is known of it, {join_names(equals)} {_come(equals)} closest: "
     text += f"{format_length(least)} rms in the median, {format_length(most)} in 95 %"
-    if "none" in view.drawn and "none" not in equals:
-        text += f", against {format_length(view.drawn['none'][0])} and {format_length(view.drawn['none'][1])} without"
+    if "none" in drawn and "none" not in equals:
+        text += f", against {format_length(drawn['none'][0])} and {format_length(drawn['none'][1])} without"
         text += " correction"
     return f"{text}. "
 
@@ -161,66 +131,62 @@ def _come(names: list[str]) -> str:
     return "comes" if len(names) == 1 else "come"
 
 
-def _join_names(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def _figures(view: CompareView) -> Section:
-    blocks: list[Block] = [_matrix(view)]
-    cells = view.wrong or [view.own]
-    height = 90 + (34 + 16 * len(view.strategies)) * len(cells)
+def _figures(comparison: Comparison) -> Section:
+    blocks: list[Block] = [_matrix(comparison)]
+    wrong = list_wrong(comparison)
+    cells = wrong or [comparison.cells[0].name]
+    height = 90 + (34 + 16 * len(comparison.commands)) * len(cells)
     caption = "Bars: rms deviation; ticks: largest deviation; dashed: the tolerance."
-    blocks.append(Chart(_bars(view, cells), caption, height=height))
-    lede = "A strategy is worth what it leaves where the model is wrong: no model is right." if view.wrong else ""
-    return Section("Strategies and cells", [*blocks, Fold("All figures", [_long_table(view)])], lede)
+    blocks.append(Chart(_bars(comparison, cells), caption, height=height))
+    lede = "A strategy is worth what it leaves where the model is wrong: no model is right." if wrong else ""
+    return Section("Strategies and cells", [*blocks, Fold("All figures", [_long_table(comparison)])], lede)
 
 
-def _is_closest(view: CompareView, cell: str, strategy: str) -> bool:
-    best = min(view.rms(cell, name) for name in view.strategies)
-    return view.rms(cell, strategy) <= max(1.02 * best, FLOOR)
-
-
-def _matrix(view: CompareView) -> PageTable:
+def _matrix(comparison: Comparison) -> PageTable:
     rows: list[list[TableCell | str | float | int | None]] = []
-    for name in view.strategies:
-        row: list[TableCell | str | float | int | None] = [TableCell(name, "strong")]
-        if view.drawn:
-            median, most = view.drawn[name]
-            close = median <= 1.02 * min(least for least, _ in view.drawn.values())
-            row.append(TableCell(f"{format_length(median)}  ({format_length(most)})", "good" if close else ""))
-        for cell in (*view.wrong, view.own):
-            text = f"{format_length(view.rms(cell, name))}  ({format_length(view.largest(cell, name))})"
-            row.append(TableCell(text, "good" if _is_closest(view, cell, name) else ""))
+    drawn, cells = comparison.drawn, [*list_wrong(comparison), comparison.cells[0].name]
+    least = {cell: min(run.rms_deviation for run in comparison.evaluations[cell].values()) for cell in cells}
+    for name in comparison.commands:
+        row: list[TableCell | str | float | int | None] = [TableCell(name.replace("_", " "), "strong")]
+        if drawn is not None:
+            close = drawn.median(name) <= 1.02 * min(drawn.median(other) for other in drawn.rms)
+            text = f"{format_length(drawn.median(name))}  ({format_length(drawn.most(name))})"
+            row.append(TableCell(text, "good" if close else ""))
+        for cell in cells:
+            run = comparison.evaluations[cell][name]
+            close = run.rms_deviation <= max(1.02 * least[cell], FLOOR)
+            text = f"{format_length(run.rms_deviation)}  ({format_length(run.max_deviation)})"
+            row.append(TableCell(text, "good" if close else ""))
         rows.append(row)
-    first = [Column("robots drawn from what is known")] if view.drawn else []
-    columns = [Column("strategy"), *first, *(Column(cell) for cell in (*view.wrong, view.own))]
+    first = [] if drawn is None else [Column("robots drawn from what is known")]
+    columns = [Column("strategy"), *first, *(Column(cell) for cell in cells)]
     caption = "Deviation of the loaded tool tip from the path: rms (largest); the closest of each cell is green."
-    if view.drawn:
-        caption += f" Drawn robots: rms, median (what 95 % stay below); {view.drawn_from}."
+    if drawn is not None:
+        caption += f" Drawn robots: rms, median (what 95 % stay below); {drawn.source}."
     return PageTable(columns, rows, caption)
 
 
-def _long_table(view: CompareView) -> PageTable:
+def _long_table(comparison: Comparison) -> PageTable:
     rows: list[list[TableCell | str | float | int | None]] = []
-    for cell, results in view.deviation.items():
-        for name in results:
-            size = results[name][view.cut]
-            left = view.rms(cell, name) / view.rms(cell, "none") if "none" in results else float("nan")
-            lengths = [format_length(value) for value in (view.rms(cell, name), float(size.mean()), float(size.max()))]
-            within = format_percent(float((size <= view.tolerance).mean()))
-            rows.append([cell, name, *lengths, format_percent(left), within])
-    within = f"within {format_set_value(1e3 * view.tolerance)} mm"
+    tolerance = comparison.task.tolerance
+    for cell, runs in comparison.evaluations.items():
+        for name, run in runs.items():
+            left = run.rms_deviation / runs["none"].rms_deviation if "none" in runs else float("nan")
+            lengths = [format_length(value) for value in (run.rms_deviation, run.mean_deviation, run.max_deviation)]
+            within = format_percent(run.share_within(tolerance))
+            rows.append([cell, name.replace("_", " "), *lengths, format_percent(left), within])
+    within = f"within {format_set_value(1e3 * tolerance)} mm"
     titles = ("cell", "strategy", "rms", "mean", "largest", "of uncorrected", within)
     return PageTable([Column(title) for title in titles], rows)
 
 
-def _bars(view: CompareView, cells: Sequence[str]) -> Any:
-
+def _bars(comparison: Comparison, cells: Sequence[str]) -> Any:
     figure = go.Figure()
-    names = [name.replace("_", " ") for name in view.strategies]
+    names = [name.replace("_", " ") for name in comparison.commands]
     for number, cell in enumerate(cells):
-        rms = [1e3 * view.rms(cell, name) for name in view.strategies]
-        largest = [1e3 * view.largest(cell, name) for name in view.strategies]
+        runs = comparison.evaluations[cell].values()
+        rms = [1e3 * run.rms_deviation for run in runs]
+        largest = [1e3 * run.max_deviation for run in runs]
         colour = CATEGORIES[number % len(CATEGORIES)]
         ticks = {
             "type": "data",
@@ -236,43 +202,40 @@ def _bars(view: CompareView, cells: Sequence[str]) -> Any:
         )  # fmt: skip
     figure.update_xaxes(title_text="deviation, mm", rangemode="tozero")
     figure.update_yaxes(autorange="reversed")
-    figure.add_vline(x=1e3 * view.tolerance, line={"color": TOLERANCE, "width": 1.4, "dash": "dash"})
+    figure.add_vline(x=1e3 * comparison.task.tolerance, line={"color": TOLERANCE, "width": 1.4, "dash": "dash"})
     figure.update_layout(barmode="group", bargap=0.28, legend={"traceorder": "normal"})
     return figure
 
 
-def _draw_left(view: CompareView) -> Any:
+def _draw_left(comparison: Comparison) -> Any:
     """Draw what each strategy leaves on robots that may be the user's."""
-    names = view.strategies
-    left = view.left
-    middle = [1e3 * left[name][0] for name in names]
-    most = [1e3 * max(left[name][1] - left[name][0], 0.0) for name in names]
+    left = find_left(comparison)
+    middle = [1e3 * median for median, _ in left.values()]
+    most = [1e3 * max(most - median, 0.0) for median, most in left.values()]
     figure = go.Figure(go.Bar(
-        y=[f"{name.replace('_', ' ')}: {format_mm(left[name][0])}" for name in names], x=middle, orientation="h",
+        y=[f"{name.replace('_', ' ')}: {format_mm(median)}" for name, (median, _) in left.items()],
+        x=middle, orientation="h",
         marker_color=CATEGORIES[0],
         error_x={"type": "data", "array": most, "arrayminus": [0.0] * len(most), "thickness": 1.6, "width": 6},
         hovertemplate="%{x:.3g} mm<extra></extra>",
     ))  # fmt: skip
     figure.update_xaxes(title_text="deviation, rms, mm", rangemode="tozero")
     figure.update_yaxes(autorange="reversed")
-    figure.add_vline(x=1e3 * view.tolerance, line={"color": TOLERANCE, "width": 1.6, "dash": "dash"})
+    figure.add_vline(x=1e3 * comparison.task.tolerance, line={"color": TOLERANCE, "width": 1.6, "dash": "dash"})
     return figure
 
 
-def _along(view: CompareView) -> Section:
-    steps = np.linalg.norm(np.diff(view.nominal, axis=0), axis=1)
-    length = np.concatenate([[0.0], np.cumsum(steps)])
-    spans = find_spans(~view.cut)
-    last = np.minimum(spans[:, 1] + 1, len(length) - 1)  # the point of contact ends a rapid move
-    shaded = length[np.column_stack([np.maximum(spans[:, 0] - 1, 0), last]).astype(int)].reshape(-1, 2)
-    stations = Stations(length, view.time, np.zeros(0, int), shaded)
-    judged = np.where(view.cut, 1.0, np.nan)
-    cells = (*view.wrong, view.own)
+def _along(comparison: Comparison) -> Section:
+    task = comparison.task
+    time = np.concatenate([[0.0], np.cumsum(task.step_time)])
+    stations = place_stations(task.position, time, task.compensated)
+    judged = np.where(task.compensated, 1e3, np.nan)
+    cells = (*list_wrong(comparison), comparison.cells[0].name)
     panels = {
-        name.replace("_", " "): {cell: 1e3 * view.deviation[cell][name] * judged for cell in cells}
-        for name in view.strategies
+        name.replace("_", " "): {cell: comparison.evaluations[cell][name].distance * judged for cell in cells}
+        for name in comparison.commands
     }
-    figure = draw_panels(stations, panels, tolerance=1e3 * view.tolerance)
-    caption = f"One chart a strategy, all with the same axes; dashed: tolerance {format_set_length(view.tolerance)}."
+    figure = draw_panels(stations, panels, tolerance=1e3 * task.tolerance)
+    caption = f"One chart a strategy, all with the same axes; dashed: tolerance {format_set_length(task.tolerance)}."
     chart = Chart(figure, caption, height=measure_panels(len(panels)), along=True)
     return Section("Along the path", [chart], "Distance of the loaded tool tip from the path.")

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.plan.task import PlanTask
+from compplan.plan.timing import Timing
 from compplan.report.along_path import find_spans
 from compplan.report.style import format_percent
 from compplan.robot import Array
@@ -49,6 +51,13 @@ def describe_force(length: Array, cut: NDArray[np.bool_], pushed: NDArray[np.boo
         f"The tool carries force on {format_percent(share / whole)} of the cut's length; on {stretches} none is "
         "predicted (above the stock, straight in or out of it, or at rest)."
     )
+
+
+def list_rates(task: PlanTask, timing: Timing) -> list[tuple[str, Array, Array]]:
+    """Return name, joint rates and their limits, where there are any."""
+    pairs = [("velocity", timing.velocity, task.velocity_limits),
+             ("acceleration", timing.acceleration, task.acceleration_limits)]  # fmt: skip
+    return [(name, rates, limits) for name, rates, limits in pairs if np.isfinite(limits).any()]
 
 
 def busiest_rate(rates: Sequence[tuple[str, Array, Array]], joints: Sequence[str], row: int) -> str:

@@ -19,8 +19,7 @@ from compplan.report.montecarlo_figures import (
 from compplan.report.openings import open_study
 from compplan.report.page import Block, Chart, Column, Fold, PageTable, Section, TableCell, write_page
 from compplan.report.panels import measure_panels
-from compplan.report.plan_report import list_assumptions
-from compplan.report.provenance import describe_grade, describe_robot
+from compplan.report.provenance import describe_grade, describe_robot, list_assumptions
 from compplan.report.style import format_length, format_percent, format_set_value
 from compplan.study.job_study import JobStudy
 

@@ -2,24 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.files.notes import list_remarks
+from compplan.plan.slow import describe_causes, mark_slow
+from compplan.posture.alternatives import compare_postures
 from compplan.report.along_path import (
     FLOOR,
+    Stations,
     draw_joints,
     draw_lines,
     draw_shares,
     draw_wrench,
     find_spans,
+    place_stations,
 )
-from compplan.report.force_moves import busiest_rate, describe_force
-from compplan.report.page import Block, Chart, Column, Fold, Opening, PageTable, Section, TableCell, write_page
+from compplan.report.coupling_section import show_coupling
+from compplan.report.force_moves import busiest_rate, describe_force, list_rates, mark_force
+from compplan.report.page import Block, Chart, Column, Fold, PageTable, Section, TableCell, write_page
 from compplan.report.path_scene import describe_magnification, draw_deviation_paths
-from compplan.report.plan_view import PlanView
-from compplan.report.provenance import describe_grade, describe_robot
+from compplan.report.plan_opening import open_plan
+from compplan.report.posture_section import list_uncertainties, show_posture
+from compplan.report.promise_section import show_promise
+from compplan.report.provenance import describe_grade, describe_robot, list_assumptions
 from compplan.report.reach_section import show_reach
 from compplan.report.style import (
     AFTER,
@@ -35,82 +45,118 @@ from compplan.report.style import (
 )
 from compplan.robot import Array
 
+if TYPE_CHECKING:
+    from compplan.plan.plan import Plan
+
 #: Waypoints and stretches that a table lists at most.
 LISTED = 40
 
 
-def write_view(view: PlanView, file: Path, opening: Opening | None = None) -> None:
+def write_plan_page(plan: Plan, file: Path, extra: Sequence[Section] = ()) -> None:
     """Write the page of a plan.
 
     Args:
-        view: What it shows.
-        file: The HTML file.
-        opening: Its first screen.
+        plan: The plan.
+        file: The HTML file; programs that stand beside it are listed with their checksums.
+        extra: Further sections, such as the map of postures; they stand last.
+
+    Raises:
+        InputError: If the folder cannot be written.
     """
+    task = plan.task
+    stations = place_stations(task.position, plan.timing.time, task.compensated, plan.command.failures)
     sections = [
-        show_reach(view),
-        _deviation(view),
-        _joints(view),
-        _corrections(view),
-        _feed(view),
-        *view.extra,
+        show_reach(plan, stations),
+        _deviation(plan, stations),
+        _joints(plan, stations),
+        _corrections(plan, stations),
+        _feed(plan, stations),
     ]
-    facts = [("strategy", view.strategy), ("deviation computed by", view.judge or "–"), *view.facts]
+    sections += [] if plan.coupling is None else [show_coupling(plan.coupling)]
+    sections += [] if plan.promise is None else [show_promise(plan.promise, stations, task.tolerance)]
+    assumptions = list_assumptions(plan.job)
+    stance = None if task.start is None else task.start.stance
+    if stance is not None:
+        assumptions.append(list_uncertainties(stance))
+        sections.append(show_posture(stance, stations, plan.clearance, _weigh_postures(plan)))
     write_page(
         file,
-        view.title,
-        describe_plan(view),
-        [section for section in sections if section.blocks],
-        kind=f"Path plan, {view.robot.name}",
-        opening=opening,
-        warning=_warn(view),
-        notes=list_remarks(view.notes) if opening is not None else view.notes,
-        provenance=describe_robot(view.robot, facts, list(view.assumptions)),
+        plan.name,
+        describe_plan(plan),
+        [section for section in (*sections, *extra) if section.blocks],
+        kind=f"Path plan, {plan.robot.name}",
+        opening=open_plan(plan, file.parent),
+        warning=_warn(plan),
+        notes=list_remarks(plan.notes),
+        provenance=describe_robot(plan.robot, _list_facts(plan), assumptions),
     )
 
 
-def describe_plan(view: PlanView) -> str:
+def _weigh_postures(plan: Plan) -> tuple[dict[str, float], dict[str, float]] | None:
+    """Measure the posture beside the plain one."""
+    if plan.job is None or plan.task.start is None or plan.robot.nq < 6:
+        return None
+    return compare_postures(plan.robot, plan.task.chain, plan.task.start, plan.job.tool_x_base)
+
+
+def _list_facts(plan: Plan) -> list[tuple[str, str]]:
+    facts = [("strategy", plan.strategy), ("deviation computed by", plan.judge)]
+    if plan.job is not None and plan.job.file.is_file():
+        facts.append(("job", str(plan.job.file)))
+    facts.append(("toolpath", plan.task.nominal.source or "given in memory"))
+    words = ", ".join(f"{name} {word}" for name, word in plan.task.configuration.items())
+    if words:
+        facts.append(("configuration", words))
+    facts.append(("rotation about the tool axis", "free" if plan.task.spin_free else "fixed by the job"))
+    facts.append(("time in the solver", f"{plan.command.solve_time:.3g} s"))
+    return facts
+
+
+def describe_plan(plan: Plan) -> str:
     """Say in a sentence or two what the plan reaches."""
-    before, after = (np.linalg.norm(side, axis=1)[view.cut] for side in (view.before, view.after))
-    verb = "keeps" if view.status == "solved" else "is a compromise that keeps"
-    text = f"{view.verdict} The plan {verb} the loaded tool within {format_bound(float(after.max()))} of the path"
-    if before.max() > 0 and view.strategy != "none":
+    before, after = (side.distance[side.cut] for side in (plan.before, plan.after))
+    verb = "keeps" if plan.status == "solved" else "is a compromise that keeps"
+    text = f"{plan.verdict.sentence} The plan {verb} the loaded tool within {format_bound(float(after.max()))} of the "
+    text += "path"
+    if before.max() > 0 and plan.strategy != "none":
         text += f"; uncorrected it strays up to {format_length(float(before.max()))}"
         ratio = float(before.max() / max(after.max(), 1e-12))
         text += f", {format_number(ratio, 2)} times as far" if 1.5 < ratio < 1e5 else ""
-    if view.mismatch is not None:
-        wrong = format_length(view.mismatch.max_deviation)
-        text += f". Where the robot is not as modelled ({view.mismatch.cell}, assumed) the plan leaves up to {wrong}"
-    if view.promise is not None:
-        band = format_length(view.promise.whole)
+    wrong = format_length(plan.mismatch.max_deviation)
+    text += f". Where the robot is not as modelled ({plan.mismatch.cell}, assumed) the plan leaves up to {wrong}"
+    if plan.promise is not None:
+        band = format_length(plan.promise.whole)
         text += f". Along the whole path the true tip is within {band} with 95\u00a0%"
-    if view.inertia > view.tolerance:
-        text += f". The inertia of the motion bends the arm by up to {format_length(view.inertia)}, not compensated"
-    share = float((after <= view.tolerance).mean())
-    within = f"{format_percent(share)} of the cut is within the tolerance of {format_set_length(view.tolerance)}"
+    bending = plan.bending
+    if not bending.compensated and bending.inertia > plan.task.tolerance:
+        text += f". The inertia of the motion bends the arm by up to {format_length(bending.inertia)}, not compensated"
+    share = float((after <= plan.task.tolerance).mean())
+    within = f"{format_percent(share)} of the cut is within the tolerance of {format_set_length(plan.task.tolerance)}"
     text += f". As modelled, {within}"
-    text += f", and the whole path takes {format_set_value(round(float(view.time[-1]), 1))}\u00a0s."
-    if view.lowered.any() and not view.notes:
-        text += f" The feed is lowered at {view.lowered.sum()} of {view.cut.sum()} waypoints."
-    return f"{text} {describe_grade(view.robot)}".strip()
+    text += f", and the whole path takes {format_set_value(round(float(plan.timing.time[-1]), 1))}\u00a0s."
+    if not plan.notes and (slow := mark_slow(plan.task, plan.timing)).any():
+        text += f" The feed is lowered at {slow.sum()} of {plan.after.cut.sum()} waypoints."
+    return f"{text} {describe_grade(plan.robot)}".strip()
 
 
-def _warn(view: PlanView) -> str:
-    if view.status == "not_confirmed":
-        return f"Not confirmed: {'; '.join(view.breaches)}. Not a program to run."
-    if view.status != "infeasible":
+def _warn(plan: Plan) -> str:
+    if plan.status == "not_confirmed":
+        return f"Not confirmed: {'; '.join(plan.breaches)}. Not a program to run."
+    if plan.status != "infeasible":
         return ""
-    limits = ", ".join(sorted(set(view.failures.values()))) or "limits"
-    count = f"{len(view.failures)} of {len(view.nominal)} waypoints fail ({limits}); " if view.failures else ""
+    failures = plan.command.failures
+    limits = ", ".join(sorted(set(failures.values()))) or "limits"
+    count = f"{len(failures)} of {len(plan.task)} waypoints fail ({limits}); " if failures else ""
     return f"Infeasible: {count}this is the best compromise, not a program to run."
 
 
-def _deviation(view: PlanView) -> Section:
-    before, after = (np.linalg.norm(side, axis=1) for side in (view.before, view.after))
+def _deviation(plan: Plan, stations: Stations) -> Section:
+    before, after = (side.distance for side in (plan.before, plan.after))
     names = ("uncorrected", "planned")
-    cut = np.flatnonzero(view.cut)
-    drawn = draw_deviation_paths(view.nominal[cut], view.before[cut], view.after[cut], names=names)
-    magnified = describe_magnification(view.nominal[cut], view.before[cut])
+    cut = np.flatnonzero(plan.after.cut)
+    path, off = plan.task.position[cut], plan.before.deviation[cut]
+    drawn = draw_deviation_paths(path, off, plan.after.deviation[cut], names=names)
+    magnified = describe_magnification(path, off)
     scene = Chart(
         drawn,
         f"Grey: the wanted path. Coloured: where the loaded tip goes, its deviation {magnified}. Both use one colour "
@@ -119,35 +165,36 @@ def _deviation(view: PlanView) -> Section:
         linked_scenes=True,
         along=True,
     )
-    judged = np.where(view.cut, 1.0, np.nan)
+    judged = np.where(plan.after.cut, 1.0, np.nan)
     line = draw_lines(
-        view.stations,
+        stations,
         {name: 1e3 * np.maximum(size, FLOOR) * judged for name, size in zip(names, (before, after), strict=True)},
         "mm",
         title="deviation",
         colours=(BEFORE, AFTER),
         log=True,
-        limit=(1e3 * view.tolerance, f"tolerance {format_set_length(view.tolerance)}"),
+        limit=(1e3 * plan.task.tolerance, f"tolerance {format_set_length(plan.task.tolerance)}"),
     )
-    shaded = " Grey bands are rapid moves, which are not compensated." if len(view.stations.shaded) else ""
-    marked = " Red bands mark waypoints that fail." if view.failures else ""
-    floor = f" What is below {format_bound(0.0)} is drawn there." if after[view.cut].min() < FLOOR else ""
+    shaded = " Grey bands are rapid moves, which are not compensated." if len(stations.shaded) else ""
+    marked = " Red bands mark waypoints that fail." if plan.command.failures else ""
+    floor = f" What is below {format_bound(0.0)} is drawn there." if after[cut].min() < FLOOR else ""
     caption = f"Distance of the loaded tool tip from the path, logarithmic.{floor}{shaded}{marked}"
     fold = Fold("Along the path, logarithmic", [Chart(line, caption, height=340, along=True)])
     blocks: list[Block] = [scene, fold]
-    if view.failures:
-        blocks.append(_failure_table(view, after))
+    if plan.command.failures:
+        blocks.append(_failure_table(plan, after))
     return Section("Deviation", blocks, "How far the loaded tool tip is from where the toolpath wants it.")
 
 
-def _failure_table(view: PlanView, after: Array) -> PageTable:
-    failed = np.array(sorted(view.failures))
-    reasons = np.array([view.failures[i] for i in failed.tolist()])
+def _failure_table(plan: Plan, after: Array) -> PageTable:
+    failures, length = plan.command.failures, plan.task.nominal.arc_length
+    failed = np.array(sorted(failures))
+    reasons = np.array([failures[i] for i in failed.tolist()])
     first = np.flatnonzero(np.r_[True, (np.diff(failed) > 1) | (reasons[1:] != reasons[:-1])])
     last = np.r_[first[1:] - 1, len(failed) - 1]
     rows: list[list[TableCell | str | float | int | None]] = []
     for a, b, reason in zip(failed[first].tolist(), failed[last].tolist(), reasons[first].tolist(), strict=True):
-        reach = [1e3 * float(view.length[a]), 1e3 * float(view.length[b])]
+        reach = [1e3 * float(length[a]), 1e3 * float(length[b])]
         rows.append([a, b, *reach, reason, TableCell(1e3 * float(after[a : b + 1].max()), "bad")])
     more = f" The first {LISTED} of {len(rows)} stretches." if len(rows) > LISTED else ""
     columns = [
@@ -157,10 +204,10 @@ def _failure_table(view: PlanView, after: Array) -> PageTable:
     return PageTable(columns, rows[:LISTED], f"Waypoints that fail and the limit that stops them.{more}", scroll=12)
 
 
-def _joints(view: PlanView) -> Section:
-    robot = view.robot
+def _joints(plan: Plan, stations: Stations) -> Section:
+    robot = plan.robot
     lines = -(-robot.nq // 3)
-    figure = draw_joints(view.stations, view.q, robot.lower, robot.upper, robot.joint_names, robot.prismatic)
+    figure = draw_joints(stations, plan.q, robot.lower, robot.upper, robot.joint_names, robot.prismatic)
     return Section(
         "Joints",
         [Chart(figure, "Commanded joint positions; red is beyond the limit.", height=60 + 215 * lines, along=True)],
@@ -168,52 +215,55 @@ def _joints(view: PlanView) -> Section:
     )
 
 
-def _corrections(view: PlanView) -> Section:
-    size = np.linalg.norm(view.correction, axis=1)
-    series = {f"d{axis}": 1e3 * view.correction[:, k] for k, axis in enumerate("xyz")} | {"distance": 1e3 * size}
-    near = size.max() > 0.5 * view.max_correction
-    limit = (1e3 * view.max_correction, f"limit {format_set_length(view.max_correction)}") if near else None
+def _corrections(plan: Plan, stations: Stations) -> Section:
+    size = np.linalg.norm(plan.correction, axis=1)
+    series = {f"d{axis}": 1e3 * plan.correction[:, k] for k, axis in enumerate("xyz")} | {"distance": 1e3 * size}
+    near = size.max() > 0.5 * plan.task.max_correction
+    limit = (1e3 * plan.task.max_correction, f"limit {format_set_length(plan.task.max_correction)}") if near else None
     colours = (*CATEGORIES[:3], NEUTRAL)
-    chart = draw_lines(view.stations, series, "mm", title="correction", colours=colours, limit=limit)
+    chart = draw_lines(stations, series, "mm", title="correction", colours=colours, limit=limit)
     caption = "Commanded (unloaded) tip minus wanted tip, base axes."
     blocks: list[Block] = [Chart(chart, caption, height=320, along=True)]
-    if np.abs(view.wrench).max() > 0:
-        tall = 440 if np.abs(view.wrench[:, 3:]).max() > 1e-9 else 300
+    if np.abs(plan.task.wrench).max() > 0:
+        tall = 440 if np.abs(plan.task.wrench[:, 3:]).max() > 1e-9 else 300
         caption = "Predicted wrench of the environment on the tool at its tip, base axes."
-        blocks.append(Chart(draw_wrench(view.stations, view.wrench), caption, height=tall, along=True))
-    return Section("Corrections and forces", blocks, describe_force(view.length, view.cut, view.pushed))
+        blocks.append(Chart(draw_wrench(stations, plan.task.wrench), caption, height=tall, along=True))
+    cut = plan.after.cut
+    told = describe_force(plan.task.nominal.arc_length, cut, mark_force(plan.task.wrench, cut))
+    return Section("Corrections and forces", blocks, told)
 
 
-def _feed(view: PlanView) -> Section:
-    wanted = np.where(view.cut, view.feed_wanted, np.nan)
-    series = {"programmed": 1e3 * wanted, "planned": 1e3 * np.where(np.isfinite(wanted), view.feed, np.nan)}
-    chart = draw_lines(view.stations, series, "mm/s", title="feed", colours=(BEFORE, AFTER), zero=True)
+def _feed(plan: Plan, stations: Stations) -> Section:
+    wanted = np.where(plan.task.compensated & ~plan.task.nominal.rapid, plan.task.nominal.feed, np.nan)
+    series = {"programmed": 1e3 * wanted, "planned": 1e3 * np.where(np.isfinite(wanted), plan.timing.feed, np.nan)}
+    chart = draw_lines(stations, series, "mm/s", title="feed", colours=(BEFORE, AFTER), zero=True)
     blocks: list[Block] = [Chart(chart, "Feed of the tool tip along the cut.", height=280, along=True)]
-    rates = {name: (np.abs(values) / limits, view.robot.joint_names) for name, values, limits in view.rates}
+    rates = list_rates(plan.task, plan.timing)
     if rates:
+        shares = {name: (np.abs(values) / limits, plan.robot.joint_names) for name, values, limits in rates}
         caption = (
             "How much of its limits each joint uses; red is beyond the limit, which lies off the chart where it is far."
         )
-        blocks.append(Chart(draw_shares(view.stations, rates), caption, height=60 + 220 * len(rates), along=True))
-    clock = draw_lines(view.stations, {"time": view.time}, "s", title="time", zero=True, colours=(NEUTRAL,))
+        blocks.append(Chart(draw_shares(stations, shares), caption, height=60 + 220 * len(rates), along=True))
+    clock = draw_lines(stations, {"time": plan.timing.time}, "s", title="time", zero=True, colours=(NEUTRAL,))
     blocks.append(Fold("Time along the path", [Chart(clock, "", height=240, along=True)]))
-    if view.lowered.any():
-        blocks.append(_lowered_table(view))
-    lede = "The programmed feed holds all along the cut."
-    if view.lowered.any():
-        lede = view.slow_causes or "The feed is lowered where joint limits need it."
+    slow = mark_slow(plan.task, plan.timing)
+    if slow.any():
+        blocks.append(_lowered_table(plan, slow, rates))
+    lede = describe_causes(plan.task, plan.timing) or "The programmed feed holds all along the cut."
     return Section("Feed and rates", blocks, lede)
 
 
-def _lowered_table(view: PlanView) -> PageTable:
-    spans = find_spans(view.lowered)
-    depth = np.array([(view.feed[a : b + 1] / view.feed_wanted[a : b + 1]).min() for a, b in spans])
+def _lowered_table(plan: Plan, slow: NDArray[np.bool_], rates: Sequence[tuple[str, Array, Array]]) -> PageTable:
+    length, wanted, feed = plan.task.nominal.arc_length, plan.task.nominal.feed, plan.timing.feed
+    spans = find_spans(slow)
+    share = feed / np.maximum(wanted, 1e-12)
+    depth = np.array([share[a : b + 1].min() for a, b in spans])
     rows: list[list[TableCell | str | float | int | None]] = []
     for a, b in spans[np.sort(np.argsort(depth)[:LISTED])]:
-        slowest = a + int(np.argmin(view.feed[a : b + 1] / view.feed_wanted[a : b + 1]))
-        reach = [1e3 * float(view.length[a]), 1e3 * float(view.length[b])]
-        lowest = [1e3 * float(view.feed_wanted[slowest]), 1e3 * float(view.feed[slowest])]
-        rows.append([int(a), int(b), *reach, *lowest, busiest_rate(view.rates, view.robot.joint_names, slowest)])
+        slowest = a + int(np.argmin(share[a : b + 1]))
+        numbers = [1e3 * float(value) for value in (length[a], length[b], wanted[slowest], feed[slowest])]
+        rows.append([int(a), int(b), *numbers, busiest_rate(rates, plan.robot.joint_names, slowest)])
     columns = [
         Column("from waypoint"), Column("to"), Column("from", "mm", 4), Column("to", "mm", 4),
         Column("programmed", "mm/s"), Column("lowest", "mm/s"), Column("busiest there"),

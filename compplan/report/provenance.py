@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from typing import TYPE_CHECKING
+
 from compplan.report.page import Provenance
 from compplan.robot import Robot
+
+if TYPE_CHECKING:
+    from compplan.job.job import Job
 
 GRADE_MEANING = {
     "identified": "measured on this robot",
@@ -43,6 +49,23 @@ def describe_robot(
 def list_doubts(robot: Robot) -> list[str]:
     """List the sources of a robot that say that a number was not measured."""
     return [f"{name}: {text}" for name, text in robot.sources.items() if any(word in text.lower() for word in DOUBTFUL)]
+
+
+def list_assumptions(job: Job | None) -> list[str]:
+    """List what a job assumes rather than knows: comments in the job file that say so."""
+    if job is None or not job.file.is_file():
+        return []
+    blocks, open_block = [""], False
+    for line in job.file.read_text(encoding="utf-8").splitlines():
+        code, mark, comment = line.partition("#")
+        if mark and not code.strip() and open_block:
+            blocks[-1] += f" {comment.strip()}"
+        elif mark:
+            key = code.partition("=")[0].strip()
+            blocks.append(f"{key}: {comment.strip()}" if key else comment.strip())
+        open_block = bool(mark) and not code.strip()
+    sentences = (sentence.strip() for block in blocks for sentence in re.split(r"(?<=\.)\s+(?=[A-Z])", block))
+    return [f"job: {sentence}" for sentence in sentences if "assumed" in sentence.lower()]
 
 
 def _elastic_model(robot: Robot) -> str:

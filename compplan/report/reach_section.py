@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from compplan.report.along_path import draw_lines, find_spans
+from compplan.report.along_path import Stations, draw_lines, find_spans
+from compplan.report.force_moves import list_rates, mark_force
 from compplan.report.page import Chart, Column, Columns, PageTable, Section, TableCell
 from compplan.report.path_scene import draw_cell
-from compplan.report.plan_view import PlanView
+from compplan.report.robot_scene import place_meshes
 from compplan.report.style import (
     AFTER,
     BEFORE,
@@ -22,55 +23,63 @@ from compplan.report.style import (
     format_set_length,
 )
 
+if TYPE_CHECKING:
+    from compplan.plan.plan import Plan
+
 #: The band flattens the other lines where it reaches this many times as far.
 FLATTENED = 2.0
 
 
-def show_reach(view: PlanView) -> Section:
+def show_reach(plan: Plan, stations: Stations) -> Section:
     """Show the band along the path, the figures and the robot in its cell."""
-    kinds = np.where(view.pushed, 0, np.where(view.cut, 1, 2))
-    named = ", ".join(shape.link for shape in view.around)
+    cut = plan.after.cut
+    kinds = np.where(mark_force(plan.task.wrench, cut), 0, np.where(cut, 1, 2))
+    start = int(np.flatnonzero(cut)[0])
+    request = None if plan.task.start is None else plan.task.start.request
+    scene = None if request is None else request.scene
+    around = [] if scene is None else place_meshes(plan.robot, plan.q[start], scene.meshes)
+    named = ", ".join(shape.link for shape in around)
     with_them = f", with the meshes that the job names ({named})" if named else ""
     cell = Chart(
-        draw_cell(view.robot, view.q, view.nominal, start=view.start, around=view.around, kinds=kinds),
+        draw_cell(plan.robot, plan.q, plan.task.position, start=start, around=around, kinds=kinds),
         f"The robot at the first waypoint of the cut, drawn from its URDF shapes{with_them}, and the path of the tool "
         "tip: which moves carry force, which are in the cut without, and which are rapid.",
         height=400,
         along=True,
     )
-    return Section("What it reaches", [_band(view), Columns([[_key_figures(view)], [cell]], (0.5, 0.5))])
+    return Section("What it reaches", [_band(plan, stations), Columns([[_key_figures(plan)], [cell]], (0.5, 0.5))])
 
 
-def _band(view: PlanView) -> Chart:
+def _band(plan: Plan, stations: Stations) -> Chart:
     """Show what matters first: how far the true tip may be from the path, against the tolerance."""
-    judged = np.where(view.cut, 1.0, np.nan)
-    before, after = (np.linalg.norm(side, axis=1) for side in (view.before, view.after))
+    judged = np.where(plan.after.cut, 1.0, np.nan)
+    before, after = (side.distance for side in (plan.before, plan.after))
     series = {"as modelled": 1e3 * after * judged}
     said = "Distance of the loaded tool tip from the path. As modelled: what the plan leaves if the model is the truth."
-    if view.mismatch is not None:
-        series[view.mismatch.cell] = 1e3 * view.mismatch.along(len(after)) * judged
-        said += f" {view.mismatch.cell.capitalize()}: what it leaves if all of them are wrong by that much (assumed)."
-    if view.promise is not None:
-        series = {"true tip, 95 %": 1e3 * view.promise.along * judged, **series}
+    series[plan.mismatch.cell] = 1e3 * plan.mismatch.along(len(after)) * judged
+    said += f" {plan.mismatch.cell.capitalize()}: what it leaves if all of them are wrong by that much (assumed)."
+    if plan.promise is not None:
+        series = {"true tip, 95 %": 1e3 * plan.promise.along * judged, **series}
         said = f"Shaded: where the true tip is with 95 %, by what is known of robot and force. {said}"
-    shown = max(1.25 * 1e3 * view.tolerance, *(1.08 * float(np.nanmax(values)) for values in series.values()))
+    shown = max(1.25 * 1e3 * plan.task.tolerance, *(1.08 * float(np.nanmax(values)) for values in series.values()))
     uncorrected = 1e3 * before * judged
     if np.nanmax(uncorrected) < 3 * shown:
         series["uncorrected"], shown = uncorrected, max(shown, 1.08 * float(np.nanmax(uncorrected)))
     else:
         said += f" Uncorrected lies off the chart, up to {format_length(1e-3 * float(np.nanmax(uncorrected)))}."
-    limit = (1e3 * view.tolerance, f"tolerance {format_set_length(view.tolerance)}")
+    limit = (1e3 * plan.task.tolerance, f"tolerance {format_set_length(plan.task.tolerance)}")
     colours = {"true tip, 95 %": NEUTRAL, "as modelled": AFTER, "uncorrected": BEFORE}
     figure = draw_lines(
-        view.stations, series, "mm", title="deviation", limit=limit, zero=True,
+        stations, series, "mm", title="deviation", limit=limit, zero=True,
         colours=[colours.get(name, CATEGORIES[3]) for name in series],
     )  # fmt: skip
     figure.update_traces(line_dash="dot", selector={"name": "uncorrected"})
     figure.update_yaxes(range=[0.0, shown])
-    if view.promise is not None:
+    if plan.promise is not None:
         _fill_band(figure)
         others = [values for name, values in series.items() if name != "true tip, 95 %"]
-        _offer_without(figure, shown, max(1.25 * 1e3 * view.tolerance, *(1.08 * float(np.nanmax(v)) for v in others)))
+        highest = max(float(np.nanmax(values)) for values in others)
+        _offer_without(figure, shown, max(1.25 * 1e3 * plan.task.tolerance, 1.08 * highest))
     return Chart(figure, said, height=340, along=True)
 
 
@@ -110,36 +119,33 @@ def _offer_without(figure: Any, whole: float, others: float) -> None:
     )  # fmt: skip
 
 
-def _key_figures(view: PlanView) -> PageTable:
+def _key_figures(plan: Plan) -> PageTable:
     rows: list[list[TableCell | str | float | int | None]] = []
-    cut = view.cut
-    before, after = (np.linalg.norm(side, axis=1)[cut] for side in (view.before, view.after))
-    for name, reduce in (("rms", lambda size: np.sqrt(np.mean(size**2))), ("mean", np.mean), ("largest", np.max)):
-        rows.append([f"deviation, {name}", *(_length_cell(float(reduce(size))) for size in (before, after))])
-    for name, value in zip(("rms", "largest"), view.uncoupled or (), strict=False):
-        rows.append([f"{name}, by the force on the path", _length_cell(value), None])
-    for way, distance in view.between.items():
-        rows.append([f"between waypoints, {way}", None, _length_cell(distance)])
-    if view.mismatch is not None:
-        wrong = format_length(view.mismatch.max_deviation)
-        rows.append([f"largest, {view.mismatch.cell}", None, TableCell(wrong, "strong")])
-    shares = [TableCell(format_percent(float((size <= view.tolerance).mean()))) for size in (before, after)]
-    rows.append([f"within {format_set_length(view.tolerance)}", *shares])
-    if view.tilt_before is not None and view.tilt_after is not None:
-        tilts = [float(tilt[cut].max()) for tilt in (view.tilt_before, view.tilt_after)]
-        rows.append(["tool axis off by up to", *(TableCell(format_angle(tilt)) for tilt in tilts)])
-    correction = float(np.linalg.norm(view.correction, axis=1)[cut].max())
-    allowed = f"{format_length(correction)} of {format_set_length(view.max_correction)}"
+    task, sides, between = plan.task, (plan.before, plan.after), plan.between
+    for name in ("rms", "mean", "max"):
+        sizes = [_length_cell(1e-3 * side.figures[name]) for side in sides]
+        rows.append([f"deviation, {'largest' if name == 'max' else name}", *sizes])
+    if plan.coupling is not None:
+        for name, value in zip(("rms", "largest"), plan.coupling.without_size, strict=True):
+            rows.append([f"{name}, by the force on the path", _length_cell(value), None])
+    ways = {"joints linear": between.joint, "tip linear": between.cartesian, "spline": between.spline}
+    for way, moves in ways.items():
+        rows.append([f"between waypoints, {way}", None, _length_cell(float(moves.max(initial=0.0)))])
+    rows.append([f"largest, {plan.mismatch.cell}", None, _length_cell(plan.mismatch.max_deviation)])
+    shares = [TableCell(format_percent(side.share_within(task.tolerance))) for side in sides]
+    rows.append([f"within {format_set_length(task.tolerance)}", *shares])
+    rows.append(["tool axis off by up to", *(TableCell(format_angle(side.max_tilt)) for side in sides)])
+    allowed = f"{format_length(plan.margins.max_correction)} of {format_set_length(task.max_correction)}"
     rows.append(["largest correction", None, TableCell(allowed)])
-    rows.append(["smallest joint margin", None, TableCell(_tightest(view))])
-    for name, rates, limits in view.rates:
+    rows.append(["smallest joint margin", None, TableCell(_tightest(plan))])
+    for name, rates, limits in list_rates(task, plan.timing):
         share = np.abs(rates) / limits
-        joint = view.robot.joint_names[int(np.argmax(share.max(axis=0)))]
+        joint = plan.robot.joint_names[int(np.argmax(share.max(axis=0)))]
         rows.append([f"{name} used", None, TableCell(f"{format_percent(float(share.max()))} ({joint})")])
-    rows += [[name, None, TableCell(value)] for name, value in view.bending.items()]
-    length = format_number(1e3 * float(view.length[-1]), 4)
-    rows.append(["path", None, TableCell(f"{length} mm in {format_number(len(cut))} waypoints")])
-    rows.append(["time", None, TableCell(f"{format_number(float(view.time[-1]), 4)} s")])
+    rows += [[name, None, TableCell(value)] for name, value in _list_bending(plan).items()]
+    length = format_number(1e3 * float(task.nominal.arc_length[-1]), 4)
+    rows.append(["path", None, TableCell(f"{length} mm in {format_number(len(task))} waypoints")])
+    rows.append(["time", None, TableCell(f"{format_number(float(plan.timing.time[-1]), 4)} s")])
     return PageTable([Column(""), Column("uncorrected"), Column("planned")], rows)
 
 
@@ -147,12 +153,31 @@ def _length_cell(value: float) -> TableCell:
     return TableCell(format_length(value), "strong")
 
 
-def _tightest(view: PlanView) -> str:
-    margin = np.minimum(view.q - view.robot.lower, view.robot.upper - view.q).min(axis=0)
-    scale = np.where(view.robot.prismatic, 1e3, 180 / np.pi)
-    share = margin / np.where(view.robot.prismatic, 1.0, np.pi)
+def _tightest(plan: Plan) -> str:
+    margin = np.minimum(plan.q - plan.robot.lower, plan.robot.upper - plan.q).min(axis=0)
+    scale = np.where(plan.robot.prismatic, 1e3, 180 / np.pi)
+    share = margin / np.where(plan.robot.prismatic, 1.0, np.pi)
     if not np.isfinite(share).any():
         return "no limits"
     k = int(np.argmin(share))
-    unit = "mm" if view.robot.prismatic[k] else "deg"
-    return f"{format_number(float(margin[k] * scale[k]))} {unit} ({view.robot.joint_names[k]})"
+    unit = "mm" if plan.robot.prismatic[k] else "deg"
+    return f"{format_number(float(margin[k] * scale[k]))} {unit} ({plan.robot.joint_names[k]})"
+
+
+def _list_bending(plan: Plan) -> dict[str, str]:
+    """Return what bends the arm, cause by cause, and how it rings."""
+    bending, assumed = plan.bending, " (assumed masses)" if "assumed" in plan.bending.masses else ""
+    rows = {}
+    if plan.promise is not None:
+        rows["true tip within, with 95\u00a0%"] = format_length(plan.promise.whole)
+    rows |= {"bent by the process": format_length(bending.process), "bent by weight": format_length(bending.weight)}
+    if np.isfinite(bending.inertia):
+        word = "compensated" if bending.compensated else "not compensated"
+        rows[f"bent by inertia, {word}{assumed}"] = format_length(bending.inertia)
+    if np.isfinite(bending.frequencies).all():
+        rows[f"lowest natural frequencies{assumed}"] = f"{', '.join(f'{f:.3g}' for f in bending.frequencies)}\u00a0Hz"
+    if plan.clearance is not None:
+        near = min(plan.clearance.least[1], plan.clearance.own, key=lambda contact: contact.distance)
+        if np.isfinite(near.distance) and near.first:
+            rows["least clearance"] = f"{format_length(near.distance)} ({near.first} to {near.second})"
+    return rows

@@ -1,0 +1,130 @@
+"""The three answers of a diagnosis in a sentence each: where, which, how far; and what no effect explains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from compplan.diagnose.shares import CALIBRATION, UNEXPLAINED, Share
+from compplan.diagnose.small_errors import SmallErrors
+from compplan.diagnose.unmodelled import describe_unmodelled
+from compplan.diagnose.verdict import CALIBRATED
+from compplan.report.effect_words import describe_change, describe_effect, name_effect
+from compplan.report.style import format_length, format_number, format_percent
+
+if TYPE_CHECKING:
+    from compplan.diagnose.result import Diagnosis
+    from compplan.diagnose.where import Split
+
+
+def describe_where(verdict: Mapping[str, Any], split: Split) -> str:
+    """Answer where the gap lies, in a sentence."""
+    shares = split.shares
+    gap = f"Where: the nominal model leaves {format_length(split.spread.rms)} rms"
+    parts: list[str] = []
+    if verdict["status"] == CALIBRATED and split.small_errors is not None:
+        return f"{gap}; {_describe_places(split.small_errors)}."
+    for carrier in shares.carriers[:3]:
+        if carrier.share.share >= 0.05 or not parts:
+            sure = f"probability {carrier.probability:.2f}, {_describe_interval(carrier.share)} if so"
+            how = carrier.effect.replace("_", " ")
+            parts.append(f"{carrier.place} carries {format_percent(carrier.share.share)} by {how} ({sure})")
+    rest = {
+        "small errors everywhere (calibration) carry": shares.by_place[CALIBRATION],
+        "no model explains": shares.by_place[UNEXPLAINED],
+    }
+    parts += [f"{what} {format_percent(share.share)} ({_describe_interval(share)})"
+              for what, share in rest.items() if share.share >= 0.02]  # fmt: skip
+    if shares.noise >= 0.02:
+        parts.append(f"noise is {format_percent(shares.noise)}")
+    if not shares.carriers:
+        parts.insert(0, "no joint, frame, sensor or load is named that carries a part of it")
+    return f"{gap}; {'; '.join(parts)}."
+
+
+def _describe_places(errors: SmallErrors) -> str:
+    """Say where the small errors of a robot that was not calibrated sit."""
+    order = sorted(errors.by_place.items(), key=lambda item: (item[0] == UNEXPLAINED, -item[1].share))
+    parts = [
+        f"{'no model explains' if name == UNEXPLAINED else name + ' carries'} {format_percent(share.share)} "
+        f"({_describe_interval(share)})"
+        for name, share in order if share.share >= 0.02
+    ]  # fmt: skip
+    return "; ".join(parts)
+
+
+def _describe_interval(share: Share) -> str:
+    return f"95 %: {format_percent(share.low)} to {format_percent(share.high)}"
+
+
+def describe_which(verdict: Mapping[str, Any], structure: Sequence[str], split: Split) -> str:
+    """Answer which effect causes the gap, in a sentence."""
+    status, effects = verdict["status"], verdict["effects"]
+    if status == "none":
+        return "Which: none; the residual is noise."
+    if status == CALIBRATED and split.small_errors is not None:
+        return describe_small_errors(split.small_errors)
+    if not effects:
+        text = " ".join(structure[:1])
+        return f"Which: unknown; there is structure in the residual and no effect explains it. {text}".rstrip()
+    parts = [
+        f"{describe_effect(effect)} ({change + ', ' if (change := describe_change(effect)) else ''}"
+        f"probability {effect['probability']:.2f})"
+        for effect in effects[:3]
+    ]
+    text = f"Which: {'; '.join(parts)}"
+    if len(effects) > 3:
+        text += f"; and {len(effects) - 3} more"
+    for effect in effects[:3]:
+        rivals = [name_effect(rival) for rival in effect.get("ambiguous_with", [])]
+        if rivals:
+            text += f"; these measurements fit {name_effect(effect)} as well as {' or '.join(rivals[:3])}"
+    if status == "partly_explained":
+        text += "; structure is left that none of them explains"
+    left = f" {structure[0]}" if structure and status == "partly_explained" else ""
+    return f"{text}.{left}"
+
+
+def describe_small_errors(errors: SmallErrors) -> str:
+    """Say what a robot that was not calibrated has small errors of, and where."""
+    kinds = [
+        f"{kind} {format_percent(share.share)} ({_describe_interval(share)})"
+        for kind, share in sorted(errors.by_kind.items(), key=lambda item: -item[1].share)
+        if share.share >= 0.02 and kind != UNEXPLAINED
+    ]
+    text = f"Which: no single cause; small errors make the gap: {', '.join(kinds)}"
+    groups = [f"{group.kind} of {group.place}, {format_percent(group.share.share)}" for group in errors.groups[:3]]
+    return f"{text}. {'; '.join(groups)}: both halves of the poses show it." if groups else f"{text}."
+
+
+def describe_how_far(gap: Mapping[str, float | None]) -> str:
+    """Answer how far the gap shrinks, in a sentence."""
+    before, after = gap.get("held_out_before_rms_mm"), gap.get("held_out_after_rms_mm")
+    floor = gap.get("noise_floor_mm")
+    if before is None or after is None:
+        return "How far: too few rows to leave some out, so no figure can be given."
+    text = f"How far: on rows that had no part in the choice the deviation goes from {format_length(1e-3 * before)} "
+    text += f"to {format_length(1e-3 * after)} rms"
+    if floor:
+        text += f", {format_number(after / floor, 3)} times the noise floor of {format_length(1e-3 * floor)}"
+    return f"{text}."
+
+
+def describe_structure(diagnosis: Diagnosis) -> list[str]:
+    """Say what is left that no effect explains."""
+    structure, named = diagnosis.verdict.structure, bool(diagnosis.verdict.findings)
+    if not structure.left:
+        return []
+    # claims may move the target further than the gap, against small errors: they explain no more than there is
+    explained = format_length(min(structure.explained, structure.gap))
+    against = f", against {explained} that the named effects explain" if named else ""
+    if structure.dependences:
+        parts = [
+            f"{format_length(d.explained)} rms is {describe_unmodelled(d.effect.joint, str(d.effect.axis))}"
+            for d in structure.dependences
+        ]
+        return [f"An error that no effect of the vocabulary makes: {'; '.join(parts)}{against}."]
+    return [
+        f"An error of {format_length(structure.rms)} rms stays the same while the robot stands still and follows "
+        f"no effect of the vocabulary{against}."
+    ]
