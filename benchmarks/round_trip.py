@@ -16,10 +16,11 @@ from scipy.stats import binomtest
 
 from compplan.errors import UnknownNameError
 from compplan.identify.estimate import Estimate, estimate_parameters
-from compplan.identify.forward import KNOWN_FRAMES, predict_rows
-from compplan.identify.observations import Observations, make_observations
+from compplan.identify.forward import attain_rows
 from compplan.identify.parameters import FreeRobot, build_structure, link_springs, own_springs
 from compplan.identify.pose_choice import draw_candidates
+from compplan.identify.rows import KNOWN_FRAMES, Rows, make_log
+from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Body, LinkElasticity, Robot, Spring
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium
@@ -42,7 +43,7 @@ def simulate_observations(
     orientation: bool = True,
     sigma_rotation: float = 5e-5,
     link_side: ArrayLike = False,
-) -> Observations:
+) -> Campaign:
     """Simulate a campaign: exact equilibrium, seen by a laser tracker.
 
     Noise of position is 15 um + 6 um/m of the distance from the tracker, per axis; without a seed there is none.
@@ -74,12 +75,12 @@ def simulate_observations(
         rng = np.random.default_rng(seed)
         position = position + sigma[:, None] * rng.standard_normal(position.shape)
         rotation = Rotation.from_rotvec(sigma_rotation * rng.standard_normal(position.shape)).as_matrix() @ rotation
-    return make_observations(
+    return make_log(
         q,
         wrench,
         position,
         rotation if orientation else None,
-        sigma_position=sigma,
+        sigma=sigma,
         sigma_rotation=sigma_rotation,
         link_side=mask,
     )
@@ -201,8 +202,8 @@ def _load(
 
 
 def _simulate(
-    structure: FreeRobot, truth: Array, blank: Observations, model: str, rng: np.random.Generator
-) -> Observations:
+    structure: FreeRobot, truth: Array, blank: Campaign, model: str, rng: np.random.Generator
+) -> Campaign:
     """Measure the true robot in exact equilibrium, with noise, and with small unknown frames where these are fitted."""
     frames = KNOWN_FRAMES
     if model == "frames":
@@ -211,7 +212,8 @@ def _simulate(
             pose[:3, :3] = Rotation.from_rotvec(rng.normal(0, 2e-3, 3)).as_matrix()
             pose[:3, 3] = rng.normal(0, 2e-3, 3)
         frames = replace(KNOWN_FRAMES, base=base, tool=tool[None])
-    seen = predict_rows(structure, truth, blank, frames)
+    seen = attain_rows(structure, truth, Rows(blank, np.arange(len(blank)), frames), frames)
+    assert blank.sigma is not None and blank.sigma_rotation is not None
     turn = Rotation.from_rotvec(blank.sigma_rotation[:, None] * rng.standard_normal(seen.position.shape)).as_matrix()
-    noisy = seen.position + blank.sigma_position[:, None] * rng.standard_normal(seen.position.shape)
+    noisy = seen.position + blank.sigma[:, None] * rng.standard_normal(seen.position.shape)
     return replace(blank, position=noisy, rotation=turn @ seen.rotation)

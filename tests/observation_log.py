@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from compplan.files.columns import to_unit
 from compplan.files.tables import write_table
-from compplan.identify.observations import Observations
+from compplan.measure.campaign import Campaign
 from compplan.robot import Robot
 
 
-def write_campaign_log(observations: Observations, robot: Robot, file: Path, *, decimals: int = 6) -> None:
+def write_campaign_log(observations: Campaign, robot: Robot, file: Path, *, decimals: int = 6) -> None:
     """Write observations as a measurement log of settled poses, one run.
 
     Args:
@@ -24,9 +24,9 @@ def write_campaign_log(observations: Observations, robot: Robot, file: Path, *, 
     """
     n = len(observations)
     columns: dict[str, object] = {"run": np.array(["static_1"] * n)}
-    if observations.link_side.any():
+    if observations.link_controlled.any():
         loaded = np.abs(observations.wrench).max(axis=1) > 0
-        columns["mode"] = np.where(loaded, "L", "U").astype(object) + np.where(observations.link_side, "2", "1")
+        columns["mode"] = np.where(loaded, "L", "U").astype(object) + np.where(observations.link_controlled, "2", "1")
     columns |= robot.joint_columns(observations.q)
     for k, header in enumerate(("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")):
         columns[header] = observations.wrench[:, k]
@@ -37,5 +37,5 @@ def write_campaign_log(observations: Observations, robot: Robot, file: Path, *, 
         for k, header in enumerate(("rx_deg", "ry_deg", "rz_deg")):
             columns[header] = to_unit(vectors[:, k], header)
         columns["sigma_deg"] = to_unit(observations.sigma_rotation, "sigma_deg")
-    columns["sigma_mm"] = to_unit(observations.sigma_position, "sigma_mm")
+    columns["sigma_mm"] = to_unit(observations.sigma, "sigma_mm")
     write_table(file, columns, decimals=decimals)

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from benchmarks.round_trip import simulate_observations
-from compplan.identify import Observations, build_structure, estimate_parameters, make_observations
+from compplan.identify import build_structure, estimate_parameters, make_log
 from compplan.identify.parameters import link_springs
 from compplan.identify.pose_choice import draw_candidates
+from compplan.measure.campaign import Campaign
 from compplan.robot import Robot, load_robot
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium
@@ -21,7 +22,7 @@ LINK = 2e-7
 
 def campaign(
     *, vertical: bool = False, seed: int | None = None
-) -> tuple[Robot, Observations]:
+) -> tuple[Robot, Campaign]:
     robot = replace(load_robot("kuka_kr120_r3900"), link_elasticities=())
     truth = replace(robot, springs=(*robot.springs, *(replace(s, compliance=LINK) for s in link_springs(robot))))
     drawn = draw_candidates(robot, N, vertical=vertical, lever=0.0 if vertical else 0.3, force=981.0, seed=1)
@@ -55,13 +56,12 @@ def test_encoder_readings_sharpen_the_gears_beside_positions() -> None:
     loaded = rows.take(np.arange(2 * N, 3 * N))
     structure = build_structure(robot, add=link_springs(robot))
     first = estimate_parameters(structure.select(robot.joint_names), loaded)
-    seen = first.prediction.torque @ structure.compliance(
-        np.array([*(spring.compliance for spring in robot.springs), *[LINK] * 6])
-    )
+    truth = structure.soften(np.array([*(spring.compliance for spring in robot.springs), *[LINK] * 6]))
+    seen = first.state.torque @ build_chain(truth).compliance
     gears = np.flatnonzero(structure.chain.actuator)
     encoder = seen[:, gears] + 1e-5 * np.random.default_rng(0).standard_normal((N, 6))
-    both = make_observations(
-        loaded.q, loaded.wrench, loaded.position, loaded.rotation, sigma_position=loaded.sigma_position,
+    both = make_log(
+        loaded.q, loaded.wrench, loaded.position, loaded.rotation, sigma=loaded.sigma,
         sigma_rotation=loaded.sigma_rotation, encoder=encoder,
     )  # fmt: skip
     estimate = estimate_parameters(structure, both)
@@ -79,7 +79,7 @@ def test_a_spring_that_is_written_against_its_joint_keeps_its_sign() -> None:
     chain = build_chain(robot)
     yielded = solve_equilibrium(chain, drawn.q, drawn.wrench).theta  # own axes, in the order of the joints
     seen = simulate_observations(robot, drawn.q, drawn.wrench)
-    rows = replace(seen, encoder=yielded)
+    rows = replace(seen, link=seen.q + yielded)
     estimate = estimate_parameters(build_structure(written, add=link_springs(written)), rows, sigma="stated")
     found = dict(zip(estimate.names, estimate.values, strict=True))
     assert found["joint_3.ry"] == pytest.approx(robot.springs[2].compliance, rel=1e-3)

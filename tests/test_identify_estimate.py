@@ -13,7 +13,7 @@ from compplan.errors import InputError, ShapeError, UnknownNameError
 from compplan.identify import (
     build_structure,
     estimate_parameters,
-    make_observations,
+    make_log,
     own_springs,
     reduce_model,
 )
@@ -68,7 +68,7 @@ def test_a_row_that_is_stated_to_be_noisier_weighs_less() -> None:
     bad = np.arange(40) % 2 == 0
     position = rows.position + np.where(bad[:, None], 1e-3, 0.0) * rng.standard_normal((40, 3))
     even = replace(rows, position=position)
-    stated = replace(even, sigma_position=np.where(bad, 1e-3, rows.sigma_position))
+    stated = replace(even, sigma=np.where(bad, 1e-3, rows.sigma))
     errors = [estimate_parameters(build_structure(robot), r).standard_errors for r in (stated, even)]
     assert (errors[0][:3] < 0.5 * errors[1][:3]).all()
 
@@ -113,7 +113,7 @@ def test_the_noise_that_residuals_show_is_reported_against_the_stated_one() -> N
     robot = load_robot("kuka_kr270")
     drawn = draw_candidates(robot, 200, seed=1)
     rows = simulate_observations(robot, drawn.q, drawn.wrench, seed=4)
-    understated = replace(rows, sigma_position=rows.sigma_position / 3)
+    understated = replace(rows, sigma=rows.sigma / 3)
     estimate = estimate_parameters(build_structure(robot), understated)
     assert estimate.noise[0] == pytest.approx(3.0, rel=0.1)
     assert estimate.noise[1] == pytest.approx(1.0, rel=0.1)
@@ -187,10 +187,10 @@ def test_wrong_shapes_and_names_are_refused_with_what_is_allowed() -> None:
     robot = load_robot("kuka_kr270")
     q = np.zeros((3, 6))
     with pytest.raises(ShapeError, match=r"position has shape \(2, 3\), expected \(3, 3\)"):
-        make_observations(q, np.zeros(6), np.zeros((2, 3)))
+        make_log(q, np.zeros(6), np.zeros((2, 3)))
     with pytest.raises(UnknownNameError, match="no spring named 'joint_9', choose from"):
         build_structure(robot, springs=["joint_9"])
-    rows = make_observations(q, np.zeros(6), np.zeros((3, 3)))
+    rows = make_log(q, np.zeros(6), np.zeros((3, 3)))
     with pytest.raises(InputError, match="nothing can be identified: joint_1 cannot be told at all: no row carries"):
         estimate_parameters(build_structure(robot), rows)
     with pytest.raises(UnknownNameError, match="no loss named 'cauchy'"):

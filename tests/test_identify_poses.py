@@ -42,7 +42,7 @@ def test_predicted_standard_errors_are_those_of_the_fit() -> None:
     robot = load_robot("kuka_kr270")
     candidates = draw_candidates(robot, 60, seed=1)
     structure = build_structure(robot)
-    rows = replace(simulate_observations(robot, candidates.q, candidates.wrench), sigma_position=np.full(60, 3e-5))
+    rows = replace(simulate_observations(robot, candidates.q, candidates.wrench), sigma=np.full(60, 3e-5))
     estimate = estimate_parameters(structure, rows, sigma="stated")
     information = weigh_candidates(structure, candidates, sigma_position=3e-5, sigma_rotation=5e-5)
     np.testing.assert_allclose(information.standard_errors(np.arange(60)), estimate.standard_errors, rtol=1e-6)

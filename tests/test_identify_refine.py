@@ -9,13 +9,18 @@ import pytest
 
 from benchmarks.round_trip import simulate_observations
 from compplan.errors import InputError
-from compplan.identify import build_structure, candidate_springs, estimate_parameters
-from compplan.identify.forward import KNOWN_FRAMES, pose_residuals, predict_rows
-from compplan.identify.heldout import distance_rms, gain_score, leave_out, linearise_at, make_folds, visited_poses
+from compplan.identify import KNOWN_FRAMES, Rows, build_structure, candidate_springs, estimate_parameters
+from compplan.identify.forward import attain_rows, pose_residuals
+from compplan.identify.heldout import distance_rms, gain_score, leave_out
 from compplan.identify.pose_choice import draw_candidates
 from compplan.identify.refine import GAIN_LIMIT, refine_structure
 from compplan.identify.spring_place import place_spring
+from compplan.measure.campaign import Campaign
 from compplan.robot import Spring, load_robot
+
+
+def every_row(log: Campaign, sigma: str = "residuals") -> Rows:
+    return Rows(log, np.arange(len(log)), KNOWN_FRAMES, sigma=sigma)
 
 
 def names_of(robot_springs: tuple[Spring, ...]) -> list[str]:
@@ -29,7 +34,7 @@ def test_the_spring_that_was_left_out_is_found_and_no_other_is_added() -> None:
     drawn = draw_candidates(whole, 60, seed=1)
     rows = simulate_observations(whole, drawn.q, drawn.wrench, seed=2)
     structure = build_structure(lacking, add=candidate_springs(lacking))
-    result = refine_structure(structure, names_of(lacking.springs), rows)
+    result = refine_structure(structure, names_of(lacking.springs), every_row(rows))
     assert result.rounds[0].added == "joint_3.rx"
     assert [entry.added for entry in result.rounds[1:]] == [""]
     assert result.rounds[-1].held_out_rms < 0.7 * result.rounds[0].held_out_rms
@@ -40,14 +45,14 @@ def test_the_place_of_the_spring_400_mm_beside_the_joint_is_found() -> None:
     lacking = replace(whole, springs=tuple(s for s in whole.springs if s.axis == "own"))
     drawn = draw_candidates(whole, 60, seed=1)
     rows = simulate_observations(whole, drawn.q, drawn.wrench, seed=2)
-    placed = place_spring(build_structure(lacking, add=[Spring("joint_3", "rx", 0.0)]), "joint_3.rx", rows)
+    placed = place_spring(build_structure(lacking, add=[Spring("joint_3", "rx", 0.0)]), "joint_3.rx", every_row(rows))
     truth = next(spring.offset for spring in whole.springs if spring.name == "joint_3.rx")
     assert truth.tolist() == [0.0, 0.4, 0.0]
     assert np.all(np.abs(placed.offset - truth)[1:] < 3 * placed.standard_errors[1:])
     assert placed.standard_errors[0] == 0 and placed.standard_errors[1] < 0.03
     assert placed.estimate.noise[0] == pytest.approx(1.0, abs=0.15)
     with pytest.raises(InputError, match="expected one about rx, ry or rz"):
-        place_spring(build_structure(lacking), "joint_3", rows)
+        place_spring(build_structure(lacking), "joint_3", every_row(rows))
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -56,7 +61,7 @@ def test_nothing_is_added_to_a_model_that_is_complete(seed: int) -> None:
     drawn = draw_candidates(robot, 60, seed=seed)
     rows = simulate_observations(robot, drawn.q, drawn.wrench, seed=seed)
     structure = build_structure(robot, add=candidate_springs(robot))
-    result = refine_structure(structure, names_of(robot.springs), rows)
+    result = refine_structure(structure, names_of(robot.springs), every_row(rows))
     assert result.names == tuple(names_of(robot.springs))
     assert len(result.rounds[0].candidates) >= 12
 
@@ -68,7 +73,7 @@ def test_a_candidate_that_the_loads_cannot_show_says_so() -> None:
     rows = simulate_observations(robot, drawn.q, drawn.wrench, seed=1)
     structure = build_structure(lacking, add=[Spring("joint_1", "own", 0.0, actuator=True)])
     start = names_of(lacking.springs)[:-1]  # joint 6 is not loaded either
-    result = refine_structure(structure.select([*start, "joint_1"]), start, rows)
+    result = refine_structure(structure.select([*start, "joint_1"]), start, every_row(rows))
     assert [(c.name, c.told) for c in result.rounds[0].candidates] == [("joint_1", False)]
 
 
@@ -78,12 +83,13 @@ def test_leaving_blocks_out_at_one_step_equals_fitting_without_them() -> None:
     rows = simulate_observations(robot, drawn.q, drawn.wrench, seed=2)
     structure = build_structure(robot)
     whole = estimate_parameters(structure, rows, sigma="stated")
-    quick = leave_out(linearise_at(whole, rows), rows, whole, whole.free).residual
-    folds = make_folds(rows)
+    measured = every_row(rows, "stated")
+    quick, folds = leave_out(measured, whole, whole.free).residual, measured.fold
     for fold in range(5):
         train, test = rows.take(folds != fold), rows.take(folds == fold)
         fitted = estimate_parameters(structure, train, sigma="stated")
-        slow = pose_residuals(test, predict_rows(structure, fitted.model_values, test, KNOWN_FRAMES))
+        apart = every_row(test)
+        slow = pose_residuals(apart, attain_rows(structure, fitted.model_values, apart, KNOWN_FRAMES))
         np.testing.assert_allclose(quick[folds == fold, :3], slow[:, :3], atol=2e-7)
 
 
@@ -91,7 +97,7 @@ def test_rows_of_one_pose_are_left_out_together() -> None:
     robot = load_robot("kuka_kr270")
     drawn = draw_candidates(robot, 20, seed=1)
     rows = simulate_observations(robot, np.vstack([drawn.q] * 3), np.vstack([drawn.wrench] * 3))
-    folds, poses = make_folds(rows), visited_poses(rows)
+    folds, poses = every_row(rows).fold, every_row(rows).pose
     assert len(np.unique(poses)) == 20 and len(np.unique(folds)) == 5
     for pose in range(20):
         assert len(np.unique(folds[poses == pose])) == 1

@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.round_trip import simulate_observations
-from compplan.identify import build_structure, estimate_parameters, own_springs
-from compplan.identify.forward import KNOWN_FRAMES
+from compplan.effects import attain_scene, stage_scene
+from compplan.effects.linearization import linearize_scene
+from compplan.identify import build_structure, estimate_parameters, geometry_forms, own_springs
 from compplan.identify.pose_choice import draw_candidates
+from compplan.identify.rows import KNOWN_FRAMES
 from compplan.robot import LinkElasticity, Robot, Spring, load_robot
 
 
@@ -18,7 +20,10 @@ def held(robot: Robot, wrench: np.ndarray, q: np.ndarray, **options: object) -> 
     frames = replace(KNOWN_FRAMES, parts=options.pop("parts", ()))
     if not options.pop("orientation", True):
         rows = replace(rows, rotation=None)
-    estimate = estimate_parameters(build_structure(robot, **options), rows, registration=frames, sigma="stated")
+    scene = stage_scene(robot, rows)
+    forms = geometry_forms(linearize_scene(scene, attain_scene(scene)), options.pop("geometry", "none"))
+    structure = build_structure(robot, forms=forms, **options)
+    estimate = estimate_parameters(structure, rows, registration=frames, sigma="stated")
     return {item.held: (item.together_with, item.reason) for item in estimate.held}
 
 

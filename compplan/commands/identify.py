@@ -35,6 +35,7 @@ from compplan.robot import load_robot
 @click.option("--add", help='Springs that the robot lacks and gets, such as "joint_3.rx,base_joint.ry".')
 @click.option("--stepwise", is_flag=True, help="Try a spring about every axis; keep those that earn their place.")
 @click.option("--links", type=click.Choice(LINK_TERMS), help="Terms of the links' 6x6 elasticities to identify.")
+@click.option("--effects", help='Effects to fit too, such as "backlash,joint_coupling@joint_5:of joint_4".')
 @click.option("--geometry", type=click.Choice([*GEOMETRY, "auto"]), default="auto", help="Geometry fitted along.")
 @click.option("--reference", type=click.Choice(["absolute", "difference", "auto"]), default="auto",
               help="Absolute positions, or each pose against itself under other loads.")  # fmt: skip
@@ -58,6 +59,7 @@ def command(
     add: str | None,
     stepwise: bool,
     links: str | None,
+    effects: str | None,
     geometry: str,
     reference: str,
     loss: str,
@@ -84,6 +86,7 @@ def command(
         add=_split(add or ""),
         stepwise=stepwise,
         links=links,
+        effects=_split(effects or ""),
         geometry=geometry,
         reference=reference,
         loss=loss,

@@ -140,11 +140,12 @@ def stage_scene(
     )
 
 
-def attain_scene(scene: Scene) -> Attained:
+def attain_scene(scene: Scene, *, tolerance: float = TOLERANCE) -> Attained:
     """Solve the loaded equilibrium of a scene and tell what instrument and encoders should see.
 
     Args:
         scene: The scene.
+        tolerance: Elastic coordinates are settled to this. [rad or m]
 
     Raises:
         ConvergenceError: If the robot buckles under the load.
@@ -160,7 +161,7 @@ def attain_scene(scene: Scene) -> Attained:
     wrench, bent = scene.wrench, np.zeros((len(q), chain.n_springs))
     for repeat in range(LAW_PASSES if scene.laws or scene.payload.any() else 1):
         extra = bias + bent if bias is not None else bent if scene.laws else None
-        loaded = solve_equilibrium(chain, q, wrench, tolerance=TOLERANCE, torque_bias=extra)
+        loaded = solve_equilibrium(chain, q, wrench, tolerance=tolerance, torque_bias=extra)
         if repeat == LAW_PASSES - 1:
             break
         if scene.payload.any():

@@ -1,10 +1,24 @@
-"""Identify compliances, frames and geometry of a robot from measured poses under load."""
+"""Identify compliances, geometry and any effect of a robot from poses measured under load, with intervals.
+
+In: a robot and the settled rows of a log (`rows`). Out: values with covariance, what cannot be told apart and why, the
+updated robot with its uncertainty (`update`). The equation: x_i = x(p, q_i, w_i) + noise, x the exact loaded pose of
+`compplan.effects` (`forward`), p springs, terms of links' 6x6, parameters of effects and frames (`parameters`);
+weighted, robust Gauss-Newton (`estimate`), judged on poses left out (`heldout`), grown where a spring earns its place
+there (`refine`, `spring_place`).
+"""
 
 from compplan.identify.estimate import Estimate, estimate_parameters
-from compplan.identify.forward import KNOWN_FRAMES, predict_rows
-from compplan.identify.observations import Observations, make_observations
-from compplan.identify.parameters import FreeRobot, Parameter, build_structure, candidate_springs, own_springs
+from compplan.identify.parameters import (
+    FreeRobot,
+    Parameter,
+    build_structure,
+    candidate_springs,
+    effect_forms,
+    geometry_forms,
+    own_springs,
+)
 from compplan.identify.reduce import ReducedModel, reduce_model
+from compplan.identify.rows import KNOWN_FRAMES, Rows, make_log
 from compplan.identify.separability import Inseparable
 
 __all__ = [
@@ -12,14 +26,15 @@ __all__ = [
     "Estimate",
     "FreeRobot",
     "Inseparable",
-    "Observations",
     "Parameter",
     "ReducedModel",
+    "Rows",
     "build_structure",
     "candidate_springs",
+    "effect_forms",
     "estimate_parameters",
-    "make_observations",
+    "geometry_forms",
+    "make_log",
     "own_springs",
-    "predict_rows",
     "reduce_model",
 ]

@@ -10,9 +10,7 @@ import numpy as np
 from compplan.identify.estimate import Estimate
 from compplan.identify.gap import IdentifiedGap, measure_gap
 from compplan.identify.heldout import gain_score
-from compplan.identify.observations import Observations
 from compplan.identify.parameters import GEOMETRY, FreeRobot
-from compplan.identify.posterior import identified_uncertainty
 from compplan.identify.problem import (
     IdentifyOptions,
     IdentifyProblem,
@@ -22,10 +20,10 @@ from compplan.identify.problem import (
     held_out_score,
     screen_outliers,
 )
-from compplan.identify.reading import observe_campaign, place_frames
 from compplan.identify.refine import GAIN_LIMIT, Refinement, refine_structure
+from compplan.identify.rows import Rows, place_frames, take_rows
 from compplan.identify.spring_place import place_spring
-from compplan.identify.update import update_robot
+from compplan.identify.update import identified_uncertainty, update_robot
 from compplan.measure.campaign import Campaign
 from compplan.measure.registration import Registration
 from compplan.robot import Robot
@@ -42,10 +40,8 @@ class Identification:
         kept: Fit that the updated robot holds: candidates that earned their place, none below zero.
         refinement: How the structure grew.
         geometry: "none", "offsets" or "all": what was fitted along.
-        reference: "absolute" or "difference".
         gap: How far the model lies from the measurements, before and after.
-        registration: Frames of the campaign.
-        observations: Rows that were used, without outliers.
+        rows: Rows that were used, without outliers, and their reference.
         outliers: Rows of the log that count as gross outliers, counted from 0.
         notes: Sentences for the reader.
     """
@@ -56,12 +52,15 @@ class Identification:
     kept: Estimate
     refinement: Refinement
     geometry: str
-    reference: str
     gap: IdentifiedGap
-    registration: Registration
-    observations: Observations
+    rows: Rows
     outliers: tuple[int, ...]
     notes: tuple[str, ...]
+
+    @property
+    def registration(self) -> Registration:
+        """Frames of the campaign."""
+        return self.kept.registration
 
 
 def identify_campaign(
@@ -72,7 +71,7 @@ def identify_campaign(
 
     Frames are fitted first (to unloaded poses where there are enough), then along with everything else, so that the
     intervals carry what the frames leave open. Geometry and candidate springs enter as far as they earn their place on
-    held-out poses.
+    held-out poses; effects of the robot folder stay as they are.
 
     Args:
         robot: The nominal robot.
@@ -87,29 +86,23 @@ def identify_campaign(
     chosen = IdentifyOptions() if options is None else options
     check_options(chosen)
     frames = place_frames(robot, campaign, chosen.register)
-    observations, notes = observe_campaign(robot, campaign, frames)
-    if observations.encoder is not None or len(set(observations.link_side.tolist())) > 1:
+    rows, notes = take_rows(campaign, frames, chosen.loss)
+    if rows.encoder is not None or len(set(rows.taken.link_controlled.tolist())) > 1:
         chosen = replace(chosen, link_side=True)
-    screened, outliers, said = screen_outliers(IdentifyProblem(robot, chosen, observations, frames))
+    screened, outliers, said = screen_outliers(IdentifyProblem(robot, chosen, rows))
     progress("geometry")
     problem, more = choose_reference(choose_geometry(screened))
     growth = _grow(problem, progress)
     if chosen.stepwise and chosen.geometry == "auto":
         growth = _prefer_less_geometry(growth, progress)
     problem, estimate, kept = growth.problem, growth.estimate, growth.kept
-    source = f"identified from {campaign.file.name if campaign.file else 'measurements'}, {len(observations)} rows"
+    source = f"identified from {campaign.file.name if campaign.file else 'measurements'}, {len(rows)} rows"
     progress("held-out poses")
     updated, unwritten = update_robot(robot, kept, source=source)
-    gap = measure_gap(
-        replace(problem, frames=frames, reference="absolute"),
-        growth.structure,
-        kept,
-        difference=problem.reference == "difference",
-    )
-    known = identified_uncertainty(
-        updated, kept, gap, difference=problem.reference == "difference",
-        sigma=float(np.median(observations.sigma_position)), source=source,
-    )  # fmt: skip
+    gap = measure_gap(replace(problem.rows, registration=frames), growth.structure, kept)
+    sigma = float(np.median(rows.deviation[:, 0]))
+    known = identified_uncertainty(updated, kept, gap, difference=problem.difference, sigma=sigma, source=source)
+    notes += [*said, *more, *growth.notes, *_describe_clustered(kept), *_describe_negative(estimate), *unwritten]
     return Identification(
         robot=replace(updated, uncertainty=known),
         nominal=robot,
@@ -117,14 +110,10 @@ def identify_campaign(
         kept=kept,
         refinement=growth.refinement,
         geometry=problem.geometry,
-        reference=problem.reference,
         gap=gap,
-        registration=kept.registration,
-        observations=problem.observations,
+        rows=problem.rows,
         outliers=outliers,
-        notes=(
-            *notes, *said, *more, *growth.notes, *_describe_clustered(kept), *_describe_negative(estimate), *unwritten
-        ),
+        notes=tuple(notes),
     )
 
 
@@ -151,10 +140,7 @@ def _grow(problem: IdentifyProblem, progress: Callable[[str], None]) -> _Growth:
     refinement = refine_structure(
         grown.select([name for name in grown.names if name not in hidden]),
         [name for name in problem.demanded(structure) if name in told],
-        problem.observations,
-        registration=problem.frames,
-        loss=problem.options.loss,
-        reference=problem.reference,
+        problem.rows,
     )
     if not set(refinement.names) <= set(structure.names):
         estimate = problem.fit(grown.select([*structure.names, *refinement.names]))
@@ -181,14 +167,7 @@ def _place_added(
     for parameter in kept.structure.parameters:
         if parameter.kind != "spring" or parameter.name not in added or not parameter.unit.startswith("rad"):
             continue
-        placed = place_spring(
-            kept.structure,
-            parameter.name,
-            problem.observations,
-            registration=problem.frames,
-            loss=problem.options.loss,
-            reference=problem.reference,
-        )
+        placed = place_spring(kept.structure, parameter.name, problem.rows)
         scores = [held_out_score(problem, entry) for entry in (kept, placed.estimate)]
         if gain_score(*scores) > GAIN_LIMIT:
             kept = placed.estimate
@@ -231,23 +210,16 @@ def _drop_negative(problem: IdentifyProblem, structure: FreeRobot, refinement: R
         name = min(below)[1]
         names.remove(name)
         kept = structure.select(names)
-        estimate = problem.fit(_make_rigid(kept, structure, [n for n in refinement.names if n not in names]))
+        estimate = problem.fit(_make_rigid(kept, [n for n in refinement.names if n not in names]))
 
 
-def _make_rigid(kept: FreeRobot, structure: FreeRobot, names: Sequence[str]) -> FreeRobot:
+def _make_rigid(kept: FreeRobot, names: Sequence[str]) -> FreeRobot:
     """Set the compliance of some springs that are not free to zero."""
-    matrix = kept.chain.compliance.copy()
-    for parameter in structure.parameters:
-        if parameter.name in names:
-            for i, j, _ in parameter.entries:
-                matrix[i, j] = matrix[j, i] = 0.0
     springs = tuple(
         replace(spring, compliance=0.0) if label in names else spring
         for spring, label in zip(kept.robot.springs, kept.spring_labels, strict=True)
     )
-    return replace(
-        kept, chain=replace(kept.chain, compliance=matrix), robot=replace(kept.robot, springs=springs)
-    )
+    return replace(kept, robot=replace(kept.robot, springs=springs))
 
 
 def _describe_negative(estimate: Estimate) -> list[str]:
@@ -264,5 +236,3 @@ def _describe_negative(estimate: Estimate) -> list[str]:
         f"the compliance of {', '.join(names)} comes out below zero beyond its interval, which no spring can do:"
         " something that the model lacks acts like it; compplan diagnose looks for it"
     ]
-
-

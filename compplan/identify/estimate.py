@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 from scipy.stats import t
 
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
-from compplan.identify.forward import KNOWN_FRAMES, PredictedRows, frame_parameters, move_frames, predict_rows
-from compplan.identify.observations import Observations
+from compplan.identify.forward import RowState, attain_rows, frame_parameters, move_frames
 from compplan.identify.parameters import FreeRobot, Parameter
 from compplan.identify.robust import check_loss, loss_weights
+from compplan.identify.rows import KNOWN_FRAMES, Rows
 from compplan.identify.separability import Inseparable, condition_number, explain_held, find_free
 from compplan.identify.spread import state_spread
 from compplan.identify.system import System, estimate_noise, information, invert, linearise, stack, weigh
+from compplan.measure.campaign import Campaign
 from compplan.measure.registration import Registration
 from compplan.robot import Array
 
@@ -23,12 +24,11 @@ REFERENCES = ("absolute", "difference")
 MAX_STEPS = 40
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """Identified parameters and how sure they are.
 
     Attributes:
-        structure: Robot and parameters.
         parameters: The structure's parameters, then those of the frames. Length p.
         values: Estimates; changes of the frames against the registration are zero by construction. Shape (p,).
         covariance: Zero for parameters that are held. Shape (p, p).
@@ -36,9 +36,8 @@ class Estimate:
         held: Names of what cannot be told (apart), and why.
         condition: Condition number of the column-scaled system of the free parameters.
         freedom: Degrees of freedom behind each standard error [Satterthwaite1946]. Shape (p,).
-        registration: Frames of the campaign after the fit.
-        prediction: What the fitted model says about the rows.
-        residuals: Measured minus predicted, pose then encoders. Shape (n, 6 or 6 + nq). [m, rad]
+        state: What the fitted model says about the rows.
+        system: The linearised problem there.
         weights: Robust weight of each row. Shape (n,).
         noise: Standard deviation that the residuals show over the stated one: position, orientation, encoders.
             Shape (3,).
@@ -46,7 +45,6 @@ class Estimate:
         iterations: Steps that were taken.
     """
 
-    structure: FreeRobot
     parameters: tuple[Parameter, ...]
     values: Array
     covariance: Array
@@ -54,13 +52,27 @@ class Estimate:
     held: tuple[Inseparable, ...]
     condition: float
     freedom: Array
-    registration: Registration
-    prediction: PredictedRows
-    residuals: Array
+    state: RowState
+    system: System
     weights: Array
     noise: Array
     clustered: bool
     iterations: int
+
+    @property
+    def structure(self) -> FreeRobot:
+        """Robot and parameters."""
+        return self.state.structure
+
+    @property
+    def registration(self) -> Registration:
+        """Frames of the campaign after the fit."""
+        return self.state.frames
+
+    @property
+    def residuals(self) -> Array:
+        """Measured minus predicted, pose then encoders. Shape (n, 6 or 6 + nq). [m, rad]"""
+        return np.where(self.system.known, self.system.residual, np.nan)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -68,9 +80,14 @@ class Estimate:
         return tuple(parameter.name for parameter in self.parameters)
 
     @property
+    def free_names(self) -> list[str]:
+        """List the names of the parameters that were estimated."""
+        return [name for name, free in zip(self.names, self.free, strict=True) if free]
+
+    @property
     def model_values(self) -> Array:
         """Values of the structure's own parameters, without the frames."""
-        return self.values[: len(self.structure.parameters)]
+        return self.state.values
 
     @property
     def standard_errors(self) -> Array:
@@ -85,73 +102,64 @@ class Estimate:
 
 
 def estimate_parameters(
-    structure: FreeRobot,
-    observations: Observations,
-    *,
-    registration: Registration | None = None,
-    loss: str = "least_squares",
-    reference: str = "absolute",
-    sigma: str = "residuals",
-) -> Estimate:
-    """Estimate the free parameters of a structure.
-
-    Minimises sum_i rho(|W_i (x_i - x(p, q_i, w_i))|) where x(p, ...) is the exact loaded equilibrium. Linear in the
-    compliance to first order, x = J (sum_k c_k E_k) J^T w [Klimchik2018; Dumas2011], so that few steps suffice.
+    structure: FreeRobot, campaign: Campaign, *, registration: Registration | None = None,
+    loss: str = "least_squares", reference: str = "absolute", sigma: str = "residuals",
+) -> Estimate:  # fmt: skip
+    """Estimate the free parameters of a structure from every row of a log.
 
     Args:
         structure: Robot and free parameters.
-        observations: The measured rows.
+        campaign: The measured rows.
         registration: Frames of the campaign; its `parts` are fitted along. Base frame and TCP if left out.
-        loss: "least_squares", "huber" or "tukey" (both 95 % efficient).
-        reference: "absolute": poses as they were measured. "difference": rows of the same commanded pose are compared
-            with each other only, so that errors of geometry and frames there drop out [Klimchik2018, eqs. 4-6].
-        sigma: "residuals": the stated standard deviations give relative weights inside position and inside
-            orientation, and the residuals say how large they are. "stated": they are trusted.
+        loss: As in `Rows`.
+        reference: As in `Rows`.
+        sigma: As in `Rows`.
 
     Raises:
         InputError: If no parameter can be told, or there are fewer rows than parameters.
         UnknownNameError: If a loss or a reference does not exist.
         ConvergenceError: If the iteration does not settle.
     """
-    _check_choices(loss, reference)
-    start = KNOWN_FRAMES if registration is None else registration
-    group = pose_groups(observations) if reference == "difference" else None
-    parameters = (*structure.parameters, *frame_parameters(start, observations.rotation is not None))
-    prediction = predict_rows(structure, structure.nominal, observations, start)
-    system = linearise(structure, observations, start, prediction, structure.nominal)
-    matrix = information(system, system.whitener(np.ones(3)), group)
+    if reference not in REFERENCES:
+        raise UnknownNameError("reference", reference, list(REFERENCES))
+    frames = KNOWN_FRAMES if registration is None else registration
+    return fit_rows(structure, Rows(campaign, np.arange(len(campaign)), frames, check_loss(loss), reference, sigma))
+
+
+def fit_rows(structure: FreeRobot, rows: Rows) -> Estimate:
+    """Estimate the free parameters of a structure.
+
+    Minimises sum_i rho(|W_i (x_i - x(p, q_i, w_i))|) where x(p, ...) is the exact loaded equilibrium. Linear in the
+    compliance to first order, x = J (sum_k c_k E_k) J^T w [Klimchik2018; Dumas2011], so that few steps suffice.
+
+    Raises:
+        InputError: If no parameter can be told, or there are fewer rows than parameters.
+        ConvergenceError: If the iteration does not settle.
+    """
+    parameters = (*structure.parameters, *frame_parameters(rows.registration, rows.turned))
+    state = attain_rows(structure, structure.nominal, rows, rows.registration)
+    system = linearise(rows, state)
+    matrix = information(system, system.whitener(np.ones(3)), rows.group)
     free = find_free(matrix, parameters)
-    held = explain_held(structure, observations, prediction, matrix, parameters, free)
+    held = explain_held(rows.taken, state, matrix, parameters, free)
     _check_enough(system, free, held)
-    values, frames, prediction, system, noise, steps = _iterate(
-        structure, observations, start, parameters, free, group, loss, sigma, (prediction, system)
-    )
-    covariance, freedom, clustered = state_spread(system, observations.q, noise, loss, group, free, sigma)
-    weights, _ = loss_weights(loss, system.distance(noise), system.known.sum(axis=1))
+    state, system, noise, steps = _iterate(rows, parameters, free, state, system)
+    covariance, freedom, clustered = state_spread(system, rows, noise, free)
     return Estimate(
-        structure=structure,
         parameters=parameters,
-        values=np.r_[values, np.zeros(len(parameters) - len(values))],
+        values=np.r_[state.values, np.zeros(len(parameters) - len(state.values))],
         covariance=covariance,
         free=free,
         held=held,
-        condition=condition_number(information(system, system.whitener(noise), group), free),
+        condition=condition_number(information(system, system.whitener(noise), rows.group), free),
         freedom=freedom,
-        registration=frames,
-        prediction=prediction,
-        residuals=np.where(system.known, system.residual, np.nan),
-        weights=weights,
+        state=state,
+        system=system,
+        weights=loss_weights(rows.loss, system.distance(noise), system.known.sum(axis=1))[0],
         noise=noise,
         clustered=clustered,
         iterations=steps,
     )
-
-
-def _check_choices(loss: str, reference: str) -> None:
-    """Refuse a loss or a reference that does not exist."""
-    check_loss(loss)
-    if reference not in REFERENCES:
-        raise UnknownNameError("reference", reference, list(REFERENCES))
 
 
 def _check_enough(system: System, free: NDArray[np.bool_], held: tuple[Inseparable, ...]) -> None:
@@ -164,61 +172,40 @@ def _check_enough(system: System, free: NDArray[np.bool_], held: tuple[Inseparab
         )
 
 
-def pose_groups(observations: Observations) -> NDArray[np.int_]:
-    """Group rows of the same commanded pose (within 0.006 deg or 0.1 mm), mode and target. Shape (n,)."""
-    marks = [np.round(observations.q / 1e-4), observations.link_side[:, None], observations.target[:, None]]
-    return np.asarray(np.unique(np.column_stack(marks), axis=0, return_inverse=True)[1]).ravel()
-
-
 def _iterate(
-    structure: FreeRobot,
-    observations: Observations,
-    frames: Registration,
-    parameters: tuple[Parameter, ...],
-    free: NDArray[np.bool_],
-    group: NDArray[np.int_] | None,
-    loss: str,
-    sigma: str,
-    state: tuple[PredictedRows, System],
-) -> tuple[Array, Registration, PredictedRows, System, Array, int]:
+    rows: Rows, parameters: tuple[Parameter, ...], free: NDArray[np.bool_], state: RowState, system: System
+) -> tuple[RowState, System, Array, int]:
     """Step until the values stand still against their standard errors."""
-    (prediction, system), values, noise = state, structure.nominal, np.ones(3)
+    group, noise = rows.group, np.ones(3)
     sizes, previous = np.array([parameter.size for parameter in parameters])[free], np.inf
     for count in range(1, MAX_STEPS + 1):
-        if sigma == "residuals":
-            noise = estimate_noise(system, noise, free, group, loss)
-        weights = loss_weights(loss, system.distance(noise), system.known.sum(axis=1))[0]
+        if rows.sigma == "residuals":
+            noise = estimate_noise(system, noise, free, group, rows.loss)
+        weights = loss_weights(rows.loss, system.distance(noise), system.known.sum(axis=1))[0]
         residual, columns = weigh(system, system.whitener(noise) * np.sqrt(weights)[:, None], group)
         flat = stack(columns[:, :, free])
         inverse = invert(flat.T @ flat)
         step = np.zeros(len(free))
         step[free] = inverse @ (flat.T @ residual.ravel())
-        values, frames, prediction = _advance(structure, observations, values, frames, step, prediction)
-        system = linearise(structure, observations, frames, prediction, values)
+        state = _advance(rows, state, step)
+        system = linearise(rows, state)
         strides = np.abs(step[free]) / (1e-9 * sizes + 1e-3 * np.sqrt(np.diag(inverse)))
         size = float(strides.max(initial=0.0))
         if size < 1 or (count > 8 and size < 1e3 and size > 0.5 * previous):
-            if sigma == "residuals":
-                noise = estimate_noise(system, noise, free, group, loss)
-            return values, frames, prediction, system, noise, count
+            if rows.sigma == "residuals":
+                noise = estimate_noise(system, noise, free, group, rows.loss)
+            return state, system, noise, count
         previous = size
     raise ConvergenceError("the fit did not settle; leave parameters out or check units and frames", residual=size)
 
 
-def _advance(
-    structure: FreeRobot,
-    observations: Observations,
-    values: Array,
-    frames: Registration,
-    step: Array,
-    prediction: PredictedRows,
-) -> tuple[Array, Registration, PredictedRows]:
+def _advance(rows: Rows, state: RowState, step: Array) -> RowState:
     """Go along a step, halved until the loaded robot stands."""
+    p = len(state.values)
     for _ in range(12):
-        moved = move_frames(frames, step[len(values) :], observations.rotation is not None)
+        frames = move_frames(state.frames, step[p:], rows.turned)
         try:
-            ahead = predict_rows(structure, values + step[: len(values)], observations, moved, prediction.theta)
-            return values + step[: len(values)], moved, ahead
+            return attain_rows(state.structure, state.values + step[:p], rows, frames)
         except ConvergenceError:
             step = 0.5 * step
     raise ConvergenceError("the fitted robot buckles under its loads; check the units of the wrench", residual=np.inf)

@@ -1,202 +1,187 @@
-"""What the model says about measured rows, and how that changes with the parameters.
-
-It stands beside the forward model of `compplan.effects` on purpose: single terms of a link's 6x6 compliance and the
-place where a spring sits are no effects of the vocabulary, and a step of the fit needs the derivative by each of them
-at the loaded equilibrium. What both know of springs, links and geometry is the same to 1e-9 m, which
-`tests/test_identify_forward.py` checks.
-"""
+"""What the effects' forward model says about measured rows, and how that changes with the parameters."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from compplan.errors import ConvergenceError
-from compplan.identify.observations import Observations
+from compplan.effects import EFFECTS, apply_effects, attain_scene, stage_scene
+from compplan.effects.linearization import Linearization, linearize_scene, unit_twist
+from compplan.effects.scene import Attained, Scene, own_springs
 from compplan.identify.parameters import AXES, TYPICAL_SIZE, FreeRobot, Parameter
+from compplan.identify.rows import Rows
 from compplan.measure.registration import Registration
 from compplan.robot import Array
-from compplan.statics.chain import Frames, jacobian, locate_frames
-from compplan.statics.elastic import spring_torque
+from compplan.statics.chain import Frames, load_elements
 
-EQUILIBRIUM_TOLERANCE = 1e-12
-MAX_ITERATIONS = 100
-
-
-#: The measuring frame is the robot base frame, the target the TCP, and neither is fitted.
-KNOWN_FRAMES = Registration(np.eye(4), np.eye(4)[None], ("",), ())
+#: Elastic coordinates are settled to this while a fit goes on. [rad or m]
+SETTLED = 1e-12
 
 
-def frame_parameters(registration: Registration, orientation: bool) -> tuple[Parameter, ...]:
-    """List the parameters of the frames that are fitted: small changes of pose against where they stand.
-
-    Args:
-        registration: Frames of the campaign; its `parts` are fitted.
-        orientation: Whether orientation is measured; without it a tool is a point.
-    """
-    free = [_frame_parameter("base", "base", axis) for axis in AXES] if "base" in registration.parts else []
-    if "tool" in registration.parts:
-        for label in _tool_labels(registration):
-            free += [_frame_parameter(label, "tool", axis) for axis in (AXES if orientation else AXES[:3])]
-    return tuple(free)
-
-
-def move_frames(registration: Registration, change: Array, orientation: bool) -> Registration:
-    """Move the fitted frames by a step: each turns about its own origin, in measuring axes and in TCP axes."""
-    base, tools, used = registration.base.copy(), registration.tool.copy(), 0
-    if "base" in registration.parts:
-        base[:3, :3], used = _rotation(change[3:6]) @ base[:3, :3], 6
-        base[:3, 3] += change[:3]
-    if "tool" in registration.parts:
-        size = 6 if orientation else 3
-        for tool in tools:
-            step = np.zeros(6)
-            step[:size] = change[used : used + size]
-            tool[:3, :3] = _rotation(step[3:]) @ tool[:3, :3]
-            tool[:3, 3] += step[:3]
-            used += size
-    return replace(registration, base=base, tool=tools)
-
-
-@dataclass(frozen=True)
-class PredictedRows:
-    """What the model says about n rows.
+@dataclass(frozen=True, eq=False)
+class RowState:
+    """A structure with some values at the n rows of a fit.
 
     Attributes:
-        position: Measured point, measuring frame. Shape (n, 3). [m]
-        rotation: Measured orientation, measuring frame. Shape (n, 3, 3).
-        theta: Elastic coordinates. Shape (n, s). [rad or m]
-        torque: Load on each elastic coordinate. Shape (n, s). [N m or N]
-        frames: Frames of the loaded chain, base frame.
+        structure: Robot and parameters.
+        values: Their values. Shape (p,).
+        frames: Frames of the campaign.
+        scene: The robot with all effects, at the rows; at the whole log where an effect remembers other rows.
+        attained: What the scene comes to.
+        index: The rows of the fit in the scene. Shape (n,).
     """
 
-    position: Array
-    rotation: Array
-    theta: Array
-    torque: Array
-    frames: Frames
+    structure: FreeRobot
+    values: Array
+    frames: Registration
+    scene: Scene
+    attained: Attained
+    index: NDArray[np.int_]
+
+    @property
+    def position(self) -> Array:
+        """Measured point, measuring frame. Shape (n, 3). [m]"""
+        return self.attained.position[self.index]
+
+    @property
+    def rotation(self) -> Array:
+        """Measured orientation, measuring frame. Shape (n, 3, 3)."""
+        return self.attained.rotation[self.index]
+
+    @cached_property
+    def loaded(self) -> Frames:
+        """Frames of the loaded chain at the rows, base axes."""
+        return Frames(*(part[self.index] for part in self.attained.frames))
+
+    @cached_property
+    def torque(self) -> Array:
+        """Load on each elastic coordinate. Shape (n, s). [N m or N]"""
+        load = load_elements(self.attained.chain, self.attained.frames, self.attained.wrench)
+        return np.asarray(load[self.index][:, self.attained.chain.spring_elements])
+
+    @cached_property
+    def link_side(self) -> NDArray[np.bool_]:
+        """Tell which rows carry link-side readings. Shape (n,)."""
+        return self.scene.campaign.link_controlled[self.index]
+
+    @cached_property
+    def linear(self) -> Linearization:
+        """First derivatives of the scene."""
+        current = {effect.place: effect.parameters for effect in self.structure.effects(self.values)}
+        return linearize_scene(self.scene, self.attained, current)
 
 
-def predict_rows(
-    structure: FreeRobot,
-    values: Array,
-    observations: Observations,
-    registration: Registration,
-    start: Array | None = None,
-) -> PredictedRows:
-    """Predict what is measured, in exact loaded equilibrium: theta = C(p) tau(q, theta) + shift(p).
-
-    Args:
-        structure: Robot and free parameters.
-        values: Values of the parameters. Shape (p,).
-        observations: The measured rows; only their q, wrench, mode and target are used.
-        registration: Frames of the campaign.
-        start: Elastic coordinates to start from. Shape (n, s).
+def attain_rows(structure: FreeRobot, values: Array, rows: Rows, frames: Registration) -> RowState:
+    """Solve the loaded equilibrium of a structure with some values at the rows of a fit.
 
     Raises:
         ConvergenceError: If the equilibrium does not settle.
     """
-    chain, compliance, shift = structure.chain, structure.compliance(values), structure.shift(values)
-    n, s = len(observations), chain.n_springs
-    free = ~(observations.link_side[:, None] & chain.actuator[None, :])
-    theta = np.broadcast_to(shift, (n, s)) * free if start is None else start
-    change = np.inf
-    for _ in range(MAX_ITERATIONS):
-        frames = locate_frames(chain, observations.q, theta if s else None)
-        torque = spring_torque(chain, frames, observations.wrench)[:, chain.spring_elements]
-        if change < EQUILIBRIUM_TOLERANCE:
-            break
-        update = (torque @ compliance) * free + shift
-        change = float(np.abs(update - theta).max(initial=0.0))
-        theta = update
-        if not np.isfinite(change):
-            break
-    else:
-        change = np.inf
-    if not np.isfinite(change):
-        raise ConvergenceError("equilibrium did not settle while identifying; a load is near buckling", residual=change)
-    offset = registration.tool[observations.target]
-    R, p = registration.base[:3, :3], registration.base[:3, 3]
-    lever = np.einsum("nij,nj->ni", frames.tcp_rotation, offset[:, :3, 3])
-    return PredictedRows(
-        position=(frames.tcp_position + lever) @ R.T + p,
-        rotation=R @ frames.tcp_rotation @ offset[:, :3, :3],
-        theta=theta,
-        torque=torque,
-        frames=frames,
-    )
+    effects = [*structure.known, *structure.effects(values)]
+    whole = any(effect.name not in ("joint_offset", "link_geometry") for effect in effects)
+    log = rows.campaign if whole else rows.taken
+    scene = apply_effects(stage_scene(structure.soften(values), log, registration=frames), effects)
+    index = rows.row if whole else np.arange(len(rows))
+    return RowState(structure, values, frames, scene, attain_scene(scene, tolerance=SETTLED), index)
 
 
-def sensitivities(
-    structure: FreeRobot, observations: Observations, registration: Registration, prediction: PredictedRows
-) -> Array:
-    """Differentiate the measured pose with respect to every parameter, frames last.
-
-    dx/dc_k = J E_k tau, geometry: dx/dg = J e; the change of tau with theta is left out (it is of the order of load by
-    buckling load), which changes the steps of Gauss-Newton but not where a consistent fit ends.
-
-    Returns:
-        Linear rows first, measuring axes. Shape (n, 6, p + frame parameters).
-    """
-    chain = structure.chain
-    R = registration.base[:3, :3]
-    lever = prediction.position - (prediction.frames.tcp_position @ R.T + registration.base[:3, 3])
-    columns = jacobian(chain, prediction.frames)[:, :, chain.spring_elements]
-    free = ~(observations.link_side[:, None] & chain.actuator[None, :])
-    turned = np.empty_like(columns)
-    turned[:, 3:] = np.einsum("ij,njs->nis", R, columns[:, 3:])
-    turned[:, :3] = np.einsum("ij,njs->nis", R, columns[:, :3]) + np.cross(turned[:, 3:], lever[:, :, None], axis=1)
-    turned *= free[:, None, :]
-    parts = [_elastic_columns(structure, columns=turned, torque=prediction.torque)]
-    parts += _frame_columns(observations, registration, prediction, R)
-    return np.concatenate(parts, axis=2)
-
-
-def pose_residuals(observations: Observations, prediction: PredictedRows) -> Array:
+def pose_residuals(rows: Rows, state: RowState) -> Array:
     """Take measured minus predicted, position then rotation vector, measuring axes; [m, rad]. Shape (n, 6)."""
-    residual = np.full((len(observations), 6), np.nan)
-    residual[:, :3] = observations.position - prediction.position
-    if observations.rotation is not None:
-        known = np.isfinite(observations.rotation).all(axis=(1, 2))
-        turn = observations.rotation[known] @ np.swapaxes(prediction.rotation[known], 1, 2)
+    residual = np.full((len(rows), 6), np.nan)
+    residual[:, :3] = rows.taken.position - state.position
+    if rows.taken.rotation is not None:
+        known = np.isfinite(rows.taken.rotation).all(axis=(1, 2))
+        turn = rows.taken.rotation[known] @ np.swapaxes(state.rotation[known], 1, 2)
         residual[known, 3:] = Rotation.from_matrix(turn).as_rotvec()
     return residual
 
 
-def _elastic_columns(structure: FreeRobot, columns: Array, torque: Array) -> Array:
-    result = np.zeros((len(columns), 6, len(structure.parameters)))
-    entries = [(k, *e) for k, p in enumerate(structure.parameters) for e in p.entries]
-    if entries:
-        k, i, j, coefficient = (np.array(column) for column in zip(*entries, strict=True))
-        pushed = columns[:, :, i] * torque[:, None, j]
-        pushed += np.where(i == j, 0.0, 1.0) * columns[:, :, j] * torque[:, None, i]
-        mixing = np.zeros((len(k), result.shape[2]))
-        mixing[np.arange(len(k)), k] = coefficient
-        result = pushed @ mixing
-    for number, parameter in enumerate(structure.parameters):
-        if parameter.shift >= 0:
-            result[:, :, number] += columns[:, :, parameter.shift]
-    return result
+def encoder_residuals(rows: Rows, state: RowState) -> Array | None:
+    """Compare link-side minus motor-side readings with what the gears yield [Klimchik2018, eqs. 7-8]; None without."""
+    if rows.encoder is None:
+        return None
+    attained = state.attained
+    expected = (attained.link - attained.motor)[state.index]
+    seen = [k for k, spring in own_springs(state.structure.robot).items() if spring.actuator]
+    if not state.structure.forms:
+        silent = np.setdiff1d(np.arange(expected.shape[1]), seen)
+        expected[:, silent] = np.nan
+    return np.asarray(rows.encoder - expected)
 
 
-def _frame_columns(
-    observations: Observations, registration: Registration, prediction: PredictedRows, R: Array
-) -> list[Array]:
-    n = len(observations)
-    parts: list[Array] = []
-    if "base" in registration.parts:
+def differentiate(rows: Rows, state: RowState) -> tuple[Array, Array]:
+    """Differentiate the measured pose and the encoders' difference by every parameter, those of the frames last.
+
+    dx/dc_k = J E_k tau, effects by their signatures; the change of tau with theta is left out (it is of the order of
+    load by buckling load), which changes the steps of Gauss-Newton but not where a consistent fit ends.
+
+    Returns:
+        Pose, linear rows first, measuring axes (n, 6, p + frame parameters); encoders (n, nq, p + frame parameters).
+    """
+    structure, n = state.structure, len(rows)
+    pose = np.zeros((n, 6, len(structure.parameters)))
+    encoder = np.zeros((n, structure.robot.nq, len(structure.parameters)))
+    motion, own = _spring_motion(state), own_springs(state.scene.robot)
+    seen = {spring.coordinate: spring for spring in own.values() if spring.actuator}
+    for k, parameter in enumerate(structure.parameters):
+        for i, j, coefficient in parameter.entries(state.scene.robot):
+            pose[:, :, k] += coefficient * motion[:, :, i] * state.torque[:, None, j]
+            if i != j:
+                pose[:, :, k] += coefficient * motion[:, :, j] * state.torque[:, None, i]
+            elif i in seen:
+                encoder[:, seen[i].joint, k] += coefficient * seen[i].sign * state.torque[:, i]
+    _add_effects(state, pose, encoder)
+    R = state.frames.base[:3, :3]
+    pose = np.concatenate([np.einsum("ij,njp->nip", R, pose[:, :3]), np.einsum("ij,njp->nip", R, pose[:, 3:])], axis=1)
+    pose = np.concatenate([pose, *_frame_columns(rows, state, R)], axis=2)
+    encoder = np.concatenate([encoder, np.zeros((n, encoder.shape[1], pose.shape[2] - encoder.shape[2]))], axis=2)
+    return pose, encoder
+
+
+def _spring_motion(state: RowState) -> Array:
+    """Motion of the target per elastic coordinate, base axes; none of actuators that are controlled. Shape (n, 6, s)"""
+    chain, frames, point = state.attained.chain, state.loaded, state.attained.target[state.index]
+    columns = [
+        unit_twist(frames.axis[:, k], frames.origin[:, k], point, bool(chain.translates[k]))
+        for k in chain.spring_elements
+    ]
+    motion = np.stack(columns, axis=-1) if columns else np.zeros((len(point), 6, 0))
+    return np.asarray(motion * ~(state.link_side[:, None] & chain.actuator)[:, None, :])
+
+
+def _add_effects(state: RowState, pose: Array, encoder: Array) -> None:
+    """Add the columns of effects, from their signatures at the state."""
+    forms = state.structure.forms
+    offered = [s for name in {form.name for form in forms} for s in EFFECTS[name].signatures(state.linear)]
+    found = {(signature.place, signature.form): signature for signature in offered}
+    for k, parameter in enumerate(state.structure.parameters):
+        if parameter.form is None or (parameter.form.place, parameter.form.form) not in found:
+            continue
+        signature = found[parameter.form.place, parameter.form.form]
+        pose[:, :, k] = signature.twist[state.index, :, parameter.item]
+        if signature.encoder is not None:
+            encoder[:, :, k] = signature.encoder[state.index, :, parameter.item]
+
+
+def _frame_columns(rows: Rows, state: RowState, R: Array) -> list[Array]:
+    n, parts = len(rows), []
+    if "base" in state.frames.parts:
         base = np.zeros((n, 6, 6))
         base[:] = np.eye(6)
-        base[:, :3, 3:] = -_skew(prediction.position - registration.base[:3, 3])
+        lever = state.position - state.frames.base[:3, 3]
+        for axis, unit in enumerate(np.eye(3)):
+            base[:, :3, 3 + axis] = np.cross(unit, lever)
         parts.append(base)
-    if "tool" in registration.parts:
-        size = 6 if observations.rotation is not None else 3
-        turned = R @ prediction.frames.tcp_rotation
-        for number in range(len(registration.tool)):
+    if "tool" in state.frames.parts:
+        size = 6 if rows.turned else 3
+        turned = R @ state.loaded.tcp_rotation
+        for number in range(len(state.frames.tool)):
             tool = np.zeros((n, 6, size))
-            own = np.flatnonzero(observations.target == number)
+            own = np.flatnonzero(rows.taken.target_index == number)
             tool[own, :3, :3] = turned[own]
             if size == 6:
                 tool[own, 3:, 3:] = turned[own]
@@ -204,23 +189,35 @@ def _frame_columns(
     return parts
 
 
-def _skew(vectors: Array) -> Array:
-    matrix = np.zeros((len(vectors), 3, 3))
-    x, y, z = vectors.T
-    matrix[:, 0, 1], matrix[:, 0, 2], matrix[:, 1, 2] = -z, y, -x
-    return matrix - np.swapaxes(matrix, 1, 2)
+def frame_parameters(frames: Registration, turned: bool) -> tuple[Parameter, ...]:
+    """List the parameters of the frames that are fitted: small changes of pose against where they stand.
+
+    Args:
+        frames: Frames of the campaign; its `parts` are fitted.
+        turned: Whether orientation is measured; without it a tool is a point.
+    """
+    many = len(frames.tool) > 1
+    labels = [f"tool({label or k})" if many else "tool" for k, label in enumerate(frames.targets, 1)]
+    wanted: list[tuple[str, str, tuple[str, ...]]] = [("base", "base", AXES)] if "base" in frames.parts else []
+    if "tool" in frames.parts:
+        wanted += [(label, "tool", AXES if turned else AXES[:3]) for label in labels]
+    return tuple(
+        Parameter(f"{label}.{axis}", kind, unit := "m" if axis[0] == "t" else "rad", 0.0, TYPICAL_SIZE[unit])
+        for label, kind, axes in wanted
+        for axis in axes
+    )
 
 
-def _rotation(vector: Array) -> Array:
-    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
-
-
-def _frame_parameter(label: str, kind: str, axis: str) -> Parameter:
-    unit = "m" if axis.startswith("t") else "rad"
-    return Parameter(f"{label}.{axis}", kind, unit, 0.0, TYPICAL_SIZE[unit])
-
-
-def _tool_labels(registration: Registration) -> list[str]:
-    if len(registration.tool) == 1:
-        return ["tool"]
-    return [f"tool({label or number})" for number, label in enumerate(registration.targets, 1)]
+def move_frames(frames: Registration, change: Array, turned: bool) -> Registration:
+    """Move the fitted frames by a step: each turns about its own origin, in measuring axes and in TCP axes."""
+    base, tools, used = frames.base.copy(), frames.tool.copy(), 0
+    moved = [(base, 6)] if "base" in frames.parts else []
+    if "tool" in frames.parts:
+        moved += [(tool, 6 if turned else 3) for tool in tools]
+    for pose, size in moved:
+        step = np.zeros(6)
+        step[:size] = change[used : used + size]
+        pose[:3, :3] = Rotation.from_rotvec(step[3:]).as_matrix() @ pose[:3, :3]
+        pose[:3, 3] += step[:3]
+        used += size
+    return replace(frames, base=base, tool=tools)

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compplan.identify.estimate import Estimate, pose_groups
-from compplan.identify.heldout import distance_rms, leave_out, linearise_at
+from compplan.effects import fold_effects
+from compplan.identify.estimate import Estimate, fit_rows
+from compplan.identify.heldout import distance_rms, leave_out
 from compplan.identify.parameters import FreeRobot
-from compplan.identify.problem import IdentifyProblem
-from compplan.robot import Array
+from compplan.identify.rows import Rows
 
 
 @dataclass(frozen=True)
@@ -34,47 +34,35 @@ class IdentifiedGap:
     under_load_after: float | None
 
 
-def measure_gap(problem: IdentifyProblem, structure: FreeRobot, kept: Estimate, *, difference: bool) -> IdentifiedGap:
-    """Measure the gap of the nominal and the identified robot.
+def measure_gap(rows: Rows, structure: FreeRobot, kept: Estimate) -> IdentifiedGap:
+    """Measure the gap of the nominal and the identified robot, in absolute poses whatever the rows' reference.
 
     Args:
-        problem: Rows, and frames to be fitted, in absolute poses.
+        rows: The rows, under the reference of the fit, with all frames to be fitted.
         structure: Structure that holds the nominal robot.
         kept: Fit that the updated robot holds.
-        difference: Whether it is of differences.
     """
-    rows, group = np.ones(len(problem.observations), bool), pose_groups(problem.observations)
-    bare = problem.fit(structure.select([]))
+    absolute, compared = replace(rows, reference="absolute"), replace(rows, reference="difference")
+    everywhere, group = np.ones(len(rows), bool), rows.alike
+    bare = fit_rows(structure.select([]), absolute)
     shown = kept
-    if difference:
-        shown = problem.fit(_move_nominal(kept.structure, kept.model_values).select([]))
-    several = len(np.unique(group)) < 0.7 * len(group) and np.abs(problem.observations.wrench).max(initial=0.0) > 0
-    weights = kept.weights
+    if rows.reference == "difference":
+        moved = fold_effects(kept.structure.soften(kept.model_values), kept.structure.effects(kept.model_values))
+        shown = fit_rows(replace(kept.structure, robot=moved, parameters=()), absolute)
+    several = len(np.unique(group)) < 0.7 * len(group) and np.abs(rows.taken.wrench).max(initial=0.0) > 0
 
-    def held_out(estimate: Estimate, *, difference: bool = False) -> float:
-        return distance_rms(_leave_out(problem, replace(estimate, weights=weights), difference=difference), rows)
+    def held_out(estimate: Estimate, own: Rows = absolute) -> float:
+        free = estimate.free.copy()
+        if own is compared:
+            # Frames and geometry do not show in differences of one pose.
+            free &= np.array([p.kind in ("joint", "spring", "link") for p in estimate.parameters], bool)
+        return distance_rms(leave_out(own, replace(estimate, weights=kept.weights), free).residual, everywhere)
 
     return IdentifiedGap(
-        before=distance_rms(bare.residuals, rows),
-        after=distance_rms(shown.residuals, rows),
+        before=distance_rms(bare.residuals, everywhere),
+        after=distance_rms(shown.residuals, everywhere),
         held_out_before=held_out(bare),
         held_out_after=held_out(shown),
-        under_load_before=held_out(bare, difference=True) if several else None,
-        under_load_after=held_out(kept, difference=True) if several else None,
+        under_load_before=held_out(bare, compared) if several else None,
+        under_load_after=held_out(kept, compared) if several else None,
     )
-
-
-def _leave_out(problem: IdentifyProblem, estimate: Estimate, *, difference: bool = False) -> Array:
-    system = linearise_at(estimate, problem.observations)
-    free = estimate.free.copy()
-    if difference:
-        # Frames and geometry do not show in differences of one pose.
-        free &= np.array([parameter.kind in ("joint", "spring", "link") for parameter in estimate.parameters], bool)
-    return leave_out(system, problem.observations, estimate, free, difference=difference).residual
-
-
-def _move_nominal(structure: FreeRobot, values: Array) -> FreeRobot:
-    """Make the given compliances of a structure its nominal ones."""
-    chain = replace(structure.chain, compliance=structure.compliance(values))
-    moved = tuple(replace(p, nominal=float(v)) for p, v in zip(structure.parameters, values, strict=True))
-    return replace(structure, chain=chain, parameters=moved)

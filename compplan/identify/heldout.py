@@ -7,12 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.identify.estimate import Estimate, pose_groups
-from compplan.identify.observations import Observations
-from compplan.identify.system import System, linearise, weigh
+from compplan.identify.estimate import Estimate
+from compplan.identify.rows import Rows
+from compplan.identify.system import System, weigh
 from compplan.robot import Array
-
-FOLDS = 5
 
 
 @dataclass(frozen=True)
@@ -28,56 +26,24 @@ class HeldOutRows:
     score: Array
 
 
-def make_folds(observations: Observations, folds: int = FOLDS) -> NDArray[np.int_]:
-    """Cut the poses into blocks, in the order of measuring; rows of one pose stay together. Shape (n,)."""
-    group = visited_poses(observations)
-    first = np.full(int(group.max(initial=-1)) + 1, len(group))
-    np.minimum.at(first, group, np.arange(len(group)))
-    rank = np.argsort(np.argsort(first))
-    return np.asarray(rank[group] * min(folds, len(first)) // len(first))
-
-
-def visited_poses(observations: Observations) -> NDArray[np.int_]:
-    """Group rows of the same commanded pose, whatever mode and target. Shape (n,)."""
-    rounded = np.round(observations.q / 1e-4)
-    return np.asarray(np.unique(rounded, axis=0, return_inverse=True)[1]).ravel()
-
-
-def linearise_at(estimate: Estimate, observations: Observations) -> System:
-    """Linearise at a fitted state."""
-    return linearise(
-        estimate.structure, observations, estimate.registration, estimate.prediction, estimate.model_values
-    )
-
-
-def leave_out(
-    system: System,
-    observations: Observations,
-    estimate: Estimate,
-    free: NDArray[np.bool_],
-    *,
-    difference: bool = False,
-    folds: int = FOLDS,
-) -> HeldOutRows:
+def leave_out(rows: Rows, estimate: Estimate, free: NDArray[np.bool_], system: System | None = None) -> HeldOutRows:
     """Refit without each block of poses and predict it.
 
     Each refit is one Gauss-Newton step from the fit of all rows: the model is linear in its parameters far below noise.
     Row weights are those of the fit of all rows, so that gross outliers neither teach nor count.
 
     Args:
-        system: The linearised problem at the fitted state. Shape (n, m, p).
-        observations: The measured rows.
+        rows: The measured rows; under its reference "difference", rows of a pose are compared with each other only.
         estimate: The fitted state: weights and noise.
         free: Which parameters are refitted. Shape (p,).
-        difference: Whether rows of a pose are compared with each other only.
-        folds: Number of blocks.
+        system: The linearised problem at the fitted state; the estimate's own if left out. Shape (n, m, p).
     """
+    system = estimate.system if system is None else system
     whitener = system.whitener(estimate.noise)
     root = np.sqrt(estimate.weights)[:, None]
-    group = pose_groups(observations) if difference else None
-    residual, columns = weigh(system, whitener * root, group)
+    residual, columns = weigh(system, whitener * root, rows.group)
     columns = columns[:, :, free]
-    fold, left = make_folds(observations, folds), residual.copy()
+    fold, left = rows.fold, residual.copy()
     p = columns.shape[2]
     if p:
         scale = np.sqrt(np.einsum("nmp,nmp->p", columns, columns))
@@ -90,9 +56,8 @@ def leave_out(
         for k, (matrix, vector) in enumerate(zip(matrices, vectors, strict=True)):
             step = np.linalg.lstsq(total - matrix, side - vector, rcond=1e-12)[0]
             left[fold == k] = residual[fold == k] - columns[fold == k] @ step
-    poses = visited_poses(observations)
-    score = np.zeros(int(poses.max()) + 1)
-    np.add.at(score, poses, (left**2).sum(axis=1))
+    score = np.zeros(int(rows.pose.max()) + 1)
+    np.add.at(score, rows.pose, (left**2).sum(axis=1))
     with np.errstate(divide="ignore", invalid="ignore"):
         back = np.where(whitener * root > 0, left / (whitener * root), np.nan)
     return HeldOutRows(back, score)

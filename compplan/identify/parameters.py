@@ -1,16 +1,21 @@
-"""What is identified: compliances, geometry and frames as one vector of named parameters.
+"""What is identified: one vector of named numbers - springs, terms of links' 6x6, and whatever effects have parameters.
 
-Compliance enters linearly, C(p) = C_nominal + sum_k (p_k - nominal_k) E_k, and geometry as constant elastic
-coordinates.
+A spring's compliance and a link's terms enter linearly, C(p) = C_nominal + sum_k (p_k - nominal_k) E_k; everything else
+is an effect of the vocabulary, geometry among them, and enters through its own exact forward model.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from compplan.effects import EFFECTS, Effect, robot_effects
+from compplan.effects.linearization import Linearization
+from compplan.effects.scene import spring_coordinates
+from compplan.effects.signature import Signature
 from compplan.errors import InputError, UnknownNameError
 from compplan.robot import Array, LinkElasticity, Robot, Spring
 from compplan.statics.chain import Chain, build_chain
@@ -18,6 +23,9 @@ from compplan.statics.chain import Chain, build_chain
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
 LINK_TERMS = ("diagonal", "beam", "full", "scale")
 GEOMETRY = ("none", "offsets", "all")
+#: Effects that springs of the structure say already.
+SPRINGS = ("joint_stiffness", "link_compliance")
+Entry = tuple[int, int, float]
 
 #: Typical sizes by what a parameter does: the yardstick for "cannot be told at all" where the nominal value is zero.
 #: Assumed from robots of the literature: 1e-6 rad/(N m), 1e-8 m/N, and their geometric mean between them.
@@ -30,13 +38,16 @@ class Parameter:
 
     Attributes:
         name: "joint_3" (own axis), "joint_3.rx", "link_2.tx*ry" (off-diagonal), "joint_3.offset", "base.tx", ...
-        kind: "joint" (a spring about or along a joint's own axis), "spring" (any other), "link", "geometry", "base" or
-            "tool".
-        unit: rad/(N m), m/N, rad/N, m, rad, or 1 for a factor.
+        kind: "joint" (a spring about or along a joint's own axis), "spring" (any other), "link", "geometry", "effect",
+            "base" or "tool".
+        unit: rad/(N m), m/N, rad/N, m, rad, 1 for a factor, or that of an effect's key.
         nominal: Value in the model before. [unit]
         size: Typical size, by which near-singular directions are judged. [unit]
-        entries: Entries (i, j, coefficient) of the compliance of the elastic coordinates, i <= j.
-        shift: Elastic coordinate that a geometry parameter moves by a constant, or -1.
+        spring: Number of its spring in the structure's robot, or -1.
+        link: Number of its link elasticity in the structure's robot, or -1.
+        terms: Entries (i, j, coefficient) of that link's 6x6, i <= j.
+        form: Signature of its effect, without motions, or None.
+        item: Which of the signature's parameters it is.
     """
 
     name: str
@@ -44,27 +55,34 @@ class Parameter:
     unit: str
     nominal: float
     size: float
-    entries: tuple[tuple[int, int, float], ...] = ()
-    shift: int = -1
+    spring: int = -1
+    link: int = -1
+    terms: tuple[Entry, ...] = ()
+    form: Signature | None = None
+    item: int = 0
+
+    def entries(self, robot: Robot) -> list[Entry]:
+        """List the entries (i, j, coefficient) of the elastic coordinates' compliance that it moves, i <= j."""
+        if self.spring >= 0:
+            own = spring_coordinates(robot)[self.spring]
+            return [(own, own, 1.0)]
+        first = _link_coordinates(robot)[self.link] if self.link >= 0 else 0
+        return [(first + i, first + j, coefficient) for i, j, coefficient in self.terms]
 
 
 @dataclass(frozen=True)
 class FreeRobot:
-    """A robot, its elastic chain and the parameters that are free in it.
+    """A robot and the parameters that are free in it.
 
     Attributes:
         robot: The robot, with a spring of compliance zero where one is to be identified.
-        chain: Its elastic chain.
-        parameters: Compliance and geometry parameters. Length p.
-        spring_labels: Name of each spring of `robot`, "" where it only stands for geometry.
-        link_coordinates: First elastic coordinate of each link elasticity of `robot`.
+        parameters: The parameters. Length p.
+        spring_labels: Name of each spring of `robot`.
     """
 
     robot: Robot
-    chain: Chain
     parameters: tuple[Parameter, ...]
     spring_labels: tuple[str, ...]
-    link_coordinates: tuple[int, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -76,28 +94,45 @@ class FreeRobot:
         """Values in the model before. Shape (p,)."""
         return np.array([parameter.nominal for parameter in self.parameters])
 
+    @cached_property
+    def chain(self) -> Chain:
+        """Elastic chain of the robot."""
+        return build_chain(self.robot)
+
+    @cached_property
+    def known(self) -> tuple[Effect, ...]:
+        """Effects of the robot's folder, which stay as they are."""
+        return robot_effects(self.robot)
+
     @property
-    def sizes(self) -> Array:
-        """Typical sizes. Shape (p,)."""
-        return np.array([parameter.size for parameter in self.parameters])
+    def forms(self) -> tuple[Signature, ...]:
+        """Signatures of the effects that have parameters here."""
+        found = {p.form.column_names: p.form for p in self.parameters if p.form is not None}
+        return tuple(found.values())
 
-    def compliance(self, values: Array) -> Array:
-        """Build the compliance of the elastic coordinates. Shape (s, s). [rad, m per N m, N]"""
-        matrix = self.chain.compliance.copy()
-        for parameter, change in zip(self.parameters, np.asarray(values) - self.nominal, strict=True):
-            for i, j, coefficient in parameter.entries:
-                matrix[i, j] += coefficient * change
-                if i != j:
-                    matrix[j, i] += coefficient * change
-        return matrix
-
-    def shift(self, values: Array) -> Array:
-        """Build the constant part of the elastic coordinates: geometry. Shape (s,). [rad or m]"""
-        constant = np.zeros(self.chain.n_springs)
+    def soften(self, values: Array) -> Robot:
+        """Return the robot with the compliances of some values, below zero too."""
+        springs, links = list(self.robot.springs), list(self.robot.link_elasticities)
         for parameter, value in zip(self.parameters, values, strict=True):
-            if parameter.shift >= 0:
-                constant[parameter.shift] += value
-        return constant
+            if parameter.spring >= 0:
+                springs[parameter.spring] = replace(springs[parameter.spring], compliance=float(value))
+            elif parameter.link >= 0:
+                matrix = links[parameter.link].compliance.copy()
+                for i, j, coefficient in parameter.terms:
+                    matrix[[i, j], [j, i]] += coefficient * (value - parameter.nominal)
+                links[parameter.link] = replace(links[parameter.link], compliance=matrix)
+        return replace(self.robot, springs=tuple(springs), link_elasticities=tuple(links))
+
+    def effects(self, values: Array) -> list[Effect]:
+        """Return the effects with some values."""
+        found = []
+        for form in self.forms:
+            own = np.zeros(len(form.keys))
+            for parameter, value in zip(self.parameters, values, strict=True):
+                if parameter.form is not None and parameter.form.column_names == form.column_names:
+                    own[parameter.item] = value
+            found.append(form.effect(own))
+        return found
 
     def select(self, keep: Iterable[str]) -> FreeRobot:
         """Keep the parameters of these names free; the others stay at their nominal values."""
@@ -111,7 +146,7 @@ def build_structure(
     springs: Sequence[str] | None = None,
     add: Sequence[Spring] = (),
     links: str | None = None,
-    geometry: str = "none",
+    forms: Sequence[Signature] = (),
 ) -> FreeRobot:
     """Choose what is free in a robot.
 
@@ -122,42 +157,81 @@ def build_structure(
         add: Springs that the robot does not have yet.
         links: Terms of the 6x6 elasticities of links that are free: "diagonal" (6 each), "beam" (diagonal and the four
             couplings of bending, 10 each), "full" (21 each), "scale" (one factor each); None for none.
-        geometry: "none", "offsets" (zeros of the joints) or "all" (place and direction of every joint too).
+        forms: Signatures of effects whose parameters are free (`geometry_forms`, `effect_forms`).
 
     Raises:
         InputError: If there is nothing to identify, or a choice does not exist.
     """
     if links is not None and links not in LINK_TERMS:
         raise UnknownNameError("choice of link terms", links, list(LINK_TERMS))
-    if geometry not in GEOMETRY:
-        raise UnknownNameError("choice of geometry", geometry, list(GEOMETRY))
     elastic = replace(robot, springs=(*robot.springs, *add))
     present = _count_twins([label_spring(spring) for spring in elastic.springs])
     wanted = present if springs is None else list(springs)
     for name in wanted:
         if name not in present:
             raise UnknownNameError("spring", name, present)
-    geometric = _geometry_springs(robot, geometry)
-    extended = replace(elastic, springs=(*elastic.springs, *geometric))
-    spring_index, link_index = _coordinates(extended)
     free: list[Parameter] = []
-    for name, spring, index in zip(present, elastic.springs, spring_index, strict=False):
+    for number, (name, spring) in enumerate(zip(present, elastic.springs, strict=True)):
         if name in wanted:
             unit = "m/N" if _slides(robot, spring) else "rad/(N m)"
             size = spring.compliance or TYPICAL_SIZE[unit]
             kind = "joint" if _is_own(robot, spring) else "spring"
-            free.append(Parameter(name, kind, unit, spring.compliance, size, ((index, index, 1.0),)))
+            free.append(Parameter(name, kind, unit, spring.compliance, size, spring=number))
     if links is not None:
-        if -1 in link_index:
+        if -1 in _link_coordinates(elastic):
             raise InputError("the elasticity of the base link cannot be identified; give its joint springs")
         names = _count_twins([block.link for block in elastic.link_elasticities])
-        for name, block, first in zip(names, elastic.link_elasticities, link_index, strict=True):
-            free.extend(_link_parameters(name, block, first, links))
-    for spring, index in zip(geometric, spring_index[len(elastic.springs) :], strict=True):
-        unit = "m" if _slides(robot, spring) else "rad"
-        free.append(Parameter(_geometry_name(spring), "geometry", unit, 0.0, TYPICAL_SIZE[unit], shift=index))
-    labels = (*present, *("" for _ in geometric))
-    return FreeRobot(extended, build_chain(extended), tuple(free), labels, tuple(link_index))
+        for number, (name, block) in enumerate(zip(names, elastic.link_elasticities, strict=True)):
+            free.extend(_link_parameters(name, number, block, links))
+    bare = [form.without_motion() for form in forms]
+    free += [_effect_parameter(robot, form, k) for form in bare for k in range(len(form.keys))]
+    return FreeRobot(elastic, tuple(free), tuple(present))
+
+
+def geometry_forms(at: Linearization, geometry: str) -> list[Signature]:
+    """List the signatures of joint zeros ("offsets"), and of where every joint but the first begins ("all").
+
+    Raises:
+        UnknownNameError: If there is no such choice.
+    """
+    if geometry not in GEOMETRY:
+        raise UnknownNameError("choice of geometry", geometry, list(GEOMETRY))
+    found = [] if geometry == "none" else list(EFFECTS["joint_offset"].signatures(at))
+    if geometry == "all":
+        first = at.robot.joint_names[0]
+        found += [s for s in EFFECTS["link_geometry"].signatures(at) if s.axis is not None and s.joint != first]
+    return found
+
+
+def effect_forms(at: Linearization, wanted: Sequence[str]) -> list[Signature]:
+    """List the signatures of effects that are asked for: "backlash", "backlash@joint_2", "joint_coupling@joint_5:FORM".
+
+    Of several forms at one place, which exclude each other, the first is taken where none is named.
+
+    Raises:
+        UnknownNameError: If there is no such effect, or none there that this log could show.
+        InputError: If it is a spring, which is asked for by its name.
+    """
+    found: list[Signature] = []
+    for text in wanted:
+        name, _, rest = text.partition("@")
+        joint, _, form = rest.partition(":")
+        if name not in EFFECTS:
+            raise UnknownNameError("effect", name, list(EFFECTS))
+        if name in SPRINGS:
+            raise InputError(f"effect {name!r} is a spring, ask for it by its name (--springs, --add joint_3.rx)")
+        offered = {(s.joint, s.axis, s.form): s for s in reversed(list(EFFECTS[name].signatures(at)))}
+        matching = [s for s in offered.values() if joint in ("", s.joint) and form in ("", s.form)][::-1]
+        if not matching:
+            known = [f"{name}@{s.joint}:{s.form}".rstrip(":") if s.joint else name for s in offered.values()][::-1]
+            raise UnknownNameError("effect that this log can show", text, known or ["none of its places"])
+        taken = {column for form in found for column in form.column_names}
+        for signature in matching:
+            alike = any(signature.place == other.place for other in found)
+            if not alike and not taken & set(signature.column_names):
+                found.append(signature)
+                taken |= set(signature.column_names)
+    return found
 
 
 def own_springs(robot: Robot) -> tuple[Spring, ...]:
@@ -228,26 +302,22 @@ def _count_twins(names: Sequence[str]) -> list[str]:
     return result
 
 
-def _coordinates(robot: Robot) -> tuple[list[int], list[int]]:
-    """Find the elastic coordinate of each spring and the first one of each link block, as `build_chain` counts."""
-    spring_index, link_index = [-1] * len(robot.springs), [-1] * len(robot.link_elasticities)
-    count = 0
+def _link_coordinates(robot: Robot) -> list[int]:
+    """Find the first elastic coordinate of each link's 6x6, as `build_chain` counts; -1 for a link behind no joint."""
+    index, count = [-1] * len(robot.link_elasticities), 0
     for joint in robot.joints:
-        for k, spring in enumerate(robot.springs):
-            if spring.joint == joint.name:
-                spring_index[k], count = count, count + 1
+        count += sum(spring.joint == joint.name for spring in robot.springs)
         for k, block in enumerate(robot.link_elasticities):
             if block.link == joint.child:
-                link_index[k], count = count, count + 6
-    return spring_index, link_index
+                index[k], count = count, count + 6
+    return index
 
 
-def _link_parameters(name: str, block: LinkElasticity, first: int, terms: str) -> list[Parameter]:
+def _link_parameters(name: str, number: int, block: LinkElasticity, terms: str) -> list[Parameter]:
     matrix = block.compliance
     if terms == "scale":
-        upper = [(i, j) for i in range(6) for j in range(i, 6) if matrix[i, j] != 0]
-        entries = tuple((first + i, first + j, float(matrix[i, j])) for i, j in upper)
-        return [Parameter(f"{name}.scale", "link", "1", 1.0, 1.0, entries)]
+        upper = tuple((i, j, float(matrix[i, j])) for i in range(6) for j in range(i, 6) if matrix[i, j] != 0)
+        return [Parameter(f"{name}.scale", "link", "1", 1.0, 1.0, link=number, terms=upper)]
     pairs = [(i, i) for i in range(6)]
     if terms == "beam":
         # Bending couples a deflection across the beam with a rotation about the other cross axis: tx*ry, ty*rx and kin.
@@ -260,22 +330,22 @@ def _link_parameters(name: str, block: LinkElasticity, first: int, terms: str) -
         unit = ("m/N", "rad/N", "rad/(N m)")[(i >= 3) + (j >= 3)]
         label = AXES[i] if i == j else f"{AXES[i]}*{AXES[j]}"
         size = abs(matrix[i, j]) or float(np.sqrt(matrix[i, i] * matrix[j, j])) or TYPICAL_SIZE[unit]
-        entries = ((first + i, first + j, 1.0),)
-        found.append(Parameter(f"{name}.{label}", "link", unit, float(matrix[i, j]), size, entries))
+        own = ((i, j, 1.0),)
+        found.append(Parameter(f"{name}.{label}", "link", unit, float(matrix[i, j]), size, link=number, terms=own))
     return found
 
 
-def _geometry_springs(robot: Robot, geometry: str) -> list[Spring]:
-    """Place rigid elements whose constant coordinates stand for joint zeros and the origin of the next joint."""
-    if geometry == "none":
-        return []
-    found = [Spring(joint.name, "own", 0.0) for joint in robot.actuated]
-    if geometry == "all":
-        for before, joint in zip(robot.joints, robot.joints[1:], strict=False):
-            if joint.kind != "fixed" and joint is not robot.actuated[0]:
-                found.extend(Spring(before.name, axis, 0.0, offset=joint.placement[:3, 3].copy()) for axis in AXES)
-    return found
-
-
-def _geometry_name(spring: Spring) -> str:
-    return f"{spring.joint}.offset" if spring.axis == "own" else f"{spring.joint}.end.{spring.axis}"
+def _effect_parameter(robot: Robot, form: Signature, item: int) -> Parameter:
+    """Name a parameter of an effect; zeros and origins have names of their own."""
+    key = form.keys[item]
+    unit = key.partition("#")[0].rpartition("_")[2].replace("ratio", "1")
+    if form.name == "joint_offset":
+        return Parameter(f"{form.joint}.offset", "geometry", unit, 0.0, TYPICAL_SIZE[unit], form=form, item=item)
+    if form.name == "link_geometry":
+        names = [joint.name for joint in robot.joints]
+        name = f"{names[names.index(str(form.joint)) - 1]}.end.{form.axis}"
+        return Parameter(name, "geometry", unit, 0.0, TYPICAL_SIZE[unit], form=form, item=item)
+    place = ".".join(part for part in (form.joint, form.axis) if part)
+    name = f"{form.name}@{place}" if place else form.name
+    label = f"{name} {key}" if len(form.keys) > 1 else name
+    return Parameter(label, "effect", unit, 0.0, float(form.scale[item]), form=form, item=item)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from compplan.errors import InputError
-from compplan.identify.forward import KNOWN_FRAMES
 from compplan.identify.pose_choice import (
     PoseCandidates,
     PoseInformation,
@@ -17,7 +16,8 @@ from compplan.identify.pose_choice import (
     draw_candidates,
     weigh_candidates,
 )
-from compplan.identify.problem import IdentifyOptions, build_considered
+from compplan.identify.problem import IdentifyOptions, build_considered, list_forms
+from compplan.identify.rows import KNOWN_FRAMES, Rows, make_log
 from compplan.robot import Array, Robot
 
 CANDIDATES = 2000
@@ -62,8 +62,9 @@ def plan_campaign(
         given = f"force {force:g} N on a lever of {lever * 1e3:g} mm"
         raise InputError(f"{given}, expected a force above 0 and a lever from 0")
     candidates = draw_candidates(robot, max(CANDIDATES, 2 * count), force=force, lever=lever, seed=seed)
-    structure = build_considered(robot, options, "none" if options.geometry == "auto" else options.geometry)
     frames = replace(KNOWN_FRAMES, parts=options.register)
+    log = make_log(candidates.q, candidates.wrench, np.zeros((len(candidates), 3)))
+    structure = build_considered(robot, options, list_forms(robot, options, Rows(log, np.arange(len(log)), frames)))
     information = weigh_candidates(structure, candidates, registration=frames)
     if 6 * count <= len(information.parameters):
         least = len(information.parameters) // 6 + 1

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError
-from compplan.identify.forward import KNOWN_FRAMES, frame_parameters, predict_rows, sensitivities
-from compplan.identify.observations import Observations, make_observations
+from compplan.identify.forward import attain_rows, differentiate, frame_parameters
 from compplan.identify.parameters import FreeRobot, Parameter
+from compplan.identify.rows import KNOWN_FRAMES, Rows, make_log
 from compplan.identify.separability import find_free
 from compplan.identify.system import invert
 from compplan.known.exchange import exchange_taken, take_greedily
@@ -138,13 +138,12 @@ def weigh_candidates(
     """
     n = len(candidates)
     blank = np.broadcast_to(np.eye(3), (n, 3, 3)) if orientation else None
-    rows: Observations = make_observations(candidates.q, candidates.wrench, np.zeros((n, 3)), blank)
-    frames = KNOWN_FRAMES if registration is None else registration
-    prediction = predict_rows(structure, structure.nominal, rows, frames)
-    columns = sensitivities(structure, rows, frames, prediction)
+    log = make_log(candidates.q, candidates.wrench, np.zeros((n, 3)), blank)
+    rows = Rows(log, np.arange(n), KNOWN_FRAMES if registration is None else registration)
+    columns = differentiate(rows, attain_rows(structure, structure.nominal, rows, rows.registration))[0]
     sigma = np.repeat([sigma_position, sigma_rotation], 3)
     used = slice(0, 6 if orientation else 3)
-    parameters = (*structure.parameters, *frame_parameters(frames, orientation))
+    parameters = (*structure.parameters, *frame_parameters(rows.registration, orientation))
     white = columns[:, used] / sigma[used, None]
     flat = white.reshape(-1, white.shape[2])
     free = find_free(flat.T @ flat, parameters)

@@ -6,22 +6,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from compplan.effects import apply_effects, attain_scene, robot_effects, stage_scene
+from compplan.effects.linearization import linearize_scene
+from compplan.effects.signature import Signature
 from compplan.errors import InputError, UnknownNameError
-from compplan.identify.estimate import REFERENCES, Estimate, estimate_parameters, pose_groups
-from compplan.identify.heldout import gain_score, leave_out, linearise_at
-from compplan.identify.observations import Observations
+from compplan.identify.estimate import REFERENCES, Estimate, fit_rows
+from compplan.identify.heldout import gain_score, leave_out
 from compplan.identify.parameters import (
     GEOMETRY,
     FreeRobot,
     build_structure,
     candidate_springs,
+    effect_forms,
+    geometry_forms,
     label_spring,
     link_springs,
     own_springs,
 )
 from compplan.identify.refine import GAIN_LIMIT
 from compplan.identify.robust import check_loss
-from compplan.measure.registration import Registration
+from compplan.identify.rows import Rows
 from compplan.robot import SPRING_AXES, Array, Robot, Spring
 
 #: Poses compared with themselves have to be this much quieter than absolute ones before differences are preferred.
@@ -45,6 +49,7 @@ class IdentifyOptions:
         link_side: Whether own-axis springs beyond the link-side encoders are candidates too (double encoders).
         stepwise: Whether springs about every other axis are candidates too.
         links: Terms of the 6x6 elasticities of links: None, "scale", "diagonal", "beam" or "full".
+        effects: Effects whose parameters are fitted too, by name or "name@joint" or "name@joint:form".
         geometry: "none", "offsets", "all", or "auto": as much as earns its place on held-out poses.
         reference: "absolute", "difference", or "auto": differences where geometry errs and poses have several loads.
         loss: "tukey" finds gross outliers with the richest model, leaves them out and fits by least squares; "huber"
@@ -57,6 +62,7 @@ class IdentifyOptions:
     link_side: bool = False
     stepwise: bool = False
     links: str | None = None
+    effects: tuple[str, ...] = ()
     geometry: str = "auto"
     reference: str = "auto"
     loss: str = "tukey"
@@ -68,14 +74,18 @@ class IdentifyProblem:
 
     robot: Robot
     options: IdentifyOptions
-    observations: Observations
-    frames: Registration
+    rows: Rows
     geometry: str = "none"
-    reference: str = "absolute"
+
+    @property
+    def difference(self) -> bool:
+        """Whether poses are compared with themselves under other loads."""
+        return self.rows.reference == "difference"
 
     def structure(self, *, extras: bool = False) -> FreeRobot:
         """Build the structure of everything that is considered; `extras` are candidates of the stepwise refinement."""
-        return build_considered(self.robot, self.options, self.geometry, extras=extras)
+        forms = list_forms(self.robot, self.options, self.rows, self.geometry)
+        return build_considered(self.robot, self.options, forms, extras=extras)
 
     def demanded(self, structure: FreeRobot) -> list[str]:
         """List the parameters that need not earn their place: those of the nominal model, and what was asked for."""
@@ -85,22 +95,36 @@ class IdentifyProblem:
 
     def fit(self, structure: FreeRobot) -> Estimate:
         """Fit a structure."""
-        return estimate_parameters(
-            structure,
-            self.observations,
-            registration=self.frames,
-            loss=self.options.loss,
-            reference=self.reference,
-        )
+        return fit_rows(structure, self.rows)
 
 
-def build_considered(robot: Robot, options: IdentifyOptions, geometry: str, *, extras: bool = False) -> FreeRobot:
+def list_forms(robot: Robot, options: IdentifyOptions, rows: Rows, geometry: str | None = None) -> list[Signature]:
+    """List the signatures of geometry and of the effects that the options ask for, at the nominal robot.
+
+    Args:
+        robot: The nominal robot.
+        options: What is to be identified.
+        rows: The measured rows.
+        geometry: "none", "offsets" or "all"; that of the options where left out, none for "auto".
+    """
+    wanted = options.geometry.replace("auto", "none") if geometry is None else geometry
+    if wanted == "none" and not options.effects:
+        return []
+    scene = stage_scene(robot, rows.campaign, registration=rows.registration)
+    scene = apply_effects(scene, robot_effects(robot))
+    at = linearize_scene(scene, attain_scene(scene))
+    return [*geometry_forms(at, wanted), *effect_forms(at, options.effects)]
+
+
+def build_considered(
+    robot: Robot, options: IdentifyOptions, forms: list[Signature], *, extras: bool = False
+) -> FreeRobot:
     """Build the structure of everything that the options ask for.
 
     Args:
         robot: The nominal robot.
         options: What is to be identified.
-        geometry: "none", "offsets" or "all".
+        forms: Signatures of the effects in it.
         extras: Whether springs about every further axis are in it too.
     """
     demanded = tuple(read_spring(robot, name) for name in options.add)
@@ -112,7 +136,7 @@ def build_considered(robot: Robot, options: IdentifyOptions, geometry: str, *, e
     if options.springs is not None:
         springs = (*options.springs, *(label_spring(spring) for spring in (*demanded, *beyond, *more)))
     return build_structure(
-        robot, springs=springs, add=(*demanded, *own, *beyond, *more), links=options.links, geometry=geometry
+        robot, springs=springs, add=(*demanded, *own, *beyond, *more), links=options.links, forms=forms
     )
 
 
@@ -155,20 +179,20 @@ def screen_outliers(problem: IdentifyProblem) -> tuple[IdentifyProblem, tuple[in
         than `MOST_OUTLIERS` lie apart they are no outliers but structure that no model here holds: then none is left
         out, and the loss becomes Huber's.
     """
-    options = problem.options
+    options, rows = problem.options, problem.rows
     if options.loss != "tukey":
         return problem, (), []
     geometry = "none" if options.geometry == "auto" else options.geometry
-    if options.geometry == "auto" and _count_poses(problem) >= GEOMETRY_POSES and options.reference != "difference":
+    if options.geometry == "auto" and _count_poses(rows) >= GEOMETRY_POSES and options.reference != "difference":
         geometry = GEOMETRY[-1]
-    structure = build_considered(problem.robot, options, geometry, extras=options.stepwise)
-    apart = problem.fit(structure).weights < OUTLIER_WEIGHT
+    richest = replace(problem, geometry=geometry)
+    apart = richest.fit(richest.structure(extras=options.stepwise)).weights < OUTLIER_WEIGHT
     if apart.mean() > MOST_OUTLIERS:
         said = f"{apart.mean():.0%} of the rows lie apart from every model tried, too many for gross outliers"
-        return replace(problem, options=replace(options, loss="huber")), (), [f"{said}: all stay, under Huber's loss"]
-    kept = replace(problem, observations=problem.observations.take(~apart))
-    rows = tuple(int(row) for row in problem.observations.row[apart])
-    return replace(kept, options=replace(options, loss="least_squares")), rows, []
+        wide = replace(problem, rows=replace(rows, loss="huber"))
+        return wide, (), [f"{said}: all stay, under Huber's loss"]
+    kept = replace(rows, row=rows.row[~apart], loss="least_squares")
+    return replace(problem, rows=kept), tuple(rows.row[apart].tolist()), []
 
 
 def choose_geometry(problem: IdentifyProblem) -> IdentifyProblem:
@@ -176,7 +200,7 @@ def choose_geometry(problem: IdentifyProblem) -> IdentifyProblem:
     wanted = problem.options.geometry
     if wanted != "auto" or problem.options.reference == "difference":
         return replace(problem, geometry="none" if wanted == "auto" else wanted)
-    if _count_poses(problem) < GEOMETRY_POSES:
+    if _count_poses(problem.rows) < GEOMETRY_POSES:
         return problem
     best, score = problem, held_out_score(problem, problem.fit(problem.structure()))
     for level in GEOMETRY[1:]:
@@ -189,21 +213,17 @@ def choose_geometry(problem: IdentifyProblem) -> IdentifyProblem:
 
 def held_out_score(problem: IdentifyProblem, estimate: Estimate) -> Array:
     """Score a fit on held-out poses, in stated standard deviations. Shape (poses,)."""
-    system = linearise_at(estimate, problem.observations)
-    unit = replace(estimate, noise=np.ones(3))
-    difference = problem.reference == "difference"
-    return leave_out(system, problem.observations, unit, estimate.free, difference=difference).score
+    return leave_out(problem.rows, replace(estimate, noise=np.ones(3)), estimate.free).score
 
 
 def choose_reference(problem: IdentifyProblem) -> tuple[IdentifyProblem, list[str]]:
     """Compare poses with themselves under other loads where geometry errs more than that costs."""
-    wanted, group = problem.options.reference, pose_groups(problem.observations)
-    differences = replace(
-        problem, reference="difference", geometry="none", frames=replace(problem.frames, parts=())
-    )
+    wanted, rows = problem.options.reference, problem.rows
+    apart = replace(rows, reference="difference", registration=replace(rows.registration, parts=()))
+    differences = replace(problem, geometry="none", rows=apart)
     if wanted != "auto":
         return (differences if wanted == "difference" else problem), []
-    loads = np.round(problem.observations.wrench, 1)
+    loads, group = np.round(rows.taken.wrench, 1), rows.alike
     several = [len(np.unique(loads[group == k], axis=0)) > 1 for k in range(int(group.max()) + 1)]
     if np.mean(np.asarray(several)[group]) < 0.5:
         return problem, []
@@ -220,5 +240,5 @@ def choose_reference(problem: IdentifyProblem) -> tuple[IdentifyProblem, list[st
     ]
 
 
-def _count_poses(problem: IdentifyProblem) -> int:
-    return len(np.unique(np.round(problem.observations.q, 4), axis=0))
+def _count_poses(rows: Rows) -> int:
+    return len(np.unique(np.round(rows.taken.q, 4), axis=0))

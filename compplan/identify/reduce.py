@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from compplan.identify.estimate import Estimate, estimate_parameters
-from compplan.identify.observations import make_observations
 from compplan.identify.parameters import build_structure
+from compplan.identify.rows import make_log
 from compplan.robot import Array, Robot, Spring
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium
@@ -66,20 +66,20 @@ def reduce_model(
     springs = tuple(
         Spring(name, "own", float(c), actuator=True) for name, c in zip(full.joint_names, start, strict=True)
     )
-    reduced = replace(full, springs=springs, link_elasticities=())
+    reduced = replace(full, springs=springs, link_elasticities=(), effects=())
     chain = build_chain(full)
     loaded, bare = solve_equilibrium(chain, q, wrench), solve_equilibrium(chain, q, np.zeros(6))
     # A micrometre as unit: only the ratio of the weights matters, and what no load reaches is far below it.
     sigma = 1e-6 / np.broadcast_to(np.asarray(row_weights, float), (len(loaded.position),))
-    observations = make_observations(
+    log = make_log(
         q,
         wrench,
         loaded.position,
         None if rotation_weight is None else loaded.rotation,
-        sigma_position=sigma,
+        sigma=sigma,
         sigma_rotation=sigma / (rotation_weight or 1.0),
     )
-    estimate = estimate_parameters(build_structure(reduced), observations, sigma="stated")
+    estimate = estimate_parameters(build_structure(reduced), log, sigma="stated")
     compliance = np.where(estimate.free, estimate.model_values, 0.0)
     fitted = tuple(replace(s, compliance=float(max(c, 0.0))) for s, c in zip(springs, compliance, strict=True))
     turn = np.einsum("nij,nkj->nik", loaded.rotation, bare.rotation)

@@ -12,13 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.identify.estimate import Estimate, estimate_parameters, pose_groups
+from compplan.identify.estimate import Estimate, fit_rows
 from compplan.identify.heldout import distance_rms, gain_score, leave_out
-from compplan.identify.observations import Observations
 from compplan.identify.parameters import FreeRobot, Parameter
+from compplan.identify.rows import Rows
 from compplan.identify.separability import find_free
 from compplan.identify.system import invert, linearise, stack, weigh
-from compplan.measure.registration import Registration
 from compplan.robot import Array
 
 #: Standard errors by which a candidate has to shrink the held-out score; about one in 700 by chance for each.
@@ -77,35 +76,22 @@ class Refinement:
     rounds: tuple[RefinementRound, ...]
 
 
-def refine_structure(
-    structure: FreeRobot,
-    start: Sequence[str],
-    observations: Observations,
-    *,
-    registration: Registration | None = None,
-    loss: str = "least_squares",
-    reference: str = "absolute",
-    most: int = MAX_ADDED,
-) -> Refinement:
+def refine_structure(structure: FreeRobot, start: Sequence[str], rows: Rows, most: int = MAX_ADDED) -> Refinement:
     """Grow a model from `start` towards the parameters of a structure, as far as each one earns its place.
 
     Args:
         structure: Robot with every parameter that may be free, candidates included.
         start: Names of the parameters that are free from the beginning.
-        observations: The measured rows.
-        registration: Frames of the campaign; its `parts` are fitted along.
-        loss: "least_squares", "huber" or "tukey".
-        reference: "absolute" or "difference".
+        rows: The measured rows.
         most: Most parameters to add.
     """
     names: list[str] = list(start)
     rounds: list[RefinementRound] = []
+    signed = {p.name for p in structure.parameters if p.form is not None or "*" in p.name}
     while True:
-        present = estimate_parameters(
-            structure.select(names), observations, registration=registration, loss=loss, reference=reference
-        )
-        tested = probe_model(structure, present, observations, difference=reference == "difference")
-        earns = [c for c in tested.candidates if c.gain > GAIN_LIMIT and (c.value > 0 or c.name in _signed(structure))]
+        present = fit_rows(structure.select(names), rows)
+        tested = probe_model(structure, present, rows)
+        earns = [c for c in tested.candidates if c.gain > GAIN_LIMIT and (c.value > 0 or c.name in signed)]
         if not earns or len(rounds) >= most:
             rounds.append(tested)
             return Refinement(tuple(names), present, tuple(rounds))
@@ -113,31 +99,25 @@ def refine_structure(
         names.append(earns[0].name)
 
 
-def probe_model(
-    structure: FreeRobot, present: Estimate, observations: Observations, *, difference: bool = False
-) -> RefinementRound:
+def probe_model(structure: FreeRobot, present: Estimate, rows: Rows) -> RefinementRound:
     """Test a fitted model against every parameter of a structure that it leaves out.
 
     Args:
         structure: Robot with every parameter that may be free.
         present: Fit of some of them.
-        observations: The measured rows.
-        difference: Whether rows of a pose are compared with each other only.
+        rows: The measured rows.
     """
     values, names = structure.nominal, list(structure.names)
     places = [names.index(name) for name in present.structure.names]
     values[places] = present.model_values
-    system = linearise(structure, observations, present.registration, present.prediction, values)
-    frames = present.parameters[len(present.model_values) :]
-    parameters = (*structure.parameters, *frames)
+    system = linearise(rows, replace(present.state, structure=structure, values=values))
+    parameters = (*structure.parameters, *present.parameters[len(places) :])
     base = np.zeros(len(parameters), bool)
     base[places] = present.free[: len(places)]
     base[len(names) :] = present.free[len(places) :]
-    before = leave_out(system, observations, present, base, difference=difference)
-    rows = present.weights > 0
-    group = pose_groups(observations) if difference else None
-    whitener = system.whitener(present.noise) * np.sqrt(present.weights)[:, None]
-    residual, columns = weigh(system, whitener, group)
+    before = leave_out(rows, present, base, system)
+    counted = present.weights > 0
+    residual, columns = weigh(system, system.whitener(present.noise) * np.sqrt(present.weights)[:, None], rows.group)
     flat = stack(columns)
     matrix, side = flat.T @ flat, flat.T @ residual.ravel()
     found = []
@@ -145,23 +125,23 @@ def probe_model(
         free = base.copy()
         free[k] = True
         if not _tellable(matrix, parameters, free, k):
-            found.append(RoundCandidate(names[k], 0.0, 0.0, distance_rms(before.residual, rows), 0.0, told=False))
+            found.append(RoundCandidate(names[k], 0.0, 0.0, distance_rms(before.residual, counted), 0.0, told=False))
             continue
         inverse = invert(matrix[np.ix_(free, free)])
         place = int(np.flatnonzero(free).searchsorted(k))
-        after = leave_out(system, observations, present, free, difference=difference)
+        after = leave_out(rows, present, free, system)
         found.append(
             RoundCandidate(
                 name=names[k],
                 value=float(values[k] + inverse[place] @ side[free]),
                 standard_error=float(np.sqrt(inverse[place, place])),
-                held_out_rms=distance_rms(after.residual, rows),
+                held_out_rms=distance_rms(after.residual, counted),
                 gain=gain_score(before.score, after.score),
             )
         )
     ranked = sorted(found, key=lambda candidate: -candidate.gain)
     best_first = sorted(ranked, key=lambda c: c.held_out_rms if c.gain > GAIN_LIMIT else np.inf)
-    return RefinementRound(distance_rms(before.residual, rows), tuple(best_first), "")
+    return RefinementRound(distance_rms(before.residual, counted), tuple(best_first), "")
 
 
 def _tellable(matrix: Array, parameters: Sequence[Parameter], free: NDArray[np.bool_], k: int) -> bool:
@@ -169,8 +149,3 @@ def _tellable(matrix: Array, parameters: Sequence[Parameter], free: NDArray[np.b
     index = np.flatnonzero(free)
     told = find_free(matrix[np.ix_(index, index)], [parameters[int(j)] for j in index])
     return bool(told[index.searchsorted(k)] and told.sum() == len(index))
-
-
-def _signed(structure: FreeRobot) -> set[str]:
-    """List the parameters that may be negative: geometry, and couplings inside a link."""
-    return {p.name for p in structure.parameters if p.kind == "geometry" or p.unit == "rad/N" or "*" in p.name}

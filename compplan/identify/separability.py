@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.identify.forward import PredictedRows
-from compplan.identify.observations import Observations
-from compplan.identify.parameters import FreeRobot, Parameter
+from compplan.identify.forward import RowState
+from compplan.identify.parameters import Parameter
+from compplan.measure.campaign import Campaign
 from compplan.robot import Array
 
 #: A direction whose standard error is more than this many typical sizes is called unidentifiable.
@@ -20,7 +20,7 @@ SINGULAR = 1e-12
 #: Share of a direction from which a parameter may be the one that is held.
 SHARE = 0.2
 #: Held at its nominal value first: what is refinement rather than the joints and frames themselves.
-PREFERENCE = {"link": 0, "spring": 1, "geometry": 2, "offset": 3, "joint": 4, "tool": 5, "base": 6}
+PREFERENCE = {"link": 0, "spring": 1, "effect": 2, "geometry": 2, "offset": 3, "joint": 4, "tool": 5, "base": 6}
 
 
 @dataclass(frozen=True)
@@ -78,19 +78,13 @@ def find_free(information: Array, parameters: Sequence[Parameter]) -> NDArray[np
 
 
 def explain_held(
-    structure: FreeRobot,
-    observations: Observations,
-    prediction: PredictedRows,
-    information: Array,
-    parameters: Sequence[Parameter],
-    free: NDArray[np.bool_],
+    log: Campaign, state: RowState, information: Array, parameters: Sequence[Parameter], free: NDArray[np.bool_]
 ) -> tuple[Inseparable, ...]:
     """Name every parameter that is held, what it cannot be told apart from, and why.
 
     Args:
-        structure: Robot and parameters.
-        observations: The measured rows.
-        prediction: What the model says about them.
+        log: The measured rows.
+        state: What the model says about them.
         information: Information matrix. Shape (p, p).
         parameters: All parameters, frames included.
         free: Which of them are free. Shape (p,).
@@ -107,9 +101,9 @@ def explain_held(
             mates = [int(index[j]) for j in np.argsort(-part) if part[j] > SHARE * max(strength[k], part.max())][:6]
         names = tuple(parameters[j].name for j in mates)
         if mates:
-            reason = _why_together(structure, observations, prediction, [parameters[j] for j in (k, *mates)])
+            reason = _why_together(log, state, [parameters[j] for j in (k, *mates)])
         else:
-            reason = _why_never(structure, observations, prediction, parameters[k])
+            reason = _why_never(log, state, parameters[k])
         found.append(Inseparable(parameters[k].name, names, reason))
     return tuple(found)
 
@@ -125,25 +119,22 @@ def condition_number(information: Array, free: NDArray[np.bool_]) -> float:
     return float(np.sqrt(value[-1] / max(value[0], 1e-300)))
 
 
-def loads_are_vertical(observations: Observations) -> bool:
+def _loads_are_vertical(load: Array) -> bool:
     """Tell whether every external load is a vertical force without a moment (the frame's z being vertical)."""
-    load = observations.wrench
     across = np.abs(load[:, [0, 1, 3, 4, 5]]).max(initial=0.0)
     return bool(across < 1e-9 * max(np.abs(load[:, 2]).max(initial=0.0), 1e-300))
 
 
-def _why_never(
-    structure: FreeRobot, observations: Observations, prediction: PredictedRows, parameter: Parameter
-) -> str:
-    load, gravity = observations.wrench, structure.chain.gravity.any() and structure.chain.mass.any()
-    if parameter.kind in ("geometry", "base", "tool"):
+def _why_never(log: Campaign, state: RowState, parameter: Parameter) -> str:
+    load, chain = log.wrench, state.structure.chain
+    gravity = chain.gravity.any() and chain.mass.any()
+    if parameter.kind in ("geometry", "effect", "base", "tool"):
         return "these poses do not show it"
     if not np.abs(load).max(initial=0.0) > 0 and not gravity:
         return "no row carries a load, and the model has no gravity"
-    elastic = sorted({index for i, j, _ in parameter.entries for index in (i, j)})
-    torque = np.abs(prediction.torque[:, elastic]).max(initial=0.0)
-    frames = prediction.frames
-    element = structure.chain.spring_elements[elastic[0]]
+    elastic = sorted({index for i, j, _ in parameter.entries(state.scene.robot) for index in (i, j)})
+    torque, frames = np.abs(state.torque[:, elastic]).max(initial=0.0), state.loaded
+    element = state.attained.chain.spring_elements[elastic[0]]
     axis, lever = frames.axis[:, element], frames.tcp_position - frames.origin[:, element]
     reach = max(float(np.linalg.norm(lever, axis=1).max()), 0.1)
     possible = float(np.linalg.norm(load[:, :3], axis=1).max(initial=0.0)) * reach
@@ -151,41 +142,42 @@ def _why_never(
         if not np.abs(load).max(initial=0.0) > 0:
             return "the weight of the links never acts about its axis, and no row carries another load"
         upright = np.abs(np.abs(axis[:, 2]) - 1).max() < 1e-9
-        if loads_are_vertical(observations) and upright:
+        if _loads_are_vertical(load) and upright:
             return "its axis is vertical and all loads are vertical; add loads to the side"
         if not np.abs(load[:, 3:]).max(initial=0.0) > 0:
             return "every force passes through its axis or along it; add a lever or a moment about its axis"
         return "the load never acts about its axis"
-    if observations.rotation is None and parameter.kind in ("joint", "spring"):
+    if log.rotation is None and parameter.kind in ("joint", "spring"):
         return "its motion hardly moves the measured point; measure orientation, or a point off its axis"
     unit = "N" if parameter.unit == "m/N" else "N m"
     return f"the load about it, at most {torque:.3g} {unit}, is too small for this noise"
 
 
-def _why_together(
-    structure: FreeRobot, observations: Observations, prediction: PredictedRows, parameters: Sequence[Parameter]
-) -> str:
-    kinds = {parameter.kind for parameter in parameters}
-    if len(parameters) == 2 and _same_axis(structure, prediction, parameters):
+def _why_together(log: Campaign, state: RowState, parameters: Sequence[Parameter]) -> str:
+    kinds, rigid = {parameter.kind for parameter in parameters}, {"base", "tool", "geometry"}
+    if len(parameters) == 2 and _same_axis(state, parameters):
         return "both turn about (or slide along) the same axis under the same load, so only their sum acts"
-    if kinds & {"base", "tool", "geometry"} and kinds <= {"base", "tool", "geometry"}:
+    if kinds <= rigid:
         return "they are the same rigid motion of the measured point"
-    if kinds & {"base", "tool", "geometry"}:
+    if "effect" in kinds:
+        return "they move the measured point in proportion in these rows; add poses, loads and ways to approach"
+    if kinds & rigid:
         return "these loads make bending look like an error of frame or geometry; load each pose in several ways"
-    if loads_are_vertical(observations):
+    if _loads_are_vertical(log.wrench):
         return "all loads are vertical, and then they act in proportion; add loads to the side and moments"
-    if structure.chain.gravity.any() and not np.abs(observations.wrench).max(initial=0.0) > 0:
+    if state.structure.chain.gravity.any() and not np.abs(log.wrench).max(initial=0.0) > 0:
         return "own weight is the only load, and under it they act in proportion; add external loads"
-    if observations.rotation is None:
+    if log.rotation is None:
         return "they move the measured point in proportion; measure orientation or several points of the tool"
     return "they move the tool in proportion at these poses and loads; add poses and load directions"
 
 
-def _same_axis(structure: FreeRobot, prediction: PredictedRows, parameters: Sequence[Parameter]) -> bool:
-    if any(len(p.entries) != 1 or p.entries[0][0] != p.entries[0][1] for p in parameters):
+def _same_axis(state: RowState, parameters: Sequence[Parameter]) -> bool:
+    entries = [parameter.entries(state.scene.robot) for parameter in parameters]
+    if any(len(own) != 1 or own[0][0] != own[0][1] for own in entries):
         return False
-    chain, frames = structure.chain, prediction.frames
-    first, second = (chain.spring_elements[parameter.entries[0][0]] for parameter in parameters)
+    chain, frames = state.attained.chain, state.loaded
+    first, second = (chain.spring_elements[own[0][0]] for own in entries)
     if chain.translates[first] != chain.translates[second]:
         return False
     apart = frames.origin[:, first] - frames.origin[:, second]

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from compplan.errors import InputError
 from compplan.identify.robust import loss_weights
+from compplan.identify.rows import Rows
 from compplan.identify.system import System, count_spare, information, invert, stack, weigh
 from compplan.robot import Array
 
@@ -18,28 +19,20 @@ SEED = 20240501
 
 
 def state_spread(
-    system: System,
-    q: Array,
-    noise: Array,
-    loss: str,
-    group: NDArray[np.int_] | None,
-    free: NDArray[np.bool_],
-    sigma: str,
-) -> tuple[Array, Array, bool]:
+    system: System, rows: Rows, noise: Array, free: NDArray[np.bool_]
+) -> tuple[Array, Array, bool]:  # fmt: skip
     """Compute covariance, degrees of freedom of each parameter, and whether groups of poses gave the covariance.
 
     Args:
         system: The linearised problem at the fitted state.
-        q: Joint positions. Shape (n, nq). [rad or m]
+        rows: The measured rows.
         noise: Noise against the stated one: position, orientation, encoders. Shape (3,).
-        loss: "least_squares", "huber" or "tukey".
-        group: Number of the pose of each row, for differences; None for absolute poses. Shape (n,).
         free: Which parameters are estimated. Shape (p,).
-        sigma: "residuals" or "stated".
 
     Raises:
         InputError: If the parameters use up all measured numbers.
     """
+    q, loss, group, sigma = rows.taken.q, rows.loss, rows.group, rows.sigma
     whitener, index = system.whitener(noise), np.flatnonzero(free)
     count = system.known.sum(axis=1)
     spare = count_spare(system, whitener, group, free)

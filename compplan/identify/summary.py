@@ -10,6 +10,7 @@ from compplan.identify.campaign import Identification
 from compplan.identify.estimate import Estimate
 from compplan.identify.parameters import Parameter
 from compplan.identify.refine import RefinementRound, RoundCandidate
+from compplan.identify.rows import SIGMA_ENCODER
 
 #: Unit in which a parameter is shown, and factor from SI.
 SHOWN = {
@@ -24,22 +25,22 @@ SHOWN = {
 
 def summarise_identification(result: Identification) -> dict[str, Any]:
     """Say what came out, ready for JSON."""
-    kept = set(_free_names(result.kept))
+    kept = set(result.kept.free_names)
     parameters = [_describe(result.kept, name, kept=True) for name in _listed(result.kept)]
     parameters += [_describe(result.estimate, n, kept=False) for n in _listed(result.estimate) if n not in kept]
-    noise, observations = result.estimate.noise, result.observations
-    scatter = {"position_mm": _number(noise[0] * np.median(observations.sigma_position) * 1e3)}
-    if observations.rotation is not None:
-        scatter["orientation_deg"] = _number(np.rad2deg(noise[1] * np.median(observations.sigma_rotation)))
-    if observations.encoder is not None:
-        scatter["encoder_difference_deg"] = _number(np.rad2deg(noise[2] * observations.sigma_encoder))
+    noise, rows = result.estimate.noise, result.rows
+    scatter = {"position_mm": _number(noise[0] * np.median(rows.deviation[:, 0]) * 1e3)}
+    if rows.turned:
+        scatter["orientation_deg"] = _number(np.rad2deg(noise[1] * np.median(rows.deviation[:, 3])))
+    if rows.encoder is not None:
+        scatter["encoder_difference_deg"] = _number(np.rad2deg(noise[2] * SIGMA_ENCODER))
     frames = result.registration
     return {
         "schema": 1,
         "robot": result.nominal.name,
-        "rows": len(observations),
-        "poses": len(np.unique(np.round(observations.q, 4), axis=0)),
-        "reference": result.reference,
+        "rows": len(rows),
+        "poses": len(np.unique(np.round(rows.taken.q, 4), axis=0)),
+        "reference": rows.reference,
         "geometry": result.geometry,
         "parameters": parameters,
         "unidentifiable": [
@@ -106,17 +107,13 @@ def describe_identification(summary: dict[str, Any]) -> list[str]:
 
 def _listed(estimate: Estimate) -> list[str]:
     """List the free parameters of a fit, frames left out: those stand in the registration."""
-    return [p.name for p in estimate.structure.parameters if p.name in _free_names(estimate)]
-
-
-def _free_names(estimate: Estimate) -> list[str]:
-    return [name for name, free in zip(estimate.names, estimate.free, strict=True) if free]
+    return [p.name for p in estimate.structure.parameters if p.name in estimate.free_names]
 
 
 def _describe(estimate: Estimate, name: str, *, kept: bool) -> dict[str, Any]:
     k = estimate.names.index(name)
     parameter: Parameter = estimate.parameters[k]
-    unit, factor = SHOWN[parameter.unit]
+    unit, factor = SHOWN.get(parameter.unit, (parameter.unit, 1.0))
     return {
         "name": name,
         "kind": parameter.kind,
@@ -130,7 +127,7 @@ def _describe(estimate: Estimate, name: str, *, kept: bool) -> dict[str, Any]:
 
 
 def _describe_round(entry: RefinementRound, result: Identification) -> dict[str, Any]:
-    units = {p.name: SHOWN[p.unit] for p in (*result.estimate.parameters, *result.kept.parameters)}
+    units = {p.name: SHOWN.get(p.unit, (p.unit, 1.0)) for p in (*result.estimate.parameters, *result.kept.parameters)}
 
     def describe(candidate: RoundCandidate) -> dict[str, Any]:
         unit, factor = units.get(candidate.name, ("urad/(N m)", 1e6))

@@ -7,13 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.identify.forward import PredictedRows, pose_residuals, sensitivities
-from compplan.identify.observations import Observations
-from compplan.identify.parameters import FreeRobot
+from compplan.identify.forward import RowState, differentiate, encoder_residuals, pose_residuals
 from compplan.identify.robust import robust_scale
-from compplan.measure.registration import Registration
+from compplan.identify.rows import SIGMA_ENCODER, Rows
 from compplan.robot import Array
-from compplan.statics.encoders import actuator_selection
 
 POSITION, ORIENTATION, ENCODERS = 0, 1, 2
 #: The residuals never say less than this share of the stated noise: simulated data may hold none.
@@ -49,20 +46,14 @@ class System(NamedTuple):
         return np.asarray(np.linalg.norm(self.residual * self.whitener(noise), axis=1))
 
 
-def linearise(
-    structure: FreeRobot, observations: Observations, frames: Registration, prediction: PredictedRows, values: Array
-) -> System:
+def linearise(rows: Rows, state: RowState) -> System:
     """Build the linearised problem at a state."""
-    residual = pose_residuals(observations, prediction)
-    columns = sensitivities(structure, observations, frames, prediction)
-    n = len(observations)
-    sigma = np.repeat(np.column_stack([observations.sigma_position, observations.sigma_rotation]), 3, axis=1)
-    block = np.repeat([POSITION, ORIENTATION], 3)
-    if observations.encoder is not None:
-        extra, slopes = _encoder_rows(structure, observations, prediction, values)
-        slopes = np.concatenate([slopes, np.zeros((n, slopes.shape[1], columns.shape[2] - slopes.shape[2]))], axis=2)
+    residual, extra = pose_residuals(rows, state), encoder_residuals(rows, state)
+    columns, slopes = differentiate(rows, state)
+    sigma, block = rows.deviation, np.repeat([POSITION, ORIENTATION], 3)
+    if extra is not None:
         residual, columns = np.hstack([residual, extra]), np.concatenate([columns, slopes], axis=1)
-        sigma = np.hstack([sigma, np.full(extra.shape, observations.sigma_encoder)])
+        sigma = np.hstack([sigma, np.full(extra.shape, SIGMA_ENCODER)])
         block = np.r_[block, np.full(extra.shape[1], ENCODERS)]
     missing = ~np.isfinite(residual)
     return System(np.where(missing, 0.0, residual), columns, np.where(missing, np.inf, sigma), block)
@@ -147,20 +138,3 @@ def estimate_noise(
             factor = robust_scale(size, int(columns.sum())) / np.sqrt(max(spare / known.sum(), 0.02))
         result[block] = max(noise[block] * factor, LEAST_NOISE)
     return result
-
-
-def _encoder_rows(
-    structure: FreeRobot, observations: Observations, prediction: PredictedRows, values: Array
-) -> tuple[Array, Array]:
-    """Compare link-side minus motor-side readings with what the gears yield [Klimchik2018, eqs. 7-8]."""
-    chain = structure.chain
-    assert observations.encoder is not None
-    deflection = prediction.torque @ structure.compliance(values)
-    seen = actuator_selection(chain)
-    expected = np.where(seen.any(axis=1), deflection @ seen.T, np.nan)
-    slopes = np.zeros((*observations.encoder.shape, len(structure.parameters)))
-    for k, parameter in enumerate(structure.parameters):
-        for i, j, coefficient in parameter.entries:
-            if i == j:
-                slopes[:, :, k] += coefficient * prediction.torque[:, [i]] * seen[:, i]
-    return observations.encoder - expected, slopes

@@ -1,17 +1,23 @@
-"""Put what was identified into a robot: springs, links and geometry."""
+"""Put what was identified into a robot: springs, links and effects, and how surely each of them is known."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from compplan.effects.folding import shift_origin, shift_zero
+from compplan.effects import fold_effects
+from compplan.effects.scene import own_springs
 from compplan.identify.estimate import Estimate
-from compplan.identify.parameters import AXES, FreeRobot
-from compplan.robot import Array, LinkElasticity, Robot, Spring
+from compplan.identify.gap import IdentifiedGap
+from compplan.identify.parameters import FreeRobot
+from compplan.known.assumed import assume_geometry
+from compplan.robot import Array, LinkElasticity, Robot
+from compplan.robot.uncertainty import Uncertainty, Unknown, spread_unknowns
+
+#: A stiffness that was not identified keeps this relative width of the value that the folder holds (assumed).
+HELD = 0.3
 
 
 def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> tuple[Robot, tuple[str, ...]]:
@@ -29,43 +35,34 @@ def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> tuple[Robo
         The robot, and a sentence for each value that could not be written as identified.
     """
     structure, values = estimate.structure, estimate.model_values
-    notes: list[str] = []
-    named = dict(zip(structure.names, values, strict=True))
-    springs: list[Spring] = []
-    for spring, name in zip(structure.robot.springs, structure.spring_labels, strict=True):
-        value = float(named.get(name, spring.compliance))
+    soft, notes, springs, links = structure.soften(values), [], [], []
+    for spring, old, name in zip(soft.springs, structure.robot.springs, structure.spring_labels, strict=True):
+        value = spring.compliance
         if value < 0:
             notes.append(f"{name} came out negative ({value:.3g}), which no spring can be; it is written as rigid")
-        if name and (value > 0 or any(spring is own for own in robot.springs)):
+        if value > 0 or any(old is own for own in robot.springs):
             springs.append(replace(spring, compliance=max(value, 0.0)))
-    links = list(robot.link_elasticities)
-    if any(parameter.kind == "link" for parameter in structure.parameters):
-        links, more = _update_links(structure, values)
-        notes += more
-    moved = _update_geometry(robot, named)
+    for block in soft.link_elasticities:
+        built, changed = _build_link(block)
+        links.append(built)
+        if changed:
+            notes.append(f"the 6x6 of {block.link} came out with a negative eigenvalue; it is written without")
     sources = {**robot.sources, "compliance": source}
     if any(parameter.kind == "geometry" for parameter in structure.parameters):
         sources["geometry"] = f"{robot.sources.get('geometry', 'URDF')}; corrected: {source}"
-    updated = replace(
-        moved,
-        springs=tuple(springs),
-        link_elasticities=tuple(links),
-        sources=sources,
-        grade="identified",
-    )
-    return updated, tuple(notes)
+    grown = replace(robot, springs=tuple(springs), sources=sources, grade="identified")
+    if any(parameter.kind == "link" for parameter in structure.parameters):
+        grown = replace(grown, link_elasticities=tuple(links))
+    return fold_effects(grown, structure.effects(values)), tuple(notes)
 
 
-def _update_links(structure: FreeRobot, values: Array) -> tuple[list[LinkElasticity], list[str]]:
-    matrix, links, notes = structure.compliance(values), [], []
-    for block, first in zip(structure.robot.link_elasticities, structure.link_coordinates, strict=True):
-        own = matrix[first : first + 6, first : first + 6]
-        value, vector = np.linalg.eigh(_scaled(own))
-        if value[0] < -1e-12:
-            own = _scaled((vector * np.maximum(value, 0.0)) @ vector.T, back=True)
-            notes.append(f"the 6x6 of {block.link} came out with a negative eigenvalue; it is written without")
-        links.append(replace(block, compliance=0.5 * (own + own.T)))
-    return links, notes
+def _build_link(block: LinkElasticity) -> tuple[LinkElasticity, bool]:
+    """Return a link without negative eigenvalues, and whether it had one."""
+    own = block.compliance
+    value, vector = np.linalg.eigh(_scaled(own))
+    if value[0] < -1e-12:
+        own = _scaled((vector * np.maximum(value, 0.0)) @ vector.T, back=True)
+    return replace(block, compliance=0.5 * (own + own.T)), bool(value[0] < -1e-12)
 
 
 def _scaled(matrix: Array, *, back: bool = False) -> Array:
@@ -74,17 +71,77 @@ def _scaled(matrix: Array, *, back: bool = False) -> Array:
     return matrix / np.outer(scale, scale) if back else matrix * np.outer(scale, scale)
 
 
-def _update_geometry(robot: Robot, values: Mapping[str, float]) -> Robot:
-    """Put joint zeros and changes of origin into the placements of the joints.
+def identified_uncertainty(
+    robot: Robot, kept: Estimate, gap: IdentifiedGap, *, difference: bool, sigma: float, source: str
+) -> Uncertainty:
+    """State how surely an identified robot is known.
 
-    The elements of an origin act as Tx Ty Tz Rx Ry Rz at the old origin, in the axes of the link before.
+    Compliances and effects keep the covariance of the fit, the frames fitted along. What held-out poses leave beyond
+    the instrument is unexplained; under differences of one pose it is that of the deflections.
+
+    Args:
+        robot: The updated robot.
+        kept: Fit that it holds.
+        gap: How far the model lies from held-out measurements.
+        difference: Whether poses were compared with themselves under other loads.
+        sigma: Standard deviation of the position measurement per axis. [m]
+        source: What was measured.
     """
-    for before, joint in zip((None, *robot.joints), robot.joints, strict=False):
-        if before is not None:
-            step = np.array([values.get(f"{before.name}.end.{axis}", 0.0) for axis in AXES])
-            if step.any():
-                step[3:] = Rotation.from_euler("XYZ", step[3:]).as_rotvec()
-                robot = shift_origin(robot, joint.name, step)
-        if values.get(f"{joint.name}.offset"):
-            robot = shift_zero(robot, joint.name, values[f"{joint.name}.offset"])
-    return robot
+    unknowns, picked = _name_unknowns(kept.structure, kept)
+    named, factor = spread_unknowns(unknowns, kept.covariance[np.ix_(picked, picked)])
+    held = _held_springs(robot, named)
+    if difference:
+        # differences of one pose under several loads tell nothing of zeros and lengths
+        held += assume_geometry(robot)
+    root = np.eye(len(factor) + sum(len(unknown.keys) for unknown in held))
+    root[: len(factor), : len(factor)] = factor
+    left = gap.under_load_after if difference and gap.under_load_after is not None else gap.held_out_after
+    noise = 3.0 * sigma**2 * (2.0 if difference else 1.0)
+    return Uncertainty(
+        grade="measured",
+        source=f"{source}; zeros and lengths assumed" if difference else source,
+        unknowns=(*named, *held),
+        factor=root,
+        unexplained=float(np.sqrt(max(left**2 - noise, 0.0))) if np.isfinite(left) else 0.0,
+        repeatability=robot.repeatability,
+    )
+
+
+def _name_unknowns(structure: FreeRobot, kept: Estimate) -> tuple[list[Unknown], list[int]]:
+    """Name the free parameters as unknowns of the vocabulary, without sizes; also return their numbers."""
+    found: list[Unknown] = []
+    picked: list[int] = []
+    for number, parameter in enumerate(structure.parameters):
+        nothing = np.zeros(1)
+        if parameter.spring >= 0 and kept.free[number]:
+            spring, unit = structure.robot.springs[parameter.spring], parameter.unit.replace("/", "_per_")
+            key = f"compliance_change_{unit}" if parameter.kind == "joint" else f"compliance_{unit}"
+            key = key.replace("(N m)", "Nm")
+            if parameter.kind == "joint":
+                found.append(Unknown("joint_stiffness", spring.joint, None, (key,), nothing))
+            elif spring.axis != "own":
+                found.append(Unknown("link_compliance", spring.joint, spring.axis, (key,), nothing))
+            else:
+                continue
+            picked.append(number)
+        form = parameter.form
+        if form is None or parameter.item > 0:
+            continue
+        own = {p.item: k for k, p in enumerate(structure.parameters) if p.form is form}
+        if len(own) == len(form.keys) and any(kept.free[k] for k in own.values()):
+            found.append(Unknown(form.name, form.joint, form.axis, form.keys, np.zeros(len(own)), form.fixed))
+            picked += [own[item] for item in range(len(own))]
+    return found, picked
+
+
+def _held_springs(robot: Robot, named: Sequence[Unknown]) -> list[Unknown]:
+    """List the joints' own springs that the campaign could not tell, with an assumed width."""
+    told = {unknown.joint for unknown in named if unknown.effect == "joint_stiffness"}
+    found = []
+    for index, spring in own_springs(robot).items():
+        joint = robot.actuated[index]
+        if joint.name not in told and spring.compliance > 0:
+            key = "compliance_change_m_per_N" if joint.kind == "prismatic" else "compliance_change_rad_per_Nm"
+            width: Array = np.array([HELD * spring.compliance])
+            found.append(Unknown("joint_stiffness", joint.name, None, (key,), width))
+    return found

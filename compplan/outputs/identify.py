@@ -55,7 +55,7 @@ def write_campaign_plan(plan: CampaignPlan, out: Path) -> dict[str, Any]:
         columns[header] = plan.poses.wrench[:, k]
     entries = []
     for parameter, promised, random in zip(plan.information.parameters, plan.promised, plan.random, strict=True):
-        unit, factor = SHOWN[parameter.unit]
+        unit, factor = SHOWN.get(parameter.unit, (parameter.unit, 1.0))
         entries.append(
             {
                 "name": parameter.name,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.identify import Estimate, build_structure, estimate_parameters, make_observations
+from compplan.identify import Estimate, build_structure, estimate_parameters, make_log
 from compplan.report.maps.pictures import draw_joint_map, draw_lines
 from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, compare, statement, unavailable
 from compplan.robot import Array, Robot
@@ -130,15 +130,15 @@ def identify(robot: Robot, tests: Tests, rng: np.random.Generator | None = None)
     nominal = locate_frames(chain, tests.q)
     relative = loaded.rotation @ np.swapaxes(bare.rotation, 1, 2)
     scale = 1 + SIGMA_WEIGHT_N * noise[2, :, :1] / np.abs(tests.wrench[:, 2:3])
-    observations = make_observations(
+    log = make_log(
         tests.q,
         tests.wrench * scale,
         nominal.tcp_position + loaded.position - bare.position + shift,
         turn @ relative @ nominal.tcp_rotation,
-        sigma_position=np.full(n, np.sqrt(2) * SIGMA_POSITION),
+        sigma=np.full(n, np.sqrt(2) * SIGMA_POSITION),
         sigma_rotation=np.full(n, np.sqrt(2) * SIGMA_ROTATION),
     )
-    return estimate_parameters(build_structure(robot), observations, sigma="stated")
+    return estimate_parameters(build_structure(robot), log, sigma="stated")
 
 
 def monte_carlo(robot: Robot, repeats: int = REPEATS, seed: int = 0) -> Array:

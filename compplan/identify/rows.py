@@ -1,0 +1,224 @@
+"""The rows of a log that are fitted, how they are weighed against each other, and the frames they were measured in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compplan.effects import apply_effects, attain_scene, robot_effects, stage_scene
+from compplan.errors import InputError, ShapeError
+from compplan.identify.robust import check_loss
+from compplan.measure.campaign import Campaign
+from compplan.measure.registration import Registration, fit_registration, match_targets, read_registration
+from compplan.robot import Array, Robot
+
+#: Assumed where a log states no standard deviation: they set the weight of orientation against position to begin with;
+#: both are then replaced by what the residuals say. Encoder differences: assumed. [m, rad, rad or m]
+ASSUMED_SIGMA_POSITION, ASSUMED_SIGMA_ROTATION, SIGMA_ENCODER = 5e-5, 1e-4, 1e-5
+#: Fewest unloaded poses from which frames are fitted on their own.
+UNLOADED_POSES = 10
+#: Blocks of poses that are left out in turn.
+FOLDS = 5
+#: The measuring frame is the robot base frame, the target the TCP, and neither is fitted.
+KNOWN_FRAMES = Registration(np.eye(4), np.eye(4)[None], ("",), ())
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """What a fit is made to; n rows of a log.
+
+    Attributes:
+        campaign: The whole log, since some effects remember where the robot came from.
+        row: The rows that are fitted, counted from 0. Shape (n,).
+        registration: Frames of the campaign; its `parts` are fitted along.
+        loss: "least_squares", "huber" or "tukey" (both 95 % efficient).
+        reference: "absolute": poses as they were measured. "difference": rows of the same commanded pose are compared
+            with each other only, so that errors of geometry and frames there drop out [Klimchik2018, eqs. 4-6].
+        sigma: "residuals": the stated standard deviations give relative weights inside position and inside
+            orientation, and the residuals say how large they are. "stated": they are trusted.
+    """
+
+    campaign: Campaign
+    row: NDArray[np.int_]
+    registration: Registration
+    loss: str = "least_squares"
+    reference: str = "absolute"
+    sigma: str = "residuals"
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    @cached_property
+    def taken(self) -> Campaign:
+        """The rows alone, as a log."""
+        return self.campaign.take(self.row)
+
+    @cached_property
+    def turned(self) -> bool:
+        """Whether orientation is measured; without it a tool is a point."""
+        return self.taken.rotation is not None
+
+    @cached_property
+    def deviation(self) -> Array:
+        """Stated standard deviation of position and orientation, per axis. Shape (n, 6). [m, rad]"""
+        log, n = self.taken, len(self)
+        place = np.full(n, ASSUMED_SIGMA_POSITION) if log.sigma is None else log.sigma
+        turn = np.full(n, ASSUMED_SIGMA_ROTATION) if log.sigma_rotation is None else log.sigma_rotation
+        return np.repeat(np.column_stack([place, turn]), 3, axis=1)
+
+    @cached_property
+    def encoder(self) -> Array | None:
+        """Link-side minus motor-side reading, the commanded joints being those of the side that controls; or None."""
+        log = self.taken
+        if log.link is None and log.motor is None:
+            return None
+        nothing, by_link = np.full(log.q.shape, np.nan), log.link_controlled[:, None]
+        link = np.where(by_link, log.q, nothing if log.link is None else log.link)
+        motor = np.where(by_link, nothing if log.motor is None else log.motor, log.q)
+        return link - motor if np.isfinite(link - motor).any() else None
+
+    @cached_property
+    def pose(self) -> NDArray[np.int_]:
+        """Number of the commanded pose (within 0.006 deg or 0.1 mm), whatever mode and target. Shape (n,)."""
+        return _number(np.round(self.taken.q / 1e-4))
+
+    @cached_property
+    def alike(self) -> NDArray[np.int_]:
+        """Number of the commanded pose, mode and target. Shape (n,)."""
+        log = self.taken
+        return _number(np.column_stack([np.round(log.q / 1e-4), log.link_controlled, log.target_index]))
+
+    @property
+    def group(self) -> NDArray[np.int_] | None:
+        """Groups in which rows are compared with each other; None for absolute poses. Shape (n,)."""
+        return None if self.reference == "absolute" else self.alike
+
+    @cached_property
+    def fold(self) -> NDArray[np.int_]:
+        """Block of each row, in the order of measuring; rows of one pose stay together. Shape (n,)."""
+        first = np.full(int(self.pose.max(initial=-1)) + 1, len(self))
+        np.minimum.at(first, self.pose, np.arange(len(self)))
+        rank = np.argsort(np.argsort(first))
+        return np.asarray(rank[self.pose] * min(FOLDS, len(first)) // len(first))
+
+
+def _number(marks: Array) -> NDArray[np.int_]:
+    return np.asarray(np.unique(marks, axis=0, return_inverse=True)[1]).ravel()
+
+
+def make_log(
+    q: ArrayLike, wrench: ArrayLike, position: ArrayLike, rotation: ArrayLike | None = None, *,
+    sigma: ArrayLike | None = None, sigma_rotation: ArrayLike | None = None, link_side: ArrayLike = False,
+    encoder: ArrayLike | None = None,
+) -> Campaign:  # fmt: skip
+    """Make a log of settled poses from arrays.
+
+    Args:
+        q: Commanded joint positions. Shape (n, nq). [rad, m]
+        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6) or (6,). [N, N m]
+        position: Measured point. Shape (n, 3). [m]
+        rotation: Measured orientation of the TCP frame as matrices. Shape (n, 3, 3).
+        sigma: Standard deviation of position per axis; 0.05 mm is assumed if left out. Scalar or shape (n,). [m]
+        sigma_rotation: The same of orientation; 0.1 mrad is assumed if left out. Scalar or shape (n,). [rad]
+        link_side: Rows whose q are link-side readings (modes U2 and L2). Scalar or shape (n,).
+        encoder: Link-side minus motor-side readings. Shape (n, nq). [rad, m]
+
+    Raises:
+        ShapeError: If an array does not have the shape above.
+    """
+    joints = np.atleast_2d(np.asarray(q, float))
+    n = len(joints)
+
+    def shaped(name: str, value: ArrayLike | None, *allowed: tuple[int, ...]) -> Array | None:
+        array = None if value is None else np.asarray(value, float)
+        if array is not None and array.shape not in allowed:
+            raise ShapeError(f"{name} has shape {array.shape}, expected {' or '.join(map(str, allowed))}")
+        return None if array is None else np.broadcast_to(array, allowed[0])
+
+    side = np.broadcast_to(np.asarray(link_side, bool), (n,))
+    extra, place = shaped("encoder", encoder, joints.shape), shaped("position", position, (n, 3))
+    load = shaped("wrench", wrench, (n, 6), (6,))
+    assert place is not None and load is not None
+    return Campaign(
+        run=np.array(["static_1"] * n),
+        q=joints,
+        wrench=load,
+        position=place,
+        rotation=shaped("rotation", rotation, (n, 3, 3)),
+        link=None if extra is None else joints + extra,
+        sigma=shaped("sigma", ASSUMED_SIGMA_POSITION if sigma is None else sigma, (n,), ()),
+        sigma_rotation=shaped(
+            "sigma_rotation", ASSUMED_SIGMA_ROTATION if sigma_rotation is None else sigma_rotation, (n,), ()
+        ),
+        mode=np.where(side, "L2", "L1") if side.any() else None,
+    )
+
+
+def take_rows(campaign: Campaign, registration: Registration, loss: str) -> tuple[Rows, list[str]]:
+    """Take the rows of a log that identification can use: settled poses with joints, load and position.
+
+    Returns:
+        The rows, and sentences on what was left out or assumed.
+
+    Raises:
+        InputError: If no row can be used.
+    """
+    row = np.flatnonzero(usable_rows(campaign))
+    notes = [note for note in campaign.notes if "pasted" in note]
+    passed = int((campaign.usable & campaign.on_path).sum())
+    if passed:
+        notes.append(f"{passed} rows that were sampled on the fly are left out: lag is no compliance")
+    if missing := len(campaign) - len(row) - passed:
+        notes.append(f"{missing} rows lack joints, load or position and are left out")
+    stated: dict[str, Any] = {}
+    for key, what, text, needed in (
+        ("sigma", "position", "0.05 mm", True),
+        ("sigma_rotation", "orientation", "0.1 mrad", campaign.rotation is not None),
+    ):
+        value = getattr(campaign, key)
+        if value is not None and np.isfinite(value).any():
+            stated[key] = np.where(np.isfinite(value) & (value > 0), value, np.nanmedian(value))
+        elif needed:
+            said = f"no standard deviation of {what} is stated: {text} is assumed to begin with"
+            notes.append(f"{said}, then the residuals decide")
+            stated[key] = None
+    return Rows(replace(campaign, **stated), row, registration, check_loss(loss)), notes
+
+
+def usable_rows(campaign: Campaign) -> NDArray[np.bool_]:
+    """Tell which rows are settled poses with joints, load and position. Shape (n,).
+
+    Raises:
+        InputError: If there is none.
+    """
+    rows = campaign.usable & ~campaign.on_path
+    if not rows.any():
+        message = 'no settled pose in this log; compliances are identified from runs whose label begins with "static"'
+        raise InputError(message, file=campaign.file)
+    return np.asarray(rows)
+
+
+def place_frames(robot: Robot, campaign: Campaign, parts: tuple[str, ...]) -> Registration:
+    """Find the frames to start from: fitted to unloaded poses, read from the robot folder, or known.
+
+    Args:
+        robot: The nominal robot.
+        campaign: The log.
+        parts: Frames to fit: "base", "tool".
+    """
+    if parts:
+        rows = usable_rows(campaign)
+        quiet = rows & campaign.unloaded
+        if len(np.unique(np.round(campaign.q[quiet], 4), axis=0)) >= UNLOADED_POSES:
+            rows = quiet
+        seen = attain_scene(apply_effects(stage_scene(robot, campaign), robot_effects(robot)))
+        return fit_registration(campaign, seen.position, seen.rotation, parts, rows=rows)
+    file = None if robot.folder is None else Path(robot.folder) / "registration.toml"
+    if file is not None and file.exists():
+        return replace(match_targets(read_registration(file), campaign), parts=())
+    return Registration.identity(campaign, ())
