@@ -8,15 +8,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.identify.parameters import build_structure, own_springs
-from compplan.identify.pose_choice import (
-    PoseCandidates,
-    choose_poses,
-    compare_with_random,
-    draw_candidates,
-    weigh_candidates,
-)
+from compplan.identify.parameters import build_structure
+from compplan.identify.plan_campaign import choose_poses, compare_with_random, weigh_candidates
+from compplan.measure.poses.pool import PoseCandidates, draw_candidates
 from compplan.robot import Robot, load_robot
+from compplan.robot.springs import own_springs
 from compplan.statics.chain import build_chain
 from compplan.statics.quality import find_characteristic_length, quality_of_poses
 

@@ -17,11 +17,13 @@ from scipy.stats import binomtest
 from compplan.errors import UnknownNameError
 from compplan.identify.estimate import Estimate, estimate_parameters
 from compplan.identify.forward import attain_rows
-from compplan.identify.parameters import FreeRobot, build_structure, link_springs, own_springs
-from compplan.identify.pose_choice import draw_candidates
-from compplan.identify.rows import KNOWN_FRAMES, Rows, make_log
+from compplan.identify.parameters import FreeRobot, build_structure
+from compplan.identify.rows import KNOWN_FRAMES, Rows
 from compplan.measure.campaign import Campaign
+from compplan.measure.made import make_log
+from compplan.measure.poses.pool import draw_candidates
 from compplan.robot import Array, Body, LinkElasticity, Robot, Spring
+from compplan.robot.springs import link_springs, own_springs
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium
 

@@ -17,12 +17,12 @@ from benchmarks.round_trip import simulate_observations
 from compplan.cli import group
 from compplan.errors import InputError, UnknownNameError
 from compplan.identify.campaign import identify_campaign
-from compplan.identify.parameters import link_springs
-from compplan.identify.pose_choice import draw_candidates
 from compplan.identify.problem import IdentifyOptions
+from compplan.measure.poses.pool import draw_candidates
 from compplan.measure.reading import read_campaign
 from compplan.robot import Robot, Spring, load_robot
 from compplan.robot.folder import write_robot_folder
+from compplan.robot.springs import link_springs
 from tests.observation_log import write_campaign_log
 
 SOFTER = np.array([1.4, 0.7, 1.2, 0.8, 1.3, 0.9])

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from benchmarks.round_trip import simulate_observations
-from compplan.identify import build_structure, estimate_parameters, make_log
-from compplan.identify.parameters import link_springs
-from compplan.identify.pose_choice import draw_candidates
+from compplan.identify import build_structure, estimate_parameters
 from compplan.measure.campaign import Campaign
+from compplan.measure.made import make_log
+from compplan.measure.poses.pool import draw_candidates
 from compplan.robot import Robot, load_robot
+from compplan.robot.springs import link_springs
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium
 

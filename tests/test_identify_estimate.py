@@ -13,12 +13,12 @@ from compplan.errors import InputError, ShapeError, UnknownNameError
 from compplan.identify import (
     build_structure,
     estimate_parameters,
-    make_log,
-    own_springs,
     reduce_model,
 )
-from compplan.identify.pose_choice import draw_candidates
+from compplan.measure.made import make_log
+from compplan.measure.poses.pool import draw_candidates
 from compplan.robot import Robot, load_robot
+from compplan.robot.springs import own_springs
 
 
 def soften(robot: Robot, seed: int) -> Robot:

@@ -13,13 +13,14 @@ from simulated_campaigns import plan_rows, write_small_robot
 from compplan.effects import Effect, apply_effects, attain_scene, robot_effects, stage_scene
 from compplan.effects.linearization import linearize_scene
 from compplan.errors import InputError, UnknownNameError
-from compplan.identify import KNOWN_FRAMES, Rows, build_structure, candidate_springs, geometry_forms
+from compplan.identify import KNOWN_FRAMES, Rows, build_structure, geometry_forms
 from compplan.identify.campaign import identify_campaign
 from compplan.identify.forward import attain_rows, differentiate, pose_residuals
 from compplan.identify.problem import IdentifyOptions, list_forms
 from compplan.identify.update import update_robot
 from compplan.measure.campaign import Campaign
 from compplan.robot import Robot, load_robot
+from compplan.robot.springs import candidate_springs
 
 SIZES = {"rad/(N m)": 2e-7, "m/N": 2e-9, "m": 3e-4, "rad": 4e-4, "rad/N": 1e-9, "1": 0.2}
 CASES = [("small", None), ("kuka_kr270_full", None), ("kuka_kr270_full", "diagonal")]

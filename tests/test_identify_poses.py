@@ -11,17 +11,18 @@ import pytest
 from benchmarks.pose_selection import dexterous_candidates
 from benchmarks.round_trip import simulate_observations
 from compplan.errors import InputError
-from compplan.identify import build_structure, estimate_parameters, own_springs
-from compplan.identify.plan_campaign import plan_campaign
-from compplan.identify.pose_choice import (
+from compplan.identify import build_structure, estimate_parameters
+from compplan.identify.plan_campaign import (
     PoseInformation,
     choose_poses,
     compare_with_random,
-    draw_candidates,
+    plan_campaign,
     weigh_candidates,
 )
 from compplan.identify.problem import IdentifyOptions
+from compplan.measure.poses.pool import draw_candidates
 from compplan.robot import load_robot
+from compplan.robot.springs import own_springs
 
 
 @pytest.mark.parametrize("name", ["kuka_kr270", "staubli_tx200", "kuka_kr240"])

@@ -9,14 +9,16 @@ import pytest
 
 from benchmarks.round_trip import simulate_observations
 from compplan.errors import InputError
-from compplan.identify import KNOWN_FRAMES, Rows, build_structure, candidate_springs, estimate_parameters
+from compplan.identify import KNOWN_FRAMES, Rows, build_structure, estimate_parameters
+from compplan.identify.estimate import leave_poses_out
 from compplan.identify.forward import attain_rows, pose_residuals
-from compplan.identify.heldout import distance_rms, gain_score, leave_out
-from compplan.identify.pose_choice import draw_candidates
 from compplan.identify.refine import GAIN_LIMIT, refine_structure
 from compplan.identify.spring_place import place_spring
 from compplan.measure.campaign import Campaign
+from compplan.measure.fit.heldout import distance_rms, gain_score
+from compplan.measure.poses.pool import draw_candidates
 from compplan.robot import Spring, load_robot
+from compplan.robot.springs import candidate_springs
 
 
 def every_row(log: Campaign, sigma: str = "residuals") -> Rows:
@@ -84,7 +86,7 @@ def test_leaving_blocks_out_at_one_step_equals_fitting_without_them() -> None:
     structure = build_structure(robot)
     whole = estimate_parameters(structure, rows, sigma="stated")
     measured = every_row(rows, "stated")
-    quick, folds = leave_out(measured, whole, whole.free).residual, measured.fold
+    quick, folds = leave_poses_out(measured, whole).residual, measured.fold
     for fold in range(5):
         train, test = rows.take(folds != fold), rows.take(folds == fold)
         fitted = estimate_parameters(structure, train, sigma="stated")

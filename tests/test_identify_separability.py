@@ -9,10 +9,11 @@ import numpy as np
 from benchmarks.round_trip import simulate_observations
 from compplan.effects import attain_scene, stage_scene
 from compplan.effects.linearization import linearize_scene
-from compplan.identify import build_structure, estimate_parameters, geometry_forms, own_springs
-from compplan.identify.pose_choice import draw_candidates
+from compplan.identify import build_structure, estimate_parameters, geometry_forms
 from compplan.identify.rows import KNOWN_FRAMES
+from compplan.measure.poses.pool import draw_candidates
 from compplan.robot import LinkElasticity, Robot, Spring, load_robot
+from compplan.robot.springs import own_springs
 
 
 def held(robot: Robot, wrench: np.ndarray, q: np.ndarray, **options: object) -> dict[str, tuple[tuple[str, ...], str]]:

@@ -15,13 +15,17 @@ from compplan.errors import InputError
 from compplan.files.tables import dump_json
 from compplan.identify.campaign import identify_campaign
 from compplan.identify.parameters import GEOMETRY, LINK_TERMS
-from compplan.identify.plan_campaign import CampaignPlan, describe_campaign_plan, plan_campaign
+from compplan.identify.plan_campaign import CampaignPlan, plan_campaign
 from compplan.identify.problem import IdentifyOptions
-from compplan.identify.robust import LOSSES
-from compplan.identify.summary import describe_identification
 from compplan.measure.checks import list_notes
+from compplan.measure.fit.robust import LOSSES
 from compplan.measure.registration import parse_parts
-from compplan.outputs.identify import write_campaign_plan, write_identification
+from compplan.outputs.identify import (
+    describe_campaign_plan,
+    describe_identification,
+    write_campaign_plan,
+    write_identification,
+)
 from compplan.robot import load_robot
 
 

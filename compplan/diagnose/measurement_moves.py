@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from compplan.effects import attain_scene, stage_scene
 from compplan.measure.campaign import Campaign
+from compplan.measure.poses.pool import take_clear
 from compplan.robot import Array, Robot
 
 #: What each kind of move is, for people.
@@ -126,9 +127,8 @@ def lay_out_moves(robot: Robot, campaign: Campaign, seed: int = 0) -> tuple[Camp
 
 def draw_poses(robot: Robot, campaign: Campaign, count: int, random: np.random.Generator) -> Array:
     """Draw poses within joint limits that keep clear of floor and column as the campaign did. Shape (<= count, nq)."""
-    lower, upper = joint_range(robot, campaign)
-    q = random.uniform(lower, upper, (DRAWN * count, robot.nq))
-    return q[keeps_clear(robot, campaign, q)][:count]
+    q = random.uniform(*joint_range(robot, campaign), (DRAWN * count, robot.nq))
+    return take_clear([q], lambda part: keeps_clear(robot, campaign, part), count)
 
 
 def joint_range(robot: Robot, campaign: Campaign) -> tuple[Array, Array]:

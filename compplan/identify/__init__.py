@@ -12,13 +12,11 @@ from compplan.identify.parameters import (
     FreeRobot,
     Parameter,
     build_structure,
-    candidate_springs,
     effect_forms,
     geometry_forms,
-    own_springs,
 )
 from compplan.identify.reduce import ReducedModel, reduce_model
-from compplan.identify.rows import KNOWN_FRAMES, Rows, make_log
+from compplan.identify.rows import KNOWN_FRAMES, Rows
 from compplan.identify.separability import Inseparable
 
 __all__ = [
@@ -30,11 +28,8 @@ __all__ = [
     "ReducedModel",
     "Rows",
     "build_structure",
-    "candidate_springs",
     "effect_forms",
     "estimate_parameters",
     "geometry_forms",
-    "make_log",
-    "own_springs",
     "reduce_model",
 ]

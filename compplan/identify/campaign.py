@@ -9,7 +9,6 @@ import numpy as np
 
 from compplan.identify.estimate import Estimate
 from compplan.identify.gap import IdentifiedGap, measure_gap
-from compplan.identify.heldout import gain_score
 from compplan.identify.parameters import GEOMETRY, FreeRobot
 from compplan.identify.problem import (
     IdentifyOptions,
@@ -25,6 +24,7 @@ from compplan.identify.rows import Rows, place_frames, take_rows
 from compplan.identify.spring_place import place_spring
 from compplan.identify.update import identified_uncertainty, update_robot
 from compplan.measure.campaign import Campaign
+from compplan.measure.fit.heldout import gain_score
 from compplan.measure.registration import Registration
 from compplan.robot import Robot
 

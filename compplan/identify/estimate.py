@@ -9,14 +9,16 @@ from numpy.typing import NDArray
 from scipy.stats import t
 
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
-from compplan.identify.forward import RowState, attain_rows, frame_parameters, move_frames
+from compplan.identify.forward import RowState, attain_rows, frame_parameters, linearise, move_frames
 from compplan.identify.parameters import FreeRobot, Parameter
-from compplan.identify.robust import check_loss, loss_weights
 from compplan.identify.rows import KNOWN_FRAMES, Rows
-from compplan.identify.separability import Inseparable, condition_number, explain_held, find_free
-from compplan.identify.spread import state_spread
-from compplan.identify.system import System, estimate_noise, information, invert, linearise, stack, weigh
+from compplan.identify.separability import Inseparable, explain_held, tell_apart
 from compplan.measure.campaign import Campaign
+from compplan.measure.fit.heldout import HeldOutRows, leave_out
+from compplan.measure.fit.robust import check_loss, loss_weights
+from compplan.measure.fit.separable import condition_number
+from compplan.measure.fit.spread import state_spread
+from compplan.measure.fit.system import System, estimate_noise, information, invert, stack, weigh
 from compplan.measure.registration import Registration
 from compplan.robot import Array
 
@@ -140,11 +142,13 @@ def fit_rows(structure: FreeRobot, rows: Rows) -> Estimate:
     state = attain_rows(structure, structure.nominal, rows, rows.registration)
     system = linearise(rows, state)
     matrix = information(system, system.whitener(np.ones(3)), rows.group)
-    free = find_free(matrix, parameters)
+    free = tell_apart(matrix, parameters)
     held = explain_held(rows.taken, state, matrix, parameters, free)
     _check_enough(system, free, held)
     state, system, noise, steps = _iterate(rows, parameters, free, state, system)
-    covariance, freedom, clustered = state_spread(system, rows, noise, free)
+    covariance, freedom, clustered = state_spread(
+        system, rows.taken.q, noise, rows.loss, rows.group, free, rows.sigma
+    )
     return Estimate(
         parameters=parameters,
         values=np.r_[state.values, np.zeros(len(parameters) - len(state.values))],
@@ -160,6 +164,23 @@ def fit_rows(structure: FreeRobot, rows: Rows) -> Estimate:
         clustered=clustered,
         iterations=steps,
     )
+
+
+def leave_poses_out(
+    rows: Rows, estimate: Estimate, free: NDArray[np.bool_] | None = None, system: System | None = None
+) -> HeldOutRows:
+    """Refit without each block of poses and predict it.
+
+    Args:
+        rows: The measured rows; under its reference "difference", rows of a pose are compared with each other only.
+        estimate: The fitted state: weights and noise.
+        free: Which parameters are refitted; those of the estimate if left out. Shape (p,).
+        system: The linearised problem at the fitted state; the estimate's own if left out. Shape (n, m, p).
+    """
+    return leave_out(
+        estimate.system if system is None else system, estimate.noise, estimate.weights,
+        estimate.free if free is None else free, group=rows.group, fold=rows.fold, pose=rows.pose,
+    )  # fmt: skip
 
 
 def _check_enough(system: System, free: NDArray[np.bool_], held: tuple[Inseparable, ...]) -> None:

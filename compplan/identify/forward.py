@@ -13,7 +13,8 @@ from compplan.effects import EFFECTS, apply_effects, attain_scene, stage_scene
 from compplan.effects.linearization import Linearization, linearize_scene, unit_twist
 from compplan.effects.scene import Attained, Scene, own_springs
 from compplan.identify.parameters import AXES, TYPICAL_SIZE, FreeRobot, Parameter
-from compplan.identify.rows import Rows
+from compplan.identify.rows import SIGMA_ENCODER, Rows
+from compplan.measure.fit.system import ENCODERS, ORIENTATION, POSITION, System
 from compplan.measure.registration import Registration
 from compplan.robot import Array
 from compplan.statics.chain import Frames, load_elements
@@ -140,6 +141,19 @@ def differentiate(rows: Rows, state: RowState) -> tuple[Array, Array]:
     pose = np.concatenate([pose, *_frame_columns(rows, state, R)], axis=2)
     encoder = np.concatenate([encoder, np.zeros((n, encoder.shape[1], pose.shape[2] - encoder.shape[2]))], axis=2)
     return pose, encoder
+
+
+def linearise(rows: Rows, state: RowState) -> System:
+    """Build the linearised problem at a state."""
+    residual, extra = pose_residuals(rows, state), encoder_residuals(rows, state)
+    columns, slopes = differentiate(rows, state)
+    sigma, block = rows.deviation, np.repeat([POSITION, ORIENTATION], 3)
+    if extra is not None:
+        residual, columns = np.hstack([residual, extra]), np.concatenate([columns, slopes], axis=1)
+        sigma = np.hstack([sigma, np.full(extra.shape, SIGMA_ENCODER)])
+        block = np.r_[block, np.full(extra.shape[1], ENCODERS)]
+    missing = ~np.isfinite(residual)
+    return System(np.where(missing, 0.0, residual), columns, np.where(missing, np.inf, sigma), block)
 
 
 def _spring_motion(state: RowState) -> Array:

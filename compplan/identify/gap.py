@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compplan.effects import fold_effects
-from compplan.identify.estimate import Estimate, fit_rows
-from compplan.identify.heldout import distance_rms, leave_out
+from compplan.identify.estimate import Estimate, fit_rows, leave_poses_out
 from compplan.identify.parameters import FreeRobot
 from compplan.identify.rows import Rows
+from compplan.measure.fit.heldout import distance_rms
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def measure_gap(rows: Rows, structure: FreeRobot, kept: Estimate) -> IdentifiedG
         if own is compared:
             # Frames and geometry do not show in differences of one pose.
             free &= np.array([p.kind in ("joint", "spring", "link") for p in estimate.parameters], bool)
-        return distance_rms(leave_out(own, replace(estimate, weights=kept.weights), free).residual, everywhere)
+        return distance_rms(leave_poses_out(own, replace(estimate, weights=kept.weights), free).residual, everywhere)
 
     return IdentifiedGap(
         before=distance_rms(bare.residuals, everywhere),

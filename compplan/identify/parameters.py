@@ -18,6 +18,7 @@ from compplan.effects.scene import spring_coordinates
 from compplan.effects.signature import Signature
 from compplan.errors import InputError, UnknownNameError
 from compplan.robot import Array, LinkElasticity, Robot, Spring
+from compplan.robot.springs import is_own, label_spring, number_twins, spring_slides
 from compplan.statics.chain import Chain, build_chain
 
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
@@ -165,7 +166,7 @@ def build_structure(
     if links is not None and links not in LINK_TERMS:
         raise UnknownNameError("choice of link terms", links, list(LINK_TERMS))
     elastic = replace(robot, springs=(*robot.springs, *add))
-    present = _count_twins([label_spring(spring) for spring in elastic.springs])
+    present = number_twins([label_spring(spring) for spring in elastic.springs])
     wanted = present if springs is None else list(springs)
     for name in wanted:
         if name not in present:
@@ -173,14 +174,14 @@ def build_structure(
     free: list[Parameter] = []
     for number, (name, spring) in enumerate(zip(present, elastic.springs, strict=True)):
         if name in wanted:
-            unit = "m/N" if _slides(robot, spring) else "rad/(N m)"
+            unit = "m/N" if spring_slides(robot, spring) else "rad/(N m)"
             size = spring.compliance or TYPICAL_SIZE[unit]
-            kind = "joint" if _is_own(robot, spring) else "spring"
+            kind = "joint" if is_own(robot, spring) else "spring"
             free.append(Parameter(name, kind, unit, spring.compliance, size, spring=number))
     if links is not None:
         if -1 in _link_coordinates(elastic):
             raise InputError("the elasticity of the base link cannot be identified; give its joint springs")
-        names = _count_twins([block.link for block in elastic.link_elasticities])
+        names = number_twins([block.link for block in elastic.link_elasticities])
         for number, (name, block) in enumerate(zip(names, elastic.link_elasticities, strict=True)):
             free.extend(_link_parameters(name, number, block, links))
     bare = [form.without_motion() for form in forms]
@@ -232,74 +233,6 @@ def effect_forms(at: Linearization, wanted: Sequence[str]) -> list[Signature]:
                 found.append(signature)
                 taken |= set(signature.column_names)
     return found
-
-
-def own_springs(robot: Robot) -> tuple[Spring, ...]:
-    """List a spring of compliance zero about (or along) the own axis of every commanded joint that has none yet."""
-    own = [spring for spring in robot.springs if _is_own(robot, spring)]
-    taken = {spring.joint for spring in own if spring.actuator or spring.axis != "own"}
-    return tuple(Spring(joint.name, "own", 0.0, actuator=True) for joint in robot.actuated if joint.name not in taken)
-
-
-def label_spring(spring: Spring) -> str:
-    """Name a spring; one about a joint's own axis that the link-side encoder does not see is "joint_3.link"."""
-    return f"{spring.joint}.link" if spring.axis == "own" and not spring.actuator else spring.name
-
-
-def link_springs(robot: Robot) -> tuple[Spring, ...]:
-    """List an own-axis spring of compliance zero beyond each joint's link-side encoder [Klimchik2018, eq. 5]."""
-    taken = {spring.joint for spring in robot.springs if _is_own(robot, spring) and not spring.actuator}
-    return tuple(Spring(j.name, "own", 0.0, actuator=False) for j in robot.actuated if j.name not in taken)
-
-
-def candidate_springs(robot: Robot, axes: Sequence[str] = ("rx", "ry", "rz")) -> tuple[Spring, ...]:
-    """List springs that a robot does not have: about each axis of every moving joint's frame, and at the base.
-
-    Args:
-        robot: The robot.
-        axes: Axes of the child frame to offer; the joint's own axis is left out where the joint has an own spring.
-    """
-    taken = {(spring.joint, spring.axis) for spring in robot.springs}
-    own = {spring.joint for spring in robot.springs if _is_own(robot, spring)}
-    found: list[Spring] = []
-    first = robot.joints[0]
-    for joint in robot.joints:
-        if joint.kind == "fixed" and joint is not first:
-            continue
-        for axis in axes:
-            along = _own_axis_name(robot, joint.name)
-            if (joint.name, axis) in taken or (axis == along and joint.name in own):
-                continue
-            found.append(Spring(joint.name, axis, 0.0, actuator=axis == along))
-    return tuple(found)
-
-
-def _is_own(robot: Robot, spring: Spring) -> bool:
-    return spring.axis == "own" or spring.axis == _own_axis_name(robot, spring.joint)
-
-
-def _own_axis_name(robot: Robot, name: str) -> str | None:
-    joint = next(joint for joint in robot.joints if joint.name == name)
-    if joint.kind == "fixed":
-        return None
-    k = int(np.argmax(np.abs(joint.axis)))
-    return ("t" if joint.kind == "prismatic" else "r") + "xyz"[k] if abs(joint.axis[k]) > 1 - 1e-9 else None
-
-
-def _slides(robot: Robot, spring: Spring) -> bool:
-    if spring.axis == "own":
-        return next(joint for joint in robot.joints if joint.name == spring.joint).kind == "prismatic"
-    return spring.axis.startswith("t")
-
-
-def _count_twins(names: Sequence[str]) -> list[str]:
-    """Tell names apart that occur more than once: link_2, link_2 -> link_2#1, link_2#2."""
-    seen: dict[str, int] = {}
-    result = []
-    for name in names:
-        seen[name] = seen.get(name, 0) + 1
-        result.append(f"{name}#{seen[name]}" if names.count(name) > 1 else name)
-    return result
 
 
 def _link_coordinates(robot: Robot) -> list[int]:

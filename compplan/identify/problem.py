@@ -10,23 +10,20 @@ from compplan.effects import apply_effects, attain_scene, robot_effects, stage_s
 from compplan.effects.linearization import linearize_scene
 from compplan.effects.signature import Signature
 from compplan.errors import InputError, UnknownNameError
-from compplan.identify.estimate import REFERENCES, Estimate, fit_rows
-from compplan.identify.heldout import gain_score, leave_out
+from compplan.identify.estimate import REFERENCES, Estimate, fit_rows, leave_poses_out
 from compplan.identify.parameters import (
     GEOMETRY,
     FreeRobot,
     build_structure,
-    candidate_springs,
     effect_forms,
     geometry_forms,
-    label_spring,
-    link_springs,
-    own_springs,
 )
 from compplan.identify.refine import GAIN_LIMIT
-from compplan.identify.robust import check_loss
 from compplan.identify.rows import Rows
-from compplan.robot import SPRING_AXES, Array, Robot, Spring
+from compplan.measure.fit.heldout import gain_score
+from compplan.measure.fit.robust import check_loss
+from compplan.robot import Array, Robot
+from compplan.robot.springs import candidate_springs, label_spring, link_springs, own_springs, read_spring
 
 #: Poses compared with themselves have to be this much quieter than absolute ones before differences are preferred.
 QUIETER = 1.5
@@ -140,24 +137,6 @@ def build_considered(
     )
 
 
-def read_spring(robot: Robot, name: str) -> Spring:
-    """Read "joint_3.rx" or "joint_3" (own axis) as a spring of compliance zero.
-
-    Raises:
-        UnknownNameError: If the robot has no such joint, or there is no such axis.
-        InputError: If the robot has that spring already.
-    """
-    joint, _, axis = name.rpartition(".") if name.rpartition(".")[2] in SPRING_AXES else (name, "", "own")
-    joints = {entry.name: entry for entry in robot.joints}
-    if joint not in joints:
-        raise UnknownNameError("joint", joint, list(joints))
-    if axis == "own" and joints[joint].kind == "fixed":
-        raise InputError(f"fixed joint {joint!r} has no own axis, name one such as {joint}.rx")
-    if any((spring.joint, spring.axis) == (joint, axis) for spring in robot.springs):
-        raise InputError(f"spring {name!r} is to be added, but the robot has it already")
-    return Spring(joint, axis, 0.0, actuator=axis == "own")
-
-
 def check_options(options: IdentifyOptions) -> None:
     """Refuse choices that do not exist.
 
@@ -213,7 +192,7 @@ def choose_geometry(problem: IdentifyProblem) -> IdentifyProblem:
 
 def held_out_score(problem: IdentifyProblem, estimate: Estimate) -> Array:
     """Score a fit on held-out poses, in stated standard deviations. Shape (poses,)."""
-    return leave_out(problem.rows, replace(estimate, noise=np.ones(3)), estimate.free).score
+    return leave_poses_out(problem.rows, replace(estimate, noise=np.ones(3))).score
 
 
 def choose_reference(problem: IdentifyProblem) -> tuple[IdentifyProblem, list[str]]:

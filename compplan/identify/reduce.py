@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.identify.estimate import Estimate, estimate_parameters
 from compplan.identify.parameters import build_structure
-from compplan.identify.rows import make_log
+from compplan.measure.made import make_log
 from compplan.robot import Array, Robot, Spring
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium

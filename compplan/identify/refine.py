@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.identify.estimate import Estimate, fit_rows
-from compplan.identify.heldout import distance_rms, gain_score, leave_out
+from compplan.identify.estimate import Estimate, fit_rows, leave_poses_out
+from compplan.identify.forward import linearise
 from compplan.identify.parameters import FreeRobot, Parameter
 from compplan.identify.rows import Rows
-from compplan.identify.separability import find_free
-from compplan.identify.system import invert, linearise, stack, weigh
+from compplan.identify.separability import tell_apart
+from compplan.measure.fit.heldout import distance_rms, gain_score
+from compplan.measure.fit.system import invert, stack, weigh
 from compplan.robot import Array
 
 #: Standard errors by which a candidate has to shrink the held-out score; about one in 700 by chance for each.
@@ -115,7 +116,7 @@ def probe_model(structure: FreeRobot, present: Estimate, rows: Rows) -> Refineme
     base = np.zeros(len(parameters), bool)
     base[places] = present.free[: len(places)]
     base[len(names) :] = present.free[len(places) :]
-    before = leave_out(rows, present, base, system)
+    before = leave_poses_out(rows, present, base, system)
     counted = present.weights > 0
     residual, columns = weigh(system, system.whitener(present.noise) * np.sqrt(present.weights)[:, None], rows.group)
     flat = stack(columns)
@@ -129,7 +130,7 @@ def probe_model(structure: FreeRobot, present: Estimate, rows: Rows) -> Refineme
             continue
         inverse = invert(matrix[np.ix_(free, free)])
         place = int(np.flatnonzero(free).searchsorted(k))
-        after = leave_out(rows, present, free, system)
+        after = leave_poses_out(rows, present, free, system)
         found.append(
             RoundCandidate(
                 name=names[k],
@@ -147,5 +148,5 @@ def probe_model(structure: FreeRobot, present: Estimate, rows: Rows) -> Refineme
 def _tellable(matrix: Array, parameters: Sequence[Parameter], free: NDArray[np.bool_], k: int) -> bool:
     """Tell whether the data tell a candidate apart from the present parameters."""
     index = np.flatnonzero(free)
-    told = find_free(matrix[np.ix_(index, index)], [parameters[int(j)] for j in index])
+    told = tell_apart(matrix[np.ix_(index, index)], [parameters[int(j)] for j in index])
     return bool(told[index.searchsorted(k)] and told.sum() == len(index))

@@ -11,14 +11,9 @@ from numpy.typing import NDArray
 from compplan.identify.forward import RowState
 from compplan.identify.parameters import Parameter
 from compplan.measure.campaign import Campaign
+from compplan.measure.fit.separable import LIMIT, SHARE, find_free
 from compplan.robot import Array
 
-#: A direction whose standard error is more than this many typical sizes is called unidentifiable.
-LIMIT = 10.0
-#: Squared singular value of the column-scaled system below which a direction is singular, whatever the noise.
-SINGULAR = 1e-12
-#: Share of a direction from which a parameter may be the one that is held.
-SHARE = 0.2
 #: Held at its nominal value first: what is refinement rather than the joints and frames themselves.
 PREFERENCE = {"link": 0, "spring": 1, "effect": 2, "geometry": 2, "offset": 3, "joint": 4, "tool": 5, "base": 6}
 
@@ -45,36 +40,11 @@ class Inseparable:
         return f"{self.held} cannot be told apart from {' and '.join(self.together_with)}: {self.reason}"
 
 
-def find_free(information: Array, parameters: Sequence[Parameter]) -> NDArray[np.bool_]:
-    """Find a largest set of parameters that the data tell apart; the rest has to be held.
-
-    Args:
-        information: Information matrix A^T W A. Shape (p, p). [per unit squared]
-        parameters: The parameters, with their typical sizes.
-
-    Returns:
-        Mask of the parameters that can be free. Shape (p,).
-    """
+def tell_apart(information: Array, parameters: Sequence[Parameter]) -> NDArray[np.bool_]:
+    """Find a largest set of parameters that the data tell apart; the rest has to be held. Shape (p,)."""
     sizes = np.array([parameter.size for parameter in parameters])
-    scaled = information * np.outer(sizes, sizes)
-    strength = np.sqrt(np.diag(scaled))
-    free: NDArray[np.bool_] = strength * LIMIT > 1
-    rank = [PREFERENCE["offset" if parameter.name.endswith(".offset") else parameter.kind] for parameter in parameters]
-    while free.any():
-        index = np.flatnonzero(free)
-        block = scaled[np.ix_(index, index)]
-        norm = strength[index]
-        value, vector = np.linalg.eigh(block / np.outer(norm, norm))
-        direction = vector[:, 0]
-        if value[0] > SINGULAR:
-            value, vector = np.linalg.eigh(block)
-            if value[0] * LIMIT**2 > 1:
-                break
-            direction = vector[:, 0]
-        weight = np.abs(direction)
-        suspects = np.flatnonzero(weight > SHARE * weight.max())
-        free[index[min(suspects, key=lambda k: (rank[index[k]], -weight[k]))]] = False
-    return free
+    kinds = ["offset" if parameter.name.endswith(".offset") else parameter.kind for parameter in parameters]
+    return find_free(information, sizes, [PREFERENCE[kind] for kind in kinds])
 
 
 def explain_held(
@@ -106,17 +76,6 @@ def explain_held(
             reason = _why_never(log, state, parameters[k])
         found.append(Inseparable(parameters[k].name, names, reason))
     return tuple(found)
-
-
-def condition_number(information: Array, free: NDArray[np.bool_]) -> float:
-    """Compute the condition number of the column-scaled system of the free parameters."""
-    index = np.flatnonzero(free)
-    if not len(index):
-        return float("nan")
-    block = information[np.ix_(index, index)]
-    norm = np.sqrt(np.diag(block))
-    value = np.linalg.eigvalsh(block / np.outer(norm, norm))
-    return float(np.sqrt(value[-1] / max(value[0], 1e-300)))
 
 
 def _loads_are_vertical(load: Array) -> bool:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from compplan.effects import fold_effects
+from compplan.effects import fold_effects, is_of_instrument
 from compplan.effects.scene import own_springs
 from compplan.identify.estimate import Estimate
 from compplan.identify.gap import IdentifiedGap
@@ -125,7 +125,7 @@ def _name_unknowns(structure: FreeRobot, kept: Estimate) -> tuple[list[Unknown],
                 continue
             picked.append(number)
         form = parameter.form
-        if form is None or parameter.item > 0:
+        if form is None or parameter.item > 0 or is_of_instrument(form.name):
             continue
         own = {p.item: k for k, p in enumerate(structure.parameters) if p.form is form}
         if len(own) == len(form.keys) and any(kept.free[k] for k in own.values()):

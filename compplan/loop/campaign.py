@@ -15,10 +15,11 @@ from compplan.known.assumed import LINK_ELASTICITY, known_uncertainty, list_assu
 from compplan.known.slopes import measure_slopes, read_force_spread, stage_path
 from compplan.known.vary import stage_robot
 from compplan.loop.candidates import Candidates, find_postures, list_candidates, run_up
-from compplan.loop.design import Choice, Design, choose_measurements, learn_rows, random_choice
+from compplan.loop.design import Choice, Design, choose_measurements, random_choice
 from compplan.loop.order import order_poses
 from compplan.measure.campaign import Campaign
 from compplan.measure.distance import band_radius
+from compplan.measure.poses.information import learn_rows
 from compplan.plan.plan import Plan
 from compplan.posture.collision_scene import CollisionScene, build_scene
 from compplan.promise.band import lead_unknowns, linearise_path, split_covariance

@@ -17,6 +17,7 @@ from compplan.effects.scene import Scene
 from compplan.known.slopes import measure_slopes, take_rows
 from compplan.known.vary import stage_robot
 from compplan.measure.campaign import Campaign
+from compplan.measure.poses.pool import take_clear
 from compplan.posture.clearance import measure_margin
 from compplan.posture.collision_scene import CollisionScene
 from compplan.robot import Array, Robot
@@ -100,14 +101,10 @@ def find_postures(
     drawn = drawn[((drawn >= low) & (drawn <= high)).all(axis=1)]
     tip = locate_frames(build_chain(robot), drawn).tcp_position
     drawn = drawn[tip[:, 2] >= min(FLOOR, lowest)]
-    found: list[Array] = []
-    for start in range(0, len(drawn), kept):
-        part = drawn[start : start + kept]
-        clear = part if scene is None else part[measure_margin(scene, part, 0.0) >= 0.0]
-        found.append(clear)
-        if sum(map(len, found)) >= kept:
-            break
-    return np.concatenate(found)[:kept] if found else np.zeros((0, robot.nq))
+    if scene is None or not len(drawn):
+        return np.asarray(drawn[:kept])
+    batches = (drawn[start : start + kept] for start in range(0, len(drawn), kept))
+    return take_clear(batches, lambda part: measure_margin(scene, part, 0.0) >= 0.0, kept)
 
 
 def list_candidates(

@@ -17,9 +17,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.known.exchange import exchange_taken, take_greedily
 from compplan.loop.candidates import Candidates
 from compplan.measure.distance import band_radius
+from compplan.measure.poses.exchange import exchange_taken, take_greedily
+from compplan.measure.poses.information import learn_rows, measure_gains
 from compplan.promise.band import Slopes, split_covariance
 from compplan.robot import Array
 from compplan.robot.uncertainty import Uncertainty
@@ -129,32 +130,6 @@ class Choice:
         worth = np.flatnonzero(gain >= WORTH)
         last = int(worth[-1]) + 1 if len(worth) else 0
         return None if last == len(gain) else last
-
-
-def learn_rows(covariance: Array, rows: Array, noise: float) -> Array:
-    """Return the covariance after measurements, one after the other. rows: shape (m, 3, P)."""
-    for H in rows:
-        along = covariance @ H.T
-        covariance = covariance - along @ np.linalg.solve(H @ along + noise * np.eye(len(H)), along.T)
-        covariance = 0.5 * (covariance + covariance.T)
-    return covariance
-
-
-def measure_gains(covariance: Array, rows: Array, weight: Array, noise: float) -> Array:
-    """Return what each measurement would take off the variance along the path. Shape (m,). [m^2]
-
-    Args:
-        covariance: Shape (P, P).
-        rows: Shape (m, 3, P).
-        weight: L^T L along the path. Shape (P, P).
-        noise: Variance of a measurement per axis. [m^2]
-    """
-    m = len(rows)
-    flat = rows.reshape(3 * m, -1)
-    along = flat @ covariance
-    inner = np.einsum("mip,mjp->mij", along.reshape(m, 3, -1), rows) + noise * np.eye(3)
-    outer = np.einsum("mip,mjp->mij", (along @ weight).reshape(m, 3, -1), along.reshape(m, 3, -1))
-    return np.asarray(np.trace(np.linalg.solve(inner, outer), axis1=1, axis2=2))
 
 
 def choose_measurements(design: Design, candidates: Candidates, count: int, start: Array | None = None) -> Choice:

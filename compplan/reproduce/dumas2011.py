@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.identify import Estimate, build_structure, estimate_parameters, make_log
+from compplan.identify import Estimate, build_structure, estimate_parameters
+from compplan.measure.made import make_log
 from compplan.report.maps.pictures import draw_joint_map, draw_lines
 from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, compare, statement, unavailable
 from compplan.robot import Array, Robot

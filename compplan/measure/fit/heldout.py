@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.identify.estimate import Estimate
-from compplan.identify.rows import Rows
-from compplan.identify.system import System, weigh
+from compplan.measure.fit.system import System, weigh
 from compplan.robot import Array
 
 
@@ -26,24 +24,29 @@ class HeldOutRows:
     score: Array
 
 
-def leave_out(rows: Rows, estimate: Estimate, free: NDArray[np.bool_], system: System | None = None) -> HeldOutRows:
-    """Refit without each block of poses and predict it.
+def leave_out(
+    system: System, noise: Array, weights: Array, free: NDArray[np.bool_], *, group: NDArray[np.int_] | None,
+    fold: NDArray[np.int_], pose: NDArray[np.int_],
+) -> HeldOutRows:  # fmt: skip
+    """Refit without each block of rows and predict it.
 
     Each refit is one Gauss-Newton step from the fit of all rows: the model is linear in its parameters far below noise.
     Row weights are those of the fit of all rows, so that gross outliers neither teach nor count.
 
     Args:
-        rows: The measured rows; under its reference "difference", rows of a pose are compared with each other only.
-        estimate: The fitted state: weights and noise.
+        system: The linearised problem at the fitted state. Shape (n, m, p).
+        noise: Noise against the stated one, of each block. Shape (3,).
+        weights: Robust weight of each row. Shape (n,).
         free: Which parameters are refitted. Shape (p,).
-        system: The linearised problem at the fitted state; the estimate's own if left out. Shape (n, m, p).
+        group: Groups in which rows are compared with each other only; None for absolute values. Shape (n,).
+        fold: Block of each row. Shape (n,).
+        pose: Pose of each row, for the score. Shape (n,).
     """
-    system = estimate.system if system is None else system
-    whitener = system.whitener(estimate.noise)
-    root = np.sqrt(estimate.weights)[:, None]
-    residual, columns = weigh(system, whitener * root, rows.group)
+    whitener = system.whitener(noise)
+    root = np.sqrt(weights)[:, None]
+    residual, columns = weigh(system, whitener * root, group)
     columns = columns[:, :, free]
-    fold, left = rows.fold, residual.copy()
+    left = residual.copy()
     p = columns.shape[2]
     if p:
         scale = np.sqrt(np.einsum("nmp,nmp->p", columns, columns))
@@ -56,8 +59,8 @@ def leave_out(rows: Rows, estimate: Estimate, free: NDArray[np.bool_], system: S
         for k, (matrix, vector) in enumerate(zip(matrices, vectors, strict=True)):
             step = np.linalg.lstsq(total - matrix, side - vector, rcond=1e-12)[0]
             left[fold == k] = residual[fold == k] - columns[fold == k] @ step
-    score = np.zeros(int(rows.pose.max()) + 1)
-    np.add.at(score, rows.pose, (left**2).sum(axis=1))
+    score = np.zeros(int(pose.max()) + 1)
+    np.add.at(score, pose, (left**2).sum(axis=1))
     with np.errstate(divide="ignore", invalid="ignore"):
         back = np.where(whitener * root > 0, left / (whitener * root), np.nan)
     return HeldOutRows(back, score)

@@ -8,9 +8,8 @@ from scipy.cluster.vq import kmeans2
 from scipy.spatial import cKDTree
 
 from compplan.errors import InputError
-from compplan.identify.robust import loss_weights
-from compplan.identify.rows import Rows
-from compplan.identify.system import System, count_spare, information, invert, stack, weigh
+from compplan.measure.fit.robust import loss_weights
+from compplan.measure.fit.system import System, count_spare, information, invert, stack, weigh
 from compplan.robot import Array
 
 #: Standard normal score from which residuals of neighbouring poses count as dependent (one in 30,000 by chance).
@@ -19,20 +18,23 @@ SEED = 20240501
 
 
 def state_spread(
-    system: System, rows: Rows, noise: Array, free: NDArray[np.bool_]
+    system: System, q: Array, noise: Array, loss: str, group: NDArray[np.int_] | None, free: NDArray[np.bool_],
+    sigma: str,
 ) -> tuple[Array, Array, bool]:  # fmt: skip
     """Compute covariance, degrees of freedom of each parameter, and whether groups of poses gave the covariance.
 
     Args:
         system: The linearised problem at the fitted state.
-        rows: The measured rows.
-        noise: Noise against the stated one: position, orientation, encoders. Shape (3,).
+        q: Joint positions. Shape (n, nq). [rad or m]
+        noise: Noise against the stated one, of each block. Shape (3,).
+        loss: "least_squares", "huber" or "tukey".
+        group: Number of the pose of each row, for differences; None for absolute poses. Shape (n,).
         free: Which parameters are estimated. Shape (p,).
+        sigma: "residuals" or "stated".
 
     Raises:
         InputError: If the parameters use up all measured numbers.
     """
-    q, loss, group, sigma = rows.taken.q, rows.loss, rows.group, rows.sigma
     whitener, index = system.whitener(noise), np.flatnonzero(free)
     count = system.known.sum(axis=1)
     spare = count_spare(system, whitener, group, free)

@@ -1,4 +1,4 @@
-"""The linearised problem of an identification: residuals, derivatives, weights and what they leave over."""
+"""The linearised problem of a fit: residuals, derivatives, weights and what they leave over."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.identify.forward import RowState, differentiate, encoder_residuals, pose_residuals
-from compplan.identify.robust import robust_scale
-from compplan.identify.rows import SIGMA_ENCODER, Rows
+from compplan.measure.fit.robust import robust_scale
 from compplan.robot import Array
 
 POSITION, ORIENTATION, ENCODERS = 0, 1, 2
@@ -44,19 +42,6 @@ class System(NamedTuple):
     def distance(self, noise: Array) -> Array:
         """Measure how far rows lie from the model, in standard deviations. Shape (n,)."""
         return np.asarray(np.linalg.norm(self.residual * self.whitener(noise), axis=1))
-
-
-def linearise(rows: Rows, state: RowState) -> System:
-    """Build the linearised problem at a state."""
-    residual, extra = pose_residuals(rows, state), encoder_residuals(rows, state)
-    columns, slopes = differentiate(rows, state)
-    sigma, block = rows.deviation, np.repeat([POSITION, ORIENTATION], 3)
-    if extra is not None:
-        residual, columns = np.hstack([residual, extra]), np.concatenate([columns, slopes], axis=1)
-        sigma = np.hstack([sigma, np.full(extra.shape, SIGMA_ENCODER)])
-        block = np.r_[block, np.full(extra.shape[1], ENCODERS)]
-    missing = ~np.isfinite(residual)
-    return System(np.where(missing, 0.0, residual), columns, np.where(missing, np.inf, sigma), block)
 
 
 def weigh(system: System, whitener: Array, group: NDArray[np.int_] | None) -> tuple[Array, Array]:

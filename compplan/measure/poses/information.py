@@ -1,0 +1,50 @@
+"""What measurements tell: rows of derivatives and their noise, on a normal state of parameters and frames."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from compplan.robot import Array
+
+
+def learn_rows(covariance: Array, rows: Array, noise: float) -> Array:
+    """Return the covariance after measurements, one after the other.
+
+    Args:
+        covariance: Shape (P, P).
+        rows: Derivatives of each measurement. Shape (m, c, P).
+        noise: Variance of each of its components.
+    """
+    for H in rows:
+        along = covariance @ H.T
+        covariance = covariance - along @ np.linalg.solve(H @ along + noise * np.eye(len(H)), along.T)
+        covariance = 0.5 * (covariance + covariance.T)
+    return covariance
+
+
+def _innovate(covariance: Array, rows: Array, noise: float) -> tuple[Array, Array]:
+    """Return H S and the covariance H S H^T + R of what each measurement shows. Shapes (m, c, P), (m, c, c)."""
+    m, c, p = rows.shape
+    along = (rows.reshape(m * c, p) @ covariance).reshape(m, c, p)
+    return along, np.einsum("mip,mjp->mij", along, rows) + noise * np.eye(c)
+
+
+def measure_gains(covariance: Array, rows: Array, weight: Array, noise: float) -> Array:
+    """Return what each measurement would take off the trace of S W. Shape (m,).
+
+    Args:
+        covariance: Shape (P, P).
+        rows: Derivatives of each measurement. Shape (m, c, P).
+        weight: What the covariance is weighed with, W. Shape (P, P).
+        noise: Variance of each component.
+    """
+    along, inner = _innovate(covariance, rows, noise)
+    outer = np.einsum("mip,mjp->mij", (along.reshape(-1, len(weight)) @ weight).reshape(along.shape), along)
+    return np.asarray(np.trace(np.linalg.solve(inner, outer), axis1=1, axis2=2))
+
+
+def determinant_gains(covariance: Array, rows: Array, noise: float = 1.0) -> tuple[Array, Array]:
+    """Return log det(1 + R^-1 H S H^T) of each measurement, and the variances it would leave. Shapes (m,), (m, P)."""
+    along, inner = _innovate(covariance, rows, noise)
+    left = np.diag(covariance) - np.einsum("mcp,mcp->mp", along, np.linalg.solve(inner, along))
+    return np.asarray(np.linalg.slogdet(inner / noise)[1]), np.asarray(left)

@@ -1,0 +1,98 @@
+"""Springs that a robot has or could get: their names, and where one may sit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from compplan.errors import InputError, UnknownNameError
+from compplan.robot.model import SPRING_AXES, Robot, Spring
+
+
+def own_springs(robot: Robot) -> tuple[Spring, ...]:
+    """List a spring of compliance zero about (or along) the own axis of every commanded joint that has none yet."""
+    own = [spring for spring in robot.springs if is_own(robot, spring)]
+    taken = {spring.joint for spring in own if spring.actuator or spring.axis != "own"}
+    return tuple(Spring(joint.name, "own", 0.0, actuator=True) for joint in robot.actuated if joint.name not in taken)
+
+
+def label_spring(spring: Spring) -> str:
+    """Name a spring; one about a joint's own axis that the link-side encoder does not see is "joint_3.link"."""
+    return f"{spring.joint}.link" if spring.axis == "own" and not spring.actuator else spring.name
+
+
+def link_springs(robot: Robot) -> tuple[Spring, ...]:
+    """List an own-axis spring of compliance zero beyond each joint's link-side encoder [Klimchik2018, eq. 5]."""
+    taken = {spring.joint for spring in robot.springs if is_own(robot, spring) and not spring.actuator}
+    return tuple(Spring(j.name, "own", 0.0, actuator=False) for j in robot.actuated if j.name not in taken)
+
+
+def candidate_springs(robot: Robot, axes: Sequence[str] = ("rx", "ry", "rz")) -> tuple[Spring, ...]:
+    """List springs that a robot does not have: about each axis of every moving joint's frame, and at the base.
+
+    Args:
+        robot: The robot.
+        axes: Axes of the child frame to offer; the joint's own axis is left out where the joint has an own spring.
+    """
+    taken = {(spring.joint, spring.axis) for spring in robot.springs}
+    own = {spring.joint for spring in robot.springs if is_own(robot, spring)}
+    found: list[Spring] = []
+    first = robot.joints[0]
+    for joint in robot.joints:
+        if joint.kind == "fixed" and joint is not first:
+            continue
+        for axis in axes:
+            along = _own_axis_name(robot, joint.name)
+            if (joint.name, axis) in taken or (axis == along and joint.name in own):
+                continue
+            found.append(Spring(joint.name, axis, 0.0, actuator=axis == along))
+    return tuple(found)
+
+
+def is_own(robot: Robot, spring: Spring) -> bool:
+    """Tell whether a spring acts about or along its joint's own axis."""
+    return spring.axis == "own" or spring.axis == _own_axis_name(robot, spring.joint)
+
+
+def _own_axis_name(robot: Robot, name: str) -> str | None:
+    joint = next(joint for joint in robot.joints if joint.name == name)
+    if joint.kind == "fixed":
+        return None
+    k = int(np.argmax(np.abs(joint.axis)))
+    return ("t" if joint.kind == "prismatic" else "r") + "xyz"[k] if abs(joint.axis[k]) > 1 - 1e-9 else None
+
+
+def spring_slides(robot: Robot, spring: Spring) -> bool:
+    """Tell whether a spring is one of translation."""
+    if spring.axis == "own":
+        return next(joint for joint in robot.joints if joint.name == spring.joint).kind == "prismatic"
+    return spring.axis.startswith("t")
+
+
+def number_twins(names: Sequence[str]) -> list[str]:
+    """Tell names apart that occur more than once: link_2, link_2 -> link_2#1, link_2#2."""
+    seen: dict[str, int] = {}
+    result = []
+    for name in names:
+        seen[name] = seen.get(name, 0) + 1
+        result.append(f"{name}#{seen[name]}" if names.count(name) > 1 else name)
+    return result
+
+
+def read_spring(robot: Robot, name: str) -> Spring:
+    """Read "joint_3.rx" or "joint_3" (own axis) as a spring of compliance zero.
+
+    Raises:
+        UnknownNameError: If the robot has no such joint, or there is no such axis.
+        InputError: If the robot has that spring already.
+    """
+    joint, _, axis = name.rpartition(".") if name.rpartition(".")[2] in SPRING_AXES else (name, "", "own")
+    joints = {entry.name: entry for entry in robot.joints}
+    if joint not in joints:
+        raise UnknownNameError("joint", joint, list(joints))
+    if axis == "own" and joints[joint].kind == "fixed":
+        raise InputError(f"fixed joint {joint!r} has no own axis, name one such as {joint}.rx")
+    if any((spring.joint, spring.axis) == (joint, axis) for spring in robot.springs):
+        raise InputError(f"spring {name!r} is to be added, but the robot has it already")
+    return Spring(joint, axis, 0.0, actuator=axis == "own")
