@@ -51,7 +51,7 @@ def ask_names(bench: Bench) -> Any:
         patch.setattr(verdict, "measure_structure", lambda fit, found: structure)
         patch.setattr(verdict, "count_repetitions", lambda fit, found: dict.fromkeys(range(len(findings)), 1.0))
         patch.setattr(verdict, "rate_imitations", lambda fit, found: dict.fromkeys(range(len(findings)), 0.0))
-        patch.setattr(verdict, "rate_likenesses", lambda fit, found: dict.fromkeys(range(len(findings)), (1.0, 1.0)))
+        patch.setattr(verdict, "rate_likenesses", lambda fit, found: dict.fromkeys(range(len(findings)), 1.0))
         patch.setattr(verdict, "find_gears", lambda fit, found: frozenset())
         patch.setattr(verdict, "weigh_claim", lambda fit, found, claim, checks, seen, gear: findings[claim])
         patch.setattr(verdict, "only_in_readings", lambda fit, found, finding: False)
@@ -64,18 +64,16 @@ def ask_names(bench: Bench) -> Any:
 
 
 def ask_lawful(bench: Bench) -> Any:
-    """Curves over a joint's angle of which a wave explains .5, .8 and .99, waves of which another does 1 or 3 less."""
-    return [
-        verdict.count_lawful(*curves(own, lawful)) for own, lawful in ((False, 50.0), (False, 80.0), (False, 99.0))
-    ] + [verdict.count_lawful(*curves(True, lawful)) for lawful in (99.0, 97.0)]
+    """Curves over a joint's angle of which a wave explains .5, .8 and .99."""
+    nothing_bends: Any = SimpleNamespace(search=SimpleNamespace(ledger=SimpleNamespace(signatures=())))
+    return [verdict.is_lawful(nothing_bends, *curves(lawful)) for lawful in (50.0, 80.0, 99.0)]
 
 
-def curves(own: bool, lawful: float) -> tuple[Any, Claim]:
-    """A claim of six values with evidence 100, lawful or not, and a wave of two values at the same place."""
+def curves(lawful: float) -> tuple[Any, Claim]:
+    """A claim of no law with evidence 100, and a wave at the same place."""
     place = ("transmission_error", "joint_2", None)
     signatures = [
-        SimpleNamespace(place=place, form="series 2" if own else "waves 1 2 3", keys=("a",) * 6, lawful=own),
-        SimpleNamespace(place=place, form="waves 1", keys=("a",) * 2, lawful=True),
+        SimpleNamespace(place=place, form=form, lawful=form == "waves 1", fixed={}) for form in ("spline", "waves 1")
     ]
     gains = [SimpleNamespace(signature=k, log_evidence=value) for k, value in enumerate((100.0, lawful))]
     claims = (Claim(0, 1.0),)

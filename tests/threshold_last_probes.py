@@ -9,11 +9,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 from simulated_campaigns import measure, plan_rows
 from threshold_bench import CAUSES, Bench
 
 from compplan.diagnose import (
     accuracy,
+    bounds,
     calibration,
     campaign_diagnosis,
     delivery,
@@ -168,3 +170,36 @@ def ask_told(bench: Bench) -> Any:
 def ask_small_errors(bench: Bench) -> Any:
     """What a calibration finds, by joint and kind."""
     return small_errors.divide_small_errors(bench.diagnosis)
+
+
+def ask_bounds(bench: Bench) -> Any:
+    """Effects of sizes that a robot may just have, and of sizes that none has, with and without a data sheet."""
+    own, answers = bench.small_fit, []
+    mass = float(sum(body.mass for body in own.problem.robot.bodies))
+    for rating, length in ((None, 0.1), ((0.5 * mass, 1.0), 0.005)):
+        tool = np.eye(4)
+        tool[0, 3] = length
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(bounds, "read_rating", lambda robot, rating=rating: rating)
+            patch.setattr(bounds, "flange_to_tcp", lambda robot, tool=tool: tool)
+            answers += [bool(bounds.find_breach(own, *asked)) for asked in sized_effects(own, mass)]
+    return answers
+
+
+def sized_effects(own: Any, mass: float) -> list[tuple[Effect, float, float]]:
+    """Effects of the joints of a small robot, with their motion and the gap [m]."""
+    law = {"compliance": 1e-6, "reference_load": 100.0, "zone_load": 10.0}
+    joint = own.at.robot.joint_names[1]
+    load = float(np.maximum(np.abs(own.at.own_load), np.abs(own.at.own_weight_load))[:, 1].max())
+    masses = [(0.1, 0.0, 0.0), (0.1, -0.009, 0.0), (0.1, -0.02, 0.0), (0.1, 0.0, -0.02), (0.8, 0.0, 0.0)]
+    masses += [(1.6, 0.0, 0.0)]
+    asked: list[tuple[str, str | None, dict[str, Any]]] = [
+        ("payload", None, {"mass_kg": m * mass, "first_moment_kg_m": [x * mass, 0.0, z * mass]}) for m, x, z in masses
+    ]
+    asked += [("gravity_compensator", joint, {"constant_Nm": c * load}) for c in (0.5, 9.0)]
+    asked += [("stiffness_nonlinearity", joint, {**law, "soft_zone_ratio": r}) for r in (5.0, 33.0)]
+    asked += [("stiffness_nonlinearity", joint, {**law, "quadratic_ratio": r}) for r in (1.0, 5.0)]
+    asked += [("joint_coupling", joint, {"other": joint, "ratio": r}) for r in (0.02, 3e-4)]
+    found = [(Effect(name, at, None, values), 1e-3, 1e-3) for name, at, values in asked]
+    far = Effect("joint_offset", joint, None, {"offset_rad": 1e-3})
+    return [*found, (far, 2e-3, 1e-3), (far, 0.4, 1e-3)]

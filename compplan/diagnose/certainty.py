@@ -13,20 +13,20 @@ from compplan.robot import Array
 MOST_SURE = 0.99
 #: Log odds are divided by this: evidence of real campaigns is less sharp than its model (assumed).
 TEMPER = 2.0
-#: The map from evidence to log odds, fitted by penalised logistic regression to the claims of development campaigns
-#: (study: python -m benchmarks.calibrate_certainty): constant, margin (arsinh of it over its scale), share of halves
-#: that repeat the claim, and logarithms with their signs turned: of the number of values of its simplest form, of the
-#: probability that a cause without a name would be explained as fully, and of the likeness of what is left, without and
-#: with errors that have no name. No weight may be negative.
-CONSTANT, MARGIN, REPEATED, VALUES, IMITATED, LIKENESS, LIKENESS_BESIDE = -1.9, 0.41, 0.66, 0.97, 0.90, 1.14, 0.86
+#: The map from evidence to log odds, fitted by penalised logistic regression to the claims of development campaigns and
+#: of parts of measured ones, where a claim is right as often as parts without a common pose weigh it, too (study:
+#: python -m benchmarks.calibrate_certainty): constant, margin (arsinh of it over its scale), share of halves that
+#: repeat the claim, and logarithms with their signs turned: of the probability that a cause without a name would be
+#: explained as fully, and of the likeness of what is left. No weight may be negative. The number of values of a form
+#: does not stand here: the margin has paid for it.
+CONSTANT, MARGIN, REPEATED, IMITATED, LIKENESS = -3.94, 0.61, 0.45, 0.68, 0.69
 #: Margins beyond the first count by their logarithm alone; those below the second tell no more (assumed).
 MARGIN_SCALE, LEAST_MARGIN = 5.0, -20.0
 #: Neither do imitations rarer or more frequent than these: the first is what the causes drawn can tell; beyond the
 #: second a larger cause stands beside the claim, and whether that has a name says nothing about this one (assumed).
 LEAST_IMITATED, MOST_IMITATED = 0.02, 0.15
-#: What chance leaves along a claim's own motion says nothing, and neither does more than this many times as much
-#: (assumed: by then it is plain).
-MOST_ALIKE = 5.0
+#: Less than a tenth of a claim's own motion left along it says nothing, and neither does more than all of it (assumed).
+LEAST_ALIKE, MOST_ALIKE = 0.1, 1.0
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,10 @@ class Evidence:
         floors: Motion that it explains, in noise floors.
         part: Motion that it explains over the gap.
         left: What is left beyond the noise floor over the gap.
-        values: Number of values of the simplest lawful form of its place that explains as well.
         imitated: Probability that a cause without a name would be explained as fully as what the other claims leave is
             by this one (compplan.diagnose.imitation).
-        likeness: What is left along the claim's own motion over what lies across it, in units of the most that chance
-            leaves there (compplan.diagnose.likeness).
-        likeness_beside: The same of what errors without a name leave besides.
+        likeness: What is left along the claim's own motion beyond chance, over that motion
+            (compplan.diagnose.likeness).
     """
 
     margin: float
@@ -54,10 +52,8 @@ class Evidence:
     floors: float
     part: float
     left: float
-    values: int
     imitated: float
     likeness: float
-    likeness_beside: float
 
     def to_table(self) -> dict[str, float]:
         """Return what diagnosis.json holds."""
@@ -65,11 +61,11 @@ class Evidence:
 
 
 def features_of(evidence: Evidence) -> Array:
-    """Return what the map weighs: margin, repetition, values, imitation, both likenesses. Shape (6,)."""
+    """Return what the map weighs: margin, repetition, imitation, likeness. Shape (4,)."""
     margin = np.arcsinh(max(min(evidence.margin, evidence.plain), LEAST_MARGIN) / MARGIN_SCALE)
     imitated = np.log(np.clip(evidence.imitated, LEAST_IMITATED, MOST_IMITATED))
-    alike = np.log(np.clip([evidence.likeness, evidence.likeness_beside], 1.0, MOST_ALIKE))
-    return np.array([margin, evidence.repeated, -np.log(evidence.values), -imitated, *-alike])
+    alike = np.log(np.clip(evidence.likeness, LEAST_ALIKE, MOST_ALIKE))
+    return np.array([margin, evidence.repeated, -imitated, -alike])
 
 
 def rate_certainty(evidence: Evidence) -> float:
@@ -78,6 +74,6 @@ def rate_certainty(evidence: Evidence) -> float:
     Args:
         evidence: What the claim shows.
     """
-    weights = np.array([MARGIN, REPEATED, VALUES, IMITATED, LIKENESS, LIKENESS_BESIDE])
+    weights = np.array([MARGIN, REPEATED, IMITATED, LIKENESS])
     odds = CONSTANT + weights @ features_of(evidence)
     return float(np.clip(expit(odds), 0.0, MOST_SURE))

@@ -146,9 +146,10 @@ def sure_claims(verdict: Verdict) -> list[Claim]:
 def possible_claims(verdict: Verdict) -> list[Claim]:
     """List claims that may be true and can be delivered: named ones, and others that are no part of the instrument.
 
-    What errors without a name explain as well is among them: poses never seen decide what it is worth.
+    What errors without a name explain as well is among them: poses never seen decide what it is worth. What no robot
+    can have is not, for a plan may lead far from all poses.
     """
-    unnamed = [f for f in (*verdict.minor, *verdict.doubtful) if not of_instrument(f.effect)]
+    unnamed = [f for f in (*verdict.minor, *verdict.doubtful) if not of_instrument(f.effect) and not f.beyond]
     sizes = {f.signature: f.size for f in (*verdict.findings, *unnamed) if f.signature >= 0}
     return [Claim(number, size) for number, size in sizes.items()]
 

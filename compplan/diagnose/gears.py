@@ -19,6 +19,7 @@ from compplan.diagnose.ledger import select_rows
 from compplan.diagnose.repetition import draw_halves
 from compplan.diagnose.search import Claim
 from compplan.diagnose.state import Fit
+from compplan.effects import gravity_sag
 from compplan.effects.signature import Signature
 from compplan.effects.transmission_error import periods_seen
 from compplan.robot import Array
@@ -47,6 +48,29 @@ def find_gears(fit: Fit, doubt: Doubt) -> frozenset[Claim]:
     return frozenset(claim for claim in several if _is_gear(fit, doubt, claim, halves))
 
 
+def is_law(fit: Fit, signature: Signature) -> bool:
+    """Tell whether a form is a law of its effect in this campaign.
+
+    The moment of the links' weight is a wave of a turn itself: where the model leaves bending under it out, a wave of
+    which less than a period is seen is no gear's law.
+
+    Args:
+        fit: The fit.
+        signature: The form.
+    """
+    cycles = signature.fixed.get("cycles_per_turn", ())
+    bends = any(s.name == "gravity_sag" and s.form == gravity_sag.JOINTS for s in fit.search.ledger.signatures)
+    if not signature.lawful or not bends or not cycles:
+        return signature.lawful
+    return float(periods_seen(min(cycles), _range_of(fit, signature), slides=False)) >= 1.0
+
+
+def _range_of(fit: Fit, signature: Signature) -> float:
+    """Return the range that the joint of a form visits. [rad or m]"""
+    index = fit.at.robot.joint_names.index(str(signature.joint))
+    return float(np.ptp(fit.problem.campaign.q[:, index]))
+
+
 def _cycles(signature: Signature) -> list[float]:
     """Return the cycles of a form of several waves that is no law by itself; empty for any other."""
     if signature.lawful or not signature.form.startswith("waves"):
@@ -70,9 +94,7 @@ def solve_halves(fit: Fit, doubt: Doubt) -> Array:
 def _is_gear(fit: Fit, doubt: Doubt, claim: Claim, halves: Array) -> bool:
     ledger, posterior = doubt.search.ledger, doubt.model.posterior
     signature, columns = ledger.signatures[claim.signature], ledger.columns(claim.signature)
-    index = fit.at.robot.joint_names.index(str(signature.joint))
-    slides = "cycles_per_m" in signature.fixed
-    seen = periods_seen(np.array(_cycles(signature)), float(np.ptp(fit.problem.campaign.q[:, index])), slides)
+    seen = periods_seen(np.array(_cycles(signature)), _range_of(fit, signature), "cycles_per_m" in signature.fixed)
     waves = columns.reshape(-1, 2)
     own = [
         wave for wave, periods in zip(waves, seen, strict=True)

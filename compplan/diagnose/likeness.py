@@ -1,14 +1,16 @@
 """Likeness: whether what a claim leaves moves the target as the claim itself does.
 
 A true cause takes its whole error away. A name that is bent into another cause of the same joint, frame or tool leaves
-part of it, and that part moves the target along the same lines. With r_i what claims and small errors leave of row i,
-and u_i the unit vector along which the claim moves the target there,
+part of it, and that part moves the target along the same lines. With m_i the motion of the target by the claim at row
+i, u_i its unit vector, r_i what claims and small errors leave there, and F the 95 % point of Fisher's F(n, 2 n) for n
+poses,
 
-    F = sum (u_i . r_i)^2 / (1/2 sum |r_i - (u_i . r_i) u_i|^2),
+    likeness^2 = max(sum (u_i . r_i)^2 - F / 2 sum |r_i - (u_i . r_i) u_i|^2, 0) / sum |m_i|^2,
 
-which chance, with n poses and errors alike in all directions, leaves below the 95 % point of Fisher's F(n, 2 n) in
-nineteen cases of twenty. The likeness is F over this point. It is measured twice: with r_i what claims and small errors
-leave, and with what errors without a name leave besides, for these may have taken the rest of a wrong name away.
+the part of its own motion that is left along it beyond what chance puts there, with errors alike in all directions, in
+nineteen cases of twenty. It says how wrong a name may be, however many rows there are. It is measured twice, and the
+larger counts: with r_i what claims and small errors leave, and with what errors without a name leave besides, for these
+may have taken the rest of a wrong name away.
 """
 
 from __future__ import annotations
@@ -29,15 +31,12 @@ CHANCE = 0.95
 STILL = 1e-9
 
 
-def rate_likenesses(fit: Fit, doubt: Doubt) -> dict[Claim, tuple[float, float]]:
-    """Return, for every claim, how much more of what is left lies along its own motion than chance puts there.
+def rate_likenesses(fit: Fit, doubt: Doubt) -> dict[Claim, float]:
+    """Return, for every claim, what is left along its own motion beyond chance, over that motion.
 
     Args:
         fit: The fit.
         doubt: Its claims among errors that no effect makes.
-
-    Returns:
-        Of what claims and small errors leave, and of what errors without a name leave besides.
     """
     ledger, values = doubt.search.ledger, doubt.model.posterior.values(doubt.search.ledger.p)
     foreign = np.concatenate([np.zeros(0, int), *doubt.members]).astype(int)
@@ -49,12 +48,12 @@ def rate_likenesses(fit: Fit, doubt: Doubt) -> dict[Claim, tuple[float, float]]:
     for claim in doubt.model.claims:
         columns = ledger.columns(claim.signature)
         motion = design[..., columns] @ values[columns]
-        result[claim] = measure_likeness(left, motion, pose), measure_likeness(rest, motion, pose)
+        result[claim] = max(measure_likeness(left, motion, pose), measure_likeness(rest, motion, pose))
     return result
 
 
 def measure_likeness(left: Array, motion: Array, pose: NDArray[np.int_]) -> float:
-    """Return F of what is left along a motion over the most that chance leaves there; 1 where nothing moves.
+    """Return what is left along a motion beyond what chance leaves there, over the motion; 0 where nothing moves.
 
     Args:
         left: What is left of each row, in units of the noise. Shape (r, 3).
@@ -64,8 +63,9 @@ def measure_likeness(left: Array, motion: Array, pose: NDArray[np.int_]) -> floa
     length = np.linalg.norm(motion, axis=1)
     moves = length > STILL * length.max(initial=0.0)
     if not moves.any():
-        return 1.0
+        return 0.0
     along = np.einsum("ni,ni->n", left[moves], motion[moves] / length[moves, None])
     across = np.sum(left[moves] ** 2) - along @ along
     poses = len(np.unique(pose[moves]))
-    return float(along @ along / max(0.5 * across, 1e-300) / fdtri(poses, 2 * poses, CHANCE))
+    beyond = along @ along - 0.5 * across * fdtri(poses, 2 * poses, CHANCE)
+    return float(np.sqrt(max(beyond, 0.0) / np.sum(motion[moves] ** 2)))

@@ -215,6 +215,7 @@ def finding_table(finding: Finding) -> dict[str, Any]:
         "explained_rms_mm": _mm(finding.explained),
         "log_odds": round(finding.margin, 2),
         "evidence": {} if finding.evidence is None else finding.evidence.to_table(),
+        **({"beyond": finding.beyond} if finding.beyond else {}),
         "nearest": [{**place_table(r.place), "share": round(r.share, 4)} for r in finding.rivals[:3]],
     }
 

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnose.ambiguity import Rival, find_rivals
+from compplan.diagnose.bounds import find_breach
 from compplan.diagnose.certainty import Evidence, rate_certainty
-from compplan.diagnose.doubt import AS_WELL, Doubt
+from compplan.diagnose.doubt import Doubt
 from compplan.diagnose.evidence import Hyper
-from compplan.diagnose.gears import MOST_OF_IT, find_gears
+from compplan.diagnose.gears import MOST_OF_IT, find_gears, is_law
 from compplan.diagnose.imitation import rate_imitations
 from compplan.diagnose.ledger import forms_that_hold
 from compplan.diagnose.likeness import rate_likenesses
@@ -22,7 +23,7 @@ from compplan.diagnose.search import Claim, Search, distinct_places
 from compplan.diagnose.state import Fit
 from compplan.diagnose.unmodelled import UNMODELLED
 from compplan.effects.linearization import Place
-from compplan.effects.signature import Effect, Signature
+from compplan.effects.signature import Effect
 from compplan.robot import Array
 
 #: An effect is named from this probability on (theory: more likely than not; the contract of diagnosis.json).
@@ -51,8 +52,8 @@ PLAIN, UNSEEN = 3.0, 1e-6
 FAR_ZERO = 0.02
 #: What an unknown error follows is said where it carries this share of it (assumed).
 SPOKEN_OF = 0.4
-#: Probability of a claim that errors without a name explain as well, and of one whose form is no law of its effect
-#: (assumed: one in five; one in ten).
+#: Probability of a claim that errors without a name explain as well, and of one whose form is no law of its effect or
+#: whose size no robot can have (assumed: one in five; one in ten).
 GIVEN_UP, SHAPELESS = 0.2, 0.1
 #: Margins beyond this are not told apart; steps of the fit of noise without errors that have no name (assumed).
 MOST_MARGIN, STEPS = 1e3, 8
@@ -73,6 +74,7 @@ class Finding:
         size: Size of its prior, in units of its scale.
         signature: Number of its signature in the fit's ledger.
         evidence: What its probability rests on.
+        beyond: Why no robot of this kind can have it at this size (compplan.diagnose.bounds); empty where one can.
     """
 
     effect: Effect
@@ -83,6 +85,7 @@ class Finding:
     size: float
     signature: int
     evidence: Evidence | None = None
+    beyond: str = ""
 
 
 @dataclass(frozen=True)
@@ -140,7 +143,7 @@ def reach_verdict(fit: Fit, doubt: Doubt) -> Verdict:
     repeated, imitated, alike = count_repetitions(fit, doubt), rate_imitations(fit, doubt), rate_likenesses(fit, doubt)
     gears = find_gears(fit, doubt)
     findings = [
-        weigh_claim(fit, doubt, c, (repeated[c], imitated[c], *alike[c]), structure, gear=c in gears)
+        weigh_claim(fit, doubt, c, (repeated[c], imitated[c], alike[c]), structure, gear=c in gears)
         for c in doubt.model.claims
     ]
     findings = sorted((name_far_zero(f) for f in findings), key=lambda f: -f.explained)
@@ -173,7 +176,7 @@ def judge_calibration(verdict: Verdict, before: float, after: float) -> Verdict:
 
 
 def weigh_claim(
-    fit: Fit, doubt: Doubt, claim: Claim, checks: tuple[float, float, float, float], structure: Structure, *,
+    fit: Fit, doubt: Doubt, claim: Claim, checks: tuple[float, float, float], structure: Structure, *,
     gear: bool = False,
 ) -> Finding:  # fmt: skip
     """Compare the model with the best ones that lack a claim, among errors that no effect makes.
@@ -183,16 +186,15 @@ def weigh_claim(
         doubt: Its claims among errors that no effect makes.
         claim: The claim.
         checks: Share of the halves of the campaign that tell it, too; probability that a cause without a name would be
-            explained as fully; likeness of what is left, without and with errors that no effect makes.
+            explained as fully; likeness of what is left.
         structure: What is left.
-        gear: Whether it is several waves of a gear, each of which pays for itself.
+        gear: Whether it is several waves of a gear.
     """
     values = doubt.model.posterior.values(doubt.search.ledger.p)
     rivals = find_rivals(fit, claim.signature, values[: fit.search.ledger.p])
     alike = {r.place for r in rivals if r.alike}
     margin = margin_of(doubt.search, doubt.model.claims, doubt.model.posterior.hyper, claim, alike)
-    # each wave of a gear pays for itself: sine and cosine
-    lawful = 2 if gear else count_lawful(doubt, claim)
+    lawful = gear or is_lawful(fit, doubt, claim)
     plain = margin
     if claim in fit.model.claims:
         plain = margin_of(fit.search, fit.model.claims, fit.model.posterior.hyper, claim, alike)
@@ -200,31 +202,22 @@ def weigh_claim(
     columns = ledger.columns(claim.signature)
     signature = ledger.signatures[claim.signature]
     explained = motion_of(fit, columns, values)
-    repeated, imitated, *alike_left = checks
+    repeated, imitated, likeness = checks
     evidence = Evidence(margin, plain, repeated, explained / structure.floor, explained / max(structure.gap, 1e-12),
-                        structure.rms / max(structure.gap, 1e-12), lawful or count_values(signature), imitated,
-                        *alike_left)  # fmt: skip
+                        structure.rms / max(structure.gap, 1e-12), imitated, likeness)  # fmt: skip
+    effect = signature.effect(values[columns] * signature.scale)
+    beyond = find_breach(fit, effect, explained, structure.gap)
     return Finding(
-        effect=signature.effect(values[columns] * signature.scale),
-        probability=SHAPELESS if lawful is None else rate_certainty(evidence),
+        effect=effect,
+        probability=rate_certainty(evidence) if lawful and not beyond else SHAPELESS,
         explained=explained,
         margin=margin,
-        rivals=() if lawful is None else tuple(rivals),
+        rivals=tuple(rivals) if lawful else (),
         size=claim.size,
         signature=claim.signature,
         evidence=evidence,
+        beyond=beyond,
     )
-
-
-def count_values(signature: Signature) -> int:
-    """Count the values of a form.
-
-    Where a bell curve stands and how wide it is was looked for as well: two more. The overtones of a wave are smaller
-    than it by themselves: in squares of their sizes all three have less than three values.
-    """
-    if signature.form.startswith("series"):
-        return 3
-    return len(signature.keys) + 2 * signature.form.startswith("bump")
 
 
 def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Claim, alike: set[Place]) -> float:
@@ -247,28 +240,30 @@ def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Clai
     return float(np.clip(whole.score - best, -MOST_MARGIN, MOST_MARGIN)) if np.isfinite(best) else 0.0
 
 
-def count_lawful(doubt: Doubt, claim: Claim) -> int | None:
-    """Count the values of the simplest lawful form of a claim's place that explains the campaign as the claim does.
-
-    As well as a lawful claim does, and most of what a curve of no law does; None where there is none.
-    """
+def is_lawful(fit: Fit, doubt: Doubt, claim: Claim) -> bool:
+    """Tell whether a claim is a law of its effect, or a law of its place explains most of what it does."""
     search, hyper = doubt.search, doubt.model.posterior.hyper
-    rest = search.model([c for c in doubt.model.claims if c != claim], hyper, fit=False)
     signatures, own = search.ledger.signatures, search.ledger.signatures[claim.signature]
+    if is_law(fit, own):
+        return True
+    rest = search.model([c for c in doubt.model.claims if c != claim], hyper, fit=False)
     forms = [g for g in search.gains(rest) if signatures[g.signature].place == own.place]
     evidence = {g.signature: g.log_evidence - float(search.log_prior[g.signature]) for g in forms}
-    best = max(evidence.values(), default=0.0)
-    least = best - AS_WELL if own.lawful else MOST_OF_IT * best
-    found = [count_values(signatures[n]) for n, value in evidence.items() if signatures[n].lawful and value >= least]
-    return min([*found, *([count_values(own)] if own.lawful else [])], default=None)
+    least = MOST_OF_IT * max(evidence.values(), default=0.0)
+    return any(is_law(fit, signatures[n]) and value >= least for n, value in evidence.items())
 
 
 def leave_shapeless(structure: Structure, findings: Sequence[Finding]) -> Structure:
-    """Return the structure with curves of no law among what no effect explains: errors that follow a joint's angle."""
+    """Return the structure with curves of no law among what no effect explains: errors that follow a joint's angle.
+
+    What claims of a size beyond all bounds explain is left as well.
+    """
     found = [f for f in findings if f.probability == SHAPELESS]
     if not found:
         return structure
-    curves = [replace(f, effect=Effect(UNMODELLED, f.effect.joint, "its own angle"), rivals=()) for f in found]
+    curves = [
+        replace(f, effect=Effect(UNMODELLED, f.effect.joint, "its own angle"), rivals=()) for f in found if not f.beyond
+    ]
     every = sorted((*structure.dependences, *curves), key=lambda f: -f.explained)
     return replace(structure, left=True, dependences=tuple(every))
 

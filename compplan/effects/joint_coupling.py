@@ -19,14 +19,18 @@ words = "the reading of {at} contains another joint's motion, or counts against 
 follows = "posture"
 #: Assumed: a gear that drags its neighbour by a thousandth.
 SCALE = 1e-3
+#: Joints that a drive can pass on its way, so that they turn it (theory: hollow wrists and parallelogram arms couple an
+#: axis with the next two).
+REACH = 2
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer every pair of joints of the same kind: the true position contains a share of another joint's reading."""
+    """Offer neighbours of the same kind: the true position contains a share of another joint's reading."""
     q = np.nan_to_num(at.campaign.q)
     for index, joint in enumerate(at.robot.actuated):
         for other, source in enumerate(at.robot.actuated):
-            if other == index or source.kind != joint.kind or float(np.ptp(q[:, other])) < 0.05:
+            near = 0 < abs(other - index) <= REACH
+            if not near or source.kind != joint.kind or float(np.ptp(q[:, other])) < 0.05:
                 continue
             twist = at.motion[:, :, index, None] * q[:, None, other, None]
             fixed = {"other": source.name}

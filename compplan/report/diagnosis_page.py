@@ -91,7 +91,8 @@ def write_diagnosis_page(
         sections.append(show_calibration(assessment, split.spread.by_region, robot.joint_names))
     sections.append(_next(table["next_measurement"]))
     notes = [
-        f"Considered and not named: {name_effect(effect)} (probability {effect['probability']:.2f})."
+        f"Considered and not named: {name_effect(effect)} "
+        + (f"({effect['beyond']})." if "beyond" in effect else f"(probability {effect['probability']:.2f}).")
         for effect in verdict.get("doubtful", [])
     ]
     write_page(

@@ -1,0 +1,62 @@
+"""Bounds: an effect of a size that no robot has is not named, and the reason is said in words of the robot."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from compplan.diagnose.bounds import find_breach
+from compplan.effects import Effect
+from compplan.robot.folder import read_robot_folder
+
+ROBOT = next(Path(__file__).parent.parent.glob("robots/ur10*"))
+
+
+@pytest.fixture(scope="module")
+def fit() -> Any:
+    """The shipped UR10, at rest in two poses: its shoulder carries 100 N m at the most."""
+    robot = read_robot_folder(ROBOT)
+    load = np.zeros((2, robot.nq))
+    load[:, 1] = [-100.0, 60.0]
+    campaign = SimpleNamespace(q=np.zeros((2, robot.nq)))
+    return SimpleNamespace(
+        problem=SimpleNamespace(robot=robot, campaign=campaign),
+        at=SimpleNamespace(robot=robot, own_load=load, own_weight_load=load),
+    )
+
+
+def ask(fit: Any, name: str, joint: int | None, **values: Any) -> str:
+    at = None if joint is None else fit.problem.robot.joint_names[joint]
+    return find_breach(fit, Effect(name, at, None, values), 1e-3, 1e-3)
+
+
+def test_a_payload_hangs_before_the_flange_and_weighs_what_the_arm_carries(fit: Any) -> None:
+    """8.6 kg with their centre 22 cm behind the flange would sit in the wrist; the arm is sold for 10 kg."""
+    assert not ask(fit, "payload", None, mass_kg=8.6, first_moment_kg_m=[0.3, 0.0, 0.9])
+    assert "220 mm behind the flange" in ask(fit, "payload", None, mass_kg=8.6, first_moment_kg_m=[0, 0, -8.6 * 0.22])
+    assert "41.6 kg on the flange" in ask(fit, "payload", None, mass_kg=41.6, first_moment_kg_m=[0.0, 0.0, 4.0])
+
+
+def test_a_balancer_carries_weight_and_no_more(fit: Any) -> None:
+    assert not ask(fit, "gravity_compensator", 1, cosine_Nm=150.0, sine_Nm=0.0)
+    assert "4.85e+04 N m" in ask(fit, "gravity_compensator", 1, cosine_Nm=48490.0, sine_Nm=0.0)
+
+
+def test_a_soft_zone_bends_no_further_than_the_joint_itself_under_a_large_load(fit: Any) -> None:
+    law = {"compliance": 1e-6, "reference_load": 100.0, "zone_load": 5.0}
+    assert not ask(fit, "stiffness_nonlinearity", 1, **law, soft_zone_ratio=10.0)
+    assert "soft_zone_ratio 33" in ask(fit, "stiffness_nonlinearity", 1, **law, soft_zone_ratio=33.0)
+
+
+def test_no_gear_train_couples_axes_by_a_thousandth(fit: Any) -> None:
+    other = fit.problem.robot.joint_names[1]
+    assert not ask(fit, "joint_coupling", 2, other=other, ratio=-0.0125)
+    assert "no gear train" in ask(fit, "joint_coupling", 2, other=other, ratio=0.0003)
+
+
+def test_a_claim_does_not_move_the_target_many_times_as_far_as_the_gap(fit: Any) -> None:
+    offset = Effect("joint_offset", fit.problem.robot.joint_names[1], None, {"offset_rad": 1e-3})
+    assert not find_breach(fit, offset, 9e-3, 2.2e-3)
+    assert find_breach(fit, offset, 0.493, 2.2e-3) == "it moves the target by 493 mm, the gap is 2.2 mm"
