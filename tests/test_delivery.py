@@ -106,9 +106,18 @@ MISTAKES: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
         lambda program: replace(program, part=program.part * np.array([[1, 1, 1, 1.1]] * 3 + [[1] * 4]))),
     "a row left out": _program(lambda program: replace(
         program, joints=program.joints[1:], feed=program.feed[1:], rapid=program.rapid[1:], exact=program.exact[1:],
+        free=program.free[1:],
         time=program.time[1:], tcp=program.tcp[1:], status=program.status[1:], bent=program.bent[1:],
         words={key: value[1:] for key, value in program.words.items()}, events=())),
-    "feed in mm a minute": _program(lambda program: replace(program, feed=program.feed * 60.0)),
+    "feed in mm a minute": lambda patch: _shift(
+        patch, krl, "fit_moves", lambda fitted: replace(fitted, program=replace(
+            fitted.program, feed=fitted.program.feed * 60.0))),
+    "an arc through a place beside it": lambda patch: _shift(
+        patch, krl, "fit_moves", lambda fitted: replace(fitted, program=replace(
+            fitted.program, via=fitted.program.via + np.eye(4, k=3) * 1e-5))),
+    "moves that cut corners": lambda patch: _shift(
+        patch, krl, "fit_moves", lambda fitted: replace(fitted, program=replace(
+            fitted.program, via=np.full_like(fitted.program.via, np.nan)))),
     "the tool in centimetres": _program(
         lambda program: replace(program, tool=program.tool * np.array([[1, 1, 1, 0.1]] * 3 + [[1] * 4]))),
     "the positions of another tool": _program(lambda program: replace(program, tcp=program.tcp + np.diag([0, 0, 0, 0])
@@ -132,7 +141,7 @@ def test_the_head_of_a_program_says_what_reading_back_said(
 ) -> None:
     _late(monkeypatch)
     deliver_plan(plan, tmp_path / "out")
-    assert "NOT CONFIRMED" in (tmp_path / "out" / "part_J.src").read_text()
+    assert "NOT CONFIRMED" in (tmp_path / "out" / "part_L.src").read_text()
 
 
 def test_joints_csv_says_where_the_joints_hold_the_tool_on_the_way_to_the_path(plan: Plan) -> None:

@@ -96,11 +96,11 @@ def test_a_plan_is_refused_before_it_is_computed(what, tmp_path, monkeypatch, ca
 def test_a_program_of_the_users_own_is_not_replaced(tmp_path, monkeypatch, capsys) -> None:
     work = tmp_path / "work"
     shutil.copytree(GOOD, work)
-    put(work / "out", "file", "job_J.src")
+    put(work / "out", "file", "job_L.src")
     before = list_all(work)
     answer = run_command(["plan", work / "job.toml", "--out", work / "out"], monkeypatch, capsys)
     assert answer.status == 2
-    assert "job_J.src: is not of compplan's writing" in answer.err
+    assert "job_L.src: is not of compplan's writing" in answer.err
     assert list_all(work) == before
 
 

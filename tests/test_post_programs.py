@@ -53,21 +53,22 @@ def test_krl_programs_hold_joints_and_poses(tmp_path: Path) -> None:
     for kind, columns in (("J", 6), ("L", 8)):
         rows = []
         for part in (1, 2, 3):
-            text = (tmp_path / f"{legal_name(program.name, 21)}_{kind}{part}.dat").read_text()
-            points = re.findall(r"^PT\[\d+\]=\{(.*)\}", text, re.M)
-            assert f"PT[{len(points)}]" in text and len(points) <= 20
+            ending, point = ("dat", r"^PT\[\d+\]=\{(.*)\}") if kind == "J" else ("src", r"^LIN \{(.*)\}")
+            text = (tmp_path / f"{legal_name(program.name, 21)}_{kind}{part}.{ending}").read_text()
+            points = re.findall(point, text, re.M)
+            assert len(points) <= 20
             rows += [read_krl(point)[:columns] for point in points]
-        table = np.array(rows)
-        assert len(table) == N
+        table, kept = np.array(rows), np.full(N, True) if kind == "J" else ~program.alone(linear=True)
+        assert len(table) == kept.sum()
         if kind == "J":
             assert np.abs(table - program.joints).max() <= 0.5e-6
         else:
             pose = locate_frames(build_chain(load_robot("kuka_kr270")), make_q("kuka_kr270"))
-            assert np.abs(table[:, :3] - pose.tcp_position * 1e3).max() < 1e-5
+            assert np.abs(table[:, :3] - pose.tcp_position[kept] * 1e3).max() < 1e-5
             turned = Rotation.from_euler("ZYX", table[:, 3:6], degrees=True).as_matrix()
-            assert np.abs(turned - pose.tcp_rotation).max() < 1e-7
-            assert program.status is not None and np.array_equal(table[:, 6], program.status)
-            assert np.array_equal(table[:, 7], turn_bits(program.joints))
+            assert np.abs(turned - pose.tcp_rotation[kept]).max() < 1e-7
+            assert program.status is not None and np.array_equal(table[:, 6], program.status[kept])
+            assert np.array_equal(table[:, 7], turn_bits(program.joints)[kept])
     main = (tmp_path / f"{legal_name(program.name, 21)}_L.src").read_text()
     assert len(re.findall(r"_L\d\(\)", main)) == 3
     assert "$TOOL={X 0.0000000,Y 0.0000000,Z 0.0000000,A 0.0000000,B 0.0000000,C 0.0000000}" in main
@@ -80,12 +81,12 @@ def test_turn_bits_count_axes_below_zero() -> None:
 def test_krl_rapid_moves_are_joint_moves_in_the_linear_program(tmp_path: Path) -> None:
     program = make_program("kuka_kr270")
     write_program(program, "krl", tmp_path)
-    text = next(tmp_path.glob("*_L1.dat")).read_text()
-    speeds = np.array([float(value) for value in re.findall(rf"^SP\[\d+\]=({NUMBER})", text, re.M)])
+    text = next(tmp_path.glob("*_L1.src")).read_text()
+    words = re.findall(r"^(PTP|LIN) ", text, re.M)
     alone = program.rapid | program.swings
-    assert np.array_equal(speeds == 0, alone) and not alone.all()
-    assert speeds[~alone] == pytest.approx(0.02)
-    axes = [read_krl(point)[:6] for point in re.findall(r"^AX\[\d+\]=\{(.*)\}", text, re.M)]
+    assert np.array_equal([word == "PTP" for word in words], alone) and not alone.all()
+    assert re.findall(r"^\$VEL.CP=(.*)", text, re.M) == ["0.020000"]
+    axes = [read_krl(point)[:6] for point in re.findall(r"^PTP \{(.*)\}", text, re.M)]
     assert np.array(axes) == pytest.approx(program.joints[alone], abs=1e-6)
 
 

@@ -24,7 +24,7 @@ WORDS = {
     key: PostureWord(np.array(ABOVE[key]), np.ones(3, bool), NAMES[key], STATUS[key], LETTERS[key]) for key in NAMES
 }
 NONE = np.zeros(3, bool)
-WANTED = Spoken(ARM, WORDS, NONE, NONE, NONE, np.full(3, np.nan), 12.0, np.array([1.0, 2.0, 3.0]))
+WANTED = Spoken(ARM, WORDS, NONE, NONE, np.full(3, np.nan), 12.0, np.array([1.0, 2.0, 3.0]))
 #: Written by hand from the manuals: S and T of KRL, CONFIG of FANUC, cf1 cf4 cf6 cfx of RAPID, RCONF of INFORM.
 SAID: dict[str, list[tuple[object, ...]]] = {
     "krl": [(2, 10), (7, 52), (4, 63)],
@@ -59,8 +59,6 @@ def test_stops_are_those_of_the_plan() -> None:
         "the program stops at row 0, the plan does not"
     ]
     assert rest.compare("csv", moves) == []
-    stopped = [moves[0], moves[1]._replace(stops=True), moves[2]]
-    assert replace(WANTED, may=np.array([False, True, False])).compare("krl", stopped) == []
     rapid = replace(WANTED, rapid=np.array([False, True, False]))
     assert rapid.compare("krl", [move._replace(stops=True) for move in moves]) == []
 

@@ -166,14 +166,13 @@ def test_two_tools_and_their_holes_are_read_back_from_the_programs(posted: cp.Po
 
 
 def test_a_main_program_calls_the_programs_of_all_tools_where_the_language_has_calls(posted: cp.Posted) -> None:
-    for kind in ("J", "L"):
-        lines = (posted.folder / f"two_ALL_{kind}.src").read_text().splitlines()
-        assert [line for line in lines if line.startswith("two_")] == [f"two_T1_{kind}()", f"two_T2_{kind}()"]
-        assert lines[1] == f"DEF two_ALL_{kind}()" and lines[-1] == "END"
+    lines = (posted.folder / "two_ALL_L.src").read_text().splitlines()
+    assert [line for line in lines if line.startswith("two_")] == ["two_T1_L()", "two_T2_L()"]
+    assert lines[1] == "DEF two_ALL_L()" and lines[-1] == "END"
     assert not list(posted.folder.glob("*ALL*.mod"))  # RAPID modules have a main program each
     whole = json.loads((posted.folder / "plan.json").read_text())
-    assert whole["main_programs"] == ["two_ALL_J.src", "two_ALL_L.src"]
-    assert "two_ALL_J.src, two_ALL_L.src" in (posted.folder / "report.html").read_text()
+    assert whole["main_programs"] == ["two_ALL_L.src"]
+    assert "two_ALL_L.src" in (posted.folder / "report.html").read_text()
 
 
 @pytest.mark.parametrize(("language", "call"), [

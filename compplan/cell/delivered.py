@@ -10,7 +10,7 @@ import csv
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from compplan.cell.fitted import PlannedRows, find_rows, follow_moves
 from compplan.cell.frames import read_frame, read_part
 from compplan.cell.inertia import stand_stiff
 from compplan.cell.reading import read_judge
@@ -50,6 +51,8 @@ STRANGE = (AssertionError, KeyError, ValueError, IndexError, TypeError, Attribut
 JOINT, PLACE, TURN, FEED = 2e-3, 5e-3, 2e-3, 2e-2
 #: Rounding of feeds that are written with one decimal. [mm/s]
 FEED_STEP = 0.06
+#: How closely moves stand for rows where the job does not say [mm], and cycle of a controller (assumed) [s].
+FIT, CYCLE = 0.002, 0.004
 #: Columns of joints.csv beside time and joints.
 WANTED = ("x_mm", "y_mm", "z_mm", "i", "j", "k", "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 #: Rounding that joints.csv leaves. [deg or mm]
@@ -67,9 +70,9 @@ class Commanded:
         program: Rows that programs hold; joints.csv holds all. Shape (m,).
         path: First row of the path, and the one after its last.
         feed: Feed that is driven in the move to each row, 0 in rapid moves. Shape (n,). [m/s]
+        free: Whether the speed of the move to each row that programs hold is of no account. Shape (m,).
         stands: Whether the tool has to stand still at each row that programs hold, beside the ends of rapid moves.
             Shape (m,).
-        may: Whether it may. Shape (m,).
 
     """
 
@@ -80,7 +83,7 @@ class Commanded:
     path: tuple[int, int]
     feed: Array
     stands: NDArray[np.bool_]
-    may: NDArray[np.bool_]
+    free: NDArray[np.bool_]
 
 
 def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wanted: Commanded) -> Vote:
@@ -106,6 +109,7 @@ def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wante
     stand = _Stand(
         joints, counting, _degrees(wanted.q[rows], joints), position * 1e3, rotation, _world(robot), wanted,
         _part(tables), _tool(robot, wanted.q[rows[:1]], position[0], rotation[0]),
+        float(output.get("fit_tolerance_mm", FIT)), _read_cycle(robot),
     )  # fmt: skip
     spoken = _say(stand, tables, robot)
     own = {name for key in ("header", "footer") for name in (output.get(key) or {})}
@@ -119,7 +123,12 @@ def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wante
                 fault = f"{file.name} cannot be read back: {type(found).__name__} {found}"[:200]
                 (notes if excused else breaches).append(f"not checked: {fault}" if excused else fault)
             else:
-                said = stand.compare(found) or spoken.compare(language, [m for m in found if m.kind != "act"])
+                moves = [move for move in found if move.kind != "act"]
+                held = stand.find_rows(moves)
+                if isinstance(held, str):
+                    said = [held]
+                else:
+                    said = stand.compare(moves, held) or spoken.take(held).compare(language, moves)
                 breaches += [f"{file.name}, read back: {text}" for text in said]
     return Vote(tuple(breaches), tuple(notes))
 
@@ -170,16 +179,46 @@ class _Stand:
     wanted: Commanded
     part: Array
     tool: Array
+    tolerance: float
+    cycle: float
 
-    def compare(self, moves: list[Move]) -> list[str]:
-        """Say where the moves of a program are not those planned."""
-        moves = [move for move in moves if move.kind != "act"]
-        if len(moves) != len(self.q):
-            return [f"{len(moves)} moves, planned are {len(self.q)}"]
-        said = [
-            self._compare_joints(moves), self._compare_places(moves), self._compare_feeds(moves),
-            self._compare_tool(moves),
-        ]  # fmt: skip
+    @property
+    def fitted(self) -> bool:
+        """Tell whether moves of the tool stand for rows between them."""
+        return self.tolerance > 0.0
+
+    def find_rows(self, moves: list[Move]) -> NDArray[np.int_] | str:
+        """Return the row at which each move ends, or what speaks against it."""
+        if len(moves) == len(self.q):
+            return np.arange(len(moves))
+        if not self.fitted or not any(move.kind != "joint" for move in moves):
+            return f"{len(moves)} moves, planned are {len(self.q)}"
+        tips = np.full((len(moves), 3), np.nan)
+        for k, move in enumerate(moves):
+            if move.pose is not None and move.kind != "joint":
+                tips[k] = (self.world @ np.asarray(move.base) @ move.pose)[:3, 3]
+        return find_rows(self._lay_rows(), tips)
+
+    def _lay_rows(self) -> PlannedRows:
+        wanted = self.wanted
+        rows = wanted.program
+        kept = (wanted.feed[rows] <= 0.0) | wanted.stands
+        kept[:-1] |= wanted.feed[rows][1:] <= 0.0
+        kept[-1] = True
+        return PlannedRows(
+            self.position, self.rotation, wanted.time[rows], kept, wanted.free, self.tolerance, self.cycle
+        )
+
+    def compare(self, moves: list[Move], held: NDArray[np.int_]) -> list[str]:
+        """Say where the moves of a program, which end at some of the rows, are not those planned."""
+        linear = any(move.kind != "joint" for move in moves)
+        stand = replace(self, q=self.q[held], position=self.position[held], rotation=self.rotation[held])
+        said = [stand._compare_joints(moves), stand._compare_places(moves), self._compare_tool(moves)]
+        if self.fitted and linear and all(move.pose is not None for move in moves if move.kind != "joint"):
+            bases = [self.world @ np.asarray(move.base) for move in moves]
+            said += follow_moves(self._lay_rows(), held, moves, bases)
+        else:
+            said.append(self._compare_feeds(moves))
         return [text for text in said if text]
 
     def _compare_joints(self, moves: list[Move]) -> str:
@@ -261,9 +300,16 @@ def _say(stand: _Stand, tables: Mapping[str, Any], robot: Path) -> Spoken:
     seen = stand.tool @ np.linalg.inv(_millimetres(read_frame(tool))) @ np.r_[centre, 1.0]
     words = read_words(robot, joints.names, wanted.q[rows])
     return Spoken(
-        shown[:, ~counting.external], words, wanted.feed[rows] <= 0.0, wanted.stands, wanted.may, share, mass,
+        shown[:, ~counting.external], words, wanted.feed[rows] <= 0.0, wanted.stands, share, mass,
         seen[:3],
     )
+
+
+def _read_cycle(robot: Path) -> float:
+    """Return the cycle of a robot's controller, as its folder states it. [s]"""
+    file = robot / "controller.toml"
+    table = tomllib.loads(file.read_text(encoding="utf-8")).get("motion", {}) if file.is_file() else {}
+    return 1e-3 * float(table.get("cycle_ms", 1e3 * CYCLE))
 
 
 def _millimetres(frame: pin.SE3) -> Array:

@@ -7,7 +7,7 @@ writers.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,6 @@ class Spoken:
         words: Configuration words by name.
         rapid: Whether the move to each row is rapid. Shape (m,).
         stands: Whether the tool has to stand still at each row, beside the ends of rapid moves. Shape (m,).
-        may: Whether it may. Shape (m,).
         share: Share of the axis rates that the move to each row takes, nan where not known. Shape (m,).
         mass: Mass of the tool, None where the job states none. [kg]
         centre: Its centre, the pendant's flange frame. Shape (3,). [mm]
@@ -52,10 +51,19 @@ class Spoken:
     words: Mapping[str, PostureWord]
     rapid: NDArray[np.bool_]
     stands: NDArray[np.bool_]
-    may: NDArray[np.bool_]
     share: Array
     mass: float | None = None
     centre: Array = field(default_factory=lambda: np.zeros(3))
+
+    def take(self, rows: NDArray[np.int_]) -> Spoken:
+        """Return what is to be said at some of the rows."""
+        words = {
+            key: replace(word, above=word.above[rows], sure=word.sure[rows]) for key, word in self.words.items()
+        }
+        return replace(
+            self, arm=self.arm[rows], words=words, rapid=self.rapid[rows], stands=self.stands[rows],
+            share=self.share[rows],
+        )  # fmt: skip
 
     def compare(self, language: str, moves: Sequence[Move]) -> list[str]:
         """Say where the moves of a program, one a row, say something else."""
@@ -70,7 +78,7 @@ class Spoken:
         alone = self.rapid | joint if not joint.all() else self.rapid
         wanted = alone | np.r_[alone[1:], True] | self.stands
         found = np.array([move.stops for move in moves])
-        wrong = np.flatnonzero((found != wanted) & ~(found & self.may))
+        wrong = np.flatnonzero(found != wanted)
         if not len(wrong):
             return ""
         row = int(wrong[0])

@@ -167,6 +167,9 @@ inertia = true                      # compensate the inertia of the motion (mass
 
 [output]
 programs = ["val3"]                 # <programs>
+form = "linear"                     # linear: lines and arcs of the tool where the language has them, else joint moves |
+                                    #   joint | both
+fit_tolerance_mm = 0.002            # how far lines and arcs may lie beside the corrected tip; 0: a move a waypoint
 any_brand = false                   # true: programs for another brand than the robot's controller too
 # header = { val3 = "spindle_on.txt" }  # lines of the language before the first move (spindle, coolant), as they are
 # footer = { val3 = "spindle_off.txt" } # ... and after the last; files relative to this one

@@ -95,21 +95,21 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     rows = np.r_[ahead, first + np.arange(n), last + behind]
     feed = np.r_[np.zeros(first), np.where(plan.task.nominal.rapid, 0.0, plan.command_feed), np.zeros(len(back.q))]
     q = np.vstack([way.q, plan.q, back.q])
-    stands, may = _find_stands(plan, len(ahead), len(behind))
+    stands = _find_stands(plan, len(ahead), len(behind))
+    free = np.r_[np.zeros(len(ahead), bool), plan.task.lead, np.zeros(len(behind), bool)]
     position, axis = place_rows(plan)
     tip = np.hstack([1e3 * position, axis, np.vstack([way.wrench, plan.task.wrench, back.wrench])])
-    wanted = Commanded(q, time, tip, rows, (first, last), feed, stands, may)
+    wanted = Commanded(q, time, tip, rows, (first, last), feed, stands, free)
     vote = vote_on_delivery(folder, job.model_dump(by_alias=True, exclude_unset=True), Path(robot), wanted)
     if not vote.breaches and not vote.notes:
         return plan
     return replace_said(plan, (*plan.notes, *vote.notes), (*plan.breaches, *vote.breaches))
 
 
-def _find_stands(plan: Plan, before: int, after: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Tell at which rows of a program the tool has to stand still beside the ends of rapid moves, and where it may.
+def _find_stands(plan: Plan, before: int, after: int) -> NDArray[np.bool_]:
+    """Tell at which rows of a program the tool has to stand still beside the ends of rapid moves.
 
-    It has to where the cut begins after an approach and where something happens; it may where the plan rests, since
-    programs run through sharp corners of a cut.
+    That is where the cut begins after an approach, where something happens, and where the plan rests.
 
     Args:
         plan: The plan.
@@ -118,12 +118,12 @@ def _find_stands(plan: Plan, before: int, after: int) -> tuple[NDArray[np.bool_]
 
     """
     n = len(plan.task)
-    stands, may = np.zeros(before + n + after, bool), np.zeros(before + n + after, bool)
+    stands = np.zeros(before + n + after, bool)
     if plan.task.rests is not None:
-        may[before : before + n] = plan.task.rests
+        stands[before : before + n] = plan.task.rests
     stands[before] |= before > 0
     stands[find_halts(place_events(plan.task.nominal.events, before, n, after))] = True
-    return stands, may
+    return stands
 
 
 def _find_rows(some: Array, among: Array) -> NDArray[np.int_]:
@@ -235,18 +235,22 @@ def note_programs(plan: Plan) -> Plan:
 def make_program(plan: Plan) -> Program:
     """Return what native programs are written from, approach and retract included."""
     from compplan.program import build_program
+    from compplan.program.counting import load_motion
 
     above, below = plan.approach.key_q, plan.retract.key_q
     before, after = len(above), len(below)
     rapid = np.r_[np.ones(before, bool), plan.task.nominal.rapid, np.ones(after, bool)]
     exact = np.zeros(len(rapid), dtype=bool)
     exact[before] = before > 0  # the tool stands where the cut begins
+    if plan.task.rests is not None:
+        exact[before : before + len(plan.task)] |= plan.task.rests
+    free = np.r_[np.zeros(before, bool), plan.task.lead, np.zeros(after, bool)]
     feed = np.r_[np.zeros(before), plan.command_feed, np.zeros(after)]
     start = float(plan.approach.key_gap.sum())
     down = np.r_[0.0, np.cumsum(plan.approach.key_gap)][:before]
     up = start + plan.timing.time[-1] + np.cumsum(plan.retract.key_gap)
     time = np.r_[down, start + plan.timing.time, up]
-    return build_program(
+    program = build_program(
         plan.robot,
         np.vstack([above, plan.q, below]),
         feed,
@@ -259,6 +263,10 @@ def make_program(plan: Plan) -> Program:
         events=place_events(plan.task.nominal.events, before, len(plan.task), after),
         wiring=None if plan.job is None else plan.job.output.io.wiring,
     )
+    if plan.job is None:
+        return program
+    output, cycle = plan.job.output, load_motion(plan.robot)[0].cycle
+    return replace(program, tolerance=1e-3 * output.fit_tolerance_mm, cycle=cycle, free=free, form=output.form)
 
 
 def place_events(events: Sequence[Event], before: int, count: int, after: int) -> list[Event]:

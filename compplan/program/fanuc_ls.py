@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from compplan.errors import InputError
-from compplan.files.tables import write_text
+from compplan.files.tables import Array, write_text
+from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, phrase_events
 from compplan.program.program import Program, describe_feeds, head_lines, split_parts
@@ -40,7 +41,7 @@ PHRASES = Phrases(
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.LS with joint positions and NAME_L.LS with Cartesian ones; long ones call NAME_1.LS and so on.
 
-    Cutting moves are linear moves (L) with their feed, rapid moves and swings joint moves (J) at 20 %. Cartesian
+    Cutting moves are lines (L) and arcs (C) with their feed, rapid moves and swings joint moves (J) at 20 %. Cartesian
     positions count from user frame 1, which the program sets to the part frame, with tool frame 1; they are written
     where poses and configuration words (native N F, U D, T B) are known. Sliding joints are extended axes (E1 ..),
     in mm.
@@ -60,13 +61,16 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     if program.feed.max(initial=0.0) > FASTEST:
         raise InputError(f"feed is {program.feed.max():g} mm/s, FANUC programs take at most {FASTEST:g} mm/s")
     name = legal_name(program.name, LONGEST_NAME).upper()
-    joint = [_joint_entries(program, row, 0) for row in range(len(program))]
-    files = _write_kind(program, folder, name, joint, 0, most)
-    configuration = configurations(program)
-    if program.tcp is not None and configuration is not None and len(turning) == 6:
+    can, files = program.tcp is not None and configurations(program) is not None and len(turning) == 6, []
+    if program.writes_joints(linear=can):
+        joint = [_joint_entries(program, row, 0) for row in range(len(program))]
+        files += _write_kind(program, folder, name, joint, 0, most)
+    if can and program.form != "joint":
+        program = fit_moves(program).program
+        configuration = configurations(program) or []
         alone = program.alone(linear=True)
         linear = []
-        for row, place in enumerate(_places(program)):
+        for row, place in enumerate(_places(program, program.positions)):
             head = f"\tUF : {FRAME}, UT : {TOOL},\t\tCONFIG : '{configuration[row]}'"
             linear.append(_joint_entries(program, row, FRAME) if alone[row] else [head, *place])
         files += _write_kind(program, folder, f"{name}_L", linear, FRAME, most)
@@ -113,15 +117,19 @@ def _write_kind(
             phrase_events(program.events, program.wiring, PHRASES, "FANUC").items(), start=1
         )
     }
-    files = []
+    files, via = [], _places(program, program.via_positions) if frame and program.arcs.any() else []
     for part, rows in zip(names, parts, strict=True):
         numbers = range(1, rows.stop - rows.start + 1)
         indices = range(rows.start, rows.stop)
         moves = list(events.get(-1, [])) if rows.start == 0 else []
+        arcs = [row for row in indices if frame and program.arcs[row]]
+        extra = {row: rows.stop - rows.start + k for k, row in enumerate(arcs, start=1)}
         for row, number in zip(indices, numbers, strict=True):
             moves += ["  !the configuration changes ;"] if frame and program.swings[row] else []
-            moves += [_move(program, row, number, bool(alone[row]), bool(stops[row])), *events.get(row, [])]
+            move = _move(program, row, number, bool(alone[row]), bool(stops[row]), extra.get(row))
+            moves += [move, *events.get(row, [])]
         positions = [_position(entries[row], number) for row, number in zip(indices, numbers, strict=True)]
+        positions += [_position([entries[row][0], *via[row]], number) for row, number in extra.items()]
         head = [*(setting if len(parts) == 1 else []), f"  UFRAME_NUM={frame} ;", f"  UTOOL_NUM={TOOL} ;"]
         if len(parts) == 1:
             head, moves = head + before, moves + after
@@ -147,10 +155,11 @@ def _set_frames(program: Program, frame: int) -> list[str]:
     return lines
 
 
-def _move(program: Program, row: int, number: int, alone: bool, stop: bool) -> str:
+def _move(program: Program, row: int, number: int, alone: bool, stop: bool, via: int | None) -> str:
     if alone:
         return f"J P[{number}] 20% FINE ;"
-    return f"L P[{number}] {max(program.feed[row], SLOWEST):.1f}mm/sec {'FINE' if stop else 'CNT100'} ;"
+    end = f"P[{number}] {max(program.feed[row], SLOWEST):.1f}mm/sec {'FINE' if stop else 'CNT100'} ;"
+    return f"L {end}" if via is None else f"C P[{via}]\n    :  {end}"
 
 
 def _external(program: Program, row: int) -> list[str]:
@@ -164,13 +173,15 @@ def _joint_entries(program: Program, row: int, frame: int) -> list[str]:
     return [f"\tUF : {frame}, UT : {TOOL}", *entries, *_external(program, row)]
 
 
-def _places(program: Program) -> list[list[str]]:
+def _places(program: Program, poses: Array) -> list[list[str]]:
     names = ("X = {:12.5f}  mm", "Y = {:12.5f}  mm", "Z = {:12.5f}  mm", "W = {:12.6f} deg", "P = {:12.6f} deg",
              "R = {:12.6f} deg")  # fmt: skip
-    table = place_table(program.positions, "xyz").tolist()
+    known = np.isfinite(poses[:, 0, 0])
+    table = np.full((len(poses), 6), np.nan)
+    table[known] = place_table(poses[known], "xyz")
     return [
         [*(name.format(value) for name, value in zip(names, values, strict=True)), *_external(program, row)]
-        for row, values in enumerate(table)
+        for row, values in enumerate(table.tolist())
     ]
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.files.tables import Array, write_text
+from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, phrase_events
 from compplan.program.program import (
@@ -62,9 +63,11 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     """
     need_six_axes(program, "INFORM", sliding=0)
     name = legal_name(program.name, LONGEST_NAME).upper()
-    files = _write_kind(program, folder, name, most, linear=False)
-    if program.tcp is not None and {"shoulder", "elbow", "wrist"} <= set(program.words):
-        files += _write_kind(program, folder, f"{name}_L", most, linear=True)
+    can, files = program.tcp is not None and {"shoulder", "elbow", "wrist"} <= set(program.words), []
+    if program.writes_joints(linear=can):
+        files += _write_kind(program, folder, name, most, linear=False)
+    if can and program.form != "joint":
+        files += _write_kind(fit_moves(program, arcs=False).program, folder, f"{name}_L", most, linear=True)
     return files
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.files.tables import Array, write_text
+from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, phrase_events
 from compplan.program.program import Program, count_digits, head_lines, joint_shares, need_six_axes, split_parts
@@ -40,7 +41,7 @@ PHRASES = Phrases(
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
-    """Write NAME.as with joint moves (JMOVE) and, where poses are known, NAME_L.as with linear ones (LMOVE).
+    """Write NAME.as with joint moves (JMOVE), and NAME_L.as with lines and arcs (LMOVE, C1MOVE, C2MOVE).
 
     Long ones hold further programs NAME_1 and so on, a file each, which the first calls. Transformations count from the
     part frame (part+p1), angles are O A T: about z, the new y, the newest z. The language has no configuration in a
@@ -57,9 +58,11 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     """
     need_six_axes(program, "Kawasaki AS", sliding=1)
     name = legal_name(program.name, LONGEST_NAME - count_digits(program, most or MOST), reserved=RESERVED).lower()
-    files = _write_kind(program, folder, name, most, linear=False)
-    if program.tcp is not None:
-        files += _write_kind(program, folder, f"{name}_l", most, linear=True)
+    can, files = program.tcp is not None, []
+    if program.writes_joints(linear=can):
+        files += _write_kind(program, folder, name, most, linear=False)
+    if can and program.form != "joint":
+        files += _write_kind(fit_moves(program).program, folder, f"{name}_l", most, linear=True)
     return files
 
 
@@ -90,7 +93,7 @@ def _settings(program: Program) -> list[str]:
 
 def _part_text(program: Program, part: str, rows: slice, linear: bool) -> str:
     alone, stops = program.alone(linear=linear), program.stops(linear=linear)
-    name = part[:LONGEST_VARIABLE]
+    name, arcs = part[:LONGEST_VARIABLE], program.arcs.tolist()
     lines, joints, places = [f".PROGRAM {part}()"], [".JOINTS"], [".TRANS"]
     percent, slides = _percents(program), program.joints[:, program.prismatic]
     table = place_table(program.positions, "ZYZ") if linear else np.zeros((len(program), 6))
@@ -100,7 +103,13 @@ def _part_text(program: Program, part: str, rows: slice, linear: bool) -> str:
     for row in range(rows.start, rows.stop):
         if linear and not alone[row]:
             places.append(f"{name}p{row} " + " ".join(f"{value:.6f}" for value in [*table[row], *slides[row]]))
-            lines += [f"  SPEED {program.feed[row]:.4f} MM/S", f"  LMOVE part+{name}p{row}"]
+            lines.append(f"  SPEED {program.feed[row]:.4f} MM/S")
+            if arcs[row]:
+                middle = place_table(program.via_positions[row][None], "ZYZ")[0]
+                places.append(f"{name}c{row} " + " ".join(f"{value:.6f}" for value in [*middle, *slides[row]]))
+                lines += [f"  C1MOVE part+{name}c{row}", f"  C2MOVE part+{name}p{row}"]
+            else:
+                lines.append(f"  LMOVE part+{name}p{row}")
         else:
             if linear and program.swings[row]:
                 lines.append("  ; the configuration changes: a joint move")

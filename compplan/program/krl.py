@@ -1,4 +1,4 @@
-"""KUKA KRL: joint moves (E6AXIS) and linear moves (E6POS), positions in .dat arrays, moves in .src loops."""
+"""KUKA KRL: plain lines and arcs (LIN, CIRC), and joint moves (E6AXIS) that .src loops take from .dat arrays."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from compplan.errors import InputError
 from compplan.files.tables import Array, write_text
+from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, phrase_events
 from compplan.program.program import Program, count_digits, head_lines, joint_percent, order_joints, split_parts
@@ -27,23 +28,7 @@ RAPID_PERCENT = 20
 UNTRUE = 0.1
 
 
-#: Body of the loop over points: E6POS with speeds in m/s, E6AXIS with percents; K counts rapid moves or is a percent.
-LINEAR = (
-    "  IF SP[I]>0.0 THEN",
-    "    $VEL.CP=SP[I]",
-    "    IF EX[I]>0 THEN",
-    "      LIN PT[I]",
-    "    ELSE",
-    "      LIN PT[I] C_DIS",
-    "    ENDIF",
-    "  ELSE",
-    "    K=K+1",
-    "    FOR J=1 TO 6",
-    f"      $VEL_AXIS[J]={RAPID_PERCENT}",
-    "    ENDFOR",
-    "    PTP AX[K]",
-    "  ENDIF",
-)
+#: Body of the loop over joint positions: SP is a percent, 0 for a rapid move.
 JOINT = (
     f"  K={RAPID_PERCENT}",
     "  IF SP[I]>0.0 THEN",
@@ -72,9 +57,10 @@ PHRASES = Phrases(
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME_J.src, which moves the joints, and NAME_L.src, which moves the tool; each calls its parts.
 
-    The joint program repeats the plan as it is. The linear one goes through the geometry that the controller believes,
-    its positions count from the part frame ($BASE), its rapid moves and swings are joint moves; it is written where
-    poses are known. External axes count as coupled: $BASE stands still while they move. Files end lines with CR LF.
+    The joint program repeats the plan waypoint by waypoint, from arrays in .dat files. The linear one has plain motion
+    lines (LIN, CIRC) through the geometry that the controller believes; its positions count from the part frame
+    ($BASE), its rapid moves and swings are joint moves; it is written where poses are known. External axes count as
+    coupled: $BASE stands still while they move. Files end lines with CR LF.
 
     Args:
         program: The program; its joints are named A1 .. A6 and E1 ..
@@ -87,9 +73,11 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     """
     order_joints(program, ARM, "KRL")
     name = legal_name(program.name, LONGEST_NAME - count_digits(program, most or MOST))
-    files = _write_kind(program, folder, f"{name}_J", _joint_points(program), most or MOST, linear=False)
-    if program.tcp is not None and program.status is not None:
-        files += _write_kind(program, folder, f"{name}_L", _linear_points(program), most or MOST, linear=True)
+    can, files = program.tcp is not None and program.status is not None, []
+    if program.writes_joints(linear=can):
+        files += _write_joint(program, folder, f"{name}_J", most or MOST)
+    if can and program.form != "joint":
+        files += _write_linear(fit_moves(program).program, folder, f"{name}_L", most or MOST)
     return files
 
 
@@ -98,25 +86,47 @@ def turn_bits(joints: Array) -> NDArray[np.int64]:
     return np.asarray((joints < 0.0) @ (1 << np.arange(6)), dtype=np.int64)
 
 
-def _write_kind(program: Program, folder: Path, name: str, points: list[str], most: int, *, linear: bool) -> list[Path]:
+def _write_joint(program: Program, folder: Path, name: str, most: int) -> list[Path]:
     parts = split_parts(len(program), most)
     names = [f"{name}{number}" for number in range(1, len(parts) + 1)]
-    percent = joint_percent(program)
     events = phrase_events(program.events, program.wiring, PHRASES, "KRL")
-    files = []
+    points, percent, files = _joint_points(program), joint_percent(program), []
     for part, rows in zip(names, parts, strict=True):
         files.append(folder / f"{part}.dat")
-        write_text(files[-1], _data(part, points[rows], program, percent, rows, linear), newline="\r\n")
+        write_text(files[-1], _data(part, points[rows], program, percent, rows), newline="\r\n")
         files.append(folder / f"{part}.src")
-        write_text(files[-1], _source(part, program, rows, linear, events), newline="\r\n")
+        write_text(files[-1], _source(part, program, rows, events), newline="\r\n")
     files.append(folder / f"{name}.src")
-    remarks = [] if linear else [f"; {note}" for note in describe(program)]
+    remarks = [f"; {note}" for note in describe(program)]
     write_text(files[-1], _main(name, names, program, remarks), newline="\r\n")
+    return files
+
+
+def _write_linear(program: Program, folder: Path, name: str, most: int) -> list[Path]:
+    parts = split_parts(len(program), most)
+    names = [f"{name}{number}" for number in range(1, len(parts) + 1)]
+    events = phrase_events(program.events, program.wiring, PHRASES, "KRL")
+    moves, files = _linear_moves(program), []
+    for part, rows in zip(names, parts, strict=True):
+        lines = ["&ACCESS RVO", f"DEF {part}()", *(f"; {line}" for line in head_lines(program))]
+        lines += events.get(-1, []) if rows.start == 0 else []
+        speed = ""
+        for row in range(rows.start, rows.stop):
+            wanted, move = moves[row]
+            lines += [wanted] if wanted and wanted != speed else []
+            speed = wanted or speed
+            lines += [move, *events.get(row, [])]
+        files.append(folder / f"{part}.src")
+        write_text(files[-1], "\n".join([*lines, "END", ""]), newline="\r\n")
+    files.append(folder / f"{name}.src")
+    write_text(files[-1], _main(name, names, program, []), newline="\r\n")
     return files
 
 
 def describe(program: Program) -> list[str]:
     """Return what must be said where joint moves, which know whole percents of the axis rates only, miss the feed."""
+    if not program.writes_joints(linear=program.status is not None):
+        return []
     percent = joint_percent(program)
     whole = np.maximum(np.round(percent), 1.0)
     wrong = ~program.rapid & (np.abs(whole - percent) > UNTRUE * percent)
@@ -148,48 +158,57 @@ def _joint_points(program: Program) -> list[str]:
     return [_axis_point(program, row, columns) for row in range(len(program))]
 
 
-def _linear_points(program: Program) -> list[str]:
-    if program.tcp is None or program.status is None:
-        raise InputError("KRL positions need TCP poses and configuration words with status in controller.toml")
+def _linear_moves(program: Program) -> list[tuple[str, str]]:
+    """Return what sets the speed of each move ("" before joint moves), and its line."""
+    if program.status is None:
+        raise InputError("KRL positions need configuration words with status in controller.toml")
     columns = order_joints(program, ARM, "KRL")
-    turns = turn_bits(program.joints[:, columns])
-    points = []
-    for row, (x, y, z, a, b, c) in enumerate(place_table(program.positions, "ZYX").tolist()):
-        place = f"X {x:.5f},Y {y:.5f},Z {z:.5f},A {a:.6f},B {b:.6f},C {c:.6f}"
-        points.append(f"{{{place},S {program.status[row]},T {turns[row]},{_external(program, row)}}}")
-    return points
+    turns, alone = turn_bits(program.joints[:, columns]), program.alone(linear=True).tolist()
+    stops, arcs, vias = program.stops(linear=True).tolist(), program.arcs.tolist(), program.via_positions
+    moves = []
+    for row, place in enumerate(place_table(program.positions, "ZYX").tolist()):
+        end = "" if stops[row] else " C_DIS"
+        if alone[row]:
+            note = "; the configuration changes: a joint move\n" if program.swings[row] else ""
+            moves.append(("", f"{note}PTP {_axis_point(program, row, columns)}{end}"))
+            continue
+        words = f"S {program.status[row]},T {turns[row]},{_external(program, row)}"
+        target = f"{{{_place(place)},{words}}}"
+        speed = f"$VEL.CP={program.feed[row] * 1e-3:.6f}"
+        if arcs[row]:
+            via = place_table(vias[row][None], "ZYX")[0].tolist()
+            moves.append((speed, f"CIRC {{{_place(via)}}},{target}{end}"))
+        else:
+            moves.append((speed, f"LIN {target}{end}"))
+    return moves
 
 
-def _data(name: str, points: list[str], program: Program, percent: Array, rows: slice, linear: bool) -> str:
-    """Return a .dat file: the points, how fast each is reached (0: a joint move), and which are reached exactly."""
+def _place(values: list[float]) -> str:
+    x, y, z, a, b, c = values
+    return f"X {x:.5f},Y {y:.5f},Z {z:.5f},A {a:.6f},B {b:.6f},C {c:.6f}"
+
+
+def _data(name: str, points: list[str], program: Program, percent: Array, rows: slice) -> str:
+    """Return a .dat file: the points, how fast each is reached (0: rapid), and which are reached exactly."""
     count = len(points)
-    kind = "E6POS" if linear else "E6AXIS"
-    speeds = program.feed[rows] * 1e-3 if linear else percent[rows]
-    fast = program.alone(linear=linear)[rows]
-    lines = ["&ACCESS RVO", f"DEFDAT {name} PUBLIC", f"DECL {kind} PT[{count}]"]
+    lines = ["&ACCESS RVO", f"DEFDAT {name} PUBLIC", f"DECL E6AXIS PT[{count}]"]
     lines += [f"PT[{index}]={point}" for index, point in enumerate(points, start=1)]
-    what = "m/s along the path" if linear else "percent of the axis rates"
-    lines += [f"; {what}; 0: rapid", f"DECL REAL SP[{count}]"]
-    lines += [f"SP[{index}]={speed:.6f}" for index, speed in enumerate(np.where(fast, 0.0, speeds), start=1)]
+    lines += ["; percent of the axis rates; 0: rapid", f"DECL REAL SP[{count}]"]
+    speeds = np.where(program.rapid, 0.0, percent)[rows]
+    lines += [f"SP[{index}]={speed:.6f}" for index, speed in enumerate(speeds, start=1)]
     lines += ["; 1: reached exactly", f"DECL INT EX[{count}]"]
-    lines += [f"EX[{index}]={int(exact)}" for index, exact in enumerate(program.stops(linear=linear)[rows], start=1)]
-    if linear:
-        columns = order_joints(program, ARM, "KRL")
-        quick = np.flatnonzero(fast)
-        lines.append(f"DECL E6AXIS AX[{max(1, len(quick))}]")
-        for index, row in enumerate(quick.tolist(), start=1):
-            lines.append(f"AX[{index}]={_axis_point(program, rows.start + row, columns)}")
+    lines += [f"EX[{index}]={int(exact)}" for index, exact in enumerate(program.stops(linear=False)[rows], start=1)]
     return "\n".join([*lines, "ENDDAT", ""])
 
 
-def _source(name: str, program: Program, rows: slice, linear: bool, events: dict[int, list[str]]) -> str:
+def _source(name: str, program: Program, rows: slice, events: dict[int, list[str]]) -> str:
     """Return a .src file: loops over the points of its .dat file, cut where something happens beside motion."""
     lines = ["&ACCESS RVO", f"DEF {name}()", "DECL INT I,J,K", *(f"; {line}" for line in head_lines(program))]
-    lines += [f"; waypoints {rows.start} to {rows.stop - 1}", "K=0"]
+    lines += [f"; waypoints {rows.start} to {rows.stop - 1}"]
     lines += events.get(-1, []) if rows.start == 0 else []
     first = rows.start
     for row in [*sorted(row for row in events if rows.start <= row < rows.stop - 1), rows.stop - 1]:
-        lines += [f"FOR I={first - rows.start + 1} TO {row - rows.start + 1}", *(LINEAR if linear else JOINT), "ENDFOR"]
+        lines += [f"FOR I={first - rows.start + 1} TO {row - rows.start + 1}", *JOINT, "ENDFOR"]
         lines += events.get(row, [])
         first = row + 1
     return "\n".join([*lines, "END", ""])
@@ -197,13 +216,12 @@ def _source(name: str, program: Program, rows: slice, linear: bool, events: dict
 
 def _main(name: str, parts: list[str], program: Program, remarks: list[str]) -> str:
     """Return the .src file that sets base, tool and approximation, and calls the parts."""
-    swings, prismatic = np.flatnonzero(program.swings)[:10].tolist(), bool(program.prismatic.any())
+    prismatic = bool(program.prismatic.any())
     lines = ["&ACCESS RVO", f"DEF {name}()", *(f"; {line}" for line in head_lines(program))]
     lines += [
         "EXT BAS(BAS_COMMAND:IN,REAL:IN)",
         f"; Rapid moves run at {RAPID_PERCENT} percent of the axis rates.",
         "; Check speed, tool, base and load data before running.",
-        *(f"; waypoint {row}: the configuration changes, a joint move leads there" for row in swings),
         *(["; external axes are coupled: positions count from the standing base"] if prismatic else []),
         *remarks,
         "BAS(#INITMOV,0)",
@@ -217,7 +235,8 @@ def _main(name: str, parts: list[str], program: Program, remarks: list[str]) -> 
         lines += ["; inertia of the tool: not known", f"$LOAD={{M {program.mass:.3f},{centre}}}"]
     else:
         lines.append("; mass of the tool: not known, load data are not set")
-    lines += ["$APO.CPTP=1", "$APO.CDIS=0.1", "$ADVANCE=3", *program.header]
+    lines += ["$APO.CPTP=1", "$APO.CDIS=0.1", "$ADVANCE=3", "$ORI_TYPE=#VAR", "$CIRC_TYPE=#BASE"]
+    lines += [*(f"$VEL_AXIS[{axis}]={RAPID_PERCENT}" for axis in range(1, 7)), *program.header]
     lines += [*(f"{part}()" for part in parts), *program.footer]
     return "\n".join([*lines, "END", ""])
 

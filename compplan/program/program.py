@@ -65,6 +65,11 @@ class Program:
         footer: Lines of the language itself that run after the last move.
         events: What happens beside motion, each after the row that it names; -1: before the first move.
         wiring: Signals of the cell that do it.
+        tolerance: How far written lines and arcs may lie beside the tip; 0: one move a waypoint. [m]
+        cycle: Least time of a written move. [s]
+        free: Moves whose speed is of no account, such as what brings a correction in, or None. Shape (n,).
+        form: "linear": moves of the tool alone where a language can write them; "joint", "both".
+        via: Pose that an arc to each waypoint goes through, nan where a line leads there, or None. Shape (n, 4, 4). [m]
 
     """
 
@@ -95,6 +100,11 @@ class Program:
     footer: tuple[str, ...] = ()
     events: tuple[Event, ...] = ()
     wiring: Wiring = field(default_factory=Wiring)
+    tolerance: float = 0.0
+    cycle: float = 0.0
+    free: NDArray[np.bool_] | None = None
+    form: str = "both"
+    via: Array | None = None
 
     def __post_init__(self) -> None:
         n, nq = self.joints.shape
@@ -107,6 +117,8 @@ class Program:
             "tcp": (n, 4, 4),
             "status": (n,),
             "bent": (n,),
+            "free": (n,),
+            "via": (n, 4, 4),
         }
         for name, shape in shapes.items():
             array = getattr(self, name)
@@ -134,6 +146,21 @@ class Program:
         if self.tcp is None:
             raise InputError("a program with positions needs the poses of the TCP")
         return np.asarray(np.linalg.inv(self.part) @ self.tcp)
+
+    @property
+    def arcs(self) -> NDArray[np.bool_]:
+        """Tell the moves that are arcs. Shape (n,)."""
+        return np.zeros(len(self), bool) if self.via is None else np.isfinite(self.via[:, 0, 0])
+
+    @property
+    def via_positions(self) -> Array:
+        """Poses that arcs go through, seen from the part frame; nan elsewhere. Shape (n, 4, 4) [m]."""
+        via = np.full((len(self), 4, 4), np.nan) if self.via is None else self.via
+        return np.asarray(np.linalg.inv(self.part) @ via)
+
+    def writes_joints(self, *, linear: bool) -> bool:
+        """Tell whether a language that can (`linear`) or cannot write moves of the tool is to write joint moves."""
+        return self.form != "linear" or not linear
 
     @property
     def swings(self) -> NDArray[np.bool_]:

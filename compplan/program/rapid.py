@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from compplan.errors import InputError
 from compplan.files.tables import Array, write_text
+from compplan.program.fit import fit_moves
 from compplan.program.frames import quaternions
 from compplan.program.machine import Phrases, Signal, name_signal, phrase_events
 from compplan.program.program import Program, count_digits, head_lines, split_parts
@@ -68,9 +69,12 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     if len(turning) > 6 or len(sliding) > 6:
         raise InputError(f"RAPID targets take six rotating and six external axes, not {list(program.joint_names)}")
     name = legal_name(program.name, LONGEST_NAME - count_digits(program, most or MOST), reserved=RESERVED)
-    files = _write_kind(program, folder, name, _joint_moves(program, name), most)
-    if program.tcp is not None and len(turning) == 6:
-        files += _write_kind(program, folder, f"{name}_L", _linear_moves(program, f"{name}_L"), most)
+    can, files = program.tcp is not None and len(turning) == 6, []
+    if program.writes_joints(linear=can):
+        files += _write_kind(program, folder, name, _joint_moves(program, name), most)
+    if can and program.form != "joint":
+        fitted = fit_moves(program).program
+        files += _write_kind(fitted, folder, f"{name}_L", _linear_moves(fitted, f"{name}_L"), most)
     return files
 
 
@@ -94,7 +98,8 @@ def _write_kind(program: Program, folder: Path, name: str, moves: list[str], mos
     ]
     calls = [f"    run_{part};" for part in names]
     files.append(folder / f"{name}.mod")
-    main = ["  PROC main()", "    ConfL\\Off;", *program.header, *calls, *program.footer, "  ENDPROC"]
+    main = [f"  PROC run_{name}()", "    ConfL\\Off;", "    CirPathMode\\ObjectFrame;", *program.header, *calls]
+    main += [*program.footer, "  ENDPROC"]
     body = [f"MODULE {name}", *comments, *data, *main, "ENDMODULE", ""]
     write_text(files[-1], "\n".join(body))
     return files
@@ -116,19 +121,26 @@ def _joint_target(program: Program, row: int) -> str:
 def _linear_moves(program: Program, name: str) -> list[str]:
     positions, turns = program.positions, quaternions(program.positions)
     alone, stops = program.alone(linear=True).tolist(), program.stops(linear=True).tolist()
-    moves = []
+    arcs, via, moves = program.arcs.tolist(), program.via_positions, []
     for row, (place, turn, configuration) in enumerate(
         zip((positions[:, :3, 3] * 1e3).tolist(), turns.tolist(), configurations(program).tolist(), strict=True)
     ):
+        rest = f"[{','.join(map(str, configuration))}],[{_external(program, row)}]]"
         if alone[row]:
             target = f"MoveAbsJ {_joint_target(program, row)}"
         else:
-            where, how = ",".join(f"{v:.5f}" for v in place), ",".join(f"{v:.10f}" for v in turn)
-            target = f"MoveL [[{where}],[{how}],[{','.join(map(str, configuration))}],[{_external(program, row)}]]"
+            target = f"MoveL {_robot_target(place, turn, rest)}"
+            if arcs[row]:
+                middle = _robot_target((via[row, :3, 3] * 1e3).tolist(), quaternions(via[row][None])[0].tolist(), rest)
+                target = f"MoveC {middle},{_robot_target(place, turn, rest)}"
         manner = _manner(program, row, alone[row], stops[row])
         note = "    ! the configuration changes: a joint move\n" if program.swings[row] else ""
         moves.append(f"{note}    {target},{manner},t_{name}\\WObj:=w_{name};")
     return moves
+
+
+def _robot_target(place: list[float], turn: list[float], rest: str) -> str:
+    return f"[[{','.join(f'{v:.5f}' for v in place)}],[{','.join(f'{v:.10f}' for v in turn)}],{rest}"
 
 
 def configurations(program: Program) -> NDArray[np.int64]:

@@ -9,6 +9,7 @@ import numpy as np
 from compplan.errors import InputError
 from compplan.files.tables import Array, write_text
 from compplan.path.events import Event
+from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.krl import turn_bits
 from compplan.program.machine import Phrases, phrase_events
@@ -54,8 +55,8 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     Positions count from the part frame, set by TRANS and AROT on top of G500; X Y Z are the tool tip, A2 B2 C2 (ORIRPY)
     turn the flange about x, the fixed y and the fixed z. The tool's offset is correction D1 of tool 1 (lengths in Z, Y
     and X for G17), its turn is part of the programmed orientation. Cutting moves are G1 in CP travel with their feed
-    (G94, mm/min), rapid moves and swings G0 in PTP travel with STAT (status as in KRL) and TU (a bit an axis below 0).
-    A sliding joint is the axis E1. Names of axes and the transformation are the machine's: check them.
+    (G94, mm/min), arcs are CIP, rapid moves and swings G0 in PTP travel with STAT (status as in KRL) and TU (a bit an
+    axis below 0). A sliding joint is the axis E1. Names of axes and the transformation are the machine's: check them.
 
     Args:
         program: The program, of an arm with six rotating joints and at most one sliding one.
@@ -69,6 +70,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     need_six_axes(program, "SINUMERIK", sliding=1)
     if program.tcp is None or program.status is None:
         raise InputError("SINUMERIK programs need poses and configuration words with status in controller.toml")
+    program = fit_moves(program).program
     name = legal_name(program.name, LONGEST_NAME - 2 - count_digits(program, most or MOST), reserved=RESERVED).upper()
     name = name if name[1:2].isalpha() or name[1:2] == "_" else f"P_{name}"
     parts = split_parts(len(program), most or MOST)
@@ -125,6 +127,7 @@ def _blocks(program: Program) -> list[str]:
     table, external = place_table(turned, "xyz"), program.joints[:, program.prismatic]
     turns = turn_bits(program.joints[:, ~program.prismatic])
     alone, stops = program.alone(linear=True).tolist(), program.stops(linear=True).tolist()
+    arcs, via = program.arcs.tolist(), 1e3 * program.via_positions[:, :3, 3] + 0.0
     blocks, travel = [], ""
     for row, values in enumerate(table.tolist()):
         place = _words(np.array([*values, *external[row]]))
@@ -136,7 +139,11 @@ def _blocks(program: Program) -> list[str]:
             status = 0 if program.status is None else int(program.status[row])
             blocks.append(f"{note}{change}G0 {place} STAT={status} TU={turns[row]}{exact}")
         else:
-            blocks.append(f"{change}G1 {place} F{program.feed[row] * 60.0:.3f}{exact}")
+            code, through = "G1", ""
+            if arcs[row]:
+                x, y, z = via[row].tolist()
+                code, through = "CIP", f" I1=AC({x:.5f}) J1=AC({y:.5f}) K1=AC({z:.5f})"
+            blocks.append(f"{change}{code} {place}{through} F{program.feed[row] * 60.0:.3f}{exact}")
     return blocks
 
 

@@ -1,4 +1,4 @@
-"""Universal Robots URScript: programs with joint moves (movej), and with linear ones (movel) in the part frame."""
+"""Universal Robots URScript: joint moves (movej), and lines and arcs (movel, movec) in the part frame."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.files.tables import Array, write_text
+from compplan.program.fit import fit_moves
 from compplan.program.frames import rotation_vectors
 from compplan.program.machine import Phrases, phrase_events
 from compplan.program.program import Program, head_lines, joint_shares, need_six_axes, split_parts
@@ -62,9 +63,11 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     """
     need_six_axes(program, "URScript", sliding=0)
     name = legal_name(program.name, LONGEST_NAME, reserved=RESERVED)
-    files = _write_kind(program, folder, name, most, linear=False)
-    if program.tcp is not None:
-        files += _write_kind(program, folder, f"{name}_L", most, linear=True)
+    can, files = program.tcp is not None, []
+    if program.writes_joints(linear=can):
+        files += _write_kind(program, folder, name, most, linear=False)
+    if can and program.form != "joint":
+        files += _write_kind(fit_moves(program).program, folder, f"{name}_L", most, linear=True)
     return files
 
 
@@ -100,12 +103,18 @@ def _moves(program: Program, linear: bool) -> list[str]:
     alone, swings = program.alone(linear=linear).tolist(), program.swings.tolist()
     speeds, radii = _joint_speeds(program), _blend_radii(program, linear)
     poses = _poses(program.positions) if linear else []
+    via, arcs = program.via_positions, program.arcs.tolist()
     moves = []
     for row, joints in enumerate(np.radians(program.joints).tolist()):
         end = f", r={radii[row]:.7f})" if radii[row] > 0.0 else ")"
         if linear and not alone[row]:
             feed = max(program.feed[row] * 1e-3, SLOWEST)
-            moves.append(f"  movel(pose_trans(part, {poses[row]}), a={TOOL_ACCELERATION}, v={feed:.6f}{end}")
+            target, how = f"pose_trans(part, {poses[row]})", f"a={TOOL_ACCELERATION}, v={feed:.6f}"
+            if arcs[row]:
+                middle = f"pose_trans(part, {_poses(via[row][None])[0]})"
+                moves.append(f"  movec({middle}, {target}, {how}{end.replace(')', ', mode=0)')}")
+            else:
+                moves.append(f"  movel({target}, {how}{end}")
             continue
         note = "  # the configuration changes: a joint move\n" if linear and swings[row] else ""
         target = ", ".join(f"{value:.9f}" for value in joints)

@@ -9,6 +9,7 @@ import numpy as np
 
 from compplan.errors import InputError
 from compplan.files.tables import Array, write_text
+from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, Signal, name_signal, phrase_events
 from compplan.program.program import Program, head_lines, split_parts
@@ -74,9 +75,11 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
         message = f"VAL3 programs are written for six rotating joints, this robot has {list(program.joint_names)}"
         raise InputError(message)
     name = legal_name(program.name, LONGEST_NAME)
-    files = _write_kind(program, folder / name, most, linear=False)
-    if program.tcp is not None:
-        files += _write_kind(program, folder / f"{name}_L", most, linear=True)
+    can, files = program.tcp is not None, []
+    if program.writes_joints(linear=can):
+        files += _write_kind(program, folder / name, most, linear=False)
+    if can and program.form != "joint":
+        files += _write_kind(fit_moves(program).program, folder / f"{name}_L", most, linear=True)
     return files
 
 
@@ -87,7 +90,8 @@ def _write_kind(program: Program, project: Path, most: int | None, *, linear: bo
     texts = {f"{name}.pjx": _project(name, names), f"{name}.dtx": _data(program, parts, linear)}
     events = phrase_events(program.events, program.wiring, PHRASES, "VAL3")
     for number, (part, rows) in enumerate(zip(names, parts, strict=True), start=1):
-        texts[f"{part}.pgx"] = _program(part, _moves(number, rows, linear, events), local=True)
+        code = _plain_moves(program, number, rows, events) if linear else _moves(number, rows, events)
+        texts[f"{part}.pgx"] = _program(part, code, local=True)
     calls = "".join(f"  call {part}()\n" for part in names)
     comments = "".join(f"  // {line}\n" for line in _remarks(program, linear))
     before, after = ("".join(f"{line}\n" for line in lines) for lines in (program.header, program.footer))
@@ -129,17 +133,42 @@ def _program(name: str, code: str, *, local: bool = False) -> str:
     )
 
 
-def _moves(number: int, rows: slice, linear: bool, events: dict[int, list[str]]) -> str:
+def _plain_moves(program: Program, number: int, rows: slice, events: dict[int, list[str]]) -> str:
+    """Return plain motion lines of a part: lines and arcs of the tool, joint moves where they stand alone."""
+    alone, stops, arcs = program.alone(linear=True).tolist(), program.stops(linear=True).tolist(), program.arcs.tolist()
+    lines = _wait_for(events.get(-1, []) if rows.start == 0 else [])
+    speeds: dict[str, str] = {}
+    quick = through = 0
+    for index, row in enumerate(range(rows.start, rows.stop)):
+        if alone[row]:
+            lines += [f"  movej(jPath{number}[{quick}],tTool,mRapid)", "  waitEndMove()"]
+            quick += 1
+        else:
+            how, speed = "mEnd" if stops[row] else "mPath", f"{program.feed[row]:.4f}"
+            lines += [f"  {how}.tvel={speed}"] if speeds.get(how) != speed else []
+            speeds[how] = speed
+            target = f"pPath{number}[{index}],tTool,{how})"
+            lines.append(f"  movec(pVia{number}[{through}],{target}" if arcs[row] else f"  movel({target}")
+            through += arcs[row]
+        lines += _wait_for(events.get(row, []))
+    return "\n".join([*lines, ""])
+
+
+def _wait_for(lines: list[str]) -> list[str]:
+    acts = any(not line.startswith("//") for line in lines)
+    return [f"  {line}" for line in ["waitEndMove()"] * acts + lines]
+
+
+def _moves(number: int, rows: slice, events: dict[int, list[str]]) -> str:
     """Return loops over the points of a part, cut where something happens beside motion: once the arm stands there."""
-    move = f"movel(pPath{number}[l_nIndex],tTool,%s)" if linear else f"movej(jPath{number}[l_nIndex],tTool,%s)"
     body = (
         f"    if nFeed{number}[l_nIndex]>0\n"
         f"      if nExact{number}[l_nIndex]>0\n"
         f"        mEnd.tvel=nFeed{number}[l_nIndex]\n"
-        f"        {move % 'mEnd'}\n"
+        f"        movej(jPath{number}[l_nIndex],tTool,mEnd)\n"
         "      else\n"
         f"        mPath.tvel=nFeed{number}[l_nIndex]\n"
-        f"        {move % 'mPath'}\n"
+        f"        movej(jPath{number}[l_nIndex],tTool,mPath)\n"
         "      endIf\n"
         "    else\n"
         f"      movej(jPath{number}[l_nIndex],tTool,mRapid)\n"
@@ -184,17 +213,21 @@ def _data(program: Program, parts: list[slice], linear: bool) -> str:
     lines += _array("fPart", "frame", [f'{_place(place_numbers(program.base_frame, "XYZ"))} fatherId="world[0]"'])
     for name, text in descriptors.items():
         lines += _array(name, "mdesc", [text])
-    feeds = np.where(program.alone(linear=linear), 0.0, program.feed)
-    stops = program.stops(linear=linear)
-    points = _points(program) if linear else []
+    points = _points(program, program.positions) if linear else []
+    via = _points(program, program.via_positions) if linear and program.arcs.any() else []
+    chosen = program.alone(linear=True) if linear else np.ones(len(program), bool)
     form = " ".join(f'j{index}="%.6f"' for index in range(1, program.joints.shape[1] + 1))
     for number, rows in enumerate(parts, start=1):
-        joints = [form % tuple(row) for row in program.joints[rows].tolist()]
-        lines += _array(f"jPath{number}", "jointRx", joints)
+        joints = [form % tuple(row) for row in program.joints[rows][chosen[rows]].tolist()]
+        lines += _array(f"jPath{number}", "jointRx", joints) if joints else []
         if linear:
             lines += _array(f"pPath{number}", "pointRx", points[rows])
-        lines += _array(f"nFeed{number}", "num", [f'value="{feed:.4f}"' for feed in feeds[rows]])
-        lines += _array(f"nExact{number}", "num", [f'value="{int(stop)}"' for stop in stops[rows]])
+            through = [via[row] for row in np.flatnonzero(program.arcs[rows]) + rows.start]
+            lines += _array(f"pVia{number}", "pointRx", through) if through else []
+            continue
+        feeds, stops = np.where(program.rapid, 0.0, program.feed)[rows], program.stops(linear=False)[rows]
+        lines += _array(f"nFeed{number}", "num", [f'value="{feed:.4f}"' for feed in feeds])
+        lines += _array(f"nExact{number}", "num", [f'value="{int(stop)}"' for stop in stops])
     return "\n".join([*lines, *_signals(program), "  </Datas>", "</Database>", ""])
 
 
@@ -208,9 +241,10 @@ def _place(values: list[float]) -> str:
     return " ".join(f'{name}="{value:.7f}"' for name, value in zip(names, values, strict=True))
 
 
-def _points(program: Program) -> list[str]:
+def _points(program: Program, poses: Array) -> list[str]:
     """Return points in the part frame with their configuration, in the controller's words where they are known."""
-    table = place_table(program.positions, "XYZ")
+    table, posed = np.zeros((len(poses), 6)), np.isfinite(poses[:, 0, 0])
+    table[posed] = place_table(poses[posed], "XYZ")
     words: list[Array] = []
     for key, (known, same) in WORDS.items():
         native = program.native.get(key, np.full(len(program), same))

@@ -23,7 +23,7 @@ from compplan.second.programs.poses import (
 
 @dataclass
 class _Fanuc:
-    """A FANUC interpreter for J, L, CALL, and frames that are filled through a position register."""
+    """A FANUC interpreter for J, L, C, CALL, and frames that are filled through a position register."""
 
     registers: dict[str, list[float]] = field(default_factory=dict)
     frames: dict[str, Pose] = field(default_factory=lambda: {"UFRAME[0]": np.eye(4)})
@@ -34,11 +34,13 @@ class _Fanuc:
         text = mark_actions(path.read_text(), "fanuc_ls")
         points = {int(number): body for number, body in re.findall(r"P\[(\d+)\]\{(.*?)\};", text, re.S)}
         body = text[text.index("/MN") : text.index("/POS")]
-        for line in re.findall(r"^ *\d+: *(.*?) *;", body, re.M):
+        for line in re.findall(r"^ *\d+: *([^;]*?) *;", body, re.M):
             if act := read_action(line):
                 self.moves.append(act)
             elif match := re.fullmatch(rf"([JL]) P\[(\d+)\] ({NUMBER})(%|mm/sec) (FINE|CNT\d+)", line):
                 self.move(match[1], points[int(match[2])], float(match[3]), match[4], match[5])
+            elif match := re.fullmatch(rf"C P\[(\d+)\]\n +: +P\[(\d+)\] ({NUMBER})(mm/sec) (FINE|CNT\d+)", line):
+                self.move("C", points[int(match[2])], float(match[3]), match[4], match[5], points[int(match[1])])
             elif match := re.fullmatch(r"CALL (\w+)", line):
                 self.run(path.with_name(f"{match[1]}.LS"))
             elif not line.startswith("!"):
@@ -56,7 +58,9 @@ class _Fanuc:
             assert match, f"unknown line: {line}"
             self.frames[match[1]] = fanuc_pose(*self.registers[match[2]])
 
-    def move(self, word: str, point: str, speed: float, unit: str, ending: str) -> None:
+    def move(self, word: str, point: str, speed: float, unit: str, ending: str, through: str = "") -> None:
+        between = {key: float(number) for key, number, _ in re.findall(rf"(\w\d?) *= *({NUMBER}) +(mm|deg)", through)}
+        via = fanuc_pose(*(between[key] for key in "XYZWPR")) if through else None
         values = {key: float(number) for key, number, _ in re.findall(rf"(\w\d?) *= *({NUMBER}) +(mm|deg)", point)}
         units = {key[0]: unit for key, _, unit in re.findall(rf"(\w\d?) *= *({NUMBER}) +(mm|deg)", point)}
         right = {**dict.fromkeys("EXYZ", "mm"), **dict.fromkeys("JWPR", "deg")}
@@ -72,9 +76,9 @@ class _Fanuc:
         assert self.active == {"UFRAME": f"UFRAME[{frame}]", "UTOOL": f"UTOOL[{tool}]"}
         feed, percent = (None, speed) if unit == "%" else (speed, None)
         external = tuple(values[key] for key in sorted(values) if key.startswith("E"))
-        kind, stops = {"J": "joint", "L": "line"}[word], ending in ("FINE", "CNT0")
+        kind, stops = {"J": "joint", "L": "line", "C": "arc"}[word], ending in ("FINE", "CNT0")
         tool = self.frames[self.active["UTOOL"]]
-        self.moves.append(Move(kind, stops, joints, external, pose, feed, percent, configuration, tool, base))
+        self.moves.append(Move(kind, stops, joints, external, pose, feed, percent, configuration, tool, base, via=via))
 
 
 def read_fanuc(path: Path) -> list[Move]:
@@ -89,7 +93,7 @@ def read_fanuc(path: Path) -> list[Move]:
 
 @dataclass
 class _Rapid:
-    """A RAPID interpreter for calls, MoveAbsJ and MoveL."""
+    """A RAPID interpreter for calls, MoveAbsJ, MoveL and MoveC."""
 
     procedures: dict[str, str]
     tools: dict[str, tuple[Pose, tuple[float, ...]]]
@@ -100,17 +104,19 @@ class _Rapid:
         for line in filter(None, (text.split("!")[0].strip() for text in self.procedures[procedure].splitlines())):
             if act := read_action(line):
                 self.moves.append(act)
-            elif match := re.fullmatch(r"(MoveAbsJ|MoveL) \[(.*)\],(\[.*?\]),(\w+),(\w+)(?:\\WObj:=(\w+))?;", line):
+            elif match := re.fullmatch(r"(Move(?:AbsJ|L|C)) \[(.*)\],(\[.*?\]),(\w+),(\w+)(?:\\WObj:=(\w+))?;", line):
                 self.move(match[1], match[2], read_numbers(match[3])[0], *match.groups()[3:])
-            elif line != r"ConfL\Off;":
+            elif line not in (r"ConfL\Off;", r"CirPathMode\ObjectFrame;"):
                 match = re.fullmatch(r"(\w+);", line)
                 assert match, f"unknown line: {line}"
                 self.run(match[1])
 
     def move(self, word: str, target: str, feed: float, zone: str, tool: str, frame: str | None) -> None:
         groups = [read_numbers(text) for text in re.findall(r"\[(.*?)\]", target)]
-        joints, pose = None, None
+        joints, pose, via = None, None, None
         configuration: tuple[object, ...] = ()
+        if word == "MoveC":
+            via, groups = abb_pose(*groups[:2]), groups[4:]
         if word == "MoveAbsJ":
             assert [len(group) for group in groups] == [6, 6]
             joints = tuple(groups[0])
@@ -120,12 +126,14 @@ class _Rapid:
         external = tuple(value for value in groups[-1] if value != 9e9)
         mounted, load = self.tools[tool]
         base = np.eye(4) if frame is None else self.objects[frame]
-        kind, stops = {"MoveAbsJ": "joint", "MoveL": "line"}[word], zone == "fine"
-        self.moves.append(Move(kind, stops, joints, external, pose, feed, None, configuration, mounted, base, load))
+        kind, stops = {"MoveAbsJ": "joint", "MoveL": "line", "MoveC": "arc"}[word], zone == "fine"
+        self.moves.append(
+            Move(kind, stops, joints, external, pose, feed, None, configuration, mounted, base, load, via=via)
+        )
 
 
 def read_rapid(path: Path) -> list[Move]:
-    """Run procedure main of a RAPID module; the modules of its procedures lie beside it."""
+    """Run the procedure of a RAPID module that has its name; the modules of its procedures lie beside it."""
     parts = sorted(path.parent.glob("*.mod"))
     modules = "\n".join(file.read_text() for file in parts if file.stem[:-1].rstrip("0123456789").endswith("_"))
     text = path.read_text()
@@ -141,7 +149,7 @@ def read_rapid(path: Path) -> list[Move]:
         assert value.startswith('[FALSE,TRUE,"",[[') and len(numbers) == 14
         objects[name] = abb_pose(numbers[:3], numbers[3:7]) @ abb_pose(numbers[7:10], numbers[10:])
     interpreter = _Rapid(procedures, tools, objects)
-    interpreter.run("main")
+    interpreter.run(f"run_{path.stem}")
     return interpreter.moves
 
 

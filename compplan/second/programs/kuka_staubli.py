@@ -84,13 +84,13 @@ def _end_krl(lines: tuple[str, ...], row: int, word: str) -> int:
 @lru_cache(maxsize=4096)
 def _krl_move(line: str) -> tuple[str, str, str | None] | None:
     """Return motion, target and blend of a line that moves."""
-    match = re.fullmatch(r"(PTP|LIN) (\S+)(?: (C_\w+))?", line)
+    match = re.fullmatch(r"(PTP|LIN|CIRC) (\S+|\{.*?\}|\{.*?\},\{.*?\})(?: (C_\w+))?", line)
     return None if match is None else (match[1], match[2], match[3])
 
 
 @dataclass
 class _Krl:
-    """A KRL interpreter for declarations, assignments, FOR, IF, calls, PTP and LIN."""
+    """A KRL interpreter for declarations, assignments, FOR, IF, calls, PTP, LIN and CIRC."""
 
     folder: Path
     values: dict[str, Any] = field(default_factory=lambda: {"$NULLFRAME": dict.fromkeys("XYZABC", 0.0)})
@@ -100,6 +100,8 @@ class _Krl:
 
     def evaluate(self, text: str) -> Any:
         text = text.strip()
+        if text.startswith("#"):
+            return text
         if text.startswith("{M "):
             return read_numbers(text)[:4]
         if text.startswith("{"):
@@ -154,7 +156,9 @@ class _Krl:
 
     def step(self, line: str) -> None:
         if moved := _krl_move(line):
-            self.move(moved[0], self.evaluate(moved[1]), moved[2])
+            via, _, target = moved[1].rpartition(",{") if moved[0] == "CIRC" else ("", "", moved[1])
+            point = self.evaluate(f"{{{target}" if via else target)
+            self.move(moved[0], point, moved[2], self.evaluate(via) if via else None)
         elif act := read_action(line):
             self.moves.append(act)
         elif match := re.fullmatch(r"DECL INT ([\w,]+)", line):
@@ -167,7 +171,9 @@ class _Krl:
             assert "=" in line, f"unknown line: {line}"
             self.assign(*line.split("=", 1))
 
-    def move(self, word: str, point: dict[str, float], blend: str | None) -> None:
+    def move(self, word: str, point: dict[str, float], blend: str | None, via: dict[str, float] | None) -> None:
+        turned = self.values.get("$CIRC_TYPE"), self.values.get("$ORI_TYPE")
+        assert via is None or turned == ("#BASE", "#VAR"), "arcs whose turn of the tool is not stated"
         space = {"C_PTP": "$APO.CPTP", "C_DIS": "$APO.CDIS"}.get(blend or "")
         stops = space is None or not self.values.get(space) or not self.values.get("$ADVANCE")
         places = {key: self.values[f"${key.upper()}"] for key in ("tool", "base")}
@@ -176,10 +182,13 @@ class _Krl:
         pose = kuka_pose(*(point[key] for key in "XYZABC")) if "X" in point else None
         configuration = tuple(int(point[key]) for key in "ST" if key in point)
         external = tuple(point[f"E{number}"] for number in range(1, 7))
-        feed, percent = (float(self.values["$VEL.CP"]) * 1e3, None) if word == "LIN" else (None, self.percent())
-        kind = "joint" if word == "PTP" else "line"
+        feed, percent = (float(self.values["$VEL.CP"]) * 1e3, None) if word != "PTP" else (None, self.percent())
+        kind = {"PTP": "joint", "LIN": "line", "CIRC": "arc"}[word]
+        middle = None if via is None else kuka_pose(*(via[key] for key in "XYZABC"))
         load = tuple(self.values.get("$LOAD", ()))
-        self.moves.append(Move(kind, stops, joints, external, pose, feed, percent, configuration, **frames, load=load))
+        self.moves.append(
+            Move(kind, stops, joints, external, pose, feed, percent, configuration, **frames, load=load, via=middle)
+        )
 
     def percent(self) -> float:
         rates = {self.values[f"$VEL_AXIS[{number}]"] for number in range(1, 7)}
@@ -198,8 +207,8 @@ def read_krl(source: Path) -> list[Move]:
 
 
 PLACE = ("x", "y", "z", "rx", "ry", "rz")
-_VAL3_MOVE = re.compile(r"move([jl])\((\w+)\[(\w+)\],(\w+),(\w+)\)")
-_VAL3_FEED = re.compile(r"(\w+)\.tvel=(\w+)\[(\w+)\]")
+_VAL3_MOVE = re.compile(r"move([jlc])\((?:(\w+)\[(\d+)\],)?(\w+)\[(\w+)\],(\w+),(\w+)\)")
+_VAL3_FEED = re.compile(rf"(\w+)\.tvel=(?:({NUMBER})|(\w+)\[(\w+)\])")
 _VAL3_FOR = re.compile(r"for (\w+)=(\d+) to (\d+)")
 _VAL3_IF = re.compile(r"if (\w+)\[(\w+)\]>0")
 _STANDING = np.eye(4)
@@ -213,7 +222,7 @@ def _val3_tag(element: ElementTree.Element) -> str:
 
 @dataclass
 class _Val3:
-    """A VAL3 interpreter for counting loops, if, calls, movej and movel over the arrays of the .dtx file."""
+    """A VAL3 interpreter for counting loops, if, calls, movej, movel and movec over the arrays of the .dtx file."""
 
     folder: Path
     data: dict[str, list[dict[str, str]]]
@@ -297,7 +306,7 @@ class _Val3:
         if match := _val3_move(line):
             self.move(*match)
         elif feed := _val3_feed(line):
-            self.data[feed[0]][0]["tmax"] = self.element(feed[1], feed[2])["value"]
+            self.data[feed[0]][0]["tmax"] = feed[1] or self.element(feed[2], feed[3])["value"]
         elif act := read_action(line):
             assert self.waited, "what happens beside motion does not wait for the arm"
             self.moves.append(act)
@@ -309,8 +318,9 @@ class _Val3:
         else:
             assert line == "resetMotion()", f"unknown line: {line}"
 
-    def move(self, kind: str, points: str, index: str, mounted: str, way: str) -> None:
-        row = int(self.scalars[index])
+    def move(self, kind: str, vias: str, middle: str, points: str, index: str, mounted: str, way: str) -> None:
+        row = int(index) if index.isdigit() else int(self.scalars[index])
+        assert (kind == "c") == bool(vias)
         point, tool, how = self.data[points][row], self.data[mounted][0], self.data[way][0]
         assert tool["fatherId"] == "flange[0]"
         self.waited = False
@@ -326,23 +336,23 @@ class _Val3:
         stops = how["blend"] == "off" or not float(how["leave"])
         slow = float(how["tmax"]) < 99999
         feed, percent = (float(how["tmax"]), None) if slow else (None, float(how["vel"]))
-        name = "joint" if kind == "j" else "line"
-        self.moves.append(Move(name, stops, joints, (), pose, feed, percent, words, self.place(mounted), base))
+        name, via = {"j": "joint", "l": "line", "c": "arc"}[kind], self.place(vias, int(middle)) if vias else None
+        self.moves.append(Move(name, stops, joints, (), pose, feed, percent, words, self.place(mounted), base, via=via))
 
 
 @lru_cache(maxsize=4096)
-def _val3_move(line: str) -> tuple[str, str, str, str, str] | None:
-    """Return kind, array of points, index, tool and descriptor of a line that moves."""
+def _val3_move(line: str) -> tuple[str, ...] | None:
+    """Return kind, array and index of the point between, of the end, tool and descriptor of a line that moves."""
     match = _VAL3_MOVE.fullmatch(line)
     assert match or not line.startswith("move"), f"unknown line: {line}"
-    return None if match is None else (match[1], match[2], match[3], match[4], match[5])
+    return None if match is None else tuple(text or "" for text in match.groups())
 
 
 @lru_cache(maxsize=4096)
-def _val3_feed(line: str) -> tuple[str, str, str] | None:
-    """Return descriptor, array and index of a line that sets a feed."""
+def _val3_feed(line: str) -> tuple[str, ...] | None:
+    """Return descriptor, and number, or array and index, of a line that sets a feed."""
     match = _VAL3_FEED.fullmatch(line)
-    return None if match is None else (match[1], match[2], match[3])
+    return None if match is None else tuple(text or "" for text in match.groups())
 
 
 def read_val3(project: Path) -> list[Move]:

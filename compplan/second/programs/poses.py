@@ -22,6 +22,7 @@ class Move(NamedTuple):
     seen from the base in force. A speed is mm/s along the path (`feed`) or a share of the axis rates (`percent`).
     `configuration` is as the language writes it; `load` is the tool's mass [kg] and its centre, flange frame [mm];
     `rate` that of the leading joint [deg/s]; with `flange_turn` a pose has the tool's tip and the flange's turn.
+    `via` is a pose that a move of kind "arc" goes through (of SINUMERIK its place alone).
     `action` is what a program does beside motion; its `kind` is "act".
     """
 
@@ -39,6 +40,7 @@ class Move(NamedTuple):
     rate: float | None = None
     flange_turn: bool = False
     action: tuple[object, ...] = ()
+    via: Pose | None = None
 
 
 def turn(axis: str, angle: float) -> Pose:

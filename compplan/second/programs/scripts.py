@@ -52,6 +52,16 @@ def _run_script(path: Path) -> list[Move]:
             joints = tuple(math.degrees(value) for value in read_numbers(match[1]))
             rate, stops = math.degrees(float(match[2])), not float(match[3] or 0)
             moves.append(Move("joint", stops, joints, rate=rate, tool=frames["tool"], base=np.eye(4), load=load))
+        elif line.startswith("movec("):
+            place = r"pose_trans\(part, p\[(.*?)\]\)"
+            pattern = rf"movec\({place}, {place}, a=1.2, v=({NUMBER})(?:, r=({NUMBER}))?, mode=0\)"
+            match = re.fullmatch(pattern, line)
+            assert match, f"unknown line: {line}"
+            via, pose = (vector_pose(*read_numbers(text)) for text in match.groups()[:2])
+            feed, stops = float(match[3]) * 1e3, not float(match[4] or 0)
+            moves.append(
+                Move("arc", stops, pose=pose, feed=feed, tool=frames["tool"], base=frames["part"], load=load, via=via)
+            )
         else:
             pattern = rf"movel\(pose_trans\(part, p\[(.*)\]\), a=1.2, v=({NUMBER})(?:, r=({NUMBER}))?\)"
             match = re.fullmatch(pattern, line)
@@ -70,7 +80,7 @@ KNOWN = {"G17", "G90", "G94", "G710", "G500", "T1", "D1", "TRAORI", "ORIWKS", "O
 
 @dataclass
 class _Sinumerik:
-    """A SINUMERIK interpreter for TRANS, AROT, tool lengths, G0, G1, PTP, CP and calls."""
+    """A SINUMERIK interpreter for TRANS, AROT, tool lengths, G0, G1, CIP, PTP, CP and calls."""
 
     folder: Path
     frame: Pose = field(default_factory=lambda: np.eye(4))
@@ -95,9 +105,12 @@ class _Sinumerik:
                 self.frame = np.eye(4)
             elif line in ("PTP", "CP"):
                 self.travel = line
-            elif line.startswith(("G0 ", "G1 ")):
-                words = re.findall(rf"(?:(STAT|TU|[ABC]2|E1)=|([XYZF]))({NUMBER})", line[3:])
-                self.move({word or letter: number for word, letter, number in words}, line[:2], line.endswith(" G9"))
+            elif line.startswith(("G0 ", "G1 ", "CIP ")):
+                between = re.findall(rf"([IJK]1)=AC\(({NUMBER})\)", line)
+                via = shift(*(float(dict(between)[key]) for key in ("I1", "J1", "K1"))) if between else None
+                code, _, rest = re.sub(rf" [IJK]1=AC\({NUMBER}\)", "", line).partition(" ")
+                words = re.findall(rf"(?:(STAT|TU|[ABC]2|E1)=|([XYZF]))({NUMBER})", rest)
+                self.move({word or letter: number for word, letter, number in words}, code, line.endswith(" G9"), via)
             elif (self.folder / f"{line}.SPF").exists():
                 part = (self.folder / f"{line}.SPF").read_text()
                 assert part.splitlines()[-1] == "M17"
@@ -106,19 +119,21 @@ class _Sinumerik:
                 assert {*line.split()} <= KNOWN, f"unknown line: {line}"
                 self.modal |= set(line.split())
 
-    def move(self, words: dict[str, str], code: str, stops: bool) -> None:
+    def move(self, words: dict[str, str], code: str, stops: bool, via: Pose | None) -> None:
+        assert (code == "CIP") == (via is not None)
         assert {"TRAORI", "ORIRPY", "G94", "G17", "T1"} <= self.modal
         value = {key: float(number) for key, number in words.items()}
         self.feed = value.get("F", self.feed)
         mounted = shift(self.lengths["5"], self.lengths["4"], self.lengths["3"])
         pose = fanuc_pose(*(value[key] for key in ("X", "Y", "Z", "A2", "B2", "C2")))
-        kind = {("G0", "PTP"): "joint", ("G1", "CP"): "line"}[code, self.travel]
+        kind = {("G0", "PTP"): "joint", ("G1", "CP"): "line", ("CIP", "CP"): "arc"}[code, self.travel]
         external = tuple(value[key] for key in value if key.startswith("E"))
         configuration = tuple(int(value[key]) for key in ("STAT", "TU") if key in value)
-        feed = self.feed / 60 if kind == "line" else None
+        feed = None if kind == "joint" else self.feed / 60
         self.moves.append(
-            Move(kind, stops, None, external, pose, feed, None, configuration, mounted, self.frame, flange_turn=True)
-        )
+            Move(kind, stops, None, external, pose, feed, None, configuration, mounted, self.frame, flange_turn=True,
+                 via=via)
+        )  # fmt: skip
 
 
 def read_sinumerik(path: Path) -> list[Move]:
@@ -202,6 +217,7 @@ class _Kawasaki:
     load: tuple[float, ...] = ()
     speed: tuple[float, str] = (0.0, "")
     blends: bool = False
+    between: Pose | None = None
     moves: list[Move] = field(default_factory=list)
 
     def run(self, name: str) -> None:
@@ -227,7 +243,12 @@ class _Kawasaki:
                 self.move(line)
 
     def move(self, line: str) -> None:
-        match = re.fullmatch(r"JMOVE (#\w+)|LMOVE part\+(\w+)", line)
+        if match := re.fullmatch(r"C1MOVE part\+(\w+)", line):
+            self.between = kawasaki_pose(*self.values[match[1]][:6])
+            return
+        arc = line.startswith("C2MOVE ")
+        assert arc == (self.between is not None)
+        match = re.fullmatch(r"JMOVE (#\w+)|(?:L|C2)MOVE part\+(\w+)", line)
         assert match, f"unknown line: {line}"
         numbers = self.values[match[1] or match[2]]
         external, tool = tuple(numbers[6:]), self.frames["tool"]
@@ -238,5 +259,6 @@ class _Kawasaki:
         else:
             assert self.speed[1] == " MM/S"
             pose = kawasaki_pose(*numbers[:6])
-            kind, target = "line", {"pose": pose, "feed": self.speed[0], "base": self.frames["part"]}
+            kind, target = "arc" if arc else "line", {"pose": pose, "feed": self.speed[0], "base": self.frames["part"]}
+            target["via"], self.between = self.between, None
         self.moves.append(Move(kind, not self.blends, external=external, tool=tool, load=self.load, **target))

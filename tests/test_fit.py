@@ -1,0 +1,122 @@
+"""Lines and arcs that stand for many rows of a program."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from program_readers import read_krl, read_rapid
+
+from compplan.program import Program, build_program, write_program
+from compplan.program.fit import find_circle, fit_moves
+from compplan.robot import load_robot
+
+
+def make_program(position: np.ndarray, time: np.ndarray, turn: float = 0.0) -> Program:
+    """Return a program whose tip goes through places [mm], its tool turned about z by `turn` from end to end. [rad]"""
+    n = len(position)
+    q = np.tile(np.radians([10.0, 20, 30, 40, 50, 60]), (n, 1))
+    program = build_program(load_robot("ur10"), q, np.full(n, 0.02), np.arange(n) == 0, name="path", time=time)
+    tcp, angle = np.tile(np.eye(4), (n, 1, 1)), turn * np.linspace(0.0, 1.0, n)
+    tcp[:, :3, 3] = 1e-3 * position
+    tcp[:, 0, 0] = tcp[:, 1, 1] = np.cos(angle)
+    tcp[:, 1, 0], tcp[:, 0, 1] = np.sin(angle), -np.sin(angle)
+    return replace(program, tcp=tcp, tolerance=2e-6, cycle=0.004)
+
+
+def circle(angles: np.ndarray, radius: float = 20.0) -> np.ndarray:
+    return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(len(angles), 5.0)])
+
+
+def test_a_circle_through_three_places_has_their_centre() -> None:
+    found = find_circle(*circle(np.array([0.2, 0.7, 2.0])))
+    assert found is not None
+    centre, u, v, normal = found
+    assert centre == pytest.approx([0.0, 0.0, 5.0], abs=1e-12)
+    assert normal == pytest.approx([0.0, 0.0, 1.0]) and u == pytest.approx([np.cos(0.2), np.sin(0.2), 0.0])
+    assert v == pytest.approx([-np.sin(0.2), np.cos(0.2), 0.0])
+    assert find_circle(*np.array([[0.0, 0, 0], [1, 1, 0], [2, 2, 0]])) is None
+
+
+def test_three_quarters_of_a_circle_at_one_speed_are_two_arcs() -> None:
+    angles = np.linspace(0.0, 1.5 * np.pi, 501)
+    program = make_program(circle(angles), np.linspace(0.0, 10.0, 501), turn=0.5)
+    fitted = fit_moves(program)
+    assert len(fitted.program) <= 4 and fitted.program.arcs[1:].all()
+    assert fitted.program.feed[1:] == pytest.approx(1.5 * np.pi * 20.0 / 10.0, rel=1e-4)
+    assert fitted.rows[-1] == 500
+
+
+def test_a_line_is_one_move_and_a_bulge_beyond_the_tolerance_is_not() -> None:
+    along, time = np.linspace(0.0, 50.0, 101), np.linspace(0.0, 5.0, 101)
+    for bulge, most in ((1.9e-3, 2), (2.1e-3, 9)):  # a sine [mm]: lines through its rows leave all of it, or none
+        position = np.column_stack([along, bulge * np.sin(np.pi * along / 50.0), 0 * along])
+        count = len(fit_moves(make_program(position, time), arcs=False).program)
+        assert (count == 2) == (most == 2) and count <= most
+
+
+def test_every_row_lies_within_the_tolerance_and_every_move_has_its_time() -> None:
+    rng = np.random.default_rng(5)
+    s = np.sort(np.r_[0.0, rng.uniform(0.0, 6.0, 800), 6.0])
+    position = np.column_stack([30 * np.cos(s) + 3 * np.sin(5 * s), 30 * np.sin(s), 4 * np.cos(3 * s)])
+    step = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    time = np.r_[0.0, np.cumsum(step / (20.0 + 5.0 * np.sin(s[1:])))]
+    program = make_program(position, time)
+    fitted = fit_moves(program)
+    few = fitted.program
+    assert few.time is not None and few.via is not None and program.tcp is not None
+    assert len(few) < 0.5 * len(program) and few.arcs.sum() > 20
+    assert np.diff(few.time).min() >= 0.004 or fitted.slowed
+    for k in range(1, len(few)):
+        a, b = fitted.rows[k - 1], fitted.rows[k]
+        if not few.arcs[k]:
+            chord = (position[b] - position[a]) / np.linalg.norm(position[b] - position[a])
+            off = np.linalg.norm(np.cross(position[a : b + 1] - position[a], chord), axis=1)
+        else:
+            found = find_circle(position[a], 1e3 * few.via[k, :3, 3], position[b])
+            assert found is not None
+            arm = position[a : b + 1] - found[0]
+            radius, height = np.linalg.norm(arm[0]), arm @ found[3]
+            off = np.hypot(np.linalg.norm(arm - height[:, None] * found[3], axis=1) - radius, height)
+        assert off.max() <= 2e-3 + 1e-9
+
+
+def test_rows_nearer_than_a_cycle_are_joined_where_the_path_is_straight_and_slowed_where_it_is_not() -> None:
+    line = np.column_stack([np.linspace(0.0, 10.0, 101), np.zeros(101), np.zeros(101)])
+    uneven = np.cumsum(np.tile([0.001, 0.002], 51)[:101]) - 0.001  # every speed differs from the one before
+    fitted = fit_moves(make_program(line, uneven))
+    assert fitted.program.time is not None and np.diff(fitted.program.time).min() >= 0.004 and not fitted.slowed
+    zigzag = line + np.column_stack([np.zeros(101), np.tile([0.0, 1.0], 51)[:101], np.zeros(101)])
+    fitted = fit_moves(make_program(zigzag, 0.001 * np.arange(101.0)))
+    assert (len(fitted.program), fitted.slowed) == (101, 100)
+    assert fitted.program.feed[1:] == pytest.approx(np.hypot(0.1, 1.0) / 0.004)
+
+
+def test_speed_stop_and_event_part_moves() -> None:
+    line = np.column_stack([np.linspace(0.0, 10.0, 101), np.zeros(101), np.zeros(101)])
+    time = np.r_[np.linspace(0.0, 1.0, 51), 1.0 + np.linspace(0.0, 2.0, 51)[1:]]  # half as fast from row 50
+    program = make_program(line, time)
+    fitted = fit_moves(replace(program, exact=np.arange(101) == 20))
+    assert fitted.rows.tolist() == [0, 20, 50, 100]
+    assert fitted.program.feed[1:] == pytest.approx([5.0, 5.0, 2.5])
+    assert fitted.program.stops(linear=True).tolist() == [True, True, False, True]
+    free = fit_moves(replace(program, free=np.ones(101, bool)))
+    assert free.rows.tolist() == [0, 100]
+
+
+@pytest.mark.parametrize(
+    ("language", "name", "read"), [("krl", "path_L.src", read_krl), ("rapid", "path_L.mod", read_rapid)]
+)
+def test_arcs_are_read_back_with_the_place_they_go_through(
+    language: str, name: str, read: object, tmp_path: Path
+) -> None:
+    program = make_program(circle(np.linspace(0.0, 2.5, 301)), np.linspace(0.0, 6.0, 301))
+    program = replace(program, status=np.zeros(301, int), joint_names=("A1", "A2", "A3", "A4", "A5", "A6"))
+    write_program(program, language, tmp_path / "out", any_brand=True)
+    first, arc = read(tmp_path / "out" / name)  # type: ignore[operator]
+    assert (first.kind, arc.kind) == ("joint", "arc")
+    assert arc.via[:3, 3] == pytest.approx(circle(np.array([1.25]))[0], abs=1e-4)
+    assert arc.pose[:3, 3] == pytest.approx(circle(np.array([2.5]))[0], abs=1e-4)
+    assert arc.feed == pytest.approx(2.5 * 20.0 / 6.0, rel=1e-4)
