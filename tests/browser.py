@@ -73,6 +73,15 @@ class Page:
         for kind in ("mousePressed", "mouseReleased"):
             self.ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
+    def swipe(self, x: float, y: float, far: float) -> None:
+        """Move a finger up from a place in the window, as on a phone [px]."""
+        self.ask("Input.dispatchTouchEvent", type="touchStart", touchPoints=[{"x": x, "y": y}])
+        for step in range(1, 11):
+            place = {"x": x, "y": y - far * step / 10}
+            self.ask("Input.dispatchTouchEvent", type="touchMove", touchPoints=[place])
+        self.ask("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+        time.sleep(0.5)
+
     def press(self, key: str) -> None:
         """Press and release a key: Tab, Enter or Escape."""
         code = {"Tab": 9, "Enter": 13, "Escape": 27}[key]

@@ -207,7 +207,7 @@ def test_the_second_part_is_right_and_a_third_lesson_is_not_taken(small_job, tmp
     assert "by chance" in last["reason"]
     assert (tmp_path / "out0" / "robot" / "learned_circle.csv").is_file()
     assert list((tmp_path / "out0").glob("*.src"))
-    assert "No step is taken" in (tmp_path / "out2" / "report.html").read_text(encoding="utf-8")
+    assert "The program stays as it is" in (tmp_path / "out2" / "report.html").read_text(encoding="utf-8")
     assert load_robot(tmp_path / "out0" / "robot").uncertainty is not None
 
 

@@ -97,6 +97,28 @@ def test_everything_that_can_be_clicked_is_reached_and_used_by_the_keyboard(page
     assert {"BUTTON", "A", "SUMMARY", "DIV"} <= set(met)
 
 
+def test_a_finger_on_a_chart_scrolls_the_page_and_turns_a_scene_only_after_its_button(page: Page, file: Path) -> None:
+    camera = "JSON.stringify(document.getElementById('chart-2')._fullLayout.scene._scene.getCamera().eye)"
+    page.ask("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=1)
+    try:
+        page.open(file.as_uri(), 390, 844)
+        unfold(page)
+        for chart in range(4):
+            node = f"document.getElementById('chart-{chart}')"
+            page.run(f"{node}.scrollIntoView({{block: 'center', behavior: 'instant'}})")
+            box, before = page.run(f"{node}.getBoundingClientRect().toJSON()"), page.run("scrollY")
+            page.swipe(180, box["y"] + 0.5 * box["height"], 150)
+            assert page.run("scrollY") > before + 50, chart
+        eye = page.run(camera)
+        page.run("document.querySelector('#chart-2 .turn').click()")
+        page.run("document.getElementById('chart-2').scrollIntoView({block: 'center', behavior: 'instant'})")
+        box = page.run("document.getElementById('chart-2').getBoundingClientRect().toJSON()")
+        page.swipe(180, box["y"] + 0.5 * box["height"], 100)
+        assert page.run(camera) != eye
+    finally:
+        page.ask("Emulation.setTouchEmulationEnabled", enabled=False)
+
+
 def test_the_page_prints_with_its_scenes(page: Page, file: Path, tmp_path: Path) -> None:
     page.open(file.as_uri(), 1300)
     unfold(page)

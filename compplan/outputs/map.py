@@ -12,7 +12,7 @@ from compplan.files.tables import write_json
 from compplan.files.transaction import replace_folder
 from compplan.report import Column, PageTable, Picture, Section, describe_robot, write_page
 from compplan.report.maps.maps import DeflectionMap
-from compplan.report.maps.pictures import deflection_panels, draw_deflection, draw_joint_map
+from compplan.report.maps.pictures import Panel, deflection_panels, draw_deflection, draw_joint_map
 from compplan.report.maps.reach import ELBOWS
 from compplan.report.maps.survey import ROWS, WRIST_FOR_QUALITY_DEG, RobotMaps
 from compplan.report.page import KeyFigure, Opening
@@ -127,12 +127,12 @@ def _write_report(result: RobotMaps, pictures: dict[str, tuple[bytes, str]], fil
         lede,
         sections,
         kind="Map",
-        opening=_open(result, worst, Picture(*pictures["map_horizontal.png"], description="Horizontal plane")),
+        opening=_open(result, worst),
         provenance=describe_robot(result.robot, facts, assumptions),
     )
 
 
-def _open(result: RobotMaps, worst: dict[str, Any], picture: Picture) -> Opening:
+def _open(result: RobotMaps, worst: dict[str, Any]) -> Opening:
     """Say how soft the arm is where it works, and where it is stiffest."""
     flat = worst["horizontal"]
     verdict = (
@@ -144,5 +144,9 @@ def _open(result: RobotMaps, worst: dict[str, Any], picture: Picture) -> Opening
         KeyFigure(f"{flat['mean']:.2f} mm", "mean over the horizontal plane"),
         KeyFigure(f"{flat['max']:.2f} mm", "where it is softest"),
     ]
+    plane = result.planes["horizontal"]
+    panel = Panel("Under 1000 N in the worst direction", plane.best.worst * 1e6, "mm")
+    caption = f"Deflection of the tool over the plane z = {result.settings.height * 1e3:.0f} mm, seen from above."
+    picture = Picture(draw_deflection(result.robot, plane, [panel], result.robot.name), caption)
     todo = "Put the part where the map is low: compplan place JOB looks for the place."
     return Opening(verdict, "", figures, picture, todo)

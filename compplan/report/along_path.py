@@ -73,6 +73,19 @@ def find_spans(flags: NDArray[np.bool_]) -> NDArray[np.int_]:
     return np.column_stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1])
 
 
+def outline_below(x: Array, y: Array) -> tuple[Array, Array]:
+    """Return the outline of the area under a line with gaps: down to zero where it begins and where it ends."""
+    spans = find_spans(np.isfinite(y))
+    order = np.argsort(np.r_[np.arange(len(x)), spans[:, 0] - 0.5, spans[:, 1] + 0.5], kind="stable")
+    along, high = np.r_[x, x[spans[:, 0]], x[spans[:, 1]]], np.r_[np.nan_to_num(y), np.zeros(spans.size)]
+    return along[order].astype(np.float32), high[order].astype(np.float32)
+
+
+def below(colour: str) -> dict[str, Any]:
+    """Return how such an area is drawn: a fill goes on over the gaps of its line, so it has a trace of its own."""
+    return {"fill": "tozeroy", "mode": "lines", "fillcolor": colour, "line": {"width": 0}, "hoverinfo": "skip"}
+
+
 def draw_lines(
     stations: Stations,
     series: Mapping[str, Array],
@@ -98,7 +111,7 @@ def draw_lines(
     """
     figure = go.Figure()
     add_lines(figure, stations, series, unit, colours=colours)
-    figure.update_xaxes(title_text="path length, mm", range=_length_range(stations))
+    figure.update_xaxes(title_text="along the path, mm", range=_length_range(stations))
     figure.update_yaxes(title_text=f"{title}, {unit}" if unit else title)
     if log:
         _use_decades(figure, list(series.values()), title)
@@ -217,7 +230,7 @@ def draw_joints(
         bottom, top = _joint_range(q[:, k] * scale[k], float(low[k]), float(high[k]))
         number, last = str(k + 1) if k else "", k >= len(names) - columns
         layout[f"yaxis{number}"] = {"range": [bottom, top], "title": {"text": unit if col == 1 else None}, "nticks": 6}
-        under = {"title": {"text": "path length, mm"}} if last else {}
+        under = {"title": {"text": "along the path, mm"}} if last else {}
         layout[f"xaxis{number}"] = {"range": _length_range(stations), "nticks": 5, **under}
         bands += [
             _limit_band(number, start, end)
@@ -252,7 +265,7 @@ def draw_shares(stations: Stations, shares: Mapping[str, tuple[Array, Sequence[s
             figure.update_layout(shapes=[*figure.layout.shapes, band])
         mark_waypoints(figure, stations, row=row, col=1)
     figure.update_xaxes(range=_length_range(stations))
-    figure.update_xaxes(title_text="path length, mm", row=len(shares), col=1)
+    figure.update_xaxes(title_text="along the path, mm", row=len(shares), col=1)
     figure.update_layout(hovermode="x unified")
     return figure
 
@@ -274,7 +287,7 @@ def draw_wrench(stations: Stations, wrench: Array) -> Any:
     figure.update_yaxes(title_text="force, N", row=1, col=1)
     figure.update_yaxes(title_text="moment, N m", row=2, col=1)
     figure.update_xaxes(range=_length_range(stations))
-    figure.update_xaxes(title_text="path length, mm", row=2, col=1)
+    figure.update_xaxes(title_text="along the path, mm", row=2, col=1)
     figure.update_layout(hovermode="x unified")
     return figure
 

@@ -10,10 +10,11 @@ import numpy as np
 
 from compplan.report import figure as go
 from compplan.report.along_path import FLOOR, place_stations
-from compplan.report.openings import join_names, open_comparison
+from compplan.report.openings import choose_best, join_names, open_comparison
 from compplan.report.page import Block, Chart, Column, Fold, PageTable, Section, TableCell, write_page
 from compplan.report.panels import draw_panels, measure_panels
 from compplan.report.provenance import describe_grade, describe_robot, list_assumptions
+from compplan.report.strategy_words import colour_strategies, name_strategy
 from compplan.report.style import (
     CATEGORIES,
     TOLERANCE,
@@ -106,7 +107,7 @@ def _name_closest(left: Mapping[str, float], where: str, word: str) -> str:
     """Say which strategies leave least, and how much."""
     least = min(left.values())
     equals = [name for name, value in left.items() if value <= 1.02 * least]
-    text = f"{where}, {join_names(equals)} {_come(equals)} closest: {word}{format_length(least)} rms"
+    text = f"{where}, {_say_closest(equals)}: {word}{format_length(least)} rms"
     if "none" in left and "none" not in equals:
         text += f", against {format_length(left['none'])} without correction"
     return text
@@ -119,7 +120,7 @@ def _describe_drawn(comparison: Comparison) -> str:
     least = min(median for median, _ in drawn.values())
     equals = [name for name, (median, _) in drawn.items() if median <= 1.02 * least]
     most = max(drawn[name][1] for name in equals)
-    text = f"On robots that may be yours, by what is known of it, {join_names(equals)} {_come(equals)} closest: "
+    text = f"On robots that may be yours, by what is known of it, {_say_closest(equals)}: "
     text += f"{format_length(least)} rms in the median, {format_length(most)} in 95 %"
     if "none" in drawn and "none" not in equals:
         text += f", against {format_length(drawn['none'][0])} and {format_length(drawn['none'][1])} without"
@@ -127,8 +128,8 @@ def _describe_drawn(comparison: Comparison) -> str:
     return f"{text}. "
 
 
-def _come(names: list[str]) -> str:
-    return "comes" if len(names) == 1 else "come"
+def _say_closest(names: list[str]) -> str:
+    return f"{join_names([name_strategy(name) for name in names])} {'comes' if len(names) == 1 else 'come'} closest"
 
 
 def _figures(comparison: Comparison) -> Section:
@@ -147,7 +148,7 @@ def _matrix(comparison: Comparison) -> PageTable:
     drawn, cells = comparison.drawn, [*list_wrong(comparison), comparison.cells[0].name]
     least = {cell: min(run.rms_deviation for run in comparison.evaluations[cell].values()) for cell in cells}
     for name in comparison.commands:
-        row: list[TableCell | str | float | int | None] = [TableCell(name.replace("_", " "), "strong")]
+        row: list[TableCell | str | float | int | None] = [TableCell(name_strategy(name), "strong")]
         if drawn is not None:
             close = drawn.median(name) <= 1.02 * min(drawn.median(other) for other in drawn.rms)
             text = f"{format_length(drawn.median(name))}  ({format_length(drawn.most(name))})"
@@ -174,7 +175,7 @@ def _long_table(comparison: Comparison) -> PageTable:
             left = run.rms_deviation / runs["none"].rms_deviation if "none" in runs else float("nan")
             lengths = [format_length(value) for value in (run.rms_deviation, run.mean_deviation, run.max_deviation)]
             within = format_percent(run.share_within(tolerance))
-            rows.append([cell, name.replace("_", " "), *lengths, format_percent(left), within])
+            rows.append([cell, name_strategy(name), *lengths, format_percent(left), within])
     within = f"within {format_set_value(1e3 * tolerance)} mm"
     titles = ("cell", "strategy", "rms", "mean", "largest", "of uncorrected", within)
     return PageTable([Column(title) for title in titles], rows)
@@ -182,7 +183,7 @@ def _long_table(comparison: Comparison) -> PageTable:
 
 def _bars(comparison: Comparison, cells: Sequence[str]) -> Any:
     figure = go.Figure()
-    names = [name.replace("_", " ") for name in comparison.commands]
+    names = [name_strategy(name) for name in comparison.commands]
     for number, cell in enumerate(cells):
         runs = comparison.evaluations[cell].values()
         rms = [1e3 * run.rms_deviation for run in runs]
@@ -210,12 +211,13 @@ def _bars(comparison: Comparison, cells: Sequence[str]) -> Any:
 def _draw_left(comparison: Comparison) -> Any:
     """Draw what each strategy leaves on robots that may be the user's."""
     left = find_left(comparison)
+    best = choose_best({name: median for name, (median, _) in left.items()})
     middle = [1e3 * median for median, _ in left.values()]
     most = [1e3 * max(most - median, 0.0) for median, most in left.values()]
     figure = go.Figure(go.Bar(
-        y=[f"{name.replace('_', ' ')}: {format_mm(median)}" for name, (median, _) in left.items()],
+        y=[f"{name_strategy(name)}: {format_mm(median)}" for name, (median, _) in left.items()],
         x=middle, orientation="h",
-        marker_color=CATEGORIES[0],
+        marker_color=colour_strategies(left, best),
         error_x={"type": "data", "array": most, "arrayminus": [0.0] * len(most), "thickness": 1.6, "width": 6},
         hovertemplate="%{x:.3g} mm<extra></extra>",
     ))  # fmt: skip
@@ -232,7 +234,7 @@ def _along(comparison: Comparison) -> Section:
     judged = np.where(task.compensated, 1e3, np.nan)
     cells = (*list_wrong(comparison), comparison.cells[0].name)
     panels = {
-        name.replace("_", " "): {cell: comparison.evaluations[cell][name].distance * judged for cell in cells}
+        name_strategy(name): {cell: comparison.evaluations[cell][name].distance * judged for cell in cells}
         for name in comparison.commands
     }
     figure = draw_panels(stations, panels, tolerance=1e3 * task.tolerance)

@@ -8,6 +8,7 @@ import numpy as np
 
 from compplan.files.shown import Curves, pick_style
 from compplan.report import figure as go
+from compplan.report.along_path import below, outline_below
 from compplan.report.page import Chart
 from compplan.report.thinning import thin_rows
 
@@ -26,12 +27,20 @@ def show_curves(curves: Curves, caption: str, height: int = 360) -> Chart:
     return Chart(draw_curves(curves), caption, height=height)
 
 
+def _label(text: str) -> str:
+    """Write a label as every chart of a page does: "deviation, mm"."""
+    return text.replace(" [", ", ").rstrip("]")
+
+
 def draw_curves(curves: Curves) -> Any:
     """Draw curves with plotly."""
     figure = go.Figure()
     for line in curves.lines:
         colour, dash = pick_style(line.role)
         rows = thin_rows([np.asarray(line.y, float)], POINTS)
+        if line.role == "band":
+            x, y = outline_below(np.asarray(line.x, float)[rows], np.asarray(line.y, float)[rows])
+            figure.add_scatter(x=x, y=y, name=line.label, showlegend=False, **below("rgba(108, 96, 192, 0.13)"))
         figure.add_scatter(
             x=np.asarray(line.x)[rows], y=np.asarray(line.y)[rows], mode="lines", name=line.label, connectgaps=False,
             line={"color": colour, "dash": dash, "width": 1.8}, hovertemplate=f"%{{y:.3g}}<extra>{line.label}</extra>",
@@ -45,8 +54,8 @@ def draw_curves(curves: Curves) -> Any:
             line={"color": colour, "dash": dash, "width": 2.2},
             hovertemplate=f"%{{y:.3g}}<extra>{curves.level[1]}</extra>",
         )  # fmt: skip
-    figure.update_xaxes(title_text=curves.x)
-    figure.update_yaxes(title_text=curves.y, type="log" if curves.logarithmic else "linear")
+    figure.update_xaxes(title_text=_label(curves.x))
+    figure.update_yaxes(title_text=_label(curves.y), type="log" if curves.logarithmic else "linear")
     if not curves.logarithmic:
         figure.update_yaxes(rangemode="tozero")
     figure.update_layout(margin={"t": 46, "r": 12, "l": 60, "b": 46})

@@ -42,10 +42,9 @@ def write_learn_page(teaching: Teaching, file: Path) -> None:
             _expect(teaching),
         ),
     ]
-    word = "the step is taken" if lesson.taken else "no step is taken"
-    warning = "" if lesson.taken else f"No step is taken: {lesson.reason}."
+    warning = "" if lesson.taken else f"The program stays as it is: {lesson.reason}."
     write_page(
-        file, f"{teaching.after.name}: {word}", _summarise(teaching), sections,
+        file, teaching.after.name, _summarise(teaching), sections,
         kind=f"Measured part, {teaching.robot.name}",
         opening=open_teaching(teaching, Chart(_draw_part(teaching), "Dots: measured. Lines: what explains it.", 340)),
         warning=warning, notes=teaching.notes[1:],
@@ -90,14 +89,14 @@ def _draw_part(teaching: Teaching) -> Any:
     parts = (
         ("the robot", lesson.physics, CATEGORIES[2]), ("the force", lesson.pushed, CATEGORIES[4]),
         ("the path itself", lesson.residual, CATEGORIES[3]),
-        ("all three", lesson.physics + lesson.pushed + lesson.residual, AFTER),
+        ("all three together", lesson.physics + lesson.pushed + lesson.residual, AFTER),
     )  # fmt: skip
     for name, part, colour in parts:
         seen = np.einsum("bij,bj->bi", gathered.counts, part[gathered.row])
         figure.add_trace(
             go.Scatter(x=at[gathered.row], y=1e3 * _size(seen), mode="lines", name=name, line={"color": colour})
         )
-    figure.update_xaxes(title_text="path length, mm")
+    figure.update_xaxes(title_text="along the path, mm")
     figure.update_yaxes(title_text="distance, mm", rangemode="tozero")
     return figure
 
@@ -112,7 +111,7 @@ def _draw_bands(teaching: Teaching) -> Any:
     line = {"color": AFTER, "dash": "dot"}
     at, seen = 1e3 * teaching.length[lesson.gathered.row], 1e3 * lesson.band_seen[1]
     figure.add_trace(go.Scatter(x=at, y=seen, mode="lines", name="after, in measured directions", line=line))
-    figure.update_xaxes(title_text="path length, mm")
+    figure.update_xaxes(title_text="along the path, mm")
     figure.update_yaxes(title_text="95 % band, mm", rangemode="tozero")
     return figure
 

@@ -11,6 +11,7 @@ from compplan.plan.correction_loop import run_loop
 from compplan.report import figure as go
 from compplan.report.along_path import FLOOR, Stations
 from compplan.report.panels import draw_panels, draw_small_multiples
+from compplan.report.strategy_words import colour_strategies, name_strategy
 from compplan.report.style import CATEGORIES, TOLERANCE, mark_decades, style_line
 from compplan.robot import Array
 from compplan.study.runner import Run
@@ -25,12 +26,14 @@ def draw_distributions(run: Run) -> Any:
     """Draw the rms deviation of every strategy over the cells as boxes from 5 to 95 %."""
     figure = go.Figure()
     rms = np.maximum(run.judged.rms, FLOOR)
-    for k, name in enumerate(run.study.strategies):
+    names = list(run.study.strategies)
+    colours = colour_strategies(names, names[int(np.argmin(rms.mean(axis=0)))])
+    for k, name in enumerate(names):
         low, q1, median, q3, high = (1e3 * np.quantile(rms[:, k], share) for share in (0.05, 0.25, 0.5, 0.75, 0.95))
         figure.add_trace(
             go.Box(
-                y=[name.replace("_", " ")], lowerfence=[low], q1=[q1], median=[median], q3=[q3], upperfence=[high],
-                orientation="h", marker_color=CATEGORIES[0], showlegend=False, name=name,
+                y=[name_strategy(name)], lowerfence=[low], q1=[q1], median=[median], q3=[q3], upperfence=[high],
+                orientation="h", marker_color=colours[k], showlegend=False, name=name_strategy(name),
             )
         )  # fmt: skip
     _decades(figure, rms, "xaxis")
@@ -48,7 +51,7 @@ def draw_along(run: Run) -> Any:
     time = np.concatenate([[0.0], np.cumsum(study.task.step_time)])[study.stations]
     median, most = (1e3 * np.maximum(np.quantile(run.judged.along, share, axis=0), FLOOR) for share in (0.5, 0.95))
     panels = {
-        name.replace("_", " "): {"median": median[k], "95 of 100 cells": most[k]}
+        name_strategy(name): {"median": median[k], "95 of 100 cells": most[k]}
         for k, name in enumerate(study.strategies)
     }
     stations = Stations(length, time, np.zeros(0, int), np.zeros((0, 2)))
@@ -64,7 +67,7 @@ def draw_differences(summary: Mapping[str, Any], main: str) -> Any:
             continue
         sign = 1.0 if first == main else -1.0
         ends = sorted(sign * end for end in pair["rms_mm"]["ci95"])
-        names.append((second if first == main else first).replace("_", " "))
+        names.append(name_strategy(second if first == main else first))
         means.append(sign * pair["rms_mm"]["mean"])
         low.append(means[-1] - ends[0])
         high.append(ends[1] - means[-1])
@@ -76,7 +79,7 @@ def draw_differences(summary: Mapping[str, Any], main: str) -> Any:
         )
     )  # fmt: skip
     figure.add_vline(x=0.0, line={"color": TOLERANCE, "width": 1.2, "dash": "dash"})
-    figure.update_xaxes(title_text=f"rms deviation less that of {main.replace('_', ' ')}, mm")
+    figure.update_xaxes(title_text=f"rms deviation less that of {name_strategy(main)}, mm")
     figure.update_yaxes(autorange="reversed")
     return figure
 
@@ -84,7 +87,7 @@ def draw_differences(summary: Mapping[str, Any], main: str) -> Any:
 def draw_curves(curves: ErrorCurves) -> Any:
     """Draw the rms deviation against how far the truth is from the model, one small chart a strategy."""
     panels = {
-        name.replace("_", " "): {
+        name_strategy(name): {
             "compliance": 1e3 * np.maximum(values, FLOOR),
             "wrench": 1e3 * np.maximum(curves.by_wrench[name], FLOOR),
         }
@@ -105,7 +108,7 @@ def draw_sensitivity(found: Sensitivity, strategy: str) -> Any:
             error_x={"type": "data", "array": found.half_width[strategy][order], "thickness": 1.2},
         )
     )
-    figure.update_xaxes(title_text=f"total index, strategy {strategy.replace('_', ' ')}", rangemode="tozero")
+    figure.update_xaxes(title_text=f"total index, strategy {name_strategy(strategy)}", rangemode="tozero")
     figure.update_yaxes(autorange="reversed")
     return figure
 
@@ -117,7 +120,7 @@ def draw_convergence(run: Run) -> Any:
         trace = trace_convergence(1e3 * run.judged.rms[:, k], run.settings.replicates)
         samples = np.array([float(n) for n, _ in trace])
         value, half = (np.array([getattr(each, part) for _, each in trace]) for part in ("value", "half_width"))
-        panels[name.replace("_", " ")] = {"mean": np.stack([value, value - half, value + half])}
+        panels[name_strategy(name)] = {"mean": np.stack([value, value - half, value + half])}
     return draw_small_multiples(samples, panels, ("samples", "mean rms, mm"), spread=True, log=True)
 
 

@@ -20,6 +20,7 @@ from compplan.report.openings import open_study
 from compplan.report.page import Block, Chart, Column, Fold, PageTable, Section, TableCell, write_page
 from compplan.report.panels import measure_panels
 from compplan.report.provenance import describe_grade, describe_robot, list_assumptions
+from compplan.report.strategy_words import name_strategy
 from compplan.report.style import format_length, format_percent, format_set_value
 from compplan.study.job_study import JobStudy
 
@@ -77,14 +78,14 @@ def _lede(result: JobStudy) -> str:
     figures = result.summary["strategies"]
     best = min(figures, key=lambda name: figures[name]["rms_mm"]["mean"])
     blind = [name for name, c in result.run.study.answers.items() if c.measures == "nothing" and name != "none"]
-    text = f"Of these strategies {_say(best)} comes closest: {_mm(figures[best]['rms_mm']['mean'])} rms on average, "
+    text = f"Closest comes {name_strategy(best)}: {_mm(figures[best]['rms_mm']['mean'])} rms on average, "
     text += f"{_mm(figures[best]['rms_mm']['p95'])} in 95 of 100 cells"
     if "none" in figures:
         text += f", against {_mm(figures['none']['rms_mm']['mean'])} without correction"
     text += "."
     if blind and best not in blind:
         offline = min(blind, key=lambda name: figures[name]["rms_mm"]["mean"])
-        text += f" Without any sensor {_say(offline)} comes to {_mm(figures[offline]['rms_mm']['mean'])}."
+        text += f" Without any sensor {name_strategy(offline)} comes to {_mm(figures[offline]['rms_mm']['mean'])}."
     return f"{text} {describe_grade(result.run.study.task.robot)}"
 
 
@@ -112,7 +113,7 @@ def _strategies(result: JobStudy) -> Section:
         rms, most = entry["rms_mm"], entry["max_mm"]
         rows.append(
             [
-                TableCell(_say(name), "strong"),
+                TableCell(name_strategy(name), "strong"),
                 TableCell(_mm(rms["mean"]), "good" if name == best else ""),
                 f"{_mm(rms['ci95'][0])} – {_mm(rms['ci95'][1])}",
                 _mm(rms["p50"]),
@@ -131,7 +132,7 @@ def _strategies(result: JobStudy) -> Section:
     )  # fmt: skip
     table = PageTable([Column(title) for title in titles], rows, "Deviation of the loaded tool tip from the path.")
     about: Rows = [
-        [TableCell(_say(name), "strong"), c.knows, c.measures, c.commands]
+        [TableCell(name_strategy(name), "strong"), c.knows, c.measures, c.commands]
         for name, c in result.run.study.answers.items()
     ]
     heads = [Column(title) for title in ("strategy", "knows", "measures", "commands")]
@@ -155,7 +156,7 @@ def _pairs(result: JobStudy) -> Section:
     main = result.summary["sensitivity_of"]
     chart = Chart(
         draw_differences(result.summary, main),
-        f"rms deviation of each strategy less that of {_say(main)}, cell by cell; 95 % interval of the mean.",
+        f"rms deviation of each strategy less that of {name_strategy(main)}, cell by cell; 95 % interval of the mean.",
         height=90 + 26 * len(result.summary["strategies"]),
     )
     rows: Rows = []
@@ -163,7 +164,7 @@ def _pairs(result: JobStudy) -> Section:
         first, second = pair["strategies"]
         mean, (low, high) = pair["rms_mm"]["mean"], pair["rms_mm"]["ci95"]
         share = format_percent(pair["second_better"])
-        rows.append([_say(first), _say(second), _mm(mean), f"{_mm(low)} – {_mm(high)}", share])
+        rows.append([name_strategy(first), name_strategy(second), _mm(mean), f"{_mm(low)} – {_mm(high)}", share])
     heads = ("first", "second", "second less first", "95 % interval", "second closer in")
     fold = Fold("All pairs", [PageTable([Column(title) for title in heads], rows)])
     return Section("Differences", [chart, fold], "All strategies meet the same cells, so that differences are paired.")
@@ -186,7 +187,7 @@ def _sensitivity(result: JobStudy) -> Section:
     rows: Rows = [
         [group, *(float(found.total[name][k]) for name in found.total)] for k, group in enumerate(found.groups)
     ]
-    heads = [Column("total index"), *(Column(_say(name), "", 2) for name in found.total)]
+    heads = [Column("total index"), *(Column(name_strategy(name), "", 2) for name in found.total)]
     fold = Fold("All strategies", [PageTable(heads, rows)])
     caption = (
         f"Share of the variance of the rms deviation that is left if all but this were known, with 95 % interval; "
@@ -236,10 +237,6 @@ def _convergence(result: JobStudy) -> Section:
     caption = "Mean rms with its 95 % interval against the number of samples, one chart a strategy."
     chart = Chart(draw_convergence(result.run), caption, height=measure_panels(len(result.run.study.strategies)))
     return Section("Convergence", [chart])
-
-
-def _say(name: str) -> str:
-    return name.replace("_", " ")
 
 
 def _mm(value: float) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from compplan.plan.keeping import MEASURE
 from compplan.report.effect_words import describe_effect, name_effect
 from compplan.report.page import Block, KeyFigure, Opening
+from compplan.report.strategy_words import name_strategy
 from compplan.report.style import format_mm, format_mm_change, format_number, format_percent, format_set_length
 
 if TYPE_CHECKING:
@@ -37,6 +38,18 @@ def join_names(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
+def list_equals(left: Mapping[str, float]) -> list[str]:
+    """List the strategies that leave least, or no more than a small share beyond that."""
+    bound = (1.0 + SAME) * min(left.values())
+    return [name for name, value in left.items() if value <= bound]
+
+
+def choose_best(left: Mapping[str, float]) -> str:
+    """Choose the strategy to plan with by what each leaves: of equals the product's own."""
+    equals = list_equals(left)
+    return "nlp" if "nlp" in equals else equals[-1]
+
+
 def open_comparison(
     left: Mapping[str, float], most_left: Mapping[str, float], tolerance: float, *, drawn: bool, picture: Block
 ) -> Opening:
@@ -49,22 +62,20 @@ def open_comparison(
         drawn: Whether the figures are of drawn robots.
         picture: The picture.
     """
-    least = min(left.values())
-    equals = [name for name, value in left.items() if value <= (1.0 + SAME) * least]
-    best = "nlp" if "nlp" in equals else equals[-1]
+    best, equals = choose_best(left), list_equals(left)
     most = most_left[best]
     kept = most <= tolerance
     where = "on a typical robot like yours" if drawn else "on the robot as modelled"
     if "none" in equals:
-        verdict = f"A correction brings nothing here: {format_mm(least)} rms {where}, with and without it."
+        verdict = f"A correction brings nothing here: {format_mm(left[best])} rms {where}, with and without it."
     else:
-        others = [name.replace("_", " ") for name in equals if name != best]
-        verb = "does" if len(others) == 1 else "do"
-        alike = f" {join_names(others).capitalize()} {verb} as well." if others else ""
-        verdict = f"Plan with the strategy {best.replace('_', ' ')}.{alike}"
+        others = [name_strategy(name) for name in equals if name != best]
+        verb = "leaves" if len(others) == 1 else "leave"
+        alike = f"; {join_names(others)} {verb} as little" if others else ""
+        verdict = f"Plan with the strategy {name_strategy(best)}{alike}."
     stays = "it stays below that on 95 of 100 robots like yours" if drawn else "greatest deviation"
     figures = [
-        KeyFigure(format_mm(left[best]), f"rms deviation with {best.replace('_', ' ')}, {where}"),
+        KeyFigure(format_mm(left[best]), f"rms deviation with it, {where}"),
         KeyFigure(format_mm(most), f"{stays}; the tolerance is {format_set_length(tolerance)}",
                   "good" if kept else "bad"),
     ]  # fmt: skip
@@ -83,8 +94,9 @@ def open_study(result: JobStudy, picture: Block) -> Opening:
     entry = figures[best]
     share = float(entry["within_tolerance"])
     count = f"{100 * share:.0f}" if share else "None"
-    tone, name = "good" if share >= 0.95 else "bad", best.replace("_", " ")
-    verdict = f"{count} of 100 parts keep {format_set_length(tolerance)}, with the best strategy ({name})"
+    tone = "good" if share >= 0.95 else "unsure" if share >= 0.5 else "bad"
+    even = " even" if share < 0.5 else ""
+    verdict = f"{count} of 100 parts keep {format_set_length(tolerance)},{even} with the best strategy"
     numbers = [
         KeyFigure(f"{100 * share:.0f} of 100", "parts within the tolerance over the whole path", tone),
         KeyFigure(format_mm(1e-3 * entry["rms_mm"]["mean"]), "rms deviation with the best strategy, mean of all"),
@@ -95,7 +107,7 @@ def open_study(result: JobStudy, picture: Block) -> Opening:
         shares = result.sensitivity.total[result.summary["sensitivity_of"]]
         group = result.sensitivity.groups[int(np.argmax(shares))]
         todo = f"Measure {GROUPS.get(group, group.replace('_', ' '))}: it makes most of the deviation that is left."
-    return Opening(f"{verdict}.", "good" if share >= 0.95 else "unsure", numbers, picture, todo)
+    return Opening(f"{verdict}: {name_strategy(best)}.", tone, numbers, picture, todo)
 
 
 def open_diagnosis(
@@ -119,6 +131,10 @@ def open_diagnosis(
         "calibrated": ("The robot was not calibrated: many small errors, none of them a cause by itself.", "good"),
         "explained": (f"Found: {first}{more}.", "good"),
     }
+    doubtful = [effect for effect in effects if effect.get("ambiguous_with")]
+    if doubtful:
+        rivals = join_names([name_effect(rival) for rival in doubtful[0]["ambiguous_with"][:2]])
+        verdicts["explained"] = (f"Found, but not for certain: {first}{more}.", "unsure")
     verdict, tone = verdicts.get(status, (f"Found in part: {first}{more}. Something is left that nothing explains.",
                                           "unsure"))  # fmt: skip
     figures = []
@@ -128,11 +144,10 @@ def open_diagnosis(
                              "good" if after < 0.5 * before else "")]  # fmt: skip
     floor = gap.get("noise_floor_mm")
     figures += [] if not floor else [KeyFigure(format_mm(1e-3 * floor), "noise of the measurement")]
-    doubtful = [effect for effect in effects if effect.get("ambiguous_with")]
     todo = "Plan with the updated robot: compplan plan JOB --robot OUT/robot."
     if doubtful:
-        rivals = join_names([name_effect(rival) for rival in doubtful[0]["ambiguous_with"][:2]])
-        todo += f" Not certain: {name_effect(doubtful[0])} may also be {rivals}. See What to measure next."
+        later = f" Until then: {todo}" if delivered != "nominal" else ""
+        todo = f"Measure more poses, as listed below: {rivals} would explain the measurements as well.{later}"
     elif delivered == "nominal" and status != "none":
         todo = "Nothing predicts better than the robot folder as it was. Measure more poses, as listed below."
     elif status == "none":
@@ -191,7 +206,7 @@ def open_certificate(certificate: Certificate, picture: Block | None = None) -> 
         figures.append(KeyFigure(format_mm(accuracy.rms), "rms error of the model over the log"))
     known = certificate.known.grade == "measured"
     if len(figures) < 3:
-        figures.append(KeyFigure("measured" if known else "assumed", "is how surely the robot is known"))
+        figures.append(KeyFigure("measured" if known else "assumed", "how surely the robot model is known"))
     verdict = "This robot keeps no tolerance on any of the reference paths."
     bands = [(r.promise.whole, r.name) for r in reached if r.promise is not None]
     if bands:

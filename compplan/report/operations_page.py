@@ -5,11 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from compplan.files.notes import list_remarks, list_stops
+from compplan.files.palette import BAND
 from compplan.files.quantities import format_length, format_mm, format_mm_change
-from compplan.report.page import Column, KeyFigure, Opening, PageTable, Provenance, Section, TableCell, write_page
+from compplan.report import figure as go
+from compplan.report.page import (
+    Chart,
+    Column,
+    KeyFigure,
+    Opening,
+    PageTable,
+    Provenance,
+    Section,
+    TableCell,
+    write_page,
+)
 from compplan.report.plan_opening import TONES
+from compplan.report.style import BEFORE, TOLERANCE
 
 
 def write_operations_page(summary: Mapping[str, Any], file: Path) -> None:
@@ -22,7 +36,7 @@ def write_operations_page(summary: Mapping[str, Any], file: Path) -> None:
     """
     tools, mains = summary["tools"], summary.get("main_programs", [])
     sections = [
-        Section("Tools", [_table(tools), f"Each tool's own page: {_list(tools)}."], "One plan a tool.", open=True),
+        Section("Tools", [_table(tools)], "One plan a tool; its name opens its page.", open=True),
         Section("Programs", [_programs(tools, mains)], "In this order; each begins with its tool change.", open=True),
     ]
     write_page(
@@ -44,9 +58,11 @@ def _open(summary: Mapping[str, Any]) -> Opening:
         KeyFigure(change, "greatest deviation without and with correction, if the robot is as modelled"),
         KeyFigure(f"{summary['duration_s']:.0f}\u00a0s", f"for {len(tools)} operations, without the tool changes"),
     ]
+    caption = "Each operation; dashed: the tolerance. The 95 % band has to stay below it."
+    picture = Chart(_draw(tools, verdict["tolerance_mm"]), caption, 120 + 70 * len(tools))
     return Opening(
-        f"{words} {verdict['tolerance_mm']:g} mm.", TONES[verdict["word"]], figures, None,
-        "Open the page of each tool; run the programs in the order below.", list_stops(summary["notes"]),
+        f"{words} {verdict['tolerance_mm']:g} mm.", TONES[verdict["word"]], figures, picture,
+        "Open the page of each operation below; run the programs in the order below.", list_stops(summary["notes"]),
     )  # fmt: skip
 
 
@@ -63,8 +79,19 @@ def describe_operations(summary: Mapping[str, Any]) -> str:
     )
 
 
-def _list(tools: Sequence[Mapping[str, Any]]) -> str:
-    return ", ".join(f"{tool['folder']}/report.html" for tool in tools)
+def _draw(tools: Sequence[Mapping[str, Any]], tolerance: float) -> Any:
+    """Draw deviation without correction and 95 % band of every operation beside the tolerance [mm]."""
+    figure, names = go.Figure(), [tool["label"] for tool in tools]
+    series = {"without correction": ([tool["error_before_mm"]["max"] for tool in tools], BEFORE),
+              "95 % band": ([tool["verdict"]["band_mm"] for tool in tools], BAND)}  # fmt: skip
+    for name, (values, colour) in series.items():
+        figure.add_trace(go.Bar(y=names, x=values, name=name, orientation="h", marker_color=colour,
+                                hovertemplate="%{x:.3g} mm"))  # fmt: skip
+    figure.update_xaxes(title_text="greatest deviation of the tip, mm", rangemode="tozero")
+    figure.update_yaxes(autorange="reversed")
+    figure.add_vline(x=tolerance, line={"color": TOLERANCE, "width": 1.6, "dash": "dash"})
+    figure.update_layout(barmode="group", bargap=0.35, legend={"traceorder": "normal"})
+    return figure
 
 
 def _table(tools: Sequence[Mapping[str, Any]]) -> PageTable:
@@ -72,7 +99,8 @@ def _table(tools: Sequence[Mapping[str, Any]]) -> PageTable:
     for tool in tools:
         status = TableCell(tool["status"], "good" if tool["status"] == "solved" else "bad")
         rows.append([
-            tool["label"], tool["length_mm"], status, tool["verdict"]["word"].replace("_", " "),
+            TableCell(tool["label"], "strong", f"./{quote(tool['folder'])}/report.html"), tool["length_mm"], status,
+            tool["verdict"]["word"].replace("_", " "),
             format_mm(1e-3 * tool["error_before_mm"]["max"]), format_mm(1e-3 * tool["error_after_mm"]["max"]),
             tool["verdict"]["band_mm"], tool["waypoints"], tool["duration_s"],
         ])  # fmt: skip

@@ -27,6 +27,8 @@ from compplan.version import VERSION
 TEMPLATES = Path(__file__).parent / "templates"
 #: The part of plotly.js that pages draw with; how it was made stands beside it.
 PLOTLY = Path(__file__).parent / "plotly" / "plotly.min.js.gz"
+#: A command in a sentence: its options with their values, words in capitals, and files.
+COMMAND = r"compplan [a-z]+(?: --[a-z-]+(?: (?:[\w/.-]*\w))?| [A-Z]{2,}[\w/.]*\b| [\w./-]+\.(?:csv|toml|nc)\b)*"
 #: A value of fewer characters is written wherever it stands.
 SHORT = 100
 
@@ -42,10 +44,11 @@ class Column:
 
 @dataclass(frozen=True)
 class TableCell:
-    """Hold a value with a tone: "good", "bad", "assumed", "muted", "strong" or "" (plain)."""
+    """Hold a value with a tone: "good", "bad", "assumed", "muted", "strong" or "" (plain); `link`: a file it names."""
 
     value: str | float | int | None
     tone: str = ""
+    link: str = ""
 
 
 @dataclass(frozen=True)
@@ -333,15 +336,16 @@ def _environment() -> Any:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["whole_options"] = keep_options_whole
+    environment.filters["mark_commands"] = mark_commands
     return environment
 
 
-def keep_options_whole(text: str) -> Any:
-    """Return text as HTML that breaks no line within an option of a command."""
+def mark_commands(text: str) -> Any:
+    """Return text as HTML in which commands stand out, a click selects one, and no line breaks within an option."""
     from markupsafe import Markup, escape
 
-    return Markup(re.sub(r"(--[a-z-]+)", r'<span class="option">\1</span>', str(escape(text))))
+    marked = re.sub(COMMAND, r'<code class="command">\g<0></code>', str(escape(text)))
+    return Markup(re.sub(r"(--[a-z-]+)", r'<span class="option">\1</span>', marked))
 
 
 @cache
@@ -380,7 +384,7 @@ def _describe_table(table: PageTable) -> dict[str, Any]:
             cell = value if isinstance(value, TableCell) else TableCell(value)
             if isinstance(cell.value, str):
                 numeric[index] = False
-            cells.append({"text": _show(cell.value, column.digits), "tone": cell.tone})
+            cells.append({"text": _show(cell.value, column.digits), "tone": cell.tone, "link": cell.link})
         rows.append(cells)
     heads = [
         {"title": column.title, "unit": column.unit, "numeric": numeric[index]}

@@ -44,7 +44,7 @@ def draw_panels(
         trace.update(legendgroup=trace.name)
     _set_axes(figure, [values for series in panels.values() for values in series.values()], tolerance, log, top)
     figure.update_xaxes(nticks=5)
-    _finish(figure, len(panels), "path length, mm")
+    _finish(figure, len(panels), "along the path, mm")
     return figure
 
 

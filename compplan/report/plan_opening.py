@@ -59,7 +59,8 @@ def open_plan(plan: Plan, folder: Path | None = None) -> Opening:
         figures[2] = KeyFigure(format_percent(verdict.beyond_share), "of the cut may be beyond the tolerance", "bad")
     picture = show_curves(plan.curves(), "Distance of the tool tip from the path. The 95 % band has to stay below the "
                           "tolerance.", 340)  # fmt: skip
-    todo = verdict.change or "Run the program without a part at reduced override, then cut and measure one part."
+    step = verdict.change if plan.job is None else verdict.change.replace(" JOB", f" {plan.job.file.name}")
+    todo = step or "Run the program without a part at reduced override, then cut and measure one part."
     stops = list_stops(plan.notes)
     return Opening(sentence, TONES[verdict.word], figures, picture, todo, stops, write_sheet(plan, folder))
 
@@ -83,7 +84,7 @@ def write_sheet(plan: Plan, folder: Path | None) -> Section:
         cells: list[list[TableCell | str | float | int | None]] = [list(program) for program in programs]
         blocks.append(PageTable([Column("Program"), Column("lines"), Column("SHA-256, first 16 digits")], cells,
                                 "The file on the controller is this one if its checksum is the same."))  # fmt: skip
-    return Section("Setup sheet", blocks, "What has to stand on the machine as it stands here.", open=True)
+    return Section("Setup sheet", blocks, "Check each line at the machine before the program runs.", open=True)
 
 
 def list_programs(folder: Path) -> list[tuple[str, int, str]]:
@@ -131,7 +132,7 @@ def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
         rows.append(("Tool", f"the robot model's own ({robot.tcp} from {robot.flange})"))
     else:
         mass = "weight not known" if tool.mass_kg is None else f"{tool.mass_kg:g} kg"
-        rows.append(("Tool", f"of the job; {mass}"))
+        rows.append(("Tool", f"as in the job; {mass}"))
     rows.append(("Tool centre point, in the flange", describe_pose(locate_tcp(robot))))
     source = Path(plan.task.nominal.source).name or "in memory"
     return [*rows, ("Toolpath", f"{source}; {len(plan.task)} waypoints")]
@@ -143,9 +144,13 @@ def _describe_run(plan: Plan) -> list[tuple[str, str]]:
     first = plan.approach.key_q[0] if len(plan.approach.key_q) else plan.q[0]
     joints = ", ".join(f"{name.split('_')[0]} {round(float(values[0]), 2) + 0.0:.2f} {name.split('_')[1]}"
                        for name, values in robot.joint_columns(first[None]).items())  # fmt: skip
-    feed = plan.timing.feed[plan.task.cut]
-    feed = 1e3 * feed[np.isfinite(feed) & (feed > 0)]
-    speed = f"{feed.min():.4g} to {feed.max():.4g} mm/s" if len(feed) else "not known"
+    cut = plan.task.cut & ~plan.task.nominal.rapid & (plan.timing.feed > 0)
+    feed, wanted = (1e3 * feed[cut] for feed in (plan.timing.feed, plan.task.nominal.feed))
+    speed = "not known"
+    if len(feed):
+        ends = dict.fromkeys(f"{end:.4g}" for end in (wanted.min(), wanted.max()))
+        speed = f"programmed {' to '.join(ends)} mm/s"
+        speed += f"; slowest {feed.min():.3g} mm/s" if feed.min() < 0.99 * wanted.min() else ""
     margins = plan.margins
     rows = [
         ("First joint position", joints),

@@ -38,7 +38,6 @@ from compplan.report.style import (
     NEUTRAL,
     format_bound,
     format_length,
-    format_number,
     format_percent,
     format_set_length,
     format_set_value,
@@ -112,31 +111,29 @@ def _list_facts(plan: Plan) -> list[tuple[str, str]]:
     return facts
 
 
-def describe_plan(plan: Plan) -> str:
-    """Say in a sentence or two what the plan reaches."""
-    before, after = (side.distance[side.cut] for side in (plan.before, plan.after))
+def describe_plan(plan: Plan) -> list[str]:
+    """Say in a few sentences what the plan reaches."""
+    before, after = plan.before.max_deviation, plan.after.max_deviation
+    tolerance, bending = plan.task.tolerance, plan.bending
     verb = "keeps" if plan.status == "solved" else "is a compromise that keeps"
-    text = f"{plan.verdict.sentence} The plan {verb} the loaded tool within {format_bound(float(after.max()))} of the "
-    text += "path"
-    if before.max() > 0 and plan.strategy != "none":
-        text += f"; uncorrected it strays up to {format_length(float(before.max()))}"
-        ratio = float(before.max() / max(after.max(), 1e-12))
-        text += f", {format_number(ratio, 2)} times as far" if 1.5 < ratio < 1e5 else ""
-    wrong = format_length(plan.mismatch.max_deviation)
-    text += f". Where the robot is not as modelled ({plan.mismatch.cell}, assumed) the plan leaves up to {wrong}"
-    if plan.promise is not None:
-        band = format_length(plan.promise.whole)
-        text += f". Along the whole path the true tip is within {band} with 95\u00a0%"
-    bending = plan.bending
-    if not bending.compensated and bending.inertia > plan.task.tolerance:
-        text += f". The inertia of the motion bends the arm by up to {format_length(bending.inertia)}, not compensated"
-    share = float((after <= plan.task.tolerance).mean())
-    within = f"{format_percent(share)} of the cut is within the tolerance of {format_set_length(plan.task.tolerance)}"
-    text += f". As modelled, {within}"
-    text += f", and the whole path takes {format_set_value(round(float(plan.timing.time[-1]), 1))}\u00a0s."
+    model = f"If the robot is as modelled, the plan {verb} the loaded tool within {format_bound(after)} of the path"
+    if before > 0 and plan.strategy != "none":
+        model += f"; uncorrected it strays up to {format_length(before)}"
+    within = format_percent(plan.after.share_within(tolerance))
+    left = format_length(plan.mismatch.max_deviation)
+    said = [
+        plan.verdict.sentence,
+        f"{model}. {within} of the cut is then within the tolerance of {format_set_length(tolerance)}.",
+        f"If it is not ({plan.mismatch.cell}, assumed), up to {left} is left.",
+    ]
+    if not bending.compensated and bending.inertia > tolerance:
+        moved = format_length(bending.inertia)
+        said.append(f"The inertia of the motion bends the arm by up to {moved}, not compensated.")
+    lowered = ""
     if not plan.notes and (slow := mark_slow(plan.task, plan.timing)).any():
-        text += f" The feed is lowered at {slow.sum()} of {plan.after.cut.sum()} waypoints."
-    return f"{text} {describe_grade(plan.robot)}".strip()
+        lowered = f" The feed is lowered at {slow.sum()} of {plan.after.cut.sum()} waypoints."
+    said.append(f"The path takes {format_set_value(round(float(plan.timing.time[-1]), 1))}\u00a0s.{lowered}")
+    return [*said, describe_grade(plan.robot)]
 
 
 def _warn(plan: Plan) -> str:

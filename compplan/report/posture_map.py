@@ -32,7 +32,7 @@ def extra_axis_sections(plan: Plan) -> list[Section]:
     figure.add_scatter(
         x=1e3 * picture.length, y=scale * picture.held[:, 0], mode="lines", line=line, name="chosen"
     )
-    figure.update_xaxes(title_text="path length, mm", showgrid=False)
+    figure.update_xaxes(title_text="along the path, mm", showgrid=False)
     figure.update_yaxes(title_text=f"{plan.robot.joint_names[0]}, {unit}", showgrid=False)
     caption = "Colour: least deviation that would remain over all rotations. Line: positions chosen."
     blocks: list[Block] = [Chart(figure, caption, height=340)]

@@ -80,7 +80,7 @@ def draw_held(picture: PostureMap) -> Any:
         hovertemplate="%{x:.1f} mm: %{y:.3g} mm<extra></extra>",
     )  # fmt: skip
     figure = go.Figure(line)
-    figure.update_xaxes(title_text="path length, mm")
+    figure.update_xaxes(title_text="along the path, mm")
     figure.update_yaxes(title_text="remaining, mm", rangemode="tozero")
     return figure
 
@@ -125,7 +125,7 @@ def draw_posture_map(picture: PostureMap) -> Any:
         figure.add_scatter(
             x=along, y=broken, mode="lines", line=line, name="chosen", showlegend=legend, hoverinfo="skip"
         )
-    figure.update_xaxes(title_text="path length, mm", showgrid=False)
+    figure.update_xaxes(title_text="along the path, mm", showgrid=False)
     figure.update_yaxes(title_text="rotation about the tool axis, deg", showgrid=False, dtick=45)
     return figure
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from compplan.report.along_path import Stations, draw_lines, find_spans
+from compplan.report.along_path import Stations, below, draw_lines, outline_below
 from compplan.report.force_moves import list_rates, mark_force
 from compplan.report.page import Chart, Column, Columns, PageTable, Section, TableCell
 from compplan.report.path_scene import draw_cell
@@ -84,17 +84,10 @@ def _band(plan: Plan, stations: Stations) -> Chart:
 
 
 def _fill_band(figure: Any) -> None:
-    """Fill the band where it is known: a fill goes on over the gaps of its line, so it has a trace of its own."""
+    """Fill the band under its line."""
     line = figure.data[0]
-    x, y = (np.asarray(values, float) for values in (line.x, line.y))
-    spans = find_spans(np.isfinite(y))
-    edges = spans.ravel()  # down to zero where it begins and where it ends
-    order = np.argsort(np.r_[np.arange(len(x)), spans[:, 0] - 0.5, spans[:, 1] + 0.5], kind="stable")
-    figure.add_scatter(
-        x=np.r_[x, x[spans[:, 0]], x[spans[:, 1]]][order].astype(np.float32), name=line.name,
-        y=np.r_[np.nan_to_num(y), np.zeros(len(edges))][order].astype(np.float32), fill="tozeroy", mode="lines",
-        fillcolor="rgba(127, 127, 127, 0.35)", line={"width": 0}, hoverinfo="skip", legendgroup="band",
-    )  # fmt: skip
+    x, y = outline_below(np.asarray(line.x, float), np.asarray(line.y, float))
+    figure.add_scatter(x=x, y=y, name=line.name, legendgroup="band", **below("rgba(127, 127, 127, 0.35)"))
     line.legendgroup, line.showlegend = "band", False
     figure.data = (figure.data[-1], *figure.data[:-1])
 

@@ -15,6 +15,7 @@
   const element = (number) => document.getElementById(`chart-${number}`);
   const theme = () => chosen || (system.matches ? "dark" : "light");
   const narrow = () => window.innerWidth < 620;
+  const touched = () => window.matchMedia("(pointer: coarse)").matches;
 
   // Values that come again lie in the page once.
   function restore(node) {
@@ -44,9 +45,35 @@
       layout.margin = { ...layout.margin, l: Math.min((layout.margin || {}).l ?? 48, 48), r: 8 };
       if (sideBySide(chart.layout)) node.style.minWidth = `${PAPER_WIDTH}px`;
     }
+    if (touched()) holdStill(layout);
     Plotly.newPlot(node, chart.data, layout, { ...setup, displayModeBar: narrow() ? false : "hover" });
+    if (touched()) offerTurning(node);
     if (chart.linked) linkScenes(node);
     if (chart.along) linkWaypoints(number, node);
+  }
+
+  // Under a finger the page scrolls, also over charts; scenes are turned after a tap on their button.
+  function holdStill(layout) {
+    layout.dragmode = false;
+    Object.keys(layout).filter((key) => key.startsWith("scene")).forEach((key) => {
+      layout[key] = { ...layout[key], dragmode: false };
+    });
+  }
+
+  function offerTurning(node) {
+    const scenes = scenesOf(node);
+    if (!scenes.length) return;
+    const button = document.createElement("button");
+    button.type = "button";
+    button.className = "turn";
+    const turn = (on) => {
+      button.textContent = on ? "Done" : "Turn";
+      node.querySelectorAll(".gl-container").forEach((part) => { part.style.pointerEvents = on ? "" : "none"; });
+      Plotly.relayout(node, Object.fromEntries(scenes.map((key) => [`${key}.dragmode`, on ? "turntable" : false])));
+    };
+    button.addEventListener("click", () => turn(button.textContent === "Turn"));
+    node.append(button);
+    turn(false);
   }
 
   // Charts side by side keep their width on a phone, and are scrolled.
