@@ -15,7 +15,8 @@ import time
 import numpy as np
 
 from compplan.path.forces.cutter import Cutter
-from compplan.path.forces.engagement import Engagement, find_engagement
+from compplan.path.forces.engagement import Engagement
+from compplan.path.forces.meeting import find_engagement
 from compplan.path.forces.stock import build_block
 
 CUBE = 0.0625  # mm: depths and widths of the straight cuts are whole cubes

@@ -8,7 +8,8 @@ import trimesh
 
 from compplan.errors import InputError
 from compplan.path.forces.cutter import Cutter
-from compplan.path.forces.engagement import Engagement, find_engagement
+from compplan.path.forces.engagement import Engagement
+from compplan.path.forces.meeting import find_engagement
 from compplan.path.forces.stock import build_block, build_height_map, read_mesh
 
 BLOCK = np.array([[-50.0, -50.0, -20.0], [50.0, 50.0, 0.0]])  # mm
@@ -88,6 +89,50 @@ def test_a_ball_cuts_the_segment_of_a_circle() -> None:
     segment = 9 * np.arccos(2 / 3) - 2 * np.sqrt(5)
     assert found.section[-1] == pytest.approx(segment * 1e-6, rel=0.01)
     assert found.axial[-1] == pytest.approx(1e-3, rel=0.01)
+
+
+def silhouette(cutter: Cutter, axis: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Lowest point [mm] of a leaning cutter that is seen along x, its tip at 0; from points of its surface."""
+    u, turn = np.linspace(0, 2 * np.pi, 1001), np.linspace(0, np.pi / 2, 120)
+    radius, corner = 1e3 * cutter.radius, 1e3 * cutter.corner
+    rho = np.r_[np.linspace(0, radius - corner, 60), radius - corner + corner * np.sin(turn), np.full(200, radius)]
+    height = np.r_[np.zeros(60), corner * (1 - np.cos(turn)), np.linspace(corner, 12.0, 200)]
+    x = np.cross([0.0, 1.0, 0.0], axis) / np.linalg.norm(np.cross([0.0, 1.0, 0.0], axis))
+    side = np.cos(u)[:, None] * x + np.sin(u)[:, None] * np.cross(axis, x)
+    point = rho[:, None, None] * side + height[:, None, None] * axis
+    lowest = np.full(len(y), 1e3)
+    at = np.rint((point[..., 1].ravel() - y[0]) / (y[1] - y[0])).astype(int)
+    inside = (at >= 0) & (at < len(y))
+    np.minimum.at(lowest, at[inside], point[..., 2].ravel()[inside])
+    return lowest
+
+
+@pytest.mark.parametrize("cutter", [FLAT, BALL, Cutter(5e-3, 0.03, 1.5e-3)], ids=["flat", "ball", "corner"])
+@pytest.mark.parametrize("lean", [(-0.2, 0.1), (0.1, 0.3)])
+def test_a_tool_that_leans_cuts_what_its_silhouette_shows(cutter: Cutter, lean: tuple[float, float]) -> None:
+    axis = np.array([*lean, 1.0]) / np.linalg.norm([*lean, 1.0])
+    path = np.vstack([straight((-60, 0, -2), (0, 0, -2)), straight((0, 2, -2), (-60, 2, -2))]) * 1e-3
+    block, every = build_block(*(BLOCK * 1e-3), np.eye(3)), np.ones(len(path), bool)
+    found = find_engagement(cutter, path, every, block, axis=np.tile(axis, (len(path), 1)))[0]
+    y = np.arange(-10.0, 12.0, 0.02)
+    first = silhouette(cutter, axis, y) - 2.0
+    second = silhouette(cutter, axis, y - 2.0) - 2.0
+    slot = -0.02e-6 * np.minimum(first, 0.0).sum()
+    rest = 0.02e-6 * np.maximum(np.minimum(first, 0.0) - second, 0.0).sum()
+    assert found.section[20:60] == pytest.approx(np.full(40, slot), rel=0.01)
+    assert found.section[75:105] == pytest.approx(np.full(30, rest), rel=0.03)
+
+
+def test_a_ball_does_not_feel_how_its_axis_turns_round_its_centre() -> None:
+    centre = straight((-60, 0, 2), (0, 0, 2))
+    lean = 0.3 * np.sin(np.arange(len(centre)) / 5.0)
+    axis = np.column_stack([np.sin(lean), 0.0 * lean, np.cos(lean)])
+    block = build_block(*(BLOCK * 1e-3), np.eye(3))
+    tips = (centre - 3.0 * axis) * 1e-3
+    found = find_engagement(BALL, tips, np.ones(len(tips), bool), block, axis=axis)[0]
+    segment = 9 * np.arccos(2 / 3) - 2 * np.sqrt(5)
+    travelled = np.linalg.norm(np.diff(tips, axis=0), axis=1)  # section is volume a length of the tip's path
+    assert found.section[20:] * travelled[19:] == pytest.approx(np.full(41, segment * 1e-9), rel=0.02)
 
 
 def test_rapid_moves_take_nothing_away_and_are_named_where_they_meet_material() -> None:

@@ -5,8 +5,9 @@ import pytest
 
 from compplan.path.forces.cutter import Cutter
 from compplan.path.forces.drilling import DRILLED, DrillProcess
-from compplan.path.forces.engagement import Engagement, find_engagement
+from compplan.path.forces.engagement import Engagement
 from compplan.path.forces.materials import MATERIALS, Coefficients
+from compplan.path.forces.meeting import find_engagement
 from compplan.path.forces.milling import Spindle, ripple_amplitude, ripple_force, shape_milling
 from compplan.path.forces.stock import build_block
 from compplan.path.process import MillingProcess, milling_wrench

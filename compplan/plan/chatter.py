@@ -7,7 +7,7 @@ The zero-order solution (`compplan.path.forces.stability`) with the modes of the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -74,8 +74,7 @@ class CutChatter:
         spindle, process = self.cutting.process.spindle(), self.cutting.process
         place, which = np.unique(waypoints, return_inverse=True)
         rows = self._rows[place]
-        some = replace(found, depth=found.depth[rows], travel=found.travel[rows], level=found.level[rows])
-        gains = find_gains(some, process.resistance, spindle.feed_per_tooth(self.nominal.feed[place]))
+        gains = find_gains(found.take(rows), process.resistance, spindle.feed_per_tooth(self.nominal.feed[place]))
         period, axes = 1.0 / (spindle.speed * spindle.teeth), path_axes(self.nominal)[place]
         for i, own in enumerate(find_modes(self.dynamics, q, MODES)):
             modes = Modes(own.omega, own.tip, self.damping).turn(axes[which[i]])

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.files.tables import Array
 
 #: Slices of the flat bottom, of a corner (per quarter turn) and of a drill's point.
-BOTTOM_SLICES, CORNER_SLICES, POINT_SLICES = 4, 9, 5
+BOTTOM_SLICES, CORNER_SLICES, POINT_SLICES = 4, 18, 5
 #: What stands this near to the cutter's side counts as taken away: a wall that was cut there is not cut twice. [m]
 TOUCHING = 1e-8
 
@@ -24,6 +25,7 @@ class Cutter:
         flute: Length of the cutting edges along the axis, from the tip. [m]
         corner: Radius of the corner: 0 is a flat end mill, `radius` a ball end mill. [m]
         point: Full angle of a drill's point; pi is flat. [rad]
+        pieces: Slices of its side.
 
     """
 
@@ -31,6 +33,7 @@ class Cutter:
     flute: float
     corner: float = 0.0
     point: float = float(np.pi)
+    pieces: int = 1
 
     def height(self, distance: Array) -> Array:
         """Return how high the cutter's lower surface stands above its tip, at a distance from its axis [m].
@@ -77,8 +80,31 @@ class Cutter:
             rho = np.linspace(0.0, flat, BOTTOM_SLICES + 1)[:-1]
             knots = np.vstack([np.column_stack([rho, np.zeros_like(rho)]), knots])
         if self.flute > knots[-1, 1]:
-            knots = np.vstack([knots, [self.radius, self.flute]])
+            up = np.linspace(knots[-1, 1], self.flute, self.pieces + 1)[1:]
+            knots = np.vstack([knots, np.column_stack([np.full(self.pieces, self.radius), up])])
         return Slices(knots)
+
+    def edge_point(self, number: NDArray[np.int_], share: Array) -> tuple[Array, Array]:
+        """Return where the edge stands within slices: distance from the axis and height above the tip.
+
+        Args:
+            number: Of the slice. Shape (s,).
+            share: Of the slice's length from its lower end. Shape (s,).
+
+        Returns:
+            Two arrays of shape (s,). [m]
+
+        """
+        knots = self.slices.knots
+        rho = knots[number, 0] + share * (knots[number + 1, 0] - knots[number, 0])
+        height = knots[number, 1] + share * (knots[number + 1, 1] - knots[number, 1])
+        if self.corner > 0.0:  # chords of the corner lie inside it
+            turn = np.arccos(np.clip(1.0 - knots[:, 1] / self.corner, 0.0, 1.0))
+            bent = np.diff(turn) > 0.0
+            angle = turn[number] + share * (turn[number + 1] - turn[number])
+            rho = np.where(bent[number], self.radius - self.corner + self.corner * np.sin(angle), rho)
+            height = np.where(bent[number], self.corner * (1.0 - np.cos(angle)), height)
+        return rho, height
 
 
 @dataclass(frozen=True)

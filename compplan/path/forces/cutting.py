@@ -14,16 +14,17 @@ from compplan.errors import InputError
 from compplan.files.tables import Array
 from compplan.files.tomlfile import StrictTable, Vector3
 from compplan.path.forces.cutter import Cutter
-from compplan.path.forces.engagement import Engagement, find_engagement
+from compplan.path.forces.engagement import Engagement
 from compplan.path.forces.materials import MATERIALS, Coefficients
+from compplan.path.forces.meeting import find_engagement
 from compplan.path.forces.milling import MillingShape, Spindle, ripple_amplitude, ripple_force, shape_milling
 from compplan.path.forces.stock import LARGEST, StockColumns, build_block, build_height_map, read_mesh
 from compplan.path.toolpath import Toolpath
 
 #: Flute length that is assumed where none is given, in diameters.
 FLUTES = 3.0
-#: Lean of the tool axis from its mean from which on a note tells it. [rad]
-LEANS = float(np.radians(0.5))
+#: Lean of the tool axis from its mean from which on a note tells it. [deg]
+LEANS = 30.0
 #: Waypoints whose ripple is worked out at most; the others take that of the nearest.
 RIPPLES = 300
 #: A ripple below this is rounding. [N]
@@ -185,6 +186,7 @@ class CuttingBench:
         stock: The stock, seen along the tool axis.
         position: Tips, seen along the tool axis. Shape (r, 3). [m]
         R_view: Axes of that view as columns, part frame. Shape (3, 3).
+        axis: Tool axes in that view. Shape (r, 3).
 
     """
 
@@ -192,6 +194,7 @@ class CuttingBench:
     stock: StockColumns
     position: Array
     R_view: Array
+    axis: Array
 
 
 @dataclass(frozen=True)
@@ -235,7 +238,7 @@ class CuttingForce:
         """
         place = self.bench.position + away @ self.bench.R_view
         bench = self.bench
-        found, _ = find_engagement(bench.cutter, place, ~self.rapid, bench.stock, bench.position)
+        found, _ = find_engagement(bench.cutter, place, ~self.rapid, bench.stock, bench.position, bench.axis)
         return replace(self, engagement=found, shape=self.process.shape(found))
 
     def ripple(self, feed: Array) -> Array:
@@ -283,15 +286,14 @@ def prepare_cutting(
     axis = toolpath.axis[cutting].mean(axis=0) if cutting.any() else np.array([0.0, 0.0, 1.0])
     axis /= max(float(np.linalg.norm(axis)), 1e-12)
     R_view = _view_along(axis)
-    position, notes = _bring_upright(cutter, toolpath, axis, cutting)
-    position = position @ R_view
-    stock, said = _read_stock(process, cutter, toolpath, stock_top, R_view, job)
+    position, axes = toolpath.position @ R_view, toolpath.axis @ R_view
+    stock, notes = _read_stock(process, cutter, toolpath, stock_top, R_view, job)
     size = np.ptp(stock.bounds(), axis=0)[:2].max()
     if 2.0 * cutter.radius > size:
         message = (f"is {process.diameter_mm:g}, larger than the stock, which is {1e3 * size:.4g} mm across the tool "
                    "axis; give the stock that is cut")  # fmt: skip
         raise InputError(message, file=job, where="process.diameter_mm")
-    found, inside = find_engagement(cutter, position, cutting, stock)
+    found, inside = find_engagement(cutter, position, cutting, stock, axis=axes)
     if not found.touches.any():
         low, high = 1e3 * (stock.bounds() @ R_view.T)
         message = (f"no cutting move meets the stock, which reaches from {_place(np.minimum(low, high))} to "
@@ -299,25 +301,19 @@ def prepare_cutting(
                    f"{_place(1e3 * toolpath.position.min(axis=0))} to {_place(1e3 * toolpath.position.max(axis=0))} mm "
                    "(part frame)")  # fmt: skip
         raise InputError(message, file=job, where="process.stock")
-    notes += said + _describe_cut(process, toolpath, found, inside, job)
+    notes += _describe_lean(axes[cutting]) + _describe_cut(process, toolpath, found, inside, job)
     shape = process.shape(found)
-    bench = CuttingBench(cutter, stock, position, R_view)
+    bench = CuttingBench(cutter, stock, position, R_view, axes)
     return CuttingForce(process, bench, toolpath.arc_length, toolpath.rapid, found, shape, tuple(notes))
 
 
-def _bring_upright(
-    cutter: Cutter, toolpath: Toolpath, axis: Array, cutting: NDArray[np.bool_]
-) -> tuple[Array, list[str]]:
-    """Return the tips as if the axis stood still: a ball keeps its centre."""
-    lean = float(np.arccos(np.clip(toolpath.axis[cutting] @ axis, -1.0, 1.0)).max(initial=0.0))
-    position = toolpath.position + cutter.corner * (toolpath.axis - axis) if cutter.round else toolpath.position
+def _describe_lean(axes: Array) -> list[str]:
+    """Say where the axis leans so far that columns along its mean miss what stands beneath the tool."""
+    lean = float(np.degrees(np.arccos(np.clip(axes[:, 2], -1.0, 1.0)).max(initial=0.0)))
     if lean <= LEANS:
-        return position, []
-    kept = "the ball's centre is kept" if cutter.round else "the tip is kept"
-    return position, [
-        f"The tool axis leans by up to {np.degrees(lean):.3g} deg from its mean: engagement is worked out along the "
-        f"mean, {kept}."
-    ]
+        return []
+    return [f"The tool axis leans by up to {lean:.3g} deg from its mean, along which the stock is seen: beyond "
+            f"{LEANS:g} deg material under overhangs may be missed."]  # fmt: skip
 
 
 def _view_along(axis: Array) -> Array:

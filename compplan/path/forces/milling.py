@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from compplan.files.tables import Array
 from compplan.path.forces.cutter import Slices
-from compplan.path.forces.engagement import Engagement, middle_angles, outward_speed
+from compplan.path.forces.engagement import Engagement, middle_angles
 from compplan.path.forces.materials import Coefficients
 
 #: Rows that are worked out at once.
@@ -112,7 +112,7 @@ def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, f
         if not len(some):
             continue
         share = share[some]
-        out = np.maximum(outward_speed(edge.normal, found.travel[rows][some], angle), 0.0)
+        out = found.outward(angle, first + some)
         weight = turn * share * length[:, None]
         for c in range(3):
             ploughs = weight * np.minimum(out / PLOUGHS, 1.0)
@@ -166,26 +166,32 @@ def ripple_force(
     count = found.depth.shape[2] * FINE
     angle = middle_angles(count)
     share, height = _spread_arcs(found.depth[rows])
-    out = np.maximum(outward_speed(edge.normal, found.travel[rows], angle), 0.0) * feed_per_tooth[:, None, None] * 1e3
+    out = found.outward(angle, rows) * feed_per_tooth[:, None, None] * 1e3
     force = np.zeros((len(rows), count, 3))
     directions = edge_wrenches(edge, angle)[0][..., :3]
     turning = np.arange(count)
-    offsets = _runout_offsets(spindle)
+    offsets = _runout_offsets(spindle) * 1e3
+    lead = np.tan(spindle.helix) / found.cutter.radius  # the same lead all along the edge
     for k in range(len(edge)):
-        span = edge.rise[k] * np.tan(spindle.helix) / max(edge.radius[k], 1e-9) * float(height[:, k].max(initial=0.0))
+        span = edge.rise[k] * lead * float(height[:, k].max(initial=0.0))
         pieces = int(np.clip(np.ceil(span / (2.0 * np.pi / count)), 1, PIECES))
         for piece in range(pieces):
             level = (piece + 0.5) / pieces
             top = height[:, k].max(axis=1)  # the pieces stand on the engaged part of the slice
-            lag = (edge.low[k] + level * top * edge.rise[k]) * np.tan(spindle.helix) / max(edge.radius[k], 1e-9)
-            engaged = share[:, k] * (height[:, k] >= level * top[:, None] - 1e-6)
-            width = edge.length[k] * 1e3 * (top if edge.rise[k] > 0.0 else np.ones(len(rows))) / pieces
+            lag = (edge.low[k] + level * top * edge.rise[k]) * lead
+            if edge.rise[k] > 0.0:
+                engaged = share[:, k] * (height[:, k] >= level * top[:, None] - 1e-6)
+            else:
+                engaged, top = share[:, k] * height[:, k], np.ones(len(rows))
+            width = edge.length[k] * 1e3 * top / pieces
             for tooth in range(spindle.teeth if spindle.runout > 0.0 else 1):
                 # a clockwise spindle turns teeth to smaller angles; higher parts of a right-hand helix lag behind
                 place = 2.0 * np.pi * tooth / spindle.teeth + lag
                 shift = np.rint(place / (2.0 * np.pi) * count).astype(int)
                 at = (turning[None, :] + shift[:, None]) % count
-                chip = np.take_along_axis(out[:, k], at, axis=1) + offsets[tooth] * edge.normal[k, 0] * 1e3
+                feed = np.take_along_axis(out[:, k], at, axis=1)
+                earlier = enumerate(offsets[tooth], start=1)
+                chip = np.min([j * feed + more * edge.normal[k, 0] for j, more in earlier], axis=0)
                 on = np.take_along_axis(engaged, at, axis=1) * (chip > 0.0)
                 ploughs = np.clip(chip / (PLOUGHS * 1e3 * feed_per_tooth[:, None]), 0.0, 1.0)
                 force += _slice_force(chip, on * width[:, None], ploughs, coefficients, directions[:, k][:, at])
@@ -209,12 +215,14 @@ def _slice_force(chip: Array, width: Array, ploughs: Array, coefficients: Coeffi
 
 
 def _runout_offsets(spindle: Spindle) -> Array:
-    """Return by how much the run-out makes each tooth's chip thicker than the feed alone. Shape (teeth,). [m]
+    """Return how much farther out each tooth stands than the one, two, .. before it. Shape (teeth, teeth). [m]
 
-    The path of a tooth is farther out by r cos(a); the one before it in the cut stands a tooth farther round.
+    The path of a tooth is farther out by r cos(a); each before it in the cut stands a tooth farther round. What one of
+    them left uncut the next meets.
     """
-    angle = 2.0 * np.pi * np.arange(spindle.teeth) / spindle.teeth
-    return np.asarray(spindle.runout * (np.cos(angle) - np.cos(angle - 2.0 * np.pi / spindle.teeth)))
+    out = spindle.runout * np.cos(2.0 * np.pi * np.arange(spindle.teeth) / spindle.teeth)
+    before = np.arange(spindle.teeth)[:, None] - np.arange(1, spindle.teeth + 1)
+    return np.asarray(out[:, None] - out[before])[:, : spindle.teeth if spindle.runout > 0.0 else 1]
 
 
 def _spread_arcs(depth: NDArray[np.float32]) -> tuple[Array, Array]:

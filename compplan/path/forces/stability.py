@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from compplan.files.tables import Array
-from compplan.path.forces.engagement import Engagement, outward_speed
+from compplan.path.forces.engagement import Engagement
 from compplan.path.forces.materials import Coefficients
 from compplan.path.forces.milling import THINNEST, edge_wrenches
 
@@ -96,7 +96,7 @@ def find_gains(found: Engagement, coefficients: Coefficients, feed_per_tooth: Ar
     out, up = edge.normal[:, :1], edge.normal[:, 1:]
     normal = np.stack([out * cos, out * sin, up * np.ones_like(cos)], axis=-1)
     pairs = force[..., :, None] * normal[..., None, :]  # (3, k, m, 3, 3)
-    speed = np.maximum(outward_speed(edge.normal, found.travel, angle), 0.0)
+    speed = found.outward(angle)
     chip = np.maximum(1e3 * feed_per_tooth[:, None, None] * speed, THINNEST)
     gains = np.zeros((len(found), len(angle), 3, 3))
     for c in range(3):

@@ -61,14 +61,18 @@ class Block:
     def interval(self, place: Array) -> tuple[Array, Array]:
         """Return bottom and top of the columns, see `StockColumns`."""
         low, high = np.full(place.shape[:-1], -np.inf), np.full(place.shape[:-1], np.inf)
+        beside = np.zeros(place.shape[:-1], dtype=bool)
         for n, c in zip(self.normal, self.offset, strict=True):
-            left = c - place @ n[:2]
+            left = c
+            for k in (0, 1):
+                left = left - n[k] * place[..., k] if n[k] else left
             if n[2] > 1e-9:
                 high = np.minimum(high, left / n[2])
             elif n[2] < -1e-9:
                 low = np.maximum(low, left / n[2])
             else:
-                high = np.where(left < 0.0, -np.inf, high)
+                beside |= left < 0.0
+        high[beside] = -np.inf
         return low, high
 
     def bounds(self) -> Array:
