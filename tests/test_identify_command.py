@@ -237,7 +237,7 @@ def test_a_log_without_settled_poses_or_without_loads_is_refused(tmp_path: Path)
     idle = tmp_path / "idle.csv"
     q = draw_candidates(robot, 12, seed=1).q
     write_campaign_log(simulate_observations(robot, q, np.zeros((12, 6)), seed=1), robot, idle)
-    with pytest.raises(InputError, match="nothing can be identified: joint_1 cannot be told at all: no row carries"):
+    with pytest.raises(InputError, match="nothing can be identified: joint_1 cannot be determined at all: no row"):
         run(idle, "--robot", "kuka_kr270", "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

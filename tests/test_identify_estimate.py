@@ -191,7 +191,7 @@ def test_wrong_shapes_and_names_are_refused_with_what_is_allowed() -> None:
     with pytest.raises(UnknownNameError, match="no spring named 'joint_9', choose from"):
         build_structure(robot, springs=["joint_9"])
     rows = make_log(q, np.zeros(6), np.zeros((3, 3)))
-    with pytest.raises(InputError, match="nothing can be identified: joint_1 cannot be told at all: no row carries"):
+    with pytest.raises(InputError, match="nothing can be identified: joint_1 cannot be determined at all: no row"):
         estimate_parameters(build_structure(robot), rows)
     with pytest.raises(UnknownNameError, match="no loss named 'cauchy'"):
         estimate_parameters(build_structure(robot), rows, loss="cauchy")

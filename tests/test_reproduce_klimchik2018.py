@@ -55,7 +55,7 @@ def test_what_was_fitted_is_labelled_so(result: Reproduction) -> None:
 
 def test_joint_one_is_unseen_under_vertical_loads(result: Reproduction) -> None:
     row = result.row("Joint 1 under vertical loads")
-    assert row.verdict == "matches" and "joint_1 cannot be told" in str(row.ours)
+    assert row.verdict == "matches" and "joint_1 cannot be determined" in str(row.ours)
 
 
 def test_the_papers_contradictions_are_named(result: Reproduction) -> None:

@@ -114,7 +114,7 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
         lines.append(f"  no effect explains {what}: {left.explained * 1e3:.3f} mm")
     lines.append(
         f"gap: {gap.before * 1e3:.3f} mm before, {gap.after * 1e3:.3f} mm after; "
-        f"held out {gap.held_out_before * 1e3:.3f} mm before, {gap.held_out_after * 1e3:.3f} mm after; "
+        f"on rows not in the fit {gap.held_out_before * 1e3:.3f} mm before, {gap.held_out_after * 1e3:.3f} mm after; "
         f"noise floor {gap.noise_floor * 1e3:.3f} mm"
     )
     if len(diagnosis.outliers):
@@ -134,9 +134,9 @@ def describe_assessment(diagnosis: Diagnosis, assessment: Assessment) -> str:
     folders = [f"{d.folder(k)} ({d.kind}): {d.held.rms * 1e3:.3f} mm" for k, d in enumerate(diagnosis.deliveries)]
     before, after = assessment.accuracy["before"], assessment.accuracy["after"]
     lines = [
-        f"folders, held out: {'; '.join(folders)}",
+        f"folders, on rows not in the fit: {'; '.join(folders)}",
         f"pose accuracy over {before.poses} poses: mean {before.mean * 1e3:.3f} mm before, "
-        f"{after.mean * 1e3:.3f} mm held out",
+        f"{after.mean * 1e3:.3f} mm on rows not in the fit",
     ]
     learning = assessment.learning
     if learning is not None:

@@ -55,9 +55,9 @@ def _look_at_columns(table: Table) -> Iterator[Remark]:
         yield Remark("odd", "column", note, "units belong in the name: x_mm, q1_deg, fx_N")
     absent = {
         "run": "run: all rows count as one run without a break",
-        "fx": "a load: stiffness can be told from weight alone",
+        "fx": "a load: stiffness is found from weight alone",
         "rx": "an orientation: tool and wrist errors are harder to tell apart",
-        "time": "a time: warm-up and lag cannot be told",
+        "time": "a time: warm-up and lag cannot be found",
         "temperature": "a temperature: warm-up is taken as a function of time",
         "sigma_position": "sigma_mm: the instrument's noise is found from poses met again",
     }

@@ -24,7 +24,7 @@ class Inseparable:
 
     Attributes:
         held: The parameter that is held at its nominal value.
-        together_with: Parameters that move the measured pose in the same way; empty if it cannot be told at all.
+        together_with: Parameters that move the measured pose in the same way; empty if it cannot be determined at all.
         reason: Why, in a sentence.
     """
 
@@ -36,8 +36,8 @@ class Inseparable:
     def sentence(self) -> str:
         """Say it in one sentence."""
         if not self.together_with:
-            return f"{self.held} cannot be told at all: {self.reason}"
-        return f"{self.held} cannot be told apart from {' and '.join(self.together_with)}: {self.reason}"
+            return f"{self.held} cannot be determined at all: {self.reason}"
+        return f"{self.held} cannot be determined apart from {' and '.join(self.together_with)}: {self.reason}"
 
 
 def tell_apart(information: Array, parameters: Sequence[Parameter]) -> NDArray[np.bool_]:
@@ -50,7 +50,7 @@ def tell_apart(information: Array, parameters: Sequence[Parameter]) -> NDArray[n
 def explain_held(
     log: Campaign, state: RowState, information: Array, parameters: Sequence[Parameter], free: NDArray[np.bool_]
 ) -> tuple[Inseparable, ...]:
-    """Name every parameter that is held, what it cannot be told apart from, and why.
+    """Name every parameter that is held, what it cannot be determined apart from, and why.
 
     Args:
         log: The measured rows.

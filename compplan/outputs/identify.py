@@ -161,15 +161,15 @@ def describe_identification(summary: dict[str, Any]) -> list[str]:
     for entry in summary["unidentifiable"]:
         if not _about_geometry(entry["parameter"]):
             mates = f" apart from {' and '.join(entry['together_with'])}" if entry["together_with"] else ""
-            lines.append(f"cannot be told{mates}: {entry['parameter']}; {entry['reason']}")
+            lines.append(f"cannot be determined{mates}: {entry['parameter']}; {entry['reason']}")
     lines.append(
         f"gap rms {gap['before_rms_mm']:.4g} -> {gap['after_rms_mm']:.4g} mm,"
-        f" held out {gap['held_out_before_rms_mm']:.4g} -> {gap['held_out_after_rms_mm']:.4g} mm"
+        f" on poses not in the fit {gap['held_out_before_rms_mm']:.4g} -> {gap['held_out_after_rms_mm']:.4g} mm"
     )
     if gap["under_load_before_rms_mm"] is not None:
         lines.append(
             f"under load, pose by pose: {gap['under_load_before_rms_mm']:.4g} ->"
-            f" {gap['under_load_after_rms_mm']:.4g} mm held out"
+            f" {gap['under_load_after_rms_mm']:.4g} mm on poses not in the fit"
         )
     lines.append(f"intervals from {summary['intervals_from']}; {len(summary['outlier_rows'])} gross outliers left out")
     return lines + [f"note: {note}" for note in summary["notes"]]

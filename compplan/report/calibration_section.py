@@ -50,7 +50,7 @@ def show_calibration(assessment: Assessment, regions: Sequence[Mapping[str, Any]
 
 def _accuracy(assessment: Assessment) -> PageTable:
     rows: list[Row] = []
-    for name, word in (("before", "nominal model"), ("after", "delivered model, held out")):
+    for name, word in (("before", "nominal model"), ("after", "delivered model, not in the fit")):
         a = assessment.accuracy[name]
         rows.append([word, *(1e3 * value for value in (a.mean, a.largest, a.three_sigma, a.rms))])
     heads = [Column("pose accuracy"), *(Column(h, "mm", 3) for h in ("mean", "largest", "mean + 3 sigma", "rms"))]
@@ -67,8 +67,8 @@ def _more_poses(learning: Learning | None) -> list[Block]:
 
     count = np.linspace(min(learning.poses), learning.now + 2 * MORE, 60)
     figure = go.Figure()
-    figure.add_scatter(x=list(learning.poses), y=[1e3 * e for e in learning.errors], mode="markers", name="held out",
-                       marker={"color": AFTER, "size": 7})  # fmt: skip
+    figure.add_scatter(x=list(learning.poses), y=[1e3 * e for e in learning.errors], mode="markers",
+                       name="not in the fit", marker={"color": AFTER, "size": 7})  # fmt: skip
     figure.add_scatter(x=count, y=[1e3 * learning.at(n) for n in count], mode="lines", name="expected",
                        line={"color": NEUTRAL, "dash": "dash"})  # fmt: skip
     figure.update_xaxes(title_text="poses given")
@@ -128,5 +128,5 @@ def _poses(assessment: Assessment, joints: Sequence[str]) -> PageTable:
     for pose in assessment.worst:
         rows.append([pose.row, ", ".join(f"{v:.1f}" for v in pose.joints), 1e3 * pose.distance])
     names = f"{joints[0]} … {joints[-1]}" if len(joints) > 1 else str(joints[0])
-    heads = [Column("row"), Column(names, "deg or mm"), Column("held out", "mm", 3)]
+    heads = [Column("row"), Column(names, "deg or mm"), Column("not in the fit", "mm", 3)]
     return PageTable(heads, rows, "Worst poses.")

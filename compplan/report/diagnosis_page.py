@@ -250,7 +250,7 @@ def _which(table: Mapping[str, Any], structure: Sequence[str]) -> Section:
             [name_effect(candidate), float(candidate["probability"]), candidate.get("held_out_rms_mm")]
             for candidate in candidates
         ]
-        heads = [Column("candidate"), Column("probability"), Column("held-out rms", "mm", 4)]
+        heads = [Column("candidate"), Column("probability"), Column("rms, rows not in the fit", "mm", 4)]
         blocks.append(Columns([[chart], [PageTable(heads, rows, "All candidates, ranked.", 12)]]))
     return Section("Which effect", blocks)
 

@@ -35,7 +35,7 @@ def name_place(effect: Mapping[str, Any]) -> str:
     joint, axis = effect.get("joint"), effect.get("axis")
     if joint and axis:
         return f"{joint} ({axis})"
-    return str(joint or axis or "all joints")
+    return str(joint or str(axis or "all joints").removeprefix("r"))
 
 
 def name_effect(effect: Mapping[str, Any]) -> str:

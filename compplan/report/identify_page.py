@@ -23,7 +23,7 @@ def write_identification_page(summary: dict[str, Any], file: Path) -> None:
     gap, robot = summary["gap"], summary["robot"]
     lede = [
         f"{summary['rows']} rows at {summary['poses']} poses; the gap shrinks from {gap['before_rms_mm']:.3g} to"
-        f" {gap['after_rms_mm']:.3g} mm rms, on held-out poses from {gap['held_out_before_rms_mm']:.3g} to"
+        f" {gap['after_rms_mm']:.3g} mm rms, on poses not in the fit from {gap['held_out_before_rms_mm']:.3g} to"
         f" {gap['held_out_after_rms_mm']:.3g} mm.",
         *(note for note in summary["notes"] if "assumed" not in note),
     ]
@@ -32,7 +32,7 @@ def write_identification_page(summary: dict[str, Any], file: Path) -> None:
         Section(
             "Compliances",
             [*_changes(compliances), _parameters(compliances)],
-            "Identified values with 95 % intervals. What did not earn its place on held-out poses is not written.",
+            "Identified values with 95 % intervals. What does not help on poses not in the fit is not written.",
         ),
         Section("What cannot be determined", [_held(summary)], "Held at their nominal values, and why."),
         Section(
@@ -40,12 +40,12 @@ def write_identification_page(summary: dict[str, Any], file: Path) -> None:
             [_gap_chart(gap), _gap(gap)],
             "Root mean square of the distance between measured and predicted positions.",
         ),
-        Section("How the model grew", [_rounds(summary)], "Candidates, by held-out gap if they were added."),
+        Section("Which parameters were added", [_rounds(summary)], "Candidates and the gap if they were added."),
     ]
     geometry = [p for p in summary["parameters"] if p["kind"] in FRAMES]
     if geometry:
         fold = Fold(f"{len(geometry)} changes of geometry", [_parameters(geometry)])
-        sections.insert(1, Section("Geometry", [fold], "Fitted along, since it errs on held-out poses too."))
+        sections.insert(1, Section("Geometry", [fold], "Fitted along, since it is wrong on poses not in the fit too."))
     facts = [
         ("robot", str(robot)),
         ("positions", summary["reference"]),
@@ -96,9 +96,9 @@ def _changes(entries: list[dict[str, Any]]) -> list[Chart]:
 
 def _gap_chart(gap: dict[str, Any]) -> Chart:
     """Draw the gap before and after, on rows of the fit and on held-out ones."""
-    rows = {"rows of the fit": "", "held-out poses": "held_out_"}
+    rows = {"rows of the fit": "", "poses not in the fit": "held_out_"}
     if gap["under_load_before_rms_mm"] is not None:
-        rows["under load, held out"] = "under_load_"
+        rows["under load, not in the fit"] = "under_load_"
     figure = go.Figure()
     for name, colour in (("before", BEFORE), ("after", AFTER)):
         values = [gap[f"{key}{name}_rms_mm"] for key in rows.values()]
@@ -141,17 +141,17 @@ def _gap(gap: dict[str, Any]) -> PageTable:
     columns = [Column(""), Column("before", "mm"), Column("after", "mm")]
     rows = [
         ["rows of the fit", gap["before_rms_mm"], gap["after_rms_mm"]],
-        ["held-out poses", gap["held_out_before_rms_mm"], gap["held_out_after_rms_mm"]],
+        ["poses not in the fit", gap["held_out_before_rms_mm"], gap["held_out_after_rms_mm"]],
     ]
     if gap["under_load_before_rms_mm"] is not None:
-        rows.append(["under load, held out", gap["under_load_before_rms_mm"], gap["under_load_after_rms_mm"]])
+        rows.append(["under load, not in the fit", gap["under_load_before_rms_mm"], gap["under_load_after_rms_mm"]])
     return PageTable(columns, rows)
 
 
 def _rounds(summary: dict[str, Any]) -> PageTable:
     columns = [
-        Column("round"), Column("candidate"), Column("value"), Column("unit"), Column("held-out gap", "mm"),
-        Column("gain", "standard errors"), Column(""),
+        Column("round"), Column("candidate"), Column("value"), Column("unit"),
+        Column("gap on poses not in the fit", "mm"), Column("gain", "standard errors"), Column(""),
     ]  # fmt: skip
     rows: list[list[TableCell | str | float | int | None]] = []
     for number, entry in enumerate(summary["structure"], 1):

@@ -65,7 +65,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
         lede=(
             f"The dexterous zones are there: the inverse condition number is {min(inside.values()):.2f} to "
             f"{max(inside.values()):.2f} on average inside Table I's zones, {outside:.2f} outside. K_C is negligible, "
-            "joint 1 cannot be told under vertical loads, and the errors of the other joints have the right order."
+            "joint 1 cannot be determined under vertical loads, and the other errors have the right order."
         ),
         rows=tuple(rows),
         figures=tuple(_figures(robot, quality, zones, influence)),
@@ -196,13 +196,13 @@ def _rows_of_identification(robot: Robot, spread: Array) -> list[Row]:
     said = [item.sentence for item in held if item.held == "joint_1"]
     rows = [
         statement("Table II: stiffness of joint 1 under vertical loads", "can not be determined",
-                  said[0] if said else "can be told", bool(said), SIMULATION)
+                  said[0] if said else "can be determined", bool(said), SIMULATION)
     ]  # fmt: skip
     through = identify(robot, draw_tests(robot, TESTS, rng, lever=0.0))
     said = [item.sentence for item in through.held if item.held == "joint_6"]
     rows.append(
         statement("Joint 6 where the load passes through its axis", "not as stressed as joints 4 and 5",
-                  said[0] if said else "can be told", bool(said), "weights hung at the flange centre")
+                  said[0] if said else "can be determined", bool(said), "weights hung at the flange centre")
     )  # fmt: skip
     for j in range(1, 6):
         stiffness = 1 / spread[:, j]

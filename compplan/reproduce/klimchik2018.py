@@ -49,7 +49,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
     cases = {"vertical": vertical_load(len(q)), "any direction": random_load(len(q))}
     found = {name: run_strategies(robot, q, wrench) for name, wrench in cases.items()}
     unseen = reduce_model(robot, q[:200], vertical_load(200)).estimate.held
-    said = "; ".join(item.sentence for item in unseen) or "can be told"
+    said = "; ".join(item.sentence for item in unseen) or "can be determined"
     rows = [
         *_rows_of_fit(wall, factor, found["vertical"]),
         *(row for name, result in found.items() for row in _rows_of_case(name, result)),

@@ -324,7 +324,7 @@ def _describe(
         notes.append(f"The log fits best at the end of the lags that were tried, {1e3 * lag:.3g} mm: check s_mm.")
     for number in numbers[:own]:
         if number.value < 0.0 <= number.high:
-            notes.append(f"The {number.name} is fitted below 0 and cannot be told from 0 by this log.")
+            notes.append(f"The {number.name} is fitted below 0 and may as well be 0 by this log.")
         elif number.high < 0.0 and not number.name.startswith("axial"):
             notes.append(f"The {number.name} is fitted below 0 for sure, which no cut does: the model does not fit "
                          "this log; check cutter, stock, direction of cut and frame of the log.")  # fmt: skip

@@ -204,7 +204,7 @@ class PlanScene:
         lines += ["", f"Force on the tool: {force} N (x, y, z of the base)"]
         x, y, z = (format_number(1e3 * float(value), 5) for value in record.tip[row])
         words = ", ".join(f"{name} {word}" for name, word in record.cell.facts.get("configuration", {}).items())
-        return "\n".join([*lines, "", f"Wanted tip: {x}, {y}, {z} mm", "", f"Posture: {words or 'not told'}"])
+        return "\n".join([*lines, "", f"Wanted tip: {x}, {y}, {z} mm", "", f"Posture: {words or 'not known'}"])
 
 
 def _describe_length(metres: float) -> str:
