@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     from compplan.cell.predict import Prediction, predict_campaign
     from compplan.commands.verbs.measure import diagnose, learn
     from compplan.commands.verbs.plan import compare, plan
+    from compplan.diagnose.answer.next_measurement import propose_measurements
+    from compplan.diagnose.answer.result import Diagnosis
     from compplan.diagnose.campaign_diagnosis import diagnose_campaign
-    from compplan.diagnose.next_measurement import propose_measurements
-    from compplan.diagnose.result import Diagnosis
     from compplan.effects import EFFECTS, Effect, fold_effects
     from compplan.errors import CompplanError, InfeasibleError, InputError
     from compplan.identify.campaign import Identification, identify_campaign
@@ -71,7 +71,7 @@ _MODULES = {
     "cell.cell": ("Cell", "build_cell", "run_cell", "standard_cells"),
     "cell.predict": ("Prediction", "predict_campaign", "write_prediction"),
     "diagnose.campaign_diagnosis": ("diagnose_campaign",),
-    "diagnose.result": ("Diagnosis",),
+    "diagnose.answer.result": ("Diagnosis",),
     "effects": (
         "EFFECTS", "Effect", "apply_effects", "attain_scene", "fold_effects", "robot_effects", "stage_scene",
     ),
@@ -105,8 +105,8 @@ _MODULES = {
     "study.runner": ("Run", "Settings", "run_study"),
     "study.study": ("Study", "prepare_study"),
     "study.summary": ("summarise_run",),
-    "diagnose.next_measurement": ("propose_measurements",),
-    "diagnose.where": ("split_diagnosis",),
+    "diagnose.answer.next_measurement": ("propose_measurements",),
+    "diagnose.answer.where": ("split_diagnosis",),
     "job.force_prediction": ("ForcePrediction", "predict_forces"),
     "loop.campaign": ("PoseCampaign", "Shop", "design_campaign"),
     "loop.teach": ("Teaching", "teach_part"),

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compplan.diagnose.bounds import find_breach
+from compplan.diagnose.doubt.bounds import find_breach
 from compplan.effects import Effect
 from compplan.robot.folder import read_robot_folder
 

@@ -15,8 +15,8 @@ from benchmarks.campaigns.effects import play
 from benchmarks.campaigns.simulate import Scenario, nominal_scenario, simulate_rows
 from compplan.cell.predict import predict_campaign
 from compplan.diagnose import diagnose_campaign
-from compplan.diagnose.fit import fit_effects
-from compplan.diagnose.state import Problem
+from compplan.diagnose.search.fit import fit_effects
+from compplan.diagnose.search.state import Problem
 from compplan.effects import EFFECTS, Effect, command_campaign
 from compplan.measure.campaign import Campaign
 from compplan.measure.registration import fit_registration, write_registration

@@ -9,14 +9,14 @@ import pytest
 
 from compplan.cell.predict import predict_campaign
 from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.blend import blend_options, build_state, hold_out_blend, is_faithful, stack_weights
-from compplan.diagnose.delivery import possible_claims
-from compplan.diagnose.held_out import Folds, make_folds
-from compplan.diagnose.options import Option, decide_once, list_options, rate_chance, solve_option
-from compplan.diagnose.search import Claim
-from compplan.diagnose.shares import UNEXPLAINED
-from compplan.diagnose.small_errors import divide_small_errors
-from compplan.diagnose.verdict import Structure, Verdict, judge_calibration
+from compplan.diagnose.answer.delivery import possible_claims
+from compplan.diagnose.answer.shares import UNEXPLAINED
+from compplan.diagnose.answer.small_errors import divide_small_errors
+from compplan.diagnose.answer.verdict import Structure, Verdict, judge_calibration
+from compplan.diagnose.doubt.blend import blend_options, build_state, hold_out_blend, is_faithful, stack_weights
+from compplan.diagnose.doubt.held_out import Folds, make_folds
+from compplan.diagnose.doubt.options import Option, decide_once, list_options, rate_chance, solve_option
+from compplan.diagnose.search.search import Claim
 from compplan.effects import Effect
 from compplan.report.diagnosis_page import describe_small_errors
 from compplan.report.openings import open_diagnosis

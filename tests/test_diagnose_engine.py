@@ -12,17 +12,17 @@ from scipy.spatial.transform import Rotation
 
 from compplan.cell.predict import predict_campaign
 from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.accuracy import _summarise, draw_learning
-from compplan.diagnose.assessment import assess_diagnosis
-from compplan.diagnose.calibration import list_corrections
-from compplan.diagnose.evidence import _choose_solver, _loose, _value_and_slope, find_posterior
-from compplan.diagnose.fit import fit_effects
-from compplan.diagnose.gains import find_gains
-from compplan.diagnose.held_out import Folds, HeldOut, free_of_frames, make_folds
-from compplan.diagnose.restart import search_again_plainly
-from compplan.diagnose.search import Claim
-from compplan.diagnose.state import Problem, attain_state
-from compplan.diagnose.where import split_diagnosis
+from compplan.diagnose.answer.accuracy import _summarise, draw_learning
+from compplan.diagnose.answer.assessment import assess_diagnosis
+from compplan.diagnose.answer.calibration import list_corrections
+from compplan.diagnose.answer.where import split_diagnosis
+from compplan.diagnose.doubt.held_out import Folds, HeldOut, free_of_frames, make_folds
+from compplan.diagnose.ledger.evidence import _choose_solver, _loose, _value_and_slope, find_posterior
+from compplan.diagnose.ledger.gains import find_gains
+from compplan.diagnose.search.fit import fit_effects
+from compplan.diagnose.search.restart import search_again_plainly
+from compplan.diagnose.search.search import Claim
+from compplan.diagnose.search.state import Problem, attain_state
 from compplan.effects import EFFECTS, Effect
 from compplan.errors import InputError
 from compplan.measure.registration import Registration

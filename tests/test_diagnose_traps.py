@@ -11,7 +11,7 @@ import pytest
 from compplan.cell.predict import predict_campaign
 from compplan.commands.diagnose import describe_diagnosis
 from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.assessment import assess_diagnosis
+from compplan.diagnose.answer.assessment import assess_diagnosis
 from compplan.effects import Effect
 from compplan.measure.campaign import Campaign
 from compplan.robot import Robot

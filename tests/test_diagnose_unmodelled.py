@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.delivery import of_instrument
-from compplan.diagnose.unmodelled import describe_unmodelled, past_load
+from compplan.diagnose.answer.delivery import of_instrument
+from compplan.diagnose.ledger.unmodelled import describe_unmodelled, past_load
 from compplan.effects import Effect, robot_effects
 from compplan.measure.campaign import Campaign
 from compplan.robot import Robot

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compplan.diagnose.change import state_change
-from compplan.diagnose.shares import CALIBRATION, UNEXPLAINED, Carrier, Share, Shares
-from compplan.diagnose.where import Split, spread_gap
+from compplan.diagnose.answer.change import state_change
+from compplan.diagnose.answer.shares import CALIBRATION, UNEXPLAINED, Carrier, Share, Shares
+from compplan.diagnose.answer.where import Split, spread_gap
 from compplan.effects import EFFECTS
 from compplan.effects.signature import Effect
 from compplan.measure.campaign import Campaign

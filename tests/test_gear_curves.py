@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compplan.diagnose import diagnose_campaign, doubt
-from compplan.diagnose.gears import is_law, repeats
-from compplan.diagnose.proposals import find_series, wave_grid
-from compplan.diagnose.search import Claim
-from compplan.diagnose.verdict import SHAPELESS, Finding, Structure, is_lawful, leave_shapeless
+from compplan.diagnose import diagnose_campaign
+from compplan.diagnose.answer.verdict import SHAPELESS, Finding, Structure, is_lawful, leave_shapeless
+from compplan.diagnose.doubt import doubt
+from compplan.diagnose.doubt.gears import is_law, repeats
+from compplan.diagnose.ledger.proposals import find_series, wave_grid
+from compplan.diagnose.search.search import Claim
 from compplan.effects import Effect
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
 

@@ -46,6 +46,6 @@ def close(found: Any, true: Any) -> bool:
 
 
 def test_a_number_at_twice_its_value_is_seen(robot: Robot) -> None:
-    with moved("compplan.diagnose.background", "NO_CAUSE", 2.0):
+    with moved("compplan.diagnose.ledger.background", "NO_CAUSE", 2.0):
         changed = list(differences(TRUTH["a zero"], diagnose_known(CAMPAIGNS["a zero"], robot)))
     assert changed

@@ -12,9 +12,9 @@ from simulated_campaigns import measure, plan_rows, write_small_robot
 from test_effects_signatures import make_linearization
 
 from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.measurement_moves import KINDS, lay_out_moves
-from compplan.diagnose.next_measurement import expected_gain, pick_moves, predict_columns, propose_measurements
-from compplan.diagnose.probe import probe_signature
+from compplan.diagnose.answer.measurement_moves import KINDS, lay_out_moves
+from compplan.diagnose.answer.next_measurement import expected_gain, pick_moves, predict_columns, propose_measurements
+from compplan.diagnose.answer.probe import probe_signature
 from compplan.effects import Effect, apply_effects, attain_scene
 from compplan.effects.frame_shift import shift_at
 from compplan.effects.signature import Signature

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compplan.diagnose.certainty import Evidence, rate_certainty
-from compplan.diagnose.noise import Noise, estimate_noise
+from compplan.diagnose.data.noise import Noise, estimate_noise
+from compplan.diagnose.doubt.certainty import Evidence, rate_certainty
 from compplan.effects import command_campaign
 from compplan.measure.campaign import Campaign
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
 import compplan as cp
-from compplan.diagnose.questions import QuestionRows, ask_unit, question_campaign
+from compplan.diagnose.data.questions import QuestionRows, ask_unit, question_campaign
 from compplan.effects import Effect
 from compplan.files.tables import write_table
 from compplan.measure.campaign import Campaign

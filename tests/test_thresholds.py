@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 DIAGNOSE = Path(__file__).parent.parent / "compplan" / "diagnose"
-MODULES = sorted(path.stem for path in DIAGNOSE.glob("*.py"))
+MODULES = sorted(str(path.relative_to(DIAGNOSE).with_suffix("")) for path in DIAGNOSE.rglob("*.py"))
 SOURCES = ("assumed", "theory", "study: python -m ")
 COUNTS, GUARD = 6, 1e-6
 FRACTIONS = {0.5, 1e3, 180.0, 100.0}

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.shares import CALIBRATION, DRAWS, UNEXPLAINED, Part, PosteriorMotion, list_parts
-from compplan.diagnose.where import Split, split_diagnosis
+from compplan.diagnose.answer.shares import CALIBRATION, DRAWS, UNEXPLAINED, Part, PosteriorMotion, list_parts
+from compplan.diagnose.answer.where import Split, split_diagnosis
 from tests.drawn_campaigns import Drawn, draw_robot_files
 from tests.effect_cases import CASES, FITTED, ROBOTS, Place
 

@@ -12,14 +12,14 @@ from compplan.commands.measured import load_measured, measured_options, settle_q
 from compplan.commands.places import OUT_FOLDER
 from compplan.commands.progress import show_progress
 from compplan.diagnose import Diagnosis, Finding, diagnose_campaign
-from compplan.diagnose.accuracy import MORE
-from compplan.diagnose.assessment import Assessment, assess_diagnosis
-from compplan.diagnose.change import state_change
-from compplan.diagnose.delivery import NOMINAL
-from compplan.diagnose.next_measurement import propose_measurements
-from compplan.diagnose.unmodelled import describe_unmodelled
-from compplan.diagnose.verdict import CALIBRATED
-from compplan.diagnose.where import split_diagnosis
+from compplan.diagnose.answer.accuracy import MORE
+from compplan.diagnose.answer.assessment import Assessment, assess_diagnosis
+from compplan.diagnose.answer.change import state_change
+from compplan.diagnose.answer.delivery import NOMINAL
+from compplan.diagnose.answer.next_measurement import propose_measurements
+from compplan.diagnose.answer.verdict import CALIBRATED
+from compplan.diagnose.answer.where import split_diagnosis
+from compplan.diagnose.ledger.unmodelled import describe_unmodelled
 from compplan.effects import EFFECTS
 from compplan.errors import UnknownNameError
 from compplan.files.tables import dump_json

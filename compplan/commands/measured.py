@@ -10,7 +10,7 @@ from typing import Any
 import click
 import numpy as np
 
-from compplan.diagnose.questions import ask_unit, question_campaign, stage_rows
+from compplan.diagnose.data.questions import ask_unit, question_campaign, stage_rows
 from compplan.errors import InputError
 from compplan.files.tomlfile import check_table, read_named_table
 from compplan.measure.campaign import Campaign

@@ -6,14 +6,13 @@
     diagnosis.updated                                        the updated robot
     diagnosis.fit                                            everything else: linearization `at`, ledger, models
 
-The method is Bayesian comparison of sets of effects over a background of small errors, with exact forward models:
-`channels` and `noise` (observations) -> `ledger` (inner products) -> `evidence` -> `search` -> `fit` (rounds of exact
-models, each step as far as `descent` lets it) -> `doubt` (the same beside errors that no effect makes) ->
-`repetition`, `ambiguity`, `certainty`, `verdict` -> `held_out` -> `result`.
+The method is Bayesian comparison of sets of effects over a background of small errors, with exact forward models. Five
+rooms, each of which reads those before it: `data` (residuals and their noise) -> `ledger` (inner products, evidence) ->
+`search` (rounds of exact models) -> `doubt` (what speaks against a claim) -> `answer` (verdict, folder, where, what next).
 """
 
+from compplan.diagnose.answer.result import Candidate, Diagnosis, Gap
+from compplan.diagnose.answer.verdict import Finding, Structure, Verdict
 from compplan.diagnose.campaign_diagnosis import diagnose_campaign
-from compplan.diagnose.result import Candidate, Diagnosis, Gap
-from compplan.diagnose.verdict import Finding, Structure, Verdict
 
 __all__ = ["Candidate", "Diagnosis", "Finding", "Gap", "Structure", "Verdict", "diagnose_campaign"]

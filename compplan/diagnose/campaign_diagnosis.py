@@ -7,18 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from compplan.diagnose.certainty import MOST_SURE
-from compplan.diagnose.channels import position_residual
-from compplan.diagnose.conventions import find_conventions
-from compplan.diagnose.delivery import deliver_folders
-from compplan.diagnose.doubt import Doubt, raise_doubt
-from compplan.diagnose.fit import fit_effects
-from compplan.diagnose.held_out import Folds, make_folds
-from compplan.diagnose.polish import polish_fit
-from compplan.diagnose.result import Candidate, Diagnosis, Gap
-from compplan.diagnose.search import Claim, distinct_places
-from compplan.diagnose.state import Fit, FitState, Problem, attain_state
-from compplan.diagnose.verdict import Finding, Verdict, judge_calibration, reach_verdict
+from compplan.diagnose.answer.delivery import deliver_folders
+from compplan.diagnose.answer.result import Candidate, Diagnosis, Gap
+from compplan.diagnose.answer.verdict import Finding, Verdict, judge_calibration, reach_verdict
+from compplan.diagnose.data.channels import position_residual
+from compplan.diagnose.data.conventions import find_conventions
+from compplan.diagnose.doubt.certainty import MOST_SURE
+from compplan.diagnose.doubt.doubt import Doubt, raise_doubt
+from compplan.diagnose.doubt.held_out import Folds, make_folds
+from compplan.diagnose.search.fit import fit_effects
+from compplan.diagnose.search.polish import polish_fit
+from compplan.diagnose.search.search import Claim, distinct_places
+from compplan.diagnose.search.state import Fit, FitState, Problem, attain_state
 from compplan.effects import attain_scene, robot_effects
 from compplan.effects.linearization import Place
 from compplan.effects.scene import Scene

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compplan.diagnose.questions import question_campaign
+from compplan.diagnose.data.questions import question_campaign
 from compplan.doctor.remarks import Remark
 from compplan.files.tables import Table, read_table
 from compplan.measure.campaign import Campaign

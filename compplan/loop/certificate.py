@@ -9,8 +9,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from compplan.diagnose import Diagnosis, diagnose_campaign
+from compplan.diagnose.answer.change import state_change
 from compplan.diagnose.campaign_diagnosis import FEWEST_ROWS
-from compplan.diagnose.change import state_change
 from compplan.effects.scene import own_springs
 from compplan.errors import InputError
 from compplan.job.job import Job

@@ -27,8 +27,8 @@ from compplan.robot import Array, Robot
 from compplan.robot.primitives import triangulate_box, triangulate_cylinder
 
 if TYPE_CHECKING:
-    from compplan.diagnose.result import Diagnosis
-    from compplan.diagnose.shares import Shares
+    from compplan.diagnose.answer.result import Diagnosis
+    from compplan.diagnose.answer.shares import Shares
     from compplan.plan.plan import Plan
 
 #: Colour of the stock.

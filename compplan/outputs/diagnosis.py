@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from compplan.diagnose import Diagnosis
-from compplan.diagnose.assessment import Assessment
-from compplan.diagnose.where import Split
+from compplan.diagnose.answer.assessment import Assessment
+from compplan.diagnose.answer.where import Split
 from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json
 from compplan.files.transaction import replace_folder

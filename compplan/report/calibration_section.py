@@ -12,9 +12,9 @@ from compplan.report.page import Block, Chart, Column, Columns, Fold, PageTable,
 from compplan.report.style import AFTER, NEUTRAL, format_length, format_number
 
 if TYPE_CHECKING:
-    from compplan.diagnose.accuracy import Learning
-    from compplan.diagnose.assessment import Assessment
-    from compplan.diagnose.calibration import Correction, Pose
+    from compplan.diagnose.answer.accuracy import Learning
+    from compplan.diagnose.answer.assessment import Assessment
+    from compplan.diagnose.answer.calibration import Correction, Pose
 
 Row = list[TableCell | str | float | int | None]
 #: Regions that are listed as the worst.
@@ -63,7 +63,7 @@ def _more_poses(learning: Learning | None) -> list[Block]:
     if learning is None:
         return ["Too few poses, or nothing delivered: what more poses would bring is not known."]
 
-    from compplan.diagnose.accuracy import MORE
+    from compplan.diagnose.answer.accuracy import MORE
 
     count = np.linspace(min(learning.poses), learning.now + 2 * MORE, 60)
     figure = go.Figure()

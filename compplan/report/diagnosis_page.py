@@ -30,9 +30,9 @@ from compplan.report.style import format_number, format_percent
 from compplan.robot import Array
 
 if TYPE_CHECKING:
-    from compplan.diagnose.assessment import Assessment
-    from compplan.diagnose.result import Diagnosis
-    from compplan.diagnose.where import Split
+    from compplan.diagnose.answer.assessment import Assessment
+    from compplan.diagnose.answer.result import Diagnosis
+    from compplan.diagnose.answer.where import Split
     from compplan.measure.campaign import Campaign
 
 #: Candidates that are drawn at most.

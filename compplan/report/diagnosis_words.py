@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from compplan.diagnose.shares import CALIBRATION, UNEXPLAINED, Share
-from compplan.diagnose.small_errors import SmallErrors
-from compplan.diagnose.unmodelled import describe_unmodelled
-from compplan.diagnose.verdict import CALIBRATED
+from compplan.diagnose.answer.shares import CALIBRATION, UNEXPLAINED, Share
+from compplan.diagnose.answer.small_errors import SmallErrors
+from compplan.diagnose.answer.verdict import CALIBRATED
+from compplan.diagnose.ledger.unmodelled import describe_unmodelled
 from compplan.report.effect_words import describe_change, describe_effect, name_effect
 from compplan.report.style import format_length, format_number, format_percent
 
 if TYPE_CHECKING:
-    from compplan.diagnose.result import Diagnosis
-    from compplan.diagnose.where import Split
+    from compplan.diagnose.answer.result import Diagnosis
+    from compplan.diagnose.answer.where import Split
 
 
 def describe_where(verdict: Mapping[str, Any], split: Split) -> str:

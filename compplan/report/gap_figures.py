@@ -24,8 +24,8 @@ from compplan.report.style import (
 from compplan.robot import Array, Robot
 
 if TYPE_CHECKING:
-    from compplan.diagnose.shares import Share
-    from compplan.diagnose.traces import Trace
+    from compplan.diagnose.answer.shares import Share
+    from compplan.diagnose.answer.traces import Trace
 
 #: Residual vectors and dots that a chart draws at most.
 VECTORS = 900

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
-    from compplan.diagnose.result import Diagnosis
+    from compplan.diagnose.answer.result import Diagnosis
     from compplan.loop.teach import Teaching
     from compplan.robot import Robot
 
@@ -72,9 +72,9 @@ def write_all(diagnosis: Diagnosis, folder: Path) -> dict[str, Any]:
     Raises:
         InputError: If the folder cannot be written; nothing is written then.
     """
-    from compplan.diagnose.assessment import assess_diagnosis
-    from compplan.diagnose.next_measurement import propose_measurements
-    from compplan.diagnose.where import split_diagnosis
+    from compplan.diagnose.answer.assessment import assess_diagnosis
+    from compplan.diagnose.answer.next_measurement import propose_measurements
+    from compplan.diagnose.answer.where import split_diagnosis
     from compplan.outputs.diagnosis import write_diagnosis
 
     split, assessment = split_diagnosis(diagnosis), assess_diagnosis(diagnosis)

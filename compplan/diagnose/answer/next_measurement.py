@@ -1,0 +1,364 @@
+"""What to measure next: the moves that separate effects which a campaign leaves ambiguous, and what they would tell.
+
+Two hypotheses A and B, each fitted to the campaign with everything else free, predict a further move with means
+m_A, m_B and covariances K_A, K_B of what is not known exactly. With noise N the expected log likelihood ratio is
+
+    D = 1/2 (m_A - m_B)^T (N + (K_A + K_B) / 2)^-1 (m_A - m_B)
+
+[Box1967; Atkinson1975: T-optimality, here with the uncertainty of both models]. Moves are picked one after the other,
+each for what it adds to those before, until more of them would not tell more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import expit, logit
+
+from compplan.diagnose.answer.measurement_moves import KINDS, MeasuringMove, lay_out_moves
+from compplan.diagnose.answer.probe import probe_signature
+from compplan.diagnose.answer.result import Diagnosis, place_table
+from compplan.diagnose.answer.verdict import Finding
+from compplan.diagnose.doubt.ambiguity import is_comparable
+from compplan.diagnose.doubt.certainty import TEMPER
+from compplan.diagnose.ledger.offers import registration_signatures
+from compplan.diagnose.ledger.unmodelled import UNMODELLED
+from compplan.diagnose.search.search import Claim, Model
+from compplan.diagnose.search.state import Fit
+from compplan.effects import EFFECTS, apply_effects, attain_scene, stage_scene
+from compplan.effects.linearization import Linearization, Place, linearize_scene
+from compplan.effects.signature import Signature
+from compplan.robot import Array
+
+#: Moves of one kind at least, since a single reading may be a gross error, and at most; proposals at most
+#: (assumed).
+FEWEST_MOVES, MOST_MOVES, MOST_PROPOSALS = 3, 8, 6
+#: A move has to add this much expected probability, and a proposal this much; rivals of a claim, at most
+#: (assumed).
+WORTH_A_MOVE, WORTH_IT, RIVALS = 0.01, 0.05, 3
+#: Effects that show in motion only; a path at two speeds is laid out for them.
+OF_MOTION = ("tracking_lag", "time_skew", "backlash")
+#: Claims below this probability are to be separated from the model that lacks them; of two that a campaign cannot tell
+#: apart none is surer than this (assumed).
+UNSURE = 0.9
+#: A kind of move that needs fewer rows is preferred where it is as good within this (assumed).
+AS_GOOD = 0.02
+#: Nodes of the Gauss-Hermite rule (assumed: exact to 1e-6 for the odds that occur).
+NODES = 31
+NOTHING = "none"
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two explanations of one campaign.
+
+    Attributes:
+        first: Place of the claim.
+        second: Place of its rival, or None: the claim left out.
+        model: The model that holds the claim.
+        other: The same with the rival in its place.
+        log_odds: Log odds of the first against the second, tempered.
+    """
+
+    first: Place
+    second: Place | None
+    model: Model
+    other: Model
+    log_odds: float
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A measurement that separates two explanations.
+
+    Attributes:
+        separates: The two places; the second is None where the question is whether there is an effect at all.
+        kind: One of `KINDS`.
+        moves: The moves, the most telling first.
+        probability: Probability that the better explanation has now.
+        gain: By how much the probability of the true one is expected to rise.
+        information: Expected log likelihood ratio between the two.
+    """
+
+    separates: tuple[Place, Place | None]
+    kind: str
+    moves: tuple[MeasuringMove, ...]
+    probability: float
+    gain: float
+    information: float
+
+
+def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Propose what to measure next, as `next_measurement` of diagnosis.json holds it, the most telling first.
+
+    Args:
+        diagnosis: The diagnosis.
+    """
+    fit, verdict = diagnosis.fit, diagnosis.verdict
+    pairs = list(find_pairs(fit, (*verdict.findings, *verdict.doubtful)))
+    if not pairs:
+        return []
+    pool, moves = lay_out_moves(fit.problem.robot, fit.problem.campaign)
+    if not moves:
+        return []
+    scene = stage_scene(fit.problem.robot, pool, registration=fit.state.registration, later=True)
+    scene = apply_effects(scene, fit.state.effects)
+    at = linearize_scene(scene, attain_scene(scene), {effect.place: effect.parameters for effect in fit.state.effects})
+    design = predict_columns(fit, at)
+    tried = [(pair, best_proposal(fit, pair, design, moves)) for pair in pairs]
+    proposals = sorted((found for _, found in tried if found is not None), key=lambda p: -p.gain)
+    tables = [summarise_proposal(fit, at, proposal) for proposal in proposals]
+    tables += [_inseparable(pair) for pair, found in tried if found is None]
+    return tables[:MOST_PROPOSALS]
+
+
+def find_pairs(fit: Fit, findings: Iterable[Finding]) -> Iterable[Pair]:
+    """Pair every claim with effects it cannot be told from, every unsure one with its best replacement or nothing."""
+    search, model = fit.search, fit.model
+    for finding in findings:
+        if finding.signature < 0:
+            continue
+        claim = next((c for c in model.claims if c.signature == finding.signature), None)
+        if claim is None:
+            continue
+        rest = [c for c in model.claims if c != claim]
+        reduced = search.model(rest, model.posterior.hyper, fit=False)
+        here = search.model(model.claims, model.posterior.hyper, fit=False)
+        best: dict[Place, Claim] = {}
+        gains = [g for g in search.gains(reduced) if _place(fit, g.signature)[0] != UNMODELLED]
+        own = search.ledger.signatures[finding.signature]
+        for gain in gains:
+            if is_comparable(own, search.ledger.signatures[gain.signature]):
+                best.setdefault(_place(fit, gain.signature), Claim(gain.signature, gain.size))
+        place = finding.effect.place
+        alike = [rival.place for rival in finding.rivals if rival.alike and rival.place in best]
+        for rival in alike[:RIVALS]:
+            other = search.model((*rest, best[rival]), model.posterior.hyper, fit=False)
+            odds = np.clip((here.score - other.score) / TEMPER, 0.0, logit(UNSURE))
+            yield Pair(place, rival, here, other, float(odds))
+        if finding.probability < UNSURE:
+            odds = float(logit(finding.probability))
+            strongest = next((g for g in gains if _place(fit, g.signature) not in (place, *alike)), None)
+            if strongest is None or strongest.log_evidence <= 0.0:
+                yield Pair(place, None, here, reduced, odds)
+            else:
+                claim = Claim(strongest.signature, strongest.size)
+                other = search.model((*rest, claim), model.posterior.hyper, fit=False)
+                yield Pair(place, _place(fit, claim.signature), here, other, odds)
+
+
+def _place(fit: Fit, signature: int) -> Place:
+    return fit.search.ledger.signatures[signature].place
+
+
+def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
+    """Evaluate the columns of the fit's ledger at further rows, in units of each channel's noise. Shapes (n, c, p).
+
+    Columns that further rows cannot show are zero.
+    """
+    ledger, n = fit.search.ledger, len(at.campaign)
+    by_key = {(s.place, s.form): s for s in _offered(fit, at)}
+    designs = [np.zeros((n, channel.residual.shape[1], ledger.p)) for channel in ledger.source]
+    used = {int(column) for claim in fit.model.claims for column in ledger.columns(claim.signature)}
+    done: set[int] = set()
+    for number, signature in enumerate(ledger.signatures):
+        columns = ledger.columns(number)
+        fresh = [k for k, column in enumerate(columns) if int(column) not in done]
+        if not fresh or signature.name == UNMODELLED:
+            continue
+        found = by_key.get((signature.place, signature.form))
+        if found is None or len(found.keys) != len(columns):
+            if not used & {int(c) for c in columns}:
+                continue
+            found = probe_signature(at, signature)
+        for k in fresh:
+            column = int(columns[k])
+            done.add(column)
+            for channel, design in zip(ledger.source, designs, strict=True):
+                design[:, :, column] = _motion(found, k, channel.name) * ledger.scale[column] / channel.noise.sigma
+    return designs
+
+
+def _offered(fit: Fit, at: Linearization) -> list[Signature]:
+    found = registration_signatures(at, fit.problem.register)
+    for name, effect in EFFECTS.items():
+        if name not in ("frame_shift", "tool_shift"):
+            found += list(effect.signatures(at))
+    return found
+
+
+def _motion(signature: Signature, k: int, channel: str) -> Array:
+    if channel == "position":
+        return signature.twist[:, :3, k]
+    if channel == "orientation":
+        return signature.twist[:, 3:, k]
+    if signature.encoder is None:
+        return np.zeros((len(signature.twist), 1))
+    return signature.encoder[:, :, k]
+
+
+def best_proposal(fit: Fit, pair: Pair, designs: Sequence[Array], moves: Sequence[MeasuringMove]) -> Proposal | None:
+    """Find the kind of move that separates a pair best, with as few moves as do it."""
+    found: list[Proposal] = []
+    for kind in KINDS:
+        own = [move for move in moves if move.kind == kind]
+        rows = np.array([row for move in own for row in move.rows], int)
+        moving = any(place is not None and place[0] in OF_MOTION for place in (pair.first, pair.second))
+        if not len(rows) or (kind == "two_speeds" and not moving):
+            continue
+        stacked = np.concatenate([design[rows] for design in designs], axis=1)
+        difference, covariance = predict_difference(fit, pair, stacked, [design.shape[1] for design in designs])
+        ends = np.cumsum([len(move.rows) for move in own]) * stacked.shape[1]
+        items = [np.arange(end - len(move.rows) * stacked.shape[1], end) for end, move in zip(ends, own, strict=True)]
+        picked, information = pick_moves(difference, covariance, items, pair.log_odds)
+        if picked:
+            probability = float(expit(abs(pair.log_odds)))
+            gain = expected_gain(pair.log_odds, information / TEMPER, TEMPER)
+            chosen = tuple(own[k] for k in picked)
+            found.append(Proposal((pair.first, pair.second), kind, chosen, probability, gain, information))
+    best = max((proposal.gain for proposal in found), default=0.0)
+    if best < WORTH_IT:
+        return None
+    good = [proposal for proposal in found if proposal.gain >= best - AS_GOOD]
+    return min(good, key=lambda p: sum(len(move.rows) for move in p.moves))
+
+
+def predict_difference(fit: Fit, pair: Pair, stacked: Array, widths: Sequence[int]) -> tuple[Array, Array]:
+    """Return the difference of what two models predict, and the covariance of what is observed about it.
+
+    Args:
+        fit: The fit.
+        pair: The two models.
+        stacked: Columns at further rows, channels side by side, in units of the noise. Shape (r, c, p).
+        widths: Components of each channel.
+    """
+    r, c, p = stacked.shape
+    flat = stacked.reshape(r * c, p)
+    hyper = fit.model.posterior.hyper
+    # what a stay gets wrong in common is noise to the next one
+    variance = np.exp(hyper.log_noise) * (1.0 + np.exp(2.0 * hyper.log_shared))
+    covariance = np.diag(np.tile(np.repeat(variance, widths), r))
+    means = []
+    for model in (pair.model, pair.other):
+        posterior = model.posterior
+        columns = flat[:, posterior.columns]
+        means.append(columns @ posterior.mean)
+        covariance += 0.5 * columns @ posterior.covariance @ columns.T
+    return means[0] - means[1], covariance
+
+
+def pick_moves(
+    difference: Array, covariance: Array, items: Sequence[Array], log_odds: float
+) -> tuple[list[int], float]:
+    """Pick moves one after the other while each adds to the expected gain.
+
+    Args:
+        difference: Difference of the predictions. Shape (m,).
+        covariance: Covariance of the observations. Shape (m, m).
+        items: Observations that each move consists of.
+        log_odds: Log odds of the pair now.
+
+    Returns:
+        The numbers of the moves, and the expected log likelihood ratio of all of them together.
+    """
+    d, S = difference.copy(), covariance.copy()
+    picked: list[int] = []
+    information, gain = 0.0, 0.0
+    while len(picked) < min(MOST_MOVES, len(items)):
+        left = [k for k in range(len(items)) if k not in picked]
+        worth = [0.5 * float(d[items[k]] @ np.linalg.solve(S[np.ix_(items[k], items[k])], d[items[k]])) for k in left]
+        best = int(np.argmax(worth))
+        fuller = expected_gain(log_odds, (information + worth[best]) / TEMPER, TEMPER)
+        # a single move may be too little to show although all that are allowed would
+        most = information + (MOST_MOVES - len(picked)) * worth[best]
+        enough = len(picked) >= FEWEST_MOVES or not picked
+        if enough and expected_gain(log_odds, most / TEMPER, TEMPER) < gain + WORTH_A_MOVE:
+            break
+        item = items[left[best]]
+        taken = np.linalg.solve(S[np.ix_(item, item)], np.column_stack([d[item], S[item]]))
+        d = d - S[:, item] @ taken[:, 0]
+        S = S - S[:, item] @ taken[:, 1:] + 1e-9 * np.eye(len(S))
+        picked.append(left[best])
+        information, gain = information + worth[best], fuller
+    return (picked, information) if gain >= WORTH_A_MOVE else ([], 0.0)
+
+
+def expected_gain(log_odds: float, information: float, temper: float = 1.0) -> float:
+    """Return by how much the probability of the true one of two explanations is expected to rise.
+
+    The log likelihood ratio of the new rows is normal, of mean +-information and variance 2 information (of the
+    untempered ratio) under either explanation.
+
+    Args:
+        log_odds: Log odds of the first explanation now.
+        information: Expected log likelihood ratio, divided by the temper.
+        temper: What log odds are divided by.
+    """
+    nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
+    weights = weights / weights.sum()
+    spread = np.sqrt(2.0 * information / temper) * nodes
+    first = float(expit(log_odds))
+    kept = weights @ expit(log_odds + information + spread)
+    lost = weights @ expit(information - log_odds + spread)
+    now = first**2 + (1.0 - first) ** 2
+    return float(first * kept + (1.0 - first) * lost - now)
+
+
+def summarise_proposal(fit: Fit, at: Linearization, proposal: Proposal) -> dict[str, Any]:
+    """Return a proposal as diagnosis.json holds it: poses in deg (sliding joints in mm), loads in N and N m."""
+    robot, campaign = fit.problem.robot, at.campaign
+    rows = [row for move in proposal.moves for row in move.rows]
+    unit = np.where(robot.prismatic, 1e3, 180.0 / np.pi)
+    table: dict[str, Any] = {
+        "separates": _separates(*proposal.separates),
+        "kind": proposal.kind,
+        "how": _say(proposal),
+        "columns": list(robot.joint_headers),
+        "poses": [[round(float(v), 4) for v in campaign.q[row] * unit] for row in rows],
+        "wrenches": [[round(float(v), 2) for v in campaign.wrench[row]] for row in rows],
+        "approach": [_approach(at, row) for row in rows] if proposal.kind == "reversal" else None,
+        "probability_now": round(proposal.probability, 3),
+        "expected_probability_gain": round(proposal.gain, 3),
+        "expected_log_likelihood_ratio": round(proposal.information, 2),
+    }
+    if proposal.kind in ("warm_up", "two_speeds") and campaign.time is not None:
+        table["time_s"] = [round(float(campaign.time[row]), 2) for row in rows]
+    if proposal.kind == "warm_up" and campaign.temperature is not None:
+        table["temperature_C"] = [round(float(campaign.temperature[row]), 1) for row in rows]
+    loaded = proposal.kind in ("loaded_unloaded", "sign_flip", "two_payloads")
+    if loaded and not fit.problem.campaign.load_varies:
+        table["assumed"] = "the campaign had no loads; the weight on the tool is assumed"
+    return table
+
+
+def _inseparable(pair: Pair) -> dict[str, Any]:
+    """Say that no move was found that would tell two explanations apart."""
+    return {
+        "separates": _separates(pair.first, pair.second),
+        "kind": "none",
+        "how": "no move within joint limits and given loads tells these apart; the simpler one predicts as well",
+        "poses": [],
+        "wrenches": [],
+        "probability_now": round(float(expit(abs(pair.log_odds))), 3),
+        "expected_probability_gain": 0.0,
+    }
+
+
+def _separates(first: Place, second: Place | None) -> list[dict[str, str | None]]:
+    return [place_table(first), place_table((NOTHING, None, None) if second is None else second)]
+
+
+def _say(proposal: Proposal) -> str:
+    joints = list(dict.fromkeys(move.joint for move in proposal.moves if move.joint))
+    of = f" ({', '.join(joints)})" if joints else ""
+    return KINDS[proposal.kind] + of
+
+
+def _approach(at: Linearization, row: int) -> str:
+    """Say which joint moves last before a row, and in which direction."""
+    move = at.campaign.q[row] - at.campaign.q[row - 1]
+    index = int(np.argmax(np.abs(move)))
+    return f"{at.robot.joint_names[index]} {'upwards' if move[index] > 0 else 'downwards'}"

@@ -1,0 +1,133 @@
+"""Channels: what was measured minus what a model expects, with noise and with the stays that share an error.
+
+Position, orientation and link-side encoders are three channels, each weighted by its own noise. Rows of one stay (the
+robot did not move) and neighbouring samples of a path share whatever the model gets wrong there, so that they do not
+count as independent witnesses against it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from compplan.diagnose.data.noise import Noise, estimate_noise
+from compplan.effects.scene import Attained, Scene
+from compplan.measure.campaign import Campaign
+from compplan.robot import Array
+
+#: Neighbouring samples of a path share an error: a path is cut into about so many blocks, none shorter than the second
+#: (assumed).
+PATH_BLOCKS, SHORTEST_BLOCK = 16, 8
+#: An encoder is used where it is known in more than this share of the rows; an orientation, in more rows than this
+#: (assumed).
+MOSTLY_KNOWN, FEW_ROWS = 0.5, 5
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """One kind of observation; r rows of it, c components.
+
+    Attributes:
+        name: "position", "orientation" or "encoder".
+        rows: Rows of the campaign. Shape (r,).
+        residual: Measured minus expected, base axes. Shape (r, c). [m or rad]
+        group: Stay or path block of each row, ascending. Shape (r,).
+        noise: Its noise.
+    """
+
+    name: str
+    rows: NDArray[np.int_]
+    residual: Array
+    group: NDArray[np.int_]
+    noise: Noise
+
+    @cached_property
+    def sigma(self) -> Array:
+        """Standard deviation of each row. Shape (r, 1). [m or rad]"""
+        return np.asarray(self.noise.sigma * self.noise.spread_of(self.rows)[:, None])
+
+
+def block_index(campaign: Campaign) -> NDArray[np.int_]:
+    """Number the stays, and blocks of neighbouring samples on paths. Shape (n,), ascending."""
+    start = np.r_[True, np.diff(campaign.stay) > 0]
+    for number in np.unique(campaign.run_index[campaign.on_path]):
+        rows = np.flatnonzero((campaign.run_index == number) & campaign.on_path)
+        length = max(SHORTEST_BLOCK, len(rows) // PATH_BLOCKS)
+        start[rows] = np.arange(len(rows)) % length == 0
+        if len(rows) % length and len(rows) > length:
+            start[rows[len(rows) - len(rows) % length]] = False
+    return np.cumsum(start) - 1
+
+
+def group_poses(campaign: Campaign) -> NDArray[np.int_]:
+    """Number the poses of rows at rest, whenever they were met, and the blocks of paths, below zero. Shape (n,)."""
+    return np.where(campaign.on_path, -1 - block_index(campaign), campaign.pose)
+
+
+def position_residual(campaign: Campaign, scene: Scene, attained: Attained) -> Array:
+    """Return measured minus expected position, base axes. Shape (n, 3). [m]"""
+    gap = campaign.position - attained.position
+    return gap if scene.registration is None else gap @ scene.registration.base[:3, :3]
+
+
+def build_channels(
+    scene: Scene, attained: Attained, use: NDArray[np.bool_], noises: dict[str, Noise]
+) -> tuple[Channel, ...]:
+    """Compare a campaign with what a scene comes to.
+
+    Args:
+        scene: The scene; its campaign holds what was measured.
+        attained: What the scene comes to.
+        use: Rows to use. Shape (n,).
+        noises: Noise of each channel by name.
+    """
+    campaign, block = scene.campaign, block_index(scene.campaign)
+    use = use & campaign.usable
+    rows = np.flatnonzero(use)
+    channels = [
+        Channel("position", rows, position_residual(campaign, scene, attained)[rows], block[rows], noises["position"])
+    ]
+    if campaign.rotation is not None and "orientation" in noises:
+        rows = np.flatnonzero(use & np.isfinite(campaign.rotation).all((1, 2)))
+        turn = campaign.rotation[rows] @ np.swapaxes(attained.rotation[rows], 1, 2)
+        vector = Rotation.from_matrix(turn).as_rotvec() if len(rows) else np.zeros((0, 3))
+        if scene.registration is not None:
+            vector = vector @ scene.registration.base[:3, :3]
+        channels.append(Channel("orientation", rows, vector, block[rows], noises["orientation"]))
+    if campaign.link is not None and "encoder" in noises:
+        motor = (
+            campaign.q if campaign.motor is None else np.where(np.isfinite(campaign.motor), campaign.motor, campaign.q)
+        )
+        seen = campaign.link - motor - (attained.link - attained.motor)
+        known = np.isfinite(campaign.link).all(0) | (np.isfinite(campaign.link).mean(0) > MOSTLY_KNOWN)
+        rows = np.flatnonzero(use & ~campaign.link_controlled & np.isfinite(seen[:, known]).all(1) & known.any())
+        channels.append(Channel("encoder", rows, np.where(known, seen, 0.0)[rows], block[rows], noises["encoder"]))
+    return tuple(channel for channel in channels if len(channel.rows))
+
+
+def estimate_noises(campaign: Campaign, attained: Attained, repeatability: float | None = None) -> dict[str, Noise]:
+    """Estimate the noise of every channel from all that the campaign and the robot folder tell.
+
+    Args:
+        campaign: The campaign.
+        attained: What a model expects; it only removes what moves between neighbouring samples and between visits.
+        repeatability: What the robot folder states, per axis, or None. [m]
+    """
+    use = campaign.usable
+    noises = {}
+    gap = np.where(use[:, None], campaign.position - attained.position, np.nan)
+    noises["position"] = estimate_noise(campaign, gap, campaign.sigma, "position", repeatability)
+    if campaign.rotation is not None:
+        known = use & np.isfinite(campaign.rotation).all((1, 2))
+        turn = np.full((len(campaign), 3), np.nan)
+        product = campaign.rotation[known] @ np.swapaxes(attained.rotation[known], 1, 2)
+        turn[known] = Rotation.from_matrix(product).as_rotvec() if known.any() else np.zeros((0, 3))
+        if known.sum() > FEW_ROWS:
+            noises["orientation"] = estimate_noise(campaign, turn, campaign.sigma_rotation, "orientation")
+    if campaign.link is not None and np.isfinite(campaign.link).any():
+        noises["encoder"] = estimate_noise(campaign, campaign.link - attained.link, None, "encoder")
+    return noises

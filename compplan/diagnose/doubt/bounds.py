@@ -1,0 +1,106 @@
+"""Bounds: sizes of an effect that no robot of this kind can have, each with the reason that is said where it acts.
+
+A campaign that cannot tell an effect from others leaves its size open, and a fit then runs far beyond what weight,
+gears and data sheet allow. Such a claim is not named: what it explains has another cause.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from compplan.diagnose.search.state import Fit
+from compplan.effects import Effect
+from compplan.effects.gravity_compensator import shapes as shapes_of_balancer
+from compplan.effects.payload import carried_mass, payload_values
+from compplan.effects.scene import flange_to_tcp
+from compplan.effects.stiffness_nonlinearity import shapes as shapes_of_law
+from compplan.robot import Array
+from compplan.robot.folder import read_rating
+
+#: Motion of the target by one claim over the gap: more than ten gaps are there only because others cancel them
+#: (assumed).
+MOST_MOTION = 10.0
+#: Mass at the flange over the rated payload, and over the mass of the arm where no data sheet is there (assumed: arms
+#: carry less than they weigh, and a tenth more than they are sold for).
+OVER_RATING, OVER_ARM = 1.1, 1.0
+#: A mass at the flange has its centre behind it by this at most (assumed: the length of a wrist, with its cables). [m]
+BEHIND = 0.1
+#: A balancer carries this many times the largest load on its joint at most (assumed: twice the weight, a tool in hand).
+OVER_WEIGHT = 3.0
+#: Deflection that a bent law adds at the campaign's large load, over the straight one; in a soft zone, which is there
+#: for play and first contact of teeth, and elsewhere (assumed).
+OF_SOFT_ZONE, OF_LAW = 1.0, 2.0
+#: Least ratio of a coupling: no gear stage of a robot has more than three hundred to one (assumed; maker's tables of
+#: strain wave and cycloidal gears end at 200 to 250).
+LEAST_RATIO = 1.0 / 300.0
+#: Length from which on a tool says where the flange looks (assumed). [m]
+TELLS_AXIS = 0.01
+
+
+def find_breach(fit: Fit, effect: Effect, explained: float, gap: float) -> str:
+    """Return why a robot cannot have an effect of this size; empty where it can.
+
+    Args:
+        fit: The fit.
+        effect: The effect, with its parameters.
+        explained: Root mean square motion of the target that it explains. [m]
+        gap: Root mean square gap of the model without effects. [m]
+    """
+    if explained > MOST_MOTION * gap:
+        return f"it moves the target by {1e3 * explained:.3g} mm, the gap is {1e3 * gap:.3g} mm"
+    check = {
+        "payload": _check_payload, "gravity_compensator": _check_balancer, "stiffness_nonlinearity": _check_law,
+        "joint_coupling": _check_coupling,
+    }.get(effect.name)  # fmt: skip
+    return "" if check is None else check(fit, effect)
+
+
+def _check_payload(fit: Fit, effect: Effect) -> str:
+    robot = fit.problem.robot
+    added, *moment = payload_values(effect)
+    whole, rating = added + carried_mass(robot), read_rating(robot)
+    if rating is not None and whole > OVER_RATING * rating[0]:
+        return f"{whole:.3g} kg on the flange, the arm is sold for {rating[0]:g} kg"
+    arm = float(sum(body.mass for body in robot.bodies)) - carried_mass(robot)
+    if rating is None and whole > OVER_ARM * arm:
+        return f"{whole:.3g} kg on the flange, the arm itself weighs {arm:.3g} kg"
+    behind = -float(outward_axis(fit) @ moment)
+    if added > 0.0 and behind > BEHIND * whole:
+        return f"{added:.3g} kg with their centre {1e3 * behind / added:.3g} mm behind the flange, inside the arm"
+    return ""
+
+
+def outward_axis(fit: Fit) -> Array:
+    """Return the direction in which the flange looks, in its own frame: towards the tool, else its z. Shape (3,)."""
+    tip = flange_to_tcp(fit.problem.robot)[:3, 3]
+    length = float(np.linalg.norm(tip))
+    return np.asarray(tip / length) if length > TELLS_AXIS else np.array([0.0, 0.0, 1.0])
+
+
+def _check_balancer(fit: Fit, effect: Effect) -> str:
+    values = {key: float(value) for key, value in effect.parameters.items()}
+    index = fit.at.robot.joint_names.index(str(effect.joint))
+    parts = shapes_of_balancer(np.nan_to_num(fit.problem.campaign.q[:, index]))
+    most = float(np.abs(sum(value * parts[key] for key, value in values.items() if key in parts)).max(initial=0.0))
+    load = float(np.maximum(np.abs(fit.at.own_load), np.abs(fit.at.own_weight_load))[:, index].max(initial=0.0))
+    if most > OVER_WEIGHT * load:
+        return f"it loads {effect.joint} with {most:.3g} N m, weight and forces with {load:.3g} N m at the most"
+    return ""
+
+
+def _check_law(fit: Fit, effect: Effect) -> str:
+    values = effect.parameters
+    reference, zone = float(values["reference_load"]), float(values["zone_load"])
+    parts = shapes_of_law(np.array([reference]), reference, zone)
+    for key, ratio in values.items():
+        added = float(abs(ratio) * parts[key][0] / reference) if key in parts else 0.0
+        if added > (OF_SOFT_ZONE if key == "soft_zone_ratio" else OF_LAW):
+            return f"{key} {float(ratio):.3g} bends {effect.joint} {1.0 + added:.2g} times as far as its straight law"
+    return ""
+
+
+def _check_coupling(fit: Fit, effect: Effect) -> str:
+    ratio = abs(float(effect.parameters.get("ratio", 1.0)))
+    if ratio < LEAST_RATIO:
+        return f"a ratio of {ratio:.2g} is that of no gear train (1/{1.0 / LEAST_RATIO:.0f} and more)"
+    return ""

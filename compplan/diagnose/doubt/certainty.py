@@ -1,0 +1,79 @@
+"""Certainty: from what the evidence of a claim shows to the probability that it is stated with."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from scipy.special import expit
+
+from compplan.robot import Array
+
+#: No claim is surer than this (assumed: one campaign in a hundred holds what nobody thought of).
+MOST_SURE = 0.99
+#: Log odds are divided by this: evidence of real campaigns is less sharp than its model (assumed).
+TEMPER = 2.0
+#: The map from evidence to log odds, fitted by penalised logistic regression to the claims of development campaigns and
+#: of parts of measured ones, where a claim is right as often as parts without a common pose weigh it, too (study:
+#: python -m benchmarks.calibrate_certainty): constant, margin (arsinh of it over its scale), share of halves that
+#: repeat the claim, and logarithms with their signs turned: of the probability that a cause without a name would be
+#: explained as fully, and of the likeness of what is left. No weight may be negative. The number of values of a form
+#: does not stand here: the margin has paid for it.
+CONSTANT, MARGIN, REPEATED, IMITATED, LIKENESS = -3.94, 0.61, 0.45, 0.68, 0.69
+#: Margins beyond the first count by their logarithm alone; those below the second tell no more (assumed).
+MARGIN_SCALE, LEAST_MARGIN = 5.0, -20.0
+#: Neither do imitations rarer or more frequent than these: the first is what the causes drawn can tell; beyond the
+#: second a larger cause stands beside the claim, and whether that has a name says nothing about this one (assumed).
+LEAST_IMITATED, MOST_IMITATED = 0.02, 0.15
+#: Less than a tenth of a claim's own motion left along it says nothing, and neither does more than all of it (assumed).
+LEAST_ALIKE, MOST_ALIKE = 0.1, 1.0
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the probability of a claim rests on.
+
+    Attributes:
+        margin: Log posterior odds against the best model without it, errors that no effect makes allowed.
+        plain: The same where nothing but effects and small errors is allowed.
+        repeated: Share of the halves of the campaign that tell it, too.
+        floors: Motion that it explains, in noise floors.
+        part: Motion that it explains over the gap.
+        left: What is left beyond the noise floor over the gap.
+        imitated: Probability that a cause without a name would be explained as fully as what the other claims leave is
+            by this one (compplan.diagnose.doubt.imitation).
+        likeness: What is left along the claim's own motion beyond chance, over that motion
+            (compplan.diagnose.doubt.likeness).
+    """
+
+    margin: float
+    plain: float
+    repeated: float
+    floors: float
+    part: float
+    left: float
+    imitated: float
+    likeness: float
+
+    def to_table(self) -> dict[str, float]:
+        """Return what diagnosis.json holds."""
+        return {key: round(float(value), 4) for key, value in asdict(self).items()}
+
+
+def features_of(evidence: Evidence) -> Array:
+    """Return what the map weighs: margin, repetition, imitation, likeness. Shape (4,)."""
+    margin = np.arcsinh(max(min(evidence.margin, evidence.plain), LEAST_MARGIN) / MARGIN_SCALE)
+    imitated = np.log(np.clip(evidence.imitated, LEAST_IMITATED, MOST_IMITATED))
+    alike = np.log(np.clip(evidence.likeness, LEAST_ALIKE, MOST_ALIKE))
+    return np.array([margin, evidence.repeated, -imitated, -alike])
+
+
+def rate_certainty(evidence: Evidence) -> float:
+    """Return the probability that a claim is stated with.
+
+    Args:
+        evidence: What the claim shows.
+    """
+    weights = np.array([MARGIN, REPEATED, IMITATED, LIKENESS])
+    odds = CONSTANT + weights @ features_of(evidence)
+    return float(np.clip(expit(odds), 0.0, MOST_SURE))

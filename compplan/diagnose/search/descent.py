@@ -1,0 +1,88 @@
+"""Descent: a step of a fit counts only as far as the exact model gains by it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from compplan.diagnose.data.channels import Channel, build_channels
+from compplan.diagnose.ledger.evidence import Hyper
+from compplan.diagnose.search.state import Fit, FitState, advance_state, attain_state
+from compplan.errors import ConvergenceError
+from compplan.robot import Array
+
+#: Shares of a step that are tried until the exact model gains (assumed).
+STEPS = (1.0, 0.5, 0.25, 0.1)
+#: Standard deviations at which one value counts no further in the choice of a step (assumed: a gross
+#: error steers nothing).
+FAR_OFF = 8.0
+
+
+def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
+    """Shorten a step until the exact model gains by it; returns the state and its exact score, or None.
+
+    The score is the log posterior of the model with the squares that the exact model leaves in the place of those that
+    its derivatives promise.
+
+    Args:
+        fit: The fit that the step starts from.
+        full: The whole step.
+    """
+    ledger, posterior = fit.search.ledger, fit.model.posterior
+    here = np.array([fit.state.values.get(name, 0.0) for name in ledger.names]) / ledger.scale
+    variance = fit.search.prior_of(fit.model.claims).variance(posterior.hyper.log_tau)
+    weight = 1.0 / np.maximum(variance[posterior.columns], 1e-12)
+    target = posterior.values(ledger.p)
+
+    def cost(channels: Sequence[Channel], vector: Array) -> float:
+        left = [channel.residual / channel.sigma for channel in channels]
+        own = vector[posterior.columns]
+        return square_left(channels, left, posterior.hyper) + float(np.sum(weight * own**2))
+
+    start = cost(fit.channels, here)
+    promised = square_left(fit.channels, ledger.left(target), posterior.hyper)
+    promised += float(np.sum(weight * target[posterior.columns] ** 2))
+    tried: list[tuple[float, FitState]] = []
+    for share in STEPS:
+        state = full if share == 1.0 else advance_state(fit, share)
+        channels = observe_state(fit, state)
+        if channels is None:
+            continue
+        tried.append((cost(channels, here + share * (target - here)), state))
+        if tried[-1][0] < start:
+            break
+    if not tried:
+        return None
+    least, state = min(tried, key=lambda t: t[0])
+    return state, fit.model.score - 0.5 * (least - promised)
+
+
+def square_left(channels: Sequence[Channel], left: Sequence[Array], hyper: Hyper) -> float:
+    """Return the squares that are left in units of the fitted noise, errors that stays share included.
+
+    Args:
+        channels: The channels of observations.
+        left: What is left in each, in units of its estimated noise. Shape (r, c) each.
+        hyper: Noise and background.
+    """
+    total = 0.0
+    for channel, rest, noise, shared in zip(channels, left, hyper.log_noise, hyper.log_shared, strict=True):
+        rest = rest * np.minimum(1.0, FAR_OFF / np.maximum(np.abs(rest) * np.exp(-0.5 * noise), 1e-12))
+        first = np.flatnonzero(np.r_[True, np.diff(channel.group) > 0])
+        sizes = np.diff(np.r_[first, len(channel.group)])
+        mean2 = np.sum(np.add.reduceat(rest, first, axis=0) ** 2, axis=1) / sizes
+        ratio = sizes * np.exp(2 * shared)
+        total += float(np.exp(-noise) * (np.sum(rest**2) - np.sum(ratio / (1 + ratio) * mean2)))
+    return total
+
+
+def observe_state(fit: Fit, state: FitState) -> tuple[Channel, ...] | None:
+    """Compare the campaign with the exact model of a state, or None where that finds no equilibrium."""
+    try:
+        scene, attained = attain_state(fit.problem, state)
+    except ConvergenceError:
+        return None
+    if not np.isfinite(attained.position).all():
+        return None
+    return build_channels(scene, attained, fit.state.use, fit.noises)
