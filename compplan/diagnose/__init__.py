@@ -7,8 +7,9 @@
     diagnosis.fit                                            everything else: linearization `at`, ledger, models
 
 The method is Bayesian comparison of sets of effects over a background of small errors, with exact forward models. Five
-rooms, each of which reads those before it: `data` (residuals and their noise) -> `ledger` (inner products, evidence) ->
-`search` (rounds of exact models) -> `doubt` (what speaks against a claim) -> `answer` (verdict, folder, where, what next).
+rooms, each of which reads those before it: `data` (residuals and their noise) -> `ledger` (inner products, evidence)
+-> `search` (rounds of exact models) -> `doubt` (what speaks against a claim) -> `answer` (verdict, folder, where, what
+next).
 """
 
 from compplan.diagnose.answer.result import Candidate, Diagnosis, Gap
