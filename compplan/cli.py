@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import gc
 import importlib
 import os
 import signal
@@ -152,6 +153,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         os.environ.setdefault(name, "1")
     put_off()
     words = list(sys.argv[1:] if arguments is None else arguments)
+    gc.set_threshold(50_000, 20, 50)  # a command makes much at its start that stays, and is over soon
     previous = signal.signal(signal.SIGTERM, _leave_on_term)
     try:
         with steady_streams():

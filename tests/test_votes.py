@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-import compplan.cell.wanted as wanted
 import compplan.job.loading as loading
 import compplan.plan.bending as bending
 import compplan.plan.plan as planning
+import compplan.second.cam as second_reader
 from compplan.cell.inertia import fit_parabolas
 from compplan.job.job import Job, ToolTable, load_job
 from compplan.path.toolpath import Toolpath, place_toolpath
@@ -60,7 +60,7 @@ def test_what_the_second_reader_cannot_tell_is_no_known_part(
     def read(file: Path, options: object) -> None:
         raise CannotTellError("G12", 7)
 
-    monkeypatch.setattr(wanted, "read_moves", read)
+    monkeypatch.setattr(second_reader, "read_moves", read)
     plan = plan_job(job)
     assert plan.status == "solved"
     assert plan.verdict.word != "keeps"

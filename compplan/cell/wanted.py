@@ -12,7 +12,6 @@ import numpy as np
 from compplan.cell.forces import DrivenRows
 from compplan.cell.frames import read_part
 from compplan.robot import Array
-from compplan.second.cam import read_moves
 from compplan.second.follow import Followed, find_difference
 from compplan.second.moves import CannotTellError, Reading
 from compplan.second.tables import read_generator, read_table
@@ -83,4 +82,6 @@ def read_wanted(tables: Mapping[str, Any], folder: Path) -> tuple[Reading, float
     file, options = folder / source, tables.get("cam", {})
     if file.suffix.lower() == ".csv":
         return read_table(file), 0.0
+    from compplan.second.cam import read_moves
+
     return read_moves(file, options), 1e-3 * options.get("chord_tolerance_mm", 1e3 * CHORD)

@@ -140,12 +140,14 @@ def stage_scene(
     )
 
 
-def attain_scene(scene: Scene, *, tolerance: float = TOLERANCE) -> Attained:
+def attain_scene(scene: Scene, *, tolerance: float = TOLERANCE, theta: Array | None = None) -> Attained:
     """Solve the loaded equilibrium of a scene and tell what instrument and encoders should see.
 
     Args:
         scene: The scene.
         tolerance: Elastic coordinates are settled to this. [rad or m]
+        theta: Elastic coordinates to begin at, such as those of a scene nearby; zero if left out, or if this one has
+            other springs. Shape (n, s). [rad or m]
 
     Raises:
         ConvergenceError: If the robot buckles under the load.
@@ -159,9 +161,11 @@ def attain_scene(scene: Scene, *, tolerance: float = TOLERANCE) -> Attained:
     bias = _spring_load(scene, chain, springs)
     q = np.nan_to_num(campaign.q) + drive + scene.zero
     wrench, bent = scene.wrench, np.zeros((len(q), chain.n_springs))
+    theta = theta if theta is not None and theta.shape == bent.shape else None
     for repeat in range(LAW_PASSES if scene.laws or scene.payload.any() else 1):
         extra = bias + bent if bias is not None else bent if scene.laws else None
-        loaded = solve_equilibrium(chain, q, wrench, tolerance=tolerance, torque_bias=extra)
+        loaded = solve_equilibrium(chain, q, wrench, tolerance=tolerance, torque_bias=extra, theta=theta)
+        theta = loaded.theta
         if repeat == LAW_PASSES - 1:
             break
         if scene.payload.any():

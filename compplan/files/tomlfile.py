@@ -28,7 +28,7 @@ from compplan.files.tables import read_text
 class StrictTable(BaseModel):
     """Stand for one TOML table: unknown keys are refused, nothing is converted silently, and nothing changes later."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, defer_build=True)
 
 
 #: A key of more than fifty parts: tomllib takes the square of their number to read it.

@@ -344,7 +344,7 @@ def load_job(path: str | Path, robot: str | None = None, keep: str | None = None
 
     """
     suffix = Path(path).suffix.lower()
-    if suffix in list_suffixes():
+    if suffix != ".toml" and suffix in list_suffixes():
         hint = "compplan init JOB.toml --robot ROBOT --toolpath FILE writes one, compplan post takes the file itself"
         raise InputError(f"is a CAM file, expected a job that ends in .toml; {hint}", file=path)
     if suffix == ".csv":

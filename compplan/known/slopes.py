@@ -24,6 +24,8 @@ from compplan.robot.uncertainty import Unknown
 ROWS = 200
 #: Steps where a deviation is zero, and of the force.
 TINY, SHARE = 1e-9, 1e-3
+#: To what elastic coordinates are settled in scenes that are compared with one another. [rad or m]
+REFINED = 1e-12
 _BY_ROW = ("zero", "drive", "wrench", "joint_load", "growth", "base_twist", "tool_twist", "encoder")
 
 
@@ -78,15 +80,16 @@ def measure_slopes(scene: Scene, unknowns: Sequence[Unknown], rows: NDArray[np.i
         unknowns: The parameters; p in all.
         rows: Rows to differentiate at. Shape (k,).
     """
-    rest = attain_scene(take_rows(scene, rows)).position
+    here = take_rows(scene, rows)
+    rest = attain_scene(here, tolerance=REFINED)
     columns = []
     for unknown in unknowns:
         for k, deviation in enumerate(unknown.deviation):
             step = float(deviation) if deviation > 0 else TINY
             values = np.zeros(len(unknown.keys))
             values[k] = step
-            moved = attain_scene(take_rows(vary_scene(scene, [unknown], values), rows)).position
-            columns.append((moved - rest) / step)
+            varied = take_rows(vary_scene(scene, [unknown], values), rows)
+            columns.append((attain_scene(varied, tolerance=REFINED, theta=rest.theta).position - rest.position) / step)
     return np.stack(columns, axis=-1) if columns else np.zeros((len(rows), 3, 0))
 
 
@@ -96,10 +99,11 @@ def measure_force_slopes(scene: Scene, rows: NDArray[np.int_], spread: ForceSpre
     The shared ones hold all along the path: its level, and a turn about each base axis.
     """
     here = take_rows(scene, rows)
-    rest = attain_scene(here).position
+    rest = attain_scene(here, tolerance=REFINED)
 
     def move(wrench: Array) -> Array:
-        return (attain_scene(replace(here, wrench=wrench)).position - rest) / SHARE
+        moved = attain_scene(replace(here, wrench=wrench), tolerance=REFINED, theta=rest.theta)
+        return (moved.position - rest.position) / SHARE
 
     if not here.wrench.any():
         return np.zeros((len(rows), 3, 4)), np.zeros((len(rows), 3, 1))

@@ -206,7 +206,9 @@ def _shift(task: PlanTask, other: PlanTask, q: Array) -> float:
     rows = np.flatnonzero(task.compensated)
     biases = (None if each.bias is None else each.bias[rows] for each in (task, other))
     now, then = (
-        attain_pose(task.chain, q[rows], each.wrench[rows], slope=False, torque_bias=bias).position
+        attain_pose(
+            task.chain, q[rows], each.wrench[rows], slope=False, torque_bias=bias, theta=task.theta[rows]
+        ).position
         for each, bias in zip((task, other), biases, strict=True)
     )
     return float(np.linalg.norm(now - then, axis=1).max(initial=0.0))

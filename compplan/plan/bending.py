@@ -16,7 +16,7 @@ from compplan.posture.start import PostureRequest
 from compplan.promise.motion import Motion, Push, know_masses, swing_arm
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
-from compplan.statics.elastic import solve_equilibrium
+from compplan.statics.elastic import locate_loaded, solve_equilibrium
 from compplan.statics.ik import middle_of_limits
 from compplan.statics.inertia import build_moving_chain, load_motion, smooth_loads
 from compplan.statics.sensitivity import AttainedPose, chunk_rows
@@ -125,7 +125,9 @@ def measure_motion(task: PlanTask, time: Array, dynamics: Dynamics, damping: flo
     loads = load_motion(build_moving_chain(task.robot), task.q_links, time, find_inside(task))
     held = np.zeros_like(loads) if not task.inertia or task.bias is None else task.bias
     still, moving, moved = (
-        solve_equilibrium(task.chain, task.q_links, task.wrench, tolerance=1e-10, torque_bias=bias).position
+        locate_loaded(
+            task.chain, task.q_links, task.wrench, tolerance=1e-10, torque_bias=bias, theta=task.theta
+        )[0]
         for bias in (None, loads, held)
     )
     width, masses = know_masses(task.robot, known_uncertainty(task.robot))

@@ -111,7 +111,8 @@ def _attain(
     task: PlanTask, q: Array, middle: Array, load: Array, bias: Array | None, moves: NDArray[np.int_], share: float
 ) -> Array:
     """Return the loaded tip at a share of some moves; effects of the robot's folder see the whole path in order."""
-    loaded = attain_pose(task.chain, middle, load, slope=False, torque_bias=bias).position
+    near = task.theta[moves]
+    loaded = attain_pose(task.chain, middle, load, slope=False, torque_bias=bias, theta=near).position
     if not task.robot.effects:
         return loaded
     if bias is not None:

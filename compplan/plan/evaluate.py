@@ -221,7 +221,7 @@ def evaluate_model(task: PlanTask, q: Array, *, coupled: bool = True) -> Evaluat
         if task.robot.effects:
             found = attain_rows(loaded, q, np.arange(len(q)), slope=False)
         else:
-            found = attain_pose(task.chain, q, acting, slope=False, torque_bias=task.bias)
+            found = attain_pose(task.chain, q, acting, slope=False, torque_bias=task.bias, theta=task.theta)
         return CellRun(found.position, found.rotation)
 
     name = "planner's model"

@@ -62,6 +62,8 @@ class PlanTask:
         bias: What it puts on each elastic coordinate, or None. Shape (n, s). [N m or N]
         links: Joint positions that the links go through, None where those are q_start. Shape (n, nq). [rad or m]
         places: Number of each waypoint in the toolpath, fractional where a move was divided. Shape (n,).
+        theta: Elastic coordinates where the path was last looked at: the next equilibrium begins there. They are
+            written over, and no result depends on them beyond rounding. Shape (n, s). [rad or m]
 
     """
 
@@ -90,10 +92,14 @@ class PlanTask:
     bias: Array | None = None
     links: Array | None = None
     places: Array | None = None
+    theta: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        if len(self.lead) != len(self.nominal):
-            object.__setattr__(self, "lead", np.zeros(len(self.nominal), bool))
+        shape = (len(self.nominal), self.chain.n_springs)
+        if len(self.lead) != shape[0]:
+            object.__setattr__(self, "lead", np.zeros(shape[0], bool))
+        if self.theta.shape != shape:
+            object.__setattr__(self, "theta", np.zeros(shape))
 
     def __len__(self) -> int:
         return len(self.nominal)
@@ -192,7 +198,7 @@ def attain(task: PlanTask, q: Array) -> AttainedPose:
         q: Commanded joint positions. Shape (n, nq). [rad or m]
 
     """
-    loaded = attain_pose(task.chain, q, task.wrench, torque_bias=task.bias)
+    loaded = attain_pose(task.chain, q, task.wrench, torque_bias=task.bias, theta=task.theta)
     return _add_effects(task, q, np.arange(len(q)), loaded) if task.robot.effects else loaded
 
 
@@ -216,13 +222,16 @@ def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool
         slope: Whether the derivative is wanted; it is zero otherwise, and cheaper.
     """
     bias = None if task.bias is None else task.bias[rows]
-    loaded = attain_pose(task.chain, q[rows], task.wrench[rows], slope=slope, torque_bias=bias)
+    loaded = attain_pose(
+        task.chain, q[rows], task.wrench[rows], slope=slope, torque_bias=bias, theta=task.theta[rows]
+    )
+    task.theta[rows] = loaded.theta
     if task.robot.effects:
         loaded = _add_effects(task, q, rows, loaded)
     rapid = np.flatnonzero(~task.compensated[rows])
     if not len(rapid):
         return loaded
-    position, rotation, columns = (np.array(part) for part in loaded)
+    position, rotation, columns = (np.array(part) for part in loaded[:3])
     for part in chunk_rows(len(rapid), task.chain):
         frames = locate_frames(task.chain, q[rows[rapid[part]]])
         position[rapid[part]], rotation[rapid[part]] = frames.tcp_position, frames.tcp_rotation

@@ -9,17 +9,16 @@ import numpy as np
 
 from compplan.errors import InputError, UnknownNameError
 from compplan.files.notes import Stop
-from compplan.files.plugins import load_plugins
-from compplan.program import fanuc_ls, inform, joint_csv, kawasaki_as, krl, rapid, sinumerik, urscript, val3
+from compplan.files.plugins import Registry, load_plugins
 from compplan.program.counting import load_controller
 from compplan.program.machine import Wiring, describe_events
 from compplan.program.program import Language, Program, build_program
 from compplan.robot import Robot
 
-_OWN: tuple[Language, ...] = (krl, val3, fanuc_ls, rapid, urscript, sinumerik, inform, kawasaki_as, joint_csv)
-#: Module of each language, by name. It may also say whose controllers speak the language (BRAND), its words for events
-#: (PHRASES), and what a user has to know of a program (describe).
-WRITERS: dict[str, Language] = {module.name: module for module in _OWN}
+_OWN = ("krl", "val3", "fanuc_ls", "rapid", "urscript", "sinumerik", "inform", "kawasaki_as")
+#: Module of each language, by name: that of the module but for tables of joints. It may also say whose controllers
+#: speak the language (BRAND), its words for events (PHRASES), and what a user has to know of a program (describe).
+WRITERS: Registry[Language] = Registry(__name__, {**{name: name for name in _OWN}, "csv": "joint_csv"})
 WRITERS.update(load_plugins("languages", WRITERS))
 
 __all__ = [
@@ -68,6 +67,9 @@ def check_brand(controller: str, language: str) -> None:
         InputError: If the controller is of another brand than the language.
 
     """
+    brand = _brand(language)
+    if brand and brand.lower() in controller.lower():
+        return
     fitting = list_languages(controller)
     if language not in fitting:
         raise InputError(

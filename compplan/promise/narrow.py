@@ -63,9 +63,9 @@ def list_knowable(
     deviation = np.sqrt(np.diag(covariance))
     seen = model @ covariance / np.where(deviation > 0, deviation, 1.0)
     found = []
-    for j, (words, width) in enumerate(_targets(robot, known, deviation)):
+    for j, (name, (words, width)) in enumerate(zip(known.names, _targets(robot, known, deviation), strict=True)):
         share = 1.0 - (min(width, deviation[j]) / deviation[j]) ** 2 if deviation[j] > 0 else 0.0
-        found.append((known.names[j], words, share * seen[:, :, j, None] * seen[:, None, :, j]))
+        found.append((name, words, share * seen[:, :, j, None] * seen[:, None, :, j]))
     found.sort(key=lambda entry: -float(np.trace(entry[2], axis1=1, axis2=2).mean()))
     return [*found[:most], ("the force", "the force twice as well", 0.75 * parts["force"])]
 

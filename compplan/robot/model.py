@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -67,7 +68,7 @@ class Joint:
     effort: float = np.inf
     mimic: Mimic | None = None
 
-    @property
+    @cached_property
     def actuated(self) -> bool:
         """Tell whether the joint has a commanded position of its own."""
         return self.kind != "fixed" and self.mimic is None
@@ -214,12 +215,12 @@ class Robot(Shown):
         """Gravity where the robot stands, loading or not: the folder's, else the standard one. Shape (3,). [m/s^2]."""
         return np.array([0.0, 0.0, -STANDARD_GRAVITY]) if self.gravity is None else self.gravity
 
-    @property
+    @cached_property
     def actuated(self) -> tuple[Joint, ...]:
         """List the joints that are commanded, from the base; q counts them."""
         return tuple(joint for joint in self.joints if joint.actuated)
 
-    @property
+    @cached_property
     def joint_names(self) -> tuple[str, ...]:
         """List the names of the commanded joints, from the base."""
         return tuple(joint.name for joint in self.actuated)

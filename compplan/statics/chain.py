@@ -130,27 +130,26 @@ _OWN_AXES = {
 
 def compile_chain(chain: Chain) -> CompiledChain:
     """Prepare a chain for walking."""
-    m = len(chain.names)
     turns = turn_to_axis(chain.axis)
+    backs = np.swapaxes(turns, -1, -2)
+    before = np.concatenate([np.broadcast_to(np.eye(3), (*backs.shape[:-3], 1, 3, 3)), backs], axis=-3)
+    rotations = before[..., :-1, :, :] @ chain.rotation @ turns
+    shifts = turn_vector(before[..., :-1, :, :], chain.position)
     steps: list[Step] = []
-    back = np.eye(3)
-    for k in range(m):
-        turn = turns[..., k, :, :]
-        columns = column_terms(back @ chain.rotation[..., k, :, :] @ turn)
-        shift = vector_terms(turn_vector(back, chain.position[..., k, :]))
-        back = np.swapaxes(turn, -1, -2)
+    for k in range(len(chain.names)):
         steps.append(
             Step(
-                columns=columns,
-                shift=shift,
+                columns=column_terms(rotations[..., k, :, :]),
+                shift=vector_terms(shifts[..., k, :]),
                 translates=bool(chain.translates[k]),
                 q_index=int(chain.q_index[k]),
                 theta_index=int(chain.theta_index[k]),
                 multiplier=float(chain.multiplier[k]),
                 q_offset=entry(chain.q_offset[..., k]),
-                bodies=_body_terms(chain, k, back),
+                bodies=_body_terms(chain, k, backs[..., k, :, :]),
             )
         )
+    back = before[..., -1, :, :]
     weights = [
         [entry(chain.mass[..., b] * component) for component in chain.gravity] for b in range(len(chain.body_element))
     ]

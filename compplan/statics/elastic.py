@@ -54,8 +54,9 @@ class LoadedPose(NamedTuple):
 
 
 def solve_equilibrium(
-    chain: Chain, q: Array, wrench: Array | None = None, *, tolerance: float = 1e-13, torque_bias: Array | None = None
-) -> LoadedPose:
+    chain: Chain, q: Array, wrench: Array | None = None, *, tolerance: float = 1e-13, torque_bias: Array | None = None,
+    theta: Array | None = None,
+) -> LoadedPose:  # fmt: skip
     """Solve the static equilibrium of the loaded chain.
 
     Fixed point theta <- C (J^T w + tau_g), which contracts while the load is far below the buckling load.
@@ -67,6 +68,8 @@ def solve_equilibrium(
             Shape (n, 6) or (6,). [N, N m]
         tolerance: Largest change of an elastic coordinate in the last iteration. [rad or m]
         torque_bias: Further load on each elastic coordinate. Shape (n, s). [N m or N]
+        theta: Elastic coordinates to begin at, such as those of a posture nearby; zero if left out.
+            Shape (n, s). [rad or m]
 
     Raises:
         ShapeError: If an array does not have the shape above.
@@ -77,42 +80,51 @@ def solve_equilibrium(
     if not chain.n_springs:
         return LoadedPose(np.zeros((len(q), 0)), locate_frames(chain, q), np.zeros((len(q), 0)))
     bias = None if torque_bias is None else np.broadcast_to(torque_bias, (len(q), chain.n_springs))
-    frames, theta, torque = empty_frames(chain, len(q)), *(np.empty((chain.n_springs, len(q))).T for _ in range(2))
-    for rows, solution in _solve_pieces(chain, q, load, bias, tolerance, bodies=True):
+    frames, given, torque = empty_frames(chain, len(q)), *(np.empty((chain.n_springs, len(q))).T for _ in range(2))
+    for rows, solution in _solve_pieces(chain, q, load, bias, tolerance, theta, bodies=True):
         fill_frames(frames, rows, solution.walk)
         for j, (coordinate, moment) in enumerate(zip(solution.theta, solution.torque, strict=True)):
-            theta[rows, j], torque[rows, j] = coordinate, moment
-    return LoadedPose(theta, frames, torque)
+            given[rows, j], torque[rows, j] = coordinate, moment
+    return LoadedPose(given, frames, torque)
 
 
 def locate_loaded(
-    chain: Chain, q: Array, wrench: Array, *, tolerance: float = 1e-13, torque_bias: Array | None = None
-) -> tuple[Array, Array]:
-    """Return where the loaded TCP stands, shapes (n, 3) [m] and (n, 3, 3); `solve_equilibrium` returns all of the arm.
+    chain: Chain, q: Array, wrench: Array, *, tolerance: float = 1e-13, torque_bias: Array | None = None,
+    theta: Array | None = None,
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    """Return where the loaded TCP stands and what the springs give; `solve_equilibrium` returns all of the arm.
 
     Arguments and errors are those of `solve_equilibrium`.
+
+    Returns:
+        Positions (n, 3) [m], orientations (n, 3, 3), elastic coordinates (n, s) [rad or m].
     """
+    found = np.empty((chain.n_springs, len(q))).T
     if not chain.n_springs:
         frames = locate_frames(chain, q)
-        return frames.tcp_position, frames.tcp_rotation
+        return frames.tcp_position, frames.tcp_rotation, found
     position, rotation = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
-    for rows, solution in _solve_pieces(chain, q, wrench, torque_bias, tolerance, bodies=False):
+    for rows, solution in _solve_pieces(chain, q, wrench, torque_bias, tolerance, theta, bodies=False):
         position[rows] = solution.walk.position.T
         for i, column in enumerate(solution.walk.columns):
             rotation[rows, :, i] = column.T
-    return position, rotation
+        for j, coordinate in enumerate(solution.theta):
+            found[rows, j] = coordinate
+    return position, rotation, found
 
 
 def _solve_pieces(
-    chain: Chain, q: Array, load: Array, bias: Array | None, tolerance: float, *, bodies: bool
+    chain: Chain, q: Array, load: Array, bias: Array | None, tolerance: float, theta: Array | None, *, bodies: bool
 ) -> Iterator[tuple[slice, _Solution]]:
     """Solve the equilibrium piece by piece; the last walk with the centres of the bodies where they are asked for."""
     for rows in chunks(len(q)):
         part = chain.take(rows)
-        extra = None if bias is None else list(np.ascontiguousarray(bias[rows].T))
+        extra, start = (
+            None if each is None else list(np.ascontiguousarray(each[rows].T)) for each in (bias, theta)
+        )
         columns = np.ascontiguousarray((load[:1] if _one_row(load) else load[rows]).T)
         turned = np.ascontiguousarray(q[rows].T)
-        yield rows, _iterate(part, turned, columns, extra, tolerance, first=rows.start, bodies=bodies)
+        yield rows, _iterate(part, turned, columns, extra, tolerance, start, first=rows.start, bodies=bodies)
 
 
 class _Solution(NamedTuple):
@@ -124,12 +136,12 @@ class _Solution(NamedTuple):
 
 
 def _iterate(
-    chain: Chain, q: Array, wrench: Array, bias: list[Array] | None, tolerance: float, *, first: int, bodies: bool
-) -> _Solution:
+    chain: Chain, q: Array, wrench: Array, bias: list[Array] | None, tolerance: float, start: list[Array] | None, *,
+    first: int, bodies: bool,
+) -> _Solution:  # fmt: skip
     """Iterate theta <- C (J^T w + tau_g) until the geometric series of the changes falls below the tolerance."""
     compiled, elements = chain.compiled, [int(k) for k in chain.spring_elements]
-    turns = joint_turns(compiled, q)
-    theta: list[Array] | None = None
+    turns, theta = joint_turns(compiled, q), start
     change = previous = np.inf
     for _ in range(MAX_ITERATIONS):
         walk = walk_chain(compiled, turns, theta, bodies=bool(compiled.weights))
@@ -142,10 +154,13 @@ def _iterate(
         theta = update
         ratio = min(change / previous, 1.0) if np.isfinite(previous) and previous > 0 else 1.0
         if change < tolerance or (ratio < 0.5 and change * ratio < 0.5 * tolerance):
-            return _Solution(theta, torque, walk_chain(compiled, turns, theta, bodies=bodies))
+            walked = change < tolerance and (bool(compiled.weights) or not bodies)
+            return _Solution(theta, torque, walk if walked else walk_chain(compiled, turns, theta, bodies=bodies))
         if not np.isfinite(change):
             break
         previous = change
+    if start is not None:  # where it began may lie beyond buckling
+        return _iterate(chain, q, wrench, bias, tolerance, None, first=first, bodies=bodies)
     steps = np.stack([np.broadcast_to(np.nan_to_num(np.abs(a - b), nan=np.inf), q.shape[1:])
                       for a, b in zip(update, before, strict=True)])  # fmt: skip
     spring, row = np.unravel_index(int(np.argmax(steps)), steps.shape)

@@ -27,17 +27,19 @@ class AttainedPose(NamedTuple):
         position: Attained TCP, base frame. Shape (n, 3). [m]
         rotation: Attained orientation of the TCP, base frame. Shape (n, 3, 3).
         jacobian: Twist of the attained TCP per commanded joint motion, linear rows first, base axes. Shape (n, 6, nq).
+        theta: Elastic coordinates there, None where nothing was solved. Shape (n, s). [rad or m]
 
     """
 
     position: Array
     rotation: Array
     jacobian: Array
+    theta: Array | None = None
 
 
 def attain_pose(
     chain: Chain, q: Array, wrench: Array | None, *, tolerance: float = 1e-12, slope: bool = True,
-    torque_bias: Array | None = None,
+    torque_bias: Array | None = None, theta: Array | None = None,
 ) -> AttainedPose:
     """Solve the loaded equilibrium at every pose and differentiate it with respect to the commanded joints.
 
@@ -48,6 +50,7 @@ def attain_pose(
         tolerance: Largest change of an elastic coordinate in the last equilibrium step. [rad or m]
         slope: Whether the derivative is wanted; it is zero otherwise, and cheaper.
         torque_bias: Further load on each elastic coordinate, such as that of inertia. Shape (n, s). [N m or N]
+        theta: Elastic coordinates to begin at, zero if left out. Shape (n, s). [rad or m]
 
     Raises:
         ConvergenceError: If a load is near or beyond buckling.
@@ -57,15 +60,15 @@ def attain_pose(
     load = np.zeros((n, 6)) if wrench is None else wrench
     columns = np.zeros((n, 6, chain.nq))
     if not slope:
-        found = locate_loaded(chain, q, load, tolerance=tolerance, torque_bias=torque_bias)
-        return AttainedPose(*found, columns)
-    position, rotation = np.empty((n, 3)), np.empty((n, 3, 3))
+        *pose, given = locate_loaded(chain, q, load, tolerance=tolerance, torque_bias=torque_bias, theta=theta)
+        return AttainedPose(pose[0], pose[1], columns, given)
+    position, rotation, given = np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, chain.n_springs))
     for rows in chunk_rows(n, chain):
-        bias = None if torque_bias is None else torque_bias[rows]
-        loaded = solve_equilibrium(chain, q[rows], load[rows], tolerance=tolerance, torque_bias=bias)
-        position[rows], rotation[rows] = loaded.position, loaded.rotation
+        bias, start = (None if each is None else each[rows] for each in (torque_bias, theta))
+        loaded = solve_equilibrium(chain, q[rows], load[rows], tolerance=tolerance, torque_bias=bias, theta=start)
+        position[rows], rotation[rows], given[rows] = loaded.position, loaded.rotation, loaded.theta
         columns[rows] = loaded_jacobian(chain, loaded.frames, load[rows])
-    return AttainedPose(position, rotation, columns)
+    return AttainedPose(position, rotation, columns, given)
 
 
 def loaded_jacobian(chain: Chain, frames: Frames, wrench: Array) -> Array:

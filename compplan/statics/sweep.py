@@ -242,16 +242,22 @@ def entry(values: Array) -> Array | float:
 def vector_terms(vector: Array) -> Terms:
     """Keep the components of a vector that are not zero. Shape (..., k)."""
     if vector.size == vector.shape[-1]:
-        numbers = np.asarray(vector, float).reshape(-1).tolist()
-        whole = [float(round(v)) if abs(v - round(v)) < 2e-16 else v for v in numbers]
-        return [(i, value) for i, value in enumerate(whole) if value]
+        return _keep_numbers(np.asarray(vector, float).reshape(-1).tolist())
     entries = ((i, entry(vector[..., i])) for i in range(vector.shape[-1]))
     return [(i, value) for i, value in entries if np.any(value)]
 
 
 def column_terms(matrix: Array) -> tuple[Terms, Terms, Terms]:
     """Keep the entries of each column of a rotation that are not zero. Shape (..., 3, 3)."""
+    if matrix.size == 9:
+        first, second, third = zip(*np.reshape(matrix, (3, 3)).tolist(), strict=True)
+        return _keep_numbers(first), _keep_numbers(second), _keep_numbers(third)
     return vector_terms(matrix[..., :, 0]), vector_terms(matrix[..., :, 1]), vector_terms(matrix[..., :, 2])
+
+
+def _keep_numbers(numbers: Sequence[float]) -> Terms:
+    whole = [float(round(v)) if abs(v - round(v)) < 2e-16 else v for v in numbers]
+    return [(i, value) for i, value in enumerate(whole) if value]
 
 
 def _combine(terms: Terms, columns: Sequence[Array]) -> Array:

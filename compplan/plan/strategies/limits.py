@@ -40,6 +40,8 @@ def measure_correction(task: PlanTask, q: Array) -> Array:
 
 def name_failures(task: PlanTask, q: Array, failing: NDArray[np.int_]) -> dict[int, str]:
     """Name the limit that stops each failing waypoint: a joint's position limit, the correction limit, or the reach."""
+    if not len(failing):
+        return {}
     robot = task.robot
     at_lower, at_upper = q[failing] <= robot.lower + AT_LIMIT, q[failing] >= robot.upper - AT_LIMIT
     far = measure_correction(task, q)[failing] > task.max_correction - 2 * AT_CORRECTION

@@ -195,8 +195,9 @@ def _review(task: PlanTask, problem: PathProblem, state: _State) -> _State:
 def _polish(task: PlanTask, problem: PathProblem, q: Array, held: NDArray[np.int_]) -> Array:
     """Bring the pose equations down to nothing by least-norm Newton steps of the joints that stand off their limits."""
     busy = np.setdiff1d(np.arange(len(q)), held)
+    missed = _missed(task, problem, q, busy)
     for _ in range(6):
-        busy = busy[_size(pose_equations(problem, attain_rows(task, q, busy, slope=False), busy)) > EXACT]
+        busy = busy[_size(missed) > EXACT]
         if not len(busy):
             break
         attained = attain_rows(task, q, busy)
@@ -207,15 +208,18 @@ def _polish(task: PlanTask, problem: PathProblem, q: Array, held: NDArray[np.int
         step = np.swapaxes(columns, 1, 2) @ np.linalg.solve(normal, missed[..., None])
         trial = q.copy()
         trial[busy] = np.clip(q[busy] - step[..., 0], problem.lower, problem.upper)
-        worse = _size(pose_equations(problem, attain_rows(task, trial, busy, slope=False), busy)) >= _size(missed)
+        left = _missed(task, problem, trial, busy)
+        worse = _size(left) >= _size(missed)
         trial[busy[worse]] = q[busy[worse]]
-        q, busy = trial, busy[~worse]
+        q, busy, missed = trial, busy[~worse], left[~worse]
+        if task.robot.effects and worse.any():  # effects with a memory see the whole path
+            missed = _missed(task, problem, q, busy)
     return q
 
 
-def _missed(task: PlanTask, problem: PathProblem, q: Array) -> Array:
-    every = np.arange(len(q))
-    return pose_equations(problem, attain_rows(task, q, every, slope=False), every)
+def _missed(task: PlanTask, problem: PathProblem, q: Array, rows: NDArray[np.int_] | None = None) -> Array:
+    rows = np.arange(len(q)) if rows is None else rows
+    return pose_equations(problem, attain_rows(task, q, rows, slope=False), rows)
 
 
 def _size(rows: Array, without: NDArray[np.int_] | None = None) -> Array:
