@@ -10,13 +10,19 @@ import numpy as np
 from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json
 from compplan.files.transaction import replace_folder
-from compplan.report import Column, PageTable, Picture, Section, describe_robot, write_page
+from compplan.report import Column, Columns, PageTable, Picture, Section, describe_robot, write_page
 from compplan.report.maps.maps import DeflectionMap
 from compplan.report.maps.pictures import Panel, deflection_panels, draw_deflection, draw_joint_map
 from compplan.report.maps.reach import ELBOWS
 from compplan.report.maps.survey import ROWS, WRIST_FOR_QUALITY_DEG, RobotMaps
-from compplan.report.page import KeyFigure, Opening
+from compplan.report.page import Block, KeyFigure, Opening
 from compplan.robot import Array
+
+#: What the lines of a map mean.
+LINES = (
+    "White lines: contours. Black line: limit of reach inside the joint limits. Dotted line: the stiffer posture "
+    "changes from elbow up to elbow down. Cross: maximum. The arm stands where the worst unit force has its maximum."
+)
 
 
 def write_map(result: RobotMaps, folder: Path) -> None:
@@ -49,13 +55,8 @@ def draw_maps(result: RobotMaps) -> dict[str, tuple[bytes, str]]:
     pictures = {}
     for name, plane in result.planes.items():
         title = f"{result.robot.name}: {name} plane, {where[name]}, {posture}"
-        caption = (
-            "White lines: contours. Black line: limit of reach inside the joint limits. Dotted line: the stiffer "
-            "posture changes from elbow up to elbow down. Cross: maximum; the arm stands where the worst unit force "
-            "has its."
-        )
         panels = deflection_panels(plane, result.quality[name])
-        pictures[f"map_{name}.png"] = (draw_deflection(result.robot, plane, panels, title), caption)
+        pictures[f"map_{name}.png"] = (draw_deflection(result.robot, plane, panels, title), LINES)
     names = tuple(result.robot.joint_names[j] for j in result.dexterity.joints)
     caption = (
         "Inverse condition number of the Jacobian over the characteristic length of "
@@ -108,14 +109,8 @@ def _write_report(result: RobotMaps, pictures: dict[str, tuple[bytes, str]], fil
     columns = [Column("plane"), Column("quantity"), Column("least"), Column("mean"), Column("greatest")]
     sections = [
         Section("Figures", [PageTable(columns, rows, "Over the reached points, in the stiffer elbow configuration.")]),
-        *(
-            Section(title, [Picture(*pictures[name], description=title)])
-            for name, title in (
-                ("map_horizontal.png", "Horizontal plane"),
-                ("map_vertical.png", "Vertical plane"),
-                ("dexterity.png", "Dexterity over the second and third joint"),
-            )
-        ),
+        *(Section(f"{name.capitalize()} plane", _show_plane(result, name)) for name in result.planes),
+        Section("Dexterity over the second and third joint", [Columns([[Picture(*pictures["dexterity.png"])], []])]),
     ]
     assumptions = ["tool axis and roll of the tool on the grid are those of the chosen posture, not of a job"]
     if result.reduced_note:
@@ -130,6 +125,14 @@ def _write_report(result: RobotMaps, pictures: dict[str, tuple[bytes, str]], fil
         opening=_open(result, worst),
         provenance=describe_robot(result.robot, facts, assumptions),
     )
+
+
+def _show_plane(result: RobotMaps, name: str) -> list[Block]:
+    """Return a picture a quantity, side by side where there is room, and what their lines mean."""
+    plane = result.planes[name]
+    panels = deflection_panels(plane, result.quality[name])
+    pictures = [Picture(draw_deflection(result.robot, plane, [panel], ""), "", panel.title) for panel in panels]
+    return [Columns([[picture] for picture in pictures]), LINES]
 
 
 def _open(result: RobotMaps, worst: dict[str, Any]) -> Opening:

@@ -126,7 +126,7 @@ def _explain(teaching: Teaching) -> PageTable:
         rows.append([name, 1e3 * float(np.sqrt(np.mean(_size(part) ** 2)))])
     held = 1e3 * lesson.held_out if np.isfinite(lesson.held_out) else None
     rows.append(["left on stretches that were not used", TableCell(held, "strong")])
-    caption = "Robot, force and path partly do the same; the likeliest share is shown."
+    caption = "Robot, force and path can have the same effect; this is the likeliest division."
     return PageTable([Column(""), Column("rms", "mm")], rows, caption)
 
 
@@ -138,7 +138,7 @@ def _learned(teaching: Teaching) -> PageTable:
         name = re.sub(r"_(rad|m)#\d+$", "", one.name).replace("_", " ")
         rows.append([name, moved, width, one.value / one.width if one.width > 0 else None, place])
     columns = [
-        Column("parameter"), Column("change"), Column("known to"), Column("change over that", "", 2), Column("kept in"),
+        Column("parameter"), Column("change"), Column("known before, ±"), Column("ratio", "", 2), Column("kept in"),
     ]  # fmt: skip
-    caption = "What moved most for how surely it was known before (one standard deviation)."
+    caption = "The greatest changes beside how surely each value was known before (one standard deviation)."
     return PageTable(columns, rows, caption)

@@ -69,7 +69,8 @@ def draw_deflection(robot: Robot, deflection: DeflectionMap, panels: list[Panel]
     aspect = min(max(float(np.ptp(plane.v) / np.ptp(plane.u)), 0.6), 1.8)
     width = 4.7 if aspect < 1.2 else 4.1
     figure, axes = _figure(rows, columns, width=width, height=(width - 1.4) * aspect + 1.25)
-    figure.suptitle(title, fontsize=13, fontweight="bold", x=0.02, ha="left")
+    if title:
+        figure.suptitle(title, fontsize=13, fontweight="bold", x=0.02, ha="left")
     for axis, panel in zip(axes.flat, panels, strict=False):
         _draw_field(axis, plane.u, plane.v, panel)
         _draw_elbow_border(axis, deflection)
