@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.identify.parameters import build_structure
-from compplan.identify.plan_campaign import choose_poses, compare_with_random, weigh_candidates
+from compplan.identify.plan_campaign import weigh_candidates
+from compplan.measure.poses.determinant import choose_poses, compare_with_random
 from compplan.measure.poses.pool import PoseCandidates, draw_candidates
 from compplan.robot import Robot, load_robot
 from compplan.robot.springs import own_springs

@@ -11,9 +11,10 @@ import pytest
 from simulated_campaigns import plan_rows, write_small_robot
 
 from compplan.effects import Effect, apply_effects, attain_scene, robot_effects, stage_scene
+from compplan.effects.asked import geometry_forms
 from compplan.effects.linearization import linearize_scene
 from compplan.errors import InputError, UnknownNameError
-from compplan.identify import KNOWN_FRAMES, Rows, build_structure, geometry_forms
+from compplan.identify import KNOWN_FRAMES, Rows, build_structure
 from compplan.identify.campaign import identify_campaign
 from compplan.identify.forward import attain_rows, differentiate, pose_residuals
 from compplan.identify.problem import IdentifyOptions, list_forms

@@ -12,14 +12,9 @@ from benchmarks.pose_selection import dexterous_candidates
 from benchmarks.round_trip import simulate_observations
 from compplan.errors import InputError
 from compplan.identify import build_structure, estimate_parameters
-from compplan.identify.plan_campaign import (
-    PoseInformation,
-    choose_poses,
-    compare_with_random,
-    plan_campaign,
-    weigh_candidates,
-)
+from compplan.identify.plan_campaign import plan_campaign, weigh_candidates
 from compplan.identify.problem import IdentifyOptions
+from compplan.measure.poses.determinant import PoseInformation, choose_poses, compare_with_random
 from compplan.measure.poses.pool import draw_candidates
 from compplan.robot import load_robot
 from compplan.robot.springs import own_springs
@@ -52,8 +47,9 @@ def test_predicted_standard_errors_are_those_of_the_fit() -> None:
 def test_the_exchange_finds_the_best_of_all_subsets_of_a_small_set() -> None:
     rng = np.random.default_rng(2)
     robot = load_robot("kuka_kr270")
-    parameters = weigh_candidates(build_structure(robot), draw_candidates(robot, 5)).parameters
-    information = PoseInformation(parameters[:2], rng.standard_normal((9, 1, 2)) * 30)
+    told = weigh_candidates(build_structure(robot), draw_candidates(robot, 5))
+    rows = rng.standard_normal((9, 1, 2)) * 30
+    information = PoseInformation(told.names[:2], told.units[:2], told.sizes[:2], rows)
 
     def determinant(chosen: tuple[int, ...]) -> float:
         flat = information.rows[list(chosen)].reshape(-1, 2)

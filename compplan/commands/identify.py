@@ -11,10 +11,11 @@ from compplan.commands.completion import complete_robots
 from compplan.commands.measured import load_measured, measured_options, settle_questions
 from compplan.commands.places import OUT_FOLDER
 from compplan.commands.progress import show_progress
+from compplan.effects.asked import GEOMETRY
 from compplan.errors import InputError
 from compplan.files.tables import dump_json
 from compplan.identify.campaign import identify_campaign
-from compplan.identify.parameters import GEOMETRY, LINK_TERMS
+from compplan.identify.parameters import LINK_TERMS
 from compplan.identify.plan_campaign import CampaignPlan, plan_campaign
 from compplan.identify.problem import IdentifyOptions
 from compplan.measure.checks import list_notes

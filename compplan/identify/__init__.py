@@ -12,8 +12,6 @@ from compplan.identify.parameters import (
     FreeRobot,
     Parameter,
     build_structure,
-    effect_forms,
-    geometry_forms,
 )
 from compplan.identify.reduce import ReducedModel, reduce_model
 from compplan.identify.rows import KNOWN_FRAMES, Rows
@@ -28,8 +26,6 @@ __all__ = [
     "ReducedModel",
     "Rows",
     "build_structure",
-    "effect_forms",
     "estimate_parameters",
-    "geometry_forms",
     "reduce_model",
 ]

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from compplan.effects.asked import GEOMETRY
 from compplan.identify.estimate import Estimate
 from compplan.identify.gap import IdentifiedGap, measure_gap
-from compplan.identify.parameters import GEOMETRY, FreeRobot
+from compplan.identify.parameters import FreeRobot
 from compplan.identify.problem import (
     IdentifyOptions,
     IdentifyProblem,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.stats import t
 
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
-from compplan.identify.forward import RowState, attain_rows, frame_parameters, linearise, move_frames
+from compplan.identify.forward import RowState, attain_rows, frame_parameters, linearise
 from compplan.identify.parameters import FreeRobot, Parameter
 from compplan.identify.rows import KNOWN_FRAMES, Rows
 from compplan.identify.separability import Inseparable, explain_held, tell_apart
@@ -19,6 +19,7 @@ from compplan.measure.fit.robust import check_loss, loss_weights
 from compplan.measure.fit.separable import condition_number
 from compplan.measure.fit.spread import state_spread
 from compplan.measure.fit.system import System, estimate_noise, information, invert, stack, weigh
+from compplan.measure.frames import move_frames
 from compplan.measure.registration import Registration
 from compplan.robot import Array
 

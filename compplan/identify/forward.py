@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from compplan.effects.scene import Attained, Scene, own_springs
 from compplan.identify.parameters import AXES, TYPICAL_SIZE, FreeRobot, Parameter
 from compplan.identify.rows import SIGMA_ENCODER, Rows
 from compplan.measure.fit.system import ENCODERS, ORIENTATION, POSITION, System
+from compplan.measure.frames import frame_columns
 from compplan.measure.registration import Registration
 from compplan.robot import Array
 from compplan.statics.chain import Frames, load_elements
@@ -138,7 +139,10 @@ def differentiate(rows: Rows, state: RowState) -> tuple[Array, Array]:
     _add_effects(state, pose, encoder)
     R = state.frames.base[:3, :3]
     pose = np.concatenate([np.einsum("ij,njp->nip", R, pose[:, :3]), np.einsum("ij,njp->nip", R, pose[:, 3:])], axis=1)
-    pose = np.concatenate([pose, *_frame_columns(rows, state, R)], axis=2)
+    columns = frame_columns(
+        state.frames, state.position, state.loaded.tcp_rotation, rows.taken.target_index, rows.turned
+    )
+    pose = np.concatenate([pose, *columns], axis=2)
     encoder = np.concatenate([encoder, np.zeros((n, encoder.shape[1], pose.shape[2] - encoder.shape[2]))], axis=2)
     return pose, encoder
 
@@ -181,28 +185,6 @@ def _add_effects(state: RowState, pose: Array, encoder: Array) -> None:
             encoder[:, :, k] = signature.encoder[state.index, :, parameter.item]
 
 
-def _frame_columns(rows: Rows, state: RowState, R: Array) -> list[Array]:
-    n, parts = len(rows), []
-    if "base" in state.frames.parts:
-        base = np.zeros((n, 6, 6))
-        base[:] = np.eye(6)
-        lever = state.position - state.frames.base[:3, 3]
-        for axis, unit in enumerate(np.eye(3)):
-            base[:, :3, 3 + axis] = np.cross(unit, lever)
-        parts.append(base)
-    if "tool" in state.frames.parts:
-        size = 6 if rows.turned else 3
-        turned = R @ state.loaded.tcp_rotation
-        for number in range(len(state.frames.tool)):
-            tool = np.zeros((n, 6, size))
-            own = np.flatnonzero(rows.taken.target_index == number)
-            tool[own, :3, :3] = turned[own]
-            if size == 6:
-                tool[own, 3:, 3:] = turned[own]
-            parts.append(tool)
-    return parts
-
-
 def frame_parameters(frames: Registration, turned: bool) -> tuple[Parameter, ...]:
     """List the parameters of the frames that are fitted: small changes of pose against where they stand.
 
@@ -220,18 +202,3 @@ def frame_parameters(frames: Registration, turned: bool) -> tuple[Parameter, ...
         for label, kind, axes in wanted
         for axis in axes
     )
-
-
-def move_frames(frames: Registration, change: Array, turned: bool) -> Registration:
-    """Move the fitted frames by a step: each turns about its own origin, in measuring axes and in TCP axes."""
-    base, tools, used = frames.base.copy(), frames.tool.copy(), 0
-    moved = [(base, 6)] if "base" in frames.parts else []
-    if "tool" in frames.parts:
-        moved += [(tool, 6 if turned else 3) for tool in tools]
-    for pose, size in moved:
-        step = np.zeros(6)
-        step[:size] = change[used : used + size]
-        pose[:3, :3] = Rotation.from_rotvec(step[3:]).as_matrix() @ pose[:3, :3]
-        pose[:3, 3] += step[:3]
-        used += size
-    return replace(frames, base=base, tool=tools)

@@ -12,9 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
-from compplan.effects import EFFECTS, Effect, robot_effects
-from compplan.effects.linearization import Linearization
-from compplan.effects.scene import spring_coordinates
+from compplan.effects import Effect, robot_effects
+from compplan.effects.scene import link_coordinates, spring_coordinates
 from compplan.effects.signature import Signature
 from compplan.errors import InputError, UnknownNameError
 from compplan.robot import Array, LinkElasticity, Robot, Spring
@@ -23,9 +22,6 @@ from compplan.statics.chain import Chain, build_chain
 
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
 LINK_TERMS = ("diagonal", "beam", "full", "scale")
-GEOMETRY = ("none", "offsets", "all")
-#: Effects that springs of the structure say already.
-SPRINGS = ("joint_stiffness", "link_compliance")
 Entry = tuple[int, int, float]
 
 #: Typical sizes by what a parameter does: the yardstick for "cannot be told at all" where the nominal value is zero.
@@ -67,7 +63,7 @@ class Parameter:
         if self.spring >= 0:
             own = spring_coordinates(robot)[self.spring]
             return [(own, own, 1.0)]
-        first = _link_coordinates(robot)[self.link] if self.link >= 0 else 0
+        first = link_coordinates(robot)[self.link] if self.link >= 0 else 0
         return [(first + i, first + j, coefficient) for i, j, coefficient in self.terms]
 
 
@@ -179,7 +175,7 @@ def build_structure(
             kind = "joint" if is_own(robot, spring) else "spring"
             free.append(Parameter(name, kind, unit, spring.compliance, size, spring=number))
     if links is not None:
-        if -1 in _link_coordinates(elastic):
+        if -1 in link_coordinates(elastic):
             raise InputError("the elasticity of the base link cannot be identified; give its joint springs")
         names = number_twins([block.link for block in elastic.link_elasticities])
         for number, (name, block) in enumerate(zip(names, elastic.link_elasticities, strict=True)):
@@ -187,63 +183,6 @@ def build_structure(
     bare = [form.without_motion() for form in forms]
     free += [_effect_parameter(robot, form, k) for form in bare for k in range(len(form.keys))]
     return FreeRobot(elastic, tuple(free), tuple(present))
-
-
-def geometry_forms(at: Linearization, geometry: str) -> list[Signature]:
-    """List the signatures of joint zeros ("offsets"), and of where every joint but the first begins ("all").
-
-    Raises:
-        UnknownNameError: If there is no such choice.
-    """
-    if geometry not in GEOMETRY:
-        raise UnknownNameError("choice of geometry", geometry, list(GEOMETRY))
-    found = [] if geometry == "none" else list(EFFECTS["joint_offset"].signatures(at))
-    if geometry == "all":
-        first = at.robot.joint_names[0]
-        found += [s for s in EFFECTS["link_geometry"].signatures(at) if s.axis is not None and s.joint != first]
-    return found
-
-
-def effect_forms(at: Linearization, wanted: Sequence[str]) -> list[Signature]:
-    """List the signatures of effects that are asked for: "backlash", "backlash@joint_2", "joint_coupling@joint_5:FORM".
-
-    Of several forms at one place, which exclude each other, the first is taken where none is named.
-
-    Raises:
-        UnknownNameError: If there is no such effect, or none there that this log could show.
-        InputError: If it is a spring, which is asked for by its name.
-    """
-    found: list[Signature] = []
-    for text in wanted:
-        name, _, rest = text.partition("@")
-        joint, _, form = rest.partition(":")
-        if name not in EFFECTS:
-            raise UnknownNameError("effect", name, list(EFFECTS))
-        if name in SPRINGS:
-            raise InputError(f"effect {name!r} is a spring, ask for it by its name (--springs, --add joint_3.rx)")
-        offered = {(s.joint, s.axis, s.form): s for s in reversed(list(EFFECTS[name].signatures(at)))}
-        matching = [s for s in offered.values() if joint in ("", s.joint) and form in ("", s.form)][::-1]
-        if not matching:
-            known = [f"{name}@{s.joint}:{s.form}".rstrip(":") if s.joint else name for s in offered.values()][::-1]
-            raise UnknownNameError("effect that this log can show", text, known or ["none of its places"])
-        taken = {column for form in found for column in form.column_names}
-        for signature in matching:
-            alike = any(signature.place == other.place for other in found)
-            if not alike and not taken & set(signature.column_names):
-                found.append(signature)
-                taken |= set(signature.column_names)
-    return found
-
-
-def _link_coordinates(robot: Robot) -> list[int]:
-    """Find the first elastic coordinate of each link's 6x6, as `build_chain` counts; -1 for a link behind no joint."""
-    index, count = [-1] * len(robot.link_elasticities), 0
-    for joint in robot.joints:
-        count += sum(spring.joint == joint.name for spring in robot.springs)
-        for k, block in enumerate(robot.link_elasticities):
-            if block.link == joint.child:
-                index[k], count = count, count + 6
-    return index
 
 
 def _link_parameters(name: str, number: int, block: LinkElasticity, terms: str) -> list[Parameter]:

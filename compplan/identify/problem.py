@@ -7,16 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compplan.effects import apply_effects, attain_scene, robot_effects, stage_scene
+from compplan.effects.asked import GEOMETRY, effect_forms, geometry_forms
 from compplan.effects.linearization import linearize_scene
 from compplan.effects.signature import Signature
 from compplan.errors import InputError, UnknownNameError
 from compplan.identify.estimate import REFERENCES, Estimate, fit_rows, leave_poses_out
 from compplan.identify.parameters import (
-    GEOMETRY,
     FreeRobot,
     build_structure,
-    effect_forms,
-    geometry_forms,
 )
 from compplan.identify.refine import GAIN_LIMIT
 from compplan.identify.rows import Rows

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from compplan.effects import fold_effects, is_of_instrument
-from compplan.effects.scene import own_springs
 from compplan.identify.estimate import Estimate
 from compplan.identify.gap import IdentifiedGap
 from compplan.identify.parameters import FreeRobot
-from compplan.known.assumed import assume_geometry
-from compplan.robot import Array, LinkElasticity, Robot
+from compplan.known.assumed import assume_geometry, assume_held
+from compplan.robot import Robot
+from compplan.robot.springs import build_link
 from compplan.robot.uncertainty import Uncertainty, Unknown, spread_unknowns
-
-#: A stiffness that was not identified keeps this relative width of the value that the folder holds (assumed).
-HELD = 0.3
 
 
 def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> tuple[Robot, tuple[str, ...]]:
@@ -43,7 +39,7 @@ def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> tuple[Robo
         if value > 0 or any(old is own for own in robot.springs):
             springs.append(replace(spring, compliance=max(value, 0.0)))
     for block in soft.link_elasticities:
-        built, changed = _build_link(block)
+        built, changed = build_link(block)
         links.append(built)
         if changed:
             notes.append(f"the 6x6 of {block.link} came out with a negative eigenvalue; it is written without")
@@ -54,21 +50,6 @@ def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> tuple[Robo
     if any(parameter.kind == "link" for parameter in structure.parameters):
         grown = replace(grown, link_elasticities=tuple(links))
     return fold_effects(grown, structure.effects(values)), tuple(notes)
-
-
-def _build_link(block: LinkElasticity) -> tuple[LinkElasticity, bool]:
-    """Return a link without negative eigenvalues, and whether it had one."""
-    own = block.compliance
-    value, vector = np.linalg.eigh(_scaled(own))
-    if value[0] < -1e-12:
-        own = _scaled((vector * np.maximum(value, 0.0)) @ vector.T, back=True)
-    return replace(block, compliance=0.5 * (own + own.T)), bool(value[0] < -1e-12)
-
-
-def _scaled(matrix: Array, *, back: bool = False) -> Array:
-    """Scale m/N, rad/N and rad/(N m) to comparable sizes (metre against 0.1 rad), or back."""
-    scale = np.r_[np.full(3, 10.0), np.ones(3)]
-    return matrix / np.outer(scale, scale) if back else matrix * np.outer(scale, scale)
 
 
 def identified_uncertainty(
@@ -89,7 +70,7 @@ def identified_uncertainty(
     """
     unknowns, picked = _name_unknowns(kept.structure, kept)
     named, factor = spread_unknowns(unknowns, kept.covariance[np.ix_(picked, picked)])
-    held = _held_springs(robot, named)
+    held = assume_held(robot, named)
     if difference:
         # differences of one pose under several loads tell nothing of zeros and lengths
         held += assume_geometry(robot)
@@ -132,16 +113,3 @@ def _name_unknowns(structure: FreeRobot, kept: Estimate) -> tuple[list[Unknown],
             found.append(Unknown(form.name, form.joint, form.axis, form.keys, np.zeros(len(own)), form.fixed))
             picked += [own[item] for item in range(len(own))]
     return found, picked
-
-
-def _held_springs(robot: Robot, named: Sequence[Unknown]) -> list[Unknown]:
-    """List the joints' own springs that the campaign could not tell, with an assumed width."""
-    told = {unknown.joint for unknown in named if unknown.effect == "joint_stiffness"}
-    found = []
-    for index, spring in own_springs(robot).items():
-        joint = robot.actuated[index]
-        if joint.name not in told and spring.compliance > 0:
-            key = "compliance_change_m_per_N" if joint.kind == "prismatic" else "compliance_change_rad_per_Nm"
-            width: Array = np.array([HELD * spring.compliance])
-            found.append(Unknown("joint_stiffness", joint.name, None, (key,), width))
-    return found

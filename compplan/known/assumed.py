@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +29,8 @@ CALIBRATED, DELIVERED = (0.003, 0.03, 0.001), (0.010, 0.10, 0.003)
 PLAY, GEAR = 0.002, 0.002
 #: A touched-off tool tip, per axis, as in [noise] (assumed). [m]
 TOOL = 3e-5
+#: A stiffness that was not identified keeps this relative width of the value that the folder holds (assumed).
+HELD = 0.3
 #: What no parameter explains where nobody has measured: rms distance and scale (assumed). [m]
 UNEXPLAINED, SCALE = 5e-5, 0.3
 #: Repeatability where the folder states none, per axis (assumed, as in [noise]). [m]
@@ -158,6 +161,19 @@ def assume_geometry(robot: Robot) -> list[Unknown]:
                 continue
             key, width = (f"{axis}_m", length * 1e-3) if axis[0] == "t" else (f"{axis}_rad", np.radians(turn))
             found.append(Unknown("link_geometry", joint.name, axis, (key,), np.array([width])))
+    return found
+
+
+def assume_held(robot: Robot, named: Sequence[Unknown]) -> list[Unknown]:
+    """List the joints' own springs that the campaign could not tell, with an assumed width."""
+    told = {unknown.joint for unknown in named if unknown.effect == "joint_stiffness"}
+    found = []
+    for index, spring in own_springs(robot).items():
+        joint = robot.actuated[index]
+        if joint.name not in told and spring.compliance > 0:
+            key = "compliance_change_m_per_N" if joint.kind == "prismatic" else "compliance_change_rad_per_Nm"
+            width = np.array([HELD * spring.compliance])
+            found.append(Unknown("joint_stiffness", joint.name, None, (key,), width))
     return found
 
 

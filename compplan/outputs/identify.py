@@ -67,11 +67,12 @@ def write_campaign_plan(plan: CampaignPlan, out: Path) -> dict[str, Any]:
     for k, header in enumerate(("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")):
         columns[header] = plan.poses.wrench[:, k]
     entries = []
-    for parameter, promised, random in zip(plan.information.parameters, plan.promised, plan.random, strict=True):
-        unit, factor = SHOWN.get(parameter.unit, (parameter.unit, 1.0))
+    told = plan.information
+    for name, own, promised, random in zip(told.names, told.units, plan.promised, plan.random, strict=True):
+        unit, factor = SHOWN.get(own, (own, 1.0))
         entries.append(
             {
-                "name": parameter.name,
+                "name": name,
                 "unit": unit,
                 "standard_error": float(f"{promised * factor:.6g}"),
                 "standard_error_of_random_poses": float(f"{random * factor:.6g}"),

@@ -1,13 +1,14 @@
-"""Springs that a robot has or could get: their names, and where one may sit."""
+"""Springs that a robot has or could get: their names, where one may sit, and 6x6 that can be built."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from compplan.errors import InputError, UnknownNameError
-from compplan.robot.model import SPRING_AXES, Robot, Spring
+from compplan.robot.model import SPRING_AXES, Array, LinkElasticity, Robot, Spring
 
 
 def own_springs(robot: Robot) -> tuple[Spring, ...]:
@@ -96,3 +97,18 @@ def read_spring(robot: Robot, name: str) -> Spring:
     if any((spring.joint, spring.axis) == (joint, axis) for spring in robot.springs):
         raise InputError(f"spring {name!r} is to be added, but the robot has it already")
     return Spring(joint, axis, 0.0, actuator=axis == "own")
+
+
+def build_link(block: LinkElasticity) -> tuple[LinkElasticity, bool]:
+    """Return a link without negative eigenvalues, and whether it had one."""
+    own = block.compliance
+    value, vector = np.linalg.eigh(_scaled(own))
+    if value[0] < -1e-12:
+        own = _scaled((vector * np.maximum(value, 0.0)) @ vector.T, back=True)
+    return replace(block, compliance=0.5 * (own + own.T)), bool(value[0] < -1e-12)
+
+
+def _scaled(matrix: Array, *, back: bool = False) -> Array:
+    """Scale m/N, rad/N and rad/(N m) to comparable sizes (metre against 0.1 rad), or back."""
+    scale = np.r_[np.full(3, 10.0), np.ones(3)]
+    return matrix / np.outer(scale, scale) if back else matrix * np.outer(scale, scale)
