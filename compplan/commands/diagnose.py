@@ -62,6 +62,7 @@ def command(
         progress("questions")
         asked = settle_questions(robot, campaign, parts, assume_ok)
         diagnosis = diagnose_campaign(robot, campaign, register=parts, without=without, progress=progress)
+        campaign = diagnosis.fit.problem.campaign
         progress("where")
         split = split_diagnosis(diagnosis)
         progress("accuracy")

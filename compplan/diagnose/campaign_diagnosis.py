@@ -24,6 +24,7 @@ from compplan.effects.linearization import Place
 from compplan.effects.scene import Scene
 from compplan.errors import InputError
 from compplan.measure.campaign import Campaign
+from compplan.measure.pooling import pool_rows
 from compplan.measure.registration import Registration, fit_registration, stated_registration
 from compplan.robot import Array, Robot
 
@@ -43,7 +44,7 @@ def diagnose_campaign(
 
     Args:
         robot: The nominal robot; effects of its effects.toml count as known.
-        campaign: What was measured.
+        campaign: What was measured; rows of a pose are pooled where there are very many.
         register: Frames that no model can know, of "base" and "tool"; they are fitted in every model.
         without: Effects to leave out of the candidates.
         progress: Told what is being done.
@@ -55,7 +56,7 @@ def diagnose_campaign(
         raise InputError(
             f"{int(campaign.usable.sum())} usable rows, expected at least {FEWEST_ROWS}", file=campaign.file
         )
-    parts = tuple(register)
+    campaign, parts = pool_rows(campaign), tuple(register)
     known = robot_effects(robot)
     progress("conventions")
     conventions = () if "joint_coupling" in without else find_conventions(robot, campaign, parts)

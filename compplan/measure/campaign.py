@@ -28,6 +28,15 @@ MODES = ("U1", "U2", "L1", "L2")
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
+def number_rows(values: Array) -> NDArray[np.int_]:
+    """Number the rows of a table, equal rows alike, ordered by the first column, then the next. Shape (n,)."""
+    number = np.zeros(len(values), np.int64)
+    for column in values.T:
+        inverse = np.unique(column, return_inverse=True)[1].reshape(-1)
+        number = np.unique(number * (int(inverse.max(initial=0)) + 1) + inverse, return_inverse=True)[1].reshape(-1)
+    return number
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Campaign(Shown):
     """One measurement log; n rows, nq joints.
@@ -52,6 +61,9 @@ class Campaign(Shown):
         lines: Line of the file that each row stands in. Shape (n,).
         notes: What was read past or left out, one sentence each.
         target_offset: Measured point in the TCP frame where it is known, the TCP if None. Shape (3,). [m]
+        moved: Last move of each joint where rows of a pose were pooled and their order does not tell it; else None.
+            Shape (n, nq). [rad or m]
+        scatter: Standard deviation of a single row's position per axis where rows were pooled; else 0. [m]
 
     """
 
@@ -73,6 +85,8 @@ class Campaign(Shown):
     lines: NDArray[np.int_] | None = None
     notes: tuple[str, ...] = ()
     target_offset: Array | None = None
+    moved: Array | None = None
+    scatter: float = 0.0
 
     def __len__(self) -> int:
         return len(self.q)
@@ -189,13 +203,13 @@ class Campaign(Shown):
     @cached_property
     def pose(self) -> NDArray[np.int_]:
         """Number of the pose of each static row, equal wherever the same joints come back. Shape (n,)."""
-        rounded = np.round(np.nan_to_num(self.q) / (20 * STATIC_JITTER)).astype(np.int64)
-        _, index = np.unique(rounded, axis=0, return_inverse=True)
-        return np.asarray(index).reshape(-1)
+        return number_rows(np.round(np.nan_to_num(self.q) / (20 * STATIC_JITTER)))
 
     @cached_property
     def last_move(self) -> Array:
         """Length of the last move of each joint that moved, NaN where it is unknown. Shape (n, nq). [rad or m]."""
+        if self.moved is not None:
+            return self.moved
         moves = np.diff(np.nan_to_num(self.q), axis=0, prepend=np.nan_to_num(self.q[:1]))
         jitter = np.where(self.on_path, PATH_JITTER, STATIC_JITTER)
         first = np.r_[True, np.diff(self.run_index) > 0]
@@ -257,7 +271,7 @@ class Campaign(Shown):
         fields: dict[str, Any] = {}
         for name in (
             "run", "q", "wrench", "position", "rotation", "time", "temperature", "link", "motor", "sigma",
-            "sigma_rotation", "target", "mode", "lines",
+            "sigma_rotation", "target", "mode", "lines", "moved",
         ):  # fmt: skip
             value = getattr(self, name)
             fields[name] = None if value is None else value[rows]

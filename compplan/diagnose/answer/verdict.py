@@ -372,10 +372,10 @@ def find_dependences(doubt: Doubt, structure: Structure) -> tuple[Finding, ...]:
 
 
 def noise_floor(fit: Fit) -> float:
-    """Return the rms 3D distance that a perfect model leaves. [m]"""
-    noise = fit.noises["position"]
+    """Return the rms 3D distance that a perfect model leaves of a row of the log. [m]"""
+    noise, scatter = fit.noises["position"], fit.problem.campaign.scatter
     factor = min(float(np.exp(fit.model.posterior.hyper.log_noise[0])), noise.leeway)
-    return float(np.sqrt(3.0 * (factor * noise.sigma**2 + noise.stay**2)))
+    return float(np.sqrt(3.0 * (max(factor * noise.sigma**2, scatter**2) + noise.stay**2)))
 
 
 def motion_at(doubt: Doubt, columns: NDArray[np.int_], values: Array) -> float:

@@ -19,7 +19,7 @@ TEMPER = 2.0
 #: repeat the claim, and logarithms with their signs turned: of the probability that a cause without a name would be
 #: explained as fully, and of the likeness of what is left. No weight may be negative. The number of values of a form
 #: does not stand here: the margin has paid for it.
-CONSTANT, MARGIN, REPEATED, IMITATED, LIKENESS = -3.94, 0.61, 0.45, 0.68, 0.69
+CONSTANT, MARGIN, REPEATED, IMITATED, LIKENESS = -4.04, 0.57, 0.55, 0.69, 0.83
 #: Margins beyond the first count by their logarithm alone; those below the second tell no more (assumed).
 MARGIN_SCALE, LEAST_MARGIN = 5.0, -20.0
 #: Neither do imitations rarer or more frequent than these: the first is what the causes drawn can tell; beyond the
