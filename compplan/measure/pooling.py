@@ -113,10 +113,11 @@ def _average(campaign: Campaign, rows: NDArray[np.int_], group: NDArray[np.int_]
     found["sigma"] = _sigma(campaign.position[rows], _part(campaign.sigma, rows), group, count)
     if campaign.rotation is not None:
         turns = _mean(campaign.rotation[rows].reshape(-1, 9), group, count).reshape(-1, 3, 3)
-        known = np.isfinite(turns).reshape(-1, 9).all(axis=1)
+        known = np.asarray(np.isfinite(turns).reshape(-1, 9).all(axis=1), bool)
         turns[known] = Rotation.from_matrix(turns[known]).as_matrix()
         off = np.full((len(rows), 3), np.nan)
-        seen = known[group] & np.isfinite(campaign.rotation[rows]).all((1, 2))
+        measured = np.asarray(np.isfinite(campaign.rotation[rows]).reshape(-1, 9).all(axis=1), bool)
+        seen = known[group] & measured
         product = campaign.rotation[rows][seen] @ np.swapaxes(turns[group[seen]], 1, 2)
         off[seen] = Rotation.from_matrix(product).as_rotvec()
         found["rotation"] = turns
