@@ -78,14 +78,14 @@ def _lede(result: JobStudy) -> str:
     figures = result.summary["strategies"]
     best = min(figures, key=lambda name: figures[name]["rms_mm"]["mean"])
     blind = [name for name, c in result.run.study.answers.items() if c.measures == "nothing" and name != "none"]
-    text = f"Closest comes {name_strategy(best)}: {_mm(figures[best]['rms_mm']['mean'])} rms on average, "
+    text = f"Closest of all: {name_strategy(best)}, {_mm(figures[best]['rms_mm']['mean'])} rms on average, "
     text += f"{_mm(figures[best]['rms_mm']['p95'])} in 95 of 100 cells"
     if "none" in figures:
         text += f", against {_mm(figures['none']['rms_mm']['mean'])} without correction"
     text += "."
     if blind and best not in blind:
         offline = min(blind, key=lambda name: figures[name]["rms_mm"]["mean"])
-        text += f" Without any sensor {name_strategy(offline)} comes to {_mm(figures[offline]['rms_mm']['mean'])}."
+        text += f" Closest without any sensor: {name_strategy(offline)}, {_mm(figures[offline]['rms_mm']['mean'])}."
     return f"{text} {describe_grade(result.run.study.task.robot)}"
 
 
@@ -166,7 +166,7 @@ def _pairs(result: JobStudy) -> Section:
         share = format_percent(pair["second_better"])
         rows.append([name_strategy(first), name_strategy(second), _mm(mean), f"{_mm(low)} – {_mm(high)}", share])
     heads = ("first", "second", "second less first", "95 % interval", "second closer in")
-    fold = Fold("All pairs", [PageTable([Column(title) for title in heads], rows)])
+    fold = Fold("All pairs", [PageTable([Column(title) for title in heads], rows, scroll=14)])
     return Section("Differences", [chart, fold], "All strategies meet the same cells, so that differences are paired.")
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from compplan.files.notes import list_stops
+from compplan.plan.slow import mark_slow
 from compplan.program.counting import load_controller
 from compplan.program.frames import place_numbers, rotation_vectors
 from compplan.report.curve_chart import show_curves
@@ -144,13 +145,12 @@ def _describe_run(plan: Plan) -> list[tuple[str, str]]:
     first = plan.approach.key_q[0] if len(plan.approach.key_q) else plan.q[0]
     joints = ", ".join(f"{name.split('_')[0]} {round(float(values[0]), 2) + 0.0:.2f} {name.split('_')[1]}"
                        for name, values in robot.joint_columns(first[None]).items())  # fmt: skip
-    cut = plan.task.cut & ~plan.task.nominal.rapid & (plan.timing.feed > 0)
-    feed, wanted = (1e3 * feed[cut] for feed in (plan.timing.feed, plan.task.nominal.feed))
-    speed = "not known"
-    if len(feed):
+    wanted = 1e3 * plan.task.nominal.feed[plan.task.cut & ~plan.task.nominal.rapid]
+    slow, speed = mark_slow(plan.task, plan.timing), "not known"
+    if len(wanted):
         ends = dict.fromkeys(f"{end:.4g}" for end in (wanted.min(), wanted.max()))
         speed = f"programmed {' to '.join(ends)} mm/s"
-        speed += f"; slowest {feed.min():.3g} mm/s" if feed.min() < 0.99 * wanted.min() else ""
+        speed += f", lowered to {1e3 * plan.timing.feed[slow].min():.3g} mm/s" if slow.any() else ""
     margins = plan.margins
     rows = [
         ("First joint position", joints),
