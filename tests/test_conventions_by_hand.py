@@ -19,7 +19,8 @@ from compplan.diagnose.search.fit import fit_effects
 from compplan.diagnose.search.state import Problem
 from compplan.effects import EFFECTS, Effect, command_campaign
 from compplan.measure.campaign import Campaign
-from compplan.measure.registration import fit_registration, write_registration
+from compplan.measure.fit_frames import fit_registration
+from compplan.measure.registration import write_registration
 from compplan.robot.folder import read_robot_folder
 from tests.drawn_campaigns import REFERENCE_C, Drawn, draw_robot_files, lay_out_rows, rail_arm, turned_arm
 from tests.effect_cases import CASES, KEYS, ROBOTS, STEP, Place, caused, named

@@ -14,9 +14,11 @@ from compplan.effects.scene import Attained, attain_scene, stage_scene
 from compplan.files.columns import to_unit
 from compplan.files.tables import write_table
 from compplan.measure.campaign import Campaign
+from compplan.measure.fit_frames import fit_registration
 from compplan.measure.registration import (
     Registration,
-    fit_registration,
+    campaign_gap,
+    fitted_parts,
     match_targets,
     read_registration,
     stated_registration,
@@ -29,10 +31,11 @@ class Prediction:
     """What the instrument should see; n rows, those without joints NaN.
 
     Attributes:
-        position: Target. Shape (n, 3). [m]
+        position: Target as the instrument sees it; in the base frame where that sees no position. Shape (n, 3). [m]
         rotation: Orientation. Shape (n, 3, 3).
         attained: Everything that the scene came to.
         registration: Frames used, or None.
+        gap: Measured minus expected, base axes; places of contacts fitted. Shape (n, 3). [m]
 
     """
 
@@ -40,6 +43,7 @@ class Prediction:
     rotation: Array
     attained: Attained
     registration: Registration | None
+    gap: Array
 
 
 def predict_campaign(
@@ -59,18 +63,23 @@ def predict_campaign(
     effects = robot_effects(robot)
     scene = apply_effects(stage_scene(robot, campaign, later=later), effects)
     attained = attain_scene(scene)
-    if register:
-        registration = fit_registration(campaign, attained.position, attained.rotation, register)
-    elif registration is not None:
-        registration = match_targets(registration, campaign)
+    start = stated_registration(campaign) if registration is None else match_targets(registration, campaign)
+    parts = fitted_parts(campaign, register)
+    if parts:
+        kept = None if register else start
+        registration = fit_registration(campaign, attained.position, attained.rotation, parts, start=kept)
     else:
-        registration = stated_registration(campaign)
+        registration = start
     if registration is not None:
         attained = attain_scene(replace(scene, registration=registration))
     known = np.asarray(np.isfinite(campaign.q).all(axis=1), bool)
     position = np.where(known[:, None], attained.position, np.nan)
     rotation = np.where(known[:, None, None], attained.rotation, np.nan)
-    return Prediction(position, rotation, attained, registration)
+    gap = campaign_gap(campaign, position, registration)
+    if campaign.sights is not None and registration is not None:
+        own = (position - registration.base[:3, 3]) @ registration.base[:3, :3]
+        position = np.where(campaign.sights.seen[:, None], own, position)
+    return Prediction(position, rotation, attained, registration, gap)
 
 
 def folder_registration(robot: Robot) -> Registration | None:

@@ -19,11 +19,13 @@ from compplan.files.tables import dump_json
 @click.option("--job", "jobs", type=click.Path(path_type=Path), multiple=True,
               help="Job whose path is looked at, in place of circles of the robot's own size; may be repeated.")
 @click.option("--register", help="Frames that the diagnosis of the log fits first: base, tool or base,tool.")
+@click.option("--instrument", type=click.Path(path_type=Path),
+              help="TOML file of the log's instrument, where that sees no positions.")  # fmt: skip
 @click.option("--out", "file", type=OUT_FILE, required=True, help="HTML file to write.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def command(
-    robot_name: str, log: Path | None, older: str | None, jobs: tuple[Path, ...], register: str | None, file: Path,
-    as_json: bool,
+    robot_name: str, log: Path | None, older: str | None, jobs: tuple[Path, ...], register: str | None,
+    instrument: Path | None, file: Path, as_json: bool,
 ) -> None:  # fmt: skip
     """Certify ROBOT: stiffness, lost motion, gear error, drift, and the tolerance within reach, on one page.
 
@@ -31,7 +33,7 @@ def command(
 
     Example: compplan certificate out/robot --log campaign.csv --since last/robot --out certificate.html
     """
-    from compplan.commands.measured import read_log
+    from compplan.commands.measured import read_log, registered_parts
     from compplan.commands.progress import show_progress
     from compplan.errors import InputError
     from compplan.job.job import load_job
@@ -47,7 +49,8 @@ def command(
     before = None if older is None else load_robot(older)
     if before is not None and before.joint_names != robot.joint_names:
         raise InputError(f"robot {before.name!r} has other joints than {robot.name!r}: no drift between them")
-    campaign, parts = read_log(log, robot), parse_parts(register)
+    campaign = read_log(log, robot, instrument)
+    parts = parse_parts(register) if campaign is None else registered_parts(register, campaign)
     paths = [load_job(job, robot_name) for job in jobs]
     with show_progress() as announce:
         announce("paths, stiffness, drift" if campaign is None else "diagnosis of the log, paths, stiffness, drift")

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from compplan.commands.completion import complete_robots
-from compplan.commands.measured import load_measured, measured_options, settle_questions
+from compplan.commands.measured import load_measured, measured_options, registered_parts, settle_questions
 from compplan.commands.places import OUT_FOLDER
 from compplan.commands.progress import show_progress
 from compplan.diagnose import Diagnosis, Finding, diagnose_campaign
@@ -43,7 +43,7 @@ from compplan.report.effect_words import describe_change
 @click.option("--json", "as_json", is_flag=True, help="Print diagnosis.json.")
 def command(
     measurements: Path, robot_name: str, out: Path, register: str | None, without: tuple[str, ...], tool: Path | None,
-    target_offset: str | None, assume_ok: bool, as_json: bool,
+    instrument: Path | None, target_offset: str | None, assume_ok: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Diagnose the gap between ROBOT and MEASUREMENTS (a measurement log).
 
@@ -53,11 +53,12 @@ def command(
 
     Example: compplan diagnose docs/notebooks/diagnose_campaign/measurements.csv --robot kuka_kr270 --out out
     """
-    parts = parse_parts(register)
+    parse_parts(register)
     for name in without:
         if name not in EFFECTS:
             raise UnknownNameError("effect", name, list(EFFECTS))
-    robot, campaign = load_measured(measurements, robot_name, tool, target_offset)
+    robot, campaign = load_measured(measurements, robot_name, tool, target_offset, instrument)
+    parts = registered_parts(register, campaign)
     with show_progress() as progress:
         progress("questions")
         asked = settle_questions(robot, campaign, parts, assume_ok)

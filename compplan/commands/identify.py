@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
 import numpy as np
 
 from compplan.commands.completion import complete_robots
-from compplan.commands.measured import load_measured, measured_options, settle_questions
+from compplan.commands.measured import load_measured, measured_options, registered_parts, settle_questions
 from compplan.commands.places import OUT_FOLDER
 from compplan.commands.progress import show_progress
 from compplan.effects.asked import GEOMETRY
@@ -72,6 +73,7 @@ def command(
     force: float,
     lever: float,
     seed: int,
+    instrument: Path | None,
     tool: Path | None,
     target_offset: str | None,
     assume_ok: bool,
@@ -106,7 +108,8 @@ def command(
         return
     if measurements is None:
         raise InputError("no measurement log is given; name one, or ask for poses to measure with --choose-poses N")
-    robot, campaign = load_measured(measurements, robot_name, tool, target_offset)
+    robot, campaign = load_measured(measurements, robot_name, tool, target_offset, instrument)
+    options = replace(options, register=registered_parts(register, campaign))
     settle_questions(robot, campaign, options.register, assume_ok)
     with show_progress() as progress:
         found = identify_campaign(robot, campaign, options, progress=progress)

@@ -15,7 +15,9 @@ from compplan.errors import InputError
 from compplan.files.tomlfile import check_table, read_named_table
 from compplan.measure.campaign import Campaign
 from compplan.measure.checks import check_runs
+from compplan.measure.instrument import read_instrument
 from compplan.measure.reading import read_campaign
+from compplan.measure.registration import parse_parts
 from compplan.robot import Array, Robot, load_robot
 
 Command = Callable[..., Any]
@@ -24,7 +26,14 @@ MOST_OFFSET = 10.0
 
 
 def measured_options(command: Command) -> Command:
-    """Add --tool and --target-offset to a command."""
+    """Add --instrument, --tool and --target-offset to a command."""
+    command = click.option(
+        "--instrument",
+        type=click.Path(path_type=Path),
+        help="TOML file of an instrument that sees no positions: contacts (ball in a socket, tip on a cone),"
+        " readings along a direction (dial gauge, probe), distances (ball bar). The tool is fitted unless"
+        " --target-offset says it.",
+    )(command)
     command = click.option(
         "--target-offset",
         metavar="X,Y,Z",
@@ -39,8 +48,9 @@ def measured_options(command: Command) -> Command:
 
 
 def load_measured(
-    measurements: Path, robot_name: str, tool: Path | None = None, target_offset: str | None = None
-) -> tuple[Robot, Campaign]:
+    measurements: Path, robot_name: str, tool: Path | None = None, target_offset: str | None = None,
+    instrument: Path | None = None,
+) -> tuple[Robot, Campaign]:  # fmt: skip
     """Load a robot with the tool that was mounted, and a log with the point that was measured.
 
     Raises:
@@ -54,10 +64,28 @@ def load_measured(
 
         table = check_table(ToolTable, data, file=tool, key=key)
         robot = table.mount(robot)
-    campaign = read_campaign(measurements, robot)
+    campaign = read_campaign(measurements, robot, None if instrument is None else read_instrument(instrument))
+    if instrument is not None and campaign.sights is None:
+        raise InputError(
+            f"--instrument {instrument.name} is given, but the log has none of the columns contact, reading_mm,"
+            " distance_mm", file=measurements,
+        )  # fmt: skip
     if target_offset is not None:
         campaign = replace(campaign, target_offset=parse_offset(target_offset))
     return robot, campaign
+
+
+def registered_parts(register: str | None, campaign: Campaign) -> tuple[str, ...]:
+    """Return the frames to fit: those that --register names, or the tool of an instrument that sees no positions.
+
+    Who puts a ball into sockets hardly ever knows where it sits on the flange: the rows tell it.
+
+    Raises:
+        InputError: If --register names anything else.
+    """
+    parts = parse_parts(register)
+    unknown = campaign.sights is not None and not campaign.measured.any() and campaign.target_offset is None
+    return ("tool",) if register is None and unknown else parts
 
 
 def parse_offset(text: str) -> Array:
@@ -77,7 +105,7 @@ def parse_offset(text: str) -> Array:
     return offset
 
 
-def read_log(log: Path | None, robot: Robot) -> Campaign | None:
+def read_log(log: Path | None, robot: Robot, instrument: Path | None = None) -> Campaign | None:
     """Read a log whose distances are those that its joints say, in mm; None where there is none.
 
     Raises:
@@ -85,7 +113,7 @@ def read_log(log: Path | None, robot: Robot) -> Campaign | None:
     """
     if log is None:
         return None
-    campaign = read_campaign(log, robot)
+    campaign = read_campaign(log, robot, None if instrument is None else read_instrument(instrument))
     question = ask_unit(stage_rows(robot, campaign))
     if question is not None:
         raise InputError(question.sentence, file=log)

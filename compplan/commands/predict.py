@@ -27,21 +27,21 @@ from compplan.robot import load_robot
 @measured_options
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def command(
-    measurements: Path, robot_name: str, out: Path, register: str | None, tool: Path | None, target_offset: str | None,
-    as_json: bool,
+    measurements: Path, robot_name: str, out: Path, register: str | None, instrument: Path | None,
+    tool: Path | None, target_offset: str | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Predict what the instrument should see in every row of MEASUREMENTS, if the robot folder were the whole truth.
 
     Example: compplan predict later.csv --robot out/robot --out prediction.csv
     """
     parts = parse_parts(register)
-    robot, campaign = load_measured(measurements, robot_name, tool, target_offset)
+    robot, campaign = load_measured(measurements, robot_name, tool, target_offset, instrument)
     frames = folder_registration(load_robot(robot_name))
     prediction = predict_campaign(robot, campaign, register=parts, registration=frames)
     if not parts:
         check_unit(campaign, prediction.position)
     write_prediction(prediction, out)
-    distance = np.linalg.norm(campaign.position - prediction.position, axis=1) * 1e3
+    distance = np.linalg.norm(prediction.gap, axis=1) * 1e3
     distance = distance[np.isfinite(distance)]
     summary = {
         "rows": len(campaign),

@@ -24,8 +24,9 @@ from compplan.effects.linearization import Place
 from compplan.effects.scene import Scene
 from compplan.errors import InputError
 from compplan.measure.campaign import Campaign
+from compplan.measure.fit_frames import fit_registration
 from compplan.measure.pooling import pool_rows
-from compplan.measure.registration import Registration, fit_registration, stated_registration
+from compplan.measure.registration import Registration, fitted_parts, stated_registration
 from compplan.robot import Array, Robot
 
 #: Candidates that are listed beside named effects and their rivals (assumed).
@@ -56,7 +57,8 @@ def diagnose_campaign(
         raise InputError(
             f"{int(campaign.usable.sum())} usable rows, expected at least {FEWEST_ROWS}", file=campaign.file
         )
-    campaign, parts = pool_rows(campaign), tuple(register)
+    campaign = pool_rows(campaign)
+    parts = fitted_parts(campaign, register)
     known = robot_effects(robot)
     progress("conventions")
     conventions = () if "joint_coupling" in without else find_conventions(robot, campaign, parts)

@@ -67,6 +67,7 @@ class Signature:
             empty for columns of its own.
         lawful: Whether the form is a law of the effect. A curve of any shape is none: it carries the error of its place
             whatever makes it, and names the effect only where a lawful form explains most of what it does.
+        between: Change of the known distances between contacts; None for none. Shape (d, 1, k). [m]
     """
 
     name: str
@@ -83,6 +84,7 @@ class Signature:
     tried: int = 1
     columns: tuple[str, ...] = ()
     lawful: bool = True
+    between: Array | None = None
 
     @property
     def place(self) -> tuple[str, str | None, str | None]:
@@ -97,7 +99,7 @@ class Signature:
 
     def without_motion(self) -> Signature:
         """Return what it is, without what it adds to each row: that takes most of its memory."""
-        return replace(self, twist=np.zeros((0, *self.twist.shape[1:])), encoder=None)
+        return replace(self, twist=np.zeros((0, *self.twist.shape[1:])), encoder=None, between=None)
 
     def effect(self, values: Array) -> Effect:
         """Return the effect with these values of the parameters."""

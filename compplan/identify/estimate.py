@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.stats import t
 
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
-from compplan.identify.forward import RowState, attain_rows, frame_parameters, linearise
+from compplan.identify.forward import RowState, attain_rows, forget_turns, frame_parameters, linearise
 from compplan.identify.parameters import FreeRobot, Parameter
 from compplan.identify.rows import KNOWN_FRAMES, Rows
 from compplan.identify.separability import Inseparable, explain_held, tell_apart
@@ -18,7 +18,7 @@ from compplan.measure.fit.heldout import HeldOutRows, leave_out
 from compplan.measure.fit.robust import check_loss, loss_weights
 from compplan.measure.fit.separable import condition_number
 from compplan.measure.fit.spread import state_spread
-from compplan.measure.fit.system import System, estimate_noise, information, invert, stack, weigh
+from compplan.measure.fit.system import BLOCKS, System, estimate_noise, information, invert, stack, weigh
 from compplan.measure.frames import move_frames
 from compplan.measure.registration import Registration
 from compplan.robot import Array
@@ -142,7 +142,8 @@ def fit_rows(structure: FreeRobot, rows: Rows) -> Estimate:
     parameters = (*structure.parameters, *frame_parameters(rows.registration, rows.turned))
     state = attain_rows(structure, structure.nominal, rows, rows.registration)
     system = linearise(rows, state)
-    matrix = information(system, system.whitener(np.ones(3)), rows.group)
+    told = forget_turns(rows, rows.registration, system)
+    matrix = information(told, told.whitener(np.ones(BLOCKS)), rows.group)
     free = tell_apart(matrix, parameters)
     held = explain_held(rows.taken, state, matrix, parameters, free)
     _check_enough(system, free, held)
@@ -198,7 +199,7 @@ def _iterate(
     rows: Rows, parameters: tuple[Parameter, ...], free: NDArray[np.bool_], state: RowState, system: System
 ) -> tuple[RowState, System, Array, int]:
     """Step until the values stand still against their standard errors."""
-    group, noise = rows.group, np.ones(3)
+    group, noise = rows.group, np.ones(BLOCKS)
     sizes, previous = np.array([parameter.size for parameter in parameters])[free], np.inf
     for count in range(1, MAX_STEPS + 1):
         if rows.sigma == "residuals":

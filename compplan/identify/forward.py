@@ -14,9 +14,10 @@ from compplan.effects.linearization import Linearization, linearize_scene, unit_
 from compplan.effects.scene import Attained, Scene, own_springs
 from compplan.identify.parameters import AXES, TYPICAL_SIZE, FreeRobot, Parameter
 from compplan.identify.rows import SIGMA_ENCODER, Rows
-from compplan.measure.fit.system import ENCODERS, ORIENTATION, POSITION, System
+from compplan.measure.fit.system import DISTANCES, ENCODERS, ORIENTATION, POSITION, System, stack
 from compplan.measure.frames import frame_columns
-from compplan.measure.registration import Registration
+from compplan.measure.registration import CONTACTS, Registration, campaign_gap
+from compplan.measure.sights import CONTACT, DISTANCE, Sights
 from compplan.robot import Array
 from compplan.statics.chain import Frames, load_elements
 
@@ -94,7 +95,8 @@ def attain_rows(structure: FreeRobot, values: Array, rows: Rows, frames: Registr
 def pose_residuals(rows: Rows, state: RowState) -> Array:
     """Take measured minus predicted, position then rotation vector, measuring axes; [m, rad]. Shape (n, 6)."""
     residual = np.full((len(rows), 6), np.nan)
-    residual[:, :3] = rows.taken.position - state.position
+    base = state.frames.base[:3, :3]
+    residual[:, :3] = campaign_gap(rows.taken, state.position, state.frames) @ base.T
     if rows.taken.rotation is not None:
         known = np.isfinite(rows.taken.rotation).all(axis=(1, 2))
         turn = rows.taken.rotation[known] @ np.swapaxes(state.rotation[known], 1, 2)
@@ -140,7 +142,7 @@ def differentiate(rows: Rows, state: RowState) -> tuple[Array, Array]:
     R = state.frames.base[:3, :3]
     pose = np.concatenate([np.einsum("ij,njp->nip", R, pose[:, :3]), np.einsum("ij,njp->nip", R, pose[:, 3:])], axis=1)
     columns = frame_columns(
-        state.frames, state.position, state.loaded.tcp_rotation, rows.taken.target_index, rows.turned
+        state.frames, state.position, state.loaded.tcp_rotation, rows.taken.target_index, rows.turned, rows.taken.sights
     )
     pose = np.concatenate([pose, *columns], axis=2)
     encoder = np.concatenate([encoder, np.zeros((n, encoder.shape[1], pose.shape[2] - encoder.shape[2]))], axis=2)
@@ -156,8 +158,52 @@ def linearise(rows: Rows, state: RowState) -> System:
         residual, columns = np.hstack([residual, extra]), np.concatenate([columns, slopes], axis=1)
         sigma = np.hstack([sigma, np.full(extra.shape, SIGMA_ENCODER)])
         block = np.r_[block, np.full(extra.shape[1], ENCODERS)]
+    if rows.taken.sights is not None:
+        residual, columns, sigma, block = _sight_rows(rows.taken.sights, state, residual, columns, sigma, block)
     missing = ~np.isfinite(residual)
     return System(np.where(missing, 0.0, residual), columns, np.where(missing, np.inf, sigma), block)
+
+
+def _sight_rows(
+    sights: Sights, state: RowState, residual: Array, columns: Array, sigma: Array, block: NDArray[np.int_]
+) -> tuple[Array, Array, Array, NDArray[np.int_]]:
+    """Put the one number of a row that tells no more first, and known distances beside the first row of a contact."""
+    R, frames = state.frames.base[:3, :3], state.frames
+    point = (state.position - frames.base[:3, 3]) @ R
+    direction = sights.directions(point, frames.places) @ R.T
+    one = np.isfinite(direction).all(axis=1)
+    residual[one, 0] = np.einsum("ni,ni->n", direction[one], residual[one, :3])
+    residual[one, 1:3] = np.nan
+    columns[one, 0] = np.einsum("ni,nip->np", direction[one], columns[one, :3])
+    columns[one, 1:3] = 0.0
+    if CONTACTS not in frames.parts or not len(sights.known):
+        return residual, columns, sigma, block
+    known, count = sights.known, np.arange(len(sights.known))
+    extra = np.full((len(residual), len(known)), np.nan)
+    slopes = np.zeros((*extra.shape, columns.shape[2]))
+    own = known.slopes(frames.places).reshape(len(known), -1)
+    extra[sights.first_rows(), count] = known.gap(frames.places)
+    slopes[sights.first_rows(), count, columns.shape[2] - own.shape[1] :] = own
+    return (
+        np.hstack([residual, extra]), np.concatenate([columns, slopes], axis=1),
+        np.hstack([sigma, np.broadcast_to(known.sigma, extra.shape)]), np.r_[block, np.full(len(known), DISTANCES)],
+    )  # fmt: skip
+
+
+def forget_turns(rows: Rows, frames: Registration, system: System) -> System:
+    """Take out of the derivatives what only seems to tell how the whole arm is turned about its base.
+
+    Contacts and ball bars look the same however the base is turned with their unknown places: a turn w moves what is
+    left of a contact's row, r, by w x r, which is noise. Left in, it would tell the turn to one radian over the root of
+    the number of rows.
+    """
+    sights = rows.taken.sights
+    if sights is None or CONTACTS not in frames.parts or not np.isin(sights.kind, (CONTACT, DISTANCE)).all():
+        return system
+    contact, turns = sights.kind == CONTACT, np.zeros((*system.residual.shape, 3))
+    turns[contact, :3] = np.swapaxes(np.cross(np.eye(3)[None], system.residual[contact, None, :3]), 1, 2)
+    basis, flat = np.linalg.qr(stack(turns))[0], stack(system.columns)
+    return system._replace(columns=(flat - basis @ (basis.T @ flat)).reshape(system.columns.shape))
 
 
 def _spring_motion(state: RowState) -> Array:
@@ -197,6 +243,8 @@ def frame_parameters(frames: Registration, turned: bool) -> tuple[Parameter, ...
     wanted: list[tuple[str, str, tuple[str, ...]]] = [("base", "base", AXES)] if "base" in frames.parts else []
     if "tool" in frames.parts:
         wanted += [(label, "tool", AXES if turned else AXES[:3]) for label in labels]
+    if CONTACTS in frames.parts:
+        wanted += [(f"contact({label})", CONTACTS, AXES[:3]) for label in frames.contacts]
     return tuple(
         Parameter(f"{label}.{axis}", kind, unit := "m" if axis[0] == "t" else "rad", 0.0, TYPICAL_SIZE[unit])
         for label, kind, axes in wanted

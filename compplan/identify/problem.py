@@ -20,6 +20,7 @@ from compplan.identify.refine import GAIN_LIMIT
 from compplan.identify.rows import Rows
 from compplan.measure.fit.heldout import gain_score
 from compplan.measure.fit.robust import check_loss
+from compplan.measure.fit.system import BLOCKS
 from compplan.robot import Array, Robot
 from compplan.robot.springs import candidate_springs, label_spring, link_springs, own_springs, read_spring
 
@@ -190,7 +191,7 @@ def choose_geometry(problem: IdentifyProblem) -> IdentifyProblem:
 
 def held_out_score(problem: IdentifyProblem, estimate: Estimate) -> Array:
     """Score a fit on held-out poses, in stated standard deviations. Shape (poses,)."""
-    return leave_poses_out(problem.rows, replace(estimate, noise=np.ones(3))).score
+    return leave_poses_out(problem.rows, replace(estimate, noise=np.ones(BLOCKS))).score
 
 
 def choose_reference(problem: IdentifyProblem) -> tuple[IdentifyProblem, list[str]]:

@@ -14,8 +14,9 @@ from compplan.effects import apply_effects, attain_scene, robot_effects, stage_s
 from compplan.errors import InputError
 from compplan.measure.campaign import Campaign
 from compplan.measure.fit.robust import check_loss
+from compplan.measure.fit_frames import fit_registration
 from compplan.measure.made import ASSUMED_SIGMA_POSITION, ASSUMED_SIGMA_ROTATION
-from compplan.measure.registration import Registration, fit_registration, match_targets, read_registration
+from compplan.measure.registration import PARTS, Registration, fitted_parts, match_targets, read_registration
 from compplan.robot import Array, Robot
 
 #: Assumed for encoder differences. [rad or m]
@@ -163,14 +164,22 @@ def place_frames(robot: Robot, campaign: Campaign, parts: tuple[str, ...]) -> Re
         campaign: The log.
         parts: Frames to fit: "base", "tool".
     """
+    parts = fitted_parts(campaign, parts)
+    known = _folder_frames(robot, campaign)
     if parts:
         rows = usable_rows(campaign)
         quiet = rows & campaign.unloaded
         if len(np.unique(np.round(campaign.q[quiet], 4), axis=0)) >= UNLOADED_POSES:
             rows = quiet
         seen = attain_scene(apply_effects(stage_scene(robot, campaign), robot_effects(robot)))
-        return fit_registration(campaign, seen.position, seen.rotation, parts, rows=rows)
+        start = None if set(parts) & set(PARTS) else known
+        return fit_registration(campaign, seen.position, seen.rotation, parts, rows=rows, start=start)
+    return Registration.identity(campaign, ()) if known is None else replace(known, parts=())
+
+
+def _folder_frames(robot: Robot, campaign: Campaign) -> Registration | None:
+    """Return the frames of the robot folder's registration.toml, or None."""
     file = None if robot.folder is None else Path(robot.folder) / "registration.toml"
     if file is not None and file.exists():
-        return replace(match_targets(read_registration(file), campaign), parts=())
-    return Registration.identity(campaign, ())
+        return match_targets(read_registration(file), campaign)
+    return None

@@ -15,7 +15,9 @@ from compplan.measure.fit.separable import LIMIT, SHARE, find_free
 from compplan.robot import Array
 
 #: Held at its nominal value first: what is refinement rather than the joints and frames themselves.
-PREFERENCE = {"link": 0, "spring": 1, "effect": 2, "geometry": 2, "offset": 3, "joint": 4, "tool": 5, "base": 6}
+PREFERENCE = {
+    "link": 0, "spring": 1, "effect": 2, "geometry": 2, "offset": 3, "joint": 4, "tool": 5, "base": 6, "contact": 7,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ def _loads_are_vertical(load: Array) -> bool:
 def _why_never(log: Campaign, state: RowState, parameter: Parameter) -> str:
     load, chain = log.wrench, state.structure.chain
     gravity = chain.gravity.any() and chain.mass.any()
-    if parameter.kind in ("geometry", "effect", "base", "tool"):
+    if parameter.kind in ("geometry", "effect", "base", "tool", "contact"):
         return "these poses do not show it"
     if not np.abs(load).max(initial=0.0) > 0 and not gravity:
         return "no row carries a load, and the model has no gravity"
@@ -113,7 +115,7 @@ def _why_never(log: Campaign, state: RowState, parameter: Parameter) -> str:
 
 
 def _why_together(log: Campaign, state: RowState, parameters: Sequence[Parameter]) -> str:
-    kinds, rigid = {parameter.kind for parameter in parameters}, {"base", "tool", "geometry"}
+    kinds, rigid = {parameter.kind for parameter in parameters}, {"base", "tool", "contact", "geometry"}
     if len(parameters) == 2 and _same_axis(state, parameters):
         return "both turn about (or slide along) the same axis under the same load, so only their sum acts"
     if kinds <= rigid:

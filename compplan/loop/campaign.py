@@ -163,7 +163,7 @@ def learn_log(design: Design, robot: Robot, log: Campaign | None) -> tuple[Array
     """Take what a partial log tells off the covariance; also return how many rows counted and what is odd."""
     if log is None:
         return design.start, 0, []
-    use = np.flatnonzero(log.usable & ~log.on_path)
+    use = np.flatnonzero(log.usable & log.measured & ~log.on_path)
     scene = stage_robot(robot, log)
     predicted = predict_campaign(robot, log, register=design.frames)
     slopes = measure_slopes(scene, design.known.unknowns, use)

@@ -70,7 +70,7 @@ def measure_pose_accuracy(
     """
     predicted = predict_campaign(robot, campaign, register=register, later=False)
     use = campaign.usable & ~campaign.on_path
-    gap = (campaign.position - predicted.position)[use]
+    gap = predicted.gap[use]
     load = np.round(campaign.wrench[use][:, :3] / SAME_FORCE).astype(int)
     key = np.column_stack([campaign.pose[use], campaign.target_index[use], load])
     _, pose = np.unique(key, axis=0, return_inverse=True)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.files.shown import Shown
+from compplan.measure.sights import Sights
 from compplan.robot import Array
 
 #: Joint motion below this is encoder jitter, not a move [rad or m]; one unit of the fourth decimal of a degree.
@@ -64,6 +65,7 @@ class Campaign(Shown):
         moved: Last move of each joint where rows of a pose were pooled and their order does not tell it; else None.
             Shape (n, nq). [rad or m]
         scatter: Standard deviation of a single row's position per axis where rows were pooled; else 0. [m]
+        sights: What was seen of the point in rows without a position (contacts, readings, ball bar), or None.
 
     """
 
@@ -87,6 +89,7 @@ class Campaign(Shown):
     target_offset: Array | None = None
     moved: Array | None = None
     scatter: float = 0.0
+    sights: Sights | None = None
 
     def __len__(self) -> int:
         return len(self.q)
@@ -142,9 +145,14 @@ class Campaign(Shown):
 
     @cached_property
     def usable(self) -> NDArray[np.bool_]:
-        """Tell which rows hold joints, load and position. Shape (n,)."""
-        finite = [np.isfinite(part).all(axis=1) for part in (self.q, self.wrench, self.position)]
-        return np.logical_and.reduce(finite)
+        """Tell which rows hold joints, load, and a position or what another instrument saw. Shape (n,)."""
+        joints, load = (np.isfinite(part).all(axis=1) for part in (self.q, self.wrench))
+        return np.asarray(joints & load & (self.measured if self.sights is None else self.measured | self.sights.seen))
+
+    @cached_property
+    def measured(self) -> NDArray[np.bool_]:
+        """Tell which rows hold a position of all three coordinates. Shape (n,)."""
+        return np.asarray(np.isfinite(self.position).all(axis=1))
 
     @cached_property
     def load_scale(self) -> float:
@@ -275,4 +283,4 @@ class Campaign(Shown):
         ):  # fmt: skip
             value = getattr(self, name)
             fields[name] = None if value is None else value[rows]
-        return replace(self, **fields)
+        return replace(self, **fields, sights=None if self.sights is None else self.sights.take(rows))

@@ -71,6 +71,7 @@ def check_campaign(campaign: Campaign, robot: Robot, table: Table) -> Campaign:
             q=np.where(bad[:, None], _before(campaign.q, bad), campaign.q),
             wrench=np.where(bad[:, None], 0.0, campaign.wrench),
             position=np.where(bad[:, None], np.nan, campaign.position),
+            sights=None if campaign.sights is None else campaign.sights.without(bad),
         )
     _check_motion(campaign, table)
     return replace(campaign, notes=tuple(notes))
@@ -215,7 +216,7 @@ def _before(values: Array, bad: NDArray[np.bool_]) -> Array:
 
 def _check_motion(campaign: Campaign, table: Table) -> None:
     """Refuse positions that stay while the joints move, and joints that stay while the positions move."""
-    rows = campaign.usable
+    rows = campaign.usable & campaign.measured
     if rows.sum() < 3:
         return
     joints, positions = campaign.q[rows], campaign.position[rows]

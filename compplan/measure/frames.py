@@ -8,13 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from compplan.measure.registration import Registration
+from compplan.measure.registration import CONTACTS, Registration
+from compplan.measure.sights import Sights
 from compplan.robot import Array
 
 
 def frame_columns(
-    frames: Registration, position: Array, tcp_rotation: Array, target: NDArray[np.int_], turned: bool
-) -> list[Array]:
+    frames: Registration, position: Array, tcp_rotation: Array, target: NDArray[np.int_], turned: bool,
+    sights: Sights | None = None,
+) -> list[Array]:  # fmt: skip
     """Differentiate measured poses by the fitted frames, in the order of `move_frames`. Shapes (n, 6, 3 or 6).
 
     Args:
@@ -23,6 +25,7 @@ def frame_columns(
         tcp_rotation: Orientation of the TCP, base axes. Shape (n, 3, 3).
         target: Index of the measured point. Shape (n,).
         turned: Whether orientation is measured; without it a tool is a point.
+        sights: What other instruments saw: places of contacts move it, the base of a tracker does not.
     """
     n, parts = len(position), []
     if "base" in frames.parts:
@@ -31,6 +34,8 @@ def frame_columns(
         lever = position - frames.base[:3, 3]
         for axis, unit in enumerate(np.eye(3)):
             base[:, :3, 3 + axis] = np.cross(unit, lever)
+        if sights is not None:
+            base[sights.seen] = 0.0
         parts.append(base)
     if "tool" in frames.parts:
         size = 6 if turned else 3
@@ -42,6 +47,9 @@ def frame_columns(
             if size == 6:
                 tool[own, 3:, 3:] = axes[own]
             parts.append(tool)
+    if CONTACTS in frames.parts and sights is not None:
+        slopes = -np.einsum("ij,njlk->nilk", frames.base[:3, :3], sights.place_slopes()).reshape(n, 3, -1)
+        parts.append(np.concatenate([slopes, np.zeros_like(slopes)], axis=1))
     return parts
 
 
@@ -57,4 +65,5 @@ def move_frames(frames: Registration, change: Array, turned: bool) -> Registrati
         pose[:3, :3] = Rotation.from_rotvec(step[3:]).as_matrix() @ pose[:3, :3]
         pose[:3, 3] += step[:3]
         used += size
-    return replace(frames, base=base, tool=tools)
+    places = frames.places + change[used:].reshape(-1, 3) if CONTACTS in frames.parts else frames.places
+    return replace(frames, base=base, tool=tools, places=places)

@@ -39,7 +39,7 @@ def pool_rows(campaign: Campaign) -> Campaign:
         campaign: The campaign.
     """
     rows = np.flatnonzero(campaign.usable)
-    if len(rows) <= FROM_ROWS or campaign.on_path.any():
+    if len(rows) <= FROM_ROWS or campaign.on_path.any() or campaign.sights is not None:
         return campaign
     single = rows[find_copies(campaign, rows)]
     group = number_poses(campaign, single)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from compplan.files.given import is_file_name, open_table
 from compplan.files.tables import Table
 from compplan.measure.campaign import MODES, WRENCH, Campaign
 from compplan.measure.checks import check_campaign
+from compplan.measure.instrument import COLUMNS, InstrumentFile, SightedRows, read_sights
 from compplan.robot import Array, Robot
 
 
@@ -34,21 +36,22 @@ def log_columns(robot: Robot | None = None) -> list[FileColumn]:
         columns += [FileColumn(f"{joint}_{side}", kind, missing=True) for side in ("link", "motor")]
     columns += [FileColumn(name, "force", missing=True, group="force") for name in WRENCH[:3]]
     columns += [FileColumn(name, "moment", missing=True, group="moment") for name in WRENCH[3:]]
-    columns += [FileColumn(name, "length", required=True, missing=True) for name in "xyz"]
+    columns += [FileColumn(name, "length", missing=True, group="position") for name in "xyz"]
     columns += [FileColumn(name, "angle", missing=True, group="orientation") for name in ("rx", "ry", "rz")]
     columns.append(FileColumn("temperature", "temperature", missing=True))
     columns.append(FileColumn("sigma", "length", missing=True, key="sigma_position"))
     columns.append(FileColumn("sigma", "angle", missing=True, key="sigma_rotation"))
-    return columns
+    return [*columns, *COLUMNS]
 
 
-def read_campaign(source: Any, robot: Robot) -> Campaign:
+def read_campaign(source: Any, robot: Robot, instrument: InstrumentFile | None = None) -> Campaign:
     """Read a measurement log.
 
     Args:
         source: The CSV file; or its columns, as a DataFrame or by name, units in their names:
             `{"q_deg": array of shape (n, nq), "position_mm": array of shape (n, 3)}`.
         robot: The robot it belongs to: how many joints it has, and which of them slide.
+        instrument: What is known of an instrument that sees no positions, where there is one.
 
     Raises:
         InputError: If the file is not a measurement log of this robot.
@@ -67,31 +70,56 @@ def read_campaign(source: Any, robot: Robot) -> Campaign:
         known = np.isfinite(vectors).all(1)
         rotation[known] = Rotation.from_rotvec(vectors[known]).as_matrix()
     names, target = _targets(table)
+    position, sighted = _positions(table, instrument)
+    sigma = values.get("sigma_position")
+    if sighted is not None:
+        sigma = np.where(np.isfinite(sigma), sigma, sighted.sigma) if sigma is not None else sighted.sigma
     campaign = Campaign(
         run=table.text.get("run", np.array(["static"] * n, dtype=np.str_)),
         q=table.stack(joints),
         wrench=wrench,
-        position=table.stack(["x", "y", "z"]),
+        position=position,
         rotation=rotation,
         time=values.get("time"),
         temperature=values.get("temperature"),
         link=_encoders(table, robot, "link"),
         motor=_encoders(table, robot, "motor"),
-        sigma=values.get("sigma_position"),
+        sigma=sigma,
         sigma_rotation=values.get("sigma_rotation"),
         target=target,
         target_names=names,
         mode=_modes(table),
         file=Path(source) if is_file_name(source) else None,
         lines=table.lines,
+        sights=None if sighted is None else sighted.sights,
     )
     _refuse_empty(campaign, table)
-    return check_campaign(campaign, robot, table)
+    checked = check_campaign(campaign, robot, table)
+    return checked if sighted is None else replace(checked, notes=(*checked.notes, *sighted.notes))
+
+
+def _positions(table: Table, instrument: InstrumentFile | None) -> tuple[Array, SightedRows | None]:
+    """Return the positions, NaN where a row has another sight, and the sights.
+
+    Raises:
+        InputError: If the log has neither.
+
+    """
+    position = table.stack(["x", "y", "z"]) if "x" in table else np.full((len(table), 3), np.nan)
+    sighted = read_sights(table, position, instrument)
+    if "x" not in table and sighted is None:
+        raise table.error("columns x_mm, y_mm and z_mm are missing, expected a position, or contact, reading_mm or"
+                          " distance_mm of another instrument")  # fmt: skip
+    if sighted is None:
+        return position, None
+    return np.where(sighted.sights.seen[:, None], np.nan, position), sighted
 
 
 def _refuse_empty(campaign: Campaign, table: Table) -> None:
     if not campaign.usable.any():
         raise table.error("no row holds joints and a position, expected at least one")
+    if not campaign.measured.any():
+        return
     reach = float(np.nanmax(np.abs(campaign.position)))
     if reach > 500.0:
         title = table.headers["x"]

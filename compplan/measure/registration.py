@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import tomli_w
-from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 from scipy.spatial.transform import Rotation
 
@@ -17,18 +16,14 @@ from compplan.errors import InputError
 from compplan.files.tables import write_text
 from compplan.files.tomlfile import SchemaOne, StrictTable, Vector3, read_toml_model
 from compplan.measure.campaign import Campaign
+from compplan.measure.sights import CONTACT
 from compplan.robot import Array
 
 PARTS = ("base", "tool")
+#: The part that belongs to the rows of other instruments: places of their contacts.
+CONTACTS = "contact"
 #: Greatest distance of a registered frame; degrees stay far below it. [mm]
 FARTHEST_MM = 1e6
-STEPS = 60
-#: Rows that fix a frame at the least, and the extent of places that are one place. [m]
-LEAST_ROWS, STANDING = 3, 1e-6
-#: A step below this has converged [m or rad].
-SETTLED = 1e-10
-#: Radians of orientation that weigh as much as a metre of position.
-ANGLE_WEIGHT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +34,9 @@ class Registration:
         base: Pose of the robot base in the measurement frame. Shape (4, 4). [m]
         tool: Pose of each target in the TCP frame. Shape (targets, 4, 4). [m]
         targets: Label of each target.
-        parts: Which of "base" and "tool" were fitted.
+        parts: Which of "base", "tool" and "contact" were fitted.
+        contacts: Label of each contact of the campaign.
+        places: Places of the contacts, base frame of the robot. Shape (contacts, 3). [m]
 
     """
 
@@ -47,6 +44,8 @@ class Registration:
     tool: Array
     targets: tuple[str, ...] = ("",)
     parts: tuple[str, ...] = PARTS
+    contacts: tuple[str, ...] = ()
+    places: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @staticmethod
     def identity(campaign: Campaign, parts: Sequence[str] = PARTS) -> Registration:
@@ -54,7 +53,62 @@ class Registration:
         tools = np.repeat(np.eye(4)[None], len(campaign.target_names), axis=0)
         if campaign.target_offset is not None:
             tools[:, :3, 3] = campaign.target_offset
-        return Registration(np.eye(4), tools, campaign.target_names, tuple(parts))
+        contacts = () if campaign.sights is None else campaign.sights.names
+        return Registration(
+            np.eye(4), tools, campaign.target_names, tuple(parts), contacts, np.zeros((len(contacts), 3))
+        )
+
+
+def fitted_parts(campaign: Campaign, parts: Sequence[str]) -> tuple[str, ...]:
+    """Return the frames that a campaign needs fitted: those asked for, and places of contacts, which nobody knows.
+
+    Rows without a position say nothing of the frame of a tracker: without any position there is no base to fit.
+    """
+    kept = [part for part in parts if part != "base" or campaign.sights is None or campaign.measured.any()]
+    if campaign.sights is not None and campaign.sights.names and CONTACTS not in kept:
+        kept.append(CONTACTS)
+    return tuple(kept)
+
+
+def campaign_gap(campaign: Campaign, position: Array, registration: Registration | None) -> Array:
+    """Return measured minus expected, base axes: of positions, and of what other instruments saw. Shape (n, 3). [m]
+
+    Args:
+        campaign: What was measured.
+        position: Measured point that a model expects, measuring frame. Shape (n, 3). [m]
+        registration: Frames of the campaign; none if the instrument stands in the robot's base frame.
+    """
+    gap = campaign.position - position
+    if registration is not None:
+        gap = gap @ registration.base[:3, :3]
+        position = (position - registration.base[:3, 3]) @ registration.base[:3, :3]
+    if campaign.sights is None:
+        return np.asarray(gap)
+    places = _places_of(campaign, registration, position)
+    return np.where(campaign.sights.seen[:, None], campaign.sights.gap(position, places), gap)
+
+
+def campaign_directions(campaign: Campaign, position: Array, registration: Registration | None) -> Array | None:
+    """Return the direction in which a row tells one number, NaN where it tells three, base axes; None: all tell three.
+
+    Args:
+        campaign: What was measured.
+        position: Measured point that a model expects, measuring frame. Shape (n, 3). [m]
+        registration: Frames of the campaign, or None.
+    """
+    if campaign.sights is None or (campaign.sights.kind <= CONTACT).all():
+        return None
+    if registration is not None:
+        position = (position - registration.base[:3, 3]) @ registration.base[:3, :3]
+    return campaign.sights.directions(position, _places_of(campaign, registration, position))
+
+
+def _places_of(campaign: Campaign, registration: Registration | None, point: Array) -> Array:
+    """Return the places of a campaign's contacts, from the rows themselves where no registration knows them."""
+    assert campaign.sights is not None
+    if registration is not None and registration.contacts == campaign.sights.names:
+        return registration.places
+    return campaign.sights.start_places(point)
 
 
 def stated_registration(campaign: Campaign) -> Registration | None:
@@ -88,13 +142,21 @@ class TargetTable(RegistrationPose):
     target: str = ""
 
 
+class ContactTable(StrictTable):
+    """[[contact]]: where a contact was, in the base frame of the robot."""
+
+    label: str
+    position_mm: Annotated[Vector3, AfterValidator(_check_near)]
+
+
 class RegistrationTable(StrictTable):
     """registration.toml of a robot folder."""
 
     schema_: SchemaOne = Field(alias="schema")
-    fitted: Annotated[tuple[Literal["base", "tool"], ...], Field(strict=False)]
+    fitted: Annotated[tuple[Literal["base", "tool", "contact"], ...], Field(strict=False)]
     base: RegistrationPose
     tool: Annotated[tuple[TargetTable, ...], Field(strict=False, min_length=1)]
+    contact: Annotated[tuple[ContactTable, ...], Field(strict=False)] = ()
 
 
 def parse_parts(text: str | None) -> tuple[str, ...]:
@@ -113,66 +175,6 @@ def parse_parts(text: str | None) -> tuple[str, ...]:
     return parts
 
 
-def fit_registration(
-    campaign: Campaign,
-    position: Array,
-    rotation: Array,
-    parts: Sequence[str],
-    *,
-    rows: NDArray[np.bool_] | None = None,
-) -> Registration:
-    """Fit base and tool frames to a campaign, robustly; the robot's own poses stay as they are.
-
-    Minimises the distance of T_world_base T_base_tcp T_tcp_target from the measured targets, orientation included where
-    it was measured, by Gauss-Newton steps with Huber weights, started from the best rigid fit of the positions.
-
-    Args:
-        campaign: What was measured.
-        position: TCP that the robot model predicts, base frame. Shape (n, 3). [m]
-        rotation: Its orientation. Shape (n, 3, 3).
-        parts: Which of "base" and "tool" to fit.
-        rows: Rows to use; all usable ones if left out. Shape (n,), bool.
-
-    Raises:
-        InputError: If the rows cannot fix a frame: fewer than three, or the tool at one place in all of them.
-
-    """
-    use = campaign.usable if rows is None else np.asarray(rows, bool) & campaign.usable
-    index = np.flatnonzero(use)
-    registration = Registration.identity(campaign, parts)
-    if not len(index) or not parts:
-        return registration
-    _check_rows(campaign, position[index], len(index), parts)
-    measured, p, R = campaign.position[index], position[index], rotation[index]
-    turned = None if campaign.rotation is None else campaign.rotation[index]
-    tool_of = campaign.target_index[index]
-    base, tools = np.eye(4), registration.tool.copy()
-    if "base" in parts:
-        base = _start_base(p, R, measured, turned)
-    n_tools = len(tools) if "tool" in parts else 0
-    for _ in range(STEPS):
-        step = _step(p, R, measured, turned, tool_of, base, tools, "base" in parts, n_tools)
-        if "base" in parts:
-            base = _exp(step[:6]) @ base
-        for k in range(n_tools):
-            tools[k] = tools[k] @ _exp(step[6 + 6 * k : 12 + 6 * k])
-        if np.abs(step).max(initial=0.0) < SETTLED:
-            break
-    return Registration(base, tools, campaign.target_names, tuple(parts))
-
-
-def _check_rows(campaign: Campaign, position: Array, count: int, parts: Sequence[str]) -> None:
-    """Refuse rows that leave frames open: too few of them, or none in which the tool or the target has moved."""
-    words = f"--register {','.join(parts)}"
-    if count < LEAST_ROWS:
-        message = f"{words} needs at least {LEAST_ROWS} rows with joints and a measured position, the log has {count}"
-        raise InputError(message, file=campaign.file)
-    for what, points in (("joints", position), ("measured positions", campaign.position[campaign.usable])):
-        if float(np.ptp(points, axis=0).max()) < STANDING:
-            message = f"{words} needs poses that differ, the {what} leave the tool at one place in all {count} rows"
-            raise InputError(message, file=campaign.file)
-
-
 def read_registration(file: Path) -> Registration:
     """Read registration.toml.
 
@@ -186,6 +188,8 @@ def read_registration(file: Path) -> Registration:
         np.array([tool.pose() for tool in table.tool]),
         tuple(tool.target for tool in table.tool),
         table.fitted,
+        tuple(contact.label for contact in table.contact),
+        np.array([contact.position_mm for contact in table.contact]).reshape(-1, 3) * 1e-3,
     )
 
 
@@ -200,6 +204,9 @@ def write_registration(registration: Registration, file: Path) -> None:
             for label, pose in zip(registration.targets, registration.tool, strict=True)
         ],
     }
+    if registration.contacts:
+        places = zip(registration.contacts, registration.places * 1e3, strict=True)
+        table["contact"] = [{"label": label, "position_mm": [float(v) for v in place]} for label, place in places]
     write_text(file, tomli_w.dumps(table))
 
 
@@ -209,78 +216,7 @@ def match_targets(registration: Registration, campaign: Campaign) -> Registratio
         return registration
     known = dict(zip(registration.targets, registration.tool, strict=True))
     tools = np.array([known.get(label, registration.tool[0]) for label in campaign.target_names])
-    return Registration(registration.base, tools, campaign.target_names, registration.parts)
-
-
-def _start_base(p: Array, R: Array, measured: Array, turned: Array | None) -> Array:
-    """Start from orientations where there are any, otherwise from the best rigid fit of the positions."""
-    base = np.eye(4)
-    known = np.zeros(len(p), bool) if turned is None else np.isfinite(turned).all((1, 2))
-    if turned is not None and known.sum() >= 3:
-        base[:3, :3] = _base_rotation(R[known], turned[known])
-    else:
-        centred, seen = p - np.median(p, axis=0), measured - np.median(measured, axis=0)
-        base[:3, :3] = Rotation.align_vectors(seen, centred)[0].as_matrix()
-    base[:3, 3] = np.median(measured - p @ base[:3, :3].T, axis=0)
-    return base
-
-
-def _base_rotation(R: Array, turned: Array) -> Array:
-    """Solve R_measured = X R Y for X: relative rotations of both sides have the same axis up to X."""
-    pairs = np.random.default_rng(0).integers(0, len(R), (400, 2))
-    a = Rotation.from_matrix(R[pairs[:, 0]] @ np.swapaxes(R[pairs[:, 1]], 1, 2)).as_rotvec()
-    b = Rotation.from_matrix(turned[pairs[:, 0]] @ np.swapaxes(turned[pairs[:, 1]], 1, 2)).as_rotvec()
-    fair = (np.linalg.norm(a, axis=1) > 0.2) & (np.linalg.norm(a, axis=1) < 2.8)
-    if fair.sum() < 3:
-        return np.eye(3)
-    return np.asarray(Rotation.align_vectors(b[fair], a[fair])[0].as_matrix())
-
-
-def _step(
-    p: Array, R: Array, measured: Array, turned: Array | None, tool_of: NDArray[np.int_], base: Array, tools: Array,
-    fit_base: bool, n_tools: int,
-) -> Array:  # fmt: skip
-    """Take one weighted Gauss-Newton step: base twist (6), then a twist per tool (6 each)."""
-    size = 6 + 6 * n_tools
-    local = tools[tool_of]
-    at = p + np.einsum("nij,nj->ni", R, local[:, :3, 3])
-    seen = at @ base[:3, :3].T + base[:3, 3]
-    world = base[:3, :3] @ R @ local[:, :3, :3]
-    jacobian = np.zeros((len(p), 6, size))
-    if fit_base:
-        jacobian[:, :3, :3], jacobian[:, :3, 3:6], jacobian[:, 3:, 3:6] = np.eye(3), -_cross(seen), np.eye(3)
-    for k in range(n_tools):
-        rows = tool_of == k
-        jacobian[rows, :3, 6 + 6 * k : 9 + 6 * k] = world[rows]
-        jacobian[rows, 3:, 9 + 6 * k : 12 + 6 * k] = world[rows]
-    residual = np.zeros((len(p), 6))
-    residual[:, :3] = measured - seen
-    if turned is not None:
-        known = np.isfinite(turned).all((1, 2))
-        residual[known, 3:] = Rotation.from_matrix(turned[known] @ np.swapaxes(world[known], 1, 2)).as_rotvec()
-        jacobian[~known, 3:] = 0.0
-    else:
-        jacobian[:, 3:] = 0.0
-    residual[:, 3:] *= ANGLE_WEIGHT
-    jacobian[:, 3:] *= ANGLE_WEIGHT
-    length = np.linalg.norm(residual, axis=1)
-    knee = 3.0 * max(float(np.median(length)), 1e-9)
-    root = np.sqrt(np.minimum(1.0, knee / np.maximum(length, 1e-12)))
-    a = (jacobian * root[:, None, None]).reshape(-1, size)
-    return np.asarray(np.linalg.lstsq(a, (residual * root[:, None]).reshape(-1), rcond=1e-10)[0])
-
-
-def _cross(vectors: Array) -> Array:
-    x, y, z = vectors.T
-    o = np.zeros_like(x)
-    return np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], axis=-2)
-
-
-def _exp(twist: Array) -> Array:
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_rotvec(twist[3:]).as_matrix()
-    pose[:3, 3] = twist[:3]
-    return pose
+    return replace(registration, tool=tools, targets=campaign.target_names)
 
 
 def _table(pose: Array) -> dict[str, list[float]]:

@@ -98,10 +98,7 @@ def write_gap(diagnosis: Diagnosis, shares: Shares, folder: Path) -> None:
     robot, campaign = diagnosis.robot, diagnosis.fit.problem.campaign
     rows = shares.rows
     explained, share = name_rows(shares)
-    registration = diagnosis.registration
-    point = campaign.position
-    if registration is not None:
-        point = (point - registration.base[:3, 3]) @ registration.base[:3, :3]
+    point = diagnosis.points
     columns: dict[str, object] = {"row": rows, "run": np.asarray(campaign.run)[rows]}
     columns |= robot.joint_columns(campaign.q[rows])
     for name, values in (("", point), ("gap_", diagnosis.residual_before), ("left_", diagnosis.residual_after)):

@@ -152,7 +152,7 @@ def describe_identification(summary: dict[str, Any]) -> list[str]:
         f"{'parameter':<26}{'unit':<12}{'before':>10}{'value':>10}{'95 % interval':>24}",
     ]
     for entry in summary["parameters"]:
-        if entry["kind"] in ("geometry", "base", "tool"):
+        if entry["kind"] in ("geometry", "base", "tool", "contact"):
             continue
         interval = "[{:.4g}, {:.4g}]".format(*entry["interval_95"])
         verdict = "" if entry["written"] else "  not written"
@@ -220,7 +220,7 @@ def _describe_round(entry: RefinementRound, result: Identification) -> dict[str,
 
 
 def _about_geometry(name: str) -> bool:
-    return name.endswith(".offset") or ".end." in name or name.startswith(("base.", "tool"))
+    return name.endswith(".offset") or ".end." in name or name.startswith(("base.", "tool", "contact("))
 
 
 def _number(value: float | None) -> float | None:

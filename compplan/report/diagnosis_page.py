@@ -111,13 +111,10 @@ def write_diagnosis_page(
 
 def _take_rows(diagnosis: Diagnosis) -> _Rows:
     """Take the rows that count."""
-    campaign, registration = diagnosis.fit.problem.campaign, diagnosis.registration
-    before, after, point = diagnosis.residual_before, diagnosis.residual_after, campaign.position
-    if registration is not None:
-        point = (point - registration.base[:3, 3]) @ registration.base[:3, :3]
+    campaign, before, after = diagnosis.fit.problem.campaign, diagnosis.residual_before, diagnosis.residual_after
     used = campaign.usable & np.isfinite(before).all(1) & np.isfinite(after).all(1)
     used[diagnosis.outliers] = False
-    return _Rows(used, np.nan_to_num(campaign.q[used]), point[used], before[used], after[used])
+    return _Rows(used, np.nan_to_num(campaign.q[used]), diagnosis.points[used], before[used], after[used])
 
 
 def _title(campaign: Campaign) -> str:

@@ -10,7 +10,7 @@ from compplan.report.openings import open_identification
 from compplan.report.page import Chart, Column, Fold, PageTable, Provenance, Section, TableCell, write_page
 from compplan.report.style import AFTER, BEFORE, NEUTRAL, TOLERANCE
 
-FRAMES = ("geometry", "base", "tool")
+FRAMES = ("geometry", "base", "tool", "contact")
 
 
 def write_identification_page(summary: dict[str, Any], file: Path) -> None:

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 def diagnose(
     measurements: Any, robot: str | Path | Robot, *, register: Sequence[str] = (), without: Sequence[str] = (),
-    tool: Mapping[str, Any] | None = None, target_offset_mm: Sequence[float] | None = None, assume_ok: bool = False,
+    tool: Mapping[str, Any] | None = None, target_offset_mm: Sequence[float] | None = None,
+    instrument: str | Path | None = None, assume_ok: bool = False,
     out: str | Path | None = None, progress: Callable[[str], None] = lambda text: None,
 ) -> Diagnosis:  # fmt: skip
     """Diagnose measurements of a robot: what is wrong with it, by how much, and a model that has learned it.
@@ -32,6 +33,7 @@ def diagnose(
         without: Effects to leave out of the candidates.
         tool: The tool that was mounted, as [tool] of a job.
         target_offset_mm: The measured point in the TCP frame; left out: the TCP. Shape (3,). [mm]
+        instrument: TOML file of an instrument that sees no positions: contacts, readings, ball bars.
         assume_ok: Whether to go on where the log raises a question.
         out: Folder to write diagnosis.json, the updated robot and the page to; nothing is written if left out.
         progress: Told what is being done; an exception raised in it ends the call.
@@ -50,13 +52,16 @@ def diagnose(
     from compplan.effects import EFFECTS
     from compplan.errors import UnknownNameError
     from compplan.measure.campaign import Campaign
+    from compplan.measure.instrument import read_instrument
     from compplan.measure.reading import read_campaign
 
     for name in without:
         if name not in EFFECTS:
             raise UnknownNameError("effect", name, list(EFFECTS))
     mounted = take_robot(robot, tool)
-    campaign = measurements if isinstance(measurements, Campaign) else read_campaign(measurements, mounted)
+    campaign = measurements if isinstance(measurements, Campaign) else read_campaign(
+        measurements, mounted, None if instrument is None else read_instrument(Path(instrument))
+    )
     if target_offset_mm is not None:
         campaign = replace(campaign, target_offset=np.asarray(target_offset_mm, float) * 1e-3)
     settle_questions(mounted, campaign, tuple(register), assume_ok)

@@ -94,12 +94,14 @@ class Proposal:
 def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """Propose what to measure next, as `next_measurement` of diagnosis.json holds it, the most telling first.
 
+    Nothing is proposed where no positions were measured: poses at a socket or a gauge are not free to choose.
+
     Args:
         diagnosis: The diagnosis.
     """
     fit, verdict = diagnosis.fit, diagnosis.verdict
     pairs = list(find_pairs(fit, (*verdict.findings, *verdict.doubtful)))
-    if not pairs:
+    if not pairs or not fit.problem.campaign.measured.any():
         return []
     pool, moves = lay_out_moves(fit.problem.robot, fit.problem.campaign)
     if not moves:
@@ -195,7 +197,7 @@ def _motion(signature: Signature, k: int, channel: str) -> Array:
         return signature.twist[:, :3, k]
     if channel == "orientation":
         return signature.twist[:, 3:, k]
-    if signature.encoder is None:
+    if signature.encoder is None or channel == "distance":
         return np.zeros((len(signature.twist), 1))
     return signature.encoder[:, :, k]
 

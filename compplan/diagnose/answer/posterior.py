@@ -69,7 +69,7 @@ def state_uncertainty(
     model = _model_covariance(fitted, known)
     seen = good[channel.rows]
     left = held.residual[seen]
-    excess = np.sum(left**2, axis=1) - 3.0 * noise[seen] - np.trace(model[seen], axis1=1, axis2=2)
+    excess = np.sum(left**2, axis=1) - channel.told[seen] * noise[seen] - np.trace(model[seen], axis1=1, axis2=2)
     unexplained = float(np.sqrt(max(excess.mean(), 0.0))) if len(left) else 0.0
     place = fit.at.point[channel.rows][seen]
     pose = group_poses(campaign)[channel.rows][seen]

@@ -98,6 +98,15 @@ class Diagnosis(Shown):
     deliveries: tuple[Delivery, ...]
     noise: str
 
+    @property
+    def points(self) -> Array:
+        """Measured points in the robot's base frame, as expected where no position was measured. Shape (n, 3). [m]"""
+        campaign, frames = self.fit.problem.campaign, self.registration
+        place = campaign.position
+        if frames is not None:
+            place = (place - frames.base[:3, 3]) @ frames.base[:3, :3]
+        return np.where(campaign.measured[:, None], place, self.fit.at.point)
+
     def robot_of(self, delivery: Delivery) -> Robot:
         """Return the robot folder of a delivery."""
         return delivery.robot(self.robot, len(robot_effects(self.robot)))

@@ -312,8 +312,9 @@ def measure_structure(fit: Fit, doubt: Doubt) -> Structure:
     foreign = np.concatenate([np.zeros(0, int), *doubt.members]).astype(int)
     values[foreign] = 0.0
     left = (ledger.observed[0] - ledger.designs[0][..., np.flatnonzero(values)] @ values[values != 0]) * source.sigma
-    used = 3.0 * len(left) - count_used(doubt, foreign)
-    rms = float(np.sqrt(3.0 * np.sum(left**2) / max(used, LEFT_TO_NOISE * left.size)))
+    told = float(source.told.sum())
+    used = told - count_used(doubt, foreign)
+    rms = float(np.sqrt(told / len(left) * np.sum(left**2) / max(used, LEFT_TO_NOISE * told)))
     floor = noise_floor(fit)
     claimed = ledger.join_columns(doubt.model.signatures)
     frames = ledger.columns_named(REGISTRATION)
@@ -375,7 +376,8 @@ def noise_floor(fit: Fit) -> float:
     """Return the rms 3D distance that a perfect model leaves of a row of the log. [m]"""
     noise, scatter = fit.noises["position"], fit.problem.campaign.scatter
     factor = min(float(np.exp(fit.model.posterior.hyper.log_noise[0])), noise.leeway)
-    return float(np.sqrt(3.0 * (max(factor * noise.sigma**2, scatter**2) + noise.stay**2)))
+    told = fit.search.ledger.source[0].told.mean()
+    return float(np.sqrt(told * (max(factor * noise.sigma**2, scatter**2) + noise.stay**2)))
 
 
 def motion_at(doubt: Doubt, columns: NDArray[np.int_], values: Array) -> float:

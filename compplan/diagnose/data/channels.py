@@ -7,16 +7,17 @@ count as independent witnesses against it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from compplan.diagnose.data.noise import Noise, estimate_noise
+from compplan.diagnose.data.noise import STATED, Noise, estimate_noise
 from compplan.effects.scene import Attained, Scene
 from compplan.measure.campaign import Campaign
+from compplan.measure.registration import CONTACTS, Registration, campaign_directions, campaign_gap
 from compplan.robot import Array
 
 #: Neighbouring samples of a path share an error: a path is cut into about so many blocks, none shorter than the second
@@ -32,11 +33,13 @@ class Channel:
     """One kind of observation; r rows of it, c components.
 
     Attributes:
-        name: "position", "orientation" or "encoder".
+        name: "position", "orientation", "encoder" or "distance" (known distances between contacts).
         rows: Rows of the campaign. Shape (r,).
         residual: Measured minus expected, base axes. Shape (r, c). [m or rad]
         group: Stay or path block of each row, ascending. Shape (r,).
         noise: Its noise.
+        direction: Direction in which a row tells one number, NaN where it tells all; None: all rows tell all. Shape
+            (r, 3).
     """
 
     name: str
@@ -44,6 +47,22 @@ class Channel:
     residual: Array
     group: NDArray[np.int_]
     noise: Noise
+    direction: Array | None = None
+
+    def take(self, keep: NDArray[np.bool_]) -> Channel:
+        """Take some of its rows. Shape of `keep`: (r,)."""
+        direction = None if self.direction is None else self.direction[keep]
+        return replace(
+            self, rows=self.rows[keep], residual=self.residual[keep], group=self.group[keep], direction=direction
+        )
+
+    @cached_property
+    def told(self) -> Array:
+        """How many numbers each row tells. Shape (r,)."""
+        width = np.full(len(self.rows), float(self.residual.shape[1]))
+        if self.direction is not None:
+            width[np.isfinite(self.direction).all(axis=1)] = 1.0
+        return width
 
     @cached_property
     def sigma(self) -> Array:
@@ -70,8 +89,7 @@ def group_poses(campaign: Campaign) -> NDArray[np.int_]:
 
 def position_residual(campaign: Campaign, scene: Scene, attained: Attained) -> Array:
     """Return measured minus expected position, base axes. Shape (n, 3). [m]"""
-    gap = campaign.position - attained.position
-    return gap if scene.registration is None else gap @ scene.registration.base[:3, :3]
+    return campaign_gap(campaign, attained.position, scene.registration)
 
 
 def build_channels(
@@ -88,9 +106,11 @@ def build_channels(
     campaign, block = scene.campaign, block_index(scene.campaign)
     use = use & campaign.usable
     rows = np.flatnonzero(use)
+    direction = campaign_directions(campaign, attained.position, scene.registration)
     channels = [
-        Channel("position", rows, position_residual(campaign, scene, attained)[rows], block[rows], noises["position"])
-    ]
+        Channel("position", rows, position_residual(campaign, scene, attained)[rows], block[rows], noises["position"],
+                None if direction is None else direction[rows])
+    ]  # fmt: skip
     if campaign.rotation is not None and "orientation" in noises:
         rows = np.flatnonzero(use & np.isfinite(campaign.rotation).all((1, 2)))
         turn = campaign.rotation[rows] @ np.swapaxes(attained.rotation[rows], 1, 2)
@@ -106,20 +126,37 @@ def build_channels(
         known = np.isfinite(campaign.link).all(0) | (np.isfinite(campaign.link).mean(0) > MOSTLY_KNOWN)
         rows = np.flatnonzero(use & ~campaign.link_controlled & np.isfinite(seen[:, known]).all(1) & known.any())
         channels.append(Channel("encoder", rows, np.where(known, seen, 0.0)[rows], block[rows], noises["encoder"]))
+    frames = scene.registration
+    if "distance" in noises and campaign.sights is not None and frames is not None and CONTACTS in frames.parts:
+        known = campaign.sights.known
+        gap = known.gap(frames.places) * noises["distance"].sigma / known.sigma
+        channels.append(
+            Channel("distance", campaign.sights.first_rows(), gap[:, None], np.arange(len(known)), noises["distance"])
+        )
     return tuple(channel for channel in channels if len(channel.rows))
 
 
-def estimate_noises(campaign: Campaign, attained: Attained, repeatability: float | None = None) -> dict[str, Noise]:
+def estimate_noises(
+    campaign: Campaign, attained: Attained, repeatability: float | None = None, frames: Registration | None = None
+) -> dict[str, Noise]:
     """Estimate the noise of every channel from all that the campaign and the robot folder tell.
 
     Args:
         campaign: The campaign.
         attained: What a model expects; it only removes what moves between neighbouring samples and between visits.
         repeatability: What the robot folder states, per axis, or None. [m]
+        frames: Frames of the campaign, or None.
     """
     use = campaign.usable
     noises = {}
-    gap = np.where(use[:, None], campaign.position - attained.position, np.nan)
+    gap = np.where(use[:, None], campaign_gap(campaign, attained.position, frames), np.nan)
+    direction = campaign_directions(campaign, attained.position, frames)
+    if direction is not None:
+        # one number in three axes: as much an axis as the number has
+        gap[np.isfinite(direction).all(axis=1)] *= np.sqrt(3.0)
+    if campaign.sights is not None and len(campaign.sights.known):
+        mean = float(np.sqrt(np.mean(campaign.sights.known.sigma**2)))
+        noises["distance"] = Noise(mean, STATED, "sigma of the known distances")
     noises["position"] = estimate_noise(campaign, gap, campaign.sigma, "position", repeatability)
     if campaign.rotation is not None:
         known = use & np.isfinite(campaign.rotation).all((1, 2))

@@ -12,7 +12,8 @@ import numpy as np
 
 from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
 from compplan.measure.campaign import Campaign
-from compplan.measure.registration import fit_registration, stated_registration
+from compplan.measure.fit_frames import fit_registration
+from compplan.measure.registration import stated_registration
 from compplan.robot import Array, Robot
 
 #: A gap of this size calls for a wrong convention [m]; a convention has to leave less than this share of it (assumed).
@@ -37,9 +38,11 @@ def find_conventions(robot: Robot, campaign: Campaign, register: tuple[str, ...]
         register: Frames that are fitted to each hypothesis.
         most: Most conventions to find, one after the other.
     """
-    rows = np.flatnonzero(campaign.usable)
+    rows = np.flatnonzero(campaign.usable & campaign.measured)
+    if not len(rows):
+        return ()
     part = campaign.take(rows[:: max(1, len(rows) // SAMPLE)])
-    part = replace(part, link=None, motor=None)
+    part = replace(part, link=None, motor=None, sights=None)
     found: list[Effect] = []
     gap = typical_gap(robot, part, register, found)
     while len(found) < most and gap > SUSPICIOUS:

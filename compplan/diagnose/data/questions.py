@@ -15,9 +15,10 @@ import numpy as np
 from scipy.optimize import nnls
 
 from compplan.diagnose.data.conventions import find_conventions, typical_gap
-from compplan.effects import attain_scene, robot_effects, stage_scene
+from compplan.effects import apply_effects, attain_scene, robot_effects, stage_scene
 from compplan.measure.campaign import Campaign
-from compplan.measure.registration import fit_registration
+from compplan.measure.fit_frames import fit_registration
+from compplan.measure.registration import campaign_gap, fitted_parts
 from compplan.robot import Array, Robot, Spring
 from compplan.statics.chain import build_chain, jacobian, locate_frames
 from compplan.statics.elastic import spring_torque
@@ -98,6 +99,9 @@ def question_campaign(robot: Robot, campaign: Campaign, register: Sequence[str] 
     Returns:
         Questions, the most basic first; none where nothing is odd.
     """
+    sighted = ask_sights(robot, campaign, register)
+    if sighted:
+        return [sighted]
     rows = stage_rows(robot, campaign)
     if len(rows.campaign) < FEWEST_ROWS:
         return []
@@ -116,10 +120,41 @@ def question_campaign(robot: Robot, campaign: Campaign, register: Sequence[str] 
 
 def stage_rows(robot: Robot, campaign: Campaign) -> QuestionRows:
     """Take the rows that hold joints and position, thinned, with what the nominal robot predicts."""
-    index = np.flatnonzero(campaign.usable)
-    part = replace(campaign.take(index[:: max(1, len(index) // SAMPLE)]), link=None, motor=None)
+    index = np.flatnonzero(campaign.usable & campaign.measured)
+    part = replace(campaign.take(index[:: max(1, len(index) // SAMPLE)]), link=None, motor=None, sights=None)
     attained = attain_scene(stage_scene(robot, part))
     return QuestionRows(part, attained.position, attained.rotation)
+
+
+def ask_sights(robot: Robot, campaign: Campaign, register: Sequence[str]) -> Question | None:
+    """Ask about rows of other instruments that do not go together: labels, units, directions, a tool unknown."""
+    if campaign.sights is None or not campaign.sights.seen.any():
+        return None
+    attained = attain_scene(apply_effects(stage_scene(robot, campaign), robot_effects(robot)))
+    rows = campaign.sights.seen & campaign.usable
+
+    def leave(parts: Sequence[str], turned: Campaign) -> float:
+        frames = fit_registration(turned, attained.position, attained.rotation, fitted_parts(turned, parts))
+        tool = frames.tool[campaign.target_index]
+        point = attained.position + np.einsum("nij,nj->ni", attained.rotation, tool[:, :3, 3])
+        gap = campaign_gap(turned, point @ frames.base[:3, :3].T + frames.base[:3, 3], frames)
+        return float(np.median(np.linalg.norm(gap[rows], axis=1)))
+
+    left = leave(register, campaign)
+    if left < NO_EFFECT:
+        return None
+    if "tool" not in register and leave((*register, "tool"), campaign) < CONVINCING * left:
+        return Question("target", f"rows of one contact lie {_mm(left)} apart, and together with the measured point"
+                        " fitted; use --register tool")  # fmt: skip
+    back = replace(campaign, sights=replace(campaign.sights, direction=-campaign.sights.direction))
+    if leave(register, back) < CONVINCING * left:
+        return Question("direction", f"readings are {_mm(left)} off along their directions, and fit the reversed ones;"
+                        " is dir_i dir_j dir_k the direction in which the reading grows?")  # fmt: skip
+    return Question(
+        "contacts",
+        f"contacts, readings and distances are {_mm(left)} off (median), which no effect of a robot explains; check"
+        " labels, units and the tool; a reading whose zero is not known needs a label in column contact",
+    )
 
 
 def ask_unit(rows: QuestionRows) -> Question | None:

@@ -166,7 +166,7 @@ class Folds:
                 state = register_again(fitted, state, fit.state.use & (self.fold != number))
             gap = predict_gap(fitted, state)
             if gap is None:
-                gap = np.where(campaign.usable[:, None], campaign.position, np.inf)
+                gap = np.where(campaign.measured[:, None], campaign.position, np.inf)
             test = self.fold == number
             residual[test] = gap[test]
         return HeldOut(rows, fit_frames(fit, residual[rows], len(np.unique(self.pose))))
@@ -230,7 +230,8 @@ def free_of_frames(fit: Fit, poses: int) -> float:
     """
     if not fit.problem.register:
         return 1.0
-    ledger, values = fit.search.ledger, 3 * poses
+    ledger = fit.search.ledger
+    values = ledger.source[0].told.mean() * poses
     frames = ledger.designs[0][..., ledger.columns_named(REGISTRATION)]
     taken = int(np.linalg.matrix_rank(frames.reshape(-1, frames.shape[-1])))
     return float(np.sqrt(values / max(values - taken, 0.5 * values)))

@@ -24,6 +24,7 @@ from compplan.diagnose.ledger.offers import REGISTRATION
 from compplan.diagnose.search.search import Claim
 from compplan.diagnose.search.state import Fit
 from compplan.effects.linearization import AXES, Linearization
+from compplan.measure.sights import along as take_along
 from compplan.robot import Array
 
 #: Causes that are drawn, and the seed (assumed: a probability of a tenth is then known to a fifth of it).
@@ -97,6 +98,8 @@ def draw_causes(fit: Fit) -> Array:
             moved = rotation @ along
         else:
             moved = at.parent_twist(*directions[int(rng.integers(len(directions)))])[rows, :3]
+        if channel.direction is not None:
+            moved = take_along(channel.direction, np.asarray(moved))
         cause = (_shape(rng, np.sum(phases, axis=0))[:, None] * moved / channel.sigma).reshape(-1)
         size = float(np.sqrt(np.mean(cause**2)))
         if size > LEAST_SPREAD:

@@ -206,7 +206,7 @@ def find_posterior(
     )
     # the optimizer's tolerance is relative: evidence counts from where it starts; steps in units of likely errors
     others = len(hyper.vector) - len(channels)
-    unit = np.array([np.sqrt(2.0 / ch.total.count) for ch in channels] + [LIKELY] * others)
+    unit = np.array([np.sqrt(2.0 / max(ch.total.count, 1)) for ch in channels] + [LIKELY] * others)
     started: list[float] = []
     latest: dict[bytes, Any] = {}
 
@@ -321,7 +321,7 @@ def _choose_solver(ledger: Ledger, prior: Prior) -> _Solver:
 
 def _most_noise(channel: ChannelProducts) -> float:
     """Return the logarithm of the largest noise worth trying: all that was observed, and some."""
-    return float(np.clip(np.log(max(channel.total.square, 1e-300) / channel.total.count) + 1.0, *MOST_NOISE))
+    return float(np.clip(np.log(max(channel.total.square, 1e-300) / max(channel.total.count, 1)) + 1.0, *MOST_NOISE))
 
 
 def combine_channels(channels: Sequence[ChannelProducts], hyper: Hyper) -> tuple[Array, Array, float, float]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from compplan.diagnose.data.channels import Channel
 from compplan.effects.signature import Signature
+from compplan.measure.sights import along
 from compplan.robot import Array
 
 #: Sizes of groups that are told apart (assumed: a half more each, which changes the weight of a mean by little).
@@ -192,7 +193,7 @@ def select_rows(ledger: Ledger, rows: NDArray[np.bool_], columns: NDArray[np.int
     result = []
     for channel, design, observed in zip(ledger.source, ledger.designs, ledger.observed, strict=True):
         keep = rows[channel.rows]
-        part = replace(channel, rows=channel.rows[keep], residual=channel.residual[keep], group=channel.group[keep])
+        part = channel.take(keep)
         kept = design[keep]
         if len(columns) < design.shape[-1]:
             kept = kept[..., columns]
@@ -251,16 +252,20 @@ def _design(channel: Channel, signatures: Sequence[Signature], picked: Sequence[
     for number, of_one in groupby(picked, key=lambda pick: pick[0]):
         signature, own = signatures[number], [k for _, k in of_one]
         motion = signature.encoder if channel.name == "encoder" else signature.twist
+        if channel.name == "distance":
+            motion = signature.between
         if motion is not None:
             factor = signature.scale[own] / channel.sigma
-            result[:, :, start : start + len(own)] = motion[:, part][channel.rows][..., own] * factor[:, None]
+            rows = np.arange(len(channel.rows)) if channel.name == "distance" else channel.rows
+            result[:, :, start : start + len(own)] = motion[:, part][rows][..., own] * factor[:, None]
         start += len(own)
-    return result
+    return result if channel.direction is None else along(channel.direction, result)
 
 
 def _multiply(channel: Channel, design: Array, observed: Array, old: ChannelProducts | None = None) -> ChannelProducts:
     """Multiply columns with columns and observations; blocks that `old` holds already are taken from there."""
-    total = _products(design, observed, None if old is None else old.total)
+    design, observed, told = _turn_along(channel, design, observed)
+    total = _products(design, observed, None if old is None else old.total, told)
     means: dict[int, Products] = {}
     group = channel.group
     first = np.flatnonzero(np.r_[True, np.diff(group) > 0]) if len(group) else group
@@ -272,16 +277,33 @@ def _multiply(channel: Channel, design: Array, observed: Array, old: ChannelProd
         mean_design = np.add.reduceat(design, first, axis=0)
         mean_design /= root[:, :, None]
         mean_observed = np.add.reduceat(observed, first, axis=0) / root
+        mean_told = np.logical_or.reduceat(told, first, axis=0)
         sizes = typical_size(sizes)
         for size in np.unique(sizes):
             chosen = sizes == size
             known = None if old is None else old.means[int(size)]
-            means[int(size)] = _products(mean_design[chosen], mean_observed[chosen], known)
-    rows = turn_rows(group, design, observed) if observed.size < design.shape[-1] else None
+            means[int(size)] = _products(mean_design[chosen], mean_observed[chosen], known, mean_told[chosen])
+    rows = turn_rows(group, design, observed, told) if told.sum() < design.shape[-1] else None
     return ChannelProducts(channel.name, total, means, channel.noise.witnesses, rows)
 
 
-def turn_rows(group: NDArray[np.int_], design: Array, observed: Array) -> ChannelRows:
+def _turn_along(channel: Channel, design: Array, observed: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Turn rows that tell one number so that it is their first; return as well which values were told. Shape (r, c)."""
+    told = np.ones(observed.shape, bool)
+    if channel.direction is None:
+        return design, observed, told
+    one = np.isfinite(channel.direction).all(axis=1)
+    told[one, 1:] = False
+    design, observed = design.copy(), observed.copy()
+    unit = channel.direction[one]
+    design[one, 0], observed[one, 0] = np.einsum("ni,nip->np", unit, design[one]), np.sum(unit * observed[one], axis=1)
+    design[one, 1:], observed[one, 1:] = 0.0, 0.0
+    return design, observed, told
+
+
+def turn_rows(
+    group: NDArray[np.int_], design: Array, observed: Array, told: NDArray[np.bool_] | None = None
+) -> ChannelRows:
     """Turn values so that the first of every group is its mean times the root of its size [Helmert1876].
 
     A reflection takes the vector of ones to the first axis: x - u (u^T x) 2 / (u^T u), u = 1 - sqrt(n) e_1.
@@ -290,6 +312,7 @@ def turn_rows(group: NDArray[np.int_], design: Array, observed: Array) -> Channe
         group: Group of each row, in order. Shape (r,).
         design: Columns. Shape (r, c, p).
         observed: Values. Shape (r, c).
+        told: Which values were told; all if left out. Shape (r, c).
     """
     both = np.concatenate([design, observed[..., None]], axis=-1)
     size = np.zeros(observed.shape)
@@ -302,19 +325,20 @@ def turn_rows(group: NDArray[np.int_], design: Array, observed: Array) -> Channe
             along = np.tensordot(across, both[start:end], axes=1)
             both[start:end] -= (2.0 / float(across @ across)) * across[:, None, None] * along
         size[start] = typical_size(np.array([n]))[0]
-    flat = both.reshape(-1, both.shape[-1])
-    return ChannelRows(flat[:, :-1], flat[:, -1], size.reshape(-1))
+    flat, shown = both.reshape(-1, both.shape[-1]), np.ones(size.size, bool) if told is None else told.reshape(-1)
+    flat = flat if shown.all() else flat[shown]
+    return ChannelRows(flat[:, :-1], flat[:, -1], size.reshape(-1)[shown])
 
 
-def _products(design: Array, observed: Array, old: Products | None) -> Products:
+def _products(design: Array, observed: Array, old: Products | None, told: NDArray[np.bool_]) -> Products:
     # a model without parameters has no columns, and then no shape says how many values there are
     flat, y = design.reshape(observed.size, design.shape[-1]), observed.reshape(-1)
     if old is None:
-        return Products(len(y), flat.T @ flat, flat.T @ y, float(y @ y))
+        return Products(int(told.sum()), flat.T @ flat, flat.T @ y, float(y @ y))
     p, count = len(old.against), flat.shape[1]
     fresh = np.ascontiguousarray(flat[:, p:])
     gram = np.empty((count, count))
     gram[:p, :p] = old.gram
     gram[p:] = fresh.T @ flat
     gram[:p, p:] = gram[p:, :p].T
-    return Products(len(y), gram, np.concatenate([old.against, fresh.T @ y]), old.square)
+    return Products(int(told.sum()), gram, np.concatenate([old.against, fresh.T @ y]), old.square)

@@ -12,6 +12,7 @@ from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Signature
 from compplan.effects.stiffness_nonlinearity import linear_in_disguise
 from compplan.effects.transmission_error import bump_at, series_at, spline_at, waves_at
+from compplan.measure.registration import CONTACTS
 
 REGISTRATION = "registration"
 #: Scale of the frames that are fitted freely; their prior is as good as none (assumed). [m, rad]
@@ -44,7 +45,10 @@ def registration_signatures(at: Linearization, parts: Sequence[str]) -> list[Sig
     scale = np.full(6, REGISTRATION_SCALE)
     keys = ("tx_m", "ty_m", "tz_m", "rx_rad", "ry_rad", "rz_rad")
     if "base" in parts:
-        found.append(Signature(REGISTRATION, None, None, "base", keys, scale, base_twists(at)))
+        twists = base_twists(at)
+        if at.campaign.sights is not None:
+            twists = twists * ~at.campaign.sights.seen[:, None, None]
+        found.append(Signature(REGISTRATION, None, None, "base", keys, scale, twists))
     if "tool" in parts and at.scene.registration is not None:
         R = at.attained.frames.tcp_rotation @ at.scene.registration.tool[at.campaign.target_index, :3, :3]
         for number in range(len(at.campaign.target_names)):
@@ -52,6 +56,21 @@ def registration_signatures(at: Linearization, parts: Sequence[str]) -> list[Sig
             twist = np.zeros((len(R), 6, 6))
             twist[:, :3, :3], twist[:, 3:, 3:] = R * of_target, R * of_target
             found.append(Signature(REGISTRATION, None, None, f"tool {number}", keys, scale, twist))
+    return found + (_contact_signatures(at) if CONTACTS in parts else [])
+
+
+def _contact_signatures(at: Linearization) -> list[Signature]:
+    """Return the columns of the places of contacts: a place that moves is a point that moves the other way."""
+    sights, frames = at.campaign.sights, at.scene.registration
+    if sights is None or frames is None:
+        return []
+    slopes, between = sights.place_slopes(), sights.known.slopes(frames.places)
+    scale, keys = np.full(3, REGISTRATION_SCALE), ("tx_m", "ty_m", "tz_m")
+    found = []
+    for number in range(len(sights.names)):
+        twist = np.concatenate([-slopes[:, :, number], np.zeros_like(slopes[:, :, number])], axis=1)
+        form = f"{CONTACTS} {number}"
+        found.append(Signature(REGISTRATION, None, None, form, keys, scale, twist, between=between[:, None, number]))
     return found
 
 

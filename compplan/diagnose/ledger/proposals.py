@@ -25,6 +25,7 @@ from compplan.effects.transmission_error import (
     waves,
     waves_at,
 )
+from compplan.measure.sights import along
 from compplan.robot import Array
 
 Waves = NDArray[np.complex128]
@@ -91,10 +92,12 @@ def _step_gains(channels: Sequence[Channel], left: Sequence[Array], twist: Array
     """Return the gain in log likelihood of fits before and after each row over one fit for all. Shape (n,)."""
     gram, against = np.zeros((n, 6, 6)), np.zeros((n, 6))
     for channel, rest in zip(channels, left, strict=True):
-        if channel.name == "encoder":
+        if channel.name in ("encoder", "distance"):
             continue
         part = slice(0, 3) if channel.name == "position" else slice(3, 6)
         columns = twist[channel.rows, part] / channel.sigma[:, :, None]
+        if channel.direction is not None:
+            columns = along(channel.direction, columns)
         length = np.linalg.norm(rest, axis=1)
         # a single row far off is no shift
         far = ROW_COUNTS * np.percentile(length, PERCENTILE)
@@ -230,12 +233,16 @@ def _projected(
     n = len(at.campaign)
     pull, weight = np.zeros(n), np.zeros(n)
     for number, (channel, rest) in enumerate(zip(channels, left, strict=True)):
+        if channel.name == "distance":
+            continue
         if channel.name == "encoder":
             column = np.zeros_like(rest)
             column[:, index] = 1.0 / channel.sigma[:, 0]
         else:
             part = slice(0, 3) if channel.name == "position" else slice(3, 6)
             column = at.motion[channel.rows, part, index] / channel.sigma
+            if channel.direction is not None:
+                column = along(channel.direction, column)
         total = rest if own is None else rest + own[number]
         pull[channel.rows] += np.einsum("ni,ni->n", column, total)
         weight[channel.rows] += np.einsum("ni,ni->n", column, column)

@@ -96,7 +96,7 @@ def _round(
     """Linearize at a state, search, look for rows and periods in what is left, and search again."""
     at = linearize_state(problem, state)
     if noises is None:
-        noises = estimate_noises(problem.campaign, at.attained, problem.robot.repeatability)
+        noises = estimate_noises(problem.campaign, at.attained, problem.robot.repeatability, state.registration)
     residual = position_residual(problem.campaign, at.scene, at.attained)
     if state.scatter > 0:
         outliers = find_outliers(problem.campaign, residual, state.scatter, known_approach(problem.campaign, state))

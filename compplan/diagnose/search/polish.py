@@ -22,7 +22,7 @@ from compplan.diagnose.search.state import (
     linearize_state,
     stands,
 )
-from compplan.measure.registration import fit_registration
+from compplan.measure.fit_frames import fit_registration
 
 #: Exact steps at most (assumed: Gauss-Newton from nearby).
 PASSES = 3

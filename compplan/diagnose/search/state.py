@@ -21,7 +21,7 @@ from compplan.effects.scene import Attained, Scene, observe_again
 from compplan.effects.signature import Signature
 from compplan.errors import ConvergenceError
 from compplan.measure.campaign import Campaign
-from compplan.measure.registration import Registration
+from compplan.measure.registration import CONTACTS, Registration
 from compplan.robot import Array, Robot
 
 #: Classes of the background that move the target by less than this share of the noise are left out of the model
@@ -58,7 +58,7 @@ class Problem:
     @property
     def excluded(self) -> tuple[str, ...]:
         """Effects that are no candidates: those left out, and frames that are registered."""
-        registered = {"base": "base_frame", "tool": "tool_frame"}
+        registered = {"base": "base_frame", "tool": "tool_frame", CONTACTS: "base_frame"}
         return (*self.without, *(registered[part] for part in self.register))
 
 
@@ -228,13 +228,18 @@ def move_registration(registration: Registration | None, signature: Signature, s
     """Turn and shift the frame that a signature of the registration stands for."""
     if registration is None:
         return None
+    what, _, label = signature.form.partition(" ")
+    if what == CONTACTS:
+        places = registration.places.copy()
+        places[int(label)] += step
+        return replace(registration, places=places)
     move = np.eye(4)
     move[:3, :3] = Rotation.from_rotvec(step[3:]).as_matrix()
     move[:3, 3] = step[:3]
     if signature.form == "base":
         return replace(registration, base=registration.base @ move)
     tools = registration.tool.copy()
-    number = int(signature.form.split()[1])
+    number = int(label)
     tools[number] = tools[number] @ move
     return replace(registration, tool=tools)
 

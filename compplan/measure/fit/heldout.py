@@ -76,7 +76,7 @@ def gain_score(before: Array, after: Array) -> float:
 def distance_rms(residual: Array, rows: NDArray[np.bool_]) -> float:
     """Take the rms of the 3D distance over some rows. [m]"""
     part = residual[rows, :3]
-    known = np.isfinite(part).all(axis=1)
-    return float(np.sqrt(np.mean(np.sum(part[known] ** 2, axis=1)))) if known.any() else float("nan")
+    known = np.isfinite(part).any(axis=1)
+    return float(np.sqrt(np.mean(np.nansum(part[known] ** 2, axis=1)))) if known.any() else float("nan")
 
 

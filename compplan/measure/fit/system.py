@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from compplan.measure.fit.robust import robust_scale
 from compplan.robot import Array
 
-POSITION, ORIENTATION, ENCODERS = 0, 1, 2
+POSITION, ORIENTATION, ENCODERS, DISTANCES = range(4)
+#: Blocks, and those whose noise the residuals tell: known distances are too few for that.
+BLOCKS, TOLD_BLOCKS = 4, 3
 #: The residuals never say less than this share of the stated noise: simulated data may hold none.
 LEAST_NOISE = 1e-6
 
@@ -18,11 +20,14 @@ LEAST_NOISE = 1e-6
 class System(NamedTuple):
     """Residuals and derivatives at one state; m components a row: 6 of the pose, then the encoders.
 
+    A row that tells one number of the position has it first. Known distances between contacts follow as components of
+    the first row of a contact.
+
     Attributes:
         residual: Measured minus predicted, zero where nothing was measured. Shape (n, m).
         columns: Derivatives of the prediction. Shape (n, m, p).
         sigma: Stated standard deviation, infinite where nothing was measured. Shape (n, m).
-        block: Position, orientation or encoders. Shape (m,).
+        block: Position, orientation, encoders or known distances. Shape (m,).
     """
 
     residual: Array
@@ -82,8 +87,8 @@ def count_spare(system: System, whitener: Array, group: NDArray[np.int_] | None,
     columns = weigh(system, whitener, group)[1][:, :, free]
     flat = stack(columns)
     inverse = invert(flat.T @ flat)
-    spare = np.zeros(3)
-    for block in range(3):
+    spare = np.zeros(TOLD_BLOCKS)
+    for block in range(TOLD_BLOCKS):
         part, known = stack(columns[:, system.block == block]), system.known[:, system.block == block]
         spare[block] = known.sum() - np.sum((part.T @ part) * inverse)
         if group is not None:
@@ -109,7 +114,7 @@ def estimate_noise(
     result, whitener = noise.copy(), system.whitener(noise)
     left = count_spare(system, whitener, group, free)
     residual = weigh(system, whitener, group)[0]
-    for block in range(3):
+    for block in range(TOLD_BLOCKS):
         columns = system.block == block
         known = system.known[:, columns]
         spare = left[block]
@@ -118,8 +123,9 @@ def estimate_noise(
         if loss == "least_squares":
             factor = np.sqrt((residual[:, columns] ** 2).sum() / max(spare, 1.0))
         else:
-            rows = known.all(axis=1)
+            told = known.sum(axis=1)
+            rows = told == told.max()
             size = np.linalg.norm(residual[rows][:, columns], axis=1)
-            factor = robust_scale(size, int(columns.sum())) / np.sqrt(max(spare / known.sum(), 0.02))
+            factor = robust_scale(size, int(told.max())) / np.sqrt(max(spare / known.sum(), 0.02))
         result[block] = max(noise[block] * factor, LEAST_NOISE)
     return result
