@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.answer_scores import CONFIDENT, Score, summarise
 from benchmarks.contestants import read_truth, write_whole
-from benchmarks.diagnosis_score import answer_all, list_cases, name_of, score_all
+from benchmarks.diagnosis_score import answer_all, list_cases, name_of, score_all, write_table
 from benchmarks.diagnosis_sections import (
     compare_classes,
     compare_predictions,
@@ -30,7 +30,7 @@ from benchmarks.diagnosis_sections import (
     show_share,
     word_of,
 )
-from benchmarks.real_campaign import cut_campaign, repeat_claims
+from benchmarks.real_campaign import cut_campaign, other_part, repeat_claims
 from compplan.report.page import Provenance, Section, write_page
 
 Table = dict[str, Any]
@@ -104,20 +104,42 @@ def study_real(study: Study, real: Path, results: Table) -> Section:
         part: {name: score_all([case], {name_of(case): said[name_of(case)]})[0] for name, said in answers.items()}
         for part, case in zip(parts, cases, strict=True)
     }
-    halves = [name_of(suite / f"half_{k}") for k in "ab"]
-    repeats = {
-        name: repeat_claims([answers[name][h]["verdict"]["effects"] for h in halves], CONFIDENT)
+    pairs = [(part, other_part(part)) for part in parts if other_part(part) is not None and part.endswith("a")]
+    claims = {
+        name: [[answers[name][name_of(suite / str(part))]["verdict"]["effects"] for part in pair] for pair in pairs]
         for name in ("product", "rival")
     }
-    results["real"] = {
+    repeats = {name: count_repeats(told, CONFIDENT) for name, told in claims.items()}
+    results.setdefault("reals", {})[real.name] = results["real"] = {
         part: {
             name: {"status": s.status, "stated_mm": _finite(s.stated), "true_mm": _finite(s.fresh)}
             for name, s in row.items()
         }
         for part, row in table.items()
     }
-    results["repeat_in_halves"] = {name: {"hits": h, "claims": n} for name, (h, n) in repeats.items()}
+    results["repeat_in_pairs"] = {name: {"hits": h, "claims": n} for name, (h, n) in repeats.items()}
+    for least in (0.5, CONFIDENT):
+        hits, count = count_repeats(claims["product"], least)
+        click.echo(f"{real.name}: {hits} of {count} claims stated {least:g} and more repeat without a common pose")
+    click.echo(print_real(real.name, table))
     return show_real(table, repeats, real.name.replace("_", " "))
+
+
+def count_repeats(pairs: Sequence[list[list[Table]]], least: float) -> tuple[int, int]:
+    """Count the claims of pairs of parts that the other part tells as well, and all of them."""
+    counts = [repeat_claims(pair, least) for pair in pairs]
+    return sum(hits for hits, _ in counts), sum(count for _, count in counts)
+
+
+def print_real(name: str, table: dict[str, dict[str, Score]]) -> str:
+    """Return true errors part by part, what the product states, and its status, as text. [mm]"""
+    contestants = list(next(iter(table.values())))
+    lines = [f"{name:16s}" + "".join(f"{c:>10s}" for c in ("nominal", *contestants, "stated")) + "  status"]
+    for part, scores in table.items():
+        first = scores["product"]
+        errors = (first.nominal, *(scores[c].fresh for c in contestants), first.stated)
+        lines.append(f"{part:16s}" + "".join(f"{value:10.3f}" for value in errors) + f"  {first.status}")
+    return "\n".join(lines)
 
 
 def _finite(value: float) -> float | None:
@@ -162,14 +184,16 @@ def describe_lede(results: Table) -> list[str]:
     "--suites", multiple=True, type=click.Path(path_type=Path, exists=True), help="Folder of drawn campaigns."
 )
 @click.option("--labelled", type=click.Path(path_type=Path, exists=True), help="Folder of campaigns shown singly.")
-@click.option("--real", type=click.Path(path_type=Path, exists=True), help="Folder of a real campaign.")
+@click.option(
+    "--real", multiple=True, type=click.Path(path_type=Path, exists=True), help="Folder of a real campaign."
+)
 @click.option("--product-tree", type=click.Path(path_type=Path, exists=True), default=Path(), show_default=True)
 @click.option("--figaroh-python", type=click.Path(path_type=Path, exists=True), help="Interpreter that has FIGAROH.")
 @click.option("--before", type=click.Path(path_type=Path, exists=True), help="results.json of an earlier run.")
 @click.option("--workers", type=click.IntRange(1, 2), default=2, show_default=True, help="Processes.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder to write.")
 def main(
-    suites: tuple[Path, ...], labelled: Path | None, real: Path | None, product_tree: Path,
+    suites: tuple[Path, ...], labelled: Path | None, real: tuple[Path, ...], product_tree: Path,
     figaroh_python: Path | None, before: Path | None, workers: int, out: Path,
 ) -> None:  # fmt: skip
     """Make the page of the diagnosis beside its rivals."""
@@ -184,8 +208,10 @@ def main(
         results["labelled"] = {name: summarise(part) for name, part in scores.items()}
         truths = [read_truth(case) for case in cases]
         sections.append(list_answers("Labelled campaigns, one by one", truths, scores))
-    if real is not None:
-        sections.append(study_real(study, real.resolve(), results))
+    for folder in real:
+        sections.append(study_real(study, folder.resolve(), results))
+    for name, summaries in results["suites"].items():
+        click.echo(f"\n{name}\n{write_table(summaries)}")
     facts = [("product", f"commit {results['commit']}"), ("suites", ", ".join(s.name for s in suites) or "none")]
     if earlier:
         facts.append(("before", f"commit {earlier.get('commit', 'not known')}"))

@@ -191,11 +191,11 @@ def show_real(parts: Mapping[str, Mapping[str, Score]], repeats: Mapping[str, tu
     nominal = next(iter(next(iter(parts.values())).values())).nominal
     text = (
         f"{name}: the registered nominal robot is {format_number(nominal, 3)} mm off (rms of rows given to nobody). "
-        "Mirror: all deviations negated, a mistake of sign; mirror control: the same poses as measured. Halves share "
-        "no pose."
+        "Mirror: all deviations negated, a mistake of sign; mirror control: the same poses as measured. Halves and the "
+        "two parts of a size share no pose."
     )
     repeated = [
-        f"{word_of(c)}: {hits} of {count} claims stated {CONFIDENT:g} and more repeat in the other half."
+        f"{word_of(c)}: {hits} of {count} claims stated {CONFIDENT:g} and more repeat where no pose is shared."
         for c, (hits, count) in repeats.items()
     ]
     table = PageTable(heads, rows, "Stated: held-out error of the answer; true: error on rows given to nobody.", 24)
@@ -206,7 +206,7 @@ def show_real(parts: Mapping[str, Mapping[str, Score]], repeats: Mapping[str, tu
 def _learning(parts: Mapping[str, Mapping[str, Score]], contestants: Sequence[str]) -> Chart:
 
     figure = go.Figure()
-    thin = [p for p in parts if p.startswith("thin_")]
+    thin = [p for p in parts if p.startswith("thin_") and p.endswith("a")]
     count = [int(p.split("_")[1]) for p in thin]
     for c in contestants:
         for key, dash in (("fresh", "solid"), ("stated", "dot")):

@@ -2,7 +2,8 @@
 
     python -m benchmarks.diagnosis_report --real DIR --out OUT      everybody's answers to the parts, on one page
 
-Every eighth block of BLOCK consecutive rows is never given to anybody; it is the later campaign of each part.
+Halves and thinned parts come in pairs that share no row. Rows of DIR/fresh.csv are never given to anybody; without that
+file it is every eighth block of BLOCK consecutive rows. They are the later campaign of each part.
 Mirrored: every deviation from the registered nominal robot is negated, the common mistake of sign.
 """
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,7 @@ from benchmarks.rival.log import read_log
 
 BLOCK, KEPT = 50, 8
 THINNED = (15, 25, 50, 100, 200)
+PAIR = "ab"
 #: The mirrored campaign has as many poses as the one that the mistake was first seen on.
 MIRRORED, SEED = 500, 20261122
 Rows = list[dict[str, str]]
@@ -40,16 +43,22 @@ def cut_campaign(source: Path, suite: Path) -> list[str]:
     Returns:
         Names of the parts.
     """
-    with (source / "measurements.csv").open(encoding="utf-8") as stream:
-        rows = list(csv.DictReader(stream))
+    rows = _read_rows(source / "measurements.csv")
     block = np.arange(len(rows)) // BLOCK
-    fresh = np.flatnonzero(block % KEPT == KEPT // 2)
-    given = np.flatnonzero(block % KEPT != KEPT // 2)
+    if (source / "fresh.csv").is_file():
+        kept, given = _read_rows(source / "fresh.csv"), np.arange(len(rows))
+        rows, fresh = rows + kept, len(rows) + np.arange(len(kept))
+    else:
+        fresh = np.flatnonzero(block % KEPT == KEPT // 2)
+        given = np.flatnonzero(block % KEPT != KEPT // 2)
     rng = np.random.default_rng(SEED)
     parts = {"whole": given}
-    parts |= {f"half_{name}": given[block[given] % 2 == k] for k, name in enumerate("ab")}
-    parts |= {f"thin_{n:03d}": np.sort(rng.choice(given, n, replace=False)) for n in THINNED}
-    parts |= {"mirror": np.sort(rng.choice(given, MIRRORED, replace=False))}
+    parts |= {f"half_{name}": given[block[given] % 2 == k] for k, name in enumerate(PAIR)}
+    for n in THINNED:
+        if 2 * n <= len(given):
+            drawn = rng.choice(given, 2 * n, replace=False)
+            parts |= {f"thin_{n:03d}_{name}": np.sort(drawn[k::2]) for k, name in enumerate(PAIR)}
+    parts |= {"mirror": np.sort(rng.choice(given, min(MIRRORED, len(given)), replace=False))}
     parts |= {"mirror_control": parts["mirror"]}
     for name, chosen in parts.items():
         if not (suite / name / "truth.json").is_file():
@@ -60,6 +69,18 @@ def cut_campaign(source: Path, suite: Path) -> list[str]:
     return list(parts)
 
 
+def other_part(name: str) -> str | None:
+    """Return the part of a pair that shares no row with another one, None where there is none."""
+    if name[-2:] not in {f"_{letter}" for letter in PAIR}:
+        return None
+    return name[:-1] + PAIR[1 - PAIR.index(name[-1])]
+
+
+def _read_rows(file: Path) -> Rows:
+    with file.open(encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
 def _same(rows: Rows, _: np.ndarray) -> Rows:
     return rows
 
@@ -67,7 +88,9 @@ def _same(rows: Rows, _: np.ndarray) -> Rows:
 def _mirror(source: Path, rows: Rows) -> Callable[[Rows, np.ndarray], Rows]:
     """Return a map that negates the deviations from the nominal robot, registered on all rows."""
     chain = read_chain(source / "robot")
-    log = read_log(source / "measurements.csv", chain)
+    with tempfile.TemporaryDirectory() as folder:
+        _write_rows(Path(folder) / "rows.csv", rows)
+        log = read_log(Path(folder) / "rows.csv", chain)
     gravity = chain.gravity if chain.has_gravity else np.zeros(3)
     posed = load_chain(chain, log.q, log.wrench, gravity)
     frames = fit_frames(log, posed.tip, posed.attitude, ("base", "tool"))
@@ -94,12 +117,18 @@ def _mirror(source: Path, rows: Rows) -> Callable[[Rows, np.ndarray], Rows]:
 def _write_case(folder: Path, source: Path, given: Rows, fresh: Rows) -> None:
     shutil.copytree(source / "robot", folder / "robot", dirs_exist_ok=True)
     for name, rows in (("measurements", given), ("fresh", fresh)):
-        with (folder / f"{name}.csv").open("w", encoding="utf-8", newline="") as stream:
-            writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
-    truth = {"kind": "real", "effects": [], "background": [], "register": {"given": "not known"}}
+        _write_rows(folder / f"{name}.csv", rows)
+    truth: dict[str, Any] = {"kind": "real", "effects": [], "background": [], "register": {"given": "not known"}}
+    other = other_part(folder.name)
+    truth["disjoint"] = [] if other is None else [other]
     write_whole(folder / "truth.json", json.dumps(truth) + "\n")
+
+
+def _write_rows(file: Path, rows: Rows) -> None:
+    with file.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 def repeat_claims(halves: list[list[dict[str, Any]]], least: float) -> tuple[int, int]:

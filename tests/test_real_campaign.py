@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -41,10 +43,25 @@ def test_rows_kept_for_the_check_are_in_no_part_and_halves_share_no_row(parts: t
     suite, _ = parts
     fresh = {tuple(row) for row in read_points(suite / "whole" / "fresh.csv").tolist()}
     given = {name: {tuple(r) for r in read_points(suite / name / "measurements.csv").tolist()} for name in
-             ("whole", "half_a", "half_b", "thin_015")}  # fmt: skip
+             ("whole", "half_a", "half_b", "thin_015_a", "thin_015_b")}  # fmt: skip
     assert len(fresh) == 2 * BLOCK and not any(fresh & rows for rows in given.values())
     assert given["half_a"] | given["half_b"] == given["whole"] and not given["half_a"] & given["half_b"]
-    assert len(given["thin_015"]) == 15
+    assert len(given["thin_015_a"]) == len(given["thin_015_b"]) == 15 and not given["thin_015_a"] & given["thin_015_b"]
+    truths = {name: json.loads((suite / name / "truth.json").read_text()) for name in ("whole", "half_a", "thin_025_b")}
+    assert [truths[name]["disjoint"] for name in truths] == [[], ["half_b"], ["thin_025_a"]]
+
+
+def test_rows_of_a_file_of_their_own_are_the_check_where_there_is_one(parts: tuple[Path, np.ndarray]) -> None:
+    suite, _ = parts
+    source = suite.parent / "kept"
+    source.mkdir()
+    (source / "robot").symlink_to(ROBOT)
+    for name in ("measurements", "fresh"):
+        shutil.copy(suite / "whole" / f"{name}.csv", source / f"{name}.csv")
+    cut_campaign(source, suite.parent / "again")
+    for name in ("measurements", "fresh"):
+        both = (read_points(folder / "whole" / f"{name}.csv") for folder in (suite, suite.parent / "again"))
+        assert np.array_equal(*both)
 
 
 def test_a_mirror_negates_the_deviations_from_the_registered_nominal_robot(parts: tuple[Path, np.ndarray]) -> None:
