@@ -117,7 +117,7 @@ def ask_rival(case: Path, register: list[str]) -> Table:
 
 
 def ask_calibration(case: Path, register: list[str]) -> Table:
-    """Ask a plain geometric calibration, which names nothing: how far geometry alone predicts."""
+    """Ask a plain calibration of geometry and compliances, which names nothing: how far a plain fit predicts."""
     from benchmarks.rival.calibration import calibrate
     from benchmarks.rival.log import read_log
 

@@ -20,7 +20,7 @@ WORDS = {
     "product": "product",
     "rival": "plain rival",
     "figaroh": "FIGAROH",
-    "geometry": "plain geometric calibration",
+    "geometry": "plain calibration",
 }
 COLOURS = {"before": NEUTRAL, "product": AFTER, "rival": BEFORE, "figaroh": TOLERANCE, "geometry": "#78606c"}
 #: Shares of which a small one is good.

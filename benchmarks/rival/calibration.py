@@ -1,12 +1,13 @@
-"""A plain geometric calibration: offsets and link geometry of all joints, base and tool, nothing that bends or moves.
+"""A plain calibration: offsets and link geometry of all joints, base and tool, and a compliance a joint.
 
-The unknowns are those of any geometric calibration of a serial arm; dependent ones are kept apart by a weak pull to the
-nominal robot (SPREAD) instead of being removed. It names nothing: it is a measure of what geometry alone can predict.
+The unknowns are those of any calibration of a serial arm; dependent ones are kept apart by a weak pull to the nominal
+robot (SPREAD) instead of being removed. Joints of a rigid model bend under the weight of the links, those of an elastic
+one change their compliance. It names nothing: it is a measure of what a plain fit can predict.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ from benchmarks.rival.vocabulary import AXES
 
 #: Standard deviation of lengths and angles about the nominal robot (assumed), and of frames. [m or rad]
 SPREAD, FRAMES = 2e-3, 1.0
+#: The same of what columns say of compliances: 1e-6 rad/(N m), and shares of the modelled one (assumed).
+PULLS = {"base_frame": FRAMES, "tool_frame": FRAMES, "gravity_sag": 200.0, "joint_stiffness": 1.0}
 ROUNDS, FOLDS = 5, 5
 
 
@@ -49,7 +52,9 @@ class Calibrated:
         tip, attitude = scene.posed.tip, scene.posed.attitude
         if not nominal:
             skip = tuple(f"{name}_frame" for name in self.register)
-            tip = tip + _stack(Columns(scene), self.specs) @ (self.value * _used(self.specs, skip))
+            columns = Columns(scene)
+            used = _each(columns, self.specs, lambda effect: float(effect not in skip))
+            tip = tip + _stack(columns, self.specs) @ (self.value * used)
         frames = fit_frames(log, tip, attitude, self.register)
         target = tip + np.einsum("nij,nj->ni", attitude, frames.of_targets(log))
         return np.asarray(target @ frames.turn.T + frames.shift)
@@ -64,21 +69,25 @@ def _position(columns: Columns, spec: Spec) -> Array:
     return position[:, :, :3] if spec.effect == "tool_frame" else position
 
 
-def _used(specs: list[Spec], skip: tuple[str, ...]) -> Array:
-    widths = {"base_frame": 6, "tool_frame": 3}
-    return np.concatenate([np.full(widths.get(s.effect, 1), float(s.effect not in skip)) for s in specs])
+def _each(columns: Columns, specs: list[Spec], number: Callable[[str], float]) -> Array:
+    """Return a number of its effect for every column."""
+    return np.concatenate([np.full(_position(columns, s).shape[2], number(s.effect)) for s in specs])
 
 
 def calibrate(robot: Path, measurements: Path, register: Sequence[str] = ()) -> Calibrated:
-    """Calibrate a robot's geometry on a campaign; far rows lose weight (Huber, 3 robust deviations)."""
+    """Calibrate a robot's geometry and compliances on a campaign; far rows lose weight (Huber, 3 robust deviations)."""
     chain = read_chain(robot)
     log = read_log(measurements, chain)
     problem = Problem(stage(chain, log, log.q, sagging=False), tuple(register))
     moving = [s.name for s in chain.segments if s.kind != "fixed"]
     specs = [Spec("base_frame"), Spec("tool_frame"), *(Spec("joint_offset", name) for name in chain.joints)]
     specs += [Spec("link_geometry", name, axis) for name in moving for axis in AXES]
+    elastic = [g.name for g in chain.segments if any(spring.own for spring in g.springs)]
+    specs += [Spec("joint_stiffness", name) for name in elastic if name in chain.joints]
+    if not any(g.springs for g in chain.segments):
+        specs.append(Spec("gravity_sag"))
     a, gap = _stack(problem.columns, specs), problem.gaps[0]
-    pull = np.where(_used(specs, ("base_frame", "tool_frame")) > 0.0, SPREAD, FRAMES)
+    pull = _each(problem.columns, specs, lambda effect: PULLS.get(effect, SPREAD))
     rows = np.flatnonzero(log.known)
     value = _solve(a[rows], gap[rows], pull)
     held, fold = gap.copy(), log.stay % FOLDS
