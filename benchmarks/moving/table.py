@@ -29,25 +29,43 @@ def describe_table(results: list[dict]) -> str:
     seeds = f"{results[0]['seed']} to {results[-1]['seed']}"
     solved = [one for one in results if one["status"] == "solved"]
     lines = [f"seeds {seeds}: {len(results)} jobs, solved {len(solved)} ({100 * len(solved) / len(results):.0f} %)"]
-    found = [one["found"] for one in solved if one["found"] is not None]
-    if found:
-        feed = [np.array(one["feed_mm_s"]) for one in found]
-        ratio = [np.array(one["away_mm"]) / np.array(one["band_mm"]) for one in found]
-        edges = np.quantile(np.concatenate(feed), [0.0, 1 / 3, 2 / 3, 1.0])
-        for k, name in enumerate(("slow", "middle", "fast")):
-            inside = [(one >= edges[k]) & (one <= edges[k + 1]) for one in feed]
-            mine = [own[:, chosen] for own, chosen in zip(ratio, inside, strict=True) if chosen.any()]
-            held, width = count_held(mine)
-            point = np.quantile(np.concatenate([own.ravel() for own in mine]), 0.95)
-            lines.append(f"{name:<7}{edges[k]:6.1f} to {edges[k + 1]:6.1f} mm/s, {len(mine):2} jobs: held {held:.1f} %"
-                         f" (+- {width:.1f}), true 95 % point / band {point:.2f}")  # fmt: skip
-    for word in ("keeps", "may_not_keep", "not_known"):
-        own = [one for one in solved if one["verdict"] == word and one["found"] is not None]
-        if own:
-            beyond = [np.mean(np.array(one["found"]["greatest_mm"]) > one["tolerance_mm"]) for one in own]
-            lines.append(f"{word:<13}{len(own):3} jobs: tip beyond the tolerance in {100 * np.mean(beyond):.1f} %"
-                         f" of the arms, in {100 * max(beyond):.0f} % of the worst job's")  # fmt: skip
+    for name, feeds, jobs, held, width, point in list_coverage(solved):
+        lines.append(f"{name:<7}{feeds:>14} mm/s, {jobs:2} jobs: held {held} % (+- {width}),"
+                     f" true 95 % point / band {point}")  # fmt: skip
+    for word, jobs, mean, most in list_verdicts(solved):
+        lines.append(f"{word:<13}{jobs:3} jobs: tip beyond the tolerance in {mean} % of the arms, in {most} % of the"
+                     " worst job's")  # fmt: skip
     return "\n".join(lines)
+
+
+def list_coverage(jobs: list[dict]) -> list[tuple[str, str, int, str, str, str]]:
+    """Return a row a third of speed: name, speeds [mm/s], jobs, share held, its width [%], true 95 % point / band."""
+    found = [job["found"] for job in jobs if job["found"] is not None]
+    if not found:
+        return []
+    feed = [np.array(one["feed_mm_s"]) for one in found]
+    ratio = [np.array(one["away_mm"]) / np.array(one["band_mm"]) for one in found]
+    edges = np.quantile(np.concatenate(feed), [0.0, 1 / 3, 2 / 3, 1.0])
+    rows = []
+    for k, name in enumerate(("slow", "middle", "fast")):
+        inside = [(one >= edges[k]) & (one <= edges[k + 1]) for one in feed]
+        mine = [own[:, chosen] for own, chosen in zip(ratio, inside, strict=True) if chosen.any()]
+        held, width = count_held(mine)
+        point = np.quantile(np.concatenate([own.ravel() for own in mine]), 0.95)
+        rows.append((name, f"{edges[k]:.0f} to {edges[k + 1]:.0f}", len(mine), f"{held:.1f}", f"{width:.1f}",
+                     f"{point:.2f}"))  # fmt: skip
+    return rows
+
+
+def list_verdicts(jobs: list[dict]) -> list[tuple[str, int, str, str]]:
+    """Return a row a verdict: word, jobs, share of the arms with a tip beyond the tolerance, of the worst job's [%]."""
+    rows = []
+    for word in ("keeps", "may_not_keep", "not_known"):
+        own = [job for job in jobs if job["verdict"] == word and job["found"] is not None]
+        if own:
+            beyond = [100 * np.mean(np.array(job["found"]["greatest_mm"]) > job["tolerance_mm"]) for job in own]
+            rows.append((word, len(own), f"{np.mean(beyond):.1f}", f"{max(beyond):.0f}"))
+    return rows
 
 
 def count_held(ratios: list[Array]) -> tuple[float, float]:

@@ -19,10 +19,11 @@ from benchmarks.results import (
     planning,
     posture,
     speed,
+    verdict,
 )
 
 #: Every page by the name of its file.
 PAGES: dict[str, ModuleType] = {
     module.__name__.rpartition(".")[2]: module
-    for module in (planning, posture, forces, speed, diagnosis_drawn, diagnosis_real, loop, bad_input)
+    for module in (planning, verdict, posture, forces, speed, diagnosis_drawn, diagnosis_real, loop, bad_input)
 }
