@@ -79,6 +79,11 @@ JOBS: dict[str, tuple[str, str, dict[str, str]]] = {
     "fast": ("part.nc", PART_NC.replace("F600", "F6000"), {"programs": '["krl"]', "inertia": "true"}),
     "tilted": ("part.csv", TILTED_CSV, {"programs": '["krl"]', "plan": "rotate_about_tool_axis = false"}),
     "rail": ("part.nc", PART_NC, {"robot": "kuka_kr240_rail", "programs": '["krl", "csv"]'}),
+    "fanuc": (
+        "part.nc",
+        PART_NC,
+        {"robot": "fanuc_m20ib25", "programs": '["fanuc_ls"]', "place": "1100.0, 100.0, 500.0"},
+    ),
     "small": ("part.nc", PART_NC, {"programs": "[]", "plan": "max_correction_mm = 1.0"}),
 }
 

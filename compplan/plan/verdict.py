@@ -23,7 +23,7 @@ from compplan.plan.bending import FOLLOWED, find_runs
 from compplan.plan.between import Between, divide_times, insert_between, judged_moves
 from compplan.plan.evaluate import Evaluation, Margins
 from compplan.plan.strategies.limits import AT_CORRECTION
-from compplan.plan.task import Command, PlanTask
+from compplan.plan.task import Command, PlanTask, attain_rows
 from compplan.plan.timing import Timing, find_slowdown
 from compplan.plan.votes import Driven
 from compplan.robot import Array
@@ -32,6 +32,8 @@ from compplan.robot import Array
 ROUNDING = 1.001
 #: Moves that the judge looks at between waypoints where there are more: the worst by the planner's model, even ones.
 WORST, EVEN = 1500, 1500
+#: Planner and judge place the loaded tip within a micrometre and this share of the tolerance; waypoints compared.
+AGREED, AGREED_SHARE, COMPARED = 1e-6, 0.02, 400
 #: A joint that moves more than this in one move of a cut changes its branch. [rad, m]
 JUMP_TURN, JUMP_SLIDE = float(np.radians(20.0)), 0.2
 
@@ -106,6 +108,10 @@ def find_breaches(
         worst = int(np.flatnonzero(after.cut)[after.distance[after.cut].argmax()])
         breaches.append(f"the independent check finds the loaded tip "
                         f"{_mm(after.max_deviation)} off the path at waypoint {worst}")
+    apart, worst = compare_models(task, command.q, after)
+    if apart > AGREED + AGREED_SHARE * tolerance:
+        breaches.append(f"the planner and the independent check place the loaded tip {_mm(apart)} apart "
+                        f"at waypoint {worst}: one of them misreads the robot, the tool or the load")
     judged, move = judge_between(task, command.q, between, bench)
     if judged > tolerance:
         breaches.append(f"the independent check finds the loaded tip {_mm(judged)} off the path after waypoint {move}")
@@ -122,6 +128,23 @@ def find_breaches(
     if margins.max_correction > task.max_correction + 2 * AT_CORRECTION:
         breaches.append(f"the correction is {_mm(margins.max_correction)}, allowed are {_mm(task.max_correction)}")
     return tuple(breaches)
+
+
+def compare_models(task: PlanTask, q: Array, after: Evaluation) -> tuple[float, int]:
+    """Compare where planner and judge place the loaded tip, at some waypoints of the cut.
+
+    Where the force asks where the tool is, both have found it by themselves and may differ: nothing is compared.
+
+    Returns:
+        Greatest distance [m] and its waypoint; 0 and 0 where nothing is compared.
+
+    """
+    rows = np.flatnonzero(after.cut)
+    if after.settled is not None or not len(rows):
+        return 0.0, 0
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, COMPARED).astype(int))]
+    apart = np.linalg.norm(attain_rows(task, q, rows, slope=False).position - after.position[rows], axis=1)
+    return float(apart.max()), int(rows[apart.argmax()])
 
 
 def judge_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[float, int]:
