@@ -26,7 +26,7 @@ from compplan.plan.evaluate import (
     evaluate_run,
     measure_margins,
 )
-from compplan.plan.feed import FeedWish
+from compplan.plan.feed import FeedWish, time_run
 from compplan.plan.notes import describe_coupling, describe_left_out, list_notes
 from compplan.plan.result import Plan
 from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
@@ -35,11 +35,11 @@ from compplan.plan.verdict import find_breaches, find_jumps, find_overloads, set
 from compplan.plan.votes import cast_votes
 from compplan.posture.keep import Lock, find_kept_start, read_lock
 from compplan.posture.stance import Wish, check_start
-from compplan.posture.start import PostureRequest, check_clearance, read_request
+from compplan.posture.start import PostureRequest, Start, check_clearance, read_request, stand
 from compplan.program import check_languages
 from compplan.promise.posture_errors import posture_errors
 from compplan.robot import Array, Robot, load_robot
-from compplan.statics.chain import build_chain
+from compplan.statics.chain import Chain, build_chain
 
 #: Sine of the angle between the tool axis and x of the TCP frame below which they are one direction.
 SIDE = float(np.sin(np.radians(1.0)))
@@ -219,13 +219,33 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
     if chain.nq < equations:
         message = f"robot {robot.name!r} has {chain.nq} joints, a tool position and direction needs {equations}"
         raise InputError(message, file=file, where="robot" if file else None)
+    request = options.posture
+    if request is not None:
+        asked = request
+        request = replace(
+            asked, clock=lambda stance: _time_stance(robot, chain, options, stand(stance, nominal, asked))
+        )
     try:
         check_start(robot, options.wish.start)
         start = find_kept_start(
-            robot, nominal, np.asarray(options.tool_x, float), rotation, options.wish, options.posture, options.lock
+            robot, nominal, np.asarray(options.tool_x, float), rotation, options.wish, request, options.lock
         )
     except InputError as error:
         raise InputError(error.message, file=file, where=error.where if file else None) from None
+    return _state_task(robot, chain, options, start)
+
+
+def _time_stance(robot: Robot, chain: Chain, options: PlanOptions, start: Start) -> float:
+    """Time the run along a posture before anything is corrected. [s]."""
+    task = _state_task(robot, chain, options, start)
+    try:
+        return float(time_run(task, task.q_start, options.feed)[1].time[-1])
+    except ConvergenceError:
+        return np.inf
+
+
+def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) -> PlanTask:
+    """State what a strategy is told of a path that starts so."""
     nominal = start.nominal
     compensated = ~nominal.rapid
     compensated[find_contacts(nominal.rapid)] = True

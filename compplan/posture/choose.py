@@ -17,6 +17,7 @@ from compplan.path.contact import tool_axes
 from compplan.path.toolpath import Toolpath
 from compplan.posture.chatter import ChatterPrice, count_chatter, price_chatter
 from compplan.posture.costs import Weights, choose_weights
+from compplan.posture.fastest import Clock, choose_fastest, time_stance
 from compplan.posture.lattice import (
     COLLISION,
     JOINT_LIMIT,
@@ -43,7 +44,7 @@ Margin = Callable[[Array, NDArray[np.int_]], Array]
 ERRORS = ("sensitivity_rms_mm", "travel_error_rms_mm", "inertia_rms_mm")
 #: Share of the plain posture's figure that a choice has to get below to be worth its turns: figures of the band are not
 #: known better (assumed), the others are compared as they are.
-GAINS = {"accurate": 0.999, "promise": 0.99, "smooth": 1.0, "fast": 0.999}
+GAINS = {"accurate": 0.999, "promise": 0.99, "smooth": 1.0, "fast": 1.0}
 #: Waypoints of the finished line whose margin is looked at.
 MARGIN_SAMPLES = 600
 #: Searches that collisions may ask for, and rounds of further stations.
@@ -70,6 +71,7 @@ class Task:
         settings: What may vary and what it is chosen for.
         margin: By how much postures keep clear, or None.
         chatter: How far cuts are beyond the limit of chatter, or None.
+        clock: Times finished postures, or None.
 
     """
 
@@ -82,11 +84,13 @@ class Task:
     settings: PostureSettings
     margin: Margin | None = None
     chatter: ChatterPrice | None = None
+    clock: Clock | None = None
 
 
 def choose_stance(
     robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings | None = None, *,
     axes: Array | None = None, margin: Margin | None = None, chatter: ChatterPrice | None = None,
+    clock: Clock | None = None,
 ) -> Stance:  # fmt: skip
     """Choose configuration, rotation about the tool axis, extra axes and lean along a path.
 
@@ -99,29 +103,43 @@ def choose_stance(
             Shape (3, 3).
         margin: Tells by how much postures keep clear; what does not leaves the graph.
         chatter: Tells how far cuts are beyond the limit of chatter; those cost more.
+        clock: Times finished postures, for the preset "fast"; joint rates alone say the time if left out.
 
     Raises:
         InfeasibleError: If nothing leads along the path; with the waypoint and what stands there.
 
     """
     settings = settings or PostureSettings()
+    timing = clock if settings.preset == "fast" else None
     task = Task(
         robot, build_chain(robot), build_arm(robot), nominal, np.asarray(tool_x, float),
-        np.eye(3) if axes is None else axes, settings, margin, chatter,
+        np.eye(3) if axes is None else axes, settings, margin, chatter, timing,
     )  # fmt: skip
+    if timing is None or settings.weights:
+        stance = time_stance(_choose_line(task), timing)
+    else:
+        stance = choose_fastest(
+            lambda preset: _choose_line(replace(task, settings=replace(settings, preset=preset))), timing
+        )
+    stance = _prefer_still(task, stance)
+    return replace(stance, chatter=count_chatter(chatter, stance.q))
+
+
+def _choose_line(task: Task) -> Stance:
+    """Choose by the graph, with more stations where its way cannot be followed between them."""
+    settings, nominal = task.settings, task.nominal
     options = build_options(task.arm, settings).spin.shape[1]
     stations = pick_stations(nominal, int(np.clip(NODE_BUDGET // options, 50, settings.stations)))
     for _ in range(STATION_ROUNDS):
         stance, bad = _choose_at(task, stations)
         if not len(bad):
-            stance = _prefer_still(task, stance)
-            return replace(stance, chatter=count_chatter(chatter, stance.q))
+            return stance
         more = np.setdiff1d(_surround(bad, len(nominal)), stations)
         if not len(more):
             break
         few = np.linspace(0, len(more) - 1, min(len(more), settings.stations)).astype(int)
         stations = np.union1d(stations, more[few])
-    kind = "clearance" if margin is not None and not stance.missed.any() else "continuity"
+    kind = "clearance" if task.margin is not None and not stance.missed.any() else "continuity"
     raise InfeasibleError(
         f"the posture cannot be followed at {len(bad)} waypoints, first at waypoint {bad[0]}: "
         f"{'the arm comes too near' if kind == 'clearance' else 'joints would have to jump or leave their limits'}; "
@@ -221,8 +239,16 @@ def _prefer_still(task: Task, stance: Stance) -> Stance:
     rows = np.unique(np.linspace(0, len(nominal) - 1, min(len(nominal), MARGIN_SAMPLES)).astype(int))
     if task.margin is not None and (task.margin(plain.q[rows], rows) < 0).any():
         return stance
-    costs, chosen = summarise_costs(task.chain, robot, nominal, plain.q, settings, task.axes), stance.costs
-    stance = replace(stance, plain=costs)
+    none, chosen = np.zeros(len(nominal)), stance.costs
+    picture = replace(stance.map, chosen=np.zeros(len(stance.map.chosen)))
+    still = replace(
+        stance, q=plain.q, rotation=rotation, spin=none, lead=none, lean=none, configuration=plain.configuration,
+        changes=(), map=picture, instead_of=chosen,
+        costs=summarise_costs(task.chain, robot, nominal, plain.q, settings, task.axes),
+    )  # fmt: skip
+    still = time_stance(still, task.clock, "one configuration, tool x fixed" if stance.timed else "")
+    costs = still.costs
+    still, stance = replace(still, plain=costs), replace(stance, plain=costs)
     for name, asked in (("limit_distance_deg", np.degrees(settings.limit_margin)),
                         ("dexterity_min", settings.singularity_margin)):
         if costs[name] < min(asked, chosen[name]):
@@ -233,14 +259,8 @@ def _prefer_still(task: Task, stance: Stance) -> Stance:
     counts = stance.weights.travel > 0
     ours, theirs = (measure_choice(settings.preset, value, counts_travel=counts) for value in (chosen, costs))
     gained = ours < GAINS[settings.preset] * theirs
-    if gained or (theirs > ours and costs["joint_travel_deg"] >= chosen["joint_travel_deg"]):
-        return stance
-    none = np.zeros(len(nominal))
-    picture = replace(stance.map, chosen=np.zeros(len(stance.map.chosen)))
-    return replace(
-        stance, q=plain.q, rotation=rotation, spin=none, lead=none, lean=none, configuration=plain.configuration,
-        changes=(), costs=costs, map=picture, instead_of=chosen,
-    )  # fmt: skip
+    keeps = gained or (theirs > ours and costs["joint_travel_deg"] >= chosen["joint_travel_deg"])
+    return replace(stance, timed=still.timed) if keeps else still
 
 
 def measure_choice(preset: str, costs: dict[str, float], *, counts_travel: bool = False) -> float:
@@ -248,7 +268,7 @@ def measure_choice(preset: str, costs: dict[str, float], *, counts_travel: bool 
     if preset == "smooth":
         return costs["joint_travel_deg"]
     if preset == "fast":
-        return costs["time_s"]
+        return costs.get("driven_s", costs["time_s"])
     return sum_errors(costs) if preset == "promise" or counts_travel else costs["sensitivity_rms_mm"]
 
 

@@ -17,6 +17,7 @@ from compplan.posture.clearance import ClearanceProfile, measure_clearance, meas
 from compplan.posture.collision_scene import CollisionScene, load_scene
 from compplan.posture.contacts import describe_contact
 from compplan.posture.costs import ErrorModel
+from compplan.posture.fastest import Clock, describe_fastest
 from compplan.posture.few_joints import follow_path
 from compplan.posture.follow import follow_from
 from compplan.posture.partial import find_partial
@@ -41,6 +42,7 @@ class PostureRequest:
         scene: What may touch what, or None.
         wanted: Clearance that is asked for. [m]
         chatter: What a posture pays for chatter, or None.
+        clock: Times finished postures, or None.
 
     """
 
@@ -49,6 +51,7 @@ class PostureRequest:
     scene: CollisionScene | None = None
     wanted: float = 0.0
     chatter: ChatterPrice | None = None
+    clock: Clock | None = None
 
 
 @dataclass(frozen=True)
@@ -136,7 +139,7 @@ def find_start(
             if instead is not None:
                 return instead
         else:
-            return _stand(stance, nominal, request)
+            return stand(stance, nominal, request)
     posture = choose_posture(robot, nominal.position, rotation, wish)
     return Start(nominal, posture.q, rotation, posture.configuration, posture.missed, None, request, note)
 
@@ -182,7 +185,7 @@ def _name(robot: Robot, q: Array) -> dict[str, str]:
     return CONFIGURATIONS[int(np.bincount(name_configuration(arm, q)).argmax())] if len(arm.arm) == 6 else {}
 
 
-def _stand(stance: Stance, nominal: Toolpath, request: PostureRequest) -> Start:
+def stand(stance: Stance, nominal: Toolpath, request: PostureRequest) -> Start:
     """Start where the graph stands."""
     leaning = request.settings.lead > 0 or request.settings.lean > 0
     path = replace(nominal, axis=stance.axis) if leaning else nominal
@@ -190,6 +193,8 @@ def _stand(stance: Stance, nominal: Toolpath, request: PostureRequest) -> Start:
         f"The arm changes its configuration from {before} to {after} before waypoint {waypoint}."
         for waypoint, before, after in stance.changes
     )
+    if told := describe_fastest(stance):
+        words += (told,)
     if stance.chatter is not None:
         found = stance.chatter
         words += (f"The posture is chosen with regard to chatter: the cut chatters at {found.at} of {found.of} "
@@ -222,5 +227,5 @@ def _ask_graph(robot: Robot, nominal: Toolpath, tool_x: Array, request: PostureR
 
     return choose_stance(
         robot, nominal, tool_x, request.settings, axes=request.axes, margin=None if scene is None else margin,
-        chatter=request.chatter,
+        chatter=request.chatter, clock=request.clock,
     )  # fmt: skip

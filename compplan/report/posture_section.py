@@ -32,6 +32,7 @@ COSTS = {
     "travel_error_rms_mm": ("gear error and lost motion of the joints that travel, rms", "mm"),
     "inertia_rms_mm": ("bending by the inertia of the joints at the programmed feed, estimated, rms", "mm"),
     "time_s": ("time at the programmed feed", "s"),
+    "driven_s": ("time of the run within the limits of the joints", "s"),
 }
 
 

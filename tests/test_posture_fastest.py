@@ -1,0 +1,55 @@
+"""The preset `fast` drives the fastest of the postures that presets find, and says so where they tie."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from compplan.job.job import check_job
+from compplan.plan.feed import time_run
+from compplan.plan.plan import build_task, prepare_job
+from compplan.plan.task import PlanTask
+
+PUSH = {"model": "constant", "force_N": [200.0, 100.0, 300.0], "frame": "base"}
+RAIL: dict[str, Any] = {
+    "schema": 1, "robot": "kuka_kr240_rail", "process": PUSH, "part": {"position_mm": [1590.0, 2000.0, 600.0]},
+    "toolpath": {"generator": "circle", "radius_mm": 250.0, "feed_mm_s": 600.0, "waypoints": 120},
+}  # fmt: skip
+SPIN: dict[str, Any] = {
+    "schema": 1, "robot": "kuka_kr270", "process": PUSH, "part": {"position_mm": [1700.0, 0.0, 800.0]},
+    "tool": {"position_mm": [0.0, 0.0, 300.0], "abc_deg": [0.0, 30.0, 0.0], "mass_kg": 8.0},
+    "toolpath": {"generator": "circle", "radius_mm": 120.0, "feed_mm_s": 500.0, "waypoints": 120},
+}  # fmt: skip
+
+
+def stand(job: dict[str, Any], preset: str, **posture: float) -> tuple[PlanTask, float]:
+    """Return the task of a job with the posture of a preset, and how long its run takes."""
+    robot, nominal, options = prepare_job(check_job({**job, "posture": {"preset": preset, **posture}}, "job.toml"))
+    task = build_task(robot, nominal, options)
+    return task, float(time_run(task, task.q_start, options.feed)[1].time[-1])
+
+
+@pytest.mark.parametrize("job", [RAIL, SPIN], ids=["rail", "spin"])
+def test_no_other_preset_is_faster_than_fast(job: dict[str, Any]) -> None:
+    task, fast = stand(job, "fast")
+    others = {preset: stand(job, preset)[1] for preset in ("accurate", "smooth")}
+    assert fast <= 1.0001 * min(others.values()), others
+    assert task.start is not None and task.start.stance is not None
+    assert fast == pytest.approx(task.start.stance.costs["driven_s"], rel=1e-9)
+    assert task.start.stance.costs["driven_s"] == min(task.start.stance.timed.values())
+    assert any("fastest of the postures" in note for note in task.start.notes)
+
+
+def test_a_feed_that_every_posture_holds_is_a_tie_and_the_plan_says_so() -> None:
+    slow = {**SPIN, "toolpath": {**SPIN["toolpath"], "feed_mm_s": 5.0}}
+    task, _ = stand(slow, "fast")
+    assert task.start is not None and task.start.stance is not None
+    assert task.start.stance.settings.preset == "fast"
+    assert any("the programmed feed sets the time, not the posture" in note for note in task.start.notes)
+
+
+def test_other_presets_time_nothing() -> None:
+    task, _ = stand(SPIN, "smooth")
+    assert task.start is not None and task.start.stance is not None
+    assert not task.start.stance.timed and "driven_s" not in task.start.stance.costs
