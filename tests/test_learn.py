@@ -17,15 +17,8 @@ from compplan.job.job import Job, load_job
 from compplan.known.slopes import stage_path, tip_of
 from compplan.loop.learn import Gathered, learn_part
 from compplan.loop.measured_path import match_points, read_measured_points
-from compplan.loop.teach import (
-    Residual,
-    Teaching,
-    build_learned,
-    hold_values,
-    plan_learned,
-    read_residual,
-    residual_file,
-)
+from compplan.loop.residual import Residual, read_residual, residual_file
+from compplan.loop.teach import Teaching, build_learned, hold_values, plan_learned
 from compplan.path.toolpath import Toolpath
 from compplan.promise.band import Slopes
 from compplan.robot import Robot, load_robot

@@ -90,14 +90,9 @@ def command(
     options = IdentifyOptions(
         register=parse_parts(register),
         springs=None if springs is None else _split(springs),
-        add=_split(add or ""),
-        stepwise=stepwise,
-        links=links,
-        effects=_split(effects or ""),
-        geometry=geometry,
-        reference=reference,
-        loss=loss,
-    )
+        add=_split(add or ""), effects=_split(effects or ""),
+        stepwise=stepwise, links=links, geometry=geometry, reference=reference, loss=loss,
+    )  # fmt: skip
     if not np.isfinite([force, lever]).all():
         raise InputError("--force-N and --lever-mm are finite numbers")
     if choose_poses is not None:

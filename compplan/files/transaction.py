@@ -43,7 +43,6 @@ def replace_file(path: str | Path) -> Iterator[Path]:
 
     Raises:
         InputError: If the file cannot be written.
-
     """
     check_file(Path(path))
     place = Path(path).resolve()
@@ -77,7 +76,6 @@ def replace_folder(folder: str | Path, command: str) -> Iterator[Path]:
 
     Raises:
         InputError: If the folder cannot be written, or another run is writing into it; nothing has changed then.
-
     """
     folder = Path(folder)
     check_folder(folder)
@@ -115,7 +113,6 @@ def hold_folder(folder: str | Path) -> Iterator[None]:
 
     Raises:
         InputError: If the folder cannot be made, or another run writes into it.
-
     """
     folder = Path(folder)
     place = folder.resolve()

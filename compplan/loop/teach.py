@@ -12,10 +12,8 @@ import numpy as np
 from compplan.effects import EFFECTS, Effect, attain_scene
 from compplan.effects.scene import Scene
 from compplan.effects.signature import pack_parameters
-from compplan.files.columns import FileColumn
 from compplan.files.quantities import format_length
 from compplan.files.shown import Curve, Curves, Shown
-from compplan.files.tables import read_table
 from compplan.job.job import Job
 from compplan.known.assumed import LINK_ELASTICITY, known_uncertainty
 from compplan.known.slopes import (
@@ -29,8 +27,9 @@ from compplan.known.slopes import (
     tip_of,
 )
 from compplan.known.vary import vary_robot, vary_scene
-from compplan.loop.learn import KEPT, Lesson, gather_points, learn_part
+from compplan.loop.learn import Lesson, gather_points, learn_part
 from compplan.loop.measured_path import MeasuredPath, match_points, read_measured_points
+from compplan.loop.residual import Residual, interpolate, read_residual, residual_file
 from compplan.path.toolpath import Toolpath
 from compplan.plan.plan import PlanOptions, build_task, plan_task, prepare_job
 from compplan.plan.result import Plan
@@ -67,29 +66,6 @@ class Learned(NamedTuple):
     value: float
     width: float
     kept: bool
-
-
-@dataclass(frozen=True, eq=False)
-class Residual:
-    """What a path keeps beyond its robot: the deviation that the next program takes off; b places along it.
-
-    Attributes:
-        length: Places along the path. Shape (b,). [m]
-        deviation: Deviation there, base axes. Shape (b, 3). [m]
-        spread: Standard deviation of it per axis. Shape (b,). [m]
-        q: How the arm stood there, unloaded on the path. Shape (b, nq). [rad or m]
-        open: What the last lesson left open of the tip, as columns u with covariance u u^T. Shape (b, 3, r). [m]
-    """
-
-    length: Array
-    deviation: Array
-    spread: Array
-    q: Array
-    open: Array
-
-    def at(self, length: Array) -> Array:
-        """Return the deviation at places along the path. Shape (n, 3). [m]."""
-        return interpolate(length, self.length, self.deviation)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -312,12 +288,6 @@ def build_learned(
     return nominal, task, options
 
 
-def interpolate(length: Array, places: Array, values: Array) -> Array:
-    """Interpolate values (b, ...) at places along a path (b,) to other lengths (n,). Shape (n, ...)."""
-    flat = values.reshape(len(places), -1)
-    return np.stack([np.interp(length, places, v) for v in flat.T], axis=1).reshape(-1, *values.shape[1:])
-
-
 def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
     """Return a task whose start stands as the arm stood when the path was learned.
 
@@ -381,30 +351,3 @@ def with_promise(plan: Plan, lesson: Lesson, slopes: Slopes, known: Uncertainty)
     better = replace(promise, radius=radius + plan.after.distance, parts=parts, known=known, without={}, narrowings=())
     whole = better.greatest * promise.whole / max(promise.greatest, 1e-12)
     return replace(plan, learned=replace(better, whole=whole))
-
-
-def residual_file(robot: Robot, job: Job) -> Path | None:
-    """Return the file of a robot folder that holds what it learned on the path of a job."""
-    return None if robot.folder is None else robot.folder / f"learned_{job.file.stem}.csv"
-
-
-def read_residual(file: Path | None, robot: Robot) -> Residual | None:
-    """Read what was learned on a path; None where there is no such file.
-
-    Raises:
-        InputError: If it is not such a table.
-    """
-    if file is None or not file.exists():
-        return None
-    columns = [FileColumn(name, "length", required=True) for name in ("s", "dx", "dy", "dz", "sigma")]
-    for number, slides in enumerate(robot.prismatic, 1):
-        columns.append(FileColumn(f"q{number}", "length" if slides else "angle", required=True))
-    names = [[f"u{n}{axis}" for axis in "xyz"] for n in range(1, KEPT + 1)]
-    columns += [FileColumn(name, "length", required=True) for own in names for name in own]
-    table = read_table(file, columns)
-    length = table.values["s"]
-    if not len(length) or (np.diff(length) < 0).any():
-        raise table.error("s_mm has to rise from row to row, and there has to be one")
-    joints = table.stack([f"q{number}" for number in range(1, robot.nq + 1)])
-    left_open = np.stack([table.stack(own) for own in names], axis=2)
-    return Residual(length, table.stack(["dx", "dy", "dz"]), table.values["sigma"], joints, left_open)

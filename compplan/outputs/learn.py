@@ -11,7 +11,8 @@ import numpy as np
 from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json, write_table
 from compplan.files.transaction import list_files, replace_folder
-from compplan.loop.teach import Residual, Teaching, residual_file
+from compplan.loop.residual import Residual, residual_file
+from compplan.loop.teach import Teaching
 from compplan.outputs.plan import summarise_plan, write_joints, write_programs
 from compplan.report.learn_page import write_learn_page
 from compplan.report.plan_page import write_plan_page

@@ -192,11 +192,9 @@ class PosteriorMotion:
         self.rows, self.rng, self.diagnosis = source.rows[chosen], rng, diagnosis
         self.sigma = np.repeat(source.sigma[chosen].ravel(), 3)
         design = ledger.designs[0][chosen].reshape(3 * len(chosen), ledger.p)
-        frames = np.linalg.qr(design[:, ledger.columns_named(REGISTRATION)])[0]
-        self.frames = frames
-        self.columns = posterior.columns
+        self.frames = np.linalg.qr(design[:, ledger.columns_named(REGISTRATION)])[0]
+        self.columns, self.mean = posterior.columns, posterior.mean
         self.design = self.take_frames(design[:, posterior.columns] * self.sigma[:, None])
-        self.mean = posterior.mean
         values, vectors = np.linalg.eigh(posterior.covariance)
         # symmetric: a draw does not hang on the signs that an eigenvector happens to have
         root = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
@@ -205,8 +203,7 @@ class PosteriorMotion:
         self.first_order = first
         self.conventions = _find_conventions(diagnosis, self)
         self.gap = first + sum((motion for _, motion in self.conventions), np.zeros_like(first))
-        block = draw_blocks(diagnosis.fit.problem.campaign, rng)[self.rows]
-        _, block = np.unique(block, return_inverse=True)
+        block = np.unique(draw_blocks(diagnosis.fit.problem.campaign, rng)[self.rows], return_inverse=True)[1]
         count = int(block.max(initial=0)) + 1
         weight = rng.multinomial(count, np.full(count, 1.0 / count), size=DRAWS).T.astype(float)
         self.weight = np.repeat(weight[block], 3, axis=0)

@@ -16,9 +16,7 @@ from compplan.path.cam.sinumerik_frames import AXES, ELSEWHERE, INCH, NORMALS, P
 from compplan.path.cam.sinumerik_words import Words
 from compplan.path.cam.turning import LETTERS
 
-CENTRES = ("I", "J", "K")
-MIDDLES = ("I1", "J1", "K1")
-DIRECTIONS = ("A3", "B3", "C3")
+CENTRES, MIDDLES, DIRECTIONS = ("I", "J", "K"), ("I1", "J1", "K1"), ("A3", "B3", "C3")
 #: Addresses of a motion block, and those that say nothing of the path.
 MOVING = {*AXES, *CENTRES, *MIDDLES, *DIRECTIONS, *LETTERS, "CR", "AR", "AP", "RP", "TURN"}
 CORNERS = {"RND": "ROUND", "CHR": "LEG", "CHF": "CHAMFER"}
