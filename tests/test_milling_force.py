@@ -105,6 +105,17 @@ def test_thrust_and_torque_rise_with_feed_and_diameter(material: str) -> None:
         assert (wrench[:, [2, 5]] > 0.0).all() and (np.diff(wrench[:, [2, 5]], axis=0) > 0.0).all()
 
 
+def test_a_material_without_a_constant_of_drilling_is_refused_and_takes_coefficients_of_its_own() -> None:
+    others = set(MATERIALS) - set(DRILLED)
+    assert others
+    for material in others:
+        with pytest.raises(ValueError, match="drilled ones are .* or give coefficients"):
+            DrillProcess(model="drill", diameter_mm=6.0, spindle_rpm=1000.0, material=material)
+    own = {"cutting_N_mm2": (900.0, 0.0, 1200.0), "exponent": (0.0, 0.0, 0.15)}
+    by_feed = np.array([drill(feed, 6.0, material=None, coefficients=own) for feed in (0.05, 0.1, 0.2, 0.4)])
+    assert (np.diff(by_feed[:, [2, 5]], axis=0) > 0.0).all()
+
+
 def test_the_thrust_of_a_drill_grows_while_its_point_enters_and_ends_in_the_air() -> None:
     process = DrillProcess(model="drill", diameter_mm=10.0, spindle_rpm=1000.0, material="c45")
     path = np.zeros((120, 3))
