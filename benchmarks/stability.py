@@ -1,8 +1,10 @@
-"""Calls of chatter beside a simulation of the delay equation in time: `python -m benchmarks.stability`.
+"""Calls of chatter beside a simulation of the delay equation in time: `python -m benchmarks.stability [--tool]`.
 
 200 drawn cuts (modes, directions, teeth, speed, arc, depth, coefficients). The simulation knows teeth, not matrices of
 angles: every tooth that is in the cut meets its own chip, the tool moves by Runge-Kutta steps, a ring of past positions
 is the delay. What grows is unstable. It shares the drawn numbers with the product and nothing else.
+With --tool two modes of a tool, 200 to 900 Hz, stand beside those of the arm. The probabilities of chatter are held
+against cuts whose masses, damping and coefficients are drawn about what the product is told (Brier score).
 """
 
 from __future__ import annotations
@@ -16,9 +18,20 @@ import numpy as np
 from compplan.path.forces.cutter import Cutter
 from compplan.path.forces.engagement import Engagement, middle_angles
 from compplan.path.forces.materials import Coefficients
-from compplan.path.forces.stability import CutDynamics, Modes, count_turns, find_gains, find_multiplier
+from compplan.path.forces.stability import (
+    CutDynamics,
+    Modes,
+    Spread,
+    count_turns,
+    find_gains,
+    find_multiplier,
+    find_odds,
+)
 
 RADIUS, ANGLES, STEPS, PERIODS = 5e-3, 720, 96, 160
+#: How far the true cut is from what the product is told: frequencies, damping (logarithm), coefficients (share); and
+#: the same of measured modes of a tool.
+SPREAD, MEASURED = Spread(0.1, 0.4, 0.1), (0.01, 0.15)
 
 
 def draw_cases(count: int, seed: int) -> dict[str, np.ndarray]:
@@ -33,10 +46,37 @@ def draw_cases(count: int, seed: int) -> dict[str, np.ndarray]:
     omega = 2 * np.pi * frequency
     return {
         "arc": arcs, "omega": omega, "shape": ways * (omega * np.sqrt(compliance))[:, :, None],
-        "damping": rng.uniform(0.01, 0.08, count), "teeth": rng.integers(1, 5, count),
+        "damping": np.repeat(rng.uniform(0.01, 0.08, (count, 1)), 3, axis=1), "teeth": rng.integers(1, 5, count),
         "speed": rng.uniform(1500.0, 15000.0, count) / 60.0, "depth": 10.0 ** rng.uniform(-4.0, -1.9, count),
         "kt": rng.uniform(300e6, 2000e6, count), "ratio": rng.uniform(0.15, 0.6, count),
     }  # fmt: skip
+
+
+def add_tool(cases: dict[str, np.ndarray], seed: int) -> dict[str, np.ndarray]:
+    """Return the cases with two modes of a tool, one along each axis; the spindle is fast."""
+    rng, count = np.random.default_rng(seed + 1000), len(cases["depth"])
+    omega = 2 * np.pi * np.sort(rng.uniform(200.0, 900.0, (count, 2)), axis=1)
+    compliance = 10.0 ** rng.uniform(-7.5, -6.3, (count, 2))
+    shape = np.eye(2, 3)[None] * (omega * np.sqrt(compliance))[:, :, None]
+    return cases | {
+        "omega": np.hstack([cases["omega"], omega]), "shape": np.concatenate([cases["shape"], shape], axis=1),
+        "damping": np.hstack([cases["damping"], rng.uniform(0.01, 0.05, (count, 2))]),
+        "speed": rng.uniform(8000.0, 18000.0, count) / 60.0,
+        "depth": cases["depth"] / 3.0,
+    }  # fmt: skip
+
+
+def blur(cases: dict[str, np.ndarray], seed: int) -> dict[str, np.ndarray]:
+    """Return cuts that lie about those that the product is told."""
+    rng, count = np.random.default_rng(seed + 2000), len(cases["depth"])
+    arm = np.arange(cases["omega"].shape[1]) < 3
+    draw = rng.normal(size=(5, count, 1))
+    faster = np.exp(np.where(arm, draw[0] * SPREAD.frequency, draw[1] * MEASURED[0]))
+    damped = np.exp(np.where(arm, draw[2] * SPREAD.damping, draw[3] * MEASURED[1]))
+    return cases | {
+        "omega": cases["omega"] * faster, "shape": cases["shape"] * faster[:, :, None],
+        "damping": cases["damping"] * damped, "kt": cases["kt"] * (1.0 + SPREAD.force * draw[4, :, 0]),
+    }
 
 
 def simulate(cases: dict[str, np.ndarray]) -> np.ndarray:
@@ -45,7 +85,7 @@ def simulate(cases: dict[str, np.ndarray]) -> np.ndarray:
     omega, shape, teeth = cases["omega"], cases["shape"], cases["teeth"]
     step = 1.0 / (cases["speed"] * teeth) / STEPS
     rng = np.random.default_rng(0)
-    q, rate = 1e-6 * rng.normal(size=(2, count, 3)) * np.stack([np.ones_like(omega), omega])
+    q, rate = 1e-6 * rng.normal(size=(2, *omega.shape)) * np.stack([np.ones_like(omega), omega])
     ring = np.zeros((STEPS + 1, count, 2))
     levels = np.zeros((PERIODS, count))
     number = np.arange(4)
@@ -61,7 +101,7 @@ def simulate(cases: dict[str, np.ndarray]) -> np.ndarray:
         fx = (size * (-np.sin(turn) - ratio * np.cos(turn))).sum(axis=1)
         fy = (size * (np.cos(turn) - ratio * np.sin(turn))).sum(axis=1)
         drive = shape[:, :, 0] * fx[:, None] + shape[:, :, 1] * fy[:, None]
-        return drive - 2 * cases["damping"][:, None] * omega * rate - omega**2 * q
+        return drive - 2 * cases["damping"] * omega * rate - omega**2 * q
 
     h = step[:, None]
     for i in range(PERIODS * STEPS):
@@ -95,7 +135,8 @@ def build_cut(cases: dict[str, np.ndarray], i: int) -> CutDynamics:
     found = Engagement(cutter, depth, np.array([[1.0, 0.0]]), np.zeros(1))
     kt = 1e-6 * float(cases["kt"][i])
     gain = find_gains(found, Coefficients((kt, kt * float(cases["ratio"][i]), 0.0)), np.array([1e-4]))[0]
-    modes = Modes(cases["omega"][i], cases["shape"][i].T, float(cases["damping"][i]))
+    measured = np.arange(cases["omega"].shape[1]) >= 3
+    modes = Modes(cases["omega"][i], cases["shape"][i].T, cases["damping"][i], measured)
     teeth = int(cases["teeth"][i])
     return CutDynamics(gain, teeth, 1.0 / float(cases["speed"][i] * teeth), modes)
 
@@ -104,8 +145,10 @@ def main() -> int:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--cases", type=int, default=200)
     arguments.add_argument("--seed", type=int, default=16)
+    arguments.add_argument("--tool", action="store_true", help="two modes of a tool beside those of the arm")
     chosen = arguments.parse_args()
     cases = draw_cases(chosen.cases, chosen.seed)
+    cases = add_tool(cases, chosen.seed) if chosen.tool else cases
     clock = time.process_time()
     truth = simulate(cases) > 1.0
     simulated = time.process_time() - clock
@@ -120,6 +163,13 @@ def main() -> int:
         agree = (calls == truth).mean()
         missed, false = (truth & ~calls).sum(), (calls & ~truth).sum()
         print(f"{name}: {100 * agree:.1f} % called alike, {missed} missed, {false} false ({spent:.1f} s of CPU)")
+    clock = time.process_time()
+    odds = np.array([find_odds(cut, SPREAD) for cut in cuts])
+    spent = time.process_time() - clock
+    blurred = simulate(blur(cases, chosen.seed)) > 1.0
+    brier, plain = ((odds - blurred) ** 2).mean(), ((semi - 1.0 * blurred) ** 2).mean()
+    print(f"cuts about them, {blurred.sum()} grow: Brier score of the probabilities {brier:.3f}, of yes and no "
+          f"{plain:.3f} ({spent:.1f} s of CPU)")  # fmt: skip
     return int((semi == truth).mean() < 0.9)
 
 

@@ -45,6 +45,22 @@ def test_a_slot_that_chatters_is_cut_in_a_posture_in_which_it_does_not(tmp_path,
     assert plain.unstable.sum() > 0.8 * cut and avoided.unstable.sum() == 0
 
 
+def test_a_soft_tool_chatters_where_the_arm_alone_does_not_and_the_note_names_the_band(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(stability, "_draw_map", lambda *_: None)
+    (tmp_path / "modes.csv").write_text("frequency_Hz,damping,mass_kg,x,y,z\n700,0.02,0.02,1,0,0\n"
+                                        "700,0.02,0.02,0,1,0\n", encoding="utf-8")  # fmt: skip
+    plain = judge(tmp_path, True)
+    job = write_slot(tmp_path, True, MILL)
+    job = job.model_copy(update={"stability": job.stability.model_copy(update={"modes": "modes.csv"})})
+    soft, told = judge_stability(predict_forces(job))
+    assert soft is not None, told
+    cut = soft.multiplier > 0.0
+    assert not plain.unstable.any() and soft.unstable.sum() > 0.8 * cut.sum()
+    assert soft.odds[cut].mean() > plain.odds[cut].mean() + 0.5
+    assert "nothing was looked at above" in plain.note and "teeth pass at 300 Hz" in plain.note
+    assert "to 700 Hz" in soft.note and "nothing was looked at" not in soft.note
+
+
 def test_avoiding_chatter_of_what_is_not_milled_is_refused(tmp_path) -> None:
     job = write_slot(tmp_path, True, {"model": "constant", "force_N": [10.0, 0.0, 0.0]})
     with pytest.raises(InputError, match=r"stability\.avoid.*'end_mill' alone, not for 'constant'"):

@@ -139,7 +139,10 @@ class PostureTable(StrictTable):
 
 
 class StabilityTable(StrictTable):
-    """[stability]: judge chatter in `compplan forces`, avoid it by the posture, damping of the modes (assumed).
+    """[stability]: judge chatter in `compplan forces`, avoid it by the posture, damping of the arm's modes (assumed).
+
+    `modes` is a table of measured modes of tool, holder and spindle. The spreads are standard deviations of the
+    logarithms of the arm's frequencies and damping (assumed).
 
     A job without this table asks for no judgement; one with it does, unless it says judge = false.
     """
@@ -147,6 +150,9 @@ class StabilityTable(StrictTable):
     judge: bool = True
     avoid: bool = False
     damping: float = Field(default=0.03, gt=0.0, le=0.5)
+    modes: str | None = None
+    frequency_spread: float = Field(default=0.1, ge=0.0, le=1.0)
+    damping_spread: float = Field(default=0.4, ge=0.0, le=2.0)
 
 
 

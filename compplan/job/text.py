@@ -152,6 +152,9 @@ ramp_out_mm = 0.0                   # ... and falls to 0 over this length before
 # judge = true
 # avoid = false                     # true: a posture whose cut chatters (zero-order solution) costs more
 # damping = 0.03                    # assumed: share of critical damping of the robot's modes
+# modes = "modes.csv"               # measured modes of tool and holder: frequency_Hz, damping, mass_kg, x, y, z
+# frequency_spread = 0.1            # assumed: how far the robot's frequencies and damping may be off, for the
+# damping_spread = 0.4              #   probability of chatter (standard deviations of the logarithm)
 
 [plan]
 strategy = "nlp"                    # <strategies>

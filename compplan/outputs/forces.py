@@ -73,6 +73,8 @@ def _summarise_stability(stability: Stability) -> dict[str, Any]:
         "unstable_spans": [list(span) for span in mark_spans(stability.unstable)],
         "unstable_by_zero_order": int(stability.zero_order.sum()),
         "largest_multiplier": float(stability.multiplier.max()),
+        "largest_probability": float(stability.odds.max()),
+        "band_hz": list(stability.band),
         "damping": stability.damping,
         "damping_assumed": True,
         "masses": stability.masses,
@@ -153,6 +155,7 @@ def _tabulate(found: ForcePrediction, stability: Stability | None) -> dict[str, 
         }  # fmt: skip
         columns |= {f"ripple_{name}_N": found.ripple[:, k] for k, name in enumerate(("travel", "left", "axis"))}
     if stability is not None:
-        columns |= {"multiplier": stability.multiplier, "unstable": stability.unstable.astype(np.int64)}
+        columns |= {"multiplier": stability.multiplier, "unstable": stability.unstable.astype(np.int64),
+                    "chatter_probability": stability.odds}  # fmt: skip
     columns |= {name: found.wrench[:, k] for k, name in enumerate(WRENCH_HEADERS)}
     return columns

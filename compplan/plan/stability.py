@@ -1,6 +1,7 @@
 """Whether the cut of a path is stable, waypoint by waypoint: modes of the arm as it stands, engagement of the cutter.
 
-Modes follow from springs and masses with the drives at rest. Their damping is not known of any robot here: assumed.
+Modes follow from springs and masses with the drives at rest; those of tool and holder are as measured, or left out. The
+arm's damping is not known of any robot here: assumed.
 """
 
 from __future__ import annotations
@@ -14,20 +15,23 @@ from compplan.cell.vibration import Dynamics, build_dynamics, find_modes
 from compplan.errors import InputError
 from compplan.job.force_prediction import ForcePrediction
 from compplan.job.job import Job
-from compplan.path.contact import path_axes
+from compplan.path.contact import path_axes, tool_axes
 from compplan.path.forces.cutting import CuttingForce, EndMillProcess
 from compplan.path.forces.stability import (
     CutDynamics,
     Modes,
+    Spread,
     count_turns,
     find_coupling_limit,
     find_gains,
     find_limit,
     find_multiplier,
+    find_odds,
 )
 from compplan.path.toolpath import Toolpath
 from compplan.plan.chatter import MODES
 from compplan.plan.plan import build_task, prepare_job
+from compplan.plan.tool_modes import ToolModes, read_tool_modes
 from compplan.robot import Array
 
 #: Postures along the cut whose modes are worked out.
@@ -69,9 +73,11 @@ class Stability:
 
     Attributes:
         multiplier: Growth of a vibration in a tooth period, 0 in the air. Shape (n,).
+        odds: Probability of chatter, from the spread of masses, damping and coefficients; 0 in the air. Shape (n,).
         zero_order: Whether the zero-order solution calls the cut unstable. Shape (n,).
         frequencies: Natural frequencies at some postures, lowest first. Shape (p, m). [Hz]
-        damping: Share of critical damping, assumed.
+        band: Lowest and highest frequency of the modes that were looked at, the tool's included. [Hz]
+        damping: Share of critical damping of the arm's modes, assumed.
         masses: Where the robot has its masses from.
         map: Limits at the waypoint nearest to chatter.
         note: What a user has to know.
@@ -79,8 +85,10 @@ class Stability:
     """
 
     multiplier: Array
+    odds: Array
     zero_order: NDArray[np.bool_]
     frequencies: Array
+    band: tuple[float, float]
     damping: float
     masses: str
     map: StabilityMap | None
@@ -108,7 +116,7 @@ def judge_stability(found: ForcePrediction) -> tuple[Stability | None, str]:
         return None, f"Stability was not looked at: {error.message}."
     if not dynamics.known:
         return None, "Stability was not looked at: the robot folder knows no masses or no springs."
-    return _judge(cutting, found.nominal, q, dynamics, job, masses), ""
+    return _judge(found, cutting, q, dynamics, masses), ""
 
 
 def _find_postures(job: Job, nominal: Toolpath) -> tuple[Array, Dynamics, str]:
@@ -119,10 +127,12 @@ def _find_postures(job: Job, nominal: Toolpath) -> tuple[Array, Dynamics, str]:
     return q, build_dynamics(robot), str(robot.sources.get("masses", "the folder does not say"))
 
 
-def _judge(
-    cutting: CuttingForce, nominal: Toolpath, q: Array, dynamics: Dynamics, job: Job, masses: str
-) -> Stability:
+def _judge(found: ForcePrediction, cutting: CuttingForce, q: Array, dynamics: Dynamics, masses: str) -> Stability:
+    job, nominal = found.job, found.nominal
     n, damping = len(nominal), job.stability.damping
+    tool = None if job.stability.modes is None else read_tool_modes(job.file.parent / job.stability.modes)
+    carried = tool_axes(nominal, found.law.tool_x)
+    spread = Spread(job.stability.frequency_spread, job.stability.damping_spread, cutting.process.uncertainty)
     rows = np.flatnonzero(cutting.engagement.touches & ~nominal.rapid)
     spindle = cutting.process.spindle()
     posture = rows[np.unique(np.linspace(0, len(rows) - 1, min(POSTURES, len(rows))).astype(int))]
@@ -131,21 +141,28 @@ def _judge(
     gains = find_gains(cutting.engagement, cutting.process.resistance, spindle.feed_per_tooth(nominal.feed))
     mean, axes = spindle.teeth * gains.mean(axis=1), path_axes(nominal)
     like = _group(mean[rows], near)
-    multiplier, zero = np.zeros(n), np.zeros(n, bool)
+    multiplier, odds, zero = np.zeros(n), np.zeros(n), np.zeros(n, bool)
 
     def stage(row: int) -> CutDynamics:
         place = int(near[np.searchsorted(rows, row)])
         period = 1.0 / (spindle.speed * spindle.teeth)
-        return CutDynamics(gains[row], spindle.teeth, period, modes[place].turn(axes[row]))
+        whole = modes[place] if tool is None else tool.join(modes[place], carried[row])
+        return CutDynamics(gains[row], spindle.teeth, period, whole.turn(axes[row]))
 
     for group in range(like.max() + 1):
         mine = rows[like == group]
         cut = stage(int(mine[len(mine) // 2]))
         multiplier[mine], zero[mine] = find_multiplier(cut), count_turns(cut, np.ones(1))[0] > 0
+        odds[mine] = find_odds(cut, spread)
     worst = int(multiplier.argmax())
     drawn = _draw_map(stage(worst), worst, float(cutting.engagement.axial[worst]), spindle.speed)
     rings = np.array([each.omega / (2 * np.pi) for each in modes])
-    return Stability(multiplier, zero, rings, damping, masses, drawn, _tell(multiplier[rows], rings, damping, masses))
+    every = rings.ravel() if tool is None else np.concatenate([rings.ravel(), tool.omega / (2 * np.pi)])
+    band = float(every.min()), float(every.max())
+    passing = spindle.speed * spindle.teeth
+    note = _tell(multiplier[rows], odds[rows], band, f"{100 * damping:.3g} % (assumed, stability.damping)", masses)
+    note += _tell_band(band, tool, passing)
+    return Stability(multiplier, odds, zero, rings, band, damping, masses, drawn, note)
 
 
 def _group(mean: Array, near: NDArray[np.int_]) -> NDArray[np.int_]:
@@ -175,11 +192,22 @@ def _draw_map(cut: CutDynamics, waypoint: int, depth: float, speed: float) -> St
     return StabilityMap(waypoint, depth, speed * SPEEDS, depth * zero, speed * FEW_SPEEDS, depth * semi, depth * limit)
 
 
-def _tell(multiplier: Array, rings: Array, damping: float, masses: str) -> str:
-    count, lowest = int((multiplier > 1.0).sum()), float(rings.min())
-    verdict = f"chatters at {count} of" if count else "is stable at all of"
-    return (f"The cut {verdict} {len(multiplier)} waypoints in contact, with modes from {lowest:.3g} Hz "
-            f"(masses: {masses}), damped by {100 * damping:.3g} % (assumed, stability.damping).")  # fmt: skip
+def _tell(multiplier: Array, odds: Array, band: tuple[float, float], damping: str, masses: str) -> str:
+    count = int((multiplier > 1.0).sum())
+    seen = f"of modes from {band[0]:.3g} to {band[1]:.3g} Hz"
+    verdict = (f"chatters at {count} of {len(multiplier)} waypoints in contact, by the answer {seen}" if count else
+               f"shows no chatter {seen} at any of {len(multiplier)} waypoints in contact")  # fmt: skip
+    return (f"The cut {verdict} (masses: {masses}; the arm is damped by {damping}). Probability of chatter, from the "
+            f"spread of masses, damping and coefficients (assumed): up to {100 * odds.max():.0f} %.")  # fmt: skip
+
+
+def _tell_band(band: tuple[float, float], tool: ToolModes | None, passing: float) -> str:
+    """Say what was not looked at."""
+    if tool is not None:
+        return ""
+    more = f", while teeth pass at {passing:.3g} Hz" if passing > band[1] else ""
+    return (f" Tool, holder and spindle count as rigid: nothing was looked at above {band[1]:.3g} Hz{more}; "
+            "stability.modes takes their measured modes.")  # fmt: skip
 
 
 def mark_spans(unstable: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -23,9 +23,13 @@ def show_stability(stability: Stability, stations: Stations) -> Section:
     """Return the section."""
     growth = np.where(stability.multiplier > 0.0, stability.multiplier, np.nan)
     lines = draw_lines(stations, {"growth": growth}, "", title="growth a tooth", colours=(BEFORE,), limit=(1.0, "1"))
+    odds = np.where(stability.multiplier > 0.0, 100.0 * stability.odds, np.nan)
+    chances = draw_lines(stations, {"probability": odds}, "%", title="probability of chatter", colours=(BEFORE,))
     blocks: list[Block] = [
         Chart(lines, "By how much a vibration grows from tooth to tooth, by semi-discretisation: above 1 the cut "
               "chatters.", height=260),
+        Chart(chances, "Probability of chatter, from the spread of masses, damping and coefficients (assumed).",
+              height=260),
     ]  # fmt: skip
     if stability.map is not None:
         drawn = stability.map
@@ -35,14 +39,17 @@ def show_stability(stability: Stability, stations: Stations) -> Section:
     blocks.append(_tabulate(stability, stations))
     rings = ", ".join(format_number(float(value)) for value in stability.frequencies.min(axis=0))
     text = (f"Lowest modes of the arm along the cut: {rings}\u00a0Hz (masses: {stability.masses}); damping "
-            f"{100 * stability.damping:.3g}\u00a0% of critical, assumed. Holder, cutter and work are taken as stiff.")
+            f"{100 * stability.damping:.3g}\u00a0% of critical, assumed. Modes from "
+            f"{format_number(stability.band[0])} to {format_number(stability.band[1])}\u00a0Hz are looked at; "
+            "what is stiffer counts as rigid, and so does the work.")
     return Section("Stability", blocks, text)
 
 
 def _tabulate(stability: Stability, stations: Stations) -> PageTable | str:
     spans = mark_spans(stability.unstable)
     if not spans:
-        return "No waypoint is unstable."
+        low, high = (format_number(value) for value in stability.band)
+        return f"No waypoint is unstable, as far as modes from {low} to {high}\u00a0Hz go."
     rows: list[list[TableCell | str | float | int | None]] = []
     for first, last in spans[:LISTED]:
         most = float(stability.multiplier[first : last + 1].max())

@@ -16,7 +16,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import expm
+from scipy.special import ndtr
+from scipy.stats import norm, qmc
 
 from compplan.files.tables import Array
 from compplan.path.forces.engagement import Engagement
@@ -27,6 +30,8 @@ from compplan.path.forces.milling import THINNEST, edge_wrenches
 STEPS, A_PERIOD = (24, 120), 24
 #: Frequencies that a determinant is followed over: evenly, and beside each mode in widths of its peak.
 EVEN, NEAR = 600, np.sinh(np.linspace(-6.0, 6.0, 81))
+#: Draws of a probability; standard deviations of the logarithms of a measured frequency and damping (assumed).
+DRAWS, MEASURED = 8, (0.01, 0.15)
 #: Depths that the limit of mode coupling is sought among, shares of the depth that is cut.
 SCALES = np.geomspace(0.02, 50.0, 400)
 
@@ -38,13 +43,15 @@ class Modes:
     Attributes:
         omega: Angular frequencies, rising. Shape (m,). [rad/s]
         shape: Motion of the tip, scaled to a modal mass of 1 kg. Shape (3, m).
-        damping: Share of critical damping of each mode.
+        damping: Share of critical damping, of all modes or of each. Shape (m,).
+        measured: Which are measured ones of the tool; None for none. Shape (m,).
 
     """
 
     omega: Array
     shape: Array
-    damping: float
+    damping: float | Array
+    measured: NDArray[np.bool_] | None = None
 
     def turn(self, axes: Array) -> Modes:
         """Return the same, seen in other axes (columns). Shape of `axes`: (3, 3)."""
@@ -76,6 +83,22 @@ class CutDynamics:
     def scaled(self, depth: float = 1.0, speed: float = 1.0) -> CutDynamics:
         """Return the same with depth and spindle speed multiplied."""
         return replace(self, gain=self.gain * depth, period=self.period / speed)
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How surely a cut is known, standard deviations.
+
+    Attributes:
+        frequency: Of the logarithm of the arm's frequencies, all alike.
+        damping: Of the logarithm of their damping, all alike.
+        force: Relative, of the coefficients.
+
+    """
+
+    frequency: float
+    damping: float
+    force: float
 
 
 def find_gains(found: Engagement, coefficients: Coefficients, feed_per_tooth: Array) -> Array:
@@ -126,7 +149,8 @@ def _frequencies(cut: CutDynamics) -> Array:
     modes = cut.modes
     last = 20.0 * modes.omega[-1]
     most = int(np.clip(last * cut.period, EVEN, 20 * EVEN))
-    near = modes.omega[:, None] * (1.0 + modes.damping * NEAR / 2.0)
+    damping = np.broadcast_to(modes.damping, modes.omega.shape)
+    near = modes.omega[:, None] * (1.0 + damping[:, None] * NEAR / 2.0)
     grid = np.concatenate([np.linspace(0.0, last, most), near.ravel()])
     return np.unique(np.clip(grid, 0.0, last))
 
@@ -135,25 +159,49 @@ def find_multiplier(cut: CutDynamics) -> float:
     """Return the greatest multiplier of a tooth period by semi-discretisation; the cut is stable below 1."""
     modes, size = cut.modes, len(cut.modes.omega)
     steps = int(np.clip(np.ceil(A_PERIOD * cut.period * modes.omega[-1] / (2 * np.pi)), *STEPS))
-    gain = np.einsum("ai,sab,bj->sij", modes.shape, _divide_period(cut, steps), modes.shape)
-    rate = np.zeros((steps, 2 * size, 3 * size))
+    gain = np.einsum("ai,sab->sib", modes.shape, _divide_period(cut, steps))
+    # the modes, their rates, and the tip a period ago
+    rate = np.zeros((steps, 2 * size, 2 * size + 3))
     rate[:, :size, size : 2 * size] = np.eye(size)
-    rate[:, size:, :size] = gain - np.diag(modes.omega**2)
+    rate[:, size:, :size] = gain @ modes.shape - np.diag(modes.omega**2)
     rate[:, size:, size : 2 * size] = -np.diag(2 * modes.damping * modes.omega)
     rate[:, size:, 2 * size :] = -gain
-    whole = np.zeros((steps, 3 * size, 3 * size))
+    whole = np.zeros((steps, 2 * size + 3, 2 * size + 3))
     whole[:, : 2 * size] = rate * (cut.period / steps)
     move = expm(whole)[:, : 2 * size]
-    # the state at the start, and the modal motion at each step of the period before, newest last
-    count = 2 * size + steps * size
+    # the state at the start, and the tip at each step of the period before, newest last
+    count = 2 * size + 3 * steps
     state = np.eye(2 * size, count)
-    past = [np.eye(size, count, 2 * size + k * size) for k in range(steps)] + [state[:size]]
+    past = [np.eye(3, count, 2 * size + 3 * k) for k in range(steps)] + [modes.shape @ state[:size]]
     kept = []
     for k in range(steps):
-        kept.append(state[:size])
+        kept.append(modes.shape @ state[:size])
         delayed = 0.5 * (past[k] + past[k + 1])
         state = move[k][:, : 2 * size] @ state + move[k][:, 2 * size :] @ delayed
     return float(np.abs(np.linalg.eigvals(np.vstack([state, *kept]))).max())
+
+
+def find_odds(cut: CutDynamics, spread: Spread) -> float:
+    """Return the probability of chatter: semi-discretisation of draws, whose growths are smoothed by a normal kernel.
+
+    A mode that is heavier by a share is as stiff as before, its frequency lower.
+    """
+    modes, growth = cut.modes, np.zeros(DRAWS)
+    measured = np.zeros(len(modes.omega), bool) if modes.measured is None else modes.measured
+    for k, draw in enumerate(_draw_normal()):
+        faster = np.exp(draw[0] * np.where(measured, 0.0, spread.frequency) + draw[1] * measured * MEASURED[0])
+        damped = np.exp(draw[2] * np.where(measured, 0.0, spread.damping) + draw[3] * measured * MEASURED[1])
+        damping = np.clip(modes.damping * damped, 1e-4, 0.9)
+        drawn = Modes(modes.omega * faster, modes.shape * faster, damping)
+        gain = cut.gain * max(1.0 + draw[4] * spread.force, 0.05)
+        growth[k] = np.log(find_multiplier(CutDynamics(gain, cut.teeth, cut.period, drawn)))
+    width = max(float(growth.std()) * DRAWS**-0.2, 1e-6)
+    return float(ndtr(growth / width).mean())
+
+
+def _draw_normal() -> Array:
+    """Return the draws, evenly spread, the same for every cut. Shape (DRAWS, 5)."""
+    return np.asarray(norm.ppf(qmc.Sobol(5, seed=0).random(DRAWS)))
 
 
 def _divide_period(cut: CutDynamics, steps: int) -> Array:
