@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
 import compplan as cp
+from compplan.diagnose.data.conventions import find_conventions
 from compplan.diagnose.data.questions import QuestionRows, ask_unit, question_campaign
 from compplan.effects import Effect
 from compplan.files.tables import write_table
@@ -83,6 +84,21 @@ def test_a_reversed_wrench_is_told_from_reversed_deviations(robot: Robot) -> Non
     campaign = draw(robot, path=0)
     (question,) = question_campaign(robot, replace(campaign, wrench=-campaign.wrench))
     assert question.about == "sign" and "under its weight but against the external load" in question.sentence
+
+
+def test_a_wrong_coupling_in_sweeps_of_single_joints_is_named_and_asked_about_as_nothing_else(robot: Robot) -> None:
+    """Most rows do not see it: the median gap is a few tenths of a millimetre, that of the joint's own sweep 300 mm."""
+    rows = plan_rows(robot, 11, poses=60, path=0)
+    q = np.zeros_like(rows.q)
+    sweep = np.linspace(-0.9, 0.9, 1 + len(q) // robot.nq)
+    for row in range(len(q)):
+        q[row, row % robot.nq] = sweep[row // robot.nq]
+    coupled = Effect("joint_coupling", "joint_3", None, {"other": "joint_2", "ratio": -1.0})
+    campaign = measure(robot, replace(rows, q=q), [coupled], seed=11, orientation=False)
+    gap = np.linalg.norm(campaign.position - cp.predict_campaign(robot, campaign).position, axis=1)
+    assert np.median(gap) < 2e-3 and np.max(gap) > 0.1
+    assert about(robot, campaign) == []
+    assert [e.place[:2] for e in find_conventions(robot, campaign, ())] == [("joint_coupling", "joint_3")]
 
 
 def test_a_clock_that_is_off_is_no_lag(robot: Robot) -> None:

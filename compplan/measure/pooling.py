@@ -33,7 +33,7 @@ ROUNDING = 1e-9
 def pool_rows(campaign: Campaign) -> Campaign:
     """Return a campaign of one row a pose where a log has very many rows, said in its notes.
 
-    Short logs and logs of paths stay as they are; of very many poses an even part is taken.
+    Short logs, logs of paths and readings along a direction stay as they are; of very many poses an even part is taken.
 
     Args:
         campaign: The campaign.

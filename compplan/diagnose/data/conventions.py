@@ -18,8 +18,9 @@ from compplan.robot import Array, Robot
 
 #: A gap of this size calls for a wrong convention [m]; a convention has to leave less than this share of it (assumed).
 SUSPICIOUS, CONVINCING = 5e-3, 0.3
-#: Rows that are compared (assumed: enough for a median).
-SAMPLE = 400
+#: Rows that are compared, and the share of them that lies within what is called the gap (assumed: enough for it; a
+#: wrong coupling shows in the sweep of one joint of seven alone, and one row in ten may be gross).
+SAMPLE, WITHIN = 400, 0.9
 #: Ratios of two coupled axes that are tried (assumed: those that controllers have).
 PAIRS = (-1.0, 1.0)
 #: Steps of the search for a ratio or a zero, the longest of them, the nudge of its derivative, and the step at which it
@@ -60,10 +61,12 @@ def find_conventions(robot: Robot, campaign: Campaign, register: tuple[str, ...]
     return tuple(found)
 
 
-def typical_gap(robot: Robot, campaign: Campaign, register: tuple[str, ...], effects: list[Effect]) -> float:
-    """Return the median distance between measured and expected targets, frames fitted where asked. [m]"""
+def typical_gap(
+    robot: Robot, campaign: Campaign, register: tuple[str, ...], effects: list[Effect], within: float = WITHIN
+) -> float:
+    """Return the distance between measured and expected that a share of the rows keep, frames fitted if asked. [m]"""
     distance: Array = np.linalg.norm(campaign.position - expect_targets(robot, campaign, register, effects), axis=1)
-    return float(np.median(distance))
+    return float(np.quantile(distance, within))
 
 
 def expect_targets(robot: Robot, campaign: Campaign, register: tuple[str, ...], effects: list[Effect]) -> Array:
@@ -100,7 +103,7 @@ def size_convention(
         slope = (expect_targets(robot, campaign, register, [*found, there]) - expected) / NUDGE
         left = campaign.position - expected
         gap = np.linalg.norm(left, axis=1)
-        best = min(best, (float(np.median(gap)), here), key=lambda b: b[0])
+        best = min(best, (float(np.quantile(gap, WITHIN)), here), key=lambda b: b[0])
         weight = 1.0 / np.maximum(gap, float(np.median(gap)))
         step = float(np.sum(weight[:, None] * slope * left) / max(np.sum(weight[:, None] * slope**2), 1e-300))
         if abs(step) < SETTLED:

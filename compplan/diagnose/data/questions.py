@@ -107,11 +107,15 @@ def question_campaign(robot: Robot, campaign: Campaign, register: Sequence[str] 
         return []
     if question := ask_unit(rows) or ask_hand(rows) or ask_step(rows):
         return [question]
-    found = [ask_moment_point(robot, rows), ask_sign(robot, rows, register), ask_clock(robot, rows, register)]
+    known, parts = list(robot_effects(robot)), tuple(register)
+    far = typical_gap(robot, rows.campaign, parts, known) > NO_EFFECT
+    conventions = find_conventions(robot, campaign, parts) if far else ()
+    # springs pushed the wrong way are no matter where joints are counted wrongly
+    sign = None if conventions else ask_sign(robot, rows, register)
+    found = [ask_moment_point(robot, rows), sign, ask_clock(robot, rows, register)]
     questions = [question for question in found if question]
-    if typical_gap(robot, rows.campaign, tuple(register), list(robot_effects(robot))) > NO_EFFECT:
-        conventions = find_conventions(robot, campaign, tuple(register))
-        gap = typical_gap(robot, rows.campaign, tuple(register), [*robot_effects(robot), *conventions])
+    if far:
+        gap = typical_gap(robot, rows.campaign, parts, [*known, *conventions], 0.5)
         if gap > NO_EFFECT:
             frames = ask_target(rows, register) or ask_frames(rows, register)
             questions.insert(0, frames or Question("gap", _too_large(gap)))
