@@ -79,10 +79,12 @@ class MotionPrice:
         figures = self.figures
         bend = duration * settle * (2 * np.pi * figures.frequency) ** 2
         whole = share * float(self.lever[j])
-        price = square * (whole / max(bend, 1e-12) ** 2)
-        if not self.slides[j]:
-            gear = np.minimum(square * (figures.periods / (2 * np.pi * share)) ** 2, 1.0)
-            price += gear * (whole * (0.5 * figures.gear**2 + 0.25 * figures.lost**2))
+        moved = whole / max(bend, 1e-12) ** 2
+        if self.slides[j]:
+            return np.asarray(square * moved)
+        price = np.minimum(square * (figures.periods / (2 * np.pi * share)) ** 2, 1.0)
+        price *= whole * (0.5 * figures.gear**2 + 0.25 * figures.lost**2)
+        price += square * moved
         return np.asarray(price)
 
 

@@ -290,10 +290,13 @@ def _cost_edges(
         if not joints.slides[j]:
             np.maximum(most, step, out=most)
         if timed:
-            np.maximum(time, step / joints.fastest[j], out=time)
-    edge = weights.motion * motion / rungs.sigma[i] + change
+            np.maximum(time, np.divide(step, joints.fastest[j], out=step), out=time)
+    motion *= weights.motion
+    motion /= rungs.sigma[i]
+    edge = motion + change
     if price is not None:
-        edge += weights.travel * strayed
+        strayed *= weights.travel
+        edge += strayed
     if weights.time > 0:
         edge += weights.time * np.maximum(time, rungs.feed_time[i])
     if timed and rungs.feed_time[i] > 0:
@@ -301,12 +304,13 @@ def _cost_edges(
         edge += weights.rate * excess / rungs.feed_time.sum()
     if not np.isfinite(limit):
         edge += np.where(most > EDGE, CHANGE, 0.0)
-    return np.asarray(np.where(most <= limit, edge, np.inf))
+    edge[~(most <= limit)] = np.inf
+    return np.asarray(edge)
 
 
 def _take_turns_out(step: Array) -> None:
     """Take full turns out of motions, in place. [rad]."""
-    turns = step / (2 * np.pi)
+    turns = step * (0.5 / np.pi)
     np.rint(turns, out=turns)
     turns *= 2 * np.pi
     step -= turns
