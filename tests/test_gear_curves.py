@@ -12,8 +12,10 @@ from compplan.diagnose.answer.verdict import SHAPELESS, Finding, Structure, is_l
 from compplan.diagnose.doubt import doubt
 from compplan.diagnose.doubt.gears import is_law, repeats
 from compplan.diagnose.ledger.proposals import find_series, wave_grid
+from compplan.diagnose.search import fit
 from compplan.diagnose.search.search import Claim
 from compplan.effects import Effect
+from compplan.robot import Spring
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
 
 POSES = 45
@@ -129,3 +131,19 @@ def test_a_bent_law_of_deflection_has_to_show(
     monkeypatch.setattr(doubt, "forms_that_hold", lambda ledger, special: {0} if special == 1 else set())
     told = doubt._simplify(search, model([Claim(0, 1.0)]))
     assert [names[claim.signature] for claim in told.claims] == [claimed]
+
+
+def test_the_law_of_a_joint_is_bent_only_where_the_folder_has_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    offered = [
+        SimpleNamespace(name=name, joint=joint)
+        for name in ("stiffness_nonlinearity", "joint_stiffness")
+        for joint in ("joint_1", "joint_2")
+    ]
+    monkeypatch.setattr(fit, "offered_signatures", lambda at, register, excluded: offered)
+    monkeypatch.setattr(fit, "offer_again", lambda at, proposals, wanted: [])
+    springs = [Spring("joint_2", "own", 1e-6), Spring("joint_1", "ry", 1e-6), Spring("joint_1", "own", 0.0)]
+    problem: Any = SimpleNamespace(robot=SimpleNamespace(springs=springs), register=(), excluded=())
+    left = fit._offer_all(problem, SimpleNamespace(claims=()), None, [])  # type: ignore[arg-type]
+    assert [(s.name, s.joint) for s in left] == [
+        ("stiffness_nonlinearity", "joint_2"), ("joint_stiffness", "joint_1"), ("joint_stiffness", "joint_2"),
+    ]  # fmt: skip

@@ -125,8 +125,15 @@ def _round(
 def _offer_all(
     problem: Problem, state: FitState, at: Linearization, proposals: list[Signature]
 ) -> list[Signature]:  # fmt: skip
-    """List what needs no search for rows or periods, and what claims hold of earlier proposals."""
-    fixed = offered_signatures(at, problem.register, problem.excluded)
+    """List what needs no search for rows or periods, and what claims hold of earlier proposals.
+
+    The law of a joint's deflection is bent or straight where the folder has one: of a rigid joint it is compliance.
+    """
+    sprung = {spring.joint for spring in problem.robot.springs if spring.axis == "own" and spring.compliance > 0.0}
+    fixed = [
+        s for s in offered_signatures(at, problem.register, problem.excluded)
+        if s.name != "stiffness_nonlinearity" or s.joint in sprung
+    ]  # fmt: skip
     return fixed + offer_again(at, proposals, {key for key, _ in state.claims})
 
 
