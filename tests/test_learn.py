@@ -15,10 +15,12 @@ from benchmarks.drawn_robots import draw_robots
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
 from compplan.known.slopes import stage_path, tip_of
-from compplan.loop.learn import Gathered, learn_part
+from compplan.loop.gather import Gathered
+from compplan.loop.hold import hold_values
+from compplan.loop.learn import learn_part
 from compplan.loop.measured_path import match_points, read_measured_points
 from compplan.loop.residual import Residual, read_residual, residual_file
-from compplan.loop.teach import Teaching, build_learned, hold_values, plan_learned
+from compplan.loop.teach import Teaching, build_learned, plan_learned
 from compplan.path.toolpath import Toolpath
 from compplan.promise.band import Slopes
 from compplan.robot import Robot, load_robot

@@ -19,15 +19,23 @@ from compplan.files.tables import dump_json
 @click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @click.option("--frame", type=click.Choice(["part", "base"]), default="part", show_default=True,
               help="Frame of the measured points.")  # fmt: skip
+@click.option("--align", type=click.Choice(["datum", "best_fit"]), default="datum", show_default=True,
+              help="Whether the points stand where their frame says, or a shift and turn of all is fitted and taken"
+              " off: then a shift of the whole part teaches nothing.")  # fmt: skip
+@click.option("--sigma-mm", type=click.FloatRange(0.0, 20.0, min_open=True),
+              help="Standard deviation of points whose file states none; assumed: 0.02, of a scan 0.05.")  # fmt: skip
+@click.option("--assume-ok", is_flag=True, help="Learn points that are asked about as they are.")
 @posture_kept
 @click.option("--json", "as_json", is_flag=True, help="Print learn.json to stdout.")
 def command(
-    job: Path, measured: Path, robot_name: str, folder: Path, frame: str, keep: str | None, as_json: bool
-) -> None:
+    job: Path, measured: Path, robot_name: str, folder: Path, frame: str, align: str, sigma_mm: float | None,
+    assume_ok: bool, keep: str | None, as_json: bool,
+) -> None:  # fmt: skip
     """Learn from MEASURED points of a part cut with JOB: write the corrected program and the updated robot folder.
 
     MEASURED has columns x_mm y_mm z_mm of the attained tool tip, and where they are known s_mm (path length) and
-    sigma_mm. The next part learns with --robot DIR/robot.
+    sigma_mm; or it is a scan of the surface that the tip touches, in mm: STL, PLY, XYZ, or a table without a head
+    (x y z [nx ny nz]). The next part learns with --robot DIR/robot.
 
     Example: compplan learn paths/circle_500mm.toml part1.csv --robot kuka_kr270 --out part2
     """
@@ -39,7 +47,10 @@ def command(
 
     checked = load_one_job(job, keep=keep)
     with show_progress() as announce:
-        teaching = teach_part(checked, robot_name, measured, in_base=frame == "base", announce=announce)
+        teaching = teach_part(
+            checked, robot_name, measured, in_base=frame == "base", align=align,
+            sigma=None if sigma_mm is None else sigma_mm * 1e-3, sure=assume_ok, announce=announce,
+        )  # fmt: skip
         announce("report")
         summary = write_lesson(teaching, folder)
     if as_json:

@@ -19,12 +19,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.distance import cdist
 from scipy.stats import chi2
 
-from compplan.loop.measured_path import MeasuredPath, take_points
+from compplan.loop.gather import Gathered
 from compplan.measure.distance import band_radius
 from compplan.promise.band import Slopes
 from compplan.robot import Array
@@ -36,8 +35,6 @@ SIZES, LEAST = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0), 2e-5
 SCALES = (0.1, 0.3, 1.0)
 #: Parts that a cut part is dealt to, and neighbouring rows of the path that stay together.
 PARTS, STRETCH = 5, 2
-#: Points within this distance along the path count for a row of it. [m]
-NEAR = 2e-3
 #: Directions at most in which a lesson keeps what it leaves open.
 KEPT = 12
 #: Passes about what was found: compliance and force multiply.
@@ -48,25 +45,6 @@ BY_CHANCE = 0.95
 
 #: Motion of the tip along the path, (k, 3) [m], by values of the parameters, (p,), and shares of the force, (4,).
 Exact = Callable[[Array, Array], Array]
-
-
-@dataclass(frozen=True, eq=False)
-class Gathered:
-    """Measured points gathered at rows of the path; b rows.
-
-    Attributes:
-        row: Row of `Slopes` that each stands at. Shape (b,).
-        deviation: Mean deviation in the directions that count. Shape (b, 3). [m]
-        counts: Projector on those. Shape (b, 3, 3).
-        variance: Variance of the mean per axis. Shape (b,). [m^2]
-        points: Points of each. Shape (b,).
-    """
-
-    row: NDArray[np.int_]
-    deviation: Array
-    counts: Array
-    variance: Array
-    points: NDArray[np.int_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,32 +132,17 @@ class _Model:
         return columns, force, field
 
 
-def gather_points(measured: MeasuredPath, slopes: Slopes, length: Array) -> Gathered:
-    """Gather measured points at the nearest rows of the path; those far from any row do not count.
-
-    Args:
-        measured: The points.
-        slopes: The path to first order.
-        length: Length of the path at its rows. Shape (k,). [m]
-    """
-    middle = 0.5 * (length[1:] + length[:-1])
-    row = np.searchsorted(middle, measured.length)
-    window = max(NEAR, 3.0 * (length[-1] - length[0]) / len(measured))
-    near = np.abs(measured.length - length[row]) <= window
-    measured, row = take_points(measured, near), row[near]
-    rows, index, count = np.unique(row, return_inverse=True, return_counts=True)
-    index = index.reshape(-1)
-    projector = np.zeros((len(rows), 3, 3))
-    np.add.at(projector, index, measured.counts)
-    # points of one row look the same way, but for corners: the mean projector, its eigenvalues rounded
-    value, vector = np.linalg.eigh(projector / count[:, None, None])
-    counts = np.einsum("bik,bk,bjk->bij", vector, np.round(value), vector)
-    total, inverse = np.zeros((len(rows), 3)), np.zeros(len(rows))
-    weight = 1.0 / measured.sigma**2
-    np.add.at(total, index, weight[:, None] * measured.seen)
-    np.add.at(inverse, index, weight)
-    deviation = np.einsum("bij,bj->bi", counts, total / inverse[:, None])
-    return Gathered(rows, deviation, counts, 1.0 / inverse, count)
+def possible_band(
+    slopes: Slopes, known: Uncertainty, gathered: Gathered, path: Array | None = None, size: float = LEAST
+) -> Array:
+    """Return how far folder, force, clamping and instrument let the points be off, with 95 %. Shape (b,). [m]"""
+    path = None if path is None else path.reshape(3 * len(slopes.rows), -1)
+    model = _Model(slopes, known, max(size, known.smooth), known.scale, path)
+    blocks = _with_run(model, _blocks(_prior(model), len(slopes.rows)))[gathered.row]
+    blocks = blocks + gathered.variance[:, None, None] * np.eye(3)
+    if gathered.loose is not None:
+        blocks = blocks + gathered.loose @ np.swapaxes(gathered.loose, 1, 2)
+    return np.asarray(band_radius(gathered.counts @ blocks @ gathered.counts))
 
 
 def learn_part(
@@ -249,7 +212,7 @@ def _observe(model: _Model, gathered: Gathered) -> tuple[Array, Array, Array]:
     """Return observations, the rows of the state that they see (o, 3 k), and their own covariance."""
     k, rank = len(model.slopes.rows), np.round(np.trace(gathered.counts, axis1=1, axis2=2)).astype(int)
     _, vector = np.linalg.eigh(gathered.counts)
-    seen, values, noise, offset = [], [], [], []
+    seen, values, noise, offset, loose = [], [], [], [], []
     for number, row in enumerate(gathered.row):
         for axis in range(3 - rank[number], 3):
             line = np.zeros(3 * k)
@@ -258,8 +221,12 @@ def _observe(model: _Model, gathered: Gathered) -> tuple[Array, Array, Array]:
             values.append(float(vector[number, :, axis] @ gathered.deviation[number]))
             noise.append(gathered.variance[number])
             offset.append(vector[number, :, axis])
+            if gathered.loose is not None:
+                loose.append(vector[number, :, axis] @ gathered.loose[number])
     scatter = (model.known.repeatability or 0.0) ** 2
     own = np.diag(noise) + scatter * np.array(offset) @ np.array(offset).T
+    if loose:
+        own = own + np.array(loose) @ np.array(loose).T
     return np.array(values), np.array(seen), own
 
 
@@ -318,17 +285,10 @@ def _hold_out(model: _Model, gathered: Gathered) -> float:
         test = stretch == number
         if test.all():
             return float("inf")
-        state = _posterior(model, _take(gathered, ~test))
+        state = _posterior(model, gathered.take(~test))
         moved = (state.physics + state.pushed + state.residual).reshape(-1, 3)[gathered.row[test]]
         left[test] = gathered.deviation[test] - np.einsum("bij,bj->bi", gathered.counts[test], moved)
     return float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
-
-
-def _take(gathered: Gathered, rows: NDArray[np.bool_]) -> Gathered:
-    return Gathered(
-        gathered.row[rows], gathered.deviation[rows], gathered.counts[rows], gathered.variance[rows],
-        gathered.points[rows],
-    )  # fmt: skip
 
 
 def _decide(model: _Model, gathered: Gathered, rms: float, held: float) -> tuple[bool, str]:

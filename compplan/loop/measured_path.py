@@ -2,21 +2,24 @@
 
 A point that says how far along the path it was taken (s_mm, rapid moves included) counts in all directions. One that
 does not belongs to the nearest point of the path, and along the path it says nothing. A point that two stretches of the
-path claim is left out.
+path claim is left out. A point of a scan has a normal: it counts along that, and only where it lies beside the path.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from compplan.files.columns import FileColumn
-from compplan.files.given import open_table
+from compplan.files.given import is_file_name, open_table
 from compplan.files.tables import Table
+from compplan.loop.guards import check_extent, describe_motion, explain_points, fit_rigid, sample_cut
+from compplan.loop.scan import SCAN_SIGMA, is_scan, read_scan
 from compplan.path.toolpath import Toolpath
 from compplan.robot import Array
 
@@ -32,10 +35,13 @@ STRANGE, MOST_OUT = 0.1, 0.5
 NEAREST = 1e-4
 #: Fewest points that teach anything.
 FEWEST = 8
-#: Distance between points that the path is sampled at, and how many at most. [m]
-SPACING, MOST = 5e-4, 400000
 #: Standard deviation of a point where the file states none (assumed). [m]
 SIGMA = 2e-5
+#: Points of a scan count within this distance of the path, along the surface. [m]
+BESIDE = 1e-3
+#: Neighbours that a normal is found from, and the share of its length to which a cloud is a line without (assumed).
+NEIGHBOURS, LINE = 12, 0.02
+ALIGNMENTS = ("datum", "best_fit")
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +55,8 @@ class MeasuredPath:
         sigma: Standard deviation of the measurement per axis. Shape (m,). [m]
         left_out: Points that are not of the cut, too far away, or claimed by two stretches.
         notes: What was read past.
+        scanned: Whether they are a scan: errors of neighbours are then one and the same.
+        motion: Rigid motion that a best fit took off, or None. Shape (4, 4). [m]
     """
 
     length: Array
@@ -57,6 +65,8 @@ class MeasuredPath:
     sigma: Array
     left_out: int
     notes: tuple[str, ...] = ()
+    scanned: bool = False
+    motion: Array | None = None
 
     def __len__(self) -> int:
         return len(self.length)
@@ -74,7 +84,7 @@ def take_points(measured: MeasuredPath, rows: NDArray[np.bool_]) -> MeasuredPath
 
 
 def read_measured_points(source: Any) -> Table:
-    """Read measured points: x_mm y_mm z_mm, and where they are known s_mm and sigma_mm.
+    """Read measured points: x_mm y_mm z_mm, and where they are known s_mm and sigma_mm; or a scan.
 
     Args:
         source: The file, or its columns.
@@ -82,6 +92,8 @@ def read_measured_points(source: Any) -> Table:
     Raises:
         InputError: If the file is not such a table.
     """
+    if is_file_name(source) and is_scan(Path(source)):
+        return read_scan(Path(source))
     columns = [FileColumn(axis, "length", required=True) for axis in "xyz"]
     columns += [FileColumn("s", "length"), FileColumn("sigma", "length", missing=True)]
     table = open_table(source, columns, what="measured points", unknown="note")
@@ -96,7 +108,10 @@ def read_measured_points(source: Any) -> Table:
     return table
 
 
-def match_points(table: Table, nominal: Toolpath, T_base_part: Array, *, in_base: bool) -> MeasuredPath:
+def match_points(
+    table: Table, nominal: Toolpath, T_base_part: Array, *, in_base: bool, align: str = "datum",
+    sigma: float | None = None, sure: bool = False,
+) -> MeasuredPath:  # fmt: skip
     """Bring measured points to the path that was wanted.
 
     Args:
@@ -104,32 +119,91 @@ def match_points(table: Table, nominal: Toolpath, T_base_part: Array, *, in_base
         nominal: The path, base frame.
         T_base_part: Pose of the part frame. Shape (4, 4). [m]
         in_base: Whether the points are in the base frame; otherwise in the part frame.
+        align: "datum": the points stand where their frame says; "best_fit": a rigid motion is fitted and taken off.
+        sigma: Standard deviation of points whose file states none; assumed if left out. [m]
+        sure: Whether points most of which are of no cut are meant as they are.
 
     Raises:
         InputError: If too few of the points are of the cut.
     """
-    point = table.stack(["x", "y", "z"])
-    if not in_base:
-        point = point @ T_base_part[:3, :3].T + T_base_part[:3, 3]
-    sigma = table.values.get("sigma", np.full(len(table), SIGMA))
-    sigma = np.where(np.isfinite(sigma), sigma, SIGMA)
+    given, scanned = table.stack(["x", "y", "z"]), is_scanned(table)
+    place = _place_points(table, given, nominal, T_base_part, in_base=in_base, align=align)
+    point, normal = place.point, place.normal
+    level = sigma or (SCAN_SIGMA if scanned else SIGMA)
+    spread = table.values.get("sigma", np.full(len(table), level))
+    spread = np.where(np.isfinite(spread), spread, level)
     if "s" in table:
         found = _at_lengths(nominal, point, table.values["s"])
     else:
-        found = _at_nearest(nominal, point)
+        found = _at_nearest(nominal, point) if normal is None else _at_normals(nominal, point, normal)
     length, deviation, counts, good = found
-    if good.sum() < FEWEST:
-        far = float(np.median(np.linalg.norm(deviation, axis=1))) * 1e3
+    distance = np.linalg.norm(deviation, axis=1)
+    if not sure:
+        check_extent(table, given, nominal)
+    strange = not scanned and not sure and float((distance > FARTHEST).mean()) > MOST_OUT
+    if good.sum() < FEWEST or strange:
+        other = explain_points(given, nominal, T_base_part, in_base=in_base, whole=not scanned)
         raise table.error(
-            f"{int(good.sum())} of {len(point)} points are of the cut, expected at least {FEWEST} within"
-            f" {FARTHEST * 1e3:g} mm (median distance {far:.3g} mm); are they in the {'base' if in_base else 'part'}"
-            " frame, in mm?"
+            f"{int(good.sum())} of {len(point)} points are of the cut, expected at least {FEWEST} and half of all"
+            f" within {FARTHEST * 1e3:g} mm (median distance {float(np.median(distance)) * 1e3:.3g} mm); are they of"
+            f" this part, in the {'base' if in_base else 'part'} frame, in mm{other or '?'}"
         )
     places = len(np.unique(np.round(length[good], 6)))
     if places < FEWEST:
         raise table.error(f"{int(good.sum())} points are of {places} places of the cut, expected at least {FEWEST}")
-    notes = (*table.notes, *_describe_left_out(table, good))
-    return MeasuredPath(length[good], deviation[good], counts[good], sigma[good], int((~good).sum()), notes)
+    notes = [*table.notes, *place.notes]
+    if scanned and sigma is None:
+        notes.append(f"no standard deviation of the scan is stated (--sigma-mm): {SCAN_SIGMA * 1e3:g} mm is assumed")
+    notes += [] if scanned else _describe_left_out(table, good)
+    return MeasuredPath(
+        length[good], deviation[good], counts[good], spread[good], int((~good).sum()), tuple(notes), scanned,
+        place.motion,
+    )  # fmt: skip
+
+
+class _Placed(NamedTuple):
+    """Points in the base frame, their normals or None, the motion of a best fit or None, and what is said of it."""
+
+    point: Array
+    normal: Array | None
+    motion: Array | None
+    notes: tuple[str, ...]
+
+
+def _place_points(
+    table: Table, given: Array, nominal: Toolpath, T_base_part: Array, *, in_base: bool, align: str
+) -> _Placed:
+    """Bring points to the base frame, by their frame or by the best fit from there."""
+    point = given if in_base else given @ T_base_part[:3, :3].T + T_base_part[:3, 3]
+    normal = _find_normals(table, point, None if in_base else T_base_part) if is_scanned(table) else None
+    if align == "datum":
+        return _Placed(point, normal, None, ())
+    motion, left = fit_rigid(point, normal, nominal, FARTHEST)
+    if not np.isfinite(left):
+        return _Placed(point, normal, None, ())
+    said = f"best fit: the points were moved by {describe_motion(motion, point.mean(axis=0))}"
+    turned = None if normal is None else normal @ motion[:3, :3].T
+    moved = point @ motion[:3, :3].T + motion[:3, 3]
+    return _Placed(moved, turned, motion, (f"{said}; a shift or turn of the whole part teaches nothing then",))
+
+
+def is_scanned(table: Table) -> bool:
+    """Tell whether points are those of a scan: only their reader numbers them without a unit."""
+    return table.units.get("x") == ""
+
+
+def _find_normals(table: Table, point: Array, T_base_part: Array | None) -> Array | None:
+    """Return the normals of a scan, its own or of neighbours; None where its points lie on a line. Shape (m, 3)."""
+    if "nx" in table:
+        normal = table.stack(["nx", "ny", "nz"])
+        return normal if T_base_part is None else normal @ T_base_part[:3, :3].T
+    _, index = cKDTree(point).query(point, k=min(NEIGHBOURS, len(point)))
+    near = point[index.reshape(len(point), -1)]
+    near = near - near.mean(axis=1, keepdims=True)
+    value, vector = np.linalg.eigh(np.einsum("mki,mkj->mij", near, near))
+    if np.median(value[:, 1] / np.maximum(value[:, 2], 1e-300)) < LINE:
+        return None
+    return np.asarray(vector[:, :, 0])
 
 
 def _describe_left_out(table: Table, good: NDArray[np.bool_]) -> list[str]:
@@ -164,21 +238,25 @@ def _at_lengths(nominal: Toolpath, point: Array, length: Array) -> tuple[Array, 
     return length, deviation, np.broadcast_to(np.eye(3), (len(point), 3, 3)).copy(), good
 
 
+def _at_normals(nominal: Toolpath, point: Array, normal: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Compare points of a surface with the cut beside them, along their normals."""
+    way, place, tangent = sample_cut(nominal)
+    _, index = cKDTree(place).query(point)
+    gap, along = point - place[index], tangent[index]
+    off, slip = np.einsum("mi,mi->m", gap, normal), np.einsum("mi,mi->m", gap, along)
+    deviation = off[:, None] * normal
+    aside = np.linalg.norm(gap - deviation - slip[:, None] * along, axis=1)
+    good = (aside <= BESIDE) & (np.abs(slip) <= BESIDE) & (np.abs(off) <= FARTHEST)
+    return way[index] + slip, deviation, np.einsum("mi,mj->mij", normal, normal), good
+
+
 def _at_nearest(nominal: Toolpath, point: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Compare points with the nearest ones of the cut; along the path nothing counts."""
-    arc = nominal.arc_length
-    cut = np.flatnonzero(~nominal.rapid[1:] & (nominal.steps > 0))
-    count = np.clip(np.ceil(nominal.steps[cut] / max(SPACING, arc[-1] / MOST)), 1, 10000).astype(int)
-    move = np.repeat(cut, count)
-    share = (np.arange(len(move)) - np.repeat(np.cumsum(count) - count, count)) / np.repeat(count, count)
-    place = nominal.position[move] * (1 - share[:, None]) + nominal.position[move + 1] * share[:, None]
-    way = arc[move] + share * nominal.steps[move]
+    (way, place, along), arc = sample_cut(nominal), nominal.arc_length
     tree = cKDTree(place)
     distance, index = tree.query(point, k=min(64, len(place)))
     distance, index = distance.reshape(len(point), -1), index.reshape(len(point), -1)
     nearest = index[:, 0]
-    along = nominal.position[move + 1] - nominal.position[move]
-    along = along / np.linalg.norm(along, axis=1, keepdims=True)
     tangent = along[nearest]
     deviation = point - place[nearest]
     slip = np.einsum("mi,mi->m", deviation, tangent)

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from compplan.effects import EFFECTS, Effect, attain_scene
+from compplan.effects import attain_scene
 from compplan.effects.scene import Scene
-from compplan.effects.signature import pack_parameters
 from compplan.files.quantities import format_length
 from compplan.files.shown import Curve, Curves, Shown
+from compplan.files.tables import Table
 from compplan.job.job import Job
-from compplan.known.assumed import LINK_ELASTICITY, known_uncertainty
+from compplan.known.assumed import known_uncertainty
 from compplan.known.slopes import (
     ForceSpread,
     measure_force_slopes,
@@ -26,8 +26,11 @@ from compplan.known.slopes import (
     take_rows,
     tip_of,
 )
-from compplan.known.vary import vary_robot, vary_scene
-from compplan.loop.learn import Lesson, gather_points, learn_part
+from compplan.known.vary import vary_scene
+from compplan.loop.gather import Gathered, gather_points
+from compplan.loop.guards import POSSIBLE, explain_points
+from compplan.loop.hold import Learned, list_learned, teach_robot
+from compplan.loop.learn import Lesson, learn_part, possible_band
 from compplan.loop.measured_path import MeasuredPath, match_points, read_measured_points
 from compplan.loop.residual import Residual, interpolate, read_residual, residual_file
 from compplan.path.toolpath import Toolpath
@@ -37,8 +40,9 @@ from compplan.plan.task import PlanTask
 from compplan.posture.keep import read_lock, turn_about_axis
 from compplan.posture.trace import reach_tip_and_axis
 from compplan.promise.band import Slopes, linearise_path
+from compplan.promise.motion import read_placement
 from compplan.robot import Array, Robot, load_robot
-from compplan.robot.uncertainty import Uncertainty, Unknown, split_unknowns
+from compplan.robot.uncertainty import Uncertainty
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
 
@@ -46,26 +50,6 @@ from compplan.statics.ik import build_arm, pose_error, refine_ik
 MOST_PLACES, REACHED = 5000, 1e-6
 #: Moves longer than this are corrected at their ends only. [m]
 LONG_MOVE = 0.02
-#: Effects that are one spring.
-SPRINGS = ("joint_stiffness", "link_compliance", "base_compliance")
-
-
-class Learned(NamedTuple):
-    """A parameter that a part told something of.
-
-    Attributes:
-        name: Its name for people.
-        key: Its key; the unit is its end.
-        value: What it moved by. [SI]
-        width: Its standard deviation before. [SI]
-        kept: Whether the robot folder holds it, nine tenths of it at least.
-    """
-
-    name: str
-    key: str
-    value: float
-    width: float
-    kept: bool
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -136,8 +120,8 @@ class Teaching(Shown):
 
 
 def teach_part(
-    job: Job, robot_name: str | Path | Robot, measured: Any, *, in_base: bool = False,
-    announce: Callable[[str], None] = lambda words: None,
+    job: Job, robot_name: str | Path | Robot, measured: Any, *, in_base: bool = False, align: str = "datum",
+    sigma: float | None = None, sure: bool = False, announce: Callable[[str], None] = lambda words: None,
 ) -> Teaching:  # fmt: skip
     """Learn from a cut part and plan the next one.
 
@@ -146,6 +130,9 @@ def teach_part(
         robot_name: The robot folder that the program was planned with; what it learned on this path lies in it.
         measured: The measured points: a file, or its columns.
         in_base: Whether they are in the base frame; otherwise in the part frame.
+        align: "datum": the points stand where their frame says; "best_fit": a rigid motion is fitted and taken off.
+        sigma: Standard deviation of points whose file states none; assumed if left out. [m]
+        sure: Whether points that cannot be are meant as they are.
         announce: Told what is being done.
 
     Raises:
@@ -156,7 +143,7 @@ def teach_part(
     old = read_residual(residual_file(robot, job), robot)
     announce("the plan that was cut")
     wanted, before = plan_learned(job, robot, old)
-    matched = match_points(points, wanted, job.T_base_part, in_base=in_base)
+    matched = match_points(points, wanted, job.T_base_part, in_base=in_base, align=align, sigma=sigma, sure=sure)
     known, task = known_uncertainty(before.robot), before.task
     announce("what the part teaches")
     scene = stage_path(before.robot, before.q, task.wrench, task.step_time)
@@ -165,7 +152,12 @@ def teach_part(
     # the wanted path's own lengths: the corrected path is a little longer or shorter
     places = np.interp(task.origin, np.arange(len(wanted)), wanted.arc_length)
     length = places[slopes.rows]
-    gathered = gather_points(matched, slopes, length)
+    gathered = gather_points(matched, slopes, length, read_placement(job.noise))
+    left_open = None if old is None else interpolate(length, old.length, old.open)
+    if not sure:
+        ask_possible(points, gathered, possible_band(slopes, known, gathered, left_open), lambda: explain_points(
+            points.stack(["x", "y", "z"]), wanted, job.T_base_part, in_base=in_base, whole=not matched.scanned,
+        ))
 
     def exact(values: Array, force: Array) -> Array:
         moved = push_scene(take_rows(vary_scene(scene, known.unknowns, values), slopes.rows), force, spread)
@@ -175,7 +167,7 @@ def teach_part(
         lesson = learn_part(slopes, known, gathered, exact)
     else:
         least = float(np.mean(old.spread))
-        lesson = learn_part(slopes, known, gathered, exact, least, interpolate(length, old.length, old.open))
+        lesson = learn_part(slopes, known, gathered, exact, least, left_open)
     taught, residual, held = robot, old, np.zeros(len(lesson.values))
     if lesson.taken:
         if old is None:
@@ -196,65 +188,23 @@ def teach_part(
     )  # fmt: skip
 
 
-def teach_robot(robot: Robot, known: Uncertainty, values: Array, covariance: Array) -> tuple[Robot, Array]:
-    """Put what was learned into a robot folder: what URDF and springs can say, and how surely all of it is known.
+def ask_possible(points: Table, gathered: Gathered, band: Array, other: Callable[[], str]) -> None:
+    """Ask about points that are farther off than folder, force, clamping and instrument let a part be.
 
-    What they cannot say (lost motion, gear error, the tool of the job, a spring below zero) stays with the path; its
-    mean counts as not known, m m^T.
-
-    Args:
-        robot: The robot of the folder.
-        known: What was known; its unknowns order the values.
-        values: Posterior means about the folder. Shape (p,). [SI]
-        covariance: Posterior covariance. Shape (p, p).
-
-    Returns:
-        The robot, and how much of each value it holds now. Shape (p,). [SI]
+    Raises:
+        InputError: If the typical point is.
     """
-    held: list[Array] = []
-    for unknown, own in split_unknowns(known.unknowns, values):
-        robot, part = hold_values(robot, unknown, own)
-        held.append(part)
-    holds = np.concatenate(held) if held else np.zeros(0)
-    missing = values - holds
-    after = known.with_covariance(covariance + np.outer(missing, missing))
-    folder = after.select(u.effect != "tool_frame" for u in after.unknowns)
-    return replace(robot, uncertainty=replace(folder, grade=known.grade)), holds
-
-
-def hold_values(robot: Robot, unknown: Unknown, own: Array) -> tuple[Robot, Array]:
-    """Put values of one unknown into a robot folder; also return how much of them it holds. own: shape (k,). [SI]
-
-    A spring bends with its load: of a compliance that would come out below zero the folder holds what takes it to zero.
-    """
-    if unknown.effect == LINK_ELASTICITY:
-        return vary_robot(robot, unknown, own)[0], own
-    joints = {joint.name for joint in robot.joints}
-    if unknown.effect == "tool_frame" or (unknown.joint is not None and unknown.joint not in joints):
-        return robot, np.zeros(len(own))
-    effect = Effect(unknown.effect, unknown.joint, unknown.axis, pack_parameters(unknown.keys, own, unknown.fixed))
-    folded = EFFECTS[unknown.effect].fold(robot, effect)
-    if folded is None:
-        return robot, np.zeros(len(own))
-    if unknown.effect in SPRINGS:
-        own = np.array([_sum_springs(folded) - _sum_springs(robot)])
-    return folded, own
-
-
-def _sum_springs(robot: Robot) -> float:
-    return float(sum(spring.compliance for spring in robot.springs))
-
-
-def list_learned(known: Uncertainty, values: Array, held: Array, most: int = 10) -> list[Learned]:
-    """List the parameters that moved most for their width."""
-    kept = np.abs(values - held) <= 0.1 * np.abs(values)
-    width = known.width
-    share = np.abs(values) / np.maximum(width, 1e-300)
-    names, keys = known.names, [key for unknown in known.unknowns for key in unknown.keys]
-    return [
-        Learned(names[k], keys[k], float(values[k]), float(width[k]), bool(kept[k]))
-        for k in np.argsort(-share)[:most]
-    ]
+    size = np.linalg.norm(gathered.deviation, axis=1)
+    if float(np.median(size / np.maximum(band, 1e-12))) <= POSSIBLE:
+        return
+    said = (
+        f"the points are {float(np.median(size)) * 1e3:.3g} mm off (median), {np.median(size / band):.2g} times the"
+        f" {float(np.median(band)) * 1e3:.3g} mm that robot folder, force and instrument allow with 95 %"
+    )
+    raise points.error(
+        f"{said}{other()}; is it this part, and did it stand where the job says? --align best_fit takes a shift of the"
+        " whole part off, --assume-ok learns it as it is"
+    )
 
 
 def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Toolpath, Plan]:
