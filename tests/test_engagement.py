@@ -141,7 +141,50 @@ def test_rapid_moves_take_nothing_away_and_are_named_where_they_meet_material() 
     block = build_block(*(BLOCK * 1e-3), np.eye(3))
     found, meets = find_engagement(FLAT, path * 1e-3, cutting, block)
     assert not found.touches[:61].any() and found.touches[-1]
-    assert meets[30] and not meets[0] and not meets[62:].any()
+    assert meets.rapid[30] and not meets.rapid[0] and not meets.rapid[62:].any() and not meets.shank.any()
+
+
+def crash(path: np.ndarray, rapid: list[int], cutter: Cutter = FLAT, shank: float | None = None) -> tuple[int, int]:
+    """Count what crashes, rapid moves and waypoints of the shank; the moves that end at `rapid` are rapid."""
+    cutting = np.ones(len(path), bool)
+    cutting[rapid] = False
+    block = build_block(*(BLOCK * 1e-3), np.eye(3))
+    found = find_engagement(cutter, np.asarray(path, float) * 1e-3, cutting, block, shank=shank)[1]
+    assert not found.rapid[cutting].any()
+    return int(found.rapid.sum()), int(found.shank.sum())
+
+
+SLOT = [(-60, 0, 5), (-60, 0, -4), *((x, 0, -4) for x in range(-59, 1))]
+
+
+@pytest.mark.parametrize("cutter", [FLAT, BALL], ids=["flat", "ball"])
+@pytest.mark.parametrize(("last", "crashes"), [
+    ((0, 0, 5), 0),  # straight up out of the slot
+    ((-60, 0, -4), 0),  # back through the slot
+    ((0, 30, -4), 1),  # aside at depth
+    ((60, 0, -4), 1),  # on through what stands
+    ((0, 0, -6), 1),  # into the floor
+    ((-60, 0, -4.05), 0),  # a skim is none
+])  # fmt: skip
+def test_a_rapid_move_crashes_where_material_stands_on_its_way(cutter: Cutter, last: tuple, crashes: int) -> None:
+    assert crash(np.array([*SLOT, last]), [0, 1, len(SLOT)], cutter)[0] == crashes
+
+
+@pytest.mark.parametrize("height", [-1.0, -10.0])
+def test_a_rapid_move_that_begins_and_ends_beside_the_stock_crashes_between(height: float) -> None:
+    assert crash(np.array([(-80, 0, 10), (-80, 0, height), (80, 0, height)]), [0, 1, 2])[0] == 1
+    assert crash(np.array([(-80, 0, 10), (-80, 57, height), (80, 57, height)]), [0, 1, 2])[0] == 0
+
+
+@pytest.mark.parametrize(("flute", "runs_in"), [(5.0, False), (4.2, False), (3.0, True), (1.0, True)])
+def test_a_flute_that_is_shorter_than_the_cut_brings_the_shank_into_the_stock(flute: float, runs_in: bool) -> None:
+    found = crash(np.array(SLOT), [0, 1], shank=1e-3 * flute)[1]
+    assert (found > 40) == runs_in and (found == 0) != runs_in
+
+
+def test_a_shank_may_stand_in_a_slot_that_was_cut_down_in_levels() -> None:
+    levels = [(x, 0, z) for z in (-2, -4, -6, -8) for x in (range(-60, 61) if z % 4 else range(60, -61, -1))]
+    assert crash(np.array([(-60, 0, 5), *levels]), [0], shank=3e-3) == (0, 0)
 
 
 def test_a_mesh_of_a_box_is_engaged_as_the_box() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.errors import InputError
+from compplan.files.notes import list_remarks, list_stops
 from compplan.files.tables import Array
 from compplan.job.job import Job
 from compplan.path.corners import round_corners
@@ -127,12 +128,13 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
         if from_cam and job.process.stock is not None:
             note = compare_zero(cutting, toolpath)
     nominal = place_toolpath(toolpath, job.T_base_part)
-    note = " ".join([*([note] if note else []), *describe_process(job.process, nominal, cutting)])
+    said = describe_process(job.process, nominal, cutting)
+    note = " ".join([*([note] if note else []), *list_remarks(said)])
     coupling = read_coupling(job.coupling, job.T_base_part[:3, :3], cutting, job.process.model, job.file)
     law = ForceLaw(job.process, job.T_base_part, job.tool_x_base, job.folder, rows_at, top, note, cutting, coupling)
     wrench = law.predict(nominal)
     _check_load(wrench, job)
-    return replace(nominal, wrench=wrench), law
+    return replace(nominal, wrench=wrench, notes=(*nominal.notes, *list_stops(said))), law
 
 
 def _check_load(wrench: Array, job: Job) -> None:

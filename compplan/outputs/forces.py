@@ -11,6 +11,7 @@ import tomli_w
 from pydantic import ValidationError
 
 from compplan.errors import InputError
+from compplan.files.notes import list_stops
 from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json, write_table, write_text
 from compplan.files.transaction import replace_folder
@@ -35,6 +36,7 @@ def summarise_forces(found: ForcePrediction, stability: Stability | None = None,
         "uncertainty_stated": _states_uncertainty(found.job.process),
         "notes": [*found.notes, *([stability.note] if stability else []), *([remark] if remark else [])],
     }  # fmt: skip
+    summary["stops"] = list_stops(summary["notes"])
     if found.law.cutting is not None and found.ripple is not None:
         cut = found.law.cutting.engagement
         summary["engagement"] = {

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from compplan.files.notes import list_stops
 from compplan.plan.keeping import MEASURE
 from compplan.report.effect_words import describe_effect, name_effect
 from compplan.report.page import Block, KeyFigure, Opening
@@ -230,6 +231,9 @@ def open_forces(found: ForcePrediction, summary: Mapping[str, Any], picture: Blo
     todo = "Plan with it: compplan plan JOB."
     if level is not None and not summary["uncertainty_stated"]:
         todo = "Measure the force of one cut and give the log: compplan forces JOB --log LOG.csv."
+    stops = list_stops(summary["notes"])
+    if stops:
+        return Opening(verdict, "bad", figures, picture, "Mend path, tool or stock: as they are the tool crashes.", stops)
     return Opening(verdict, "" if found.fit is None else "good", figures, picture, todo)
 
 

@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from compplan.errors import InputError
+from compplan.files.notes import Stop
 from compplan.files.tables import Array
 from compplan.files.tomlfile import StrictTable, Vector3
 from compplan.path.forces.cutter import Cutter
 from compplan.path.forces.engagement import Engagement
+from compplan.path.forces.look import Crashes
 from compplan.path.forces.materials import MATERIALS, Coefficients
 from compplan.path.forces.meeting import find_engagement
 from compplan.path.forces.milling import MillingShape, Spindle, ripple_amplitude, ripple_force, shape_milling
@@ -138,6 +140,10 @@ class CuttingTable(StrictTable):
         """Return the cutter's shape."""
         raise NotImplementedError
 
+    def shank(self, cutter: Cutter) -> float | None:
+        """Return the height above the tip from which on the tool has no edges, None where that is not looked at. [m]"""
+        return None
+
     def shape(self, found: Engagement) -> MillingShape:
         """Return what each coefficient contributes to the mean wrench, from the engagement."""
         return shape_milling(found, self.teeth, self.resistance.exponent)
@@ -175,6 +181,10 @@ class EndMillProcess(CuttingTable):
         radius, corner = 0.5e-3 * self.diameter_mm, 1e-3 * self.corner_radius_mm
         flute = 2.0 * FLUTES * radius if self.flute_mm is None else 1e-3 * self.flute_mm
         return Cutter(radius, max(flute, corner), corner)
+
+    def shank(self, cutter: Cutter) -> float | None:
+        """Return the height above the tip from which on the tool has no edges. [m]"""
+        return cutter.flute
 
 
 @dataclass(frozen=True)
@@ -293,7 +303,7 @@ def prepare_cutting(
         message = (f"is {process.diameter_mm:g}, larger than the stock, which is {1e3 * size:.4g} mm across the tool "
                    "axis; give the stock that is cut")  # fmt: skip
         raise InputError(message, file=job, where="process.diameter_mm")
-    found, inside = find_engagement(cutter, position, cutting, stock, axis=axes)
+    found, crashes = find_engagement(cutter, position, cutting, stock, axis=axes, shank=process.shank(cutter))
     if not found.touches.any():
         low, high = 1e3 * (stock.bounds() @ R_view.T)
         message = (f"no cutting move meets the stock, which reaches from {_place(np.minimum(low, high))} to "
@@ -301,7 +311,8 @@ def prepare_cutting(
                    f"{_place(1e3 * toolpath.position.min(axis=0))} to {_place(1e3 * toolpath.position.max(axis=0))} mm "
                    "(part frame)")  # fmt: skip
         raise InputError(message, file=job, where="process.stock")
-    notes += _describe_lean(axes[cutting]) + _describe_cut(process, toolpath, found, inside, job)
+    notes += _describe_lean(axes[cutting]) + _describe_cut(process, toolpath, found, job)
+    notes += _describe_crashes(process, crashes)
     shape = process.shape(found)
     bench = CuttingBench(cutter, stock, position, R_view, axes)
     return CuttingForce(process, bench, toolpath.arc_length, toolpath.rapid, found, shape, tuple(notes))
@@ -348,7 +359,7 @@ def _read_stock(
 
 
 def _describe_cut(
-    process: CuttingTable, toolpath: Toolpath, found: Engagement, inside: NDArray[np.bool_], job: Path
+    process: CuttingTable, toolpath: Toolpath, found: Engagement, job: Path
 ) -> list[str]:
     """Say where coefficients come from, and what is odd about the cut."""
     resistance, notes = process.resistance, []
@@ -366,9 +377,21 @@ def _describe_cut(
         notes.append(f"Feed a tooth of up to {chip.max():.3g} mm lies outside the range of the coefficients, "
                      f"{low:g} to {high:g} mm.")  # fmt: skip
     notes += process.describe(found, ~toolpath.rapid)
-    if inside.any():
-        row = int(np.flatnonzero(inside)[0])
-        notes.append(f"{inside.sum()} rapid moves end in material, the first at waypoint {row}; they carry no force.")
+    return notes
+
+
+def _describe_crashes(process: CuttingTable, crashes: Crashes) -> list[Stop]:
+    """Say where the tool meets material that it cannot cut: the machine must not start."""
+    notes = []
+    if crashes.rapid.any():
+        first = int(np.argmax(crashes.rapid))
+        notes.append(Stop(f"{crashes.rapid.sum()} rapid moves go through the stock, the first ends at waypoint "
+                          f"{first}: a crash; they carry no force here."))  # fmt: skip
+    if crashes.shank.any():
+        first = int(np.argmax(crashes.shank))
+        whence = "process.flute_mm" if process.flute_mm is not None else "assumed, give process.flute_mm"
+        notes.append(Stop(f"The cut is deeper than the flute ({whence}) at {crashes.shank.sum()} waypoints, the first "
+                          f"{first}: the shank runs into the stock; it carries no force here."))  # fmt: skip
     return notes
 
 

@@ -8,7 +8,7 @@ points the place is sought.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -17,17 +17,16 @@ from numpy.typing import NDArray
 from compplan.files.tables import Array
 from compplan.path.contact import last_set
 from compplan.path.forces.cutter import Cutter
-from compplan.path.forces.engagement import Engagement, middle_angles, outward_speed
+from compplan.path.forces.engagement import Engagement, middle_angles
+from compplan.path.forces.look import Crashes, Look
 from compplan.path.forces.stock import StockColumns
-from compplan.path.forces.wake import NOTHING, Wake, build_wake, lowest_reach
+from compplan.path.forces.wake import NOTHING, build_wake, lowest_reach
 
 #: Angles round the axis, a multiple of 4, of a flat cutter and of others; moves that are looked at together.
 ANGLES, EDGE_ANGLES = 48, 32
 CHUNK, EDGE_CHUNK = 16, 48
 #: Halvings that find the end of an arc, and the end of what is engaged of a slice.
 BISECTIONS, EDGE_BISECTIONS = 9, 5
-#: Outward speed as a share of the feed below which the surface only slides. A tool's own floor is none of it.
-SLIDES = 1e-6
 #: A bin that is engaged by less than this share of its neighbour's stands beyond the end of an arc: a film that a tool
 #: takes off a floor is no part of the cut at a wall.
 THIN = 0.25
@@ -48,7 +47,8 @@ def find_engagement(
     stock: StockColumns,
     meant: Array | None = None,
     axis: Array | None = None,
-) -> tuple[Engagement, NDArray[np.bool_]]:
+    shank: float | None = None,
+) -> tuple[Engagement, Crashes]:
     """Find the engagement at every waypoint of a path that cuts its way through stock.
 
     Args:
@@ -60,9 +60,11 @@ def find_engagement(
             are those of the path's travel: that it drifts aside meanwhile is little beside the feed, but in a corner,
             and left out. Shape (n, 3). [m]
         axis: Tool axis, tip to spindle; the frame's third where left out. Shape (n, 3).
+        shank: Height above the tip from which on the tool, as wide as before, has no edges; not looked at where left
+            out. [m]
 
     Returns:
-        The engagement, and the waypoints whose rapid move ends in material. Shape (n,).
+        The engagement, and what meets material that it cannot cut.
 
     """
     n = len(position)
@@ -77,10 +79,10 @@ def find_engagement(
     cutter = _cut_side(cutter, position, cutting, stock, axis) if by_points else cutter
     level = position[:, 2] - position[:, 2].min()
     depth = np.zeros((n, len(cutter.slices), EDGE_ANGLES if by_points else ANGLES), dtype=np.float32)
-    inside = np.zeros(n, dtype=bool)
+    crashes = Crashes(np.zeros(n, dtype=bool), np.zeros(n, dtype=bool))
     wake = build_wake(cutter, start, position, stock.bounds()[:, :2], axis)
     if wake is None:
-        return Engagement(cutter, depth, travel, level, turning), inside
+        return Engagement(cutter, depth, travel, level, turning), crashes
     run_from = _find_runs(step, axis) if by_points else _straight_from(step, np.linalg.norm(step, axis=1))
     kind = _EdgeLook if by_points else _FlatLook
     look = kind(cutter, wake, stock, position, start, frame, travel, turning, run_from)
@@ -93,9 +95,11 @@ def find_engagement(
         near = rows[look.may_touch(rows)]
         if len(near):
             look.fill(near[cutting[near]], moves, depth)
-            inside[near[~cutting[near]]] = look.meets(near[~cutting[near]])
+            if shank is not None:
+                look.mark_shank(near[removing[near]], moves, shank, crashes.shank)
+        look.mark_rapid(rows[~cutting[rows]], moves, crashes.rapid)
         wake.cut(moves)
-    return Engagement(cutter, depth, travel, level, turning), inside
+    return Engagement(cutter, depth, travel, level, turning), crashes
 
 
 def _list_steps(position: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -143,58 +147,7 @@ def _cut_side(
     return replace(cutter, flute=reach, pieces=pieces)
 
 
-@dataclass(frozen=True)
-class _Look:
-    """Holds the cutter's surface against what is left of the stock."""
-
-    cutter: Cutter
-    wake: Wake
-    stock: StockColumns
-    position: Array
-    start: Array
-    frame: Array
-    travel: Array
-    turning: Array | None
-    run_from: NDArray[np.int_]
-
-    def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_], depth: NDArray[np.float32]) -> None:
-        """Write the engaged shares of some waypoints, the moves of the same chunk taken in their order."""
-        raise NotImplementedError
-
-    def meets(self, rows: NDArray[np.int_]) -> NDArray[np.bool_]:
-        """Tell where the tip stands in material. Shape (r,)."""
-        tip = self.position[rows]
-        bottom, top = self.stock.interval(tip[:, :2])
-        some = (tip[:, 2] < top - 1e-6) & (tip[:, 2] > bottom - self.cutter.flute)
-        some[some] = self.wake.uncut(tip[some] + [0.0, 0.0, 1e-6], rows[some])
-        return np.asarray(some)
-
-    def may_touch(self, rows: NDArray[np.int_]) -> NDArray[np.bool_]:
-        """Tell where the cutter is near enough to the stock. Shape (r,)."""
-        box, tip, reach = self.stock.bounds(), self.position[rows], self.cutter.radius
-        low = tip[:, 2]
-        if self.wake.tilt is not None:
-            low = low - reach
-            reach = reach + self.cutter.flute
-        beside = (tip[:, :2] > box[0, :2] - reach) & (tip[:, :2] < box[1, :2] + reach)
-        return np.asarray(beside.all(axis=1) & (low < box[1, 2]))
-
-    def _outward(self, rows: NDArray[np.int_], angles: Array) -> NDArray[np.bool_]:
-        turning = None if self.turning is None else self.turning[rows]
-        return outward_speed(self.cutter.slices, self.travel[rows], angles, turning) > SLIDES
-
-    def _list_before(self, row: NDArray[np.int_], moves: NDArray[np.int_], live: NDArray[np.bool_]) -> tuple[
-        NDArray[np.int_], NDArray[np.int_]
-    ]:
-        """List pairs of a sample and a move of the chunk that came before it."""
-        if not len(row) or self.run_from[row[-1]] <= moves[0]:  # runs begin in order, as rows do
-            return row[:0], moves[:0]
-        before = np.searchsorted(moves, self.run_from[row], side="left") * live
-        sample = np.repeat(np.arange(len(row)), before)
-        return sample, moves[np.arange(before.sum()) - np.repeat(np.cumsum(before) - before, before)]
-
-
-class _FlatLook(_Look):
+class _FlatLook(Look):
     """By how high the material reaches at each angle, for a flat cutter whose axis stands."""
 
     def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_], depth: NDArray[np.float32]) -> None:
@@ -258,11 +211,11 @@ class _FlatLook(_Look):
             np.minimum.at(top, sample, reach)
 
 
-class _EdgeLook(_Look):
+class _EdgeLook(Look):
     """By points of the edge, for every other cutter and for axes that turn."""
 
     def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_], depth: NDArray[np.float32]) -> None:
-        """Write the engaged shares of some waypoints, see `_Look`."""
+        """Write the engaged shares of some waypoints, see `Look`."""
         angles = middle_angles(EDGE_ANGLES)
         out = self._outward(rows, angles)
         last = out.shape[1] - 1
