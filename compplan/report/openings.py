@@ -233,7 +233,8 @@ def open_forces(found: ForcePrediction, summary: Mapping[str, Any], picture: Blo
         todo = "Measure the force of one cut and give the log: compplan forces JOB --log LOG.csv."
     stops = list_stops(summary["notes"])
     if stops:
-        return Opening(verdict, "bad", figures, picture, "Mend path, tool or stock: as they are the tool crashes.", stops)
+        mend = "Mend path, tool or stock: as they are the tool crashes."
+        return Opening(verdict, "bad", figures, picture, mend, stops)
     return Opening(verdict, "" if found.fit is None else "good", figures, picture, todo)
 
 
