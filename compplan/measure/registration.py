@@ -142,7 +142,7 @@ class TargetTable(RegistrationPose):
     target: str = ""
 
 
-class ContactTable(StrictTable):
+class RegisteredContact(StrictTable):
     """[[contact]]: where a contact was, in the base frame of the robot."""
 
     label: str
@@ -156,7 +156,7 @@ class RegistrationTable(StrictTable):
     fitted: Annotated[tuple[Literal["base", "tool", "contact"], ...], Field(strict=False)]
     base: RegistrationPose
     tool: Annotated[tuple[TargetTable, ...], Field(strict=False, min_length=1)]
-    contact: Annotated[tuple[ContactTable, ...], Field(strict=False)] = ()
+    contact: Annotated[tuple[RegisteredContact, ...], Field(strict=False)] = ()
 
 
 def parse_parts(text: str | None) -> tuple[str, ...]:
