@@ -62,7 +62,8 @@ def three_points(tmp_path, process, **tables):
     (tmp_path / "path.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     data = {
         "schema": 1, "robot": "kuka_kr270", "toolpath": "path.csv", "part": {"position_mm": [1700.0, 0.0, 900.0]},
-        "process": process, "plan": {"rotate_about_tool_axis": False, "inertia": False}, **tables,
+        "process": process, "plan": {"rotate_about_tool_axis": False, "inertia": False},
+        "feed": {"corner_tolerance_mm": 0.0}, **tables,
     }  # fmt: skip
     return check_job(data, tmp_path / "job.toml")
 

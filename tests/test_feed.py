@@ -8,8 +8,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from compplan.job.job import check_job
 from compplan.path.corners import find_corners, round_corners
-from compplan.path.toolpath import Toolpath
+from compplan.path.toolpath import Toolpath, divide_toolpath
 from compplan.plan.feed import FeedWish, TorqueRules, find_constant_feed, time_run
 from compplan.plan.plan import PlanOptions, build_task
 from compplan.robot import load_robot
@@ -54,6 +55,17 @@ def test_rounded_corners_stay_within_the_tolerance_and_reach_it() -> None:
     assert corner == pytest.approx(tolerance, rel=1e-6)
     assert np.diff(rounded.position, axis=0).any(axis=1).all()
     assert rounded.position[[0, -1]] == pytest.approx(path.position[[0, -1]])
+
+
+def test_a_rounded_corner_that_is_divided_again_stays_on_its_parabola() -> None:
+    rounded = round_corners(square_path(), 2e-4)
+    assert rounded.rounded is not None and rounded.rounded.max() == pytest.approx(2e-4, rel=1e-6)
+    rows = np.arange(len(rounded))
+    divided = divide_toolpath(rounded, np.sort(np.r_[rows, rows[:-1] + 0.25, rows[:-1] + 0.5]))
+    step = np.diff(divided.position, axis=0)
+    step /= np.linalg.norm(step, axis=1, keepdims=True)
+    turn = np.degrees(np.arccos(np.clip((step[1:] * step[:-1]).sum(axis=1), -1.0, 1.0)))
+    assert turn.max() < 9.0  # a right angle in 18 uneven parts; the chords of six turn by up to 21 deg
 
 
 def test_no_tolerance_leaves_the_path_alone() -> None:
@@ -134,3 +146,14 @@ def test_tight_torque_limits_slow_the_run_down_and_are_kept() -> None:
     plain = time_run(tight, task.q_start, FeedWish())[1]
     slowed = time_run(tight, task.q_start, FeedWish(torque=True))[1]
     assert slowed.time[-1] > 1.02 * plain.time[-1]
+
+
+@pytest.mark.parametrize(
+    ("process", "feed", "wanted"),
+    [({"model": "columns"}, {}, 5e-5), ({"model": "constant", "force_N": [0.0, 0.0, 9.0], "frame": "path"}, {}, 0.0),
+     ({"model": "columns"}, {"corner_tolerance_mm": 0.0}, 0.0),
+     ({"model": "isf", "axial_N": 9.0}, {"corner_tolerance_mm": 0.3}, 3e-4)],
+)  # fmt: skip
+def test_corners_are_rounded_unasked_where_the_force_does_not_turn_with_the_travel(process, feed, wanted) -> None:
+    data = {"schema": 1, "robot": "ur10", "toolpath": "a.csv", "process": process, "feed": feed}
+    assert check_job({**data, "plan": {"tolerance_mm": 0.2}}).corner_tolerance == pytest.approx(wanted)

@@ -20,7 +20,8 @@ def list_breaches(job_table: dict, found: dict, plan: dict) -> list[str]:
     """Say in a few words each what does not hold on the robot."""
     table = job_table.get("plan", {})
     tolerance = table.get("tolerance_mm", 0.1)
-    on_path = tolerance + job_table.get("feed", {}).get("corner_tolerance_mm", 0.0)
+    rounded = 0.25 * tolerance if isinstance(job_table.get("toolpath"), str) else 0.0
+    on_path = tolerance + job_table.get("feed", {}).get("corner_tolerance_mm", rounded)
     breaches = []
 
     def beyond(name: str, value: float, most: float, unit: str = "mm") -> None:

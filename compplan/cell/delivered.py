@@ -67,10 +67,11 @@ class Commanded:
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         time: Shape (n,). [s]
         wanted: Wanted tip [mm], tool axis, wrench on the tool [N, N m], base frame. Shape (n, 12).
-        program: Rows that programs hold; joints.csv holds all. Shape (m,).
+        program: Rows that programs hold; Shape (m,).
         path: First row of the path, and the one after its last.
         feed: Feed that is driven in the move to each row, 0 in rapid moves. Shape (n,). [m/s]
         free: Whether the speed of the move to each row that programs hold is of no account. Shape (m,).
+        table: Rows that joints.csv holds. Shape (n,).
         stands: Whether the tool has to stand still at each row that programs hold, beside the ends of rapid moves.
             Shape (m,).
 
@@ -84,6 +85,7 @@ class Commanded:
     feed: Array
     stands: NDArray[np.bool_]
     free: NDArray[np.bool_]
+    table: NDArray[np.bool_]
 
 
 def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wanted: Commanded) -> Vote:
@@ -330,16 +332,16 @@ def _vote_on_table(file: Path, joints: JointTable, wanted: Commanded) -> Iterato
         return
     at = [head.index(name) for name in names]
     table = np.loadtxt(file, delimiter=",", skiprows=1, usecols=at, ndmin=2, encoding="utf-8")
-    if len(table) != len(wanted.q):
-        yield f"joints.csv has {len(table)} rows, planned are {len(wanted.q)}"
+    if len(table) != wanted.table.sum():
+        yield f"joints.csv has {len(table)} rows, planned are {wanted.table.sum()}"
         return
     nq = len(joints.slides)
-    off = np.abs(table[:, 1 : nq + 1] - _degrees(wanted.q, joints)).max()
+    off = np.abs(table[:, 1 : nq + 1] - _degrees(wanted.q[wanted.table], joints)).max()
     if off > TABLE:
         yield f"joints.csv: a joint is {off:.4g} deg or mm off"
-    if (late := np.abs(table[:, 0] - wanted.time).max()) > 1e-6:
+    if (late := np.abs(table[:, 0] - wanted.time[wanted.table]).max()) > 1e-6:
         yield f"joints.csv: time is {late:.4g} s off"
-    away = np.abs(table[:, nq + 1 :] - wanted.wanted)
+    away = np.abs(table[:, nq + 1 :] - wanted.wanted[wanted.table])
     for what, unit, columns in (("wanted tip", " mm", away[:, :3]), ("tool axis", "", away[:, 3:6]),
                                 ("wrench", " N or N m", away[:, 6:])):  # fmt: skip
         if columns.max() > TABLE:

@@ -16,6 +16,8 @@ from compplan.second.follow import Followed, find_difference
 from compplan.second.moves import CannotTellError, Reading
 from compplan.second.tables import read_generator, read_table
 
+#: Tolerance where the job does not say [mm], and the share of it by which corners of a file are rounded then.
+TOLERANCE, ROUNDED = 0.1, 0.25
 #: Chords of arcs where the job says nothing, and rounding of planned waypoints. [m]
 CHORD, ROUNDING = 1e-6, 2e-7
 
@@ -54,9 +56,12 @@ def vote_on_path(tables: Mapping[str, Any], folder: Path, rows: DrivenRows, feed
     part, table = read_part(tables.get("part") or {}), tables.get("feed", {})
     posture = tables.get("posture", {})
     constant = table.get("constant_mm_s")
+    rounded = table.get("corner_tolerance_mm")
+    if rounded is None:
+        rounded = ROUNDED * tables.get("plan", {}).get("tolerance_mm", TOLERANCE) * isinstance(source, str)
     path = Followed(
         (rows.position - part.translation) @ part.rotation, rows.axis @ part.rotation, rows.rapid,
-        feed if constant is None else None, chord + ROUNDING, 1e-3 * table.get("corner_tolerance_mm", 0.0),
+        feed if constant is None else None, chord + ROUNDING, 1e-3 * rounded,
         float(np.radians(np.hypot(posture.get("lead_deg", 0.0), posture.get("lean_deg", 0.0)))),
     )  # fmt: skip
     breaches = []

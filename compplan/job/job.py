@@ -22,6 +22,7 @@ from compplan.job.signals import IoTable
 from compplan.job.tools import NumberedTool, ToolsTable, check_tools
 from compplan.path.cam import list_suffixes
 from compplan.path.cam.options import CamTable
+from compplan.path.force_law import turns_with_travel
 from compplan.path.forces.library import lay_material
 from compplan.path.forces.process_stiffness import CouplingTable
 from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
@@ -33,6 +34,8 @@ from compplan.robot.folder import find_robot_folder
 
 #: Words of [plan] keep: the posture that the job's own robot chooses, and whichever is best; else a program's file.
 KEEP_ROBOT, KEEP_NOTHING = "robot", "nothing"
+#: Share of the tolerance by which corners are rounded where a job does not say.
+ROUNDED = 0.25
 #: Longest name and longest path of a file, in letters.
 LONGEST_NAME, LONGEST_PATH = 200, 1000
 
@@ -110,7 +113,7 @@ class FeedTable(StrictTable):
 
     constant_mm_s: float | None = Field(default=None, gt=0.0)
     mode: Literal["programmed", "constant"] = "programmed"
-    corner_tolerance_mm: float = Field(default=0.0, ge=0.0, le=100.0)
+    corner_tolerance_mm: float | None = Field(default=None, ge=0.0, le=100.0)
     torque_limits: bool = False
 
 
@@ -269,6 +272,17 @@ class Job(StrictTable):
     def data(self) -> dict[str, Any]:
         """The plain tables that the job was checked from."""
         return self._data
+
+    @property
+    def corner_tolerance(self) -> float:
+        """How far corners of the cut are rounded: as stated, else a share of the tolerance in files. [m].
+
+        Where the force turns with the travel they are not rounded unasked: the correction would have to jump there.
+        """
+        if self.feed.corner_tolerance_mm is not None:
+            return 1e-3 * self.feed.corner_tolerance_mm
+        rounds = self._given is None and isinstance(self.toolpath, str) and not turns_with_travel(self.process)
+        return 1e-3 * ROUNDED * self.plan.tolerance_mm * rounds
 
     @property
     def label(self) -> str:

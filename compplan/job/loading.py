@@ -120,8 +120,7 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
     max_step = step * 1e-3 if step is not None else FILE_STEP if from_file else np.inf
     if np.isfinite(max_step) or turn is not None:
         toolpath = resample_toolpath(toolpath, max_step, max_turn=np.inf if turn is None else float(np.radians(turn)))
-    if job.feed.corner_tolerance_mm > 0.0:
-        toolpath = round_corners(toolpath, job.feed.corner_tolerance_mm * 1e-3)
+    toolpath = round_corners(toolpath, job.corner_tolerance)
     cutting = None
     if isinstance(job.process, CuttingTable):
         cutting = prepare_cutting(job.process, toolpath, top, job.file)

@@ -212,7 +212,9 @@ circle_sense = "auto"               # APT CIRCLE: auto | right_hand | left_hand 
 [feed]
 # constant_mm_s = 10.0              # in place of the toolpath's own feed
 mode = "programmed"                 # programmed: an upper bound | constant: one feed for the whole cut
-corner_tolerance_mm = 0.0           # corners may be rounded by this much, so that the feed need not drop to zero there
+# corner_tolerance_mm = 0.025       # corners are rounded by this much, so that the tool does not rest there; the band
+                                    #   counts it. Left out: a quarter of the tolerance for files whose force does not
+                                    #   turn with the travel. 0: the tool rests
 torque_limits = false               # keep the joint torques (inertia, weight, wrench) within the URDF's efforts
 
 [limits]

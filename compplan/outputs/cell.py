@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.files.tables import write_json, write_table
 from compplan.report.robot_scene import FINEST, MESH_COLOURS, locate_links, place_shapes
@@ -39,8 +40,8 @@ TOOL_COLOUR, SHORTEST_TOOL = (0.45, 0.47, 0.50, 1.0), 0.02
 LEAST_SHARE = 0.25
 
 
-def write_plan_cell(plan: Plan, folder: Path) -> None:
-    """Write cell.json and deviation.csv of a plan."""
+def write_plan_cell(plan: Plan, folder: Path, kept: NDArray[np.bool_]) -> None:
+    """Write cell.json and deviation.csv of a plan; `kept` are the rows that joints.csv holds."""
     scene = plan.task.start.request.scene if plan.task.start is not None and plan.task.start.request else None
     meshes = [_describe_mesh(*entry) for entry in (() if scene is None else scene.meshes)]
     more = {
@@ -52,7 +53,7 @@ def write_plan_cell(plan: Plan, folder: Path) -> None:
     drawn = [*([] if "tool" in known else _describe_spindle(plan)), *([] if "part" in known else _describe_block(plan))]
     cell = summarise_cell(plan.robot, [*meshes, *_describe_stock(plan), *drawn])
     write_json(folder / "cell.json", {**cell, **more}, indent=None)
-    write_deviation(plan, folder / "deviation.csv")
+    write_deviation(plan, folder / "deviation.csv", kept)
 
 
 def summarise_cell(robot: Robot, around: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
@@ -75,8 +76,8 @@ def summarise_cell(robot: Robot, around: Sequence[Mapping[str, Any]] = ()) -> di
     return {"schema": 1, **names, "joints": joints, "shapes": [*_describe_arm(robot), *around]}
 
 
-def write_deviation(plan: Plan, path: Path) -> None:
-    """Write deviation.csv."""
+def write_deviation(plan: Plan, path: Path, kept: NDArray[np.bool_]) -> None:
+    """Write deviation.csv; `kept` are the rows that joints.csv holds."""
     n, wrong = len(plan.task), plan.mismatch
     softer, promise = np.full((n, 3), np.nan), np.full(n, np.nan)
     softer[wrong.rows] = wrong.deviation
@@ -90,7 +91,7 @@ def write_deviation(plan: Plan, path: Path) -> None:
         padded = _pad(values, before, after)
         columns |= {f"{name}_{axis}_mm": 1e3 * padded[:, k] for k, axis in enumerate("xyz")}
     columns["promise_mm"] = 1e3 * _pad(promise[:, None], before, after)[:, 0]
-    write_table(path, columns, decimals=9)
+    write_table(path, {name: np.asarray(values)[kept] for name, values in columns.items()}, decimals=9)
 
 
 def write_gap(diagnosis: Diagnosis, shares: Shares, folder: Path) -> None:

@@ -74,7 +74,7 @@ def write_beside(plan: Plan, part: Path) -> None:
     from compplan.report.plan_page import write_plan_page
     from compplan.report.posture_map import extra_axis_sections
 
-    write_plan_cell(plan, part)
+    write_plan_cell(plan, part, choose_rows(plan))
     write_plan_page(plan, part / "report.html", extra_axis_sections(plan))
     write_json(part / "plan.json", summarise_plan(plan), indent=2)
 
@@ -88,9 +88,7 @@ def read_back(plan: Plan, folder: Path) -> Plan:
         return plan
     way, back, n = plan.approach, plan.retract, len(plan.task)
     first, last = len(way.q), len(way.q) + n
-    start = float(way.gap.sum())
-    time = np.r_[np.r_[0.0, np.cumsum(way.gap)][:-1], start + plan.timing.time]
-    time = np.r_[time, time[-1] + np.cumsum(back.gap)]
+    time = _list_times(plan)
     ahead, behind = (_find_rows(part.key_q, part.q) for part in (way, back))
     rows = np.r_[ahead, first + np.arange(n), last + behind]
     feed = np.r_[np.zeros(first), np.where(plan.task.nominal.rapid, 0.0, plan.command_feed), np.zeros(len(back.q))]
@@ -99,7 +97,7 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     free = np.r_[np.zeros(len(ahead), bool), plan.task.lead, np.zeros(len(behind), bool)]
     position, axis = place_rows(plan)
     tip = np.hstack([1e3 * position, axis, np.vstack([way.wrench, plan.task.wrench, back.wrench])])
-    wanted = Commanded(q, time, tip, rows, (first, last), feed, stands, free)
+    wanted = Commanded(q, time, tip, rows, (first, last), feed, stands, free, choose_rows(plan))
     vote = vote_on_delivery(folder, job.model_dump(by_alias=True, exclude_unset=True), Path(robot), wanted)
     if not vote.breaches and not vote.notes:
         return plan
@@ -184,9 +182,7 @@ def write_joints(plan: Plan, path: Path, wanted: Array | None = None) -> None:
         wanted: Where the path wants the tip, where the plan aims beside it. Shape (n, 3). [m]
     """
     robot, task, before, after = plan.robot, plan.task, plan.approach, plan.retract
-    start = float(before.gap.sum())
-    end = start + float(plan.timing.time[-1])
-    time = np.r_[np.r_[0.0, np.cumsum(before.gap)][:-1], start + plan.timing.time, end + np.cumsum(after.gap)]
+    time, kept = _list_times(plan), choose_rows(plan)
     q = np.vstack([before.q, plan.q, after.q])
     position, axis = place_rows(plan, wanted)
     wrench = np.vstack([before.wrench, task.wrench, after.wrench])
@@ -198,7 +194,46 @@ def write_joints(plan: Plan, path: Path, wanted: Array | None = None) -> None:
     columns |= {name: axis[:, k] for k, name in enumerate("ijk")}
     columns |= {name: wrench[:, k] for k, name in enumerate(WRENCH_HEADERS)}
     columns["move"] = np.array(["approach"] * len(before.q) + move.tolist() + ["retract"] * len(after.q))
-    write_table(path, columns, decimals=10)
+    write_table(path, {name: np.asarray(values)[kept] for name, values in columns.items()}, decimals=10)
+
+
+def _list_times(plan: Plan) -> Array:
+    """Return the time of every row: the way there, the path, the way back. [s]."""
+    before, after = plan.approach, plan.retract
+    start = float(before.gap.sum())
+    end = start + float(plan.timing.time[-1])
+    return np.r_[np.r_[0.0, np.cumsum(before.gap)][:-1], start + plan.timing.time, end + np.cumsum(after.gap)]
+
+
+def choose_rows(plan: Plan) -> NDArray[np.bool_]:
+    """Tell the rows that joints.csv holds: no two are nearer in time than a cycle of the controller.
+
+    Ends of cuts and rapid moves, rests and events stay; of others that come too soon the later ones are left out.
+    """
+    from compplan.program.counting import load_motion
+
+    time, cycle = _list_times(plan), load_motion(plan.robot)[0].cycle * (1.0 - 1e-9)
+    if np.diff(time).min(initial=np.inf) >= cycle:
+        return np.ones(len(time), bool)
+    first, n = len(plan.approach.q), len(plan.task)
+    rapid = np.r_[plan.task.nominal.rapid, True]
+    stay = np.zeros(len(time), bool)
+    stay[[0, -1, first]] = True
+    stay[first : first + n] |= rapid[:-1] | rapid[1:]
+    if plan.task.rests is not None:
+        stay[first : first + n] |= plan.task.rests
+    stay[[first + event.place for event in plan.task.nominal.events if event.place >= 0]] = True
+    kept: list[int] = []
+    for row in range(len(time)):
+        if kept and time[row] - time[kept[-1]] < cycle:
+            if not stay[row]:
+                continue
+            if not stay[kept[-1]]:
+                kept.pop()
+        kept.append(row)
+    chosen = np.zeros(len(time), bool)
+    chosen[kept] = True
+    return chosen
 
 
 def write_programs(plan: Plan, folder: Path) -> list[Path]:

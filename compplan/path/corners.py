@@ -14,16 +14,19 @@ from compplan.path.toolpath import Toolpath, divide_toolpath
 CORNER = float(np.radians(8.0))
 #: A corner turns this much more than its neighbours; a sampled curve does not.
 SHARPER = 3.0
-#: Points on a rounded corner; share of a move that its roundings may take at either end.
+#: Points on a rounded corner; share of the way to the next corner that its roundings may take.
 ROUND_POINTS, SHARE = 7, 0.45
+#: Share of the tolerance that is taken beside an arc, which leaves its tangent, and the turn of one. [1, rad]
+BESIDE_ARC, BEND = 0.95, 1e-4
 
 
 def round_corners(toolpath: Toolpath, tolerance: float) -> Toolpath:
     """Round the corners of the cut by parabolas that stay within a tolerance of the path.
 
     A corner turns the travel by more than a few degrees and much more than its neighbours do. A parabola from a before
-    to a after a corner of turn phi passes it at a sin(phi / 2) / 2. The tool axis turns along a parabola too. Points
-    crowd towards the corner, so that interpolation between them does not swing out.
+    to a after a corner of turn phi passes it at a sin(phi / 2) / 2; a is measured along the path, chords of arcs that
+    it spans are left out. The tool axis turns along a parabola too. Points crowd towards the corner, so that
+    interpolation between them does not swing out.
 
     Args:
         toolpath: The toolpath.
@@ -33,42 +36,57 @@ def round_corners(toolpath: Toolpath, tolerance: float) -> Toolpath:
     corners, turn = find_corners(toolpath)
     if tolerance <= 0 or not len(corners):
         return toolpath
-    steps, position = toolpath.steps, toolpath.position
-    room = SHARE * np.minimum(steps[corners - 1], steps[corners])
-    reach = np.minimum(2 * tolerance / np.sin(0.5 * turn[corners]), room)
-    places: list[float] = []
-    shifts: list[Array] = []
-    leans: list[Array] = []
-    marked = dict(zip(corners.tolist(), reach.tolist(), strict=True))
-    for i in range(len(toolpath)):
-        if i not in marked:
-            places.append(float(i))
-            shifts.append(np.zeros(3))
-            leans.append(np.zeros(3))
-            continue
-        a, before, after = marked[i], steps[i - 1], steps[i]
-        arrive = (position[i] - position[i - 1]) / before
-        leave = (position[i + 1] - position[i]) / after
-        for away in _crowd(a, SHARE * before)[::-1]:
-            places.append(i - away / before)
-            shifts.append(np.zeros(3))
-            leans.append(np.zeros(3))
-        for t in np.linspace(0.0, 1.0, ROUND_POINTS):
-            curve = -a * (1 - t) ** 2 * arrive + a * t**2 * leave
-            on_path = -a * (1 - 2 * t) * arrive if t <= 0.5 else a * (2 * t - 1) * leave
-            places.append(i - a * (1 - 2 * t) / before if t <= 0.5 else i + a * (2 * t - 1) / after)
-            shifts.append(curve - on_path)
-            tilt = (toolpath.axis[i] - toolpath.axis[i - 1]) / before, (toolpath.axis[i + 1] - toolpath.axis[i]) / after
-            bent = -a * (1 - t) ** 2 * tilt[0] + a * t**2 * tilt[1]
-            leans.append(bent - (-a * (1 - 2 * t) * tilt[0] if t <= 0.5 else a * (2 * t - 1) * tilt[1]))
-        for away in _crowd(a, SHARE * after):
-            places.append(i + away / after)
-            shifts.append(np.zeros(3))
-            leans.append(np.zeros(3))
-    divided = divide_toolpath(toolpath, np.array(places))
-    axis = divided.axis + np.array(leans)
+    along = np.r_[0.0, np.cumsum(toolpath.steps)]
+    reach = _reach_corners(toolpath, corners, along, turn, 2.0 * tolerance / np.sin(0.5 * turn[corners]))
+    grid = np.linspace(0.0, 1.0, ROUND_POINTS)
+    places: list[Array] = []
+    lengths = np.maximum.accumulate(along + 1e-15 * np.arange(len(along)))
+    kept = np.ones(len(toolpath), bool)
+    for i, a in zip(corners.tolist(), reach.tolist(), strict=True):
+        near = np.arange(*np.searchsorted(along, [along[i] - a, along[i] + a]))
+        kept[near[np.abs(along[near] - along[i]) < a * (1.0 - 1e-9)]] = False
+        places.append(np.interp(along[i] + a * (2.0 * grid - 1.0), lengths, np.arange(len(along))))
+        for side, end in ((-1, along[i - 1]), (1, along[i + 1])):
+            far = np.array(_crowd(a, SHARE * abs(float(end - along[i]))))
+            places.append(np.interp(along[i] + side * far, lengths, np.arange(len(along))))
+    every = np.unique(np.concatenate([np.flatnonzero(kept), *places]))
+    divided = divide_toolpath(toolpath, every)
+    position, axis, moved = divided.position.copy(), divided.axis.copy(), np.zeros(len(every))
+    for k, i in enumerate(corners.tolist()):
+        own = np.searchsorted(every, places[3 * k])
+        for values, old in ((position, toolpath.position), (axis, toolpath.axis)):
+            first, last, t = values[own[0]].copy(), values[own[-1]].copy(), grid[:, None]
+            values[own] = (1 - t) ** 2 * first + 2 * t * (1 - t) * old[i] + t**2 * last
+        moved[own] = np.linalg.norm(position[own] - divided.position[own], axis=1)
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    return replace(divided, position=divided.position + np.array(shifts), axis=axis)
+    notes = (*divided.notes, _describe(len(corners), float(moved.max())))
+    return replace(divided, position=position, axis=axis, rounded=moved, notes=notes)
+
+
+def _reach_corners(
+    toolpath: Toolpath, corners: NDArray[np.int_], along: Array, turn: Array, wanted: Array
+) -> Array:
+    """Return how far before and behind each corner its rounding begins, other corners and ends of cuts left alone."""
+    rapid, n = toolpath.rapid, len(toolpath)
+    fixed = np.zeros(n, bool)
+    fixed[[0, -1]] = True
+    fixed |= rapid | np.r_[rapid[1:], True]
+    fixed[[event.place for event in toolpath.events if 0 <= event.place < n]] = True
+    stops, marks = along[fixed], along[corners]
+    every = np.unique(np.r_[stops, marks])
+    at = np.searchsorted(every, marks)
+    room = np.minimum(marks - every[np.maximum(at - 1, 0)], every[np.minimum(at + 1, len(every) - 1)] - marks)
+    bends = along[(turn > BEND) & ~np.isin(np.arange(n), corners)]
+    curved = np.searchsorted(bends, marks + wanted) > np.searchsorted(bends, marks - wanted, side="right")
+    return np.asarray(np.minimum(np.where(curved, BESIDE_ARC, 1.0) * wanted, SHARE * room))
+
+
+def _describe(count: int, most: float) -> str:
+    corners = "1 corner of the cut is" if count == 1 else f"{count} corners of the cut are"
+    return (
+        f"{corners} rounded, by {1e3 * most:.3g} mm at most, so that the tool does not rest there: "
+        "feed.corner_tolerance_mm says by how much, 0 lets it rest."
+    )
 
 
 def find_corners(toolpath: Toolpath) -> tuple[NDArray[np.int_], Array]:

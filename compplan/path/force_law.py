@@ -59,9 +59,7 @@ class ForceLaw:
     @property
     def turns_with_travel(self) -> bool:
         """Tell whether the force turns with the travel, and so jumps at a corner."""
-        if isinstance(self.process, ColumnsProcess):
-            return False
-        return getattr(self.process, "frame", "path") == "path"
+        return turns_with_travel(self.process)
 
     @property
     def sudden(self) -> bool:
@@ -173,3 +171,8 @@ def compare_zero(cutting: CuttingForce, toolpath: Toolpath) -> str:
 def _crosses_zero(toolpath: Toolpath) -> bool:
     height = toolpath.position[~toolpath.rapid, 2]
     return bool(len(height) and height.min() < -STOCK_ROOM and height.max() > STOCK_ROOM)
+
+
+def turns_with_travel(process: Process) -> bool:
+    """Tell whether the force of a process turns with the travel."""
+    return not isinstance(process, ColumnsProcess) and getattr(process, "frame", "path") == "path"

@@ -55,6 +55,7 @@ class Toolpath(Shown):
         source: File or generator that it came from, for messages.
         notes: What was assumed or read past when it was read, one sentence each.
         events: What happens beside motion, in order.
+        rounded: How far each waypoint was moved off the programmed path to round a corner, or None. Shape (n,). [m]
 
     Raises:
         ShapeError: If an array does not have the shape above.
@@ -70,13 +71,14 @@ class Toolpath(Shown):
     source: str = ""
     notes: tuple[str, ...] = ()
     events: tuple[Event, ...] = ()
+    rounded: Array | None = None
 
     def __post_init__(self) -> None:
         n = len(self.position)
-        shapes = {"position": (n, 3), "axis": (n, 3), "feed": (n,), "rapid": (n,), "wrench": (n, 6)}
+        shapes = {"position": (n, 3), "axis": (n, 3), "feed": (n,), "rapid": (n,), "wrench": (n, 6), "rounded": (n,)}
         for name, shape in shapes.items():
             array = getattr(self, name)
-            if array is None and name == "wrench":
+            if array is None and name in ("wrench", "rounded"):
                 continue
             array = np.array(array, dtype=bool if name == "rapid" else np.float64)
             if array.shape != shape:
@@ -274,7 +276,8 @@ def select_waypoints(toolpath: Toolpath, index: NDArray[np.int64]) -> Toolpath:
     wrench = None if toolpath.wrench is None else toolpath.wrench[index]
     rows = (toolpath.position[index], toolpath.axis[index], toolpath.feed[index], toolpath.rapid[index])
     events = move_events(toolpath.events, index.astype(float))
-    return Toolpath(*rows, wrench, toolpath.frame, toolpath.source, toolpath.notes, events)
+    rounded = None if toolpath.rounded is None else toolpath.rounded[index]
+    return Toolpath(*rows, wrench, toolpath.frame, toolpath.source, toolpath.notes, events, rounded)
 
 
 def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = np.inf) -> Toolpath:
@@ -326,8 +329,25 @@ def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = 
     )  # fmt: skip
 
 
+def _bow(toolpath: Toolpath, before: NDArray[np.int_], share: Array) -> Array:
+    """Return how far places on rounded corners lie beside their moves: on parabolas through three waypoints. (m, 3)."""
+    if toolpath.rounded is None:
+        return np.zeros((len(before), 3))
+    x, curved = toolpath.position, toolpath.rounded > 0.0
+    steps = np.maximum(toolpath.steps, 1e-12)
+    bend = np.zeros_like(x)  # second derivative of the parabola through a waypoint and its neighbours
+    bend[1:-1] = 2.0 * (np.diff(x[1:], axis=0) / steps[1:, None] - np.diff(x[:-1], axis=0) / steps[:-1, None])
+    bend[1:-1] /= (steps[1:] + steps[:-1])[:, None]
+    bend[~curved] = 0.0
+    alone = (curved[before] ^ curved[before + 1])[:, None]
+    mean = np.where(alone, bend[before] + bend[before + 1], (1 - share) * bend[before] + share * bend[before + 1])
+    return np.asarray(-0.5 * mean * share * (1 - share) * (steps[before] ** 2)[:, None])
+
+
 def divide_toolpath(toolpath: Toolpath, places: Array) -> Toolpath:
     """Return the toolpath at fractional waypoints; feed and rapid are those of the move that a place lies on.
+
+    Places on a rounded corner lie on its curve, others on the straight move.
 
     Args:
         toolpath: The toolpath.
@@ -345,6 +365,8 @@ def divide_toolpath(toolpath: Toolpath, places: Array) -> Toolpath:
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     wrench = None if toolpath.wrench is None else between(toolpath.wrench)
     return replace(
-        toolpath, position=between(toolpath.position), axis=axis, feed=toolpath.feed[move], rapid=toolpath.rapid[move],
+        toolpath, position=between(toolpath.position) + _bow(toolpath, before, share), axis=axis,
+        feed=toolpath.feed[move], rapid=toolpath.rapid[move],
         wrench=wrench, events=move_events(toolpath.events, places),
+        rounded=None if toolpath.rounded is None else np.interp(places, np.arange(len(toolpath)), toolpath.rounded),
     )  # fmt: skip

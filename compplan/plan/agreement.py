@@ -179,8 +179,7 @@ def _take_turns(
             command = nlp.correct_command(task, command) if strategy == "nlp" else command_path(task, strategy)
         slower = find_slowdown(task, command.q, time)
         excess = float(slower.max())
-        near = slower > 1.0 if task.inertia else excess > 1.0  # a load of inertia follows the feed here alone
-        slow = slow * np.minimum(slower, 3.0) * np.where(near, 1.02, 1.0)
+        slow = slow * np.minimum(slower, 3.0) * np.where(slower > 1.0, 1.02, 1.0)
     if excess > 1.0:
         notes = (*notes, f"Force and motion do not agree: joint limits are passed by a factor of {excess:.3g}.")
     timing = state_timing(driven, command.q, time_between_cuts(task, command.q, timing.time))

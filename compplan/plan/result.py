@@ -134,11 +134,16 @@ class Plan(Shown):
         bow = max(driven - self.after.max_deviation, 0.0)
         scene = stage_path(task.robot, self.q, task.wrench, task.step_time)
         noise = None if self.job is None else self.job.noise
+        left, output = self.after.distance, None if self.job is None else self.job.output
+        if task.nominal.rounded is not None:
+            left = left + task.nominal.rounded
+        if output is not None and output.programs and output.form != "joint":
+            bow += 1e-3 * output.fit_tolerance_mm
         placed, part = read_placement(noise), None
         if placed is not None and self.job is not None:
             part = shift_part(task.position, self.job.T_base_part[:3, 3], placed)
         try:
-            return promise_path(task.robot, scene, task.cut, read_force_spread(noise), left=self.after.distance,
+            return promise_path(task.robot, scene, task.cut, read_force_spread(noise), left=left,
                                 between=bow, motion=self.bending.motion, part=part)  # fmt: skip
         except ConvergenceError:
             return None

@@ -228,7 +228,12 @@ def find_rests(nominal: Toolpath) -> NDArray[np.int_]:
     cosine = np.einsum("ni,ni->n", travel[:-1], travel[1:])
     back = (cosine < -0.9) & (np.minimum(length[:-1], length[1:]) > 1e-9)
     back &= ~nominal.rapid[1:-1] & ~nominal.rapid[2:]
-    return np.union1d(find_corners(nominal)[0], np.flatnonzero(back) + 1)
+    corners = find_corners(nominal)[0]
+    if nominal.rounded is not None:
+        curved = nominal.rounded > 0.0
+        curved[1:-1] |= curved[:-2] | curved[2:]
+        corners = corners[~curved[corners]]
+    return np.union1d(corners, np.flatnonzero(back) + 1)
 
 
 def programmed_times(nominal: Toolpath) -> Array:

@@ -192,6 +192,21 @@ def _time_run(
         if use.max() <= 1.0:
             return time
         slow = slow * np.minimum(spread_factors(use, time, task.smoothing), 4.0) * 1.002
+    return _stretch_time(task, q, time, use)
+
+
+def _stretch_time(task: PlanTask, q: Array, time: Array, use: Array) -> Array:
+    """Stretch the time of a run near the places that are still too fast; all of it where that does not do."""
+    reach = max(task.smoothing, 1e-3)
+    for _ in range(SLOW_ROUNDS):
+        factor = spread_factors(use, time, 1.5 * reach) * 1.002
+        total = np.r_[0.0, np.cumsum(0.5 * (factor[1:] + factor[:-1]) * np.diff(time))]
+        low, high = (np.clip(time + side * reach, time[0], time[-1]) for side in (-0.5, 0.5))
+        mean = (np.interp(high, time, total) - np.interp(low, time, total)) / (high - low)
+        time = np.r_[0.0, np.cumsum(np.diff(time) * 0.5 * (mean[1:] + mean[:-1]))]
+        use = measure_use(q, time, task.velocity_limits, task.acceleration_limits)
+        if use.max() <= 1.0:
+            return time
     return time * float(use.max()) * 1.001
 
 

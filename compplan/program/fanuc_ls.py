@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from compplan.files.tables import Array, write_text
 from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, phrase_events
-from compplan.program.program import Program, describe_feeds, head_lines, split_parts
+from compplan.program.program import MainForm, Program, describe_feeds, head_lines, split_parts
 from compplan.program.text import clean_text, legal_name, wrap_text
 
 name = "fanuc_ls"
@@ -214,3 +215,10 @@ def format_program(name: str, program: Program, instructions: list[str], positio
         "CONTROL_CODE\t= 00000000 00000000;",
     ]
     return "\n".join([*attributes, "/MN", *body, "/POS", *positions, "/END", ""])
+
+
+def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:
+    return format_program(name, program, [f"  CALL {call} ;" for call in calls], [])
+
+
+MAIN = MainForm(".LS", 26, _format_main)

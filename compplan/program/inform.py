@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, phrase_events
 from compplan.program.program import (
+    MainForm,
     Program,
     describe_feeds,
     head_lines,
@@ -166,3 +168,10 @@ def format_job(program: Program, name: str, points: list[str], instructions: lis
 
 def _values(values: Array, digits: int) -> str:
     return ",".join(f"{value:.{digits}f}" for value in values + 0.0)
+
+
+def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:
+    return format_job(program, name, [], [f"CALL JOB:{call}" for call in calls])
+
+
+MAIN = MainForm(".JBI", 28, _format_main)

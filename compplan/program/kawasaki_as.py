@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,15 @@ from compplan.files.tables import Array, write_text
 from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, phrase_events
-from compplan.program.program import Program, count_digits, head_lines, joint_shares, need_six_axes, split_parts
+from compplan.program.program import (
+    MainForm,
+    Program,
+    count_digits,
+    head_lines,
+    joint_shares,
+    need_six_axes,
+    split_parts,
+)
 from compplan.program.text import legal_name
 
 name = "kawasaki_as"
@@ -130,3 +139,11 @@ def _percents(program: Program) -> Array:
 
 def _numbers(pose: Array) -> str:
     return ",".join(f"{value:.7f}" for value in place_numbers(pose, "ZYZ"))
+
+
+def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:
+    head = [f"  ; {line}" for line in head_lines(program)]
+    return "\n".join([f".PROGRAM {name}()", *head, *(f"  CALL {call}" for call in calls), ".END", ""])
+
+
+MAIN = MainForm(".as", 12, _format_main)

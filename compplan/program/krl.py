@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,15 @@ from compplan.files.tables import Array, write_text
 from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, phrase_events
-from compplan.program.program import Program, count_digits, head_lines, joint_percent, order_joints, split_parts
+from compplan.program.program import (
+    MainForm,
+    Program,
+    count_digits,
+    head_lines,
+    joint_percent,
+    order_joints,
+    split_parts,
+)
 from compplan.program.text import legal_name
 
 name = "krl"
@@ -244,3 +253,11 @@ def _main(name: str, parts: list[str], program: Program, remarks: list[str]) -> 
 def _frame(pose: Array) -> str:
     values = place_numbers(pose, "ZYX")
     return "{" + ",".join(f"{name} {value:.7f}" for name, value in zip("XYZABC", values, strict=True)) + "}"
+
+
+def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:
+    head = [f"; {line}" for line in head_lines(program)]
+    return "\n".join(["&ACCESS RVO", f"DEF {name}()", *head, *(f"{call}()" for call in calls), "END", ""])
+
+
+MAIN = MainForm(".src", 22, _format_main)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -369,8 +369,26 @@ def need_six_axes(program: Program, language: str, *, sliding: int) -> None:
         raise InputError(f"{language} programs are written for six rotating{rail} joints, this robot has {own}")
 
 
+@dataclass(frozen=True)
+class MainForm:
+    """How a language writes a program that calls others, for jobs of several tools; a language without calls has none.
+
+    Args:
+        suffix: Ending of its files.
+        longest: Letters of its name.
+        format: The text, from the name, the program of the first tool (for the head), and the programs to call.
+        newline: What ends its lines.
+
+    """
+
+    suffix: str
+    longest: int
+    format: Callable[[str, Program, Sequence[str]], str]
+    newline: str = "\r\n"
+
+
 class Language(Protocol):
-    """What the file of a language offers."""
+    """What the file of a language offers; MAIN, a `MainForm`, too where it has calls."""
 
     name: str
 

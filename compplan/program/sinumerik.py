@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.krl import turn_bits
 from compplan.program.machine import Phrases, phrase_events
-from compplan.program.program import Program, count_digits, head_lines, need_six_axes, split_parts
+from compplan.program.program import MainForm, Program, count_digits, head_lines, need_six_axes, split_parts
 from compplan.program.text import legal_name
 
 name = "sinumerik"
@@ -151,3 +152,10 @@ def _words(values: Array) -> str:
     digits = (5, 5, 5, 6, 6, 6, 5)
     names = ("X", "Y", "Z", "A2=", "B2=", "C2=", "E1=")[: len(values)]
     return " ".join(f"{name}{value:.{digit}f}" for name, value, digit in zip(names, values + 0.0, digits, strict=False))
+
+
+def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:
+    return "\n".join([*(f"; {line}" for line in head_lines(program)), *calls, "M30", ""])
+
+
+MAIN = MainForm(".MPF", 23, _format_main, newline="\n")

@@ -146,19 +146,26 @@ def find_difference(path: Followed, reading: Reading) -> str:
     if (off := math.dist(rows[0], _point(reading.end[0]))) > loose:
         return _tell(reading, 0, f"begins {_mm(off)} from where the second reader begins")
     at, share = 0, 1.0  # the move that the last row stands on, and how far along
+    near = math.inf  # how near to its end the path has come since
     for i in range(1, len(rows)):
         point, last = rows[i], rows[i - 1]
         # a generated arc may end by a chord's room beside the second reader's
         room = BESIDE + (path.chord if at == len(moves) - 1 and moves[at][1].kind == ARC else 0.0)
         if math.dist(point, last) <= 1e-9 or (share >= 1.0 and math.dist(point, moves[at][1].end) <= room):
             continue  # still where the move ends: rows beside a rest stand nearer to it than that
-        found = _advance(moves, at, share, point, last, rapid[i], loose, path.chord)
+        found = _advance(moves, at, share, point, last, rapid[i], loose, path.chord, near)
         if found is None:
             wanted = moves[min(at + (share >= 1.0), len(moves) - 1)][0]
             return _tell(reading, wanted, f"goes another way at waypoint {i}")
+        near = min(near, _miss(last, point, moves[at][1].end)) if found[0] == at else math.inf
         at, share = found
         k, move = moves[at]
         wanted_feed = 0.0 if rapid[i] else float(reading.feed[k])
+        if path.corner > 0.0 and path.feed is not None and wanted_feed > 0.0 and at + 1 < len(moves):
+            after, following = moves[at + 1]  # on a rounded corner a row may have the feed of either move
+            if following.kind != RAPID and following.locate(point, 0.0)[0] <= loose:
+                own, other = float(path.feed[i]), float(reading.feed[after])
+                wanted_feed = other if abs(other - own) < abs(wanted_feed - own) else wanted_feed
         if path.feed is not None and wanted_feed > 0.0 and abs(path.feed[i] / wanted_feed - 1.0) > FEED_SHARE:
             feeds = f"{60e3 * path.feed[i]:.4g} mm/min, programmed are {60e3 * wanted_feed:.4g}"
             return _tell(reading, k, f"has a feed of {feeds} at waypoint {i}")
@@ -191,9 +198,12 @@ def _lay_moves(reading: Reading) -> list[tuple[int, _Move]]:
 
 def _advance(
     moves: list[tuple[int, _Move]], at: int, share: float, point: Point, last: Point, rapid: bool, loose: float,
-    chord: float,
+    chord: float, near: float,
 ) -> tuple[int, float] | None:  # fmt: skip
-    """Return the move that a row stands on, and how far along; None where it stands on none that follows."""
+    """Return the move that a row stands on, and how far along; None where it stands on none that follows.
+
+    `near` is how near rows before have come to the end of the move at hand: a rounded corner is passed in several.
+    """
     first = at
     while at < len(moves):
         move = moves[at][1]
@@ -207,7 +217,8 @@ def _advance(
                 move.reached = max(move.reached, along)
                 return at, along
         passed = at == first and share >= 1.0  # to leave a move the row before has to reach its end, or the step to
-        if not passed and move.length > SHORT and _miss(last, point, move.end) > loose:
+        missed = min(near if at == first else math.inf, _miss(last, point, move.end))
+        if not passed and move.length > SHORT and missed > loose:
             return None
         rest = move.length if at > first else math.dist(last, move.end) * (loose <= BESIDE)
         if not passed and rest > max(SHORT, loose) and (move.kind == RAPID) != rapid:
