@@ -91,6 +91,23 @@ def test_a_line_of_points_counts_across_the_path(tmp_path: Path) -> None:
     assert np.median(found.seen[:, 2]) == pytest.approx(5e-5, rel=0.05)
 
 
+@pytest.mark.parametrize("stated", [False, True])
+def test_a_probe_along_normals_counts_along_them_alone(stated: bool, tmp_path: Path) -> None:
+    unit, path = np.array([0.0, 0.6, 0.8]), bent_path()
+    head = "x_mm,y_mm,z_mm,dir_i,dir_j,dir_k,reading_mm" + (",s_mm" if stated else "")
+    columns = [along_path(np.zeros(3)), np.tile(unit, (200, 1)), np.full((200, 1), -0.04)]
+    columns += [path.arc_length[:, None] * 1e3] if stated else []
+    rows = [",".join(f"{v:.6f}" for v in row) for row in np.hstack(columns)]
+    (tmp_path / "probe.csv").write_text("\n".join([head, *rows]) + "\n")
+    found = match(tmp_path / "probe.csv")
+    np.testing.assert_allclose(found.seen, np.tile(-4e-5 * PLACE[:3, :3] @ unit, (len(found), 1)), atol=2e-8)
+    np.testing.assert_allclose(np.trace(found.counts, axis1=1, axis2=2), 1.0, atol=1e-9)
+    bad = tmp_path / "bad.csv"
+    bad.write_text("x_mm,y_mm,z_mm,reading_mm\n1,2,3,0.1\n")
+    with pytest.raises(InputError, match="dir_i dir_j dir_k"):
+        read_measured_points(bad)
+
+
 def test_a_best_fit_takes_a_shift_and_turn_off_and_says_so(tmp_path: Path) -> None:
     turn = Rotation.from_rotvec([0.0, 0.0, 2e-3]).as_matrix()
     file = write_cloud(tmp_path / "moved.xyz", along_path(np.zeros(3)) @ turn.T + [0.3, -0.2, 0.1])

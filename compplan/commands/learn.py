@@ -24,18 +24,21 @@ from compplan.files.tables import dump_json
               " off: then a shift of the whole part teaches nothing.")  # fmt: skip
 @click.option("--sigma-mm", type=click.FloatRange(0.0, 20.0, min_open=True),
               help="Standard deviation of points whose file states none; assumed: 0.02, of a scan 0.05.")  # fmt: skip
+@click.option("--instrument", type=click.Path(path_type=Path),
+              help="TOML file of the instrument: its sigma_mm, where --sigma-mm is left out.")  # fmt: skip
 @click.option("--assume-ok", is_flag=True, help="Learn points that are asked about as they are.")
 @posture_kept
 @click.option("--json", "as_json", is_flag=True, help="Print learn.json to stdout.")
 def command(
     job: Path, measured: Path, robot_name: str, folder: Path, frame: str, align: str, sigma_mm: float | None,
-    assume_ok: bool, keep: str | None, as_json: bool,
+    instrument: Path | None, assume_ok: bool, keep: str | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Learn from MEASURED points of a part cut with JOB: write the corrected program and the updated robot folder.
 
     MEASURED has columns x_mm y_mm z_mm of the attained tool tip, and where they are known s_mm (path length) and
-    sigma_mm; or it is a scan of the surface that the tip touches, in mm: STL, PLY, XYZ, or a table without a head
-    (x y z [nx ny nz]). The next part learns with --robot DIR/robot.
+    sigma_mm; a probe along normals has reading_mm along dir_i dir_j dir_k from there. Or it is a scan of the surface
+    that the tip touches, in mm: STL, PLY, XYZ, or a table without a head (x y z [nx ny nz]). The next part learns with
+    --robot DIR/robot.
 
     Example: compplan learn paths/circle_500mm.toml part1.csv --robot kuka_kr270 --out part2
     """
@@ -43,9 +46,12 @@ def command(
     from compplan.errors import InfeasibleError
     from compplan.job.operations import load_one_job
     from compplan.loop.teach import teach_part
+    from compplan.measure.instrument import read_instrument
     from compplan.outputs.learn import write_lesson
 
     checked = load_one_job(job, keep=keep)
+    if instrument is not None and sigma_mm is None:
+        sigma_mm = read_instrument(instrument).instrument.sigma_mm
     with show_progress() as announce:
         teaching = teach_part(
             checked, robot_name, measured, in_base=frame == "base", align=align,

@@ -41,7 +41,11 @@ SIGMA = 2e-5
 BESIDE = 1e-3
 #: Neighbours that a normal is found from, and the share of its length to which a cloud is a line without (assumed).
 NEIGHBOURS, LINE = 12, 0.02
+#: Square of a normal's part across the path below which it tells nothing of it (assumed: 60 degrees).
+FLAT = 0.25
 ALIGNMENTS = ("datum", "best_fit")
+#: How far the length of a direction may be from 1: rounding, or other numbers (assumed).
+ROUNDING = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +99,8 @@ def read_measured_points(source: Any) -> Table:
     if is_file_name(source) and is_scan(Path(source)):
         return read_scan(Path(source))
     columns = [FileColumn(axis, "length", required=True) for axis in "xyz"]
-    columns += [FileColumn("s", "length"), FileColumn("sigma", "length", missing=True)]
+    columns += [FileColumn("s", "length"), FileColumn("sigma", "length", missing=True), FileColumn("reading", "length")]
+    columns += [FileColumn(f"dir_{axis}", group="direction") for axis in "ijk"]
     table = open_table(source, columns, what="measured points", unknown="note")
     if not len(table):
         raise table.error("the table has no rows, expected one row a measured point")
@@ -105,7 +110,29 @@ def read_measured_points(source: Any) -> Table:
         row = int(np.flatnonzero(wrong)[0])
         message = f"sigma_mm is {sigma[row] * 1e3:g}, expected more than 0 and at most {FARTHEST * 1e3:g} mm"
         raise table.error(f"{message}; leave it empty where it is not known", row)
-    return table
+    return _probe_points(table)
+
+
+def _probe_points(table: Table) -> Table:
+    """Turn readings along a direction, from nominal points, into points with normals; other tables stay as they are.
+
+    Raises:
+        InputError: If a reading has no direction, or one that is no unit vector.
+    """
+    if "reading" not in table:
+        return table
+    if "dir_i" not in table:
+        raise table.error("reading_mm without dir_i dir_j dir_k, expected the direction of each reading")
+    unit = table.stack(["dir_i", "dir_j", "dir_k"])
+    length = np.linalg.norm(unit, axis=1)
+    if (np.abs(length - 1.0) > ROUNDING).any():
+        row = int(np.abs(length - 1.0).argmax())
+        raise table.error(f"dir_i dir_j dir_k has length {length[row]:.4g}, expected a unit vector", row)
+    unit = unit / length[:, None]
+    point = table.stack(["x", "y", "z"]) + table.values["reading"][:, None] * unit
+    found = {**dict(zip("xyz", point.T, strict=True)), **dict(zip(("nx", "ny", "nz"), unit.T, strict=True))}
+    headers = {**table.headers, "nx": "dir_i", "ny": "dir_j", "nz": "dir_k"}
+    return replace(table, values={**table.values, **found}, headers=headers)
 
 
 def match_points(
@@ -134,6 +161,9 @@ def match_points(
     spread = np.where(np.isfinite(spread), spread, level)
     if "s" in table:
         found = _at_lengths(nominal, point, table.values["s"])
+        if normal is not None:
+            along = np.einsum("mi,mj->mij", normal, normal)
+            found = (found[0], np.einsum("mij,mj->mi", along, found[1]), along, found[3])
     else:
         found = _at_nearest(nominal, point) if normal is None else _at_normals(nominal, point, normal)
     length, deviation, counts, good = found
@@ -175,7 +205,8 @@ def _place_points(
 ) -> _Placed:
     """Bring points to the base frame, by their frame or by the best fit from there."""
     point = given if in_base else given @ T_base_part[:3, :3].T + T_base_part[:3, 3]
-    normal = _find_normals(table, point, None if in_base else T_base_part) if is_scanned(table) else None
+    surface = is_scanned(table) or "nx" in table
+    normal = _find_normals(table, point, None if in_base else T_base_part) if surface else None
     if align == "datum":
         return _Placed(point, normal, None, ())
     motion, left = fit_rigid(point, normal, nominal, FARTHEST)
@@ -243,10 +274,15 @@ def _at_normals(nominal: Toolpath, point: Array, normal: Array) -> tuple[Array, 
     way, place, tangent = sample_cut(nominal)
     _, index = cKDTree(place).query(point)
     gap, along = point - place[index], tangent[index]
-    off, slip = np.einsum("mi,mi->m", gap, normal), np.einsum("mi,mi->m", gap, along)
+    # gap = off n + slip t beside what lies on the surface; normals along the path tell nothing of it
+    lean = np.einsum("mi,mi->m", normal, along)
+    across = normal - lean[:, None] * along
+    square = np.sum(across**2, axis=1)
+    off = np.einsum("mi,mi->m", gap, across) / np.maximum(square, FLAT)
     deviation = off[:, None] * normal
+    slip = np.einsum("mi,mi->m", gap - deviation, along)
     aside = np.linalg.norm(gap - deviation - slip[:, None] * along, axis=1)
-    good = (aside <= BESIDE) & (np.abs(slip) <= BESIDE) & (np.abs(off) <= FARTHEST)
+    good = (aside <= BESIDE) & (np.abs(slip) <= BESIDE) & (np.abs(off) <= FARTHEST) & (square > FLAT)
     return way[index] + slip, deviation, np.einsum("mi,mj->mij", normal, normal), good
 
 
