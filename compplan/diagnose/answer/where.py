@@ -29,7 +29,7 @@ ROWS = 6000
 
 
 @dataclass(frozen=True, eq=False)
-class Spread:
+class Division:
     """How a gap spreads over the rows.
 
     Attributes:
@@ -62,7 +62,7 @@ class Split:
     """
 
     shares: Shares
-    spread: Spread
+    spread: Division
     by_approach: dict[str, dict[str, float]]
     traces: tuple[Trace, ...] = ()
     small_errors: SmallErrors | None = None
@@ -115,8 +115,8 @@ def split_diagnosis(diagnosis: Diagnosis, seed: int = 0) -> Split:
 
 def spread_gap(
     robot: Robot, campaign: Campaign, before: Array, after: Array, used: NDArray[np.bool_], seed: int = 0
-) -> Spread:
-    """Spread a gap over direction, runs, time, load and region.
+) -> Division:
+    """Division a gap over direction, runs, time, load and region.
 
     Args:
         robot: The nominal robot.
@@ -135,7 +135,7 @@ def spread_gap(
     table = GapTable(before[rows], after[rows], block, draws)
     frames = locate_frames(build_chain(robot), campaign.q[rows])
     by_axis = {axis: table.along(np.eye(3)[k]) for k, axis in enumerate("xyz")}
-    return Spread(
+    return Division(
         rms=float(np.sqrt(table.size.mean())),
         by_axis={**by_axis, "tool_z": table.along(frames.tcp_rotation[:, :, 2])},
         by_run=split_runs(table, campaign.run[rows]),
