@@ -116,7 +116,7 @@ def split_diagnosis(diagnosis: Diagnosis, seed: int = 0) -> Split:
 def spread_gap(
     robot: Robot, campaign: Campaign, before: Array, after: Array, used: NDArray[np.bool_], seed: int = 0
 ) -> Division:
-    """Division a gap over direction, runs, time, load and region.
+    """Spread a gap over direction, runs, time, load and region.
 
     Args:
         robot: The nominal robot.
