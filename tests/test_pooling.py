@@ -1,16 +1,12 @@
 """Pooling: many rows of a pose are one row with their mean, its standard deviation from their scatter."""
 
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from compplan.diagnose.campaign_diagnosis import diagnose_campaign
-from compplan.effects import Effect
 from compplan.measure import pooling
 from compplan.measure.campaign import Campaign, number_rows
 from compplan.measure.pooling import pool_rows
-from tests.simulated_campaigns import measure, plan_rows, write_small_robot
 
 SIGMA = 2e-5
 
@@ -72,17 +68,3 @@ def test_short_logs_stay_as_they_are_and_of_ever_new_poses_a_part_is_taken(monke
 def test_rows_are_numbered_in_the_order_of_their_values() -> None:
     table = np.random.default_rng(0).integers(-2, 3, (200, 3)).astype(float)
     assert np.array_equal(number_rows(table), np.unique(table, axis=0, return_inverse=True)[1].reshape(-1))
-
-
-@pytest.mark.slow
-def test_a_pooled_campaign_has_the_verdict_of_a_small_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    robot = write_small_robot(tmp_path / "small")
-    cause = Effect("joint_offset", "joint_4", None, {"offset_rad": 2e-3})
-    small = measure(robot, plan_rows(robot, 23, poses=30), [cause], 23)
-    rng = np.random.default_rng(4)
-    large = small.take(np.repeat(np.arange(len(small)), 40))
-    large.position[:] += SIGMA * rng.normal(size=large.position.shape)
-    monkeypatch.setattr(pooling, "FROM_ROWS", 500)
-    said = [diagnose_campaign(robot, campaign).verdict for campaign in (small, large)]
-    assert said[0].status == said[1].status
-    assert [f.effect.place for f in said[0].findings] == [f.effect.place for f in said[1].findings] != []

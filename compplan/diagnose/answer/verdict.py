@@ -377,7 +377,8 @@ def noise_floor(fit: Fit) -> float:
     noise, scatter = fit.noises["position"], fit.problem.campaign.scatter
     factor = min(float(np.exp(fit.model.posterior.hyper.log_noise[0])), noise.leeway)
     told = fit.search.ledger.source[0].told.mean()
-    return float(np.sqrt(told * (max(factor * noise.sigma**2, scatter**2) + noise.stay**2)))
+    # of pooled rows: what their means scatter by, and a row about its mean
+    return float(np.sqrt(told * (factor * noise.sigma**2 + scatter**2 + noise.stay**2)))
 
 
 def motion_at(doubt: Doubt, columns: NDArray[np.int_], values: Array) -> float:

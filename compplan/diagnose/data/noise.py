@@ -123,7 +123,9 @@ def estimate_noise(
         return Noise(float(np.sqrt(again)), min(count, MOST_WITNESSES), "poses met again", 0.0, plain)
     variance, source = (variance, source) if witnesses else (ASSUMED_SIGMA[name] ** 2, "assumed")
     witnesses = witnesses or ASSUMED
-    robot, freedom, told = _repeatability(again - share * variance, count, repeatability, variance)
+    # of pooled rows the mean is better known than a row: what the robot repeats is weighed against a row
+    single_row = max(variance, campaign.scatter**2)
+    robot, freedom, told = _repeatability(again - share * variance, count, repeatability, single_row)
     source = " and ".join(label for label in (source, told) if label)
     if not single:
         return Noise(float(np.sqrt(variance)), witnesses, source, float(np.sqrt(robot)) if told else 0.0, plain)
