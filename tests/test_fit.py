@@ -94,6 +94,13 @@ def test_rows_nearer_than_a_cycle_are_joined_where_the_path_is_straight_and_slow
     assert fitted.program.feed[1:] == pytest.approx(np.hypot(0.1, 1.0) / 0.004)
 
 
+def test_a_short_move_is_not_joined_to_a_long_one_of_another_speed() -> None:
+    line = np.column_stack([np.array([0.0, 1.0, 1.2, 2.2]), np.zeros(4), np.zeros(4)])
+    fitted = fit_moves(make_program(line, np.array([0.0, 0.02, 0.022, 0.042])))  # 50, 100 and 50 mm/s
+    assert fitted.rows.tolist() == [0, 1, 2, 3] and fitted.slowed == 1
+    assert fitted.program.feed[1:] == pytest.approx([50.0, 50.0, 50.0])  # the short one takes a cycle
+
+
 def test_speed_stop_and_event_part_moves() -> None:
     line = np.column_stack([np.linspace(0.0, 10.0, 101), np.zeros(101), np.zeros(101)])
     time = np.r_[np.linspace(0.0, 1.0, 51), 1.0 + np.linspace(0.0, 2.0, 51)[1:]]  # half as fast from row 50

@@ -22,6 +22,8 @@ from compplan.program.program import Program
 
 #: Greatest ratio of two speeds within a move.
 FEED = 1.01
+#: Cycles below which a move may join rows of any speed.
+SHORT = 2.0
 #: Greatest turn of the tool beside an even one. [rad]
 TURN = float(np.radians(0.01))
 #: Rows that an arc has to go by, its length [mm], greatest radius [mm], and greatest sweep [rad].
@@ -173,13 +175,15 @@ class _Track:
         return last
 
     def _lengthen(self, first: int, pieces: list[tuple[int, int]]) -> list[tuple[int, int]]:
-        """Join moves that take less than a cycle to a neighbour, where the path allows it."""
+        """Join moves that take less than a cycle to a neighbour, where path and speed allow it."""
         joined: list[tuple[int, int]] = []
         for end, middle in pieces:
             while joined:
                 start = joined[-2][0] if len(joined) > 1 else first
                 here = joined[-1][0]
                 if min(self.time[end] - self.time[here], self.time[here] - self.time[start]) >= self.cycle:
+                    break
+                if self.time[end] - self.time[start] > SHORT * self.cycle and self._bound_speed(start, end) < end:
                     break
                 trials = [m for m in (-1, self._find_middle(start, end)) if self.fits(start, end, m)]
                 if not trials:
