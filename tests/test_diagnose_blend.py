@@ -18,7 +18,7 @@ from compplan.diagnose.doubt.held_out import Folds, make_folds
 from compplan.diagnose.doubt.options import Option, decide_once, list_options, rate_chance, solve_option
 from compplan.diagnose.search.search import Claim
 from compplan.effects import Effect
-from compplan.report.diagnosis_page import describe_small_errors
+from compplan.report.diagnosis_words import describe_small_errors
 from compplan.report.openings import open_diagnosis
 from compplan.robot import Robot
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
