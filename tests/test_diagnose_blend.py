@@ -157,7 +157,7 @@ def test_the_page_says_what_small_errors_are_of_and_never_plans_with_a_nominal_r
     assert found is not None
     text = describe_small_errors(found)
     assert text.startswith("Which: no single cause; small errors make the gap: geometry ")
-    assert "both halves of the poses tell so." in text
+    assert "both halves of the poses show it." in text
     unknown = {"status": "unknown", "effects": []}
     told = [open_diagnosis(unknown, {}, kind, "").next for kind in ("nominal", "calibrated")]
     assert "Plan with" not in told[0] and told[1].startswith("Plan with the updated robot")

@@ -1,5 +1,6 @@
 """Curves over a joint's angle: a gear error has a period and may have overtones; a curve without one names no cause."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +16,7 @@ from compplan.diagnose.ledger.proposals import find_series, wave_grid
 from compplan.diagnose.search import fit
 from compplan.diagnose.search.search import Claim
 from compplan.effects import Effect
-from compplan.robot import Spring
+from compplan.robot import Spring, load_robot
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
 
 POSES = 45
@@ -141,8 +142,9 @@ def test_the_law_of_a_joint_is_bent_only_where_the_folder_has_one(monkeypatch: p
     ]
     monkeypatch.setattr(fit, "offered_signatures", lambda at, register, excluded: offered)
     monkeypatch.setattr(fit, "offer_again", lambda at, proposals, wanted: [])
-    springs = [Spring("joint_2", "own", 1e-6), Spring("joint_1", "ry", 1e-6), Spring("joint_1", "own", 0.0)]
-    problem: Any = SimpleNamespace(robot=SimpleNamespace(springs=springs), register=(), excluded=())
+    springs = (Spring("joint_2", "own", 1e-6), Spring("joint_1", "ry", 1e-6), Spring("joint_1", "own", 0.0))
+    robot = replace(load_robot("kuka_kr240"), springs=springs)
+    problem: Any = SimpleNamespace(robot=robot, register=(), excluded=())
     left = fit._offer_all(problem, SimpleNamespace(claims=()), None, [])  # type: ignore[arg-type]
     assert [(s.name, s.joint) for s in left] == [
         ("stiffness_nonlinearity", "joint_2"), ("joint_stiffness", "joint_1"), ("joint_stiffness", "joint_2"),

@@ -110,4 +110,5 @@ def test_a_gain_is_weighed_against_its_scatter() -> None:
     before = rng.normal(10, 1, 400)
     assert gain_score(before, before - 1 + rng.normal(0, 1, 400)) > GAIN_LIMIT
     assert abs(gain_score(before, before + rng.normal(0, 1, 400))) < GAIN_LIMIT
-    assert distance_rms(np.array([[3.0, 4.0, 0.0], [np.nan, 0, 0]]), np.array([True, True])) == pytest.approx(5.0)
+    some = np.array([[3.0, 4.0, 0.0], [np.nan] * 3, [5.0, np.nan, np.nan]])  # the last is a reading along one direction
+    assert distance_rms(some, np.array([True, True, True])) == pytest.approx(5.0)

@@ -88,7 +88,7 @@ def test_what_columns_explain_is_least_squares(fit: Fit) -> None:
 
 def test_a_claim_that_a_nameless_cause_would_bring_as_well_is_stated_less_surely() -> None:
     def rate(imitated: float) -> float:
-        return rate_certainty(Evidence(30.0, 30.0, 1.0, 4.0, 0.9, 0.1, 1, imitated, 1.0, 1.0))
+        return rate_certainty(Evidence(30.0, 30.0, 1.0, 4.0, 0.9, 0.1, imitated, 1.0))
 
     assert rate(0.15) < rate(0.05) < rate(0.02)
     assert rate(0.9) == rate(0.15)

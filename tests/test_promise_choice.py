@@ -91,7 +91,7 @@ def test_errors_of_postures_to_first_order_are_the_secants_of_the_exact_equilibr
     at = linearize_scene(scene, attain_scene(scene))
     close, exact = derive_unknowns(at, unknowns), measure_slopes(scene, unknowns, np.arange(12))
     size = np.abs(exact).max(axis=(0, 1))
-    seen = size > 1e-9
+    seen = size > 1e-7  # equilibria settle to 1e-12 m, secants over 1e-4 are known to 1e-8
     assert seen.sum() > 55
     assert (np.abs(close - exact).max(axis=(0, 1)) < 0.03 * size)[seen].all()
     shared, local = measure_force_slopes(scene, np.arange(12), FORCE)

@@ -35,7 +35,8 @@ def measure(settings: Settings) -> Findings:
     gain = sum(ratio <= 0.8 for ratio in ratios)
     return Findings(
         (
-            f"The remaining deviation is {100 * (1 - max(ratios)):.0f} to {100 * (1 - min(ratios)):.0f} % smaller than in the CAM default.",
+            f"The remaining deviation is {100 * (1 - max(ratios)):.0f} to {100 * (1 - min(ratios)):.0f} % smaller "
+            "than in the CAM default.",
             f"It lies within {100 * (max(optimum) - 1):.0f} % of the brute-force optimum on all {len(rows)} jobs.",
         ),
         (table,),

@@ -29,6 +29,7 @@ from compplan.diagnose.search.state import (
     linearize_state,
 )
 from compplan.effects.linearization import Linearization
+from compplan.effects.scene import own_springs
 from compplan.effects.signature import Signature
 from compplan.measure.registration import Registration
 
@@ -129,7 +130,8 @@ def _offer_all(
 
     The law of a joint's deflection is bent or straight where the folder has one: of a rigid joint it is compliance.
     """
-    sprung = {spring.joint for spring in problem.robot.springs if spring.axis == "own" and spring.compliance > 0.0}
+    own = own_springs(problem.robot)
+    sprung = {problem.robot.joint_names[index] for index, spring in own.items() if spring.compliance > 0.0}
     fixed = [
         s for s in offered_signatures(at, problem.register, problem.excluded)
         if s.name != "stiffness_nonlinearity" or s.joint in sprung
