@@ -70,10 +70,15 @@ def measure(settings: Settings) -> Findings:
                 if not AIM[0] <= float(row[3]) <= AIM[1]
             ),
             *(f"Called solved: {row['name']} ({row['list']})." for row in called),
-            *(f"Seed {job['seed']}, {job['robot']}: {job['status']}; {job['said'][:120]}" for job in jobs
+            *(f"Not solved: {job['robot']} (seed {job['seed']}), {_tell_fault(job['said'])}" for job in jobs
               if job not in solved),
         ),
     )  # fmt: skip
+
+
+def _tell_fault(said: str) -> str:
+    """Return what an error line says, without the file that it names."""
+    return said.split(".toml: ")[-1].removeprefix("error: ").split("; ")[0][:160]
 
 
 def _plant(settings: Settings) -> list[dict]:

@@ -221,9 +221,10 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         raise InputError(message, file=file, where="robot" if file else None)
     request = options.posture
     if request is not None:
-        asked = request
+        asked, kept = request, None if options.lock is None else options.lock.model
+        timed, its_chain = (robot, chain) if kept is None else (kept, build_chain(kept))  # it is chosen by that model
         request = replace(
-            asked, clock=lambda stance: _time_stance(robot, chain, options, stand(stance, nominal, asked))
+            asked, clock=lambda stance: _time_stance(timed, its_chain, options, stand(stance, nominal, asked))
         )
     try:
         check_start(robot, options.wish.start)
