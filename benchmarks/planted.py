@@ -129,12 +129,12 @@ def tell_outcome(status: str) -> str:
     return named.get(status, "internal fault")
 
 
-def write_counts(rows: list[dict[str, Any]]) -> str:
-    """Return a table: an area a line, how many of its mistakes came to what."""
-    lines = ["| area | mistakes | " + " | ".join(OUTCOMES) + " |", "|---" * (len(OUTCOMES) + 2) + "|"]
-    for area in [*dict.fromkeys(row["area"] for row in rows), "all"]:
-        found = [tell_outcome(row["status"]) for row in rows if area in (row["area"], "all")]
-        lines.append(f"| {area} | {len(found)} | " + " | ".join(str(found.count(name)) for name in OUTCOMES) + " |")
+def write_counts(rows: list[dict[str, Any]], by: str = "area") -> str:
+    """Return a table: an area (or a list) a line, how many of its mistakes came to what."""
+    lines = [f"| {by} | mistakes | " + " | ".join(OUTCOMES) + " |", "|---" * (len(OUTCOMES) + 2) + "|"]
+    for kind in [*dict.fromkeys(row[by] for row in rows), "all"]:
+        found = [tell_outcome(row["status"]) for row in rows if kind in (row[by], "all")]
+        lines.append(f"| {kind} | {len(found)} | " + " | ".join(str(found.count(name)) for name in OUTCOMES) + " |")
     return "\n".join(lines)
 
 

@@ -93,6 +93,8 @@ MISTAKES: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
     "stops where it should run": _program(lambda program: replace(program, exact=np.ones_like(program.exact))),
     "runs where it should stop": lambda patch: _shift(
         patch, programs.Program, "stops", lambda stops: np.zeros_like(stops)),
+    "every third row of joints.csv left out": lambda patch: _shift(
+        patch, outputs, "choose_rows", lambda kept: kept & (np.arange(len(kept)) % 3 != 1)),
     "turns of other axes": lambda patch: _shift(patch, krl, "turn_bits", lambda bits: bits ^ 1),
     "the load of another tool": _program(lambda program: replace(program, mass=2.0 * program.mass)),
     "Euler angles in another order": lambda patch: _shift(patch, krl, "place_numbers", _swap_angles),

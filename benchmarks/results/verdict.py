@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 from benchmarks.moving.table import list_coverage, list_verdicts
-from benchmarks.planted import LISTS, OUTCOMES
+from benchmarks.planted import LISTS, write_counts
 from benchmarks.results.findings import Findings, Settings, draw_table, run_benchmark
 
 TITLE = 'Verdict: is a part that "keeps" its tolerance within it?'
@@ -57,7 +57,7 @@ def measure(settings: Settings) -> Findings:
             *said[-2:],
         ),
         (
-            "Planted mistakes\n\n" + _count(mistakes),
+            "Planted mistakes\n\n" + write_counts(mistakes, by="list"),
             "The 95 % band on arms in motion, by speed of the cut\n\n"
             + draw_table(("speed", "mm/s", "jobs", "held, %", "+-", "true 95 % point / band"), coverage),
             "The verdict and the drawn arms\n\n"
@@ -89,12 +89,3 @@ def _plant(settings: Settings) -> list[dict]:
             run_benchmark("benchmarks.planted", "--list", file, "--out", out)
         rows += json.loads(out.read_text("utf-8"))
     return rows
-
-
-def _count(mistakes: list[dict]) -> str:
-    kinds = [name for name in OUTCOMES if any(row["outcome"] == name for row in mistakes)]
-    rows = []
-    for name in dict.fromkeys(row["list"] for row in mistakes):
-        own = [row["outcome"] for row in mistakes if row["list"] == name]
-        rows.append((f"`{name}.toml`", len(own), *(own.count(kind) for kind in kinds)))
-    return draw_table(("list", "mistakes", *kinds), rows)

@@ -99,7 +99,7 @@ def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wante
 
     """
     joints = read_joints(robot)
-    breaches = list(_vote_on_table(folder / "joints.csv", joints, wanted))
+    breaches = [*_vote_on_choice(wanted, _read_cycle(robot)), *_vote_on_table(folder / "joints.csv", joints, wanted)]
     notes: list[str] = []
     output = tables.get("output") or {}
     if not output.get("programs"):
@@ -318,6 +318,18 @@ def _millimetres(frame: pin.SE3) -> Array:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = frame.rotation, 1e3 * frame.translation
     return pose
+
+
+def _vote_on_choice(wanted: Commanded, cycle: float) -> Iterator[str]:
+    """Say where joints.csv leaves out a row that is no nearer than a cycle to one that it holds."""
+    out, held = np.flatnonzero(~wanted.table), wanted.time[wanted.table]
+    if not len(out):
+        return
+    after = np.clip(np.searchsorted(held, wanted.time[out]), 1, len(held) - 1)
+    near = np.minimum(np.abs(wanted.time[out] - held[after - 1]), np.abs(held[after] - wanted.time[out]))
+    if near.max() >= cycle:
+        row, far = int(out[near.argmax()]), 1e3 * float(near.max())
+        yield f"joints.csv leaves out row {row}, {far:.3g} ms beside what it holds, a cycle is {1e3 * cycle:g} ms"
 
 
 def _vote_on_table(file: Path, joints: JointTable, wanted: Commanded) -> Iterator[str]:

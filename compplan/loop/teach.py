@@ -163,11 +163,8 @@ def teach_part(
         moved = push_scene(take_rows(vary_scene(scene, known.unknowns, values), slopes.rows), force, spread)
         return np.asarray(attain_scene(moved).position - slopes.tip)
 
-    if old is None:
-        lesson = learn_part(slopes, known, gathered, exact)
-    else:
-        least = float(np.mean(old.spread))
-        lesson = learn_part(slopes, known, gathered, exact, least, left_open)
+    least = None if old is None else float(np.mean(old.spread))
+    lesson = learn_part(slopes, known, gathered, exact, least, left_open)
     taught, residual, held = robot, old, np.zeros(len(lesson.values))
     if lesson.taken:
         if old is None:
@@ -177,15 +174,19 @@ def teach_part(
     after = before if not lesson.taken else plan_learned(job, taught, residual)[1]
     if lesson.taken or old is not None:
         after = with_promise(after, lesson, slopes, known)
-    notes = [lesson.reason, *matched.notes]
-    if lesson.taken and float(wanted.steps[~wanted.rapid[1:]].max(initial=0.0)) > LONG_MOVE:
-        notes.append(f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer")
     size = np.full(len(length), lesson.size)
     nothing = Residual(length, np.zeros((len(length), 3)), size, task.q_start[slopes.rows], lesson.open)
     return Teaching(
         job, robot, taught, lesson, matched, wanted, slopes, length, before, after, residual or nothing,
-        tuple(list_learned(known, lesson.values, held)), tuple(notes),
+        tuple(list_learned(known, lesson.values, held)), _list_notes(lesson, matched, wanted),
     )  # fmt: skip
+
+
+def _list_notes(lesson: Lesson, matched: MeasuredPath, wanted: Toolpath) -> tuple[str, ...]:
+    """Return why the lesson is taken or left, and what to know of the points and of long moves."""
+    longest = float(wanted.steps[~wanted.rapid[1:]].max(initial=0.0))
+    coarse = f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer"
+    return (lesson.reason, *matched.notes, *([coarse] if lesson.taken and longest > LONG_MOVE else []))
 
 
 def ask_possible(points: Table, gathered: Gathered, band: Array, other: Callable[[], str]) -> None:

@@ -221,10 +221,9 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         raise InputError(message, file=file, where="robot" if file else None)
     request = options.posture
     if request is not None:
-        asked, kept = request, None if options.lock is None else options.lock.model
-        timed, its_chain = (robot, chain) if kept is None else (kept, build_chain(kept))  # it is chosen by that model
+        asked = request
         request = replace(
-            asked, clock=lambda stance: _time_stance(timed, its_chain, options, stand(stance, nominal, asked))
+            asked, clock=lambda model, stance: _time_stance(model, options, stand(stance, nominal, asked))
         )
     try:
         check_start(robot, options.wish.start)
@@ -236,9 +235,9 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
     return _state_task(robot, chain, options, start)
 
 
-def _time_stance(robot: Robot, chain: Chain, options: PlanOptions, start: Start) -> float:
+def _time_stance(robot: Robot, options: PlanOptions, start: Start) -> float:
     """Time the run along a posture before anything is corrected. [s]."""
-    task = _state_task(robot, chain, options, start)
+    task = _state_task(robot, build_chain(robot), options, start)
     try:
         return float(time_run(task, task.q_start, options.feed)[1].time[-1])
     except ConvergenceError:

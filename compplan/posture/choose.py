@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from compplan.path.contact import tool_axes
 from compplan.path.toolpath import Toolpath
 from compplan.posture.chatter import ChatterPrice, count_chatter, price_chatter
 from compplan.posture.costs import Weights, choose_weights
-from compplan.posture.fastest import Clock, choose_fastest, time_stance
+from compplan.posture.fastest import Clock, RobotClock, choose_fastest, time_stance
 from compplan.posture.lattice import (
     COLLISION,
     JOINT_LIMIT,
@@ -90,7 +91,7 @@ class Task:
 def choose_stance(
     robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings | None = None, *,
     axes: Array | None = None, margin: Margin | None = None, chatter: ChatterPrice | None = None,
-    clock: Clock | None = None,
+    clock: RobotClock | None = None,
 ) -> Stance:  # fmt: skip
     """Choose configuration, rotation about the tool axis, extra axes and lean along a path.
 
@@ -103,14 +104,14 @@ def choose_stance(
             Shape (3, 3).
         margin: Tells by how much postures keep clear; what does not leaves the graph.
         chatter: Tells how far cuts are beyond the limit of chatter; those cost more.
-        clock: Times finished postures, for the preset "fast"; joint rates alone say the time if left out.
+        clock: Times finished postures of a robot, for the preset "fast"; joint rates alone say the time if left out.
 
     Raises:
         InfeasibleError: If nothing leads along the path; with the waypoint and what stands there.
 
     """
     settings = settings or PostureSettings()
-    timing = clock if settings.preset == "fast" else None
+    timing = partial(clock, robot) if clock is not None and settings.preset == "fast" else None
     task = Task(
         robot, build_chain(robot), build_arm(robot), nominal, np.asarray(tool_x, float),
         np.eye(3) if axes is None else axes, settings, margin, chatter, timing,

@@ -7,13 +7,15 @@ from dataclasses import replace
 
 from compplan.errors import InfeasibleError
 from compplan.posture.summary import Stance
+from compplan.robot import Robot
 
 #: Presets whose postures are timed beside that of `fast`.
 BESIDE = ("smooth", "accurate")
 #: Postures whose times differ by less than this share tie.
 TIED = 1e-3
-#: Times the run along a posture, limits of the joints and programmed feed held. [s]
+#: Times the run along a posture of the robot that is searched, limits of its joints and programmed feed held. [s]
 Clock = Callable[[Stance], float]
+RobotClock = Callable[[Robot, Stance], float]
 
 
 def time_stance(stance: Stance, clock: Clock | None, name: str = "") -> Stance:

@@ -17,7 +17,7 @@ from compplan.posture.clearance import ClearanceProfile, measure_clearance, meas
 from compplan.posture.collision_scene import CollisionScene, load_scene
 from compplan.posture.contacts import describe_contact
 from compplan.posture.costs import ErrorModel
-from compplan.posture.fastest import Clock, describe_fastest
+from compplan.posture.fastest import RobotClock, describe_fastest
 from compplan.posture.few_joints import follow_path
 from compplan.posture.follow import follow_from
 from compplan.posture.partial import find_partial
@@ -42,7 +42,7 @@ class PostureRequest:
         scene: What may touch what, or None.
         wanted: Clearance that is asked for. [m]
         chatter: What a posture pays for chatter, or None.
-        clock: Times finished postures, or None.
+        clock: Times finished postures of a robot, or None.
 
     """
 
@@ -51,7 +51,7 @@ class PostureRequest:
     scene: CollisionScene | None = None
     wanted: float = 0.0
     chatter: ChatterPrice | None = None
-    clock: Clock | None = None
+    clock: RobotClock | None = None
 
 
 @dataclass(frozen=True)

@@ -62,10 +62,11 @@ def fit_moves(program: Program, *, arcs: bool = True) -> Fitted:
     if program.tolerance <= 0.0 or program.tcp is None or program.time is None or n < 2:
         return Fitted(program, np.arange(n))
     track = _Track(program, 1e3 * program.tolerance, arcs)
-    kept = np.flatnonzero(program.alone(linear=True) | program.stops(linear=True) | _mark_ends(program))
+    alone = program.alone(linear=True)
+    kept = np.flatnonzero(alone | program.stops(linear=True) | _mark_ends(program))
     pieces: list[tuple[int, int]] = []
     for first, last in zip(kept[:-1].tolist(), kept[1:].tolist(), strict=True):
-        pieces += [(last, -1)] if program.alone(linear=True)[last] else track.divide(first, last)
+        pieces += [(last, -1)] if alone[last] else track.divide(first, last)
     ends = np.array([0, *(end for end, _ in pieces)])
     middle = np.array([-1, *(via for _, via in pieces)])
     return _take_rows(program, track, ends, middle)

@@ -12,17 +12,15 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import nnls
 
 from compplan.diagnose.data.conventions import find_conventions, typical_gap
+from compplan.diagnose.data.signs import fit_positive, shape_elastics
 from compplan.effects import apply_effects, attain_scene, robot_effects, stage_scene
 from compplan.measure.campaign import Campaign
 from compplan.measure.fit_frames import fit_registration
 from compplan.measure.registration import campaign_gap, fitted_parts
-from compplan.robot import Array, Robot, Spring
+from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, jacobian, locate_frames
-from compplan.statics.elastic import spring_torque
-from compplan.statics.elements import ELASTIC_AXES
 
 #: A gap above this is no effect of the vocabulary: centimetres are frames, tools, units or conventions (assumed). [m]
 NO_EFFECT = 20e-3
@@ -40,8 +38,6 @@ UNIT_ROOM = 0.2
 SURE, WRONG_SIGN = 10.0, 0.5
 #: Signs of weight and load under each hypothesis (theory).
 SIGNS = {"right": (1.0, 1.0), "deviations": (-1.0, -1.0), "wrench": (1.0, -1.0), "none": (0.0, 0.0)}
-#: Noise of a row, and errors of geometry (metres, and radians) that the sign test allows, assumed. [m]
-NOISE, GEOMETRY = 5e-5, 2e-3
 #: A clock that is further off than this is no lag of a controller (assumed). [s]
 CLOCK = 0.1
 #: Rows that are looked at (assumed: enough for a median), and the fewest that tell anything (assumed).
@@ -277,10 +273,10 @@ def ask_sign(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Quest
     reversed, a reversed wrench with its own part reversed. Deviations that were negated about the loaded robot are not
     seen: they look like another compliance.
     """
-    shapes = _shape_elastics(robot, rows, register)
+    shapes = shape_elastics(robot, rows.campaign, register)
     if not (np.abs(shapes.weight).any() or np.abs(shapes.load).any()):
         return None
-    left = {name: _fit_positive(shapes, *signs) for name, signs in SIGNS.items()}
+    left = {name: fit_positive(shapes, *signs) for name, signs in SIGNS.items()}
     wrong = min(("deviations", "wrench"), key=lambda name: left[name])
     stays = len(np.unique(rows.campaign.stay))
     certainty = 0.5 * stays * float(np.log(left["right"] / max(left[wrong], 1e-300)))
@@ -319,61 +315,6 @@ def ask_clock(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Ques
         f"positions on paths are {abs(late) * 1e3:.0f} ms {'ahead of' if late > 0 else 'behind'} the joints; are both"
         " clocks the same?",
     )
-
-
-class _Shapes(NamedTuple):
-    """What the sign test fits, in units of the noise, what geometry can explain taken off; k equations.
-
-    Attributes:
-        residual: Measured minus rigid. Shape (k,).
-        weight: Deflection per unit compliance of each joint, under weights. Shape (k, nq).
-        load: The same under external loads. Shape (k, nq).
-
-    """
-
-    residual: Array
-    weight: Array
-    load: Array
-
-
-def _shape_elastics(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> _Shapes:
-    own = tuple(Spring(joint.name, "own", 0.0) for joint in robot.actuated)
-    frames_of = tuple(Spring(joint.name, axis, 0.0) for joint in robot.joints for axis in ELASTIC_AXES)
-    bare = replace(robot, springs=own + frames_of, link_elasticities=(), gravity=robot.real_gravity, effects=())
-    chain = build_chain(bare)
-    frames, n = locate_frames(chain, rows.campaign.q), len(rows.position)
-    at = chain.spring_elements
-    turn = jacobian(chain, frames)[:, :3, at]
-    weight = spring_torque(chain, frames, np.zeros((n, 6)))[:, at]
-    load = spring_torque(chain, frames, rows.campaign.wrench)[:, at] - weight
-    joints = np.array(["." not in name for name in chain.spring_names])
-    position, measured = frames.tcp_position, rows.measured
-    if register:
-        fitted = fit_registration(rows.campaign, position, frames.tcp_rotation, register)
-        tool = fitted.tool[rows.campaign.target_index, :3, 3]
-        position = position + np.einsum("nij,nj->ni", frames.tcp_rotation, tool)
-        measured = (measured - fitted.base[:3, 3]) @ fitted.base[:3, :3]
-    swing = np.swapaxes(np.cross(np.eye(3)[None], position[:, None, :]), 1, 2)
-    free = np.concatenate([turn, np.broadcast_to(np.eye(3), (n, 3, 3)), frames.tcp_rotation, swing], axis=2)
-    free = np.vstack([free.reshape(3 * n, -1) / NOISE, np.eye(free.shape[2]) / GEOMETRY])
-    basis = np.linalg.qr(free)[0]
-
-    def project(columns: Array) -> Array:
-        padded = np.vstack([columns.reshape(3 * n, -1) / NOISE, np.zeros((free.shape[1], columns[0].size // 3))])
-        return np.asarray(padded - basis @ (basis.T @ padded))
-
-    yields = (project((turn * part[:, None, :])[:, :, joints]) for part in (weight, load))
-    return _Shapes(project((measured - position)[:, :, None])[:, 0], *yields)
-
-
-def _fit_positive(shapes: _Shapes, weight_sign: float, load_sign: float) -> float:
-    """Fit compliances >= 0; the sum of squares that is left."""
-    columns = weight_sign * shapes.weight + load_sign * shapes.load
-    size = np.linalg.norm(columns, axis=0)
-    seen = size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)
-    if not seen.any():
-        return float(shapes.residual @ shapes.residual)
-    return float(nnls(columns[:, seen] / size[seen], shapes.residual)[1] ** 2)
 
 
 def _placement_rms(nominal: Array, measured: Array, mirror: bool) -> float:
