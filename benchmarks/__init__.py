@@ -1,1 +1,21 @@
-"""Studies that judge compplan from outside."""
+"""Studies that judge compplan from outside, sorted by what they ask.
+
+Each is run by `python -m benchmarks.NAME` (`--help`, or its first lines, say what it takes); `python -m benchmarks`
+lists them. A page of figures is written by `python -m benchmarks.results NAME`, which runs what it needs.
+"""
+
+from __future__ import annotations
+
+#: What can be run, by the question that it asks.
+QUESTIONS: dict[str, tuple[str, ...]] = {
+    "Does the tip go where the plan says?": ("plan_check", "moving", "planted", "posture_lock", "mutation"),
+    "Is the posture a good one, and what does a plan cost?": ("posture", "planner", "viewer"),
+    "Is a program read, and written, as the controller would?": ("truth", "cam_chain"),
+    "Is the force right?": ("engagement", "milling", "force_logs", "deflected", "stability"),
+    "Is the cause found?": (
+        "campaigns", "outsider", "diagnosis_score", "diagnosis_report", "every_effect", "rival", "calibrate_certainty",
+    ),
+    "Do measuring and learning make the next part better?": ("loop", "shop"),
+    "Does it bear bad files and kills?": ("bad_inputs", "bad_inputs.cam_mutants", "kills"),
+    "What is written from all this?": ("results", "freeform"),
+}  # fmt: skip

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.cam_mutants import PROGRAMS, SLOWEST, run_mutants
+from benchmarks.bad_inputs.cam_mutants import PROGRAMS, SLOWEST, run_mutants
 from compplan.path.cam import READERS, CamTable, read_cam
 
 

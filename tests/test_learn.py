@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from benchmarks.drawn_robots import draw_robots
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
 from compplan.known.slopes import stage_path, tip_of
@@ -25,6 +24,7 @@ from compplan.path.toolpath import Toolpath
 from compplan.promise.band import Slopes
 from compplan.robot import Robot, load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
+from tests.drawn_robots import draw_robots
 
 PATHS = Path(__file__).parents[1] / "paths"
 

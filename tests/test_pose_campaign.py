@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from benchmarks.drawn_robots import draw_robots
 from compplan.cell.predict import predict_campaign
 from compplan.effects import Effect, fold_effects
 from compplan.errors import InputError
@@ -26,6 +25,7 @@ from compplan.promise.band import linearise_path
 from compplan.robot import Robot, load_robot
 from compplan.robot.folder import write_robot_folder
 from compplan.robot.uncertainty import Uncertainty, Unknown
+from tests.drawn_robots import draw_robots
 
 PATHS = Path(__file__).parents[1] / "paths"
 

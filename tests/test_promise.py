@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from benchmarks.drawn_robots import draw_field, draw_robots, sample_promise
 from compplan.known.assumed import known_uncertainty
 from compplan.known.slopes import ForceSpread, measure_slopes, stage_path
 from compplan.known.vary import draw_values
@@ -20,6 +19,7 @@ from compplan.promise.band import draw_paths, linearise_path, promise_path, spli
 from compplan.robot import load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from tests.arms import one_joint_arm
+from tests.drawn_robots import draw_field, draw_robots, sample_promise
 
 PATHS = Path(__file__).parents[1] / "paths"
 SURE = ForceSpread(0.0, 0.0, 0.0, "known")
