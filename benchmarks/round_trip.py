@@ -18,8 +18,8 @@ from compplan.errors import UnknownNameError
 from compplan.identify.estimate import Estimate, estimate_parameters
 from compplan.identify.forward import attain_rows
 from compplan.identify.parameters import FreeRobot, build_structure
-from compplan.identify.rows import KNOWN_FRAMES, Rows
 from compplan.measure.campaign import Campaign
+from compplan.measure.fit.rows import KNOWN_FRAMES, Rows
 from compplan.measure.made import make_log
 from compplan.measure.poses.pool import draw_candidates
 from compplan.robot import Array, Body, LinkElasticity, Robot, Spring

@@ -11,7 +11,7 @@ from compplan.effects import attain_scene, stage_scene
 from compplan.effects.asked import geometry_forms
 from compplan.effects.linearization import linearize_scene
 from compplan.identify import build_structure, estimate_parameters
-from compplan.identify.rows import KNOWN_FRAMES
+from compplan.measure.fit.rows import KNOWN_FRAMES
 from compplan.measure.poses.pool import draw_candidates
 from compplan.robot import LinkElasticity, Robot, Spring, load_robot
 from compplan.robot.springs import own_springs

@@ -20,7 +20,6 @@ from compplan.measure.registration import (
     campaign_gap,
     fitted_parts,
     match_targets,
-    read_registration,
     stated_registration,
 )
 from compplan.robot import Array, Robot
@@ -80,12 +79,6 @@ def predict_campaign(
         own = (position - registration.base[:3, 3]) @ registration.base[:3, :3]
         position = np.where(campaign.sights.seen[:, None], own, position)
     return Prediction(position, rotation, attained, registration, gap)
-
-
-def folder_registration(robot: Robot) -> Registration | None:
-    """Return the frames of the robot folder's registration.toml, or None."""
-    file = None if robot.folder is None else robot.folder / "registration.toml"
-    return read_registration(file) if file is not None and file.exists() else None
 
 
 def write_prediction(prediction: Prediction, file: str | Path) -> None:

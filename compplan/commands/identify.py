@@ -17,10 +17,11 @@ from compplan.errors import InputError
 from compplan.files.tables import dump_json
 from compplan.identify.campaign import identify_campaign
 from compplan.identify.parameters import LINK_TERMS
-from compplan.identify.plan_campaign import CampaignPlan, plan_campaign
+from compplan.identify.plan_campaign import plan_campaign
 from compplan.identify.problem import IdentifyOptions
 from compplan.measure.checks import list_notes
 from compplan.measure.fit.robust import LOSSES
+from compplan.measure.poses.determinant import CampaignPlan
 from compplan.measure.registration import parse_parts
 from compplan.outputs.identify import (
     describe_campaign_plan,

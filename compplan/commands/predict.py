@@ -7,14 +7,14 @@ from pathlib import Path
 import click
 import numpy as np
 
-from compplan.cell.predict import folder_registration, predict_campaign, write_prediction
+from compplan.cell.predict import predict_campaign, write_prediction
 from compplan.commands.completion import complete_robots
 from compplan.commands.measured import load_measured, measured_options
 from compplan.commands.places import OUT_TABLE
 from compplan.files.origin import describe_origin
 from compplan.files.tables import dump_json
 from compplan.measure.checks import check_unit, list_notes
-from compplan.measure.registration import parse_parts
+from compplan.measure.registration import folder_registration, parse_parts
 from compplan.robot import load_robot
 
 

@@ -140,24 +140,12 @@ class Linearization:
     @cached_property
     def yielding(self) -> Array:
         """Motion of the target per load on each elastic coordinate: J C. Shape (n, 6, s)."""
-        chain, frames = self.attained.chain, self.attained.frames
-        columns = [
-            unit_twist(frames.axis[:, k], frames.origin[:, k], self.point, bool(chain.translates[k]))
-            for k in chain.spring_elements
-        ]
-        if not columns:
-            return np.zeros((len(self.point), 6, 0))
-        return np.asarray(np.stack(columns, axis=-1) @ chain.compliance)
+        return np.asarray(coordinate_twists(self.attained, self.point) @ self.attained.chain.compliance)
 
     @cached_property
     def spring_jacobian(self) -> Array:
         """Motion of the TCP per motion of each elastic coordinate. Shape (n, 6, s)."""
-        chain, frames = self.attained.chain, self.attained.frames
-        columns = [
-            unit_twist(frames.axis[:, k], frames.origin[:, k], frames.tcp_position, bool(chain.translates[k]))
-            for k in chain.spring_elements
-        ]
-        return np.stack(columns, axis=-1) if columns else np.zeros((len(self.point), 6, 0))
+        return coordinate_twists(self.attained, self.attained.frames.tcp_position)
 
     @cached_property
     def encoder_of_coordinate(self) -> Array:
@@ -250,6 +238,21 @@ def unit_twist(axis: Array, origin: Array, point: Array, slides: bool) -> Array:
     if slides:
         return np.concatenate([axis, np.zeros_like(axis)], axis=1)
     return np.concatenate([np.cross(axis, point - origin), axis], axis=1)
+
+
+def coordinate_twists(attained: Attained, point: Array) -> Array:
+    """Return the motion of points per motion of each elastic coordinate, in the loaded state. Shape (n, 6, s).
+
+    Args:
+        attained: What a scene comes to.
+        point: A point of the tool in each row, base frame. Shape (n, 3). [m]
+    """
+    chain, frames = attained.chain, attained.frames
+    columns = [
+        unit_twist(frames.axis[:, k], frames.origin[:, k], point, bool(chain.translates[k]))
+        for k in chain.spring_elements
+    ]
+    return np.stack(columns, axis=-1) if columns else np.zeros((len(point), 6, 0))
 
 
 def _with_mimics(attained: Attained, motion: Array) -> Array:

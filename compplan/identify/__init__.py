@@ -1,10 +1,10 @@
 """Identify compliances, geometry and any effect of a robot from poses measured under load, with intervals.
 
-In: a robot and the settled rows of a log (`rows`). Out: values with covariance, what cannot be told apart and why, the
-updated robot with its uncertainty (`update`). The equation: x_i = x(p, q_i, w_i) + noise, x the exact loaded pose of
-`compplan.effects` (`forward`), p springs, terms of links' 6x6, parameters of effects and frames (`parameters`);
-weighted, robust Gauss-Newton (`estimate`), judged on poses left out (`heldout`), grown where a spring earns its place
-there (`refine`, `spring_place`).
+In: a robot and the settled rows of a log (`compplan.measure.fit.rows`). Out: values with covariance, what cannot be
+told apart and why, the updated robot with its uncertainty (`update`). The equation: x_i = x(p, q_i, w_i) + noise, x the
+exact loaded pose of `compplan.effects` (`forward`), p springs, terms of links' 6x6, parameters of effects and frames
+(`parameters`); weighted, robust Gauss-Newton (`estimate`), judged on poses left out (`compplan.measure.fit.heldout`),
+grown where a spring earns its place there (`refine`, `spring_place`).
 """
 
 from compplan.identify.estimate import Estimate, estimate_parameters
@@ -14,8 +14,8 @@ from compplan.identify.parameters import (
     build_structure,
 )
 from compplan.identify.reduce import ReducedModel, reduce_model
-from compplan.identify.rows import KNOWN_FRAMES, Rows
 from compplan.identify.separability import Inseparable
+from compplan.measure.fit.rows import KNOWN_FRAMES, Rows
 
 __all__ = [
     "KNOWN_FRAMES",

@@ -18,14 +18,15 @@ from compplan.identify.problem import (
     choose_geometry,
     choose_reference,
     held_out_score,
+    place_frames,
     screen_outliers,
 )
 from compplan.identify.refine import GAIN_LIMIT, Refinement, refine_structure
-from compplan.identify.rows import Rows, place_frames, take_rows
 from compplan.identify.spring_place import place_spring
 from compplan.identify.update import identified_uncertainty, update_robot
 from compplan.measure.campaign import Campaign
 from compplan.measure.fit.heldout import gain_score
+from compplan.measure.fit.rows import Rows, take_rows
 from compplan.measure.registration import Registration
 from compplan.robot import Robot
 

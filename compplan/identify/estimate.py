@@ -3,28 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t
 
-from compplan.errors import ConvergenceError, InputError, UnknownNameError
-from compplan.identify.forward import RowState, attain_rows, forget_turns, frame_parameters, linearise
+from compplan.errors import InputError, UnknownNameError
+from compplan.identify.forward import RowState, attain_rows, frame_parameters, linearise
 from compplan.identify.parameters import FreeRobot, Parameter
-from compplan.identify.rows import KNOWN_FRAMES, Rows
 from compplan.identify.separability import Inseparable, explain_held, tell_apart
 from compplan.measure.campaign import Campaign
 from compplan.measure.fit.heldout import HeldOutRows, leave_out
 from compplan.measure.fit.robust import check_loss, loss_weights
+from compplan.measure.fit.rows import KNOWN_FRAMES, Rows
 from compplan.measure.fit.separable import condition_number
+from compplan.measure.fit.settle import settle_state
+from compplan.measure.fit.sighted import forget_turns
 from compplan.measure.fit.spread import state_spread
-from compplan.measure.fit.system import BLOCKS, System, estimate_noise, information, invert, stack, weigh
+from compplan.measure.fit.system import BLOCKS, System, information
 from compplan.measure.frames import move_frames
 from compplan.measure.registration import Registration
 from compplan.robot import Array
 
 REFERENCES = ("absolute", "difference")
-MAX_STEPS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,18 +144,25 @@ def fit_rows(structure: FreeRobot, rows: Rows) -> Estimate:
     parameters = (*structure.parameters, *frame_parameters(rows.registration, rows.turned))
     state = attain_rows(structure, structure.nominal, rows, rows.registration)
     system = linearise(rows, state)
-    told = forget_turns(rows, rows.registration, system)
+    told = forget_turns(system, rows.taken.sights, rows.registration)
     matrix = information(told, told.whitener(np.ones(BLOCKS)), rows.group)
     free = tell_apart(matrix, parameters)
     held = explain_held(rows.taken, state, matrix, parameters, free)
     _check_enough(system, free, held)
-    state, system, noise, steps = _iterate(rows, parameters, free, state, system)
+    p, sizes = len(state.values), np.array([parameter.size for parameter in parameters])
+
+    def advance(at: RowState, step: Array) -> RowState:
+        return attain_rows(structure, at.values + step[:p], rows, move_frames(at.frames, step[p:], rows.turned))
+
+    state, system, noise, steps = settle_state(
+        state, partial(linearise, rows), advance, sizes, free, group=rows.group, loss=rows.loss, sigma=rows.sigma
+    )
     covariance, freedom, clustered = state_spread(
         system, rows.taken.q, noise, rows.loss, rows.group, free, rows.sigma
     )
     return Estimate(
         parameters=parameters,
-        values=np.r_[state.values, np.zeros(len(parameters) - len(state.values))],
+        values=np.r_[state.values, np.zeros(len(parameters) - p)],
         covariance=covariance,
         free=free,
         held=held,
@@ -193,42 +202,3 @@ def _check_enough(system: System, free: NDArray[np.bool_], held: tuple[Inseparab
         raise InputError(
             f"{system.known.sum()} measured numbers for {free.sum()} parameters, expected more; add poses"
         )
-
-
-def _iterate(
-    rows: Rows, parameters: tuple[Parameter, ...], free: NDArray[np.bool_], state: RowState, system: System
-) -> tuple[RowState, System, Array, int]:
-    """Step until the values stand still against their standard errors."""
-    group, noise = rows.group, np.ones(BLOCKS)
-    sizes, previous = np.array([parameter.size for parameter in parameters])[free], np.inf
-    for count in range(1, MAX_STEPS + 1):
-        if rows.sigma == "residuals":
-            noise = estimate_noise(system, noise, free, group, rows.loss)
-        weights = loss_weights(rows.loss, system.distance(noise), system.known.sum(axis=1))[0]
-        residual, columns = weigh(system, system.whitener(noise) * np.sqrt(weights)[:, None], group)
-        flat = stack(columns[:, :, free])
-        inverse = invert(flat.T @ flat)
-        step = np.zeros(len(free))
-        step[free] = inverse @ (flat.T @ residual.ravel())
-        state = _advance(rows, state, step)
-        system = linearise(rows, state)
-        strides = np.abs(step[free]) / (1e-9 * sizes + 1e-3 * np.sqrt(np.diag(inverse)))
-        size = float(strides.max(initial=0.0))
-        if size < 1 or (count > 8 and size < 1e3 and size > 0.5 * previous):
-            if rows.sigma == "residuals":
-                noise = estimate_noise(system, noise, free, group, rows.loss)
-            return state, system, noise, count
-        previous = size
-    raise ConvergenceError("the fit did not settle; leave parameters out or check units and frames", residual=size)
-
-
-def _advance(rows: Rows, state: RowState, step: Array) -> RowState:
-    """Go along a step, halved until the loaded robot stands."""
-    p = len(state.values)
-    for _ in range(12):
-        frames = move_frames(state.frames, step[p:], rows.turned)
-        try:
-            return attain_rows(state.structure, state.values + step[:p], rows, frames)
-        except ConvergenceError:
-            step = 0.5 * step
-    raise ConvergenceError("the fitted robot buckles under its loads; check the units of the wrench", residual=np.inf)

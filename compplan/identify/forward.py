@@ -7,17 +7,16 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from compplan.effects import EFFECTS, apply_effects, attain_scene, stage_scene
-from compplan.effects.linearization import Linearization, linearize_scene, unit_twist
+from compplan.effects.linearization import Linearization, coordinate_twists, linearize_scene
 from compplan.effects.scene import Attained, Scene, own_springs
-from compplan.identify.parameters import AXES, TYPICAL_SIZE, FreeRobot, Parameter
-from compplan.identify.rows import SIGMA_ENCODER, Rows
-from compplan.measure.fit.system import DISTANCES, ENCODERS, ORIENTATION, POSITION, System, stack
-from compplan.measure.frames import frame_columns
-from compplan.measure.registration import CONTACTS, Registration, campaign_gap
-from compplan.measure.sights import CONTACT, DISTANCE, Sights
+from compplan.identify.parameters import TYPICAL_SIZE, FreeRobot, Parameter
+from compplan.measure.fit.rows import SIGMA_ENCODER, Rows
+from compplan.measure.fit.sighted import see_rows
+from compplan.measure.fit.system import ENCODERS, ORIENTATION, POSITION, System
+from compplan.measure.frames import frame_columns, name_frames
+from compplan.measure.registration import Registration, campaign_gap, campaign_turn
 from compplan.robot import Array
 from compplan.statics.chain import Frames, load_elements
 
@@ -94,14 +93,8 @@ def attain_rows(structure: FreeRobot, values: Array, rows: Rows, frames: Registr
 
 def pose_residuals(rows: Rows, state: RowState) -> Array:
     """Take measured minus predicted, position then rotation vector, measuring axes; [m, rad]. Shape (n, 6)."""
-    residual = np.full((len(rows), 6), np.nan)
-    base = state.frames.base[:3, :3]
-    residual[:, :3] = campaign_gap(rows.taken, state.position, state.frames) @ base.T
-    if rows.taken.rotation is not None:
-        known = np.isfinite(rows.taken.rotation).all(axis=(1, 2))
-        turn = rows.taken.rotation[known] @ np.swapaxes(state.rotation[known], 1, 2)
-        residual[known, 3:] = Rotation.from_matrix(turn).as_rotvec()
-    return residual
+    position = campaign_gap(rows.taken, state.position, state.frames) @ state.frames.base[:3, :3].T
+    return np.hstack([position, campaign_turn(rows.taken, state.rotation)])
 
 
 def encoder_residuals(rows: Rows, state: RowState) -> Array | None:
@@ -129,7 +122,10 @@ def differentiate(rows: Rows, state: RowState) -> tuple[Array, Array]:
     structure, n = state.structure, len(rows)
     pose = np.zeros((n, 6, len(structure.parameters)))
     encoder = np.zeros((n, structure.robot.nq, len(structure.parameters)))
-    motion, own = _spring_motion(state), own_springs(state.scene.robot)
+    chain, own = state.attained.chain, own_springs(state.scene.robot)
+    motion = coordinate_twists(state.attained, state.attained.target)[state.index]
+    # actuators that are controlled by their link side do not yield
+    motion = motion * ~(state.link_side[:, None] & chain.actuator)[:, None, :]
     seen = {spring.coordinate: spring for spring in own.values() if spring.actuator}
     for k, parameter in enumerate(structure.parameters):
         for i, j, coefficient in parameter.entries(state.scene.robot):
@@ -158,63 +154,10 @@ def linearise(rows: Rows, state: RowState) -> System:
         residual, columns = np.hstack([residual, extra]), np.concatenate([columns, slopes], axis=1)
         sigma = np.hstack([sigma, np.full(extra.shape, SIGMA_ENCODER)])
         block = np.r_[block, np.full(extra.shape[1], ENCODERS)]
-    if rows.taken.sights is not None:
-        residual, columns, sigma, block = _sight_rows(rows.taken.sights, state, residual, columns, sigma, block)
     missing = ~np.isfinite(residual)
-    return System(np.where(missing, 0.0, residual), columns, np.where(missing, np.inf, sigma), block)
-
-
-def _sight_rows(
-    sights: Sights, state: RowState, residual: Array, columns: Array, sigma: Array, block: NDArray[np.int_]
-) -> tuple[Array, Array, Array, NDArray[np.int_]]:
-    """Put the one number of a row that tells no more first, and known distances beside the first row of a contact."""
-    R, frames = state.frames.base[:3, :3], state.frames
-    point = (state.position - frames.base[:3, 3]) @ R
-    direction = sights.directions(point, frames.places) @ R.T
-    one = np.isfinite(direction).all(axis=1)
-    residual[one, 0] = np.einsum("ni,ni->n", direction[one], residual[one, :3])
-    residual[one, 1:3] = np.nan
-    columns[one, 0] = np.einsum("ni,nip->np", direction[one], columns[one, :3])
-    columns[one, 1:3] = 0.0
-    if CONTACTS not in frames.parts or not len(sights.known):
-        return residual, columns, sigma, block
-    known, count = sights.known, np.arange(len(sights.known))
-    extra = np.full((len(residual), len(known)), np.nan)
-    slopes = np.zeros((*extra.shape, columns.shape[2]))
-    own = known.slopes(frames.places).reshape(len(known), -1)
-    extra[sights.first_rows(), count] = known.gap(frames.places)
-    slopes[sights.first_rows(), count, columns.shape[2] - own.shape[1] :] = own
-    return (
-        np.hstack([residual, extra]), np.concatenate([columns, slopes], axis=1),
-        np.hstack([sigma, np.broadcast_to(known.sigma, extra.shape)]), np.r_[block, np.full(len(known), DISTANCES)],
-    )  # fmt: skip
-
-
-def forget_turns(rows: Rows, frames: Registration, system: System) -> System:
-    """Take out of the derivatives what only seems to tell how the whole arm is turned about its base.
-
-    Contacts and ball bars look the same however the base is turned with their unknown places: a turn w moves what is
-    left of a contact's row, r, by w x r, which is noise. Left in, it would tell the turn to one radian over the root of
-    the number of rows.
-    """
+    system = System(np.where(missing, 0.0, residual), columns, np.where(missing, np.inf, sigma), block)
     sights = rows.taken.sights
-    if sights is None or CONTACTS not in frames.parts or not np.isin(sights.kind, (CONTACT, DISTANCE)).all():
-        return system
-    contact, turns = sights.kind == CONTACT, np.zeros((*system.residual.shape, 3))
-    turns[contact, :3] = np.swapaxes(np.cross(np.eye(3)[None], system.residual[contact, None, :3]), 1, 2)
-    basis, flat = np.linalg.qr(stack(turns))[0], stack(system.columns)
-    return system._replace(columns=(flat - basis @ (basis.T @ flat)).reshape(system.columns.shape))
-
-
-def _spring_motion(state: RowState) -> Array:
-    """Motion of the target per elastic coordinate, base axes; none of actuators that are controlled. Shape (n, 6, s)"""
-    chain, frames, point = state.attained.chain, state.loaded, state.attained.target[state.index]
-    columns = [
-        unit_twist(frames.axis[:, k], frames.origin[:, k], point, bool(chain.translates[k]))
-        for k in chain.spring_elements
-    ]
-    motion = np.stack(columns, axis=-1) if columns else np.zeros((len(point), 6, 0))
-    return np.asarray(motion * ~(state.link_side[:, None] & chain.actuator)[:, None, :])
+    return system if sights is None else see_rows(system, sights, state.frames, state.position)
 
 
 def _add_effects(state: RowState, pose: Array, encoder: Array) -> None:
@@ -238,15 +181,8 @@ def frame_parameters(frames: Registration, turned: bool) -> tuple[Parameter, ...
         frames: Frames of the campaign; its `parts` are fitted.
         turned: Whether orientation is measured; without it a tool is a point.
     """
-    many = len(frames.tool) > 1
-    labels = [f"tool({label or k})" if many else "tool" for k, label in enumerate(frames.targets, 1)]
-    wanted: list[tuple[str, str, tuple[str, ...]]] = [("base", "base", AXES)] if "base" in frames.parts else []
-    if "tool" in frames.parts:
-        wanted += [(label, "tool", AXES if turned else AXES[:3]) for label in labels]
-    if CONTACTS in frames.parts:
-        wanted += [(f"contact({label})", CONTACTS, AXES[:3]) for label in frames.contacts]
     return tuple(
-        Parameter(f"{label}.{axis}", kind, unit := "m" if axis[0] == "t" else "rad", 0.0, TYPICAL_SIZE[unit])
-        for label, kind, axes in wanted
+        Parameter(f"{label}.{axis}", part, unit := "m" if axis[0] == "t" else "rad", 0.0, TYPICAL_SIZE[unit])
+        for label, part, axes in name_frames(frames, turned)
         for axis in axes
     )

@@ -9,8 +9,8 @@ import numpy as np
 from compplan.effects import fold_effects
 from compplan.identify.estimate import Estimate, fit_rows, leave_poses_out
 from compplan.identify.parameters import FreeRobot
-from compplan.identify.rows import Rows
 from compplan.measure.fit.heldout import distance_rms
+from compplan.measure.fit.rows import Rows
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,13 +10,13 @@ from compplan.errors import InputError
 from compplan.identify.forward import attain_rows, differentiate, frame_parameters
 from compplan.identify.parameters import FreeRobot
 from compplan.identify.problem import IdentifyOptions, build_considered, list_forms
-from compplan.identify.rows import KNOWN_FRAMES, Rows
 from compplan.identify.separability import tell_apart
+from compplan.measure.fit.rows import KNOWN_FRAMES, Rows
 from compplan.measure.made import make_log
-from compplan.measure.poses.determinant import PoseInformation, choose_poses, compare_with_random
+from compplan.measure.poses.determinant import CampaignPlan, PoseInformation, plan_poses
 from compplan.measure.poses.pool import PoseCandidates, draw_candidates
 from compplan.measure.registration import Registration
-from compplan.robot import Array, Robot
+from compplan.robot import Robot
 
 CANDIDATES = 2000
 
@@ -62,25 +62,6 @@ def weigh_candidates(
     return PoseInformation(names, units, sizes, white[:, :, free] * sizes)
 
 
-@dataclass(frozen=True)
-class CampaignPlan:
-    """Poses and loads to measure.
-
-    Attributes:
-        robot: The robot.
-        poses: The chosen poses and loads.
-        information: What every candidate tells.
-        promised: Predicted standard errors of the chosen poses. Shape (p,).
-        random: Those of as many random poses. Shape (p,).
-    """
-
-    robot: Robot
-    poses: PoseCandidates
-    information: PoseInformation
-    promised: Array
-    random: Array
-
-
 def plan_campaign(
     robot: Robot, options: IdentifyOptions, count: int, *, force: float, lever: float, seed: int = 0
 ) -> CampaignPlan:
@@ -105,15 +86,4 @@ def plan_campaign(
     log = make_log(candidates.q, candidates.wrench, np.zeros((len(candidates), 3)))
     structure = build_considered(robot, options, list_forms(robot, options, Rows(log, np.arange(len(log)), frames)))
     information = weigh_candidates(structure, candidates, registration=frames)
-    if 6 * count <= len(information.sizes):
-        least = len(information.sizes) // 6 + 1
-        raise InputError(f"{count} poses for {len(information.sizes)} parameters, expected at least {least}")
-    limits = compare_with_random(information, count, seed=seed + 1)
-    chosen = choose_poses(information, count, limits=limits)
-    return CampaignPlan(
-        robot=robot,
-        poses=PoseCandidates(candidates.q[chosen], candidates.wrench[chosen]),
-        information=information,
-        promised=information.standard_errors(chosen),
-        random=limits,
-    )
+    return plan_poses(robot, candidates, information, count, seed=seed + 1)

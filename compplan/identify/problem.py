@@ -17,15 +17,20 @@ from compplan.identify.parameters import (
     build_structure,
 )
 from compplan.identify.refine import GAIN_LIMIT
-from compplan.identify.rows import Rows
+from compplan.measure.campaign import Campaign
 from compplan.measure.fit.heldout import gain_score
 from compplan.measure.fit.robust import check_loss
+from compplan.measure.fit.rows import Rows, count_poses, usable_rows
 from compplan.measure.fit.system import BLOCKS
+from compplan.measure.fit_frames import fit_registration
+from compplan.measure.registration import PARTS, Registration, fitted_parts, folder_registration, match_targets
 from compplan.robot import Array, Robot
 from compplan.robot.springs import candidate_springs, label_spring, link_springs, own_springs, read_spring
 
 #: Poses compared with themselves have to be this much quieter than absolute ones before differences are preferred.
 QUIETER = 1.5
+#: Fewest unloaded poses from which frames are fitted on their own.
+UNLOADED_POSES = 10
 #: Fewest poses from which geometry is fitted.
 GEOMETRY_POSES = 30
 #: Rows that Tukey's loss weighs less than this are gross outliers, as long as they are no more than this share.
@@ -136,6 +141,28 @@ def build_considered(
     )
 
 
+def place_frames(robot: Robot, campaign: Campaign, parts: tuple[str, ...]) -> Registration:
+    """Find the frames to start from: fitted to unloaded poses, read from the robot folder, or known.
+
+    Args:
+        robot: The nominal robot.
+        campaign: The log.
+        parts: Frames to fit: "base", "tool".
+    """
+    parts = fitted_parts(campaign, parts)
+    stated = folder_registration(robot)
+    known = None if stated is None else match_targets(stated, campaign)
+    if parts:
+        rows = usable_rows(campaign)
+        quiet = rows & campaign.unloaded
+        if count_poses(campaign.q[quiet]) >= UNLOADED_POSES:
+            rows = quiet
+        seen = attain_scene(apply_effects(stage_scene(robot, campaign), robot_effects(robot)))
+        start = None if set(parts) & set(PARTS) else known
+        return fit_registration(campaign, seen.position, seen.rotation, parts, rows=rows, start=start)
+    return Registration.identity(campaign, ()) if known is None else replace(known, parts=())
+
+
 def check_options(options: IdentifyOptions) -> None:
     """Refuse choices that do not exist.
 
@@ -161,7 +188,7 @@ def screen_outliers(problem: IdentifyProblem) -> tuple[IdentifyProblem, tuple[in
     if options.loss != "tukey":
         return problem, (), []
     geometry = "none" if options.geometry == "auto" else options.geometry
-    if options.geometry == "auto" and _count_poses(rows) >= GEOMETRY_POSES and options.reference != "difference":
+    if options.geometry == "auto" and rows.poses >= GEOMETRY_POSES and options.reference != "difference":
         geometry = GEOMETRY[-1]
     richest = replace(problem, geometry=geometry)
     apart = richest.fit(richest.structure(extras=options.stepwise)).weights < OUTLIER_WEIGHT
@@ -178,7 +205,7 @@ def choose_geometry(problem: IdentifyProblem) -> IdentifyProblem:
     wanted = problem.options.geometry
     if wanted != "auto" or problem.options.reference == "difference":
         return replace(problem, geometry="none" if wanted == "auto" else wanted)
-    if _count_poses(problem.rows) < GEOMETRY_POSES:
+    if problem.rows.poses < GEOMETRY_POSES:
         return problem
     best, score = problem, held_out_score(problem, problem.fit(problem.structure()))
     for level in GEOMETRY[1:]:
@@ -216,7 +243,3 @@ def choose_reference(problem: IdentifyProblem) -> tuple[IdentifyProblem, list[st
         f"poses are compared with themselves under other loads: absolute positions scatter {ratio:.1f} times as much,"
         " so geometry errs; compplan diagnose looks for the reason"
     ]
-
-
-def _count_poses(rows: Rows) -> int:
-    return len(np.unique(np.round(rows.taken.q, 4), axis=0))

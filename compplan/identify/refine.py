@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from compplan.identify.estimate import Estimate, fit_rows, leave_poses_out
 from compplan.identify.forward import linearise
 from compplan.identify.parameters import FreeRobot, Parameter
-from compplan.identify.rows import Rows
 from compplan.identify.separability import tell_apart
 from compplan.measure.fit.heldout import distance_rms, gain_score
+from compplan.measure.fit.rows import Rows
 from compplan.measure.fit.system import invert, stack, weigh
 from compplan.robot import Array
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from compplan.identify.forward import RowState
 from compplan.identify.parameters import Parameter
 from compplan.measure.campaign import Campaign
-from compplan.measure.fit.separable import LIMIT, SHARE, find_free
+from compplan.measure.fit.separable import find_free, find_mates
 from compplan.robot import Array
 
 #: Held at its nominal value first: what is refinement rather than the joints and frames themselves.
@@ -62,15 +62,8 @@ def explain_held(
         free: Which of them are free. Shape (p,).
     """
     sizes = np.array([parameter.size for parameter in parameters])
-    scaled = information * np.outer(sizes, sizes)
-    strength = np.sqrt(np.diag(scaled))
-    index, found = np.flatnonzero(free), []
-    for k in (int(index_held) for index_held in np.flatnonzero(~free)):
-        mates: list[int] = []
-        if strength[k] * LIMIT > 1 and len(index):
-            share = np.linalg.lstsq(scaled[np.ix_(index, index)], scaled[index, k], rcond=None)[0]
-            part = np.abs(share) * strength[index]
-            mates = [int(index[j]) for j in np.argsort(-part) if part[j] > SHARE * max(strength[k], part.max())][:6]
+    found = []
+    for k, mates in find_mates(information, sizes, free):
         names = tuple(parameters[j].name for j in mates)
         if mates:
             reason = _why_together(log, state, [parameters[j] for j in (k, *mates)])

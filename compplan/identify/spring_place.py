@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from compplan.errors import CompplanError, InputError
 from compplan.identify.estimate import Estimate, fit_rows
 from compplan.identify.parameters import FreeRobot
-from compplan.identify.rows import Rows
+from compplan.measure.fit.rows import Rows
 from compplan.measure.fit.system import weigh
 from compplan.robot import Array
 from compplan.statics.elements import ELASTIC_AXES

@@ -12,6 +12,9 @@ from compplan.measure.registration import CONTACTS, Registration
 from compplan.measure.sights import Sights
 from compplan.robot import Array
 
+#: Along and about which axes a frame moves.
+TURNS: tuple[str, ...] = ("tx", "ty", "tz", "rx", "ry", "rz")
+
 
 def frame_columns(
     frames: Registration, position: Array, tcp_rotation: Array, target: NDArray[np.int_], turned: bool,
@@ -51,6 +54,18 @@ def frame_columns(
         slopes = -np.einsum("ij,njlk->nilk", frames.base[:3, :3], sights.place_slopes()).reshape(n, 3, -1)
         parts.append(np.concatenate([slopes, np.zeros_like(slopes)], axis=1))
     return parts
+
+
+def name_frames(frames: Registration, turned: bool) -> list[tuple[str, str, tuple[str, ...]]]:
+    """Name the fitted frames in the order of `move_frames`: label, part, and along or about which axes each moves."""
+    many = len(frames.tool) > 1
+    found = [("base", "base", TURNS)] if "base" in frames.parts else []
+    if "tool" in frames.parts:
+        labels = [f"tool({label or k})" if many else "tool" for k, label in enumerate(frames.targets, 1)]
+        found += [(label, "tool", TURNS if turned else TURNS[:3]) for label in labels]
+    if CONTACTS in frames.parts:
+        found += [(f"contact({label})", CONTACTS, TURNS[:3]) for label in frames.contacts]
+    return found
 
 
 def move_frames(frames: Registration, change: Array, turned: bool) -> Registration:

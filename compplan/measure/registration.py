@@ -17,7 +17,7 @@ from compplan.files.tables import write_text
 from compplan.files.tomlfile import SchemaOne, StrictTable, Vector3, read_toml_model
 from compplan.measure.campaign import Campaign
 from compplan.measure.sights import CONTACT
-from compplan.robot import Array
+from compplan.robot import Array, Robot
 
 PARTS = ("base", "tool")
 #: The part that belongs to the rows of other instruments: places of their contacts.
@@ -86,6 +86,24 @@ def campaign_gap(campaign: Campaign, position: Array, registration: Registration
         return np.asarray(gap)
     places = _places_of(campaign, registration, position)
     return np.where(campaign.sights.seen[:, None], campaign.sights.gap(position, places), gap)
+
+
+def campaign_turn(campaign: Campaign, rotation: Array) -> Array:
+    """Return the turn from expected to measured, a rotation vector in measuring axes, NaN where none is known. [rad]
+
+    Args:
+        campaign: What was measured.
+        rotation: Orientation that a model expects, measuring frame. Shape (n, 3, 3).
+
+    Returns:
+        Shape (n, 3).
+    """
+    turn = np.full((len(campaign), 3), np.nan)
+    if campaign.rotation is not None:
+        known = campaign.usable & np.isfinite(campaign.rotation).all(axis=(1, 2))
+        product = campaign.rotation[known] @ np.swapaxes(rotation[known], 1, 2)
+        turn[known] = Rotation.from_matrix(product).as_rotvec() if known.any() else np.zeros((0, 3))
+    return turn
 
 
 def campaign_directions(campaign: Campaign, position: Array, registration: Registration | None) -> Array | None:
@@ -191,6 +209,12 @@ def read_registration(file: Path) -> Registration:
         tuple(contact.label for contact in table.contact),
         np.array([contact.position_mm for contact in table.contact]).reshape(-1, 3) * 1e-3,
     )
+
+
+def folder_registration(robot: Robot) -> Registration | None:
+    """Return the frames of a robot folder's registration.toml, or None."""
+    file = None if robot.folder is None else robot.folder / "registration.toml"
+    return read_registration(file) if file is not None and file.exists() else None
 
 
 def write_registration(registration: Registration, file: Path) -> None:

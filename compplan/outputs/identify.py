@@ -14,9 +14,9 @@ from compplan.files.transaction import replace_folder
 from compplan.identify.campaign import Identification
 from compplan.identify.estimate import Estimate
 from compplan.identify.parameters import Parameter
-from compplan.identify.plan_campaign import CampaignPlan
 from compplan.identify.refine import RefinementRound, RoundCandidate
-from compplan.identify.rows import SIGMA_ENCODER
+from compplan.measure.fit.rows import SIGMA_ENCODER
+from compplan.measure.poses.determinant import CampaignPlan
 from compplan.measure.registration import write_registration
 from compplan.report.identify_page import write_identification_page
 from compplan.robot.folder import write_robot_folder
@@ -110,7 +110,7 @@ def summarise_identification(result: Identification) -> dict[str, Any]:
         "schema": 1,
         "robot": result.nominal.name,
         "rows": len(rows),
-        "poses": len(np.unique(np.round(rows.taken.q, 4), axis=0)),
+        "poses": rows.poses,
         "reference": rows.reference,
         "geometry": result.geometry,
         "parameters": parameters,

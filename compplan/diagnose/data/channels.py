@@ -12,12 +12,17 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from compplan.diagnose.data.noise import STATED, Noise, estimate_noise
 from compplan.effects.scene import Attained, Scene
 from compplan.measure.campaign import Campaign
-from compplan.measure.registration import CONTACTS, Registration, campaign_directions, campaign_gap
+from compplan.measure.registration import (
+    CONTACTS,
+    Registration,
+    campaign_directions,
+    campaign_gap,
+    campaign_turn,
+)
 from compplan.robot import Array
 
 #: Neighbouring samples of a path share an error: a path is cut into about so many blocks, none shorter than the second
@@ -112,9 +117,9 @@ def build_channels(
                 None if direction is None else direction[rows])
     ]  # fmt: skip
     if campaign.rotation is not None and "orientation" in noises:
-        rows = np.flatnonzero(use & np.isfinite(campaign.rotation).all((1, 2)))
-        turn = campaign.rotation[rows] @ np.swapaxes(attained.rotation[rows], 1, 2)
-        vector = Rotation.from_matrix(turn).as_rotvec() if len(rows) else np.zeros((0, 3))
+        turn = campaign_turn(campaign, attained.rotation)
+        rows = np.flatnonzero(use & np.isfinite(turn).all(axis=1))
+        vector = turn[rows]
         if scene.registration is not None:
             vector = vector @ scene.registration.base[:3, :3]
         channels.append(Channel("orientation", rows, vector, block[rows], noises["orientation"]))
@@ -159,11 +164,8 @@ def estimate_noises(
         noises["distance"] = Noise(mean, STATED, "sigma of the known distances")
     noises["position"] = estimate_noise(campaign, gap, campaign.sigma, "position", repeatability)
     if campaign.rotation is not None:
-        known = use & np.isfinite(campaign.rotation).all((1, 2))
-        turn = np.full((len(campaign), 3), np.nan)
-        product = campaign.rotation[known] @ np.swapaxes(attained.rotation[known], 1, 2)
-        turn[known] = Rotation.from_matrix(product).as_rotvec() if known.any() else np.zeros((0, 3))
-        if known.sum() > FEW_ROWS:
+        turn = campaign_turn(campaign, attained.rotation)
+        if np.isfinite(turn).all(axis=1).sum() > FEW_ROWS:
             noises["orientation"] = estimate_noise(campaign, turn, campaign.sigma_rotation, "orientation")
     if campaign.link is not None and np.isfinite(campaign.link).any():
         noises["encoder"] = estimate_noise(campaign, campaign.link - attained.link, None, "encoder")

@@ -48,6 +48,27 @@ def find_free(information: Array, sizes: Array, rank: Sequence[int]) -> NDArray[
     return free
 
 
+def find_mates(information: Array, sizes: Array, free: NDArray[np.bool_]) -> list[tuple[int, list[int]]]:
+    """Return every parameter that is held, and the free ones that act as it does: six at most, the likest first.
+
+    Args:
+        information: Information matrix A^T W A. Shape (p, p). [per unit squared]
+        sizes: Typical sizes of the parameters. Shape (p,).
+        free: Mask of the free parameters. Shape (p,).
+    """
+    scaled = information * np.outer(sizes, sizes)
+    strength, index = np.sqrt(np.diag(scaled)), np.flatnonzero(free)
+    found = []
+    for k in (int(held) for held in np.flatnonzero(~free)):
+        mates: list[int] = []
+        if strength[k] * LIMIT > 1 and len(index):
+            share = np.linalg.lstsq(scaled[np.ix_(index, index)], scaled[index, k], rcond=None)[0]
+            part = np.abs(share) * strength[index]
+            mates = [int(index[j]) for j in np.argsort(-part) if part[j] > SHARE * max(strength[k], part.max())][:6]
+        found.append((k, mates))
+    return found
+
+
 def condition_number(information: Array, free: NDArray[np.bool_]) -> float:
     """Compute the condition number of the column-scaled system of the free parameters."""
     index = np.flatnonzero(free)

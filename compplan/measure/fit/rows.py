@@ -4,25 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.effects import apply_effects, attain_scene, robot_effects, stage_scene
 from compplan.errors import InputError
-from compplan.measure.campaign import Campaign
+from compplan.measure.campaign import Campaign, number_rows
 from compplan.measure.fit.robust import check_loss
-from compplan.measure.fit_frames import fit_registration
 from compplan.measure.made import ASSUMED_SIGMA_POSITION, ASSUMED_SIGMA_ROTATION
-from compplan.measure.registration import PARTS, Registration, fitted_parts, match_targets, read_registration
-from compplan.robot import Array, Robot
+from compplan.measure.registration import Registration
+from compplan.robot import Array
 
 #: Assumed for encoder differences. [rad or m]
 SIGMA_ENCODER = 1e-5
-#: Fewest unloaded poses from which frames are fitted on their own.
-UNLOADED_POSES = 10
 #: Blocks of poses that are left out in turn.
 FOLDS = 5
 #: The measuring frame is the robot base frame, the target the TCP, and neither is fitted.
@@ -86,13 +81,18 @@ class Rows:
     @cached_property
     def pose(self) -> NDArray[np.int_]:
         """Number of the commanded pose (within 0.006 deg or 0.1 mm), whatever mode and target. Shape (n,)."""
-        return _number(np.round(self.taken.q / 1e-4))
+        return number_rows(np.round(self.taken.q / 1e-4))
+
+    @property
+    def poses(self) -> int:
+        """Count the commanded poses, to 1e-4 rad or 0.1 mm."""
+        return count_poses(self.taken.q)
 
     @cached_property
     def alike(self) -> NDArray[np.int_]:
         """Number of the commanded pose, mode and target. Shape (n,)."""
         log = self.taken
-        return _number(np.column_stack([np.round(log.q / 1e-4), log.link_controlled, log.target_index]))
+        return number_rows(np.column_stack([np.round(log.q / 1e-4), log.link_controlled, log.target_index]))
 
     @property
     def group(self) -> NDArray[np.int_] | None:
@@ -108,8 +108,9 @@ class Rows:
         return np.asarray(rank[self.pose] * min(FOLDS, len(first)) // len(first))
 
 
-def _number(marks: Array) -> NDArray[np.int_]:
-    return np.asarray(np.unique(marks, axis=0, return_inverse=True)[1]).ravel()
+def count_poses(q: Array) -> int:
+    """Count different joint positions, to 1e-4 rad or 0.1 mm. Shape (n, nq)."""
+    return len(np.unique(np.round(q, 4), axis=0))
 
 
 def take_rows(campaign: Campaign, registration: Registration, loss: str) -> tuple[Rows, list[str]]:
@@ -154,32 +155,3 @@ def usable_rows(campaign: Campaign) -> NDArray[np.bool_]:
         message = 'no settled pose in this log; compliances are identified from runs whose label begins with "static"'
         raise InputError(message, file=campaign.file)
     return np.asarray(rows)
-
-
-def place_frames(robot: Robot, campaign: Campaign, parts: tuple[str, ...]) -> Registration:
-    """Find the frames to start from: fitted to unloaded poses, read from the robot folder, or known.
-
-    Args:
-        robot: The nominal robot.
-        campaign: The log.
-        parts: Frames to fit: "base", "tool".
-    """
-    parts = fitted_parts(campaign, parts)
-    known = _folder_frames(robot, campaign)
-    if parts:
-        rows = usable_rows(campaign)
-        quiet = rows & campaign.unloaded
-        if len(np.unique(np.round(campaign.q[quiet], 4), axis=0)) >= UNLOADED_POSES:
-            rows = quiet
-        seen = attain_scene(apply_effects(stage_scene(robot, campaign), robot_effects(robot)))
-        start = None if set(parts) & set(PARTS) else known
-        return fit_registration(campaign, seen.position, seen.rotation, parts, rows=rows, start=start)
-    return Registration.identity(campaign, ()) if known is None else replace(known, parts=())
-
-
-def _folder_frames(robot: Robot, campaign: Campaign) -> Registration | None:
-    """Return the frames of the robot folder's registration.toml, or None."""
-    file = None if robot.folder is None else Path(robot.folder) / "registration.toml"
-    if file is not None and file.exists():
-        return match_targets(read_registration(file), campaign)
-    return None
