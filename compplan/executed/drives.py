@@ -9,7 +9,6 @@ drive and feed forward have the same form to second order.
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import lfilter
 
 from compplan.program.servo import ServoMotion
 from compplan.robot import Array
@@ -56,6 +55,8 @@ def _lag(command: Array, cycles: float) -> Array:
     """Filter by 1 / (1 + T s), T in cycles, the input straight between two rows."""
     if cycles < 1e-3:
         return command
+    from scipy.signal import lfilter
+
     a = np.exp(-1.0 / cycles)
     b0, b1 = 1.0 - cycles * (1.0 - a), cycles * (1.0 - a) - a
     rest = command[0]

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t
+from scipy.special import stdtrit
 
 from compplan.errors import InputError, UnknownNameError
 from compplan.identify.forward import RowState, attain_rows, frame_parameters, linearise
@@ -102,7 +102,7 @@ class Estimate:
     def intervals(self, level: float = 0.95) -> Array:
         """State confidence intervals. Shape (p, 2)."""
         tail = 0.5 + level / 2
-        reach = t.ppf(tail, self.freedom) * self.standard_errors
+        reach = stdtrit(self.freedom, tail) * self.standard_errors
         return np.column_stack([self.values - reach, self.values + reach])
 
 

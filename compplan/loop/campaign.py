@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from compplan.cell.predict import predict_campaign
 from compplan.errors import InputError
@@ -173,7 +173,7 @@ def learn_log(design: Design, robot: Robot, log: Campaign | None) -> tuple[Array
     spread = flat @ design.start @ flat.T + design.noise * np.eye(len(flat))
     distance, freedom = float(gap @ np.linalg.solve(spread, gap)), max(len(gap) - 3 * len(design.frames) ** 2, 1)
     said = []
-    if distance > chi2.ppf(BY_CHANCE, freedom):
+    if distance > 2.0 * gammaincinv(0.5 * freedom, BY_CHANCE):
         said.append(
             f"the log lies {np.sqrt(distance / freedom):.2g} times as far from the robot folder as its widths allow:"
             " diagnose it, and design with the updated folder"

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.distance import cdist
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from compplan.loop.gather import Gathered
 from compplan.measure.distance import band_radius
@@ -320,7 +320,7 @@ def _is_chance(model: _Model, gathered: Gathered) -> bool:
     value, vector = np.linalg.eigh(white @ H @ _prior(model) @ H.T @ white.T)
     square = np.r_[vector[:, value > 1.0].T @ white @ y, 0.0] ** 2
     share, n = 0.5 * (1.0 - BY_CHANCE), max(len(square) - 1, 1)
-    return bool(square.sum() <= chi2.isf(share, n) and square.max() <= chi2.isf(share / n, 1))
+    return bool(square.sum() <= chdtri(n, share) and square.max() <= chdtri(1, share / n))
 
 
 def _blocks(matrix: Array, k: int) -> Array:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.signal import lfilter
 
 from compplan.robot import Array
 
@@ -91,6 +90,8 @@ def run_loop(loop: Loop, wanted: Array) -> Array:
         Attained corrections. Shape (..., n).
 
     """
+    from scipy.signal import lfilter
+
     top, bottom = loop_fraction(loop)
     return np.asarray(lfilter(top, bottom, wanted, axis=-1))
 

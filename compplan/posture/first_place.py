@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from compplan.job.job import Job
 from compplan.job.loading import load_nominal
@@ -63,6 +62,8 @@ def find_first_place(job: Job, robot: Robot) -> FirstPlace | None:
     reached = np.isfinite(bound)
     if not reached.any():
         return None
+    from scipy.ndimage import distance_transform_edt
+
     depth = distance_transform_edt(np.pad(reached, 1))[1:-1, 1:-1]
     best = min(np.argwhere(depth == depth.max()).tolist(), key=lambda cell: float(bound[tuple(cell)]))
     return FirstPlace(_round(here + np.array([out[best[0]], 0.0, up[best[1]]]) - middle), tried=True)

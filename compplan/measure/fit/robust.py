@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import brentq
-from scipy.stats import chi
+from scipy.special import gammaincinv, gammaln, xlogy
 
 from compplan.errors import UnknownNameError
 from compplan.robot import Array
@@ -54,11 +54,14 @@ def loss_weights(loss: str, distance: Array, count: Array) -> tuple[Array, Array
 @lru_cache(maxsize=64)
 def tuning_constant(loss: str, components: int) -> float:
     """Find the constant at which a loss keeps 95 % efficiency under normal noise in `components` dimensions."""
-    law = chi(components)
+    scale = np.log(2.0) * (1.0 - 0.5 * components) - gammaln(0.5 * components)
+
+    def density(d: float) -> float:
+        return float(np.exp(scale + xlogy(components - 1.0, d) - 0.5 * d**2))
 
     def efficiency(c: float) -> float:
         def expect(g: object) -> float:
-            return float(quad(lambda d: g(d) * law.pdf(d), 0, 12 + components, limit=200, points=[c])[0])  # type: ignore[operator]
+            return float(quad(lambda d: g(d) * density(d), 0, 12 + components, limit=200, points=[c])[0])  # type: ignore[operator]
 
         def weight(d: float) -> float:
             return (1.0 if d <= c else c / d) if loss == "huber" else max(0.0, 1 - (d / c) ** 2) ** 2
@@ -77,4 +80,4 @@ def tuning_constant(loss: str, components: int) -> float:
 def robust_scale(residual: Array, components: int = 1) -> float:
     """Estimate the standard deviation of residuals about zero from their median size."""
     size = np.abs(residual[np.isfinite(residual)])
-    return float(np.median(size) / chi(components).median()) if len(size) else 1.0
+    return float(np.median(size) / np.sqrt(2.0 * gammaincinv(0.5 * components, 0.5))) if len(size) else 1.0

@@ -18,8 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
-from scipy.special import ndtr
-from scipy.stats import norm, qmc
+from scipy.special import ndtr, ndtri
 
 from compplan.files.tables import Array
 from compplan.path.forces.engagement import Engagement
@@ -201,7 +200,9 @@ def find_odds(cut: CutDynamics, spread: Spread) -> float:
 
 def _draw_normal() -> Array:
     """Return the draws, evenly spread, the same for every cut. Shape (DRAWS, 5)."""
-    return np.asarray(norm.ppf(qmc.Sobol(5, seed=0).random(DRAWS)))
+    from scipy.stats import qmc
+
+    return np.asarray(ndtri(qmc.Sobol(5, seed=0).random(DRAWS)))
 
 
 def _divide_period(cut: CutDynamics, steps: int) -> Array:
