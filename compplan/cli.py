@@ -69,6 +69,7 @@ class LazyGroup(click.Group):
         """Import and return a command."""
         if cmd_name not in COMMANDS:
             return None
+        put_off()  # loads numpy, as every command does, and therefore not before
         command: click.Command = importlib.import_module(COMMANDS[cmd_name]).command
         return offer_loudness(command)
 
@@ -151,7 +152,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         os.environ.setdefault("PYTHONWARNINGS", "ignore")  # of worker processes
     for name in THREADS:  # read when numpy is imported, which no module does before a command is found
         os.environ.setdefault(name, "1")
-    put_off()
     words = list(sys.argv[1:] if arguments is None else arguments)
     gc.set_threshold(50_000, 20, 50)  # a command makes much at its start that stays, and is over soon
     previous = signal.signal(signal.SIGTERM, _leave_on_term)

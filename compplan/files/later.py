@@ -8,8 +8,9 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
 
-#: What a command line loads when it is used, parents before their children: TOPP-RA asks for pyplot, and draws nothing.
-SELDOM_USED = ("matplotlib", "matplotlib.pyplot")
+#: What a command line loads when it is used, parents before their children: TOPP-RA asks for pyplot, and draws nothing;
+#: scipy.sparse looks at every part of numpy, the reader of Fortran and the tests too.
+SELDOM_USED = ("matplotlib", "matplotlib.pyplot", "numpy.f2py", "numpy.testing")
 
 
 class _Later(ModuleType):
@@ -31,9 +32,9 @@ def put_off(names: tuple[str, ...] = SELDOM_USED) -> None:
     for name in names:
         if name in sys.modules:
             continue
+        parent, _, child = name.rpartition(".")
         later = _Later(name)
         later.__spec__ = ModuleSpec(name, None)
         sys.modules[name] = later
-        parent, _, child = name.rpartition(".")
-        if isinstance(sys.modules.get(parent), _Later):
-            setattr(sys.modules[parent], child, later)
+        if parent:  # its attribute is what an import looks at first
+            setattr(sys.modules.get(parent) or importlib.import_module(parent), child, later)
