@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from compplan.measure.campaign import Campaign
 from compplan.measure.registration import Registration
 from compplan.robot import Array, Robot
+from compplan.robot.mounting import find_hand, mounted_tool
 from compplan.statics.chain import Chain, Frames, build_chain
 from compplan.statics.elastic import solve_equilibrium
 
@@ -153,13 +154,10 @@ def attain_scene(scene: Scene, *, tolerance: float = TOLERANCE, theta: Array | N
         ConvergenceError: If the robot buckles under the load.
 
     """
-    campaign, robot = scene.campaign, scene.robot
-    chain = scene_chain(scene)
+    robot = scene.robot
     springs = own_springs(robot)
-    motor_side = ~campaign.link_controlled[:, None]
-    drive = np.where(motor_side, scene.drive, 0.0)
-    bias = _spring_load(scene, chain, springs)
-    q = np.nan_to_num(campaign.q) + drive + scene.zero
+    motor_side = ~scene.campaign.link_controlled[:, None]
+    chain, q, drive, bias = load_scene(scene, springs)
     wrench, bent = scene.wrench, np.zeros((len(q), chain.n_springs))
     theta = theta if theta is not None and theta.shape == bent.shape else None
     for repeat in range(LAW_PASSES if scene.laws or scene.payload.any() else 1):
@@ -180,11 +178,27 @@ def attain_scene(scene: Scene, *, tolerance: float = TOLERANCE, theta: Array | N
     return _observe(scene, chain, loaded.frames, q, loaded.theta, wrench, lift)
 
 
+class Load(NamedTuple):
+    """What of a scene is solved: chain, joints as they stand without springs, lift of the drives, load on springs."""
+
+    chain: Chain
+    q: Array
+    drive: Array
+    bias: Array | None
+
+
+def load_scene(scene: Scene, springs: dict[int, OwnSpring], chain: Chain | None = None) -> Load:
+    """Return what of a scene is solved, laws and payload left out; the robot's chain is built if left out."""
+    chain = scene_chain(scene, chain)
+    drive = np.where(scene.campaign.link_controlled[:, None], 0.0, scene.drive)
+    return Load(chain, np.nan_to_num(scene.campaign.q) + drive + scene.zero, drive, _spring_load(scene, chain, springs))
+
+
 def _observe(
     scene: Scene, chain: Chain, frames: Frames, q: Array, theta: Array, wrench: Array, lift: Array
 ) -> Attained:
     """Pass a loaded pose through tool, base and registration to the instrument, and through the encoders."""
-    position, rotation, target = _see(scene, frames, wrench)
+    position, rotation, target = see_target(scene, frames, wrench)
     reading, linked = np.nan_to_num(scene.campaign.q), scene.campaign.link_controlled[:, None]
     link = np.where(linked, reading, reading + lift + scene.encoder)
     motor = np.where(linked, reading - lift, reading)
@@ -193,11 +207,11 @@ def _observe(
 
 def observe_again(scene: Scene, attained: Attained) -> Attained:
     """Observe what a scene has come to already through other frames of the campaign."""
-    position, rotation, target = _see(scene, attained.frames, attained.wrench)
+    position, rotation, target = see_target(scene, attained.frames, attained.wrench)
     return attained._replace(position=position, rotation=rotation, target=target)
 
 
-def _see(scene: Scene, frames: Frames, wrench: Array) -> tuple[Array, Array, Array]:
+def see_target(scene: Scene, frames: Frames, wrench: Array) -> tuple[Array, Array, Array]:
     """Return position and rotation of the target in the instrument's frame, and its position in the robot's."""
     campaign, registration = scene.campaign, scene.registration
     position, rotation = frames.tcp_position, frames.tcp_rotation
@@ -218,16 +232,16 @@ def _see(scene: Scene, frames: Frames, wrench: Array) -> tuple[Array, Array, Arr
     return position, rotation, target
 
 
-def scene_chain(scene: Scene) -> Chain:
+def scene_chain(scene: Scene, chain: Chain | None = None) -> Chain:
     """Build the chain of a scene: links grown row by row, actuator springs locked where link-side readings control."""
-    chain = build_chain(scene.robot)
+    chain = chain or build_chain(scene.robot)
     if scene.growth.any():
         segment = np.searchsorted(chain.joint_elements, np.arange(len(chain.names)))
         factor = 1.0 + scene.growth
         chain = replace(
             chain,
             position=chain.position * factor[:, segment, None],
-            tcp_position=chain.tcp_position + scene.growth[:, -1, None] * hand(scene.robot),
+            tcp_position=chain.tcp_position + scene.growth[:, -1, None] * find_hand(scene.robot),
         )
     if scene.campaign.link_controlled.any() and chain.actuator.any():
         locked = scene.campaign.link_controlled[:, None] & chain.actuator
@@ -326,31 +340,11 @@ def payload_wrench(robot: Robot, frames: Frames, payload: Array) -> Array:
 
     """
     gravity = robot.real_gravity
-    T_flange_tcp = flange_to_tcp(robot)
+    T_flange_tcp = mounted_tool(robot)
     R_base_flange = frames.tcp_rotation @ T_flange_tcp[:3, :3].T
     arm = payload[1:] - payload[0] * T_flange_tcp[:3, 3]
     moment = np.cross(np.einsum("nij,j->ni", R_base_flange, arm), gravity)
     return np.concatenate([np.broadcast_to(payload[0] * gravity, moment.shape), moment], axis=1)
-
-
-def flange_to_tcp(robot: Robot) -> Array:
-    """Return the pose of the TCP in the flange frame. Shape (4, 4). [m]."""
-    pose, beyond = np.eye(4), robot.flange == robot.base
-    for joint in robot.joints:
-        if beyond:
-            pose = pose @ joint.placement
-        beyond = beyond or joint.child == robot.flange
-    return pose
-
-
-def hand(robot: Robot) -> Array:
-    """Return the flange in the frame of the last moving joint. Shape (3,). [m]"""
-    pose = np.eye(4)
-    for joint in robot.joints:
-        pose = np.eye(4) if joint.actuated else pose @ joint.placement
-        if joint.child == robot.flange:
-            break
-    return np.asarray(pose[:3, 3])
 
 
 def base_moment(frames: Frames, chain: Chain, wrench: Array) -> Array:

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene, flange_to_tcp
+from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot
+from compplan.robot.mounting import mounted_tool
 
 name = "thermal_drift"
 #: What it says; {at} is its place.
@@ -49,7 +50,7 @@ def segments(at: Linearization) -> Array:
     frames, chain = at.attained.frames, at.attained.chain
     origin, axis = frames.origin[:, chain.joint_elements], frames.axis[:, chain.joint_elements]
     travel = (at.attained.q * chain.translates[chain.joint_elements])[:, :, None] * axis
-    T_flange_tcp = flange_to_tcp(at.robot)
+    T_flange_tcp = mounted_tool(at.robot)
     flange = frames.tcp_position - frames.tcp_rotation @ T_flange_tcp[:3, :3].T @ T_flange_tcp[:3, 3]
     starts = np.concatenate([np.zeros_like(origin[:, :1]), origin + travel], axis=1)
     return np.asarray(np.concatenate([origin, flange[:, None]], axis=1) - starts)

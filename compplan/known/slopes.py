@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.effects import attain_scene, command_campaign
 from compplan.effects.scene import Scene
+from compplan.effects.stacked import attain_positions
 from compplan.job.noise import NoiseTable
 from compplan.known.vary import stage_robot, vary_scene
 from compplan.robot import Array, Robot
@@ -82,14 +83,15 @@ def measure_slopes(scene: Scene, unknowns: Sequence[Unknown], rows: NDArray[np.i
     """
     here = take_rows(scene, rows)
     rest = attain_scene(here, tolerance=REFINED)
-    columns = []
+    varied, steps = [], []
     for unknown in unknowns:
         for k, deviation in enumerate(unknown.deviation):
-            step = float(deviation) if deviation > 0 else TINY
+            steps.append(float(deviation) if deviation > 0 else TINY)
             values = np.zeros(len(unknown.keys))
-            values[k] = step
-            varied = take_rows(vary_scene(scene, [unknown], values), rows)
-            columns.append((attain_scene(varied, tolerance=REFINED, theta=rest.theta).position - rest.position) / step)
+            values[k] = steps[-1]
+            varied.append(take_rows(vary_scene(scene, [unknown], values), rows))
+    moved = attain_positions(varied, tolerance=REFINED, theta=rest.theta)
+    columns = [(position - rest.position) / step for position, step in zip(moved, steps, strict=True)]
     return np.stack(columns, axis=-1) if columns else np.zeros((len(rows), 3, 0))
 
 
@@ -130,5 +132,3 @@ def turn_wrench(wrench: Array, turn: Rotation) -> Array:
 def tip_of(scene: Scene, rows: NDArray[np.int_]) -> Array:
     """Return where the loaded tip of a scene goes at some rows. Shape (k, 3). [m]."""
     return attain_scene(take_rows(scene, rows)).position
-
-

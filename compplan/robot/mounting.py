@@ -31,3 +31,13 @@ def name_axis(axis: Array) -> str:
     if abs(axis[k]) > 1.0 - NOTHING:
         return f"{'-' if axis[k] < 0 else ''}{'xyz'[k]}"
     return f"({', '.join(f'{value:.3g}' for value in axis)})"
+
+
+def find_hand(robot: Robot) -> Array:
+    """Return the flange in the frame of the last moving joint. Shape (3,). [m]"""
+    pose = np.eye(4)
+    for joint in robot.joints:
+        pose = np.eye(4) if joint.actuated else pose @ joint.placement
+        if joint.child == robot.flange:
+            break
+    return np.asarray(pose[:3, 3])

@@ -7,10 +7,10 @@ joints are `q`, those of elastic elements `theta`. All quantities are in base ax
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,6 +109,12 @@ class Chain:
         return compile_chain(self)
 
     @property
+    def structure(self) -> bytes:
+        """What chains have in common that differ by numbers alone."""
+        parts = (self.translates, self.q_index, self.theta_index, self.multiplier, self.body_element, self.gravity)
+        return b"|".join(part.tobytes() for part in parts)
+
+    @property
     def batched(self) -> bool:
         """Tell whether the chain holds one set of parameters a pose."""
         return any(getattr(self, name).ndim > own and len(getattr(self, name)) > 1 for name, own in _OWN_AXES.items())
@@ -126,6 +132,16 @@ _OWN_AXES = {
     "rotation": 3, "position": 2, "axis": 2, "q_offset": 1, "tcp_rotation": 2, "tcp_position": 1,
     "mass": 1, "centre": 2, "compliance": 2,
 }  # fmt: skip
+
+
+def stack_chains(chains: Sequence[Chain], n: int) -> Chain:
+    """Put chains of one structure one after the other, n poses each; parameters that are alike are kept once."""
+    fields: dict[str, Any] = {}
+    for name, own in _OWN_AXES.items():
+        parts = [getattr(chain, name) for chain in chains]
+        if any(part.ndim > own or not np.array_equal(part, parts[0]) for part in parts):
+            fields[name] = np.concatenate([np.broadcast_to(part, (n, *part.shape[-own:])) for part in parts])
+    return replace(chains[0], **fields)
 
 
 def compile_chain(chain: Chain) -> CompiledChain:

@@ -81,10 +81,17 @@ class ElementRow:
             centre = self.pending[:3, :3] @ body.centre + self.pending[:3, 3]
             self.bodies.append((len(self.elements) - 1, body.mass, centre))
 
+    def _compliance(self) -> Array:
+        """Put the blocks on a diagonal. Shape (s, s)."""
+        whole, first = np.zeros((len(self.actuator), len(self.actuator))), 0
+        for block in self.blocks:
+            last = first + len(block)
+            whole[first:last, first:last] = block
+            first = last
+        return whole
+
     def arrays(self, robot: Robot, gravity: bool) -> dict[str, Any]:
         """Give the fields of the chain."""
-        from scipy.linalg import block_diag
-
         names, poses, axes, translates, q, multiplier, offset, theta = zip(*self.elements, strict=True)
         pose = np.array(poses)
         driver = {name: k for k, name in enumerate(names) if q[k] >= 0}
@@ -105,7 +112,7 @@ class ElementRow:
             "body_element": np.array([body[0] for body in self.bodies], int),
             "mass": np.array([body[1] for body in self.bodies], float),
             "centre": np.array([body[2] for body in self.bodies], float).reshape(-1, 3),
-            "compliance": block_diag(*self.blocks) if self.blocks else np.zeros((0, 0)),
+            "compliance": self._compliance(),
             "gravity": np.asarray(g, float),
             "actuator": np.array(self.actuator, bool),
             "joint_elements": np.array([driver[name] for name in robot.joint_names], int),

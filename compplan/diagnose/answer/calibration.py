@@ -14,9 +14,9 @@ import numpy as np
 from compplan.diagnose.answer.change import HALF_WIDTH
 from compplan.diagnose.answer.verdict import CLAIMED
 from compplan.diagnose.ledger.offers import REGISTRATION
-from compplan.effects.scene import flange_to_tcp
 from compplan.program.frames import euler_angles, flange_turn
 from compplan.robot import Array
+from compplan.robot.mounting import mounted_tool
 
 if TYPE_CHECKING:
     from compplan.diagnose.answer.delivery import Delivery
@@ -141,7 +141,7 @@ def list_frames(diagnosis: Diagnosis) -> tuple[Pose, ...]:
     delivery = diagnosis.deliveries[0]
     spreads = _spreads(delivery)
     robot = diagnosis.updated
-    tool = np.linalg.inv(flange_turn(robot)) @ flange_to_tcp(robot)
+    tool = np.linalg.inv(flange_turn(robot)) @ mounted_tool(robot)
     frames = [_pose("tool", tool, _halves(delivery, "tool_frame", None, spreads))]
     registration = delivery.state.registration
     if registration is not None and registration.parts:

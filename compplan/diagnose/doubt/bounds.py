@@ -12,10 +12,10 @@ from compplan.diagnose.search.state import Fit
 from compplan.effects import Effect
 from compplan.effects.gravity_compensator import shapes as shapes_of_balancer
 from compplan.effects.payload import carried_mass, payload_values
-from compplan.effects.scene import flange_to_tcp
 from compplan.effects.stiffness_nonlinearity import shapes as shapes_of_law
 from compplan.robot import Array
 from compplan.robot.folder import read_rating
+from compplan.robot.mounting import mounted_tool
 
 #: Motion of the target by one claim over the gap: more than ten gaps are there only because others cancel them
 #: (assumed).
@@ -72,7 +72,7 @@ def _check_payload(fit: Fit, effect: Effect) -> str:
 
 def outward_axis(fit: Fit) -> Array:
     """Return the direction in which the flange looks, in its own frame: towards the tool, else its z. Shape (3,)."""
-    tip = flange_to_tcp(fit.problem.robot)[:3, 3]
+    tip = mounted_tool(fit.problem.robot)[:3, 3]
     length = float(np.linalg.norm(tip))
     return np.asarray(tip / length) if length > TELLS_AXIS else np.array([0.0, 0.0, 1.0])
 
