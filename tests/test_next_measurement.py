@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -13,13 +14,21 @@ from test_effects_signatures import make_linearization
 
 from compplan.diagnose import Diagnosis, diagnose_campaign
 from compplan.diagnose.answer.measurement_moves import KINDS, lay_out_moves
-from compplan.diagnose.answer.next_measurement import expected_gain, pick_moves, predict_columns, propose_measurements
+from compplan.diagnose.answer.next_measurement import (
+    DifferenceShown,
+    expected_gain,
+    pick_moves,
+    predict_columns,
+    propose_measurements,
+)
 from compplan.diagnose.answer.probe import probe_signature
 from compplan.effects import Effect, apply_effects, attain_scene
 from compplan.effects.frame_shift import shift_at
 from compplan.effects.signature import Signature
 from compplan.effects.transmission_error import bump_at, spline_at, waves_at
 from compplan.measure.campaign import Campaign
+from compplan.measure.poses.exchange import choose_best, take_greedily
+from compplan.measure.poses.information import explain_rows, odds_gains
 from compplan.robot import Robot, load_robot
 
 AT = make_linearization(replace(load_robot("kuka_kr270"), link_elasticities=()))
@@ -45,14 +54,40 @@ def test_the_expected_gain_agrees_with_measuring_many_times() -> None:
 
 
 def test_moves_that_repeat_each_other_are_not_picked_twice() -> None:
-    shared = np.array([[1.0, 0.999, 0.0], [0.999, 1.0, 0.0], [0.0, 0.0, 1.0]]) + 1e-3 * np.eye(3)
-    picked, information = pick_moves(np.array([2.0, 2.0, 1.9]), shared, [np.array([k]) for k in range(3)], 0.0)
+    """Three readings, two of them of what is nearly the same, over noise of one."""
+    shared = 1e3 * np.array([[1.0, 0.999, 0.0], [0.999, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    shown = DifferenceShown(np.sqrt(1e3) * np.array([2.0, 2.0, 1.9]), shared, np.eye(3)[:, None])
+    picked, information = pick_moves(shown, 0.0)
     assert set(picked[:2]) in ({0, 2}, {1, 2})
     assert information == pytest.approx(0.5 * (4 + 3.61), rel=0.01)
 
 
 def test_no_move_is_picked_where_two_explanations_predict_the_same() -> None:
-    assert pick_moves(np.zeros(4), np.eye(4), [np.array([0, 1]), np.array([2, 3])], 0.0) == ([], 0.0)
+    assert pick_moves(DifferenceShown(np.zeros(4), np.eye(4), np.eye(4).reshape(2, 2, 4)), 0.0) == ([], 0.0)
+
+
+def test_what_moves_tell_of_two_explanations_is_the_ratio_of_their_likelihoods_in_whatever_order() -> None:
+    """D = d^T (N + S)^-1 d / 2 of all rows at once, by the whole matrix; the exchange finds the best pair of five."""
+    random = np.random.default_rng(4)
+    root, rows, mean = random.normal(size=(6, 6)), random.normal(size=(5, 2, 6)), random.normal(size=6)
+    covariance = root @ root.T
+
+    def told(moves: tuple[int, ...]) -> float:
+        H = rows[list(moves)].reshape(-1, 6)
+        d = H @ mean
+        return 0.5 * float(d @ np.linalg.solve(H @ covariance @ H.T + np.eye(len(H)), d))
+
+    left = explain_rows(mean, covariance, rows[[3, 1]], 1.0)
+    gain = odds_gains(*left, rows)
+    assert gain[4] == pytest.approx(told((3, 1, 4)) - told((3, 1)), rel=1e-9)
+
+    def worth(taken: list[int]) -> np.ndarray:
+        return odds_gains(*explain_rows(mean, covariance, rows[taken], 1.0), rows)
+
+    chosen = choose_best(worth, take_greedily(worth, 2), 3)
+    best = max(itertools.combinations(range(5), 2), key=told)
+    assert {number for number, _ in chosen} == set(best)
+    assert sum(added for _, added in chosen) == pytest.approx(told(best))
 
 
 def test_a_claim_that_no_further_rows_would_offer_is_foreseen_by_its_own_model_and_an_idle_one_is_not() -> None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from compplan.loop.candidates import Candidates
 from compplan.measure.distance import band_radius
-from compplan.measure.poses.exchange import exchange_taken, take_greedily
+from compplan.measure.poses.exchange import choose_best, take_greedily
 from compplan.measure.poses.information import learn_rows, measure_gains
 from compplan.promise.band import Slopes, split_covariance
 from compplan.robot import Array
@@ -148,9 +148,8 @@ def choose_measurements(design: Design, candidates: Candidates, count: int, star
     def worth(taken: list[int]) -> Array:
         return measure_gains(learn_rows(before, rows[taken], design.noise), rows, weight, design.noise)
 
-    chosen = exchange_taken(worth, take_greedily(worth, count), ROUNDS)
-    order = take_greedily(lambda taken: worth([chosen[k] for k in taken])[chosen], count)
-    return grade_choice(design, rows, [chosen[k] for k in order], before)
+    chosen = choose_best(worth, take_greedily(worth, count), ROUNDS)
+    return grade_choice(design, rows, [number for number, _ in chosen], before)
 
 
 def grade_choice(design: Design, rows: Array, chosen: Sequence[int], before: Array) -> Choice:

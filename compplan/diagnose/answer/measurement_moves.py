@@ -74,23 +74,26 @@ class MeasuringMove:
 
 @dataclass(eq=False)
 class Pool:
-    """Candidate rows under construction; lists are appended to, row by row."""
+    """Candidate rows under construction, and the moves among them; rows are (q, wrench, run, time, warmth)."""
 
-    q: list[Array] = field(default_factory=list)
-    wrench: list[Array] = field(default_factory=list)
-    run: list[str] = field(default_factory=list)
-    time: list[float] = field(default_factory=list)
-    warmth: list[float] = field(default_factory=list)
+    rows: list[tuple[Array, Array, str, float, float]] = field(default_factory=list)
     moves: list[MeasuringMove] = field(default_factory=list)
+    clock: float = 0.0
 
-    def add(self, q: Array, wrench: Array, run: str, time: float, warmth: float) -> int:
-        """Append a row and return its number."""
-        self.q.append(q)
-        self.wrench.append(wrench)
-        self.run.append(run)
-        self.time.append(time)
-        self.warmth.append(warmth)
-        return len(self.q) - 1
+    def add(self, q: Array, run: str, time: float, warmth: float = 1.0) -> int:
+        """Append a row without load and return its number."""
+        self.rows.append((q, np.zeros(6), run, time, warmth))
+        return len(self.rows) - 1
+
+    def stay(self, q: Array, wrench: Array | None = None) -> int:
+        """Append a row at rest, in its turn after the clock, and return its number."""
+        load = np.zeros(6) if wrench is None else wrench
+        self.rows.append((q, load, "static_next", self.clock + PACE * len(self.rows), 1.0))
+        return len(self.rows) - 1
+
+    def last(self) -> float:
+        """Return the time of the latest row. [s]"""
+        return max(row[3] for row in self.rows)
 
 
 def lay_out_moves(robot: Robot, campaign: Campaign, seed: int = 0) -> tuple[Campaign, tuple[MeasuringMove, ...]]:
@@ -111,11 +114,9 @@ def lay_out_moves(robot: Robot, campaign: Campaign, seed: int = 0) -> tuple[Camp
     poses = draw_poses(robot, campaign, POSES, random)
     if not len(poses):
         return campaign.take(np.zeros(0, int)), ()
-    pool = Pool()
-    head = np.flatnonzero(campaign.usable)[:5]
-    for row in head:
-        pool.add(campaign.q[row], campaign.wrench[row], "static_before", 0.0, 0.0)
-    _add_static(pool, robot, campaign, poses)
+    before = np.flatnonzero(campaign.usable)[:5]
+    pool = Pool([(campaign.q[row], campaign.wrench[row], "static_before", 0.0, 0.0) for row in before])
+    _add_static(pool, campaign, poses)
     _add_reversals(pool, robot, poses)
     _add_sweeps(pool, robot, campaign, poses)
     if campaign.time is not None or campaign.temperature is not None:
@@ -173,99 +174,79 @@ def given_loads(campaign: Campaign) -> list[Array]:
     return picked
 
 
-def _add_static(pool: Pool, robot: Robot, campaign: Campaign, poses: Array) -> None:
-    nothing, loads = np.zeros(6), given_loads(campaign)
-    clock = _clock(campaign)
-
-    def stay(q: Array, wrench: Array) -> int:
-        return pool.add(q, wrench, "static_next", clock + PACE * len(pool.q), 1.0)
-
-    for q in poses:
-        pool.moves.append(MeasuringMove("new_poses", (stay(q, nothing),)))
-    heaviest = max(float(np.linalg.norm(load[:3])) for load in loads)
-    weight = np.array([0.0, 0.0, -heaviest, 0.0, 0.0, 0.0])
+def _add_static(pool: Pool, campaign: Campaign, poses: Array) -> None:
+    loads = given_loads(campaign)
+    pool.clock = 0.0 if campaign.time is None else float(np.nanmax(campaign.time)) + PAUSE
+    pool.moves += [MeasuringMove("new_poses", (pool.stay(q),)) for q in poses]
+    weight = np.array([0.0, 0.0, -max(float(np.linalg.norm(load[:3])) for load in loads), 0.0, 0.0, 0.0])
     for number, q in enumerate(poses[:LOADED_POSES]):
         load = loads[number % len(loads)]
-        pool.moves.append(MeasuringMove("loaded_unloaded", (stay(q, nothing), stay(q, load))))
-        pool.moves.append(MeasuringMove("sign_flip", (stay(q, load), stay(q, -load))))
-        pool.moves.append(MeasuringMove("two_payloads", (stay(q, LIGHT * weight), stay(q, weight))))
+        pool.moves.append(MeasuringMove("loaded_unloaded", (pool.stay(q), pool.stay(q, load))))
+        pool.moves.append(MeasuringMove("sign_flip", (pool.stay(q, load), pool.stay(q, -load))))
+        pool.moves.append(MeasuringMove("two_payloads", (pool.stay(q, LIGHT * weight), pool.stay(q, weight))))
 
 
 def _add_reversals(pool: Pool, robot: Robot, poses: Array) -> None:
-    nothing, clock = np.zeros(6), max(pool.time)
-    for index, joint in enumerate(robot.actuated):
-        step = np.zeros(robot.nq)
-        step[index] = BACK_OFF[joint.kind]
+    pool.clock = pool.last()
+    for joint, unit in zip(robot.actuated, np.eye(robot.nq), strict=True):
+        step = BACK_OFF[joint.kind] * unit
         for q in poses[:REVERSED_POSES]:
             centre = np.clip(q, robot.lower + step, robot.upper - step)
-            rows = []
-            for side in (-1.0, 1.0):
-                pool.add(centre + side * step, nothing, "static_next", clock + PACE * len(pool.q), 1.0)
-                rows.append(pool.add(centre, nothing, "static_next", clock + PACE * len(pool.q), 1.0))
+            rows = [(pool.stay(centre + side * step), pool.stay(centre))[1] for side in (-1.0, 1.0)]
             pool.moves.append(MeasuringMove("reversal", tuple(rows), joint.name))
 
 
 def _add_sweeps(pool: Pool, robot: Robot, campaign: Campaign, poses: Array) -> None:
     lower, upper = joint_range(robot, campaign)
-    nothing, clock = np.zeros(6), max(pool.time)
+    pool.clock = pool.last()
     for index, joint in enumerate(robot.actuated):
         for q in poses[:2]:
             sweep = np.repeat(q[None], SWEEP_ROWS, axis=0)
             sweep[:, index] = np.linspace(lower[index], upper[index], SWEEP_ROWS)
             sweep = sweep[keeps_clear(robot, campaign, sweep)]
-            if len(sweep) < FEWEST_ROWS:
-                continue
-            rows = tuple(pool.add(s, nothing, "static_next", clock + PACE * len(pool.q), 1.0) for s in sweep)
-            pool.moves.append(MeasuringMove("joint_sweep", rows, joint.name))
+            if len(sweep) >= FEWEST_ROWS:
+                pool.moves.append(MeasuringMove("joint_sweep", tuple(pool.stay(s) for s in sweep), joint.name))
 
 
 def _add_warm_up(pool: Pool, poses: Array) -> None:
-    nothing = np.zeros(6)
-    rows: list[list[int]] = [[] for _ in poses[:WARM_POSES]]
-    for seconds, warmth in zip(COURSE, (0.0, 0.5, 1.0), strict=True):
-        for number, q in enumerate(poses[:WARM_POSES]):
-            rows[number].append(pool.add(q, nothing, "static_warming", seconds + PACE * number, warmth))
-    pool.moves += [MeasuringMove("warm_up", tuple(numbers)) for numbers in rows]
+    rows = [
+        [pool.add(q, "static_warming", seconds + PACE * number, warmth) for number, q in enumerate(poses[:WARM_POSES])]
+        for seconds, warmth in zip(COURSE, (0.0, 0.5, 1.0), strict=True)
+    ]
+    pool.moves += [MeasuringMove("warm_up", numbers) for numbers in zip(*rows, strict=True)]
 
 
 def _add_paths(pool: Pool, robot: Robot, poses: Array) -> None:
     """Swing each joint by some degrees there and back, slowly and fast."""
-    nothing, clock = np.zeros(6), max(pool.time)
-    phase = np.linspace(0.0, 2.0 * np.pi, PATH_ROWS)
+    clock, centre = pool.last(), np.clip(poses[0], robot.lower + SWING, robot.upper - SWING)
     for index, joint in enumerate(robot.actuated):
         if joint.kind != "revolute":
             continue
         rows: list[int] = []
-        centre = np.clip(poses[0], robot.lower + SWING, robot.upper - SWING)
         for number, speed in enumerate(SPEEDS):
             clock += PAUSE
-            for angle in phase:
-                q = centre.copy()
-                q[index] += SWING * np.sin(angle)
+            for angle in np.linspace(0.0, 2.0 * np.pi, PATH_ROWS):
+                q = centre + SWING * np.sin(angle) * np.eye(robot.nq)[index]
                 moment = clock + SWING * angle / speed
-                rows.append(pool.add(q, nothing, f"path_next_{index + 1}_{number + 1}", moment, 1.0))
-            clock = max(pool.time)
+                rows.append(pool.add(q, f"path_next_{index + 1}_{number + 1}", moment))
+            clock = pool.last()
         pool.moves.append(MeasuringMove("two_speeds", tuple(rows), joint.name))
 
 
-def _clock(campaign: Campaign) -> float:
-    return 0.0 if campaign.time is None else float(np.nanmax(campaign.time)) + PAUSE
-
-
 def _continue_campaign(campaign: Campaign, pool: Pool) -> Campaign:
-    n = len(pool.q)
-    q, temperature = np.array(pool.q), None
+    n, temperature = len(pool.rows), None
+    q, wrench, run, time, warmth = (np.array(part) for part in zip(*pool.rows, strict=True))
     if campaign.temperature is not None and campaign.warming is not None:
         rise = float(np.max(campaign.warming))
         rise = rise if rise > WARMED else ASSUMED_RISE
-        temperature = campaign.reference_temperature + rise * np.array(pool.warmth)
+        temperature = campaign.reference_temperature + rise * warmth
     return Campaign(
-        run=np.array(pool.run, dtype=np.str_),
+        run=run.astype(np.str_),
         q=q,
-        wrench=np.array(pool.wrench),
+        wrench=wrench,
         position=np.zeros((n, 3)),
         rotation=None if campaign.rotation is None else np.broadcast_to(np.eye(3), (n, 3, 3)),
-        time=None if campaign.time is None else np.array(pool.time),
+        time=None if campaign.time is None else time,
         temperature=temperature,
         link=None if campaign.link is None else q.copy(),
         target=None if campaign.target is None else np.full(n, int(campaign.target_index[-1])),

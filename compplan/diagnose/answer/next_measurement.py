@@ -6,16 +6,17 @@ m_A, m_B and covariances K_A, K_B of what is not known exactly. With noise N the
     D = 1/2 (m_A - m_B)^T (N + (K_A + K_B) / 2)^-1 (m_A - m_B)
 
 [Box1967; Atkinson1975: T-optimality, here with the uncertainty of both models]. Moves are picked one after the other,
-each for what it adds to those before, until more of them would not tell more.
+each for what it adds to those before, until more of them would not tell more, then exchanged.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import expit, logit
 
 from compplan.diagnose.answer.measurement_moves import KINDS, MeasuringMove, lay_out_moves
@@ -31,6 +32,8 @@ from compplan.diagnose.search.state import Fit
 from compplan.effects import EFFECTS, apply_effects, attain_scene, stage_scene
 from compplan.effects.linearization import Linearization, Place, linearize_scene
 from compplan.effects.signature import Signature
+from compplan.measure.poses.exchange import choose_best, grow_choice
+from compplan.measure.poses.information import explain_rows, odds_gains
 from compplan.robot import Array
 
 #: Moves of one kind at least, since a single reading may be a gross error, and at most; proposals at most
@@ -48,6 +51,8 @@ UNSURE = 0.9
 AS_GOOD = 0.02
 #: Nodes of the Gauss-Hermite rule (assumed: exact to 1e-6 for the odds that occur).
 NODES = 31
+#: Rounds of exchange (assumed, as in the loop).
+ROUNDS = 3
 NOTHING = "none"
 
 
@@ -68,6 +73,20 @@ class Pair:
     model: Model
     other: Model
     log_odds: float
+
+
+class DifferenceShown(NamedTuple):
+    """What k moves show of the difference of two models.
+
+    Attributes:
+        mean: Parameters of the first, less those of the second, each in its own place. Shape (P,).
+        covariance: Mean covariance of the two. Shape (P, P).
+        rows: Derivatives of what each move shows, in units of its noise. Shape (k, c, P).
+    """
+
+    mean: Array
+    covariance: Array
+    rows: Array
 
 
 @dataclass(frozen=True)
@@ -109,8 +128,8 @@ def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     scene = stage_scene(fit.problem.robot, pool, registration=fit.state.registration, later=True)
     scene = apply_effects(scene, fit.state.effects)
     at = linearize_scene(scene, attain_scene(scene), {effect.place: effect.parameters for effect in fit.state.effects})
-    design = predict_columns(fit, at)
-    tried = [(pair, best_proposal(fit, pair, design, moves)) for pair in pairs]
+    design = weigh_columns(fit, predict_columns(fit, at))
+    tried = [(pair, best_proposal(pair, design, moves)) for pair in pairs]
     proposals = sorted((found for _, found in tried if found is not None), key=lambda p: -p.gain)
     tables = [summarise_proposal(fit, at, proposal) for proposal in proposals]
     tables += [_inseparable(pair) for pair, found in tried if found is None]
@@ -202,20 +221,23 @@ def _motion(signature: Signature, k: int, channel: str) -> Array:
     return signature.encoder[:, :, k]
 
 
-def best_proposal(fit: Fit, pair: Pair, designs: Sequence[Array], moves: Sequence[MeasuringMove]) -> Proposal | None:
-    """Find the kind of move that separates a pair best, with as few moves as do it."""
+def weigh_columns(fit: Fit, designs: Sequence[Array]) -> Array:
+    """Put columns of channels side by side, in units of the noise of a further row. Shape (n, c, p)."""
+    hyper = fit.model.posterior.hyper
+    # what a stay gets wrong in common is noise to the next one
+    variance = np.exp(hyper.log_noise) * (1.0 + np.exp(2.0 * hyper.log_shared))
+    return np.concatenate([part / np.sqrt(v) for part, v in zip(designs, variance, strict=True)], axis=1)
+
+
+def best_proposal(pair: Pair, design: Array, moves: Sequence[MeasuringMove]) -> Proposal | None:
+    """Find the kind of move that separates a pair best, with as few moves as do it. design: shape (n, c, p)."""
     found: list[Proposal] = []
     for kind in KINDS:
         own = [move for move in moves if move.kind == kind]
-        rows = np.array([row for move in own for row in move.rows], int)
         moving = any(place is not None and place[0] in OF_MOTION for place in (pair.first, pair.second))
-        if not len(rows) or (kind == "two_speeds" and not moving):
+        if not own or (kind == "two_speeds" and not moving):
             continue
-        stacked = np.concatenate([design[rows] for design in designs], axis=1)
-        difference, covariance = predict_difference(fit, pair, stacked, [design.shape[1] for design in designs])
-        ends = np.cumsum([len(move.rows) for move in own]) * stacked.shape[1]
-        items = [np.arange(end - len(move.rows) * stacked.shape[1], end) for end, move in zip(ends, own, strict=True)]
-        picked, information = pick_moves(difference, covariance, items, pair.log_odds)
+        picked, information = pick_moves(predict_difference(pair, design, own), pair.log_odds)
         if picked:
             probability = float(expit(abs(pair.log_odds)))
             gain = expected_gain(pair.log_odds, information / TEMPER, TEMPER)
@@ -228,64 +250,58 @@ def best_proposal(fit: Fit, pair: Pair, designs: Sequence[Array], moves: Sequenc
     return min(good, key=lambda p: sum(len(move.rows) for move in p.moves))
 
 
-def predict_difference(fit: Fit, pair: Pair, stacked: Array, widths: Sequence[int]) -> tuple[Array, Array]:
-    """Return the difference of what two models predict, and the covariance of what is observed about it.
+def predict_difference(pair: Pair, design: Array, moves: Sequence[MeasuringMove]) -> DifferenceShown:
+    """Return what moves show of the difference of two models, as `compplan.measure.poses.information` counts it.
 
     Args:
-        fit: The fit.
         pair: The two models.
-        stacked: Columns at further rows, channels side by side, in units of the noise. Shape (r, c, p).
-        widths: Components of each channel.
+        design: Columns at further rows, channels side by side, in units of the noise of a row. Shape (n, c, p).
+        moves: The moves; a short one has rows that show nothing.
     """
-    r, c, p = stacked.shape
-    flat = stacked.reshape(r * c, p)
-    hyper = fit.model.posterior.hyper
-    # what a stay gets wrong in common is noise to the next one
-    variance = np.exp(hyper.log_noise) * (1.0 + np.exp(2.0 * hyper.log_shared))
-    covariance = np.diag(np.tile(np.repeat(variance, widths), r))
-    means = []
-    for model in (pair.model, pair.other):
-        posterior = model.posterior
-        columns = flat[:, posterior.columns]
-        means.append(columns @ posterior.mean)
-        covariance += 0.5 * columns @ posterior.covariance @ columns.T
-    return means[0] - means[1], covariance
+    two = [model.posterior for model in (pair.model, pair.other)]
+    columns = np.concatenate([design[:, :, posterior.columns] for posterior in two], axis=2)
+    longest = max(len(move.rows) for move in moves)
+    rows = np.zeros((len(moves), longest, *columns.shape[1:]))
+    for number, move in enumerate(moves):
+        rows[number, : len(move.rows)] = columns[list(move.rows)]
+    return DifferenceShown(
+        np.r_[two[0].mean, -two[1].mean],
+        0.5 * block_diag(*(posterior.covariance for posterior in two)),
+        rows.reshape(len(moves), -1, columns.shape[2]),
+    )
 
 
-def pick_moves(
-    difference: Array, covariance: Array, items: Sequence[Array], log_odds: float
-) -> tuple[list[int], float]:
-    """Pick moves one after the other while each adds to the expected gain.
+def pick_moves(shown: DifferenceShown, log_odds: float) -> tuple[list[int], float]:
+    """Pick moves for what each adds to those before, as many as add to the expected gain, then exchange them.
 
     Args:
-        difference: Difference of the predictions. Shape (m,).
-        covariance: Covariance of the observations. Shape (m, m).
-        items: Observations that each move consists of.
+        shown: What the moves show of the difference.
         log_odds: Log odds of the pair now.
 
     Returns:
         The numbers of the moves, and the expected log likelihood ratio of all of them together.
     """
-    d, S = difference.copy(), covariance.copy()
+
+    def worth(taken: list[int]) -> Array:
+        mean, covariance = explain_rows(shown.mean, shown.covariance, shown.rows[taken], 1.0)
+        return odds_gains(mean, covariance, shown.rows)
+
+    def gain_of(information: float) -> float:
+        return expected_gain(log_odds, information / TEMPER, TEMPER)
+
     picked: list[int] = []
-    information, gain = 0.0, 0.0
-    while len(picked) < min(MOST_MOVES, len(items)):
-        left = [k for k in range(len(items)) if k not in picked]
-        worth = [0.5 * float(d[items[k]] @ np.linalg.solve(S[np.ix_(items[k], items[k])], d[items[k]])) for k in left]
-        best = int(np.argmax(worth))
-        fuller = expected_gain(log_odds, (information + worth[best]) / TEMPER, TEMPER)
+    information = 0.0
+    for best, added in grow_choice(worth, min(MOST_MOVES, len(shown.rows))):
         # a single move may be too little to show although all that are allowed would
-        most = information + (MOST_MOVES - len(picked)) * worth[best]
+        most = information + (MOST_MOVES - len(picked)) * added
         enough = len(picked) >= FEWEST_MOVES or not picked
-        if enough and expected_gain(log_odds, most / TEMPER, TEMPER) < gain + WORTH_A_MOVE:
+        if enough and gain_of(most) < gain_of(information) + WORTH_A_MOVE:
             break
-        item = items[left[best]]
-        taken = np.linalg.solve(S[np.ix_(item, item)], np.column_stack([d[item], S[item]]))
-        d = d - S[:, item] @ taken[:, 0]
-        S = S - S[:, item] @ taken[:, 1:] + 1e-9 * np.eye(len(S))
-        picked.append(left[best])
-        information, gain = information + worth[best], fuller
-    return (picked, information) if gain >= WORTH_A_MOVE else ([], 0.0)
+        picked, information = [*picked, best], information + added
+    if gain_of(information) < WORTH_A_MOVE:
+        return [], 0.0
+    chosen = choose_best(worth, picked, ROUNDS)
+    return [move for move, _ in chosen], sum(added for _, added in chosen)
 
 
 def expected_gain(log_odds: float, information: float, temper: float = 1.0) -> float:

@@ -1,12 +1,13 @@
 """Which of many measurements to take: greedily by what each adds, then exchanged one by one [Fedorov1972].
 
 One search for every aim: an aim tells what each candidate is worth beside some that are taken. Identification asks for
-the determinant of the information, the loop for the variance of the tip along a path.
+the determinant of the information, the loop for the variance of the tip along a path, the diagnosis for the odds of two
+explanations.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -18,14 +19,32 @@ Worth = Callable[[list[int]], Array]
 BETTER = 1e-9
 
 
-def take_greedily(worth: Worth, count: int) -> list[int]:
-    """Take candidates one after the other, each for what it adds to those before it."""
+def grow_choice(worth: Worth, count: int) -> Iterator[tuple[int, float]]:
+    """Take candidates one after the other, each for what it adds to those before it; yield each and what it adds."""
     taken: list[int] = []
     for _ in range(count):
         gain = worth(taken)
         gain[taken] = -np.inf
         taken.append(int(gain.argmax()))
-    return taken
+        yield taken[-1], float(gain[taken[-1]])
+
+
+def take_greedily(worth: Worth, count: int) -> list[int]:
+    """Take candidates one after the other, each for what it adds to those before it."""
+    return [number for number, _ in grow_choice(worth, count)]
+
+
+def choose_best(worth: Worth, taken: Sequence[int], rounds: int) -> list[tuple[int, float]]:
+    """Exchange what is taken, and order it by what each adds to those before it; also return what that is.
+
+    Args:
+        worth: What every candidate is worth beside some.
+        taken: Candidates to begin with.
+        rounds: Rounds of exchange.
+    """
+    chosen = exchange_taken(worth, taken, rounds)
+    grown = grow_choice(lambda order: worth([chosen[k] for k in order])[chosen], len(chosen))
+    return [(chosen[k], gain) for k, gain in grown]
 
 
 def exchange_taken(worth: Worth, taken: Sequence[int], rounds: int) -> list[int]:

@@ -15,11 +15,24 @@ def learn_rows(covariance: Array, rows: Array, noise: float) -> Array:
         rows: Derivatives of each measurement. Shape (m, c, P).
         noise: Variance of each of its components.
     """
+    return explain_rows(np.zeros(len(covariance)), covariance, rows, noise)[1]
+
+
+def explain_rows(mean: Array, covariance: Array, rows: Array, noise: float) -> tuple[Array, Array]:
+    """Return what is left of a difference m, H m being what measurements show of it, and its covariance after them.
+
+    Args:
+        mean: The difference, such as of two explanations. Shape (P,).
+        covariance: Shape (P, P).
+        rows: Derivatives of each measurement. Shape (m, c, P).
+        noise: Variance of each of its components.
+    """
     for H in rows:
         along = covariance @ H.T
-        covariance = covariance - along @ np.linalg.solve(H @ along + noise * np.eye(len(H)), along.T)
+        gain = np.linalg.solve(H @ along + noise * np.eye(len(H)), along.T)
+        mean, covariance = mean - gain.T @ (H @ mean), covariance - along @ gain
         covariance = 0.5 * (covariance + covariance.T)
-    return covariance
+    return mean, covariance
 
 
 def _innovate(covariance: Array, rows: Array, noise: float) -> tuple[Array, Array]:
@@ -48,3 +61,16 @@ def determinant_gains(covariance: Array, rows: Array, noise: float = 1.0) -> tup
     along, inner = _innovate(covariance, rows, noise)
     left = np.diag(covariance) - np.einsum("mcp,mcp->mp", along, np.linalg.solve(inner, along))
     return np.asarray(np.linalg.slogdet(inner / noise)[1]), np.asarray(left)
+
+
+def odds_gains(mean: Array, covariance: Array, rows: Array, noise: float = 1.0) -> Array:
+    """Return d^T (H S H^T + R)^-1 d / 2, d = H m: the expected log likelihood ratio of each measurement. Shape (m,).
+
+    Args:
+        mean: Difference of two explanations, m. Shape (P,).
+        covariance: Mean of their covariances, S. Shape (P, P).
+        rows: Derivatives of each measurement, H. Shape (m, c, P).
+        noise: Variance of each component.
+    """
+    d, inner = rows @ mean, _innovate(covariance, rows, noise)[1]
+    return np.asarray(0.5 * np.einsum("mc,mc->m", d, np.linalg.solve(inner, d[..., None])[..., 0]))
