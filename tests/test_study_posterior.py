@@ -13,9 +13,10 @@ from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.job.noise import NoiseTable, describe_noise
 from compplan.known.assumed import known_uncertainty
-from compplan.known.slopes import stage_path
+from compplan.known.slopes import ForceSpread, stage_path
 from compplan.known.vary import vary_scene
 from compplan.plan.plan import build_task, prepare_job
+from compplan.promise.band import draw_paths, linearise_path
 from compplan.robot.uncertainty import RivalRobot, Uncertainty, Unknown, spread_unknowns
 from compplan.study.draw import draw_cells
 from compplan.study.judging import run_strategy
@@ -78,7 +79,7 @@ def test_what_is_unexplained_has_its_size_along_the_path(study: Study) -> None:
     assert size == pytest.approx(known.unexplained, rel=0.05)
 
 
-def test_samples_take_a_rival_as_often_as_its_weight_says_and_the_factor_widens_both() -> None:
+def test_samples_and_promise_take_a_rival_as_often_as_its_weight_says_and_the_factor_widens_both() -> None:
     """Folder .7, rival .3: the zero of joint 2 or the length of joint 3; two clouds, three times as far apart."""
     unknowns = (
         Unknown("joint_offset", "joint_2", None, ("offset_rad",), np.zeros(1)),
@@ -99,6 +100,14 @@ def test_samples_take_a_rival_as_often_as_its_weight_says_and_the_factor_widens_
         there = np.linalg.norm(moved - other, axis=(1, 2)) < np.linalg.norm(moved, axis=(1, 2))
         assert there.mean() == pytest.approx(0.3, abs=0.07)
         assert moved[there].mean(axis=0) == pytest.approx(other, abs=0.02 * np.abs(other).max())
+        # the promise draws robots from the same two clouds
+        still = replace(task.robot.uncertainty, repeatability=0.0)
+        sure = ForceSpread(0.0, 0.0, 0.0, "known")
+        drawn = np.moveaxis(draw_paths(linearise_path(scene, still, sure, np.ones(len(task), bool)), still), 2, 0)
+        near = np.linalg.norm(drawn - other, axis=(1, 2)) < np.linalg.norm(drawn, axis=(1, 2))
+        assert near.mean() == pytest.approx(0.3, abs=0.03)
+        assert drawn[near].mean(axis=0) == pytest.approx(other, abs=0.02 * np.abs(other).max())
+        assert drawn[~near].std(axis=0).max() < 0.2 * drawn.std(axis=0).max()
 
 
 def test_the_spread_of_the_robot_is_left_to_the_folder(study: Study) -> None:

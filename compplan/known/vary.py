@@ -72,10 +72,23 @@ def draw_values(known: Uncertainty, count: int, seed: int) -> Array:
     random = np.random.default_rng(seed)
     root, shifts = known.split_rivals()
     values = random.standard_normal((count, root.shape[1])) @ root.T
+    return np.asarray(values + pick_rivals(known, shifts, count, random))
+
+
+def pick_rivals(known: Uncertainty, shifts: Array, count: int, random: np.random.Generator) -> Array:
+    """Pick for each draw one explanation of each cause, by their weights, and return its shift. Shape (count, p). [SI]
+
+    Args:
+        known: What is known.
+        shifts: Shift of each rival, as `split_rivals` widens them. Shape (rivals, p).
+        count: Number of draws.
+        random: Where the draws come from.
+    """
+    values = np.zeros((count, len(known.factor)))
     for own, weights in group_rivals(known):
         picked = random.choice(len(weights), size=count, p=weights)
-        values += np.vstack([shifts[own], np.zeros(len(root))])[picked]
-    return np.asarray(values)
+        values += np.vstack([shifts[own], np.zeros(values.shape[1])])[picked]
+    return values
 
 
 def group_rivals(known: Uncertainty) -> list[tuple[list[int], Array]]:

@@ -22,6 +22,7 @@ from scipy.spatial.distance import cdist
 from compplan.effects.scene import Scene
 from compplan.known.assumed import known_uncertainty, list_assumed
 from compplan.known.slopes import ForceSpread, measure_force_slopes, measure_slopes, pick_rows, tip_of
+from compplan.known.vary import pick_rivals
 from compplan.measure.distance import LEVEL, band_radius
 from compplan.promise.motion import Motion
 from compplan.promise.narrow import Narrowing, list_knowable, rank_narrowings
@@ -245,12 +246,16 @@ def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:
     """Draw where true tips are beside the planned ones, to first order. Shape (k, 3, count). [m]
 
     Parameters, force and one error of repeatability hold for a whole run; what is unexplained is smooth over the place.
+    Of rival explanations one holds, by their weights, as where Monte Carlo draws robots.
     """
     random = np.random.default_rng(SEED)
     k = len(slopes.rows)
-    columns = np.concatenate([slopes.model @ known.spread, slopes.shared], axis=2)
+    root, shifts = known.split_rivals()
+    columns = np.concatenate([slopes.model @ root, slopes.shared], axis=2)
     moved = columns.reshape(3 * k, -1) @ random.standard_normal((columns.shape[2], count))
     moved = moved.reshape(k, 3, count)
+    if known.rivals:
+        moved += slopes.model @ pick_rivals(known, shifts, count, random).T
     moved += (known.repeatability or 0.0) * random.standard_normal((1, 3, count))
     moved += slopes.local * random.standard_normal((k, 1, count))
     if len(slopes.moved):
