@@ -113,7 +113,6 @@ _MODULES = {
     "loop.campaign": ("PoseCampaign", "Shop", "design_campaign"),
     "loop.teach": ("Teaching", "teach_part"),
     "report.maps.survey": ("MapSettings", "RobotMaps", "map_robot"),
-    "plan.closed_loop": ("TimeCell", "run_in_time"),
     "plan.correction_loop": ("largest_pole",),
     "plan.strategies.online_correction": ("LOOPS",),
     "posture.place": ("PlaceResult", "place_part"),

@@ -52,7 +52,7 @@ def test_the_names_are_few_and_none_of_them_is_a_tool_of_the_package() -> None:
     shown = [name for name in dir(cp) if not name.startswith("_")]
     assert sorted(shown) == sorted(cp.__all__) and len(set(cp.__all__)) == len(cp.__all__) <= 60
     assert not {"Any", "annotations", "importlib", "TYPE_CHECKING", "sys"} & set(shown)
-    assert cp.run_in_time and cp.split_diagnosis  # names from before are found where they were
+    assert cp.prepare_study and cp.split_diagnosis  # names from before are found where they were
 
 
 def test_a_plan_prints_on_a_screen_and_says_what_a_person_asks_first(plan) -> None:

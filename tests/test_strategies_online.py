@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from montecarlo_cases import cone_study
 
-from compplan.effects import Effect
 from compplan.errors import InputError, UnknownNameError
 from compplan.job.names import ONLINE, STRATEGIES
-from compplan.plan.closed_loop import TimeCell, run_in_time
 from compplan.plan.correction_loop import Loop, Plant, largest_pole, run_loop
 from compplan.plan.strategies.online import prepare_answers
 from compplan.plan.strategies.online_correction import LITERAL, PI, PID
@@ -100,88 +98,8 @@ def test_the_cone_of_johra_online_and_offline_under_one_model_error() -> None:
         assert 0.2 < np.median(left[name]) < 0.6, name
 
 
-def test_the_cell_in_time_agrees_with_the_study_where_nothing_is_fast() -> None:
-    study = cone_study()
-    cells = quiet_cells(study, np.array([1.2]), np.ones(1))
-    true = study.task.robot.scale_compliance(1.2)
-    time = np.r_[0.0, np.cumsum(study.task.step_time)]
-    for name in ("none", "nlp", "secondary_encoder", "both_encoders"):
-        run = run_in_time(study.task, study.answers[name], TimeCell(true))
-        there = np.argmin(np.abs(run.time[:, None] - time[None, :]), axis=0)
-        near = np.abs(run.time[there] - time) < 2e-3
-        attained = np.linalg.norm(run_strategy(study, name, cells), axis=0)[0]
-        assert near.sum() > 5
-        assert np.abs(run.distance[there] - attained)[near].max() < 0.05 * attained.max(), name
-
-
-def test_the_loop_in_time_is_the_filter_of_the_study() -> None:
-    study = cone_study()
-    cells = quiet_cells(study, np.array([1.2]), np.ones(1))
-    time = np.r_[0.0, np.cumsum(study.task.step_time)]
-    # where the tool stands while the force goes, several waypoints share a moment
-    judged = study.cut & np.r_[np.diff(time) > 0, True]
-    assert judged.sum() > 0.8 * study.cut.sum()
-    for name in ("online_pi", "online_pid"):
-        run = run_in_time(study.task, study.answers[name], TimeCell(study.task.robot.scale_compliance(1.2)))
-        filtered = np.sqrt((run_strategy(study, name, cells)[:, 0, judged] ** 2).sum(axis=0).mean())
-        stepped = np.sqrt((np.interp(time, run.time, run.distance)[judged] ** 2).mean())
-        assert stepped == pytest.approx(filtered, rel=0.1)
-        assert not run.limited.any()
-
-
-def test_the_literal_law_runs_into_its_limiter_and_the_others_do_not() -> None:
-    study = cone_study()
-    cell = TimeCell(study.task.robot, most_correction=0.008)
-    online = study.answers["online_pi"]
-    runs = {name: run_in_time(study.task, online, cell, loop=loop, seconds=6.0)
-            for name, loop in (("literal", LITERAL), ("pi", PI), ("pid", PID))}  # fmt: skip
-    assert runs["literal"].limited.mean() > 0.8
-    assert runs["literal"].distance.max() > 0.005
-    for name in ("pi", "pid"):
-        assert not runs[name].limited.any() and runs[name].distance.max() < 0.003
-
-
-def test_with_correction_the_force_of_a_stiff_process_rises() -> None:
-    study = cone_study()
-    sheet = TimeCell(study.task.robot, process_stiffness=np.diag([0.0, 0.0, 2e5]))
-    plain, corrected = (run_in_time(study.task, study.answers[name], sheet) for name in ("none", "online_pi"))
-    assert corrected.wrench[:, 2].max() > 1.05 * plain.wrench[:, 2].max()
-    assert corrected.distance[200:].mean() < plain.distance[200:].mean()
-
-
-def test_sensor_faults_cost_what_they_should() -> None:
-    study = cone_study()
-    force = study.answers["force_sensor_full"]
-    still = run_in_time(study.task, force, TimeCell(study.task.robot))
-    biased = run_in_time(study.task, force, TimeCell(study.task.robot, force_bias=np.r_[0.0, 50.0, 0, 0, 0, 0]))
-    # 50 N that are not there, times the lateral compliance
-    assert 5e-5 < biased.distance.mean() - still.distance.mean() < 1e-3
-    noisy = TimeCell(study.task.robot, link_noise=1e-5, link_step=5e-5, seed=3)
-    plain, shaken = (
-        run_in_time(study.task, study.answers["secondary_encoder"], cell)
-        for cell in (TimeCell(study.task.robot), noisy)
-    )
-    change = np.linalg.norm(plain.attained - shaken.attained, axis=1)
-    assert 5e-6 < change.mean() < 2e-4
-    again = run_in_time(study.task, study.answers["secondary_encoder"], noisy)
-    np.testing.assert_array_equal(again.attained, shaken.attained)
-
-
-def test_any_effect_of_the_diagnosis_may_stand_in_the_cell() -> None:
-    study = cone_study()
-    joint = study.task.robot.joint_names[0]
-    effect = Effect("joint_offset", joint, None, {"offset_rad": 1e-4})
-    nlp = study.answers["nlp"]
-    plain, wrong = (run_in_time(study.task, nlp, TimeCell(study.task.robot, effects=e)) for e in ((), (effect,)))
-    shift = np.linalg.norm(wrong.attained - plain.attained, axis=1)
-    radius = np.hypot(*plain.nominal[:, :2].T)
-    np.testing.assert_allclose(shift, 1e-4 * radius, rtol=0.02)
-
-
 def test_strategies_that_do_not_fit_are_refused() -> None:
     study = cone_study()
-    with pytest.raises(InputError, match="part to part"):
-        run_in_time(study.task, study.answers["first_part"], TimeCell(study.task.robot))
     with pytest.raises(UnknownNameError, match="no strategy"):
         prepare_answers(study.task, ["telepathy"])
     robot = study.task.robot

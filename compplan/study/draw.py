@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from compplan.effects import fold_effects, is_of_instrument, robot_effects
+from compplan.effects import attain_scene, command_campaign, fold_effects, is_of_instrument, robot_effects, stage_scene
 from compplan.effects.attained import attain_with_effects
+from compplan.effects.linearization import AXES, linearize_scene
 from compplan.job.noise import EffectNoise, NoiseTable
 from compplan.known.assumed import known_uncertainty
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
-from compplan.statics.chain import Chain, locate_frames
-from compplan.study.factors import PARTS, TWIST, Factors, link_blocks, to_normal, to_seed
+from compplan.study.factors import PARTS, Factors, link_blocks, to_normal, to_seed
 from compplan.study.posterior import RobotPosterior, move_by_posterior, take_posterior
 
 #: Assumed where neither job nor robot folder states one, an axis. [m]
@@ -30,8 +30,6 @@ REPEATABILITY = 2e-5
 TRACKER_DISTANCE = 3.0
 #: Knots of the noise along the path per correlation length, and their greatest number.
 KNOTS, MOST_KNOTS = 10, 20000
-#: Step by which placements are varied to differentiate the tip. [m or rad]
-STEP = 1e-6
 _PATH, _ENCODERS, _FORCE, _TRACKER = range(4)
 
 
@@ -144,23 +142,21 @@ def find_travel(q: Array) -> Array:
 def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, Array]:
     """Differentiate the tip with respect to placements, growth, tool and part frame: (k, 3, n), and their sigmas (k,).
 
-    First order: placement errors of 0.1 mm and 0.1 mrad leave out less than a micrometre. Differences of the unloaded
-    chain; the load changes them by its own relative deflection.
+    First order: placement errors of 0.1 mm and 0.1 mrad leave out less than a micrometre. The unloaded robot is looked
+    at; the load changes it by its own relative deflection.
     """
-    chain, q = task.chain, task.q_start
-    frames = locate_frames(chain, q)
-    rest = frames.tcp_position
+    bare = replace(task.robot, springs=(), link_elasticities=(), effects=())
+    scene = stage_scene(bare, command_campaign(task.q_start))
+    at = linearize_scene(scene, attain_scene(scene))
+    names = [joint.name for joint in bare.actuated]
     translation, rotation = noise.geometry_mm * 1e-3, float(np.radians(noise.geometry_deg))
-    parts, scale = [], []
-    for element in [*chain.joint_elements, -1]:
-        for k in range(TWIST):
-            moved = locate_frames(_displace(chain, int(element), k), q).tcp_position
-            parts.append((moved - rest) / STEP)
-            scale.append(translation if k < 3 else rotation)
-    grown = replace(chain, position=chain.position * (1 + STEP), tcp_position=chain.tcp_position * (1 + STEP))
-    parts.append((locate_frames(grown, q).tcp_position - rest) / STEP)
+    placed = [at.parent_twist(name, axis) for name in names for axis in AXES]
+    parts = [twist[:, :3] for twist in (*placed, *(at.twist(names[-1], axis) for axis in AXES))]
+    scale = (len(names) + 1) * [*3 * [translation], *3 * [rotation]]
+    grown = attain_scene(replace(scene, growth=scene.growth + 1.0)).position
+    parts.append(grown - at.point)
     scale.append(noise.temperature_K * noise.expansion_per_K)
-    parts += [frames.tcp_rotation[:, :, k] for k in range(3)]
+    parts += [at.attained.frames.tcp_rotation[:, :, k] for k in range(3)]
     scale += [noise.tool_frame_mm * 1e-3] * 3
     lever = task.position - task.position.mean(axis=0)
     parts += [np.broadcast_to(axis, lever.shape) for axis in np.eye(3)] + [np.cross(axis, lever) for axis in np.eye(3)]
@@ -249,25 +245,6 @@ def log_normal(z: Array, relative: float) -> Array:
     """Return log-normal factors of mean 1 and a relative standard deviation."""
     sigma = np.sqrt(np.log1p(relative**2))
     return np.asarray(np.exp(sigma * z - 0.5 * sigma**2))
-
-
-def _displace(chain: Chain, element: int, k: int) -> Chain:
-    """Move or turn the placement of an element (-1: of the TCP) a little, in the axes before the motion."""
-    turn = np.eye(3)
-    if k >= 3:
-        i, j = ((1, 2), (2, 0), (0, 1))[k - 3]
-        turn[[i, j], [j, i]] = -STEP, STEP
-    if element < 0:
-        shifted = chain.tcp_position + (STEP * np.eye(3)[k] if k < 3 else 0.0)
-        if k < 3:
-            return replace(chain, tcp_position=shifted)
-        return replace(chain, tcp_position=turn @ chain.tcp_position)
-    position, rotation = chain.position.copy(), chain.rotation.copy()
-    if k < 3:
-        position[element, k] += STEP
-    else:
-        rotation[element] = turn @ rotation[element]
-    return replace(chain, position=position, rotation=rotation)
 
 
 def _draw_drive(at: Surroundings, take: Callable[[str], Array], points: Array) -> Array:

@@ -15,7 +15,7 @@ from compplan.study.sensitivity import Sensitivity
 from compplan.study.statistics import Interval, estimate_mean, estimate_quantile, estimate_share
 from compplan.study.study import Study
 
-#: What a study leaves out; `compplan.plan.closed_loop` has it, for one cell at a time.
+#: What a study leaves out.
 UNCOUPLED = "the stiffness of the process (the force does not change with where the tool stands), "
 LEFT_OUT = (
     "the steps of quantised encoders (their errors are drawn as normal noise), and the limiter of online corrections"
