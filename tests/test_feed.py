@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from compplan.job.job import check_job
-from compplan.path.corners import find_corners, round_corners
+from compplan.path.corners import SLOWED, find_corners, find_roundings, find_shares, round_corners
 from compplan.path.toolpath import Toolpath, divide_toolpath
 from compplan.plan.feed import FeedWish, TorqueRules, find_constant_feed, time_run
 from compplan.plan.plan import PlanOptions, build_task
@@ -66,6 +66,39 @@ def test_a_rounded_corner_that_is_divided_again_stays_on_its_parabola() -> None:
     step /= np.linalg.norm(step, axis=1, keepdims=True)
     turn = np.degrees(np.arccos(np.clip((step[1:] * step[:-1]).sum(axis=1), -1.0, 1.0)))
     assert turn.max() < 9.0  # a right angle in 18 uneven parts; the chords of six turn by up to 21 deg
+
+
+@pytest.mark.parametrize("turn", [30.0, 90.0, 150.0])
+def test_a_corner_that_the_tool_slows_down_at_is_passed_at_the_tolerance_and_its_shares_are_found(turn: float) -> None:
+    way = np.radians(turn)
+    corner = np.array([1.6, 0.0, 0.9])
+    position = corner + 0.05 * np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [np.cos(way), np.sin(way), 0.0]])
+    path = Toolpath(position, np.tile([0, 0, 1.0], (3, 1)), np.full(3, 0.1), np.zeros(3, bool), frame="base")
+    rounded = round_corners(path, 2e-4, SLOWED)
+    ((first, last),) = find_roundings(rounded)
+    x, u = rounded.position[first : last + 1] - corner, np.linspace(0.0, 1.0, 17)
+    reach = 8.0 * 2e-4 / np.sin(0.5 * way)
+    ahead = position[2] / 0.05 - corner / 0.05
+    assert x == pytest.approx(reach * (-np.outer((1 - u) ** 4, [1.0, 0.0, 0.0]) + np.outer(u**4, ahead)), abs=1e-9)
+    assert np.linalg.norm(x, axis=1).min() == pytest.approx(2e-4)
+    shares, part = find_shares(rounded.position[first : last + 1])
+    assert shares == pytest.approx(u, abs=0.02)
+    assert part * np.linalg.norm(np.diff(x, axis=0), axis=1).sum() == pytest.approx(reach, rel=0.01)
+
+
+def test_a_rounded_corner_takes_less_time_than_a_rest_and_the_tool_slows_down_there_without_a_jolt() -> None:
+    sharp = square_path(step=0.05, feed=0.03)
+    paths = (sharp, round_corners(sharp, 5e-5, SLOWED))
+    rested, rounded = (build_task(ROBOT, path, PlanOptions(spin_free=False)) for path in paths)
+    assert rested.rests.sum() == 2 and not rounded.rests.any()
+    slow, fast = (time_run(task, task.q_start, FeedWish())[1] for task in (rested, rounded))
+    assert slow.time[-1] - fast.time[-1] > 2 * 0.3 * rounded.smoothing
+    bend = np.flatnonzero(rounded.nominal.rounded > 0.0)
+    assert 0.02 < fast.share[bend].min() < 0.5
+    assert fast.velocity_ratio <= 1.0 and fast.acceleration_ratio <= 1.0
+    tip = np.diff(rounded.position, axis=0) / np.diff(fast.time)[:, None]
+    push = np.linalg.norm(np.diff(tip, axis=0), axis=1) / (0.5 * (fast.time[2:] - fast.time[:-2]))
+    assert push[bend[0] - 1 : bend[-1]].max() < 3.0 * 0.03 / rounded.smoothing  # from feed to rest within a period
 
 
 def test_no_tolerance_leaves_the_path_alone() -> None:
@@ -150,10 +183,11 @@ def test_tight_torque_limits_slow_the_run_down_and_are_kept() -> None:
 
 @pytest.mark.parametrize(
     ("process", "feed", "wanted"),
-    [({"model": "columns"}, {}, 5e-5), ({"model": "constant", "force_N": [0.0, 0.0, 9.0], "frame": "path"}, {}, 0.0),
+    [({"model": "columns"}, {}, 5e-5), ({"model": "isf", "axial_N": 9.0}, {}, 5e-5),
+     ({"model": "isf", "axial_N": 9.0}, {"mode": "constant"}, 0.0),
      ({"model": "columns"}, {"corner_tolerance_mm": 0.0}, 0.0),
      ({"model": "isf", "axial_N": 9.0}, {"corner_tolerance_mm": 0.3}, 3e-4)],
 )  # fmt: skip
-def test_corners_are_rounded_unasked_where_the_force_does_not_turn_with_the_travel(process, feed, wanted) -> None:
+def test_corners_are_rounded_unasked_but_where_one_feed_is_kept_and_the_force_turns(process, feed, wanted) -> None:
     data = {"schema": 1, "robot": "ur10", "toolpath": "a.csv", "process": process, "feed": feed}
     assert check_job({**data, "plan": {"tolerance_mm": 0.2}}).corner_tolerance == pytest.approx(wanted)

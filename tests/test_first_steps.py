@@ -49,15 +49,15 @@ class Rows(SimpleNamespace):
 
 
 def slow_run(follows: bool) -> tuple[Any, Any]:
-    """A run of 100 waypoints in 10 s that rests at 30, is held by joint_2 at 60 and slow from 50 to 94."""
-    rests = np.zeros(100, bool)
-    rests[30] = True
+    """A run of 100 waypoints in 10 s: rests at 30, held by joint_2 at 60, slow from 50 to 94, a rounded corner at 80."""
+    rests, rounded = np.zeros(100, bool), np.zeros(100)
+    rests[30], rounded[80] = True, 1e-5
     share = np.r_[np.ones(28), [0.5, 0.4, 0.1, 0.4, 0.5], np.ones(17), np.full(45, 0.9), np.ones(5)]
     limiting, rate = np.full(100, -1), np.full((100, 2), 0.3)
     limiting[60], share[60], rate[60, 1] = 1, 0.7, 1.0
     task = Rows(
-        nominal=SimpleNamespace(rapid=np.zeros(100, bool)), lead=np.zeros(100, bool), rests=rests, smoothing=0.105,
-        follows_feed=follows, inertia=False, robot=SimpleNamespace(joint_names=("joint_1", "joint_2")),
+        nominal=SimpleNamespace(rapid=np.zeros(100, bool), rounded=rounded), lead=np.zeros(100, bool), rests=rests,
+        smoothing=0.105, follows_feed=follows, inertia=False, robot=SimpleNamespace(joint_names=("joint_1", "joint_2")),
         velocity_limits=np.ones(2), acceleration_limits=np.ones(2),
     )  # fmt: skip
     timing = SimpleNamespace(
@@ -77,12 +77,15 @@ def slow_run(follows: bool) -> tuple[Any, Any]:
 def test_a_slow_run_names_corners_the_limit_and_what_is_left(follows: bool, words: str) -> None:
     causes = {text: rows.tolist() for text, rows in list_causes(*slow_run(follows))}
     assert causes.pop("at corners, where the tool comes to rest") == [28, 29, 30, 31, 32]
+    assert causes.pop("at rounded corners") == [77, 78, 79, 80, 81, 82, 83]
     assert causes.pop("by the velocity limit of joint_2") == [59, 60, 61]
     (text, left), = causes.items()
-    assert text.startswith(words) and "up to 30 % of its limit" in text and left == [*range(50, 59), *range(62, 95)]
+    assert text.startswith(words) and "up to 30 % of its limit" in text
+    assert left == [*range(50, 59), *range(62, 77), *range(84, 95)]
     said = describe_causes(*slow_run(follows))
     assert said.startswith("The feed is lowered at 50 waypoints (28-32, 50-94): at corners")
-    assert "down to 10 % at waypoint 30; by the velocity limit of joint_2, down to 70 % at waypoint 60; " in said
+    assert "down to 10 % at waypoint 30; at rounded corners, down to 90 % at waypoint 77; " in said
+    assert "by the velocity limit of joint_2, down to 70 % at waypoint 60; " in said
 
 
 @pytest.mark.parametrize(

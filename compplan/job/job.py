@@ -277,11 +277,13 @@ class Job(StrictTable):
     def corner_tolerance(self) -> float:
         """How far corners of the cut are rounded: as stated, else a share of the tolerance in files. [m].
 
-        Where the force turns with the travel they are not rounded unasked: the correction would have to jump there.
+        Where one feed is kept and the force turns with the travel they are not rounded unasked: the correction would
+        have to jump there.
         """
         if self.feed.corner_tolerance_mm is not None:
             return 1e-3 * self.feed.corner_tolerance_mm
-        rounds = self._given is None and isinstance(self.toolpath, str) and not turns_with_travel(self.process)
+        jumps = self.feed.mode == "constant" and turns_with_travel(self.process)
+        rounds = self._given is None and isinstance(self.toolpath, str) and not jumps
         return 1e-3 * ROUNDED * self.plan.tolerance_mm * rounds
 
     @property

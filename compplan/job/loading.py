@@ -11,7 +11,7 @@ from compplan.errors import InputError
 from compplan.files.notes import list_remarks, list_stops
 from compplan.files.tables import Array
 from compplan.job.job import Job
-from compplan.path.corners import round_corners
+from compplan.path.corners import KEPT, SLOWED, round_corners
 from compplan.path.force_law import ForceLaw, compare_zero, read_stock_top
 from compplan.path.forces.cutting import CuttingTable, prepare_cutting
 from compplan.path.forces.process_stiffness import read_coupling
@@ -120,7 +120,7 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
     max_step = step * 1e-3 if step is not None else FILE_STEP if from_file else np.inf
     if np.isfinite(max_step) or turn is not None:
         toolpath = resample_toolpath(toolpath, max_step, max_turn=np.inf if turn is None else float(np.radians(turn)))
-    toolpath = round_corners(toolpath, job.corner_tolerance)
+    toolpath = round_corners(toolpath, job.corner_tolerance, KEPT if job.feed.mode == "constant" else SLOWED)
     cutting = None
     if isinstance(job.process, CuttingTable):
         cutting = prepare_cutting(job.process, toolpath, top, job.file)

@@ -1,4 +1,13 @@
-"""Corners of a toolpath, rounded by parabolas within a tolerance, so that the feed need not drop to nothing there."""
+"""Corners of a toolpath, rounded within a tolerance, so that the tool need not rest there.
+
+Before a corner the tool runs out, behind it it starts, both at once: at share u of a rounding that begins a before a
+corner C and ends a behind it,
+
+    x(u) = p(-a (1 - u)^n) + p(a u^n) - C,
+
+p the path by its length from the corner. With n = 2 that is a parabola between straight moves, which bends the least.
+With n = 4 and u even in time the tool slows down and starts as a run that is smoothed does (`compplan.plan.profile`).
+"""
 
 from __future__ import annotations
 
@@ -14,38 +23,42 @@ from compplan.path.toolpath import Toolpath, divide_toolpath
 CORNER = float(np.radians(8.0))
 #: A corner turns this much more than its neighbours; a sampled curve does not.
 SHARPER = 3.0
-#: Points on a rounded corner; share of the way to the next corner that its roundings may take.
-ROUND_POINTS, SHARE = 7, 0.45
-#: Share of the tolerance that is taken beside an arc, which leaves its tangent, and the turn of one. [1, rad]
+#: Powers of a rounding: one that the feed is kept along, and one that the tool slows down on.
+KEPT, SLOWED = 2, 4
+#: Points on a rounded corner, by its power; share of the way to the next corner that its roundings may take.
+ROUND_POINTS, SHARE = {KEPT: 7, SLOWED: 17}, 0.45
+#: Share of the tolerance that is taken beside an arc, and the turn of one. [1, rad]
 BESIDE_ARC, BEND = 0.95, 1e-4
 
 
-def round_corners(toolpath: Toolpath, tolerance: float) -> Toolpath:
-    """Round the corners of the cut by parabolas that stay within a tolerance of the path.
+def round_corners(toolpath: Toolpath, tolerance: float, power: int = KEPT) -> Toolpath:
+    """Round the corners of the cut within a tolerance of the path.
 
-    A corner turns the travel by more than a few degrees and much more than its neighbours do. A parabola from a before
-    to a after a corner of turn phi passes it at a sin(phi / 2) / 2; a is measured along the path, chords of arcs that
-    it spans are left out. The tool axis turns along a parabola too. Points crowd towards the corner, so that
-    interpolation between them does not swing out.
+    A corner turns the travel by more than a few degrees and much more than its neighbours do. The rounding of one of
+    turn phi passes it at 2 a sin(phi / 2) / 2^n; a is measured along the path, chords of arcs that it spans are left
+    out. The tool axis turns as the path does. Points crowd towards the corner, so that interpolation between them does
+    not swing out.
 
     Args:
         toolpath: The toolpath.
         tolerance: Greatest distance from the path. [m]
+        power: n, KEPT or SLOWED.
 
     """
     corners, turn = find_corners(toolpath)
     if tolerance <= 0 or not len(corners):
         return toolpath
     along = np.r_[0.0, np.cumsum(toolpath.steps)]
-    reach = _reach_corners(toolpath, corners, along, turn, 2.0 * tolerance / np.sin(0.5 * turn[corners]))
-    grid = np.linspace(0.0, 1.0, ROUND_POINTS)
+    reach = _reach_corners(toolpath, corners, along, turn, 2.0 ** (power - 1) * tolerance / np.sin(0.5 * turn[corners]))
+    grid = np.linspace(0.0, 1.0, ROUND_POINTS[power])
+    before, behind = (1.0 - grid) ** power, grid**power
     places: list[Array] = []
     lengths = np.maximum.accumulate(along + 1e-15 * np.arange(len(along)))
     kept = np.ones(len(toolpath), bool)
     for i, a in zip(corners.tolist(), reach.tolist(), strict=True):
         near = np.arange(*np.searchsorted(along, [along[i] - a, along[i] + a]))
         kept[near[np.abs(along[near] - along[i]) < a * (1.0 - 1e-9)]] = False
-        places.append(np.interp(along[i] + a * (2.0 * grid - 1.0), lengths, np.arange(len(along))))
+        places.append(np.interp(along[i] + a * (behind - before), lengths, np.arange(len(along))))
         for side, end in ((-1, along[i - 1]), (1, along[i + 1])):
             far = np.array(_crowd(a, SHARE * abs(float(end - along[i]))))
             places.append(np.interp(along[i] + side * far, lengths, np.arange(len(along))))
@@ -55,9 +68,10 @@ def round_corners(toolpath: Toolpath, tolerance: float) -> Toolpath:
     for k, i in enumerate(corners.tolist()):
         own = np.searchsorted(every, places[3 * k])
         for values, old in ((position, toolpath.position), (axis, toolpath.axis)):
-            first, last, t = values[own[0]].copy(), values[own[-1]].copy(), grid[:, None]
-            values[own] = (1 - t) ** 2 * first + 2 * t * (1 - t) * old[i] + t**2 * last
-        moved[own] = np.linalg.norm(position[own] - divided.position[own], axis=1)
+            sides = (along[i] - reach[k] * before, along[i] + reach[k] * behind)
+            parts = (np.stack([np.interp(side, lengths, column) for column in old.T], axis=1) for side in sides)
+            values[own] = sum(parts) - old[i]
+        moved[own[1:-1]] = np.linalg.norm((position - divided.position)[own[1:-1]], axis=1)
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     notes = (*divided.notes, _describe(len(corners), float(moved.max())))
     return replace(divided, position=position, axis=axis, rounded=moved, notes=notes)
@@ -104,6 +118,36 @@ def find_corners(toolpath: Toolpath) -> tuple[NDArray[np.int_], Array]:
     around[1:-1] = np.minimum(turn[:-2], turn[2:])
     sharp = cut & (turn > CORNER) & (turn > SHARPER * around) & (turn < np.pi - CORNER)
     return np.flatnonzero(sharp), turn
+
+
+def find_roundings(toolpath: Toolpath) -> list[tuple[int, int]]:
+    """List first and last waypoint of every rounded corner."""
+    if toolpath.rounded is None:
+        return []
+    edges = np.diff(np.r_[0, (toolpath.rounded > 0.0).astype(int), 0])
+    return list(zip((np.flatnonzero(edges == 1) - 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))
+
+
+def find_shares(position: Array) -> tuple[Array, float]:
+    """Find the shares u of waypoints on a rounding of power SLOWED, and a as a share of its length.
+
+    Between straight moves |x'(u)| = 4 a |(1 - u)^3 t_1 + u^3 t_2|, t the directions of travel.
+
+    Args:
+        position: Waypoints from its first to its last. Shape (k, 3). [m]
+
+    Returns:
+        Shape (k,), and a number.
+
+    """
+    steps = np.diff(position, axis=0)
+    length = np.linalg.norm(steps, axis=1)
+    along = np.r_[0.0, np.cumsum(length)]
+    cosine = float(steps[0] @ steps[-1] / max(length[0] * length[-1], 1e-24))
+    u = np.linspace(0.0, 1.0, 201)
+    rate = np.sqrt(np.maximum((1 - u) ** 6 + u**6 + 2 * cosine * ((1 - u) * u) ** 3, 1e-12))
+    whole = np.r_[0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(u))]
+    return np.interp(along / along[-1], whole / whole[-1], u), float(0.25 / whole[-1])
 
 
 def _crowd(nearest: float, farthest: float) -> list[float]:

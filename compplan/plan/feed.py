@@ -86,7 +86,7 @@ def time_run(
     if wish.torque:
         rules = TorqueRules(task.robot, q, task.wrench)
         notes += rules.notes
-    return task, time_command(task, q, rules=rules, slow=slow), tuple(notes)
+    return task, time_command(task, q, rules=rules, slow=slow, keep=wish.constant), tuple(notes)
 
 
 def find_constant_feed(task: PlanTask, q: Array) -> ConstantFeed:

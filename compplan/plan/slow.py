@@ -73,18 +73,23 @@ def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:
 def list_causes(task: PlanTask, timing: Timing) -> list[tuple[str, NDArray[np.int_]]]:
     """Sort the slow waypoints by what slows them; each cause in words, with its waypoints.
 
-    Near a rest within the cut the tool starts up or stops; near a waypoint where a joint is at its limit, that limit
-    holds. What is left is slower for the joints' motion to follow the corrections where these follow the feed, and
-    for the run's smoothness elsewhere.
+    Near a rest within the cut the tool starts up or stops, and nearly so near a rounded corner; near a waypoint where a
+    joint is at its limit, that limit holds. What is left is slower for the joints' motion to follow the corrections
+    where these follow the feed, and for the run's smoothness elsewhere.
     """
     slow = mark_slow(task, timing)
     rests = np.zeros(len(task), bool) if task.rests is None else task.rests & ~task.nominal.rapid
     by_rest = slow & (_distance(timing.time, rests) <= FROM_REST * task.smoothing)
-    by_limit = slow & ~by_rest & (_distance(timing.time, timing.limiting >= 0) <= FROM_LIMIT * task.smoothing)
-    left = slow & ~by_rest & ~by_limit
+    curved = np.zeros(len(task), bool)
+    if task.nominal.rounded is not None:
+        curved = task.nominal.rounded > 0.0
+    by_corner = slow & ~by_rest & (_distance(timing.time, curved) <= FROM_REST * task.smoothing)
+    plain = slow & ~by_rest & ~by_corner
+    by_limit = plain & (_distance(timing.time, timing.limiting >= 0) <= FROM_LIMIT * task.smoothing)
+    left = plain & ~by_limit
     follows = task.follows_feed or task.inertia
     words = "so that the joints can follow the corrections" if follows else "to keep the run smooth around joint limits"
-    causes = [("at corners, where the tool comes to rest", by_rest)]
+    causes = [("at corners, where the tool comes to rest", by_rest), ("at rounded corners", by_corner)]
     causes += [(f"by the {name}", by_limit & rows) for name, rows in _name_limits(task, timing, by_limit)]
     if left.any():
         causes.append((f"{words} ({_describe_busiest(task, timing, left)})", left))

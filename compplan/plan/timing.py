@@ -2,19 +2,22 @@
 
 Cuts are timed by TOPP-RA [Pham2018]: joint velocity and acceleration limits, the programmed feed as the upper bound,
 from rest to rest, then smoothed (`compplan.plan.profile`). Where smoothing or the division of the path leaves a
-difference of joint positions beyond a limit, the run is slowed down there. Rapid moves are joint moves from rest to
-rest: every joint takes the time of the slowest one.
+difference of joint positions beyond a limit, the run is slowed down there. At a corner that is rounded within less than
+a run needs to come to rest, it comes to rest in its middle, and starts before that: both overlap. Rapid moves are joint
+moves from rest to rest: every joint takes the time of the slowest one.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.path.corners import find_roundings, find_shares
 from compplan.plan.fastest_run import NO_LIMIT, TorqueParts, time_cut
 from compplan.plan.profile import ease_duration, ease_times, smooth_profile
 from compplan.plan.task import PlanTask
@@ -27,6 +30,8 @@ LOWERED = 0.995
 FULL_USE, SLOW_ROUNDS = 0.999, 8
 #: What of a run counts as its end: rows, time, and spans of smoothing. [1, s, 1]
 END_ROWS, END_TIME, END_SPANS = 100, 6.0, 20.0
+#: Times of smoothing of a run whose inertia counts: the correction follows its acceleration, which has to be smooth.
+INERTIA_WINDOWS = (1.0, 1.0, 0.5)
 #: Acceleration of a joint whose folder states none, in rapid moves: full speed after this time. [s]
 FULL_SPEED_AFTER = 0.5
 
@@ -72,7 +77,7 @@ class Timing:
 
 
 def time_command(
-    task: PlanTask, q: Array, *, rules: TorqueRows | None = None, slow: Array | None = None
+    task: PlanTask, q: Array, *, rules: TorqueRows | None = None, slow: Array | None = None, keep: bool = False
 ) -> Timing:
     """Time a command.
 
@@ -81,6 +86,7 @@ def time_command(
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         rules: Joint torques to keep within limits, or None.
         slow: Factor by which the run is to be slower than the limits ask for, or None. Shape (n,).
+        keep: Whether the feed is to be kept at rounded corners.
 
     Raises:
         ConvergenceError: If no run keeps the limits.
@@ -92,10 +98,65 @@ def time_command(
         if not task.nominal.steps[start:end].any():
             continue
         along = np.r_[0.0, np.cumsum(parameter_steps(task, q, start, end))]
-        rows = None if rules is None else partial(rules.rows, start, end)
-        time = _time_run(task, along, q[run], rows, np.ones(end + 1 - start) if slow is None else slow[run])
+        own = np.ones(end + 1 - start) if slow is None else slow[run]
+        spans = [] if keep else find_narrow(task, along, start, end)
+        edges, time = [0, *(middle for _, middle, _ in spans), end - start], np.zeros(end + 1 - start)
+        for first, last in pairwise(edges):
+            leg, rows = slice(first, last + 1), None
+            if rules is not None:
+                rows = partial(rules.rows, start + first, start + last)
+            time[leg] = time[first] + _time_run(task, along[leg] - along[first], q[run][leg], rows, own[leg])
+        if spans:
+            time = _overlap_legs(time, task.position[run], spans)
+            use = measure_use(q[run], time, task.velocity_limits, task.acceleration_limits)
+            time = time if use.max() <= 1.0 else _stretch_time(task, q[run], time, use)
         step[start + 1 : end + 1] = np.diff(time)
     return state_timing(task, q, time_between_cuts(task, q, np.cumsum(step)))
+
+
+def find_narrow(task: PlanTask, along: Array, start: int, end: int) -> list[tuple[int, int, int]]:
+    """List first, middle and last waypoint of the roundings of a run that are shorter than its way from feed to rest.
+
+    Waypoints count from the run's first.
+
+    Args:
+        task: The task.
+        along: Programmed time at each waypoint of the run. Shape (k,). [s]
+        start: First waypoint of the run.
+        end: Its last waypoint.
+
+    """
+    window = task.smoothing * (sum(INERTIA_WINDOWS) if task.inertia else 1.0)
+    found = []
+    for first, last in find_roundings(task.nominal):
+        first, last = first - start, last - start
+        if first > 0 and last < end - start and last - first > 1 and along[last] - along[first] < window:
+            middle = int(np.searchsorted(along, 0.5 * (along[first] + along[last])))
+            found.append((first, min(max(middle, first + 1), last - 1), last))
+    return found
+
+
+def _overlap_legs(time: Array, position: Array, spans: list[tuple[int, int, int]]) -> Array:
+    """Let runs that end and begin in the middles of roundings overlap, u of the rounding even in time.
+
+    A run that is smoothed comes to rest as the fourth power of time: one that is r before it rests d later, and goes
+    on at 4 r / d, which is 4 a / g with g the rate dt/du of the rounding: g = a d / r.
+
+    Args:
+        time: Time at each waypoint with rests in the middles. Shape (k,). [s]
+        position: Shape (k, 3). [m]
+        spans: First, middle and last waypoint of each rounding.
+
+    """
+    step = np.diff(time)
+    for first, middle, last in spans:
+        u, share = find_shares(position[first : last + 1])
+        steps = np.linalg.norm(np.diff(position[first : last + 1], axis=0), axis=1)
+        reach, before = share * steps.sum(), steps[: middle - first].sum()
+        rate = reach * (time[middle] - time[first]) / before
+        change = reach * (time[last] - time[middle]) / (steps.sum() - before) - rate
+        step[first:last] = np.diff(rate * u + 0.5 * change * u**2)
+    return np.r_[0.0, np.cumsum(step)]
 
 
 def time_ends(task: PlanTask, q: Array) -> Array:
@@ -184,9 +245,8 @@ def _time_run(
     for _ in range(SLOW_ROUNDS):
         speed = time_cut(along, q, *limits, rows, slow=slow, gentle=gentle)[2]
         profile = smooth_profile(along, speed, task.smoothing)
-        if task.inertia:  # the correction follows the acceleration: that has to be smooth itself
-            profile = smooth_profile(along, profile.speed, task.smoothing)
-            profile = smooth_profile(along, profile.speed, 0.5 * task.smoothing)
+        for window in INERTIA_WINDOWS[1:] if task.inertia else ():
+            profile = smooth_profile(along, profile.speed, window * task.smoothing)
         time = profile.time
         use = measure_use(q, time, task.velocity_limits, task.acceleration_limits)
         if use.max() <= 1.0:
