@@ -49,7 +49,7 @@ class Rows(SimpleNamespace):
 
 
 def slow_run(follows: bool) -> tuple[Any, Any]:
-    """A run of 100 waypoints in 10 s: rests at 30, held by joint_2 at 60, slow from 50 to 94, a rounded corner at 80."""
+    """A run of 100 waypoints in 10 s: rests at 30, held by joint_2 at 60, slow from 50 to 94; corner at 80."""
     rests, rounded = np.zeros(100, bool), np.zeros(100)
     rests[30], rounded[80] = True, 1e-5
     share = np.r_[np.ones(28), [0.5, 0.4, 0.1, 0.4, 0.5], np.ones(17), np.full(45, 0.9), np.ones(5)]
