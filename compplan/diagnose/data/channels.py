@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.data.agreed import FEW_ROWS
 from compplan.diagnose.data.noise import STATED, Noise, estimate_noise
 from compplan.effects.scene import Attained, Scene
 from compplan.measure.campaign import Campaign
@@ -28,9 +29,6 @@ from compplan.robot import Array
 #: Neighbouring samples of a path share an error: a path is cut into about so many blocks, none shorter than the second
 #: (assumed).
 PATH_BLOCKS, SHORTEST_BLOCK = 16, 8
-#: An encoder is used where it is known in more than this share of the rows; an orientation, in more rows than this
-#: (assumed).
-MOSTLY_KNOWN, FEW_ROWS = 0.5, 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +126,7 @@ def build_channels(
             campaign.q if campaign.motor is None else np.where(np.isfinite(campaign.motor), campaign.motor, campaign.q)
         )
         seen = campaign.link - motor - (attained.link - attained.motor)
-        known = np.isfinite(campaign.link).all(0) | (np.isfinite(campaign.link).mean(0) > MOSTLY_KNOWN)
+        known = np.median(np.isfinite(campaign.link), axis=0) > 0
         rows = np.flatnonzero(use & ~campaign.link_controlled & np.isfinite(seen[:, known]).all(1) & known.any())
         channels.append(Channel("encoder", rows, np.where(known, seen, 0.0)[rows], block[rows], noises["encoder"]))
     frames = scene.registration

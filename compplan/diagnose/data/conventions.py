@@ -10,34 +10,31 @@ from dataclasses import replace
 
 import numpy as np
 
+from compplan.diagnose.data.agreed import ROUNDING, SAMPLE
 from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
 from compplan.measure.campaign import Campaign
 from compplan.measure.fit_frames import fit_registration
 from compplan.measure.registration import stated_registration
 from compplan.robot import Array, Robot
 
-#: A gap of this size calls for a wrong convention [m]; a convention has to leave less than this share of it (assumed).
-SUSPICIOUS, CONVINCING = 5e-3, 0.3
-#: Rows that are compared, and the share of them that lies within what is called the gap (assumed: enough for it; a
-#: wrong coupling shows in the sweep of one joint of seven alone, and one row in ten may be gross).
-SAMPLE, WITHIN = 400, 0.9
-#: Ratios of two coupled axes that are tried (assumed: those that controllers have).
-PAIRS = (-1.0, 1.0)
-#: Steps of the search for a ratio or a zero, the longest of them, the nudge of its derivative, and the step at which it
-#: has settled (assumed).
-STEPS, LONGEST_STEP, NUDGE, SETTLED = 12, 0.3, 1e-5, 1e-7
-#: Shifts of a joint's zero that are tried (assumed: what the drawings of an arm differ by). [rad]
-ZEROS = (np.pi / 2, -np.pi / 2, np.pi)
+#: A gap of this size calls for a wrong convention (assumed). [m]
+SUSPICIOUS = 5e-3
+#: What explains a gap leaves less than this share of it (assumed: a third is never a matter of taste).
+CONVINCING = 0.3
+#: Share of the rows that lies within what is called the gap (assumed: a wrong coupling shows in the sweep of one joint
+#: of seven alone, and one row in ten may be gross).
+WITHIN = 0.9
+#: Steps of the search for a ratio or a zero at most, and the longest of them (assumed). [-, rad or -]
+STEPS, LONGEST_STEP = 12, 0.3
 
 
-def find_conventions(robot: Robot, campaign: Campaign, register: tuple[str, ...], most: int = 2) -> tuple[Effect, ...]:
+def find_conventions(robot: Robot, campaign: Campaign, register: tuple[str, ...]) -> tuple[Effect, ...]:
     """Find conventions of counting without which the campaign is far off.
 
     Args:
         robot: The nominal robot.
         campaign: What was measured.
         register: Frames that are fitted to each hypothesis.
-        most: Most conventions to find, one after the other.
     """
     rows = np.flatnonzero(campaign.usable & campaign.measured)
     if not len(rows):
@@ -46,7 +43,7 @@ def find_conventions(robot: Robot, campaign: Campaign, register: tuple[str, ...]
     part = replace(part, link=None, motor=None, sights=None)
     found: list[Effect] = []
     gap = typical_gap(robot, part, register, found)
-    while len(found) < most and gap > SUSPICIOUS:
+    while gap > SUSPICIOUS:
         trials = [
             (typical_gap(robot, part, register, [*found, e]), n, e) for n, e in enumerate(hypotheses(robot, part))
         ]
@@ -98,15 +95,15 @@ def size_convention(
     best, size = (np.inf, effect), 0.0
     for _ in range(STEPS):
         here = replace(effect, parameters={**effect.parameters, key: size})
-        there = replace(effect, parameters={**effect.parameters, key: size + NUDGE})
+        there = replace(effect, parameters={**effect.parameters, key: size + ROUNDING})
         expected = expect_targets(robot, campaign, register, [*found, here])
-        slope = (expect_targets(robot, campaign, register, [*found, there]) - expected) / NUDGE
+        slope = (expect_targets(robot, campaign, register, [*found, there]) - expected) / ROUNDING
         left = campaign.position - expected
         gap = np.linalg.norm(left, axis=1)
         best = min(best, (float(np.quantile(gap, WITHIN)), here), key=lambda b: b[0])
         weight = 1.0 / np.maximum(gap, float(np.median(gap)))
         step = float(np.sum(weight[:, None] * slope * left) / max(np.sum(weight[:, None] * slope**2), 1e-300))
-        if abs(step) < SETTLED:
+        if abs(step) < ROUNDING:
             break
         size += float(np.clip(step, -LONGEST_STEP, LONGEST_STEP))
     return best
@@ -129,10 +126,10 @@ def hypotheses(robot: Robot, campaign: Campaign) -> Iterator[Effect]:
     for index, joint in enumerate(joints):
         for other in (index - 1, index + 1, index - 2, index + 2):
             if 0 <= other < len(joints) and joints[other].kind == joint.kind:
-                for ratio in PAIRS:
+                for ratio in (-1.0, 1.0):
                     yield Effect("joint_coupling", joint.name, None, {"other": joints[other].name, "ratio": ratio})
         if joint.kind == "revolute":
             yield Effect("joint_coupling", joint.name, None, {"reversed": True})
-            for zero in ZEROS:
+            for zero in np.pi * np.array([0.5, -0.5, 1.0]):
                 yield Effect("joint_coupling", joint.name, None, {"zero_rad": float(zero)})
                 yield Effect("joint_coupling", joint.name, None, {"reversed": True, "zero_rad": float(zero)})

@@ -18,15 +18,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincinv
+from scipy.special import comb, gammaincinv, ndtri
 
-from compplan.measure.campaign import Campaign
+from compplan.diagnose.data.agreed import ENOUGH_ROWS, LEVEL, ROUNDING
+from compplan.measure.campaign import FORCE_NOISE, Campaign
+from compplan.measure.pooling import LIKE_LOAD
 from compplan.robot import Array
 
 #: Instrument variances of two sources disagree where they differ by more than this factor (assumed).
 DISAGREE = 1.8
-#: Probability below which chance is no explanation of an estimate (theory: one in forty, one side of 95 %).
-BY_CHANCE = 0.025
 #: Standard deviations per axis where nothing tells them (assumed: a laser tracker at some metres). [m, rad, rad]
 ASSUMED_SIGMA = {"position": 3e-5, "orientation": 1e-4, "encoder": 5e-6}
 #: Repeatability per axis where nothing tells it (assumed: 30 to 120 um stated by makers are three standard deviations
@@ -44,20 +44,6 @@ MOST_WITNESSES = 200.0
 GROSS_PAIR = 12.0
 #: Mean number of rows a stay up to which a stay's own error cannot be told from the noise of its row (assumed).
 SINGLE_ROWS = 1.3
-#: Loads are alike within this share of the largest one, and within this at least (assumed). [-, N]
-LIKE_LOAD, LEAST_LOAD = 0.05, 5.0
-#: A source with fewer degrees of freedom cannot contradict another (theory: known to a factor of two).
-FIRM = 10
-#: Values from which the roughness of paths tells a noise, and the degrees of freedom that it tells at most (assumed).
-ROUGH, MOST_ROUGH = 30, 300.0
-#: Fewest samples of a path whose roughness counts (assumed).
-PATH_ROWS = 20
-#: Variance of a third difference over that of its values (theory: 1 + 9 + 9 + 1).
-THIRD_DIFFERENCE = 20.0
-#: Standard deviation of a normal number over the median of its size (theory).
-MEDIAN_TO_SIGMA = 1.4826
-#: Stated deviations that differ by less than this share are alike (assumed: rounding).
-ALIKE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +69,7 @@ class Noise:
     def leeway(self) -> float:
         """Factor by which the variance may exceed its estimate before chance no longer explains it."""
         # the chi-square quantile of so many witnesses
-        least = 2.0 * gammaincinv(0.5 * self.witnesses, BY_CHANCE)
+        least = 2.0 * gammaincinv(0.5 * self.witnesses, 0.5 * (1.0 - LEVEL))
         return float(self.witnesses / least) if self.witnesses > 0 else np.inf
 
     @property
@@ -115,7 +101,7 @@ def estimate_noise(
     rows_a_stay = seen.sum() / max(len(np.unique(campaign.stay[seen])), 1)
     single = bool(seen.any()) and rows_a_stay < SINGLE_ROWS
     again, count, share = _revisit_scatter(campaign, gap / spread[:, None])
-    plain = spread if np.ptp(spread) > ALIKE else np.zeros(0)
+    plain = spread if np.ptp(spread) > ROUNDING else np.zeros(0)
     if name != "position":
         return Noise(float(np.sqrt(variance)), witnesses, source, 0.0, plain)
     if not witnesses and count:
@@ -135,7 +121,7 @@ def estimate_noise(
     spread = np.sqrt(total / mean)
     return Noise(
         float(np.sqrt(mean)), min(freedom, MOST_WITNESSES), source, 0.0,
-        spread if np.ptp(spread) > ALIKE else np.zeros(0),
+        spread if np.ptp(spread) > ROUNDING else np.zeros(0),
     )  # fmt: skip
 
 
@@ -155,16 +141,16 @@ def _instrument(campaign: Campaign, gap: Array, stated: Array | None, name: str)
     if count > 0 and squares > 0:
         told.append(("repeats", squares / count, count))
     rough, rough_count = _path_roughness(campaign, gap)
-    if rough_count > ROUGH and rough > 0:
-        told.append(("path", rough, min(rough_count, MOST_ROUGH)))
+    if rough > 0:
+        told.append(("path", rough, min(rough_count, MOST_WITNESSES)))
     if stated is not None and (np.isfinite(stated) & (stated > 0)).any():
         told.append(("sigma column", float(np.nanmean(stated[stated > 0] ** 2)), STATED))
     if not told:
         return ASSUMED_SIGMA[name] ** 2, 0.0 if name == "position" else ASSUMED, "assumed"
     # what shakes on a path, or between repeats, is no noise of the instrument: sources far above the least one do not
     # count
-    firm = [variance for _, variance, weight in told if weight >= FIRM] or [told[0][1]]
-    told = [source for source in told if source[1] < DISAGREE * min(firm) or source[2] < FIRM]
+    firm = [variance for _, variance, weight in told if weight >= ENOUGH_ROWS] or [told[0][1]]
+    told = [source for source in told if source[1] < DISAGREE * min(firm) or source[2] < ENOUGH_ROWS]
     weight = sum(w for _, _, w in told)
     variance = sum(v * w for _, v, w in told) / weight
     return float(variance), float(min(weight, MOST_WITNESSES)), " and ".join(label for label, _, _ in told)
@@ -220,7 +206,7 @@ def _revisit_scatter(campaign: Campaign, gap: Array) -> tuple[float, float, floa
     _, first, index, size = np.unique(campaign.visit[rows], return_index=True, return_inverse=True, return_counts=True)
     mean = np.stack([np.bincount(index, gap[rows, k]) / size for k in range(gap.shape[1])], axis=1)
     at = rows[first]
-    load = np.round(campaign.wrench[at] / max(LIKE_LOAD * campaign.load_scale, LEAST_LOAD)).astype(int)
+    load = np.round(campaign.wrench[at] / max(LIKE_LOAD * campaign.load_scale, FORCE_NOISE)).astype(int)
     key = np.column_stack([campaign.pose[at], campaign.target_index[at], load])
     _, group = np.unique(key, axis=0, return_inverse=True)
     order = np.argsort(group.reshape(-1), kind="stable")
@@ -246,9 +232,11 @@ def _path_roughness(campaign: Campaign, gap: Array) -> tuple[float, float]:
     for number in np.unique(campaign.run_index[campaign.on_path]):
         rows = np.flatnonzero((campaign.run_index == number) & campaign.on_path)
         values = gap[rows][np.isfinite(gap[rows]).all(1)]
-        if len(values) > PATH_ROWS:
-            pieces.append(np.diff(values, n=3, axis=0) / np.sqrt(THIRD_DIFFERENCE))
+        if len(values) > ENOUGH_ROWS:
+            # the variance of a third difference is 1 + 9 + 9 + 1 times that of its values
+            pieces.append(np.diff(values, n=3, axis=0) / np.sqrt(comb(6, 3)))
     if not pieces:
         return 0.0, 0.0
     rough = np.vstack(pieces)
-    return float((MEDIAN_TO_SIGMA * np.median(np.abs(rough))) ** 2), rough.size / 3.0
+    # half of all normal numbers lie within the quartile
+    return float((np.median(np.abs(rough)) / ndtri(0.75)) ** 2), rough.size / 3.0

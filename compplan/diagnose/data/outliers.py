@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.data.agreed import ENOUGH_ROWS, LEVEL
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array
 
 #: Rows further off than this many standard deviations are outliers (theory: one row in 10^6 by
 #: chance); at most this share of the rows (assumed: the contract says 2 %).
 OUTLYING, MOST = 5.5, 0.03
-#: Before anything is known of the gap: so many times its percentile, from so many rows on (assumed).
-GROSS, PERCENTILE, ENOUGH_ROWS = 5.0, 95, 20
 #: Where more rows stand out than may: only those beyond the others by this factor (assumed).
 BEYOND = 2.0
 
@@ -28,7 +27,7 @@ def find_gross_outliers(campaign: Campaign, gap: Array) -> NDArray[np.int_]:
     usable = length[campaign.usable]
     if len(usable) < ENOUGH_ROWS:
         return np.zeros(0, int)
-    far = np.flatnonzero(length > GROSS * np.percentile(usable, PERCENTILE))
+    far = np.flatnonzero(length > OUTLYING * np.quantile(usable, LEVEL))
     return far if len(far) <= MOST * len(usable) + 1 else np.zeros(0, int)
 
 

@@ -13,41 +13,31 @@ from typing import NamedTuple
 
 import numpy as np
 
-from compplan.diagnose.data.conventions import find_conventions, typical_gap
+from compplan.diagnose.data.agreed import ENOUGH_ROWS, FEW_ROWS, SAMPLE
+from compplan.diagnose.data.conventions import CONVINCING, find_conventions, typical_gap
 from compplan.diagnose.data.signs import fit_positive, shape_elastics
 from compplan.effects import apply_effects, attain_scene, robot_effects, stage_scene
 from compplan.measure.campaign import Campaign
 from compplan.measure.fit_frames import fit_registration
+from compplan.measure.pooling import LIKE_LOAD
 from compplan.measure.registration import campaign_gap, fitted_parts
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, jacobian, locate_frames
 
 #: A gap above this is no effect of the vocabulary: centimetres are frames, tools, units or conventions (assumed). [m]
 NO_EFFECT = 20e-3
-#: What an answer has to leave of the gap before it is offered (assumed: a fifth is never a matter of taste).
-CONVINCING = 0.2
 #: Units that logs are written in by mistake, against the millimetres that the column says (theory).
 UNITS = {
     1e-3: "metres", 1e-2: "decimetres", 1e-1: "centimetres", 1 / 25.4: "inches", 1e3: "micrometres",
     25.4: "millimetres taken for inches",
 }  # fmt: skip
-#: The ratio of distances that is read as another unit is this close to it (assumed: a tool that nobody stated).
-UNIT_ROOM = 0.2
 #: The sign test: log likelihood ratio of the wrong sign, a stay counted as one number (theory: odds of 20,000 to 1),
 #: and the share of the squares that springs of the wrong sign may leave (assumed: they have to be what is there).
-SURE, WRONG_SIGN = 10.0, 0.5
+SURE_OF_SIGN, WRONG_SIGN = 10.0, 0.5
 #: Signs of weight and load under each hypothesis (theory).
 SIGNS = {"right": (1.0, 1.0), "deviations": (-1.0, -1.0), "wrench": (1.0, -1.0), "none": (0.0, 0.0)}
 #: A clock that is further off than this is no lag of a controller (assumed). [s]
 CLOCK = 0.1
-#: Rows that are looked at (assumed: enough for a median), and the fewest that tell anything (assumed).
-SAMPLE, FEWEST_ROWS = 400, 4
-#: Rows on paths from which a clock is asked about (assumed).
-PATH_ROWS = 10
-#: Distances count from this share of the largest one on, if that is larger than this [m] (assumed).
-LONG, MOVED = 0.3, 1e-3
-#: Moments about the flange that tell anything [N m], and the share of them that the right point leaves (assumed).
-MOMENT, SAME_MOMENT = 1.0, 0.05
 
 
 class QuestionRows(NamedTuple):
@@ -99,7 +89,7 @@ def question_campaign(robot: Robot, campaign: Campaign, register: Sequence[str] 
     if sighted:
         return [sighted]
     rows = stage_rows(robot, campaign)
-    if len(rows.campaign) < FEWEST_ROWS:
+    if len(rows.campaign) < FEW_ROWS:
         return []
     if question := ask_unit(rows) or ask_hand(rows) or ask_step(rows):
         return [question]
@@ -163,12 +153,12 @@ def ask_unit(rows: QuestionRows) -> Question | None:
     here, there = np.arange(half), np.arange(half) + half
     expected = np.linalg.norm(rows.position[there] - rows.position[here], axis=1)
     seen = np.linalg.norm(rows.measured[there] - rows.measured[here], axis=1)
-    far = expected > LONG * expected.max(initial=0.0)
-    if not far.any() or expected.max() < MOVED:
+    if expected.max(initial=0.0) < NO_EFFECT:
         return None
+    far = expected >= np.median(expected)
     ratio = float(np.median(seen[far] / expected[far]))
     for factor, unit in UNITS.items():
-        if abs(ratio / factor - 1.0) < UNIT_ROOM:
+        if abs(ratio / factor - 1.0) < CONVINCING:
             return Question(
                 "unit",
                 f"measured distances are {ratio:.3g} times those that the joints say; are the positions in {unit}, in"
@@ -252,10 +242,10 @@ def ask_moment_point(robot: Robot, rows: QuestionRows) -> Question | None:
     force, moment = rows.campaign.wrench[:, :3], rows.campaign.wrench[:, 3:]
     about_flange = np.cross(lever, force)
     size = float(np.sqrt(np.mean(about_flange**2)))
-    if not len(chain.names) or size < MOMENT or not rows.campaign.is_load(np.hstack([0 * force, moment])).any():
+    if not len(chain.names) or not rows.campaign.is_load(np.hstack([0 * force, moment])).any():
         return None
     left = float(np.sqrt(np.mean((moment - about_flange) ** 2)))
-    if left > SAME_MOMENT * size:
+    if left >= LIKE_LOAD * size:
         return None
     length = float(np.median(np.linalg.norm(lever, axis=1)))
     return Question(
@@ -280,7 +270,7 @@ def ask_sign(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Quest
     wrong = min(("deviations", "wrench"), key=lambda name: left[name])
     stays = len(np.unique(rows.campaign.stay))
     certainty = 0.5 * stays * float(np.log(left["right"] / max(left[wrong], 1e-300)))
-    if certainty < SURE or left[wrong] > WRONG_SIGN * left["none"]:
+    if certainty < SURE_OF_SIGN or left[wrong] > WRONG_SIGN * left["none"]:
         return None
     ratio = f"{100.0 * np.sqrt(left[wrong] / left['right']):.0f} % of what right ones leave"
     if wrong == "deviations":
@@ -299,7 +289,7 @@ def ask_sign(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Quest
 def ask_clock(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Question | None:
     """Ask about the clock where positions on paths run ahead of the joints, or behind, by more than any lag."""
     path = rows.campaign.on_path
-    if register or path.sum() < PATH_ROWS or not rows.campaign.speed[path].any():
+    if register or path.sum() < ENOUGH_ROWS or not rows.campaign.speed[path].any():
         return None
     chain = build_chain(robot)
     turn = jacobian(chain, locate_frames(chain, rows.campaign.q))[:, :3, chain.joint_elements]

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import nnls
 
+from compplan.diagnose.data.noise import ASSUMED_SIGMA
 from compplan.measure.campaign import Campaign
 from compplan.measure.fit_frames import fit_registration
 from compplan.robot import Array, Robot, Spring
@@ -16,8 +17,8 @@ from compplan.statics.chain import build_chain, jacobian, locate_frames
 from compplan.statics.elastic import spring_torque
 from compplan.statics.elements import ELASTIC_AXES
 
-#: Noise of a row, and errors of geometry (metres, and radians) that the sign test allows, assumed. [m]
-NOISE, GEOMETRY = 5e-5, 2e-3
+#: Errors of geometry that the sign test allows: metres, and radians (assumed).
+GEOMETRY = 2e-3
 
 
 class ElasticShapes(NamedTuple):
@@ -59,13 +60,14 @@ def shape_elastics(robot: Robot, campaign: Campaign, register: Sequence[str]) ->
         tool = fitted.tool[campaign.target_index, :3, 3]
         position = position + np.einsum("nij,nj->ni", frames.tcp_rotation, tool)
         measured = (measured - fitted.base[:3, 3]) @ fitted.base[:3, :3]
+    sigma = ASSUMED_SIGMA["position"]
     swing = np.swapaxes(np.cross(np.eye(3)[None], position[:, None, :]), 1, 2)
     free = np.concatenate([turn, np.broadcast_to(np.eye(3), (n, 3, 3)), frames.tcp_rotation, swing], axis=2)
-    free = np.vstack([free.reshape(3 * n, -1) / NOISE, np.eye(free.shape[2]) / GEOMETRY])
+    free = np.vstack([free.reshape(3 * n, -1) / sigma, np.eye(free.shape[2]) / GEOMETRY])
     basis = np.linalg.qr(free)[0]
 
     def project(columns: Array) -> Array:
-        padded = np.vstack([columns.reshape(3 * n, -1) / NOISE, np.zeros((free.shape[1], columns[0].size // 3))])
+        padded = np.vstack([columns.reshape(3 * n, -1) / sigma, np.zeros((free.shape[1], columns[0].size // 3))])
         return np.asarray(padded - basis @ (basis.T @ padded))
 
     yields = (project((turn * part[:, None, :])[:, :, joints]) for part in (weight, load))
