@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from compplan.diagnose.ledger.evidence import Hyper, Prior, find_posterior
 from compplan.diagnose.ledger.gains import Gain
 from compplan.diagnose.ledger.ledger import Ledger, extend_ledger, forms_that_hold
-from compplan.diagnose.ledger.unmodelled import PLAIN_MOTION, unmodelled_signatures
+from compplan.diagnose.ledger.unmodelled import unmodelled_signatures
 from compplan.diagnose.search.search import Claim, Model, Search, add_claim
 from compplan.diagnose.search.state import Fit
 from compplan.effects.signature import Signature
@@ -112,7 +112,7 @@ def _loosen(fit: Fit, ledger: Ledger, members: Sequence[Indices]) -> Prior:
     count, classes = ledger.p - len(old.slab), len(fit.model.posterior.hyper.log_tau)
     background = np.concatenate([old.background, np.full(count, -1)])
     floor = np.sqrt(3.0) * fit.noises["position"].sigma
-    spread = np.concatenate([old.spread, np.full(count, floor / PLAIN_MOTION)])
+    spread = np.concatenate([old.spread, np.full(count, floor)])
     for number, columns in enumerate(members):
         background[columns] = classes + number
     free = np.concatenate([old.free, np.zeros(count, bool)])

@@ -16,22 +16,20 @@ from scipy.linalg.lapack import dlauum, dpotrf, dpotrs, dtrtri
 from compplan.errors import ConvergenceError
 from compplan.robot import Array
 
-#: What is added to a matrix that rounding made indefinite, over its trace; how often, and by which factor more
-#: (assumed).
-JITTER, MOST_JITTERS, MORE_JITTER = 1e-13, 8, 100.0
 #: Rows from which on a triangle is inverted by halves (assumed: measured to be fastest, by little).
 HALVED = 64
 
 
 def factorize(matrix: Array) -> Array:
     """Return the lower factor of a symmetric matrix that rounding may have made slightly indefinite. Shape (p, p)."""
-    jitter = 0.0
-    for _ in range(MOST_JITTERS):
-        lower, failed = dpotrf(matrix.T, lower=1, clean=1)
+    tried, jitter = matrix, float(np.finfo(float).eps)
+    while jitter < 1.0:
+        lower, failed = dpotrf(tried.T, lower=1, clean=1)
         if not failed:
             return np.asarray(lower)
-        more = max(MORE_JITTER * jitter, JITTER * float(np.trace(matrix)))
-        matrix, jitter = matrix + (more - jitter) * np.eye(len(matrix)), more
+        # a rounding of all entries first, then a hundred times as much each time
+        jitter *= 100.0
+        tried = matrix + jitter * float(np.trace(matrix)) * np.eye(len(matrix))
     raise ConvergenceError("the evidence of a model cannot be computed, its columns are degenerate", residual=jitter)
 
 

@@ -41,25 +41,25 @@ from compplan.diagnose.ledger.many_rows import (
 )
 from compplan.robot import Array
 
-#: Logarithms of the smallest and largest background, shared error and error without a name that are fitted (assumed:
-#: far beyond what any campaign has shown).
-TAU_RANGE, SHARED_RANGE, LOOSE_RANGE = (-4.0, 3.0), (-3.5, 4.0), (-4.0, 5.0)
+#: Logarithms of the smallest and largest background, shared error and error without a name that are fitted, and of the
+#: smallest noise over its estimate (assumed: far beyond what any campaign has shown).
+LOG_RANGE = (-4.0, 5.0)
+#: Logarithm of the largest background: more is no robot that was ever adjusted (assumed).
+MOST_TAU = 3.0
 #: Scale of the half-Cauchy prior of a class's background (assumed).
 TAU_SCALE = 0.7
 #: Classes of one robot are alike: a robot that is slightly wrong is so everywhere. Spread of log tau among them
 #: (assumed).
 TAU_SPREAD = 0.6
-#: Logarithms of the noise variance over its estimate: the least that is looked at, and the most, all that was observed
-#: and a factor e within these (assumed).
-LEAST_NOISE, MOST_NOISE = -6.0, (1.0, 12.0)
 #: Log evidence has settled when a step changes it by less than this share (assumed: far below what decides).
 SETTLED = 5e-3
 #: Logarithm of the shared error and of the backgrounds that a fit begins with (assumed: a fifth of their scale).
 START = -1.5
 #: Likely error of the logarithm of a shared error or a background: the unit of a fit's steps (assumed).
 LIKELY = 0.3
-#: Steps of a fit of noise and background at most (assumed: most settle in ten).
-MOST_STEPS = 25
+#: Steps of a fit of noise and background at most, from where a like model stands and from the start (assumed: most
+#: settle in ten).
+STEPS, FIRST_STEPS = 12, 40
 #: Variance of columns that every model fits freely, in units of their scale (assumed: as good as free).
 FREE_VARIANCE = 1e6
 
@@ -184,7 +184,7 @@ def start_hyper(ledger: Ledger, classes: int) -> Hyper:
 
 
 def find_posterior(
-    ledger: Ledger, prior: Prior, hyper: Hyper, *, fit: bool = True, steps: int = MOST_STEPS, shared: bool = True
+    ledger: Ledger, prior: Prior, hyper: Hyper, *, fit: bool = True, steps: int = FIRST_STEPS, shared: bool = True
 ) -> Posterior:
     """Compute evidence and posterior, noise and background fitted to the campaign unless told otherwise.
 
@@ -200,9 +200,9 @@ def find_posterior(
     if not fit:
         return _conclude(solver, prior, channels, solver.solve(hyper), hyper)
     bounds = (
-        [(LEAST_NOISE, _most_noise(ch)) for ch in channels]
-        + [SHARED_RANGE if shared else (SHARED_RANGE[0], SHARED_RANGE[0])] * len(channels)
-        + [LOOSE_RANGE if own else TAU_RANGE for own in loose]
+        [(LOG_RANGE[0], _most_noise(ch)) for ch in channels]
+        + [LOG_RANGE if shared else (LOG_RANGE[0], LOG_RANGE[0])] * len(channels)
+        + [LOG_RANGE if own else (LOG_RANGE[0], MOST_TAU) for own in loose]
     )
     # the optimizer's tolerance is relative: evidence counts from where it starts; steps in units of likely errors
     others = len(hyper.vector) - len(channels)
@@ -320,8 +320,8 @@ def _choose_solver(ledger: Ledger, prior: Prior) -> _Solver:
 
 
 def _most_noise(channel: ChannelProducts) -> float:
-    """Return the logarithm of the largest noise worth trying: all that was observed, and some."""
-    return float(np.clip(np.log(max(channel.total.square, 1e-300) / max(channel.total.count, 1)) + 1.0, *MOST_NOISE))
+    """Return the logarithm of the largest noise worth trying: all that was observed, and a factor e."""
+    return float(np.log(max(channel.total.square / max(channel.total.count, 1), 1.0)) + 1.0)
 
 
 def combine_channels(channels: Sequence[ChannelProducts], hyper: Hyper) -> tuple[Array, Array, float, float]:

@@ -13,6 +13,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.data.agreed import ROUNDING
 from compplan.diagnose.data.channels import Channel
 from compplan.effects.signature import Signature
 from compplan.measure.sights import along
@@ -20,8 +21,6 @@ from compplan.robot import Array
 
 #: Sizes of groups that are told apart (assumed: a half more each, which changes the weight of a mean by little).
 TYPICAL = np.array([1, 2, 3, 4, 6, 9, 14, 22, 34, 52, 80, 120])
-#: Share of its squares by which one form may differ from a special case of another (assumed: rounding).
-CONTAINED = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +219,7 @@ def forms_that_hold(ledger: Ledger, special: int) -> set[int]:
             continue
         across, own = multiply(wide, narrow), multiply(wide, wide)
         explained = np.trace(across.T @ np.linalg.pinv(own, rcond=1e-9, hermitian=True) @ across)
-        if explained > (1.0 - CONTAINED) * whole:
+        if explained > (1.0 - np.sqrt(ROUNDING)) * whole:
             found.add(number)
     return found
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from compplan.diagnose.ledger.evidence import FREE_VARIANCE
 from compplan.effects import EFFECTS, frame_shift, tool_shift
 from compplan.effects.base_frame import base_twists
 from compplan.effects.linearization import Linearization
@@ -15,8 +16,8 @@ from compplan.effects.transmission_error import bump_at, series_at, spline_at, w
 from compplan.measure.registration import CONTACTS
 
 REGISTRATION = "registration"
-#: Scale of the frames that are fitted freely; their prior is as good as none (assumed). [m, rad]
-REGISTRATION_SCALE = 1e-3
+#: Scale of the frames that are fitted freely: with their variance a metre, or a radian. [m, rad]
+REGISTRATION_SCALE = float(np.sqrt(1.0 / FREE_VARIANCE))
 Key = tuple[str, str | None, str | None, str]
 
 

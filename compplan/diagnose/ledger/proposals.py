@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.data.agreed import ENOUGH_ROWS, FEW_ROWS, LEVEL, SAMPLE, beats_chance
 from compplan.diagnose.data.channels import Channel
 from compplan.effects import frame_shift, tool_shift
 from compplan.effects.base_frame import SCALE as BASE_SCALE
@@ -29,47 +30,34 @@ from compplan.measure.sights import along
 from compplan.robot import Array
 
 Waves = NDArray[np.complex128]
-#: Rows proposed for each kind of shift, and how many rows they stand apart (assumed).
-SHIFT_ROWS, APART = 2, 5
-#: Cycles per turn that are looked at (assumed: gears of arms turn 50 to 170 times, and a strain wave gear errs twice a
-#: turn of its motor), and waves of one joint at most; each wave has two values, and a value of a free form needs ten
-#: poses (assumed: the usual rule of regression), but two waves may always be tried.
-MOST_CYCLES, MOST_WAVES, FEWEST_WAVES, POSES_A_WAVE = 200.0, 16, 2, 20
-#: A further wave has to explain this much log likelihood (theory: the best of some hundred waves of pure noise).
-WORTH_A_WAVE = 9.0
-#: Centres of a bump that are looked at, and its widths as shares of the visited range
+#: Rows proposed for each kind of shift, and waves of a joint that may always be tried (assumed).
+PROPOSED = 2
+#: Cycles per turn that are looked at, whole ones and those between (assumed: gears of arms turn 50 to 170 times, and a
+#: strain wave gear errs twice a turn of its motor).
+MOST_CYCLES = 200.0
+#: Widths of a bump that are looked at, as shares of the visited range; its centres lie the least of them apart
 #: (assumed).
-BUMP_CENTRES, BUMP_WIDTHS = 48, (0.02, 0.04, 0.08, 0.16)
-#: Fewest rows for which waves and splines beyond the first harmonics are looked for (assumed: twice the six values of a
-#: frame and some; what a wave costs that was picked among hundreds is in its prior odds).
-ENOUGH_ROWS = 16
+BUMP_WIDTHS = (0.02, 0.04, 0.08, 0.16)
 #: Least range of a joint that waves are looked for in (assumed). [rad or m]
 LEAST_RANGE = 0.3
-#: One row counts for a shift up to this many times the percentile of all (assumed: a single row far off is no shift).
-ROW_COUNTS, PERCENTILE = 3.0, 80
 #: What holds a shift that the rows on one side do not fix at zero, in squares of the noise (assumed).
 HOLD = 1e-2
 #: Frequencies lie this part of a turn over the range apart, and two waves at least as far (theory: a wave's own width
-#: is one turn, a quarter loses little); whole cycles are all looked at up to the last (assumed).
-BETWEEN, WHOLE_CYCLES = 0.25, 31.0
+#: is one turn, a quarter loses little).
+BETWEEN = 0.25
 #: n waves together count as at most this many tried: the first times the second to the n (assumed: not all were).
 TRIED, TRIED_A_WAVE = 100, 10
-#: Rows that the period of a wave with overtones is looked for in, about (assumed: many times what six values need).
-SERIES_ROWS = 400
-#: A shift has to explain this much log likelihood (assumed). Least cycles per turn, or per metre (assumed).
-WORTH_A_SHIFT, LEAST_CYCLES = 6.0, 0.5
+#: Least cycles per turn, or per metre (assumed).
+LEAST_CYCLES = 0.5
 
 
-def propose_shifts(
-    at: Linearization, channels: Sequence[Channel], left: Sequence[Array], most: int = SHIFT_ROWS
-) -> list[Signature]:
+def propose_shifts(at: Linearization, channels: Sequence[Channel], left: Sequence[Array]) -> list[Signature]:
     """Propose shifts of frame and tool at the rows where a step explains most.
 
     Args:
         at: The linearization.
         channels: Channels of observations.
         left: What the model leaves in each channel, in units of the noise. Shape (r, c) each.
-        most: Rows to propose for each kind.
     """
     starts = np.flatnonzero(np.r_[False, np.diff(at.campaign.stay) > 0])
     kinds = ((frame_shift, base_twists(at) * BASE_SCALE), (tool_shift, tool_twists(at) * TOOL_SCALE))
@@ -79,9 +67,9 @@ def propose_shifts(
         order = starts[np.argsort(-gains[starts])]
         taken: list[int] = []
         for row in order:
-            if len(taken) == most or gains[row] < WORTH_A_SHIFT:
+            if len(taken) == PROPOSED or gains[row] < beats_chance(len(starts)):
                 break
-            if all(abs(int(row) - other) > APART for other in taken):
+            if all(abs(int(row) - other) > FEW_ROWS for other in taken):
                 taken.append(int(row))
         for row in taken:
             found += model.shift_at(at, row, tried=max(len(starts), 1))
@@ -100,7 +88,7 @@ def _step_gains(channels: Sequence[Channel], left: Sequence[Array], twist: Array
             columns = along(channel.direction, columns)
         length = np.linalg.norm(rest, axis=1)
         # a single row far off is no shift
-        far = ROW_COUNTS * np.percentile(length, PERCENTILE)
+        far = np.quantile(length, LEVEL)
         rest = rest * np.minimum(1.0, far / np.maximum(length, 1e-12))[:, None]
         gram[channel.rows] += np.einsum("nik,nil->nkl", columns, columns)
         against[channel.rows] += np.einsum("nik,ni->nk", columns, rest)
@@ -136,19 +124,20 @@ def propose_waves(
         pull, weight = _projected(at, channels, left, joint_waves.get(index), index)
         angle = np.nan_to_num(at.campaign.q[:, index])
         seen = weight > 0
-        spread = float(np.ptp(angle[seen])) if seen.sum() > ENOUGH_ROWS else 0.0
+        spread = float(np.ptp(angle[seen])) if seen.sum() >= ENOUGH_ROWS else 0.0
         if spread < LEAST_RANGE:
             continue
         slides = joint.kind == "prismatic"
         spectrum = _Spectrum(angle[seen], spread, slides)
-        most = int(np.clip(len(np.unique(at.campaign.stay[seen])) // POSES_A_WAVE, FEWEST_WAVES, MOST_WAVES))
-        picked = _match_waves(angle[seen], pull[seen], weight[seen], spectrum, slides)[:most]
+        # each wave has two values, and a value of a free form needs ten poses
+        most = max(len(np.unique(at.campaign.stay[seen])) // ENOUGH_ROWS, PROPOSED)
+        picked = _match_waves(angle[seen], pull[seen], weight[seen], spectrum, slides, most)
         for count in {1, 2, len(picked)}:
             if 0 < count <= len(picked):
                 tried = int(min(len(spectrum.grid) ** count, TRIED * TRIED_A_WAVE**count))
                 found.append(waves_at(at, index, picked[:count], tried=tried))
         if picked:
-            some = np.flatnonzero(seen)[:: 1 + int(seen.sum()) // SERIES_ROWS]
+            some = np.flatnonzero(seen)[:: 1 + int(seen.sum()) // SAMPLE]
             grid = spectrum.grid[periods_seen(spectrum.grid, spread, slides) >= 1.0]
             cycle = find_series(angle[some], pull[some], weight[some], grid, slides)
             found.append(series_at(at, index, cycle, tried=min(len(grid), TRIED * TRIED_A_WAVE)))
@@ -164,7 +153,8 @@ def _best_bumps(at: Linearization, index: int, angle: Array, pull: Array, weight
     smooth = np.ones((int(seen.sum()), 1))
     rest = pull[seen] - weight[seen] * (smooth @ _weighted_fit(smooth, pull[seen], weight[seen]))
     found = []
-    centres = np.linspace(low, high, BUMP_CENTRES)
+    centres = np.linspace(low, high, round(1.0 / min(BUMP_WIDTHS)))
+    tried = len(centres) * len(BUMP_WIDTHS)
     for share in BUMP_WIDTHS:
         width = share * (high - low)
         shape = bump(angle[seen, None], centres[None], width)
@@ -173,8 +163,7 @@ def _best_bumps(at: Linearization, index: int, angle: Array, pull: Array, weight
         inner = inner - weight[seen].sum() * mean**2
         gain = 0.5 * (rest @ shape) ** 2 / np.maximum(inner, 1e-9 * weight[seen].sum())
         best = int(np.argmax(gain))
-        if gain[best] > WORTH_A_WAVE:
-            tried = BUMP_CENTRES * len(BUMP_WIDTHS)
+        if gain[best] > beats_chance(tried):
             found.append(bump_at(at, index, float(centres[best]), width, tried=tried))
     return found
 
@@ -186,7 +175,7 @@ def wave_grid(spread: float, slides: bool) -> tuple[Array, Array]:
     """
     turns = spread if slides else spread / (2 * np.pi)
     step = BETWEEN / turns
-    whole = np.arange(1.0, WHOLE_CYCLES) if not slides else np.zeros(0)
+    whole = np.arange(1.0, MOST_CYCLES) if not slides else np.zeros(0)
     return whole, np.arange(max(LEAST_CYCLES, step), MOST_CYCLES, min(step, 1.0))
 
 
@@ -249,7 +238,9 @@ def _projected(
     return pull, weight
 
 
-def _match_waves(angle: Array, pull: Array, weight: Array, spectrum: _Spectrum, slides: bool) -> list[float]:
+def _match_waves(
+    angle: Array, pull: Array, weight: Array, spectrum: _Spectrum, slides: bool, most: int
+) -> list[float]:  # fmt: skip
     """Pick waves one after the other, all refitted after each, while they are worth it."""
     picked: list[float] = []
     grid, total = spectrum.grid, float(weight.sum())
@@ -258,14 +249,14 @@ def _match_waves(angle: Array, pull: Array, weight: Array, spectrum: _Spectrum, 
     double = spectrum.double_sums(weight)
     sines, cosines = (0.5 * (total + sign * double.real) + 1e-9 * total for sign in (-1.0, 1.0))
     across = 0.5 * double.imag
-    while len(picked) < MOST_WAVES:
+    while len(picked) < most:
         against = spectrum.sums(rest)
         a, b = against.imag, against.real
         gain = 0.5 * (a * a * cosines - 2.0 * a * b * across + b * b * sines) / (sines * cosines - across**2)
         if picked:
             gain[np.min(np.abs(grid[:, None] - np.array(picked)), axis=1) < BETWEEN * grid[0]] = 0.0
         best = int(np.argmax(gain))
-        if gain[best] < WORTH_A_WAVE:
+        if gain[best] < beats_chance(len(grid)):
             break
         picked.append(float(grid[best]))
         columns = np.column_stack([smooth, waves(angle, picked, slides)])

@@ -15,34 +15,26 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.polynomial import legendre
 
+from compplan.diagnose.data.agreed import ROUNDING
+from compplan.diagnose.ledger.proposals import LEAST_RANGE
 from compplan.effects.linearization import AXES, Linearization
 from compplan.effects.signature import Signature
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array
 
 UNMODELLED = "unmodelled"
-#: Root mean square motion of the target that a dependence has where it is plain to see (assumed). [m]
-PLAIN_MOTION = 1e-4
-#: Motion below which a dependence cannot be seen at all (assumed). [m per unit of the driver's spread]
-UNSEEN = 1e-9
-#: Degree of the curves over time, and time constants of creep (assumed). [s]
-TIME_DEGREE, CREEP_TIMES = 4, (60.0, 400.0)
+#: Time constants of creep (assumed). [s]
+CREEP_TIMES = (60.0, 400.0)
 #: Time constants of what settles early, as shares of the campaign (assumed).
 EARLY = (0.02, 0.1)
-#: Degree of the fields over the workspace (assumed).
-FIELD_DEGREE = 3
+#: Degree of the curves over time, and of the fields over the workspace (assumed).
+TIME_DEGREE, FIELD_DEGREE = 4, 3
 #: An instrument stands so many times farther away than the target moves (assumed): expanded about the target, what is
 #: curved about the instrument is smaller by this from degree to degree.
 FAR = 8.0
 TURNS = AXES[3:]
-#: Twists along the base axes (theory).
-SHIFT = np.eye(6)[:, :3]
-#: Least range of another joint whose angle an error may follow (assumed). [rad]
-LEAST_RANGE = 0.1
-#: Speeds at which friction fades, over the fastest, and the least that counts as motion (assumed). [-, rad/s or m/s]
-FADING, MOVING = (0.05, 0.2, 0.8), 1e-6
-#: Spread of the target along an axis below which it counts as this (assumed). [m]
-LEAST_SPREAD = 1e-3
+#: Speeds at which friction fades, over the fastest (assumed).
+FADING = (0.05, 0.2, 0.8)
 
 
 def unmodelled_signatures(at: Linearization) -> list[Signature]:
@@ -71,17 +63,17 @@ def _offer(
     at: Linearization, joint: str | None, driver: str, form: str, twist: Array, encoder: Array | None = None,
     *, common: bool = False, weight: Array | float = 1.0,
 ) -> Iterable[Signature]:  # fmt: skip
-    """Offer columns of twist, shape (n, 6, k), scaled so that they move the target by a plain amount together.
+    """Offer columns of twist, shape (n, 6, k), scaled so that they move the target by a metre together.
 
     A weight makes columns larger than others beforehand; `common` gives all of them the same unit.
     """
     size = np.sqrt(np.mean(np.sum(twist[:, :3] ** 2, axis=1), axis=0))
-    seen = size > UNSEEN
+    seen = size > ROUNDING
     if not seen.any():
         return
     size = np.full_like(size, np.sqrt(np.mean(size[seen] ** 2))) if common else size
     weight = np.broadcast_to(weight, seen.shape)[seen]
-    scale = PLAIN_MOTION / size[seen] * weight / np.sqrt(np.sum(weight**2))
+    scale = weight / size[seen] / np.sqrt(np.sum(weight**2))
     keys = tuple(f"{driver} {form} {k}" for k in np.flatnonzero(seen))
     visible = None if encoder is None else encoder[:, :, seen]
     yield Signature(UNMODELLED, joint, driver, form, keys, scale, twist[:, :, seen], visible)
@@ -98,7 +90,7 @@ def _of_position(at: Linearization) -> Iterable[Signature]:
     for degree in range(1, FIELD_DEGREE + 1):
         powers += list(combinations_with_replacement(range(3), degree))
         weight = np.tile([FAR ** -len(power) for power in powers], 3)
-        twist = _times(np.broadcast_to(SHIFT, (len(point), 6, 3)), _monomials(at, powers))
+        twist = _times(np.broadcast_to(np.eye(6, 3), (len(point), 6, 3)), _monomials(at, powers))
         yield from _offer(at, None, driver, f"degree {degree}", twist, weight=weight)
 
 
@@ -124,7 +116,7 @@ def _of_hidden_force(at: Linearization) -> Iterable[Signature]:
     powers: list[tuple[int, ...]] = [()]
     for degree, form in ((1, "linear"), (2, "curved")):
         powers += list(combinations_with_replacement(range(3), degree))
-        pull = _times(np.broadcast_to(SHIFT, (len(at.point), 6, 3)), _monomials(at, powers))
+        pull = _times(np.broadcast_to(np.eye(6, 3), (len(at.point), 6, 3)), _monomials(at, powers))
         twist, encoder = at.wrench_response(pull)
         driver = "an unknown force that changes with the place"
         yield from _offer(at, None, driver, form, twist, encoder, common=True)
@@ -132,7 +124,7 @@ def _of_hidden_force(at: Linearization) -> Iterable[Signature]:
 
 def _monomials(at: Linearization, powers: Sequence[tuple[int, ...]]) -> Array:
     """Return products of the target's coordinates, from their mean, in units of their spread. Shape (n, k)."""
-    seen = (at.point - at.point.mean(axis=0)) / np.maximum(at.point.std(axis=0), LEAST_SPREAD)
+    seen = (at.point - at.point.mean(axis=0)) / np.maximum(at.point.std(axis=0), ROUNDING)
     return np.column_stack([np.prod(seen[:, list(power)], axis=1) for power in powers])
 
 
@@ -193,7 +185,7 @@ def _own_errors(at: Linearization, index: int) -> Iterable[tuple[str, str, Array
         both = [direction, direction * np.abs(part), direction * part**2][: 3 if campaign.load_varies else 1]
         yield "load and direction of approach", "product", np.column_stack(both)
     speed = campaign.speed[:, index]
-    if np.abs(speed).max(initial=0.0) > MOVING:
+    if np.abs(speed).max(initial=0.0) > ROUNDING:
         fast = speed / np.abs(speed).max()
         slow = [np.sign(fast) * np.exp(-np.abs(fast) / width) for width in FADING]
         yield "its speed", "friction", np.column_stack([fast, *slow])
