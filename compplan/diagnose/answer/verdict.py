@@ -16,7 +16,7 @@ from compplan.diagnose.doubt.gears import MOST_OF_IT, find_gears, is_law
 from compplan.diagnose.doubt.imitation import rate_imitations
 from compplan.diagnose.doubt.likeness import rate_likenesses
 from compplan.diagnose.doubt.repetition import count_repetitions
-from compplan.diagnose.ledger.evidence import Hyper
+from compplan.diagnose.ledger.evidence import STEPS, Hyper
 from compplan.diagnose.ledger.ledger import forms_that_hold
 from compplan.diagnose.ledger.offers import REGISTRATION
 from compplan.diagnose.ledger.unmodelled import UNMODELLED
@@ -55,8 +55,8 @@ SPOKEN_OF = 0.4
 #: Probability of a claim that errors without a name explain as well, and of one whose form is no law of its effect or
 #: whose size no robot can have (assumed: one in five; one in ten).
 GIVEN_UP, SHAPELESS = 0.2, 0.1
-#: Margins beyond this are not told apart; steps of the fit of noise without errors that have no name (assumed).
-MOST_MARGIN, STEPS = 1e3, 8
+#: Margins beyond this are not told apart (assumed).
+MOST_MARGIN = 1e3
 #: Share of the values that is left to the noise at least, however many a model takes (assumed).
 LEFT_TO_NOISE = 0.5
 

@@ -14,25 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnose.ledger.evidence import Hyper, Prior, find_posterior
+from compplan.diagnose.ledger.evidence import FIRST_STEPS, START, STEPS, Hyper, Prior, find_posterior
 from compplan.diagnose.ledger.gains import Gain
 from compplan.diagnose.ledger.ledger import Ledger, extend_ledger, forms_that_hold
 from compplan.diagnose.ledger.unmodelled import unmodelled_signatures
-from compplan.diagnose.search.search import Claim, Model, Search, add_claim
+from compplan.diagnose.search.search import WORTHWHILE, Claim, Model, Search, add_claim
 from compplan.diagnose.search.state import Fit
 from compplan.effects.signature import Signature
 
 Indices = NDArray[np.int_]
-#: Logarithm of the size that every class begins with, in noise floors (assumed: a fifth).
-SMALL = -1.5
-#: Logarithm of the size that they are given where a claim is left out: one noise floor (assumed).
-PLAIN = 0.0
-#: Steps of the fit of noise and classes, first and after a change of claims (assumed).
-STEPS, FURTHER = 40, 8
-#: Changes of the claims that are made at most, from all of them and from none (assumed).
-MOST_CHANGES, MOST_GROWN = 4, 10
-#: Log posterior that an addition has to gain (assumed).
-WORTHWHILE = 1.0
 #: One form explains a campaign as well as another within so much log evidence (assumed: odds of seven).
 AS_WELL = 2.0
 
@@ -95,14 +85,15 @@ def raise_doubt(fit: Fit, progress: Callable[[str], None] = lambda text: None) -
     )
     prior = _loosen(fit, ledger, members)
     hyper = fit.model.posterior.hyper
-    hyper = Hyper(hyper.log_noise, hyper.log_shared, np.concatenate([hyper.log_tau, np.full(len(kinds), SMALL)]))
+    hyper = Hyper(hyper.log_noise, hyper.log_shared, np.concatenate([hyper.log_tau, np.full(len(kinds), START)]))
     odds = np.concatenate([fit.search.log_prior, np.full(len(fresh), -np.inf)])
     search = Search(ledger, prior, odds, fit.search.candidates, hyper, progress=progress)
-    model = _settle(search, search.model(fit.model.claims, hyper, steps=STEPS), MOST_CHANGES)
+    model = _settle(search, search.model(fit.model.claims, hyper, steps=FIRST_STEPS))
     if model.claims:
         # several claims together may imitate one cause that has no name: the other way round, from none of them
-        grown = replace(hyper, log_tau=np.where(prior.loose, PLAIN, hyper.log_tau))
-        model = max(model, _settle(search, search.model([], grown, steps=STEPS), MOST_GROWN), key=lambda m: m.score)
+        # classes are given the size of a noise floor first
+        grown = replace(hyper, log_tau=np.where(prior.loose, 0.0, hyper.log_tau))
+        model = max(model, _settle(search, search.model([], grown, steps=FIRST_STEPS)), key=lambda m: m.score)
     return Doubt(search, _simplify(search, model), tuple(driver for driver, _ in kinds), members)
 
 
@@ -120,20 +111,19 @@ def _loosen(fit: Fit, ledger: Ledger, members: Sequence[Indices]) -> Prior:
     return Prior(background, spread, free, np.zeros(ledger.p), loose)
 
 
-def _settle(search: Search, model: Model, changes: int) -> Model:
+def _settle(search: Search, model: Model) -> Model:
     """Leave out claims that errors without a name explain as well, and take up what those have set free."""
-    for _ in range(changes):
+    while True:
         here = search.model(model.claims, model.posterior.hyper, fit=False)
         best = _leave_out(search, here)
         if best.score <= here.score:
             best = add_claim(search, model)
             if best.score < model.score + WORTHWHILE:
                 return model
-        fitted = search.model(best.claims, best.posterior.hyper, steps=FURTHER)
-        if fitted.score < model.score:
+        fitted = search.model(best.claims, best.posterior.hyper, steps=STEPS)
+        if fitted.score <= model.score:
             return model
         model = fitted
-    return model
 
 
 def _simplify(search: Search, model: Model) -> Model:
@@ -149,7 +139,7 @@ def _simplify(search: Search, model: Model) -> Model:
         whole = max((g.log_evidence for g in gains if signatures[g.signature].place == own.place), default=np.inf)
         special = next((g for g in gains if g.log_evidence >= whole - AS_WELL and _is_held(search, own, g)), None)
         if special is not None:
-            simple = search.model([*rest, Claim(special.signature, special.size)], hyper, steps=FURTHER)
+            simple = search.model([*rest, Claim(special.signature, special.size)], hyper, steps=STEPS)
             model = simple if np.isfinite(simple.score) else model
     return model
 
@@ -167,12 +157,12 @@ def _leave_out(search: Search, model: Model) -> Model:
     """Return the best model with one claim less, errors without a name given the chance to take its place."""
     loose = search.prior.loose
     hyper = model.posterior.hyper
-    grown = replace(hyper, log_tau=np.where(loose, np.maximum(hyper.log_tau, PLAIN), hyper.log_tau))
+    grown = replace(hyper, log_tau=np.where(loose, np.maximum(hyper.log_tau, 0.0), hyper.log_tau))
     best = replace(model, score=-np.inf)
     for out in model.claims:
         rest = [c for c in model.claims if c is not out]
         held, start = search.model(rest, hyper, fit=False), search.model(rest, grown, fit=False)
-        posterior = find_posterior(search.ledger, search.prior_of(rest), grown, steps=FURTHER)
+        posterior = find_posterior(search.ledger, search.prior_of(rest), grown, steps=STEPS)
         score = start.score - start.posterior.log_evidence + posterior.log_evidence
         best = max(best, held, Model(tuple(rest), posterior, score), key=lambda m: m.score)
     return best

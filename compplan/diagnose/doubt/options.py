@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from compplan.diagnose.data.channels import block_index
 from compplan.diagnose.doubt.held_out import Folds, fit_frames
 from compplan.diagnose.ledger.background import CLASSES
-from compplan.diagnose.ledger.evidence import Hyper, Posterior, Prior, find_posterior
+from compplan.diagnose.ledger.evidence import STEPS, Hyper, Posterior, Prior, find_posterior
 from compplan.diagnose.ledger.ledger import Ledger
-from compplan.diagnose.search.search import STEPS, Claim
-from compplan.diagnose.search.state import ACTIVE_SETS, Fit
+from compplan.diagnose.search.search import Claim
+from compplan.diagnose.search.state import Fit
 from compplan.effects import is_of_instrument
 from compplan.effects.signature import Signature
 from compplan.robot import Array
@@ -149,7 +149,7 @@ def _solve(ledger: Ledger, prior: Prior, hyper: Hyper) -> tuple[Prior, Posterior
         if signature.positive:
             one_sided[ledger.columns(number)] = True
     posterior = find_posterior(ledger, prior, hyper, fit=False)
-    for _ in range(ACTIVE_SETS):
+    while True:
         wrong = one_sided & (posterior.values(ledger.p) < 0)
         if not wrong.any():
             break

@@ -7,16 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from compplan.diagnose.data.channels import Channel, build_channels
+from compplan.diagnose.data.outliers import OUTLYING
 from compplan.diagnose.ledger.evidence import Hyper
-from compplan.diagnose.search.state import Fit, FitState, advance_state, attain_state
+from compplan.diagnose.search.state import SETTLED, Fit, FitState, advance_state, attain_state
 from compplan.errors import ConvergenceError
 from compplan.robot import Array
-
-#: Shares of a step that are tried until the exact model gains (assumed).
-STEPS = (1.0, 0.5, 0.25, 0.1)
-#: Standard deviations at which one value counts no further in the choice of a step (assumed: a gross
-#: error steers nothing).
-FAR_OFF = 8.0
 
 
 def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
@@ -44,14 +39,13 @@ def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
     promised = square_left(fit.channels, ledger.left(target), posterior.hyper)
     promised += float(np.sum(weight * target[posterior.columns] ** 2))
     tried: list[tuple[float, FitState]] = []
-    for share in STEPS:
+    share = 1.0
+    while share > SETTLED and not (tried and tried[-1][0] < start):
         state = full if share == 1.0 else advance_state(fit, share)
         channels = observe_state(fit, state)
-        if channels is None:
-            continue
-        tried.append((cost(channels, here + share * (target - here)), state))
-        if tried[-1][0] < start:
-            break
+        if channels is not None:
+            tried.append((cost(channels, here + share * (target - here)), state))
+        share *= 0.5
     if not tried:
         return None
     least, state = min(tried, key=lambda t: t[0])
@@ -68,7 +62,8 @@ def square_left(channels: Sequence[Channel], left: Sequence[Array], hyper: Hyper
     """
     total = 0.0
     for channel, rest, noise, shared in zip(channels, left, hyper.log_noise, hyper.log_shared, strict=True):
-        rest = rest * np.minimum(1.0, FAR_OFF / np.maximum(np.abs(rest) * np.exp(-0.5 * noise), 1e-12))
+        # a gross error steers nothing
+        rest = rest * np.minimum(1.0, OUTLYING / np.maximum(np.abs(rest) * np.exp(-0.5 * noise), 1e-12))
         first = np.flatnonzero(np.r_[True, np.diff(channel.group) > 0])
         sizes = np.diff(np.r_[first, len(channel.group)])
         mean2 = np.sum(np.add.reduceat(rest, first, axis=0) ** 2, axis=1) / sizes

@@ -17,8 +17,9 @@ from compplan.diagnose.ledger.offers import REGISTRATION, key_of, offer_again, o
 from compplan.diagnose.ledger.proposals import propose_shifts, propose_waves
 from compplan.diagnose.search.descent import descend
 from compplan.diagnose.search.restart import search_again_plainly
-from compplan.diagnose.search.search import MOST_EFFECTS, Claim, Search, search_models
+from compplan.diagnose.search.search import MOST_EFFECTS, WORTHWHILE, Claim, Search, search_models
 from compplan.diagnose.search.state import (
+    SETTLED,
     Fit,
     FitState,
     Problem,
@@ -35,16 +36,9 @@ from compplan.measure.registration import Registration
 
 #: Rounds of linearization and search at most (assumed: most campaigns settle in five).
 ROUNDS = 8
-#: Searches of one round at most, while proposals from what is left gain this much log posterior (assumed).
-SEARCHES, WORTHWHILE = 3, 0.5
 #: The round whose residual tells the noise; scores are compared from the next one on (assumed: the first
 #: model has taken play and drift out of poses met again).
 NOISE_ROUND = 1
-#: Most effects of the first rounds: what is small has to wait until the large ones are exact (assumed).
-FIRST_ROUNDS = (2, 4, 8, 16)
-#: Parameters have settled when no observation moves by more than this share of its noise (assumed: a hundredth of its
-#: variance).
-SETTLED = 0.1
 
 
 def fit_effects(
@@ -65,7 +59,8 @@ def fit_effects(
     restarted = False
     for number in range(ROUNDS):
         progress(f"round {number + 1}")
-        state = replace(state, most=FIRST_ROUNDS[number] if number < len(FIRST_ROUNDS) else MOST_EFFECTS)
+        # what is small has to wait until the large ones are exact: twice as many effects each round
+        state = replace(state, most=min(2 ** (number + 1), MOST_EFFECTS))
         # poses met again tell the noise once the first model has taken play and drift out of them
         fit, proposals = _round(problem, state, noises if number > NOISE_ROUND else None, proposals, progress)
         noises = fit.noises
@@ -109,7 +104,7 @@ def _round(
     channels = build_channels(at.scene, at.attained, use, noises)
     ledger = build_ledger(channels, _offer_all(problem, state, at, proposals), state.values)
     fit = _search_ledger(problem, state, at, channels, ledger, noises, progress)
-    for _ in range(SEARCHES):
+    while True:
         fresh = _propose(fit)
         known = {key_of(s) for s in fit.search.ledger.signatures}
         fresh = [s for s in fresh if key_of(s) not in known and s.name not in problem.excluded]

@@ -24,8 +24,6 @@ from compplan.diagnose.search.state import (
 )
 from compplan.measure.fit_frames import fit_registration
 
-#: Exact steps at most (assumed: Gauss-Newton from nearby).
-PASSES = 3
 #: The exact model has arrived when it leaves this little more than its linearization promises (assumed).
 ARRIVED = 1.02
 
@@ -41,18 +39,16 @@ def polish_fit(fit: Fit) -> Fit:
     expected = float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
     use = fit.state.use.copy() if fit.base is None else fit.base.use.copy()
     state = register_again(fit, fit.state, use)
-    best = state
-    least = exact = exact_rms(fit, state, use)
-    for _ in range(PASSES):
-        if exact < ARRIVED * expected:
-            break
-        state = _step(fit, state, use)
+    best, least = state, exact_rms(fit, state, use)
+    while least >= ARRIVED * expected:
+        state = _step(fit, best, use)
         if not stands(fit.problem, state):
             break
         state = register_again(fit, state, use)
         exact = exact_rms(fit, state, use)
-        if exact < least:
-            best, least = state, exact
+        if exact >= least:
+            break
+        best, least = state, exact
     campaign = fit.problem.campaign
     residual = position_residual(campaign, *attain_state(fit.problem, best))
     outliers = find_outliers(campaign, residual, best.scatter, known_approach(campaign, best))

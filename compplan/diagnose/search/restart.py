@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from compplan.diagnose.ledger.evidence import FIRST_STEPS
 from compplan.diagnose.search.search import (
-    FIRST_STEPS,
     WORTHWHILE,
     Model,
     Search,
@@ -21,9 +21,6 @@ from compplan.diagnose.search.search import (
     explains_enough,
     search_models,
 )
-
-#: Effects of the plain path at most (assumed: more than any plain search has got right).
-MOST_PLAIN = 8
 
 
 def search_again_plainly(search: Search, found: Model, most: int) -> Model:
@@ -47,12 +44,12 @@ def follow_plain_path(search: Search, most: int) -> Model:
 
     Args:
         search: What is searched.
-        most: Most effects to claim, as far as a plain path goes at all.
+        most: Most effects to claim.
     """
     bare = replace(search.prior, background=np.full_like(search.prior.background, -1))
     plain = replace(search, prior=bare, cache={})
     model = plain.model([], search.start, steps=FIRST_STEPS)
-    while len(model.claims) < min(most, MOST_PLAIN):
+    while len(model.claims) < most:
         grown = add_claim(plain, model)
         if grown.score < model.score + WORTHWHILE or not explains_enough(plain, model, grown):
             break

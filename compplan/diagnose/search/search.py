@@ -10,42 +10,42 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnose.ledger.evidence import Hyper, Posterior, Prior, excess_squares, find_posterior
+from compplan.diagnose.ledger.evidence import (
+    FIRST_STEPS,
+    STEPS,
+    Hyper,
+    Posterior,
+    Prior,
+    excess_squares,
+    find_posterior,
+)
 from compplan.diagnose.ledger.gains import SIZES, Gain, find_gains
 from compplan.diagnose.ledger.ledger import Ledger
 from compplan.effects.linearization import Place
 from compplan.robot import Array
 
-#: Candidates of each round that are tried with noise and background fitted anew, if their log odds are this close to
-#: the best or within this share of it, and above the least (assumed: a new fit moves them about so far).
-TRIED, CLOSE, CLOSE_SHARE, LEAST_GAIN = 4, 12.0, 0.15, -8.0
-#: Places, and forms of a claim's own place, that are tried in exchange for a claim (assumed).
-EXCHANGED, OWN_FORMS = 3, 2
-#: Steps of the fit of noise and background of a set of claims, and of the first one (assumed: later ones begin near).
-STEPS, FIRST_STEPS = 12, 40
-#: A claim that carries this much log likelihood is not tried for removal (theory: no prior odds outweigh e^40).
-SURE = 40.0
+#: Places that are tried with noise and background fitted anew: as a further claim, in exchange for one, and against one
+#: (assumed).
+TRIED = 4
+#: A fit of noise and background anew gains a set of claims this much log posterior at most (assumed: more has not been
+#: seen).
+CLOSE = 12.0
 #: Effects of one campaign at most (assumed: several times what any robot has).
 MOST_EFFECTS = 24
 #: Standard deviation of the logarithm of an effect's size about its scale (assumed: two thirds of all effects lie
 #: within a factor of five). [decades]
 DECADES = 0.7
-#: Rounds in which parameters that came out negative are set to zero (assumed).
-ACTIVE_SETS = 4
-#: Components of a claim's motion whose size is weighed against the gap (theory: a position has three).
-COMPONENTS = 3.0
 #: An exchange or an addition has to gain this much log posterior (assumed: less is no reason to change a model).
 WORTHWHILE = 0.5
-#: One explanation of two claims is looked at closely if it is within this before noise and background are fitted anew
-#: (assumed: what a fit anew has been seen to gain).
-MERGE_MARGIN = 15.0
 #: Squares beyond the noise that are much, per observation, and the part of them that a further claim has to take
 #: (assumed: twelve claims of this part at least would take all of it).
 MUCH, FAIR_PART = 0.3, 0.08
-#: Effects that are curves over a joint's angle, and the log prior odds against two of them at one joint (assumed).
-CURVES, TWO_CURVES = ("transmission_error", "gravity_compensator"), 10.0
-#: Correlation from which on two claims are looked at together; up to so many claims all pairs are (assumed).
-ENTANGLED, FEW = 0.2, 5
+#: Effects that are curves over a joint's angle.
+CURVES = ("transmission_error", "gravity_compensator")
+#: Log prior odds against two of them at one joint (assumed).
+TWO_CURVES = 10.0
+#: Correlation from which on two claims are looked at together (assumed).
+ENTANGLED = 0.2
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ class Search:
         prior = self.prior_of(claims)
         posterior = find_posterior(self.ledger, prior, hyper, fit=fit, steps=steps)
         several = [self.ledger.columns(c.signature) for c in claims if self._is_one_sided(c)]
-        for _ in range(ACTIVE_SETS):
+        while True:
             values = posterior.values(self.ledger.p)
             wrong = [column for columns in several for column in columns if values[column] < 0]
             if not wrong:
@@ -186,7 +186,7 @@ class Search:
             own = values[columns]
             energy = float(own @ self._framed[0][np.ix_(columns, columns)] @ own)
             if energy > self._framed[1]:
-                price += COMPONENTS * 0.5 * (energy / self._framed[1] - 1.0)
+                price += 1.5 * (energy / self._framed[1] - 1.0)
         return price
 
     @cached_property
@@ -302,8 +302,7 @@ def add_claim(search: Search, model: Model) -> Model:
     best = model
     gains = distinct_places(search, search.gains(model), TRIED)
     for gain in gains:
-        best_gain = gains[0].log_evidence
-        if gain.log_evidence < max(LEAST_GAIN, best_gain - max(CLOSE, CLOSE_SHARE * best_gain)):
+        if gain.log_evidence < -CLOSE:
             break
         tried = search.model((*model.claims, Claim(gain.signature, gain.size)), model.posterior.hyper)
         if tried.score > best.score:
@@ -313,7 +312,10 @@ def add_claim(search: Search, model: Model) -> Model:
 
 def _remove(search: Search, model: Model) -> Model:
     while model.claims:
-        weak = [c for c in model.claims if model.posterior.loss_without(search.ledger.columns(c.signature)) < SURE]
+        # what a claim carries beyond its own price and what a fit anew may gain is not tried for removal
+        price = {c: CLOSE - search.log_prior[c.signature] - log_prior_size(c.size) for c in model.claims}
+        columns = search.ledger.columns
+        weak = [c for c in model.claims if model.posterior.loss_without(columns(c.signature)) < price[c]]
         smaller = [search.model([c for c in model.claims if c is not claim], model.posterior.hyper) for claim in weak]
         best = max(smaller, key=lambda m: m.score, default=model)
         if best.score <= model.score:
@@ -345,7 +347,7 @@ def _exchange(search: Search, model: Model, concerned: Sequence[Claim]) -> Model
         rest = [c for c in model.claims if c != claim]
         reduced = search.model(rest, model.posterior.hyper, fit=False)
         gains = search.gains(reduced)
-        for gain in [*distinct_places(search, gains, EXCHANGED), *forms_of(search, gains, claim)]:
+        for gain in [*distinct_places(search, gains, TRIED), *forms_of(search, gains, claim)]:
             same = gain.signature == claim.signature and gain.size == claim.size
             if same or reduced.score + gain.log_evidence < model.score - CLOSE:
                 continue
@@ -360,17 +362,15 @@ def _merge(search: Search, model: Model, concerned: Sequence[Claim]) -> Model:
     for first, second in combinations(model.claims, 2):
         if first not in model.claims or second not in model.claims or not {first, second} & set(concerned):
             continue
-        if len(model.claims) > FEW and search.joint_of(first) != search.joint_of(second):
-            continue
         rest = [c for c in model.claims if c not in (first, second)]
         reduced = search.model(rest, model.posterior.hyper, fit=False)
-        if reduced.score > model.score - MERGE_MARGIN:
+        if reduced.score > model.score - CLOSE:
             neither = search.model(rest, model.posterior.hyper)
             if neither.score > model.score:
                 model = neither
                 continue
         gain = search.gains(reduced)[0]
-        if reduced.score + gain.log_evidence < model.score - MERGE_MARGIN:
+        if reduced.score + gain.log_evidence < model.score - CLOSE:
             continue
         tried = search.model((*rest, Claim(gain.signature, gain.size)), model.posterior.hyper)
         if tried.score > model.score:
@@ -381,4 +381,4 @@ def _merge(search: Search, model: Model, concerned: Sequence[Claim]) -> Model:
 def forms_of(search: Search, gains: list[Gain], claim: Claim) -> list[Gain]:
     """Return the best forms of a claim's own place."""
     place = search.ledger.signatures[claim.signature].place
-    return [g for g in gains if search.ledger.signatures[g.signature].place == place][:OWN_FORMS]
+    return [g for g in gains if search.ledger.signatures[g.signature].place == place][:TRIED]

@@ -24,14 +24,12 @@ from compplan.measure.campaign import Campaign
 from compplan.measure.registration import CONTACTS, Registration
 from compplan.robot import Array, Robot
 
-#: Classes of the background that move the target by less than this share of the noise are left out of the model
-#: (assumed).
-NO_BACKGROUND = 0.1
+#: What moves no observation by more than this share of its noise has settled; classes of the background that move none
+#: are left out of the model (assumed: a hundredth of its variance).
+SETTLED = 0.1
 #: Single background errors that move the target by less than this share of the noise are left out as well
 #: (assumed).
 IDLE = 0.03
-#: Rounds in which background errors that came out negative leave the model (assumed).
-ACTIVE_SETS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +200,7 @@ def _quiet_classes(ledger: Ledger, background: NDArray[np.int_], vector: Array) 
     for label in range(len(CLASSES)):
         columns = np.flatnonzero((background == label) & (vector != 0))
         moves = [np.sqrt(np.mean((design[..., columns] @ vector[columns]) ** 2)) for design in ledger.designs]
-        quiet[label] = max(moves, default=0.0) < NO_BACKGROUND
+        quiet[label] = max(moves, default=0.0) < SETTLED
     return quiet
 
 
@@ -215,7 +213,7 @@ def bend_forwards(ledger: Ledger, prior: Prior, posterior: Posterior) -> tuple[P
     for number, signature in enumerate(ledger.signatures):
         if signature.positive and len(signature.scale) == 1:
             one_sided[ledger.columns(number)] = True
-    for _ in range(ACTIVE_SETS):
+    while True:
         wrong = one_sided & (prior.background >= 0) & (posterior.values(ledger.p) < 0)
         if not wrong.any():
             break
