@@ -126,9 +126,9 @@ def build_channels(
             campaign.q if campaign.motor is None else np.where(np.isfinite(campaign.motor), campaign.motor, campaign.q)
         )
         seen = campaign.link - motor - (attained.link - attained.motor)
-        known = np.median(np.isfinite(campaign.link), axis=0) > 0
-        rows = np.flatnonzero(use & ~campaign.link_controlled & np.isfinite(seen[:, known]).all(1) & known.any())
-        channels.append(Channel("encoder", rows, np.where(known, seen, 0.0)[rows], block[rows], noises["encoder"]))
+        read = np.median(np.isfinite(campaign.link), axis=0) > 0
+        rows = np.flatnonzero(use & ~campaign.link_controlled & np.isfinite(seen[:, read]).all(1) & read.any())
+        channels.append(Channel("encoder", rows, np.where(read, seen, 0.0)[rows], block[rows], noises["encoder"]))
     frames = scene.registration
     if "distance" in noises and campaign.sights is not None and frames is not None and CONTACTS in frames.parts:
         known = campaign.sights.known
