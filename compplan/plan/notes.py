@@ -16,6 +16,7 @@ from compplan.plan.outside import describe_outside
 from compplan.plan.slow import describe_causes
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing
+from compplan.robot import Robot
 from compplan.robot.soft_limits import describe_soft_limits
 
 #: Share of the tolerance from which on the inertia of the motion is told.
@@ -38,6 +39,17 @@ def describe_coupling(effect: CouplingEffect | None) -> tuple[str, ...]:
             f"in x / y / z of the base, {1e3 * after:.3g} mm (rms) in place of {1e3 * before:.3g} mm; "
             f"{settled.passes} passes, ratio {settled.ratio:.2g}.")  # fmt: skip
     return (note,) if settled.agrees else (note, settled.explain())
+
+
+def describe_fading(robot: Robot, share: float) -> str:
+    """Say that the path leads where the campaign of the robot folder was not, and what the plan makes of that."""
+    parts = [] if robot.visited is None else robot.visited.parts
+    names = ", ".join(dict.fromkeys(part.effect.replace("_", " ") for part in parts))
+    return (
+        f"Poses or loads of this path lie outside what the campaign of the robot folder shows: of its errors in doubt "
+        f"({names}) {100.0 * share:.0f} % are compensated, the rest widens the 95 % band. Poses near the path, under "
+        "its load, settle it: compplan campaign."
+    )
 
 
 def describe_left_out(notes: Sequence[str]) -> tuple[str, ...]:

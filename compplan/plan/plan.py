@@ -12,6 +12,7 @@ from compplan.cell.wanted import Vote
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
 from compplan.job.job import Job
 from compplan.job.loading import load_path, refuse_unsettled
+from compplan.known.fading import fade_robot
 from compplan.path.contact import tool_axes
 from compplan.path.force_law import ForceLaw
 from compplan.path.toolpath import Toolpath, check_toolpath
@@ -27,7 +28,7 @@ from compplan.plan.evaluate import (
     measure_margins,
 )
 from compplan.plan.feed import FeedWish, time_run
-from compplan.plan.notes import describe_coupling, describe_left_out, list_notes
+from compplan.plan.notes import describe_coupling, describe_fading, describe_left_out, list_notes
 from compplan.plan.result import Plan
 from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
 from compplan.plan.task import SMOOTHING, PlanTask
@@ -232,7 +233,12 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         )
     except InputError as error:
         raise InputError(error.message, file=file, where=error.where if file else None) from None
-    return _state_task(robot, chain, options, start)
+    task = _state_task(robot, chain, options, start)
+    faded, share = fade_robot(robot, start.q, task.wrench)
+    if faded is robot:
+        return task
+    start = replace(start, notes=(*start.notes, describe_fading(robot, share)))
+    return _state_task(faded, build_chain(faded), options, start)
 
 
 def _time_stance(robot: Robot, options: PlanOptions, start: Start) -> float:

@@ -21,6 +21,8 @@ from compplan.robot.model import Array, Joint, Robot, roll_pitch_yaw_of
 from compplan.robot.uncertainty import FILE as UNCERTAINTY
 from compplan.robot.uncertainty import format_uncertainty, read_uncertainty
 from compplan.robot.urdf import read_numbers, read_placement, read_urdf
+from compplan.robot.visited import FILE as VISITED
+from compplan.robot.visited import format_visited, read_visited
 
 #: How SOURCE.md states what the maker says of the arm.
 RATING = re.compile(r"Payload ([\d.]+) kg and reach ([\d.]+) mm")
@@ -131,6 +133,7 @@ def read_robot_folder(folder: Path) -> Robot:
         folder=folder,
         effects=_read_effects(folder / "effects.toml"),
         uncertainty=read_uncertainty(folder / UNCERTAINTY),
+        visited=read_visited(folder / VISITED, nq),
     )
 
 
@@ -164,6 +167,10 @@ def write_robot_folder(robot: Robot, folder: Path) -> None:
         write_text(folder / UNCERTAINTY, format_uncertainty(robot.uncertainty))
     else:
         (folder / UNCERTAINTY).unlink(missing_ok=True)
+    if robot.visited is not None:
+        write_text(folder / VISITED, format_visited(robot.visited))
+    else:
+        (folder / VISITED).unlink(missing_ok=True)
     if robot.folder is not None:
         for name in ("controller.toml", "controller.urdf"):
             source = robot.folder / name

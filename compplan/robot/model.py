@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from compplan.files.columns import to_unit
 from compplan.files.shown import Shown
 from compplan.robot.uncertainty import Uncertainty
+from compplan.robot.visited import Visited
 
 Array = NDArray[np.float64]
 
@@ -156,6 +157,7 @@ class Robot(Shown):
         weights: Masses whose weight bends the arm although the model carries no gravity load: a mounted tool's, and
             with a minus sign that of the tool which the springs were identified with.
         uncertainty: How surely it is known (uncertainty.toml), or None where nobody has said so.
+        visited: Parts of it that are in doubt, and where they held (visited.toml), or None.
     """
 
     name: str
@@ -176,6 +178,7 @@ class Robot(Shown):
     effects: tuple[Mapping[str, Any], ...] = ()
     weights: tuple[Body, ...] = ()
     uncertainty: Uncertainty | None = None
+    visited: Visited | None = None
 
     def summary(self) -> list[tuple[str, str]]:
         """Return what the robot is and how far its numbers can be trusted."""
@@ -301,6 +304,7 @@ class Robot(Shown):
             urdf=_urdf_with_tool(self, tool),
             weights=weights,
             uncertainty=None if self.uncertainty is None else self._uncertainty_with_tool(names),
+            visited=None if self.visited is None else self.visited.of_arm(names),
         )
 
     def _uncertainty_with_tool(self, joints: set[str]) -> Uncertainty | None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from compplan.diagnose.answer.explanations import name_rivals
 from compplan.diagnose.answer.posterior import state_uncertainty
 from compplan.diagnose.answer.verdict import Verdict
+from compplan.diagnose.answer.visits import list_visits
 from compplan.diagnose.data.channels import position_residual
 from compplan.diagnose.doubt.blend import Blend, blend_options, build_state, hold_out_blend, hold_out_lawful
 from compplan.diagnose.doubt.held_out import Folds, HeldOut, with_claims
@@ -28,6 +29,7 @@ from compplan.diagnose.search.state import Fit, FitState, Problem, advance_state
 from compplan.effects import Effect, fold_effects, is_of_instrument
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
+from compplan.robot.visited import Visited
 
 #: An updated robot has to shrink the held-out gap by this share, or the nominal one stays; a larger model has to
 #: shrink what a smaller one leaves by the second share (assumed: less is worth no change on the shop floor).
@@ -53,6 +55,7 @@ class Delivery:
         residual: Measured minus expected by its exact model, base axes, all rows. Shape (n, 3). [m]
         uncertainty: How surely it is known.
         lawful: What the lawful part of a mixture predicts of rows that it never saw; None for no mixture.
+        visited: Its parts in doubt and how well they held at each stay; None without.
     """
 
     kind: str
@@ -62,6 +65,7 @@ class Delivery:
     residual: Array
     uncertainty: Uncertainty
     lawful: HeldOut | None = None
+    visited: Visited | None = None
 
     def folder(self, number: int) -> str:
         """Return the name of its folder, the first being `robot`."""
@@ -74,7 +78,9 @@ class Delivery:
 
     def robot(self, nominal: Robot, known: int) -> Robot:
         """Return the robot folder: the nominal robot with the effects behind the `known` first ones."""
-        return replace(fold_effects(nominal, self.state.effects[known:]), uncertainty=self.uncertainty)
+        visited = nominal.visited if self.fitted is None else self.visited
+        folded = fold_effects(nominal, self.state.effects[known:])
+        return replace(folded, uncertainty=self.uncertainty, visited=visited)
 
 
 def deliver_folders(
@@ -104,10 +110,10 @@ def deliver_folders(
         (CALIBRATED, blend, hold_out_blend(folds, blend)),
     ]
     sure = partial(state_uncertainty, fit, every, good=good, rivals=name_rivals(verdict))
-    rest = Delivery(NOMINAL, nominal, plain, None, _residual(fit.problem, nominal), sure(nominal, plain))
+    nothing = Delivery(NOMINAL, nominal, plain, None, _residual(fit.problem, nominal), sure(nominal, plain))
     useful = [option for option in judged if _is_better(option[2].of(seen), plain.of(seen), folds.pose[seen])]
     if not useful:
-        return (rest,)
+        return (nothing,)
     first = useful[0]
     for option in useful[1:]:
         if option[2].of(seen).rms < (1.0 - WORTH_MORE) * first[2].of(seen).rms:
@@ -116,7 +122,16 @@ def deliver_folders(
     chosen = [first, *sorted(second, key=lambda o: o[2].rms)[:1]]
     lawful = hold_out_lawful(folds, blend, seen)
     built = [_build(fit, kind, claims, held, sure, lawful) for kind, claims, held in chosen]
-    return tuple(delivery for delivery in built if delivery is not None) or (rest,)
+    delivered = [delivery for delivery in built if delivery is not None]
+    # names are in doubt where they leave something and are not beyond doubt themselves
+    trusted = named if verdict.status == "explained" else beyond
+    rest = folds.hold_out(trusted, background=False)
+    places = {fit.search.ledger.signatures[claim.signature].place for claim in trusted}
+    forms = {CAUSES: [claim.signature for claim in named], CALIBRATED: blend.claimed()}
+    return tuple(
+        replace(one, visited=list_visits(fit, one.state, forms[one.kind], places, rest, one.held, seen))
+        for one in delivered
+    ) or (nothing,)
 
 
 def keep_places(folds: Folds, again: Decide, named: Sequence[Claim]) -> Decide:

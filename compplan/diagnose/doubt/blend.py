@@ -48,7 +48,8 @@ def stack_weights(residuals: Array) -> Array:
     return np.asarray(found / found.sum())
 
 
-def _is_built(signature: Signature) -> bool:
+def is_built(signature: Signature) -> bool:
+    """Tell whether a mixture writes a signature into its robot without claiming it."""
     return signature.name == REGISTRATION or in_background(signature) or in_calibration(signature)
 
 
@@ -62,7 +63,7 @@ def build_state(fit: Fit, values: Array, first: Sequence[int]) -> FitState:
     """
     ledger, left = fit.search.ledger, values.copy()
     claimed = sorted(set(first), key=lambda n: -len(ledger.columns(n)))
-    rest = [n for n, s in enumerate(ledger.signatures) if n not in first and _is_built(s)]
+    rest = [n for n, s in enumerate(ledger.signatures) if n not in first and is_built(s)]
     effects, kept, registration = list(fit.problem.fixed), dict[str, float](), fit.state.registration
     for number in [*claimed, *rest]:
         signature, columns = ledger.signatures[number], ledger.columns(number)

@@ -1,0 +1,151 @@
+"""Fading: how far the parts of a robot folder that are in doubt may be trusted where a campaign has not been.
+
+A calibration may imitate a cause that it has no name for: it then predicts poses like those that were measured, and
+leads astray elsewhere. At each stay that the fit never saw, the share w of the parts' motion of the tip that was there
+is known to a deviation. Over the place of the tip and the force on it, w is a normal process of mean zero and variance
+one [Rasmussen2006, ch. 2] whose two lengths are what the stays say (a mean over lengths by their evidence): what held
+alike everywhere reaches far, what held by chance hardly reaches the next pose, and nothing reaches endlessly far.
+
+A share a of the parts makes the tip worse than none where w is below a / 2. Of the parts stays the share that does so
+in one case of twenty at most: a = 2 w_05, from 0 to 1, the mean over the path. The rest is taken out of the robot, and
+its covariance grows by the square of what is taken out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from compplan.effects import Effect, fold_effects
+from compplan.effects.signature import pack_parameters
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Uncertainty, Unknown, spread_unknowns
+from compplan.robot.visited import Part, Visited
+from compplan.statics.chain import build_chain, locate_frames
+
+#: Lengths over which the share may change: of places, in spreads of the visited ones; of forces, in the largest one
+#: (assumed: from a quarter of what was visited to far beyond it).
+PLACES, FORCES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0), (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+#: Force that counts as the largest one where none was applied (assumed). [N]
+SMALL_FORCE = 50.0
+#: Stays that are looked at, at most (assumed).
+STAYS = 120
+#: Quantile of the share that counts, in standard deviations (theory: one in twenty, one side).
+SAFE = 1.645
+#: Rows of a path that are looked at, at most (assumed).
+ROWS = 60
+#: Rounding of the share's covariance. Lengths of less weight than the second number are left out.
+ROUNDING, NO_WEIGHT = 1e-9, 1e-3
+
+
+def fade_robot(robot: Robot, q: Array, wrench: Array) -> tuple[Robot, float]:
+    """Return the robot for a path, its parts in doubt taken back as far as they cannot be trusted there; and the share.
+
+    Args:
+        robot: The robot with its tool.
+        q: Joint positions along the path. Shape (n, nq). [rad or m]
+        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
+    """
+    visited = robot.visited
+    if visited is None or not visited.parts or not len(q):
+        return robot, 1.0
+    rows = np.unique(np.linspace(0, len(q) - 1, ROWS).astype(int))
+    share = float(np.mean(trust_parts(robot, visited, q[rows], wrench[rows])))
+    return (robot, 1.0) if share >= 1.0 else (keep_share(robot, visited, share), share)
+
+
+def trust_parts(robot: Robot, visited: Visited, q: Array, wrench: Array) -> Array:
+    """Return the share of the parts in doubt that makes the tip worse in one case of twenty at most. Shape (n,)."""
+    few = np.unique(np.linspace(0, len(visited.q) - 1, STAYS).astype(int))
+    chain = build_chain(robot)
+    place, there = (locate_frames(chain, at).tcp_position for at in (visited.q[few], q))
+    force = visited.wrench[few, :3]
+    spread = max(float(np.sqrt(np.mean(np.sum((place - place.mean(axis=0)) ** 2, axis=1)))), ROUNDING)
+    largest = max(float(np.linalg.norm(force, axis=1).max()), SMALL_FORCE)
+    known = [cdist(of, of, "sqeuclidean") / size**2 for of, size in ((place, spread), (force, largest))]
+    new = [
+        cdist(to, of, "sqeuclidean") / size**2
+        for to, of, size in ((there, place, spread), (wrench[:, :3], force, largest))
+    ]
+    noise = np.diag(visited.deviation[few] ** 2 + ROUNDING)
+    evidence, means, squares = [], [], []
+    for lengths in product(PLACES, FORCES):
+        own, reached = (
+            np.exp(-0.5 * sum(part / size**2 for part, size in zip(parts, lengths, strict=True)))
+            for parts in (known, new)
+        )
+        root = np.linalg.cholesky(own + noise)
+        solved = np.linalg.solve(root, np.column_stack([visited.share[few], reached.T]))
+        mean = solved[:, 1:].T @ solved[:, 0]
+        evidence.append(-0.5 * solved[:, 0] @ solved[:, 0] - np.log(np.diag(root)).sum())
+        means.append(mean)
+        squares.append(1.0 - np.sum(solved[:, 1:] ** 2, axis=0) + mean**2)
+    weight = np.exp(np.array(evidence) - max(evidence))
+    weight /= weight.sum()
+    mean = weight @ np.array(means)
+    deviation = np.sqrt(np.maximum(weight @ np.array(squares) - mean**2, 0.0))
+    return np.clip(2.0 * (mean - SAFE * deviation), 0.0, 1.0)
+
+
+def keep_share(robot: Robot, visited: Visited, share: float) -> Robot:
+    """Return the robot with a share of its parts in doubt; what is taken out counts as unknown.
+
+    Args:
+        robot: The robot.
+        visited: Its parts in doubt.
+        share: Share of them that stays, from 0 to 1.
+    """
+    changed = robot
+    for part in visited.parts:
+        changed = _scale_part(changed, part, share)
+    known = robot.uncertainty
+    return changed if known is None else replace(changed, uncertainty=_take_out(known, visited.parts, 1.0 - share))
+
+
+def _scale_part(robot: Robot, part: Part, share: float) -> Robot:
+    """Scale one part: where it stands in effects.toml there, else in URDF and springs."""
+    place, tables = (part.effect, part.joint, part.axis), list(robot.effects)
+    for number, table in enumerate(tables):
+        held = dict(table["parameters"])
+        own = pack_parameters(part.keys, share * part.value, {})
+        settings = all(held.get(key) == value for key, value in part.fixed.items())
+        if (table["effect"], table.get("joint"), table.get("axis")) == place and settings and own.keys() <= held.keys():
+            tables[number] = {**table, "parameters": {**held, **own}}
+            return replace(robot, effects=tuple(tables))
+    lost = (share - 1.0) * part.value
+    if "joints" in part.fixed:  # under own weight: one compliance a joint
+        effects = [
+            Effect("joint_stiffness", str(joint), None, {"compliance_change_rad_per_Nm": float(change)})
+            for joint, change in zip(part.fixed["joints"], lost, strict=True)
+        ]
+    else:
+        effects = [Effect(*place, pack_parameters(part.keys, lost, part.fixed))]
+    return fold_effects(robot, effects)
+
+
+def _take_out(known: Uncertainty, parts: tuple[Part, ...], share: float) -> Uncertainty:
+    """Let the second moment of what is unknown grow by the square of a share of some parts."""
+    names = [_name(u.effect, u.joint, u.axis, u.keys, u.fixed) for u in known.unknowns]
+    unknowns, moved = list(known.unknowns), [np.zeros(len(u.keys)) for u in known.unknowns]
+    for part in parts:
+        name = _name(part.effect, part.joint, part.axis, part.keys, part.fixed)
+        if name in names:
+            moved[names.index(name)] = share * part.value
+        else:
+            zero = np.zeros(len(part.keys))
+            unknowns.append(Unknown(part.effect, part.joint, part.axis, part.keys, zero, part.fixed))
+            moved.append(share * part.value)
+    shift = np.concatenate(moved) / known.calibration
+    grown = len(shift) - len(known.factor)
+    stated = np.concatenate([np.zeros(0), *(u.deviation for u in known.unknowns)])[:, None] * known.factor
+    covariance = np.pad(stated @ stated.T, (0, grown)) + np.outer(shift, shift)
+    named, factor = spread_unknowns(unknowns, covariance)
+    rivals = tuple(replace(rival, shift=np.pad(rival.shift, (0, grown))) for rival in known.rivals)
+    return replace(known, unknowns=named, factor=factor, rivals=rivals)
+
+
+def _name(effect: str, joint: str | None, axis: str | None, keys: tuple[str, ...], fixed: object) -> str:
+    return repr((effect, joint, axis, keys, fixed))
