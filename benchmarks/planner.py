@@ -28,7 +28,7 @@ from compplan.plan.evaluate import evaluate_run
 from compplan.plan.plan import build_task, prepare_job
 from compplan.plan.strategies import command_path
 from compplan.plan.task import PlanTask
-from compplan.statics.kinematics import build_loaded_pose_function, count_equilibrium_steps
+from compplan.statics.elastic import solve_equilibrium
 
 JOB = Path(__file__).parents[1] / "paths" / "isf_cone_50k.toml"
 
@@ -60,17 +60,15 @@ def time_program(task: PlanTask) -> dict[str, float]:
 
 def time_plain(task: PlanTask, count: int) -> dict[str, float]:
     """Time least_squares on the same equations, waypoint by waypoint."""
-    steps = count_equilibrium_steps(task.chain, task.q_start, task.wrench)
-    loaded = build_loaded_pose_function(task.chain, steps)
     rows = np.linspace(0, len(task) - 1, count).astype(int)
     worst, clock = 0.0, time.perf_counter()
     for k in rows:
         x, y, _ = task.rotation[k].T
 
         def missed(q: np.ndarray, k: int = k, x: np.ndarray = x, y: np.ndarray = y) -> np.ndarray:
-            position, rotation, _ = loaded(q, task.wrench[k])
-            z = np.array(rotation)[:, 2]
-            return np.r_[np.array(position)[:, 0] - task.position[k], x @ z, y @ z]
+            there = solve_equilibrium(task.chain, q[None], task.wrench[k : k + 1], tolerance=1e-12)
+            z = there.rotation[0, :, 2]
+            return np.r_[there.position[0] - task.position[k], x @ z, y @ z]
 
         answer = least_squares(missed, task.q_start[k], method="trf", xtol=1e-12, ftol=1e-12, gtol=1e-12)
         worst = max(worst, float(np.abs(answer.fun).max()))

@@ -18,10 +18,7 @@ import numpy as np
 
 from compplan.robot import Array
 from compplan.statics.chain import Chain, jacobian, locate_frames
-from compplan.statics.elastic import cartesian_compliance, load_hessian, loaded_compliance, solve_equilibrium
-
-SINGULAR = 1e-12
-"""Smallest ratio of singular values at which a compliance, lengths scaled to one metre, counts as invertible."""
+from compplan.statics.elastic import load_hessian
 
 
 class ComplementaryInfluence(NamedTuple):
@@ -30,17 +27,13 @@ class ComplementaryInfluence(NamedTuple):
     Attributes:
         nu_p: |dp_with - dp_without| / max(|dp_with|, |dp_without|), translations. Shape (n,).
         nu_r: Largest difference of a rotation component. Shape (n,). [rad]
-        with_complementary: Displacement with K_C, base axes. Shape (n, 6). [m, rad]
-        without_complementary: Displacement without it, base axes. Shape (n, 6). [m, rad]
     """
 
     nu_p: Array
     nu_r: Array
-    with_complementary: Array
-    without_complementary: Array
 
 
-def complementary_stiffness(chain: Chain, q: Array, wrench: Array, theta: Array | None = None) -> Array:
+def complementary_stiffness(chain: Chain, q: Array, wrench: Array) -> Array:
     """Compute the complementary stiffness in the elastic coordinates, K_C = d(J^T w)/dtheta.
 
     The part of the weights is left out, as in [Chen2000]; `compplan.statics.elastic.load_hessian` carries both.
@@ -49,15 +42,13 @@ def complementary_stiffness(chain: Chain, q: Array, wrench: Array, theta: Array 
         chain: The chain.
         q: Joint positions. Shape (n, nq). [rad or m]
         wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
-        theta: Elastic coordinates, zero if left out. Shape (n, s). [rad or m]
 
     Returns:
         Shape (n, s, s). [N m/rad and kin]
     """
     q = np.atleast_2d(np.asarray(q, float))
     weightless = replace(chain, gravity=np.zeros(3))
-    coordinates = np.zeros((len(q), chain.n_springs)) if theta is None else theta
-    return load_hessian(weightless, q, coordinates, np.broadcast_to(wrench, (len(q), 6)))
+    return load_hessian(weightless, q, np.zeros((len(q), chain.n_springs)), np.broadcast_to(wrench, (len(q), 6)))
 
 
 def displace_linearly(chain: Chain, q: Array, wrench: Array, *, complementary: bool = True) -> Array:
@@ -97,33 +88,7 @@ def complementary_influence(chain: Chain, q: Array, wrench: Array) -> Complement
     gap = with_it - without
     size = np.maximum(np.linalg.norm(with_it[:, :3], axis=1), np.linalg.norm(without[:, :3], axis=1))
     nu_p = np.linalg.norm(gap[:, :3], axis=1) / np.where(size > 0, size, 1.0)
-    return ComplementaryInfluence(nu_p, np.abs(gap[:, 3:]).max(axis=1), with_it, without)
-
-
-def cartesian_stiffness(chain: Chain, q: Array, wrench: Array | None = None, *, complementary: bool = True) -> Array:
-    """Compute the Cartesian stiffness of the TCP at the loaded equilibrium.
-
-    Args:
-        chain: The chain.
-        q: Joint positions. Shape (n, nq). [rad or m]
-        wrench: Wrench of the environment on the tool at the TCP, base axes; none if left out. Shape (n, 6). [N, N m]
-        complementary: Whether the change of the levers takes part (K_C, and the same of the weights).
-
-    Returns:
-        Rows fx fy fz mx my mz, columns tx ty tz rx ry rz, base axes. NaN where the compliance is singular: an arm
-        without elasticity in some direction, or in a singular posture. Shape (n, 6, 6).
-    """
-    q = np.atleast_2d(np.asarray(q, float))
-    load = np.zeros((len(q), 6)) if wrench is None else np.broadcast_to(np.asarray(wrench, float), (len(q), 6))
-    if complementary:
-        compliance = loaded_compliance(chain, q, load)
-    else:
-        compliance = cartesian_compliance(chain, q, solve_equilibrium(chain, q, load).theta)
-    values = np.linalg.svd(compliance, compute_uv=False)
-    regular = values[:, -1] > SINGULAR * np.maximum(values[:, 0], 1e-300)
-    stiffness = np.full_like(compliance, np.nan)
-    stiffness[regular] = np.linalg.inv(compliance[regular])
-    return stiffness
+    return ComplementaryInfluence(nu_p, np.abs(gap[:, 3:]).max(axis=1))
 
 
 def worst_unit_force(compliance: Array) -> tuple[Array, Array]:

@@ -122,18 +122,7 @@ class Course:
         length = math.dist(start, end)
         if length > 1e-9:
             self.direction = combine(1.0 / length, end, -1.0 / length, start)
-        log = self.log
-        angle = 0.0 if axis is None else _angle(log.axis, axis)
-        if axis is None or angle <= math.radians(TURN_STEP):
-            log.line(end, feed, axis)
-            return
-        pieces, before, counts = math.ceil(math.degrees(angle) / TURN_STEP - 1e-9), log.axis, dict(log.counts)
-        for piece in range(1, pieces + 1):
-            share = piece / pieces
-            point = end if piece == pieces else combine(1.0 - share, start, share, end)
-            log.line(point, feed, on_way(share) if on_way else turn_towards(before, axis, share))
-        for name in ("cutting_moves", "rotary_only_moves"):
-            log.counts[name] = min(log.counts[name], counts[name] + 1)
+        cut_turning(self.log, start, end, feed, axis, on_way)
 
     def arc(self, target: Point, named: Iterable[int], centre: Point, normal: Point, feed: float, line: int, *,
             right_hand: bool, turns: int = 1) -> None:  # fmt: skip
@@ -184,11 +173,38 @@ class Course:
                 self.lost.discard(axis)
 
 
+def cut_turning(
+    log: MoveLog, start: Point, end: Point, feed: float, axis: Point | None,
+    on_way: Callable[[float], Point] | None = None,
+) -> None:  # fmt: skip
+    """Cut straight to a point while the tool turns: one move, in pieces.
+
+    Args:
+        log: Log of the moves.
+        start: Where it begins, in the part. [mm]
+        end: Where it ends. [mm]
+        feed: Feed. [mm/s]
+        axis: Tool axis at the end; None: it stays.
+        on_way: Tool axis after a share of the move; left out: on the great circle.
+
+    """
+    angle = 0.0 if axis is None else _angle(log.axis, axis)
+    if axis is None or angle <= math.radians(TURN_STEP):
+        log.line(end, feed, axis)
+        return
+    pieces, before, counts = math.ceil(math.degrees(angle) / TURN_STEP - 1e-9), log.axis, dict(log.counts)
+    for piece in range(1, pieces + 1):
+        share = piece / pieces
+        point = end if piece == pieces else combine(1.0 - share, start, share, end)
+        log.line(point, feed, on_way(share) if on_way else _turn_towards(before, axis, share))
+    log.count_one(counts)
+
+
 def _angle(before: Point, after: Point) -> float:
     return math.atan2(math.hypot(*cross(before, after)), dot(before, after))
 
 
-def turn_towards(start: Point, end: Point, share: float) -> Point:
+def _turn_towards(start: Point, end: Point, share: float) -> Point:
     """Return a direction on the great circle between two, which are not opposite, after a share of the turn."""
     angle = _angle(start, end)
     if angle < STEADY or share == 1.0:

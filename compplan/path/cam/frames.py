@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
-from compplan.path.cam.arcs import Point, cross, dot
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from compplan.path.cam.arcs import Arc, Point, combine, cross, dot
 
 Rows = tuple[Point, Point, Point]
 UNIT: Rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -14,7 +18,9 @@ NOWHERE: Point = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Frame:
-    """Hold a similarity: p_part = rows p + origin; rows is a rotation, mirrored or not, times one scale.
+    """Hold an affine map: p_part = rows p + origin; rows is a rotation, mirrored or not, times a scale.
+
+    `invert`, `scale` and `mirrored` are those of a similarity, whose scale is one; `undo` takes a scale for each axis.
 
     Args:
         rows: Rows of the matrix.
@@ -58,6 +64,29 @@ class Frame:
         back = Frame(rows)  # type: ignore[arg-type]
         x, y, z = back.turn(self.origin)
         return Frame(back.rows, (-x, -y, -z))
+
+    def undo(self, point: Point) -> Point:
+        """Return the point of the frame that stands here; its axes may be scaled apart from each other."""
+        return as_point(np.linalg.solve(np.array(self.rows), np.subtract(point, self.origin)))
+
+    def measure_scale(self) -> float | None:
+        """Return by what lengths grow, negative where it mirrors; None where not all directions grow alike."""
+        gram = np.array(self.rows) @ np.array(self.rows).T
+        if not np.allclose(gram, gram[0, 0] * np.eye(3), rtol=1e-9, atol=1e-12):
+            return None
+        return math.copysign(math.sqrt(gram[0, 0]), float(np.linalg.det(np.array(self.rows))))
+
+    def place_arc(self, arc: Arc) -> Arc | None:
+        """Return what becomes of an arc; None where it would be one of an ellipse."""
+        scale = self.measure_scale()
+        if scale is None:
+            return None
+        size, sense = abs(scale), math.copysign(1.0, scale)
+        return replace(
+            arc, centre=self.apply(arc.centre), first=combine(1.0 / size, self.turn(arc.first), 0.0, arc.first),
+            normal=combine(1.0 / size, self.turn(arc.normal), 0.0, arc.normal), radius=arc.radius * size,
+            end_radius=arc.end_radius * size, sweep=arc.sweep * sense, rise=arc.rise * size,
+        )  # fmt: skip
 
     @property
     def mirrored(self) -> bool:
@@ -112,3 +141,34 @@ def stand_on(first: Point, normal: Point) -> Frame:
     y = y[0] / size, y[1] / size, y[2] / size
     x = cross(y, z)
     return Frame(tuple(zip(x, y, z, strict=True)))  # type: ignore[arg-type]
+
+
+def as_point(numbers: Sequence[float] | np.ndarray) -> Point:
+    """Return three numbers as a point, without negative zeros."""
+    return float(numbers[0]) + 0.0, float(numbers[1]) + 0.0, float(numbers[2]) + 0.0
+
+
+def turn_about(centre: Point, turn: Rotation) -> Frame:
+    """Return a rotation about a point [mm]."""
+    matrix = turn.as_matrix()
+    rows = as_point(matrix[0]), as_point(matrix[1]), as_point(matrix[2])
+    return Frame(rows, combine(1.0, centre, -1.0, as_point(matrix @ np.array(centre))))
+
+
+def scale_about(centre: Point, scales: Point) -> Frame:
+    """Return a scaling of each axis about a point [mm]; negative scales mirror."""
+    rows = (scales[0], 0.0, 0.0), (0.0, scales[1], 0.0), (0.0, 0.0, scales[2])
+    return Frame(rows, as_point([centre[axis] * (1.0 - scales[axis]) for axis in range(3)]))
+
+
+def tilt_plane(origin: Point, turn: Rotation, zero: Point) -> Frame:
+    """Return a tilted work plane: its coordinates count from `origin`, which itself counts from the program's zero.
+
+    Args:
+        origin: Origin of the plane. [mm]
+        turn: Rotation of its axes, as seen from the part.
+        zero: Where the program's zero stands. [mm]
+
+    """
+    turned = turn_about(zero, turn)
+    return replace(turned, origin=combine(1.0, turned.origin, 1.0, origin))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 from compplan.path.cam.gcode_state import State
 from compplan.path.cam.moves import MoveLog
@@ -33,6 +34,13 @@ LIMITS = frozenset({4.0, 25.0, 26.0, 50.0, 92.0})
 ANGLES = frozenset({19.0})
 #: A dwell P without a decimal point is taken in milliseconds from here up. [ms]
 LEAST_MILLISECONDS = 100.0
+
+
+class Running(Protocol):
+    """What of a machine runs: the spindle ("" or how it turns), and coolant."""
+
+    turning: str
+    cooling: bool
 
 
 def owns_words(code: float) -> bool:
@@ -88,7 +96,7 @@ def start_machine(
             log.happen("comment", line, text=f"M{code:g} of the CAM file")
 
 
-def stop_machine(machine: Sequence[float], state: State, log: MoveLog, line: int) -> bool:
+def stop_machine(machine: Sequence[float], state: Running, log: MoveLog, line: int) -> bool:
     """Let happen what a block switches after its move; return whether the program ends."""
     for code in machine:
         kind = STOPPING.get(code, "")

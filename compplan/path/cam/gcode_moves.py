@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 from compplan.errors import InputError
-from compplan.path.cam.arcs import Arc, Point, arc_about, centre_from_radius, combine, cross, dot, fits_circle
+from compplan.path.cam.arcs import Arc, Point, arc_about, centre_from_radius, combine, fits_circle
+from compplan.path.cam.course import cut_turning
 from compplan.path.cam.gcode_codes import MOST_TURNS, TURN_STEP
 from compplan.path.cam.gcode_corners import GcodeCorner, cut_corner
 from compplan.path.cam.gcode_cycles import run_cycle
@@ -14,6 +16,7 @@ from compplan.path.cam.gcode_state import PLANE_AXES, PLANE_NORMALS, State
 from compplan.path.cam.gcode_tilt import TiltReader
 from compplan.path.cam.gcode_words import CORNER_WORDS
 from compplan.path.cam.options import CamTable
+from compplan.path.cam.plain import read_place
 
 #: Words that turn the tool: rotary axes, and its direction (Siemens).
 ROTARY = (*"ABC", "A3", "B3", "C3")
@@ -43,21 +46,14 @@ class MotionReader(TiltReader):
             and len(state.known) == 3 and path.placement is None and not path.muted and not path.needs_start()
         )  # fmt: skip
 
-    def cut_plain(self, x: str | None, y: str | None, z: str | None, feed: str | None) -> bool:
+    def cut_plain(self, found: re.Match[str]) -> bool:
         """Carry out a block of X Y Z F alone where the program is steady; return whether it was read."""
-        state = self.state
-        if x is None and y is None and z is None:
+        state, feed = self.state, found.group(4)
+        point = read_place(found, state.position, state.scale, (state.zero(0), state.zero(1), state.zero(2)))
+        if point is None or (feed is not None and float(feed) <= 0.0):
             return False
         if feed is not None:
-            if (number := float(feed)) <= 0.0:
-                return False
-            state.set_feed(number)
-        scale, old = state.scale, state.position
-        point = (
-            old[0] if x is None else float(x) * scale + state.zero(0),
-            old[1] if y is None else float(y) * scale + state.zero(1),
-            old[2] if z is None else float(z) * scale + state.zero(2),
-        )
+            state.set_feed(float(feed))
         state.position = point
         assert state.feed is not None
         self.log.line(point, state.feed / 60.0)
@@ -142,7 +138,8 @@ class MotionReader(TiltReader):
         elif before is not None and axis is not None:
             self._cut_turning(start, target, before)
         elif axis is not None and "A3" in values:
-            self._cut_towards(start, target, axis)
+            state.position = target
+            cut_turning(self.log, path.map(start), path.map(target), self._feed(math.dist(target, start)), axis)
         else:
             path.cut_line(target, self._feed(math.dist(target, start)), axis)
 
@@ -192,7 +189,7 @@ class MotionReader(TiltReader):
                 feed = math.dist(path.map(point), lines.position) * pieces / seconds
             path.cut_line(point, feed, self.rotary_axis())
         state.rotary = after
-        self._count_one(counts)
+        lines.count_one(counts)
 
     def _count_pieces(self, target: Point, before: dict[str, float], after: dict[str, float]) -> int:
         """Return in how many pieces rotary axes turn, so that tool axis and tip keep to their way."""
@@ -208,22 +205,6 @@ class MotionReader(TiltReader):
             chord = self.options.chord_tolerance_mm
             step = min(step, math.degrees(2.0 * math.acos(max(1.0 - chord / max(radius, chord), 0.0))))
         return max(1, math.ceil(turn / step - 1e-9))
-
-    def _cut_towards(self, start: Point, target: Point, end: Point) -> None:
-        """Cut to a point while the tool's direction turns on a great circle: one move, in pieces."""
-        before, counts = self.log.axis, dict(self.log.counts)
-        pieces = math.ceil(math.degrees(_angle(before, end)) / TURN_STEP - 1e-9) or 1
-        feed = self._feed(math.dist(target, start))
-        for piece in range(1, pieces + 1):
-            share = piece / pieces
-            point = target if piece == pieces else combine(1.0 - share, start, share, target)
-            self.path.cut_line(point, feed, turn_towards(before, end, share))
-        self._count_one(counts)
-
-    def _count_one(self, counts: dict[str, int]) -> None:
-        """Count the pieces of a move as one."""
-        for name in ("cutting_moves", "rotary_only_moves"):
-            self.log.counts[name] = min(self.log.counts[name], counts[name] + 1)
 
     def _turn(self, values: dict[str, float]) -> tuple[Point | None, dict[str, float] | None]:
         """Return the tool axis that A B C or A3 B3 C3 ask for, and the angles before where A B C turn."""
@@ -301,16 +282,3 @@ class MotionReader(TiltReader):
         if not fits_circle(arc.radius, arc.end_radius):
             ends = [place[axis] for place in (start, target) for axis in plane]
             self.proofs.add((*(round(number, 3) for number in ends), *(values.get(letter, 0.0) for letter in "IJK")))
-
-
-def _angle(before: Point, after: Point) -> float:
-    return math.atan2(math.hypot(*cross(before, after)), dot(before, after))
-
-
-def turn_towards(start: Point, end: Point, share: float) -> Point:
-    """Return a direction on the great circle between two, which are not opposite, after a share of the turn."""
-    angle = _angle(start, end)
-    if angle < 1e-9 or share == 1.0:
-        return end
-    sine = math.sin(angle)
-    return combine(math.sin((1.0 - share) * angle) / sine, start, math.sin(share * angle) / sine, end)

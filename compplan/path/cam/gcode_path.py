@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 
 from compplan.errors import InputError
 from compplan.path.cam.arcs import Arc, Point
-from compplan.path.cam.gcode_placement import Placement
+from compplan.path.cam.frames import Frame
 from compplan.path.cam.gcode_state import State
 from compplan.path.cam.moves import MoveLog
 
@@ -27,7 +27,7 @@ class PathWriter:
 
     def __init__(self, log: MoveLog, state: State, fail: Callable[[str], InputError]) -> None:
         self.log, self.state, self.fail = log, state, fail
-        self.placement: Placement | None = None
+        self.placement: Frame | None = None
         #: Line of the block that is read.
         self.line = 0
         #: Why moves are left out, and what to say where one of them cuts ("": nothing).
@@ -39,9 +39,9 @@ class PathWriter:
 
     def map(self, point: Point) -> Point:
         """Return where a point stands in the part frame [mm]."""
-        return point if self.placement is None else self.placement.place(point)
+        return point if self.placement is None else self.placement.apply(point)
 
-    def replace(self, placement: Placement | None, *, keep: bool = True) -> None:
+    def replace(self, placement: Frame | None, *, keep: bool = True) -> None:
         """Put another placement in force.
 
         Args:

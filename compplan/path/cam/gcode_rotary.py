@@ -7,7 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from compplan.path.cam.arcs import Point, combine, dot
-from compplan.path.cam.gcode_placement import IDENTITY, Placement
+from compplan.path.cam.frames import UNIT, Frame
+from compplan.path.cam.options import CamTable
 
 UP: Point = (0.0, 0.0, 1.0)
 #: Sets of letters whose order on a machine goes without saying: a table's C sits on its tilt, a head's tilt on its C.
@@ -53,7 +54,7 @@ class RotaryMachine:
             axis = _turn(letter, -sense * angles.get(letter, 0.0), axis)
         return axis[0] + 0.0, axis[1] + 0.0, axis[2] + 0.0
 
-    def place(self, angles: Mapping[str, float]) -> Placement:
+    def place(self, angles: Mapping[str, float]) -> Frame:
         """Return where X Y Z stand in the part frame that are positions of the machine (no control of the tip).
 
         Args:
@@ -63,23 +64,23 @@ class RotaryMachine:
             RotaryError: If pivot or centre are needed and not known.
 
         """
-        placed = Placement()
+        placed = Frame()
         if any(angles.get(letter) for letter, _ in self.head):
             if self.pivot is None:
                 raise RotaryError("pivot_mm = the distance from the tool tip to where the rotary axes meet")
             swing = combine(1.0, UP, -1.0, RotaryMachine(self.head).point_tool(angles))
-            placed = Placement(step=combine(self.pivot, swing, 0.0, swing))
+            placed = Frame(origin=combine(self.pivot, swing, 0.0, swing))
         if any(angles.get(letter) for letter, _ in self.table):
             if self.centre is None:
                 raise RotaryError("rotary_centre_mm = [x, y, z] of the first table axis as seen from the part zero")
             centre = self.centre
             for letter, sense in self.table:
                 angle = -sense * angles.get(letter, 0.0)
-                columns = [_turn(letter, angle, unit) for unit in IDENTITY]
+                columns = [_turn(letter, angle, unit) for unit in UNIT]
                 rows = tuple((columns[0][row], columns[1][row], columns[2][row]) for row in range(3))
                 turned = tuple(dot(row, centre) for row in rows)
                 step = (centre[0] - turned[0], centre[1] - turned[1], centre[2] - turned[2])
-                placed = placed.then(Placement((rows[0], rows[1], rows[2]), step))
+                placed = Frame((rows[0], rows[1], rows[2]), step).then(placed)
                 centre = combine(1.0, centre, 1.0, self.offset)
         return placed
 
@@ -127,24 +128,25 @@ def order_axes(kind: str, letters: Iterable[str], stated: Iterable[str] | None) 
     return order[:1], order[1:]
 
 
-def build_machine(
-    kind: str, letters: Iterable[str], stated: Iterable[str] | None, *, centre: Point | None, offset: Point,
-    pivot: float | None,
-) -> RotaryMachine:  # fmt: skip
+def build_machine(options: CamTable, letters: Iterable[str]) -> RotaryMachine:
     """Return the machine that the user states.
 
     Args:
-        kind: "head", "table" or "head_table".
+        options: Its kind, axes and distances.
         letters: Letters that the file turns.
-        stated: Axes in order, "-C" for one that turns against the right hand; None: the usual order.
-        centre: Of the table. [mm]
-        offset: From the first table axis to the second. [mm]
-        pivot: Of the head. [mm]
 
     Raises:
-        RotaryError: If the order is not known.
+        RotaryError: If the order of the axes is not known.
 
     """
-    head, table = order_axes(kind, letters, stated)
+    try:
+        head, table = order_axes(options.rotary or "", letters, options.rotary_axes)
+    except RotaryError as fault:
+        used = ", ".join(sorted(letters))
+        raise RotaryError(f"of rotary axes {used}, which carries the other is not known; state {fault}") from None
     signed = [tuple((axis[-1], -1.0 if axis[0] == "-" else 1.0) for axis in axes) for axes in (head, table)]
-    return RotaryMachine(signed[0], signed[1], centre, offset, pivot)
+    centre, offset = options.rotary_centre_mm, options.rotary_offset_mm
+    return RotaryMachine(
+        signed[0], signed[1], None if centre is None else (centre[0], centre[1], centre[2]),
+        (offset[0], offset[1], offset[2]), options.pivot_mm,
+    )  # fmt: skip

@@ -69,7 +69,7 @@ class TextReader(GcodeFlowReader):
         """Tell whether a block of X Y Z F alone cuts straight to where its numbers say, and nothing else."""
 
     @abstractmethod
-    def cut_plain(self, x: str | None, y: str | None, z: str | None, feed: str | None) -> bool:
+    def cut_plain(self, found: re.Match[str]) -> bool:
         """Carry out a block of X Y Z F alone where the program is steady; return whether it was read."""
 
     @abstractmethod
@@ -90,7 +90,7 @@ class TextReader(GcodeFlowReader):
 
     def _run_line(self, raw: str) -> bool:
         """Carry out one line; return whether the program ends."""
-        if self.steady and (found := PLAIN_CODE.fullmatch(raw)) and self.cut_plain(*found.groups()):
+        if self.steady and (found := PLAIN_CODE.fullmatch(raw)) and self.cut_plain(found):
             return False
         ended = self._run_any(raw)
         self.steady = self.is_steady()

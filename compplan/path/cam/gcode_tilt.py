@@ -10,8 +10,8 @@ from pathlib import Path
 from scipy.spatial.transform import Rotation
 
 from compplan.path.cam.arcs import Point
+from compplan.path.cam.frames import Frame, scale_about, tilt_plane, turn_about
 from compplan.path.cam.gcode_frames import GcodeFrameReader
-from compplan.path.cam.gcode_placement import Placement, scale_about, tilt_plane, turn_about
 from compplan.path.cam.gcode_rotary import UP, RotaryError, RotaryMachine, build_machine
 from compplan.path.cam.gcode_state import AXES, PLANE_AXES, PLANE_NORMALS, State
 from compplan.path.cam.options import CamTable
@@ -28,7 +28,7 @@ class TiltReader(GcodeFrameReader):
 
     def __init__(self, file: Path, options: CamTable, state: State) -> None:
         super().__init__(file, options, state)
-        self.layers: dict[str, Placement] = {}
+        self.layers: dict[str, Frame] = {}
         self.machine: RotaryMachine | None = None
         self.dynamic_offset = self.turned_to_plane = False
         self.mirrors: dict[int, float] = {}
@@ -56,7 +56,7 @@ class TiltReader(GcodeFrameReader):
         else:
             self._set_mirrors(code, values)
 
-    def _set_layers(self, **layers: Placement | None) -> None:
+    def _set_layers(self, **layers: Frame | None) -> None:
         """Put frames in force or out of it."""
         for name, layer in layers.items():
             self.layers.pop(name, None)
@@ -66,15 +66,15 @@ class TiltReader(GcodeFrameReader):
 
     def _update(self, *, keep: bool) -> None:
         """Join the frames in force, the machine's own last."""
-        whole: Placement | None = None
+        whole: Frame | None = None
         for name in LAYERS:
             layer = self.layers.get(name)
             if layer is not None:
-                whole = layer if whole is None else whole.then(layer)
+                whole = layer if whole is None else layer.then(whole)
         self._ask_for_machine()
         outer = None if "plane" in self.layers else self._place_machine()
         if outer is not None:
-            whole = outer if whole is None else whole.then(outer)
+            whole = outer if whole is None else outer.then(whole)
         self.path.replace(whole, keep=keep)
 
     def _centre(self, values: dict[str, float], letters: str = AXES) -> Point:
@@ -90,7 +90,7 @@ class TiltReader(GcodeFrameReader):
                 raise self.error(f"a rotation or scale about the tool's place, whose {letter} is not known; state it")
         return centre[0], centre[1], centre[2]
 
-    def _read_rotation(self, values: dict[str, float]) -> Placement:
+    def _read_rotation(self, values: dict[str, float]) -> Frame:
         """Read G68: a turn by R degrees in the plane in force, counter-clockwise."""
         state = self.state
         if "plane" in self.layers and not values.keys().isdisjoint("IJK"):
@@ -106,7 +106,7 @@ class TiltReader(GcodeFrameReader):
             turn = Rotation.from_rotvec([0.0, math.radians(values["R"]), 0.0])
         return turn_about(self._centre(values, letters), turn)
 
-    def _read_scale(self, values: dict[str, float]) -> Placement:
+    def _read_scale(self, values: dict[str, float]) -> Frame:
         """Read G51: P scales all axes, I J K each its own; whole numbers from 100 on count in thousandths."""
         scales = [values.get("P", values.get(letter, 1.0)) for letter in "IJK"]
         for number, scale in enumerate(scales):
@@ -131,7 +131,7 @@ class TiltReader(GcodeFrameReader):
         centre, senses = (at[0], at[1], at[2]), (sense[0], sense[1], sense[2])
         self._set_layers(mirror=scale_about(centre, senses) if self.mirrors else None)
 
-    def _read_plane(self, values: dict[str, float]) -> Placement:
+    def _read_plane(self, values: dict[str, float]) -> Frame:
         """Read G68.2: origin X Y Z, and I J K as Euler angles z x' z'', or with P1 as turns about the fixed X Y Z."""
         state = self.state
         form = values.get("P", 0.0)
@@ -196,22 +196,12 @@ class TiltReader(GcodeFrameReader):
             self.path.unmute(UNKNOWN_MACHINE)
         elif not turned.keys() <= self.letters:
             self.letters = self.letters | turned.keys()
-            self.machine = self._build_machine(self.options.rotary)
+            try:
+                self.machine = build_machine(self.options, self.letters)
+            except RotaryError as fault:
+                raise self.error(str(fault)) from None
 
-    def _build_machine(self, kind: str) -> RotaryMachine:
-        options = self.options
-        centre, offset = options.rotary_centre_mm, options.rotary_offset_mm
-        try:
-            return build_machine(
-                kind, self.letters, options.rotary_axes, pivot=options.pivot_mm,
-                centre=None if centre is None else (centre[0], centre[1], centre[2]),
-                offset=(offset[0], offset[1], offset[2]),
-            )  # fmt: skip
-        except RotaryError as fault:
-            letters = ", ".join(sorted(self.letters))
-            raise self.error(f"of rotary axes {letters}, which carries the other is not known; state {fault}") from None
-
-    def _place_machine(self) -> Placement | None:
+    def _place_machine(self) -> Frame | None:
         """Return where X Y Z of the machine stand in the part, None where they are the tip in the part frame."""
         state = self.state
         if self.machine is None or state.tip_control or self.options.tip_control or not any(state.rotary.values()):

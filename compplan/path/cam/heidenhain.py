@@ -107,7 +107,7 @@ class _Reader(HeidenhainCycleReader):
             raise self.error(str(fault)) from None
         except InputError as fault:
             raise fault if fault.file else self.error(fault.message) from None
-        self.end_running(self.turning, cooling=self.cooling)
+        self.end_running()
         if not self.begun:
             self.log.note(f"no unit is stated (BEGIN PGM .. MM): {self.options.unit or 'mm'} is assumed", 1)
 

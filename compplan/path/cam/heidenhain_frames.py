@@ -74,10 +74,7 @@ class HeidenhainFrameReader(FollowedReader):
             frame = frame.then(rotate(self.tool_axis, self.turned))
         if self.scale != 1.0:
             frame = frame.then(stretch(self.scale, self.scale, self.scale))
-        if carried:
-            self.course.move_frame(frame)
-        else:
-            self.course.use(frame)
+        self.put_frame(frame, carried=carried)
 
     def define_frame(self, number: int, part: int | None, rest: str) -> bool:
         """Carry out CYCL DEF 7, 8, 10, 11, 19, 26 and 247; return whether the cycle is one of them."""

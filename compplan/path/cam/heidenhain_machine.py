@@ -6,13 +6,11 @@ import re
 from pathlib import Path
 
 from compplan.path.cam.frames import UNIT
+from compplan.path.cam.gcode_machine import STARTING, STOPPING, stop_machine
 from compplan.path.cam.heidenhain_frames import INCH, HeidenhainFrameReader
 from compplan.path.cam.heidenhain_words import VALUE
 from compplan.path.cam.options import CamTable
 
-SPINDLE = {3: ("spindle_cw",), 4: ("spindle_ccw",), 8: ("coolant",), 7: ("mist",), 13: ("spindle_cw", "coolant"),
-           14: ("spindle_ccw", "coolant")}  # fmt: skip
-STOPS = {0: "stop", 1: "optional_stop", 5: "spindle_off", 9: "coolant_off"}
 ENDS = {2, 30}
 #: M functions that change nothing of the path or the machine that a robot has.
 SILENT = {6, 10, 11, 16, 17, 21, 22, 25, 26, 31, 32, 52, 53, 54, 57, 59, 89, 90, 91, 92, 94, 97, 98, 99, 101, 102, 103,
@@ -32,12 +30,8 @@ class HeidenhainMachineReader(HeidenhainFrameReader):
 
     def __init__(self, file: Path, options: CamTable) -> None:
         super().__init__(file, options)
-        self.feed: float | None = None
         self.tool_feed: float | None = None
         self.per_turn = self.spatial = self.calls = False
-        self.spindle = 0.0
-        self.turning = ""
-        self.cooling = False
         self.radii: dict[str, float] = {}
         self.tool = ""
         self.ends = False
@@ -65,14 +59,14 @@ class HeidenhainMachineReader(HeidenhainFrameReader):
         """Let happen what M functions switch before the move of their block."""
         if not functions:
             return
-        for number in sorted(functions & SPINDLE.keys()):
-            for kind in SPINDLE[number]:
+        for number in sorted(functions & STARTING.keys()):
+            for kind in STARTING[number]:
                 self.turning, self.cooling = (kind, self.cooling) if "spindle" in kind else (self.turning, True)
                 self.log.happen(kind, self.line, value=self.spindle if "spindle" in kind else 0.0)
         for number in sorted(functions):
             if number in REFUSED_M or 200 <= number <= 204:
                 raise self.error(f"M{number} ({REFUSED_M.get(number, 'laser')}) is not read; post-process without it")
-            if number not in SPINDLE and number not in STOPS and number not in ENDS and number not in SILENT:
+            if number not in STARTING and number not in STOPPING and number not in ENDS and number not in SILENT:
                 self.log.note(f"M{number} is not read", self.line)
                 self.log.happen("comment", self.line, text=f"M{number} of the CAM file")
         if 128 in functions:
@@ -86,11 +80,7 @@ class HeidenhainMachineReader(HeidenhainFrameReader):
             return
         if 129 in functions:
             self.control_tip(False)
-        for number in sorted(functions & STOPS.keys()):
-            kind = STOPS[number]
-            self.turning = "" if kind == "spindle_off" else self.turning
-            self.cooling = self.cooling and kind != "coolant_off"
-            self.log.happen(kind, self.line)
+        stop_machine(sorted(functions), self, self.log, self.line)
         self.ends = self.ends or bool(functions & ENDS)
 
     def control_tip(self, on: bool, *, spatial: bool = False) -> None:

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from compplan.path.cam.arcs import Point, combine, dot
 from compplan.path.cam.contour import Corner, Element, find_centre, find_tangent_arc
-from compplan.path.cam.frames import rotate
 from compplan.path.cam.heidenhain_frames import AXES, TILT_ANGLES
 from compplan.path.cam.heidenhain_machine import HeidenhainMachineReader
 from compplan.path.cam.heidenhain_words import M_WORDS, split_words
@@ -207,25 +206,16 @@ class HeidenhainMoveReader(HeidenhainMachineReader):
             note = "A B C in a tilted plane position the rotary axes as the plane asks: its axis is taken"
             self.log.note(note, self.line)
             return None
-        before = dict(self.rotary.angles)
-        for letter in letters:
-            angle = self.rotary.angles.get(letter, 0.0)
-            angle = self.value(words[letter]) if letter in words else angle + self.value(words["I" + letter])
+        now, square = self.rotary.angles, unit_axis(self.tool_axis)
+        angles = {
+            key: self.value(words[key]) if key in words else now.get(key, 0.0) + self.value(words["I" + key])
+            for key in letters
+        }
+        if not self.spatial:
+            return self.turn_to(angles, square, "M128", rapid=rapid)
+        for letter, angle in angles.items():
             self.rotary.take(letter, angle)
-        angles = self.rotary.angles
-        if self.spatial:
-            a, b, c = (angles.get(letter, 0.0) for letter in LETTERS)
-            return rotate(2, c).then(rotate(1, b)).then(rotate(0, a)).turn(unit_axis(self.tool_axis))
-        if self.rotary.unknown:
-            self.course.lose()
-            return None
-        if not any(angles.values()) and not any(before.values()):
-            return unit_axis(self.tool_axis)
-        if not self.tip_control and not self.options.tip_control:
-            if not rapid:
-                raise self.error("a cut on which rotary axes turn without control of the tip (M128) is not read")
-            self.set_frame(carried=True)
-        return self.rotary.point_tool()
+        return self._spatial(*(now.get(letter, 0.0) for letter in LETTERS)).turn(square)
 
     def _turn_to_vector(self, words: Mapping[str, str]) -> Point | None:
         """Return the tool axis of an LN block: its vector TX TY TZ, or with tip control its normal NX NY NZ."""
@@ -234,13 +224,8 @@ class HeidenhainMoveReader(HeidenhainMachineReader):
             found = [name for name in names if name in words]
             if not found:
                 continue
-            vector = tuple(self.value(words[name]) if name in words else 0.0 for name in names)
-            length = math.hypot(*vector)
-            if len(found) < 3 or not 1e-3 < length < 1e3:
-                raise self.error(f"direction {' '.join(found)} of an LN block, expected three numbers, not all 0")
-            turned = self.course.frame.turn((vector[0], vector[1], vector[2]))
-            size = math.hypot(*turned)
-            return turned[0] / size, turned[1] / size, turned[2] / size
+            fault = f"direction {' '.join(found)} of an LN block, expected three numbers, not all 0"
+            return self.point_along([self.value(words[name]) for name in found], fault)
         return None
 
     def set_pole(self, rest: str) -> None:
@@ -319,17 +304,6 @@ class HeidenhainMoveReader(HeidenhainMachineReader):
             raise self.error(f"arc of {turns} turns, at most 10000 are read")
         return turns
 
-    def find_direction(self) -> Point:
-        """Return the direction in which the contour arrives, in the coordinates of the program."""
-        if self.contour.held is not None:
-            element = self.contour.held[0]
-            return element.tangent(element.end)
-        direction = self.course.direction
-        if direction is None or self.contour.approach is not None:
-            raise self.error("nothing is cut right before this block that it could go on from smoothly")
-        back = self.course.frame.invert().turn(direction)
-        size = math.hypot(*back)
-        return back[0] / size, back[1] / size, back[2] / size
 
 def unit_axis(number: int) -> Point:
     """Return the unit vector of X, Y or Z (0, 1, 2)."""

@@ -29,12 +29,11 @@ from compplan.path.cam.krl_words import (
     SILENT,
     WAITS,
     read_pose,
-    split_positions,
 )
 from compplan.path.cam.lines import count_lines
 from compplan.path.cam.moves import FARTHEST, CamFile
 from compplan.path.cam.options import CamTable
-from compplan.path.cam.robot_moves import NUMBER, RobotMoves
+from compplan.path.cam.robot_moves import NUMBER, RobotMoves, split_fields
 
 name = "krl"
 suffixes = (".src", ".sub")
@@ -167,7 +166,7 @@ class _Reader(ProgramReader):
         if target == "$BASE":
             self._use_base(value.strip())
         elif target == "$TOOL" and self.moves.pose is not None:
-            self.moves.log.note("the tool changes on the way: the path is that of the tip of each", self.line)
+            self.moves.note_tool(self.line)
         elif target == "$IPO_MODE" and "TCP" in value:
             raise self.error("$IPO_MODE=#TCP (the part in the robot's hand) is not read")
         elif target.startswith("$VEL") and re.search(r"\bCP\b", statement):
@@ -185,7 +184,7 @@ class _Reader(ProgramReader):
         elif word == "BASE":
             self._use_base("$NULLFRAME" if value.strip() == "0" else f"BASE_DATA[{value.strip()}]")
         elif word == "TOOL" and self.moves.pose is not None:
-            self.moves.log.note("the tool changes on the way: the path is that of the tip of each", self.line)
+            self.moves.note_tool(self.line)
 
     def _use_base(self, value: str) -> None:
         """Put a base in force; the path stays in the one that was in force at its first position."""
@@ -241,7 +240,7 @@ class _Reader(ProgramReader):
     def _read_with(self, extra: str) -> None:
         """Read what holds for one move (WITH): its speed; frames and modes are refused."""
         self.own = None
-        for item in split_positions(extra):
+        for item in split_fields(extra, "{", "}"):
             if re.match(r"\s*\$(BASE|TOOL|IPO_MODE)\b", item):
                 raise self.error(f"{item.strip()[:30]!r} for one move is not read; write it as a statement")
             if "$VEL" not in item or "CP" not in item:
@@ -283,7 +282,7 @@ class _Reader(ProgramReader):
             return
         if self.spline is not None and kind != "SPL":
             raise self.error(f"{kind} within SPLINE is not read, only SPL is")
-        parts = split_positions(rest)
+        parts = split_fields(rest, "{", "}")
         named = re.match(r"\$?[A-Z]\w*(\[\w+\])?", parts[0])
         if kind in ("PTP", "SPTP") and named and named.group(0) not in self.positions:
             note = f"joint move to {named.group(0)[:24]} is left out: it is not known here or in the .dat file"
@@ -304,9 +303,7 @@ class _Reader(ProgramReader):
 
     def _joint(self, numbers: dict[str, float]) -> None:
         if numbers.keys() & set(AXES):
-            note = "joint moves to axis values are left out: where they take the tip is not known"
-            self.moves.log.note(note, self.line)
-            self.moves.lose()
+            self.moves.lose_joint_move(self.line)
         else:
             self.moves.rapid(self._pose(numbers), self.line)
 

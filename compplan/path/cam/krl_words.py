@@ -40,17 +40,6 @@ SILENT = re.compile(
 )
 
 
-def split_positions(text: str) -> list[str]:
-    """Split the arguments of a move at commas outside of braces."""
-    parts, depth, start = [], 0, 0
-    for index, letter in enumerate(text):
-        depth += (letter == "{") - (letter == "}")
-        if letter == "," and depth == 0:
-            parts.append(text[start:index])
-            start = index + 1
-    return [*parts, text[start:]]
-
-
 def clean_line(raw: str) -> str:
     """Return a statement in capitals, without its comment."""
     text = raw.partition(";")[0].strip()

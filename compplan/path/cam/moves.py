@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -181,6 +181,11 @@ class MoveLog:
         self.length += arc.length
         self.arc_length += arc.length
         self.position = end
+
+    def count_one(self, before: Mapping[str, int]) -> None:
+        """Count the pieces of a move as one; `before` are the counts before it."""
+        for name in ("cutting_moves", "rotary_only_moves"):
+            self.counts[name] = min(self.counts[name], before[name] + 1)
 
     @contextmanager
     def hole(self) -> Iterator[None]:

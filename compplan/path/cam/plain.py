@@ -18,20 +18,21 @@ PLAIN_KLARTEXT = re.compile(
 )
 
 
-def read_place(found: re.Match[str], old: Point, scale: float) -> Point | None:
+def read_place(found: re.Match[str], old: Point, scale: float, zero: Point = (0.0, 0.0, 0.0)) -> Point | None:
     """Return where a plain block leads, None where it names no axis; axes that it does not name stay.
 
     Args:
         found: The block.
         old: Where the tool is.
         scale: Millimetres of a unit.
+        zero: Where the coordinates count from. [mm]
 
     """
     x, y, z, _ = found.groups()
     if x is None and y is None and z is None:
         return None
     return (
-        old[0] if x is None else float(x) * scale,
-        old[1] if y is None else float(y) * scale,
-        old[2] if z is None else float(z) * scale,
+        old[0] if x is None else float(x) * scale + zero[0],
+        old[1] if y is None else float(y) * scale + zero[1],
+        old[2] if z is None else float(z) * scale + zero[2],
     )

@@ -15,8 +15,8 @@ from compplan.files.tables import Array
 from compplan.path.cam.lines import MOST_LINES, count_lines
 from compplan.path.cam.moves import FARTHEST, CamFile
 from compplan.path.cam.options import CamTable
-from compplan.path.cam.rapid_words import split_fields, split_statements
-from compplan.path.cam.robot_moves import DEEPEST, NUMBER, RobotMoves, make_pose
+from compplan.path.cam.rapid_words import split_statements
+from compplan.path.cam.robot_moves import DEEPEST, NUMBER, RobotMoves, make_pose, split_fields
 
 name = "rapid"
 suffixes = (".mod", ".modx", ".prg", ".sys")
@@ -188,7 +188,7 @@ class _Reader:
                 raise self.error(f"{name} changes on the way ({statement[:30]}) and is not read; write the values out")
             self.data[kind, name] = value
         elif ("TOOLDATA", name) in self.data:
-            self.moves.log.note("the tool changes on the way: the path is that of the tip of each", self.line)
+            self.moves.note_tool(self.line)
         return True
 
     def _call(self, called: str) -> None:
@@ -202,9 +202,7 @@ class _Reader:
 
     def _move(self, word: str, rest: str) -> None:
         if word in ("MOVEABSJ", "MOVEEXTJ"):
-            note = "joint moves to axis values are left out: where they take the tip is not known"
-            self.moves.log.note(note, self.line)
-            self.moves.lose()
+            self.moves.lose_joint_move(self.line)
             return
         fields = split_fields(POINT_ID.sub("", re.sub(r"^\s*CONC\s*,", "", rest)))
         circle = word.startswith(("MOVEC", "TRIGGC"))
@@ -239,7 +237,7 @@ class _Reader:
     def _note_tool(self, field: str) -> None:
         tool = field.partition("\\")[0].strip()
         if self.tool and tool != self.tool:
-            self.moves.log.note("the tool changes on the way: the path is that of the tip of each", self.line)
+            self.moves.note_tool(self.line)
         self.tool = tool
 
     def _use_wobj(self, switches: str) -> None:

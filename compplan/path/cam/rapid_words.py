@@ -47,14 +47,3 @@ def split_statements(text: str) -> Iterator[tuple[int, str]]:
             raise ValueError(f"statement of more than {LONGEST_LINE} characters in line {first}; no more are read")
     if pending.strip():
         yield first, " ".join(pending.split())
-
-
-def split_fields(text: str) -> list[str]:
-    """Split at commas outside of brackets."""
-    parts, depth, start = [], 0, 0
-    for index, letter in enumerate(text):
-        depth += (letter in "[(") - (letter in "])")
-        if letter == "," and depth == 0:
-            parts.append(text[start:index])
-            start = index + 1
-    return [*parts, text[start:]]

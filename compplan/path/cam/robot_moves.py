@@ -29,6 +29,17 @@ MOST_ANGLE = 200.0 * math.pi
 SPLINE_POINTS = 16
 
 
+def split_fields(text: str, opening: str = "[(", closing: str = "])") -> list[str]:
+    """Split at commas outside of brackets."""
+    parts, depth, start = [], 0, 0
+    for index, letter in enumerate(text):
+        depth += (letter in opening) - (letter in closing)
+        if letter == "," and depth == 0:
+            parts.append(text[start:index])
+            start = index + 1
+    return [*parts, text[start:]]
+
+
 class RobotMoves:
     """Collect the moves of a robot program. Millimetres; poses are 4x4, the tool's seen from the frame in force.
 
@@ -52,6 +63,15 @@ class RobotMoves:
         """Forget the pose, where a joint move ends."""
         self.pose = None
 
+    def lose_joint_move(self, line: int) -> None:
+        """Leave out a move to joint positions: where it takes the tip is not known."""
+        self.log.note("joint moves to axis values are left out: where they take the tip is not known", line)
+        self.lose()
+
+    def note_tool(self, line: int) -> None:
+        """Note that another tool is taken."""
+        self.log.note("the tool changes on the way: the path is that of the tip of each", line)
+
     def straight(self, pose: Array, feed: float, line: int) -> None:
         """Move straight to a pose with a feed in mm/s; the tool turns evenly on the way."""
         self._note(line)
@@ -70,7 +90,7 @@ class RobotMoves:
         for share, rotation in zip(shares, rotations, strict=True):
             point = start + share * (end[:3, 3] - start)
             self.log.line(_tuple(point), feed, self._axis(rotation))
-        self._count_one(counts)
+        self.log.count_one(counts)
         self.pose = end
 
     def circle(self, via: Array, pose: Array, feed: float, line: int, *, angle: float | None = None) -> None:
@@ -135,7 +155,7 @@ class RobotMoves:
         turn = Slerp([0.0, 1.0], Rotation.from_matrix(np.array([start[:3, :3], goal[:3, :3]])))
         for point, rotation in zip(points, turn(shares).as_matrix(), strict=True):
             self.log.line(_tuple(point), feed, self._axis(rotation))
-        self._count_one(counts)
+        self.log.count_one(counts)
         self.log.counts["arcs"] += 1
         self.log.length = before + arc.length
         self.log.arc_length += arc.length
@@ -150,10 +170,6 @@ class RobotMoves:
             return shares, end[None, :3, :3]
         turn = Slerp([0.0, 1.0], Rotation.from_matrix(np.array([start[:3, :3], end[:3, :3]])))
         return shares, np.asarray(turn(shares).as_matrix())
-
-    def _count_one(self, counts: dict[str, int]) -> None:
-        for name in ("cutting_moves", "rotary_only_moves"):
-            self.log.counts[name] = min(self.log.counts[name], counts[name] + 1)
 
     def _axis(self, rotation: Array) -> Point:
         """Return the tool axis of a pose: from the tip towards the spindle; a steady tool keeps its axis exactly."""

@@ -94,7 +94,7 @@ class _Reader(SinumerikFlowReader):
             raise self.error(str(fault)) from None
         except InputError as fault:
             raise fault if fault.file else self.error(fault.message) from None
-        self.end_running(self.turning, cooling=self.cooling)
+        self.end_running()
 
     def _find_programs(self, lines: Sequence[str], file: Path) -> Unit:
         """Find the programs of a file; return the first main program, or the first at all."""

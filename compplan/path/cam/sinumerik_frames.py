@@ -9,6 +9,7 @@ from compplan.path.cam.arcs import Point
 from compplan.path.cam.expressions import evaluate
 from compplan.path.cam.followed import FollowedReader
 from compplan.path.cam.frames import Frame, rotate, shift, stretch
+from compplan.path.cam.gcode_machine import STARTING, STOPPING, stop_machine
 from compplan.path.cam.options import CamTable
 from compplan.path.cam.sinumerik_words import GRAMMAR, Words
 
@@ -23,9 +24,6 @@ FRAME_WORDS = {"TRANS", "ATRANS", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "A
 #: System variables that have one value while a program runs.
 SYSTEM = {"$PI": 3.141592653589793, "TRUE": 1.0, "FALSE": 0.0, "$P_SEARCH": 0.0, "$P_ISTEST": 0.0, "$P_SIM": 0.0,
           "$P_SEARCH1": 0.0, "$P_SEARCH2": 0.0, "$P_DRYRUN": 0.0, "$P_PROGTEST": 0.0}  # fmt: skip
-STARTING = {3: ("spindle_cw",), 4: ("spindle_ccw",), 7: ("mist",), 8: ("coolant",), 13: ("spindle_cw", "coolant"),
-            14: ("spindle_ccw", "coolant")}  # fmt: skip
-STOPPING = {0: "stop", 1: "optional_stop", 5: "spindle_off", 9: "coolant_off"}
 ENDS = {2, 17, 30}
 SILENT_M = {6, 40, 41, 42, 43, 44, 45, 70, 19, 10, 11, 21, 22}
 
@@ -44,11 +42,7 @@ class SinumerikFrameReader(FollowedReader):
         self.swivelled = False
         self.outside = ""
         self.offset: float | None = None
-        self.feed: float | None = None
         self.feed_mode = 94
-        self.spindle = 0.0
-        self.turning = ""
-        self.cooling = False
         self.tool, self.tool_name = 0.0, ""
 
     def look_up(self, name: str, indices: tuple[float, ...]) -> float:
@@ -89,11 +83,7 @@ class SinumerikFrameReader(FollowedReader):
         """Put together what is in force; carried: rotary axes have carried tool or part along."""
         self.contour.refuse_open()
         place = Frame() if self.swivelled else self.rotary.place(tip_control=self.tip_control)
-        frame = place.then(self.swivel).then(self.program)
-        if carried:
-            self.course.move_frame(frame)
-        else:
-            self.course.use(frame)
+        self.put_frame(place.then(self.swivel).then(self.program), carried=carried)
 
     def change_frame(self, word: str, words: Words) -> None:
         """Carry out TRANS, ROT, SCALE, MIRROR (in place of what was) and ATRANS .. (on top of it)."""
@@ -223,14 +213,7 @@ class SinumerikFrameReader(FollowedReader):
 
     def stop_machine(self, words: Words) -> bool:
         """Let happen what a block switches after its move; return whether the program ends."""
-        for code in words.machine:
-            kind = STOPPING.get(int(code), "")
-            if kind == "spindle_off":
-                self.turning = ""
-            elif kind == "coolant_off":
-                self.cooling = False
-            if kind:
-                self.log.happen(kind, self.line)
+        stop_machine([int(code) for code in words.machine], self, self.log, self.line)
         return any(int(code) in ENDS for code in words.machine)
 
     def name_tool(self, raw: str) -> str | None:

@@ -275,12 +275,8 @@ class SinumerikMoveReader(SinumerikFrameReader):
         named = [letter for letter in DIRECTIONS if letter in words.values]
         if named:
             vector = tuple(words.values.get(letter, 0.0) for letter in DIRECTIONS)
-            length = math.hypot(*vector)
-            if len(named) < 3 or not 1e-3 < length < 1e3:
-                raise self.error(f"tool direction A3 B3 C3 is {vector}, expected three numbers that are not all 0")
-            turned = self.course.frame.turn((vector[0], vector[1], vector[2]))
-            size = math.hypot(*turned)
-            return turned[0] / size, turned[1] / size, turned[2] / size
+            fault = f"tool direction A3 B3 C3 is {vector}, expected three numbers that are not all 0"
+            return self.point_along(vector if len(named) == 3 else (), fault)
         letters = [letter for letter in LETTERS if letter in words.values]
         if not letters or self.rotary.ignored:
             return None
@@ -288,21 +284,11 @@ class SinumerikMoveReader(SinumerikFrameReader):
             note = "A B C in a swivelled plane position the rotary axes as the plane asks: its axis is taken"
             self.log.note(note, self.line)
             return None
-        before = dict(self.rotary.angles)
+        angles = dict.fromkeys(letters, 0.0)
         for letter in letters:
             relative = letter in words.relative or (self.incremental and letter not in words.absolute)
-            base = self.rotary.angles.get(letter, 0.0) if relative else 0.0
-            self.rotary.take(letter, words.values[letter] + base)
-        if self.rotary.unknown:
-            self.course.lose()
-            return None
-        if not any(self.rotary.angles.values()) and not any(before.values()):
-            return self.swivel.turn(NORMALS[17])
-        if not self.tip_control and not self.options.tip_control:
-            if not rapid:
-                raise self.error("a cut on which rotary axes turn without control of the tip (TRAORI) is not read")
-            self.set_frame(carried=True)
-        return self.rotary.point_tool()
+            angles[letter] = words.values[letter] + (self.rotary.angles.get(letter, 0.0) if relative else 0.0)
+        return self.turn_to(angles, self.swivel.turn(NORMALS[17]), "TRAORI", rapid=rapid)
 
     def _go_round(self, words: Words, target: Point, named: tuple[int, ...]) -> None:
         """Cut along an arc."""
@@ -314,7 +300,7 @@ class SinumerikMoveReader(SinumerikFrameReader):
         if self.motion == "CIP":
             centre, normal, right_hand = self._find_middle(words, start, target)
         elif self.motion == "CT":
-            found = find_tangent_arc(start, self._direction(), target, normal)
+            found = find_tangent_arc(start, self.find_direction(" (CT)"), target, normal)
             if found is None:
                 feed = self._block_feed(words, math.dist(start, target))
                 self.contour.add(Element(start, target, named, feed, self.line, normal=normal), self._corner(words))
@@ -383,15 +369,6 @@ class SinumerikMoveReader(SinumerikFrameReader):
         signed = radius if angle <= math.pi else -radius
         return find_centre(start, target, normal, signed, right_hand=right_hand), target
 
-    def _direction(self) -> Point:
-        """Return the direction in which the contour arrives, in the coordinates of the program."""
-        if self.contour.held is not None:
-            return self.contour.held[0].tangent(self.contour.held[0].end)
-        if self.course.direction is None:
-            raise self.error("nothing is cut right before this block that it could go on from smoothly (CT)")
-        back = self.course.frame.invert().turn(self.course.direction)
-        size = math.hypot(*back)
-        return back[0] / size, back[1] / size, back[2] / size
 
 
 def _flat(point: Point, normal: Point) -> Point:

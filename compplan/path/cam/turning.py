@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from compplan.path.cam.arcs import Point
-from compplan.path.cam.frames import UNIT, Frame
-from compplan.path.cam.gcode_rotary import RotaryError, RotaryMachine, build_machine
+from compplan.path.cam.frames import Frame
+from compplan.path.cam.gcode_rotary import RotaryError, build_machine
 from compplan.path.cam.options import CamTable
 
 LETTERS = "ABC"
@@ -58,7 +58,7 @@ class Rotary:
         angles = self.angles if angles is None else angles
         if not any(angles.values()) or self.ignored:
             return 0.0, 0.0, 1.0
-        return self._machine().point_tool(angles)
+        return build_machine(self.options, self.turned).point_tool(angles)
 
     def turn_on_way(self, before: Mapping[str, float]) -> Callable[[float], Point]:
         """Return the tool axis after a share of a move on which the axes turn evenly."""
@@ -80,25 +80,12 @@ class Rotary:
         """
         if tip_control or self.options.tip_control or self.unknown or self.ignored or not any(self.angles.values()):
             return Frame()
+        machine = build_machine(self.options, self.turned)
         try:
-            placed = self._machine().place(self.angles)
+            return machine.place(self.angles)
         except RotaryError as fault:
             words = " ".join(f"{letter}{angle:g}" for letter, angle in self.angles.items())
             raise ValueError(
                 f"{words} without control of the tip (M128, TCPM, TRAORI): X Y Z are positions of the machine; "
                 f"state {fault}, or tip_control = true if they are the tip in the part frame"
             ) from None
-        return Frame(UNIT if placed.rows == UNIT else placed.rows, placed.step)
-
-    def _machine(self) -> RotaryMachine:
-        options = self.options
-        centre, offset = options.rotary_centre_mm, options.rotary_offset_mm
-        try:
-            return build_machine(
-                options.rotary or "", self.turned, options.rotary_axes, pivot=options.pivot_mm,
-                centre=None if centre is None else (centre[0], centre[1], centre[2]),
-                offset=(offset[0], offset[1], offset[2]),
-            )  # fmt: skip
-        except RotaryError as fault:
-            letters = ", ".join(sorted(self.turned))
-            raise ValueError(f"of rotary axes {letters}, which carries the other is not known; state {fault}") from None
