@@ -11,7 +11,16 @@ from scipy.spatial.transform import Rotation
 from compplan.identify import Estimate, build_structure, estimate_parameters
 from compplan.measure.made import make_log
 from compplan.report.maps.pictures import draw_joint_map, draw_lines
-from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, compare, statement, unavailable
+from compplan.reproduce.paper import (
+    PaperFigure,
+    Reproduction,
+    Row,
+    cannot,
+    compare,
+    describe_paper,
+    statement,
+    unavailable,
+)
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain, locate_frames
 from compplan.statics.elastic import solve_equilibrium
@@ -58,9 +67,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
     ]
     inside, outside = mean_inside(quality, zones)
     return Reproduction(
-        name="dumas2011",
-        title="Joint stiffness identification of six-revolute industrial serial robots",
-        citation="C. Dumas, S. Caro, M. Cherif, S. Garnier, B. Furet, IROS 2010 / Robotics and CIM 27 (2011)",
+        **describe_paper("dumas2011"),
         robots=(robot,),
         lede=(
             f"The dexterous zones are there: the inverse condition number is {min(inside.values()):.2f} to "
@@ -69,18 +76,6 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
         ),
         rows=tuple(rows),
         figures=tuple(_figures(robot, quality, zones, influence)),
-        missing=(
-            "lengths d4 and d6 (the DH table is not in the text)",
-            "the characteristic length",
-            "the wrench and tool centre point behind Fig. 3",
-            "postures and loads of the 23 and 25 tests, and the measured displacements",
-            "the uncertainty of the measured rotations",
-        ),
-        inconsistencies=(
-            "Table II: an error of 1e6 on 6.6e6 is 15 %, not 8 %",
-            "Table II: 3.7e6 on 3.9e6 cannot be 9 %; 3.7e5 is",
-            "joint 1 can not be determined, yet Table II lists 3.8e6 for it",
-        ),
         samples={"stiffness": 1 / spread},
     )
 

@@ -17,6 +17,7 @@ from compplan.reproduce.paper import (
     Row,
     cannot,
     compare,
+    describe_paper,
     statement,
     unavailable,
 )
@@ -57,9 +58,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
     ]
     sideways = displace(robot, FIG_7_DEG, [0, FIG_7_FORCE, 0])
     return Reproduction(
-        name="johra2022",
-        title="Elasto-geometrical model-based control using force feedback: incremental sheet forming",
-        citation="M. Johra, E. Courteille, D. Deblaise, S. Guégan, Robotics 11, 2022, doi 10.3390/robotics11020048",
+        **describe_paper("johra2022"),
         robots=(robot,),
         lede=(
             f"A sideways force of {FIG_7_FORCE:.0f} N moves the tool {abs(sideways[0]) * 1e3:.2f} mm along x only with "
@@ -68,17 +67,6 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
         ),
         rows=tuple(rows),
         figures=tuple(_figures(robot, single, lateral)),
-        missing=(
-            "tool length, sign of the 400 mm shift and the lateral offset of the arm",
-            "the stiffness set of the one-spring model",
-            "the force history of the forming tests",
-            "dynamics of robot and plant, stiffness of the sheet, limits of the correction",
-            "the stiffness of joint 6",
-        ),
-        inconsistencies=(
-            "section 3.2: an RMS of 0.16 mm at 600 N and 0.11 mm at 1100 N look swapped",
-            "equations (6) to (8) and (17) with one sample of delay make an unstable loop",
-        ),
         samples={"lateral": lateral},
     )
 

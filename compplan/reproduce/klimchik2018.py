@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from compplan.identify import reduce_model
 from compplan.report.maps.pictures import draw_shares
-from compplan.reproduce.paper import PaperFigure, Reproduction, Row, compare, statement
+from compplan.reproduce.paper import PaperFigure, Reproduction, Row, compare, describe_paper, statement
 from compplan.robot import Array, LinkElasticity, Robot
 from compplan.robot.beam import hollow_beam_compliance
 from compplan.statics.chain import build_chain, locate_frames
@@ -59,9 +59,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
     ]  # fmt: skip
     plain, ratio = found["vertical"], found["any direction"]
     return Reproduction(
-        name="klimchik2018",
-        title="Robotic manipulators with double encoders: accuracy by stiffness modelling and control",
-        citation="A. Klimchik, A. Pashkevich, IFAC PapersOnLine 51-11 (2018) 740-745",
+        **describe_paper("klimchik2018"),
         robots=(robot,),
         lede=(
             "With two scalars fitted to two means of its Table 1, the paper's ratios come out: secondary encoders "
@@ -71,18 +69,6 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
         ),
         rows=tuple(rows),
         figures=tuple(_figures(found)),
-        missing=(
-            "all joint compliances (they stand in a paper that could not be found)",
-            "link beams and masses, robot variant, tool and tool centre point",
-            "direction of the load, grid of the workspace, gravity model",
-            "the row of the stiffness model for the entire workspace in Table 1",
-        ),
-        inconsistencies=(
-            "Table 2: 1.08 mm is 26.8 % of 4.03 mm, not 19.5 %; 2.28 mm is 24.9 % of 9.17 mm, not 24.7 %, and is the "
-            "standard deviation of the uncompensated error",
-            "Table 1: 0.79 of 2.28 is 34.6 %, not 44.8 %",
-            "the largest error of the experimental set, 9.52 mm, is above that of the entire workspace, 9.17 mm",
-        ),
         samples={"scalars": np.array([wall, factor])},
     )
 

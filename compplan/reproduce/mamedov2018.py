@@ -23,7 +23,16 @@ from compplan.reproduce.mamedov_circles import (
     compensate_circles,
     fit_posture,
 )
-from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, compare, compare_range, statement
+from compplan.reproduce.paper import (
+    PaperFigure,
+    Reproduction,
+    Row,
+    cannot,
+    compare,
+    compare_range,
+    describe_paper,
+    statement,
+)
 from compplan.robot import Array, LinkElasticity, Robot
 from compplan.robot.beam import hollow_beam_compliance
 from compplan.statics.chain import build_chain
@@ -76,9 +85,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
         *_rows_of_circles(circles),
     ]
     return Reproduction(
-        name="mamedov2018",
-        title="Compliance error compensation based on a reduced model",
-        citation="S. Mamedov, D. Popov, S. Mikhel, A. Klimchik, ICINCO 2018, doi 10.5220/0006905701800191",
+        **describe_paper("mamedov2018"),
         robots=(full, table_3),
         lede=(
             "Six joint springs fitted to the full model come out within "
@@ -89,18 +96,6 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
         ),
         rows=tuple(rows),
         figures=tuple(_figures(full, planes, own, walls, *fits[0])),
-        missing=(
-            "Young's modulus and Poisson's ratio of the links",
-            "whether identification loads had moments, and how rotations were weighed",
-            "wrist posture of the maps",
-            "centre, plane and orientation of the circles",
-            "grid and bounds of the restricted workspace",
-        ),
-        inconsistencies=(
-            "Table 2 heads rotational compliances with um/N",
-            "the text says a wall of 5 cm, Table 1 has diameters of 0.35 and 0.30 m, a wall of 2.5 cm",
-            "the conclusion states an average error of about 0.8, the tables 0.2 mm",
-        ),
         samples={"table_3": own.compliance, "after": np.array([c.means(c.after) for c in circles])},
     )
 

@@ -9,8 +9,11 @@ none, the missing information is named.
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 from compplan.robot import Array, Robot
 
@@ -87,6 +90,12 @@ class Reproduction:
     def row(self, quantity: str) -> Row:
         """Find a row by its quantity."""
         return next(row for row in self.rows if row.quantity == quantity)
+
+
+def describe_paper(name: str) -> dict[str, Any]:
+    """Return what `papers.toml` says of a paper: the fields of a `Reproduction` that no run computes."""
+    told = tomllib.loads(Path(__file__).with_name("papers.toml").read_text(encoding="utf-8"))[name]
+    return {"name": name} | {key: tuple(value) if isinstance(value, list) else value for key, value in told.items()}
 
 
 def compare(

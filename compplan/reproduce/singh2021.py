@@ -9,7 +9,7 @@ import numpy as np
 
 from compplan.report.maps.pictures import draw_lines, draw_shares
 from compplan.report.maps.service_sphere import ServiceSphere, serve_point, spread_directions
-from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, compare, unavailable
+from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, compare, describe_paper, unavailable
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import cartesian_compliance
@@ -58,9 +58,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
     ]
     best = np.mean([1 - np.nanmin(p.spheres["lateral"].deflection) / p.down["lateral"] for p in points if p.down])
     return Reproduction(
-        name="singh2021",
-        title="Dexterity and stiffness of serial robots: postures around a point",
-        citation="Singh et al. 2021, joint stiffness of a Fanuc M-10iA by the virtual joint method in dexterous zones",
+        **describe_paper("singh2021"),
         robots=(bare,),
         lede=(
             f"The method works: the best of {DIRECTIONS} tool directions around a point yields {best:.0%} less than "
@@ -69,18 +67,6 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
         ),
         rows=tuple(rows),
         figures=tuple(_figures(points)),
-        missing=(
-            "force, moment and lever of the torque tool",
-            "height of the pedestal and length of the tool",
-            "the postures that were compared",
-            "raw data",
-        ),
-        inconsistencies=(
-            "joints 1 to 3 of a 10 kg robot come out stiffer (6 to 13 MN m/rad) than those of a 240 kg one",
-            "r5 is 1200 mm in one place and 1400 mm in another",
-            "an improvement of 46 % on average is stated, the largest deflections improve by 22, 29 and 28 %",
-            "joint stiffness depends on the posture, in a method whose springs are constant",
-        ),
         samples={"best": np.array([np.nanmin(p.spheres["vertical"].deflection) for p in points])},
     )
 
