@@ -14,10 +14,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.campaigns.description import Array, RobotDescription, Spring, write_robot_folder
-from benchmarks.campaigns.designs import Design
-from benchmarks.campaigns.recording import Recording, write_log
+from benchmarks.campaigns.logbook import Log, tabulate
 from benchmarks.campaigns.simulate import Reading, Rows, Scenario, nominal_scenario, simulate_rows
-from benchmarks.campaigns.templates import TEMPLATES, draw_robot
+from benchmarks.campaigns.visits import Visits
 from compplan.cell.predict import Prediction, predict_campaign
 from compplan.effects import Effect, fold_effects
 from compplan.measure.campaign import Campaign
@@ -25,14 +24,20 @@ from compplan.measure.reading import read_campaign
 from compplan.robot import Robot
 from compplan.robot.folder import read_robot_folder
 from compplan.robot.folder import write_robot_folder as write_updated_folder
+from tests.template_robots import TEMPLATES, draw_robot
 
 REFERENCE_C = 21.0
 SETTLED, LOADS, PATH_ROWS = 16, 2, 40
+#: Columns of a log that holds everything; nothing else of it counts.
+COLUMNS = Visits(
+    "rich", (), None, (0.0, 0.0, 0.0), 0, 0.0, 1.0, (0.0,) * 6, 1.0, 0.0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0), 0.0,
+    orientation=True, link_encoders=True, temperature=True, time=True,
+)  # fmt: skip
 
 
 def turned_arm() -> RobotDescription:
     """Return an arm that counts about -z and -x, its frames turned against each other, with springs of every kind."""
-    robot, _ = draw_robot(np.random.default_rng(1), name="kr120_like")
+    robot, _ = draw_robot(np.random.default_rng(1), "kr120_like")
     robot = _turn(robot, "joint_3", (0.4, 0.0, -0.3))
     robot = _turn(robot, "joint_5", (0.0, 0.5, 0.2))
     aside = (Spring("joint_2", "rx", 1e-7), Spring("joint_3", "rz", 2e-7, offset=(0.2, 0.1, 0.0)))
@@ -41,7 +46,7 @@ def turned_arm() -> RobotDescription:
 
 def rail_arm() -> RobotDescription:
     """Return an arm on an elastic rail that counts about -y, where the folder writes the springs about +y."""
-    robot, _ = draw_robot(np.random.default_rng(2), rail=True, name="kr240_like")
+    robot, _ = draw_robot(np.random.default_rng(2), "kr240_like", rail=True)
     springs = [s for s in robot.springs if s.joint not in ("rail", "joint_2", "joint_3")]
     springs += [Spring(joint, "ry", 2.5e-7, actuator=True) for joint in ("joint_2", "joint_3")]
     springs.append(Spring("rail", "own", 2e-8, actuator=True))
@@ -124,14 +129,15 @@ class Drawn:
         truth, random = simulate_rows(real, rows), np.random.default_rng(5)
         n = len(rows.q)
         tilt = Rotation.from_rotvec(random.normal(0, noise / 0.3, (n, 3))) * Rotation.from_matrix(truth.rotation)
-        recording = Recording(
-            rows, truth, truth.position + random.normal(0, noise, (n, 3)), tilt.as_rotvec(), truth.wrench,
-            truth.link + random.normal(0, noise / 10, truth.link.shape),
-            REFERENCE_C + rows.rise, np.zeros(0, int), np.zeros((n, 7), bool),
-        )  # fmt: skip
-        design = Design((), (), link_encoders=True, sigma=max(noise, 1e-5), sigma_column=noise > 0)
+        measured = {
+            "position": truth.position + random.normal(0, noise, (n, 3)), "turn": tilt.as_rotvec(),
+            "wrench": truth.wrench, "link": truth.link + random.normal(0, noise / 10, truth.link.shape),
+            "temperature": REFERENCE_C + rows.rise, "sigma": np.full(n, max(noise, 1e-5)),
+        }  # fmt: skip
         log = self.folder / "log.csv"
-        write_log(recording, design, self.description, log, loads=True)
+        visits, empty = replace(COLUMNS, sigma_column=noise > 0), np.zeros((n, 7), bool)
+        table = tabulate(rows, visits, self.description, measured, empty)
+        Log(table, np.zeros((0, 3)), np.zeros(0, int)).write(log)
         return read_campaign(log, self.robot), truth
 
     def predict(self, campaign: Campaign, effects: Iterable[Effect], *, later: bool = False) -> Prediction:

@@ -1,6 +1,6 @@
 """Draw campaigns: `python -m benchmarks.campaigns draw --suite tracker --seeds 0:120 --out DIR`.
 
-`clean` draws the campaigns with the plain forms of `effects.py`; `draw` the hard ones of `suite.py`.
+Other robots, tracker designs, rough effects, everyday errors, unknown causes: see `suite.py` and CONVENTIONS.md.
 """
 
 from __future__ import annotations
@@ -10,13 +10,7 @@ from pathlib import Path
 
 import click
 
-from benchmarks.campaigns.draw import DIFFICULTIES, draw_campaign
-from benchmarks.campaigns.draw import KINDS as CLEAN_KINDS
 from benchmarks.campaigns.suite import KINDS, REPORTING, SUITES, draw_hard
-
-MIX = (
-    ("single",) * 8 + ("double",) * 4 + ("triple",) * 2 + ("unknown",) * 3 + ("none",) * 2 + ("indistinguishable",) * 2
-)
 
 
 @click.group()
@@ -46,24 +40,6 @@ def draw(suite: str, seeds: str, kind: str | None, reporting: bool, out: Path) -
         for seed in bar:
             campaign = draw_hard(seed, suite, kind)
             campaign.write(out / f"{suite}_{seed:05d}")
-
-
-@main.command()
-@click.option("--seed", type=int, required=True, help="Seed of the first campaign; the next ones count up.")
-@click.option("--count", type=int, default=1, show_default=True, help="How many campaigns.")
-@click.option("--kind", type=click.Choice(["mixed", *CLEAN_KINDS]), default="mixed", show_default=True)
-@click.option("--difficulty", type=click.Choice(["mixed", *DIFFICULTIES]), default="mixed", show_default=True)
-@click.option("--effect", "effects", multiple=True, help="Name of an effect; may be repeated.")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder to write to.")
-def clean(seed: int, count: int, kind: str, difficulty: str, effects: tuple[str, ...], out: Path) -> None:
-    """Draw campaigns with the plain forms of the vocabulary's effects."""
-    seeds = range(seed, seed + count)
-    with click.progressbar(seeds, label="campaigns", file=sys.stderr, hidden=not sys.stderr.isatty()) as bar:
-        for number in bar:
-            chosen = MIX[number % len(MIX)] if kind == "mixed" else kind
-            grade = DIFFICULTIES[(number // len(MIX) + number) % 2] if difficulty == "mixed" else difficulty
-            campaign = draw_campaign(number, chosen, grade, list(effects) or None)
-            campaign.write(out / f"{chosen}_{grade}_{number}")
 
 
 if __name__ == "__main__":

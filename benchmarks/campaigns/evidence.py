@@ -17,6 +17,7 @@ from scipy.linalg import cholesky, solve_triangular
 from benchmarks.campaigns.columns import Placed, Signature
 from benchmarks.campaigns.description import Array
 from benchmarks.campaigns.everyday import Small
+from benchmarks.campaigns.simulate import Reading, Rows, Scenario, predict_rows
 
 VISIBLE = 4.5
 SAME = 3.0
@@ -168,3 +169,27 @@ def make_measure(
             same = np.repeat(visit, len(flat) // n)
             covariance += np.outer(flat, flat) * (same[:, None] == same[None, :])
     return Measure(signatures, cholesky(covariance, lower=True), orientation)
+
+
+def rms(vectors: Array) -> float:
+    """Return the rms length of vectors, 0 if there are none. Shape (n, 3)."""
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1)))) if len(vectors) else 0.0
+
+
+def gap_of(nominal: Scenario, rows: Rows, real: Reading) -> Array:
+    """Return true position minus what the nominal robot predicts from the reported wrench. Shape (n, 3). [m]"""
+    return real.position - predict_rows(nominal, rows, real.wrench).position
+
+
+def register_gap(gap: Array, real: Reading) -> Array:
+    """Return what is left of a gap after base and tool frames were fitted to it, to first order. Shape (n, 3). [m]"""
+    n = len(gap)
+    p = real.position
+    columns = np.zeros((n, 3, 9))
+    columns[:, :, :3] = np.eye(3)
+    for k in range(3):
+        columns[:, :, 3 + k] = np.cross(np.eye(3)[k], p)
+    columns[:, :, 6:] = real.rotation
+    flat = columns.reshape(3 * n, 9)
+    fit = np.linalg.lstsq(flat, gap.ravel(), rcond=1e-10)[0]
+    return np.asarray((gap.ravel() - flat @ fit).reshape(n, 3))

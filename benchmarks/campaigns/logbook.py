@@ -124,12 +124,21 @@ def record(
         "temperature": warm + rows.rise + rng.normal(0.0, 0.03, n),
         "sigma": sigma,
     }
-    return Log(_table(rows, visits, robot, measured, empty), inside, outliers)
+    return Log(tabulate(rows, visits, robot, measured, empty), inside, outliers)
 
 
-def _table(
+def tabulate(
     rows: Rows, visits: Visits, robot: RobotDescription, measured: dict[str, Any], empty: np.ndarray
 ) -> dict[str, list[str]]:
+    """Return the columns of a log, as text.
+
+    Args:
+        rows: The plan.
+        visits: Which columns there are, and in which units.
+        robot: The robot, for the kind of every joint.
+        measured: By quantity what was measured: position, turn, wrench, link, temperature, sigma. SI.
+        empty: Empty fields, by row and column of position, orientation and temperature. Shape (n, 7).
+    """
     si = visits.si_units
     length, angle = (1.0, 1.0) if si else (1e3, 180.0 / np.pi)
     unit, turn = ("m", "rad") if si else ("mm", "deg")

@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.campaigns.campaign import gap_of, register_gap, rms
 from benchmarks.campaigns.columns import Placed, list_signatures
 from benchmarks.campaigns.description import Array, RobotDescription, write_robot_folder
 from benchmarks.campaigns.effects import Effect
 from benchmarks.campaigns.everyday import Small, apply_scatter, apply_small, draw_everyday, scatter_joints
-from benchmarks.campaigns.evidence import SAME, VISIBLE, Measure, make_measure
+from benchmarks.campaigns.evidence import SAME, VISIBLE, Measure, gap_of, make_measure, register_gap, rms
 from benchmarks.campaigns.logbook import Frames, Log, draw_frames, record
 from benchmarks.campaigns.machines import Machine, draw_machine
 from benchmarks.campaigns.oddities_instrument import ODDITIES

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.campaigns.description import Array
-from benchmarks.campaigns.designs import follow_path, path_points, round_readings
 from benchmarks.campaigns.engine import ElasticModel
 from benchmarks.campaigns.machines import Machine
 from benchmarks.campaigns.simulate import Rows
@@ -286,4 +285,50 @@ def _path_run(
         wrench = np.zeros((count, 6))
         wrench[:, :3] = (force * ramp)[:, None] * (np.array([0.0, 0.0, 1.0]) - 0.4 * tangent + 0.2 * inward)
         return kind, round_readings(q), wrench, time
+    return None
+
+
+def round_readings(q: Array) -> Array:
+    """Round readings to what a controller logs."""
+    return np.asarray(np.deg2rad(np.round(np.rad2deg(q), 6)), dtype=float)
+
+
+def path_points(rng: np.random.Generator, kind: str, count: int, radius: float) -> tuple[Array, Array, Array]:
+    """Return offsets from the first point, tangents and inward directions, all in base axes. Shapes (n, 3)."""
+    turns = 1.0 if kind == "circle" else float(rng.uniform(2.0, 4.0))
+    along = np.linspace(0.0, 1.0, count)
+    # wobble of the sampling: equal angles in circles, changing distances elsewhere
+    angle = 2.0 * np.pi * turns * along * rng.choice([-1.0, 1.0]) + rng.uniform(0.0, 2.0 * np.pi)
+    size = np.full(count, radius) if kind == "circle" else radius * (1.0 - 0.6 * along)
+    z = -0.05 * along if kind == "cone" else np.zeros(count)
+    points = np.stack([size * np.cos(angle), size * np.sin(angle), z], axis=1)
+    tangent = np.gradient(points, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+    inward = -np.stack([np.cos(angle), np.sin(angle), 0 * z], axis=1)
+    return points - points[0], tangent, inward
+
+
+def follow_path(model: ElasticModel, start: Array, offsets: Array) -> Array | None:
+    """Find joint positions that move the TCP by the offsets with its orientation kept; the rail stays where it is."""
+    n = len(offsets)
+    q = np.tile(start, (n, 1))
+    none = np.zeros((n, 0))
+    ids = model.motor_ids
+    hinge = model.hinge[ids]
+    first = model.place(q[:1], none[:1], None)
+    target, turn = first[3][0] + offsets, first[4][0]
+    for _ in range(30):
+        axes, anchors, _, tip, rotation = model.place(q, none, None)
+        a, o = axes[:, ids][:, hinge], anchors[:, ids][:, hinge]
+        jacobian = np.concatenate([np.cross(a, tip[:, None] - o), a], axis=2).transpose(0, 2, 1)
+        twist = np.einsum("ij,nkj->nik", turn, rotation)
+        spin = 0.5 * np.stack(
+            [twist[:, 2, 1] - twist[:, 1, 2], twist[:, 0, 2] - twist[:, 2, 0], twist[:, 1, 0] - twist[:, 0, 1]], axis=1
+        )
+        miss = np.concatenate([target - tip, spin], axis=1)
+        if np.max(np.abs(miss)) < 1e-9:
+            return q if np.max(np.abs(np.diff(q, axis=0))) < 0.05 else None
+        square = jacobian.transpose(0, 2, 1) @ jacobian + 1e-8 * np.eye(a.shape[1])
+        step = np.linalg.solve(square, np.einsum("nij,ni->nj", jacobian, miss)[:, :, None])[:, :, 0]
+        q[:, hinge] += np.clip(step, -0.2, 0.2)
     return None

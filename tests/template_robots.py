@@ -1,7 +1,7 @@
-"""Nominal robots of the campaigns: five robots from published figures, with masses and tools drawn at random.
+"""Nominal robots of drawn campaigns: two robots from published figures, with masses and tools drawn at random.
 
-Geometry, limits and joint compliances are those of the papers and descriptions that `SOURCES` names; masses and centres
-of mass are assumed. A robot is drawn anew for every campaign, so that no two campaigns share masses or tool.
+Geometry, limits and joint compliances of kr240_like are those of Dumas 2011 (lengths of the series assumed), of
+kr120_like published machine data (compliances assumed); masses and centres of mass are assumed.
 """
 
 from __future__ import annotations
@@ -53,36 +53,7 @@ X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 NX, NY, NZ = (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)
 ZERO = (0.0, 0.0, 0.0)
 
-SOURCES = {
-    "kr270_like": "paper tables of Mamedov 2018",
-    "kr240_like": "paper tables of Dumas 2011; lengths of the series assumed",
-    "tx200_like": "paper table of Johra 2022",
-    "kr120_like": "published machine data; compliances assumed from the KR270's pattern",
-    "m10ia_like": "published URDF; compliances of Singh 2021",
-}
-
 TEMPLATES: tuple[Template, ...] = (
-    Template(
-        "kr270_like",
-        ((0, 0, 0.675), (0.35, 0, 0), (0, 0, 1.15), (1.2, 0, -0.041), ZERO, ZERO, (0.24, 0, 0)),
-        {2: (0.0, -HALF_TURN, 0.0)},
-        (Z, Y, NY, X, Y, X),
-        ((-179, 179), (-50, 90), (-155, 120), (-350, 350), (-122, 122), (-350, 350)),
-        (105, 101, 107, 122, 113, 175),
-        (5.6e-7, 3.0e-7, 4.3e-7, 2.8e-6, 3.2e-6, 2.1e-6),
-        (
-            (330, (0.12, -0.02, -0.1)),
-            (190, (0.01, -0.1, 0.48)),
-            (230, (0.22, 0.03, 0.02)),
-            (48, (-0.42, 0, 0)),
-            (32, (0.03, 0, 0)),
-            (14, (0.19, 0, 0)),
-        ),
-        ((-132, 132), (-43, 72), (-142, -23), (-170, 170), (-107, 107), (-182, 182)),
-        1500.0,
-        "x",
-        (0, 20, -100, 0, 30, 0),
-    ),
     Template(
         "kr240_like",
         ((0, 0, 0.75), (0.35, 0, 0), (1.25, 0, 0), (1.1, 0, -0.055), ZERO, ZERO, (0.23, 0, 0)),
@@ -105,27 +76,6 @@ TEMPLATES: tuple[Template, ...] = (
         (0, 70, -165, 0, 30, 0),
     ),
     Template(
-        "tx200_like",
-        ((0, 0, 0.642), (0.25, 0, 0), (0, 0, 0.95), (0, 0, 0.8), ZERO, ZERO, (0, 0, 0.194)),
-        {},
-        (Z, Y, Y, Z, Y, Z),
-        ((-180, 180), (-120, 120), (-140, 145), (-270, 270), (-120, 120), (-270, 270)),
-        (160, 160, 160, 260, 260, 400),
-        (4.310344828e-7, 5.681818182e-7, 4.901960784e-7, 1.111111111e-5, 5e-5, 0.0),
-        (
-            (260, (0.1, 0, -0.12)),
-            (140, (0, 0.1, 0.4)),
-            (130, (0.02, 0, 0.12)),
-            (40, (0, 0, -0.3)),
-            (18, (0, 0, 0.02)),
-            (6, (0, 0, 0.17)),
-        ),
-        ((-132, 132), (-18, 79), (10, 130), (-153, 153), (-103, 103), (-172, 172)),
-        900.0,
-        "z",
-        (0, 40, 70, 0, 45, 0),
-    ),
-    Template(
         "kr120_like",
         ((0, 0, 0.55), (0.73, 0, 0), (1.35, 0, 0), (1.82, 0, 0.115), ZERO, ZERO, (0.215, 0, 0)),
         {},
@@ -146,42 +96,20 @@ TEMPLATES: tuple[Template, ...] = (
         "x",
         (0, -75, 85, 0, 40, 0),
     ),
-    Template(
-        "m10ia_like",
-        ((0, 0, 0.45), (0.15, 0, 0), (0, 0, 0.6), (0, 0, 0.2), (0.64, 0, 0), (0.1, 0, 0), ZERO),
-        {},
-        (Z, Y, NY, NX, NY, NX),
-        ((-179.9, 179.9), (-89.9, 159.9), (-179.9, 264.1), (-189.6, 189.6), (-189.6, 189.6), (-359.8, 359.8)),
-        (210, 190, 210, 400, 400, 600),
-        (1.2e-6, 1.1e-6, 1.3e-6, 2.2e-5, 2.56e-5, 3.3e-5),
-        (
-            (36, (0.05, 0.0, -0.08)),
-            (18, (0.0, -0.08, 0.3)),
-            (24, (0.03, 0.02, 0.15)),
-            (9, (0.3, 0, 0)),
-            (4, (0.03, 0, 0)),
-            (1, (0.0, 0, 0)),
-        ),
-        ((-130, 130), (-25, 75), (-60, 40), (-165, 165), (-105, 105), (-180, 180)),
-        200.0,
-        "x",
-        (0, 20, -15, 0, 45, 0),
-    ),
 )
 
 
 def draw_robot(
-    rng: np.random.Generator, *, rail: bool = False, name: str | None = None
+    rng: np.random.Generator, name: str, *, rail: bool = False
 ) -> tuple[RobotDescription, Template]:
     """Draw a nominal robot: one of the templates with masses, centres and tool of its own.
 
     Args:
         rng: Source of randomness.
+        name: Template to take.
         rail: Whether it rides on a rail, which is then its first joint.
-        name: Template to take; drawn if None.
     """
-    template = next((t for t in TEMPLATES if t.name == name), None) or TEMPLATES[int(rng.integers(len(TEMPLATES)))]
-    small = template.name == "m10ia_like"
+    template = next(t for t in TEMPLATES if t.name == name)
     total = sum(m for m, _ in template.masses)
     base_mass = round(float(rng.uniform(0.25, 0.4) * total))
     segments = [Segment("base_fixed", "fixed", "base_link", ZERO, mass=base_mass, com=(-0.02, 0.0, 0.2))]
@@ -222,28 +150,27 @@ def draw_robot(
                 float(low),
                 float(high),
                 float(np.deg2rad(template.velocity_deg_s[j])),
-                200.0 if small else 9000.0,
+                9000.0,
                 mass,
                 (cx, cy, cz),
             )
         )
         if template.compliance[j] > 0.0:
             springs.append(Spring(f"joint_{j + 1}", "own", template.compliance[j], actuator=True))
-    return _with_tool(rng, template, segments, springs, small), template
+    return _with_tool(rng, template, segments, springs), template
 
 
 def _with_tool(
-    rng: np.random.Generator, template: Template, segments: list[Segment], springs: list[Spring], small: bool
+    rng: np.random.Generator, template: Template, segments: list[Segment], springs: list[Spring]
 ) -> RobotDescription:
     """Put flange, tool and TCP at the end of the chain."""
-    scale = 0.4 if small else 1.0
-    reach, aside = float(rng.uniform(0.08, 0.35)) * scale, float(rng.uniform(-0.2, 0.2)) * scale
+    reach, aside = float(rng.uniform(0.08, 0.35)), float(rng.uniform(-0.2, 0.2))
     if rng.random() < 0.15:
         reach, aside = 0.0, 0.0
     reach, aside = round(reach, 4), round(aside, 4)
-    mass = round(float(rng.uniform(3, 8) if small else rng.uniform(12, 40)), 1)
+    mass = round(float(rng.uniform(12, 40)), 1)
     offset = (reach, 0.0, aside) if template.tool_z == "x" else (aside, 0.0, reach)
-    cx, cy, cz = (round(0.5 * v + 0.02 * float(rng.normal()) * scale, 3) for v in offset)
+    cx, cy, cz = (round(0.5 * v + 0.02 * float(rng.normal()), 3) for v in offset)
     x, y, z = (float(v) for v in template.origins[6])
     turn = (0.0, HALF_TURN, 0.0) if template.tool_z == "x" else ZERO
     segments.append(Segment("tool_mount", "fixed", "tool", (x, y, z), mass=mass, com=(cx, cy, cz)))
