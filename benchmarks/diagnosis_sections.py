@@ -9,11 +9,10 @@ import numpy as np
 
 from benchmarks.answer_scores import BESIDE, CONFIDENT, Score
 from compplan.report import figure as go
-from compplan.report.page import Block, Chart, Column, Columns, Fold, PageTable, Section, TableCell
+from compplan.report.page import Block, Chart, Column, Columns, Fold, PageTable, Row, Section, TableCell
 from compplan.report.style import AFTER, BEFORE, NEUTRAL, TOLERANCE, format_number
 
 Table = Mapping[str, Any]
-Row = list[TableCell | str | float | int | None]
 #: Words and colours of the contestants.
 WORDS = {
     "before": "product before",

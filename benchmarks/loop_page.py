@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from compplan.report import figure as go
-from compplan.report.page import Block, Chart, Column, PageTable, Provenance, Section, TableCell, write_page
+from compplan.report.page import Block, Chart, Column, PageTable, Provenance, Row, Section, TableCell, write_page
 from compplan.report.style import CATEGORIES, format_length, format_percent
 
 #: What is planned with, round after round.
@@ -106,9 +106,9 @@ def _draw_promises(shops: Sequence[Shop]) -> Any:
 
 
 def _table(shops: Sequence[Shop], floor: float) -> PageTable:
-    rows: list[list[TableCell | str | float | int | None]] = []
+    rows: list[Row] = []
     for shop in shops:
-        row: list[TableCell | str | float | int | None] = [shop.seed]
+        row: Row = [shop.seed]
         for number, (was, said) in enumerate(zip(shop.true, shop.promised, strict=True)):
             good = "good" if was <= 1.2 * floor else "bad" if was > 2 * floor else ""
             row += [TableCell(1e3 * was, good if number == JUDGED else ""), 1e3 * said]

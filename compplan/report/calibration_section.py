@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from compplan.report import figure as go
-from compplan.report.page import Block, Chart, Column, Columns, Fold, PageTable, Section, TableCell
+from compplan.report.page import Block, Chart, Column, Columns, Fold, PageTable, Row, Section, TableCell
 from compplan.report.style import AFTER, NEUTRAL, format_length, format_number
 
 if TYPE_CHECKING:
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from compplan.diagnose.answer.assessment import Assessment
     from compplan.diagnose.answer.calibration import Correction, Pose
 
-Row = list[TableCell | str | float | int | None]
 #: Regions that are listed as the worst.
 WORST_REGIONS = 3
 #: Digits behind the point, by unit.

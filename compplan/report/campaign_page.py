@@ -10,13 +10,11 @@ import numpy as np
 from compplan.loop.campaign import MANY, PoseCampaign
 from compplan.report import figure as go
 from compplan.report.openings import open_campaign
-from compplan.report.page import Block, Chart, Column, Columns, PageTable, Section, TableCell, write_page
+from compplan.report.page import Block, Chart, Column, Columns, PageTable, Row, Section, TableCell, write_page
 from compplan.report.path_scene import draw_cell
 from compplan.report.provenance import describe_robot
 from compplan.report.style import AFTER, CATEGORIES, TOLERANCE, format_length, format_percent
 from compplan.robot import Array
-
-Row = list[TableCell | str | float | int | None]
 
 
 def write_campaign_page(campaign: PoseCampaign, file: Path) -> None:

@@ -13,11 +13,10 @@ from compplan.loop.iso9283 import VISITS, PoseAccuracy
 from compplan.report import figure as go
 from compplan.report.effect_words import describe_change
 from compplan.report.openings import open_certificate
-from compplan.report.page import Block, Chart, Column, PageTable, Section, TableCell, write_page
+from compplan.report.page import Block, Chart, Column, PageTable, Row, Section, TableCell, write_page
 from compplan.report.provenance import describe_robot
 from compplan.report.style import AFTER, BEFORE, CATEGORIES, format_length, format_number
 
-Row = list[TableCell | str | float | int | None]
 GRADES = {"measured": "measured", "literature": "assumed for a robot model from published data", "assumed": "assumed"}
 
 

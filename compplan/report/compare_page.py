@@ -11,7 +11,7 @@ import numpy as np
 from compplan.report import figure as go
 from compplan.report.along_path import FLOOR, place_stations
 from compplan.report.openings import choose_best, join_names, open_comparison
-from compplan.report.page import Block, Chart, Column, Fold, PageTable, Section, TableCell, write_page
+from compplan.report.page import Block, Chart, Column, Fold, PageTable, Row, Section, TableCell, write_page
 from compplan.report.panels import draw_panels, measure_panels
 from compplan.report.provenance import describe_grade, describe_robot, list_assumptions
 from compplan.report.strategy_words import colour_strategies, name_strategy
@@ -144,11 +144,11 @@ def _figures(comparison: Comparison) -> Section:
 
 
 def _matrix(comparison: Comparison) -> PageTable:
-    rows: list[list[TableCell | str | float | int | None]] = []
+    rows: list[Row] = []
     drawn, cells = comparison.drawn, [*list_wrong(comparison), comparison.cells[0].name]
     least = {cell: min(run.rms_deviation for run in comparison.evaluations[cell].values()) for cell in cells}
     for name in comparison.commands:
-        row: list[TableCell | str | float | int | None] = [TableCell(name_strategy(name), "strong")]
+        row: Row = [TableCell(name_strategy(name), "strong")]
         if drawn is not None:
             close = drawn.median(name) <= 1.02 * min(drawn.median(other) for other in drawn.rms)
             text = f"{format_length(drawn.median(name))}  ({format_length(drawn.most(name))})"
@@ -168,7 +168,7 @@ def _matrix(comparison: Comparison) -> PageTable:
 
 
 def _long_table(comparison: Comparison) -> PageTable:
-    rows: list[list[TableCell | str | float | int | None]] = []
+    rows: list[Row] = []
     tolerance = comparison.task.tolerance
     for cell, runs in comparison.evaluations.items():
         for name, run in runs.items():

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from compplan.plan.coupling import CouplingEffect
-from compplan.report.page import Block, Column, PageTable, Section, TableCell
+from compplan.report.page import Block, Column, PageTable, Row, Section, TableCell
 from compplan.report.style import format_length, format_number, format_percent
 
 
 def show_coupling(effect: CouplingEffect) -> Section:
     """Return the section."""
-    rows: list[list[TableCell | str | float | int | None]] = []
+    rows: list[Row] = []
     for k, name in enumerate("xyz"):
         stiffness = f"{format_number(1e-3 * float(effect.stiffness[k]))}\u00a0N/mm"
         sizes = [format_length(float(side[k])) for side in (effect.without, effect.coupled)]

@@ -23,7 +23,7 @@ from compplan.report.gap_figures import (
     draw_traces,
 )
 from compplan.report.openings import open_diagnosis
-from compplan.report.page import Block, Chart, Column, Columns, Fold, PageTable, Section, TableCell, write_page
+from compplan.report.page import Block, Chart, Column, Columns, Fold, PageTable, Row, Section, TableCell, write_page
 from compplan.report.path_scene import describe_magnification
 from compplan.report.provenance import describe_grade, describe_robot
 from compplan.report.style import format_number, format_percent
@@ -47,7 +47,6 @@ DELIVERED = {
     "causes": "the named causes alone",
     "calibrated": "all that a calibration finds, named or not",
 }
-Row = list[TableCell | str | float | int | None]
 
 
 @dataclass(frozen=True, eq=False)

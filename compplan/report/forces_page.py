@@ -23,6 +23,7 @@ from compplan.report.page import (
     Columns,
     PageTable,
     Provenance,
+    Row,
     Section,
     TableCell,
     write_page,
@@ -185,7 +186,7 @@ def _tabulate(found: ForcePrediction, cut: Engagement) -> PageTable:
     rows = touches[np.unique(np.linspace(0, len(touches) - 1, min(len(touches), 60)).astype(int))]
     force, arc = np.linalg.norm(found.wrench[:, :3], axis=1), np.degrees(cut.arc)
     length = 1e3 * found.nominal.arc_length
-    table: list[list[TableCell | str | float | int | None]]
+    table: list[Row]
     table = [[int(i), float(length[i]), float(1e3 * cut.axial[i]), float(1e3 * cut.radial[i]), float(arc[i, 0]),
               float(arc[i, 1]), TableCell(float(force[i]), "strong")] for i in rows]  # fmt: skip
     columns = [Column("waypoint"), Column("length", "mm", 4), Column("axial depth", "mm"), Column("radial width", "mm"),
@@ -194,7 +195,7 @@ def _tabulate(found: ForcePrediction, cut: Engagement) -> PageTable:
 
 
 def _comparison(fit: ForceFit) -> Section:
-    table: list[list[TableCell | str | float | int | None]] = []
+    table: list[Row] = []
     for number in fit.numbers:
         inside = number.low <= number.in_job <= number.high
         verdict = TableCell("within" if inside else "differs", "good" if inside else "bad")

@@ -7,7 +7,7 @@ from typing import Any
 
 from compplan.report import figure as go
 from compplan.report.openings import open_identification
-from compplan.report.page import Chart, Column, Fold, PageTable, Provenance, Section, TableCell, write_page
+from compplan.report.page import Chart, Column, Fold, PageTable, Provenance, Row, Section, TableCell, write_page
 from compplan.report.style import AFTER, BEFORE, NEUTRAL, TOLERANCE
 
 FRAMES = ("geometry", "base", "tool", "contact")
@@ -153,7 +153,7 @@ def _rounds(summary: dict[str, Any]) -> PageTable:
         Column("round"), Column("candidate"), Column("value"), Column("unit"),
         Column("gap on poses not in the fit", "mm"), Column("gain", "standard errors"), Column(""),
     ]  # fmt: skip
-    rows: list[list[TableCell | str | float | int | None]] = []
+    rows: list[Row] = []
     for number, entry in enumerate(summary["structure"], 1):
         standing = TableCell("model as it stands", "muted")
         rows.append([number, standing, None, None, entry["held_out_rms_mm"], None, None])

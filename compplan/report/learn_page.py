@@ -12,13 +12,12 @@ from compplan.loop.teach import Teaching
 from compplan.report import figure as go
 from compplan.report.effect_words import show_size
 from compplan.report.openings import open_teaching
-from compplan.report.page import Chart, Column, PageTable, Section, TableCell, write_page
+from compplan.report.page import Chart, Column, PageTable, Row, Section, TableCell, write_page
 from compplan.report.provenance import describe_robot
 from compplan.report.style import AFTER, BEFORE, CATEGORIES, format_length
 from compplan.robot import Array
 
 BANDS = "Distance that holds the true tip with 95 %. Dotted: in the directions that were measured alone."
-Row = list[TableCell | str | float | int | None]
 
 
 def write_learn_page(teaching: Teaching, file: Path) -> None:

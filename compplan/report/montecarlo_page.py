@@ -17,7 +17,7 @@ from compplan.report.montecarlo_figures import (
     draw_sensitivity,
 )
 from compplan.report.openings import open_study
-from compplan.report.page import Block, Chart, Column, Fold, PageTable, Section, TableCell, write_page
+from compplan.report.page import Block, Chart, Column, Fold, PageTable, Row, Section, TableCell, write_page
 from compplan.report.panels import measure_panels
 from compplan.report.provenance import describe_grade, describe_robot, list_assumptions
 from compplan.report.strategy_words import name_strategy
@@ -26,7 +26,7 @@ from compplan.study.job_study import JobStudy
 
 #: What the boxes show.
 BOXES = "Box: middle half of the robots drawn; line: 5 to 95 %; dashed: the tolerance. Logarithmic."
-Rows = list[list[TableCell | str | float | int | None]]
+Rows = list[Row]
 
 
 def write_montecarlo_report(result: JobStudy, folder: Path) -> Path:

@@ -18,6 +18,7 @@ from compplan.report.page import (
     Opening,
     PageTable,
     Provenance,
+    Row,
     Section,
     TableCell,
     write_page,
@@ -95,7 +96,7 @@ def _draw(tools: Sequence[Mapping[str, Any]], tolerance: float) -> Any:
 
 
 def _table(tools: Sequence[Mapping[str, Any]]) -> PageTable:
-    rows: list[Sequence[TableCell | str | float | int | None]] = []
+    rows: list[Row] = []
     for tool in tools:
         status = TableCell(tool["status"], "good" if tool["status"] == "solved" else "bad")
         rows.append([
@@ -113,7 +114,7 @@ def _table(tools: Sequence[Mapping[str, Any]]) -> PageTable:
 
 
 def _programs(tools: Sequence[Mapping[str, Any]], mains: Sequence[str]) -> PageTable:
-    rows: list[Sequence[TableCell | str | float | int | None]] = [
+    rows: list[Row] = [
         [tool["label"], ", ".join(tool["programs"]) or "none asked for"] for tool in tools
     ]
     if mains:

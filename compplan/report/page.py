@@ -51,6 +51,9 @@ class TableCell:
     link: str = ""
 
 
+Row = list[TableCell | str | float | int | None]
+
+
 @dataclass(frozen=True)
 class PageTable:
     """Show rows of values under columns with units.

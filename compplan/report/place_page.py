@@ -10,7 +10,7 @@ import numpy as np
 
 from compplan.posture.summary import PostureMap
 from compplan.report.openings import open_place
-from compplan.report.page import Chart, Column, PageTable, Provenance, Section, TableCell, write_page
+from compplan.report.page import Chart, Column, PageTable, Provenance, Row, Section, TableCell, write_page
 from compplan.report.posture_section import show_map
 from compplan.report.style import format_percent
 
@@ -81,7 +81,7 @@ def describe_chatter(summary: Mapping[str, Any]) -> str:
 
 def _table(summary: Mapping[str, Any]) -> PageTable:
     here = summary["sensitivity_here_mm"] or {"expected_rms": None, "p95": None}
-    rows: list[Sequence[TableCell | str | float | int | None]] = [
+    rows: list[Row] = [
         ["expected, rms", here["expected_rms"], TableCell(summary["sensitivity_mm"]["expected_rms"], "strong")],
         ["95 %", here["p95"], TableCell(summary["sensitivity_mm"]["p95"], "strong")],
     ]
@@ -90,7 +90,7 @@ def _table(summary: Mapping[str, Any]) -> PageTable:
 
 
 def _turns(grids: Sequence[Mapping[str, Any]]) -> PageTable:
-    rows: list[Sequence[TableCell | str | float | int | None]] = []
+    rows: list[Row] = []
     for grid in grids:
         bound = np.array(grid["bound_mm"], float)
         if not np.isfinite(bound).any():

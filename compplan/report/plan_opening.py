@@ -14,7 +14,7 @@ from compplan.plan.slow import mark_slow
 from compplan.program.counting import load_controller
 from compplan.program.frames import place_numbers, rotation_vectors
 from compplan.report.curve_chart import show_curves
-from compplan.report.page import Block, Column, KeyFigure, Opening, PageTable, Section, TableCell
+from compplan.report.page import Block, Column, KeyFigure, Opening, PageTable, Row, Section, TableCell
 from compplan.report.provenance import GRADE_MEANING
 from compplan.report.style import (
     format_length,
@@ -73,7 +73,7 @@ def first_sentence(text: str) -> str:
 
 def write_sheet(plan: Plan, folder: Path | None) -> Section:
     """Return the setup sheet: part, frames, tool, start, band, and the checksums of the programs."""
-    rows: list[list[TableCell | str | float | int | None]] = [
+    rows: list[Row] = [
         [TableCell(name, "strong"), words] for name, words in (*_describe_frames(plan), *_describe_run(plan))
     ]
     rows[:0] = [[TableCell("Job", "strong"), plan.name], [TableCell("Verdict", "strong"), plan.verdict.sentence]]
@@ -82,7 +82,7 @@ def write_sheet(plan: Plan, folder: Path | None) -> Section:
     blocks.append("Set up by ______________________   Checked by ______________________   Date ______________")
     programs = [] if folder is None else list_programs(folder)
     if programs:
-        cells: list[list[TableCell | str | float | int | None]] = [list(program) for program in programs]
+        cells: list[Row] = [list(program) for program in programs]
         blocks.append(PageTable([Column("Program"), Column("lines"), Column("SHA-256, first 16 digits")], cells,
                                 "The file on the controller is this one if its checksum is the same."))  # fmt: skip
     return Section("Setup sheet", blocks, "Check each line at the machine before the program runs.", open=True)

@@ -24,7 +24,7 @@ from compplan.report.along_path import (
 )
 from compplan.report.coupling_section import show_coupling
 from compplan.report.force_moves import busiest_rate, describe_force, list_rates, mark_force
-from compplan.report.page import Block, Chart, Column, Fold, PageTable, Section, TableCell, write_page
+from compplan.report.page import Block, Chart, Column, Fold, PageTable, Row, Section, TableCell, write_page
 from compplan.report.path_scene import describe_magnification, draw_deviation_paths
 from compplan.report.plan_opening import open_plan
 from compplan.report.posture_section import list_uncertainties, show_posture
@@ -189,7 +189,7 @@ def _failure_table(plan: Plan, after: Array) -> PageTable:
     reasons = np.array([failures[i] for i in failed.tolist()])
     first = np.flatnonzero(np.r_[True, (np.diff(failed) > 1) | (reasons[1:] != reasons[:-1])])
     last = np.r_[first[1:] - 1, len(failed) - 1]
-    rows: list[list[TableCell | str | float | int | None]] = []
+    rows: list[Row] = []
     for a, b, reason in zip(failed[first].tolist(), failed[last].tolist(), reasons[first].tolist(), strict=True):
         reach = [1e3 * float(length[a]), 1e3 * float(length[b])]
         rows.append([a, b, *reach, reason, TableCell(1e3 * float(after[a : b + 1].max()), "bad")])
@@ -256,7 +256,7 @@ def _lowered_table(plan: Plan, slow: NDArray[np.bool_], rates: Sequence[tuple[st
     spans = find_spans(slow)
     share = feed / np.maximum(wanted, 1e-12)
     depth = np.array([share[a : b + 1].min() for a, b in spans])
-    rows: list[list[TableCell | str | float | int | None]] = []
+    rows: list[Row] = []
     for a, b in spans[np.sort(np.argsort(depth)[:LISTED])]:
         slowest = a + int(np.argmin(share[a : b + 1]))
         numbers = [1e3 * float(value) for value in (length[a], length[b], wanted[slowest], feed[slowest])]

@@ -8,7 +8,7 @@ import numpy as np
 
 from compplan.report import figure as go
 from compplan.report.along_path import Stations, draw_lines
-from compplan.report.page import Block, Chart, Column, PageTable, Section, TableCell
+from compplan.report.page import Block, Chart, Column, PageTable, Row, Section
 from compplan.report.style import AFTER, LIMIT, NEUTRAL, SEQUENTIAL, format_length, format_number
 from compplan.robot import Array
 
@@ -160,7 +160,7 @@ def _field(values: Array, length: Array, spin: Array, scale: list[list[Any]], na
 
 
 def _list_costs(stance: Stance, both: tuple[dict[str, float], dict[str, float]] | None) -> PageTable:
-    rows: list[list[TableCell | str | float | int | None]] = []
+    rows: list[Row] = []
     chosen, plain = both or (stance.costs, {})
     for key, value in chosen.items():
         words, unit = COSTS.get(key, (key.replace("_", " "), ""))

@@ -6,7 +6,7 @@ import numpy as np
 
 from compplan.promise.band import PARTS, Promise
 from compplan.report.along_path import Stations, draw_lines
-from compplan.report.page import Block, Chart, Column, Fold, PageTable, Section, TableCell
+from compplan.report.page import Block, Chart, Column, Fold, PageTable, Row, Section, TableCell
 from compplan.report.style import CATEGORIES, format_length, format_percent, format_set_value
 
 #: What the parts are called.
@@ -80,7 +80,7 @@ def describe_promise(promise: Promise, tolerance: float) -> str:
 
 
 def _table(promise: Promise) -> PageTable:
-    rows: list[list[TableCell | str | float | int | None]] = []
+    rows: list[Row] = []
     cut, widest = promise.cut, promise.widest
     total = promise.radius[widest] ** 2
     for name in PARTS:
@@ -105,7 +105,7 @@ def _table(promise: Promise) -> PageTable:
 
 
 def _narrowings(promise: Promise) -> PageTable:
-    rows: list[list[TableCell | str | float | int | None]] = [
+    rows: list[Row] = [
         [entry.words, 1e3 * entry.promise, format_percent(1.0 - entry.promise / max(promise.greatest, 1e-12))]
         for entry in promise.narrowings
     ]

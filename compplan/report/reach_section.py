@@ -8,7 +8,7 @@ import numpy as np
 
 from compplan.report.along_path import Stations, below, draw_lines, outline_below
 from compplan.report.force_moves import list_rates, mark_force
-from compplan.report.page import Chart, Column, Columns, PageTable, Section, TableCell
+from compplan.report.page import Chart, Column, Columns, PageTable, Row, Section, TableCell
 from compplan.report.path_scene import draw_cell
 from compplan.report.robot_scene import place_meshes
 from compplan.report.style import (
@@ -113,7 +113,7 @@ def _offer_without(figure: Any, whole: float, others: float) -> None:
 
 
 def _key_figures(plan: Plan) -> PageTable:
-    rows: list[list[TableCell | str | float | int | None]] = []
+    rows: list[Row] = []
     task, sides, between = plan.task, (plan.before, plan.after), plan.between
     for name in ("rms", "mean", "max"):
         sizes = [_length_cell(1e-3 * side.figures[name]) for side in sides]

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -72,14 +72,25 @@ def locate_links(robot: Robot, q: Array) -> dict[str, Array]:
     q = np.asarray(q, float)
     if q.shape != (robot.nq,):
         raise ShapeError(f"q has shape {q.shape}, expected ({robot.nq},)")
-    value = dict(zip(robot.joint_names, q, strict=True))
-    poses = {robot.base: np.eye(4)}
-    for joint in robot.joints:
+    poses = follow_joints(robot.base, robot.joints, dict(zip(robot.joint_names, q, strict=True)))
+    _locate_beside(robot, poses)
+    return poses
+
+
+def follow_joints(base: str, joints: Sequence[Joint], value: Mapping[str, float]) -> dict[str, Array]:
+    """Locate the links of a chain; shape (4, 4) each [m].
+
+    Args:
+        base: Link that stands still.
+        joints: Joints from there, each after the one that carries it.
+        value: Positions of the actuated ones, by name. [rad or m]
+    """
+    poses = {base: np.eye(4)}
+    for joint in joints:
         position = value.get(joint.name, 0.0)
         if joint.mimic is not None:
             position = joint.mimic.multiplier * value[joint.mimic.joint] + joint.mimic.offset
         poses[joint.child] = poses[joint.parent] @ joint.placement @ _motion(joint, position)
-    _locate_beside(robot, poses)
     return poses
 
 
@@ -118,57 +129,38 @@ def place_shapes(robot: Robot, q: Array) -> list[Shape]:
     return shapes if rod is None else [*shapes, rod]
 
 
-def draw_robot(
-    robot: Robot, q: Array, *, opacity: float = 1.0, scene: str = "scene", name: str | None = None,
-    more: Sequence[Shape] = (),
-) -> list[Any]:  # fmt: skip
+def draw_robot(robot: Robot, q: Array, *, opacity: float = 1.0, more: Sequence[Shape] = ()) -> list[Any]:
     """Draw a robot as plotly traces, in millimetres.
 
     Args:
         robot: The robot.
         q: Joint positions. Shape (nq,). [rad or m]
         opacity: From 0 (invisible) to 1.
-        scene: The scene of the figure that the traces belong to.
-        name: What hovering shows; default: the robot's name.
         more: Shapes that are drawn as parts of it.
     """
     shapes = [*place_shapes(robot, q), *more]
-    if not shapes:
-        return []
-    vertices, faces = _join(shapes)
-    x, y, z = (1e3 * vertices).astype(np.float32).T
-    paint = np.round(255 * shade_faces(shapes)).astype(int)
-    i, j, k = faces.astype(np.int32).T
-    mesh = go.Mesh3d(
-        x=x, y=y, z=z, i=i, j=j, k=k,
-        facecolor=[f"rgb({red},{green},{blue})" for red, green, blue in paint],
-        opacity=opacity,
-        lighting={"ambient": 1.0, "diffuse": 0.0, "specular": 0.0, "fresnel": 0.0},
-        name=name or robot.name,
-        hoverinfo="name",
-        scene=scene,
-    )  # fmt: skip
-    return [mesh]
+    return [_draw_mesh(shapes, robot.name, opacity)] if shapes else []
 
 
 def draw_shapes(shapes: Sequence[Shape]) -> list[Any]:
     """Draw single shapes as plotly traces, in millimetres, each under its own name."""
-    traces = []
-    for shape in shapes:
-        x, y, z = (1e3 * shape.vertices).astype(np.float32).T
-        i, j, k = shape.faces.astype(np.int32).T
-        paint = np.round(255 * shade_faces([shape])).astype(int)
-        traces.append(
-            go.Mesh3d(
-                x=x, y=y, z=z, i=i, j=j, k=k,
-                facecolor=[f"rgb({red},{green},{blue})" for red, green, blue in paint],
-                opacity=shape.colour[3],
-                lighting={"ambient": 1.0, "diffuse": 0.0, "specular": 0.0, "fresnel": 0.0},
-                name=shape.link,
-                hoverinfo="name",
-            )
-        )  # fmt: skip
-    return traces
+    return [_draw_mesh([shape], shape.link, shape.colour[3]) for shape in shapes]
+
+
+def _draw_mesh(shapes: list[Shape], name: str, opacity: float) -> Any:
+    """Draw shapes as one trace under a name, in millimetres."""
+    vertices, faces = _join(shapes)
+    x, y, z = (1e3 * vertices).astype(np.float32).T
+    i, j, k = faces.astype(np.int32).T
+    paint = np.round(255 * shade_faces(shapes)).astype(int)
+    return go.Mesh3d(
+        x=x, y=y, z=z, i=i, j=j, k=k,
+        facecolor=[f"rgb({red},{green},{blue})" for red, green, blue in paint],
+        opacity=opacity,
+        lighting={"ambient": 1.0, "diffuse": 0.0, "specular": 0.0, "fresnel": 0.0},
+        name=name,
+        hoverinfo="name",
+    )  # fmt: skip
 
 
 def place_meshes(robot: Robot, q: Array, meshes: Sequence[tuple[str, str, Any]]) -> list[Shape]:

@@ -9,7 +9,7 @@ import numpy as np
 from compplan.plan.stability import Stability, StabilityMap, mark_spans
 from compplan.report import figure as go
 from compplan.report.along_path import Stations, draw_lines
-from compplan.report.page import Block, Chart, Column, PageTable, Section, TableCell
+from compplan.report.page import Block, Chart, Column, PageTable, Row, Section, TableCell
 from compplan.report.style import AFTER, BEFORE, CATEGORIES, NEUTRAL, format_number
 from compplan.robot import Array
 
@@ -50,7 +50,7 @@ def _tabulate(stability: Stability, stations: Stations) -> PageTable | str:
     if not spans:
         low, high = (format_number(value) for value in stability.band)
         return f"No waypoint is unstable, as far as modes from {low} to {high}\u00a0Hz go."
-    rows: list[list[TableCell | str | float | int | None]] = []
+    rows: list[Row] = []
     for first, last in spans[:LISTED]:
         most = float(stability.multiplier[first : last + 1].max())
         places = [1e3 * float(stations.length[row]) for row in (first, last)]

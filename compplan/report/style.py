@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
+from pathlib import Path
+from string import Template
 from typing import Any
 
 from compplan.files.palette import AFTER, BEFORE, CATEGORIES, DASHES, LIMIT, NEUTRAL, TOLERANCE
@@ -21,7 +24,7 @@ from compplan.files.quantities import (
 )
 
 __all__ = [
-    "AFTER", "BEFORE", "CATEGORIES", "DASHES", "DIVERGING", "FONT", "GRID", "INK", "LIMIT", "LINE", "NEUTRAL", "PAPER",
+    "AFTER", "BEFORE", "CATEGORIES", "DASHES", "FONT", "GRID", "INK", "LIMIT", "LINE", "NEUTRAL", "PAPER",
     "SEQUENTIAL", "SPACE_GRID", "TOLERANCE", "build_template", "format_angle", "format_bound", "format_length",
     "format_mm", "format_mm_change", "format_number", "format_percent", "format_set_length", "format_set_value",
     "mark_decades",
@@ -30,8 +33,6 @@ __all__ = [
 
 #: Small to large, for quantities that are best at zero.
 SEQUENTIAL = ((0.0, "#2f7fb5"), (0.3, "#6fae8f"), (0.55, "#dfb441"), (0.8, "#d1603d"), (1.0, "#8f1d2c"))
-#: Minus to plus, for quantities with a sign.
-DIVERGING = ((0.0, "#2b6ca8"), (0.25, "#7fb0cf"), (0.5, "#d8d8d2"), (0.75, "#e39a72"), (1.0, "#b03a24"))
 
 FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", "Noto Sans", sans-serif'
 PAPER = {"light": "#ffffff", "dark": "#16191d"}
@@ -39,6 +40,10 @@ INK = {"light": "#1d2329", "dark": "#dfe4ea"}
 GRID = {"light": "#e4e7ea", "dark": "#2c3238"}
 SPACE_GRID = {"light": "#ccd2d8", "dark": "#3b434b"}
 LINE = {"light": "#aab1b9", "dark": "#59626c"}
+
+
+#: The template of charts; colours of the theme stand in it as marks.
+TEMPLATE = Path(__file__).parent / "templates" / "plotly.json"
 
 
 def style_line(number: int, colours: Sequence[str] = CATEGORIES) -> dict[str, str]:
@@ -65,52 +70,10 @@ def build_template(theme: str) -> dict[str, Any]:
     Args:
         theme: "light" or "dark".
     """
-    axis = {
-        "gridcolor": GRID[theme],
-        "linecolor": LINE[theme],
-        "zerolinecolor": GRID[theme],
-        "tickcolor": LINE[theme],
-        "ticks": "outside",
-        "ticklen": 4,
-        "showline": True,
-        "zeroline": False,
-        "title": {"font": {"size": 13}, "standoff": 8},
-        "automargin": True,
-    }
-    space = {
-        "backgroundcolor": "rgba(0,0,0,0)",
-        "gridcolor": SPACE_GRID[theme],
-        "linecolor": LINE[theme],
-        "zerolinecolor": GRID[theme],
-        "showbackground": False,
-        "title": {"font": {"size": 12}},
-        "tickfont": {"size": 10},
-    }
-    layout = {
-        "paper_bgcolor": "rgba(0,0,0,0)",
-        "plot_bgcolor": "rgba(0,0,0,0)",
-        "font": {"family": FONT, "size": 12.5, "color": INK[theme]},
-        "colorway": list(CATEGORIES),
-        "margin": {"l": 64, "r": 24, "t": 36, "b": 48},
-        "hoverlabel": {
-            "bgcolor": PAPER[theme],
-            "bordercolor": LINE[theme],
-            "font": {"family": FONT, "color": INK[theme]},
-        },
-        "legend": {
-            "orientation": "h",
-            "x": 0,
-            "xanchor": "left",
-            "y": 1.02,
-            "yanchor": "bottom",
-            "bgcolor": "rgba(0,0,0,0)",
-        },
-        "xaxis": axis,
-        "yaxis": axis,
-        "scene": {"xaxis": space, "yaxis": space, "zaxis": space},
-        "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": LINE[theme], "activecolor": INK[theme]},
-        "coloraxis": {"colorbar": {"outlinewidth": 0, "thickness": 12}},
-        "updatemenudefaults": {"bgcolor": PAPER[theme], "bordercolor": LINE[theme]},
-        "annotationdefaults": {"font": {"color": INK[theme]}, "arrowcolor": LINE[theme]},
-    }
-    return {"layout": layout}
+    marks = {
+        "paper": PAPER[theme], "ink": INK[theme], "grid": GRID[theme], "space": SPACE_GRID[theme], "line": LINE[theme],
+        "font": FONT.replace('"', '\\"'),
+    }  # fmt: skip
+    told = json.loads(Template(TEMPLATE.read_text(encoding="utf-8")).substitute(marks))
+    axes = {"xaxis": told["axis"], "yaxis": told["axis"], "scene": {f"{name}axis": told["space"] for name in "xyz"}}
+    return {"layout": {**told["layout"], "colorway": list(CATEGORIES), **axes}}

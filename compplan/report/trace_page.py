@@ -17,6 +17,7 @@ from compplan.report.page import (
     Opening,
     PageTable,
     Provenance,
+    Row,
     Section,
     TableCell,
     write_page,
@@ -98,7 +99,7 @@ def _draw_distances(found: Identified) -> Any:
 
 def _show_causes(summary: Mapping[str, Any]) -> Section:
     parts, size = summary["parts"], summary["parts_rms_mm"]
-    rows: list[list[TableCell | str | float | int | None]]
+    rows: list[Row]
     rows = [[words, 100.0 * parts[name], size[name]] for name, words in CAUSES.items()]
     rows.append(["not explained", 100.0 * max(0.0, 1.0 - sum(parts.values())), None])
     columns = [Column("cause"), Column("share", "%"), Column("rms", "mm")]
@@ -107,7 +108,7 @@ def _show_causes(summary: Mapping[str, Any]) -> Section:
 
 
 def _show_models(summary: Mapping[str, Any]) -> Section:
-    rows: list[list[TableCell | str | float | int | None]]
+    rows: list[Row]
     first = {"programmed path": summary["left_without_model_mm"], "folder's values": summary["left_with_folder_mm"]}
     rows = [[name, TableCell(entry["median"], "strong" if name == summary["model"] else ""),
              TableCell(entry["p95"], "strong" if name == summary["model"] else "")]
@@ -118,7 +119,7 @@ def _show_models(summary: Mapping[str, Any]) -> Section:
 
 
 def _show_logs(summary: Mapping[str, Any]) -> Section:
-    rows: list[list[TableCell | str | float | int | None]]
+    rows: list[Row]
     rows = [[entry["log"], entry["rows"], entry["cycle_ms"], entry["torn_readings"], 100.0 * entry["late_share"],
              100.0 * entry["missing_share"], entry["begins_at_length_mm"]] for entry in summary["logs"]]  # fmt: skip
     columns = [Column("log"), Column("rows"), Column("cycle", "ms"), Column("torn readings"), Column("late", "%"),

@@ -52,12 +52,6 @@ class ServiceSphere:
         """Share of the sphere that is reached."""
         return float(self.reached.mean())
 
-    @property
-    def ranking(self) -> NDArray[np.int_]:
-        """Reached directions, the least yielding first."""
-        order = np.argsort(np.where(self.reached, self.deflection, np.inf))
-        return np.asarray(order[: int(self.reached.sum())])
-
 
 def spread_directions(count: int) -> Array:
     """Spread directions evenly over the sphere (a Fibonacci lattice). Shape (count, 3)."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from compplan.report.robot_scene import follow_joints
 from compplan.report.view.recording import ViewCell
 from compplan.robot import Array
 
@@ -20,18 +20,8 @@ def locate_chain(cell: ViewCell, q: Array) -> dict[str, Array]:
         q: Joints. Shape (nq,). [rad or m]
     """
     value = dict(zip((joint.name for joint in cell.actuated), q, strict=True))
-    poses = {cell.base: np.eye(4)}
-    for joint in cell.joints:
-        position = value.get(joint.name, 0.0)
-        if joint.mimic is not None:
-            position = joint.mimic.multiplier * value[joint.mimic.joint] + joint.mimic.offset
-        motion = np.eye(4)
-        if joint.kind == "prismatic":
-            motion[:3, 3] = joint.axis * position
-        elif joint.kind == "revolute":
-            motion[:3, :3] = Rotation.from_rotvec(joint.axis * position).as_matrix()
-        poses[joint.child] = poses[joint.parent] @ joint.placement @ motion
-    return poses
+    return follow_joints(cell.base, cell.joints, value)
+
 
 
 def slope_tip(cell: ViewCell, poses: dict[str, Array]) -> Array:
