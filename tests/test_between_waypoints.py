@@ -17,9 +17,10 @@ from compplan.plan.agreement import _resolve_starts
 from compplan.plan.approach import DWELL
 from compplan.plan.between import measure_between
 from compplan.plan.feed import time_run
+from compplan.plan.motion_limits import measure_use
 from compplan.plan.plan import build_task, prepare_job
 from compplan.plan.profile import ease, ease_duration, ease_times, smooth_profile
-from compplan.plan.timing import cutting_runs, measure_use
+from compplan.plan.timing import cutting_runs
 from compplan.plan.verdict import set_up_bench
 from compplan.statics.chain import locate_frames
 from compplan.statics.inertia import build_moving_chain, load_motion

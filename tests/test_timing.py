@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from compplan.plan.fastest_run import time_cut
-from compplan.plan.timing import find_slowdown, measure_use, spread_factors, time_rapids
+from compplan.plan.motion_limits import measure_use, spread_factors
+from compplan.plan.timing import find_slowdown, time_rapids
 
 
 def times(along, speed):
@@ -92,7 +93,7 @@ def test_rests_and_turns_on_the_spot_count_for_how_much_slower_a_run_has_to_be()
     time = np.r_[time, time[-1] + time[1:]]
     task = SimpleNamespace(
         nominal=SimpleNamespace(rapid=np.zeros(11, bool), steps=np.ones(10)), rests=np.arange(11) == 5,
-        velocity_limits=np.array([100.0]), acceleration_limits=np.array([2.0]), smoothing=0.0,
+        velocity_limits=np.array([100.0]), acceleration_limits=np.array([2.0]), smoothing=0.0, jerk_limits=None,
     )  # fmt: skip
     # at its limit on the way; it arrives at waypoint 5 with 0.9 rad/s and stops there within 0.05 s: 18 rad/s^2
     assert find_slowdown(task, there, time)[[2, 5, 8]] == pytest.approx([1.0, 3.0, 1.0])

@@ -125,8 +125,10 @@ class Cell:
             position[i], rotation[i] = data.xpos[self.tip], data.xmat[self.tip].reshape(3, 3)
         return Rest(position, rotation, settled)
 
-    def torques(self, q: Array, wrench: Array, gravity: Array | None) -> Array:
-        """Return the torques that hold the unbent arm still, one a commanded joint, shape (n, nq) [N m or N]."""
+    def torques(
+        self, q: Array, wrench: Array, gravity: Array | None, rate: Array | None = None, change: Array | None = None
+    ) -> Array:
+        """Return the torques that hold the unbent arm, or move it: one a commanded joint, shape (n, nq) [N m or N]."""
         model, data = self.model, self.data
         before = model.opt.gravity.copy()
         model.opt.gravity[:] = 0 if gravity is None else gravity
@@ -137,7 +139,11 @@ class Cell:
             data.qpos[self.set] = q[i, self.driver] * self.multiplier + self.offset
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
-            mujoco.mj_rne(model, data, 0, bias)
+            if rate is not None and change is not None:
+                data.qvel[self.set] = rate[i, self.driver] * self.multiplier
+                data.qacc[self.set] = change[i, self.driver] * self.multiplier
+                mujoco.mj_comVel(model, data)
+            mujoco.mj_rne(model, data, int(rate is not None), bias)
             applied[:] = 0
             mujoco.mj_applyFT(model, data, wrench[i, :3], wrench[i, 3:], data.xpos[self.tip], self.tip, applied)
             if gravity is None:

@@ -118,10 +118,15 @@ class FeedTable(StrictTable):
 
 
 class LimitsTable(StrictTable):
-    """[limits]: shares of the robot's rates that the plan may use."""
+    """[limits]: shares of the robot's rates that the plan may use.
+
+    full_acceleration_after_s assumes a limit of the jerk where the robot folder states none (jerk_limits): a joint
+    takes this time to reach its greatest acceleration. Left out, such a robot's jerk has no limit.
+    """
 
     velocity_scale: float = Field(default=1.0, ge=1e-3, le=1.0)
     acceleration_scale: float = Field(default=1.0, ge=1e-3, le=1.0)
+    full_acceleration_after_s: float | None = Field(default=None, ge=1e-3, le=10.0)
 
 
 class PostureTable(StrictTable):

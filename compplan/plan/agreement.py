@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from compplan.cell.vibration import build_dynamics, inertial_loads
 from compplan.plan.bending import follow_links, plan_loads
 from compplan.plan.between import Between, measure_between, wanted_pieces
-from compplan.plan.feed import FeedWish, time_run
+from compplan.plan.feed import FeedWish, TorqueRules, time_run
 from compplan.plan.sampling import MOST_PIECES, Mending, divide_by, divide_task, grow_places, predict_loads
 from compplan.plan.strategies import command_path, nlp
 from compplan.plan.task import Command, PlanTask, attain_rows
@@ -177,7 +177,8 @@ def _take_turns(
         change, task = _shift(task, changed, command.q), changed
         if change > EXACT:
             command = nlp.correct_command(task, command) if strategy == "nlp" else command_path(task, strategy)
-        slower = find_slowdown(task, command.q, time)
+        rules = TorqueRules(task.robot, command.q, task.wrench) if wish.torque else None
+        slower = find_slowdown(task, command.q, time, rules)
         excess = float(slower.max())
         slow = slow * np.minimum(slower, 3.0) * np.where(slower > 1.0, 1.02, 1.0)
     if excess > 1.0:

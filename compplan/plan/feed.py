@@ -140,8 +140,7 @@ class TorqueRules:
         rigid = build_judge(replace(robot, springs=(), link_elasticities=(), gravity=np.array([0.0, 0.0, -9.81])))
         self.model, self.tcp, self.commanded = rigid.model, rigid.tcp, rigid.commanded
         self.positions = q @ rigid.commanded.T + rigid.shift
-        self.wrench = wrench
-        static = self._static(self.positions, wrench)
+        static = self.held = self._static(self.positions, wrench)
         efforts = np.where(np.isfinite(robot.effort_limits), robot.effort_limits, 1e9)
         greatest = np.abs(static).max(axis=0)
         self.limits = np.maximum(efforts, STATIC_ROOM * greatest)
@@ -154,14 +153,14 @@ class TorqueRules:
     def rows(self, start: int, end: int, rate: Array, change: Array) -> tuple[Array, Array, Array, Array]:
         """Return a, b, c of the waypoints from `start` to `end`, shapes (k, nq), and the limits, shape (nq,) [N m]."""
         data, still = self.model.createData(), np.zeros(self.model.nv)
-        place, load = self.positions[start : end + 1], self.wrench[start : end + 1]
+        place = self.positions[start : end + 1]
         speed, bend = rate @ self.commanded.T, change @ self.commanded.T
         a, b = np.empty((len(place), self.model.nv)), np.empty((len(place), self.model.nv))
         for i in range(len(place)):
             weight = pin.computeGeneralizedGravity(self.model, data, place[i])
             a[i] = pin.rnea(self.model, data, place[i], still, speed[i]) - weight
             b[i] = pin.rnea(self.model, data, place[i], speed[i], bend[i]) - weight
-        return a @ self.commanded, b @ self.commanded, self._static(place, load), self.limits
+        return a @ self.commanded, b @ self.commanded, self.held[start : end + 1], self.limits
 
     def _static(self, place: Array, wrench: Array) -> Array:
         """Return the torques that hold weight and wrench: shape (k, nq) [N m]."""

@@ -28,6 +28,7 @@ from compplan.plan.evaluate import (
     measure_margins,
 )
 from compplan.plan.feed import FeedWish, time_run
+from compplan.plan.motion_limits import describe_jerk, limit_jerk
 from compplan.plan.notes import describe_coupling, describe_fading, describe_left_out, list_notes
 from compplan.plan.result import Plan
 from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
@@ -59,6 +60,8 @@ class PlanOptions:
         tool_x: Where the TCP frame's x points, base axes. Shape (3,).
         velocity_scale: Share of the robot's velocity limits that may be used.
         acceleration_scale: Share of the robot's acceleration limits that may be used.
+        jerk_after: Time in which a joint reaches its greatest acceleration where the robot states no limit of the jerk;
+            None assumes none. [s]
         feed: What the process asks of the feed.
         posture: What is asked of the posture; None keeps one configuration and the tool's x where `tool_x` has it.
         law: The law of the wrench; None where the path carries its wrench.
@@ -77,6 +80,7 @@ class PlanOptions:
     tool_x: tuple[float, float, float] | Array = (1.0, 0.0, 0.0)
     velocity_scale: float = 1.0
     acceleration_scale: float = 1.0
+    jerk_after: float | None = None
     posture: PostureRequest | None = None
     feed: FeedWish = field(default_factory=FeedWish)
     law: ForceLaw | None = None
@@ -189,6 +193,8 @@ def plan_task(
     breaches += (*votes.breaches, *describe_left_out(task.nominal.notes))
     coupling = compare_coupling(task, before)
     told = list_notes(task, timing, bending, job)
+    if jerk := describe_jerk(task.robot, None if job is None else job.limits.full_acceleration_after_s):
+        told += (jerk,)
     return Plan(
         name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
         margins=margins, breaches=breaches, job=job, approach=plan_approach(task, command.q),
@@ -269,6 +275,7 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
         step_time=programmed_times(nominal),
         velocity_limits=robot.velocity_limits * options.velocity_scale,
         acceleration_limits=robot.acceleration_limits * options.acceleration_scale,
+        jerk_limits=limit_jerk(robot, options.acceleration_scale, options.jerk_after),
         max_correction=options.max_correction,
         tolerance=options.tolerance,
         spin_free=options.spin_free,
@@ -326,6 +333,7 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         tool_x=job.tool_x_base,
         velocity_scale=job.limits.velocity_scale,
         acceleration_scale=job.limits.acceleration_scale,
+        jerk_after=job.limits.full_acceleration_after_s,
         posture=state_frequency(read_request(job, robot, posture_errors(job, robot)), robot),
         feed=FeedWish(job.feed.mode == "constant", job.feed.torque_limits),
         inertia=table.inertia,

@@ -64,6 +64,7 @@ class PlanTask:
         places: Number of each waypoint in the toolpath, fractional where a move was divided. Shape (n,).
         theta: Elastic coordinates where the path was last looked at: the next equilibrium begins there. They are
             written over, and no result depends on them beyond rounding. Shape (n, s). [rad or m]
+        jerk_limits: Greatest change of acceleration, or None where there is no limit. Shape (nq,). [rad/s^3 or m/s^3]
 
     """
 
@@ -93,6 +94,7 @@ class PlanTask:
     links: Array | None = None
     places: Array | None = None
     theta: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    jerk_limits: Array | None = None
 
     def __post_init__(self) -> None:
         shape = (len(self.nominal), self.chain.n_springs)

@@ -19,6 +19,13 @@ from numpy.typing import NDArray
 
 from compplan.path.corners import find_roundings, find_shares
 from compplan.plan.fastest_run import NO_LIMIT, TorqueParts, time_cut
+from compplan.plan.motion_limits import (
+    Torques,
+    difference_motion,
+    measure_smooth_use,
+    measure_use,
+    spread_factors,
+)
 from compplan.plan.profile import ease_duration, ease_times, smooth_profile
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
@@ -32,6 +39,8 @@ FULL_USE, SLOW_ROUNDS = 0.999, 8
 END_ROWS, END_TIME, END_SPANS = 100, 6.0, 20.0
 #: Times of smoothing of a run whose inertia counts: the correction follows its acceleration, which has to be smooth.
 INERTIA_WINDOWS = (1.0, 1.0, 0.5)
+#: Windows of smoothing that are tried where a limit of the jerk slows a run down, in those of the task.
+WINDOWS = (1.5, 2.0, 3.0, 4.5, 7.0, 10.0)
 #: Acceleration of a joint whose folder states none, in rapid moves: full speed after this time. [s]
 FULL_SPEED_AFTER = 0.5
 
@@ -108,8 +117,9 @@ def time_command(
             time[leg] = time[first] + _time_run(task, along[leg] - along[first], q[run][leg], rows, own[leg])
         if spans:
             time = _overlap_legs(time, task.position[run], spans)
-            use = measure_use(q[run], time, task.velocity_limits, task.acceleration_limits)
-            time = time if use.max() <= 1.0 else _stretch_time(task, q[run], time, use)
+            torques = None if rules is None else partial(rules.rows, start, end)
+            use = _use_of(task, q[run], time, torques)
+            time = time if use.max() <= 1.0 else _stretch_time(task, q[run], time, use, torques)
         step[start + 1 : end + 1] = np.diff(time)
     return state_timing(task, q, time_between_cuts(task, q, np.cumsum(step)))
 
@@ -240,22 +250,46 @@ def _time_run(
     task: PlanTask, along: Array, q: Array, rows: TorqueParts | None, slow: Array
 ) -> Array:
     """Time one run from rest to rest, smoothly, and slow it down where differences of q are beyond a limit."""
+    time, rounds = _smooth_run(task, along, q, rows, slow, task.smoothing)
+    if task.jerk_limits is None or rounds == 1:
+        return time
+    for factor in WINDOWS:  # a longer ramp may cost less than a slower run
+        other = _smooth_run(task, along, q, rows, slow, factor * task.smoothing)[0]
+        if other[-1] > 1.1 * time[-1]:
+            break
+        time = min(time, other, key=lambda each: float(each[-1]))
+    return time
+
+
+def _smooth_run(
+    task: PlanTask, along: Array, q: Array, rows: TorqueParts | None, slow: Array, window: float
+) -> tuple[Array, int]:
+    """Time one run with a window of smoothing; also tell after how many rounds it keeps its limits."""
     limits = FULL_USE * task.velocity_limits, FULL_USE * task.acceleration_limits
-    gentle = 1.0 / task.smoothing if task.smoothing > 0 and task.follows_feed else NO_LIMIT
-    for _ in range(SLOW_ROUNDS):
+    gentle = 1.0 / window if window > 0 and task.follows_feed else NO_LIMIT
+    for count in range(SLOW_ROUNDS):
         speed = time_cut(along, q, *limits, rows, slow=slow, gentle=gentle)[2]
-        profile = smooth_profile(along, speed, task.smoothing)
-        for window in INERTIA_WINDOWS[1:] if task.inertia else ():
-            profile = smooth_profile(along, profile.speed, window * task.smoothing)
+        profile = smooth_profile(along, speed, window)
+        for share in INERTIA_WINDOWS[1:] if task.inertia else ():
+            profile = smooth_profile(along, profile.speed, share * window)
         time = profile.time
-        use = measure_use(q, time, task.velocity_limits, task.acceleration_limits)
+        use = _use_of(task, q, time, rows)
         if use.max() <= 1.0:
-            return time
-        slow = slow * np.minimum(spread_factors(use, time, task.smoothing), 4.0) * 1.002
-    return _stretch_time(task, q, time, use)
+            return time, count + 1
+        slow = slow * np.minimum(spread_factors(use, time, window), 4.0) * 1.002
+    return _stretch_time(task, q, time, use, rows), SLOW_ROUNDS + 1
 
 
-def _stretch_time(task: PlanTask, q: Array, time: Array, use: Array) -> Array:
+def _use_of(task: PlanTask, q: Array, time: Array, rows: Torques | None) -> Array:
+    """Tell by what factor a run is too fast: by its differences, and as a spline where jerk or torque has a limit."""
+    use = measure_use(q, time, task.velocity_limits, task.acceleration_limits)
+    if task.jerk_limits is None and rows is None:
+        return use
+    limits = task.velocity_limits, task.acceleration_limits, task.jerk_limits
+    return np.maximum(use, measure_smooth_use(q, time, *limits, rows))
+
+
+def _stretch_time(task: PlanTask, q: Array, time: Array, use: Array, rows: Torques | None) -> Array:
     """Stretch the time of a run near the places that are still too fast; all of it where that does not do."""
     reach = max(task.smoothing, 1e-3)
     for _ in range(SLOW_ROUNDS):
@@ -264,19 +298,20 @@ def _stretch_time(task: PlanTask, q: Array, time: Array, use: Array) -> Array:
         low, high = (np.clip(time + side * reach, time[0], time[-1]) for side in (-0.5, 0.5))
         mean = (np.interp(high, time, total) - np.interp(low, time, total)) / (high - low)
         time = np.r_[0.0, np.cumsum(np.diff(time) * 0.5 * (mean[1:] + mean[:-1]))]
-        use = measure_use(q, time, task.velocity_limits, task.acceleration_limits)
+        use = _use_of(task, q, time, rows)
         if use.max() <= 1.0:
             return time
     return time * float(use.max()) * 1.001
 
 
-def find_slowdown(task: PlanTask, q: Array, time: Array) -> Array:
+def find_slowdown(task: PlanTask, q: Array, time: Array, rules: TorqueRows | None = None) -> Array:
     """Tell by what factor times are too short for joint positions, nearby waypoints included: 1 where they are not.
 
     Args:
         task: The task.
         q: Joint positions. Shape (n, nq). [rad or m]
         time: Time at each waypoint. Shape (n,). [s]
+        rules: Joint torques to keep within limits, or None.
 
     Returns:
         Shape (n,).
@@ -285,54 +320,10 @@ def find_slowdown(task: PlanTask, q: Array, time: Array) -> Array:
     slower, rapid = np.ones(len(q)), np.r_[False, task.nominal.rapid[1:]]
     for start, end in cutting_runs(rapid, task.rests):
         run = slice(start, end + 1)
-        use = measure_use(q[run], time[run], task.velocity_limits, task.acceleration_limits)
+        use = _use_of(task, q[run], time[run], None if rules is None else partial(rules.rows, start, end))
         if use.max() > 1.0 and task.nominal.steps[start:end].any():
             slower[run] = np.maximum(slower[run], spread_factors(use, time[run], task.smoothing))
     return slower
-
-
-def measure_use(q: Array, time: Array, velocity_limits: Array, acceleration_limits: Array) -> Array:
-    """Tell by what factor a run from rest to rest is too fast, by differences of its joint positions: 1 at a limit.
-
-    Args:
-        q: Joint positions. Shape (k, nq). [rad or m]
-        time: Shape (k,). [s]
-        velocity_limits: Shape (nq,). [rad/s or m/s]
-        acceleration_limits: Shape (nq,). [rad/s^2 or m/s^2]
-
-    Returns:
-        max(|v| / v_max, sqrt(|a| / a_max)) at each waypoint. Shape (k,).
-
-    """
-    mean, change = difference_motion(q, time)
-    by_speed = np.abs(mean / velocity_limits).max(axis=1)
-    by_push = np.sqrt(np.abs(change / acceleration_limits).max(axis=1))
-    return np.asarray(np.maximum(np.maximum(np.r_[by_speed, 0.0], np.r_[0.0, by_speed]), by_push))
-
-
-def difference_motion(q: Array, time: Array) -> tuple[Array, Array]:
-    """Return mean velocities of the moves, shape (k - 1, nq), and accelerations at the waypoints, shape (k, nq).
-
-    The run starts and ends at rest.
-    """
-    step = np.maximum(np.diff(time), 1e-12)
-    mean = np.diff(q, axis=0) / step[:, None]
-    still = np.zeros((1, q.shape[1]))
-    change = np.diff(np.vstack([still, mean, still]), axis=0)
-    return mean, change / (0.5 * (np.r_[0.0, step] + np.r_[step, 0.0]))[:, None]
-
-
-def spread_factors(use: Array, time: Array, reach: float) -> Array:
-    """Widen factors above 1 to the waypoints within a reach of time."""
-    wide = np.maximum(use, 1.0)
-    found = np.flatnonzero(use > 1.0)
-    if not len(found):
-        return wide
-    for group in np.split(found, np.flatnonzero(np.diff(found) > 1) + 1):
-        first = int(np.searchsorted(time, time[group[0]] - reach))
-        last = int(np.searchsorted(time, time[group[-1]] + reach, side="right"))
-        wide[first:last] = np.maximum(wide[first:last], use[group].max())
-    return wide
 
 
 def _turn_in_place(task: PlanTask, q: Array, start: int) -> Array:
@@ -343,6 +334,8 @@ def _turn_in_place(task: PlanTask, q: Array, start: int) -> Array:
     feed = task.nominal.feed[start + 1]
     tip = locate_frames(task.chain, q[[0, -1]]).tcp_position
     length = float(np.linalg.norm(tip[1] - tip[0]))
+    if task.jerk_limits is not None:  # its greatest jerk is 60 d / T^3, at its ends
+        duration = max(duration, float(np.cbrt(60.0 * distance / (FULL_USE * task.jerk_limits)).max()))
     duration = max(1.1 * duration, 1.875 * length / feed if feed > 0 else 0.0, task.gentle_time)
     return ease_times(way / max(way[-1], 1e-300), duration)
 

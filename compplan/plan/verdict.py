@@ -121,7 +121,7 @@ def find_breaches(
     slower = float((find_slowdown(task, command.q, timing.time)).max())
     ratio = max(slower, timing.velocity_ratio, timing.acceleration_ratio**0.5)
     if ratio > ROUNDING:
-        breaches.append(f"a joint's velocity or acceleration passes its limit by a factor of {ratio:.3g} in time")
+        breaches.append(f"a joint's velocity, acceleration or jerk passes its limit by a factor of {ratio:.3g} in time")
     if margins.position < -1e-9:
         name = task.robot.joint_names[margins.joint]
         breaches.append(f"the position limit of {name} is passed by {-margins.position:.3g} rad or m")

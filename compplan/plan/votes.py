@@ -7,11 +7,13 @@ disagrees keeps a plan from being confirmed; what could not be looked at is said
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from compplan.cell.forces import DrivenRows
 from compplan.cell.frames import read_part
@@ -29,6 +31,8 @@ from compplan.second.robot import JointTable, read_joints
 ROUNDING = 1.002
 #: The tool may lean this much besides what loads bend. [rad]
 LEAN = float(np.radians(0.05))
+#: Time between samples in which jerks are looked for. [s]
+SAMPLE = 1e-3
 #: Rows at which inertia is worked out a second time where nothing is compensated, and its greatest difference.
 LOOKED_AT, INERTIA_SHARE, INERTIA_LEAST = 2000, 0.1, 2e-6
 
@@ -175,7 +179,28 @@ def _vote_on_motion(driven: Driven, joints: JointTable) -> list[str]:
         most = push.max(axis=0)
         for j in np.flatnonzero(most > ROUNDING * 1.01).tolist():
             found.append(f"{joints.names[j]} accelerates {most[j]:.3g} times as much as elasticity.toml allows")
-    return found
+    return [*found, *_vote_on_jerk(driven, joints)]
+
+
+def _vote_on_jerk(driven: Driven, joints: JointTable) -> list[str]:
+    """Sampled every millisecond, as a cubic spline over time through each run, no joint passes a limit of the jerk."""
+    limits, task = driven.tables.get("limits", {}), driven.task
+    after = limits.get("full_acceleration_after_s", np.inf)
+    assumed = joints.acceleration * limits.get("acceleration_scale", 1.0) / after if after < np.inf else joints.jerk
+    allowed = joints.jerk if np.isfinite(joints.jerk).any() else assumed
+    if not np.isfinite(allowed).any():
+        return []
+    rests = np.zeros(len(driven.q), bool) if task.rests is None else task.rests
+    ends = np.flatnonzero(rests | ~driven.cutting | np.r_[~driven.cutting[1:], True])
+    use = np.zeros(len(allowed))
+    for first, last in pairwise(ends):
+        rows = np.arange(first, last + 1)
+        rows = rows[np.r_[True, np.diff(driven.time[rows]) > 1e-9]]
+        samples = np.arange(driven.time[rows[0]], driven.time[rows[-1]], SAMPLE)
+        if len(rows) > 2 and len(samples) > 3:
+            curve = CubicSpline(driven.time[rows], driven.q[rows], bc_type="clamped")
+            use = np.maximum(use, np.abs(np.diff(curve(samples), 3, axis=0)).max(axis=0) / SAMPLE**3 / allowed)
+    return [f"{joints.names[j]} jerks {use[j]:.3g} times as much as is allowed" for j in np.flatnonzero(use > ROUNDING)]
 
 
 def _state(over: float, slides: bool) -> str:

@@ -30,6 +30,8 @@ def _expect_three(value: object) -> object:
 
 #: What a joint's acceleration may be limited to. [rad/s^2, m/s^2]
 Acceleration = Annotated[float, Field(ge=1e-3, le=1e6)]
+#: What the change of a joint's acceleration may be limited to. [rad/s^3, m/s^3]
+Jerk = Annotated[float, Field(ge=1e-2, le=1e9)]
 Triple = Annotated[Vector3, BeforeValidator(_expect_three)]
 
 
@@ -114,6 +116,7 @@ class ElasticityTable(StrictTable):
     flange: str | None = Field(default=None, min_length=1)
     gravity: Triple | None = None
     acceleration_limits: Annotated[tuple[Acceleration, ...], Field(strict=False)] | None = None
+    jerk_limits: Annotated[tuple[Jerk, ...], Field(strict=False)] | None = None
     repeatability_mm: float | None = Field(default=None, ge=0.0, le=MOST_SCATTER)
     sources: dict[str, str] = Field(default_factory=dict)
     grade: str = "placeholder"

@@ -111,10 +111,11 @@ def read_robot_folder(folder: Path) -> Robot:
     if flange not in chain_links:
         raise UnknownNameError("frame", flange, chain_links, file=elasticity_file, where="flange")
     nq = sum(joint.actuated for joint in joints)
-    accelerations = table.acceleration_limits
-    if accelerations is not None and len(accelerations) != nq:
-        message = f"has {len(accelerations)} numbers, expected {nq}, one a joint"
-        raise InputError(message, file=elasticity_file, where="acceleration_limits")
+    accelerations, jerks = table.acceleration_limits, table.jerk_limits
+    for name, limits in (("acceleration_limits", accelerations), ("jerk_limits", jerks)):
+        if limits is not None and len(limits) != nq:
+            message = f"has {len(limits)} numbers, expected {nq}, one a joint"
+            raise InputError(message, file=elasticity_file, where=name)
     return Robot(
         name=escape_bytes(folder.resolve().name),
         urdf=text,
@@ -127,6 +128,7 @@ def read_robot_folder(folder: Path) -> Robot:
         flange=flange,
         gravity=None if table.gravity is None else np.array(table.gravity),
         acceleration_limits=np.full(nq, np.inf) if accelerations is None else np.array(accelerations),
+        jerk_limits=None if jerks is None else np.array(jerks),
         repeatability=None if table.repeatability_mm is None else table.repeatability_mm * 1e-3,
         sources=dict(table.sources),
         grade=table.grade,
@@ -243,6 +245,8 @@ def _elasticity_table(robot: Robot) -> dict[str, Any]:
         table["gravity"] = [float(value) for value in robot.gravity]
     if np.isfinite(robot.acceleration_limits).all():
         table["acceleration_limits"] = [float(value) for value in robot.acceleration_limits]
+    if robot.jerk_limits is not None:
+        table["jerk_limits"] = [float(value) for value in robot.jerk_limits]
     if robot.repeatability is not None:
         table["repeatability_mm"] = robot.repeatability * 1e3
     table["sources"] = dict(robot.sources)

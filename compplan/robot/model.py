@@ -149,6 +149,7 @@ class Robot(Shown):
         flange: Frame on which tools are mounted.
         gravity: Gravity in base axes, or None where the model carries no gravity load. Shape (3,). [m/s^2]
         acceleration_limits: One per actuated joint, infinite where unknown. Shape (nq,). [rad/s^2 or m/s^2]
+        jerk_limits: Greatest change of acceleration, or None where nobody states it. Shape (nq,). [rad/s^3 or m/s^3]
         repeatability: One standard deviation, or None. [m]
         sources: Where the numbers come from.
         grade: How far the numbers can be trusted: identified, literature, scaled or placeholder.
@@ -171,6 +172,7 @@ class Robot(Shown):
     flange: str
     gravity: Array | None
     acceleration_limits: Array
+    jerk_limits: Array | None = None
     repeatability: float | None = None
     sources: Mapping[str, str] = field(default_factory=dict)
     grade: str = "placeholder"

@@ -20,7 +20,7 @@ class JointTable:
     Attributes:
         names: Names. nq of them.
         slides: Whether they are prismatic. Shape (nq,).
-        lower, upper, velocity, effort, acceleration: Limits, infinite where none is stated. Shape (nq,).
+        lower, upper, velocity, effort, acceleration, jerk: Limits, infinite where none is stated. Shape (nq,).
 
     """
 
@@ -31,6 +31,7 @@ class JointTable:
     velocity: Array
     effort: Array
     acceleration: Array
+    jerk: Array
 
 
 def read_joints(folder: Path) -> JointTable:
@@ -67,8 +68,8 @@ def read_joints(folder: Path) -> JointTable:
             )
         )
     lower, upper, velocity, effort = np.array(limits, dtype=float).T
-    push = table.get("acceleration_limits")
-    acceleration = np.full(len(chain), math.inf) if push is None else np.array(push, dtype=float)
+    none = [math.inf] * len(chain)
+    acceleration, jerk = (np.array(table.get(f"{name}_limits", none), float) for name in ("acceleration", "jerk"))
     slides = tuple(joint.get("type") == "prismatic" for joint in chain)
     names = tuple(joint.get("name", "") for joint in chain)
-    return JointTable(names, slides, lower, upper, velocity, effort, acceleration)
+    return JointTable(names, slides, lower, upper, velocity, effort, acceleration, jerk)

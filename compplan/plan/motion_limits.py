@@ -1,0 +1,141 @@
+"""By what factor a run is too fast for velocity, acceleration, jerk and torque of its joints.
+
+Velocity and acceleration count by differences of the joint positions. Where jerk or torque has a limit, all count along
+a cubic spline over time through the run, at rest at both ends, as a controller may follow it: between two waypoints its
+acceleration is linear and its jerk constant, so that their greatest values are known exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from compplan.robot import Array, Robot
+
+#: Time in which an acceleration counts as come that a run begins or ends with. [s]
+CYCLE = 1e-3
+#: Steps of time below this are none. [s]
+AT_ONCE = 1e-9
+#: Joint velocity and acceleration (k, nq) to what inertia puts on the joints, what weight and force do, and the limits.
+Torques = Callable[[Array, Array], tuple[Array, Array, Array, Array]]
+
+
+def limit_jerk(robot: Robot, scale: float = 1.0, after: float | None = None) -> Array | None:
+    """Return the jerk limits of a robot: the folder's, else as assumed, None where neither says any.
+
+    Args:
+        robot: The robot.
+        scale: Share of the acceleration limits that may be used.
+        after: Time in which a joint is assumed to reach that acceleration, or None. [s]
+
+    Returns:
+        Shape (nq,). [rad/s^3 or m/s^3]
+
+    """
+    if robot.jerk_limits is not None:
+        return robot.jerk_limits
+    return None if after is None else np.asarray(scale * robot.acceleration_limits / after)
+
+
+def describe_jerk(robot: Robot, after: float | None) -> str:
+    """Say what limits the jerk and where that comes from, "" where nothing does."""
+    if robot.jerk_limits is not None:
+        return "The jerk of every joint is held to jerk_limits of the robot folder, with the motion as a cubic spline."
+    if after is None:
+        return ""
+    return (f"The jerk of every joint is held to an assumed limit: full acceleration after {after:g} s "
+            "(limits.full_acceleration_after_s); the robot folder states none.")  # fmt: skip
+
+
+def measure_smooth_use(
+    q: Array, time: Array, velocity_limits: Array, acceleration_limits: Array, jerk_limits: Array | None,
+    torques: Torques | None = None,
+) -> Array:  # fmt: skip
+    """Tell by what factor a run from rest to rest is too fast, as a cubic spline over time: 1 at a limit.
+
+    Slower by a factor f, a run has 1/f of the velocity, 1/f^2 of the acceleration and of what inertia puts on the
+    joints, 1/f^3 of the jerk: the greatest of |v|/v_max, (|a|/a_max)^(1/2), (|j|/j_max)^(1/3) and, with the torque D of
+    inertia and S of weight and force within L, (D / (L - S))^(1/2).
+
+    Args:
+        q: Joint positions. Shape (k, nq). [rad or m]
+        time: Shape (k,). [s]
+        velocity_limits: Shape (nq,). [rad/s or m/s]
+        acceleration_limits: Shape (nq,). [rad/s^2 or m/s^2]
+        jerk_limits: Shape (nq,), or None. [rad/s^3 or m/s^3]
+        torques: The joint torques that a motion along the run needs, or None.
+
+    Returns:
+        Shape (k,).
+
+    """
+    rows = np.flatnonzero(np.r_[True, np.diff(time) > AT_ONCE])
+    if len(rows) < 2:
+        return np.ones(len(q))
+    curve = CubicSpline(time[rows], q[rows], bc_type="clamped")
+    step = np.diff(time[rows])[:, None]
+    jerk, start, speed = 6.0 * curve.c[0], 2.0 * curve.c[1], curve.c[2]
+    push = np.vstack([start, start[-1:] + jerk[-1:] * step[-1]])
+    still = np.clip(np.where(jerk == 0.0, 0.0, -start / np.where(jerk == 0.0, 1.0, jerk)), 0.0, step)
+    fastest = np.maximum(np.abs(speed), np.abs(speed + still * (start + 0.5 * still * jerk)))
+    by_move = (fastest / velocity_limits).max(axis=1)
+    at_rows = np.sqrt((np.abs(push) / acceleration_limits).max(axis=1))
+    if jerk_limits is not None:
+        by_move = np.maximum(by_move, np.cbrt((np.abs(jerk) / jerk_limits).max(axis=1)))
+        ends = np.cbrt((np.abs(push[[0, -1]]) / CYCLE / jerk_limits).max(axis=1))
+        at_rows[[0, -1]] = np.maximum(at_rows[[0, -1]], ends)
+    if torques is not None:
+        velocity = np.zeros_like(q)
+        acceleration = np.zeros_like(q)
+        velocity[rows], acceleration[rows] = np.vstack([speed, np.zeros((1, q.shape[1]))]), push
+        _, moving, held, most = torques(velocity, acceleration)
+        room = np.where(moving > 0.0, most - held, most + held)[rows]
+        at_rows = np.maximum(at_rows, np.sqrt((np.abs(moving[rows]) / np.maximum(room, 1e-12)).max(axis=1)))
+    at_rows = np.maximum(at_rows, np.maximum(np.r_[by_move, 0.0], np.r_[0.0, by_move]))
+    return np.asarray(at_rows[np.searchsorted(rows, np.arange(len(q)), side="right") - 1])
+
+
+def measure_use(q: Array, time: Array, velocity_limits: Array, acceleration_limits: Array) -> Array:
+    """Tell by what factor a run from rest to rest is too fast, by differences of its joint positions: 1 at a limit.
+
+    Args:
+        q: Joint positions. Shape (k, nq). [rad or m]
+        time: Shape (k,). [s]
+        velocity_limits: Shape (nq,). [rad/s or m/s]
+        acceleration_limits: Shape (nq,). [rad/s^2 or m/s^2]
+
+    Returns:
+        max(|v| / v_max, sqrt(|a| / a_max)) at each waypoint. Shape (k,).
+
+    """
+    mean, change = difference_motion(q, time)
+    by_speed = np.abs(mean / velocity_limits).max(axis=1)
+    by_push = np.sqrt(np.abs(change / acceleration_limits).max(axis=1))
+    return np.asarray(np.maximum(np.maximum(np.r_[by_speed, 0.0], np.r_[0.0, by_speed]), by_push))
+
+
+def difference_motion(q: Array, time: Array) -> tuple[Array, Array]:
+    """Return mean velocities of the moves, shape (k - 1, nq), and accelerations at the waypoints, shape (k, nq).
+
+    The run starts and ends at rest.
+    """
+    step = np.maximum(np.diff(time), 1e-12)
+    mean = np.diff(q, axis=0) / step[:, None]
+    still = np.zeros((1, q.shape[1]))
+    change = np.diff(np.vstack([still, mean, still]), axis=0)
+    return mean, change / (0.5 * (np.r_[0.0, step] + np.r_[step, 0.0]))[:, None]
+
+
+def spread_factors(use: Array, time: Array, reach: float) -> Array:
+    """Widen factors above 1 to the waypoints within a reach of time."""
+    wide = np.maximum(use, 1.0)
+    found = np.flatnonzero(use > 1.0)
+    if not len(found):
+        return wide
+    for group in np.split(found, np.flatnonzero(np.diff(found) > 1) + 1):
+        first = int(np.searchsorted(time, time[group[0]] - reach))
+        last = int(np.searchsorted(time, time[group[-1]] + reach, side="right"))
+        wide[first:last] = np.maximum(wide[first:last], use[group].max())
+    return wide
