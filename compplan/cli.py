@@ -16,6 +16,7 @@ from typing import Any
 
 import click
 
+from compplan import commands
 from compplan.commands.loudness import offer_loudness
 from compplan.commands.streams import steady_streams
 from compplan.errors import CompplanError, InputError, find_near
@@ -29,29 +30,30 @@ DEBUG = "COMPPLAN_DEBUG"
 #: more, and on a busy machine threads that wait for one another take six times the processor time.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
-COMMANDS = {
-    "plan": "compplan.commands.plan",
-    "compare": "compplan.commands.compare",
-    "montecarlo": "compplan.commands.montecarlo",
-    "map": "compplan.commands.map",
-    "identify": "compplan.commands.identify",
-    "diagnose": "compplan.commands.diagnose",
-    "predict": "compplan.commands.predict",
-    "campaign": "compplan.commands.campaign",
-    "learn": "compplan.commands.learn",
-    "certificate": "compplan.commands.certificate",
-    "convert": "compplan.commands.convert",
-    "post": "compplan.commands.post",
-    "execute": "compplan.commands.execute",
-    "trace": "compplan.commands.trace",
-    "reproduce": "compplan.commands.reproduce",
-    "place": "compplan.commands.place",
-    "forces": "compplan.commands.forces",
-    "view": "compplan.commands.view",
-    "init": "compplan.commands.init",
-    "doctor": "compplan.commands.doctor",
-    "completion": "compplan.commands.completion",
-}
+#: Every command, by the name of its file in `compplan.commands`.
+COMMANDS = (
+    "plan",
+    "compare",
+    "montecarlo",
+    "map",
+    "identify",
+    "diagnose",
+    "predict",
+    "campaign",
+    "learn",
+    "certificate",
+    "convert",
+    "post",
+    "execute",
+    "trace",
+    "reproduce",
+    "place",
+    "forces",
+    "view",
+    "init",
+    "doctor",
+    "completion",
+)  # fmt: skip
 
 
 class LazyGroup(click.Group):
@@ -70,7 +72,7 @@ class LazyGroup(click.Group):
         if cmd_name not in COMMANDS:
             return None
         put_off()  # loads numpy, as every command does, and therefore not before
-        command: click.Command = importlib.import_module(COMMANDS[cmd_name]).command
+        command: click.Command = importlib.import_module(f"{commands.__name__}.{cmd_name}").command
         return offer_loudness(command)
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -116,7 +118,7 @@ def refuse_twice(command: click.Command, words: Sequence[str]) -> None:
 
 def describe_command(name: str) -> str:
     """Return what a command is for, from the text of its module."""
-    file = Path(__file__).parent.joinpath(*COMMANDS[name].split(".")[1:]).with_suffix(".py")
+    file = Path(str(commands.__file__)).with_name(f"{name}.py")
     first = (ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or "").partition("\n")[0]
     return (first.partition("`: ")[2] or first).rstrip(".")
 

@@ -58,6 +58,8 @@ with warnings.catch_warnings(record=True) as told:
     warnings.simplefilter("always")
     import numpy as np
     import compplan as cp
+    from compplan.job.job import Job
+    from compplan.job.text import write_job_text
     from compplan.program import WRITERS
     angle = np.linspace(0, 6, 60)
     xyz = np.column_stack([10 * np.cos(angle), 10 * np.sin(angle), 0 * angle])
@@ -67,7 +69,10 @@ with warnings.catch_warnings(record=True) as told:
     path = cp.read_toolpath("part.dots")
 print(json.dumps({"status": plan.status, "strategy": plan.strategy, "before": plan.before.max_deviation,
     "force": float(np.abs(plan.task.wrench[:, :3]).max()), "effects": "loose_bolt" in cp.EFFECTS,
-    "path": path.cutting_length, "krl": WRITERS["krl"].__name__, "told": [str(w.message) for w in told]}))
+    "path": path.cutting_length, "krl": WRITERS["krl"].__name__,
+    "unsaid": [name for name in ("careful", "plainly", "loose_bolt", "polishing")
+               if name not in str(Job.model_json_schema()) or name not in write_job_text()],
+    "told": [str(w.message) for w in told]}))
 """
 
 
@@ -95,7 +100,7 @@ def test_a_package_adds_one_of_each_and_no_other_is_touched(package, tmp_path) -
     assert said["status"] == "solved" and said["strategy"] == "careful" and said["effects"]
     assert said["force"] == pytest.approx(200.0) and said["before"] > 1e-5
     assert said["path"] == pytest.approx(0.009) and (work / "out" / "p.plain").is_file()
-    assert said["krl"] == "compplan.program.krl"
+    assert said["unsaid"] == [] and said["krl"] == "compplan.program.krl"
     left = [line for line in said["told"] if "is left out" in line]
     assert len(left) == 2 and any("'krl' of strange" in line and "its name is taken" in line for line in left)
     assert any("'broken' of strange" in line and "no_such_module" in line for line in left)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
+import re
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -12,12 +14,15 @@ import pytest
 from commandline import run_command
 from simulated_campaigns import measure, plan_rows, write_small_robot
 from test_bad_input import write_job
+from test_golden_programs import FORMS
 
 import compplan as cp
 from compplan.effects.attained import attain_with_effects
 from compplan.job.job import Job
-from compplan.job.names import STRATEGIES
+from compplan.job.names import EFFECTS
+from compplan.job.text import write_job_text
 from compplan.path.cam import READERS
+from compplan.plan.strategies.online import ONLINE, STRATEGIES
 from compplan.program import WRITERS
 from compplan.report.effect_words import describe_effect
 
@@ -37,16 +42,15 @@ def add_module(tmp_path, monkeypatch):
 
 
 def test_a_strategy_is_one_file_and_one_line(add_module, tmp_path, monkeypatch, capsys) -> None:
-    add_module("timid", "from compplan.plan.strategies.none import command_path\n")
+    module = add_module("timid", "from compplan.plan.strategies.none import command_path\nwords = 'with much care'\n")
     assert run_command(["plan", write_job(tmp_path, plan='strategy = "timid"'), "--out", tmp_path / "o"],
                        monkeypatch, capsys).status == 2  # fmt: skip
-    monkeypatch.setitem(STRATEGIES, "timid", "timid")
+    monkeypatch.setitem(STRATEGIES, "timid", module)
     assert "timid" in str(Job.model_json_schema())
     answer = run_command(["compare", write_job(tmp_path), "--out", tmp_path / "out"], monkeypatch, capsys)
     assert answer.status == 0 and "timid" in answer.out
-    assert "timid" in (tmp_path / "out" / "report.html").read_text()
-    run_command(["init", tmp_path / "new.toml"], monkeypatch, capsys)
-    assert "| timid" in (tmp_path / "new.toml").read_text()
+    assert "with much care" in (tmp_path / "out" / "report.html").read_text().lower()
+    assert "| timid" in write_job_text()
 
 
 def test_a_program_language_is_one_file_and_one_line(add_module, tmp_path, monkeypatch, capsys) -> None:
@@ -59,7 +63,7 @@ def test_a_program_language_is_one_file_and_one_line(add_module, tmp_path, monke
         "    return [file]\n",
     )
     monkeypatch.setitem(WRITERS, "plainly", module)
-    assert "plainly" in str(Job.model_json_schema())
+    assert "plainly" in str(Job.model_json_schema()) and "| plainly" in write_job_text()
     job = write_job(tmp_path, plan='[output]\nprograms = ["plainly"]')
     answer = run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys)
     assert answer.status == 0, answer.err
@@ -84,7 +88,7 @@ def test_a_reader_is_one_file_and_one_line(add_module, tmp_path, monkeypatch, ca
     assert refused.status == 2 and ".gcode" in refused.err
     monkeypatch.setitem(READERS, "dots", module)
     read = run_command(command, monkeypatch, capsys)
-    assert read.status == 0 and "dots" in read.out
+    assert read.status == 0 and "dots" in read.out and ", dots)" in write_job_text()
     assert cp.read_toolpath(tmp_path / "part.dots").cutting_length == pytest.approx(0.015)
 
 
@@ -112,6 +116,7 @@ def fold(robot, effect):
 
 def test_an_effect_is_one_file_and_one_line(add_module, tmp_path, monkeypatch) -> None:
     monkeypatch.setitem(cp.EFFECTS, "wavy_floor", add_module("wavy_floor", WAVY_FLOOR))
+    assert "wavy_floor" in str(Job.model_json_schema()) and "| wavy_floor" in write_job_text()
     robot = write_small_robot(tmp_path / "robot")
     effect = cp.Effect("wavy_floor", "joint_1", None, {"height_m": 4e-4})
     assert "rises and falls as joint_1 turns" in describe_effect({"effect": "wavy_floor", "joint": "joint_1"})
@@ -132,6 +137,26 @@ def test_an_effect_is_one_file_and_one_line(add_module, tmp_path, monkeypatch) -
     diagnosis = cp.diagnose_campaign(robot, measure(robot, rows, [effect], seed=6))
     assert [finding.effect.name for finding in diagnosis.verdict.findings] == ["wavy_floor"]
     assert diagnosis.updated.effects[0]["parameters"]["height_m"] == pytest.approx(4e-4, rel=0.05)
+
+
+def test_every_language_is_read_back_by_a_reader_of_the_tests_own_and_every_module_declares_what_it_is_called() -> None:
+    assert {form.split()[0] for form in FORMS} == set(WRITERS)
+    assert all(module.name == name for registry in (WRITERS, READERS, EFFECTS) for name, module in registry.items())
+    assert all(module.words for registry in (STRATEGIES, ONLINE, EFFECTS) for module in registry.values())
+
+
+def test_no_room_names_a_module_of_another_as_a_string() -> None:
+    """The import contract sees every arrow: strings such as "compplan.plan.x" stand at the front door alone."""
+    root = Path(cp.__file__).parent
+    named = {
+        f"{file.relative_to(root)}: {node.value}"
+        for file in root.rglob("*.py")
+        if file.parent != root
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and re.fullmatch(r"compplan(\.\w+)+(:\w+)?", str(node.value))
+        if root.parent.joinpath(*str(node.value).partition(":")[0].split(".")).with_suffix(".py").is_file()
+    }
+    assert not named
 
 
 def test_the_door_opens_every_name_and_loads_nothing_heavy() -> None:

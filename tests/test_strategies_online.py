@@ -7,9 +7,8 @@ import pytest
 from montecarlo_cases import cone_study
 
 from compplan.errors import InputError, UnknownNameError
-from compplan.job.names import ONLINE, STRATEGIES
 from compplan.plan.correction_loop import Loop, Plant, largest_pole, run_loop
-from compplan.plan.strategies.online import prepare_answers
+from compplan.plan.strategies.online import ONLINE, STRATEGIES, prepare_answers
 from compplan.plan.strategies.online_correction import LITERAL, PI, PID
 from compplan.robot import Array, load_robot
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames

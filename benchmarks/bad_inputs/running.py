@@ -68,8 +68,8 @@ def load_commands() -> None:
 
     from compplan.cli import COMMANDS
 
-    for module in COMMANDS.values():
-        importlib.import_module(module)
+    for name in COMMANDS:
+        importlib.import_module(f"compplan.commands.{name}")
     for module in ("compplan.report", "matplotlib.pyplot", "rich.table", "casadi", "eaik"):
         importlib.import_module(module)
     for encoding in ("utf-8-sig", "utf-16", "latin-1"):

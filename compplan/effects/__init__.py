@@ -25,64 +25,17 @@ from typing import Any
 
 import numpy as np
 
-from compplan.effects import (
-    backlash,
-    base_compliance,
-    base_frame,
-    frame_shift,
-    gravity_compensator,
-    gravity_sag,
-    joint_coupling,
-    joint_offset,
-    joint_stiffness,
-    link_compliance,
-    link_geometry,
-    payload,
-    stiffness_nonlinearity,
-    thermal_drift,
-    time_skew,
-    tool_frame,
-    tool_shift,
-    tracking_lag,
-    transmission_error,
-    wrench_bias,
-    wrench_scale,
-)
 from compplan.effects.checks import check_effect
 from compplan.effects.scene import Attained, Scene, attain_scene, stage_scene
 from compplan.effects.signature import Effect, EffectModel, Signature
 from compplan.errors import InputError, UnknownNameError
-from compplan.files.plugins import load_plugins
+from compplan.files.plugins import Registry
+from compplan.job import names
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot
 
-#: Every effect of the vocabulary, by name, in the order in which effects enter a scene: what changes the robot first,
-#: what needs its poses later. A new effect is one new file and one line here.
-_OWN: tuple[EffectModel, ...] = (
-    joint_stiffness,
-    link_compliance,
-    base_compliance,
-    stiffness_nonlinearity,
-    gravity_sag,
-    payload,
-    gravity_compensator,
-    joint_offset,
-    link_geometry,
-    tool_frame,
-    base_frame,
-    backlash,
-    transmission_error,
-    thermal_drift,
-    wrench_bias,
-    wrench_scale,
-    tracking_lag,
-    frame_shift,
-    tool_shift,
-    joint_coupling,
-    time_skew,
-)
-EFFECTS: dict[str, EffectModel] = {module.name: module for module in _OWN}
-EFFECTS.update(load_plugins("effects", EFFECTS))
+#: Every effect of the vocabulary, by name. A new effect is one new file and one line in `compplan.job.names`.
+EFFECTS: Registry[EffectModel] = names.EFFECTS.held_by(__name__).load_installed()
 
 __all__ = [
     "EFFECTS", "Attained", "Effect", "Scene", "Signature", "apply_effects", "attain_scene", "command_campaign",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 import warnings
-from collections.abc import Collection, Iterator, Mapping, MutableMapping
+from collections.abc import Collection, Iterable, Iterator, MutableMapping
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, TypeVar
@@ -17,7 +17,7 @@ GROUPS = {
     "readers": "module with name, suffixes, recognise, read",
     "languages": "module with name, write",
     "effects": "module with name, words, signatures, apply, fold",
-    "strategies": "module with command_path",
+    "strategies": "module with words, command_path",
     "force_models": "table, a subclass of compplan.path.contact.PathForceTable",
 }
 
@@ -25,33 +25,61 @@ Entry = TypeVar("Entry")
 
 
 class Registry(MutableMapping[str, Entry]):
-    """What is found by name: modules of one package, imported when they are first asked for, and what is added."""
+    """What is found by name: one module a name, in the package that holds them, imported when it is first asked for.
 
-    def __init__(self, package: str, modules: Mapping[str, str]) -> None:
-        self._package, self._modules = package, dict(modules)
+    A room below that package may list the names; the package opens the registry then with `held_by`. What is added
+    later, or by an installed package, is a module too.
+    """
+
+    def __init__(self, names: Iterable[str], package: str = "") -> None:
+        self._package, self._names = package, dict.fromkeys(names)
+        self._installed: dict[str, EntryPoint] = {}
         self._loaded: dict[str, Entry] = {}
 
+    def held_by(self, package: str) -> Registry[Entry]:
+        """Say which package holds the modules; return the registry."""
+        self._package = package
+        return self
+
+    def install(self, what: str) -> Registry[Entry]:
+        """Add the names of plug-ins, one of `GROUPS`, without loading them; return the registry."""
+        for entry in find_plugins(what, self._names):
+            self._names[entry.name], self._installed[entry.name] = None, entry
+        return self
+
+    def load_installed(self) -> Registry[Entry]:
+        """Load the plug-ins; those that cannot be loaded are left out. Return the registry."""
+        for name in list(self._installed):
+            if (module := _load(self._installed.pop(name))) is None:
+                del self._names[name]
+            else:
+                self._loaded[name] = module
+        return self
+
     def __getitem__(self, name: str) -> Entry:
+        if name not in self._names:
+            raise KeyError(name)
         if name not in self._loaded:
-            module: Any = importlib.import_module(f"{self._package}.{self._modules[name]}")
+            own = self._installed.get(name)
+            module: Any = importlib.import_module(f"{self._package}.{name}") if own is None else own.load()
             self._loaded[name] = module
         return self._loaded[name]
 
     def __setitem__(self, name: str, entry: Entry) -> None:
-        self._modules[name], self._loaded[name] = name, entry
+        self._names[name], self._loaded[name] = None, entry
 
     def __delitem__(self, name: str) -> None:
-        del self._modules[name]
+        del self._names[name]
         self._loaded.pop(name, None)
 
     def __contains__(self, name: object) -> bool:
-        return name in self._modules
+        return name in self._names
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._modules)
+        return iter(self._names)
 
     def __len__(self) -> int:
-        return len(self._modules)
+        return len(self._names)
 
 
 @cache
@@ -82,13 +110,17 @@ def load_plugins(what: str, taken: Collection[str]) -> dict[str, Any]:
         what: One of `GROUPS`.
         taken: Names that the registry holds already.
     """
-    loaded: dict[str, Any] = {}
-    for entry in find_plugins(what, taken):
-        try:
-            loaded[entry.name] = entry.load()
-        except Exception as error:  # of a stranger's module anything may come
-            _leave_out(entry, f"{type(error).__name__}: {error}")
-    return loaded
+    loaded = {entry.name: _load(entry) for entry in find_plugins(what, taken)}
+    return {name: plugin for name, plugin in loaded.items() if plugin is not None}
+
+
+def _load(entry: EntryPoint) -> Any:
+    """Load a plug-in; None where it cannot be loaded."""
+    try:
+        return entry.load()
+    except Exception as error:  # of a stranger's module anything may come
+        _leave_out(entry, f"{type(error).__name__}: {error}")
+        return None
 
 
 def _leave_out(entry: EntryPoint, why: str) -> None:

@@ -1,30 +1,51 @@
-"""What a job may name: strategies of a plan, strategies that read sensors, presets of the posture.
+"""What a job may name: effects, strategies of a plan, and those that read sensors while the part is cut.
 
-Each name stands for one file; the file is imported when it is first used, so that a job is checked before anything
-heavy is loaded. Job schema, help texts, commented job and pages read these lists. Program languages are listed in
-`compplan.program`, CAM readers in `compplan.path.cam`, effects in `compplan.effects`.
+Each name is that of one file in `compplan.effects` or `compplan.plan.strategies`, which open these registries; a file
+is imported when it is first used, so that a job is checked before anything heavy is loaded. Job schema, help texts,
+commented job and pages read these lists. Program languages are listed in `compplan.program`, CAM readers in
+`compplan.path.cam`, force models in `compplan.path.process`.
 """
 
 from __future__ import annotations
 
-from compplan.files.plugins import find_plugins
+from typing import Any
 
-#: Strategies of a plan: the module that holds `command_path(task)`.
-STRATEGIES = {
-    "none": "compplan.plan.strategies.none",
-    "mirror": "compplan.plan.strategies.mirror",
-    "iterated_mirror": "compplan.plan.strategies.iterated_mirror",
-    "nlp": "compplan.plan.strategies.nlp",
-}
-STRATEGIES.update({entry.name: entry.value for entry in find_plugins("strategies", STRATEGIES)})
-#: Strategies that read sensors while the part is cut: module and the function that prepares them from (task, maps).
-ONLINE = {
-    "secondary_encoder": "compplan.plan.strategies.secondary_encoder:prepare",
-    "both_encoders": "compplan.plan.strategies.both_encoders:prepare",
-    "encoder_force": "compplan.plan.strategies.encoder_force:prepare",
-    "force_sensor_reduced": "compplan.plan.strategies.force_sensor:prepare_reduced",
-    "force_sensor_full": "compplan.plan.strategies.force_sensor:prepare_full",
-    "online_pi": "compplan.plan.strategies.online_correction:prepare_pi",
-    "online_pid": "compplan.plan.strategies.online_correction:prepare_pid",
-    "first_part": "compplan.plan.strategies.first_part:prepare",
-}
+from compplan.files.plugins import Registry
+
+#: Effects, in the order in which they enter a scene: what changes the robot first, what needs its poses later.
+EFFECTS: Registry[Any] = Registry[Any]((
+    "joint_stiffness",
+    "link_compliance",
+    "base_compliance",
+    "stiffness_nonlinearity",
+    "gravity_sag",
+    "payload",
+    "gravity_compensator",
+    "joint_offset",
+    "link_geometry",
+    "tool_frame",
+    "base_frame",
+    "backlash",
+    "transmission_error",
+    "thermal_drift",
+    "wrench_bias",
+    "wrench_scale",
+    "tracking_lag",
+    "frame_shift",
+    "tool_shift",
+    "joint_coupling",
+    "time_skew",
+)).install("effects")  # fmt: skip
+#: Strategies of a plan: a file with `words` and `command_path(task)`.
+STRATEGIES: Registry[Any] = Registry[Any](("none", "mirror", "iterated_mirror", "nlp")).install("strategies")
+#: Strategies that read sensors while the part is cut: a file with `words` and `prepare(task, maps)`.
+ONLINE: Registry[Any] = Registry[Any]((
+    "secondary_encoder",
+    "both_encoders",
+    "encoder_force",
+    "force_sensor_reduced",
+    "force_sensor_full",
+    "online_pi",
+    "online_pid",
+    "first_part",
+))  # fmt: skip

@@ -10,7 +10,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from compplan.files.tomlfile import StrictTable
+from compplan.files.tomlfile import OneOf, StrictTable
+from compplan.job.names import EFFECTS
 
 #: Where the defaults come from, key by key.
 SOURCES: dict[str, str] = {
@@ -57,7 +58,7 @@ OF_ROBOT = (
 class EffectNoise(StrictTable):
     """[[noise.effects]]: an effect of the vocabulary that the cell may have; parameters are standard deviations, SI."""
 
-    effect: str
+    effect: Annotated[str, OneOf(EFFECTS)]
     joint: str | None = None
     axis: str | None = None
     parameters: dict[str, float | list[float]]

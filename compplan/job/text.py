@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from textwrap import wrap
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.job.names import STRATEGIES
+from compplan.job.names import EFFECTS, STRATEGIES
 from compplan.path.cam import READERS, list_suffixes
 from compplan.path.forces.materials import MATERIALS
+from compplan.path.process import MODELS
 from compplan.program import WRITERS
 from compplan.program.pendant import locate_pendant
 from compplan.robot import Robot
@@ -31,6 +33,8 @@ def write_job_text() -> str:
     """Write the commented job; what can be chosen stands as the registries say it."""
     choices = {
         "<strategies>": " | ".join(STRATEGIES),
+        "<models>": _wrap_names(MODELS),
+        "<effects>": _wrap_names(EFFECTS),
         "<programs>": " | ".join(WRITERS),
         "<materials>": " | ".join(MATERIALS),
         "<readers>": ", ".join(READERS),
@@ -40,6 +44,11 @@ def write_job_text() -> str:
     for mark, names in choices.items():
         text = text.replace(mark, names)
     return text
+
+
+def _wrap_names(names: Iterable[str]) -> str:
+    """Put names into lines of a remark behind a key."""
+    return f"\n{'':36}#   ".join(wrap(" | ".join(names), 80))
 
 
 def mount_tool(text: str, robot: Robot, *, used: bool) -> str:

@@ -9,17 +9,16 @@ import numpy as np
 
 from compplan.errors import InputError, UnknownNameError
 from compplan.files.notes import Stop
-from compplan.files.plugins import Registry, load_plugins
+from compplan.files.plugins import Registry
 from compplan.program.counting import load_controller
 from compplan.program.machine import Wiring, describe_events
 from compplan.program.program import Language, Program, build_program
 from compplan.robot import Robot
 
-_OWN = ("krl", "val3", "fanuc_ls", "rapid", "urscript", "sinumerik", "inform", "kawasaki_as")
-#: Module of each language, by name: that of the module but for tables of joints. It may also say whose controllers
+_OWN = ("krl", "val3", "fanuc_ls", "rapid", "urscript", "sinumerik", "inform", "kawasaki_as", "csv")
+#: Every language, by the name of its module. It may also say whose controllers
 #: speak the language (BRAND), its words for events (PHRASES), and what a user has to know of a program (describe).
-WRITERS: Registry[Language] = Registry(__name__, {**{name: name for name in _OWN}, "csv": "joint_csv"})
-WRITERS.update(load_plugins("languages", WRITERS))
+WRITERS: Registry[Language] = Registry[Language](_OWN, __name__).install("languages").load_installed()
 
 __all__ = [
     "WRITERS", "Program", "Wiring", "build_program", "check_brand", "check_languages", "describe_program",

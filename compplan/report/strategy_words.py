@@ -4,21 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from compplan.plan.strategies.online import ONLINE, PLAIN, STRATEGIES
 from compplan.report.style import AFTER, BEFORE, NEUTRAL
-
-WORDS = {
-    "none": "no correction", "mirror": "mirror", "iterated_mirror": "repeated mirror",
-    "nlp": "optimised (nlp)", "nlp_plain_posture": "optimised in the CAM posture",
-    "secondary_encoder": "encoders behind the gears", "both_encoders": "encoders on both sides",
-    "encoder_force": "force from encoders", "force_sensor_reduced": "force sensor (joints)",
-    "force_sensor_full": "force sensor (all)", "online_pi": "online loop (PI)", "online_pid": "online loop (PID)",
-    "first_part": "learned from a first part",
-}  # fmt: skip
 
 
 def name_strategy(name: str) -> str:
-    """Name a strategy in a few words."""
-    return WORDS.get(name, name.replace("_", " "))
+    """Name a strategy in a few words: those of its file, its name where that has none."""
+    if name == PLAIN:
+        return "optimised in the CAM posture"
+    module = STRATEGIES.get(name) or ONLINE.get(name)
+    return str(getattr(module, "words", name.replace("_", " ")))
 
 
 def colour_strategies(names: Iterable[str], best: str) -> list[str]:

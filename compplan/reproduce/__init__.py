@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
+from typing import Protocol
 
 from compplan.errors import UnknownNameError
+from compplan.files.plugins import Registry
 from compplan.reproduce.paper import Reproduction
 from compplan.robot import Robot, load_robot
 
-PAPERS = {
-    "mamedov2018": "compplan.reproduce.mamedov2018",
-    "klimchik2018": "compplan.reproduce.klimchik2018",
-    "johra2022": "compplan.reproduce.johra2022",
-    "dumas2011": "compplan.reproduce.dumas2011",
-    "singh2021": "compplan.reproduce.singh2021",
-}
+
+class Paper(Protocol):
+    """What the file of a paper offers."""
+
+    def reproduce(self, load: Callable[[str], Robot]) -> Reproduction:
+        """Compute everything of the paper that can be computed."""
+        ...
+
+
+#: Every paper, by the name of its file.
+PAPERS: Registry[Paper] = Registry(
+    ("mamedov2018", "klimchik2018", "johra2022", "dumas2011", "singh2021"), __name__
+)
 
 
 def reproduce_paper(name: str, load: Callable[[str], Robot] = load_robot) -> Reproduction:
@@ -30,6 +37,4 @@ def reproduce_paper(name: str, load: Callable[[str], Robot] = load_robot) -> Rep
     """
     if name not in PAPERS:
         raise UnknownNameError("paper", name, list(PAPERS))
-    module = importlib.import_module(PAPERS[name])
-    result: Reproduction = module.reproduce(load)
-    return result
+    return PAPERS[name].reproduce(load)

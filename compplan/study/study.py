@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 
 from compplan.effects.attained import attain_with_effects
 from compplan.errors import InputError
-from compplan.job.names import ONLINE
 from compplan.job.noise import NoiseTable
 from compplan.path.toolpath import select_waypoints
 from compplan.plan.correction_loop import Loop, Plant
 from compplan.plan.coupling import find_stiffness
 from compplan.plan.strategies.answer import Answer
-from compplan.plan.strategies.online import PLAIN, list_strategies, prepare_answers
+from compplan.plan.strategies.online import ONLINE, PLAIN, list_strategies, prepare_answers
 from compplan.plan.strategies.path_map import load_gears
 from compplan.plan.task import Command, PlanTask
 from compplan.robot import Array

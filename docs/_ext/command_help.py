@@ -17,8 +17,8 @@ class CommandHelp(SphinxDirective):
     def run(self) -> list[nodes.Node]:
         """Ask every command for its help."""
         lines: list[str] = []
-        for name, module in COMMANDS.items():
-            command = importlib.import_module(module).command
+        for name in COMMANDS:
+            command = importlib.import_module(f"compplan.commands.{name}").command
             context = click.Context(command, info_name=f"compplan {name}", max_content_width=96, terminal_width=96)
             what = describe_command(name)
             lines += [f"## compplan {name}", "", f"{what[:1].upper()}{what[1:]}.", "", "```text"]

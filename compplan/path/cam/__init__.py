@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from compplan.errors import InputError
-from compplan.files.plugins import Registry, load_plugins
+from compplan.files.plugins import Registry
 from compplan.path.cam.lines import read_bounded
 from compplan.path.cam.machines import use_machine
 from compplan.path.cam.moves import CamFacts, CamFile
@@ -47,8 +47,7 @@ class CamReader(Protocol):
 
 _OWN = ("gcode", "apt", "krl", "rapid", "heidenhain", "sinumerik")
 #: Every reader, by the name of its language, which is that of its module.
-READERS: Registry[CamReader] = Registry(__name__, {name: name for name in _OWN})
-READERS.update(load_plugins("readers", READERS))
+READERS: Registry[CamReader] = Registry[CamReader](_OWN, __name__).install("readers").load_installed()
 
 __all__ = ["READERS", "CamFacts", "CamFile", "CamTable", "find_reader", "list_suffixes", "read_cam", "refuse_idle"]
 

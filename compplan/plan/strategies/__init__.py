@@ -1,30 +1,30 @@
 """Compensation strategies, one file each.
 
-Each file holds `command_path(task) -> Command`: from the task (robot model, nominal path, predicted wrench, limits) to
-the joint positions that are sent. A new strategy is one new file and one line in `compplan.job.names`.
+Each file holds what it is called in `words` and `command_path(task) -> Command`: from the task (robot model, nominal
+path, predicted wrench, limits) to the joint positions that are sent. A new strategy is one new file and one line in
+`compplan.job.names`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from importlib import import_module
+from typing import Protocol
 
 from compplan.errors import UnknownNameError
-from compplan.job.names import STRATEGIES
+from compplan.files.plugins import Registry
+from compplan.job import names
 from compplan.plan.task import Command, PlanTask
 
 
-def load_strategy(name: str) -> Callable[[PlanTask], Command]:
-    """Find the function of a strategy by its name.
+class Strategy(Protocol):
+    """What the file of a strategy offers; `words` say in a few words what it is, on pages."""
 
-    Raises:
-        UnknownNameError: If there is no such strategy.
+    def command_path(self, task: PlanTask) -> Command:
+        """Command the path of a task."""
+        ...
 
-    """
-    if name not in STRATEGIES:
-        raise UnknownNameError("strategy", name, list(STRATEGIES))
-    function: Callable[[PlanTask], Command] = import_module(STRATEGIES[name]).command_path
-    return function
+
+#: Every strategy of a plan, by the name of its file.
+STRATEGIES: Registry[Strategy] = names.STRATEGIES.held_by(__name__)
 
 
 def command_path(task: PlanTask, strategy: str) -> Command:
@@ -34,7 +34,9 @@ def command_path(task: PlanTask, strategy: str) -> Command:
         UnknownNameError: If there is no such strategy.
 
     """
-    return load_strategy(strategy)(task)
+    if strategy not in STRATEGIES:
+        raise UnknownNameError("strategy", strategy, list(STRATEGIES))
+    return STRATEGIES[strategy].command_path(task)
 
 
-__all__ = ["STRATEGIES", "command_path", "load_strategy"]
+__all__ = ["STRATEGIES", "command_path"]

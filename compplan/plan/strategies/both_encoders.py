@@ -14,6 +14,8 @@ from compplan.plan.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.encoders import link_share
 
+words = "encoders on both sides"
+
 
 def prepare(task: PlanTask, maps: PathMaps) -> Answer:
     """Command the nominal path, held by a combination of both encoders."""

@@ -14,6 +14,8 @@ from compplan.plan.strategies.answer import Answer
 from compplan.plan.strategies.path_map import PathMaps
 from compplan.plan.task import PlanTask
 
+words = "force from encoders"
+
 
 def prepare(task: PlanTask, maps: PathMaps) -> Answer:
     """Command the path that the estimated force asks for.

@@ -14,6 +14,8 @@ from compplan.plan.strategies.path_map import PathMaps
 from compplan.plan.task import PlanTask
 from compplan.statics.chain import joint_jacobian, locate_frames
 
+words = "learned from a first part"
+
 #: Parts that are cut and measured before the one that counts.
 PARTS = 2
 

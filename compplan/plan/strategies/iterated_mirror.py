@@ -6,6 +6,8 @@ from compplan.plan.strategies.limits import judge_limits
 from compplan.plan.strategies.mirror import mirror_deviation
 from compplan.plan.task import Command, PlanTask
 
+words = "repeated mirror"
+
 MOST_PASSES = 20
 #: Deviation that counts as none. [m]
 SETTLED = 1e-9

@@ -15,6 +15,8 @@ from compplan.plan.task import Command, PlanTask, attain
 from compplan.robot import Array
 from compplan.statics.ik import build_arm, refine_ik
 
+words = "mirror"
+
 
 def command_path(task: PlanTask) -> Command:
     """Mirror the predicted deviation."""

@@ -29,6 +29,8 @@ from compplan.plan.task import Command, PlanTask, attain_rows
 from compplan.robot import Array
 from compplan.statics.sensitivity import AttainedPose
 
+words = "optimised (nlp)"
+
 #: Passes at most; of a path that is out of reach in parts, which no pass can mend: the rest is polished all the same.
 MOST_PASSES, LOST_PASSES = 10, 2
 #: Passes in which rate rows are added; what still exceeds a rate then has its feed lowered.

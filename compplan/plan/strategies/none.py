@@ -5,6 +5,8 @@ from __future__ import annotations
 from compplan.plan.strategies.limits import judge_limits
 from compplan.plan.task import Command, PlanTask
 
+words = "no correction"
+
 
 def command_path(task: PlanTask) -> Command:
     """Command the nominal path as if nothing bent."""

@@ -6,16 +6,28 @@ A new online strategy is one new file with `prepare(task, maps) -> Answer` and o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from importlib import import_module
+from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 from compplan.errors import UnknownNameError
-from compplan.job.names import ONLINE, STRATEGIES
-from compplan.plan.strategies import command_path
+from compplan.files.plugins import Registry
+from compplan.job import names
+from compplan.plan.strategies import STRATEGIES, command_path
 from compplan.plan.strategies.answer import Answer
 from compplan.plan.strategies.path_map import PathMaps
 from compplan.plan.task import Command, PlanTask
 
+
+class OnlineStrategy(Protocol):
+    """What the file of a strategy that reads sensors offers; `words` say in a few words what it is, on pages."""
+
+    def prepare(self, task: PlanTask, maps: PathMaps) -> Answer:
+        """Prepare for a task, from its own model of the robot."""
+        ...
+
+
+#: Every strategy that reads sensors, by the name of its file.
+ONLINE: Registry[OnlineStrategy] = names.ONLINE.held_by(str(__package__))
 #: The nonlinear program at a posture that was not chosen for accuracy: what the choice of posture brings. The strategy
 #: "nlp" is the robust one where the job asks for an accurate posture, as it does by default.
 PLAIN = "nlp_plain_posture"
@@ -26,13 +38,6 @@ _OFFLINE_KNOWLEDGE = {"none": "geometry"}
 def list_strategies() -> tuple[str, ...]:
     """List every strategy of a study by name: those of a plan, PLAIN, and those that read sensors."""
     return (*STRATEGIES, PLAIN, *ONLINE)
-
-
-def load_online(name: str) -> Callable[[PlanTask, PathMaps], Answer]:
-    """Find the function that prepares a strategy which reads sensors, by its name."""
-    module, _, function = ONLINE[name].partition(":")
-    prepare: Callable[[PlanTask, PathMaps], Answer] = getattr(import_module(module), function)
-    return prepare
 
 
 def prepare_answers(
@@ -53,7 +58,7 @@ def prepare_answers(
     maps, answers = PathMaps(task), {}
     for name in (*STRATEGIES, *ONLINE) if strategies is None else strategies:
         if name in ONLINE:
-            answers[name] = load_online(name)(task, maps)
+            answers[name] = ONLINE[name].prepare(task, maps)
         elif name in STRATEGIES:
             command = (commands or {}).get(name) or command_path(task, name)
             answers[name] = Answer(

@@ -9,6 +9,7 @@ import numpy as np
 
 from compplan.identify.reduce import reduce_model
 from compplan.plan.strategies import iterated_mirror
+from compplan.plan.strategies.answer import Answer
 from compplan.plan.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain
@@ -117,3 +118,18 @@ def spread_wrenches(count: int, level: float, rng: np.random.Generator) -> Array
     directions = rng.normal(size=(2, count, 3))
     directions /= np.linalg.norm(directions, axis=2, keepdims=True)
     return np.hstack([level * directions[0], 0.1 * level * directions[1]])
+
+
+def correct_by_wrench(name: str, knows: str, task: PlanTask, model: PathMap) -> Answer:
+    """Correct by a measured wrench and a model solved along the path."""
+    return Answer(
+        name=name,
+        knows=knows,
+        measures="wrench at the tip",
+        commands="the path corrected for the measured wrench",
+        q=model.q,
+        sensor="force",
+        gain=model.wrench_gain,
+        expected=task.wrench,
+        q_rest=task.q_start,
+    )

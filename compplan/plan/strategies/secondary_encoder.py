@@ -9,6 +9,8 @@ from compplan.plan.strategies.answer import Answer
 from compplan.plan.strategies.path_map import PathMaps
 from compplan.plan.task import PlanTask
 
+words = "encoders behind the gears"
+
 
 def prepare(task: PlanTask, maps: PathMaps) -> Answer:
     """Command the nominal path, held by the link-side encoders."""
