@@ -5,9 +5,11 @@
     python -m benchmarks.shop tell --robot kuka_kr270 --seed 7                             what it hides
 
 The robot of a seed is always the same: a MuJoCo model of the folder's arm that hides three effects (every third seed
-one that is in no vocabulary), under a process that pushes harder or softer than predicted. A shop reads what the
-controller would read, joints and loads, and tells what an instrument would tell: a filled log, or points on the part
-in the frame of the robot base (`compplan learn --frame base`). A probe does not know how far along the path a point
+one that is in no vocabulary) and everyday errors of every axis, under a process that pushes harder or softer than
+predicted, and a little otherwise at every part. Every part is clamped anew. The tracker stands anywhere, and its
+target anywhere on the tool (`compplan diagnose --register base,tool`). A shop reads what the controller would read,
+joints and loads, and tells what an instrument would tell: a filled log, or points on the part, brought to the robot
+base by the part's own datum (`compplan learn --frame base`). A probe does not know how far along the path a point
 lies; `--tracked` stands for an instrument that the program triggers, so that points carry their s_mm. The shop knows
 the robot folder's tool, not a job's own.
 """
@@ -24,6 +26,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from benchmarks.campaigns.description import Array, read_description
 from benchmarks.campaigns.effects import Effect, apply_effect
@@ -32,8 +35,13 @@ from benchmarks.campaigns.simulate import Rows, Scenario, nominal_scenario, simu
 ROOT = Path(__file__).parents[1]
 #: Instrument and robot per axis, and of a point measured on a part. [m]
 TRACKER, REPEATABILITY, PROBE = 2e-5, 1.5e-5, 1e-5
-#: Standard deviation of the force's level, as the product assumes it where nothing is stated.
-LEVEL = 0.15
+#: Standard deviation of the force's level, as the product assumes it where nothing is stated; of its level from part
+#: to part; and how a part is clamped, shift [m] and turn [rad] per axis.
+LEVEL, SCATTER, CLAMPED = 0.15, 0.07, (1e-5, 2e-5)
+#: Where the tracker's frame and its target on the tool are, per axis. [m, rad, m]
+FRAME, TARGET = (3e-3, 2e-3), 1e-3
+#: Everyday errors: lengths [m], directions [rad], zeros [rad], gears [rad], own compliances (share).
+LENGTH, TURN, ZERO, GEAR, SOFT = 2e-5, 1e-5, 1e-5, 1e-5, 0.04
 #: A program whose tip is farther from the path than this is of another robot or tool. [m]
 STRANGE = 0.05
 LOAD = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
@@ -44,6 +52,7 @@ class Shop:
     """A virtual shop: what its robot hides, its force over the predicted one, and the randomness of its instruments."""
 
     scenario: Scenario
+    seed: int
     hidden: tuple[str, ...]
     force: float
     random: np.random.Generator
@@ -76,7 +85,24 @@ def draw_shop(robot: Path, seed: int) -> Shop:
         hidden.append("hose (in no vocabulary)")
     force = 1.0 + LEVEL * float(np.random.default_rng([20261122, seed, 1]).standard_normal())
     hidden.append(f"force x {force:.2f}")
-    return Shop(scenario, tuple(hidden), force, random)
+    return Shop(add_everyday(scenario, np.random.default_rng([20261122, seed, 3])), seed, tuple(hidden), force, random)
+
+
+def add_everyday(scenario: Scenario, random: np.random.Generator) -> Scenario:
+    """Make every axis a little wrong: lengths, directions, zeros, gears, compliances."""
+    for joint in scenario.description.joint_names:
+        shift = np.r_[LENGTH * random.standard_normal(3), TURN * random.standard_normal(3)]
+        wave = [(1.0, float(random.integers(1, 120)), float(random.uniform(0, 6)))]
+        for effect in (
+            Effect("link_geometry", joint, size=1.0, params={"direction": shift.tolist()}),
+            Effect("joint_offset", joint, size=float(ZERO * random.standard_normal())),
+            Effect("joint_stiffness", joint, size=float(SOFT * random.standard_normal())),
+            Effect("transmission_error", joint, size=float(GEAR * abs(random.standard_normal())),
+                   params={"shape": "waves", "waves": wave}),
+        ):  # fmt: skip
+            if effect.name != "joint_stiffness" or scenario.own_springs(joint):
+                scenario = apply_effect(effect, scenario)
+    return scenario
 
 
 def add_hose(scenario: Scenario, random: np.random.Generator) -> Scenario:
@@ -121,17 +147,20 @@ def read_rows(file: Path) -> tuple[list[dict[str, str]], Array, Array]:
     return rows, q, np.array([[float(row[name]) for name in LOAD] for row in rows])
 
 
-def move(shop: Shop, q: Array, wrench: Array, *, path: bool, measured: np.ndarray | None = None) -> Array:
-    """Let the shop's robot go through rows; return where the tip really is. Shape (n, 3). [m]"""
+def move(
+    shop: Shop, q: Array, wrench: Array, *, path: bool, measured: np.ndarray | None = None
+) -> tuple[Array, Array]:
+    """Let the shop's robot go through rows; return where the tip really is, (n, 3) [m], and its axes, (n, 3, 3)."""
     n = len(q)
     run = np.array(["path1" if path else "static1"] * n)
     rows = Rows(run, np.full(n, path), np.arange(n) * 0.05, q, wrench, np.zeros(n))
-    tip = simulate_rows(shop.scenario, rows, measured).position
-    return tip + REPEATABILITY * shop.random.standard_normal((1 if path else len(tip), 3))
+    seen = simulate_rows(shop.scenario, rows, measured)
+    tip = seen.position + REPEATABILITY * shop.random.standard_normal((1 if path else len(seen.position), 3))
+    return tip, seen.rotation
 
 
-def cut_part(shop: Shop, folder: Path) -> Cut:
-    """Cut the program of a plan.
+def cut_part(shop: Shop, folder: Path, scatter: float = SCATTER) -> Cut:
+    """Cut the program of a plan, the force and the clamping of this part drawn anew.
 
     Raises:
         ValueError: If the tip ends up far from the path: the plan is of another robot, or has a tool of the job's own.
@@ -143,7 +172,10 @@ def cut_part(shop: Shop, folder: Path) -> Cut:
     step = np.linalg.norm(np.diff(path, axis=0, prepend=path[:1]), axis=1)
     length = np.cumsum(np.where(own & np.r_[False, own[:-1]], step, 0.0))
     wanted = path[cutting]
-    tip = move(shop, q, shop.force * wrench, path=True, measured=cutting)
+    level = shop.force * (1.0 + scatter * float(shop.random.standard_normal()))
+    tip, _ = move(shop, q, level * wrench, path=True, measured=cutting)
+    shift, turn = (size * shop.random.standard_normal(3) for size in CLAMPED)
+    tip = tip + shift + np.cross(turn, tip - wanted.mean(axis=0))  # seen from the part's own datum
     if (off := float(np.linalg.norm(tip - wanted, axis=1).max())) > STRANGE:
         raise ValueError(f"the tip is {1e3 * off:.0f} mm off: a plan of another robot, or with a tool of the job's own")
     return Cut(tip, wanted, length[cutting])
@@ -155,8 +187,11 @@ def measure_poses(shop: Shop, empty: Path, log: Path) -> int:
     Two rows a pose: where its approach begins, which stays empty, and the pose, approached from there and measured.
     """
     rows, q, wrench = read_rows(empty)
-    tip = move(shop, q, wrench, path=False)
-    tip = tip + TRACKER * shop.random.standard_normal(tip.shape)
+    tip, axes = move(shop, q, wrench, path=False)
+    frame = np.random.default_rng([20261122, shop.seed, 4])
+    tip = tip + axes @ (TARGET * frame.standard_normal(3))
+    turn = Rotation.from_rotvec(FRAME[1] * frame.standard_normal(3)).as_matrix()
+    tip = tip @ turn.T + FRAME[0] * frame.standard_normal(3) + TRACKER * shop.random.standard_normal(tip.shape)
     for row, point in list(zip(rows, tip, strict=True))[1::2]:
         row.update({f"{axis}_mm": f"{1e3 * point[k]:.5f}" for k, axis in enumerate("xyz")})
         row["sigma_mm"] = f"{1e3 * TRACKER:g}"

@@ -5,9 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from compplan.effects.backlash import lost_motion
 from compplan.job.job import load_job
 from compplan.plan.between import measure_between
 from compplan.plan.plan import plan_job
+from compplan.plan.strategies.lost_motion import find_sides, list_plays
 from compplan.plan.task import attain_rows
 
 #: Ten waypoints; joint 1 of its robot has a backlash of 0.4 mrad, which is 0.3 mm at the tip.
@@ -31,3 +33,31 @@ def test_between_waypoints_the_tip_is_as_far_off_as_at_them(plan):
     assert at > 2e-4  # the lost motion stands uncorrected in the start
     assert measure_between(task, q).joint.max() == pytest.approx(at, rel=0.05)
     assert measure_between(task, plan.command.q).joint.max() < 0.01 * at
+
+
+@pytest.mark.parametrize("first", [1.0, -1.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_command_that_leads_by_half_the_play_puts_the_link_where_it_has_to_be(seed: int, first: float) -> None:
+    """Through the play operator of the effect, on drawn motions whose swings are wider than what turns no side."""
+    width, rng = 3e-4, np.random.default_rng(seed)
+    ends = np.cumsum(rng.uniform(2.0 * width, 0.05, 6) * [first * (-1.0) ** k for k in range(6)])
+    starts = np.r_[0.0, ends[:-1]]
+    link = np.concatenate([np.linspace(a, b, 30, endpoint=False) for a, b in zip(starts, ends, strict=True)])
+    command = link + 0.5 * width * find_sides(link, 1e-6, first)
+    assert command + lost_motion(command, width, -0.5 * first) == pytest.approx(link, abs=1e-12)
+
+
+def test_swings_too_small_to_matter_turn_no_side() -> None:
+    link = np.array([0.0, 1.0, 2.0, 1.9, 2.1, 3.0, 1.0, 0.0])
+    assert find_sides(link, 0.5, 1.0).tolist() == [1, 1, 1, 1, 1, 1, -1, -1]
+
+
+def test_the_tip_is_on_the_path_at_its_reversals_too(plan) -> None:
+    """Joint 1 has .4 mrad of play; the command crosses it where the link turns, and the approach before the cut."""
+    task = plan.task
+    assert list_plays(task.robot)[0] == pytest.approx(4e-4)
+    lead = plan.q[:, 0] - plan.command.facts["links"][:, 0]
+    assert np.abs(lead) == pytest.approx(np.full(len(lead), 2e-4), abs=1e-12)
+    assert plan.status == "solved" and plan.after.max_deviation < 2e-6
+    cross = plan.approach.key_q[-1, 0] - plan.q[0, 0]
+    assert plan.task.nominal.rapid[0] or cross == pytest.approx(-2.0 * lead[0], abs=1e-12)

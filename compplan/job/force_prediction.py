@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +66,7 @@ def predict_forces(job: Job, log: Path | None = None) -> ForcePrediction:
 
     """
     nominal, law = load_path(job)
+    law = replace(law, learned=None)  # a log is held against the model
     ripple = None if law.cutting is None else law.cutting.ripple(nominal.feed)
     fit = None if log is None else fit_forces(read_force_log(log), law, nominal, log)
     return ForcePrediction(job, nominal, law, ripple, fit)

@@ -23,6 +23,7 @@ from compplan.job.tools import NumberedTool, ToolsTable, check_tools
 from compplan.path.cam import list_suffixes
 from compplan.path.cam.options import CamTable
 from compplan.path.force_law import turns_with_travel
+from compplan.path.force_lesson import LearnedForce
 from compplan.path.forces.library import lay_material
 from compplan.path.forces.process_stiffness import CouplingTable
 from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
@@ -235,6 +236,7 @@ class Job(StrictTable):
     _tools: tuple[NumberedTool, ...] = PrivateAttr(default=())
     _data: dict[str, Any] = PrivateAttr(default_factory=dict)
     _label: str = PrivateAttr(default="")
+    _force: tuple[LearnedForce | None] | None = PrivateAttr(default=None)
 
     @field_validator("robot")
     @classmethod
@@ -257,6 +259,17 @@ class Job(StrictTable):
     def mounted(self) -> Robot | None:
         """The robot, where the job was made in memory with one rather than with the name of a folder."""
         return self._mounted
+
+    @property
+    def told_force(self) -> tuple[LearnedForce | None] | None:
+        """What parts said of its force, alone, where that is told; None where the robot folder says it."""
+        return self._force
+
+    def with_force(self, force: LearnedForce | None) -> Job:
+        """Return the job with what parts said of its force, whatever its robot folder says."""
+        job = self.model_copy()
+        job._force = (force,)
+        return job
 
     @property
     def folder(self) -> Path:

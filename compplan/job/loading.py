@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from compplan.errors import InputError
+from compplan.errors import CompplanError, InputError
 from compplan.files.notes import list_remarks, list_stops
 from compplan.files.tables import Array
 from compplan.job.job import Job
 from compplan.path.corners import KEPT, SLOWED, round_corners
 from compplan.path.force_law import ForceLaw, compare_zero, read_stock_top
+from compplan.path.force_lesson import LearnedForce, read_learned_force
 from compplan.path.forces.cutting import CuttingTable, prepare_cutting
 from compplan.path.forces.process_stiffness import read_coupling
 from compplan.path.generators import generate_toolpath
@@ -20,6 +21,7 @@ from compplan.path.operations import split_operations
 from compplan.path.process import describe_process
 from compplan.path.reading import read_toolpath
 from compplan.path.toolpath import Toolpath, check_toolpath, place_toolpath, resample_toolpath
+from compplan.robot.folder import find_robot_folder
 
 #: Step that a toolpath file is divided into where the job says nothing. [m]
 FILE_STEP = 1e-3
@@ -104,7 +106,9 @@ def load_nominal(job: Job) -> Toolpath:
 
 
 def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
-    """Return what the plan has to reach, as `load_nominal`, and the law of its wrench.
+    """Return what the plan has to reach, as `load_nominal`, and the law of its wrench, parts' lessons in it.
+
+    The path carries the wrench as it is predicted: a lesson of the force moves no posture unasked.
 
     Raises:
         InputError: If toolpath or process are not what they have to be.
@@ -133,7 +137,25 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
     law = ForceLaw(job.process, job.T_base_part, job.tool_x_base, job.folder, rows_at, top, note, cutting, coupling)
     wrench = law.predict(nominal)
     _check_load(wrench, job)
+    learned = find_learned_force(job)
+    if learned is not None and wrench.any():
+        note = " ".join([*([note] if note else []), f"{learned.words}."])
+        law = replace(law, learned=learned, note=note)
+        _check_load(law.predict(nominal), job)
     return replace(nominal, wrench=wrench, notes=(*nominal.notes, *list_stops(said))), law
+
+
+def find_learned_force(job: Job) -> LearnedForce | None:
+    """Return what parts said of the force of a job's process: what it was told, or what its robot folder holds."""
+    if job.told_force is not None:
+        return job.told_force[0]
+    if job.mounted is not None:
+        return read_learned_force(job.mounted.folder, job.process)
+    try:
+        folder = find_robot_folder(job.robot, job.folder)
+    except CompplanError:  # said where the robot is loaded
+        return None
+    return read_learned_force(folder, job.process)
 
 
 def _check_load(wrench: Array, job: Job) -> None:

@@ -16,13 +16,18 @@ from scipy.spatial.transform import Rotation
 from compplan.effects import attain_scene, command_campaign
 from compplan.effects.scene import Scene
 from compplan.effects.stacked import attain_positions
+from compplan.job.job import Job
+from compplan.job.loading import find_learned_force
 from compplan.job.noise import NoiseTable
 from compplan.known.vary import stage_robot, vary_scene
+from compplan.path.force_lesson import SCATTER
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Unknown
 
 #: Rows of a path at which the equilibrium is differentiated.
 ROWS = 200
+#: Share of a stated spread of the level that differs from part to part at most (assumed: half of the variance).
+SHARED = 0.7
 #: Steps where a deviation is zero, and of the force.
 TINY, SHARE = 1e-9, 1e-3
 #: To what elastic coordinates are settled in scenes that are compared with one another. [rad or m]
@@ -35,24 +40,39 @@ class ForceSpread:
     """How surely the wrench on the tool is known; relative standard deviations.
 
     Attributes:
-        level: Of its size, alike along the path.
+        level: Of its size, alike along the path, what differs from part to part included.
         direction: Of its direction, alike along the path. [rad]
         path: Of its size, from place to place.
         source: Where it comes from.
+        scatter: Of its size from part to part, at most `level`.
     """
 
     level: float
     direction: float
     path: float
     source: str
+    scatter: float = 0.0
+
+    @property
+    def common(self) -> float:
+        """Of its size, what all parts share."""
+        return float(np.sqrt(max(self.level**2 - self.scatter**2, 0.0)))
 
 
-def read_force_spread(noise: NoiseTable | None) -> ForceSpread:
-    """Return what a job's [noise] says of the force, its assumed defaults where there is no job."""
-    table = NoiseTable() if noise is None else noise
+def read_force_spread(job: Job | None) -> ForceSpread:
+    """Return what measured parts and a job's [noise] say of the force, its assumed defaults where there is no job."""
+    table = NoiseTable() if job is None else job.noise
+    learned = None if job is None else find_learned_force(job)
+    if learned is not None:
+        direction = float(np.radians(table.wrench_direction_deg))
+        direction = direction if learned.turn_sigma is None else learned.turn_sigma
+        return ForceSpread(learned.spread, direction, table.wrench_path, learned.source, learned.scatter)
     stated = {"wrench_level", "wrench_direction_deg", "wrench_path"} & table.model_fields_set
     said = "[noise] of the job" if stated else "assumed: force models of milling and forming err by 10 to 20 %"
-    return ForceSpread(table.wrench_level, float(np.radians(table.wrench_direction_deg)), table.wrench_path, said)
+    scatter = min(SCATTER, SHARED * table.wrench_level)
+    return ForceSpread(
+        table.wrench_level, float(np.radians(table.wrench_direction_deg)), table.wrench_path, said, scatter
+    )
 
 
 def pick_rows(cut: NDArray[np.bool_], most: int = ROWS) -> NDArray[np.int_]:

@@ -116,8 +116,7 @@ def design_campaign(
     announce("the path and what is known")
     known = known_uncertainty(robot)
     scene = stage_path(robot, plan.q, task.wrench, task.step_time)
-    noise = None if plan.job is None else plan.job.noise
-    path = linearise_path(scene, known, read_force_spread(noise), task.cut)
+    path = linearise_path(scene, known, read_force_spread(plan.job), task.cut)
     design = Design(known, path, shop.sigma, shop.register)
     notes = list_assumed(robot)
     start, used, said = learn_log(design, robot, log)

@@ -8,16 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.loop.guards import rigid_columns
 from compplan.loop.measured_path import MeasuredPath, take_points
 from compplan.promise.band import Slopes
 from compplan.robot import Array
 
 #: Points within this distance along the path count for a row of it. [m]
 NEAR = 2e-3
-#: Points of a scan at one row that err apart (assumed: an instrument's errors are smooth), and how far a part that was
-#: fitted may have stood off, per axis: as good as not known. [m]
-ALONE, FITTED = 10.0, 0.01
+#: Points of a scan at one row that err apart (assumed: an instrument's errors are smooth).
+ALONE = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +28,6 @@ class Gathered:
         counts: Projector on those. Shape (b, 3, 3).
         variance: Variance of the mean per axis. Shape (b,). [m^2]
         points: Points of each. Shape (b,).
-        loose: How the part as a whole may have stood, as columns of one standard deviation, or None. Shape
-            (b, 3, 6). [m]
     """
 
     row: NDArray[np.int_]
@@ -39,25 +35,20 @@ class Gathered:
     counts: Array
     variance: Array
     points: NDArray[np.int_]
-    loose: Array | None = None
 
     def take(self, rows: NDArray[np.bool_]) -> Gathered:
         """Take some rows."""
-        parts: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        taken: dict[str, Any] = {name: None if value is None else value[rows] for name, value in parts.items()}
-        return replace(self, **taken)
+        parts: dict[str, Any] = {f.name: getattr(self, f.name)[rows] for f in fields(self)}
+        return replace(self, **parts)
 
 
-def gather_points(
-    measured: MeasuredPath, slopes: Slopes, length: Array, clamped: tuple[float, float] | None = None
-) -> Gathered:
+def gather_points(measured: MeasuredPath, slopes: Slopes, length: Array) -> Gathered:
     """Gather measured points at the nearest rows of the path; those far from any row do not count.
 
     Args:
         measured: The points.
         slopes: The path to first order.
         length: Length of the path at its rows. Shape (k,). [m]
-        clamped: How surely the part stood, shift [m] and turn [rad] per axis, where the job says so.
     """
     middle = 0.5 * (length[1:] + length[:-1])
     row = np.searchsorted(middle, measured.length)
@@ -77,6 +68,4 @@ def gather_points(
     np.add.at(inverse, index, weight)
     deviation = np.einsum("bij,bj->bi", counts, total / inverse[:, None])
     variance = 1.0 / inverse * (np.maximum(count / ALONE, 1.0) if measured.scanned else 1.0)
-    free = clamped if measured.motion is None else (FITTED, FITTED / max(float(np.ptp(slopes.tip, axis=0).max()), 1e-3))
-    loose = None if free is None else rigid_columns(slopes.tip)[rows] * np.repeat(free, 3)
-    return Gathered(rows, deviation, counts, variance, count, loose)
+    return Gathered(rows, deviation, counts, variance, count)

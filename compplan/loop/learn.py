@@ -2,12 +2,14 @@
 
 The deviation of a point at length s of the path is, to first order,
 
-    d(s) = J(s) p + F(s) f + r(s) + o + noise,   p ~ N(0, S), f ~ N(0, 1), r ~ GP(0, a^2 s_u^2 / 3), o ~ N(0, s_r^2)
+    d(s) = J(s) p + F(s) f + r(s) + G(s) g + o + noise,
+    p ~ N(0, S), f ~ N(0, 1), r ~ GP(0, a^2 s_u^2 / 3), g ~ N(0, 1), o ~ N(0, s_r^2)
 
-with parameters p, force f, a residual r that is smooth over the place, and the offset o of this very run, which the
-next one does not repeat. The size a of the residual is the one under which the part is most probable. The next program
-takes the posterior mean of all but o off. It is written only where the part, dealt to stretches, says that this helps
-on stretches that were not used.
+with parameters p, force f, a residual r that is smooth over the place, and what this very part has of its own and the
+next one does not repeat: its own force and clamping g, the offset o of its run. The size a of the residual is the one
+under which the part is most probable. The next program takes the posterior mean of p, f and r off. It is written only
+where the part, dealt to stretches, says that this helps on stretches that were not used. The band after it counts the
+next part's own g and o.
 
 Robot and force trade places on a path: each stays uncertain where their sum is known well. So a lesson leaves the path
 the covariance of its tip, and the next part on it starts from that (`path`), not from robot and force apart.
@@ -56,6 +58,9 @@ class Lesson:
         reason: Why, or why not.
         values: Posterior mean of the parameters about the folder. Shape (p,). [SI]
         force: Posterior mean of the force's shares: level and turns, in standard deviations. Shape (4,).
+        force_covariance: Their posterior covariance. Shape (4, 4).
+        own: Posterior mean of what this part has of its own, in the columns of `Own.part`. Shape (m,).
+        own_spread: Posterior standard deviation of its sum with the level, in those of the level.
         open: What is left open of the next part's tip: columns u with covariance u u^T. Shape (k, 3, r). [m]
         physics: What the parameters move along the path. Shape (k, 3). [m]
         pushed: What the force moves beyond them. Shape (k, 3). [m]
@@ -71,12 +76,16 @@ class Lesson:
         rms: Root mean square of the measured deviation. [m]
         held_out: The same after correction, on stretches that were not used. [m]
         expected: Root mean square deviation that is expected of the next part. [m]
+        model: The model that it was learned with.
     """
 
     taken: bool
     reason: str
     values: Array
     force: Array
+    force_covariance: Array
+    own: Array
+    own_spread: float
     open: Array
     physics: Array
     pushed: Array
@@ -92,6 +101,7 @@ class Lesson:
     rms: float
     held_out: float
     expected: float
+    model: Model
 
     def residual_at(self, place: Array, tip: Array) -> Array:
         """Return what is left for the path at other places. Shape (n, 3). [m]
@@ -105,7 +115,22 @@ class Lesson:
 
 
 @dataclass(frozen=True, eq=False)
-class _Model:
+class Own:
+    """What a part has of its own along the path, as columns of one standard deviation; k rows.
+
+    Attributes:
+        part: Of the measured part: its force first, then other things. Shape (k, 3, m). [m]
+        following: Of the next one. Shape (k, 3, n). [m]
+        ratio: Its force's column over that of the level that all parts share.
+    """
+
+    part: Array
+    following: Array
+    ratio: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
     """Prior covariances at the rows of the path, flattened to 3 k.
 
     `path` is what an earlier part left open of the tip, as columns, (3 k, r) [m]; it stands for robot and force.
@@ -113,6 +138,7 @@ class _Model:
 
     slopes: Slopes
     known: Uncertainty
+    own: Own
     size: float
     scale: float
     path: Array | None = None
@@ -133,20 +159,18 @@ class _Model:
 
 
 def possible_band(
-    slopes: Slopes, known: Uncertainty, gathered: Gathered, path: Array | None = None, size: float = LEAST
+    slopes: Slopes, known: Uncertainty, gathered: Gathered, own: Own, path: Array | None = None, size: float = LEAST
 ) -> Array:
     """Return how far folder, force, clamping and instrument let the points be off, with 95 %. Shape (b,). [m]"""
     path = None if path is None else path.reshape(3 * len(slopes.rows), -1)
-    model = _Model(slopes, known, max(size, known.smooth), known.scale, path)
-    blocks = _with_run(model, _blocks(_prior(model), len(slopes.rows)))[gathered.row]
+    model = Model(slopes, known, own, max(size, known.smooth), known.scale, path)
+    blocks = _with_run(model, _blocks(prior_of(model), len(slopes.rows)), own.part)[gathered.row]
     blocks = blocks + gathered.variance[:, None, None] * np.eye(3)
-    if gathered.loose is not None:
-        blocks = blocks + gathered.loose @ np.swapaxes(gathered.loose, 1, 2)
     return np.asarray(band_radius(gathered.counts @ blocks @ gathered.counts))
 
 
 def learn_part(
-    slopes: Slopes, known: Uncertainty, gathered: Gathered, exact: Exact, least_size: float | None = None,
+    slopes: Slopes, known: Uncertainty, gathered: Gathered, exact: Exact, own: Own, least_size: float | None = None,
     path: Array | None = None,
 ) -> Lesson:  # fmt: skip
     """Learn from a cut part: to first order, then again about what was found, exactly.
@@ -156,50 +180,69 @@ def learn_part(
         known: What is known of the robot.
         gathered: The measured deviations.
         exact: Motion of the tip by values of parameters and force, exactly.
+        own: What this part and the next one have of their own.
         least_size: Standard deviation per axis that an earlier lesson left of the residual, or None. [m]
         path: What an earlier lesson left open of this path (`Lesson.open`), or None. Shape (k, 3, r). [m]
     """
     path = None if path is None else path.reshape(3 * len(slopes.rows), -1)
     width = max(known.smooth, LEAST) if least_size is None else least_size
-    tries = [
-        (score, size, scale)
-        for scale in SCALES
-        for size in SIZES
-        if (score := _log_evidence(_Model(slopes, known, size * width, scale * known.scale, path), gathered)) > -np.inf
-    ]
-    _, size, scale = max(tries)
-    model = _Model(slopes, known, size * width, scale * known.scale, path)
+    _, model = choose_model(Model(slopes, known, own, width, known.scale, path), gathered)
     seen = np.sqrt(np.mean(np.sum(gathered.deviation**2, axis=1)))
-    plain, state = gathered, _posterior(model, gathered)
+    plain, state = gathered, condition(model, gathered)
     for _ in range(PASSES if path is None else 0):
-        curved = exact(state.values, state.force) - (state.physics + state.pushed).reshape(-1, 3)
+        share = state.force + own.ratio * np.eye(len(state.force))[0] * state.own[0]
+        own_push = own.part[:, :, 0] * state.own[0]
+        curved = exact(state.values, share) - (state.physics + state.pushed).reshape(-1, 3) - own_push
         shifted = plain.deviation - np.einsum("bij,bj->bi", plain.counts, curved[plain.row])
         gathered = replace(plain, deviation=shifted)
-        state = _posterior(model, gathered)
+        state = condition(model, gathered)
     held = _hold_out(model, gathered)
     taken, reason = _decide(model, plain, float(seen), held)
     k = len(slopes.rows)
-    prior = _prior(model)
-    before = band_radius(_with_run(model, _blocks(prior, k)))
-    after = band_radius(_with_run(model, _blocks(state.tip, k)))
+    prior = prior_of(model)
+    before = band_radius(_with_run(model, _blocks(prior, k), own.following))
+    after = band_radius(_with_run(model, _blocks(state.tip, k), own.following))
     seen_before, seen_after = (_band_seen(model, covariance, gathered) for covariance in (prior, state.tip))
     return Lesson(
         taken=taken, reason=reason, values=state.values, force=state.force,
+        force_covariance=state.force_covariance, own=state.own, own_spread=state.own_spread,
         physics=state.physics.reshape(k, 3), pushed=state.pushed.reshape(k, 3),
         residual=state.residual.reshape(k, 3), weight=state.weight.reshape(k, 3),
         covariance=state.covariance if taken else known.covariance,
         open=_reduce_covariance(state.tip if taken else prior).reshape(k, 3, -1),
         band_before=before, band_after=after if taken else before,
-        band_seen=(seen_before, seen_after if taken else seen_before), size=size * width, scale=scale * known.scale,
+        band_seen=(seen_before, seen_after if taken else seen_before), size=model.size, scale=model.scale,
         gathered=plain, rms=float(seen), held_out=held,
-        expected=float(np.sqrt(np.trace(state.tip) / k + 3.0 * (known.repeatability or 0.0) ** 2)),
+        expected=float(np.sqrt(np.mean(np.trace(_with_run(model, _blocks(state.tip, k), own.following), axis1=1,
+                                                axis2=2)))),
+        model=model,
     )  # fmt: skip
 
 
+def choose_model(model: Model, gathered: Gathered) -> tuple[float, Model]:
+    """Return the model whose residual has the size and scale under which a part is most probable, and its logarithm.
+
+    Args:
+        model: Its size is the width that sizes are tried in, its scale that of the folder.
+        gathered: The measurements.
+    """
+    tries = [
+        replace(model, size=size * model.size, scale=scale * model.scale) for scale in SCALES for size in SIZES
+    ]
+    scores = [_log_evidence(one, gathered) for one in tries]
+    best = int(np.argmax(scores))
+    return scores[best], tries[best]
+
+
 @dataclass(frozen=True, eq=False)
-class _State:
+class State:
+    """What a part leaves known, see `Lesson`; tip: covariance of what repeats, (3 k, 3 k) [m^2]."""
+
     values: Array
     force: Array
+    force_covariance: Array
+    own: Array
+    own_spread: float
     covariance: Array
     physics: Array
     pushed: Array
@@ -208,11 +251,11 @@ class _State:
     tip: Array
 
 
-def _observe(model: _Model, gathered: Gathered) -> tuple[Array, Array, Array]:
+def _observe(model: Model, gathered: Gathered) -> tuple[Array, Array, Array]:
     """Return observations, the rows of the state that they see (o, 3 k), and their own covariance."""
     k, rank = len(model.slopes.rows), np.round(np.trace(gathered.counts, axis1=1, axis2=2)).astype(int)
     _, vector = np.linalg.eigh(gathered.counts)
-    seen, values, noise, offset, loose = [], [], [], [], []
+    seen, values, noise, offset = [], [], [], []
     for number, row in enumerate(gathered.row):
         for axis in range(3 - rank[number], 3):
             line = np.zeros(3 * k)
@@ -221,21 +264,19 @@ def _observe(model: _Model, gathered: Gathered) -> tuple[Array, Array, Array]:
             values.append(float(vector[number, :, axis] @ gathered.deviation[number]))
             noise.append(gathered.variance[number])
             offset.append(vector[number, :, axis])
-            if gathered.loose is not None:
-                loose.append(vector[number, :, axis] @ gathered.loose[number])
     scatter = (model.known.repeatability or 0.0) ** 2
-    own = np.diag(noise) + scatter * np.array(offset) @ np.array(offset).T
-    if loose:
-        own = own + np.array(loose) @ np.array(loose).T
-    return np.array(values), np.array(seen), own
+    H, loose = np.array(seen), model.own.part.reshape(3 * k, -1)
+    own = np.diag(noise) + scatter * np.array(offset) @ np.array(offset).T + H @ loose @ (H @ loose).T
+    return np.array(values), H, own
 
 
-def _prior(model: _Model) -> Array:
+def prior_of(model: Model) -> Array:
+    """Return the covariance of what the next part repeats. Shape (3 k, 3 k). [m^2]"""
     columns, force, field = model.repeats()
     return np.asarray(columns @ columns.T + force @ force.T + field)
 
 
-def _posterior(model: _Model, gathered: Gathered) -> _State:
+def condition(model: Model, gathered: Gathered) -> State:
     """Condition parameters, force and residual on the observations."""
     columns, force, field = model.repeats()
     y, H, own = _observe(model, gathered)
@@ -246,9 +287,16 @@ def _posterior(model: _Model, gathered: Gathered) -> _State:
     normal = columns.T @ weight
     gain = cho_solve(factor, H @ columns)
     left = np.eye(len(normal)) - columns.T @ H.T @ gain
-    return _State(
+    own_columns = model.own.part.reshape(len(weight), -1)
+    pushed = np.hstack([force, own_columns[:, :1]])
+    shares = np.eye(pushed.shape[1]) - pushed.T @ H.T @ cho_solve(factor, H @ pushed)
+    whole = np.r_[1.0, np.zeros(force.shape[1] - 1), model.own.ratio]
+    return State(
         values=root @ normal,
         force=force.T @ weight,
+        force_covariance=shares[:-1, :-1],
+        own=own_columns.T @ weight,
+        own_spread=float(np.sqrt(max(whole @ shares @ whole, 0.0))),
         covariance=root @ left @ root.T,
         physics=columns @ normal,
         pushed=force @ (force.T @ weight),
@@ -267,9 +315,9 @@ def _reduce_covariance(covariance: Array) -> Array:
     return np.pad(columns, ((0, 0), (0, KEPT - columns.shape[1])))
 
 
-def _log_evidence(model: _Model, gathered: Gathered) -> float:
+def _log_evidence(model: Model, gathered: Gathered) -> float:
     y, H, own = _observe(model, gathered)
-    total = H @ _prior(model) @ H.T + own + 1e-18 * np.eye(len(y))
+    total = H @ prior_of(model) @ H.T + own + 1e-18 * np.eye(len(y))
     try:
         factor = cho_factor(total)
     except np.linalg.LinAlgError:
@@ -277,7 +325,7 @@ def _log_evidence(model: _Model, gathered: Gathered) -> float:
     return float(-0.5 * y @ cho_solve(factor, y) - np.log(np.diag(factor[0])).sum())
 
 
-def _hold_out(model: _Model, gathered: Gathered) -> float:
+def _hold_out(model: Model, gathered: Gathered) -> float:
     """Return the rms that correction leaves on stretches of the path that were not used. [m]"""
     stretch = np.arange(len(gathered.row)) // STRETCH % PARTS
     left = np.zeros_like(gathered.deviation)
@@ -285,13 +333,13 @@ def _hold_out(model: _Model, gathered: Gathered) -> float:
         test = stretch == number
         if test.all():
             return float("inf")
-        state = _posterior(model, gathered.take(~test))
+        state = condition(model, gathered.take(~test))
         moved = (state.physics + state.pushed + state.residual).reshape(-1, 3)[gathered.row[test]]
         left[test] = gathered.deviation[test] - np.einsum("bij,bj->bi", gathered.counts[test], moved)
     return float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
 
 
-def _decide(model: _Model, gathered: Gathered, rms: float, held: float) -> tuple[bool, str]:
+def _decide(model: Model, gathered: Gathered, rms: float, held: float) -> tuple[bool, str]:
     """Decide whether the step is supported, and say why."""
     if _is_chance(model, gathered):
         return False, (
@@ -309,7 +357,7 @@ def _decide(model: _Model, gathered: Gathered, rms: float, held: float) -> tuple
     )
 
 
-def _is_chance(model: _Model, gathered: Gathered) -> bool:
+def _is_chance(model: Model, gathered: Gathered) -> bool:
     """Tell whether instrument and repeatability alone make what was measured.
 
     Asked are the directions in which the tip may be off by more than they make, all together and each alone: a part
@@ -317,7 +365,7 @@ def _is_chance(model: _Model, gathered: Gathered) -> bool:
     """
     y, H, own = _observe(model, gathered)
     white = np.linalg.inv(np.linalg.cholesky(own + 1e-18 * np.eye(len(y))))
-    value, vector = np.linalg.eigh(white @ H @ _prior(model) @ H.T @ white.T)
+    value, vector = np.linalg.eigh(white @ H @ prior_of(model) @ H.T @ white.T)
     square = np.r_[vector[:, value > 1.0].T @ white @ y, 0.0] ** 2
     share, n = 0.5 * (1.0 - BY_CHANCE), max(len(square) - 1, 1)
     return bool(square.sum() <= chdtri(n, share) and square.max() <= chdtri(1, share / n))
@@ -328,12 +376,12 @@ def _blocks(matrix: Array, k: int) -> Array:
     return np.asarray(matrix.reshape(k, 3, k, 3)[np.arange(k), :, np.arange(k), :])
 
 
-def _band_seen(model: _Model, covariance: Array, gathered: Gathered) -> Array:
+def _band_seen(model: Model, covariance: Array, gathered: Gathered) -> Array:
     """Return the band in the directions that the points tell. Shape (b,). [m]"""
-    blocks = _with_run(model, _blocks(covariance, len(model.slopes.rows)))[gathered.row]
+    blocks = _with_run(model, _blocks(covariance, len(model.slopes.rows)), model.own.following)[gathered.row]
     return np.asarray(band_radius(gathered.counts @ blocks @ gathered.counts))
 
 
-def _with_run(model: _Model, covariance: Array) -> Array:
-    """Add what every run has of its own."""
-    return covariance + (model.known.repeatability or 0.0) ** 2 * np.eye(3)
+def _with_run(model: Model, covariance: Array, own: Array) -> Array:
+    """Add what a part has of its own, columns (k, 3, m) [m], and its run. Shape (k, 3, 3). [m^2]"""
+    return covariance + own @ np.swapaxes(own, 1, 2) + (model.known.repeatability or 0.0) ** 2 * np.eye(3)

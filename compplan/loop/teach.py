@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,10 +15,10 @@ from compplan.files.quantities import format_length
 from compplan.files.shown import Curve, Curves, Shown
 from compplan.files.tables import Table
 from compplan.job.job import Job
+from compplan.job.loading import find_learned_force
 from compplan.known.assumed import known_uncertainty
 from compplan.known.slopes import (
     ForceSpread,
-    measure_force_slopes,
     pick_rows,
     push_scene,
     read_force_spread,
@@ -28,11 +28,14 @@ from compplan.known.slopes import (
 )
 from compplan.known.vary import vary_scene
 from compplan.loop.gather import Gathered, gather_points
-from compplan.loop.guards import POSSIBLE, explain_points
+from compplan.loop.guards import POSSIBLE, explain_points, rigid_columns
 from compplan.loop.hold import Learned, list_learned, teach_robot
-from compplan.loop.learn import Lesson, learn_part, possible_band
+from compplan.loop.learn import Lesson, Own, learn_part, possible_band
 from compplan.loop.measured_path import MeasuredPath, match_points, read_measured_points
 from compplan.loop.residual import Residual, interpolate, read_residual, residual_file
+from compplan.loop.travel import Travel, choose_travel, learn_force, state_own
+from compplan.measure.distance import band_radius
+from compplan.path.force_lesson import LearnedForce, read_learned_force
 from compplan.path.toolpath import Toolpath
 from compplan.plan.plan import PlanOptions, build_task, plan_task, prepare_job
 from compplan.plan.result import Plan
@@ -40,7 +43,7 @@ from compplan.plan.task import PlanTask
 from compplan.posture.keep import read_lock, turn_about_axis
 from compplan.posture.trace import reach_tip_and_axis
 from compplan.promise.band import Slopes, linearise_path
-from compplan.promise.motion import read_placement
+from compplan.promise.motion import read_placement, shift_part
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.uncertainty import Uncertainty
 from compplan.statics.chain import locate_frames
@@ -48,6 +51,8 @@ from compplan.statics.ik import build_arm, pose_error, refine_ik
 
 #: Places along the path that a lesson is kept at, at most; waypoints nearer to the path than this are reached. [m, rad]
 MOST_PLACES, REACHED = 5000, 1e-6
+#: How far a part that was fitted may have stood off, per axis: as good as not known. [m]
+FITTED = 0.01
 #: Moves longer than this are corrected at their ends only. [m]
 LONG_MOVE = 0.02
 
@@ -70,6 +75,8 @@ class Teaching(Shown):
         residual: What the next program takes off beside the robot's model.
         learned: Parameters that moved most for their width.
         notes: What a user has to know, one sentence each.
+        travel: What other paths are told.
+        force: What is known of the force of the process, or None.
     """
 
     job: Job
@@ -85,6 +92,8 @@ class Teaching(Shown):
     residual: Residual
     learned: tuple[Learned, ...]
     notes: tuple[str, ...]
+    travel: Travel
+    force: LearnedForce | None
 
     @property
     def wanted(self) -> Array:
@@ -141,52 +150,100 @@ def teach_part(
     points = read_measured_points(measured)
     robot = robot_name if isinstance(robot_name, Robot) else load_robot(robot_name)
     old = read_residual(residual_file(robot, job), robot)
+    job = job.with_force(read_learned_force(robot.folder, job.process))
     announce("the plan that was cut")
     wanted, before = plan_learned(job, robot, old)
     matched = match_points(points, wanted, job.T_base_part, in_base=in_base, align=align, sigma=sigma, sure=sure)
     known, task = known_uncertainty(before.robot), before.task
     announce("what the part teaches")
     scene = stage_path(before.robot, before.q, task.wrench, task.step_time)
-    spread = read_force_spread(job.noise)
+    whole = read_force_spread(job)
+    spread = replace(whole, level=whole.common)
     slopes = linearise_path(scene, known, spread, task.cut)
     # the wanted path's own lengths: the corrected path is a little longer or shorter
     places = np.interp(task.origin, np.arange(len(wanted)), wanted.arc_length)
     length = places[slopes.rows]
-    gathered = gather_points(matched, slopes, length, read_placement(job.noise))
+    gathered, own = gather_points(matched, slopes, length), own_of(job, slopes, whole, matched)
     left_open = None if old is None else interpolate(length, old.length, old.open)
     if not sure:
-        ask_possible(points, gathered, possible_band(slopes, known, gathered, left_open), lambda: explain_points(
-            points.stack(["x", "y", "z"]), wanted, job.T_base_part, in_base=in_base, whole=not matched.scanned,
+        place, whole_part = job.T_base_part, not matched.scanned
+        ask_possible(points, gathered, possible_band(slopes, known, gathered, own, left_open), lambda: explain_points(
+            points.stack(["x", "y", "z"]), wanted, place, in_base=in_base, whole=whole_part,
         ))
 
     def exact(values: Array, force: Array) -> Array:
         moved = push_scene(take_rows(vary_scene(scene, known.unknowns, values), slopes.rows), force, spread)
         return np.asarray(attain_scene(moved).position - slopes.tip)
 
-    least = None if old is None else float(np.mean(old.spread))
-    lesson = learn_part(slopes, known, gathered, exact, least, left_open)
-    taught, residual, held = robot, old, np.zeros(len(lesson.values))
+    least, residual = None if old is None else float(np.mean(old.spread)), old
+    lesson = learn_part(slopes, known, gathered, exact, own, least, left_open)
+    # what the path left open stands for robot and force there: other paths are told what these say alone
+    wide = lesson if old is None else learn_part(slopes, known, gathered, exact, own, least)
+    others = tell_others(job, robot, wide, known, whole) if lesson.taken else _tell_nothing(job, robot, wide)
     if lesson.taken:
-        if old is None:
-            taught, held = teach_robot(robot, known, lesson.values, lesson.covariance)
-        residual = add_residual(old, lesson, scene, task, places, known, held, slopes, spread)
+        residual = add_residual(old, lesson, scene, task, places, known, others, slopes, spread)
     announce("the plan that follows")
-    after = before if not lesson.taken else plan_learned(job, taught, residual)[1]
+    job = job.with_force(others.force)
+    after = before if not lesson.taken else plan_learned(job, others.robot, residual)[1]
     if lesson.taken or old is not None:
         after = with_promise(after, lesson, slopes, known)
     size = np.full(len(length), lesson.size)
     nothing = Residual(length, np.zeros((len(length), 3)), size, task.q_start[slopes.rows], lesson.open)
     return Teaching(
-        job, robot, taught, lesson, matched, wanted, slopes, length, before, after, residual or nothing,
-        tuple(list_learned(known, lesson.values, held)), _list_notes(lesson, matched, wanted),
+        job, robot, others.robot, lesson, matched, wanted, slopes, length, before, after, residual or nothing,
+        tuple(list_learned(known, wide.values, others.held)), _list_notes(lesson, others.travel, matched, wanted),
+        others.travel, others.force,
     )  # fmt: skip
 
 
-def _list_notes(lesson: Lesson, matched: MeasuredPath, wanted: Toolpath) -> tuple[str, ...]:
+class Others(NamedTuple):
+    """What other paths are told: what travels, the robot, how much of each parameter it holds, the force, its shares.
+
+    `held` has shape (p,) [SI], `shares` (4,).
+    """
+
+    travel: Travel
+    robot: Robot
+    held: Array
+    force: LearnedForce | None
+    shares: Array
+
+
+def _tell_nothing(job: Job, robot: Robot, lesson: Lesson) -> Others:
+    travel = Travel(False, False, "other paths are told nothing", (np.inf,) * 3)
+    return Others(travel, robot, np.zeros(len(lesson.values)), find_learned_force(job), np.zeros(4))
+
+
+def tell_others(job: Job, robot: Robot, lesson: Lesson, known: Uncertainty, spread: ForceSpread) -> Others:
+    """Tell other paths what stretches of the part that were left out support: the force, and the robot as a whole."""
+    told = _tell_nothing(job, robot, lesson)._replace(travel=choose_travel(lesson.model, lesson.gathered))
+    if told.travel.force:
+        name, turn = job.name or job.file.stem, job.T_base_part[:3, :3]
+        force, shares = learn_force(lesson, spread, told.force, job.process, turn, name)
+        told = told._replace(force=force, shares=shares)
+    if told.travel.robot:
+        taught, held = teach_robot(robot, known, lesson.values, lesson.covariance, own_tool=job.tool is None)
+        told = told._replace(robot=taught, held=held)
+    return told
+
+
+def own_of(job: Job, slopes: Slopes, spread: ForceSpread, matched: MeasuredPath) -> Own:
+    """State what the measured part and the next one have of their own, as far as the job or the force says it."""
+    placed, tip = read_placement(job.noise), slopes.tip
+    columns = rigid_columns(tip)
+    free = FITTED, FITTED / max(float(np.ptp(tip, axis=0).max()), 1e-3)
+    clamped = None if placed is None else shift_part(tip, job.T_base_part[:3, 3], placed)
+    warm = job.noise.temperature_K * job.noise.expansion_per_K if "temperature_K" in job.noise.model_fields_set else 0.0
+    fitted = None if matched.motion is None else columns * np.repeat(free, 3)
+    return state_own(tip, slopes.shared[:, :, 0], spread, clamped, fitted, warm)
+
+
+def _list_notes(lesson: Lesson, travel: Travel, matched: MeasuredPath, wanted: Toolpath) -> tuple[str, ...]:
     """Return why the lesson is taken or left, and what to know of the points and of long moves."""
     longest = float(wanted.steps[~wanted.rapid[1:]].max(initial=0.0))
     coarse = f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer"
-    return (lesson.reason, *matched.notes, *([coarse] if lesson.taken and longest > LONG_MOVE else []))
+    told = (travel.reason,) if lesson.taken else ()
+    return (lesson.reason, *told, *matched.notes, *([coarse] if lesson.taken and longest > LONG_MOVE else []))
 
 
 def ask_possible(points: Table, gathered: Gathered, band: Array, other: Callable[[], str]) -> None:
@@ -259,10 +316,10 @@ def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
 
 
 def add_residual(
-    old: Residual | None, lesson: Lesson, scene: Scene, task: PlanTask, length: Array, known: Uncertainty, held: Array,
-    slopes: Slopes, spread: ForceSpread,
+    old: Residual | None, lesson: Lesson, scene: Scene, task: PlanTask, length: Array, known: Uncertainty,
+    others: Others, slopes: Slopes, spread: ForceSpread,
 ) -> Residual:  # fmt: skip
-    """Add what the lesson leaves to the path: the force's part, the residual, and what the robot folder cannot hold.
+    """Add what stays with the path: what the lesson says of its tip, less what robot folder and process now say there.
 
     Args:
         old: What was learned before, or None.
@@ -271,19 +328,18 @@ def add_residual(
         task: Its task.
         length: Length of the wanted path at every waypoint of the task. Shape (n,). [m]
         known: What was known of the robot.
-        held: How much of each parameter the robot folder holds now. Shape (p,). [SI]
+        others: What robot folder and process say now.
         slopes: The path to first order.
         spread: How surely the force is known.
     """
     rows = pick_rows(task.cut, MOST_PLACES)
     if old is not None:
-        moved = old.at(length[rows]) + interpolate(length[rows], length[slopes.rows], lesson.residual)
+        moved = tip_of(scene, rows) + old.at(length[rows])
+        moved = moved + interpolate(length[rows], length[slopes.rows], lesson.residual)
     else:
-        softer = vary_scene(scene, known.unknowns, lesson.values)
-        beside = vary_scene(scene, known.unknowns, lesson.values - held)
-        moved = tip_of(beside, rows) - tip_of(scene, rows)
-        moved = moved + measure_force_slopes(softer, rows, spread)[0] @ lesson.force
+        moved = tip_of(push_scene(vary_scene(scene, known.unknowns, lesson.values), lesson.force, spread), rows)
         moved = moved + lesson.residual_at(task.position[rows], slopes.tip)
+    moved = moved - tip_of(push_scene(vary_scene(scene, known.unknowns, others.held), others.shares, spread), rows)
     left = np.interp(length[rows], length[slopes.rows], np.minimum(lesson.band_after / 2.8, max(lesson.size, 1e-7)))
     return Residual(
         length[rows], moved, left, task.q_start[rows], interpolate(length[rows], length[slopes.rows], lesson.open)
@@ -298,7 +354,10 @@ def with_promise(plan: Plan, lesson: Lesson, slopes: Slopes, known: Uncertainty)
     n = len(plan.task)
     rows = slopes.rows * (n - 1) / max(len(promise.cut) - 1, 1)
     radius = np.interp(np.arange(n), rows, lesson.band_after)
-    parts = {**promise.parts, "model": radius, "unexplained": np.zeros(n), "force": np.zeros(n)}
+    own = lesson.model.own.following
+    force = band_radius(own[:, :, :1] @ np.swapaxes(own[:, :, :1], 1, 2))
+    parts = {**promise.parts, "model": radius, "unexplained": np.zeros(n)}
+    parts["force"] = np.interp(np.arange(n), rows, force)
     better = replace(promise, radius=radius + plan.after.distance, parts=parts, known=known, without={}, narrowings=())
     whole = better.greatest * promise.whole / max(promise.greatest, 1e-12)
     return replace(plan, learned=replace(better, whole=whole))

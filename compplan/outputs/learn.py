@@ -13,7 +13,10 @@ from compplan.files.tables import write_json, write_table
 from compplan.files.transaction import list_files, replace_folder
 from compplan.loop.residual import Residual, residual_file
 from compplan.loop.teach import Teaching
-from compplan.outputs.plan import summarise_plan, write_joints, write_programs
+from compplan.outputs.cell import write_deviation
+from compplan.outputs.plan import choose_rows, summarise_plan, write_joints, write_programs
+from compplan.path.force_lesson import FILE as PROCESS
+from compplan.path.force_lesson import write_learned_force
 from compplan.report.learn_page import write_learn_page
 from compplan.report.plan_page import write_plan_page
 from compplan.robot import Robot
@@ -34,6 +37,7 @@ def write_lesson(teaching: Teaching, folder: Path) -> dict[str, Any]:
         write_taught(teaching, part / "robot")
         write_programs(teaching.after, part)
         write_joints(teaching.after, part / "joints.csv", teaching.wanted)
+        write_deviation(teaching.after, part / "deviation.csv", choose_rows(teaching.after))
         write_plan_page(teaching.after, part / "plan.html")
         write_json(part / "plan.json", summarise_plan(teaching.after), indent=2)
         write_learn_page(teaching, part / "report.html")
@@ -52,6 +56,10 @@ def write_taught(teaching: Teaching, folder: Path) -> None:
         if not (folder / "controller.urdf").exists():
             # the controller goes on believing the geometry from before
             (folder / "controller.urdf").write_text(teaching.robot.urdf, encoding="utf-8")
+    if teaching.force is not None:
+        write_learned_force(teaching.force, teaching.job.process, folder, source)
+    elif source is not None and (source / PROCESS).is_file():
+        shutil.copyfile(source / PROCESS, folder / PROCESS)
     name = residual_file(teaching.robot, teaching.job)
     file_name = f"learned_{teaching.job.file.stem}.csv" if name is None else name.name
     if teaching.lesson.taken:
@@ -90,6 +98,13 @@ def summarise_lesson(teaching: Teaching) -> dict[str, Any]:
         "residual_rms_mm": _rms(lesson.residual) * 1e3,
         "band_before_mm": _describe_band(lesson.band_before, lesson.band_seen[0]),
         "band_after_mm": _describe_band(lesson.band_after, lesson.band_seen[1]),
+        "told_other_paths": {
+            "force": teaching.travel.force and lesson.taken, "robot": teaching.travel.robot and lesson.taken,
+            "left_mm": dict(zip(("nothing", "force", "force_and_robot"),
+                                (1e3 * value if np.isfinite(value) else None for value in teaching.travel.left),
+                                strict=True)),
+            "force_level": None if teaching.force is None else teaching.force.level,
+        },
         "learned": [
             {"unknown": one.name, "value_SI": one.value, "width_before_SI": one.width, "in_robot_folder": one.kept}
             for one in teaching.learned

@@ -9,6 +9,7 @@ import numpy as np
 
 from compplan.files.tables import Array
 from compplan.path.contact import PathForceTable
+from compplan.path.force_lesson import LearnedForce
 from compplan.path.forces.cutting import CuttingForce, CuttingTable
 from compplan.path.forces.process_stiffness import ProcessStiffness
 from compplan.path.process import ColumnsProcess, ConstantProcess, MillingProcess, Process, predict_wrench
@@ -36,6 +37,7 @@ class ForceLaw:
         note: What a user should know of it.
         cutting: The engagement of the path, for cutters that follow from it.
         coupling: How the force answers to where the tool is, None where it acts as if the tool stood on its path.
+        learned: What measured parts said of the force, or None.
 
     """
 
@@ -48,6 +50,7 @@ class ForceLaw:
     note: str = ""
     cutting: CuttingForce | None = None
     coupling: ProcessStiffness | None = None
+    learned: LearnedForce | None = None
 
     @property
     def follows_feed(self) -> bool:
@@ -95,11 +98,11 @@ class ForceLaw:
             self.process, path, R_base_part=self.T_base_part[:3, :3], tool_x=self.tool_x, folder=self.folder,
             rows_at=self.rows_at, cutting=self.cutting,
         )  # fmt: skip
-        if self.stock_top is None or not isinstance(self.process, MillingProcess):
-            return wrench
-        height = (nominal.position - self.T_base_part[:3, 3]) @ self.T_base_part[:3, 2]
-        share = np.clip((self.stock_top - height) / (self.process.depth_mm * 1e-3), 0.0, 1.0)
-        return np.asarray(wrench * share[:, None])
+        if self.stock_top is not None and isinstance(self.process, MillingProcess):
+            height = (nominal.position - self.T_base_part[:3, 3]) @ self.T_base_part[:3, 2]
+            share = np.clip((self.stock_top - height) / (self.process.depth_mm * 1e-3), 0.0, 1.0)
+            wrench = np.asarray(wrench * share[:, None])
+        return wrench if self.learned is None else self.learned.push(wrench, self.T_base_part[:3, :3])
 
     def respond(self, nominal: Toolpath, wrench: Array, stiffness: Array, away: Array) -> Array:
         """Return by how much the wrench changes where the tool is off its path.

@@ -18,6 +18,7 @@ from compplan.plan.between import Between, measure_between, wanted_pieces
 from compplan.plan.feed import FeedWish, TorqueRules, time_run
 from compplan.plan.sampling import MOST_PIECES, Mending, divide_by, divide_task, grow_places, predict_loads
 from compplan.plan.strategies import command_path, nlp
+from compplan.plan.strategies.lost_motion import without_play
 from compplan.plan.task import Command, PlanTask, attain_rows
 from compplan.plan.timing import Timing, cutting_runs, find_slowdown, state_timing, time_between_cuts, time_ends
 from compplan.robot import Array
@@ -32,6 +33,8 @@ SETTLED = 1e-3
 DIVISIONS = 4
 #: Moves this near to a waypoint that fails are not divided for it.
 FAR = 8
+#: Moves on both sides of one that crosses lost motion that are divided as finely.
+EVEN = 4
 #: Greatest change of the deflection over one move, in chords.
 STEP_CHORDS = 4.0
 
@@ -252,16 +255,39 @@ def _resolve_starts(task: PlanTask, wish: FeedWish) -> PlanTask:
 
 def _missing_pieces(found: Agreement) -> tuple[Array, NDArray[np.int_]]:
     """Tell by how much more than their ends moves stray [m], and into how many pieces that asks to divide them."""
-    task, q = found.task, found.command.q
+    task, q, ways = found.task, found.command.q, found.between
+    if (links := found.command.facts.get("links")) is not None:  # no division mends lost motion
+        task, q = without_play(task), links
+        ways = measure_between(task, q, found.timing.time)
     attained = attain_rows(task, q, np.arange(len(task)), slope=False).position
     off = np.linalg.norm(attained - task.position, axis=1)
     ends = np.maximum(off[:-1], off[1:])
-    between = Between(*(np.maximum(way - ends, 0.0) for way in _ways(found.between)))
+    between = Between(*(np.maximum(way - ends, 0.0) for way in _ways(ways)))
     pieces = wanted_pieces(between, task.chord)
     pieces[task.nominal.steps < 1e-6] = 1
+    pieces = _even_crossings(found, pieces)
     for waypoint in found.command.failures:
         pieces[max(waypoint - FAR, 0) : waypoint + FAR] = 1
     return between.most, pieces
+
+
+def _even_crossings(found: Agreement, pieces: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Divide the neighbours of moves that cross lost motion as finely as these.
+
+    A curve through rows of one step in time swings beside a jump by an eighth of it; a short step among long ones
+    swings farther than the jump.
+    """
+    links = found.command.facts.get("links")
+    if links is None:
+        return pieces
+    step = np.diff(found.timing.time) / pieces
+    crossing = np.flatnonzero((np.abs(np.diff(found.command.q - links, axis=0)) > 0.0).any(axis=1))
+    more = np.ones_like(pieces)
+    for move in crossing.tolist():
+        near = np.arange(max(move - EVEN, 0), min(move + EVEN + 1, len(pieces)))
+        finer = np.ceil(step[near] / max(step[move], 1e-9) - 0.5).astype(int)
+        more[near] = np.maximum(more[near], np.maximum(finer, 1))
+    return pieces * more
 
 
 def _ways(between: Between) -> tuple[Array, Array, Array]:

@@ -13,6 +13,7 @@ import numpy as np
 from compplan.path.contact import tool_axes
 from compplan.path.toolpath import select_waypoints
 from compplan.plan.profile import ease, ease_duration
+from compplan.plan.strategies.lost_motion import cross_first
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
@@ -33,7 +34,7 @@ class Passage:
 
     Attributes:
         key_q: Joint positions that a program goes through: above, and the unloaded tool at the point. Shape (k', nq),
-            k' from 0 to 2.
+            k' from 0 to 3: the third lies on the other side of lost motion.
         key_gap: Time from each of them to the next, the waypoint's own included. Shape (k',). [s]
         q: Joint positions of the rows. Shape (k, nq). [rad or m]
         position: Wanted tip. Shape (k, 3). [m]
@@ -75,9 +76,13 @@ def _pass(task: PlanTask, q: Array, end: int) -> Passage:
     if len(above):
         legs.append((above[0], free, point + top, point, np.zeros(6), np.zeros(6), DOWN_ROWS))
     key = [*above]
-    if np.abs(loaded - free).max() > 1e-9:
-        legs.append((free, loaded, point, point, np.zeros(6), task.wrench[end], LOADING_ROWS))
+    cross = cross_first(task) if end == 0 else np.zeros(nq)
+    if np.abs(loaded + cross - free).max() > 1e-9:
+        legs.append((free, loaded + cross, point, point, np.zeros(6), task.wrench[end], LOADING_ROWS))
         key.append(free)
+    if cross.any():
+        legs.append((loaded + cross, loaded, point, point, task.wrench[end], task.wrench[end], LOADING_ROWS))
+        key.append(loaded + cross)
     if not legs:
         return nothing
     parts = [_leg(task, *leg) for leg in legs]

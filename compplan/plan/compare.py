@@ -144,7 +144,7 @@ def compare_job(job: Job, *, announce: Callable[[str], None] | None = None) -> C
     comparison = compare_task(task, name=job.name or job.file.stem, announce=announce)
     if announce:
         announce("robots drawn from what is known")
-    return replace(comparison, job=job, drawn=draw_strategies(comparison, read_force_spread(job.noise)))
+    return replace(comparison, job=job, drawn=draw_strategies(comparison, read_force_spread(job)))
 
 
 def draw_strategies(comparison: Comparison, force: ForceSpread, draws: int = DRAWS) -> Drawn:

@@ -32,6 +32,7 @@ from compplan.plan.motion_limits import describe_jerk, limit_jerk
 from compplan.plan.notes import describe_coupling, describe_fading, describe_left_out, list_notes
 from compplan.plan.result import Plan
 from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
+from compplan.plan.strategies.lost_motion import state_sides
 from compplan.plan.task import SMOOTHING, PlanTask
 from compplan.plan.verdict import find_breaches, find_jumps, find_overloads, set_up_bench
 from compplan.plan.votes import cast_votes
@@ -285,10 +286,9 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
         smoothing=choose_smoothing(robot, few, SMOOTHING),
         chord=0.1 * options.tolerance if options.chord is None else options.chord,
     )
+    task = state_sides(replace(task, wrench=predict_loads(task)))
     turns = options.law is not None and options.law.turns_with_travel
-    return prepare_sampling(
-        replace(task, wrench=predict_loads(task)), rest_at_corners=turns or not options.feed.constant
-    )
+    return prepare_sampling(task, rest_at_corners=turns or not options.feed.constant)
 
 
 def job_robot(job: Job) -> Robot:

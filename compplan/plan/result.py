@@ -143,7 +143,7 @@ class Plan(Shown):
         if placed is not None and self.job is not None:
             part = shift_part(task.position, self.job.T_base_part[:3, 3], placed)
         try:
-            return promise_path(task.robot, scene, task.cut, read_force_spread(noise), left=left,
+            return promise_path(task.robot, scene, task.cut, read_force_spread(self.job), left=left,
                                 between=bow, motion=self.bending.motion, part=part)  # fmt: skip
         except ConvergenceError:
             return None

@@ -74,6 +74,8 @@ def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> B
     wrench = read_forces(tables, job.folder, rows)
     if wrench is None:
         return Bench(cell, task.wrench, bias, read_stiffness(tables, rows, task.wrench), driven)
+    if law is not None and law.learned is not None:
+        wrench = law.learned.push(wrench, job.T_base_part[:3, :3])
     contact = np.flatnonzero(task.nominal.rapid & task.compensated)
     if law is None or not law.always:
         wrench[contact] = 0.0

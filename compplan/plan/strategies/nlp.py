@@ -25,6 +25,7 @@ from compplan.plan.strategies.limits import (
     measure_correction,
     name_failures,
 )
+from compplan.plan.strategies.lost_motion import lead_play, list_plays, without_play
 from compplan.plan.task import Command, PlanTask, attain_rows
 from compplan.robot import Array
 from compplan.statics.sensitivity import AttainedPose
@@ -68,6 +69,7 @@ def command_path(task: PlanTask) -> Command:
     Waypoints that cannot be reached within the limits make the status "infeasible"; they are named, and the command
     misses the path there by as little as the limits allow.
     """
+    real, task = task, without_play(task)
     attained = attain_rows(task, task.q_start, np.arange(len(task)))
     problem = hold_start(task, attained)
     near = np.minimum(task.q_start - problem.lower, problem.upper - task.q_start) < NEAR_LIMIT
@@ -81,7 +83,7 @@ def command_path(task: PlanTask) -> Command:
     q = _polish(task, problem, state.q, state.rows.released)
     facts = {"passes": len(state.solutions), "rate_rows": len(state.rows.velocity) + len(state.rows.acceleration)}
     spent = sum(solution.time for solution in state.solutions)
-    return _finish(task, problem, q, Command(q, solve_time=spent, solutions=state.solutions, facts=facts))
+    return _finish(real, problem, q, Command(q, solve_time=spent, solutions=state.solutions, facts=facts))
 
 
 def correct_command(task: PlanTask, command: Command) -> Command:
@@ -92,16 +94,20 @@ def correct_command(task: PlanTask, command: Command) -> Command:
         command: A command for another wrench; waypoints that fail in it are brought as near as the limits allow.
 
     """
-    q, failing = command.q.copy(), np.array(sorted(command.failures), int)
+    q, failing = np.array(command.facts.get("links", command.q)), np.array(sorted(command.failures), int)
+    real, task = task, without_play(task)
     if len(failing):
         q[failing] = find_compromise(task, q, failing)
-    return _finish(task, task.problem, _polish(task, task.problem, q, failing), command)
+    return _finish(real, task.problem, _polish(task, task.problem, q, failing), command)
 
 
 def _finish(task: PlanTask, problem: PathProblem, q: Array, command: Command) -> Command:
-    """Name the waypoints that miss the pose equations or leave a limit."""
-    missed = _size(_missed(task, problem, q))
+    """Lead lost motion, and name the waypoints that miss the pose equations or leave a limit; q: of the links."""
+    missed = _size(_missed(without_play(task), problem, q))
     failures = name_failures(task, q, np.flatnonzero(missed > KEPT))
+    if list_plays(task.robot).any():
+        command = replace(command, facts={**command.facts, "links": q})
+        q = q + lead_play(task, q)
     if task.robot.effects:
         # what no command can mend, such as lost motion at a reversal, is no matter of reach: the judge sees the tip
         failures = {k: name for k, name in failures.items() if name != OUT_OF_REACH or task.missed[k]}

@@ -1,0 +1,127 @@
+"""What of a lesson travels to other paths: the force of the process, and the robot whole or not at all.
+
+A part is dealt to long stretches. Learned from the others, without the residual that belongs to the path, the force
+alone and force and robot together have to leave less on the stretch that they did not see.
+"""
+
+from __future__ import annotations
+
+import datetime
+from dataclasses import dataclass
+
+import numpy as np
+
+from compplan.known.slopes import ForceSpread
+from compplan.loop.gather import Gathered
+from compplan.loop.learn import Lesson, Model, Own, condition
+from compplan.path.force_lesson import LearnedForce, PartTable, add_part, find_axes
+from compplan.robot import Array
+
+#: Stretches that a part is dealt to.
+STRETCHES = 4
+#: What a step has to leave, at most, of what is left without it (assumed: less is no lesson for another path).
+FORCE, ROBOT = 0.97, 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class Travel:
+    """What travels.
+
+    Attributes:
+        force: Whether the force does.
+        robot: Whether the robot does.
+        reason: What the stretches say.
+        left: What nothing, the force, and force and robot leave on stretches that they did not see, rms. [m]
+    """
+
+    force: bool
+    robot: bool
+    reason: str
+    left: tuple[float, float, float]
+
+
+def choose_travel(model: Model, gathered: Gathered) -> Travel:
+    """Ask stretches of a part that were left out what may be told to other paths."""
+    part = np.minimum(STRETCHES * np.arange(len(gathered.row)) // max(len(gathered.row), 1), STRETCHES - 1)
+    left = np.zeros((3, *gathered.deviation.shape))
+    for number in np.unique(part):
+        test = part == number
+        if test.all():
+            return Travel(False, False, "the part was measured at one place alone", (np.inf,) * 3)
+        state, rows = condition(model, gathered.take(~test)), gathered.row[test]
+        own = model.own.part[rows] @ state.own
+        force, robot = (moved.reshape(-1, 3)[rows] for moved in (state.pushed, state.physics))
+        for k, moved in enumerate((0.0 * own, own + force, own + force + robot)):
+            seen = np.einsum("bij,bj->bi", gathered.counts[test], moved)
+            left[k, test] = gathered.deviation[test] - seen
+    rms = np.sqrt(np.mean(np.sum(left**2, axis=2), axis=1))
+    pushes = bool(np.any(model.slopes.shared[:, :, 0]))
+    force = pushes and bool(rms[1] < FORCE * rms[0])
+    robot = bool(rms[2] < ROBOT * min(rms[0], rms[1]))
+    names = ("nothing", "the force", "both")
+    said = ", ".join(f"{1e3 * value:.3g} mm with {name}" for value, name in zip(rms, names, strict=True))
+    told = "force and robot" if robot and pushes else "the robot" if robot else "the force" if force else "nothing"
+    reason = f"other paths are told {told}: stretches of the part that were left out stay off by {said}"
+    return Travel(force or (robot and pushes), robot, reason, (float(rms[0]), float(rms[1]), float(rms[2])))
+
+
+def state_own(
+    tip: Array, level: Array, spread: ForceSpread, clamped: Array | None, fitted: Array | None, warm: float
+) -> Own:
+    """State what a part has of its own: its force, how it is clamped, how warm the arm is.
+
+    Args:
+        tip: Where the tip goes. Shape (k, 3). [m]
+        level: Motion of the tip by the level that all parts share, one standard deviation. Shape (k, 3). [m]
+        spread: How surely the force is known.
+        clamped: Motion of the part by how it is clamped, columns of one standard deviation. Shape (k, 3, c). [m]
+        fitted: The same of the measured part where a best fit took its motion off.
+        warm: Growth of the arm from part to part, one standard deviation, relative.
+    """
+    ratio = spread.scatter / spread.common if spread.common > 0.0 else 0.0
+    force = ratio * level[:, :, None]
+    clamped = np.zeros((len(tip), 3, 0)) if clamped is None else clamped
+    heat = warm * tip[:, :, None] if warm > 0.0 else np.zeros((len(tip), 3, 0))
+    part = [force, clamped if fitted is None else fitted, heat]
+    return Own(np.concatenate(part, axis=2), np.concatenate([force, clamped, heat], axis=2), ratio)
+
+
+def learn_force(
+    lesson: Lesson, spread: ForceSpread, old: LearnedForce | None, process: object, R_base_part: Array, job: str
+) -> tuple[LearnedForce, Array]:
+    """Turn a lesson into what other paths are told of the force; also return its shares that they are told, (4,).
+
+    Its direction travels where it is fixed in base or part; where it goes with the path it stays with the path.
+
+    Args:
+        lesson: The lesson.
+        spread: How surely the force was known.
+        old: What was known of it, or None.
+        process: The [process] of the job.
+        R_base_part: Part axes seen from the base. Shape (3, 3).
+        job: Name of the job.
+    """
+    axes, told = find_axes(process), lesson.force.copy()
+    scale = 1.0 if old is None else old.level
+    common, width = spread.common, np.sqrt(np.maximum(np.diag(lesson.force_covariance), 0.0))
+    level = scale * (1.0 + common * float(told[0]))
+    turn = spread.direction * told[1:]
+    if not axes:
+        told[1:] = 0.0
+    sigma = float(spread.direction * np.sqrt(np.mean(width[1:] ** 2))) if axes else None
+    before = np.zeros(3) if old is None else old.turn
+    local = R_base_part.T @ turn if axes == "part" else turn
+    own = scale * (1.0 + common * float(told[0] + lesson.model.own.ratio * lesson.own[0]))
+    part = PartTable(
+        date=datetime.datetime.now(tz=datetime.UTC).date(), job=job, level=max(own, 1e-3),
+        sigma=scale * common * lesson.own_spread,
+    )  # fmt: skip
+    parts = () if old is None or not old.same else old.parts
+    known = LearnedForce(
+        max(level, 1e-3), scale * common * float(width[0]), before + local if axes else np.zeros(3), sigma,
+        spread.scatter, parts, axes,
+    )  # fmt: skip
+    known = add_part(known, part)
+    told[0] = (known.level / scale - 1.0) / common if common > 0.0 else 0.0
+    return known, told
+

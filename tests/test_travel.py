@@ -1,0 +1,189 @@
+"""What a part tells other paths: the force of its process with a date, the robot whole or not at all."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import run_command
+from test_learn import cut_part
+
+from compplan.effects import Effect
+from compplan.errors import InputError
+from compplan.job.job import Job, load_job
+from compplan.known.slopes import ForceSpread, read_force_spread
+from compplan.loop.gather import Gathered
+from compplan.loop.hold import add_effect, teach_robot
+from compplan.loop.learn import learn_part
+from compplan.loop.travel import choose_travel, state_own
+from compplan.path.force_lesson import (
+    FILE,
+    SCATTER,
+    LearnedForce,
+    PartTable,
+    add_part,
+    read_learned_force,
+    write_learned_force,
+)
+from compplan.promise.band import Slopes
+from compplan.robot import load_robot
+from compplan.robot.folder import find_robot_folder, write_robot_folder
+from compplan.robot.uncertainty import Uncertainty, Unknown
+
+PATHS = Path(__file__).parents[1] / "paths"
+DAY = datetime.date(2026, 11, 23)
+
+
+def part_of(level: float, sigma: float = 0.01) -> PartTable:
+    return PartTable(date=DAY, job="circle", level=level, sigma=sigma)
+
+
+def force_of(level: float, *parts: float, scatter: float = SCATTER) -> LearnedForce:
+    return LearnedForce(level, 0.03, np.zeros(3), None, scatter, tuple(map(part_of, parts)), "base")
+
+
+@pytest.fixture
+def job(tmp_path: Path) -> Job:
+    text = (PATHS / "circle_10mm.toml").read_text(encoding="utf-8").replace("waypoints = 500", "waypoints = 40")
+    (tmp_path / "circle.toml").write_text(text, encoding="utf-8")
+    return load_job(tmp_path / "circle.toml")
+
+
+def test_a_process_file_keeps_what_was_learned_and_other_processes_beside_it(job: Job, tmp_path: Path) -> None:
+    known = LearnedForce(1.2, 0.04, np.array([0.01, 0.0, -0.02]), 0.015, 0.08, (part_of(1.23),), "base")
+    write_learned_force(known, job.process, tmp_path, None)
+    other = job.process.model_copy(update={"force_N": (1.0, 2.0, 3.0)})
+    write_learned_force(replace(known, level=0.9), other, tmp_path, tmp_path)
+    found = read_learned_force(tmp_path, job.process)
+    assert found is not None and found.same
+    assert (found.level, found.level_sigma, found.scatter) == pytest.approx((1.2, 0.04, 0.08))
+    assert found.turn == pytest.approx(known.turn, abs=1e-6)
+    assert found.parts[0].date == DAY
+    assert read_learned_force(tmp_path, other).level == pytest.approx(0.9)
+    third = read_learned_force(tmp_path, job.process.model_copy(update={"force_N": (0.0, 0.0, -50.0)}))
+    assert third is not None and not third.same and not third.turn.any()
+    assert third.spread > found.spread and "assumed" in third.source
+    (tmp_path / FILE).write_text("schema = 1\n[[process]]\nmodel = 'constant'\nlevel = -1.0\n")
+    with pytest.raises(InputError, match="process"):
+        read_learned_force(tmp_path, job.process)
+
+
+def test_three_parts_tell_their_scatter_and_four_a_clear_trend() -> None:
+    """s^2 = (4 a^2 + sum (l - mean)^2 / mean^2) / (4 + n - 1)."""
+    three = add_part(force_of(1.0, 0.9, 1.1), part_of(1.0))
+    assert three.scatter == pytest.approx(np.sqrt((4 * SCATTER**2 + 0.02) / 6))
+    assert three.level == 1.0
+    worn = add_part(force_of(1.15, 1.0, 1.1, 1.2), part_of(1.301))
+    assert worn.level == pytest.approx(1.4, abs=0.01)
+    assert add_part(force_of(1.15, 1.0, 1.2, 1.0), part_of(1.2)).level == 1.15
+
+
+def test_a_force_in_part_axes_turns_with_the_part() -> None:
+    turned = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    known = LearnedForce(2.0, 0.0, np.array([np.pi / 2, 0.0, 0.0]), 0.0, 0.0, (part_of(2.0),), "part")
+    wrench = np.array([[0.0, 0.0, 5.0, 1.0, 0.0, 0.0]])
+    assert known.push(wrench, np.eye(3)) == pytest.approx(np.array([[0.0, -10, 0, 2, 0, 0]]))
+    assert known.push(wrench, turned) == pytest.approx(np.array([[10.0, 0, 0, 0, 0, -2]]))
+
+
+def test_a_plan_and_its_band_read_the_process_file_of_the_robot_folder(job: Job, tmp_path: Path) -> None:
+    """1.2 times the force: the correction grows by that, the independent check agrees, the force's band shrinks."""
+    from compplan.plan.plan import plan_job
+
+    folder = tmp_path / "robot"
+    shutil.copytree(find_robot_folder("kuka_kr270"), folder)
+    write_learned_force(force_of(1.2, 1.2), job.process, folder, None)
+    before, after = (plan_job(load_job(job.file, robot)) for robot in ("kuka_kr270", str(folder)))
+    assert after.status == "solved"
+    assert after.task.wrench == pytest.approx(1.2 * before.task.wrench)
+    assert any("1.2 times the predicted" in note for note in after.notes)
+    assert not any("times the predicted" in note for note in before.notes)
+    assert after.q == pytest.approx(before.q, abs=2e-3)  # the posture is kept
+    share = np.hypot(0.03 / 1.2, SCATTER)
+    spread = read_force_spread(after.job)
+    assert spread.level == pytest.approx(share) and spread.scatter == SCATTER
+    assert after.promise.parts["force"].max() < 0.75 * before.promise.parts["force"].max()
+    assert "1 measured part" in after.promise.force.source
+
+
+def line(k: int) -> Slopes:
+    """Return a line whose parameter lifts it by its square and whose force pushes it sideways, .1 mm a unit."""
+    x = np.linspace(-1.0, 1.0, k)
+    model, shared = np.zeros((k, 3, 1)), np.zeros((k, 3, 4))
+    model[:, 2, 0], shared[:, 1, 0] = x**2, 1e-4
+    return Slopes(np.arange(k), np.column_stack([x, 0 * x, 0 * x]), model, shared, np.zeros((k, 3, 1)))
+
+
+@pytest.mark.parametrize(("lift", "push", "told"), [(3e-4, 3e-4, (True, True)), (0.0, 3e-4, (True, False))])
+def test_stretches_that_were_left_out_say_what_travels(lift: float, push: float, told: tuple[bool, bool]) -> None:
+    k, rng = 60, np.random.default_rng(2)
+    slopes = line(k)
+    unknown = Unknown("link_geometry", "joint_1", "tz", ("tz_m",), np.array([2e-4]))
+    known = Uncertainty("measured", "test", (unknown,), np.eye(1), unexplained=2e-5, repeatability=2e-6)
+    seen = slopes.model[:, :, 0] * lift + np.array([0.0, push, 0.0]) + 3e-6 * rng.standard_normal((k, 3))
+    gathered = Gathered(np.arange(k), seen, np.tile(np.eye(3), (k, 1, 1)), np.full(k, 9e-12), np.ones(k, int))
+    spread = ForceSpread(np.hypot(0.15, 0.07), 0.05, 0.0, "assumed", 0.07)
+    own = state_own(slopes.tip, slopes.shared[:, :, 0], spread, None, None, 0.0)
+
+    def exact(values: np.ndarray, force: np.ndarray) -> np.ndarray:
+        return slopes.model @ values + slopes.shared @ force
+
+    lesson = learn_part(slopes, known, gathered, exact, own)
+    travel = choose_travel(lesson.model, gathered)
+    assert (travel.force, travel.robot) == told
+    # one part: the level that all parts share is told apart from this part's own by their variances alone
+    assert lesson.force[0] * 1e-4 == pytest.approx(push * 0.15**2 / (0.15**2 + 0.07**2), rel=0.05)
+    assert lesson.own[0] * own.ratio * 1e-4 == pytest.approx(push * 0.07**2 / (0.15**2 + 0.07**2), rel=0.2)
+    # and the band of the next part holds its own force beside what is left of the level
+    next_one = 1e-4 * own.ratio * np.sqrt(1.0 + 0.15**2 / (0.15**2 + 0.07**2))
+    assert lesson.band_after[0] == pytest.approx(1.96 * next_one, rel=0.05)
+
+
+def test_a_folder_holds_lost_motion_and_gear_error_with_what_they_belong_to() -> None:
+    robot = load_robot("kuka_kr270")
+    play = Unknown("backlash", "joint_1", None, ("width_rad",), np.array([3e-5]))
+    gear = Unknown("transmission_error", "joint_2", None, ("sine_rad#0", "cosine_rad#0"), np.full(2, 3e-5),
+                   {"cycles_per_turn": [1.0]})  # fmt: skip
+    known = Uncertainty("measured", "test", (play, gear), np.eye(3))
+    values = np.array([2e-5, 1e-5, -4e-5])
+    taught, held = teach_robot(robot, known, values, np.diag([1e-10] * 3))
+    assert held == pytest.approx(values)
+    again, more = teach_robot(taught, known, np.array([-5e-5, 1e-5, 0.0]), np.diag([1e-10] * 3))
+    assert more == pytest.approx([-2e-5, 1e-5, 0.0])  # no play below zero
+    assert [table["effect"] for table in again.effects] == ["backlash", "transmission_error"]
+    assert again.effects[1]["parameters"]["sine_rad"] == pytest.approx([2e-5])
+    assert again.effects[0]["parameters"]["width_rad"] == pytest.approx(0.0, abs=1e-15)
+    sizes = {"cycles_per_turn": [1.0], "sine_rad": [1e3], "cosine_rad": [0.0]}
+    far = Effect("transmission_error", "joint_2", None, sizes)
+    assert add_effect(robot, far, np.array([1e3]))[1] == pytest.approx([0.0])
+
+
+@pytest.mark.slow
+def test_a_second_part_adds_to_what_the_first_one_said_of_the_force(job: Job, tmp_path, monkeypatch, capsys) -> None:
+    """The true force is 1.21 times the predicted one, on the robot of the folder, which is known to 1 %."""
+    truth, levels = load_robot("kuka_kr270"), []
+    soft = [
+        Unknown("joint_stiffness", s.joint, None, ("compliance_change_rad_per_Nm",), np.array([0.01 * s.compliance]))
+        for s in truth.springs
+    ]
+    known = Uncertainty("measured", "test", tuple(soft), np.eye(6), unexplained=1e-5, repeatability=5e-6)
+    folder = str(tmp_path / "measured")
+    write_robot_folder(replace(truth, uncertainty=known), Path(folder))
+    for part in range(2):
+        measured, out = tmp_path / f"part{part}.csv", tmp_path / f"out{part}"
+        cut_part(job, folder, truth, 1.21, measured, part)
+        answer = run_command(["learn", job.file, measured, "--robot", folder, "--out", out], monkeypatch, capsys)
+        assert answer.status == 0
+        summary = json.loads((out / "learn.json").read_text(encoding="utf-8"))
+        folder = str(out / "robot")
+        known = read_learned_force(Path(folder), job.process)
+        levels.append((known.level, known.spread, len(known.parts), summary["step_taken"]))
+    assert levels[0][0] == pytest.approx(1.0 + 0.21 * 0.133**2 / 0.15**2, abs=0.02)
+    assert levels[1][0] > levels[0][0]
+    assert levels[1][1] < levels[0][1] < 0.15
+    assert [entry[2:] for entry in levels] == [(1, True), (2, True)]
