@@ -93,6 +93,8 @@ def trust_parts(robot: Robot, visited: Visited, q: Array, wrench: Array) -> Arra
 def keep_share(robot: Robot, visited: Visited, share: float) -> Robot:
     """Return the robot with a share of its parts in doubt; what is taken out counts as unknown.
 
+    What it has visited then speaks of the parts as they are, so that the same place takes nothing out once more.
+
     Args:
         robot: The robot.
         visited: Its parts in doubt.
@@ -101,8 +103,30 @@ def keep_share(robot: Robot, visited: Visited, share: float) -> Robot:
     changed = robot
     for part in visited.parts:
         changed = _scale_part(changed, part, share)
-    known = robot.uncertainty
+    parts = tuple(replace(part, value=share * part.value) for part in visited.parts) if share > 0.0 else ()
+    size = max(share, ROUNDING)
+    left = replace(visited, parts=parts, share=visited.share / size, deviation=visited.deviation / size)
+    changed, known = replace(changed, visited=left if parts else None), robot.uncertainty
     return changed if known is None else replace(changed, uncertainty=_take_out(known, visited.parts, 1.0 - share))
+
+
+def fade_alike(robot: Robot, faded: Robot) -> Robot:
+    """Return a robot whose parts in doubt are taken back as far as those of another that `fade_robot` made of it.
+
+    Args:
+        robot: The robot, without the tool of a job.
+        faded: The other, which may carry it.
+    """
+    if robot.visited is None or not robot.visited.parts:
+        return robot
+    now = {(p.effect, p.joint, p.axis, p.keys): p.value for p in (faded.visited.parts if faded.visited else ())}
+    for part in robot.visited.parts:
+        key = (part.effect, part.joint, part.axis, part.keys)
+        size = float(np.abs(part.value).max(initial=0.0))
+        if key in now and size > 0.0:
+            share = float(np.abs(now[key]).max()) / size
+            return robot if share >= 1.0 - ROUNDING else keep_share(robot, robot.visited, share)
+    return keep_share(robot, robot.visited, 0.0) if faded.visited is None else robot
 
 
 def _scale_part(robot: Robot, part: Part, share: float) -> Robot:
@@ -110,10 +134,14 @@ def _scale_part(robot: Robot, part: Part, share: float) -> Robot:
     place, tables = (part.effect, part.joint, part.axis), list(robot.effects)
     for number, table in enumerate(tables):
         held = dict(table["parameters"])
-        own = pack_parameters(part.keys, share * part.value, {})
+        own = pack_parameters(part.keys, (share - 1.0) * part.value, {})
         settings = all(held.get(key) == value for key, value in part.fixed.items())
         if (table["effect"], table.get("joint"), table.get("axis")) == place and settings and own.keys() <= held.keys():
-            tables[number] = {**table, "parameters": {**held, **own}}
+            # a part that was learned since may stand in the same table
+            for key, lost in own.items():
+                both = isinstance(lost, list)
+                held[key] = [a + b for a, b in zip(held[key], lost, strict=True)] if both else held[key] + lost
+            tables[number] = {**table, "parameters": held}
             return replace(robot, effects=tuple(tables))
     lost = (share - 1.0) * part.value
     if "joints" in part.fixed:  # under own weight: one compliance a joint

@@ -17,6 +17,7 @@ from compplan.files.tables import Table
 from compplan.job.job import Job
 from compplan.job.loading import find_learned_force
 from compplan.known.assumed import known_uncertainty
+from compplan.known.fading import fade_alike
 from compplan.known.slopes import (
     ForceSpread,
     pick_rows,
@@ -179,8 +180,9 @@ def teach_part(
     lesson = learn_part(slopes, known, gathered, exact, own, least, left_open)
     # what the path left open stands for robot and force there: other paths are told what these say alone
     wide = lesson if old is None else learn_part(slopes, known, gathered, exact, own, least)
-    others = tell_others(job, robot, wide, known, whole) if lesson.taken else _tell_nothing(job, robot, wide)
+    others = _tell_nothing(job, robot, wide)
     if lesson.taken:
+        others = tell_others(job, robot, before.robot, wide, known, whole)
         residual = add_residual(old, lesson, scene, task, places, known, others, slopes, spread)
     announce("the plan that follows")
     job = job.with_force(others.force)
@@ -214,7 +216,9 @@ def _tell_nothing(job: Job, robot: Robot, lesson: Lesson) -> Others:
     return Others(travel, robot, np.zeros(len(lesson.values)), find_learned_force(job), np.zeros(4))
 
 
-def tell_others(job: Job, robot: Robot, lesson: Lesson, known: Uncertainty, spread: ForceSpread) -> Others:
+def tell_others(
+    job: Job, robot: Robot, planned: Robot, lesson: Lesson, known: Uncertainty, spread: ForceSpread
+) -> Others:
     """Tell other paths what stretches of the part that were left out support: the force, and the robot as a whole."""
     told = _tell_nothing(job, robot, lesson)._replace(travel=choose_travel(lesson.model, lesson.gathered))
     if told.travel.force:
@@ -222,7 +226,9 @@ def tell_others(job: Job, robot: Robot, lesson: Lesson, known: Uncertainty, spre
         force, shares = learn_force(lesson, spread, told.force, job.process, turn, name)
         told = told._replace(force=force, shares=shares)
     if told.travel.robot:
-        taught, held = teach_robot(robot, known, lesson.values, lesson.covariance, own_tool=job.tool is None)
+        # the values are about the robot that was planned with, whose parts in doubt had faded there
+        base = fade_alike(robot, planned)
+        taught, held = teach_robot(base, known, lesson.values, lesson.covariance, own_tool=job.tool is None)
         told = told._replace(robot=taught, held=held)
     return told
 
