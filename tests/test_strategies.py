@@ -11,7 +11,7 @@ from compplan.errors import UnknownNameError
 from compplan.path.toolpath import Toolpath
 from compplan.plan.evaluate import evaluate_run
 from compplan.plan.plan import PlanOptions, build_task
-from compplan.plan.strategies import STRATEGIES, command_path
+from compplan.plan.strategies import STRATEGIES, command_path, nlp
 from compplan.posture.stance import Wish
 from compplan.robot import LinkElasticity, Spring, load_robot
 from compplan.robot.beam import hollow_beam_compliance
@@ -46,6 +46,19 @@ def test_joint_springs_alone_are_wound_up_by_exactly_their_torque(strategy):
     compliance = np.array([spring.compliance for spring in task.robot.springs])
     wound = task.q_start - compliance * np.einsum("nij,ni->nj", columns, task.wrench)
     assert np.abs(command_path(task, strategy).q - wound).max() < 1e-9
+
+
+def test_a_path_that_leaves_no_choice_is_mirrored_to_the_answer_of_the_program(monkeypatch):
+    plain = command_path(task := make_task(), "nlp")
+    monkeypatch.setattr(nlp, "solve_plain", lambda task: None)
+    program = command_path(task, "nlp")
+    assert plain.facts["plain"] and not plain.solutions and len(program.solutions) == program.facts["passes"] > 0
+    assert np.abs(plain.q - program.q).max() < 1e-9 and plain.status == program.status == "solved"
+
+
+def test_a_free_spin_or_a_limit_in_the_way_is_a_matter_of_the_program():
+    assert nlp.solve_plain(make_task(spin_free=True)) is None
+    assert nlp.solve_plain(make_task(max_correction=1e-4)) is None
 
 
 def test_one_soft_joint_is_wound_up_by_lever_times_force():

@@ -157,6 +157,13 @@ class Plan(Shown):
         )  # fmt: skip
         return judge_keeping(case)
 
+    @property
+    def solved_by(self) -> str:
+        """What the command came from: the strategy, of `nlp` the program, or mirroring where no joint is free."""
+        if self.strategy != "nlp":
+            return self.strategy
+        return "repeated mirror, no joint is free" if self.command.facts.get("plain") else "nonlinear program"
+
     def explain_failures(self) -> str:
         """Say in a sentence which waypoints fail and which limits stop them, or what is not confirmed; else nothing."""
         if not self.command.failures:
@@ -257,6 +264,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "status": plan.status,
         "verdict": plan.verdict.describe(),
         "strategy": plan.strategy,
+        "solved_by": plan.solved_by,
         "name": plan.name,
         "robot": plan.robot.name,
         "robot_grade": plan.robot.grade,

@@ -99,7 +99,7 @@ def _weigh_postures(plan: Plan) -> tuple[dict[str, float], dict[str, float]] | N
 
 
 def _list_facts(plan: Plan) -> list[tuple[str, str]]:
-    facts = [("strategy", plan.strategy), ("deviation computed by", plan.judge)]
+    facts = [("strategy", plan.strategy), ("solved by", plan.solved_by), ("deviation computed by", plan.judge)]
     if plan.job is not None and plan.job.file.is_file():
         facts.append(("job", str(plan.job.file)))
     facts.append(("toolpath", plan.task.nominal.source or "given in memory"))

@@ -70,6 +70,8 @@ def command_path(task: PlanTask) -> Command:
     misses the path there by as little as the limits allow.
     """
     real, task = task, without_play(task)
+    if (plain := solve_plain(task)) is not None:
+        return _finish(real, task.problem, plain.q, plain)
     attained = attain_rows(task, task.q_start, np.arange(len(task)))
     problem = hold_start(task, attained)
     near = np.minimum(task.q_start - problem.lower, problem.upper - task.q_start) < NEAR_LIMIT
@@ -84,6 +86,22 @@ def command_path(task: PlanTask) -> Command:
     facts = {"passes": len(state.solutions), "rate_rows": len(state.rows.velocity) + len(state.rows.acceleration)}
     spent = sum(solution.time for solution in state.solutions)
     return _finish(real, problem, q, Command(q, solve_time=spent, solutions=state.solutions, facts=facts))
+
+
+def solve_plain(task: PlanTask) -> Command | None:
+    """Command a path that leaves the joints no choice by mirroring alone; None where it does, or a limit is in the way.
+
+    The pose equations of a waypoint then have one answer: mirroring what is missed through the exact derivative of the
+    loaded equilibrium, again and again, comes to the answer of the program.
+    """
+    problem = task.problem
+    if problem.redundant or task.missed.any():
+        return None
+    q = _polish(task, problem, task.q_start, np.zeros(0, int))
+    far = problem.compensated & (measure_correction(task, q) > problem.max_correction)
+    if far.any() or _size(_missed(task, problem, q)).max() > EXACT:
+        return None
+    return Command(q, facts={"passes": 0, "rate_rows": 0, "plain": True})
 
 
 def correct_command(task: PlanTask, command: Command) -> Command:
