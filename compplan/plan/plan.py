@@ -12,7 +12,9 @@ from compplan.cell.wanted import Vote
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
 from compplan.job.job import Job
 from compplan.job.loading import load_path, refuse_unsettled
+from compplan.known.assumed import known_uncertainty
 from compplan.known.fading import fade_robot
+from compplan.known.slopes import ForceSpread, pick_rows, read_force_spread, stage_path
 from compplan.path.contact import tool_axes
 from compplan.path.force_law import ForceLaw
 from compplan.path.toolpath import Toolpath, check_toolpath
@@ -36,14 +38,18 @@ from compplan.plan.strategies.lost_motion import state_sides
 from compplan.plan.task import SMOOTHING, PlanTask
 from compplan.plan.verdict import find_breaches, find_jumps, find_overloads, set_up_bench
 from compplan.plan.votes import cast_votes
+from compplan.posture.finished import RobotMeasure
 from compplan.posture.keep import Lock, find_kept_start, read_lock
 from compplan.posture.stance import Wish, check_start
 from compplan.posture.start import PostureRequest, Start, check_clearance, read_request, stand
 from compplan.program import check_languages
+from compplan.promise.band import band_radius, linearise_path, split_covariance
 from compplan.promise.posture_errors import posture_errors
 from compplan.robot import Array, Robot, load_robot
 from compplan.statics.chain import Chain, build_chain
 
+#: Rows of the cut at which the 95 % band of a finished posture is measured.
+BAND_ROWS = 40
 #: Sine of the angle between the tool axis and x of the TCP frame below which they are one direction.
 SIDE = float(np.sin(np.radians(1.0)))
 
@@ -70,6 +76,7 @@ class PlanOptions:
             [m]
         inertia: Whether the inertia of the motion counts as a load and is compensated.
         lock: What is kept of a posture that was chosen before, or None.
+        force: How surely the force is known, as assumed if left out.
 
     """
 
@@ -88,6 +95,7 @@ class PlanOptions:
     chord: float | None = None
     inertia: bool = True
     lock: Lock | None = None
+    force: ForceSpread | None = None
 
 
 def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -> Plan:
@@ -230,9 +238,13 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
     request = options.posture
     if request is not None:
         asked = request
-        request = replace(
-            asked, clock=lambda model, stance: _time_stance(model, options, stand(stance, nominal, asked))
-        )
+        measures: dict[str, RobotMeasure] = {
+            "driven_s": lambda model, stance: _time_stance(model, options, stand(stance, nominal, asked))
+        }
+        if asked.settings.compares:
+            measures["band_mm"] = lambda model, stance: _measure_band(model, options, stand(stance, nominal, asked))
+            measures["joint_travel_deg"] = lambda model, stance: stance.costs["joint_travel_deg"]
+        request = replace(asked, measures=measures)
     try:
         check_start(robot, options.wish.start)
         start = find_kept_start(
@@ -255,6 +267,19 @@ def _time_stance(robot: Robot, options: PlanOptions, start: Start) -> float:
         return float(time_run(task, task.q_start, options.feed)[1].time[-1])
     except ConvergenceError:
         return np.inf
+
+
+def _measure_band(robot: Robot, options: PlanOptions, start: Start) -> float:
+    """Measure the widest 95 % band along a posture before anything is corrected, vibration left out. [mm]."""
+    task = _state_task(robot, build_chain(robot), options, start)
+    cut = np.zeros(len(task), bool)
+    cut[pick_rows(task.cut, BAND_ROWS)] = True
+    scene, known = stage_path(robot, task.q_start, task.wrench, task.step_time), known_uncertainty(robot)
+    try:
+        parts = split_covariance(linearise_path(scene, known, options.force or read_force_spread(None), cut), known)
+    except ConvergenceError:
+        return np.inf
+    return float(1e3 * band_radius(np.asarray(sum(parts.values()))).max(initial=0.0))
 
 
 def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) -> PlanTask:
@@ -337,5 +362,6 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         posture=state_frequency(read_request(job, robot, posture_errors(job, robot)), robot),
         feed=FeedWish(job.feed.mode == "constant", job.feed.torque_limits),
         inertia=table.inertia,
+        force=read_force_spread(job.noise),
         chord=None if job.sampling.chord_mm is None else job.sampling.chord_mm * 1e-3,
     )

@@ -6,9 +6,8 @@ the search repeated, so that only a small part of the nodes is ever tested.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from compplan.path.contact import tool_axes
 from compplan.path.toolpath import Toolpath
 from compplan.posture.chatter import ChatterPrice, count_chatter, price_chatter
 from compplan.posture.costs import Weights, choose_weights
-from compplan.posture.fastest import Clock, RobotClock, choose_fastest, time_stance
+from compplan.posture.finished import Meter, RobotMeasure, choose_finished, find_meter, measure_stance
 from compplan.posture.lattice import (
     COLLISION,
     JOINT_LIMIT,
@@ -72,7 +71,7 @@ class Task:
         settings: What may vary and what it is chosen for.
         margin: By how much postures keep clear, or None.
         chatter: How far cuts are beyond the limit of chatter, or None.
-        clock: Times finished postures, or None.
+        meter: Measures finished postures as their preset is meant, or None.
 
     """
 
@@ -85,13 +84,13 @@ class Task:
     settings: PostureSettings
     margin: Margin | None = None
     chatter: ChatterPrice | None = None
-    clock: Clock | None = None
+    meter: Meter | None = None
 
 
 def choose_stance(
     robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings | None = None, *,
     axes: Array | None = None, margin: Margin | None = None, chatter: ChatterPrice | None = None,
-    clock: RobotClock | None = None,
+    measures: Mapping[str, RobotMeasure] | None = None,
 ) -> Stance:  # fmt: skip
     """Choose configuration, rotation about the tool axis, extra axes and lean along a path.
 
@@ -104,24 +103,26 @@ def choose_stance(
             Shape (3, 3).
         margin: Tells by how much postures keep clear; what does not leaves the graph.
         chatter: Tells how far cuts are beyond the limit of chatter; those cost more.
-        clock: Times finished postures of a robot, for the preset "fast"; joint rates alone say the time if left out.
+        measures: How costs of finished postures are worked out, for presets that compare those; the graph alone
+            chooses if left out.
 
     Raises:
         InfeasibleError: If nothing leads along the path; with the waypoint and what stands there.
 
     """
     settings = settings or PostureSettings()
-    timing = partial(clock, robot) if clock is not None and settings.preset == "fast" else None
+    meter = None if settings.weights else find_meter(robot, settings.preset, measures or {})
     task = Task(
         robot, build_chain(robot), build_arm(robot), nominal, np.asarray(tool_x, float),
-        np.eye(3) if axes is None else axes, settings, margin, chatter, timing,
+        np.eye(3) if axes is None else axes, settings, margin, chatter, meter,
     )  # fmt: skip
-    if timing is None or settings.weights:
-        stance = time_stance(_choose_line(task), timing)
+    if meter is None:
+        stance = _choose_line(task)
     else:
-        stance = choose_fastest(
-            lambda preset: _choose_line(replace(task, settings=replace(settings, preset=preset))), timing
-        )
+        stance = choose_finished(
+            lambda preset: _choose_line(replace(task, settings=replace(settings, preset=preset))),
+            settings.preset, meter,
+        )  # fmt: skip
     stance = _prefer_still(task, stance)
     return replace(stance, chatter=count_chatter(chatter, stance.q))
 
@@ -247,7 +248,7 @@ def _prefer_still(task: Task, stance: Stance) -> Stance:
         changes=(), map=picture, instead_of=chosen,
         costs=summarise_costs(task.chain, robot, nominal, plain.q, settings, task.axes),
     )  # fmt: skip
-    still = time_stance(still, task.clock, "one configuration, tool x fixed" if stance.timed else "")
+    still = measure_stance(still, task.meter, "one configuration, tool x fixed" if stance.compared else "")
     costs = still.costs
     still, stance = replace(still, plain=costs), replace(stance, plain=costs)
     for name, asked in (("limit_distance_deg", np.degrees(settings.limit_margin)),
@@ -261,7 +262,7 @@ def _prefer_still(task: Task, stance: Stance) -> Stance:
     ours, theirs = (measure_choice(settings.preset, value, counts_travel=counts) for value in (chosen, costs))
     gained = ours < GAINS[settings.preset] * theirs
     keeps = gained or (theirs > ours and costs["joint_travel_deg"] >= chosen["joint_travel_deg"])
-    return replace(stance, timed=still.timed) if keeps else still
+    return replace(stance, compared=still.compared) if keeps else still
 
 
 def measure_choice(preset: str, costs: dict[str, float], *, counts_travel: bool = False) -> float:
@@ -270,6 +271,8 @@ def measure_choice(preset: str, costs: dict[str, float], *, counts_travel: bool 
         return costs["joint_travel_deg"]
     if preset == "fast":
         return costs.get("driven_s", costs["time_s"])
+    if "band_mm" in costs:
+        return costs["band_mm"]
     return sum_errors(costs) if preset == "promise" or counts_travel else costs["sensitivity_rms_mm"]
 
 

@@ -24,6 +24,7 @@ class PostureSettings:
         configuration: Words that the configuration has to have, such as {"elbow": "up"}; none: all are free.
         start: Joint positions to start near, or None. [rad or m]
         preset: "accurate", "promise", "smooth" or "fast".
+        compares: Whether the preset was asked for by name: finished postures are then measured beside those of others.
         weights: Weights in place of the preset's, see `compplan.posture.costs.Weights`.
         measure: What sensitivity means: "expected" (root mean square) or "p95".
         uncertainty: How well wrench, compliance and joint zeros are known.
@@ -47,6 +48,7 @@ class PostureSettings:
     configuration: dict[str, str] = field(default_factory=dict)
     start: tuple[float, ...] | None = None
     preset: str = "accurate"
+    compares: bool = False
     weights: dict[str, float] = field(default_factory=dict)
     measure: Measure = "expected"
     uncertainty: ModelScatter = field(default_factory=ModelScatter)
@@ -90,6 +92,7 @@ def read_settings(job: Job, robot: Robot, errors: ErrorModel | None = None) -> P
         configuration=words,
         start=start,
         preset=table.preset,
+        compares="preset" in table.model_fields_set,
         weights=dict(table.weights),
         measure=table.measure,
         uncertainty=ModelScatter(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,8 +17,8 @@ from compplan.posture.clearance import ClearanceProfile, measure_clearance, meas
 from compplan.posture.collision_scene import CollisionScene, load_scene
 from compplan.posture.contacts import describe_contact
 from compplan.posture.costs import ErrorModel
-from compplan.posture.fastest import RobotClock, describe_fastest
 from compplan.posture.few_joints import follow_path
+from compplan.posture.finished import RobotMeasure, describe_finished
 from compplan.posture.follow import follow_from
 from compplan.posture.partial import find_partial
 from compplan.posture.settings import PostureSettings, read_settings
@@ -42,7 +42,7 @@ class PostureRequest:
         scene: What may touch what, or None.
         wanted: Clearance that is asked for. [m]
         chatter: What a posture pays for chatter, or None.
-        clock: Times finished postures of a robot, or None.
+        measures: How costs of finished postures are worked out, by their names.
 
     """
 
@@ -51,7 +51,7 @@ class PostureRequest:
     scene: CollisionScene | None = None
     wanted: float = 0.0
     chatter: ChatterPrice | None = None
-    clock: RobotClock | None = None
+    measures: Mapping[str, RobotMeasure] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ def stand(stance: Stance, nominal: Toolpath, request: PostureRequest) -> Start:
         f"The arm changes its configuration from {before} to {after} before waypoint {waypoint}."
         for waypoint, before, after in stance.changes
     )
-    if told := describe_fastest(stance):
+    if told := describe_finished(stance):
         words += (told,)
     if stance.chatter is not None:
         found = stance.chatter
@@ -227,5 +227,5 @@ def _ask_graph(robot: Robot, nominal: Toolpath, tool_x: Array, request: PostureR
 
     return choose_stance(
         robot, nominal, tool_x, request.settings, axes=request.axes, margin=None if scene is None else margin,
-        chatter=request.chatter, clock=request.clock,
+        chatter=request.chatter, measures=request.measures,
     )  # fmt: skip

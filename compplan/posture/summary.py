@@ -76,7 +76,8 @@ class Stance:
         plain: Costs of the plain posture (one configuration, the tool's x where the job has it) where it was weighed.
         instead_of: Costs of the graph's way where the plain posture was preferred to it, or None.
         chatter: Where its cut chatters; None where that was not asked for.
-        timed: Times of the postures that were compared by it, by name. [s]
+        compared: What the finished postures come to that were compared, by name; in the unit of `compared_by`.
+        compared_by: The cost that they were compared by, such as "driven_s".
 
     """
 
@@ -96,7 +97,8 @@ class Stance:
     plain: dict[str, float] | None = None
     instead_of: dict[str, float] | None = None
     chatter: ChatterCount | None = None
-    timed: Mapping[str, float] = field(default_factory=dict)
+    compared: Mapping[str, float] = field(default_factory=dict)
+    compared_by: str = ""
 
     @property
     def axis(self) -> Array:
@@ -128,7 +130,7 @@ class Stance:
             },
             "costs": dict(self.costs),
             **({} if self.chatter is None else {"chatter": self.chatter._asdict()}),
-            **({} if not self.timed else {"postures_timed_s": dict(self.timed)}),
+            **({} if not self.compared else {f"postures_{self.compared_by}": dict(self.compared)}),
             **({} if self.instead_of is None else {"plain_posture_instead_of": dict(self.instead_of)}),
             "sensitivity_with_fixed_x_mm": None if np.isnan(fixed) else 1e3 * fixed,
             "spin_deg": {"first": float(spin[0]), "min": float(spin.min()), "max": float(spin.max())},

@@ -1,4 +1,4 @@
-"""The preset `fast` drives the fastest of the postures that presets find, and says so where they tie."""
+"""A preset takes the best of the finished postures by its own measure, and says so where they tie."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_no_other_preset_is_faster_than_fast(job: dict[str, Any]) -> None:
     assert fast <= 1.0001 * min(others.values()), others
     assert task.start is not None and task.start.stance is not None
     assert fast == pytest.approx(task.start.stance.costs["driven_s"], rel=1e-9)
-    assert task.start.stance.costs["driven_s"] == min(task.start.stance.timed.values())
+    assert task.start.stance.costs["driven_s"] == min(task.start.stance.compared.values())
     assert any("fastest of the postures" in note for note in task.start.notes)
 
 
@@ -49,7 +49,17 @@ def test_a_feed_that_every_posture_holds_is_a_tie_and_the_plan_says_so() -> None
     assert any("the programmed feed sets the time, not the posture" in note for note in task.start.notes)
 
 
-def test_other_presets_time_nothing() -> None:
-    task, _ = stand(SPIN, "smooth")
+@pytest.mark.parametrize("preset", ["accurate", "smooth"])
+def test_a_preset_that_is_asked_for_is_the_best_by_its_own_measure(preset: str) -> None:
+    task, _ = stand(SPIN, preset)
+    assert task.start is not None and (chosen := task.start.stance) is not None
+    assert chosen.compared_by == {"accurate": "band_mm", "smooth": "joint_travel_deg"}[preset]
+    assert chosen.costs[chosen.compared_by] == min(chosen.compared.values()) and len(chosen.compared) >= 3
+    assert any(note.startswith(f"Preset {preset}: ") for note in task.start.notes)
+
+
+def test_a_preset_that_nobody_named_compares_nothing() -> None:
+    robot, nominal, options = prepare_job(check_job(SPIN, "job.toml"))
+    task = build_task(robot, nominal, options)
     assert task.start is not None and task.start.stance is not None
-    assert not task.start.stance.timed and "driven_s" not in task.start.stance.costs
+    assert task.start.stance.settings.preset == "accurate" and not task.start.stance.compared
