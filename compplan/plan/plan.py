@@ -362,6 +362,6 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         posture=state_frequency(read_request(job, robot, posture_errors(job, robot)), robot),
         feed=FeedWish(job.feed.mode == "constant", job.feed.torque_limits),
         inertia=table.inertia,
-        force=read_force_spread(job.noise),
+        force=read_force_spread(job),
         chord=None if job.sampling.chord_mm is None else job.sampling.chord_mm * 1e-3,
     )
