@@ -96,7 +96,7 @@ _MODULES = {
     "program": ("Program", "Wiring", "build_program", "write_program"),
     "path.toolpath": ("Toolpath", "place_toolpath", "write_toolpath"),
     "plan.compare": ("Comparison", "compare_job", "compare_task"),
-    "plan.evaluate": ("Evaluation", "evaluate_run", "path_accuracy"),
+    "plan.evaluate": ("Evaluation", "evaluate_run"),
     "plan.nlp": ("build_nlp", "solve_nlp"),
     "plan.path_problem": ("PathProblem", "ProgramRows"),
     "plan.plan": (

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from compplan.effects import Effect, apply_effects, attain_scene, fold_effects
 from compplan.effects.scene import Scene
 from compplan.known.assumed import known_uncertainty
-from compplan.known.slopes import pick_rows, take_rows, turn_wrench
+from compplan.known.slopes import pick_rows, take_scene, turn_wrench
 from compplan.known.vary import draw_values, vary_robot, vary_scene
 from compplan.measure.distance import LEVEL
 from compplan.promise.band import Promise
@@ -127,11 +127,11 @@ def sample_promise(
         hide: Draws effects that the promise knows nothing of.
     """
     rows, known = pick_rows(promise.cut, most), true or promise.known
-    rest = attain_scene(take_rows(scene, rows)).position
+    rest = attain_scene(take_scene(scene, rows)).position
     random = np.random.default_rng(seed + 1)
     distance = np.zeros((draws, len(rows)))
     for number, values in enumerate(draw_values(known, draws, seed)):
-        here = take_rows(vary_scene(scene, known.unknowns, values), rows)
+        here = take_scene(vary_scene(scene, known.unknowns, values), rows)
         here = replace(here, wrench=draw_wrench(here.wrench, promise, random))
         here = apply_effects(here, list(hide(random)))
         tip = attain_scene(here).position + draw_field(known, seed, number).at(rest)

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from compplan.errors import ShapeError
-from compplan.plan.evaluate import Evaluation, path_accuracy
+from compplan.plan.evaluate import Evaluation
 
 
 def test_figures_are_of_the_cut_alone():
@@ -16,14 +15,3 @@ def test_figures_are_of_the_cut_alone():
     assert run.rms_deviation == pytest.approx(np.sqrt(2.5) * 1e-3)
     assert run.max_tilt == 0.2
     assert run.share_within(1.5e-3) == 0.5
-
-
-def test_path_accuracy_is_that_of_the_mean_path():
-    nominal = np.zeros((2, 3))
-    repeated = np.array([[[1.0, 0, 0], [0, 0, 0]], [[-1.0, 0, 0], [0, 0.2, 0]]])
-    assert path_accuracy(nominal, repeated) == pytest.approx(0.1)
-
-
-def test_path_accuracy_refuses_paths_of_another_length():
-    with pytest.raises(ShapeError, match=r"attained has shape \(1, 3, 3\), expected \(repetitions, 2, 3\)"):
-        path_accuracy(np.zeros((2, 3)), np.zeros((1, 3, 3)))

@@ -19,10 +19,10 @@ from compplan.known.slopes import measure_slopes, pick_rows
 from compplan.known.vary import stage_robot
 from compplan.robot import Array, Robot
 from compplan.robot.folder import read_robot_folder, write_robot_folder
-from compplan.robot.visited import FILE, Part, Visited
+from compplan.robot.visited import FILE, Visited, VisitedPart
 
-OFFSET = Part("joint_offset", "joint_2", None, ("offset_rad",), np.array([2e-3]))
-WAVES = Part(
+OFFSET = VisitedPart("joint_offset", "joint_2", None, ("offset_rad",), np.array([2e-3]))
+WAVES = VisitedPart(
     "transmission_error", "joint_1", None, ("sine_rad#0", "cosine_rad#0"), np.array([3e-4, 2e-4]),
     {"cycles_per_turn": [1.0]},
 )  # fmt: skip
@@ -97,7 +97,7 @@ def test_the_file_is_read_back_and_a_wrong_one_is_refused(nominal: Robot, tmp_pa
     with pytest.raises(InputError, match="has 39 numbers, expected 40"):
         read_robot_folder(tmp_path / "robot")
     # another tool brings its own place and weight
-    tool = Part("tool_frame", None, None, ("tx_m", "ty_m", "tz_m"), np.full(3, 1e-4))
+    tool = VisitedPart("tool_frame", None, None, ("tx_m", "ty_m", "tz_m"), np.full(3, 1e-4))
     held = replace(robot.visited, parts=(*robot.visited.parts, tool))
     assert tool not in replace(robot, visited=held).with_tool(np.eye(4), 1.0).visited.parts
 

@@ -43,3 +43,13 @@ def test_no_imports_go_in_a_circle() -> None:
 def test_there_are_at_most_26_rooms() -> None:
     rooms = {path.stem for path in PACKAGE.iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()}
     assert len(rooms - {"__init__", "__main__", "version"}) <= 26  # second shares nothing with others
+
+
+def test_no_class_of_the_package_has_the_name_of_another() -> None:
+    """Nouns of the field are told apart: IdentifiedGap and Gap, RobotPosterior and Posterior."""
+    places: dict[str, list[str]] = {}
+    for file in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, []).append(name_module(file))
+    assert not {name: found for name, found in places.items() if len(found) > 1}

@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from truth_cases import follow_arc
 
 from compplan.second.cam import read_gcode
 from compplan.second.follow import Followed, find_difference
-from compplan.second.moves import ARC, LINE, RAPID, CannotTellError, follow_arc
+from compplan.second.moves import ARC, LINE, RAPID, CannotTellError
 from compplan.second.tables import read_generator
 
 

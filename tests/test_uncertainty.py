@@ -147,6 +147,14 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     assert again.unknowns[2].fixed == {"cycles_per_turn": [2.0]}
 
 
+def test_a_covariance_that_is_taken_is_the_one_that_is_read_whatever_the_factor() -> None:
+    known = replace(random_uncertainty(), calibration=3.0)
+    wanted = 0.25 * known.covariance + np.diag(0.1 * known.width**2)
+    taken = known.with_covariance(wanted)
+    assert taken.covariance == pytest.approx(wanted, rel=1e-9, abs=1e-12 * np.abs(wanted).max())
+    assert taken.smooth == known.smooth == pytest.approx(3.0 * known.unexplained / np.sqrt(3.0))
+
+
 def test_a_covariance_without_full_rank_has_a_triangular_factor() -> None:
     """Two parameters of which only the sum is known, and one that is known exactly."""
     covariance = np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]]) * 1e-10

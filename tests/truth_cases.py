@@ -11,12 +11,28 @@ import numpy as np
 from compplan.errors import InputError
 from compplan.path.cam.options import CamTable
 from compplan.path.reading import read_toolpath
+from compplan.robot import Array
 from compplan.second.follow import Followed, find_difference
-from compplan.second.moves import ARC, LINE, RAPID, Reading, Recorder, follow_arc
+from compplan.second.moves import ARC, LINE, RAPID, Reading, Recorder
 
 FOLDER = Path(__file__).parent / "truth"
 #: How far an end may lie from the one expected. [m]
 CLOSE = 1e-7
+
+
+def follow_arc(start: Array, end: Array, centre: Array, normal: Array, sweep: float, shares: Array) -> Array:
+    """Return points of an arc, a helix or a spiral at shares of its angle. Shape (k, 3)."""
+    n = normal / np.linalg.norm(normal)
+    arm, last = start - centre, end - centre
+    rise0, rise1 = float(arm @ n), float(last @ n)
+    flat0, flat1 = arm - rise0 * n, last - rise1 * n
+    radius0, radius1 = float(np.linalg.norm(flat0)), float(np.linalg.norm(flat1))
+    u = flat0 / radius0
+    v = np.cross(n, u)
+    angle = sweep * shares[:, None]
+    radius = radius0 + (radius1 - radius0) * shares[:, None]
+    rise = rise0 + (rise1 - rise0) * shares[:, None]
+    return np.asarray(centre + radius * (np.cos(angle) * u + np.sin(angle) * v) + rise * n)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from compplan.identify.forward import RowState, attain_rows, frame_parameters, l
 from compplan.identify.parameters import FreeRobot, Parameter
 from compplan.identify.separability import Inseparable, explain_held, tell_apart
 from compplan.measure.campaign import Campaign
-from compplan.measure.fit.heldout import HeldOutRows, leave_out
+from compplan.measure.fit.heldout import HeldOutRows, predict_left_out
 from compplan.measure.fit.robust import check_loss, loss_weights
 from compplan.measure.fit.rows import KNOWN_FRAMES, Rows
 from compplan.measure.fit.separable import condition_number
@@ -188,7 +188,7 @@ def leave_poses_out(
         free: Which parameters are refitted; those of the estimate if left out. Shape (p,).
         system: The linearised problem at the fitted state; the estimate's own if left out. Shape (n, m, p).
     """
-    return leave_out(
+    return predict_left_out(
         estimate.system if system is None else system, estimate.noise, estimate.weights,
         estimate.free if free is None else free, group=rows.group, fold=rows.fold, pose=rows.pose,
     )  # fmt: skip

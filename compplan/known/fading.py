@@ -23,7 +23,7 @@ from compplan.effects import Effect, fold_effects
 from compplan.effects.signature import pack_parameters
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown, spread_unknowns
-from compplan.robot.visited import Part, Visited
+from compplan.robot.visited import Visited, VisitedPart
 from compplan.statics.chain import build_chain, locate_frames
 
 #: Lengths over which the share may change: of places, in spreads of the visited ones; of forces, in the largest one
@@ -129,7 +129,7 @@ def fade_alike(robot: Robot, faded: Robot) -> Robot:
     return keep_share(robot, robot.visited, 0.0) if faded.visited is None else robot
 
 
-def _scale_part(robot: Robot, part: Part, share: float) -> Robot:
+def _scale_part(robot: Robot, part: VisitedPart, share: float) -> Robot:
     """Scale one part: where it stands in effects.toml there, else in URDF and springs."""
     place, tables = (part.effect, part.joint, part.axis), list(robot.effects)
     for number, table in enumerate(tables):
@@ -154,7 +154,7 @@ def _scale_part(robot: Robot, part: Part, share: float) -> Robot:
     return fold_effects(robot, effects)
 
 
-def _take_out(known: Uncertainty, parts: tuple[Part, ...], share: float) -> Uncertainty:
+def _take_out(known: Uncertainty, parts: tuple[VisitedPart, ...], share: float) -> Uncertainty:
     """Let the second moment of what is unknown grow by the square of a share of some parts."""
     names = [_name(u.effect, u.joint, u.axis, u.keys, u.fixed) for u in known.unknowns]
     unknowns, moved = list(known.unknowns), [np.zeros(len(u.keys)) for u in known.unknowns]

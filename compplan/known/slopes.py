@@ -87,7 +87,7 @@ def stage_path(robot: Robot, q: Array, wrench: Array, step_time: Array | None = 
     return stage_robot(robot, command_campaign(q, wrench, time=time))
 
 
-def take_rows(scene: Scene, rows: NDArray[np.int_]) -> Scene:
+def take_scene(scene: Scene, rows: NDArray[np.int_]) -> Scene:
     """Take some rows of a scene; what the others have left behind in it stays."""
     parts = {name: getattr(scene, name)[rows] for name in _BY_ROW}
     return replace(scene, campaign=scene.campaign.take(rows), **parts)
@@ -101,7 +101,7 @@ def measure_slopes(scene: Scene, unknowns: Sequence[Unknown], rows: NDArray[np.i
         unknowns: The parameters; p in all.
         rows: Rows to differentiate at. Shape (k,).
     """
-    here = take_rows(scene, rows)
+    here = take_scene(scene, rows)
     rest = attain_scene(here, tolerance=REFINED)
     varied, steps = [], []
     for unknown in unknowns:
@@ -109,7 +109,7 @@ def measure_slopes(scene: Scene, unknowns: Sequence[Unknown], rows: NDArray[np.i
             steps.append(float(deviation) if deviation > 0 else TINY)
             values = np.zeros(len(unknown.keys))
             values[k] = steps[-1]
-            varied.append(take_rows(vary_scene(scene, [unknown], values), rows))
+            varied.append(take_scene(vary_scene(scene, [unknown], values), rows))
     moved = attain_positions(varied, tolerance=REFINED, theta=rest.theta)
     columns = [(position - rest.position) / step for position, step in zip(moved, steps, strict=True)]
     return np.stack(columns, axis=-1) if columns else np.zeros((len(rows), 3, 0))
@@ -120,7 +120,7 @@ def measure_force_slopes(scene: Scene, rows: NDArray[np.int_], spread: ForceSpre
 
     The shared ones hold all along the path: its level, and a turn about each base axis.
     """
-    here = take_rows(scene, rows)
+    here = take_scene(scene, rows)
     rest = attain_scene(here, tolerance=REFINED)
 
     def move(wrench: Array) -> Array:
@@ -151,4 +151,4 @@ def turn_wrench(wrench: Array, turn: Rotation) -> Array:
 
 def tip_of(scene: Scene, rows: NDArray[np.int_]) -> Array:
     """Return where the loaded tip of a scene goes at some rows. Shape (k, 3). [m]."""
-    return attain_scene(take_rows(scene, rows)).position
+    return attain_scene(take_scene(scene, rows)).position

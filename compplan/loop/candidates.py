@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from compplan.effects import attain_scene
 from compplan.effects.scene import Scene
-from compplan.known.slopes import measure_slopes, take_rows
+from compplan.known.slopes import measure_slopes, take_scene
 from compplan.known.vary import stage_robot
 from compplan.measure.campaign import Campaign
 from compplan.measure.poses.pool import take_clear
@@ -130,7 +130,7 @@ def list_candidates(
     wrench[:, :3] = force
     wrench[:, 2] -= STANDARD_GRAVITY * weight
     scene, rows = stage_measurements(robot, q, sign, wrench)
-    attained = attain_scene(take_rows(scene, rows))
+    attained = attain_scene(take_scene(scene, rows))
     slopes = measure_slopes(scene, unknowns, rows)
     return Candidates(q, sign, wrench, weight, force, attained.position, attained.rotation, slopes)
 

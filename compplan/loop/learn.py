@@ -101,7 +101,7 @@ class Lesson:
     rms: float
     held_out: float
     expected: float
-    model: Model
+    model: LessonModel
 
     def residual_at(self, place: Array, tip: Array) -> Array:
         """Return what is left for the path at other places. Shape (n, 3). [m]
@@ -130,7 +130,7 @@ class Own:
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class LessonModel:
     """Prior covariances at the rows of the path, flattened to 3 k.
 
     `path` is what an earlier part left open of the tip, as columns, (3 k, r) [m]; it stands for robot and force.
@@ -163,7 +163,7 @@ def possible_band(
 ) -> Array:
     """Return how far folder, force, clamping and instrument let the points be off, with 95 %. Shape (b,). [m]"""
     path = None if path is None else path.reshape(3 * len(slopes.rows), -1)
-    model = Model(slopes, known, own, max(size, known.smooth), known.scale, path)
+    model = LessonModel(slopes, known, own, max(size, known.smooth), known.scale, path)
     blocks = _with_run(model, _blocks(prior_of(model), len(slopes.rows)), own.part)[gathered.row]
     blocks = blocks + gathered.variance[:, None, None] * np.eye(3)
     return np.asarray(band_radius(gathered.counts @ blocks @ gathered.counts))
@@ -186,7 +186,7 @@ def learn_part(
     """
     path = None if path is None else path.reshape(3 * len(slopes.rows), -1)
     width = max(known.smooth, LEAST) if least_size is None else least_size
-    _, model = choose_model(Model(slopes, known, own, width, known.scale, path), gathered)
+    _, model = choose_model(LessonModel(slopes, known, own, width, known.scale, path), gathered)
     seen = np.sqrt(np.mean(np.sum(gathered.deviation**2, axis=1)))
     plain, state = gathered, condition(model, gathered)
     for _ in range(PASSES if path is None else 0):
@@ -219,7 +219,7 @@ def learn_part(
     )  # fmt: skip
 
 
-def choose_model(model: Model, gathered: Gathered) -> tuple[float, Model]:
+def choose_model(model: LessonModel, gathered: Gathered) -> tuple[float, LessonModel]:
     """Return the model whose residual has the size and scale under which a part is most probable, and its logarithm.
 
     Args:
@@ -235,7 +235,7 @@ def choose_model(model: Model, gathered: Gathered) -> tuple[float, Model]:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class LessonState:
     """What a part leaves known, see `Lesson`; tip: covariance of what repeats, (3 k, 3 k) [m^2]."""
 
     values: Array
@@ -251,7 +251,7 @@ class State:
     tip: Array
 
 
-def _observe(model: Model, gathered: Gathered) -> tuple[Array, Array, Array]:
+def _observe(model: LessonModel, gathered: Gathered) -> tuple[Array, Array, Array]:
     """Return observations, the rows of the state that they see (o, 3 k), and their own covariance."""
     k, rank = len(model.slopes.rows), np.round(np.trace(gathered.counts, axis1=1, axis2=2)).astype(int)
     _, vector = np.linalg.eigh(gathered.counts)
@@ -270,13 +270,13 @@ def _observe(model: Model, gathered: Gathered) -> tuple[Array, Array, Array]:
     return np.array(values), H, own
 
 
-def prior_of(model: Model) -> Array:
+def prior_of(model: LessonModel) -> Array:
     """Return the covariance of what the next part repeats. Shape (3 k, 3 k). [m^2]"""
     columns, force, field = model.repeats()
     return np.asarray(columns @ columns.T + force @ force.T + field)
 
 
-def condition(model: Model, gathered: Gathered) -> State:
+def condition(model: LessonModel, gathered: Gathered) -> LessonState:
     """Condition parameters, force and residual on the observations."""
     columns, force, field = model.repeats()
     y, H, own = _observe(model, gathered)
@@ -291,7 +291,7 @@ def condition(model: Model, gathered: Gathered) -> State:
     pushed = np.hstack([force, own_columns[:, :1]])
     shares = np.eye(pushed.shape[1]) - pushed.T @ H.T @ cho_solve(factor, H @ pushed)
     whole = np.r_[1.0, np.zeros(force.shape[1] - 1), model.own.ratio]
-    return State(
+    return LessonState(
         values=root @ normal,
         force=force.T @ weight,
         force_covariance=shares[:-1, :-1],
@@ -315,7 +315,7 @@ def _reduce_covariance(covariance: Array) -> Array:
     return np.pad(columns, ((0, 0), (0, KEPT - columns.shape[1])))
 
 
-def _log_evidence(model: Model, gathered: Gathered) -> float:
+def _log_evidence(model: LessonModel, gathered: Gathered) -> float:
     y, H, own = _observe(model, gathered)
     total = H @ prior_of(model) @ H.T + own + 1e-18 * np.eye(len(y))
     try:
@@ -325,7 +325,7 @@ def _log_evidence(model: Model, gathered: Gathered) -> float:
     return float(-0.5 * y @ cho_solve(factor, y) - np.log(np.diag(factor[0])).sum())
 
 
-def _hold_out(model: Model, gathered: Gathered) -> float:
+def _hold_out(model: LessonModel, gathered: Gathered) -> float:
     """Return the rms that correction leaves on stretches of the path that were not used. [m]"""
     stretch = np.arange(len(gathered.row)) // STRETCH % PARTS
     left = np.zeros_like(gathered.deviation)
@@ -339,7 +339,7 @@ def _hold_out(model: Model, gathered: Gathered) -> float:
     return float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
 
 
-def _decide(model: Model, gathered: Gathered, rms: float, held: float) -> tuple[bool, str]:
+def _decide(model: LessonModel, gathered: Gathered, rms: float, held: float) -> tuple[bool, str]:
     """Decide whether the step is supported, and say why."""
     if _is_chance(model, gathered):
         return False, (
@@ -357,7 +357,7 @@ def _decide(model: Model, gathered: Gathered, rms: float, held: float) -> tuple[
     )
 
 
-def _is_chance(model: Model, gathered: Gathered) -> bool:
+def _is_chance(model: LessonModel, gathered: Gathered) -> bool:
     """Tell whether instrument and repeatability alone make what was measured.
 
     Asked are the directions in which the tip may be off by more than they make, all together and each alone: a part
@@ -376,12 +376,12 @@ def _blocks(matrix: Array, k: int) -> Array:
     return np.asarray(matrix.reshape(k, 3, k, 3)[np.arange(k), :, np.arange(k), :])
 
 
-def _band_seen(model: Model, covariance: Array, gathered: Gathered) -> Array:
+def _band_seen(model: LessonModel, covariance: Array, gathered: Gathered) -> Array:
     """Return the band in the directions that the points tell. Shape (b,). [m]"""
     blocks = _with_run(model, _blocks(covariance, len(model.slopes.rows)), model.own.following)[gathered.row]
     return np.asarray(band_radius(gathered.counts @ blocks @ gathered.counts))
 
 
-def _with_run(model: Model, covariance: Array, own: Array) -> Array:
+def _with_run(model: LessonModel, covariance: Array, own: Array) -> Array:
     """Add what a part has of its own, columns (k, 3, m) [m], and its run. Shape (k, 3, 3). [m^2]"""
     return covariance + own @ np.swapaxes(own, 1, 2) + (model.known.repeatability or 0.0) ** 2 * np.eye(3)

@@ -24,7 +24,7 @@ from compplan.known.slopes import (
     push_scene,
     read_force_spread,
     stage_path,
-    take_rows,
+    take_scene,
     tip_of,
 )
 from compplan.known.vary import vary_scene
@@ -173,7 +173,7 @@ def teach_part(
         ))
 
     def exact(values: Array, force: Array) -> Array:
-        moved = push_scene(take_rows(vary_scene(scene, known.unknowns, values), slopes.rows), force, spread)
+        moved = push_scene(take_scene(vary_scene(scene, known.unknowns, values), slopes.rows), force, spread)
         return np.asarray(attain_scene(moved).position - slopes.tip)
 
     least, residual = None if old is None else float(np.mean(old.spread)), old

@@ -13,7 +13,7 @@ import numpy as np
 
 from compplan.known.slopes import ForceSpread
 from compplan.loop.gather import Gathered
-from compplan.loop.learn import Lesson, Model, Own, condition
+from compplan.loop.learn import Lesson, LessonModel, Own, condition
 from compplan.path.force_lesson import LearnedForce, PartTable, add_part, find_axes
 from compplan.robot import Array
 
@@ -40,7 +40,7 @@ class Travel:
     left: tuple[float, float, float]
 
 
-def choose_travel(model: Model, gathered: Gathered) -> Travel:
+def choose_travel(model: LessonModel, gathered: Gathered) -> Travel:
     """Ask stretches of a part that were left out what may be told to other paths."""
     part = np.minimum(STRETCHES * np.arange(len(gathered.row)) // max(len(gathered.row), 1), STRETCHES - 1)
     left = np.zeros((3, *gathered.deviation.shape))

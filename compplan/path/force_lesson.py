@@ -50,7 +50,7 @@ FIXED = ("part", "base")
 WHERE = ("model", "ramp_mm", "ramp_out_mm", "during_rapid", "required", "stock", "stock_top_mm", "uncertainty", "file")
 
 
-class PartTable(StrictTable):
+class TaughtPartTable(StrictTable):
     """[[process.part]]: the level of one measured part."""
 
     date: datetime.date
@@ -69,7 +69,7 @@ class EntryTable(StrictTable):
     turn_sigma_deg: float | None = Field(default=None, ge=0.0, le=180.0)
     scatter: float = Field(default=SCATTER, ge=0.0, le=10.0)
     numbers: dict[str, Any] = Field(default_factory=dict)
-    part: Annotated[tuple[PartTable, ...], Field(strict=False, min_length=1)]
+    part: Annotated[tuple[TaughtPartTable, ...], Field(strict=False, min_length=1)]
 
 
 class ProcessFile(StrictTable):
@@ -100,7 +100,7 @@ class LearnedForce:
     turn: Array
     turn_sigma: float | None
     scatter: float
-    parts: tuple[PartTable, ...]
+    parts: tuple[TaughtPartTable, ...]
     axes: str
     same: bool = True
 
@@ -176,7 +176,7 @@ def read_learned_force(folder: Path | None, process: Any) -> LearnedForce | None
     )  # fmt: skip
 
 
-def add_part(force: LearnedForce, part: PartTable) -> LearnedForce:
+def add_part(force: LearnedForce, part: TaughtPartTable) -> LearnedForce:
     """Add a measured part; its scatter and, where it is clear, its trend count from then on.
 
     The level of `force` is that after this part. The scatter is the assumed one as if seen at `WEIGHT` parts, with

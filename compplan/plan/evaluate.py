@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from compplan.cell.cell import MISMATCHES, Cell, CellRun, build_cell, run_cell
 from compplan.cell.coupling import Settled, settle_coupled
 from compplan.cell.judge import tip_compliance
-from compplan.errors import ShapeError
 from compplan.plan.coupling import (
     CouplingEffect,
     find_stiffness,
@@ -253,19 +252,3 @@ def measure_margins(task: PlanTask, q: Array, timing: Timing) -> Margins:
     joint = int(room.argmin())
     correction = float(measure_correction(task, q)[task.compensated].max(initial=0.0))
     return Margins(float(room[joint]), joint, timing.velocity_ratio, timing.acceleration_ratio, correction)
-
-
-def path_accuracy(nominal: Array, attained: Array) -> float:
-    """Compute the path accuracy of repeated runs [ISO 9283]: greatest distance of the mean attained path from nominal.
-
-    Args:
-        nominal: Wanted tips. Shape (n, 3). [m]
-        attained: Attained tips of each repetition. Shape (repetitions, n, 3). [m]
-
-    Raises:
-        ShapeError: If the arrays do not belong together.
-
-    """
-    if attained.ndim != 3 or attained.shape[1:] != nominal.shape:
-        raise ShapeError(f"attained has shape {attained.shape}, expected (repetitions, {len(nominal)}, 3)")
-    return float(np.linalg.norm(attained.mean(axis=0) - nominal, axis=1).max())

@@ -41,7 +41,7 @@ OF_TOOL = ("tool_frame", "payload")
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class VisitedPart:
     """An error in doubt that a folder holds.
 
     Attributes:
@@ -73,7 +73,7 @@ class Visited:
         deviation: Standard deviation of it. Shape (k,).
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[VisitedPart, ...]
     q: Array
     wrench: Array
     share: Array
@@ -85,7 +85,7 @@ class Visited:
         return replace(self, parts=tuple(kept))
 
 
-class PartTable(StrictTable):
+class VisitedPartTable(StrictTable):
     """[[part]]: what the folder holds of one effect."""
 
     effect: str = Field(min_length=1)
@@ -109,7 +109,7 @@ class VisitedTable(StrictTable):
     """visited.toml of a robot folder."""
 
     schema_: SchemaOne = Field(alias="schema")
-    part: Annotated[tuple[PartTable, ...], Field(strict=False)] = ()
+    part: Annotated[tuple[VisitedPartTable, ...], Field(strict=False)] = ()
     stays: StaysTable
 
 
@@ -135,7 +135,9 @@ def read_visited(file: Path, nq: int) -> Visited | None:
         if len(part.value) != len(part.keys):
             message = f"has {len(part.value)} numbers, expected {len(part.keys)}, one a key"
             raise InputError(message, file=file, where=f"part[{number}].value")
-    parts = tuple(Part(p.effect, p.joint, p.axis, p.keys, np.array(p.value, float), dict(p.fixed)) for p in table.part)
+    parts = tuple(
+        VisitedPart(p.effect, p.joint, p.axis, p.keys, np.array(p.value, float), dict(p.fixed)) for p in table.part
+    )
     return Visited(
         parts, np.array(stays.joints), np.array(stays.wrench), np.array(stays.share), np.array(stays.deviation)
     )

@@ -104,18 +104,3 @@ class Recorder:
             whole[:, 0], table[:, 1:4] * 1e-3, axis, table[:, 7] * 1e-3, whole[:, 1], whole[:, 2],
             table[:, 10:13] * 1e-3, table[:, 13:16], table[:, 16], table[:, 17] > 0, tuple(self.notes),
         )  # fmt: skip
-
-
-def follow_arc(start: Array, end: Array, centre: Array, normal: Array, sweep: float, shares: Array) -> Array:
-    """Return points of an arc, a helix or a spiral at shares of its angle. Shape (k, 3)."""
-    n = normal / np.linalg.norm(normal)
-    arm, last = start - centre, end - centre
-    rise0, rise1 = float(arm @ n), float(last @ n)
-    flat0, flat1 = arm - rise0 * n, last - rise1 * n
-    radius0, radius1 = float(np.linalg.norm(flat0)), float(np.linalg.norm(flat1))
-    u = flat0 / radius0
-    v = np.cross(n, u)
-    angle = sweep * shares[:, None]
-    radius = radius0 + (radius1 - radius0) * shares[:, None]
-    rise = rise0 + (rise1 - rise0) * shares[:, None]
-    return np.asarray(centre + radius * (np.cos(angle) * u + np.sin(angle) * v) + rise * n)

@@ -19,7 +19,7 @@ from compplan.diagnose.ledger.offers import REGISTRATION
 from compplan.diagnose.search.state import Fit, FitState
 from compplan.effects import is_of_instrument
 from compplan.effects.linearization import Place
-from compplan.robot.visited import Part, Visited
+from compplan.robot.visited import Visited, VisitedPart
 
 #: Stays that a folder lists at most (assumed: a plan looks at some of them), and the share of the largest motion below
 #: which a stay says nothing (assumed: a thousandth).
@@ -64,7 +64,7 @@ def list_visits(
     return Visited(parts, np.nan_to_num(campaign.q[at]), np.nan_to_num(campaign.wrench[at]), share, error / size)
 
 
-def _list_parts(fit: Fit, state: FitState, claims: Sequence[int], sure: Collection[Place]) -> tuple[Part, ...]:
+def _list_parts(fit: Fit, state: FitState, claims: Sequence[int], sure: Collection[Place]) -> tuple[VisitedPart, ...]:
     """List what a folder holds beside its sure causes, each column once."""
     ledger, taken, parts = fit.search.ledger, set[int](), []
     held = {effect.place for effect in state.effects}
@@ -82,5 +82,5 @@ def _list_parts(fit: Fit, state: FitState, claims: Sequence[int], sure: Collecti
         value = np.array([state.values[ledger.names[c]] for c in columns])
         if value.any() and len(columns) == len(keys):
             fixed = dict(signature.fixed)
-            parts.append(Part(*signature.place, tuple(keys[c] for c in columns), value, fixed))
+            parts.append(VisitedPart(*signature.place, tuple(keys[c] for c in columns), value, fixed))
     return tuple(parts)

@@ -96,10 +96,6 @@ class Search:
     cache: dict[frozenset[Claim], Model] = field(default_factory=dict)
     progress: Callable[[str], None] = lambda text: None
 
-    def joint_of(self, claim: Claim) -> str | None:
-        """Return the joint that a claim sits at."""
-        return self.ledger.signatures[claim.signature].joint
-
     def prior_of(self, claims: Sequence[Claim]) -> Prior:
         """Return the prior with these claims."""
         slab, background = self.prior.slab.copy(), self.prior.background.copy()

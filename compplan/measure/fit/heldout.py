@@ -24,7 +24,7 @@ class HeldOutRows:
     score: Array
 
 
-def leave_out(
+def predict_left_out(
     system: System, noise: Array, weights: Array, free: NDArray[np.bool_], *, group: NDArray[np.int_] | None,
     fold: NDArray[np.int_], pose: NDArray[np.int_],
 ) -> HeldOutRows:  # fmt: skip

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from compplan.errors import ConvergenceError
 from compplan.measure.fit.robust import loss_weights
-from compplan.measure.fit.system import BLOCKS, System, estimate_noise, invert, stack, weigh
+from compplan.measure.fit.system import BLOCKS, System, invert, scale_noise, stack, weigh
 from compplan.robot import Array
 
 State = TypeVar("State")
@@ -44,7 +44,7 @@ def settle_state(
     system, noise, previous = linearise(state), np.ones(BLOCKS), np.inf
     for count in range(1, MAX_STEPS + 1):
         if sigma == "residuals":
-            noise = estimate_noise(system, noise, free, group, loss)
+            noise = scale_noise(system, noise, free, group, loss)
         weights = loss_weights(loss, system.distance(noise), system.known.sum(axis=1))[0]
         residual, columns = weigh(system, system.whitener(noise) * np.sqrt(weights)[:, None], group)
         flat = stack(columns[:, :, free])
@@ -57,7 +57,7 @@ def settle_state(
         size = float(strides.max(initial=0.0))
         if size < 1 or (count > 8 and size < 1e3 and size > 0.5 * previous):
             if sigma == "residuals":
-                noise = estimate_noise(system, noise, free, group, loss)
+                noise = scale_noise(system, noise, free, group, loss)
             return state, system, noise, count
         previous = size
     raise ConvergenceError("the fit did not settle; leave parameters out or check units and frames", residual=size)

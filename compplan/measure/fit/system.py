@@ -96,7 +96,7 @@ def count_spare(system: System, whitener: Array, group: NDArray[np.int_] | None,
     return spare
 
 
-def estimate_noise(
+def scale_noise(
     system: System, noise: Array, free: NDArray[np.bool_], group: NDArray[np.int_] | None, loss: str
 ) -> Array:
     """Estimate how large the noise is against the stated one, for position, orientation and encoders apart.

@@ -65,18 +65,18 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
             macros, repeated or transformed paths, part programs whose geometry is not resolved.
 
     """
-    reader = _Reader(file, options, flipped=False)
+    reader = _AptReader(file, options, flipped=False)
     reader.run(text)
     forwards, backwards = reader.votes
     if options.circle_sense == "auto" and backwards >= FEWEST_VOTES and backwards > 4 * forwards:
-        reader = _Reader(file, options, flipped=True)
+        reader = _AptReader(file, options, flipped=True)
         reader.run(text)
         note = "arcs run against the usual sense of their axis: only so they leave the moves before them smoothly"
         reader.log.note(note, 1)
     return reader.log.finish(file, "apt", reader.unit or "not stated", count_lines(text))
 
 
-class _Reader(ArcReader):
+class _AptReader(ArcReader):
     """Follow a file record by record."""
 
     def __init__(self, file: Path, options: CamTable, *, flipped: bool) -> None:

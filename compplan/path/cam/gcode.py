@@ -76,7 +76,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     lines = split_lines(text)
     changes_by_t = CHANGE.search(text) is None
     for reading in readings:
-        reader = _Reader(file, options, reading)
+        reader = _GcodeReader(file, options, reading)
         reader.state.changes_by_t = changes_by_t
         try:
             reader.run(lines)
@@ -98,7 +98,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     raise first_fault
 
 
-class _Reader(MotionReader):
+class _GcodeReader(MotionReader):
     """Carry out a program block by block."""
 
     def __init__(self, file: Path, options: CamTable, reading: str) -> None:

@@ -71,13 +71,13 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
         InputError: With file and line, if a block is not read and may change the path.
 
     """
-    reader = _Reader(file, options)
+    reader = _HeidenhainReader(file, options)
     reader.run(text)
     unit = "not stated" if not reader.begun else "inch" if reader.inch else "mm"
     return reader.log.finish(file, name, unit, count_lines(text))
 
 
-class _Reader(HeidenhainCycleReader):
+class _HeidenhainReader(HeidenhainCycleReader):
     """Follow a program block by block."""
 
     def __init__(self, file: Path, options: CamTable) -> None:

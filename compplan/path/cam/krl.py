@@ -59,12 +59,12 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
         InputError: With file and line, if a move stands in a loop or a branch, is relative, or goes nowhere known.
 
     """
-    reader = _Reader(file, options)
+    reader = _KrlReader(file, options)
     reader.run(text)
     return reader.moves.log.finish(file, "krl", "mm", count_lines(text))
 
 
-class _Reader(ProgramReader):
+class _KrlReader(ProgramReader):
     """Follow a program statement by statement."""
 
     def __init__(self, file: Path, options: CamTable) -> None:

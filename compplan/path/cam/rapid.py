@@ -64,12 +64,12 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
         InputError: With file and line, if a move stands in a loop or a branch, or goes to what is no number.
 
     """
-    reader = _Reader(file, options)
+    reader = _RapidReader(file, options)
     reader.run(text)
     return reader.moves.log.finish(file, "rapid", "mm", count_lines(text))
 
 
-class _Reader:
+class _RapidReader:
     """Follow a module statement by statement."""
 
     def __init__(self, file: Path, options: CamTable) -> None:

@@ -67,14 +67,14 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
         InputError: With file and line, if a block is not read and may change the path.
 
     """
-    reader = _Reader(file, options)
+    reader = _SinumerikReader(file, options)
     reader.run(text)
     if not reader.units:
         reader.log.note(f"no unit is stated (G70, G71): {options.unit or 'mm'} is assumed", 1)
     return reader.log.finish(file, name, ", ".join(reader.units) or "not stated", count_lines(text))
 
 
-class _Reader(SinumerikFlowReader):
+class _SinumerikReader(SinumerikFlowReader):
     """Follow a program block by block."""
 
     def __init__(self, file: Path, options: CamTable) -> None:

@@ -51,7 +51,7 @@ HOLD, MOST_STEP = 2.0, 0.1
 
 
 @dataclass(frozen=True)
-class _State:
+class _Iterate:
     """Where the passes stand: joint positions, rows of the next program, the last program, what was solved."""
 
     q: Array
@@ -75,7 +75,7 @@ def command_path(task: PlanTask) -> Command:
     attained = attain_rows(task, task.q_start, np.arange(len(task)))
     problem = hold_start(task, attained)
     near = np.minimum(task.q_start - problem.lower, problem.upper - task.q_start) < NEAR_LIMIT
-    state = _State(task.q_start, ProgramRows(near), attained)
+    state = _Iterate(task.q_start, ProgramRows(near), attained)
     state = _try_waypoints(task, state, np.flatnonzero(task.missed))
     for _ in range(LOST_PASSES if task.missed.any() else MOST_PASSES):
         state = _solve_pass(task, problem, state)
@@ -166,7 +166,7 @@ def find_fast_rows(problem: PathProblem, q: Array) -> tuple[NDArray[np.int_], ND
     return np.argwhere(fast), np.argwhere(hard) + np.array([1, 0])
 
 
-def _try_waypoints(task: PlanTask, state: _State, suspects: NDArray[np.int_]) -> _State:
+def _try_waypoints(task: PlanTask, state: _Iterate, suspects: NDArray[np.int_]) -> _Iterate:
     """Try suspects one by one: those that cannot keep the limits are released and stay where they do best."""
     if not len(suspects):
         return state
@@ -180,7 +180,7 @@ def _try_waypoints(task: PlanTask, state: _State, suspects: NDArray[np.int_]) ->
     return replace(state, q=q, rows=rows, attained=None)
 
 
-def _solve_pass(task: PlanTask, problem: PathProblem, state: _State) -> _State:
+def _solve_pass(task: PlanTask, problem: PathProblem, state: _Iterate) -> _Iterate:
     """Linearise and solve; where the solver finds no way, drop the rate rows, then try every waypoint by itself."""
     nlp = state.nlp
     if nlp is None or not state.rows.same_program(nlp.rows):
@@ -198,7 +198,7 @@ def _solve_pass(task: PlanTask, problem: PathProblem, state: _State) -> _State:
     return _try_waypoints(task, state, every)
 
 
-def _review(task: PlanTask, problem: PathProblem, state: _State) -> _State:
+def _review(task: PlanTask, problem: PathProblem, state: _Iterate) -> _Iterate:
     """Decide the rows of the next pass: limits that this one left, rates that it exceeds."""
     outside = ((state.q < problem.lower - 1e-9) | (state.q > problem.upper + 1e-9)).any(axis=1)
     too_far = problem.compensated & (measure_correction(task, state.q) > problem.max_correction + AT_CORRECTION)
