@@ -14,7 +14,7 @@ import numpy as np
 from compplan.known.slopes import ForceSpread
 from compplan.loop.gather import Gathered
 from compplan.loop.learn import Lesson, LessonModel, Own, condition
-from compplan.path.force_lesson import LearnedForce, PartTable, add_part, find_axes
+from compplan.path.force_lesson import LearnedForce, TaughtPartTable, add_part, find_axes
 from compplan.robot import Array
 
 #: Stretches that a part is dealt to.
@@ -112,7 +112,7 @@ def learn_force(
     before = np.zeros(3) if old is None else old.turn
     local = R_base_part.T @ turn if axes == "part" else turn
     own = scale * (1.0 + common * float(told[0] + lesson.model.own.ratio * lesson.own[0]))
-    part = PartTable(
+    part = TaughtPartTable(
         date=datetime.datetime.now(tz=datetime.UTC).date(), job=job, level=max(own, 1e-3),
         sigma=scale * common * lesson.own_spread,
     )  # fmt: skip
