@@ -25,7 +25,7 @@ from compplan.path.force_lesson import (
     FILE,
     SCATTER,
     LearnedForce,
-    PartTable,
+    TaughtPartTable,
     add_part,
     read_learned_force,
     write_learned_force,
@@ -39,8 +39,8 @@ PATHS = Path(__file__).parents[1] / "paths"
 DAY = datetime.date(2026, 11, 23)
 
 
-def part_of(level: float, sigma: float = 0.01) -> PartTable:
-    return PartTable(date=DAY, job="circle", level=level, sigma=sigma)
+def part_of(level: float, sigma: float = 0.01) -> TaughtPartTable:
+    return TaughtPartTable(date=DAY, job="circle", level=level, sigma=sigma)
 
 
 def force_of(level: float, *parts: float, scatter: float = SCATTER) -> LearnedForce:
