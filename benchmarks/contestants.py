@@ -101,33 +101,29 @@ def refused(why: str) -> Table:
 def ask_rival(case: Path, register: list[str]) -> Table:
     """Ask the plain rival."""
     from benchmarks.rival.answer import diagnose
-    from benchmarks.rival.log import read_log
 
     start = time.process_time()
     answer = diagnose(case / "robot", case / "measurements.csv", register)
-    seconds = time.process_time() - start
-    log = read_log(case / "fresh.csv", answer.chain)
-    return {
-        **{key: answer.table[key] for key in ("verdict", "gap")},
-        "candidates": answer.table["candidates"],
-        "seconds": seconds,
-        "fresh_updated": distances(1e3 * log.position, 1e3 * answer.predict(log)),
-        "fresh_nominal": distances(1e3 * log.position, 1e3 * answer.predict(log, nominal=True)),
-    }
+    told = {key: answer.table[key] for key in ("verdict", "gap", "candidates")}
+    return _predict_fresh(case, answer, {**told, "seconds": time.process_time() - start})
 
 
 def ask_calibration(case: Path, register: list[str]) -> Table:
     """Ask a plain calibration of geometry and compliances, which names nothing: how far a plain fit predicts."""
     from benchmarks.rival.calibration import calibrate
-    from benchmarks.rival.log import read_log
 
     start = time.process_time()
     done = calibrate(case / "robot", case / "measurements.csv", register)
-    seconds = time.process_time() - start
+    return _predict_fresh(case, done, {**done.table, "seconds": time.process_time() - start})
+
+
+def _predict_fresh(case: Path, done: Any, told: Table) -> Table:
+    """Add how far the later campaign is from what a plain model predicts."""
+    from benchmarks.rival.log import read_log
+
     log = read_log(case / "fresh.csv", done.chain)
     return {
-        **done.table,
-        "seconds": seconds,
+        **told,
         "fresh_updated": distances(1e3 * log.position, 1e3 * done.predict(log)),
         "fresh_nominal": distances(1e3 * log.position, 1e3 * done.predict(log, nominal=True)),
     }

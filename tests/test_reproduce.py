@@ -54,7 +54,7 @@ def test_of_several_equally_good_numbers_the_furthest_counts() -> None:
 
 
 def test_what_is_missing_is_named() -> None:
-    assert unavailable("x", "1 mm", "", "the load and the pose").verdict.endswith("the load and the pose are missing")
+    assert unavailable("x", "1 mm", "the load and the pose").verdict.endswith("the load and the pose are missing")
 
 
 def test_the_command_writes_rows_and_a_page(tmp_path: Path) -> None:

@@ -14,11 +14,11 @@ from compplan.files.columns import UNITS, FileColumn, match_columns
 from compplan.files.tables import Array, Table, read_table
 
 
-def open_table(source: Any, columns: Sequence[FileColumn], *, what: str, unknown: str = "refuse") -> Table:
-    """Read a table from a file, or take one that is in memory already; see `read_table` and `take_table`."""
+def open_table(source: Any, columns: Sequence[FileColumn], *, what: str) -> Table:
+    """Read a table from a file, or take one that is in memory already, unknown columns noted; see `take_table`."""
     if is_file_name(source):
-        return read_table(source, columns, unknown=unknown)
-    return take_table(source, columns, what=what, unknown=unknown)
+        return read_table(source, columns, unknown="note")
+    return take_table(source, columns, what=what, unknown="note")
 
 
 def is_file_name(source: Any) -> bool:

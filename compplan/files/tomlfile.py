@@ -175,10 +175,10 @@ def _walk(details: ErrorDetails, model: type[BaseModel]) -> tuple[list[str | int
     return keys, holder
 
 
-def shorten_value(value: Any, length: int = 100) -> str:
+def shorten_value(value: Any) -> str:
     """Return a value as a message shows it, its middle left out where it is long."""
     text = repr(value)
-    return text if len(text) <= length else f"{text[: length // 2]}...{text[-length // 4 :]}"
+    return text if len(text) <= 100 else f"{text[:50]}...{text[-25:]}"
 
 
 def _models_in(annotation: Any) -> list[Any]:

@@ -101,7 +101,7 @@ def read_measured_points(source: Any) -> Table:
     columns = [FileColumn(axis, "length", required=True) for axis in "xyz"]
     columns += [FileColumn("s", "length"), FileColumn("sigma", "length", missing=True), FileColumn("reading", "length")]
     columns += [FileColumn(f"dir_{axis}", group="direction") for axis in "ijk"]
-    table = open_table(source, columns, what="measured points", unknown="note")
+    table = open_table(source, columns, what="measured points")
     if not len(table):
         raise table.error("the table has no rows, expected one row a measured point")
     sigma = table.values.get("sigma", np.full(len(table), np.nan))

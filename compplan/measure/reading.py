@@ -57,7 +57,7 @@ def read_campaign(source: Any, robot: Robot, instrument: InstrumentFile | None =
         InputError: If the file is not a measurement log of this robot.
 
     """
-    table = open_table(source, log_columns(robot), what="measurements", unknown="note")
+    table = open_table(source, log_columns(robot), what="measurements")
     if not len(table):
         raise table.error("the log has no rows, expected one row a measured pose")
     values, n = table.values, len(table)

@@ -144,7 +144,7 @@ def add_lines(
     """Add series along the path to a figure, thinned, with waypoint and time on hovering."""
     rows = thin_rows(list(series.values()), limit)
     for number, (name, values) in enumerate(series.items()):
-        line = go.Scatter(
+        figure.add_scatter(
             x=(1e3 * stations.length[rows]).astype(np.float32),
             y=values[rows].astype(np.float32),
             customdata=stations.hover(rows),
@@ -152,9 +152,8 @@ def add_lines(
             mode="lines",
             line={**style_line(number, colours), "width": 1.6},
             hovertemplate=f"%{{y:.4g}} {unit} (waypoint %{{customdata[0]:.0f}}, %{{customdata[1]:.2f}} s)",
-            showlegend=legend and len(series) > 1,
-        )
-        figure.add_trace(line, row=row, col=col)
+            showlegend=legend and len(series) > 1, row=row, col=col,
+        )  # fmt: skip
 
 
 def shade_spans(figure: Any, stations: Stations, *, row: int | None = None, col: int | None = None) -> None:

@@ -82,13 +82,11 @@ def _draw_curve(campaign: PoseCampaign) -> Any:
     count = np.arange(len(choice.rms))
     widest, mean = ("at its widest point", choice.greatest, AFTER), ("rms along the path", choice.rms, CATEGORIES[3])
     for name, values, colour in (widest, mean):
-        figure.add_trace(
-            go.Scatter(x=count, y=1e3 * values, mode="lines+markers", name=name, line={"color": colour, "width": 2})
-        )
+        figure.add_scatter(x=count, y=1e3 * values, mode="lines+markers", name=name, line={"color": colour, "width": 2})
     floor = 1e3 * float(campaign.design.floor.max())
-    figure.add_trace(
-        go.Scatter(x=count[[0, -1]], y=[floor, floor], mode="lines", name="no pose lowers it below",
-                   line={"color": TOLERANCE, "dash": "dash"})
+    figure.add_scatter(
+        x=count[[0, -1]], y=[floor, floor], mode="lines", name="no pose lowers it below",
+        line={"color": TOLERANCE, "dash": "dash"},
     )  # fmt: skip
     figure.update_xaxes(title_text="poses measured")
     figure.update_yaxes(title_text="95 % band, mm", rangemode="tozero")

@@ -162,16 +162,14 @@ def _draw_stiffness(certificate: Certificate) -> Any:
     high = np.array([min(entry.high, 10.0 * entry.value) for entry in entries]) * 1e-6
     figure = go.Figure()
     bars = {"type": "data", "array": high - value, "arrayminus": value - low, "thickness": 1.6}
-    figure.add_trace(
-        go.Scatter(x=names, y=value, error_y=bars, mode="markers", name="today", marker={"color": AFTER, "size": 9})
-    )
+    figure.add_scatter(x=names, y=value, error_y=bars, mode="markers", name="today", marker={"color": AFTER, "size": 9})
     others = (("published", CATEGORIES[1], "literature"), ("last time", BEFORE, "older"))
     for label, colour, key in others:
         points = [getattr(entry, key) for entry in entries]
         if any(point is not None for point in points):
             y = [None if p is None or not np.isfinite(p) else 1e-6 * p for p in points]
             marker = {"color": colour, "size": 9, "symbol": "diamond-open"}
-            figure.add_trace(go.Scatter(x=names, y=y, mode="markers", name=label, marker=marker))
+            figure.add_scatter(x=names, y=y, mode="markers", name=label, marker=marker)
     ticks = [step * 10.0**power for power in range(-6, 7) for step in (1, 2, 5)]
     names = [f"{tick:g}" for tick in ticks]
     figure.update_yaxes(title_text="stiffness, MN m/rad", type="log", tickvals=ticks, ticktext=names)

@@ -114,9 +114,9 @@ class Figure:
         self.data = (*self.data, trace)
         return self
 
-    def add_scatter(self, **keys: Any) -> Figure:
-        """Add lines or dots."""
-        return self.add_trace(Scatter(**keys))
+    def add_scatter(self, *, row: int | None = None, col: int | None = None, **keys: Any) -> Figure:
+        """Add lines or dots, to one of the small charts where row and column are given."""
+        return self.add_trace(Scatter(**keys), row, col)
 
     def add_bar(self, **keys: Any) -> Figure:
         """Add bars."""

@@ -172,12 +172,12 @@ def draw_traces(traces: Sequence[Trace]) -> Any:
         driver, error = trace.driver[rows], trace.error[rows]
         if trace.two_sided:
             driver = driver + 0.25 * np.sin(997.0 * np.arange(len(driver)))
-        dots = go.Scatter(
+        figure.add_scatter(
             x=driver.astype(np.float32), y=error.astype(np.float32), mode="markers", showlegend=False,
             marker={"size": 3.5, "color": CATEGORIES[0], "opacity": 0.55},
             hovertemplate=f"%{{x:.4g}} {trace.driver_unit}: %{{y:.4g}} {trace.error_unit}<extra></extra>",
+            row=row, col=col,
         )  # fmt: skip
-        figure.add_trace(dots, row=row, col=col)
         unit = f", {trace.driver_unit}" if trace.driver_unit else ""
         figure.update_xaxes(title_text=f"{trace.driver_name}{unit}", row=row, col=col)
         if trace.two_sided:
@@ -249,12 +249,11 @@ def draw_factors(factors: Mapping[str, tuple[Array, str]], before: Array, after:
     for number, (name, (values, unit)) in enumerate(factors.items()):
         row, col = number // columns + 1, number % columns + 1
         for label, side, colour in (("nominal model", before, BEFORE), ("updated model", after, AFTER)):
-            dots = go.Scatter(
+            figure.add_scatter(
                 x=values[rows].astype(np.float32), y=(1e3 * side[rows]).astype(np.float32), mode="markers", name=label,
                 marker={"size": 3, "color": colour, "opacity": 0.5}, showlegend=number == 0, legendgroup=label,
-                hovertemplate=f"%{{x:.4g}} {unit}: %{{y:.3g}} mm<extra></extra>",
+                hovertemplate=f"%{{x:.4g}} {unit}: %{{y:.3g}} mm<extra></extra>", row=row, col=col,
             )  # fmt: skip
-            figure.add_trace(dots, row=row, col=col)
         figure.update_xaxes(title_text=f"{name}, {unit}" if unit else name, row=row, col=col)
         figure.update_yaxes(rangemode="tozero", title_text="deviation, mm" if col == 1 else None, row=row, col=col)
     figure.update_layout(legend={"itemsizing": "constant"})

@@ -81,9 +81,9 @@ def _draw_part(teaching: Teaching) -> Any:
     lesson, figure = teaching.lesson, go.Figure()
     gathered, at = lesson.gathered, 1e3 * teaching.length
     few = np.unique(np.linspace(0, len(teaching.measured) - 1, 1500).astype(int))
-    figure.add_trace(
-        go.Scatter(x=1e3 * teaching.measured.length[few], y=1e3 * _size(teaching.measured.seen[few]), mode="markers",
-                   name="measured", marker={"size": 4, "color": BEFORE})
+    figure.add_scatter(
+        x=1e3 * teaching.measured.length[few], y=1e3 * _size(teaching.measured.seen[few]), mode="markers",
+        name="measured", marker={"size": 4, "color": BEFORE},
     )  # fmt: skip
     parts = (
         ("the robot", lesson.physics, CATEGORIES[2]), ("the force", lesson.pushed, CATEGORIES[4]),
@@ -92,9 +92,7 @@ def _draw_part(teaching: Teaching) -> Any:
     )  # fmt: skip
     for name, part, colour in parts:
         seen = np.einsum("bij,bj->bi", gathered.counts, part[gathered.row])
-        figure.add_trace(
-            go.Scatter(x=at[gathered.row], y=1e3 * _size(seen), mode="lines", name=name, line={"color": colour})
-        )
+        figure.add_scatter(x=at[gathered.row], y=1e3 * _size(seen), mode="lines", name=name, line={"color": colour})
     figure.update_xaxes(title_text="along the path, mm")
     figure.update_yaxes(title_text="distance, mm", rangemode="tozero")
     return figure
@@ -104,12 +102,10 @@ def _draw_bands(teaching: Teaching) -> Any:
 
     lesson, figure = teaching.lesson, go.Figure()
     for name, band, colour in (("before", lesson.band_before, BEFORE), ("after", lesson.band_after, AFTER)):
-        figure.add_trace(
-            go.Scatter(x=1e3 * teaching.length, y=1e3 * band, mode="lines", name=name, line={"color": colour})
-        )
+        figure.add_scatter(x=1e3 * teaching.length, y=1e3 * band, mode="lines", name=name, line={"color": colour})
     line = {"color": AFTER, "dash": "dot"}
     at, seen = 1e3 * teaching.length[lesson.gathered.row], 1e3 * lesson.band_seen[1]
-    figure.add_trace(go.Scatter(x=at, y=seen, mode="lines", name="after, in measured directions", line=line))
+    figure.add_scatter(x=at, y=seen, mode="lines", name="after, in measured directions", line=line)
     figure.update_xaxes(title_text="along the path, mm")
     figure.update_yaxes(title_text="95 % band, mm", rangemode="tozero")
     return figure

@@ -86,8 +86,7 @@ def _draw(tools: Sequence[Mapping[str, Any]], tolerance: float) -> Any:
     series = {"without correction": ([tool["error_before_mm"]["max"] for tool in tools], BEFORE),
               "95 % band": ([tool["verdict"]["band_mm"] for tool in tools], BAND)}  # fmt: skip
     for name, (values, colour) in series.items():
-        figure.add_trace(go.Bar(y=names, x=values, name=name, orientation="h", marker_color=colour,
-                                hovertemplate="%{x:.3g} mm"))  # fmt: skip
+        figure.add_bar(y=names, x=values, name=name, orientation="h", marker_color=colour, hovertemplate="%{x:.3g} mm")
     figure.update_xaxes(title_text="greatest deviation of the tip, mm", rangemode="tozero")
     figure.update_yaxes(autorange="reversed")
     figure.add_vline(x=tolerance, line={"color": TOLERANCE, "width": 1.6, "dash": "dash"})

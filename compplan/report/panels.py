@@ -20,7 +20,6 @@ ROWS = 500
 
 def draw_panels(
     stations: Stations, panels: Mapping[str, Mapping[str, Array]], *, tolerance: float, log: bool = False,
-    top: float | None = None,
 ) -> Any:  # fmt: skip
     """Draw deviations along the path, one small chart a name, all with the same axes.
 
@@ -29,7 +28,6 @@ def draw_panels(
         panels: By title of the chart: series by name, the same names in each. Shape (n,) each. [mm]
         tolerance: Level that is marked. [mm]
         log: Whether the vertical axes are logarithmic.
-        top: Where the vertical axes end; the largest value if left out. [mm]
     """
     columns = min(COLUMNS, len(panels))
     figure = _lay_out(list(panels))
@@ -42,7 +40,7 @@ def draw_panels(
         shade_spans(figure, stations, row=row, col=col)
     for trace in figure.data:
         trace.update(legendgroup=trace.name)
-    _set_axes(figure, [values for series in panels.values() for values in series.values()], tolerance, log, top)
+    _set_axes(figure, [values for series in panels.values() for values in series.values()], tolerance, log)
     figure.update_xaxes(nticks=5)
     _finish(figure, len(panels), "along the path, mm")
     return figure
@@ -67,12 +65,11 @@ def draw_small_multiples(
         for k, (name, values) in enumerate(curves.items()):
             value, low, high = values if spread else (values, values, values)
             bars = {"array": high - value, "arrayminus": value - low, "thickness": 1} if spread else None
-            curve = go.Scatter(
+            figure.add_scatter(
                 x=x, y=value, name=name, legendgroup=name, showlegend=number == 0 and len(curves) > 1, error_y=bars,
                 mode="lines+markers", marker={"size": 4}, line={**style_line(k), "width": 1.6},
-                hovertemplate="%{y:.3g} at %{x:.4g}",
+                hovertemplate="%{y:.3g} at %{x:.4g}", row=number // columns + 1, col=number % columns + 1,
             )  # fmt: skip
-            figure.add_trace(curve, row=number // columns + 1, col=number % columns + 1)
     most = max(float(np.nanmax(values)) for curves in panels.values() for values in curves.values())
     figure.update_yaxes(range=[0.0, 1.06 * most])
     figure.update_yaxes(title_text=titles[1], col=1)
@@ -106,9 +103,9 @@ def _finish(figure: Any, count: int, title: str) -> None:
     figure.update_layout(hovermode="x unified", margin={"t": 56}, legend=legend)
 
 
-def _set_axes(figure: Any, values: list[Array], tolerance: float, log: bool, top: float | None) -> None:
+def _set_axes(figure: Any, values: list[Array], tolerance: float, log: bool) -> None:
     together = np.concatenate([array[np.isfinite(array)] for array in values])
-    most = max(float(together.max(initial=0.0)) if top is None else top, 1.3 * tolerance)
+    most = max(float(together.max(initial=0.0)), 1.3 * tolerance)
     if not log:
         figure.update_yaxes(range=[0.0, 1.06 * most])
         figure.update_yaxes(title_text="deviation, mm", col=1)

@@ -205,9 +205,9 @@ def _rows_of_identification(robot: Robot, spread: Array) -> list[Row]:
                             missing="the uncertainty of the rotations"))  # fmt: skip
     rows.append(Row("Table II: error of joint 2", "1e6 N m/rad (8 %)", f"{1e6 / 6.6e6:.0%}", "", None,
                     "inconsistent in the paper"))  # fmt: skip
-    rows.append(unavailable("Displacements over 25 tests, computed against measured", "0.1 mm mean, 0.6 mm largest", "",
+    rows.append(unavailable("Displacements over 25 tests, computed against measured", "0.1 mm mean, 0.6 mm largest",
                             "the tests and the measured displacements"))  # fmt: skip
-    rows.append(unavailable("Share of links 2 and 3 in the displacement", "at most 21 % and 4.8 %", "",
+    rows.append(unavailable("Share of links 2 and 3 in the displacement", "at most 21 % and 4.8 %",
                             "the link stiffness and the loads"))  # fmt: skip
     return rows
 

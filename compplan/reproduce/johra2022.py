@@ -185,7 +185,7 @@ def _rows_of_grid(robot: Robot, single: Robot) -> list[Row]:
             )
         )
     rows.append(
-        unavailable("Figs. 11b, 13b: enhanced model against measurement, 600 and 1100 N", "0.08 and 0.16 mm", "",
+        unavailable("Figs. 11b, 13b: enhanced model against measurement, 600 and 1100 N", "0.08 and 0.16 mm",
                     "the measurement")
     )  # fmt: skip
     return rows

@@ -147,12 +147,12 @@ def compare_range(
     return compare(quantity, paper, worst, unit, note, missing=missing)
 
 
-def unavailable(quantity: str, paper: float | str, unit: str, missing: str) -> Row:
+def unavailable(quantity: str, paper: float | str, missing: str) -> Row:
     """Make the row of a figure that cannot be computed at all."""
-    return Row(quantity, paper, None, unit, None, cannot(missing))
+    return Row(quantity, paper, None, "", None, cannot(missing))
 
 
-def statement(quantity: str, paper: str, ours: str, holds: bool, assumption: str = "", *, otherwise: str = "") -> Row:
+def statement(quantity: str, paper: str, ours: str, holds: bool, assumption: str = "") -> Row:
     """Make the row of a statement that holds or does not.
 
     Args:
@@ -161,9 +161,8 @@ def statement(quantity: str, paper: str, ours: str, holds: bool, assumption: str
         ours: What this run found.
         holds: Whether both say the same.
         assumption: What had to be assumed.
-        otherwise: Verdict where they do not.
     """
-    return Row(quantity, paper, ours, "", None, "matches" if holds else otherwise or "order of magnitude", assumption)
+    return Row(quantity, paper, ours, "", None, "matches" if holds else "order of magnitude", assumption)
 
 
 def count_verdicts(rows: Sequence[Row]) -> dict[str, int]:

@@ -181,9 +181,9 @@ def _rows_of_table() -> list[Row]:
         compare(f"Table i: improvement of joint {j + 1}", float(IMPROVEMENT[j]), round(100 * (b / a - 1)), "%", note)
         for j, (a, b) in enumerate(zip(PLAIN, DEXTEROUS, strict=True))
     ]
-    rows.append(unavailable("Largest deflections at r1, r3, r5", "1.04, 1.29, 1.39 mm", "", WRENCH))
+    rows.append(unavailable("Largest deflections at r1, r3, r5", "1.04, 1.29, 1.39 mm", WRENCH))
     rows.append(
-        unavailable("Share of links 2, 3 and 4 in the deflection", "9, 0.9 and 11 %", "", "the section of the links")
+        unavailable("Share of links 2, 3 and 4 in the deflection", "9, 0.9 and 11 %", "the section of the links")
     )
     return rows
 

@@ -29,12 +29,10 @@ def link_springs(robot: Robot) -> tuple[Spring, ...]:
     return tuple(Spring(j.name, "own", 0.0, actuator=False) for j in robot.actuated if j.name not in taken)
 
 
-def candidate_springs(robot: Robot, axes: Sequence[str] = ("rx", "ry", "rz")) -> tuple[Spring, ...]:
+def candidate_springs(robot: Robot) -> tuple[Spring, ...]:
     """List springs that a robot does not have: about each axis of every moving joint's frame, and at the base.
 
-    Args:
-        robot: The robot.
-        axes: Axes of the child frame to offer; the joint's own axis is left out where the joint has an own spring.
+    The joint's own axis is left out where the joint has an own spring.
     """
     taken = {(spring.joint, spring.axis) for spring in robot.springs}
     own = {spring.joint for spring in robot.springs if is_own(robot, spring)}
@@ -43,7 +41,7 @@ def candidate_springs(robot: Robot, axes: Sequence[str] = ("rx", "ry", "rz")) ->
     for joint in robot.joints:
         if joint.kind == "fixed" and joint is not first:
             continue
-        for axis in axes:
+        for axis in ("rx", "ry", "rz"):
             along = _own_axis_name(robot, joint.name)
             if (joint.name, axis) in taken or (axis == along and joint.name in own):
                 continue

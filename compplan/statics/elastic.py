@@ -180,8 +180,8 @@ def spring_torque(chain: Chain, frames: Frames, wrench: Array) -> Array:
     return load_elements(chain, frames, np.asarray(wrench, float))
 
 
-def cartesian_compliance(chain: Chain, q: Array, theta: Array | None = None) -> Array:
-    """Compute the compliance of the TCP, J C J^T, at a pose (loaded if theta is given).
+def cartesian_compliance(chain: Chain, q: Array) -> Array:
+    """Compute the compliance of the TCP, J C J^T, at an unloaded pose.
 
     Valid for a small change of the wrench where the stiffness by the change of the Jacobian is negligible
     [Salisbury1980]; `loaded_compliance` holds without that condition.
@@ -189,7 +189,6 @@ def cartesian_compliance(chain: Chain, q: Array, theta: Array | None = None) -> 
     Args:
         chain: The chain.
         q: Joint positions. Shape (n, nq). [rad or m]
-        theta: Elastic coordinates. Shape (n, s). [rad or m]
 
     Returns:
         Rows tx ty tz rx ry rz, columns fx fy fz mx my mz, base axes. Shape (n, 6, 6).
@@ -198,8 +197,7 @@ def cartesian_compliance(chain: Chain, q: Array, theta: Array | None = None) -> 
     result = np.empty((6, 6, len(q)))
     for rows in chunks(len(q)):
         part = chain.take(rows)
-        frames = locate_frames(part, q[rows], None if theta is None else theta[rows])
-        columns = np.moveaxis(jacobian(part, frames), 0, -1)[:, part.spring_elements]
+        columns = np.moveaxis(jacobian(part, locate_frames(part, q[rows])), 0, -1)[:, part.spring_elements]
         bent = np.empty_like(columns)
         for i in range(6):
             for j, displacement in enumerate(apply_compliance(part.compiled, columns[i])):

@@ -19,6 +19,9 @@ from compplan.statics.elastic import load_derivative, locate_loaded, solve_equil
 
 CHUNK = 2048
 
+#: Largest change of an elastic coordinate in the last equilibrium step. [rad or m]
+SETTLED = 1e-12
+
 
 class AttainedPose(NamedTuple):
     """Where the loaded tool stands, and how it moves with the commanded joints; n poses.
@@ -38,7 +41,7 @@ class AttainedPose(NamedTuple):
 
 
 def attain_pose(
-    chain: Chain, q: Array, wrench: Array | None, *, tolerance: float = 1e-12, slope: bool = True,
+    chain: Chain, q: Array, wrench: Array | None, *, slope: bool = True,
     torque_bias: Array | None = None, theta: Array | None = None,
 ) -> AttainedPose:
     """Solve the loaded equilibrium at every pose and differentiate it with respect to the commanded joints.
@@ -47,7 +50,6 @@ def attain_pose(
         chain: The chain.
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         wrench: Wrench of the environment on the tool at the TCP, base axes; none if left out. Shape (n, 6). [N, N m]
-        tolerance: Largest change of an elastic coordinate in the last equilibrium step. [rad or m]
         slope: Whether the derivative is wanted; it is zero otherwise, and cheaper.
         torque_bias: Further load on each elastic coordinate, such as that of inertia. Shape (n, s). [N m or N]
         theta: Elastic coordinates to begin at, zero if left out. Shape (n, s). [rad or m]
@@ -60,12 +62,12 @@ def attain_pose(
     load = np.zeros((n, 6)) if wrench is None else wrench
     columns = np.zeros((n, 6, chain.nq))
     if not slope:
-        *pose, given = locate_loaded(chain, q, load, tolerance=tolerance, torque_bias=torque_bias, theta=theta)
+        *pose, given = locate_loaded(chain, q, load, tolerance=SETTLED, torque_bias=torque_bias, theta=theta)
         return AttainedPose(pose[0], pose[1], columns, given)
     position, rotation, given = np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, chain.n_springs))
     for rows in chunk_rows(n, chain):
         bias, start = (None if each is None else each[rows] for each in (torque_bias, theta))
-        loaded = solve_equilibrium(chain, q[rows], load[rows], tolerance=tolerance, torque_bias=bias, theta=start)
+        loaded = solve_equilibrium(chain, q[rows], load[rows], tolerance=SETTLED, torque_bias=bias, theta=start)
         position[rows], rotation[rows], given[rows] = loaded.position, loaded.rotation, loaded.theta
         columns[rows] = loaded_jacobian(chain, loaded.frames, load[rows])
     return AttainedPose(position, rotation, columns, given)

@@ -53,13 +53,13 @@ class EncoderTable:
     level: float
 
 
-def tabulate_encoders(task: PlanTask, *, rows: int = ROWS, seed: int = 2018) -> EncoderTable | None:
+def tabulate_encoders(task: PlanTask) -> EncoderTable | None:
     """Tabulate encoder strategies at the postures of a path; None where no joint has two encoders to compare."""
     if not task.chain.actuator.any():
         return None
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(2018)
     cut = np.flatnonzero(task.compensated)
-    q = task.q_start[rng.choice(cut, rows)]
+    q = task.q_start[rng.choice(cut, ROWS)]
     level = float(np.linalg.norm(task.wrench[cut, :3], axis=1).mean()) or TYPICAL_FORCE
     return compare_encoders(task.robot, q, level, rng)
 

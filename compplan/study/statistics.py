@@ -14,6 +14,7 @@ from scipy.stats import beta, binom, t
 
 from compplan.robot import Array
 
+#: Share of intervals that hold.
 LEVEL = 0.95
 
 
@@ -35,41 +36,40 @@ def replicate_means(values: Array, replicates: int) -> Array:
     return np.array([values[k::replicates].mean() for k in range(replicates)])
 
 
-def estimate_mean(values: Array, replicates: int, level: float = LEVEL) -> Interval:
+def estimate_mean(values: Array, replicates: int) -> Interval:
     """Estimate a mean from replicated samples.
 
     Args:
         values: One a sample, in their order. Shape (samples,).
         replicates: Number of independent replicates.
-        level: Share of such intervals that hold the true mean.
 
     """
     means = replicate_means(values, replicates)
     centre = float(means.mean())
-    half = float(t.ppf(0.5 + 0.5 * level, replicates - 1) * means.std(ddof=1) / np.sqrt(replicates))
+    half = float(t.ppf(0.5 + 0.5 * LEVEL, replicates - 1) * means.std(ddof=1) / np.sqrt(replicates))
     return Interval(centre, centre - half, centre + half)
 
 
-def estimate_quantile(values: Array, share: float, level: float = LEVEL) -> Interval:
+def estimate_quantile(values: Array, share: float) -> Interval:
     """Estimate a quantile; the interval lies between order statistics, whatever the distribution."""
     ordered, n = np.sort(values), len(values)
-    low = int(binom.ppf(0.5 - 0.5 * level, n, share)) - 1
-    high = int(binom.ppf(0.5 + 0.5 * level, n, share))
+    low = int(binom.ppf(0.5 - 0.5 * LEVEL, n, share)) - 1
+    high = int(binom.ppf(0.5 + 0.5 * LEVEL, n, share))
     return Interval(float(np.quantile(ordered, share)), float(ordered[max(low, 0)]), float(ordered[min(high, n - 1)]))
 
 
-def estimate_share(hits: int, n: int, level: float = LEVEL) -> Interval:
+def estimate_share(hits: int, n: int) -> Interval:
     """Estimate a probability from hits among n [Clopper1934]."""
-    tail = 0.5 - 0.5 * level
+    tail = 0.5 - 0.5 * LEVEL
     low = float(beta.ppf(tail, hits, n - hits + 1)) if hits else 0.0
     high = float(beta.ppf(1.0 - tail, hits + 1, n - hits)) if hits < n else 1.0
     return Interval(hits / n, low, high)
 
 
-def trace_convergence(values: Array, replicates: int, steps: int = 24) -> list[tuple[int, Interval]]:
+def trace_convergence(values: Array, replicates: int) -> list[tuple[int, Interval]]:
     """Trace how the interval of a mean narrows with the number of samples."""
     first = 4 * replicates
     if len(values) <= first:
         return [(len(values), estimate_mean(values, replicates))]
-    counts = np.unique((np.geomspace(first, len(values), steps) // replicates * replicates).astype(int))
+    counts = np.unique((np.geomspace(first, len(values), 24) // replicates * replicates).astype(int))
     return [(int(n), estimate_mean(values[:n], replicates)) for n in counts]

@@ -7,7 +7,7 @@ All strategies meet the same cells, so that their differences are paired.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -23,7 +23,7 @@ from compplan.plan.coupling import find_stiffness
 from compplan.plan.strategies.answer import Answer
 from compplan.plan.strategies.online import ONLINE, PLAIN, list_strategies, prepare_answers
 from compplan.plan.strategies.path_map import load_gears
-from compplan.plan.task import Command, PlanTask
+from compplan.plan.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.elastic import loaded_compliance
 from compplan.statics.encoders import actuator_selection, control_equilibrium
@@ -149,7 +149,6 @@ def prepare_study(
     strategies: Sequence[str] | None = None,
     *,
     most_waypoints: int = MOST_WAYPOINTS,
-    commands: Mapping[str, Command] | None = None,
     plain: PlanTask | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> Study:
@@ -160,7 +159,6 @@ def prepare_study(
         noise: The standard deviations; the defaults if left out.
         strategies: The strategies; all that the robot can carry out if left out.
         most_waypoints: A longer path is thinned evenly to this many waypoints.
-        commands: Commands of plan strategies that are known already.
         plain: The same task at a posture that was not chosen for accuracy, for `PLAIN`.
         announce: Called with what is done next.
 
@@ -179,7 +177,7 @@ def prepare_study(
     thin = thin_task(task, most_waypoints)
     if announce:
         announce(f"prepare {len(chosen)} strategies")
-    blind = prepare_answers(task, [name for name in chosen if name not in ONLINE and name != PLAIN], commands)
+    blind = prepare_answers(task, [name for name in chosen if name not in ONLINE and name != PLAIN])
     if plain is not None and PLAIN in chosen:
         (there,) = prepare_answers(plain, ["nlp"]).values()
         blind[PLAIN] = replace(there, name=PLAIN, commands="as nlp, at a posture that was not chosen for accuracy")
