@@ -33,7 +33,8 @@ def write_certificate_page(certificate: Certificate, file: Path) -> None:
     if certificate.older is not None:
         sections.append(_drift(certificate))
     lede = "To measure or to repair, most useful first."
-    sections.append(Section("What next", [_list(certificate.next_steps)], lede))
+    steps: list[Row] = [[step] for step in certificate.next_steps]
+    sections.append(Section("What next", [PageTable([Column("")], steps or [["nothing stands out"]])], lede))
     robot, same = certificate.robot, certificate.literature
     name = robot.name if same is None or same.name == robot.name else f"{same.name} ({robot.name})"
     provenance = describe_robot(robot, [("known from", certificate.known.source)], list_assumed(robot))
@@ -127,7 +128,9 @@ def _reach(certificate: Certificate) -> Section:
 def _stiffness(certificate: Certificate) -> Section:
     rows: list[Row] = []
     for entry in certificate.stiffness:
-        past: Row = [] if certificate.older is None else [_mega(entry.older), _change(entry.change)]
+        drifted = entry.change is not None and abs(entry.change) > DRIFTED
+        past: Row = [_mega(entry.older), TableCell(entry.change, "bad" if drifted else "")]
+        past = [] if certificate.older is None else past
         outside = entry.literature is not None and not entry.low <= entry.literature <= entry.high
         literature = TableCell(_mega(entry.literature), "bad" if outside else "")
         rows.append([entry.joint, _mega(entry.value), _mega(entry.low), _mega(entry.high), literature, *past])
@@ -206,17 +209,9 @@ def _drift(certificate: Certificate) -> Section:
     return Section(title, [PageTable(columns, rows)], lede)
 
 
-def _list(sentences: tuple[str, ...]) -> PageTable:
-    return PageTable([Column("")], [[sentence] for sentence in sentences] or [["nothing stands out"]])
-
-
 def _mega(value: float | None) -> float | None:
     return None if value is None else 1e-6 * value
 
 
 def _micro(value: float | None) -> float | None:
     return None if value is None else 1e6 * value
-
-
-def _change(value: float | None) -> TableCell:
-    return TableCell(value, "bad" if value is not None and abs(value) > DRIFTED else "")

@@ -9,22 +9,10 @@ import numpy as np
 from compplan.files.shown import Curves, pick_style
 from compplan.report import figure as go
 from compplan.report.along_path import below, outline_below
-from compplan.report.page import Chart
 from compplan.report.thinning import thin_rows
 
 #: Points of a line that are drawn at most.
 POINTS = 1500
-
-
-def show_curves(curves: Curves, caption: str, height: int = 360) -> Chart:
-    """Return curves as a chart.
-
-    Args:
-        curves: What is drawn.
-        caption: What to see in it, in a sentence.
-        height: Height on the page. [px]
-    """
-    return Chart(draw_curves(curves), caption, height=height)
 
 
 def _label(text: str) -> str:

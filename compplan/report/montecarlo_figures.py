@@ -39,7 +39,8 @@ def draw_distributions(run: Run) -> Any:
     _decades(figure, rms, "xaxis")
     figure.update_xaxes(title_text="rms deviation")
     figure.update_yaxes(autorange="reversed")
-    _mark_tolerance(figure, run)
+    tolerance = 1e3 * run.study.task.tolerance
+    figure.add_vline(x=tolerance, line={"color": TOLERANCE, "width": 1.4, "dash": "dash"})
     return figure
 
 
@@ -137,10 +138,6 @@ def draw_loops() -> Any:
     figure.update_xaxes(title_text="time, s")
     figure.update_yaxes(title_text="deviation left, mm", range=[-2.0, 2.0])
     return figure
-
-
-def _mark_tolerance(figure: Any, run: Run) -> None:
-    figure.add_vline(x=1e3 * run.study.task.tolerance, line={"color": TOLERANCE, "width": 1.4, "dash": "dash"})
 
 
 def _decades(figure: Any, values: Array, axis: str) -> None:

@@ -13,8 +13,8 @@ from compplan.files.notes import list_stops
 from compplan.plan.slow import mark_slow
 from compplan.program.counting import load_controller
 from compplan.program.frames import place_numbers, rotation_vectors
-from compplan.report.curve_chart import show_curves
-from compplan.report.page import Block, Column, KeyFigure, Opening, PageTable, Row, Section, TableCell
+from compplan.report.curve_chart import draw_curves
+from compplan.report.page import Block, Chart, Column, KeyFigure, Opening, PageTable, Row, Section, TableCell
 from compplan.report.provenance import GRADE_MEANING
 from compplan.report.style import (
     format_length,
@@ -24,7 +24,8 @@ from compplan.report.style import (
     format_percent,
     format_set_length,
 )
-from compplan.robot import Array, Robot
+from compplan.robot import Array
+from compplan.robot.mounting import mounted_tool
 
 if TYPE_CHECKING:
     from compplan.plan.plan import Plan
@@ -58,8 +59,8 @@ def open_plan(plan: Plan, folder: Path | None = None) -> Opening:
     ]  # fmt: skip
     if verdict.beyond_share:
         figures[2] = KeyFigure(format_percent(verdict.beyond_share), "of the cut may be beyond the tolerance", "bad")
-    picture = show_curves(plan.curves(), "Distance of the tool tip from the path. The 95 % band has to stay below the "
-                          "tolerance.", 340)  # fmt: skip
+    told = "Distance of the tool tip from the path. The 95 % band has to stay below the tolerance."
+    picture = Chart(draw_curves(plan.curves()), told, 340)
     step = verdict.change if plan.job is None else verdict.change.replace(" JOB", f" {plan.job.file.name}")
     todo = step or "Run the program without a part at reduced override, then cut and measure one part."
     stops = list_stops(plan.notes)
@@ -111,15 +112,6 @@ def describe_pose(pose: Array) -> str:
     return f"{place}; A {a:g}  B {b:g}  C {c:g} deg (z, y', x''); rotation vector {vector} deg"
 
 
-def locate_tcp(robot: Robot) -> Array:
-    """Return the tool centre point seen from the flange; nothing moves between them. Shape (4, 4). [m]."""
-    pose, beyond = np.eye(4), False
-    for joint in robot.joints:
-        beyond = beyond or joint.parent == robot.flange
-        pose = pose @ joint.placement if beyond else pose
-    return pose
-
-
 def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
     """Return robot, part and tool in words."""
     robot, job = plan.robot, plan.job
@@ -134,7 +126,7 @@ def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
     else:
         mass = "weight not known" if tool.mass_kg is None else f"{tool.mass_kg:g} kg"
         rows.append(("Tool", f"as in the job; {mass}"))
-    rows.append(("Tool centre point, in the flange", describe_pose(locate_tcp(robot))))
+    rows.append(("Tool centre point, in the flange", describe_pose(mounted_tool(robot))))
     source = Path(plan.task.nominal.source).name or "in memory"
     return [*rows, ("Toolpath", f"{source}; {len(plan.task)} waypoints")]
 

@@ -89,13 +89,9 @@ def allow_mismatch(radius: float) -> float:
 
 
 def count_chords(arc: Arc, chord: float) -> int:
-    """Return how many chords an arc takes, its extremes aside."""
-    return int(min(abs(arc.sweep) / _chord_angle(arc.radius, chord), 1e9)) + 1
-
-
-def _chord_angle(radius: float, chord: float) -> float:
-    """Return the angle of a chord that keeps to its arc [rad]."""
-    return 2.0 * math.acos(max(1.0 - chord / radius, math.cos(0.5 * COARSEST)))
+    """Return how many chords, which keep to their arc, an arc takes, its extremes aside."""
+    angle = 2.0 * math.acos(max(1.0 - chord / arc.radius, math.cos(0.5 * COARSEST)))
+    return int(min(abs(arc.sweep) / angle, 1e9)) + 1
 
 
 def arc_about(start: Point, end: Point, centre: Point, normal: Point, *, right_hand: bool, turns: int = 1) -> Arc:

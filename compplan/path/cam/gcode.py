@@ -93,7 +93,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
             meaning = {"absolute": "absolute", "reversed": "counted from the centre to the start"}[reading]
             note = f"arc centres I J K are read as {meaning}: only so every arc of the file lies on a circle"
             reader.log.note(note, int(first_fault.where or 1))
-        return reader.log.finish(file, "gcode", reader.state.unit_words(), len(lines))
+        return reader.log.finish(file, "gcode", ", ".join(reader.state.units) or "not stated", len(lines))
     assert first_fault is not None
     raise first_fault
 

@@ -136,7 +136,8 @@ def _cut_hole(code: float, at: Callable[[float], Point], clear: float, bottom: f
             if code == 83.0:
                 path.rapid(at(min(deeper + PECK_CLEARANCE_MM, clear)))
     if code in DWELLING and state.cycle.get("P", 0.0) > 0.0:
-        path.log.happen("dwell", path.line, value=read_seconds(state.cycle["P"]))
+        wait = state.cycle["P"]  # from 100 on it counts in milliseconds
+        path.log.happen("dwell", path.line, value=wait if wait < 100.0 else wait * 1e-3)
     if code in TAPPING and state.turning:
         path.log.happen(TAPPING[code][0], path.line, value=state.spindle)
 
@@ -151,22 +152,11 @@ def _list_pecks(code: float, clear: float, bottom: float, state: State, path: Pa
     least = words.get("K", first) if "I" in words else first
     if (clear - bottom) / max(least, 1e-9) > MOST_PECKS:
         raise path.fail(f"a hole of more than {MOST_PECKS} pecks, of {least:g} mm")
-    depths: list[float] = []
-    peck = first
-    while clear - last_depth(depths, clear) + peck < clear - bottom - 1e-9:
-        depths.append(last_depth(depths, clear) - peck)
+    depths, peck = [clear], first
+    while clear - depths[-1] + peck < clear - bottom - 1e-9:
+        depths.append(depths[-1] - peck)
         peck = max(peck - words.get("J", 0.0), least) if "I" in words else peck
-    return [*depths, bottom]
-
-
-def last_depth(depths: list[float], clear: float) -> float:
-    """Return the last depth, or the level that a hole begins at."""
-    return depths[-1] if depths else clear
-
-
-def read_seconds(dwell: float) -> float:
-    """Return a dwell P in seconds: from 100 on it counts in milliseconds."""
-    return dwell if dwell < 100.0 else dwell * 1e-3
+    return [*depths[1:], bottom]
 
 
 def _replace(point: Point, axis: int, value: float) -> Point:

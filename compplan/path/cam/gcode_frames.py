@@ -212,7 +212,3 @@ class GcodeFrameReader(TextReader):
             self.log.note("cutting moves before any feed F have none", self.line)
             return 0.0
         return feed
-
-    def _place_axis(self, axis: Point | None) -> Point | None:
-        """Return a tool direction as seen from the part."""
-        return axis if axis is None or self.path.placement is None else self.path.placement.turn(axis)

@@ -214,7 +214,8 @@ class MotionReader(TiltReader):
             length = math.hypot(*axis)
             if len(named) < 3 or not 1e-3 < length < 1e3:
                 raise self.error(f"tool direction A3 B3 C3 is {axis}, expected three numbers that are not all 0")
-            return self._place_axis((axis[0] / length, axis[1] / length, axis[2] / length)), None
+            unit = (axis[0] / length, axis[1] / length, axis[2] / length)
+            return unit if self.path.placement is None else self.path.placement.turn(unit), None
         if self.options.rotary == "ignore":
             return None, None
         before = self.turn_rotary(values)

@@ -65,10 +65,6 @@ class State:
         if word not in self.units:
             self.units.append(word)
 
-    def unit_words(self) -> str:
-        """Return the units that the program states."""
-        return ", ".join(self.units) or "not stated"
-
     def target(self, values: Mapping[str, float], axes: Iterable[int]) -> Point:
         """Return where the coordinates of a block lead; axes that it does not name stay."""
         point = list(self.position)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from compplan.path.cam.arcs import Point, combine, dot
 from compplan.path.cam.contour import Corner, Element, find_centre, find_tangent_arc
+from compplan.path.cam.expressions import cos_deg, sin_deg
 from compplan.path.cam.heidenhain_frames import AXES, TILT_ANGLES
 from compplan.path.cam.heidenhain_machine import HeidenhainMachineReader
 from compplan.path.cam.heidenhain_words import M_WORDS, split_words
@@ -116,8 +117,8 @@ class HeidenhainMoveReader(HeidenhainMachineReader):
                 point[axis] += self.value(words["I" + letter])
         if not words.keys().isdisjoint(("PR", "PA", "IPR", "IPA")):
             first, second, radius, angle = self._polar(words, (point[0], point[1], point[2]))
-            point[first] = self._pole()[2] + radius * _cos(angle)
-            point[second] = self._pole()[3] + radius * _sin(angle)
+            point[first] = self._pole()[2] + radius * cos_deg(angle)
+            point[second] = self._pole()[3] + radius * sin_deg(angle)
             named += [first, second]
         return (point[0], point[1], point[2]), tuple(named)
 
@@ -308,11 +309,3 @@ class HeidenhainMoveReader(HeidenhainMachineReader):
 def unit_axis(number: int) -> Point:
     """Return the unit vector of X, Y or Z (0, 1, 2)."""
     return ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))[number]
-
-
-def _cos(degrees: float) -> float:
-    return math.cos(math.radians(degrees))
-
-
-def _sin(degrees: float) -> float:
-    return math.sin(math.radians(degrees))

@@ -39,10 +39,6 @@ def _frac(number: float) -> float:
     return number - math.trunc(number)
 
 
-def _angle_between(one: float, other: float) -> float:
-    return math.degrees(math.atan2(one, other)) % 360.0
-
-
 GRAMMAR = Grammar(
     functions={
         "SIN": (1, sin_deg), "COS": (1, cos_deg), "TAN": (1, tan_deg), "ASIN": (1, asin_deg), "ACOS": (1, acos_deg),
@@ -54,7 +50,7 @@ GRAMMAR = Grammar(
     operators={
         "+": (1, lambda a, b: a + b), "-": (1, lambda a, b: a - b), "*": (2, lambda a, b: a * b),
         "/": (2, lambda a, b: a / b), "DIV": (2, lambda a, b: a / b), "^": (3, lambda a, b: a**b),
-        "LEN": (1, math.hypot), "ANG": (1, _angle_between),
+        "LEN": (1, math.hypot), "ANG": (1, lambda y, x: math.degrees(math.atan2(y, x)) % 360.0),
     },
     bare=True,
 )  # fmt: skip

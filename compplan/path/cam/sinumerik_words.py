@@ -33,14 +33,11 @@ REMARK = re.compile(r"(?:^|\s)[A-Z]\s*=?\s*[-+]?(?:\d+\.?\d*|\.\d+)\s*(\()", re.
 QUOTED = re.compile(r'"[^"]*"')
 
 
-def _atan2(one: float, other: float) -> float:
-    return math.degrees(math.atan2(one, other))
-
-
 GRAMMAR = Grammar(
     functions={
         "SIN": (1, sin_deg), "COS": (1, cos_deg), "TAN": (1, tan_deg), "ASIN": (1, asin_deg), "ACOS": (1, acos_deg),
-        "ATAN2": (2, _atan2), "SQRT": (1, math.sqrt), "POT": (1, lambda x: x * x), "ABS": (1, abs),
+        "ATAN2": (2, lambda y, x: math.degrees(math.atan2(y, x))),
+        "SQRT": (1, math.sqrt), "POT": (1, lambda x: x * x), "ABS": (1, abs),
         "TRUNC": (1, lambda x: float(math.trunc(x))), "ROUND": (1, lambda x: math.floor(x + 0.5)),
         "ROUNDUP": (1, lambda x: float(math.ceil(x))), "LN": (1, math.log), "EXP": (1, math.exp),
         "MINVAL": (2, min), "MAXVAL": (2, max), "BOUND": (3, lambda low, high, x: min(max(x, low), high)),
