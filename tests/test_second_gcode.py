@@ -13,7 +13,6 @@ from compplan.second.cam import read_gcode
 from compplan.second.follow import Followed, find_difference
 from compplan.second.moves import ARC, LINE, RAPID, CannotTellError
 from compplan.second.tables import read_generator
-from tests.truth_cases import follow_arc
 
 
 def _ends(text: str, **options: object) -> list[list[float]]:

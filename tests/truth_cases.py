@@ -128,20 +128,3 @@ def _drop_still(reading: Reading) -> Reading:
 def _say(reading: Reading, k: int) -> str:
     place = ", ".join(f"{1e3 * value:.6g}" for value in reading.end[k])
     return f"{('rapid', 'line', 'arc')[reading.kind[k]]} to ({place}) at {60e3 * reading.feed[k]:.6g} mm/min"
-
-
-def follow_arc(
-    start: np.ndarray, end: np.ndarray, centre: np.ndarray, normal: np.ndarray, sweep: float, shares: np.ndarray
-) -> np.ndarray:
-    """Return points of an arc, a helix or a spiral at shares of its angle. Shape (k, 3)."""
-    n = normal / np.linalg.norm(normal)
-    arm, last = start - centre, end - centre
-    rise0, rise1 = float(arm @ n), float(last @ n)
-    flat0, flat1 = arm - rise0 * n, last - rise1 * n
-    radius0, radius1 = float(np.linalg.norm(flat0)), float(np.linalg.norm(flat1))
-    u = flat0 / radius0
-    v = np.cross(n, u)
-    angle = sweep * shares[:, None]
-    radius = radius0 + (radius1 - radius0) * shares[:, None]
-    rise = rise0 + (rise1 - rise0) * shares[:, None]
-    return np.asarray(centre + radius * (np.cos(angle) * u + np.sin(angle) * v) + rise * n)
