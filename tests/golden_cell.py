@@ -214,7 +214,7 @@ def write_robot(folder: Path, language: str) -> Path:
     return folder
 
 
-def write_job(folder: Path, language: str) -> Path:
+def write_job(folder: Path, language: str, *, fills: bool = True) -> Path:
     """Write a job for the cell, its robot and its toolpath."""
     write_robot(folder / "cell", language)
     axes = WAYPOINTS[:, 3:6] / np.linalg.norm(WAYPOINTS[:, 3:6], axis=1)[:, None]
@@ -232,5 +232,6 @@ def write_job(folder: Path, language: str) -> Path:
         f'[plan]\nstrategy = "none"\nrotate_about_tool_axis = false\ntool_x = [0.0, 0.0, 1.0]\n'
         f'[feed]\ncorner_tolerance_mm = 0.0\n'
         f'[output]\nform = "both"\nfit_tolerance_mm = 0.0\nprograms = ["{language}"]\n'
+        f"cell = {{ overwrite = {'true' if fills else 'false'} }}\n"
     )
     return file

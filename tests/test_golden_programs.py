@@ -17,6 +17,7 @@ from program_readers import read_csv, read_fanuc, read_krl, read_rapid, read_val
 from script_readers import read_inform, read_kawasaki, read_sinumerik, read_urscript
 
 from compplan.program import Program, build_program, write_program
+from compplan.program.post import Post
 from compplan.robot import load_robot
 
 AXES = ("E1", "A1", "A2", "A3", "A4", "A5", "A6")
@@ -235,7 +236,8 @@ def make_program(folder: Path, language: str, sixth: float = 60.0) -> Program:
     flange_tool[:3, 3] *= 1e-3
     mounted = robot.with_tool(flange_tool)
     timing = {"time": np.array([0.0, 1.0])}
-    return build_program(mounted, q, np.full(2, 0.02), np.zeros(2, bool), name="two", **timing)
+    program = build_program(mounted, q, np.full(2, 0.02), np.zeros(2, bool), name="two", **timing)
+    return replace(program, post=Post(overwrite=True))
 
 
 #: The tool as jobs state it, from the URDF's flange (x out of the flange): x = 140, y = 30, z = 50 mm, turned with it.
@@ -335,6 +337,7 @@ def test_where_the_wrist_flips_a_linear_program_swings_over_in_a_joint_move(form
     q[:, 4] = fifth
     q = np.column_stack([np.full(5, 0.1), q]) if COUNTING[language].rail else q
     program = build_program(robot, q, np.full(5, 0.02), np.zeros(5, bool), name="flip")
+    program = replace(program, post=Post(overwrite=True))
     write_program(program, language, tmp_path / "out")
     moves = read_form(form, tmp_path / "out", "flip")
     assert [move.kind for move in moves] == ["line", "line", "line", "joint", "line"]

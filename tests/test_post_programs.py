@@ -21,6 +21,7 @@ from compplan.files.tables import read_table
 from compplan.program import Program, build_program, write_program
 from compplan.program.counting import from_controller, load_controller
 from compplan.program.krl import turn_bits
+from compplan.program.post import Post
 from compplan.program.program import joint_percent, split_parts
 from compplan.program.text import legal_name
 from compplan.robot import load_robot
@@ -39,7 +40,8 @@ def make_q(robot_name: str) -> np.ndarray:
 def make_program(robot_name: str, **changes: object) -> Program:
     rapid = np.isin(np.arange(N), [0, 1, 20, N - 1])
     options: dict[str, object] = {"name": "ISF cone, 40 mm / 45 deg", "comments": ["made for a test"]}
-    return build_program(load_robot(robot_name), make_q(robot_name), np.full(N, 0.02), rapid, **(options | changes))
+    program = build_program(load_robot(robot_name), make_q(robot_name), np.full(N, 0.02), rapid, **(options | changes))
+    return replace(program, post=Post(overwrite=True))
 
 
 def read_krl(point: str) -> list[float]:

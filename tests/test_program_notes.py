@@ -34,9 +34,9 @@ def test_a_controller_gets_the_language_of_its_brand(controller: str, language: 
 @pytest.mark.parametrize(
     ("controller", "language", "choices"),
     [
-        ("KUKA KRC2", "fanuc_ls", "['krl', 'sinumerik', 'csv']"),
-        ("Staubli CS8C", "krl", "['val3', 'sinumerik', 'csv']"),
-        ("Fanuc R-30iA", "rapid", "['fanuc_ls', 'sinumerik', 'csv']"),
+        ("KUKA KRC2", "fanuc_ls", "['krl', 'sinumerik', 'own', 'csv']"),
+        ("Staubli CS8C", "krl", "['val3', 'sinumerik', 'own', 'csv']"),
+        ("Fanuc R-30iA", "rapid", "['fanuc_ls', 'sinumerik', 'own', 'csv']"),
     ],
 )
 def test_a_program_for_another_brand_is_refused(controller: str, language: str, choices: str) -> None:

@@ -120,12 +120,12 @@ def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wante
             notes.append(f"not checked: there is no independent reader of {language} programs")
             continue
         excused = language in own or bool(output.get("io"))
-        for file, found in _read_back(folder, language, counting):
+        for file, found in _read_back(folder, language, counting, output.get("main")):
             if isinstance(found, BaseException):
                 fault = f"{file.name} cannot be read back: {type(found).__name__} {found}"[:200]
                 (notes if excused else breaches).append(f"not checked: {fault}" if excused else fault)
             else:
-                moves = [move for move in found if move.kind != "act"]
+                moves = [stand.take_frame(move) for move in found if move.kind != "act"]
                 held = stand.find_rows(moves)
                 if isinstance(held, str):
                     said = [held]
@@ -136,12 +136,12 @@ def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wante
 
 
 def _read_back(
-    folder: Path, language: str, counting: ReadCounting
+    folder: Path, language: str, counting: ReadCounting, main: str | None
 ) -> Iterator[tuple[Path, list[Move] | BaseException]]:
     """Return the programs of a language and their moves, or what kept them from being read."""
     patterns, read = FORMS[language]
     names = counting.names or tuple(f"A{k + 1}" for k in range(len(counting.zero)))
-    files = _find_mains(folder, patterns)
+    files = _find_mains(folder, patterns, main)
     for file in files:
         try:
             yield file, read_csv(file, names) if read is None else read(file)
@@ -151,17 +151,20 @@ def _read_back(
         yield folder / language, FileNotFoundError("no program was written")
 
 
-def _find_mains(folder: Path, patterns: tuple[str, ...]) -> list[Path]:
+def _find_mains(folder: Path, patterns: tuple[str, ...], main: str | None) -> list[Path]:
     """Return the programs of a folder; parts, that end in a number, are called by them or run after each other."""
     if patterns[0] == "{}":
         return sorted(file.parent for file in folder.glob("*/*.dtx"))
+    own = [file for file in folder.glob(f"*{Path(patterns[0]).suffix}") if file.stem.lower() == str(main).lower()]
+    if own:
+        return own
     endings = tuple(pattern.replace("{}", "") for pattern in patterns)
     files = sorted(file for file in folder.iterdir() if file.name.endswith(endings))
     wholes = {file.stem for file in files}
     mains = []
     for file in files:
         whole = re.sub(r"_\d+$", "", file.stem)
-        if whole == file.stem or not ({whole, f"{whole}_1"} - {file.stem}) & wholes:
+        if whole == file.stem or not {whole, f"{whole}_1"} & wholes:
             mains.append(file)
         elif whole not in wholes and file.stem == f"{whole}_1":  # parts without a whole
             mains.append(file.with_name(whole + file.suffix))
@@ -188,6 +191,10 @@ class _Stand:
     def fitted(self) -> bool:
         """Tell whether moves of the tool stand for rows between them."""
         return self.tolerance > 0.0
+
+    def take_frame(self, move: Move) -> Move:
+        """Return a move whose positions count from a frame of the cell as if that were the part frame."""
+        return move if move.base is not None else move._replace(base=np.linalg.inv(self.world) @ self.part)
 
     def find_rows(self, moves: list[Move]) -> NDArray[np.int_] | str:
         """Return the row at which each move ends, or what speaks against it."""

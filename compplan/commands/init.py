@@ -13,7 +13,7 @@ import tomli_w
 
 from compplan.commands.completion import complete_robots
 from compplan.commands.progress import show_progress
-from compplan.errors import CompplanError, InputError
+from compplan.errors import CompplanError, InputError, UnknownNameError
 from compplan.files.tables import write_text
 from compplan.files.transaction import replace_folder
 from compplan.job.text import mount_tool, number_tools, set_force, set_place, shorten_job, write_job_text
@@ -23,6 +23,7 @@ from compplan.path.cam.lines import read_bounded
 from compplan.path.reading import read_toolpath
 from compplan.program import WRITERS, list_languages
 from compplan.program.counting import load_controller
+from compplan.program.post import read_post
 from compplan.robot import Robot, load_robot
 from compplan.robot.skeleton import TURNS, write_skeleton
 
@@ -35,7 +36,7 @@ FEW_TURNS_MM = 5.0
 
 
 @click.command()
-@click.argument("words", nargs=-1, metavar="[FILE | robot URDF | log]")
+@click.argument("words", nargs=-1, metavar="[FILE | robot URDF | log | template LANGUAGE]")
 @click.option("--robot", "robot_name", default=None, shell_complete=complete_robots,
               help="Robot of the job, or of the log: folder or shipped robot.")  # fmt: skip
 @click.option("--toolpath", default=None, help="Toolpath of the job, relative to it: CSV or a CAM file.")
@@ -43,7 +44,8 @@ FEW_TURNS_MM = 5.0
 @click.option("--tool-axis", type=click.Choice(list(TURNS)), default=None,
               help="init robot: axis of that frame that points out of the tool.")  # fmt: skip
 @click.option("--short", is_flag=True, help="A job of the keys that one needs first, without the others.")
-@click.option("--out", type=click.Path(path_type=Path), default=None, help="Folder of the robot, or file of the log.")
+@click.option("--out", type=click.Path(path_type=Path), default=None,
+              help="Folder of the robot, or file of the log or template.")  # fmt: skip
 @click.option("--schema", is_flag=True, help="Print the JSON schema of a job, and write nothing.")
 def command(
     words: tuple[str, ...], robot_name: str | None, toolpath: str | None, tcp: str | None, tool_axis: str | None,
@@ -58,6 +60,8 @@ def command(
 
     Example: compplan init robot arm.urdf --out arm
 
+    Example: compplan init template krl --out cell.src.jinja
+
     Example: compplan init --schema
 
     Example: compplan init log --robot arm --out measurements.csv
@@ -70,19 +74,32 @@ def command(
         _refuse(words, 0, "--schema", robot=robot_name, toolpath=toolpath, tcp=tcp, out=out)
         click.echo(write_schema())
         return
-    if short and words[:1] in (("robot",), ("log",)):
+    if short and words[:1] in (("robot",), ("log",), ("template",)):
         raise InputError(f"--short has no meaning in: compplan init {words[0]}")
     if words[:1] == ("robot",):
         _refuse(words, 2, "robot URDF", robot_name=robot_name, toolpath=toolpath)
         _init_robot(Path(words[1]), tcp, tool_axis, out)
+    elif words[:1] == ("template",):
+        _refuse(words, 2, "template LANGUAGE", robot_name=robot_name, toolpath=toolpath, tcp=tcp, tool_axis=tool_axis)
+        _init_template(words[1], out)
     elif words[:1] == ("log",):
         _refuse(words, 1, "log --robot ROBOT", toolpath=toolpath, tcp=tcp, tool_axis=tool_axis)
         _init_log(robot_name, out or Path("measurements.csv"))
     else:
         if len(words) > 1:
-            raise InputError(f"init takes one FILE, 'robot URDF' or 'log', not {' '.join(words)!r}")
+            forms = "'robot URDF', 'log' or 'template LANGUAGE'"
+            raise InputError(f"init takes one FILE, {forms}, not {' '.join(words)!r}")
         _refuse(words, len(words), "FILE", tcp=tcp, tool_axis=tool_axis, out=out)
         _init_job(Path(words[0]) if words else Path("job.toml"), robot_name, toolpath, short=short)
+
+
+def _init_template(language: str, out: Path | None) -> None:
+    if language not in WRITERS:
+        raise UnknownNameError("program language", language, list(WRITERS))
+    file = out or Path(f"{language}.jinja")
+    _refuse_existing(file)
+    write_text(file, read_post(language))
+    click.echo(f'wrote {file}; next: [output] templates = {{ {language} = "{file.name}" }}')
 
 
 def _refuse(words: tuple[str, ...], count: int, form: str, **options: object) -> None:

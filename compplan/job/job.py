@@ -84,6 +84,14 @@ class PlanTable(StrictTable):
         return self.start_deg if self.start_deg is not None else self.configuration.start_deg
 
 
+class CellTable(StrictTable):
+    """[output.cell]: the cell's own tool data and frame, by number or name, and whether programs fill them."""
+
+    tool: Annotated[int, Field(ge=0, le=999)] | Annotated[str, Field(max_length=32)] | None = None
+    base: Annotated[int, Field(ge=0, le=999)] | Annotated[str, Field(max_length=32)] | None = None
+    overwrite: bool = False
+
+
 class OutputTable(StrictTable):
     """[output]: native programs, how closely their lines and arcs follow the path, and how they are cut up."""
 
@@ -94,6 +102,9 @@ class OutputTable(StrictTable):
     any_brand: bool = False
     header: dict[Annotated[str, OneOf(WRITERS)], str] = Field(default_factory=dict)
     footer: dict[Annotated[str, OneOf(WRITERS)], str] = Field(default_factory=dict)
+    templates: dict[Annotated[str, OneOf(WRITERS)], str] = Field(default_factory=dict)
+    main: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")] | None = None
+    cell: CellTable = CellTable()
     io: IoTable = IoTable()
 
 

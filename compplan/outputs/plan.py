@@ -21,6 +21,7 @@ from compplan.path.toolpath import WRENCH_HEADERS
 from compplan.plan.compare import Comparison, summarise_comparison
 from compplan.plan.result import Plan, replace_said, summarise_plan
 from compplan.program import Program
+from compplan.program.post import Post
 from compplan.robot import Array
 from compplan.statics.sensitivity import attain_pose
 
@@ -245,9 +246,17 @@ def write_programs(plan: Plan, folder: Path) -> list[Path]:
     program, output, files = make_program(plan), plan.job.output, []
     for language in output.programs:
         header, footer = (_read_lines(plan.job, table.get(language)) for table in (output.header, output.footer))
-        own = replace(program, header=header, footer=footer)
+        own = replace(program, header=header, footer=footer, post=make_post(plan.job, language))
         files += write_program(own, language, folder, most=output.max_points_per_file, any_brand=output.any_brand)
     return files
+
+
+def make_post(job: Job, language: str) -> Post:
+    """Return how a job wants the programs of a language written around their moves."""
+    output, cell = job.output, job.output.cell
+    template = output.templates.get(language)
+    main = None if output.main is None else "_".join(filter(None, [output.main, job.label]))
+    return Post(None if template is None else job.folder / template, cell.tool, cell.base, cell.overwrite, main)
 
 
 def _read_lines(job: Job, name: str | None) -> tuple[str, ...]:
@@ -263,7 +272,8 @@ def note_programs(plan: Plan) -> Plan:
     if plan.job is None or not plan.job.output.programs:
         return plan
     program = make_program(plan)
-    notes = [note for language in plan.job.output.programs for note in describe_program(program, language)]
+    posts = {language: make_post(plan.job, language) for language in plan.job.output.programs}
+    notes = [note for key, post in posts.items() for note in describe_program(replace(program, post=post), key)]
     return replace_said(plan, (*plan.notes, *notes))
 
 

@@ -13,7 +13,7 @@ from compplan.robot import Robot, robot_folders
 from compplan.robot.shapes import find_mesh
 
 #: Tables of a job whose files go into programs line by line.
-COPIED = ("output.header.", "output.footer.")
+COPIED = ("output.header.", "output.footer.", "output.templates.")
 
 
 def describe_outside(job: Job, robot: Robot) -> str:

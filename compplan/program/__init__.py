@@ -12,10 +12,11 @@ from compplan.files.notes import Stop
 from compplan.files.plugins import Registry
 from compplan.program.counting import load_controller
 from compplan.program.machine import Wiring, describe_events
+from compplan.program.post import describe_cell
 from compplan.program.program import Language, Program, build_program
 from compplan.robot import Robot
 
-_OWN = ("krl", "val3", "fanuc_ls", "rapid", "urscript", "sinumerik", "inform", "kawasaki_as", "csv")
+_OWN = ("krl", "val3", "fanuc_ls", "rapid", "urscript", "sinumerik", "inform", "kawasaki_as", "own", "csv")
 #: Every language, by the name of its module. It may also say whose controllers
 #: speak the language (BRAND), its words for events (PHRASES), and what a user has to know of a program (describe).
 WRITERS: Registry[Language] = Registry[Language](_OWN, __name__).install("languages").load_installed()
@@ -131,12 +132,12 @@ def describe_program(program: Program, language: str) -> list[str]:
         notes.append(Stop(changes))
     module = WRITERS[language]
     describe, phrases = getattr(module, "describe", None), getattr(module, "PHRASES", None)
-    own = describe(program) if describe else []
+    own = [*(describe(program) if describe else []), *describe_cell(program.post, getattr(module, "CELL", None))]
     if phrases is not None:
         own += describe_events(program.events, program.wiring, phrases)
     elif any(event.kind != "comment" for event in program.events):
         own.append("spindle, coolant, dwells and stops of the CAM file are not in this table")
-    return [*notes, *(f"{language}: {note}" for note in own)]
+    return [*notes, *(type(note)(f"{language}: {note}") for note in own)]
 
 
 def _brand(language: str) -> str:

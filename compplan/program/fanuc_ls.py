@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from compplan.files.tables import Array, write_text
 from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, phrase_events
+from compplan.program.post import Cell, check_cell, name_kind, name_main, render_post
 from compplan.program.program import MainForm, Program, describe_feeds, head_lines, split_parts
 from compplan.program.text import clean_text, legal_name, wrap_text
 
@@ -24,8 +27,8 @@ LONGEST_NAME = 26
 LONGEST_REMARK = 32
 #: Greatest and smallest linear speed that the language takes [mm/s].
 FASTEST, SLOWEST = 2000.0, 0.1
-#: Tool and user frame that the programs fill, and the position register that they fill them through.
-TOOL, FRAME, REGISTER = 1, 1, 99
+#: Tool and user frame where a job names none, and the position register through which programs fill them if asked.
+CELL, REGISTER = Cell(int, int, {"tool": 1, "base": 1}), 99
 
 
 PHRASES = Phrases(
@@ -43,9 +46,9 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     """Write NAME.LS with joint positions and NAME_L.LS with Cartesian ones; long ones call NAME_1.LS and so on.
 
     Cutting moves are lines (L) and arcs (C) with their feed, rapid moves and swings joint moves (J) at 20 %. Cartesian
-    positions count from user frame 1, which the program sets to the part frame, with tool frame 1; they are written
-    where poses and configuration words (native N F, U D, T B) are known. Sliding joints are extended axes (E1 ..),
-    in mm.
+    positions count from a user frame of the cell, with a tool frame of the cell; the program fills both, through
+    PR[99], where the job asks for that, else remarks say what they have to be. Cartesian positions are written where
+    poses and configuration words (native N F, U D, T B) are known. Sliding joints are extended axes (E1 ..), in mm.
 
     Args:
         program: The program.
@@ -61,7 +64,9 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
         raise InputError(f"FANUC programs take six rotating and three sliding joints, not {list(program.joint_names)}")
     if program.feed.max(initial=0.0) > FASTEST:
         raise InputError(f"feed is {program.feed.max():g} mm/s, FANUC programs take at most {FASTEST:g} mm/s")
-    name = legal_name(program.name, LONGEST_NAME).upper()
+    name = legal_name(name_main(program), LONGEST_NAME).upper()
+    cell = check_cell(program.post, CELL, "FANUC")
+    base, tool = int(cell.base or 1), int(cell.tool or 1)
     can, files = program.tcp is not None and configurations(program) is not None and len(turning) == 6, []
     if program.writes_joints(linear=can):
         joint = [_joint_entries(program, row, 0) for row in range(len(program))]
@@ -72,9 +77,9 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
         alone = program.alone(linear=True)
         linear = []
         for row, place in enumerate(_places(program, program.positions)):
-            head = f"\tUF : {FRAME}, UT : {TOOL},\t\tCONFIG : '{configuration[row]}'"
-            linear.append(_joint_entries(program, row, FRAME) if alone[row] else [head, *place])
-        files += _write_kind(program, folder, f"{name}_L", linear, FRAME, most)
+            head = f"\tUF : {base}, UT : {tool},\t\tCONFIG : '{configuration[row]}'"
+            linear.append(_joint_entries(program, row, base) if alone[row] else [head, *place])
+        files += _write_kind(program, folder, f"{name}{name_kind(program, '_L')}", linear, base, most)
     return files
 
 
@@ -109,8 +114,6 @@ def _write_kind(
 ) -> list[Path]:
     parts = split_parts(len(program), most or MOST)
     names = [name] if len(parts) == 1 else [f"{name}_{number}" for number in range(1, len(parts) + 1)]
-    setting = _set_frames(program, frame)
-    before, after = ([f"  {line.rstrip(' ;')} ;" for line in lines] for lines in (program.header, program.footer))
     alone, stops = program.alone(linear=bool(frame)), program.stops(linear=bool(frame))
     events = {
         row: [f"  {line.replace('@', str(label))} ;" for line in lines]
@@ -131,29 +134,12 @@ def _write_kind(
             moves += [move, *events.get(row, [])]
         positions = [_position(entries[row], number) for row, number in zip(indices, numbers, strict=True)]
         positions += [_position([entries[row][0], *via[row]], number) for row, number in extra.items()]
-        head = [*(setting if len(parts) == 1 else []), f"  UFRAME_NUM={frame} ;", f"  UTOOL_NUM={TOOL} ;"]
-        if len(parts) == 1:
-            head, moves = head + before, moves + after
         files.append(folder / f"{part}.LS")
-        write_text(files[-1], format_program(part, program, head + moves, positions), newline="\r\n")
+        write_text(files[-1], format_program(part, program, frame, moves, positions, len(parts) == 1), newline="\r\n")
     if len(parts) > 1:
         files.append(folder / f"{name}.LS")
-        calls = [*setting, *before, *(f"  CALL {part} ;" for part in names), *after]
-        write_text(files[-1], format_program(name, program, calls, []), newline="\r\n")
+        write_text(files[-1], format_program(name, program, frame, [], [], True, names), newline="\r\n")
     return files
-
-
-def _set_frames(program: Program, frame: int) -> list[str]:
-    """Return the instructions that fill tool frame and user frame through a position register."""
-    lines = [f"  PR[{REGISTER}]=LPOS ;"]
-    wanted = [("UTOOL", TOOL, program.tool), ("UFRAME", frame, program.base_frame if frame else None)]
-    for key, number, pose in wanted:
-        if pose is None:
-            continue
-        for index, value in enumerate(place_numbers(pose, "xyz"), start=1):
-            lines.append(f"  PR[{REGISTER},{index}]={f'({value:.7f})' if value < 0 else f'{value:.7f}'} ;")
-        lines.append(f"  {key}[{number}]=PR[{REGISTER}] ;")
-    return lines
 
 
 def _move(program: Program, row: int, number: int, alone: bool, stop: bool, via: int | None) -> str:
@@ -171,7 +157,8 @@ def _external(program: Program, row: int) -> list[str]:
 def _joint_entries(program: Program, row: int, frame: int) -> list[str]:
     values = program.joints[row, ~program.prismatic].tolist()
     entries = [f"J{index}= {value:12.6f} deg" for index, value in enumerate(values, start=1)]
-    return [f"\tUF : {frame}, UT : {TOOL}", *entries, *_external(program, row)]
+    tool = check_cell(program.post, CELL, "FANUC").tool
+    return [f"\tUF : {frame}, UT : {tool}", *entries, *_external(program, row)]
 
 
 def _places(program: Program, poses: Array) -> list[list[str]]:
@@ -192,33 +179,42 @@ def _position(entries: list[str], number: int) -> str:
     return f"P[{number}]{{\n   GP1:\n{head},\n\t" + ",\n\t".join(groups) + "\n};"
 
 
-def format_program(name: str, program: Program, instructions: list[str], positions: list[str]) -> str:
-    """Return the file of a program: its head, its instructions, its positions."""
-    comments = [f"  !{clean_text(line, LONGEST_REMARK)} ;" for line in head_lines(program)]
-    body = [f"{number:4d}:{line}" for number, line in enumerate([*comments, *instructions], start=1)]
-    attributes = [
-        f"/PROG  {name}",
-        "/ATTR",
-        "OWNER\t\t= MNEDITOR;",
-        'COMMENT\t\t= "compplan";',
-        "FILE_NAME\t= ;",
-        "VERSION\t\t= 0;",
-        f"LINE_COUNT\t= {len(body)};",
-        "PROTECT\t\t= READ_WRITE;",
-        "TCD:  STACK_SIZE\t= 0,",
-        "      TASK_PRIORITY\t= 50,",
-        "      TIME_SLICE\t= 0,",
-        "      BUSY_LAMP_OFF\t= 0,",
-        "      ABORT_REQUEST\t= 0,",
-        "      PAUSE_REQUEST\t= 0;",
-        "DEFAULT_GROUP\t= 1,*,*,*,*;",
-        "CONTROL_CODE\t= 00000000 00000000;",
-    ]
-    return "\n".join([*attributes, "/MN", *body, "/POS", *positions, "/END", ""])
+def format_program(
+    name: str, program: Program, frame: int, moves: Sequence[str], positions: Sequence[str], main: bool,
+    parts: Sequence[str] = (),
+) -> str:  # fmt: skip
+    """Return the file of a program: its head, its instructions with their numbers, its positions.
+
+    Args:
+        name: Name.
+        program: The program.
+        frame: User frame that positions count from, 0 for joint positions.
+        moves: Motion and what happens beside it.
+        positions: Positions of the moves.
+        main: Whether frames, header and footer belong to it.
+        parts: Programs that it calls.
+
+    """
+    cell = check_cell(program.post, CELL, "FANUC")
+    wanted = [("UTOOL", cell.tool, program.tool), ("UFRAME", cell.base, program.base_frame if frame else None)]
+    words = {
+        "name": name, "comments": [clean_text(line, LONGEST_REMARK) for line in head_lines(program)], "cell": cell,
+        "main": main, "frame": frame, "register": REGISTER, "moves": moves, "parts": parts, "positions": positions,
+        "frames": [(key, number, place_numbers(pose, "xyz")) for key, number, pose in wanted if pose is not None],
+    }  # fmt: skip
+    before, rest = render_post(program, "fanuc_ls", words).split("/MN\n", 1)
+    body, after = rest.split("/POS\n", 1)
+    lines, numbered = 0, []
+    for line in body.split("\n")[:-1]:
+        lines += not line.startswith("    :")
+        numbered.append(line if line.startswith("    :") else f"{lines:4d}:{line}")
+    before = re.sub(r"(?m)^LINE_COUNT\t= \d+;$", f"LINE_COUNT\t= {lines};", before)
+    return "\n".join([f"{before}/MN", *numbered, f"/POS\n{after}"])
 
 
 def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:
-    return format_program(name, program, [f"  CALL {call} ;" for call in calls], [])
+    plain = replace(program, post=replace(program.post, overwrite=False), tool=None, header=(), footer=())
+    return format_program(name, plain, 0, [], [], True, calls)
 
 
 MAIN = MainForm(".LS", 26, _format_main)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from compplan.files.tables import Array, write_text
 from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, phrase_events
+from compplan.program.post import Cell, check_cell, name_kind, name_main, render_post
 from compplan.program.program import (
     MainForm,
     Program,
@@ -29,8 +31,8 @@ BRAND = "Yaskawa"
 MOST = 2000
 #: A job's name has 32 letters (older controllers 8), its remarks 32.
 LONGEST_NAME, LONGEST_REMARK = 24, 32
-#: Tool and user frame that the jobs fill, and the position variables that they fill them through.
-TOOL, FRAME, TOOL_VARIABLE, FRAME_VARIABLE = 1, 1, 98, 99
+#: Tool and user frame where a job names none, and the position variables through which jobs fill them if asked.
+CELL, TOOL_VARIABLE, FRAME_VARIABLE = Cell(int, int, {"tool": 1, "base": 1}), 98, 99
 RAPID_PERCENT, UNKNOWN_PERCENT, SLOWEST_PERCENT = 20.0, 10.0, 0.01
 #: Position level within a cut: 1 is the one that passes nearest without a stop.
 BLEND = 1
@@ -51,8 +53,9 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     """Write NAME.JBI with joint angles and, where poses and configuration words are known, NAME_L.JBI with positions.
 
     Cutting moves of the linear job are MOVL with their feed (mm/s), rapid moves and swings MOVJ at 20 %; the joint job
-    has MOVJ with percents of the joint rates, to two digits. Positions count from user frame 1, which the job sets to
-    the part frame (MFRAME), with tool 1 (SETTOOL). Joint angles need a controller that takes POSTYPE ANGLE.
+    has MOVJ with percents of the joint rates, to two digits. Positions count from a user frame of the cell, with a tool
+    of the cell; the job fills them (MFRAME, SETTOOL) where that is asked for. Joint angles need a controller that takes
+    POSTYPE ANGLE.
 
     Args:
         program: The program, of an arm with six rotating joints.
@@ -64,12 +67,13 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
     """
     need_six_axes(program, "INFORM", sliding=0)
-    name = legal_name(program.name, LONGEST_NAME).upper()
+    name = legal_name(name_main(program), LONGEST_NAME).upper()
     can, files = program.tcp is not None and {"shoulder", "elbow", "wrist"} <= set(program.words), []
     if program.writes_joints(linear=can):
         files += _write_kind(program, folder, name, most, linear=False)
     if can and program.form != "joint":
-        files += _write_kind(fit_moves(program, arcs=False).program, folder, f"{name}_L", most, linear=True)
+        name += name_kind(program, "_L")
+        files += _write_kind(fit_moves(program, arcs=False).program, folder, name, most, linear=True)
     return files
 
 
@@ -95,20 +99,12 @@ def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, 
     files = []
     for part, rows in zip(names, parts, strict=True):
         points, moves = _points(program, rows, linear), _moves(program, rows, linear)
-        setting = [*_settings(), *program.header] if len(parts) == 1 else []
-        moves += program.footer if len(parts) == 1 else ()
         files.append(folder / f"{part}.JBI")
-        write_text(files[-1], format_job(program, part, points, [*setting, *moves]), newline="\r\n")
+        write_text(files[-1], format_job(program, part, points, moves, main=len(parts) == 1), newline="\r\n")
     if len(parts) > 1:
-        calls = [f"CALL JOB:{part}" for part in names]
         files.append(folder / f"{name}.JBI")
-        instructions = [*_settings(), *program.header, *calls, *program.footer]
-        write_text(files[-1], format_job(program, name, [], instructions), newline="\r\n")
+        write_text(files[-1], format_job(program, name, [], [], main=True, parts=names), newline="\r\n")
     return files
-
-
-def _settings() -> list[str]:
-    return [f"MFRAME UF#({FRAME}) P{FRAME_VARIABLE:05d} BF", f"SETTOOL TL#({TOOL}) P{TOOL_VARIABLE:05d}"]
 
 
 def _points(program: Program, rows: slice, linear: bool) -> list[str]:
@@ -120,7 +116,7 @@ def _points(program: Program, rows: slice, linear: bool) -> list[str]:
     if alone.all():
         return lines
     table, configuration = place_table(program.positions[rows], "xyz"), configurations(program)[rows]
-    lines += [f"///USER {FRAME}", "///POSTYPE USER", "///RECTAN"]
+    lines += [f"///USER {check_cell(program.post, CELL, 'INFORM').base}", "///POSTYPE USER", "///RECTAN"]
     last: list[int] = []
     for row in np.flatnonzero(~alone).tolist():
         if configuration[row].tolist() != last:
@@ -146,24 +142,20 @@ def _moves(program: Program, rows: slice, linear: bool) -> list[str]:
     return lines
 
 
-def format_job(program: Program, name: str, points: list[str], instructions: list[str]) -> str:
-    """Return the file of a program: its head, its instructions, its positions."""
+def format_job(
+    program: Program, name: str, points: list[str], moves: list[str], *, main: bool, parts: Sequence[str] = ()
+) -> str:
+    """Return the file of a job: its head, its positions, its instructions; `main`: with frames, header and footer."""
     tool = np.eye(4) if program.tool is None else program.tool
-    variables = [
-        "///POSTYPE BASE", "///RECTAN", f"///RCONF {','.join(['0'] * 24)}",
-        f"P{TOOL_VARIABLE:05d}={_values(np.array(place_numbers(tool, 'xyz')), 7)}",
-        f"P{FRAME_VARIABLE:05d}={_values(np.array(place_numbers(program.base_frame, 'xyz')), 7)}",
-    ]  # fmt: skip
-    count = sum(line.startswith("C") for line in points)
-    remarks = [f"'{clean_text(line, LONGEST_REMARK)}" for line in head_lines(program)]
-    if program.mass is not None:
-        remarks.append(f"'tool mass {program.mass:.2f} kg: set it in TOOL")
-    head = ["/JOB", f"//NAME {name}", "//POS", f"///NPOS {count},0,0,2,0,0", f"///TOOL {TOOL}"]
-    attributes = [
-        "//INST", "///DATE 2000/01/01 00:00", "///COMM COMPPLAN", "///ATTR SC,RW,RJ", f"////FRAME USER {FRAME}",
-        "///GROUP1 RB1",
-    ]  # fmt: skip
-    return "\n".join([*head, *points, *variables, *attributes, "NOP", *remarks, *instructions, "END", ""])
+    words = {
+        "name": name, "count": sum(line.startswith("C") for line in points), "points": points, "main": main,
+        "cell": check_cell(program.post, CELL, "INFORM"), "tool_variable": TOOL_VARIABLE,
+        "frame_variable": FRAME_VARIABLE, "tool": _values(np.array(place_numbers(tool, "xyz")), 7),
+        "base": _values(np.array(place_numbers(program.base_frame, "xyz")), 7), "moves": moves, "parts": parts,
+        "comments": [clean_text(line, LONGEST_REMARK) for line in head_lines(program)],
+        "mass": "" if program.mass is None else f"{program.mass:.2f}",
+    }  # fmt: skip
+    return render_post(program, "inform", words)
 
 
 def _values(values: Array, digits: int) -> str:
@@ -171,7 +163,8 @@ def _values(values: Array, digits: int) -> str:
 
 
 def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:
-    return format_job(program, name, [], [f"CALL JOB:{call}" for call in calls])
+    plain = replace(program, post=replace(program.post, overwrite=False), header=(), footer=())
+    return format_job(plain, name, [], [], main=False, parts=calls)
 
 
 MAIN = MainForm(".JBI", 28, _format_main)

@@ -11,6 +11,7 @@ from compplan.files.tables import Array, write_text
 from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, phrase_events
+from compplan.program.post import Cell, check_cell, name_kind, name_main, render_post
 from compplan.program.program import (
     MainForm,
     Program,
@@ -30,6 +31,7 @@ MOST = 2000
 LONGEST_NAME = 12
 #: Letters of the program's name in a variable; variables have 15 too, and joint and linear program share theirs.
 LONGEST_VARIABLE = 6
+CELL = Cell(str, str)
 RESERVED = frozenset({"if", "then", "else", "end", "for", "to", "while", "do", "case", "of", "goto", "call", "return",
                       "tool", "base", "speed", "here", "point", "not", "and", "or", "mod", "on", "off"})  # fmt: skip
 #: How near a point within a cut has to be passed [mm], and percents of the joint rates.
@@ -66,12 +68,12 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
     """
     need_six_axes(program, "Kawasaki AS", sliding=1)
-    name = legal_name(program.name, LONGEST_NAME - count_digits(program, most or MOST), reserved=RESERVED).lower()
+    name = legal_name(name_main(program), LONGEST_NAME - count_digits(program, most or MOST), reserved=RESERVED).lower()
     can, files = program.tcp is not None, []
     if program.writes_joints(linear=can):
         files += _write_kind(program, folder, name, most, linear=False)
     if can and program.form != "joint":
-        files += _write_kind(fit_moves(program).program, folder, f"{name}_l", most, linear=True)
+        files += _write_kind(fit_moves(program).program, folder, f"{name}{name_kind(program, '_l')}", most, linear=True)
     return files
 
 
@@ -82,22 +84,18 @@ def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, 
     for part, rows in zip(names, parts, strict=True):
         files.append(folder / f"{part}.as")
         write_text(files[-1], _part_text(program, part, rows, linear), newline="\r\n")
-    lines = [f".PROGRAM {name}()", *(f"  ; {line}" for line in head_lines(program)), *_settings(program)]
-    lines += [*program.header, *(f"  CALL {part}" for part in names), *program.footer, ".END", ""]
-    files.append(folder / f"{name}.as")
-    write_text(files[-1], "\n".join(lines), newline="\r\n")
-    return files
-
-
-def _settings(program: Program) -> list[str]:
-    tool = np.eye(4) if program.tool is None else program.tool
-    lines = [f"  POINT part = TRANS({_numbers(program.base_frame)})", f"  TOOL TRANS({_numbers(tool)})"]
-    if program.mass is None:
-        lines.append("  ; mass of the tool: not known, load data are not set")
-    else:
+    load = ""
+    if program.mass is not None:
         x, y, z = (program.centre * 1e3).tolist()
-        lines.append(f"  WEIGHT {program.mass:.3f},{x:.3f},{y:.3f},{z:.3f}")
-    return [*lines, "  CP ON", f"  ACCURACY {ACCURACY} ALWAYS"]
+        load = f"{program.mass:.3f},{x:.3f},{y:.3f},{z:.3f}"
+    words = {
+        "name": name, "parts": names, "comments": head_lines(program), "load": load, "accuracy": ACCURACY,
+        "cell": check_cell(program.post, CELL, "Kawasaki AS"), "base": _numbers(program.base_frame),
+        "tool": _numbers(np.eye(4) if program.tool is None else program.tool),
+    }  # fmt: skip
+    files.append(folder / f"{name}.as")
+    write_text(files[-1], render_post(program, "kawasaki_as", words), newline="\r\n")
+    return files
 
 
 def _part_text(program: Program, part: str, rows: slice, linear: bool) -> str:

@@ -13,6 +13,7 @@ from compplan.files.tables import Array, write_text
 from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, phrase_events
+from compplan.program.post import Cell, check_cell, name_kind, name_main, render_post
 from compplan.program.program import (
     MainForm,
     Program,
@@ -35,6 +36,7 @@ LONGEST_NAME = 22
 RAPID_PERCENT = 20
 #: A joint move whose whole percent is off by more than this share does not hold its feed.
 UNTRUE = 0.1
+CELL = Cell(int, int)
 
 
 #: Body of the loop over joint positions: SP is a percent, 0 for a rapid move.
@@ -81,12 +83,12 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
     """
     order_joints(program, ARM, "KRL")
-    name = legal_name(program.name, LONGEST_NAME - count_digits(program, most or MOST))
+    name = legal_name(name_main(program), LONGEST_NAME - count_digits(program, most or MOST))
     can, files = program.tcp is not None and program.status is not None, []
     if program.writes_joints(linear=can):
-        files += _write_joint(program, folder, f"{name}_J", most or MOST)
+        files += _write_joint(program, folder, f"{name}{name_kind(program, '_J')}", most or MOST)
     if can and program.form != "joint":
-        files += _write_linear(fit_moves(program).program, folder, f"{name}_L", most or MOST)
+        files += _write_linear(fit_moves(program).program, folder, f"{name}{name_kind(program, '_L')}", most or MOST)
     return files
 
 
@@ -106,8 +108,7 @@ def _write_joint(program: Program, folder: Path, name: str, most: int) -> list[P
         files.append(folder / f"{part}.src")
         write_text(files[-1], _source(part, program, rows, events), newline="\r\n")
     files.append(folder / f"{name}.src")
-    remarks = [f"; {note}" for note in describe(program)]
-    write_text(files[-1], _main(name, names, program, remarks), newline="\r\n")
+    write_text(files[-1], _main(name, names, program, describe(program)), newline="\r\n")
     return files
 
 
@@ -225,29 +226,18 @@ def _source(name: str, program: Program, rows: slice, events: dict[int, list[str
 
 def _main(name: str, parts: list[str], program: Program, remarks: list[str]) -> str:
     """Return the .src file that sets base, tool and approximation, and calls the parts."""
-    prismatic = bool(program.prismatic.any())
-    lines = ["&ACCESS RVO", f"DEF {name}()", *(f"; {line}" for line in head_lines(program))]
-    lines += [
-        "EXT BAS(BAS_COMMAND:IN,REAL:IN)",
-        f"; Rapid moves run at {RAPID_PERCENT} percent of the axis rates.",
-        "; Check speed, tool, base and load data before running.",
-        *(["; external axes are coupled: positions count from the standing base"] if prismatic else []),
-        *remarks,
-        "BAS(#INITMOV,0)",
-    ]
-    lines += ["; the part frame of the job; a measured one: $BASE=BASE_DATA[n]", f"$BASE={_frame(program.base_frame)}"]
-    if program.tool is not None:
-        lines.append(f"$TOOL={_frame(program.tool)}")
+    load = None
     if program.mass is not None:
         x, y, z = (program.centre * 1e3).tolist()
         centre = f"CM {{X {x:.3f},Y {y:.3f},Z {z:.3f},A 0.0,B 0.0,C 0.0}},J {{X 0.0,Y 0.0,Z 0.0}}"
-        lines += ["; inertia of the tool: not known", f"$LOAD={{M {program.mass:.3f},{centre}}}"]
-    else:
-        lines.append("; mass of the tool: not known, load data are not set")
-    lines += ["$APO.CPTP=1", "$APO.CDIS=0.1", "$ADVANCE=3", "$ORI_TYPE=#VAR", "$CIRC_TYPE=#BASE"]
-    lines += [*(f"$VEL_AXIS[{axis}]={RAPID_PERCENT}" for axis in range(1, 7)), *program.header]
-    lines += [*(f"{part}()" for part in parts), *program.footer]
-    return "\n".join([*lines, "END", ""])
+        load = f"{{M {program.mass:.3f},{centre}}}"
+    words = {
+        "name": name, "parts": parts, "comments": head_lines(program), "remarks": remarks, "load": load,
+        "cell": check_cell(program.post, CELL, "KRL"), "base": _frame(program.base_frame),
+        "tool": None if program.tool is None else _frame(program.tool), "rapid_percent": RAPID_PERCENT,
+        "rail": bool(program.prismatic.any()),
+    }  # fmt: skip
+    return render_post(program, "krl", words)
 
 
 def _frame(pose: Array) -> str:

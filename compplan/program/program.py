@@ -27,6 +27,7 @@ from compplan.program.counting import (
 )
 from compplan.program.frames import flange_turn
 from compplan.program.machine import Wiring
+from compplan.program.post import Post
 from compplan.program.text import clean_text
 from compplan.robot import Robot
 
@@ -65,6 +66,7 @@ class Program:
         footer: Lines of the language itself that run after the last move.
         events: What happens beside motion, each after the row that it names; -1: before the first move.
         wiring: Signals of the cell that do it.
+        post: How the job wants it written around the moves.
         tolerance: How far written lines and arcs may lie beside the tip; 0: one move a waypoint. [m]
         cycle: Least time of a written move. [s]
         free: Moves whose speed is of no account, such as what brings a correction in, or None. Shape (n,).
@@ -100,6 +102,7 @@ class Program:
     footer: tuple[str, ...] = ()
     events: tuple[Event, ...] = ()
     wiring: Wiring = field(default_factory=Wiring)
+    post: Post = field(default_factory=Post)
     tolerance: float = 0.0
     cycle: float = 0.0
     free: NDArray[np.bool_] | None = None

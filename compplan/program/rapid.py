@@ -12,6 +12,7 @@ from compplan.files.tables import Array, write_text
 from compplan.program.fit import fit_moves
 from compplan.program.frames import quaternions
 from compplan.program.machine import Phrases, Signal, name_signal, phrase_events
+from compplan.program.post import Cell, check_cell, render_post
 from compplan.program.program import Program, count_digits, head_lines, split_parts
 from compplan.program.text import legal_name
 
@@ -23,6 +24,7 @@ MOST = 5000
 LONGEST_NAME = 25
 RESERVED = frozenset({"test", "module", "main", "proc", "func", "trap", "record", "alias", "with", "local", "task"})
 UNUSED = "9E9"
+CELL = Cell(str, str)
 #: Letters of a message on the teach pendant.
 LONGEST_MESSAGE = 80
 #: What RAPID adds up to cfx: wrist centre behind axis 1, behind the lower arm, axis 5 below 0.
@@ -89,26 +91,23 @@ def _write_kind(program: Program, folder: Path, name: str, moves: list[str], mos
         files.append(folder / f"{part}.mod")
         body = [f"MODULE {part}", f"  PROC run_{part}()", *moves[rows], "  ENDPROC", "ENDMODULE", ""]
         write_text(files[-1], "\n".join(body))
-    comments = [f"  ! {line}" for line in head_lines(program)]
-    unknown = ["  ! mass and centre of the tool are not known: placeholders, load its own data"]
-    data = [
-        *(unknown if program.mass is None else ["  ! inertia of the tool: not known"]),
-        f"  PERS tooldata t_{name}:={_tool(program)};",
-        f'  PERS wobjdata w_{name}:=[FALSE,TRUE,"",{_frame(program.base_frame)},{_frame(np.eye(4))}];',
-    ]
-    calls = [f"    run_{part};" for part in names]
+    cell = check_cell(program.post, CELL, "RAPID")
+    words = {
+        "name": name, "entry": program.post.main or f"run_{name}", "parts": [f"run_{part}" for part in names],
+        "comments": head_lines(program), "cell": cell, "massless": program.mass is None, "tool": _tool(program),
+        "tool_name": cell.tool or f"t_{name}", "base_name": cell.base or f"w_{name}",
+        "base": f'[FALSE,TRUE,"",{_frame(program.base_frame)},{_frame(np.eye(4))}]',
+    }  # fmt: skip
     files.append(folder / f"{name}.mod")
-    main = [f"  PROC run_{name}()", "    ConfL\\Off;", "    CirPathMode\\ObjectFrame;", *program.header, *calls]
-    main += [*program.footer, "  ENDPROC"]
-    body = [f"MODULE {name}", *comments, *data, *main, "ENDMODULE", ""]
-    write_text(files[-1], "\n".join(body))
+    write_text(files[-1], render_post(program, "rapid", words))
     return files
 
 
 def _joint_moves(program: Program, name: str) -> list[str]:
+    tool = program.post.tool or f"t_{name}"
     stops = program.stops(linear=False)
     return [
-        f"    MoveAbsJ {_joint_target(program, row)},{_manner(program, row, rapid, stop)},t_{name};"
+        f"    MoveAbsJ {_joint_target(program, row)},{_manner(program, row, rapid, stop)},{tool};"
         for row, (rapid, stop) in enumerate(zip(program.rapid.tolist(), stops.tolist(), strict=True))
     ]
 
@@ -122,6 +121,7 @@ def _linear_moves(program: Program, name: str) -> list[str]:
     positions, turns = program.positions, quaternions(program.positions)
     alone, stops = program.alone(linear=True).tolist(), program.stops(linear=True).tolist()
     arcs, via, moves = program.arcs.tolist(), program.via_positions, []
+    seen = f"{program.post.tool or f't_{name}'}\\WObj:={program.post.base or f'w_{name}'}"
     for row, (place, turn, configuration) in enumerate(
         zip((positions[:, :3, 3] * 1e3).tolist(), turns.tolist(), configurations(program).tolist(), strict=True)
     ):
@@ -135,7 +135,7 @@ def _linear_moves(program: Program, name: str) -> list[str]:
                 target = f"MoveC {middle},{_robot_target(place, turn, rest)}"
         manner = _manner(program, row, alone[row], stops[row])
         note = "    ! the configuration changes: a joint move\n" if program.swings[row] else ""
-        moves.append(f"{note}    {target},{manner},t_{name}\\WObj:=w_{name};")
+        moves.append(f"{note}    {target},{manner},{seen};")
     return moves
 
 

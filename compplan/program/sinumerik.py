@@ -14,6 +14,7 @@ from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.krl import turn_bits
 from compplan.program.machine import Phrases, phrase_events
+from compplan.program.post import Cell, check_cell, name_main, render_post
 from compplan.program.program import MainForm, Program, count_digits, head_lines, need_six_axes, split_parts
 from compplan.program.text import legal_name
 
@@ -24,7 +25,8 @@ BRAND = ""
 MOST = 20000
 #: A program's name has 24 letters; "_" and the number of a part take the rest.
 LONGEST_NAME = 23
-END = ("TRANS", "TRAFOOF", "M30", "")
+#: T1 where a job names no tool; base: a settable frame such as G54.
+CELL = Cell(int, str, {"tool": 1})
 RESERVED = frozenset({"if", "else", "for", "while", "loop", "repeat", "until", "case", "goto", "proc", "def", "stopre"})
 
 
@@ -54,10 +56,11 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     """Write NAME.MPF, or NAME_1.SPF and so on with a NAME.MPF that calls them.
 
     Positions count from the part frame, set by TRANS and AROT on top of G500; X Y Z are the tool tip, A2 B2 C2 (ORIRPY)
-    turn the flange about x, the fixed y and the fixed z. The tool's offset is correction D1 of tool 1 (lengths in Z, Y
-    and X for G17), its turn is part of the programmed orientation. Cutting moves are G1 in CP travel with their feed
-    (G94, mm/min), arcs are CIP, rapid moves and swings G0 in PTP travel with STAT (status as in KRL) and TU (a bit an
-    axis below 0). A sliding joint is the axis E1. Names of axes and the transformation are the machine's: check them.
+    turn the flange about x, the fixed y and the fixed z. The tool's offset is correction D1 of a tool of the cell
+    (lengths in Z, Y and X for G17), which the program fills where the job asks for that; its turn is part of the
+    programmed orientation. Cutting moves are G1 in CP travel with their feed (G94, mm/min), arcs are CIP, rapid moves
+    and swings G0 in PTP travel with STAT (status as in KRL) and TU (a bit an axis below 0). A sliding joint is the axis
+    E1. Names of axes and the transformation are the machine's: check them.
 
     Args:
         program: The program, of an arm with six rotating joints and at most one sliding one.
@@ -72,7 +75,8 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     if program.tcp is None or program.status is None:
         raise InputError("SINUMERIK programs need poses and configuration words with status in controller.toml")
     program = fit_moves(program).program
-    name = legal_name(program.name, LONGEST_NAME - 2 - count_digits(program, most or MOST), reserved=RESERVED).upper()
+    longest = LONGEST_NAME - 2 - count_digits(program, most or MOST)
+    name = legal_name(name_main(program), longest, reserved=RESERVED).upper()
     name = name if name[1:2].isalpha() or name[1:2] == "_" else f"P_{name}"
     parts = split_parts(len(program), most or MOST)
     blocks = _blocks(program)
@@ -89,36 +93,16 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
             files.append(folder / f"{part}.SPF")
             write_text(files[-1], "\n".join([*blocks[rows], "M17", ""]))
     files.append(folder / f"{name}.MPF")
-    head = [f"; {line}" for line in head_lines(program)]
-    write_text(files[-1], "\n".join([*head, *_settings(program), *program.header, *bodies, *program.footer, *END]))
-    return files
-
-
-def _settings(program: Program) -> list[str]:
     tool = np.eye(4) if program.tool is None else program.tool
-    tool_x, tool_y, tool_z = (np.round(tool[:3, 3] * 1e3, 5) + 0.0).tolist()
-    x, y, z, a, b, c = place_numbers(program.base_frame, "ZYX")
-    mass = "not known" if program.mass is None else f"{program.mass:.3f} kg"
-    coupled = "; the external axis is coupled: positions count from the standing base"
-    return [
-        f"; mass of the tool: {mass}, load data are the machine's",
-        "; TU counts axes A1 to A6 as the first six of the channel",
-        *([coupled] if program.prismatic.any() else []),
-        "$TC_DP1[1,1]=120",
-        f"$TC_DP3[1,1]={tool_z:.5f}",
-        f"$TC_DP4[1,1]={tool_y:.5f}",
-        f"$TC_DP5[1,1]={tool_x:.5f}",
-        "G17 G90 G94 G710 G500",
-        "T1 D1",
-        "TRAORI",
-        "ORIWKS",
-        "ORIRPY",
-        "G642",
-        f"TRANS X{x:.5f} Y{y:.5f} Z{z:.5f}",
-        f"AROT Z{a:.7f}",
-        f"AROT Y{b:.7f}",
-        f"AROT X{c:.7f}",
-    ]
+    words = {
+        "name": name, "comments": head_lines(program), "cell": check_cell(program.post, CELL, "SINUMERIK"),
+        "mass": "not known" if program.mass is None else f"{program.mass:.3f} kg",
+        "rail": bool(program.prismatic.any()),
+        "tool": (np.round(tool[:3, 3] * 1e3, 5) + 0.0).tolist(), "base": place_numbers(program.base_frame, "ZYX"),
+        "blocks": bodies,
+    }  # fmt: skip
+    write_text(files[-1], render_post(program, "sinumerik", words))
+    return files
 
 
 def _blocks(program: Program) -> list[str]:

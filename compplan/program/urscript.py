@@ -10,6 +10,7 @@ from compplan.files.tables import Array, write_text
 from compplan.program.fit import fit_moves
 from compplan.program.frames import rotation_vectors
 from compplan.program.machine import Phrases, phrase_events
+from compplan.program.post import Cell, check_cell, name_kind, name_main, render_post
 from compplan.program.program import Program, head_lines, joint_shares, need_six_axes, split_parts
 from compplan.program.text import legal_name
 
@@ -18,6 +19,7 @@ BRAND = "Universal Robots"
 #: Points in a program where the job says nothing.
 MOST = 2000
 LONGEST_NAME = 40
+CELL = Cell(str, str)
 RESERVED = frozenset(
     {"def", "end", "if", "elif", "else", "while", "for", "return", "global", "local", "thread", "run", "join", "halt",
      "and", "or", "not", "xor", "true", "false", "none", "break", "continue", "sec", "part", "pass", "struct"}
@@ -62,12 +64,12 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
     """
     need_six_axes(program, "URScript", sliding=0)
-    name = legal_name(program.name, LONGEST_NAME, reserved=RESERVED)
+    name = legal_name(name_main(program), LONGEST_NAME, reserved=RESERVED)
     can, files = program.tcp is not None, []
     if program.writes_joints(linear=can):
         files += _write_kind(program, folder, name, most, linear=False)
     if can and program.form != "joint":
-        files += _write_kind(fit_moves(program).program, folder, f"{name}_L", most, linear=True)
+        files += _write_kind(fit_moves(program).program, folder, f"{name}{name_kind(program, '_L')}", most, linear=True)
     return files
 
 
@@ -78,25 +80,20 @@ def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, 
     for row, lines in phrase_events(program.events, program.wiring, PHRASES, "URScript").items():
         text = "\n".join(f"  {line}" for line in lines)
         moves[max(row, 0)] = f"{text}\n{moves[0]}" if row < 0 else f"{moves[row]}\n{text}"
-    files = []
-    for part, rows in zip(names, parts, strict=True):
-        head = [f"# {line}" for line in head_lines(program)]
-        before, after = program.header * (rows.start == 0), program.footer * (rows.stop == len(program))
-        lines = [*head, f"def {part}():", *_settings(program), *before, *moves[rows], *after, "end", ""]
-        files.append(folder / f"{part}.script")
-        write_text(files[-1], "\n".join(lines))
-    return files
-
-
-def _settings(program: Program) -> list[str]:
-    tool = np.eye(4) if program.tool is None else program.tool
-    lines = [f"  set_tcp({_poses(tool[None])[0]})"]
-    if program.mass is None:
-        lines.append("  # mass of the tool: not known, the payload of the installation holds")
-    else:
+    files, load = [], ""
+    if program.mass is not None:
         centre = ", ".join(f"{value:.6f}" for value in np.round(program.centre, 6) + 0.0)
-        lines.append(f"  set_payload({program.mass:.3f}, [{centre}])")
-    return [*lines, f"  part = {_poses(program.base_frame[None])[0]}"]
+        load = f"{program.mass:.3f}, [{centre}]"
+    for part, rows in zip(names, parts, strict=True):
+        words = {
+            "name": part, "comments": head_lines(program), "cell": check_cell(program.post, CELL, "URScript"),
+            "tool": _poses((np.eye(4) if program.tool is None else program.tool)[None])[0], "load": load,
+            "base": _poses(program.base_frame[None])[0], "first": rows.start == 0, "last": rows.stop == len(program),
+            "moves": moves[rows],
+        }  # fmt: skip
+        files.append(folder / f"{part}.script")
+        write_text(files[-1], render_post(program, "urscript", words))
+    return files
 
 
 def _moves(program: Program, linear: bool) -> list[str]:

@@ -12,6 +12,7 @@ from compplan.files.tables import Array, write_text
 from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, Signal, name_signal, phrase_events
+from compplan.program.post import Cell, check_cell, name_kind, name_main, render_post
 from compplan.program.program import Program, head_lines, split_parts
 from compplan.program.text import legal_name
 
@@ -20,6 +21,7 @@ BRAND = "Staubli"
 #: Points in an array where the job says nothing.
 MOST = 5000
 LONGEST_NAME = 28
+CELL = Cell(None, None)
 LOCALS = ("l_nIndex", "l_nKey")
 PROJECT = "http://www.staubli.com/robotics/VAL3/Project/3"
 PROGRAM = "http://www.staubli.com/robotics/VAL3/Program/2"
@@ -74,12 +76,13 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     if program.joints.shape[1] != 6 or program.prismatic.any():
         message = f"VAL3 programs are written for six rotating joints, this robot has {list(program.joint_names)}"
         raise InputError(message)
-    name = legal_name(program.name, LONGEST_NAME)
+    name = legal_name(name_main(program), LONGEST_NAME)
     can, files = program.tcp is not None, []
     if program.writes_joints(linear=can):
         files += _write_kind(program, folder / name, most, linear=False)
     if can and program.form != "joint":
-        files += _write_kind(fit_moves(program).program, folder / f"{name}_L", most, linear=True)
+        name += name_kind(program, "_L")
+        files += _write_kind(fit_moves(program).program, folder / name, most, linear=True)
     return files
 
 
@@ -92,10 +95,8 @@ def _write_kind(program: Program, project: Path, most: int | None, *, linear: bo
     for number, (part, rows) in enumerate(zip(names, parts, strict=True), start=1):
         code = _plain_moves(program, number, rows, events) if linear else _moves(number, rows, events)
         texts[f"{part}.pgx"] = _program(part, code, local=True)
-    calls = "".join(f"  call {part}()\n" for part in names)
-    comments = "".join(f"  // {line}\n" for line in _remarks(program, linear))
-    before, after = ("".join(f"{line}\n" for line in lines) for lines in (program.header, program.footer))
-    body = f"{comments}  resetMotion()\n{before}{calls}  waitEndMove()\n{after}"
+    check_cell(program.post, CELL, "VAL3")
+    body = render_post(program, "val3", {"name": name, "parts": names, "comments": _remarks(program, linear)})
     texts["start.pgx"] = _program("start", body)
     texts["stop.pgx"] = _program("stop", "  resetMotion()\n")
     files = []

@@ -23,7 +23,7 @@ from compplan.second.programs.poses import (
 
 @dataclass
 class _Fanuc:
-    """A FANUC interpreter for J, L, C, CALL, and frames that are filled through a position register."""
+    """A FANUC interpreter for J, L, C, CALL, and frames that are filled through a position register or the cell's."""
 
     registers: dict[str, list[float]] = field(default_factory=dict)
     frames: dict[str, Pose] = field(default_factory=lambda: {"UFRAME[0]": np.eye(4)})
@@ -47,14 +47,14 @@ class _Fanuc:
                 self.assign(line)
 
     def assign(self, line: str) -> None:
-        if match := re.fullmatch(r"(UFRAME|UTOOL)_NUM=(\d)", line):
+        if match := re.fullmatch(r"(UFRAME|UTOOL)_NUM=(\d+)", line):
             self.active[match[1]] = f"{match[1]}[{match[2]}]"
         elif match := re.fullmatch(r"PR\[(\d+)\]=LPOS", line):
             self.registers[match[1]] = [0.0] * 6
         elif match := re.fullmatch(rf"PR\[(\d+),([1-6])\]=(?:\((-{NUMBER})\)|(?!-)({NUMBER}))", line):
             self.registers[match[1]][int(match[2]) - 1] = float(match[3] or match[4])
         else:
-            match = re.fullmatch(r"((?:UFRAME|UTOOL)\[\d\])=PR\[(\d+)\]", line)
+            match = re.fullmatch(r"((?:UFRAME|UTOOL)\[\d+\])=PR\[(\d+)\]", line)
             assert match, f"unknown line: {line}"
             self.frames[match[1]] = fanuc_pose(*self.registers[match[2]])
 
@@ -68,17 +68,19 @@ class _Fanuc:
         assert len(values) == point.count("=")
         joints = tuple(values[f"J{number}"] for number in range(1, 7)) if "J1" in values else None
         pose = fanuc_pose(*(values[key] for key in "XYZWPR")) if "X" in values else None
-        base, configuration = self.frames[self.active["UFRAME"]], ()
+        base, configuration = self.frames.get(self.active["UFRAME"]), ()
         if pose is not None:
             (text,) = re.findall(r"CONFIG : '(.*)'", point)
             configuration = tuple(text.replace(",", " ").split())
-        ((frame, tool),) = re.findall(r"UF : (\d), UT : (\d)", point)
+        ((frame, tool),) = re.findall(r"UF : (\d+), UT : (\d+)", point)
         assert self.active == {"UFRAME": f"UFRAME[{frame}]", "UTOOL": f"UTOOL[{tool}]"}
         feed, percent = (None, speed) if unit == "%" else (speed, None)
         external = tuple(values[key] for key in sorted(values) if key.startswith("E"))
         kind, stops = {"J": "joint", "L": "line", "C": "arc"}[word], ending in ("FINE", "CNT0")
-        tool = self.frames[self.active["UTOOL"]]
-        self.moves.append(Move(kind, stops, joints, external, pose, feed, percent, configuration, tool, base, via=via))
+        mounted = self.frames.get(self.active["UTOOL"])
+        self.moves.append(
+            Move(kind, stops, joints, external, pose, feed, percent, configuration, mounted, base, via=via)
+        )
 
 
 def read_fanuc(path: Path) -> list[Move]:
@@ -124,8 +126,8 @@ class _Rapid:
             assert [len(group) for group in groups] == [3, 4, 4, 6]
             pose, configuration = abb_pose(*groups[:2]), tuple(int(number) for number in groups[2])
         external = tuple(value for value in groups[-1] if value != 9e9)
-        mounted, load = self.tools[tool]
-        base = np.eye(4) if frame is None else self.objects[frame]
+        mounted, load = self.tools.get(tool, (None, ()))
+        base = np.eye(4) if frame is None else self.objects.get(frame)
         kind, stops = {"MoveAbsJ": "joint", "MoveL": "line", "MoveC": "arc"}[word], zone == "fine"
         self.moves.append(
             Move(kind, stops, joints, external, pose, feed, None, configuration, mounted, base, load, via=via)
@@ -149,7 +151,7 @@ def read_rapid(path: Path) -> list[Move]:
         assert value.startswith('[FALSE,TRUE,"",[[') and len(numbers) == 14
         objects[name] = abb_pose(numbers[:3], numbers[3:7]) @ abb_pose(numbers[7:10], numbers[10:])
     interpreter = _Rapid(procedures, tools, objects)
-    interpreter.run(f"run_{path.stem}")
+    interpreter.run(re.findall(r"PROC (\w+)\(\)", text)[-1])
     return interpreter.moves
 
 

@@ -111,7 +111,8 @@ class _Krl:
             return number
         if start:
             return float(self.evaluate(start)) + more
-        return self.values[self.resolve(text)]
+        name = self.resolve(text)
+        return self.values.get(name) if name.startswith(("BASE_DATA", "TOOL_DATA", "LOAD_DATA")) else self.values[name]
 
     def resolve(self, name: str) -> str:
         """Return a variable's name with the number of its element."""
@@ -177,7 +178,9 @@ class _Krl:
         space = {"C_PTP": "$APO.CPTP", "C_DIS": "$APO.CDIS"}.get(blend or "")
         stops = space is None or not self.values.get(space) or not self.values.get("$ADVANCE")
         places = {key: self.values[f"${key.upper()}"] for key in ("tool", "base")}
-        frames: dict[str, Any] = {key: kuka_pose(*(place[name] for name in "XYZABC")) for key, place in places.items()}
+        frames: dict[str, Any] = {
+            key: place and kuka_pose(*(place[name] for name in "XYZABC")) for key, place in places.items()
+        }
         joints = tuple(point[name] for name in ARM) if "A1" in point else None
         pose = kuka_pose(*(point[key] for key in "XYZABC")) if "X" in point else None
         configuration = tuple(int(point[key]) for key in "ST" if key in point)
@@ -185,7 +188,7 @@ class _Krl:
         feed, percent = (float(self.values["$VEL.CP"]) * 1e3, None) if word != "PTP" else (None, self.percent())
         kind = {"PTP": "joint", "LIN": "line", "CIRC": "arc"}[word]
         middle = None if via is None else kuka_pose(*(via[key] for key in "XYZABC"))
-        load = tuple(self.values.get("$LOAD", ()))
+        load = tuple(self.values.get("$LOAD") or ())
         self.moves.append(
             Move(kind, stops, joints, external, pose, feed, percent, configuration, **frames, load=load, via=middle)
         )

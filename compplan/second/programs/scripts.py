@@ -36,7 +36,7 @@ def _run_script(path: Path) -> list[Move]:
     lines = [line.split("#")[0].strip() for line in mark_actions(path.read_text(), "urscript").splitlines()]
     lines = [line for line in lines if line]
     assert (lines[0], lines[-1]) == (f"def {path.stem}():", "end")
-    frames: dict[str, Pose] = {}
+    frames: dict[str, Pose | None] = {}
     load: tuple[float, ...] = ()
     moves = []
     for line in lines[1:-1]:
@@ -48,10 +48,12 @@ def _run_script(path: Path) -> list[Move]:
             frames["part"] = vector_pose(*read_numbers(match[1]))
         elif match := re.fullmatch(rf"set_payload\(({NUMBER}), \[(.*)\]\)", line):
             load = (float(match[1]), *(value * 1e3 for value in read_numbers(match[2])))
+        elif re.fullmatch(r"part = \w+", line):
+            frames["part"] = None
         elif match := re.fullmatch(rf"movej\(\[(.*)\], a=1.4, v=({NUMBER})(?:, r=({NUMBER}))?\)", line):
             joints = tuple(math.degrees(value) for value in read_numbers(match[1]))
             rate, stops = math.degrees(float(match[2])), not float(match[3] or 0)
-            moves.append(Move("joint", stops, joints, rate=rate, tool=frames["tool"], base=np.eye(4), load=load))
+            moves.append(Move("joint", stops, joints, rate=rate, tool=frames.get("tool"), base=np.eye(4), load=load))
         elif line.startswith("movec("):
             place = r"pose_trans\(part, p\[(.*?)\]\)"
             pattern = rf"movec\({place}, {place}, a=1.2, v=({NUMBER})(?:, r=({NUMBER}))?, mode=0\)"
@@ -59,15 +61,15 @@ def _run_script(path: Path) -> list[Move]:
             assert match, f"unknown line: {line}"
             via, pose = (vector_pose(*read_numbers(text)) for text in match.groups()[:2])
             feed, stops = float(match[3]) * 1e3, not float(match[4] or 0)
-            moves.append(
-                Move("arc", stops, pose=pose, feed=feed, tool=frames["tool"], base=frames["part"], load=load, via=via)
-            )
+            tool, base = frames.get("tool"), frames["part"]
+            moves.append(Move("arc", stops, pose=pose, feed=feed, tool=tool, base=base, load=load, via=via))
         else:
             pattern = rf"movel\(pose_trans\(part, p\[(.*)\]\), a=1.2, v=({NUMBER})(?:, r=({NUMBER}))?\)"
             match = re.fullmatch(pattern, line)
             assert match, f"unknown line: {line}"
             pose, feed, stops = vector_pose(*read_numbers(match[1])), float(match[2]) * 1e3, not float(match[3] or 0)
-            moves.append(Move("line", stops, pose=pose, feed=feed, tool=frames["tool"], base=frames["part"], load=load))
+            tool, base = frames.get("tool"), frames["part"]
+            moves.append(Move("line", stops, pose=pose, feed=feed, tool=tool, base=base, load=load))
     return moves
 
 
@@ -75,7 +77,7 @@ def _run_script(path: Path) -> list[Move]:
 
 
 #: Words that set what the reader takes for granted.
-KNOWN = {"G17", "G90", "G94", "G710", "G500", "T1", "D1", "TRAORI", "ORIWKS", "ORIRPY", "G642", "TRAFOOF", "M30"}
+KNOWN = {"G17", "G90", "G94", "G710", "G500", "D1", "TRAORI", "ORIWKS", "ORIRPY", "G642", "TRAFOOF", "M30"}
 
 
 @dataclass
@@ -83,7 +85,7 @@ class _Sinumerik:
     """A SINUMERIK interpreter for TRANS, AROT, tool lengths, G0, G1, CIP, PTP, CP and calls."""
 
     folder: Path
-    frame: Pose = field(default_factory=lambda: np.eye(4))
+    frame: Pose | None = field(default_factory=lambda: np.eye(4))
     lengths: dict[str, float] = field(default_factory=dict)
     modal: set[str] = field(default_factory=set)
     travel: str = "CP"
@@ -95,7 +97,7 @@ class _Sinumerik:
         for line in filter(None, (line.split(";")[0].strip() for line in marked.splitlines())):
             if act := read_action(line):
                 self.moves.append(act)
-            elif match := re.fullmatch(rf"\$TC_DP([1345])\[1,1\]=({NUMBER})", line):
+            elif match := re.fullmatch(rf"\$TC_DP([1345])\[\d+,1\]=({NUMBER})", line):
                 self.lengths[match[1]] = float(match[2])
             elif match := re.fullmatch(rf"TRANS X({NUMBER}) Y({NUMBER}) Z({NUMBER})", line):
                 self.frame = shift(*map(float, match.groups()))
@@ -116,15 +118,18 @@ class _Sinumerik:
                 assert part.splitlines()[-1] == "M17"
                 self.run(part.removesuffix("M17\n"))
             else:
-                assert {*line.split()} <= KNOWN, f"unknown line: {line}"
-                self.modal |= set(line.split())
+                said = {re.sub(r"^T\d+$", "T", word) for word in line.split()}
+                if own := {word for word in said if re.fullmatch(r"G5(?:[4-7]|\d\d)", word)} - {"G500"}:
+                    self.frame = None
+                assert said <= KNOWN | own | {"T"}, f"unknown line: {line}"
+                self.modal |= said
 
     def move(self, words: dict[str, str], code: str, stops: bool, via: Pose | None) -> None:
         assert (code == "CIP") == (via is not None)
-        assert {"TRAORI", "ORIRPY", "G94", "G17", "T1"} <= self.modal
+        assert {"TRAORI", "ORIRPY", "G94", "G17", "T"} <= self.modal
         value = {key: float(number) for key, number in words.items()}
         self.feed = value.get("F", self.feed)
-        mounted = shift(self.lengths["5"], self.lengths["4"], self.lengths["3"])
+        mounted = shift(self.lengths["5"], self.lengths["4"], self.lengths["3"]) if self.lengths else None
         pose = fanuc_pose(*(value[key] for key in ("X", "Y", "Z", "A2", "B2", "C2")))
         kind = {("G0", "PTP"): "joint", ("G1", "CP"): "line", ("CIP", "CP"): "arc"}[code, self.travel]
         external = tuple(value[key] for key in value if key.startswith("E"))
@@ -171,7 +176,7 @@ def _run_job(path: Path, frames: dict[str, Pose]) -> list[Move]:
     for line in body.removesuffix("END\n").splitlines():
         if act := read_action(line):
             moves.append(act)
-        elif match := re.fullmatch(r"(MFRAME UF#\(1\)|SETTOOL TL#\(1\)) P(\d{5})( BF)?", line):
+        elif match := re.fullmatch(r"(MFRAME UF#\(\d+\)|SETTOOL TL#\(\d+\)) P(\d{5})( BF)?", line):
             frames[match[1][0]] = variables[match[2]]
         elif match := re.fullmatch(r"CALL JOB:(\w+)", line):
             moves += _run_job(path.with_name(f"{match[1]}.JBI"), frames)
@@ -185,8 +190,8 @@ def _run_job(path: Path, frames: dict[str, Pose]) -> list[Move]:
             target: dict[str, Any] = {"joints": tuple(values)} if kind == "ANGLE" else {"pose": fanuc_pose(*values)}
             assert kind in ("ANGLE", "USER")
             words = words if kind == "USER" else ()
-            base = frames["M"] if kind == "USER" else np.eye(4)
-            moves.append(Move(name, stops, **target, **speed, configuration=words, tool=frames["S"], base=base))
+            base = frames.get("M") if kind == "USER" else np.eye(4)
+            moves.append(Move(name, stops, **target, **speed, configuration=words, tool=frames.get("S"), base=base))
     return moves
 
 
@@ -213,7 +218,7 @@ def read_kawasaki(path: Path) -> list[Move]:
 class _Kawasaki:
     programs: dict[str, list[str]]
     values: dict[str, list[float]]
-    frames: dict[str, Pose] = field(default_factory=dict)
+    frames: dict[str, Pose | None] = field(default_factory=dict)
     load: tuple[float, ...] = ()
     speed: tuple[float, str] = (0.0, "")
     blends: bool = False
@@ -227,6 +232,8 @@ class _Kawasaki:
             elif match := re.fullmatch(r"POINT part = TRANS\((.*)\)|TOOL TRANS\((.*)\)", line):
                 numbers = read_numbers(match[1] or match[2])
                 self.frames["part" if match[1] else "tool"] = kawasaki_pose(*numbers)
+            elif match := re.fullmatch(r"POINT (part) = \w+|(TOOL) \w+", line):
+                self.frames[(match[1] or match[2]).lower()] = None
             elif line.startswith("WEIGHT "):
                 self.load = tuple(read_numbers(line))
             elif line.startswith("ACCURACY "):
