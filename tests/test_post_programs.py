@@ -182,7 +182,7 @@ def test_positions_lead_back_to_the_poses_of_another_engine(name: str, tmp_path:
     program = build_program(
         robot.with_tool(tool), q, np.full(N, 0.02), np.zeros(N, bool), name="x", part=part, time=np.arange(N) * 1.0
     )
-    write_program(replace(program, words={}, bent=None), language, tmp_path)
+    write_program(replace(program, words={}, bent=None, post=Post(overwrite=True)), language, tmp_path)
     moves = read(tmp_path / file)
     model = pin.buildModelFromXML(robot.urdf)
     data = model.createData()
