@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from compplan.errors import InputError
 from compplan.files.notes import Stop
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from jinja2 import Environment
-
-    from compplan.program.program import Program
 
 #: Letters of a line that controllers take: KSS 471, TP programs 254, the others assumed.
 LONGEST_LINE = {"krl": 471, "fanuc_ls": 254, "sinumerik": 512}
@@ -45,6 +43,23 @@ class Post:
     base: int | str | None = None
     overwrite: bool = False
     main: str | None = None
+
+
+class Posted(Protocol):
+    """What templates are written from: a program."""
+
+    @property
+    def name(self) -> str:
+        """Name of the program."""
+    @property
+    def header(self) -> tuple[str, ...]:
+        """Lines that run before the first move."""
+    @property
+    def footer(self) -> tuple[str, ...]:
+        """Lines that run after the last move."""
+    @property
+    def post(self) -> Post:
+        """How the job wants it written."""
 
 
 @dataclass(frozen=True)
@@ -88,17 +103,17 @@ def describe_cell(post: Post, cell: Cell | None) -> list[Stop]:
     return [Stop(f"{data} of the cell have to hold the values that the head of the program states")] if data else []
 
 
-def name_main(program: Program) -> str:
+def name_main(program: Posted) -> str:
     """Return the name that a job gives its main program, else that of the program."""
     return program.post.main or program.name
 
 
-def name_kind(program: Program, ending: str) -> str:
+def name_kind(program: Posted, ending: str) -> str:
     """Return what tells joint and linear programs apart; nothing where the job names its one program."""
     return "" if program.post.main else ending
 
 
-def render_post(program: Program, language: str, words: Mapping[str, Any]) -> str:
+def render_post(program: Posted, language: str, words: Mapping[str, Any]) -> str:
     """Return the text that a language's template, or the user's own, makes of a program.
 
     Args:
