@@ -14,7 +14,7 @@ from compplan.files.tables import Array, write_text
 from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, phrase_events
-from compplan.program.post import Cell, check_cell, name_kind, name_main, render_post
+from compplan.program.post import CellWords, check_cell, name_kind, name_main, render_post
 from compplan.program.program import MainForm, Program, describe_feeds, head_lines, split_parts
 from compplan.program.text import clean_text, legal_name, wrap_text
 
@@ -28,7 +28,7 @@ LONGEST_REMARK = 32
 #: Greatest and smallest linear speed that the language takes [mm/s].
 FASTEST, SLOWEST = 2000.0, 0.1
 #: Tool and user frame where a job names none, and the position register through which programs fill them if asked.
-CELL, REGISTER = Cell(int, int, {"tool": 1, "base": 1}), 99
+CELL, REGISTER = CellWords(int, int, {"tool": 1, "base": 1}), 99
 
 
 PHRASES = Phrases(

@@ -13,7 +13,7 @@ from compplan.files.tables import Array, write_text
 from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, phrase_events
-from compplan.program.post import Cell, check_cell, name_kind, name_main, render_post
+from compplan.program.post import CellWords, check_cell, name_kind, name_main, render_post
 from compplan.program.program import (
     MainForm,
     Program,
@@ -32,7 +32,7 @@ MOST = 2000
 #: A job's name has 32 letters (older controllers 8), its remarks 32.
 LONGEST_NAME, LONGEST_REMARK = 24, 32
 #: Tool and user frame where a job names none, and the position variables through which jobs fill them if asked.
-CELL, TOOL_VARIABLE, FRAME_VARIABLE = Cell(int, int, {"tool": 1, "base": 1}), 98, 99
+CELL, TOOL_VARIABLE, FRAME_VARIABLE = CellWords(int, int, {"tool": 1, "base": 1}), 98, 99
 RAPID_PERCENT, UNKNOWN_PERCENT, SLOWEST_PERCENT = 20.0, 10.0, 0.01
 #: Position level within a cut: 1 is the one that passes nearest without a stop.
 BLEND = 1

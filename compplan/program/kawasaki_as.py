@@ -11,7 +11,7 @@ from compplan.files.tables import Array, write_text
 from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, phrase_events
-from compplan.program.post import Cell, check_cell, name_kind, name_main, render_post
+from compplan.program.post import CellWords, check_cell, name_kind, name_main, render_post
 from compplan.program.program import (
     MainForm,
     Program,
@@ -31,7 +31,7 @@ MOST = 2000
 LONGEST_NAME = 12
 #: Letters of the program's name in a variable; variables have 15 too, and joint and linear program share theirs.
 LONGEST_VARIABLE = 6
-CELL = Cell(str, str)
+CELL = CellWords(str, str)
 RESERVED = frozenset({"if", "then", "else", "end", "for", "to", "while", "do", "case", "of", "goto", "call", "return",
                       "tool", "base", "speed", "here", "point", "not", "and", "or", "mod", "on", "off"})  # fmt: skip
 #: How near a point within a cut has to be passed [mm], and percents of the joint rates.

@@ -13,7 +13,7 @@ from compplan.files.tables import Array, write_text
 from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, phrase_events
-from compplan.program.post import Cell, check_cell, name_kind, name_main, render_post
+from compplan.program.post import CellWords, check_cell, name_kind, name_main, render_post
 from compplan.program.program import (
     MainForm,
     Program,
@@ -36,7 +36,7 @@ LONGEST_NAME = 22
 RAPID_PERCENT = 20
 #: A joint move whose whole percent is off by more than this share does not hold its feed.
 UNTRUE = 0.1
-CELL = Cell(int, int)
+CELL = CellWords(int, int)
 
 
 #: Body of the loop over joint positions: SP is a percent, 0 for a rapid move.

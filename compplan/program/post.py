@@ -45,7 +45,7 @@ class Post:
     main: str | None = None
 
 
-class Posted(Protocol):
+class Templated(Protocol):
     """What templates are written from: a program."""
 
     @property
@@ -63,7 +63,7 @@ class Posted(Protocol):
 
 
 @dataclass(frozen=True)
-class Cell:
+class CellWords:
     """What a language can call of a cell by itself: kind of the words for tool and frame, None where it has none."""
 
     tool: type | None
@@ -72,7 +72,7 @@ class Cell:
     numbers: Mapping[str, int] = field(default_factory=dict)
 
 
-def check_cell(post: Post, cell: Cell, language: str) -> Post:
+def check_cell(post: Post, cell: CellWords, language: str) -> Post:
     """Return a job's wishes with the numbers that a language needs in any case.
 
     Raises:
@@ -92,7 +92,7 @@ def check_cell(post: Post, cell: Cell, language: str) -> Post:
     return Post(**{**vars(post), **named})
 
 
-def describe_cell(post: Post, cell: Cell | None) -> list[Stop]:
+def describe_cell(post: Post, cell: CellWords | None) -> list[Stop]:
     """Return what has to be settled at the machine where programs count from the cell's own data."""
     if cell is None or post.overwrite:
         return []
@@ -103,17 +103,17 @@ def describe_cell(post: Post, cell: Cell | None) -> list[Stop]:
     return [Stop(f"{data} of the cell have to hold the values that the head of the program states")] if data else []
 
 
-def name_main(program: Posted) -> str:
+def name_main(program: Templated) -> str:
     """Return the name that a job gives its main program, else that of the program."""
     return program.post.main or program.name
 
 
-def name_kind(program: Posted, ending: str) -> str:
+def name_kind(program: Templated, ending: str) -> str:
     """Return what tells joint and linear programs apart; nothing where the job names its one program."""
     return "" if program.post.main else ending
 
 
-def render_post(program: Posted, language: str, words: Mapping[str, Any]) -> str:
+def render_post(program: Templated, language: str, words: Mapping[str, Any]) -> str:
     """Return the text that a language's template, or the user's own, makes of a program.
 
     Args:

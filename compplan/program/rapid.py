@@ -12,7 +12,7 @@ from compplan.files.tables import Array, write_text
 from compplan.program.fit import fit_moves
 from compplan.program.frames import quaternions
 from compplan.program.machine import Phrases, Signal, name_signal, phrase_events
-from compplan.program.post import Cell, check_cell, render_post
+from compplan.program.post import CellWords, check_cell, render_post
 from compplan.program.program import Program, count_digits, head_lines, split_parts
 from compplan.program.text import legal_name
 
@@ -24,7 +24,7 @@ MOST = 5000
 LONGEST_NAME = 25
 RESERVED = frozenset({"test", "module", "main", "proc", "func", "trap", "record", "alias", "with", "local", "task"})
 UNUSED = "9E9"
-CELL = Cell(str, str)
+CELL = CellWords(str, str)
 #: Letters of a message on the teach pendant.
 LONGEST_MESSAGE = 80
 #: What RAPID adds up to cfx: wrist centre behind axis 1, behind the lower arm, axis 5 below 0.

@@ -14,7 +14,7 @@ from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.krl import turn_bits
 from compplan.program.machine import Phrases, phrase_events
-from compplan.program.post import Cell, check_cell, name_main, render_post
+from compplan.program.post import CellWords, check_cell, name_main, render_post
 from compplan.program.program import MainForm, Program, count_digits, head_lines, need_six_axes, split_parts
 from compplan.program.text import legal_name
 
@@ -26,7 +26,7 @@ MOST = 20000
 #: A program's name has 24 letters; "_" and the number of a part take the rest.
 LONGEST_NAME = 23
 #: T1 where a job names no tool; base: a settable frame such as G54.
-CELL = Cell(int, str, {"tool": 1})
+CELL = CellWords(int, str, {"tool": 1})
 RESERVED = frozenset({"if", "else", "for", "while", "loop", "repeat", "until", "case", "goto", "proc", "def", "stopre"})
 
 

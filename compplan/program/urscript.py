@@ -10,7 +10,7 @@ from compplan.files.tables import Array, write_text
 from compplan.program.fit import fit_moves
 from compplan.program.frames import rotation_vectors
 from compplan.program.machine import Phrases, phrase_events
-from compplan.program.post import Cell, check_cell, name_kind, name_main, render_post
+from compplan.program.post import CellWords, check_cell, name_kind, name_main, render_post
 from compplan.program.program import Program, head_lines, joint_shares, need_six_axes, split_parts
 from compplan.program.text import legal_name
 
@@ -19,7 +19,7 @@ BRAND = "Universal Robots"
 #: Points in a program where the job says nothing.
 MOST = 2000
 LONGEST_NAME = 40
-CELL = Cell(str, str)
+CELL = CellWords(str, str)
 RESERVED = frozenset(
     {"def", "end", "if", "elif", "else", "while", "for", "return", "global", "local", "thread", "run", "join", "halt",
      "and", "or", "not", "xor", "true", "false", "none", "break", "continue", "sec", "part", "pass", "struct"}

@@ -12,7 +12,7 @@ from compplan.files.tables import Array, write_text
 from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.machine import Phrases, Signal, name_signal, phrase_events
-from compplan.program.post import Cell, check_cell, name_kind, name_main, render_post
+from compplan.program.post import CellWords, check_cell, name_kind, name_main, render_post
 from compplan.program.program import Program, head_lines, split_parts
 from compplan.program.text import legal_name
 
@@ -21,7 +21,7 @@ BRAND = "Staubli"
 #: Points in an array where the job says nothing.
 MOST = 5000
 LONGEST_NAME = 28
-CELL = Cell(None, None)
+CELL = CellWords(None, None)
 LOCALS = ("l_nIndex", "l_nKey")
 PROJECT = "http://www.staubli.com/robotics/VAL3/Project/3"
 PROGRAM = "http://www.staubli.com/robotics/VAL3/Program/2"
