@@ -6,17 +6,20 @@ import ast
 import importlib
 import re
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from commandline import run_command
 from simulated_campaigns import measure, plan_rows, write_small_robot
 from test_bad_input import write_job
 from test_golden_programs import FORMS
 
 import compplan as cp
+from compplan.cli import group
 from compplan.effects.attained import attain_with_effects
 from compplan.job.job import Job
 from compplan.job.names import EFFECTS
@@ -143,6 +146,15 @@ def test_every_language_is_read_back_by_a_reader_of_the_tests_own_and_every_modu
     assert {form.split()[0] for form in FORMS} == set(WRITERS) - {"own"}
     assert all(module.name == name for registry in (WRITERS, READERS, EFFECTS) for name, module in registry.items())
     assert all(module.words for registry in (STRATEGIES, ONLINE, EFFECTS) for module in registry.values())
+
+
+@pytest.mark.parametrize(
+    ("command", "names"),
+    [("post", WRITERS), ("convert", READERS), ("montecarlo", (*STRATEGIES, *ONLINE)), ("diagnose", EFFECTS)],
+)
+def test_help_lists_what_can_be_named(command: str, names: Iterable[str]) -> None:
+    said = CliRunner().invoke(group, [command, "--help"]).output
+    assert set(names) <= set(re.findall(r"\w+", re.sub(r"-\s+", "", said)))
 
 
 def test_no_room_names_a_module_of_another_as_a_string() -> None:

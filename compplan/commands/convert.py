@@ -14,7 +14,7 @@ from compplan.commands.places import OUT_TABLE
 from compplan.errors import InputError
 from compplan.files.tables import dump_json
 from compplan.files.tomlfile import check_table, read_named_table
-from compplan.path.cam import CamFacts, read_cam, refuse_idle
+from compplan.path.cam import READERS, CamFacts, read_cam, refuse_idle
 from compplan.path.cam.options import CamTable
 from compplan.path.toolpath import check_toolpath, resample_toolpath, write_toolpath
 
@@ -28,7 +28,7 @@ CHOICES = {
 TABLES = (".csv", ".txt", "")
 
 
-@click.command()
+@click.command(epilog=f"Languages that are read: {', '.join(READERS)}.")
 @click.argument("camfile", type=click.Path(path_type=Path))
 @click.option("--out", "out", type=OUT_TABLE, required=True, help="The toolpath table to write (CSV).")
 @click.option("--unit", type=click.Choice(CHOICES["unit"]), help="Unit of a file that does not state one.")

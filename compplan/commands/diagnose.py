@@ -36,7 +36,8 @@ from compplan.report.effect_words import describe_change
 @click.option("--out", required=True, type=OUT_FOLDER, help="Folder to write.")
 @click.option("--register", help="Fit these frames in every model: base, tool or base,tool.")
 @click.option(
-    "--without", multiple=True, metavar="EFFECT", help="Leave an effect out of the candidates; may be repeated."
+    "--without", multiple=True, metavar="EFFECT",
+    help=f"Leave an effect out of the candidates, may be repeated: {', '.join(EFFECTS)}.",
 )
 @measured_options
 @click.option("--assume-ok", is_flag=True, help="Go on where the log raises a question.")

@@ -14,6 +14,7 @@ import click
 
 from compplan.commands.places import OUT_FOLDER
 from compplan.files.tables import dump_json
+from compplan.job.names import ONLINE, STRATEGIES
 
 LOG = logging.getLogger(__name__)
 
@@ -26,7 +27,8 @@ LOG = logging.getLogger(__name__)
 @click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one a core.")
 @click.option("--scheduler", help="Address of a Dask scheduler (tcp://HOST:PORT) whose workers compute.")
-@click.option("--strategies", help="Names of the strategies, with commas; default: all that the robot can carry out.")
+@click.option("--strategies", help="Names of the strategies, with commas; default: all that the robot can carry out of "
+              f"{', '.join((*STRATEGIES, *ONLINE))}.")  # fmt: skip
 @click.option("--replicates", type=click.IntRange(2, 1024), default=8, show_default=True,
               help="Independent replicates.")  # fmt: skip
 @click.option(

@@ -12,6 +12,7 @@ from compplan.commands.completion import complete_robots
 from compplan.commands.places import OUT_FOLDER
 from compplan.errors import InputError
 from compplan.files.tomlfile import check_table, read_named_table
+from compplan.program import WRITERS
 
 #: Where the tables and keys of the job that this command makes up come from.
 OPTIONS = {
@@ -29,7 +30,8 @@ OPTIONS = {
 @click.option("--tools", metavar="FILE", help="Tools by T number: TOML with [[tool]], CSV, or a tool library (Fusion, "
               "HSM, LinuxCNC, Heidenhain) whose lengths count from the spindle that --tool describes.")  # fmt: skip
 @click.option("--process", metavar="FILE", help="TOML file as [process] of a job; left out: no force is predicted.")
-@click.option("--program", "programs", multiple=True, required=True, help="Language; may be given more than once.")
+@click.option("--program", "programs", multiple=True, required=True,
+              help=f"Language, may be given more than once: {', '.join(WRITERS)}.")  # fmt: skip
 @click.option("--cam", metavar="FILE", help="TOML file as [cam] of a job: how the file is read.")
 @take_cam_options
 @click.option("--plan", "wishes", metavar="FILE", help="TOML file as [plan] of a job: strategy, tolerance, posture.")
