@@ -271,6 +271,8 @@ def test_tapping_leaves_with_the_pitch_and_old_pecking_starts_where_the_tool_is(
     tap = "CYCL DEF 207 RIGID TAPPING ~\n Q200=2 ~\n Q201=-10 ~\n Q239=+1.5 ~\n Q203=0 ~\n Q204=50"
     cam = read(close(f"{tap}\nL X+10 FMAX M99"))
     assert cuts(cam) == [[10, 0, -10], [10, 0, 2]] and cam.toolpath.feed.max() * 1e3 == pytest.approx(1.5 * 50)
+    inches = read(close(f"{tap}\nL X+10 FMAX M99").replace("PGM P MM", "PGM P INCH"))
+    assert inches.toolpath.feed.max() * 1e3 == pytest.approx(25.4 * 1.5 * 50)
     old = "CYCL DEF 1.0 PECKING\nCYCL DEF 1.1 SET UP 2\nCYCL DEF 1.2 DEPTH -20\nCYCL DEF 1.3 PECKG 5\n"
     old += "CYCL DEF 1.4 DWELL 0\nCYCL DEF 1.5 F90"
     cam = read(close(f"{old}\nL Z+2 FMAX\nL X+10 FMAX M99"))

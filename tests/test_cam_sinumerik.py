@@ -108,6 +108,8 @@ def test_corners_are_rounded_and_cut(read) -> None:
     assert length("CHR=4") == pytest.approx(22 + math.hypot(4, 4))
     assert length("CHF=4") == pytest.approx(30 - 8 * math.sqrt(0.5) + 4)
     modal = read(f"{HEAD}G0 Z0\nG1 X20 F600 RNDM=5\nY20\nX0 RNDM=0\nY0\n")
+    slower = read(f"{HEAD}G0 Z0\nG1 X20 F600 CHR=4 FRC=90\nY10\n").toolpath  # mm/min on the chamfer alone
+    assert (1e3 * slower.feed[~slower.rapid]).tolist() == pytest.approx([10.0, 1.5, 10.0])
     assert modal.facts.cutting_length_mm == pytest.approx(80 - 20 + 5 * math.pi)
 
 

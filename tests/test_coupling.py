@@ -174,6 +174,13 @@ def test_a_cutter_that_gives_way_sideways_out_of_the_stock_meets_less(tmp_path) 
     change = law.respond(nominal, nominal.wrench, stiffness, step)[middle, :3]
     wanted = -stiffness[:, 1] * 5e-5
     assert np.linalg.norm(change - wanted) < 0.03 * np.linalg.norm(wanted)
+    # a part that is turned takes its forces and what they answer to along
+    part = job["part"] | {"rotation_deg": [20.0, -10.0, 60.0]}
+    turned = load_path(check_job(job | {"part": part}, tmp_path / "job.toml"))
+    R = turned[1].T_base_part[:3, :3] @ law.T_base_part[:3, :3].T
+    assert abs(R[0, 1]) > 0.5
+    there = turned[1].coupling.along(turned[0], turned[0].wrench)[middle]
+    assert there == pytest.approx(R @ stiffness @ R.T, abs=1e-6 * np.abs(stiffness).max())
     # the arc from -90 deg to where the stock's edge stands: dF/dy by its end alone, at h = f cos u
     kt, kr, et, er, f, depth = 767.01, 168.8, 27.7, 26.6, 50.0 * 60.0 / 9000.0 / 2.0, 5.0
     u = -np.arcsin(2.0 / 5.0)

@@ -170,6 +170,19 @@ def test_time_moments_and_power_are_channels_of_a_log_too(tmp_path) -> None:
     assert widths["all"] < 0.9 * widths["forces"]
 
 
+def test_the_power_of_the_spindle_tells_the_coefficient_that_turns_it(tmp_path) -> None:
+    job = load_job(write_job(tmp_path, 'material = "al7075_t6"'))
+    nominal, law = load_path(job)
+    cut = ~nominal.rapid
+    power = 2 * np.pi * 12000 / 60 * np.einsum("ni,ni->n", nominal.wrench[:, 3:], nominal.axis)
+    columns = np.column_stack([1e3 * cutting_progress(nominal), nominal.wrench[:, :3], 1.1 * power])[cut]
+    columns[:, 1:4] += np.random.default_rng(4).normal(0.0, 150.0, columns[:, 1:4].shape)
+    file = tmp_path / "power.csv"
+    np.savetxt(file, columns, delimiter=",", header="s_mm,fx_N,fy_N,fz_N,power_W", comments="")
+    found = fit_forces(read_force_log(file), law, nominal, file).numbers[0]
+    assert found.value == pytest.approx(1.1 * 767.01, rel=0.1)
+
+
 def test_a_log_of_another_frame_is_refused_in_words(log, tmp_path, monkeypatch, capsys) -> None:
     rows = np.loadtxt(log, delimiter=",", skiprows=1)
     rows[:, 1:] = np.random.default_rng(3).normal(0.0, np.abs(rows[:, 1:]).mean(axis=0), rows[:, 1:].shape)

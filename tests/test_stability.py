@@ -14,6 +14,7 @@ from compplan.path.forces.stability import (
     Modes,
     Spread,
     count_turns,
+    draw_modes,
     find_coupling_limit,
     find_multiplier,
     find_odds,
@@ -65,6 +66,14 @@ def test_odds_of_chatter_go_from_none_to_all_across_the_limit() -> None:
     limit = brentq(lambda share: find_multiplier(turning(share, 0.85)) - 1.0, 0.5, 20.0)
     odds = [find_odds(turning(share * limit, 0.85), spread) for share in (0.3, 1.0, 4.0)]
     assert odds[0] < 0.02 and 0.2 < odds[1] < 0.8 and odds[2] > 0.98
+
+
+def test_a_mode_drawn_heavier_is_slower_and_as_stiff_as_before() -> None:
+    modes = turning(1.0, 0.85).modes
+    drawn = draw_modes(modes, Spread(0.05, 0.2, 0.1), np.array([-2.0, 0.0, 1.0, 0.0, 0.0]))
+    assert drawn.omega == pytest.approx(modes.omega * np.exp(-0.1))
+    assert (drawn.shape / drawn.omega) == pytest.approx(modes.shape / modes.omega)
+    assert drawn.damping == pytest.approx(DAMPING * np.exp(0.2))
 
 
 TABLE = "frequency_Hz,damping,mass_kg,x,y,z\n900,0.02,0.1,1,0,0\n600,0.03,0.2,0,2,0\n"

@@ -181,21 +181,22 @@ def find_multiplier(cut: CutDynamics) -> float:
 
 
 def find_odds(cut: CutDynamics, spread: Spread) -> float:
-    """Return the probability of chatter: semi-discretisation of draws, whose growths are smoothed by a normal kernel.
-
-    A mode that is heavier by a share is as stiff as before, its frequency lower.
-    """
-    modes, growth = cut.modes, np.zeros(DRAWS)
-    measured = np.zeros(len(modes.omega), bool) if modes.measured is None else modes.measured
+    """Return the probability of chatter: semi-discretised draws, their growths smoothed by a normal kernel."""
+    growth = np.zeros(DRAWS)
     for k, draw in enumerate(_draw_normal()):
-        faster = np.exp(draw[0] * np.where(measured, 0.0, spread.frequency) + draw[1] * measured * MEASURED[0])
-        damped = np.exp(draw[2] * np.where(measured, 0.0, spread.damping) + draw[3] * measured * MEASURED[1])
-        damping = np.clip(modes.damping * damped, 1e-4, 0.9)
-        drawn = Modes(modes.omega * faster, modes.shape * faster, damping)
         gain = cut.gain * max(1.0 + draw[4] * spread.force, 0.05)
+        drawn = draw_modes(cut.modes, spread, draw)
         growth[k] = np.log(find_multiplier(CutDynamics(gain, cut.teeth, cut.period, drawn)))
     width = max(float(growth.std()) * DRAWS**-0.2, 1e-6)
     return float(ndtr(growth / width).mean())
+
+
+def draw_modes(modes: Modes, spread: Spread, draw: Array) -> Modes:
+    """Return modes as they may be, by four normal numbers: one that is heavier is as stiff as before, and slower."""
+    measured = np.zeros(len(modes.omega), bool) if modes.measured is None else modes.measured
+    faster = np.exp(draw[0] * np.where(measured, 0.0, spread.frequency) + draw[1] * measured * MEASURED[0])
+    damped = np.exp(draw[2] * np.where(measured, 0.0, spread.damping) + draw[3] * measured * MEASURED[1])
+    return Modes(modes.omega * faster, modes.shape * faster, np.clip(modes.damping * damped, 1e-4, 0.9))
 
 
 def _draw_normal() -> Array:
