@@ -3,6 +3,7 @@
 from xml.etree import ElementTree
 
 import numpy as np
+import pytest
 
 from compplan.path.generators import Pace, generate_circle
 from compplan.path.toolpath import place_toolpath
@@ -43,12 +44,13 @@ def write_gantry(folder):
     return read_robot_folder(folder)
 
 
-def test_a_gantry_of_three_slides_and_two_turning_joints_is_planned(tmp_path):
+@pytest.mark.parametrize("angle", [0.3, 0.0])
+def test_a_gantry_of_three_slides_and_two_turning_joints_is_planned_tilted_and_flat(tmp_path, angle):
     robot = write_gantry(tmp_path / "gantry")
     pose = np.eye(4)
     pose[:3, 3] = [0.3, -0.2, -0.5]
     path = place_toolpath(generate_circle(0.1, Pace(feed=0.05, waypoints=120)), pose)
-    tilt = np.column_stack([np.full(120, np.sin(0.3)), np.zeros(120), np.full(120, np.cos(0.3))])
+    tilt = np.column_stack([np.full(120, np.sin(angle)), np.zeros(120), np.full(120, np.cos(angle))])
     wrench = np.tile([300.0, -200.0, 500.0, 0.0, 0.0, 0.0], (120, 1))
     nominal = type(path)(path.position, tilt, path.feed, path.rapid, wrench, "base")
     plan = plan_compensation(robot, nominal, PlanOptions())

@@ -7,7 +7,7 @@ tool below the base, are left out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,10 +66,7 @@ class Candidates:
 
     def take(self, rows: NDArray[np.int_]) -> Candidates:
         """Take some of them."""
-        return Candidates(
-            self.q[rows], self.approach[rows], self.wrench[rows], self.weight[rows], self.pull[rows],
-            self.tip[rows], self.rotation[rows], self.slopes[rows],
-        )  # fmt: skip
+        return Candidates(*(getattr(self, part.name)[rows] for part in fields(self)))
 
 
 def run_up(robot: Robot) -> Array:

@@ -47,13 +47,7 @@ class PoseInformation:
         return np.asarray(np.sqrt(np.diag(invert(matrix))) * self.sizes)
 
 
-def choose_poses(
-    information: PoseInformation,
-    count: int,
-    *,
-    allowed: NDArray[np.int_] | None = None,
-    limits: Array | None = None,
-) -> NDArray[np.int_]:
+def choose_poses(information: PoseInformation, count: int, *, limits: Array | None = None) -> NDArray[np.int_]:
     """Choose D-optimal candidates (largest determinant of the information): greedy, then exchanges [Fedorov1972].
 
     Adding a candidate with rows A to the information M gains log det(1 + A M^-1 A^T).
@@ -61,7 +55,6 @@ def choose_poses(
     Args:
         information: What each candidate tells.
         count: How many to choose.
-        allowed: Indices to choose from; all if left out.
         limits: Standard errors that no parameter shall exceed, such as those of random poses; the determinant gives way
             to them as little as it has to. Shape (p,).
 
@@ -71,10 +64,9 @@ def choose_poses(
     Raises:
         InputError: If there are fewer candidates than poses wanted.
     """
-    pool = np.arange(len(information.rows)) if allowed is None else np.asarray(allowed)
-    if len(pool) < count:
-        raise InputError(f"{count} poses wanted of {len(pool)} candidates, expected at most as many")
-    rows = information.rows[pool]
+    rows = information.rows
+    if len(rows) < count:
+        raise InputError(f"{count} poses wanted of {len(rows)} candidates, expected at most as many")
     bound = None if limits is None else (LIMIT_MARGIN * np.asarray(limits) / information.sizes) ** 2
     # A weak prior of ten typical sizes makes the first choices well defined.
     prior = 1e-2 * np.eye(rows.shape[2])
@@ -90,7 +82,7 @@ def choose_poses(
     chosen = exchange_taken(worth, sorted(take_greedily(worth, count)), MAX_SWEEPS)
     if bound is not None:
         chosen = exchange_taken(partial(worth, goal=bound), sorted(chosen), MAX_SWEEPS)
-    return np.sort(pool[chosen])
+    return np.sort(chosen)
 
 
 def compare_with_random(

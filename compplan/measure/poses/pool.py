@@ -14,6 +14,8 @@ from compplan.statics.chain import build_chain, locate_frames
 
 #: Batches that are drawn at most.
 TRIES = 20
+#: Poses whose TCP is lower than this above the base frame are left out. [m]
+LEAST_HEIGHT = 0.1
 
 
 def take_clear(batches: Iterable[Array], clear: Callable[[Array], NDArray[np.bool_]], count: int) -> Array:
@@ -55,7 +57,6 @@ def draw_candidates(
     force: float = 1000.0,
     lever: float = 0.3,
     vertical: bool = False,
-    least_height: float | None = 0.1,
     seed: int = 0,
 ) -> PoseCandidates:
     """Draw poses inside the joint limits, each with a force in a random direction on a lever beside the tool axis.
@@ -66,7 +67,6 @@ def draw_candidates(
         force: Size of the force. [N]
         lever: Distance of its point of attack from the TCP, across the tool axis, on a random side. [m]
         vertical: Forces point down (weights) instead of anywhere.
-        least_height: Poses whose TCP is lower than this above the base frame are left out; None keeps them. [m]
         seed: Seed of the draw.
 
     Raises:
@@ -78,13 +78,11 @@ def draw_candidates(
     upper = np.where(robot.prismatic, np.minimum(robot.upper, 1e3), upper)
 
     def high(q: Array) -> NDArray[np.bool_]:
-        if least_height is None:
-            return np.full(len(q), True)
-        return np.asarray(locate_frames(chain, q).tcp_position[:, 2] >= least_height)
+        return np.asarray(locate_frames(chain, q).tcp_position[:, 2] >= LEAST_HEIGHT)
 
     q = take_clear((rng.uniform(lower, upper, (2 * count, robot.nq)) for _ in range(TRIES)), high, count)
     if len(q) < count:
-        raise InputError(f"fewer than 1 pose in 40 lies {least_height} m above the base; lower the least height")
+        raise InputError(f"fewer than 1 pose in 40 lies {LEAST_HEIGHT} m above the base; check the joint limits")
     direction = rng.standard_normal((count, 3))
     if vertical:
         direction[:] = [0.0, 0.0, -1.0]
