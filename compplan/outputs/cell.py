@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from compplan.files.tables import write_json, write_table
 from compplan.report.robot_scene import FINEST, MESH_COLOURS, locate_links, place_shapes
 from compplan.robot import Array, Robot
+from compplan.robot.mounting import mounted_tool
 from compplan.robot.primitives import triangulate_box, triangulate_cylinder
 
 if TYPE_CHECKING:
@@ -169,8 +170,7 @@ def _describe_stock(plan: Plan) -> list[dict[str, Any]]:
 def _describe_spindle(plan: Plan) -> list[dict[str, Any]]:
     """Return a cutter and a spindle between tip and flange, drawn where no mesh of the tool is known."""
     robot = plan.robot
-    frames = locate_chain_frames(robot)
-    reach = np.linalg.inv(frames[robot.tcp]) @ frames[robot.flange]
+    reach = np.linalg.inv(mounted_tool(robot))
     height = -float(reach[2, 3])  # the tip's z points out of the tool
     if height < SHORTEST_TOOL:
         return []
@@ -181,14 +181,6 @@ def _describe_spindle(plan: Plan) -> list[dict[str, Any]]:
         vertices = upright - [0.0, 0.0, 0.5 * (low + high) * height]
         shapes.append(_describe_shape(f"{name}, drawn", robot.tcp, TOOL_COLOUR, vertices, faces))
     return shapes
-
-
-def locate_chain_frames(robot: Robot) -> dict[str, Array]:
-    """Locate the links of a robot whose joints stand at zero. Shape (4, 4) each. [m]."""
-    poses = {robot.base: np.eye(4)}
-    for joint in robot.joints:
-        poses[joint.child] = poses[joint.parent] @ joint.placement
-    return poses
 
 
 def _describe_block(plan: Plan) -> list[dict[str, Any]]:

@@ -19,8 +19,8 @@ from compplan.errors import ShapeError
 from compplan.report import figure as go
 from compplan.robot import Array, Joint, Robot
 from compplan.robot.primitives import triangulate_box, triangulate_cylinder, triangulate_rod
-from compplan.robot.shapes import find_mesh
-from compplan.robot.solids import load_mesh, read_colour
+from compplan.robot.shapes import find_mesh, read_form, read_origin
+from compplan.robot.solids import as_mesh, read_colour
 
 #: Colours of part, fixture and tool, and the most triangles of one of them that are drawn as they are.
 MESH_COLOURS = {
@@ -122,7 +122,7 @@ def place_shapes(robot: Robot, q: Array) -> list[Shape]:
             triangles = _triangulate(visual.find("geometry"), robot.folder)
             if triangles is None:
                 continue
-            pose = poses[name] @ _origin(visual.find("origin"))
+            pose = poses[name] @ read_origin(visual.find("origin"))
             vertices = triangles[0] @ pose[:3, :3].T + pose[:3, 3]
             shapes.append(Shape(name, vertices, triangles[1], _paint_of(visual, paints)))
     rod = _rod(robot, poses, {shape.link for shape in shapes})
@@ -250,21 +250,10 @@ def _locate_beside(robot: Robot, poses: dict[str, Array]) -> None:
             above, below = parent.attrib["link"], child.attrib["link"]
             if below in poses or above not in poses or (mounted and above == robot.flange):
                 continue
-            poses[below] = poses[above] @ _origin(element.find("origin"))
+            poses[below] = poses[above] @ read_origin(element.find("origin"))
             added = True
         if not added:
             return
-
-
-def _numbers(element: ElementTree.Element | None, key: str, default: str) -> list[float]:
-    return [float(value) for value in (default if element is None else element.attrib.get(key, default)).split()]
-
-
-def _origin(element: ElementTree.Element | None) -> Array:
-    pose = np.eye(4)
-    pose[:3, 3] = _numbers(element, "xyz", "0 0 0")
-    pose[:3, :3] = Rotation.from_euler("xyz", _numbers(element, "rpy", "0 0 0")).as_matrix()
-    return pose
 
 
 def _colour(element: ElementTree.Element) -> tuple[float, float, float, float]:
@@ -288,26 +277,15 @@ def _paint_of(
 def _triangulate(geometry: ElementTree.Element | None, folder: Path | None) -> tuple[Array, NDArray[np.int_]] | None:
     if geometry is None or not len(geometry):
         return None
-    form = geometry[0]
-    if form.tag == "box":
-        size = np.array(_numbers(form, "size", "0.1 0.1 0.1"))
+    if geometry[0].tag == "mesh" and find_mesh(geometry[0].attrib.get("filename", ""), folder) is None:
+        return None
+    form = read_form(geometry, folder)
+    if geometry[0].tag == "box":
+        size = np.array(form[1])
         return triangulate_box(-0.5 * size, 0.5 * size)
-    if form.tag == "cylinder":
-        return triangulate_cylinder(float(form.attrib["radius"]), float(form.attrib["length"]), sections=28)
-    if form.tag in ("sphere", "capsule"):
-        import trimesh
-
-        round_ = float(form.attrib["radius"])
-        if form.tag == "sphere":
-            mesh = trimesh.creation.icosphere(subdivisions=2, radius=round_)
-        else:
-            mesh = trimesh.creation.capsule(float(form.attrib["length"]), round_, count=[20, 20])
-    else:
-        file = find_mesh(form.attrib.get("filename", ""), folder)
-        if file is None:
-            return None
-        mesh = load_mesh(file, "m")
-        mesh.apply_scale(_numbers(form, "scale", "1 1 1"))
+    if geometry[0].tag == "cylinder":
+        return triangulate_cylinder(form[1], form[2], sections=28)
+    mesh = as_mesh(form)
     return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)
 
 
