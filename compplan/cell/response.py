@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_banded
+from scipy.linalg.lapack import ztbtrs
 
 from compplan.cell.vibration import ModeShapes
 from compplan.robot import Array
@@ -61,13 +61,14 @@ def _answer(time: Array, push: Array, omega: Array, damping: float) -> Array:
     rate = omega * (-damping + 1j * np.sqrt(1.0 - damping**2))
     x = np.maximum(np.diff(time), 1e-12)[:, None] * rate
     decay = np.exp(x)
-    small = np.abs(x) < 1e-3
-    safe = np.where(small, 1.0, x)
-    whole = np.where(small, 1.0 + x / 2 + x**2 / 6, (decay - 1.0) / safe)
-    late = np.where(small, 0.5 + x / 6, (whole - 1.0) / safe)
+    whole = (decay - 1.0) / x
+    late = (whole - 1.0) / x
+    if (small := np.abs(x) < 1e-3).any():
+        near = x[small]
+        whole[small], late[small] = 1.0 + near / 2 + near**2 / 6, 0.5 + near / 6
     gain = (x / rate) * ((whole - late) * push[:-1] + late * push[1:])
     start = push[:1] * -1.0 / rate  # at rest under the first load
-    bands = np.ones((2, push.size), complex)
+    bands = np.ones((2, push.size), complex, order="F")
     bands[1] = np.vstack([-decay, np.zeros((1, len(omega)))]).T.ravel()
-    state = solve_banded((1, 0), bands, np.vstack([start, gain]).T.ravel(), overwrite_b=True, check_finite=False)
+    state = ztbtrs(bands, np.vstack([start, gain]).T.reshape(-1, 1), uplo="L", diag="U", overwrite_b=True)[0]
     return np.asarray(state.reshape(len(omega), -1).T.imag / (omega * np.sqrt(1.0 - damping**2)))
