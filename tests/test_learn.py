@@ -171,10 +171,7 @@ def cut_part(job: Job, folder: str, truth: Robot, level: float, file: Path, seed
     force = read_learned_force(robot.folder, job.process)
     wanted, plan = plan_learned(job.with_force(force), robot, read_residual(residual_file(robot, job), robot))
     rows, task = np.flatnonzero(plan.task.cut), plan.task
-    predicted = task.wrench
-    if force is not None:
-        back = replace(force, level=1.0 / force.level, turn=-force.turn)
-        predicted = back.push(task.wrench, job.T_base_part[:3, :3])
+    predicted = task.wrench if force is None else force.undo(task.wrench, job.T_base_part[:3, :3])
     tip = tip_of(stage_path(truth, plan.q, level * predicted, task.step_time), rows)
     length = np.interp(task.origin[rows], np.arange(len(wanted)), wanted.arc_length)
     path = np.stack([np.interp(length, wanted.arc_length, wanted.position[:, k]) for k in range(3)], axis=1)

@@ -23,7 +23,7 @@ from compplan.effects import Effect, fold_effects
 from compplan.effects.signature import pack_parameters
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown, spread_unknowns
-from compplan.robot.visited import Visited, VisitedPart
+from compplan.robot.visited import FILE, Visited, VisitedPart, read_visited
 from compplan.statics.chain import build_chain, locate_frames
 
 #: Lengths over which the share may change: of places, in spreads of the visited ones; of forces, in the largest one
@@ -108,6 +108,18 @@ def keep_share(robot: Robot, visited: Visited, share: float) -> Robot:
     left = replace(visited, parts=parts, share=visited.share / size, deviation=visited.deviation / size)
     changed, known = replace(changed, visited=left if parts else None), robot.uncertainty
     return changed if known is None else replace(changed, uncertainty=_take_out(known, visited.parts, 1.0 - share))
+
+
+def has_faded(robot: Robot) -> bool:
+    """Tell whether parts in doubt of a robot's folder have been taken back."""
+    own = None if robot.folder is None else read_visited(robot.folder / FILE, robot.nq)
+    if own is None or not own.parts:
+        return False
+    if robot.visited is None:
+        return True
+    stated = {repr((p.effect, p.joint, p.axis, p.keys, p.fixed)): p.value for p in own.parts}
+    now = {repr((p.effect, p.joint, p.axis, p.keys, p.fixed)): p.value for p in robot.visited.parts}
+    return any(not np.allclose(value, stated[key], rtol=1e-9, atol=0.0) for key, value in now.items() if key in stated)
 
 
 def fade_alike(robot: Robot, faded: Robot) -> Robot:

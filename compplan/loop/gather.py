@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.loop.guards import rigid_columns
 from compplan.loop.measured_path import MeasuredPath, take_points
 from compplan.promise.band import Slopes
 from compplan.robot import Array
@@ -16,6 +17,9 @@ from compplan.robot import Array
 NEAR = 2e-3
 #: Points of a scan at one row that err apart (assumed: an instrument's errors are smooth).
 ALONE = 10.0
+#: Share of what was measured that is said to be a motion of the whole part, and how far it stands out of the noise
+#: (assumed).
+WHOLE, CLEAR = 0.6, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,3 +73,27 @@ def gather_points(measured: MeasuredPath, slopes: Slopes, length: Array) -> Gath
     deviation = np.einsum("bij,bj->bi", counts, total / inverse[:, None])
     variance = 1.0 / inverse * (np.maximum(count / ALONE, 1.0) if measured.scanned else 1.0)
     return Gathered(rows, deviation, counts, variance, count)
+
+
+def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array) -> tuple[str, ...]:
+    """Say how far a part is off as a whole, where that is most of what was measured.
+
+    Args:
+        gathered: The measurements.
+        tip: Where the tip goes at the rows of the path. Shape (k, 3). [m]
+        R_base_part: Part axes seen from the base. Shape (3, 3).
+    """
+    size = max(float(np.ptp(tip, axis=0).max()), 1e-3)
+    columns = gathered.counts @ rigid_columns(tip)[gathered.row] / np.repeat([1.0, size], 3)
+    matrix, seen = columns.reshape(-1, 6), gathered.deviation.reshape(-1)
+    motion = np.linalg.lstsq(matrix, seen, rcond=1e-3)[0]
+    left, noise = seen - matrix @ motion, float(gathered.variance.sum())
+    taken = 1.0 - float(left @ left) / max(float(seen @ seen), 1e-300)
+    if taken < WHOLE or seen @ seen < CLEAR**2 * noise:
+        return ()
+    where = ", ".join(f"{1e3 * value:.2g}" for value in motion[:3] @ R_base_part)
+    return (
+        f"{taken:.0%} of what was measured is a shift of the whole part by [{where}] mm (its middle, part axes) and a"
+        f" turn of {np.degrees(np.linalg.norm(motion[3:])) / size:.2g} deg: it is learned as the robot's. Did the part"
+        " stand so? Then --align best_fit takes it off, or [noise] part_frame_mm of the job allows for it",
+    )

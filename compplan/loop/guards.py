@@ -20,6 +20,8 @@ UNITS = {"metres": 1e3, "inches": 25.4, "centimetres": 10.0, "micrometres": 1e-3
 CONVINCING, NEAR = 0.3, 2e-4
 #: Points that extend over less than this share of the cut are of one spot of it (assumed: nobody measures so little).
 SPOT = 0.02
+#: Points that extend over less than this share of the cut may be of all of it in another unit (assumed).
+SMALL = 0.3
 #: Distance between places that the path is sampled at, and how many at most. [m]
 SPACING, MOST = 5e-4, 400000
 #: Points that readings are compared with (assumed: enough for a median).
@@ -43,19 +45,31 @@ def sample_cut(nominal: Toolpath) -> tuple[Array, Array, Array]:
     return arc[move] + share * nominal.steps[move], place, along
 
 
-def check_extent(table: Table, point: Array, nominal: Toolpath) -> None:
+def check_extent(table: Table, point: Array, place: Array) -> None:
     """Refuse points that all lie at one spot of the path, as a path in metres does that is read in millimetres.
 
+    Args:
+        table: Their file.
+        point: The points. Shape (m, 3). [m]
+        place: Places of the cut in the frame of the points. Shape (k, 3). [m]
+
     Raises:
-        InputError: If they extend over far less than the cut.
+        InputError: If they extend over far less than the cut, or are of it in another unit.
     """
-    _, place, _ = sample_cut(nominal)
     wide, whole = (float(np.ptp(np.quantile(part, (0.05, 0.95), axis=0), axis=0).max()) for part in (point, place))
     if wide < SPOT * whole:
         raise table.error(
             f"the points extend over {wide * 1e3:.3g} mm and the cut over {whole * 1e3:.3g} mm, are they in metres or"
             " inches, not in mm? --assume-ok learns them as they are"
         )
+    few = point[:: max(1, len(point) // SAMPLE)]
+    for unit, factor in UNITS.items():
+        near = factor > 1.0 and wide < SMALL * whole < factor * wide
+        if near and float(np.median(cKDTree(place).query(few * factor)[0])) < SMALL * wide:
+            raise table.error(
+                f"the points extend over {wide * 1e3:.3g} mm of the {whole * 1e3:.3g} mm of the cut, and over all of it"
+                f" in {unit}: is that what they are? --assume-ok learns them as they are"
+            )
 
 
 def explain_points(point: Array, nominal: Toolpath, T_base_part: Array, *, in_base: bool, whole: bool) -> str:

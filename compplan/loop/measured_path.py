@@ -169,7 +169,9 @@ def match_points(
     length, deviation, counts, good = found
     distance = np.linalg.norm(deviation, axis=1)
     if not sure:
-        check_extent(table, given, nominal)
+        place_of_cut = sample_cut(nominal)[1]
+        local = (place_of_cut - T_base_part[:3, 3]) @ T_base_part[:3, :3]
+        check_extent(table, given, place_of_cut if in_base else local)
     strange = not scanned and not sure and float((distance > FARTHEST).mean()) > MOST_OUT
     if good.sum() < FEWEST or strange:
         other = explain_points(given, nominal, T_base_part, in_base=in_base, whole=not scanned)

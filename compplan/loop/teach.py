@@ -28,7 +28,7 @@ from compplan.known.slopes import (
     tip_of,
 )
 from compplan.known.vary import vary_scene
-from compplan.loop.gather import Gathered, gather_points
+from compplan.loop.gather import Gathered, describe_whole, gather_points
 from compplan.loop.guards import POSSIBLE, explain_points, rigid_columns
 from compplan.loop.hold import Learned, list_learned, teach_robot
 from compplan.loop.learn import Lesson, Own, learn_part, possible_band
@@ -184,6 +184,8 @@ def teach_part(
     if lesson.taken:
         others = tell_others(job, robot, before.robot, wide, known, whole)
         residual = add_residual(old, lesson, scene, task, places, known, others, slopes, spread)
+    stated = sure or old is not None or matched.motion is not None or read_placement(job.noise) is not None
+    stood = () if stated else describe_whole(gathered, slopes.tip, job.T_base_part[:3, :3])
     announce("the plan that follows")
     job = job.with_force(others.force)
     after = before if not lesson.taken else plan_learned(job, others.robot, residual)[1]
@@ -193,8 +195,8 @@ def teach_part(
     nothing = Residual(length, np.zeros((len(length), 3)), size, task.q_start[slopes.rows], lesson.open)
     return Teaching(
         job, robot, others.robot, lesson, matched, wanted, slopes, length, before, after, residual or nothing,
-        tuple(list_learned(known, wide.values, others.held)), _list_notes(lesson, others.travel, matched, wanted),
-        others.travel, others.force,
+        tuple(list_learned(known, wide.values, others.held)),
+        _list_notes(lesson, others.travel, matched, wanted, stood), others.travel, others.force,
     )  # fmt: skip
 
 
@@ -244,11 +246,13 @@ def own_of(job: Job, slopes: Slopes, spread: ForceSpread, matched: MeasuredPath)
     return state_own(tip, slopes.shared[:, :, 0], spread, clamped, fitted, warm)
 
 
-def _list_notes(lesson: Lesson, travel: Travel, matched: MeasuredPath, wanted: Toolpath) -> tuple[str, ...]:
+def _list_notes(
+    lesson: Lesson, travel: Travel, matched: MeasuredPath, wanted: Toolpath, stood: tuple[str, ...]
+) -> tuple[str, ...]:
     """Return why the lesson is taken or left, and what to know of the points and of long moves."""
     longest = float(wanted.steps[~wanted.rapid[1:]].max(initial=0.0))
     coarse = f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer"
-    told = (travel.reason,) if lesson.taken else ()
+    told = (travel.reason, *stood) if lesson.taken else ()
     return (lesson.reason, *told, *matched.notes, *([coarse] if lesson.taken and longest > LONG_MOVE else []))
 
 

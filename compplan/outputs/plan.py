@@ -177,6 +177,9 @@ def write_comparison(comparison: Comparison, folder: str | Path) -> list[Path]:
 def write_joints(plan: Plan, path: Path, wanted: Array | None = None) -> None:
     """Write joints.csv: time, commanded joint positions, wanted tip and tool axis, the wrench, kind of move.
 
+    The wrench is the one that the job's [process] predicts, whatever measured parts said of it: a shop that knows how
+    far its force is from that goes on from there.
+
     Args:
         plan: The plan.
         path: The file.
@@ -187,6 +190,8 @@ def write_joints(plan: Plan, path: Path, wanted: Array | None = None) -> None:
     q = np.vstack([before.q, plan.q, after.q])
     position, axis = place_rows(plan, wanted)
     wrench = np.vstack([before.wrench, task.wrench, after.wrench])
+    if task.law is not None and task.law.learned is not None:
+        wrench = task.law.learned.undo(wrench, task.law.T_base_part[:3, :3])
     stays = np.where(task.leaving, "retract", "approach")
     move = np.where(task.nominal.rapid, "rapid", np.where(task.lead, stays, "cut"))
     columns: dict[str, object] = {"time_s": time}

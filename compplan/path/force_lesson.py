@@ -138,6 +138,11 @@ class LearnedForce:
         return self.level * np.concatenate([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])], axis=1)
 
 
+    def undo(self, wrench: Array, R_base_part: Array) -> Array:
+        """Return the predicted wrench of one that is planned with. Shape (n, 6). [N, N m]"""
+        return replace(self, level=1.0 / self.level, turn=-self.turn).push(wrench, R_base_part)
+
+
 def find_axes(process: Any) -> str:
     """Tell in which axes a process keeps its direction: "base", "part", or "" where it goes with path or tool."""
     frame = "part" if process.model == "columns" else getattr(process, "frame", "path")

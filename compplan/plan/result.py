@@ -256,6 +256,15 @@ def replace_said(plan: Plan, notes: tuple[str, ...], breaches: tuple[str, ...] |
     return said
 
 
+def _describe_force(plan: Plan) -> dict[str, Any]:
+    """Return what measured parts said of the force, where any did."""
+    learned = None if plan.task.law is None else plan.task.law.learned
+    if learned is None:
+        return {}
+    turn = np.degrees(learned.turn).tolist()
+    return {"process_force": {"level": learned.level, "turn_deg": turn, "source": learned.source}}
+
+
 def summarise_plan(plan: Plan) -> dict[str, Any]:
     """Return the content of plan.json."""
     margins, failures = plan.margins, plan.command.failures
@@ -288,6 +297,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
             "cartesian_linear": float(plan.between.cartesian.max(initial=0.0)) * 1e3,
             "spline": float(plan.between.spline.max(initial=0.0)) * 1e3,
         },
+        **_describe_force(plan),
         **plan.bending.describe(),
         **summarise_promise(plan.promise),
         "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},

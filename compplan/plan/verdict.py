@@ -19,6 +19,7 @@ from compplan.cell.judge import Judge
 from compplan.cell.reading import read_judge
 from compplan.cell.vibration import build_dynamics
 from compplan.job.job import Job
+from compplan.known.fading import has_faded
 from compplan.plan.bending import FOLLOWED, find_runs
 from compplan.plan.between import Between, divide_times, insert_between, judged_moves
 from compplan.plan.evaluate import Evaluation, Margins
@@ -54,15 +55,18 @@ class Bench:
 
 
 def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> Bench:
-    """Read robot, tool and process a second time; a robot or a path in memory is taken as it is."""
+    """Read robot, tool and process a second time; a robot or a path in memory is taken as it is, and a faded robot."""
     if job is None or task.robot.folder is None or job.mounted is not None:
         bias = _load_springs(task, build_dynamics(task.robot).judge, timing.time) if task.inertia else None
         return Bench(build_cell(task.robot), task.wrench, bias)
     tables = job.model_dump(by_alias=True, exclude_unset=True)
     if job.given is not None:
         tables["toolpath"] = None  # there is no file to read
-    cell = Cell(AS_MODELLED, task.robot, read_judge(Path(task.robot.folder), tables.get("tool")))
-    moving = read_judge(Path(task.robot.folder), tables.get("tool"), moving=True)
+    if has_faded(task.robot):  # no file holds it
+        cell, moving = build_cell(task.robot), build_dynamics(task.robot).judge
+    else:
+        cell = Cell(AS_MODELLED, task.robot, read_judge(Path(task.robot.folder), tables.get("tool")))
+        moving = read_judge(Path(task.robot.folder), tables.get("tool"), moving=True)
     driven, bias = Driven(task, q, timing.time, tables, job.folder, cell.judge, moving), None
     if task.inertia:
         bias = _load_springs(task, moving, timing.time)
