@@ -12,12 +12,13 @@ from scipy.spatial.transform import Rotation
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
 import compplan as cp
-from compplan.diagnose.data.conventions import find_conventions
+from compplan.diagnose.data.conventions import find_conventions, list_countings, name_counting
 from compplan.diagnose.data.questions import QuestionRows, ask_unit, question_campaign
 from compplan.effects import Effect
 from compplan.files.tables import write_table
 from compplan.measure.campaign import Campaign
-from compplan.robot import Array, Robot
+from compplan.program.counting import load_controller
+from compplan.robot import Array, Robot, load_robot
 
 SOUND = {
     "nothing": [],
@@ -99,6 +100,49 @@ def test_a_wrong_coupling_in_sweeps_of_single_joints_is_named_and_asked_about_as
     assert np.median(gap) < 2e-3 and np.max(gap) > 0.1
     assert about(robot, campaign) == []
     assert [e.place[:2] for e in find_conventions(robot, campaign, ())] == [("joint_coupling", "joint_3")]
+
+
+@pytest.mark.parametrize("name", ["kuka_kr270", "fanuc_m10ia"])
+def test_joints_counted_as_a_controller_counts_them_are_named_after_it(robot: Robot, name: str) -> None:
+    counting, conventions = next(c for c in list_countings(robot) if c[0] == load_controller(load_robot(name)).name)
+    campaign = measure(robot, plan_rows(robot, 11, poses=30, path=0), list(conventions), seed=11, orientation=False)
+    found = find_conventions(robot, campaign, ())
+    assert {e.place for e in found} == {e.place for e in conventions}
+    assert name_counting(robot, found) == counting
+    assert name_counting(robot, [conventions[0]]) in ("", counting if len(conventions) == 1 else "")
+
+
+def test_mirrored_deviations_of_a_log_without_load_and_orientation_are_asked_about(robot: Robot) -> None:
+    """The rigid folder knows the weight; the arm sags by it, or, mirrored, rises."""
+    stiff = replace(robot, springs=(), link_elasticities=())
+    campaign = measure(robot, plan_rows(robot, 11, poses=60, path=0, loads=0), [], seed=11, orientation=False)
+    assert about(stiff, campaign) == []
+    mirrored = replace(campaign, position=2 * rigid(robot, campaign) - campaign.position)
+    (question,) = question_campaign(stiff, mirrored)
+    assert question.about == "sign" and "against its weight" in question.sentence and "mirrored" in question.sentence
+
+
+def test_poses_that_were_jogged_by_hand_beside_those_of_a_program_are_asked_about(robot: Robot) -> None:
+    rows = plan_rows(robot, 11, poses=40, path=0, loads=0)
+    run = np.where(np.arange(len(rows)) < len(rows) // 2, "static_program", "static_jogged")
+    wrong = [Effect("link_geometry", f"joint_{k}", a, {f"{a}_m": 4e-4}) for k in (2, 3, 4) for a in ("tx", "tz")]
+    wrong += [Effect("joint_offset", f"joint_{k}", None, {"offset_rad": 4e-4}) for k in (3, 5)]
+    sound, off = (
+        measure(robot, replace(rows, run=run), effects, seed=11, orientation=False) for effects in ([], wrong)
+    )
+    mixed = np.where((run == "static_program")[:, None], sound.position, off.position)
+    (question,) = question_campaign(robot, replace(sound, position=mixed))
+    assert question.about == "jogged poses" and "'static_jogged'" in question.sentence
+    assert about(robot, sound) == about(robot, off) == []
+
+
+def test_encoders_read_before_the_arm_stood_still_are_named_and_not_taken_for_play(robot: Robot) -> None:
+    stale = [Effect("time_skew", None, None, {"stale_ratio": 1e-3})]
+    campaign = measure(robot, plan_rows(robot, 11, poses=30, path=0, loads=0), stale, seed=11, orientation=False)
+    found = cp.diagnose_campaign(robot, campaign)
+    (named,) = found.verdict.findings
+    assert named.effect.name == "time_skew" and named.probability > 0.8
+    assert named.effect.parameters["stale_ratio"] == pytest.approx(1e-3, rel=0.05)
 
 
 def test_a_clock_that_is_off_is_no_lag(robot: Robot) -> None:

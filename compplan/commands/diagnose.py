@@ -26,6 +26,7 @@ from compplan.files.tables import dump_json
 from compplan.measure.checks import list_notes
 from compplan.measure.registration import parse_parts
 from compplan.outputs.diagnosis import write_diagnosis
+from compplan.report.diagnosis_words import describe_beside, describe_counting
 from compplan.report.effect_words import describe_change
 
 
@@ -108,13 +109,16 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
             f"  {place}: {change + ' (95 %), ' if change else ''}probability {finding.probability:.2f}, "
             f"{_describe_motion(finding)}{tie}"
         )
+    if counting := describe_counting(diagnosis):
+        lines.append(f"  {counting}")
     if verdict.structure.background > verdict.structure.floor:
         # small errors that cancel each other move the target further than the gap: they explain no more than there is
         moved = min(verdict.structure.background, verdict.structure.gap)
         lines.append(f"  calibration, small errors everywhere: {moved * 1e3:.3f} mm")
-    for left in verdict.structure.dependences:
+    for left in verdict.structure.dependences if verdict.status != CALIBRATED else ():
         what = describe_unmodelled(left.effect.joint, str(left.effect.axis))
-        lines.append(f"  no effect explains {what}: {left.explained * 1e3:.3f} mm")
+        beside = describe_beside(verdict.findings, left)
+        lines.append(f"  no named effect makes {what}{beside}: {left.explained * 1e3:.3f} mm")
     lines.append(
         f"gap: {gap.before * 1e3:.3f} mm before, {gap.after * 1e3:.3f} mm after; "
         f"on rows not in the fit {gap.held_out_before * 1e3:.3f} mm before, {gap.held_out_after * 1e3:.3f} mm after; "

@@ -54,7 +54,10 @@ def _bending_joints(at: Linearization) -> Iterable[Signature]:
     keys = tuple(f"compliance_rad_per_Nm#{column}" for column in range(len(joints)))
     # assumed: small robots bend more, so that a load of 1 N m turns a joint by ten times the scale of a medium robot
     scale = np.array([10 * RIGID_SCALE[at.robot.actuated[k].kind] for k in joints])
-    yield Signature(name, None, None, JOINTS, keys, scale, twist, encoder, {JOINTS: names}, positive=True)
+    # by joint, not by number: which joints weights load changes with the robot that is linearized
+    columns = tuple(f"compliance of {joint}" for joint in names)
+    fixed = {JOINTS: names}
+    yield Signature(name, None, None, JOINTS, keys, scale, twist, encoder, fixed, positive=True, columns=columns)
 
 
 def apply(scene: Scene, effect: Effect) -> Scene:

@@ -11,7 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.report.calibration_section import show_calibration
-from compplan.report.diagnosis_words import describe_how_far, describe_structure, describe_where, describe_which
+from compplan.report.diagnosis_words import (
+    describe_counting,
+    describe_how_far,
+    describe_structure,
+    describe_where,
+    describe_which,
+)
 from compplan.report.effect_words import describe_change, describe_parameters, name_effect
 from compplan.report.gap_figures import (
     draw_candidates,
@@ -94,6 +100,7 @@ def write_diagnosis_page(
         + (f"({effect['beyond']})." if "beyond" in effect else f"(probability {effect['probability']:.2f}).")
         for effect in verdict.get("doubtful", [])
     ]
+    notes += [told] if (told := describe_counting(diagnosis)) else []
     write_page(
         file,
         f"{robot.name}: diagnosis",

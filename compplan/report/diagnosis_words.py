@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from compplan.diagnose.answer.shares import CALIBRATION, UNEXPLAINED, Share
 from compplan.diagnose.answer.small_errors import SmallErrors
-from compplan.diagnose.answer.verdict import CALIBRATED
-from compplan.diagnose.ledger.unmodelled import describe_unmodelled
+from compplan.diagnose.answer.verdict import CALIBRATED, Finding
+from compplan.diagnose.data.conventions import name_counting
+from compplan.diagnose.ledger.unmodelled import describe_unmodelled, names_alike
 from compplan.report.effect_words import describe_change, describe_effect, name_effect
 from compplan.report.style import format_length, format_number, format_percent
 
@@ -111,9 +112,9 @@ def describe_how_far(gap: Mapping[str, float | None]) -> str:
 
 
 def describe_structure(diagnosis: Diagnosis) -> list[str]:
-    """Say what is left that no effect explains."""
+    """Say what is left that no effect explains; nothing where small errors everywhere are said to make the gap."""
     structure, named = diagnosis.verdict.structure, bool(diagnosis.verdict.findings)
-    if not structure.left:
+    if not structure.left or diagnosis.verdict.status == CALIBRATED:
         return []
     # claims may move the target further than the gap, against small errors: they explain no more than there is
     explained = format_length(min(structure.explained, structure.gap))
@@ -121,10 +122,27 @@ def describe_structure(diagnosis: Diagnosis) -> list[str]:
     if structure.dependences:
         parts = [
             f"{format_length(d.explained)} rms is {describe_unmodelled(d.effect.joint, str(d.effect.axis))}"
+            f"{describe_beside(diagnosis.verdict.findings, d)}"
             for d in structure.dependences
         ]
-        return [f"An error that no effect of the vocabulary makes: {'; '.join(parts)}{against}."]
+        return [f"An error that no named effect makes: {'; '.join(parts)}{against}."]
     return [
         f"An error of {format_length(structure.rms)} rms stays the same while the robot stands still and follows "
         f"no effect of the vocabulary{against}."
     ]
+
+
+def describe_beside(findings: Sequence[Finding], left: Finding) -> str:
+    """Say which named effect an error is left beside that follows the same; "" where there is none."""
+    effect = left.effect
+    for finding in findings:
+        name, joint, axis = finding.effect.place
+        if names_alike(str(effect.axis), effect.joint, name, joint):
+            return f" beyond the named {name_effect({'effect': name, 'joint': joint, 'axis': axis})}"
+    return ""
+
+
+def describe_counting(diagnosis: Diagnosis) -> str:
+    """Say whose way of counting the named conventions are; "" where there are none, or they are nobody's."""
+    name = name_counting(diagnosis.robot, [finding.effect for finding in diagnosis.verdict.findings])
+    return f"The joints of the log are counted as a {name} counts them." if name else ""

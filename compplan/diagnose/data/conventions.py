@@ -5,7 +5,7 @@ A coupling left out, a joint counted backwards or from another zero is no small 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +15,8 @@ from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
 from compplan.measure.campaign import Campaign
 from compplan.measure.fit_frames import fit_registration
 from compplan.measure.registration import stated_registration
-from compplan.robot import Array, Robot
+from compplan.program.counting import load_controller
+from compplan.robot import Array, Robot, load_robot
 
 #: A gap of this size calls for a wrong convention (assumed). [m]
 SUSPICIOUS = 5e-3
@@ -26,6 +27,8 @@ CONVINCING = 0.3
 WITHIN = 0.9
 #: Steps of the search for a ratio or a zero at most, and the longest of them (assumed). [-, rad or -]
 STEPS, LONGEST_STEP = 12, 0.3
+#: Shipped robots whose controllers count otherwise than their URDFs: joint 3 against the horizontal, axes backwards.
+BRANDS = ("fanuc_m10ia", "kuka_kr240", "kuka_kr270")
 
 
 def find_conventions(robot: Robot, campaign: Campaign, register: tuple[str, ...]) -> tuple[Effect, ...]:
@@ -49,6 +52,13 @@ def find_conventions(robot: Robot, campaign: Campaign, register: tuple[str, ...]
         ]
         best = min(trials, key=lambda t: (t[0], t[1]))
         if best[0] > CONVINCING * gap:
+            several = [(typical_gap(robot, part, register, [*found, *e]), n, e)
+                       for n, (_, e) in enumerate(list_countings(robot))]  # fmt: skip
+            together = min(several, key=lambda t: (t[0], t[1]), default=(np.inf, 0, ()))
+            if together[0] <= CONVINCING * gap:
+                found += together[2]
+                gap = together[0]
+                continue
             sized = [size_convention(robot, part, register, found, e) for e in sizeless(robot)]
             best = min(((g, n, e) for n, (g, e) in enumerate(sized)), key=lambda t: (t[0], t[1]))
         if best[0] > CONVINCING * gap:
@@ -133,3 +143,45 @@ def hypotheses(robot: Robot, campaign: Campaign) -> Iterator[Effect]:
             for zero in np.pi * np.array([0.5, -0.5, 1.0]):
                 yield Effect("joint_coupling", joint.name, None, {"zero_rad": float(zero)})
                 yield Effect("joint_coupling", joint.name, None, {"reversed": True, "zero_rad": float(zero)})
+
+
+def list_countings(robot: Robot) -> list[tuple[str, tuple[Effect, ...]]]:
+    """List controllers that count otherwise than a URDF does, and the conventions that undo each.
+
+    The robot folder's own controller, and those of shipped robots of as many joints. With c the controller's joints and
+    q the URDF's, c = M q + z: q = M^-1 c - M^-1 z.
+    """
+    own = [robot] if robot.folder is not None and (robot.folder / "controller.toml").is_file() else []
+    shipped = [load_robot(name) for name in BRANDS]
+    found: dict[str, tuple[str, tuple[Effect, ...]]] = {}
+    for one in (*own, *(s for s in shipped if s.nq == robot.nq and not robot.prismatic.any())):
+        counting = load_controller(one)
+        inverse = np.linalg.inv(counting.matrix)
+        shift = -np.radians(inverse @ counting.zero)
+        effects: list[Effect] = []
+        for index, joint in enumerate(robot.actuated):
+            table: dict[str, object] = {"reversed": True} if inverse[index, index] < 0 else {}
+            table |= {"zero_rad": float(shift[index])} if abs(shift[index]) > ROUNDING else {}
+            if table:
+                effects.append(Effect("joint_coupling", joint.name, None, table))
+            for other in np.flatnonzero(np.abs(inverse[index]) > ROUNDING):
+                if other != index:
+                    ratio = {"other": robot.joint_names[other], "ratio": float(inverse[index, other])}
+                    effects.append(Effect("joint_coupling", joint.name, None, ratio))
+        if effects:
+            found.setdefault(repr(effects), (counting.name, tuple(effects)))
+    return list(found.values())
+
+
+def name_counting(robot: Robot, effects: Sequence[Effect]) -> str:
+    """Name the controller that counts as conventions say, in either direction of a coupled axis; "" for none."""
+    told = {_say(effect) for effect in effects if effect.name == "joint_coupling"}
+    if not told:
+        return ""
+    return next((name for name, own in list_countings(robot) if {_say(effect) for effect in own} == told), "")
+
+
+def _say(effect: Effect) -> str:
+    """Write a convention without the direction of a coupling, which is the URDF's own matter."""
+    table = {key: abs(value) if key == "ratio" else value for key, value in effect.parameters.items()}
+    return repr((effect.joint, sorted((k, round(v, 6) if isinstance(v, float) else v) for k, v in table.items())))

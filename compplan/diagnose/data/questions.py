@@ -38,6 +38,8 @@ SURE_OF_SIGN, WRONG_SIGN = 10.0, 0.5
 SIGNS = {"right": (1.0, 1.0), "deviations": (-1.0, -1.0), "wrench": (1.0, -1.0), "none": (0.0, 0.0)}
 #: A clock that is further off than this is no lag of a controller (assumed). [s]
 CLOCK = 0.1
+#: Numbers of a frame (theory): a run has to tell three times as many beyond its frames (assumed).
+FRAME_VALUES = 6
 
 
 class QuestionRows(NamedTuple):
@@ -98,7 +100,7 @@ def question_campaign(robot: Robot, campaign: Campaign, register: Sequence[str] 
     conventions = find_conventions(robot, campaign, parts) if far else ()
     # springs pushed the wrong way are no matter where joints are counted wrongly
     sign = None if conventions else ask_sign(robot, rows, register)
-    found = [ask_moment_point(robot, rows), sign, ask_clock(robot, rows, register)]
+    found = [ask_moment_point(robot, rows), sign, ask_clock(robot, rows, register), ask_jogged(rows, register)]
     questions = [question for question in found if question]
     if far:
         gap = typical_gap(robot, rows.campaign, parts, [*known, *conventions], 0.5)
@@ -261,7 +263,8 @@ def ask_sign(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Quest
     Residuals against the rigid robot are fitted by geometry, zeros and frames (with priors), and by a compliance
     c_j >= 0 of every joint: r = ... + sum_j c_j J_j (t_weight + t_load)_j. Reversed deviations fit with both loads
     reversed, a reversed wrench with its own part reversed. Deviations that were negated about the loaded robot are not
-    seen: they look like another compliance.
+    seen: they look like another compliance. Without loads springs are a small part of what is there: those of the wrong
+    sign have to be as sure beside none as beside right ones.
     """
     shapes = shape_elastics(robot, rows.campaign, register)
     if not (np.abs(shapes.weight).any() or np.abs(shapes.load).any()):
@@ -270,13 +273,16 @@ def ask_sign(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Quest
     wrong = min(("deviations", "wrench"), key=lambda name: left[name])
     stays = len(np.unique(rows.campaign.stay))
     certainty = 0.5 * stays * float(np.log(left["right"] / max(left[wrong], 1e-300)))
-    if certainty < SURE_OF_SIGN or left[wrong] > WRONG_SIGN * left["none"]:
+    loaded = bool(np.abs(shapes.load).any())
+    there = 0.5 * stays * float(np.log(left["none"] / max(left[wrong], 1e-300))) >= SURE_OF_SIGN
+    if certainty < SURE_OF_SIGN or not (left[wrong] <= WRONG_SIGN * left["none"] if loaded else there):
         return None
     ratio = f"{100.0 * np.sqrt(left[wrong] / left['right']):.0f} % of what right ones leave"
     if wrong == "deviations":
         said = (
-            f"the arm bends against its loads: springs with the reversed sign leave {ratio}; are the deviations negated"
-            " (nominal minus measured), or is it the wrench of the tool on the part?"
+            f"the arm bends against its {'loads' if loaded else 'weight'}: springs with the reversed sign leave"
+            f" {ratio}; are the deviations mirrored or negated (nominal minus measured)"
+            f"{', or is it the wrench of the tool on the part' if loaded else ''}?"
         )
     else:
         said = (
@@ -304,6 +310,45 @@ def ask_clock(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Ques
         "clock",
         f"positions on paths are {abs(late) * 1e3:.0f} ms {'ahead of' if late > 0 else 'behind'} the joints; are both"
         " clocks the same?",
+    )
+
+
+def ask_jogged(rows: QuestionRows, register: Sequence[str]) -> Question | None:
+    """Ask about runs whose poses lie on the nominal robot while those of others, under the same load, lie far off it.
+
+    Frames are fitted to each run by itself, so that no shift between runs counts. Controllers with an accurate model of
+    the arm correct poses of programs; poses that were jogged by hand are not.
+    """
+    campaign, parts = rows.campaign, tuple(dict.fromkeys(("base", *register)))
+    found: list[tuple[float, float, str]] = []
+    for number in np.unique(campaign.run_index):
+        run = np.flatnonzero((campaign.run_index == number) & ~campaign.on_path)
+        values = 3 * len(np.unique(campaign.pose[run])) - len(parts) * FRAME_VALUES
+        if values < 3 * FRAME_VALUES:
+            continue
+        across = rows.position[run] - rows.position[run].mean(axis=0)
+        if np.linalg.svd(across, compute_uv=False)[1] < NO_EFFECT:
+            continue  # on one line they tell no frame
+        own = campaign.take(run)
+        frames = fit_registration(own, rows.position[run], rows.rotation[run], parts)
+        tool = frames.tool[own.target_index, :3, 3]
+        expected = rows.position[run] + np.einsum("nij,nj->ni", rows.rotation[run], tool)
+        gap = own.position - (expected @ frames.base[:3, :3].T + frames.base[:3, 3])
+        rms = float(np.sqrt(np.sum(gap**2) / len(run) * 3 * len(np.unique(own.pose)) / values))
+        found.append((rms, float(np.linalg.norm(own.wrench, axis=1).mean()), str(own.run[0])))
+    found.sort()
+    splits = [k for k in range(1, len(found)) if found[k - 1][0] < CONVINCING * found[k][0]]
+    if len(splits) != 1:
+        return None
+    near, far = found[: splits[0]], found[splits[0] :]
+    load, other = (float(np.mean([entry[1] for entry in side])) for side in (near, far))
+    if abs(load - other) > CONVINCING * max(load, other) + 1.0:
+        return None
+    return Question(
+        "jogged poses",
+        f"poses of {near[0][2]!r} lie within {_mm(near[-1][0])} (rms) of the nominal robot, those of {far[0][2]!r}"
+        f" {_mm(far[0][0])} off it, frames fitted to each: were the latter jogged by hand? The accurate model of a"
+        " controller acts in programs only",
     )
 
 

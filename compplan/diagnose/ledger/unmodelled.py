@@ -32,6 +32,17 @@ TIME_DEGREE, FIELD_DEGREE = 4, 3
 #: An instrument stands so many times farther away than the target moves (assumed): expanded about the target, what is
 #: curved about the instrument is smaller by this from degree to degree.
 FAR = 8.0
+#: Effects whose errors follow the same as an unmodelled one, by the first words of what that follows (theory).
+MAKERS = {
+    "its own angle": ("transmission_error", "gravity_compensator"),
+    "time": ("thermal_drift", "frame_shift", "tool_shift"),
+    "the weight of the links": ("gravity_sag", "payload"),
+    "the moments on it": ("link_compliance", "joint_stiffness", "stiffness_nonlinearity"),
+    "load and direction": ("backlash",),
+    "the posture alone": ("link_geometry", "joint_offset"),
+    "the force": ("wrench_scale", "wrench_bias", "base_compliance"),
+    "its speed": ("tracking_lag", "time_skew"),
+}
 TURNS = AXES[3:]
 #: Speeds at which friction fades, over the fastest (assumed).
 FADING = (0.05, 0.2, 0.8)
@@ -57,6 +68,19 @@ def unmodelled_signatures(at: Linearization) -> list[Signature]:
 def describe_unmodelled(joint: str | None, driver: str) -> str:
     """Say in words what an unmodelled error depends on."""
     return f"an error {'' if joint is None else f'of {joint} '}that follows {driver}"
+
+
+def names_alike(driver: str, joint: str | None, effect: str, place: str | None) -> bool:
+    """Tell whether a named effect makes an error that follows the same: what is left of that kind is left beside it.
+
+    Args:
+        driver: What the unmodelled error depends on.
+        joint: Its joint, or None.
+        effect: Name of the effect.
+        place: Its joint, or None.
+    """
+    makers = next((names for word, names in MAKERS.items() if driver.startswith(word)), ())
+    return effect in makers and (joint is None or place is None or joint == place)
 
 
 def _offer(
