@@ -16,14 +16,14 @@ from scipy.stats import binomtest
 
 from compplan.errors import UnknownNameError
 from compplan.identify.estimate import Estimate, estimate_parameters
-from compplan.identify.forward import attain_rows
+from compplan.identify.forward import attain_fit
 from compplan.identify.parameters import FreeRobot, build_structure
 from compplan.measure.campaign import Campaign
 from compplan.measure.fit.rows import KNOWN_FRAMES, Rows
 from compplan.measure.made import make_log
 from compplan.measure.poses.pool import draw_candidates
 from compplan.robot import Array, Body, LinkElasticity, Robot, Spring
-from compplan.robot.springs import link_springs, own_springs
+from compplan.robot.springs import link_springs, missing_springs
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium
 
@@ -164,7 +164,7 @@ def measure_coverage(trips: Sequence[RoundTrip], level: float = 0.95) -> Coverag
 
 def _build(robot: Robot, model: str) -> FreeRobot:
     """Give a robot the springs, links and masses of a model, with values that are not zero."""
-    rigid = [replace(spring, compliance=spring.compliance or 1e-6) for spring in own_springs(robot)]
+    rigid = [replace(spring, compliance=spring.compliance or 1e-6) for spring in missing_springs(robot)]
     soft = replace(robot, springs=(*robot.springs, *rigid), effects=())
     first, moving = soft.joints[0], soft.actuated
     if model == "extra springs":
@@ -214,7 +214,7 @@ def _simulate(
             pose[:3, :3] = Rotation.from_rotvec(rng.normal(0, 2e-3, 3)).as_matrix()
             pose[:3, 3] = rng.normal(0, 2e-3, 3)
         frames = replace(KNOWN_FRAMES, base=base, tool=tool[None])
-    seen = attain_rows(structure, truth, Rows(blank, np.arange(len(blank)), frames), frames)
+    seen = attain_fit(structure, truth, Rows(blank, np.arange(len(blank)), frames), frames)
     assert blank.sigma is not None and blank.sigma_rotation is not None
     turn = Rotation.from_rotvec(blank.sigma_rotation[:, None] * rng.standard_normal(seen.position.shape)).as_matrix()
     noisy = seen.position + blank.sigma[:, None] * rng.standard_normal(seen.position.shape)

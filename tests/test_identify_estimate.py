@@ -18,7 +18,7 @@ from compplan.identify import (
 from compplan.measure.made import make_log
 from compplan.measure.poses.pool import draw_candidates
 from compplan.robot import Robot, load_robot
-from compplan.robot.springs import own_springs
+from compplan.robot.springs import missing_springs
 
 
 def soften(robot: Robot, seed: int) -> Robot:
@@ -198,5 +198,5 @@ def test_wrong_shapes_and_names_are_refused_with_what_is_allowed() -> None:
 
 
 def test_a_rigid_robot_gets_a_candidate_spring_at_each_joint() -> None:
-    assert [spring.name for spring in own_springs(load_robot("ur10"))] == list(load_robot("ur10").joint_names)
-    assert own_springs(load_robot("kuka_kr270")) == ()
+    assert [spring.name for spring in missing_springs(load_robot("ur10"))] == list(load_robot("ur10").joint_names)
+    assert missing_springs(load_robot("kuka_kr270")) == ()

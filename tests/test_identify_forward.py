@@ -16,7 +16,7 @@ from compplan.effects.linearization import linearize_scene
 from compplan.errors import InputError, UnknownNameError
 from compplan.identify import KNOWN_FRAMES, Rows, build_structure
 from compplan.identify.campaign import identify_campaign
-from compplan.identify.forward import attain_rows, differentiate, pose_residuals
+from compplan.identify.forward import attain_fit, differentiate, pose_residuals
 from compplan.identify.problem import IdentifyOptions, list_forms
 from compplan.identify.update import update_robot
 from compplan.measure.campaign import Campaign
@@ -49,7 +49,7 @@ def test_the_robot_that_is_written_goes_where_the_fit_said(name: str, links: str
     structure = build_structure(robot, add=candidate_springs(robot)[:4], links=links, forms=forms)
     size = np.array([SIZES[parameter.unit] for parameter in structure.parameters])
     values = structure.nominal + size * np.random.default_rng(4).uniform(0.2, 1.0, len(size))
-    state = attain_rows(structure, values, every_row(log), KNOWN_FRAMES)
+    state = attain_fit(structure, values, every_row(log), KNOWN_FRAMES)
     fit = SimpleNamespace(structure=structure, model_values=values)
     written, notes = update_robot(robot, fit, source="test")  # type: ignore[arg-type]
     assert notes == ()
@@ -64,12 +64,12 @@ def test_derivatives_are_those_of_the_exact_model(links: str | None) -> None:
     options = IdentifyOptions(effects=("backlash@joint_2", "joint_coupling@joint_5:of joint_4"), geometry="all")
     rows = every_row(log)
     structure = build_structure(robot, links=links, forms=list_forms(robot, options, rows))
-    state = attain_rows(structure, structure.nominal, rows, KNOWN_FRAMES)
+    state = attain_fit(structure, structure.nominal, rows, KNOWN_FRAMES)
     columns = differentiate(rows, state)[0]
     for k, parameter in enumerate(structure.parameters):
         step = 1e-2 * SIZES[parameter.unit]
         values = structure.nominal + step * (np.arange(columns.shape[2]) == k)
-        moved = attain_rows(structure, values, rows, KNOWN_FRAMES)
+        moved = attain_fit(structure, values, rows, KNOWN_FRAMES)
         secant = (moved.position - state.position) / step
         # the load's change with the deflection is left out: of the order of load by buckling load
         alike = [j for j, other in enumerate(structure.parameters) if other.unit == parameter.unit]

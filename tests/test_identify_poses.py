@@ -16,7 +16,7 @@ from compplan.identify.problem import IdentifyOptions
 from compplan.measure.poses.determinant import PoseInformation, choose_poses, compare_with_random
 from compplan.measure.poses.pool import draw_candidates
 from compplan.robot import load_robot
-from compplan.robot.springs import own_springs
+from compplan.robot.springs import missing_springs
 from compplan.statics.chain import build_chain
 from compplan.statics.quality import find_characteristic_length, quality_of_poses
 
@@ -25,7 +25,7 @@ from compplan.statics.quality import find_characteristic_length, quality_of_pose
 def test_d_optimal_poses_have_four_fifths_of_the_error_of_random_ones_and_no_parameter_worse(name: str) -> None:
     robot = load_robot(name)
     candidates = draw_candidates(robot, 1000, seed=1)
-    information = weigh_candidates(build_structure(robot, add=own_springs(robot)), candidates)
+    information = weigh_candidates(build_structure(robot, add=missing_springs(robot)), candidates)
     limits = compare_with_random(information, 20, seed=2)
     best = information.standard_errors(choose_poses(information, 20, limits=limits))
     random = compare_with_random(information, 20, draws=400, seed=4)

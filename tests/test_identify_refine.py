@@ -11,7 +11,7 @@ from benchmarks.round_trip import simulate_observations
 from compplan.errors import InputError
 from compplan.identify import KNOWN_FRAMES, Rows, build_structure, estimate_parameters
 from compplan.identify.estimate import leave_poses_out
-from compplan.identify.forward import attain_rows, pose_residuals
+from compplan.identify.forward import attain_fit, pose_residuals
 from compplan.identify.refine import GAIN_LIMIT, refine_structure
 from compplan.identify.spring_place import place_spring
 from compplan.measure.campaign import Campaign
@@ -91,7 +91,7 @@ def test_leaving_blocks_out_at_one_step_equals_fitting_without_them() -> None:
         train, test = rows.take(folds != fold), rows.take(folds == fold)
         fitted = estimate_parameters(structure, train, sigma="stated")
         apart = every_row(test)
-        slow = pose_residuals(apart, attain_rows(structure, fitted.model_values, apart, KNOWN_FRAMES))
+        slow = pose_residuals(apart, attain_fit(structure, fitted.model_values, apart, KNOWN_FRAMES))
         np.testing.assert_allclose(quick[folds == fold, :3], slow[:, :3], atol=2e-7)
 
 

@@ -14,7 +14,7 @@ from compplan.identify import build_structure, estimate_parameters
 from compplan.measure.fit.rows import KNOWN_FRAMES
 from compplan.measure.poses.pool import draw_candidates
 from compplan.robot import LinkElasticity, Robot, Spring, load_robot
-from compplan.robot.springs import own_springs
+from compplan.robot.springs import missing_springs
 
 
 def held(robot: Robot, wrench: np.ndarray, q: np.ndarray, **options: object) -> dict[str, tuple[tuple[str, ...], str]]:
@@ -94,7 +94,7 @@ def test_the_zero_of_joint_1_is_told_together_with_an_unknown_base() -> None:
 def test_own_weight_alone_does_not_load_vertical_axes() -> None:
     robot = load_robot("ur10")
     q = draw_candidates(robot, 60, seed=1).q
-    rigid = replace(robot, springs=tuple(replace(s, compliance=1e-5) for s in own_springs(robot)))
+    rigid = replace(robot, springs=tuple(replace(s, compliance=1e-5) for s in missing_springs(robot)))
     found = held(rigid, np.zeros(6), q)
     first = robot.joint_names[0]
     assert "weight of the links never acts about its axis" in found[first][1]

@@ -27,7 +27,7 @@ from compplan.effects.frame_shift import shift_at
 from compplan.effects.signature import Signature
 from compplan.effects.transmission_error import bump_at, spline_at, waves_at
 from compplan.measure.campaign import Campaign
-from compplan.measure.poses.exchange import choose_best, take_greedily
+from compplan.measure.poses.exchange import settle_choice, take_greedily
 from compplan.measure.poses.information import explain_rows, odds_gains
 from compplan.robot import Robot, load_robot
 
@@ -84,7 +84,7 @@ def test_what_moves_tell_of_two_explanations_is_the_ratio_of_their_likelihoods_i
     def worth(taken: list[int]) -> np.ndarray:
         return odds_gains(*explain_rows(mean, covariance, rows[taken], 1.0), rows)
 
-    chosen = choose_best(worth, take_greedily(worth, 2), 3)
+    chosen = settle_choice(worth, take_greedily(worth, 2), 3)
     best = max(itertools.combinations(range(5), 2), key=told)
     assert {number for number, _ in chosen} == set(best)
     assert sum(added for _, added in chosen) == pytest.approx(told(best))

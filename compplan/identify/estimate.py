@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from compplan.errors import InputError, UnknownNameError
-from compplan.identify.forward import RowState, attain_rows, frame_parameters, linearise
+from compplan.identify.forward import RowState, attain_fit, frame_parameters, linearise
 from compplan.identify.parameters import FreeRobot, Parameter
 from compplan.identify.separability import Inseparable, explain_held, tell_apart
 from compplan.measure.campaign import Campaign
@@ -142,7 +142,7 @@ def fit_rows(structure: FreeRobot, rows: Rows) -> Estimate:
         ConvergenceError: If the iteration does not settle.
     """
     parameters = (*structure.parameters, *frame_parameters(rows.registration, rows.turned))
-    state = attain_rows(structure, structure.nominal, rows, rows.registration)
+    state = attain_fit(structure, structure.nominal, rows, rows.registration)
     system = linearise(rows, state)
     told = forget_turns(system, rows.taken.sights, rows.registration)
     matrix = information(told, told.whitener(np.ones(BLOCKS)), rows.group)
@@ -152,7 +152,7 @@ def fit_rows(structure: FreeRobot, rows: Rows) -> Estimate:
     p, sizes = len(state.values), np.array([parameter.size for parameter in parameters])
 
     def advance(at: RowState, step: Array) -> RowState:
-        return attain_rows(structure, at.values + step[:p], rows, move_frames(at.frames, step[p:], rows.turned))
+        return attain_fit(structure, at.values + step[:p], rows, move_frames(at.frames, step[p:], rows.turned))
 
     state, system, noise, steps = settle_state(
         state, partial(linearise, rows), advance, sizes, free, group=rows.group, loss=rows.loss, sigma=rows.sigma

@@ -77,7 +77,7 @@ class RowState:
         return linearize_scene(self.scene, self.attained, current)
 
 
-def attain_rows(structure: FreeRobot, values: Array, rows: Rows, frames: Registration) -> RowState:
+def attain_fit(structure: FreeRobot, values: Array, rows: Rows, frames: Registration) -> RowState:
     """Solve the loaded equilibrium of a structure with some values at the rows of a fit.
 
     Raises:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.errors import InputError
-from compplan.identify.forward import attain_rows, differentiate, frame_parameters
+from compplan.identify.forward import attain_fit, differentiate, frame_parameters
 from compplan.identify.parameters import FreeRobot
 from compplan.identify.problem import IdentifyOptions, build_considered, list_forms
 from compplan.identify.separability import tell_apart
@@ -47,7 +47,7 @@ def weigh_candidates(
     blank = np.broadcast_to(np.eye(3), (n, 3, 3)) if orientation else None
     log = make_log(candidates.q, candidates.wrench, np.zeros((n, 3)), blank)
     rows = Rows(log, np.arange(n), KNOWN_FRAMES if registration is None else registration)
-    columns = differentiate(rows, attain_rows(structure, structure.nominal, rows, rows.registration))[0]
+    columns = differentiate(rows, attain_fit(structure, structure.nominal, rows, rows.registration))[0]
     sigma = np.repeat([sigma_position, sigma_rotation], 3)
     used = slice(0, 6 if orientation else 3)
     parameters = (*structure.parameters, *frame_parameters(rows.registration, orientation))

@@ -25,7 +25,7 @@ from compplan.measure.fit.system import BLOCKS
 from compplan.measure.fit_frames import fit_registration
 from compplan.measure.registration import PARTS, Registration, fitted_parts, folder_registration, match_targets
 from compplan.robot import Array, Robot
-from compplan.robot.springs import candidate_springs, label_spring, link_springs, own_springs, read_spring
+from compplan.robot.springs import candidate_springs, label_spring, link_springs, missing_springs, read_spring
 
 #: Poses compared with themselves have to be this much quieter than absolute ones before differences are preferred.
 QUIETER = 1.5
@@ -129,7 +129,7 @@ def build_considered(
         extras: Whether springs about every further axis are in it too.
     """
     demanded = tuple(read_spring(robot, name) for name in options.add)
-    own = () if options.springs is not None else own_springs(replace(robot, springs=(*robot.springs, *demanded)))
+    own = () if options.springs is not None else missing_springs(replace(robot, springs=(*robot.springs, *demanded)))
     present = replace(robot, springs=(*robot.springs, *demanded, *own))
     beyond = link_springs(present) if options.link_side else ()
     more = candidate_springs(present) if extras else ()

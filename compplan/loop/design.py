@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from compplan.loop.candidates import Candidates
 from compplan.measure.distance import band_radius
-from compplan.measure.poses.exchange import choose_best, take_greedily
+from compplan.measure.poses.exchange import settle_choice, take_greedily
 from compplan.measure.poses.information import learn_rows, measure_gains
 from compplan.promise.band import Slopes, split_covariance
 from compplan.robot import Array
@@ -148,7 +148,7 @@ def choose_measurements(design: Design, candidates: Candidates, count: int, star
     def worth(taken: list[int]) -> Array:
         return measure_gains(learn_rows(before, rows[taken], design.noise), rows, weight, design.noise)
 
-    chosen = choose_best(worth, take_greedily(worth, count), ROUNDS)
+    chosen = settle_choice(worth, take_greedily(worth, count), ROUNDS)
     return grade_choice(design, rows, [number for number, _ in chosen], before)
 
 

@@ -24,7 +24,7 @@ from compplan.files.tomlfile import (
     refuse_other_types,
 )
 from compplan.program.pendant import PendantTable
-from compplan.program.servo import MotionTable, ServoMotion, list_assumed, read_motion
+from compplan.program.servo import MotionTable, ServoMotion, list_assumed_motion, read_motion
 from compplan.robot import Joint, Robot
 from compplan.robot.urdf import read_urdf
 
@@ -169,7 +169,7 @@ def load_motion(robot: Robot) -> tuple[ServoMotion, list[str]]:
     there = file is not None and file.exists()
     table = read_toml_model(ControllerTable, file).motion if there and file is not None else None
     limits = robot.velocity_limits, robot.acceleration_limits
-    return read_motion(table, robot.prismatic, limits, file), list_assumed(table)
+    return read_motion(table, robot.prismatic, limits, file), list_assumed_motion(table)
 
 
 def to_controller(controller: Counting, q: Array) -> Array:

@@ -129,7 +129,7 @@ def tabulate_motion(motion: ServoMotion, prismatic: NDArray[np.bool_]) -> Mappin
     }
 
 
-def list_assumed(table: MotionTable | None) -> list[str]:
+def list_assumed_motion(table: MotionTable | None) -> list[str]:
     """Name the keys of [motion] that nobody stated."""
     stated = set() if table is None else table.model_fields_set
     if table is not None and table.source == ASSUMED:

@@ -20,7 +20,7 @@ from compplan.report.diagnosis_words import (
 )
 from compplan.report.effect_words import describe_change, describe_parameters, name_effect
 from compplan.report.gap_figures import (
-    draw_candidates,
+    chart_candidates,
     draw_factors,
     draw_histogram,
     draw_residuals,
@@ -248,7 +248,7 @@ def _which(table: Mapping[str, Any], structure: Sequence[str]) -> Section:
     if candidates:
         likely = [c for c in candidates if float(c["probability"]) > UNLIKELY] or list(candidates)
         drawn = [(name_effect(candidate), float(candidate["probability"])) for candidate in likely[:DRAWN]]
-        chart = Chart(draw_candidates(drawn), "Candidates by probability.", 90 + 26 * len(drawn))
+        chart = Chart(chart_candidates(drawn), "Candidates by probability.", 90 + 26 * len(drawn))
         rows = [
             [name_effect(candidate), float(candidate["probability"]), candidate.get("held_out_rms_mm")]
             for candidate in candidates

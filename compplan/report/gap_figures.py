@@ -260,7 +260,7 @@ def draw_factors(factors: Mapping[str, tuple[Array, str]], before: Array, after:
     return figure
 
 
-def draw_candidates(candidates: Sequence[tuple[str, float]]) -> Any:
+def chart_candidates(candidates: Sequence[tuple[str, float]]) -> Any:
     """Draw candidates with their probability as bars, the most probable on top.
 
     Args:

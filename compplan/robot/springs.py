@@ -11,7 +11,7 @@ from compplan.errors import InputError, UnknownNameError
 from compplan.robot.model import SPRING_AXES, Array, LinkElasticity, Robot, Spring
 
 
-def own_springs(robot: Robot) -> tuple[Spring, ...]:
+def missing_springs(robot: Robot) -> tuple[Spring, ...]:
     """List a spring of compliance zero about (or along) the own axis of every commanded joint that has none yet."""
     own = [spring for spring in robot.springs if is_own(robot, spring)]
     taken = {spring.joint for spring in own if spring.actuator or spring.axis != "own"}

@@ -32,7 +32,7 @@ from compplan.diagnose.search.state import Fit
 from compplan.effects import EFFECTS, apply_effects, attain_scene, stage_scene
 from compplan.effects.linearization import Linearization, Place, linearize_scene
 from compplan.effects.signature import Signature
-from compplan.measure.poses.exchange import choose_best, grow_choice
+from compplan.measure.poses.exchange import grow_choice, settle_choice
 from compplan.measure.poses.information import explain_rows, odds_gains
 from compplan.robot import Array
 
@@ -300,7 +300,7 @@ def pick_moves(shown: DifferenceShown, log_odds: float) -> tuple[list[int], floa
         picked, information = [*picked, best], information + added
     if gain_of(information) < WORTH_A_MOVE:
         return [], 0.0
-    chosen = choose_best(worth, picked, ROUNDS)
+    chosen = settle_choice(worth, picked, ROUNDS)
     return [move for move, _ in chosen], sum(added for _, added in chosen)
 
 

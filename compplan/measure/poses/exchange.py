@@ -34,7 +34,7 @@ def take_greedily(worth: Worth, count: int) -> list[int]:
     return [number for number, _ in grow_choice(worth, count)]
 
 
-def choose_best(worth: Worth, taken: Sequence[int], rounds: int) -> list[tuple[int, float]]:
+def settle_choice(worth: Worth, taken: Sequence[int], rounds: int) -> list[tuple[int, float]]:
     """Exchange what is taken, and order it by what each adds to those before it; also return what that is.
 
     Args:
