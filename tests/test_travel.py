@@ -21,6 +21,7 @@ from compplan.loop.gather import Gathered
 from compplan.loop.hold import add_effect, teach_robot
 from compplan.loop.learn import learn_part
 from compplan.loop.travel import choose_travel, state_own
+from compplan.outputs.plan import deliver_plan
 from compplan.path.force_lesson import (
     FILE,
     SCATTER,
@@ -100,6 +101,9 @@ def test_a_plan_and_its_band_read_the_process_file_of_the_robot_folder(job: Job,
     write_learned_force(force_of(1.2, 1.2), job.process, folder, None)
     before, after = (plan_job(load_job(job.file, robot)) for robot in ("kuka_kr270", str(folder)))
     assert after.status == "solved"
+    assert deliver_plan(after, tmp_path / "out")[0].status == "solved"  # joints.csv, read back
+    predicted = np.genfromtxt(tmp_path / "out" / "joints.csv", delimiter=",", names=True, encoding="utf-8")["fy_N"]
+    assert np.abs(predicted).max() == pytest.approx(1370.0)  # as [process] predicts it
     assert after.task.wrench == pytest.approx(1.2 * before.task.wrench)
     assert any("1.2 times the predicted" in note for note in after.notes)
     assert not any("times the predicted" in note for note in before.notes)

@@ -97,7 +97,7 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     stands = _find_stands(plan, len(ahead), len(behind))
     free = np.r_[np.zeros(len(ahead), bool), plan.task.lead, np.zeros(len(behind), bool)]
     position, axis = place_rows(plan)
-    tip = np.hstack([1e3 * position, axis, np.vstack([way.wrench, plan.task.wrench, back.wrench])])
+    tip = np.hstack([1e3 * position, axis, predict_rows(plan)])
     wanted = Commanded(q, time, tip, rows, (first, last), feed, stands, free, choose_rows(plan))
     vote = vote_on_delivery(folder, job.model_dump(by_alias=True, exclude_unset=True), Path(robot), wanted)
     if not vote.breaches and not vote.notes:
@@ -189,9 +189,7 @@ def write_joints(plan: Plan, path: Path, wanted: Array | None = None) -> None:
     time, kept = _list_times(plan), choose_rows(plan)
     q = np.vstack([before.q, plan.q, after.q])
     position, axis = place_rows(plan, wanted)
-    wrench = np.vstack([before.wrench, task.wrench, after.wrench])
-    if task.law is not None and task.law.learned is not None:
-        wrench = task.law.learned.undo(wrench, task.law.T_base_part[:3, :3])
+    wrench = predict_rows(plan)
     stays = np.where(task.leaving, "retract", "approach")
     move = np.where(task.nominal.rapid, "rapid", np.where(task.lead, stays, "cut"))
     columns: dict[str, object] = {"time_s": time}
@@ -201,6 +199,15 @@ def write_joints(plan: Plan, path: Path, wanted: Array | None = None) -> None:
     columns |= {name: wrench[:, k] for k, name in enumerate(WRENCH_HEADERS)}
     columns["move"] = np.array(["approach"] * len(before.q) + move.tolist() + ["retract"] * len(after.q))
     write_table(path, {name: np.asarray(values)[kept] for name, values in columns.items()}, decimals=10)
+
+
+def predict_rows(plan: Plan) -> Array:
+    """Return the wrench that [process] predicts at every row of joints.csv, base axes. Shape (n, 6). [N, N m]"""
+    task = plan.task
+    wrench = np.vstack([plan.approach.wrench, task.wrench, plan.retract.wrench])
+    if task.law is None or task.law.learned is None:
+        return wrench
+    return task.law.learned.undo(wrench, task.law.T_base_part[:3, :3])
 
 
 def _list_times(plan: Plan) -> Array:
