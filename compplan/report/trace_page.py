@@ -42,7 +42,10 @@ def write_trace_page(
         file: The page.
 
     """
-    facts = [(key.replace("_", " "), _write_value(value)) for key, value in summary["motion"].items()]
+    facts = [
+        (key.replace("_", " "), ", ".join(f"{v:g}" for v in value) if isinstance(value, list) else str(value))
+        for key, value in summary["motion"].items()
+    ]
     assumed = ["Blends are parabolas within the zone, of every make.", "Torn rows are one cycle old."]
     if not summary["written"]:
         assumed.append("The folder's own controller values, which were not identified here.")
@@ -50,10 +53,6 @@ def write_trace_page(
     write_page(file, f"Executed path of {robot}", _lede(summary), sections, kind="Trace",
                opening=_open_trace(summary, found), notes=summary["notes"],
                provenance=Provenance(facts, assumed))  # fmt: skip
-
-
-def _write_value(value: Any) -> str:
-    return ", ".join(f"{entry:g}" for entry in value) if isinstance(value, list) else str(value)
 
 
 def _lede(summary: Mapping[str, Any]) -> str:

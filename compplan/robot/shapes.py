@@ -224,7 +224,8 @@ def _judge(body: _Body, reach: float) -> BodyShapes:
     found = BodyShapes(body.link, body.moves, tuple(body.shapes), tuple(body.dropped), unknown)
     if not body.shapes:
         return found
-    points = np.vstack([_corners(shape, body.poses[shape.link]) for shape in body.shapes])
+    placed = ((shape.mesh().vertices, body.poses[shape.link]) for shape in body.shapes)
+    points = np.vstack([vertices @ pose[:3, :3].T + pose[:3, 3] for vertices, pose in placed])
     whole = float(np.linalg.norm(np.ptp(points, axis=0)))
     sizes = [float(np.linalg.norm(np.ptp(shape.mesh().vertices, axis=0))) for shape in body.shapes]
     spans = body.way > LONG_WAY * reach
@@ -236,11 +237,6 @@ def _judge(body: _Body, reach: float) -> BodyShapes:
     else:
         return found
     return replace(found, doubt=doubt)
-
-
-def _corners(shape: UrdfShape, pose: Array) -> Array:
-    """Return the corners of a shape in the frame of its body. Shape (n, 3) [m]."""
-    return np.asarray(shape.mesh().vertices @ pose[:3, :3].T + pose[:3, 3], float)
 
 
 def _numbers(element: ElementTree.Element, key: str, default: str = "") -> list[float]:

@@ -122,7 +122,7 @@ def _solve_pieces(
         extra, start = (
             None if each is None else list(np.ascontiguousarray(each[rows].T)) for each in (bias, theta)
         )
-        columns = np.ascontiguousarray((load[:1] if _one_row(load) else load[rows]).T)
+        columns = np.ascontiguousarray((load[:1] if load.strides[0] == 0 else load[rows]).T)
         turned = np.ascontiguousarray(q[rows].T)
         yield rows, _iterate(part, turned, columns, extra, tolerance, start, first=rows.start, bodies=bodies)
 
@@ -169,10 +169,6 @@ def _iterate(
         f"change {change:.3g} rad or m; the load is near or beyond buckling: check forces, and compliances of the robot"
     )
     raise ConvergenceError(message, residual=change)
-
-
-def _one_row(load: Array) -> bool:
-    return load.strides[0] == 0
 
 
 def spring_torque(chain: Chain, frames: Frames, wrench: Array) -> Array:

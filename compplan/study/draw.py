@@ -21,7 +21,7 @@ from compplan.job.noise import EffectNoise, NoiseTable
 from compplan.known.assumed import known_uncertainty
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
-from compplan.study.factors import PARTS, Factors, link_blocks, to_normal, to_seed
+from compplan.study.factors import PARTS, Factors, link_blocks, to_normal
 from compplan.study.posterior import RobotPosterior, move_by_posterior, take_posterior
 
 #: Assumed where neither job nor robot folder states one, an axis. [m]
@@ -285,7 +285,7 @@ class _Noises:
         column = self.at.factors.columns[factor].start
         drawn = np.empty((shape[0], len(self.points), shape[1]))
         for b, point in enumerate(self.points):
-            key = np.random.SeedSequence([to_seed(point[column]), kind, part])
+            key = np.random.SeedSequence([int(point[column] * 2.0**53), kind, part])
             drawn[:, b] = np.random.Generator(np.random.SFC64(key)).standard_normal(shape)
         return drawn
 

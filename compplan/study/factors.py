@@ -162,8 +162,3 @@ def draw_points(
 def to_normal(points: Array) -> Array:
     """Turn uniform coordinates into standard normal ones."""
     return np.asarray(ndtri(points))
-
-
-def to_seed(coordinate: float) -> int:
-    """Turn a coordinate into a seed."""
-    return int(coordinate * 2.0**53)

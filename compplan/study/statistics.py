@@ -31,20 +31,15 @@ class Interval(NamedTuple):
         return 0.5 * (self.high - self.low)
 
 
-def replicate_means(values: Array, replicates: int) -> Array:
-    """Return the mean of each replicate; sample i belongs to replicate i % replicates. Shape (replicates,)."""
-    return np.array([values[k::replicates].mean() for k in range(replicates)])
-
-
 def estimate_mean(values: Array, replicates: int) -> Interval:
-    """Estimate a mean from replicated samples.
+    """Estimate a mean from replicated samples; sample i belongs to replicate i % replicates.
 
     Args:
         values: One a sample, in their order. Shape (samples,).
         replicates: Number of independent replicates.
 
     """
-    means = replicate_means(values, replicates)
+    means = np.array([values[k::replicates].mean() for k in range(replicates)])
     centre = float(means.mean())
     half = float(t.ppf(0.5 + 0.5 * LEVEL, replicates - 1) * means.std(ddof=1) / np.sqrt(replicates))
     return Interval(centre, centre - half, centre + half)

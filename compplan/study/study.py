@@ -185,8 +185,13 @@ def prepare_study(
     answers = {name: replace(answer, q=answer.q[rows]) for name, answer in blind.items()}
     answers |= prepare_answers(thin, [name for name in chosen if name in ONLINE])
     plant = Plant(noise.plant_lag_ms * 1e-3, noise.plant_delay_ms * 1e-3)
+    answers = {
+        name: answers[name] if (loop := answers[name].loop) is None
+        else replace(answers[name], loop=replace(loop, plant=plant))
+        for name in chosen
+    }  # fmt: skip
     stiffness = find_stiffness(task)
-    study = assemble_study(thin, noise, {name: _with_plant(answers[name], plant) for name in chosen}, len(task))
+    study = assemble_study(thin, noise, answers, len(task))
     return study if stiffness is None else replace(study, coupling=_couple(thin, stiffness[rows]))
 
 
@@ -297,10 +302,6 @@ def _count_softened(task: PlanTask) -> int:
     """Count the waypoints in the softened length, an odd number."""
     step = float(np.median(np.linalg.norm(np.diff(task.position, axis=0), axis=1)))
     return 2 * int(0.5 * SOFT_LENGTH / max(step, 1e-9)) + 1
-
-
-def _with_plant(answer: Answer, plant: Plant) -> Answer:
-    return answer if answer.loop is None else replace(answer, loop=replace(answer.loop, plant=plant))
 
 
 def _make_worker(task: PlanTask, answer: Answer, selection: Array, noise: NoiseTable) -> Worker:
