@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.answer.shares import CALIBRATION, DRAWS, UNEXPLAINED, Part, PosteriorMotion, list_parts
+from compplan.diagnose.answer.shares import CALIBRATION, UNEXPLAINED, Part, PosteriorMotion, list_parts
 from compplan.diagnose.answer.where import Split, split_diagnosis
+from compplan.diagnose.data.agreed import SAMPLE
 from tests.drawn_campaigns import Drawn, draw_robot_files
 from tests.effect_cases import CASES, FITTED, ROBOTS, Place
 
@@ -121,7 +122,7 @@ def test_parts_divide_what_they_explain_by_what_comes_back_without_each(where: W
     by_hand = np.array(back) / np.sum(back) * (1.0 - np.sum(left**2) / np.sum(gap**2))
     assert shares == pytest.approx(by_hand, abs=1e-12)
     assert shares[0] > shares[1] > 0.1
-    assert all(values.shape == (DRAWS,) and values.min() <= share <= values.max()
+    assert all(values.shape == (SAMPLE,) and values.min() <= share <= values.max()
                for values, share in zip(drawn, shares, strict=True))  # fmt: skip
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from compplan.diagnose.answer.delivery import deliver_folders
 from compplan.diagnose.answer.result import Candidate, Diagnosis, Gap
-from compplan.diagnose.answer.verdict import Finding, Verdict, judge_calibration, reach_verdict
+from compplan.diagnose.answer.verdict import MOST_MARGIN, Finding, Verdict, judge_calibration, reach_verdict
 from compplan.diagnose.data.channels import position_residual
 from compplan.diagnose.data.conventions import find_conventions
 from compplan.diagnose.doubt.certainty import MOST_SURE
@@ -17,10 +17,10 @@ from compplan.diagnose.doubt.doubt import Doubt, raise_doubt
 from compplan.diagnose.doubt.held_out import Folds, make_folds
 from compplan.diagnose.search.fit import fit_effects
 from compplan.diagnose.search.polish import polish_fit
-from compplan.diagnose.search.search import Claim, distinct_places
+from compplan.diagnose.search.search import TRIED, Claim, distinct_places
 from compplan.diagnose.search.state import Fit, FitState, Problem, attain_state
 from compplan.effects import attain_scene, robot_effects
-from compplan.effects.linearization import Place
+from compplan.effects.linearization import AXES, Place
 from compplan.effects.scene import Scene
 from compplan.errors import InputError
 from compplan.measure.campaign import Campaign
@@ -31,10 +31,8 @@ from compplan.robot import Array, Robot
 
 #: Candidates that are listed beside named effects and their rivals (assumed).
 RANKED = 12
-#: Fewest rows that a campaign needs (assumed: twice the frames of base and tool).
-FEWEST_ROWS = 12
-#: Log odds of a convention that was found beforehand: beyond doubt (assumed).
-CONVENTION_MARGIN = 100.0
+#: Fewest rows that a campaign needs (theory: twice the values of the frames of base and tool, three to a row).
+FEWEST_ROWS = 2 * len(AXES)
 
 
 def diagnose_campaign(
@@ -86,7 +84,7 @@ def _register(problem: Problem, campaign: Campaign) -> tuple[Registration | None
 def _with_conventions(verdict: Verdict, problem: Problem, known: int) -> Verdict:
     """Put conventions that were found beforehand first among the findings."""
     beforehand = problem.fixed[known:]
-    found = tuple(Finding(e, MOST_SURE, float("inf"), CONVENTION_MARGIN, (), 1.0, -1) for e in beforehand)
+    found = tuple(Finding(e, MOST_SURE, float("inf"), MOST_MARGIN, (), 1.0, -1) for e in beforehand)
     if not found:
         return verdict
     status = {"none": "explained", "unknown": "partly_explained"}.get(verdict.status, verdict.status)
@@ -154,7 +152,7 @@ def rank_candidates(fit: Fit, verdict: Verdict, folds: Folds) -> tuple[Candidate
             continue
         probability[finding.effect.place] = finding.probability
         chosen[finding.effect.place] = Claim(finding.signature, finding.size)
-        for rival in finding.rivals[:3]:
+        for rival in finding.rivals[:TRIED]:
             left = 1.0 - finding.probability
             probability.setdefault(rival.place, 0.5 * finding.probability if rival.alike else 0.5 * left * rival.share)
     alone = search.model([], hyper, fit=False)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from compplan.diagnose.data.agreed import ENOUGH_ROWS, FEW_ROWS, SEED
 from compplan.diagnose.data.channels import block_index
 from compplan.diagnose.doubt.held_out import free_of_frames
 from compplan.diagnose.ledger.evidence import combine_channels
@@ -26,13 +27,8 @@ if TYPE_CHECKING:
     from compplan.diagnose.answer.result import Diagnosis
     from compplan.diagnose.search.state import Fit
 
-#: Parts that the poses are dealt to, shares of them that a learning curve is drawn from, windows of each, and the seed
-#: (assumed).
-PARTS, PORTIONS, WINDOWS, SEED = 20, (0.4, 0.5, 0.6, 0.7, 0.8, 0.9), 10, 12
-#: Fewest groups of poses that a learning curve is drawn from, and fewest poses that are listed as worst
-#: (assumed).
-FEWEST_GROUPS, WORST = 10, 5
-#: How many more poses the curve is asked for (assumed).
+#: How many more poses the curve is asked for, and from how many on it is drawn (assumed: no further ahead than it has
+#: seen).
 MORE = 10
 
 
@@ -126,7 +122,7 @@ def list_worst(diagnosis: Diagnosis) -> tuple[WorstPose, ...]:
         diagnosis: The diagnosis.
     """
     _, after, first = _stays(diagnosis)
-    order = np.argsort(-after, kind="stable")[:WORST]
+    order = np.argsort(-after, kind="stable")[:FEW_ROWS]
     unit = np.where(diagnosis.robot.prismatic, 1e3, 180.0 / np.pi)
     q = diagnosis.fit.problem.campaign.q
     return tuple(WorstPose(int(first[k]), q[first[k]] * unit, float(after[k])) for k in order)
@@ -175,18 +171,18 @@ def draw_learning(diagnosis: Diagnosis) -> Learning | None:
     usable[delivery.fitted.search.ledger.source[0].rows] = True
     group[usable] = np.unique(label[usable], return_inverse=True)[1].reshape(-1)
     groups = int(group.max(initial=-1)) + 1
-    if groups < FEWEST_GROUPS:
+    if groups < MORE:
         return None
     rng = np.random.default_rng(SEED)
-    parts = min(groups, PARTS)
+    parts = min(groups, ENOUGH_ROWS)
     part = np.where(usable, (rng.permutation(groups) % parts)[group], -1)
     products = [_multiply_part(delivery.fitted, part == k) for k in range(parts)]
     frames, freed = _frames(delivery.fitted), free_of_frames(delivery.fitted, groups)
     poses, errors = [], []
-    for portion in PORTIONS:
-        count = min(max(round(portion * parts), 1), parts - 1)
+    # from half of the parts to all but one, and from every part on
+    for count in range(parts // 2, parts):
         squares = []
-        for start in range(0, parts, max(parts // WINDOWS, 1)):
+        for start in range(parts):
             given = (start + np.arange(count)) % parts
             squares.append(_predict_rest(delivery.fitted, frames, [products[k] for k in given], ~np.isin(part, given)))
         poses.append(count / parts * groups)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
+from scipy.special import ndtri
+
+from compplan.diagnose.data.agreed import LEVEL
 from compplan.effects.scene import own_springs
 from compplan.effects.signature import Effect
 from compplan.robot import Robot
 from compplan.robot.uncertainty import Uncertainty, split_unknowns
 
-#: Standard deviations of a two-sided interval of 95 % (theory).
-HALF_WIDTH = 1.96
+#: Standard deviations of a two-sided interval at the agreed level (theory).
+HALF_WIDTH = float(ndtri(0.5 * (1.0 + LEVEL)))
 
 
 def state_change(robot: Robot, effect: Effect, sure: Uncertainty) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from compplan.diagnose.answer.explanations import name_rivals
 from compplan.diagnose.answer.posterior import state_uncertainty
 from compplan.diagnose.answer.verdict import Verdict
 from compplan.diagnose.answer.visits import list_visits
+from compplan.diagnose.data.agreed import NEGLIGIBLE, SURE
 from compplan.diagnose.data.channels import position_residual
 from compplan.diagnose.doubt.blend import Blend, blend_options, build_state, hold_out_blend, hold_out_lawful
 from compplan.diagnose.doubt.held_out import Folds, HeldOut, with_claims
@@ -31,15 +32,6 @@ from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 from compplan.robot.visited import Visited
 
-#: An updated robot has to shrink the held-out gap by this share, or the nominal one stays; a larger model has to
-#: shrink what a smaller one leaves by the second share (assumed: less is worth no change on the shop floor).
-WORTH_IT, WORTH_MORE = 0.01, 0.02
-#: Luck may be as good as the held-out poses show in one case of so many at most (assumed). That a folder is there to be
-#: tested is evidence already, its causes are named or its small errors are fitted; held-out poses can only veto it, and
-#: seven of them, all predicted better, are worth one case of 128.
-LUCK = 0.1
-#: Names that are as sure as this are not weighed anew in parts of the campaign (assumed: at most one in ten is wrong).
-BEYOND_DOUBT = 0.9
 NOMINAL, CAUSES, CALIBRATED = "nominal", "causes", "calibrated"
 
 
@@ -116,7 +108,7 @@ def deliver_folders(
         return (nothing,)
     first = useful[0]
     for option in useful[1:]:
-        if option[2].of(seen).rms < (1.0 - WORTH_MORE) * first[2].of(seen).rms:
+        if option[2].of(seen).rms < (1.0 - NEGLIGIBLE) * first[2].of(seen).rms:
             first = option
     second = [o for o in useful if o[0] != first[0] and (isinstance(o[1], Blend) or o[1])]
     chosen = [first, *sorted(second, key=lambda o: o[2].rms)[:1]]
@@ -148,13 +140,17 @@ def keep_places(folds: Folds, again: Decide, named: Sequence[Claim]) -> Decide:
 
 
 def _is_better(new: HeldOut, nominal: HeldOut, pose: NDArray[np.int_]) -> bool:
-    """Tell whether an updated robot predicts better than the nominal one: by enough, and not by luck."""
-    return new.rms < (1.0 - WORTH_IT) * nominal.rms and new.luck_against(nominal, pose) < LUCK
+    """Tell whether an updated robot predicts better than the nominal one: by enough, and not by luck.
+
+    That a folder is there to be tested is evidence already, its causes are named or its small errors are fitted;
+    held-out poses can only veto it, and seven of them, all predicted better, are worth one case of 128.
+    """
+    return new.rms < (1.0 - NEGLIGIBLE) * nominal.rms and new.luck_against(nominal, pose) < 1.0 - SURE
 
 
 def sure_claims(verdict: Verdict) -> list[Claim]:
     """List named claims that are beyond doubt, or part of the instrument: these go out only where they are named."""
-    sure = [f for f in verdict.findings if f.probability >= BEYOND_DOUBT or of_instrument(f.effect)]
+    sure = [f for f in verdict.findings if f.probability >= SURE or of_instrument(f.effect)]
     return [Claim(f.signature, f.size) for f in sure if f.signature >= 0]
 
 

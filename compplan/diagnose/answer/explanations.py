@@ -15,14 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnose.answer.verdict import Verdict
+from compplan.diagnose.data.agreed import NEGLIGIBLE
 from compplan.diagnose.doubt.ambiguity import Rival, imitate_claim
 from compplan.diagnose.search.state import Fit, FitState
 from compplan.effects import is_of_instrument
 from compplan.effects.signature import Signature
 from compplan.robot import Array
 
-#: Rivals less probable than this are not written (assumed).
-LEAST = 0.02
 #: Frames of a campaign and of a tool are no causes in a robot.
 FRAMES = ("base_frame", "tool_frame", "tool_shift", "frame_shift")
 
@@ -86,6 +85,6 @@ def explain_otherwise(
             mine.append((one, float(np.exp(-0.5 * left))))
         total = 1.0 + sum(weight for _, weight in mine)
         for one, weight in mine:
-            if weight / total >= LEAST:
+            if weight / total >= NEGLIGIBLE:
                 found.append(replace(one, weight=weight / total))
     return found

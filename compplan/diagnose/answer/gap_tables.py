@@ -8,15 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnose.answer.shares import Share, find_interval
+from compplan.diagnose.data.agreed import ENOUGH_ROWS, FEW_ROWS
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array
 
-#: Rows that a region, a load or a stretch of time needs to be listed (assumed).
-FEWEST = 5
-#: Stretches of time at most, and rows of one at least (assumed).
-STRETCHES, STRETCH_ROWS = 8, 20
-#: Percentiles that cut a workspace or the loads into three parts (theory).
-THIRDS = (100 / 3, 200 / 3)
+#: Stretches of time at most (assumed).
+STRETCHES = 8
 
 
 class GapTable:
@@ -59,7 +56,7 @@ def split_runs(table: GapTable, run: NDArray[np.str_]) -> dict[str, dict[str, An
 
 def split_time(table: GapTable, campaign: Campaign, rows: NDArray[np.int_]) -> list[dict[str, Any]]:
     """Split the log into some stretches with equally many rows."""
-    count = min(STRETCHES, max(len(rows) // STRETCH_ROWS, 1))
+    count = min(STRETCHES, max(len(rows) // ENOUGH_ROWS, 1))
     stretch = np.arange(len(rows)) * count // len(rows)
     entries = []
     for number in range(count):
@@ -77,12 +74,12 @@ def split_load(table: GapTable, campaign: Campaign, rows: NDArray[np.int_]) -> l
     loaded = ~campaign.unloaded[rows]
     level = np.zeros(len(rows), int)
     if loaded.any():
-        edges = np.unique(np.percentile(force[loaded], THIRDS))
+        edges = np.unique(np.quantile(force[loaded], np.arange(1, 3) / 3))
         level[loaded] = 1 + np.searchsorted(edges, force[loaded])
     entries = []
     for number in np.unique(level):
         inside = level == number
-        if inside.sum() >= FEWEST:
+        if inside.sum() >= FEW_ROWS:
             reach = [round(float(force[inside].min()), 1), round(float(force[inside].max()), 1)]
             entries.append({"force_N": reach, **table.describe(inside)})
     return entries
@@ -93,14 +90,14 @@ def split_region(table: GapTable, position: Array) -> list[dict[str, Any]]:
     reach, height = np.hypot(position[:, 0], position[:, 1]), position[:, 2]
     parts = []
     for values in (reach, height):
-        edges = np.percentile(values, (0, *THIRDS, 100))
+        edges = np.quantile(values, np.arange(4) / 3)
         parts.append((np.clip(np.searchsorted(edges[1:-1], values, side="right"), 0, 2), edges))
     (ring, ring_edges), (layer, layer_edges) = parts
     entries = []
     for i in range(3):
         for j in range(3):
             inside = (ring == i) & (layer == j)
-            if inside.sum() >= FEWEST:
+            if inside.sum() >= FEW_ROWS:
                 limits = {
                     "reach_mm": [round(1e3 * float(value), 1) for value in ring_edges[i : i + 2]],
                     "height_mm": [round(1e3 * float(value), 1) for value in layer_edges[j : j + 2]],

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.data.agreed import SAMPLE, SEED
 from compplan.effects import attain_scene, stage_scene
 from compplan.measure.campaign import Campaign
 from compplan.measure.poses.pool import take_clear
@@ -28,15 +29,19 @@ KINDS = {
     "warm_up": "let the robot cool down, then measure each pose cold, half warm and warm",
     "two_speeds": "drive the same path slowly and fast",
 }
-#: Share of the joint range that is left free at either end, and largest range that is used at all (assumed). [rad]
-MARGIN, WIDEST = 0.03, np.pi
+#: Share of the joint range that is left free at either end (assumed).
+MARGIN = 0.03
 #: Backing off before a pose is approached from a side: assumed ample for any lost motion. [rad, m]
 BACK_OFF = {"revolute": np.deg2rad(6.0), "prismatic": 0.05}
-#: Candidates of each kind, from which the telling ones are picked (assumed); rows of a sweep and of a path (assumed).
-POSES, LOADED_POSES, REVERSED_POSES, WARM_POSES, SWEEP_ROWS, PATH_ROWS = 40, 16, 4, 10, 11, 24
-#: Seconds between stays; seconds at which a robot is cold, half warm and warm (assumed). [s]
+#: Candidates of new poses, from which the telling ones are picked, and draws for each: some are not clear (assumed).
+POSES = 40
+#: Poses that are measured loaded or while the robot warms up, rows of a sweep and of a path (assumed).
+ROWS = 16
+#: Poses at which each joint is reversed, and loads (assumed).
+FEW = 4
+#: Seconds between stays and between runs; seconds at which a robot is cold, half warm and warm (assumed). [s]
 PACE, COURSE = 15.0, (0.0, 1800.0, 7200.0)
-#: Warm-up where the campaign saw none: assumed. [K]
+#: Warm-up at least, whatever the campaign saw (assumed). [K]
 ASSUMED_RISE = 8.0
 #: Weight that is proposed where the campaign held no load: assumed possible for any robot here. [N]
 ASSUMED_WEIGHT = 50.0
@@ -44,17 +49,10 @@ ASSUMED_WEIGHT = 50.0
 SPEEDS = (0.05, 0.25)
 #: Amplitude of its swing (assumed). [rad]
 SWING = 0.15
-#: Poses drawn for each that is wanted: some are not clear (assumed). Rows of the campaign that show what is clear, and
-#: the radius about the base axis beyond which it always is (assumed). [m]
-DRAWN, SEEN, COLUMN = 40, 400, 0.3
-#: Forces count as different below this cosine of the angle between them; loads at most (assumed).
-DIFFERENT, MOST_LOADS = 0.7, 4
+#: Radius about the base axis beyond which it is always clear (assumed). [m]
+COLUMN = 0.3
 #: The light one of two payloads, over the heavy one (assumed).
 LIGHT = 0.3
-#: Seconds between one run and the next (assumed). Fewest rows of a sweep (theory: a wave with its mean and one more).
-PAUSE, FEWEST_ROWS = 60.0, 4
-#: A rise of temperature above this was a warm-up (assumed). [K]
-WARMED = 1.0
 
 
 @dataclass(frozen=True)
@@ -96,7 +94,7 @@ class Pool:
         return max(row[3] for row in self.rows)
 
 
-def lay_out_moves(robot: Robot, campaign: Campaign, seed: int = 0) -> tuple[Campaign, tuple[MeasuringMove, ...]]:
+def lay_out_moves(robot: Robot, campaign: Campaign, seed: int = SEED) -> tuple[Campaign, tuple[MeasuringMove, ...]]:
     """Lay out candidate moves as the continuation of a campaign.
 
     Poses stay within the joint limits, no lower and no nearer to the base axis than the campaign went; loads stay
@@ -128,7 +126,7 @@ def lay_out_moves(robot: Robot, campaign: Campaign, seed: int = 0) -> tuple[Camp
 
 def draw_poses(robot: Robot, campaign: Campaign, count: int, random: np.random.Generator) -> Array:
     """Draw poses within joint limits that keep clear of floor and column as the campaign did. Shape (<= count, nq)."""
-    q = random.uniform(*joint_range(robot, campaign), (DRAWN * count, robot.nq))
+    q = random.uniform(*joint_range(robot, campaign), (POSES * count, robot.nq))
     return take_clear([q], lambda part: keeps_clear(robot, campaign, part), count)
 
 
@@ -136,7 +134,7 @@ def joint_range(robot: Robot, campaign: Campaign) -> tuple[Array, Array]:
     """Return the joint range that may be visited. Shapes (nq,). [rad or m]"""
     seen = campaign.q[campaign.usable]
     middle = 0.5 * (seen.min(0) + seen.max(0))
-    lower, upper = np.maximum(robot.lower, middle - WIDEST), np.minimum(robot.upper, middle + WIDEST)
+    lower, upper = np.maximum(robot.lower, middle - np.pi), np.minimum(robot.upper, middle + np.pi)
     margin = MARGIN * (upper - lower)
     # a rail is as long as it was seen to be where the folder states no limits
     endless = robot.prismatic & ~(np.isfinite(robot.lower) & np.isfinite(robot.upper))
@@ -146,7 +144,7 @@ def joint_range(robot: Robot, campaign: Campaign) -> tuple[Array, Array]:
 def keeps_clear(robot: Robot, campaign: Campaign, q: Array) -> NDArray[np.bool_]:
     """Tell which poses stand no lower and no nearer to the base axis than the campaign did. Shape (n,)."""
     usable = np.flatnonzero(campaign.usable)
-    some = usable[:: max(1, len(usable) // SEEN)]
+    some = usable[:: max(1, len(usable) // SAMPLE)]
     seen, tip = _tips(robot, campaign.q[some]), _tips(robot, q)
     near = min(float(np.hypot(seen[:, 0], seen[:, 1]).min()), COLUMN)
     return np.asarray((tip[:, 2] >= seen[:, 2].min()) & (np.hypot(tip[:, 0], tip[:, 1]) >= near))
@@ -167,19 +165,21 @@ def given_loads(campaign: Campaign) -> list[Array]:
     picked: list[Array] = []
     for row in order:
         force = wrench[row, :3]
-        if all(force @ other[:3] < DIFFERENT * np.linalg.norm(force) * np.linalg.norm(other[:3]) for other in picked):
+        # nearer to a right angle than to each other
+        size = np.linalg.norm(force) * np.sqrt(0.5)
+        if all(force @ other[:3] < size * np.linalg.norm(other[:3]) for other in picked):
             picked.append(np.round(wrench[row], 1))
-        if len(picked) == MOST_LOADS:
+        if len(picked) == FEW:
             break
     return picked
 
 
 def _add_static(pool: Pool, campaign: Campaign, poses: Array) -> None:
     loads = given_loads(campaign)
-    pool.clock = 0.0 if campaign.time is None else float(np.nanmax(campaign.time)) + PAUSE
+    pool.clock = 0.0 if campaign.time is None else float(np.nanmax(campaign.time)) + PACE
     pool.moves += [MeasuringMove("new_poses", (pool.stay(q),)) for q in poses]
     weight = np.array([0.0, 0.0, -max(float(np.linalg.norm(load[:3])) for load in loads), 0.0, 0.0, 0.0])
-    for number, q in enumerate(poses[:LOADED_POSES]):
+    for number, q in enumerate(poses[:ROWS]):
         load = loads[number % len(loads)]
         pool.moves.append(MeasuringMove("loaded_unloaded", (pool.stay(q), pool.stay(q, load))))
         pool.moves.append(MeasuringMove("sign_flip", (pool.stay(q, load), pool.stay(q, -load))))
@@ -190,7 +190,7 @@ def _add_reversals(pool: Pool, robot: Robot, poses: Array) -> None:
     pool.clock = pool.last()
     for joint, unit in zip(robot.actuated, np.eye(robot.nq), strict=True):
         step = BACK_OFF[joint.kind] * unit
-        for q in poses[:REVERSED_POSES]:
+        for q in poses[:FEW]:
             centre = np.clip(q, robot.lower + step, robot.upper - step)
             rows = [(pool.stay(centre + side * step), pool.stay(centre))[1] for side in (-1.0, 1.0)]
             pool.moves.append(MeasuringMove("reversal", tuple(rows), joint.name))
@@ -201,16 +201,16 @@ def _add_sweeps(pool: Pool, robot: Robot, campaign: Campaign, poses: Array) -> N
     pool.clock = pool.last()
     for index, joint in enumerate(robot.actuated):
         for q in poses[:2]:
-            sweep = np.repeat(q[None], SWEEP_ROWS, axis=0)
-            sweep[:, index] = np.linspace(lower[index], upper[index], SWEEP_ROWS)
+            sweep = np.repeat(q[None], ROWS, axis=0)
+            sweep[:, index] = np.linspace(lower[index], upper[index], ROWS)
             sweep = sweep[keeps_clear(robot, campaign, sweep)]
-            if len(sweep) >= FEWEST_ROWS:
+            if len(sweep) >= FEW:
                 pool.moves.append(MeasuringMove("joint_sweep", tuple(pool.stay(s) for s in sweep), joint.name))
 
 
 def _add_warm_up(pool: Pool, poses: Array) -> None:
     rows = [
-        [pool.add(q, "static_warming", seconds + PACE * number, warmth) for number, q in enumerate(poses[:WARM_POSES])]
+        [pool.add(q, "static_warming", seconds + PACE * number, warmth) for number, q in enumerate(poses[:ROWS])]
         for seconds, warmth in zip(COURSE, (0.0, 0.5, 1.0), strict=True)
     ]
     pool.moves += [MeasuringMove("warm_up", numbers) for numbers in zip(*rows, strict=True)]
@@ -224,8 +224,8 @@ def _add_paths(pool: Pool, robot: Robot, poses: Array) -> None:
             continue
         rows: list[int] = []
         for number, speed in enumerate(SPEEDS):
-            clock += PAUSE
-            for angle in np.linspace(0.0, 2.0 * np.pi, PATH_ROWS):
+            clock += PACE
+            for angle in np.linspace(0.0, 2.0 * np.pi, ROWS):
                 q = centre + SWING * np.sin(angle) * np.eye(robot.nq)[index]
                 moment = clock + SWING * angle / speed
                 rows.append(pool.add(q, f"path_next_{index + 1}_{number + 1}", moment))
@@ -237,8 +237,7 @@ def _continue_campaign(campaign: Campaign, pool: Pool) -> Campaign:
     n, temperature = len(pool.rows), None
     q, wrench, run, time, warmth = (np.array(part) for part in zip(*pool.rows, strict=True))
     if campaign.temperature is not None and campaign.warming is not None:
-        rise = float(np.max(campaign.warming))
-        rise = rise if rise > WARMED else ASSUMED_RISE
+        rise = max(float(np.max(campaign.warming)), ASSUMED_RISE)
         temperature = campaign.reference_temperature + rise * warmth
     return Campaign(
         run=run.astype(np.str_),

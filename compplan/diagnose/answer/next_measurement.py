@@ -23,11 +23,12 @@ from compplan.diagnose.answer.measurement_moves import KINDS, MeasuringMove, lay
 from compplan.diagnose.answer.probe import probe_signature
 from compplan.diagnose.answer.result import Diagnosis, place_table
 from compplan.diagnose.answer.verdict import Finding
+from compplan.diagnose.data.agreed import NEGLIGIBLE, SURE
 from compplan.diagnose.doubt.ambiguity import is_comparable
 from compplan.diagnose.doubt.certainty import TEMPER
 from compplan.diagnose.ledger.offers import registration_signatures
 from compplan.diagnose.ledger.unmodelled import UNMODELLED
-from compplan.diagnose.search.search import Claim, Model
+from compplan.diagnose.search.search import TRIED, Claim, Model
 from compplan.diagnose.search.state import Fit
 from compplan.effects import EFFECTS, apply_effects, attain_scene, stage_scene
 from compplan.effects.linearization import Linearization, Place, linearize_scene
@@ -36,19 +37,13 @@ from compplan.measure.poses.exchange import grow_choice, settle_choice
 from compplan.measure.poses.information import explain_rows, odds_gains
 from compplan.robot import Array
 
-#: Moves of one kind at least, since a single reading may be a gross error, and at most; proposals at most
+#: Moves of one kind at least, since a single reading may be a gross error, and at most; so many proposals at most, too
 #: (assumed).
-FEWEST_MOVES, MOST_MOVES, MOST_PROPOSALS = 3, 8, 6
-#: A move has to add this much expected probability, and a proposal this much; rivals of a claim, at most
-#: (assumed).
-WORTH_A_MOVE, WORTH_IT, RIVALS = 0.01, 0.05, 3
+FEWEST_MOVES, MOST_MOVES = 3, 8
+#: A proposal has to add this much expected probability (assumed).
+WORTH_IT = 0.05
 #: Effects that show in motion only; a path at two speeds is laid out for them.
 OF_MOTION = ("tracking_lag", "time_skew", "backlash")
-#: Claims below this probability are to be separated from the model that lacks them; of two that a campaign cannot tell
-#: apart none is surer than this (assumed).
-UNSURE = 0.9
-#: A kind of move that needs fewer rows is preferred where it is as good within this (assumed).
-AS_GOOD = 0.02
 #: Nodes of the Gauss-Hermite rule (assumed: exact to 1e-6 for the odds that occur).
 NODES = 31
 #: Rounds of exchange (assumed, as in the loop).
@@ -133,7 +128,7 @@ def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     proposals = sorted((found for _, found in tried if found is not None), key=lambda p: -p.gain)
     tables = [summarise_proposal(fit, at, proposal) for proposal in proposals]
     tables += [_inseparable(pair) for pair, found in tried if found is None]
-    return tables[:MOST_PROPOSALS]
+    return tables[:MOST_MOVES]
 
 
 def find_pairs(fit: Fit, findings: Iterable[Finding]) -> Iterable[Pair]:
@@ -156,11 +151,11 @@ def find_pairs(fit: Fit, findings: Iterable[Finding]) -> Iterable[Pair]:
                 best.setdefault(_place(fit, gain.signature), Claim(gain.signature, gain.size))
         place = finding.effect.place
         alike = [rival.place for rival in finding.rivals if rival.alike and rival.place in best]
-        for rival in alike[:RIVALS]:
+        for rival in alike[:TRIED]:
             other = search.model((*rest, best[rival]), model.posterior.hyper, fit=False)
-            odds = np.clip((here.score - other.score) / TEMPER, 0.0, logit(UNSURE))
+            odds = np.clip((here.score - other.score) / TEMPER, 0.0, logit(SURE))
             yield Pair(place, rival, here, other, float(odds))
-        if finding.probability < UNSURE:
+        if finding.probability < SURE:
             odds = float(logit(finding.probability))
             strongest = next((g for g in gains if _place(fit, g.signature) not in (place, *alike)), None)
             if strongest is None or strongest.log_evidence <= 0.0:
@@ -246,7 +241,7 @@ def best_proposal(pair: Pair, design: Array, moves: Sequence[MeasuringMove]) -> 
     best = max((proposal.gain for proposal in found), default=0.0)
     if best < WORTH_IT:
         return None
-    good = [proposal for proposal in found if proposal.gain >= best - AS_GOOD]
+    good = [proposal for proposal in found if proposal.gain >= best - NEGLIGIBLE]
     return min(good, key=lambda p: sum(len(move.rows) for move in p.moves))
 
 
@@ -295,10 +290,10 @@ def pick_moves(shown: DifferenceShown, log_odds: float) -> tuple[list[int], floa
         # a single move may be too little to show although all that are allowed would
         most = information + (MOST_MOVES - len(picked)) * added
         enough = len(picked) >= FEWEST_MOVES or not picked
-        if enough and gain_of(most) < gain_of(information) + WORTH_A_MOVE:
+        if enough and gain_of(most) < gain_of(information) + NEGLIGIBLE:
             break
         picked, information = [*picked, best], information + added
-    if gain_of(information) < WORTH_A_MOVE:
+    if gain_of(information) < NEGLIGIBLE:
         return [], 0.0
     chosen = settle_choice(worth, picked, ROUNDS)
     return [move for move, _ in chosen], sum(added for _, added in chosen)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnose.answer.explanations import Explanation, explain_otherwise
+from compplan.diagnose.data.agreed import SAMPLE
 from compplan.diagnose.data.channels import group_poses
 from compplan.diagnose.doubt.ambiguity import Rival
 from compplan.diagnose.doubt.held_out import HeldOut, with_claims
@@ -31,11 +32,12 @@ from compplan.measure.distance import calibrate_band
 from compplan.robot import Array
 from compplan.robot.uncertainty import RivalRobot, Uncertainty, Unknown, spread_unknowns
 
-#: Distances over which an unexplained error may forget itself: those that are tried, and what is taken where poses are
-#: too few to tell (assumed). [m]
-SCALES, SCALE = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.3), 0.3
-#: Poses whose pairs tell that distance: fewest and most (assumed: thirty poses have four hundred pairs).
-FEWEST_POSES, MOST_POSES = 30, 400
+#: Distances over which an unexplained error may forget itself (assumed). [m]
+SCALES = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.3)
+#: What is taken where poses are too few to tell: the middle of them. [m]
+SCALE = SCALES[len(SCALES) // 2]
+#: Fewest poses whose pairs tell that distance (assumed: thirty poses have four hundred pairs).
+FEWEST_POSES = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +201,7 @@ def find_scale(place: Array, left: Array, pose: NDArray[np.int_]) -> float:
     if len(count) < FEWEST_POSES:
         return SCALE
     mean = [np.stack([np.bincount(index, part[:, k]) / count for k in range(3)], axis=1) for part in (place, left)]
-    few = np.unique(np.linspace(0, len(count) - 1, MOST_POSES).astype(int))
+    few = np.unique(np.linspace(0, len(count) - 1, SAMPLE).astype(int))
     at, error = mean[0][few], mean[1][few]
     i, j = np.triu_indices(len(at), 1)
     square, product = np.sum((at[i] - at[j]) ** 2, axis=1), np.einsum("ni,ni->n", error[i], error[j])

@@ -6,14 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from compplan.diagnose.data.agreed import ROUNDING
 from compplan.effects import apply_effects, attain_scene, transmission_error
 from compplan.effects.linearization import Linearization
 from compplan.effects.scene import Attained
 from compplan.effects.signature import Signature
 from compplan.robot import Array
 
-#: Step of the finite differences of an exact model, in units of a parameter's scale (assumed).
-NUDGE = 1e-2
+#: Step of the finite differences of an exact model, in units of a parameter's scale (theory: its error, and that of a
+#: model solved to rounding, are alike there).
+NUDGE = float(np.sqrt(ROUNDING))
 
 
 def probe_signature(at: Linearization, signature: Signature) -> Signature:

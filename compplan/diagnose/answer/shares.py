@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnose.answer.verdict import CLAIMED, Finding
+from compplan.diagnose.data.agreed import ENOUGH_ROWS, LEVEL, SAMPLE, SEED
 from compplan.diagnose.data.channels import position_residual
 from compplan.diagnose.ledger.offers import REGISTRATION
 from compplan.diagnose.search.state import FitState, attain_state
@@ -34,15 +35,8 @@ if TYPE_CHECKING:
     from compplan.diagnose.search.state import Fit
 
 CALIBRATION, UNEXPLAINED = "small errors everywhere", "not explained"
-#: Groups of poses that are drawn anew, draws, and the rows that are looked at, at most; more are thinned evenly
-#: (assumed: an interval to a twentieth of its width).
-BLOCKS, DRAWS, ROWS = 40, 400, 2000
-#: Rows of a stretch of a path that is drawn as one (assumed: neighbours share their errors).
-STRETCH_ROWS = 15
-#: Probability that an effect sits at one of its rivals' places, where it has some (assumed: no better, no worse).
-ELSEWHERE = 0.5
-#: Ends of an interval of 95 % (theory). [percent]
-ENDS = (2.5, 97.5)
+#: Rows that are looked at, at most; more are thinned evenly (assumed: seconds of work).
+ROWS = 2000
 
 
 @dataclass(frozen=True)
@@ -128,7 +122,7 @@ class Shares:
     motions: dict[str, Array] = field(default_factory=dict)
 
 
-def divide_gap(diagnosis: Diagnosis, seed: int = 0) -> Shares:
+def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> Shares:
     """Divide the gap of a diagnosis among its causes.
 
     Args:
@@ -198,14 +192,14 @@ class PosteriorMotion:
         values, vectors = np.linalg.eigh(posterior.covariance)
         # symmetric: a draw does not hang on the signs that an eigenvector happens to have
         root = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
-        self.draws = self.mean[:, None] + root @ rng.normal(size=(len(values), DRAWS))
+        self.draws = self.mean[:, None] + root @ rng.normal(size=(len(values), SAMPLE))
         first = self.take_frames((ledger.observed[0][chosen] * source.sigma[chosen]).ravel()[:, None])[:, 0]
         self.first_order = first
         self.conventions = _find_conventions(diagnosis, self)
         self.gap = first + sum((motion for _, motion in self.conventions), np.zeros_like(first))
         block = np.unique(draw_blocks(diagnosis.fit.problem.campaign, rng)[self.rows], return_inverse=True)[1]
         count = int(block.max(initial=0)) + 1
-        weight = rng.multinomial(count, np.full(count, 1.0 / count), size=DRAWS).T.astype(float)
+        weight = rng.multinomial(count, np.full(count, 1.0 / count), size=SAMPLE).T.astype(float)
         self.weight = np.repeat(weight[block], 3, axis=0)
         square = float(self.gap @ self.gap) / len(self.rows)
         self.noise = float(np.clip(diagnosis.verdict.structure.floor**2 / max(square, 1e-300), 0.0, 1.0))
@@ -226,7 +220,7 @@ class PosteriorMotion:
         return np.flatnonzero(np.isin(self.columns, columns))
 
     def divide(self, parts: Sequence[Part], added: Sequence[Part]) -> tuple[list[float], list[Array]]:
-        """Return the share of each part, and drawn shares of shape (DRAWS,).
+        """Return the share of each part, and drawn shares of shape (SAMPLE,).
 
         Args:
             parts: Parts of one posterior.
@@ -235,7 +229,7 @@ class PosteriorMotion:
         whole = np.maximum(self.weight.T @ self.gap**2, 1e-300)
         square = max(float(self.gap @ self.gap), 1e-300)
         total = sum((part.motion for part in parts), np.zeros_like(self.gap))
-        every = np.zeros((len(self.gap), DRAWS))
+        every = np.zeros((len(self.gap), SAMPLE))
         for part in parts:
             every += self.draw_motion(part)
         point, drawn = [], []
@@ -247,7 +241,7 @@ class PosteriorMotion:
         explained = np.array([1.0 - float(left @ left) / square])
         point = list(_scale_to(np.array(point).reshape(-1, 1), explained)[:, 0])
         explained = 1.0 - np.einsum("ij,ij->j", self.weight, rest**2) / whole
-        drawn = list(_scale_to(np.array(drawn).reshape(-1, DRAWS), explained))
+        drawn = list(_scale_to(np.array(drawn).reshape(-1, SAMPLE), explained))
         for part in added:
             own = part.motion * (2.0 * left - part.motion)
             point.append(max(float(own.sum()) / square, 0.0))
@@ -255,18 +249,19 @@ class PosteriorMotion:
         return [float(value) for value in point], drawn
 
     def draw_motion(self, part: Part) -> Array:
-        """Draw the motion of a part. Shape (3 r, DRAWS). [m]"""
+        """Draw the motion of a part. Shape (3 r, SAMPLE). [m]"""
         if not len(part.columns):
-            return np.repeat(part.motion[:, None], DRAWS, axis=1)
+            return np.repeat(part.motion[:, None], SAMPLE, axis=1)
         return np.asarray(self.design[:, part.columns] @ self.draws[part.columns])
 
     def draw_fate(self, parts: Sequence[Part]) -> list[NDArray[np.int_]]:
-        """Draw where each part sits: -1 nowhere, 0 at its place, k at its rival k. Shape (DRAWS,) each."""
+        """Draw where each part sits: -1 nowhere, 0 at its place, k at its rival k. Shape (SAMPLE,) each."""
         fates = []
         for part in parts:
-            rivals = self.rng.integers(1, len(part.elsewhere) + 1, DRAWS) if part.elsewhere else np.zeros(DRAWS, int)
-            fate = np.where(self.rng.random(DRAWS) < ELSEWHERE, rivals, 0)
-            fates.append(np.where(self.rng.random(DRAWS) < part.probability, fate, -1))
+            rivals = self.rng.integers(1, len(part.elsewhere) + 1, SAMPLE) if part.elsewhere else np.zeros(SAMPLE, int)
+            # a place that the campaign cannot tell from another is no better and no worse
+            fate = np.where(self.rng.random(SAMPLE) < 0.5, rivals, 0)
+            fates.append(np.where(self.rng.random(SAMPLE) < part.probability, fate, -1))
         return fates
 
 
@@ -314,16 +309,16 @@ def draw_blocks(campaign: Campaign, rng: np.random.Generator) -> NDArray[np.int_
     on_path = campaign.on_path
     for run in np.unique(campaign.run_index[on_path]):
         inside = np.flatnonzero(on_path & (campaign.run_index == run))
-        stretches = max(len(inside) // STRETCH_ROWS, 1)
+        stretches = max(len(inside) // ENOUGH_ROWS, 1)
         start = int(label.max()) + 1
         label[inside] = start + np.arange(len(inside)) * stretches // len(inside)
-    _, block = np.unique(label % BLOCKS, return_inverse=True)
+    _, block = np.unique(label, return_inverse=True)
     return np.asarray(block)
 
 
 def find_interval(share: float, drawn: Array) -> Share:
     """Return a share with the interval of its draws."""
-    low, high = np.percentile(drawn, ENDS)
+    low, high = np.quantile(drawn, 0.5 + LEVEL * np.array([-0.5, 0.5]))
     return Share(*(float(np.clip(value, 0.0, 1.0)) for value in (share, min(low, share), max(high, share))))
 
 
@@ -378,17 +373,17 @@ def add_up(
         names: All names.
         homes: Name of each part, and of each of its rivals.
         stated: Share of each part, 0 where it is too improbable to be named.
-        drawn: Drawn shares of each part. Shape (DRAWS,) each.
-        fate: Which of its names a part has in each draw, -1 for none. Shape (DRAWS,) each.
+        drawn: Drawn shares of each part. Shape (SAMPLE,) each.
+        fate: Which of its names a part has in each draw, -1 for none. Shape (SAMPLE,) each.
         noise: Share that noise explains.
     """
-    draws = {name: np.zeros(DRAWS) for name in names}
+    draws = {name: np.zeros(SAMPLE) for name in names}
     shares = dict.fromkeys(names, 0.0)
     for own, share, values, where in zip(homes, stated, drawn, fate, strict=True):
         shares[own[0]] += share
         for number, name in enumerate(own):
             draws[name] += values * (where == number)
-    rest = np.maximum(1.0 - noise - sum(draws.values(), np.zeros(DRAWS)), 0.0)
+    rest = np.maximum(1.0 - noise - sum(draws.values(), np.zeros(SAMPLE)), 0.0)
     result = {name: find_interval(shares[name], draws[name]) for name in shares}
     return {**result, UNEXPLAINED: find_interval(max(1.0 - noise - sum(shares.values()), 0.0), rest)}
 

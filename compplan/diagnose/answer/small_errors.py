@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnose.answer.shares import Part, PosteriorMotion, Share, add_up, find_interval
+from compplan.diagnose.data.agreed import SEED
 from compplan.diagnose.doubt.held_out import make_folds
 from compplan.diagnose.ledger.evidence import combine_channels
 from compplan.diagnose.ledger.ledger import Ledger, select_rows
@@ -84,7 +85,7 @@ class SmallErrors:
         }
 
 
-def divide_small_errors(diagnosis: Diagnosis, seed: int = 0) -> SmallErrors | None:
+def divide_small_errors(diagnosis: Diagnosis, seed: int = SEED) -> SmallErrors | None:
     """Divide a gap among the errors of the robot that goes out; None where the nominal one does.
 
     Args:

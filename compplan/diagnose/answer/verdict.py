@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.data.agreed import ROUNDING, SURE
 from compplan.diagnose.doubt.ambiguity import Rival, find_rivals
 from compplan.diagnose.doubt.bounds import find_breach
 from compplan.diagnose.doubt.certainty import Evidence, rate_certainty
@@ -20,7 +21,7 @@ from compplan.diagnose.ledger.evidence import STEPS, Hyper
 from compplan.diagnose.ledger.ledger import forms_that_hold
 from compplan.diagnose.ledger.offers import REGISTRATION
 from compplan.diagnose.ledger.unmodelled import UNMODELLED
-from compplan.diagnose.search.search import Claim, Search, distinct_places
+from compplan.diagnose.search.search import TRIED, Claim, Search, distinct_places
 from compplan.diagnose.search.state import Fit
 from compplan.effects.linearization import Place
 from compplan.effects.signature import Effect
@@ -28,8 +29,6 @@ from compplan.robot import Array
 
 #: An effect is named from this probability on (theory: more likely than not; the contract of diagnosis.json).
 CLAIMED = 0.5
-#: Rivals of each claim that are fitted in its place (assumed).
-RIVALS = 3
 #: Noise floors that may be left where a gap counts as explained, or as none at all (assumed: the project's own rule).
 FLOORS_LEFT = 1.5
 #: A gap is one of a robot that was not calibrated where lawful small errors leave this share of it (assumed: the
@@ -44,17 +43,16 @@ STRUCTURE_GAIN, STRUCTURE_SIZE = 6.0, 0.5
 NAMEABLE = 0.8
 #: Neither is one that is less than this share of the gap where frames were registered (assumed).
 NAMEABLE_SHARE = 0.1
-#: What shows in the readings alone has to be this many standard deviations large (theory: one in 370 by
-#: chance); what moves the target less than this does not show there, in noise floors (assumed).
-PLAIN, UNSEEN = 3.0, 1e-6
+#: What shows in the readings alone has to be this many standard deviations large (theory: one in 370 by chance).
+PLAIN = 3.0
 #: A zero that is off by more than this [rad or m] is counted wrongly, not adjusted badly: centimetres at the tool
 #: (assumed).
 FAR_ZERO = 0.02
 #: What an unknown error follows is said where it carries this share of it (assumed).
 SPOKEN_OF = 0.4
-#: Probability of a claim that errors without a name explain as well, and of one whose form is no law of its effect or
-#: whose size no robot can have (assumed: one in five; one in ten).
-GIVEN_UP, SHAPELESS = 0.2, 0.1
+#: Probability of a claim that errors without a name explain as well, of one whose form is no law of its effect and of
+#: one whose size no robot can have.
+SHAPELESS = 1.0 - SURE
 #: Margins beyond this are not told apart (assumed).
 MOST_MARGIN = 1e3
 #: Share of the values that is left to the noise at least, however many a model takes (assumed).
@@ -234,7 +232,7 @@ def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Clai
     wider = forms_that_hold(search.ledger, claim.signature)
     gains = [g for g in search.gains(without) if g.signature not in wider]
     gains = [g for g in gains if search.ledger.signatures[g.signature].place not in same]
-    for gain in distinct_places(search, gains, RIVALS):
+    for gain in distinct_places(search, gains, TRIED):
         scores.append(search.model((*rest, Claim(gain.signature, gain.size)), hyper, fit=False).score)
     best = float(np.logaddexp.reduce(scores))
     return float(np.clip(whole.score - best, -MOST_MARGIN, MOST_MARGIN)) if np.isfinite(best) else 0.0
@@ -280,7 +278,7 @@ def given_up(fit: Fit, doubt: Doubt, small: float) -> tuple[Finding, ...]:
         if signature.place not in kept and explained >= small:
             effect = signature.effect(values[columns] * signature.scale)
             rivals = tuple(find_rivals(fit, claim.signature, values))
-            found.append(Finding(effect, GIVEN_UP, explained, 0.0, rivals, claim.size, claim.signature))
+            found.append(Finding(effect, SHAPELESS, explained, 0.0, rivals, claim.size, claim.signature))
     return tuple(found)
 
 
@@ -302,7 +300,7 @@ def only_in_readings(fit: Fit, doubt: Doubt, finding: Finding) -> bool:
     columns = ledger.columns(finding.signature)
     values = doubt.model.posterior.values(doubt.search.ledger.p)[columns]
     moves = [np.sqrt(np.mean(np.sum((d[..., columns] @ values) ** 2, axis=1))) for d in ledger.designs]
-    return bool(moves[0] < UNSEEN and max(moves) > PLAIN)
+    return bool(moves[0] < ROUNDING and max(moves) > PLAIN)
 
 
 def measure_structure(fit: Fit, doubt: Doubt) -> Structure:

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from compplan.diagnose.answer.delivery import CALIBRATED
 from compplan.diagnose.answer.gap_tables import GapTable, split_load, split_region, split_runs, split_time
-from compplan.diagnose.answer.shares import DRAWS, UNEXPLAINED, Share, Shares, divide_gap, draw_blocks
+from compplan.diagnose.answer.shares import ROWS, UNEXPLAINED, Share, Shares, divide_gap, draw_blocks
 from compplan.diagnose.answer.small_errors import SmallErrors, divide_small_errors
 from compplan.diagnose.answer.traces import Trace, trace_findings
+from compplan.diagnose.data.agreed import SAMPLE, SEED
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, locate_frames
@@ -24,8 +25,6 @@ from compplan.statics.chain import build_chain, locate_frames
 if TYPE_CHECKING:
     from compplan.diagnose.answer.result import Diagnosis
 
-#: Rows that tables are made of, at most; longer logs are thinned evenly (assumed: seconds of work).
-ROWS = 6000
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +92,7 @@ class Split:
         }
 
 
-def split_diagnosis(diagnosis: Diagnosis, seed: int = 0) -> Split:
+def split_diagnosis(diagnosis: Diagnosis, seed: int = SEED) -> Split:
     """Split the gap of a diagnosis: what its nominal robot leaves, outliers left out.
 
     Args:
@@ -114,7 +113,7 @@ def split_diagnosis(diagnosis: Diagnosis, seed: int = 0) -> Split:
 
 
 def spread_gap(
-    robot: Robot, campaign: Campaign, before: Array, after: Array, used: NDArray[np.bool_], seed: int = 0
+    robot: Robot, campaign: Campaign, before: Array, after: Array, used: NDArray[np.bool_], seed: int = SEED
 ) -> Division:
     """Spread a gap over direction, runs, time, load and region.
 
@@ -131,7 +130,7 @@ def spread_gap(
     rows = rows[:: -(-len(rows) // ROWS)]
     _, block = np.unique(draw_blocks(campaign, rng)[rows], return_inverse=True)
     count = int(block.max(initial=0)) + 1
-    draws = rng.multinomial(count, np.full(count, 1.0 / count), size=DRAWS).astype(float)
+    draws = rng.multinomial(count, np.full(count, 1.0 / count), size=SAMPLE).astype(float)
     table = GapTable(before[rows], after[rows], block, draws)
     frames = locate_frames(build_chain(robot), campaign.q[rows])
     by_axis = {axis: table.along(np.eye(3)[k]) for k, axis in enumerate("xyz")}

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.data.agreed import NEGLIGIBLE
 from compplan.diagnose.ledger.gains import combine_ledger
 from compplan.diagnose.ledger.offers import REGISTRATION
 from compplan.diagnose.ledger.unmodelled import UNMODELLED
@@ -20,10 +21,6 @@ ALIKE = 0.975
 #: or if what it leaves of the other is this small: sum of squares over the campaign, in units of the noise variance
 #: (theory: four standard deviations, log odds of 8).
 BELOW_NOISE = 16.0
-#: Where frames explain all but this share of an effect, the whole of it counts (assumed).
-LEFT_BY_FRAMES = 0.02
-#: Rivals of a claim that are kept at most, in each of three lists (assumed).
-MOST_RIVALS = 8
 
 
 @dataclass(frozen=True)
@@ -75,7 +72,7 @@ def find_rivals(fit: Fit, signature: int, values: Array | None = None) -> list[R
         rival = Rival(other.place, share, (1.0 - share) * energy, len(theirs))
         if other.place not in best or rival.share > best[other.place].share:
             best[other.place] = rival
-    return sorted(best.values(), key=lambda r: -r.share)[: 3 * MOST_RIVALS]
+    return sorted(best.values(), key=lambda r: -r.share)
 
 
 def imitate_claim(fit: Fit, signature: int, place: Place, values: Array) -> tuple[int, Array, float]:
@@ -110,7 +107,8 @@ def _measure_trace(fit: Fit, columns: NDArray[np.int_], values: Array) -> tuple[
     whole = float(values @ gram[np.ix_(columns, columns)] @ values)
     free = _without(gram, _frame_columns(fit))
     energy = float(values @ free[np.ix_(columns, columns)] @ values)
-    return (gram, whole) if energy < LEFT_BY_FRAMES * whole else (free, energy)
+    # what frames explain nearly whole counts as it is
+    return (gram, whole) if energy < NEGLIGIBLE * whole else (free, energy)
 
 
 def _frame_columns(fit: Fit) -> NDArray[np.int_]:

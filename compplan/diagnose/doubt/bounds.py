@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from compplan.diagnose.data.agreed import ROUNDING
 from compplan.diagnose.search.state import Fit
 from compplan.effects import Effect
 from compplan.effects.gravity_compensator import shapes as shapes_of_balancer
@@ -20,9 +21,9 @@ from compplan.robot.mounting import mounted_tool
 #: Motion of the target by one claim over the gap: more than ten gaps are there only because others cancel them
 #: (assumed).
 MOST_MOTION = 10.0
-#: Mass at the flange over the rated payload, and over the mass of the arm where no data sheet is there (assumed: arms
-#: carry less than they weigh, and a tenth more than they are sold for).
-OVER_RATING, OVER_ARM = 1.1, 1.0
+#: Mass at the flange over the rated payload (assumed: arms carry a tenth more than they are sold for; where no data
+#: sheet is there, less than they weigh).
+OVER_RATING = 1.1
 #: A mass at the flange has its centre behind it by this at most (assumed: the length of a wrist, with its cables). [m]
 BEHIND = 0.1
 #: A balancer carries this many times the largest load on its joint at most (assumed: twice the weight, a tool in hand).
@@ -33,8 +34,6 @@ OF_SOFT_ZONE, OF_LAW = 1.0, 2.0
 #: Least ratio of a coupling: no gear stage of a robot has more than three hundred to one (assumed; maker's tables of
 #: strain wave and cycloidal gears end at 200 to 250).
 LEAST_RATIO = 1.0 / 300.0
-#: Length from which on a tool says where the flange looks (assumed). [m]
-TELLS_AXIS = 0.01
 
 
 def find_breach(fit: Fit, effect: Effect, explained: float, gap: float) -> str:
@@ -62,7 +61,7 @@ def _check_payload(fit: Fit, effect: Effect) -> str:
     if rating is not None and whole > OVER_RATING * rating[0]:
         return f"{whole:.3g} kg on the flange, the arm is sold for {rating[0]:g} kg"
     arm = float(sum(body.mass for body in robot.bodies)) - carried_mass(robot)
-    if rating is None and whole > OVER_ARM * arm:
+    if rating is None and whole > arm:
         return f"{whole:.3g} kg on the flange, the arm itself weighs {arm:.3g} kg"
     behind = -float(outward_axis(fit) @ moment)
     if added > 0.0 and behind > BEHIND * whole:
@@ -74,7 +73,7 @@ def outward_axis(fit: Fit) -> Array:
     """Return the direction in which the flange looks, in its own frame: towards the tool, else its z. Shape (3,)."""
     tip = mounted_tool(fit.problem.robot)[:3, 3]
     length = float(np.linalg.norm(tip))
-    return np.asarray(tip / length) if length > TELLS_AXIS else np.array([0.0, 0.0, 1.0])
+    return np.asarray(tip / length) if length > ROUNDING else np.array([0.0, 0.0, 1.0])
 
 
 def _check_balancer(fit: Fit, effect: Effect) -> str:

@@ -20,13 +20,13 @@ TEMPER = 2.0
 #: explained as fully, and of the likeness of what is left. No weight may be negative. The number of values of a form
 #: does not stand here: the margin has paid for it.
 CONSTANT, MARGIN, REPEATED, IMITATED, LIKENESS = -4.04, 0.57, 0.55, 0.69, 0.83
-#: Margins beyond the first count by their logarithm alone; those below the second tell no more (assumed).
-MARGIN_SCALE, LEAST_MARGIN = 5.0, -20.0
+#: Margins beyond this count by their logarithm alone (assumed).
+MARGIN_SCALE = 5.0
 #: Neither do imitations rarer or more frequent than these: the first is what the causes drawn can tell; beyond the
 #: second a larger cause stands beside the claim, and whether that has a name says nothing about this one (assumed).
 LEAST_IMITATED, MOST_IMITATED = 0.02, 0.15
 #: Less than a tenth of a claim's own motion left along it says nothing, and neither does more than all of it (assumed).
-LEAST_ALIKE, MOST_ALIKE = 0.1, 1.0
+LEAST_ALIKE = 0.1
 
 
 @dataclass(frozen=True)
@@ -62,9 +62,9 @@ class Evidence:
 
 def features_of(evidence: Evidence) -> Array:
     """Return what the map weighs: margin, repetition, imitation, likeness. Shape (4,)."""
-    margin = np.arcsinh(max(min(evidence.margin, evidence.plain), LEAST_MARGIN) / MARGIN_SCALE)
+    margin = np.arcsinh(min(evidence.margin, evidence.plain) / MARGIN_SCALE)
     imitated = np.log(np.clip(evidence.imitated, LEAST_IMITATED, MOST_IMITATED))
-    alike = np.log(np.clip(evidence.likeness, LEAST_ALIKE, MOST_ALIKE))
+    alike = np.log(np.clip(evidence.likeness, LEAST_ALIKE, 1.0))
     return np.array([margin, evidence.repeated, -imitated, -alike])
 
 

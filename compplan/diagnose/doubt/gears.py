@@ -13,10 +13,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.data.channels import group_poses
 from compplan.diagnose.doubt.doubt import Doubt
 from compplan.diagnose.doubt.repetition import draw_halves
 from compplan.diagnose.ledger.evidence import find_posterior
 from compplan.diagnose.ledger.ledger import select_rows
+from compplan.diagnose.ledger.proposals import TRIED, TRIED_A_WAVE
 from compplan.diagnose.search.search import Claim
 from compplan.diagnose.search.state import Fit
 from compplan.effects import gravity_sag
@@ -24,14 +26,9 @@ from compplan.effects.signature import Signature
 from compplan.effects.transmission_error import periods_seen
 from compplan.robot import Array
 
-#: A wave has to explain this much log likelihood beside the others (theory: the best of some thousand periods of pure
-#: noise, log 1000, and two values that a hundred poses tell, log 100).
-OWN_GAIN = 11.5
-#: A half predicts the other where the sizes and phases it gives a wave have this product at least with those of the
-#: other, in squares of the larger (theory: with less it predicts worse than no wave); so many pairs of halves have to.
-PREDICTS, AGREED = 0.5, 0.75
-#: A lawful form explains most of what a curve of no law does where it has this part of its log evidence (assumed: in
-#: drawn campaigns true gear errors have .85 and more but for one, other causes mostly less than .6).
+#: A lawful form explains most of what a curve of no law does where it has this part of its log evidence, and a wave is
+#: met again where so many pairs of halves agree on it (assumed: in drawn campaigns true gear errors have .85 and more
+#: but for one, other causes mostly less than .6).
 MOST_OF_IT = 0.75
 
 
@@ -96,9 +93,11 @@ def _is_gear(fit: Fit, doubt: Doubt, claim: Claim, halves: Array) -> bool:
     signature, columns = ledger.signatures[claim.signature], ledger.columns(claim.signature)
     seen = periods_seen(np.array(_cycles(signature)), _range_of(fit, signature), "cycles_per_m" in signature.fixed)
     waves = columns.reshape(-1, 2)
+    # the best of all periods in pure noise, and two values that so many poses tell [Schwarz1978]
+    least = np.log(TRIED * TRIED_A_WAVE) + np.log(len(np.unique(group_poses(fit.problem.campaign))))
     own = [
         wave for wave, periods in zip(waves, seen, strict=True)
-        if periods >= 1.0 and posterior.loss_without(wave) >= OWN_GAIN and repeats(halves, wave)
+        if periods >= 1.0 and posterior.loss_without(wave) >= least and repeats(halves, wave)
     ]  # fmt: skip
     if not own:
         return False
@@ -115,4 +114,5 @@ def repeats(halves: Array, columns: NDArray[np.int_]) -> bool:
     first, second = halves[0::2][:, columns], halves[1::2][:, columns]
     product = np.einsum("ij,ij->i", first, second)
     larger = np.maximum(np.sum(first**2, axis=1), np.sum(second**2, axis=1))
-    return bool(np.mean(product >= PREDICTS * larger) >= AGREED)
+    # |a - b|^2 < |a|^2: with less a half predicts the other worse than no wave
+    return bool(np.mean(2.0 * product >= larger) >= MOST_OF_IT)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from compplan.diagnose.data.agreed import ENOUGH_ROWS
 from compplan.diagnose.data.channels import block_index, group_poses, position_residual
 from compplan.diagnose.ledger.evidence import Prior, find_posterior
 from compplan.diagnose.ledger.ledger import ChannelProducts, Ledger, Products, select_rows
@@ -32,8 +33,6 @@ FOLDS, RUN_OF_BLOCKS = 5, 3
 #: Runs of blocks that a campaign is cut to at most (assumed: a later campaign has no neighbours in this one, and of
 #: long campaigns of real robots blocks in a row are neighbours in place as well).
 MOST_RUNS = 20
-#: Groups of poses whose signs are all counted; of more their sum is taken as normal (assumed).
-MOST_COUNTED = 14
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +71,7 @@ class HeldOut:
         _, index = np.unique(group, return_inverse=True)
         gain = np.bincount(index.reshape(-1), less)
         total, spread = float(gain.sum()), float(np.linalg.norm(gain))
-        if len(gain) > MOST_COUNTED:
+        if len(gain) >= ENOUGH_ROWS:
             return float(ndtr(-total / max(spread, 1e-300)))
         sums = np.zeros(1)
         for one in gain:

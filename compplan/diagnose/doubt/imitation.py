@@ -19,6 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.data.agreed import LEVEL, ROUNDING, SAMPLE, SEED
 from compplan.diagnose.doubt.doubt import Doubt
 from compplan.diagnose.ledger.offers import REGISTRATION
 from compplan.diagnose.search.search import Claim
@@ -27,16 +28,9 @@ from compplan.effects.linearization import AXES, Linearization
 from compplan.measure.sights import along as take_along
 from compplan.robot import Array
 
-#: Causes that are drawn, and the seed (assumed: a probability of a tenth is then known to a fifth of it).
-DRAWN, SEED = 300, 20
 #: Radians that a cause turns by over one standard deviation of what it follows (assumed: from nearly straight to a wave
 #: that a few dozen poses just show).
 ROUGHNESS = (0.5, 1.0, 2.0)
-#: Shares of the squares of a drawn cause, and of a column, that frames and other claims have to leave over (assumed:
-#: what they take nearly whole shows nothing).
-LEFT_OVER, SEEN = 0.05, 1e-8
-#: Spread below which nothing is followed (assumed). [m, rad, N or N m]
-LEAST_SPREAD = 1e-9
 
 
 def rate_imitations(fit: Fit, doubt: Doubt) -> dict[Claim, float]:
@@ -67,7 +61,8 @@ def rate_imitations(fit: Fit, doubt: Doubt) -> dict[Claim, float]:
         noise = min(float(count), float(rest[-1]))
         own = explain_squares(left, product[:, -1:], [columns])[0, 0] - len(columns)
         share = own / max(float(rest[-1]) - noise, 1e-12)
-        kept = np.flatnonzero(rest[:-1] > LEFT_OVER * squares[:-1])
+        # what frames and other claims take nearly whole shows nothing
+        kept = np.flatnonzero(rest[:-1] > (1.0 - LEVEL) * squares[:-1])
         shares = explain_squares(left, product[:, kept], blocks) / rest[kept]
         # k values take k of the squares of anything
         values = np.array([len(block) for block in blocks])[:, None]
@@ -78,7 +73,7 @@ def rate_imitations(fit: Fit, doubt: Doubt) -> dict[Claim, float]:
 
 
 def draw_causes(fit: Fit) -> Array:
-    """Draw causes without a name, of one rms each in units of the noise. Shape (values, DRAWN).
+    """Draw causes without a name, of one rms each in units of the noise. Shape (values, SAMPLE).
 
     Args:
         fit: The fit; its campaign says what a cause may follow.
@@ -89,7 +84,7 @@ def draw_causes(fit: Fit) -> Array:
     directions = [(joint.name, axis) for joint in at.robot.actuated for axis in AXES[3:]]
     rotation = at.attained.frames.tcp_rotation[rows]
     drawn: list[Array] = []
-    while len(drawn) < DRAWN:
+    while len(drawn) < SAMPLE:
         phases = [_pick(rng, followed) * rng.choice(ROUGHNESS) for _ in range(rng.integers(1, 3))]
         kind, along = rng.integers(3), rng.normal(size=3)
         if kind == 0:
@@ -102,7 +97,7 @@ def draw_causes(fit: Fit) -> Array:
             moved = take_along(channel.direction, np.asarray(moved))
         cause = (_shape(rng, np.sum(phases, axis=0))[:, None] * moved / channel.sigma).reshape(-1)
         size = float(np.sqrt(np.mean(cause**2)))
-        if size > LEAST_SPREAD:
+        if size > ROUNDING:
             drawn.append(cause / size)
     return np.stack(drawn, axis=1)
 
@@ -117,7 +112,7 @@ def list_followed(at: Linearization, rows: NDArray[np.int_]) -> list[Array]:
     found = []
     for values in (kind[rows] for kind in kinds):
         spread = values.std(axis=0)
-        seen = spread > LEAST_SPREAD
+        seen = spread > ROUNDING
         if seen.any():
             found.append((values[:, seen] - values[:, seen].mean(axis=0)) / spread[seen])
     return found
@@ -142,7 +137,7 @@ def take_out(
     if not len(columns):
         return gram, against, squares
     values, vectors = np.linalg.eigh(gram[np.ix_(columns, columns)])
-    good = values > SEEN
+    good = values > ROUNDING
     turn = vectors[:, good] / np.sqrt(values[good])
     of_columns, of_causes = turn.T @ gram[columns], turn.T @ against[columns]
     return (
@@ -160,6 +155,6 @@ def explain_squares(gram: Array, against: Array, blocks: Sequence[NDArray[np.int
         own = np.stack([blocks[n] for n in numbers])
         values, vectors = np.linalg.eigh(gram[own[:, :, None], own[:, None, :]])
         turned = np.swapaxes(vectors, 1, 2) @ against[own]
-        weight = np.where(values > SEEN, 1.0 / np.maximum(values, SEEN), 0.0)
+        weight = np.where(values > ROUNDING, 1.0 / np.maximum(values, ROUNDING), 0.0)
         result[numbers] = np.einsum("ni,nic->nc", weight, turned**2)
     return result

@@ -19,16 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtri
 
+from compplan.diagnose.data.agreed import LEVEL, ROUNDING
 from compplan.diagnose.data.channels import group_poses
 from compplan.diagnose.doubt.doubt import Doubt
 from compplan.diagnose.search.search import Claim
 from compplan.diagnose.search.state import Fit
 from compplan.robot import Array
-
-#: Share of chance results that count as no likeness (theory: the usual 95 %).
-CHANCE = 0.95
-#: Rows that a claim moves by less than this share of its largest motion have no direction (assumed: rounding).
-STILL = 1e-9
 
 
 def rate_likenesses(fit: Fit, doubt: Doubt) -> dict[Claim, float]:
@@ -61,11 +57,11 @@ def measure_likeness(left: Array, motion: Array, pose: NDArray[np.int_]) -> floa
         pose: Pose of each row. Shape (r,).
     """
     length = np.linalg.norm(motion, axis=1)
-    moves = length > STILL * length.max(initial=0.0)
+    moves = length > ROUNDING * length.max(initial=0.0)
     if not moves.any():
         return 0.0
     along = np.einsum("ni,ni->n", left[moves], motion[moves] / length[moves, None])
     across = np.sum(left[moves] ** 2) - along @ along
     poses = len(np.unique(pose[moves]))
-    beyond = along @ along - 0.5 * across * fdtri(poses, 2 * poses, CHANCE)
+    beyond = along @ along - 0.5 * across * fdtri(poses, 2 * poses, LEVEL)
     return float(np.sqrt(max(beyond, 0.0) / np.sum(motion[moves] ** 2)))

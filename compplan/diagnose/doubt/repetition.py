@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.data.agreed import SEED
 from compplan.diagnose.data.channels import block_index
 from compplan.diagnose.doubt.doubt import Doubt
 from compplan.diagnose.ledger.evidence import find_posterior
@@ -15,8 +16,8 @@ from compplan.diagnose.search.search import Claim
 from compplan.diagnose.search.state import Fit
 from compplan.measure.campaign import Campaign
 
-#: Pairs of halves that are drawn, and the seed of the draw (assumed).
-PAIRS, SEED = 4, 20
+#: Pairs of halves that are drawn (assumed).
+PAIRS = 4
 
 
 def draw_halves(campaign: Campaign) -> NDArray[np.bool_]:
