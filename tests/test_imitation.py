@@ -61,7 +61,7 @@ def test_causes_without_a_name_are_imitated_as_often_as_others_like_them(
     fit: Fit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(imitation, "SEED", 77)
-    monkeypatch.setattr(imitation, "DRAWN", 24)
+    monkeypatch.setattr(imitation, "SAMPLE", 24)
     unknown = 30.0 * draw_causes(fit)
     monkeypatch.undo()
     rated = []

@@ -10,6 +10,7 @@ import numpy as np
 from compplan.diagnose.answer.delivery import deliver_folders
 from compplan.diagnose.answer.result import Candidate, Diagnosis, Gap
 from compplan.diagnose.answer.verdict import MOST_MARGIN, Finding, Verdict, judge_calibration, reach_verdict
+from compplan.diagnose.data.agreed import LISTED
 from compplan.diagnose.data.channels import position_residual
 from compplan.diagnose.data.conventions import find_conventions
 from compplan.diagnose.doubt.certainty import MOST_SURE
@@ -29,8 +30,6 @@ from compplan.measure.pooling import pool_rows
 from compplan.measure.registration import Registration, fitted_parts, stated_registration
 from compplan.robot import Array, Robot
 
-#: Candidates that are listed beside named effects and their rivals (assumed).
-RANKED = 12
 #: Fewest rows that a campaign needs (theory: twice the values of the frames of base and tool, three to a row).
 FEWEST_ROWS = 2 * len(AXES)
 
@@ -161,12 +160,12 @@ def rank_candidates(fit: Fit, verdict: Verdict, folds: Folds) -> tuple[Candidate
         place = ledger.signatures[gain.signature].place
         if place in probability and place not in chosen:
             chosen[place] = Claim(gain.signature, gain.size)
-    for gain in distinct_places(search, gains, RANKED):
+    for gain in distinct_places(search, gains, LISTED):
         place = ledger.signatures[gain.signature].place
         chosen.setdefault(place, Claim(gain.signature, gain.size))
         probability.setdefault(place, 0.0)
     candidates = []
-    for place, claim in list(chosen.items())[: 2 * RANKED]:
+    for place, claim in list(chosen.items())[: 2 * LISTED]:
         held = folds.hold_out_linear([claim])
         candidates.append(Candidate(place, held.rms, probability[place]))
     return tuple(sorted(candidates, key=lambda c: (-round(c.probability, 3), c.held_out)))

@@ -8,12 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnose.answer.shares import Share, find_interval
-from compplan.diagnose.data.agreed import ENOUGH_ROWS, FEW_ROWS
+from compplan.diagnose.data.agreed import ENOUGH_ROWS, FEW_ROWS, LISTED
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array
-
-#: Stretches of time at most (assumed).
-STRETCHES = 8
 
 
 class GapTable:
@@ -56,7 +53,7 @@ def split_runs(table: GapTable, run: NDArray[np.str_]) -> dict[str, dict[str, An
 
 def split_time(table: GapTable, campaign: Campaign, rows: NDArray[np.int_]) -> list[dict[str, Any]]:
     """Split the log into some stretches with equally many rows."""
-    count = min(STRETCHES, max(len(rows) // ENOUGH_ROWS, 1))
+    count = min(LISTED, max(len(rows) // ENOUGH_ROWS, 1))
     stretch = np.arange(len(rows)) * count // len(rows)
     entries = []
     for number in range(count):

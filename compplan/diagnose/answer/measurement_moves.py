@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnose.data.agreed import SAMPLE, SEED
+from compplan.diagnose.data.agreed import ENOUGH_ROWS, FEW_ROWS, NEGLIGIBLE, SAMPLE, SEED
 from compplan.effects import attain_scene, stage_scene
 from compplan.measure.campaign import Campaign
 from compplan.measure.poses.pool import take_clear
@@ -29,16 +29,10 @@ KINDS = {
     "warm_up": "let the robot cool down, then measure each pose cold, half warm and warm",
     "two_speeds": "drive the same path slowly and fast",
 }
-#: Share of the joint range that is left free at either end (assumed).
-MARGIN = 0.03
 #: Backing off before a pose is approached from a side: assumed ample for any lost motion. [rad, m]
 BACK_OFF = {"revolute": np.deg2rad(6.0), "prismatic": 0.05}
 #: Candidates of new poses, from which the telling ones are picked, and draws for each: some are not clear (assumed).
 POSES = 40
-#: Poses that are measured loaded or while the robot warms up, rows of a sweep and of a path (assumed).
-ROWS = 16
-#: Poses at which each joint is reversed, and loads (assumed).
-FEW = 4
 #: Seconds between stays and between runs; seconds at which a robot is cold, half warm and warm (assumed). [s]
 PACE, COURSE = 15.0, (0.0, 1800.0, 7200.0)
 #: Warm-up at least, whatever the campaign saw (assumed). [K]
@@ -135,7 +129,7 @@ def joint_range(robot: Robot, campaign: Campaign) -> tuple[Array, Array]:
     seen = campaign.q[campaign.usable]
     middle = 0.5 * (seen.min(0) + seen.max(0))
     lower, upper = np.maximum(robot.lower, middle - np.pi), np.minimum(robot.upper, middle + np.pi)
-    margin = MARGIN * (upper - lower)
+    margin = NEGLIGIBLE * (upper - lower)
     # a rail is as long as it was seen to be where the folder states no limits
     endless = robot.prismatic & ~(np.isfinite(robot.lower) & np.isfinite(robot.upper))
     return np.where(endless, seen.min(0), lower + margin), np.where(endless, seen.max(0), upper - margin)
@@ -169,7 +163,7 @@ def given_loads(campaign: Campaign) -> list[Array]:
         size = np.linalg.norm(force) * np.sqrt(0.5)
         if all(force @ other[:3] < size * np.linalg.norm(other[:3]) for other in picked):
             picked.append(np.round(wrench[row], 1))
-        if len(picked) == FEW:
+        if len(picked) == FEW_ROWS:
             break
     return picked
 
@@ -179,7 +173,7 @@ def _add_static(pool: Pool, campaign: Campaign, poses: Array) -> None:
     pool.clock = 0.0 if campaign.time is None else float(np.nanmax(campaign.time)) + PACE
     pool.moves += [MeasuringMove("new_poses", (pool.stay(q),)) for q in poses]
     weight = np.array([0.0, 0.0, -max(float(np.linalg.norm(load[:3])) for load in loads), 0.0, 0.0, 0.0])
-    for number, q in enumerate(poses[:ROWS]):
+    for number, q in enumerate(poses[:ENOUGH_ROWS]):
         load = loads[number % len(loads)]
         pool.moves.append(MeasuringMove("loaded_unloaded", (pool.stay(q), pool.stay(q, load))))
         pool.moves.append(MeasuringMove("sign_flip", (pool.stay(q, load), pool.stay(q, -load))))
@@ -190,7 +184,7 @@ def _add_reversals(pool: Pool, robot: Robot, poses: Array) -> None:
     pool.clock = pool.last()
     for joint, unit in zip(robot.actuated, np.eye(robot.nq), strict=True):
         step = BACK_OFF[joint.kind] * unit
-        for q in poses[:FEW]:
+        for q in poses[:FEW_ROWS]:
             centre = np.clip(q, robot.lower + step, robot.upper - step)
             rows = [(pool.stay(centre + side * step), pool.stay(centre))[1] for side in (-1.0, 1.0)]
             pool.moves.append(MeasuringMove("reversal", tuple(rows), joint.name))
@@ -201,16 +195,16 @@ def _add_sweeps(pool: Pool, robot: Robot, campaign: Campaign, poses: Array) -> N
     pool.clock = pool.last()
     for index, joint in enumerate(robot.actuated):
         for q in poses[:2]:
-            sweep = np.repeat(q[None], ROWS, axis=0)
-            sweep[:, index] = np.linspace(lower[index], upper[index], ROWS)
+            sweep = np.repeat(q[None], ENOUGH_ROWS, axis=0)
+            sweep[:, index] = np.linspace(lower[index], upper[index], ENOUGH_ROWS)
             sweep = sweep[keeps_clear(robot, campaign, sweep)]
-            if len(sweep) >= FEW:
+            if len(sweep) >= FEW_ROWS:
                 pool.moves.append(MeasuringMove("joint_sweep", tuple(pool.stay(s) for s in sweep), joint.name))
 
 
 def _add_warm_up(pool: Pool, poses: Array) -> None:
     rows = [
-        [pool.add(q, "static_warming", seconds + PACE * number, warmth) for number, q in enumerate(poses[:ROWS])]
+        [pool.add(q, "static_warming", seconds + PACE * number, warmth) for number, q in enumerate(poses[:ENOUGH_ROWS])]
         for seconds, warmth in zip(COURSE, (0.0, 0.5, 1.0), strict=True)
     ]
     pool.moves += [MeasuringMove("warm_up", numbers) for numbers in zip(*rows, strict=True)]
@@ -225,7 +219,7 @@ def _add_paths(pool: Pool, robot: Robot, poses: Array) -> None:
         rows: list[int] = []
         for number, speed in enumerate(SPEEDS):
             clock += PACE
-            for angle in np.linspace(0.0, 2.0 * np.pi, ROWS):
+            for angle in np.linspace(0.0, 2.0 * np.pi, ENOUGH_ROWS):
                 q = centre + SWING * np.sin(angle) * np.eye(robot.nq)[index]
                 moment = clock + SWING * angle / speed
                 rows.append(pool.add(q, f"path_next_{index + 1}_{number + 1}", moment))

@@ -17,13 +17,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.special import expit, logit
+from scipy.special import expit, logit, ndtri
 
 from compplan.diagnose.answer.measurement_moves import KINDS, MeasuringMove, lay_out_moves
 from compplan.diagnose.answer.probe import probe_signature
 from compplan.diagnose.answer.result import Diagnosis, place_table
 from compplan.diagnose.answer.verdict import Finding
-from compplan.diagnose.data.agreed import NEGLIGIBLE, SURE
+from compplan.diagnose.data.agreed import NEGLIGIBLE, SAMPLE, SURE
 from compplan.diagnose.doubt.ambiguity import is_comparable
 from compplan.diagnose.doubt.certainty import TEMPER
 from compplan.diagnose.ledger.offers import registration_signatures
@@ -44,8 +44,6 @@ FEWEST_MOVES, MOST_MOVES = 3, 8
 WORTH_IT = 0.05
 #: Effects that show in motion only; a path at two speeds is laid out for them.
 OF_MOTION = ("tracking_lag", "time_skew", "backlash")
-#: Nodes of the Gauss-Hermite rule (assumed: exact to 1e-6 for the odds that occur).
-NODES = 31
 #: Rounds of exchange (assumed, as in the loop).
 ROUNDS = 3
 NOTHING = "none"
@@ -310,12 +308,11 @@ def expected_gain(log_odds: float, information: float, temper: float = 1.0) -> f
         information: Expected log likelihood ratio, divided by the temper.
         temper: What log odds are divided by.
     """
-    nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
-    weights = weights / weights.sum()
-    spread = np.sqrt(2.0 * information / temper) * nodes
+    # the middles of parts of equal probability
+    spread = np.sqrt(2.0 * information / temper) * ndtri((np.arange(SAMPLE) + 0.5) / SAMPLE)
     first = float(expit(log_odds))
-    kept = weights @ expit(log_odds + information + spread)
-    lost = weights @ expit(information - log_odds + spread)
+    kept = float(np.mean(expit(log_odds + information + spread)))
+    lost = float(np.mean(expit(information - log_odds + spread)))
     now = first**2 + (1.0 - first) ** 2
     return float(first * kept + (1.0 - first) * lost - now)
 

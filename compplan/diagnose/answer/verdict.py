@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnose.data.agreed import ROUNDING, SURE
-from compplan.diagnose.doubt.ambiguity import Rival, find_rivals
+from compplan.diagnose.data.agreed import ROUNDING, STEPS, SURE, beats_chance
+from compplan.diagnose.data.questions import NO_EFFECT
+from compplan.diagnose.doubt.ambiguity import BELOW_NOISE, Rival, find_rivals
 from compplan.diagnose.doubt.bounds import find_breach
 from compplan.diagnose.doubt.certainty import Evidence, rate_certainty
 from compplan.diagnose.doubt.doubt import Doubt
@@ -17,7 +18,7 @@ from compplan.diagnose.doubt.gears import MOST_OF_IT, find_gears, is_law
 from compplan.diagnose.doubt.imitation import rate_imitations
 from compplan.diagnose.doubt.likeness import rate_likenesses
 from compplan.diagnose.doubt.repetition import count_repetitions
-from compplan.diagnose.ledger.evidence import STEPS, Hyper
+from compplan.diagnose.ledger.evidence import Hyper
 from compplan.diagnose.ledger.ledger import forms_that_hold
 from compplan.diagnose.ledger.offers import REGISTRATION
 from compplan.diagnose.ledger.unmodelled import UNMODELLED
@@ -35,19 +36,14 @@ FLOORS_LEFT = 1.5
 #: project's own rule).
 CALIBRATED_SHARE = 0.2
 CALIBRATED = "calibrated"
-#: Less than that is structure all the same where it gains this much log evidence (odds of 400 to one) and is as large
-#: as this share of the noise floor (assumed: smaller errors cost a campaign nothing).
-STRUCTURE_GAIN, STRUCTURE_SIZE = 6.0, 0.5
+#: Less than that is structure all the same where it gains more log evidence than chance and is as large as this share
+#: of the noise floor (assumed: smaller errors cost a campaign nothing).
+STRUCTURE_SIZE = 0.5
 #: An error that moves the target less than this share of the noise floor is no cause of a gap and is not named
 #: (assumed).
 NAMEABLE = 0.8
 #: Neither is one that is less than this share of the gap where frames were registered (assumed).
 NAMEABLE_SHARE = 0.1
-#: What shows in the readings alone has to be this many standard deviations large (theory: one in 370 by chance).
-PLAIN = 3.0
-#: A zero that is off by more than this [rad or m] is counted wrongly, not adjusted badly: centimetres at the tool
-#: (assumed).
-FAR_ZERO = 0.02
 #: What an unknown error follows is said where it carries this share of it (assumed).
 SPOKEN_OF = 0.4
 #: Probability of a claim that errors without a name explain as well, of one whose form is no law of its effect and of
@@ -286,7 +282,8 @@ def name_far_zero(finding: Finding) -> Finding:
     """Name an offset that no adjustment could leave joint_coupling, a matter of counting; the offset is its rival."""
     effect = finding.effect
     size = abs(float(next(iter(effect.parameters.values())))) if effect.name == "joint_offset" else 0.0
-    if size < FAR_ZERO:
+    # centimetres at the tool: counted wrongly, not adjusted badly
+    if size < NO_EFFECT:
         return finding
     key = "zero_m" if "offset_m" in effect.parameters else "zero_rad"
     counted = Effect("joint_coupling", effect.joint, None, {key: next(iter(effect.parameters.values()))})
@@ -300,7 +297,7 @@ def only_in_readings(fit: Fit, doubt: Doubt, finding: Finding) -> bool:
     columns = ledger.columns(finding.signature)
     values = doubt.model.posterior.values(doubt.search.ledger.p)[columns]
     moves = [np.sqrt(np.mean(np.sum((d[..., columns] @ values) ** 2, axis=1))) for d in ledger.designs]
-    return bool(moves[0] < ROUNDING and max(moves) > PLAIN)
+    return bool(moves[0] < ROUNDING and max(moves) ** 2 > BELOW_NOISE)
 
 
 def measure_structure(fit: Fit, doubt: Doubt) -> Structure:
@@ -320,7 +317,7 @@ def measure_structure(fit: Fit, doubt: Doubt) -> Structure:
     beyond = float(np.sqrt(max(rms**2 - floor**2, 0.0)))
     free = fit.search.model(doubt.model.claims, fit.model.posterior.hyper, steps=STEPS)
     gain = float(posterior.log_evidence - free.posterior.log_evidence)
-    plain = gain > STRUCTURE_GAIN and beyond > STRUCTURE_SIZE * floor
+    plain = gain > beats_chance(len(doubt.classes)) and beyond > STRUCTURE_SIZE * floor
     gap = float(np.sqrt(np.mean(np.sum((refit_frames(fit, doubt) * source.sigma) ** 2, axis=1))))
     structure = Structure(
         gain, beyond, gap, motion_of(fit, small, values), motion_of(fit, claimed, values),

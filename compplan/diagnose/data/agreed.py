@@ -14,6 +14,10 @@ NEGLIGIBLE = 0.02
 SAMPLE = 400
 #: Rows or poses from which a percentile, a roughness or a curve tells anything, and from which a mean does (assumed).
 ENOUGH_ROWS, FEW_ROWS = 20, 5
+#: Lines of a list that somebody reads, at most (assumed).
+LISTED = 12
+#: Steps of a fit that begins near, at most (assumed: most settle in ten).
+STEPS = 12
 #: Relative error that halves the digits of a float: what is smaller is rounding (theory).
 ROUNDING = float(np.sqrt(np.finfo(float).eps))
 #: Seed of every draw.

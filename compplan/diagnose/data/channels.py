@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnose.data.agreed import FEW_ROWS
+from compplan.diagnose.data.agreed import ENOUGH_ROWS, FEW_ROWS
 from compplan.diagnose.data.noise import STATED, Noise, estimate_noise
 from compplan.effects.scene import Attained, Scene
 from compplan.measure.campaign import Campaign
@@ -26,9 +26,8 @@ from compplan.measure.registration import (
 )
 from compplan.robot import Array
 
-#: Neighbouring samples of a path share an error: a path is cut into about so many blocks, none shorter than the second
-#: (assumed).
-PATH_BLOCKS, SHORTEST_BLOCK = 16, 8
+#: Neighbouring samples of a path share an error: a path is cut into blocks, none shorter than this (assumed).
+SHORTEST_BLOCK = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +77,7 @@ def block_index(campaign: Campaign) -> NDArray[np.int_]:
     start = np.r_[True, np.diff(campaign.stay) > 0]
     for number in np.unique(campaign.run_index[campaign.on_path]):
         rows = np.flatnonzero((campaign.run_index == number) & campaign.on_path)
-        length = max(SHORTEST_BLOCK, len(rows) // PATH_BLOCKS)
+        length = max(SHORTEST_BLOCK, len(rows) // ENOUGH_ROWS)
         start[rows] = np.arange(len(rows)) % length == 0
         if len(rows) % length and len(rows) > length:
             start[rows[len(rows) - len(rows) % length]] = False

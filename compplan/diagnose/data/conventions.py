@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from compplan.diagnose.data.agreed import ROUNDING, SAMPLE
+from compplan.diagnose.data.agreed import ROUNDING, SAMPLE, STEPS
 from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
 from compplan.measure.campaign import Campaign
 from compplan.measure.fit_frames import fit_registration
@@ -25,8 +25,8 @@ CONVINCING = 0.3
 #: Share of the rows that lies within what is called the gap (assumed: a wrong coupling shows in the sweep of one joint
 #: of seven alone, and one row in ten may be gross).
 WITHIN = 0.9
-#: Steps of the search for a ratio or a zero at most, and the longest of them (assumed). [-, rad or -]
-STEPS, LONGEST_STEP = 12, 0.3
+#: Longest step of the search for a ratio or a zero (assumed). [-, or rad]
+LONGEST_STEP = 0.3
 #: Shipped robots whose controllers count otherwise than their URDFs: joint 3 against the horizontal, axes backwards.
 BRANDS = ("fanuc_m10ia", "kuka_kr240", "kuka_kr270")
 

@@ -18,9 +18,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import comb, gammaincinv, ndtri
+from scipy.special import chdtri, comb, gammaincinv, ndtri
 
 from compplan.diagnose.data.agreed import ENOUGH_ROWS, LEVEL, ROUNDING
+from compplan.diagnose.data.outliers import OUTLYING
 from compplan.measure.campaign import FORCE_NOISE, Campaign
 from compplan.measure.pooling import LIKE_LOAD
 from compplan.robot import Array
@@ -40,8 +41,6 @@ STATED, STATED_REPEATABILITY, ASSUMED = 60.0, 20.0, 4.0
 REPEATS_LIKE = 1.5
 #: No noise is known better than this many degrees of freedom tell (assumed: instruments differ by 7 % over a room).
 MOST_WITNESSES = 200.0
-#: Pairs that scatter more than this many medians of the squares are gross errors (theory: one pair in 10^7 by chance).
-GROSS_PAIR = 12.0
 #: Mean number of rows a stay up to which a stay's own error cannot be told from the noise of its row (assumed).
 SINGLE_ROWS = 1.3
 
@@ -223,7 +222,8 @@ def _revisit_scatter(campaign: Campaign, gap: Array) -> tuple[float, float, floa
 
 
 def _no_gross_pairs(total: Array) -> NDArray[np.bool_]:
-    return np.asarray(total <= GROSS_PAIR * max(float(np.median(total)), 1e-30))
+    # so many medians of the squares of three normal numbers
+    return np.asarray(total <= OUTLYING**2 / chdtri(3, 0.5) * max(float(np.median(total)), 1e-30))
 
 
 def _path_roughness(campaign: Campaign, gap: Array) -> tuple[float, float]:

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from scipy.special import expit
 
+from compplan.diagnose.data.agreed import NEGLIGIBLE
 from compplan.robot import Array
 
 #: No claim is surer than this (assumed: one campaign in a hundred holds what nobody thought of).
@@ -19,12 +20,12 @@ TEMPER = 2.0
 #: repeat the claim, and logarithms with their signs turned: of the probability that a cause without a name would be
 #: explained as fully, and of the likeness of what is left. No weight may be negative. The number of values of a form
 #: does not stand here: the margin has paid for it.
-CONSTANT, MARGIN, REPEATED, IMITATED, LIKENESS = -4.04, 0.57, 0.55, 0.69, 0.83
+CONSTANT, WEIGHTS = -4.04, np.array([0.57, 0.55, 0.69, 0.83])
 #: Margins beyond this count by their logarithm alone (assumed).
 MARGIN_SCALE = 5.0
-#: Neither do imitations rarer or more frequent than these: the first is what the causes drawn can tell; beyond the
-#: second a larger cause stands beside the claim, and whether that has a name says nothing about this one (assumed).
-LEAST_IMITATED, MOST_IMITATED = 0.02, 0.15
+#: Imitations more frequent than this tell no more: a larger cause stands beside the claim, and whether that has a name
+#: says nothing about this one (assumed).
+MOST_IMITATED = 0.15
 #: Less than a tenth of a claim's own motion left along it says nothing, and neither does more than all of it (assumed).
 LEAST_ALIKE = 0.1
 
@@ -63,7 +64,7 @@ class Evidence:
 def features_of(evidence: Evidence) -> Array:
     """Return what the map weighs: margin, repetition, imitation, likeness. Shape (4,)."""
     margin = np.arcsinh(min(evidence.margin, evidence.plain) / MARGIN_SCALE)
-    imitated = np.log(np.clip(evidence.imitated, LEAST_IMITATED, MOST_IMITATED))
+    imitated = np.log(np.clip(evidence.imitated, NEGLIGIBLE, MOST_IMITATED))
     alike = np.log(np.clip(evidence.likeness, LEAST_ALIKE, 1.0))
     return np.array([margin, evidence.repeated, -imitated, -alike])
 
@@ -74,6 +75,5 @@ def rate_certainty(evidence: Evidence) -> float:
     Args:
         evidence: What the claim shows.
     """
-    weights = np.array([MARGIN, REPEATED, IMITATED, LIKENESS])
-    odds = CONSTANT + weights @ features_of(evidence)
+    odds = CONSTANT + WEIGHTS @ features_of(evidence)
     return float(np.clip(expit(odds), 0.0, MOST_SURE))

@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnose.ledger.evidence import FIRST_STEPS, START, STEPS, Hyper, Prior, find_posterior
+from compplan.diagnose.data.agreed import STEPS
+from compplan.diagnose.ledger.evidence import FIRST_STEPS, START, Hyper, Prior, find_posterior
 from compplan.diagnose.ledger.gains import Gain
 from compplan.diagnose.ledger.ledger import Ledger, extend_ledger, forms_that_hold
 from compplan.diagnose.ledger.unmodelled import unmodelled_signatures

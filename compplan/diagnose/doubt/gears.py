@@ -18,7 +18,7 @@ from compplan.diagnose.doubt.doubt import Doubt
 from compplan.diagnose.doubt.repetition import draw_halves
 from compplan.diagnose.ledger.evidence import find_posterior
 from compplan.diagnose.ledger.ledger import select_rows
-from compplan.diagnose.ledger.proposals import TRIED, TRIED_A_WAVE
+from compplan.diagnose.ledger.proposals import TRIED_A_WAVE
 from compplan.diagnose.search.search import Claim
 from compplan.diagnose.search.state import Fit
 from compplan.effects import gravity_sag
@@ -94,7 +94,7 @@ def _is_gear(fit: Fit, doubt: Doubt, claim: Claim, halves: Array) -> bool:
     seen = periods_seen(np.array(_cycles(signature)), _range_of(fit, signature), "cycles_per_m" in signature.fixed)
     waves = columns.reshape(-1, 2)
     # the best of all periods in pure noise, and two values that so many poses tell [Schwarz1978]
-    least = np.log(TRIED * TRIED_A_WAVE) + np.log(len(np.unique(group_poses(fit.problem.campaign))))
+    least = 3 * np.log(TRIED_A_WAVE) + np.log(len(np.unique(group_poses(fit.problem.campaign))))
     own = [
         wave for wave, periods in zip(waves, seen, strict=True)
         if periods >= 1.0 and posterior.loss_without(wave) >= least and repeats(halves, wave)

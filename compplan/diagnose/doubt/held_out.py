@@ -30,9 +30,6 @@ from compplan.robot import Array
 #: Parts that a campaign is dealt to, and consecutive blocks that stay together (assumed: neighbours in time share
 #: drifts).
 FOLDS, RUN_OF_BLOCKS = 5, 3
-#: Runs of blocks that a campaign is cut to at most (assumed: a later campaign has no neighbours in this one, and of
-#: long campaigns of real robots blocks in a row are neighbours in place as well).
-MOST_RUNS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +86,8 @@ def make_folds(campaign: Campaign, folds: int = FOLDS) -> NDArray[np.int_]:
         folds: Number of folds.
     """
     block = block_index(campaign)
-    run = max(RUN_OF_BLOCKS, len(np.unique(block)) // MOST_RUNS)
+    # a later campaign has no neighbours in this one, and of long ones blocks in a row are neighbours in place, too
+    run = max(RUN_OF_BLOCKS, len(np.unique(block)) // ENOUGH_ROWS)
     fold = (block // run) % folds
     if not fold.any():
         fold = block % folds if block.any() else np.arange(len(block)) * 2 // max(len(block), 1)

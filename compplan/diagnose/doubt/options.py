@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.data.agreed import STEPS
 from compplan.diagnose.data.channels import block_index
 from compplan.diagnose.doubt.held_out import Folds, fit_frames
 from compplan.diagnose.ledger.background import CLASSES
-from compplan.diagnose.ledger.evidence import STEPS, Hyper, Posterior, Prior, find_posterior
+from compplan.diagnose.ledger.evidence import Hyper, Posterior, Prior, find_posterior
 from compplan.diagnose.ledger.ledger import Ledger
 from compplan.diagnose.search.search import Claim
 from compplan.diagnose.search.state import Fit

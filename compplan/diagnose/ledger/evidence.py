@@ -57,9 +57,8 @@ SETTLED = 5e-3
 START = -1.5
 #: Likely error of the logarithm of a shared error or a background: the unit of a fit's steps (assumed).
 LIKELY = 0.3
-#: Steps of a fit of noise and background at most, from where a like model stands and from the start (assumed: most
-#: settle in ten).
-STEPS, FIRST_STEPS = 12, 40
+#: Steps of a fit of noise and background that begins from the start, at most (assumed).
+FIRST_STEPS = 40
 #: Variance of columns that every model fits freely, in units of their scale (assumed: as good as free).
 FREE_VARIANCE = 1e6
 

@@ -45,8 +45,8 @@ HOLD = 1e-2
 #: Frequencies lie this part of a turn over the range apart, and two waves at least as far (theory: a wave's own width
 #: is one turn, a quarter loses little).
 BETWEEN = 0.25
-#: n waves together count as at most this many tried: the first times the second to the n (assumed: not all were).
-TRIED, TRIED_A_WAVE = 100, 10
+#: n waves together count as at most so many tried: this to the power of n + 2 (assumed: not all were).
+TRIED_A_WAVE = 10
 #: Least cycles per turn, or per metre (assumed).
 LEAST_CYCLES = 0.5
 
@@ -134,13 +134,13 @@ def propose_waves(
         picked = _match_waves(angle[seen], pull[seen], weight[seen], spectrum, slides, most)
         for count in {1, 2, len(picked)}:
             if 0 < count <= len(picked):
-                tried = int(min(len(spectrum.grid) ** count, TRIED * TRIED_A_WAVE**count))
+                tried = int(min(len(spectrum.grid) ** count, TRIED_A_WAVE ** (2 + count)))
                 found.append(waves_at(at, index, picked[:count], tried=tried))
         if picked:
             some = np.flatnonzero(seen)[:: 1 + int(seen.sum()) // SAMPLE]
             grid = spectrum.grid[periods_seen(spectrum.grid, spread, slides) >= 1.0]
             cycle = find_series(angle[some], pull[some], weight[some], grid, slides)
-            found.append(series_at(at, index, cycle, tried=min(len(grid), TRIED * TRIED_A_WAVE)))
+            found.append(series_at(at, index, cycle, tried=min(len(grid), TRIED_A_WAVE**3)))
             found.append(spline_at(at, index))
             found += _best_bumps(at, index, angle, pull, weight)
     return found

@@ -10,9 +10,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.data.agreed import STEPS
 from compplan.diagnose.ledger.evidence import (
     FIRST_STEPS,
-    STEPS,
     Hyper,
     Posterior,
     Prior,
