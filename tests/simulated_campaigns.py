@@ -26,14 +26,14 @@ LINKS = (
 )
 
 
-def write_small_robot(folder: Path, *, gravity: bool = True) -> Robot:
-    """Write and read the folder of a six-axis arm of 1.9 m reach."""
+def write_small_robot(folder: Path, *, gravity: bool = True, joints: int = 6) -> Robot:
+    """Write and read the folder of a six-axis arm of 1.9 m reach, or of its first joints alone."""
     folder.mkdir(parents=True, exist_ok=True)
     parts = ['<robot name="small"><link name="world"/><link name="base_link"/>']
     parts.append('<joint name="base_fixed" type="fixed"><parent link="world"/><child link="base_link"/></joint>')
     parent = "base_link"
     springs = []
-    for name, xyz, axis, lower, upper, mass, centre, compliance in LINKS:
+    for name, xyz, axis, lower, upper, mass, centre, compliance in LINKS[:joints]:
         child = name.replace("joint", "link")
         inertia = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
         parts.append(
@@ -48,7 +48,7 @@ def write_small_robot(folder: Path, *, gravity: bool = True) -> Robot:
         springs.append(f'[[spring]]\njoint = "{name}"\naxis = "own"\ncompliance = {compliance}\n')
         parent = child
     parts.append(
-        '<link name="flange"/><joint name="flange_fixed" type="fixed"><parent link="link_6"/><child link="flange"/>'
+        f'<link name="flange"/><joint name="flange_fixed" type="fixed"><parent link="{parent}"/><child link="flange"/>'
     )
     parts.append('<origin xyz="0.08 0 0"/></joint><link name="tool0"/><joint name="tool_fixed" type="fixed">')
     parts.append('<parent link="flange"/><child link="tool0"/><origin xyz="0.15 0 0.1" rpy="0 1.2 0"/></joint></robot>')
@@ -78,7 +78,7 @@ def plan_rows(
     time = np.arange(len(q)) * 20.0
     if path:
         phase = np.linspace(0, 4 * np.pi, path)[:, None]
-        track = middle + 0.2 * half * np.sin(phase * np.array([1.0, 2, 1, 3, 1, 2]) + np.arange(robot.nq))
+        track = middle + 0.2 * half * np.sin(phase * np.array([1.0, 2, 1, 3, 1, 2])[: robot.nq] + np.arange(robot.nq))
         q, wrench = np.vstack([q, track]), np.vstack([wrench, np.zeros((path, 6))])
         run = np.r_[run, ["path_1"] * path]
         time = np.r_[time, time[-1] + 60 + 0.05 * np.arange(path)]

@@ -260,7 +260,7 @@ class PosteriorMotion:
         for part in parts:
             rivals = self.rng.integers(1, len(part.elsewhere) + 1, SAMPLE) if part.elsewhere else np.zeros(SAMPLE, int)
             # a place that the campaign cannot tell from another is no better and no worse
-            fate = np.where(self.rng.random(SAMPLE) < 0.5, rivals, 0)
+            fate = self.rng.integers(2, size=SAMPLE) * rivals
             fates.append(np.where(self.rng.random(SAMPLE) < part.probability, fate, -1))
         return fates
 

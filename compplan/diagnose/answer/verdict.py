@@ -47,7 +47,7 @@ NAMEABLE_SHARE = 0.1
 #: What an unknown error follows is said where it carries this share of it (assumed).
 SPOKEN_OF = 0.4
 #: Probability of a claim that errors without a name explain as well, of one whose form is no law of its effect and of
-#: one whose size no robot can have.
+#: one whose size no robot can have (assumed).
 SHAPELESS = 1.0 - SURE
 #: Margins beyond this are not told apart (assumed).
 MOST_MARGIN = 1e3

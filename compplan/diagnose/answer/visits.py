@@ -13,6 +13,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.data.agreed import SAMPLE
 from compplan.diagnose.doubt.blend import is_built
 from compplan.diagnose.doubt.held_out import HeldOut
 from compplan.diagnose.ledger.offers import REGISTRATION
@@ -21,9 +22,8 @@ from compplan.effects import is_of_instrument
 from compplan.effects.linearization import Place
 from compplan.robot.visited import Visited, VisitedPart
 
-#: Stays that a folder lists at most (assumed: a plan looks at some of them), and the share of the largest motion below
-#: which a stay says nothing (assumed: a thousandth).
-STAYS, STILL = 400, 1e-3
+#: Share of the largest motion below which a stay says nothing (assumed: a thousandth).
+STILL = 1e-3
 
 
 def list_visits(
@@ -57,7 +57,7 @@ def list_visits(
     moves = np.flatnonzero(length > STILL * length.max(initial=0.0))
     if not len(moves):
         return None
-    moves = moves[np.unique(np.linspace(0, len(moves) - 1, STAYS).astype(int))]
+    moves = moves[np.unique(np.linspace(0, len(moves) - 1, SAMPLE).astype(int))]
     at, size = rows[first[moves]], length[moves]
     share = np.einsum("ni,ni->n", gap[moves], motion[moves]) / size**2
     error = max(float(np.sqrt(np.mean(left**2))), 1e-9)

@@ -20,7 +20,7 @@ LISTED = 12
 STEPS = 12
 #: Relative error that halves the digits of a float: what is smaller is rounding (theory).
 ROUNDING = float(np.sqrt(np.finfo(float).eps))
-#: Seed of every draw.
+#: Seed of every draw (assumed: any other would do).
 SEED = 20
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri, comb, gammaincinv, ndtri
+from scipy.special import chdtri, comb, gammaincinv
 
 from compplan.diagnose.data.agreed import ENOUGH_ROWS, LEVEL, ROUNDING
 from compplan.diagnose.data.outliers import OUTLYING
@@ -238,5 +238,5 @@ def _path_roughness(campaign: Campaign, gap: Array) -> tuple[float, float]:
     if not pieces:
         return 0.0, 0.0
     rough = np.vstack(pieces)
-    # half of all normal numbers lie within the quartile
-    return float((np.median(np.abs(rough)) / ndtri(0.75)) ** 2), rough.size / 3.0
+    # the median of the square of a normal number
+    return float(np.median(rough**2) / chdtri(1, 0.5)), rough.size / 3.0

@@ -16,7 +16,8 @@ from compplan.effects.transmission_error import bump_at, series_at, spline_at, w
 from compplan.measure.registration import CONTACTS
 
 REGISTRATION = "registration"
-#: Scale of the frames that are fitted freely: with their variance a metre, or a radian. [m, rad]
+#: Scale of the frames that are fitted freely: with their variance a metre, or a radian (theory: as good as free).
+#: [m, rad]
 REGISTRATION_SCALE = float(np.sqrt(1.0 / FREE_VARIANCE))
 Key = tuple[str, str | None, str | None, str]
 

@@ -182,7 +182,7 @@ class Search:
             own = values[columns]
             energy = float(own @ self._framed[0][np.ix_(columns, columns)] @ own)
             if energy > self._framed[1]:
-                price += 1.5 * (energy / self._framed[1] - 1.0)
+                price += 3 * 0.5 * (energy / self._framed[1] - 1.0)
         return price
 
     @cached_property
