@@ -101,7 +101,7 @@ CAMPAIGNS: dict[str, Known] = {
     ),
     "counted backwards": Known((Effect("joint_coupling", "joint_3", None, {"reversed": True}),), joints=3),
     "a coupled wrist": Known(
-        (Effect("joint_coupling", "joint_3", None, {"other": "joint_2", "ratio": 8e-3}),), joints=3
+        (Effect("joint_coupling", "joint_3", None, {"other": "joint_2", "ratio": 3e-2}),), joints=3
     ),
     "two causes and a typing error": Known((soft("joint_2", 4e-7), zero("joint_3", 6e-4)), spoiled=(5,), joints=3),
     "errors of no effect": Known((), poses=30, loads=0, wave=3e-4, named=(), joints=3),
@@ -111,7 +111,7 @@ CAMPAIGNS: dict[str, Known] = {
         (zero("joint_2", 1e-4), zero("joint_3", -1e-4)), loads=0, named=("link_geometry",)
     ),
     "late on a path": Known((Effect("tracking_lag", "joint_2", None, {"lag_s": 0.02}),), poses=8, path=60, joints=3),
-    "met again, nothing stated": Known((soft("joint_2", 6e-7),), poses=8, again=2, stated=False, joints=3),
+    "met again, nothing stated": Known((soft("joint_2", 6e-7),), poses=8, again=4, stated=False, joints=3),
     "warming up": Known((zero("joint_2", 5e-4),), poses=10, warm=3.0, orientation=True, joints=3),
 }
 

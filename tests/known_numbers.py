@@ -33,7 +33,7 @@ SHARES = ("LEVEL", "SURE", "WITHIN", "MOST_SURE", "MOST_OF_IT", "doubt.ambiguity
 ASKED = 4
 FIRST = {
     "data.conventions": ["a coupled wrist", "counted backwards", "pushed the wrong way"],
-    "data.noise": ["met again, nothing stated", "play seen by encoders", "late on a path", "a stiffer joint, noisier"],
+    "data.noise": ["met again, nothing stated", "errors of no effect", "play seen by encoders", "late on a path", "a stiffer joint, noisier"],
     "data.outliers": ["two causes and a typing error"],
     "data.questions": [name for name, known in CAMPAIGNS.items() if known.mistake],
     "data.signs": ["pushed the wrong way"],
@@ -41,6 +41,7 @@ FIRST = {
     "ledger.unmodelled": ["late on a path", "errors of no effect"],
     "ledger.proposals": ["a gear", "a jump", "errors of no effect"],
     "doubt.gears": ["a gear"],
+    "answer.calibration": ["base and tool unknown"],
     "answer.verdict": ["nothing", "a zero near the noise", "errors of no effect"],
     "": ["met again, nothing stated", "errors of no effect", "a zero near the noise", "base and tool unknown",
          "a cause beside errors of no effect"],
