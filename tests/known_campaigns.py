@@ -80,9 +80,7 @@ CAMPAIGNS: dict[str, Known] = {
     "mirrored": Known((), mistake="mirrored", joints=3),
     "pushed the wrong way": Known((), mistake="pushed the wrong way"),
     "nothing": Known((), joints=3),
-    "a softer joint": Known((soft("joint_2", 4e-7),), joints=3),
     "a stiffer joint, noisier": Known((soft("joint_2", -2e-7),), sigma=6e-5, joints=3),
-    "a zero": Known((zero("joint_3", 6e-4),), joints=3),
     "a zero near the noise": Known((zero("joint_2", 5e-5),), poses=16, joints=3),
     "play": Known((Effect("backlash", "joint_2", None, {"width_rad": 6e-4}),), poses=24, joints=3),
     "play seen by encoders": Known(

@@ -33,7 +33,7 @@ SHARES = ("LEVEL", "SURE", "WITHIN", "MOST_SURE", "MOST_OF_IT", "doubt.ambiguity
 ASKED = 4
 FIRST = {
     "data.conventions": ["a coupled wrist", "counted backwards", "pushed the wrong way"],
-    "data.noise": ["met again, nothing stated", "errors of no effect", "play seen by encoders", "late on a path", "a stiffer joint, noisier"],
+    "data.noise": ["met again, nothing stated", "errors of no effect", "play seen by encoders", "late on a path"],
     "data.outliers": ["two causes and a typing error"],
     "data.questions": [name for name, known in CAMPAIGNS.items() if known.mistake],
     "data.signs": ["pushed the wrong way"],

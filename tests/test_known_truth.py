@@ -43,7 +43,7 @@ def close(found: Any, true: Any) -> bool:
     return abs(true) < 2e-4 or bool(np.isclose(found, true, rtol=0.5))
 
 
-@pytest.mark.parametrize("name", ["ledger.background.NO_CAUSE", "data.agreed.LEVEL"])
+@pytest.mark.parametrize("name", ["ledger.background.NO_CAUSE", "ledger.evidence.TAU_SPREAD"])
 def test_a_number_at_twice_its_value_is_seen(name: str) -> None:
     witness = json.loads(SEEN.read_text())[name]["2"]
     with moved(NUMBERS[name], 2.0):
