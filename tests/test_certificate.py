@@ -45,6 +45,25 @@ def test_accuracy_and_repeatability_are_those_of_the_standard() -> None:
     assert sorted(found.repeatability * 1e3) == pytest.approx([0.0, 2 / 3 + 3 * np.sqrt(1 / 3)], abs=1e-9)
 
 
+def test_two_visits_a_pose_tell_what_thirty_are_expected_to_give_the_instrument_taken_out() -> None:
+    """Robot .015 mm, instrument .01 mm per axis: RP = (2 sqrt(2 / pi) + 3 sqrt(3 - 8 / pi)) .015 mm."""
+    robot, rng = load_robot("kuka_kr270"), np.random.default_rng(4)
+    q = np.radians([10.0, -70, 80, 20, 40, 5]) + np.radians(20.0) * rng.uniform(-1, 1, (60, 6))
+    q = np.vstack([q, q])
+    log = Campaign(run=np.array(["static_1"] * 120), q=q, wrench=np.zeros((120, 6)), position=np.zeros((120, 3)))
+    seen = predict_campaign(robot, log).position + np.hypot(1.5e-5, 1e-5) * rng.standard_normal((120, 3))
+    log = replace(log, position=seen + np.array([0.3, 0.0, 0.0]), sigma=np.full(120, 1e-5))
+    found = measure_pose_accuracy(robot, log)
+    true = (2 * np.sqrt(2 / np.pi) + 3 * np.sqrt(3 - 8 / np.pi)) * 1.5e-5
+    assert found.pooled == pytest.approx(true, rel=0.2)
+    assert found.pooled_interval[0] < true < found.pooled_interval[1]
+    assert (found.freedom, found.fitted, found.instrument) == (60, 9, pytest.approx(1e-5))
+    plain = measure_pose_accuracy(robot, replace(log, sigma=None)).pooled
+    assert plain == pytest.approx(true * np.hypot(1.5, 1.0) / 1.5, rel=0.15)
+    assert found.raw == pytest.approx(np.full(60, 0.3), abs=1e-3)
+    assert np.median(found.accuracy) <= np.median(found.unseen) < 5e-5
+
+
 def test_the_interval_of_a_stiffness_is_that_of_its_compliance() -> None:
     robot = load_robot("kuka_kr270")
     nominal = next(s.compliance for s in robot.springs if s.joint == "joint_2")

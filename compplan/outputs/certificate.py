@@ -70,7 +70,13 @@ def summarise_certificate(certificate: Certificate) -> dict[str, Any]:
             "accuracy_max_mm": float(accuracy.accuracy.max()) * 1e3,
             "rms_mm": accuracy.rms * 1e3,
             "poses_met_again": accuracy.again,
+            "accuracy_raw_max_mm": float(accuracy.raw.max()) * 1e3,
+            "accuracy_unseen_max_mm": float(accuracy.unseen.max()) * 1e3 if len(accuracy.unseen) else None,
+            "fitted_numbers": accuracy.fitted,
             "repeatability_mm": accuracy.pooled * 1e3 if accuracy.again else None,
+            "repeatability_ci95_mm": [1e3 * v for v in accuracy.pooled_interval] if accuracy.again else None,
+            "visits_beyond_first": accuracy.freedom,
+            "instrument_mm": accuracy.instrument * 1e3,
         }
     return summary
 

@@ -84,18 +84,26 @@ def _accuracy(accuracy: PoseAccuracy, log: str) -> Section:
         ["poses in the log", accuracy.poses, ""],
         ["accuracy AP, median over poses", format_length(float(np.median(accuracy.accuracy))), ""],
         ["accuracy AP, greatest", format_length(float(accuracy.accuracy.max())), ""],
+        ["accuracy AP before frames were fitted", format_length(float(accuracy.raw.max())), "greatest"],
         ["distance from the model, rms of rows", format_length(accuracy.rms), ""],
     ]
+    if len(accuracy.unseen):
+        unseen = format_length(float(accuracy.unseen.max()))
+        rows.insert(4, ["accuracy AP of poses that the fit never saw", unseen, "greatest"])
     if accuracy.again:
         visits = f"{int(accuracy.visits.min())} to {int(accuracy.visits.max())} visits"
-        greatest = float(accuracy.repeatability.max())
-        rows.append(["repeatability RP, pooled", TableCell(format_length(accuracy.pooled), "strong"), visits])
-        rows.append(["repeatability RP, greatest", format_length(greatest), _met_again(accuracy)])
+        low, high = (format_length(value) for value in accuracy.pooled_interval)
+        around = f"{low} to {high} (95 %); {visits}"
+        rows.append(["repeatability RP", TableCell(format_length(accuracy.pooled), "strong"), around])
     else:
         rows.append(["repeatability RP", TableCell("no pose was met again", "muted"), ""])
+    said = f"the instrument's {format_length(accuracy.instrument)} per axis is taken out"
+    out = said if accuracy.instrument else "no sigma_mm is stated, the instrument is in it"
     caption = (
         f"As ISO 9283 defines them, from {log or 'the log'}; the standard asks for {VISITS} visits from one side under"
-        f" full load. Fitted first: {' and '.join(accuracy.registered)}; AP is what is left of the model."
+        f" full load. RP is what {VISITS} visits are expected to give, from the scatter of {accuracy.freedom} visits"
+        f" beyond the first of a pose; {out}. Fitted first: {' and '.join(accuracy.registered)}, {accuracy.fitted}"
+        f" numbers to {3 * accuracy.poses}; AP is what is left of the model."
     )
     return Section("Accuracy and repeatability", [PageTable([Column(""), Column("value"), Column("")], rows, caption)])
 
