@@ -8,6 +8,7 @@ through `replace_file`.
 from __future__ import annotations
 
 import csv
+import io
 import json
 import re
 import stat
@@ -29,6 +30,10 @@ Array = NDArray[np.float64]
 MOST_BYTES = 512 * 2**20
 #: How Python holds a byte of a path that is no UTF-8.
 NO_LETTER = re.compile("[\ud800-\udfff]")
+
+
+#: Bytes of a table from which on it pays to read all numbers at once, and names of columns of such a table.
+LONG, HEADER = 200_000, re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 @dataclass(frozen=True)
@@ -103,7 +108,8 @@ def read_table(path: str | Path, columns: Sequence[FileColumn], *, unknown: str 
 
     """
     path = Path(path)
-    header_line, header, rows, lines = _read_rows(path)
+    plain = None if any(column.dimension == "text" for column in columns) else _read_plain(path)
+    header_line, header, rows, lines = _read_rows(path) if plain is None else (1, plain[0], [], plain[2])
     matched, notes = match_columns(path, header_line, header, columns, unknown)
     by_column = list(zip(*rows, strict=True)) if rows else [()] * len(header)
     values: dict[str, Array] = {}
@@ -114,7 +120,8 @@ def read_table(path: str | Path, columns: Sequence[FileColumn], *, unknown: str 
         if column.dimension == "text":
             text[key] = np.array([value.strip() for value in by_column[index]], dtype=np.str_)
             continue
-        numbers = _parse_numbers(path, header[index], by_column[index], lines)
+        fields = by_column[index]
+        numbers = _parse_numbers(path, header[index], fields, lines) if plain is None else plain[1][:, index].copy()
         if not column.missing and np.isnan(numbers).any():
             row = int(np.flatnonzero(np.isnan(numbers))[0])
             message = f"column '{header[index]}' is empty (or NaN) here; every row needs a number"
@@ -122,6 +129,25 @@ def read_table(path: str | Path, columns: Sequence[FileColumn], *, unknown: str 
         values[key] = numbers * UNITS[unit][1] if unit else numbers
     headers = {key: header[index] for key, (index, _, _) in matched.items()}
     return Table(path, values, text, headers, units, lines, tuple(notes))
+
+
+def _read_plain(path: Path) -> tuple[list[str], Array, NDArray[np.int64]] | None:
+    """Return header, numbers and lines of a long table of nothing but numbers, read at once; None of any other file."""
+    if not path.is_file() or not LONG <= path.stat().st_size <= MOST_BYTES:
+        return None
+    head, _, body = path.read_bytes().partition(b"\n")
+    body = body.replace(b"\r\n", b"\n")
+    header = [name.strip() for name in head.decode("ascii", "replace").split(",")]
+    if not all(HEADER.fullmatch(name) for name in header) or body.translate(None, b"0123456789+-.eE,\n"):
+        return None
+    if body.startswith(b"\n") or b"\n\n" in body:
+        return None
+    try:
+        grid = np.loadtxt(io.BytesIO(body), delimiter=",", ndmin=2)
+    except ValueError:  # ragged or empty: the slow way says where
+        return None
+    whole = grid.shape[1] == len(header) and bool(np.isfinite(grid).all())
+    return (header, grid, np.arange(2, 2 + len(grid))) if whole else None
 
 
 def _read_rows(path: Path) -> tuple[int, list[str], list[list[str]], NDArray[np.int64]]:
