@@ -102,7 +102,7 @@ class OutputTable(StrictTable):
     any_brand: bool = False
     header: dict[Annotated[str, OneOf(WRITERS)], str] = Field(default_factory=dict)
     footer: dict[Annotated[str, OneOf(WRITERS)], str] = Field(default_factory=dict)
-    templates: dict[Annotated[str, OneOf(WRITERS)], str] = Field(default_factory=dict)
+    templates: dict[Annotated[str, OneOf(WRITERS)], Annotated[str, Field(min_length=1)]] = Field(default_factory=dict)
     main: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")] | None = None
     cell: CellTable = CellTable()
     io: IoTable = IoTable()
