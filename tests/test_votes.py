@@ -15,13 +15,16 @@ import compplan.plan.bending as bending
 import compplan.plan.plan as planning
 import compplan.second.cam as second_reader
 from compplan.cell.inertia import fit_parabolas
-from compplan.job.job import Job, ToolTable, load_job
+from compplan.cell.judge import build_judge
+from compplan.job.job import Job, ToolTable, check_job, load_job
 from compplan.path.toolpath import Toolpath, place_toolpath
 from compplan.plan.keeping import Case, judge_keeping
 from compplan.plan.plan import plan_job
 from compplan.plan.timing import Timing
-from compplan.robot import Array, Robot
+from compplan.plan.verdict import hold_load
+from compplan.robot import Array, Robot, load_robot
 from compplan.second.moves import CannotTellError
+from compplan.statics.chain import build_chain, locate_frames
 
 NC = "G21 G90 G17\nG0 X0 Y0 Z20\nG1 Z0 F600\nX30\nG3 X40 Y10 I0 J10\nG1 Y25\nG0 Z20\n"
 JOB = """schema = 1
@@ -52,6 +55,29 @@ def test_a_sound_plan_is_confirmed_by_all_votes(job: Job) -> None:
     plan = plan_job(job)
     assert (plan.status, plan.breaches) == ("solved", ())
     assert not [note for note in plan.notes if "not checked" in note]
+
+
+def test_own_weight_is_no_bending_by_the_process() -> None:
+    job = check_job({
+        "schema": 1, "robot": "ur20", "part": {"position_mm": [900.0, 200.0, 300.0]},
+        "toolpath": {"generator": "circle", "radius_mm": 40.0, "feed_mm_s": 20.0, "waypoints": 12},
+        "process": {"model": "constant", "force_N": [0.0, 0.0, 60.0]},
+    }, "job.toml")  # fmt: skip
+    plan = plan_job(job)
+    still = bending.measure_bending(replace(plan.task, wrench=0.0 * plan.task.wrench), plan.q, plan.timing)
+    assert plan.bending.process > 1e-5 and still.process < 1e-9
+    assert still.weight == pytest.approx(plan.bending.weight) and still.weight > 1e-4
+
+
+def test_the_torque_that_holds_a_wrench_is_its_virtual_work_with_the_sign_turned() -> None:
+    robot = load_robot("ur20")
+    judge, q, wrench = build_judge(robot), np.array([0.3, -1.2, 1.4, -0.9, 0.7, 0.2]), np.array([40.0, -70.0, 90.0])
+    step = 1e-6 * np.vstack([np.eye(6), -np.eye(6)])
+    place = locate_frames(build_chain(robot), q + step).tcp_position
+    work = (place[:6] - place[6:]) @ wrench / 2e-6
+    held = hold_load(judge, np.array([q, q]), np.array([np.r_[wrench, 0, 0, 0], np.zeros(6)]))
+    assert held[0] - held[1] == pytest.approx(-work, abs=1e-4)
+    assert abs(held[1, 1]) > 50.0  # the weight alone
 
 
 def test_what_the_second_reader_cannot_tell_is_no_known_part(
