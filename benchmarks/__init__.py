@@ -8,10 +8,8 @@ from __future__ import annotations
 
 #: What can be run, by the question that it asks.
 QUESTIONS: dict[str, tuple[str, ...]] = {
-    "Does the tip go where the plan says?": (
-        "plan_check", "moving", "planted", "posture_lock", "limits", "mutation",
-    ),
-    "Is the posture a good one, and what does a plan cost?": ("posture", "planner", "viewer"),
+    "Does the tip go where the plan says?": ("plan_check", "moving", "planted", "posture_lock", "mutation"),
+    "Is the posture a good one, and what does a plan cost?": ("posture", "planner", "limits", "viewer"),
     "Is a program read, and written, as the controller would?": ("truth", "cam_chain"),
     "Is the force right?": ("engagement", "milling", "force_logs", "deflected", "stability"),
     "Is the cause found?": (
