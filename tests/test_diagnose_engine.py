@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.cell.predict import predict_campaign
 from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.answer.accuracy import _summarise, draw_learning
+from compplan.diagnose.answer.accuracy import _summarise, draw_learning, list_worst
 from compplan.diagnose.answer.assessment import assess_diagnosis
 from compplan.diagnose.answer.calibration import list_corrections
 from compplan.diagnose.answer.where import split_diagnosis
@@ -51,6 +51,13 @@ def test_both_of_two_effects_are_named_with_their_sizes(diagnosis: Diagnosis) ->
     assert found[CAUSE.place]["compliance_change_rad_per_Nm"] == pytest.approx(3e-7, rel=0.03)
     assert found[SECOND.place]["offset_rad"] == pytest.approx(6e-4, rel=0.03)
     assert diagnosis.verdict.status == "explained"
+
+
+def test_the_poses_predicted_worst_are_told_with_joints_in_degrees(diagnosis: Diagnosis) -> None:
+    worst = list_worst(diagnosis)
+    assert list(worst) == sorted(worst, key=lambda pose: -pose.distance)
+    campaign = diagnosis.fit.problem.campaign
+    assert all(np.radians(pose.joints) == pytest.approx(campaign.q[pose.row]) for pose in worst)
 
 
 def test_the_gap_falls_to_the_noise_floor_on_rows_never_seen(diagnosis: Diagnosis) -> None:

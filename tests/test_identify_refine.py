@@ -14,6 +14,7 @@ from compplan.identify.estimate import leave_poses_out
 from compplan.identify.forward import attain_fit, pose_residuals
 from compplan.identify.refine import GAIN_LIMIT, refine_structure
 from compplan.identify.spring_place import place_spring
+from compplan.identify.update import find_unexplained
 from compplan.measure.campaign import Campaign
 from compplan.measure.fit.heldout import distance_rms, gain_score
 from compplan.measure.poses.pool import draw_candidates
@@ -112,3 +113,15 @@ def test_a_gain_is_weighed_against_its_scatter() -> None:
     assert abs(gain_score(before, before + rng.normal(0, 1, 400))) < GAIN_LIMIT
     some = np.array([[3.0, 4.0, 0.0], [np.nan] * 3, [5.0, np.nan, np.nan]])  # the last is a reading along one direction
     assert distance_rms(some, np.array([True, True, True])) == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize("difference", [False, True])
+def test_what_is_unexplained_is_left_when_the_instruments_noise_is_taken_out(*, difference: bool) -> None:
+    rng, sigma, size = np.random.default_rng(5), 4e-5, 6e-5
+    way = rng.normal(size=(40_000, 3))
+    true = size * way / np.linalg.norm(way, axis=1, keepdims=True)
+    read = true + rng.normal(0.0, sigma, true.shape)
+    if difference:
+        read -= rng.normal(0.0, sigma, true.shape)
+    left = distance_rms(read, np.ones(len(read), bool))
+    assert find_unexplained(left, sigma, difference=difference) == pytest.approx(size, rel=0.03)

@@ -77,15 +77,22 @@ def identified_uncertainty(
     root = np.eye(len(factor) + sum(len(unknown.keys) for unknown in held))
     root[: len(factor), : len(factor)] = factor
     left = gap.under_load_after if difference and gap.under_load_after is not None else gap.held_out_after
-    noise = 3.0 * sigma**2 * (2.0 if difference else 1.0)
     return Uncertainty(
         grade="measured",
         source=f"{source}; zeros and lengths assumed" if difference else source,
         unknowns=(*named, *held),
         factor=root,
-        unexplained=float(np.sqrt(max(left**2 - noise, 0.0))) if np.isfinite(left) else 0.0,
+        unexplained=find_unexplained(left, sigma, difference=difference) if np.isfinite(left) else 0.0,
         repeatability=robot.repeatability,
     )
+
+
+def find_unexplained(left: float, sigma: float, *, difference: bool) -> float:
+    """Return what is left of a root mean square distance (3D) beyond an instrument's sigma per axis. [m].
+
+    A difference of two measurements has their noise twice.
+    """
+    return float(np.sqrt(max(left**2 - 3.0 * sigma**2 * (2.0 if difference else 1.0), 0.0)))
 
 
 def _name_unknowns(structure: FreeRobot, kept: Estimate) -> tuple[list[Unknown], list[int]]:
