@@ -146,6 +146,17 @@ def test_each_kind_of_sight_says_what_its_equation_says() -> None:
     np.testing.assert_allclose(distance, [[0.3, 0.4, 0.0]])
 
 
+def test_a_turned_instrument_reads_along_its_own_axes(robot: Robot, tmp_path: Path) -> None:
+    said = "schema = 1\n[instrument]\nposition_mm = [100.0, 0.0, 0.0]\nrotation_deg = [0.0, 0.0, 90.0]\n"
+    (tmp_path / "gauge.toml").write_text(said)
+    rows = [f"static,g,{k},2,3,4,5,6,1,0,0,5" for k in range(1, 13)]
+    log = write_log(tmp_path / "gauge.csv", f"run,contact,{JOINTS},dir_i,dir_j,dir_k,reading_mm", rows)
+    sights = read_campaign(log, robot, read_instrument(tmp_path / "gauge.toml")).sights
+    assert sights is not None
+    np.testing.assert_allclose(sights.direction, np.tile([0.0, 1.0, 0.0], (12, 1)), atol=1e-12)
+    np.testing.assert_allclose(sights.origin, np.tile([0.1, 0.0, 0.0], (12, 1)))
+
+
 @pytest.mark.parametrize("kind", [CONTACT, READING, DISTANCE])
 def test_slopes_of_places_are_those_of_differences(kind: int) -> None:
     unit, point, place = np.array([[0.6, 0.0, 0.8]]), np.array([[0.3, -0.2, 0.9]]), np.array([[0.1, 0.1, 0.1]])
