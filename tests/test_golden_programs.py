@@ -240,6 +240,15 @@ def make_program(folder: Path, language: str, sixth: float = 60.0) -> Program:
     return replace(program, post=Post(overwrite=True))
 
 
+def test_a_table_is_read_back_whatever_the_axes_are_called(tmp_path: Path) -> None:
+    program = make_program(tmp_path / "cell", "csv")
+    names = ("slide x", *(f"axis {k}" for k in range(1, 7)))[-len(program.joint_names) :]
+    write_program(replace(program, joint_names=names), "csv", tmp_path / "out")
+    (file,) = (tmp_path / "out").glob("*.csv")
+    again = [move.joints for move in read_csv(file, names)]
+    assert np.array(again) == pytest.approx(program.joints[:, -6:], abs=1e-6)
+
+
 #: The tool as jobs state it, from the URDF's flange (x out of the flange): x = 140, y = 30, z = 50 mm, turned with it.
 FLANGE_TOOL = np.array([[0.0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]]) @ TOOL
 

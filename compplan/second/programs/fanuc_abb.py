@@ -159,14 +159,15 @@ def read_rapid(path: Path) -> list[Move]:
 
 
 def read_csv(path: Path, axes: tuple[str, ...]) -> list[Move]:
-    """Read a joint table whose axes have these names; axes in mm are external ones."""
+    """Read a joint table whose axes have these names, by letters and digits; axes in mm are external ones."""
     header, *lines = path.read_text().splitlines()
-    columns = header.split(",")
+    columns = [re.sub("[^A-Za-z0-9]", "", name) for name in header.split(",")]
     rows = [dict(zip(columns, map(float, line.split(",")), strict=True)) for line in lines]
-    arm = [f"{name}_deg" for name in axes if f"{name}_deg" in columns]
-    slides = [f"{name}_mm" for name in axes if f"{name}_mm" in columns]
+    plain = [re.sub("[^A-Za-z0-9]", "", name) for name in axes]
+    arm = [f"{name}deg" for name in plain if f"{name}deg" in columns]
+    slides = [f"{name}mm" for name in plain if f"{name}mm" in columns]
     moves = []
     for row in rows:
         joints, external = tuple(row[name] for name in arm), tuple(row[name] for name in slides)
-        moves.append(Move("joint", row["rapid"] == 1.0, joints, external, None, row["feed_mm_s"]))
+        moves.append(Move("joint", row["rapid"] == 1.0, joints, external, None, row["feedmms"]))
     return moves
