@@ -48,7 +48,8 @@ def test_continued_records_and_comments_are_joined(read) -> None:
 @pytest.mark.parametrize(
     ("feed", "expected"),
     [("FEDRAT/60,MMPM", 1.0), ("FEDRAT/MMPM,60", 1.0), ("FEDRAT/60", 1.0), ("FEDRAT/60,PERMIN", 1.0),
-     ("FEDRAT/IPM,60", 25.4), ("SPINDL/600,CLW\nFEDRAT/0.1,MMPR", 1.0), ("SPINDL/600\nFEDRAT/PERREV,0.1", 1.0)],
+     ("FEDRAT/IPM,60", 25.4), ("FEDRAT/FPM,60", 304.8),
+     ("SPINDL/600,CLW\nFEDRAT/0.1,MMPR", 1.0), ("SPINDL/600\nFEDRAT/PERREV,0.1", 1.0)],
 )  # fmt: skip
 def test_feeds_in_every_unit(read, feed: str, expected: float) -> None:
     cam = read(f"UNITS/MM\n{feed}\nGOTO/0,0,0\nGOTO/1,0,0\n")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from compplan.executed.drives import lag_command
 from compplan.executed.geometry import build_path, locate_nodes
 from compplan.executed.instructions import read_instructions
 from compplan.executed.run import execute_program
+from compplan.executed.timing import limit_speed
+from compplan.program.servo import read_motion
 from compplan.robot import load_robot
 from compplan.statics.ik import build_arm
 
@@ -35,6 +38,21 @@ def test_an_acceleration_residue_trails_a_parabola_by_itself_times_the_accelerat
     t = 0.004 * np.arange(100)[:, None]
     out = lag_command(0.5 * 2.0 * t**2, np.zeros(1), np.array([1e-3]), 0.004)
     assert (0.5 * 2.0 * t**2 - out)[5:-5] == pytest.approx(2e-3, rel=1e-9)
+
+
+def test_a_line_from_rest_to_rest_speeds_up_and_slows_down_with_the_acceleration_of_the_tip(tmp_path: Path) -> None:
+    program = tmp_path / "p.csv"
+    program.write_text(HEAD + "joint,700,0,300,0,0,1,200,0\nline,700,300,300,0,0,1,900,0\n")
+    robot = load_robot("ur10")
+    arm = build_arm(robot)
+    path = build_path(locate_nodes(read_instructions(program, robot), arm), arm, 0.5)
+    limits = np.full(6, 3.0), np.full(6, 1e3)
+    motion = replace(read_motion(None, robot.prismatic, limits), acceleration=0.8)
+    first = path.stops[-2] if len(path.stops) > 1 else 0
+    run = np.linalg.norm(path.position - path.position[first], axis=1)[first:]
+    tip = limit_speed(path, motion)[first:] * np.linalg.norm(np.gradient(path.position, path.s, axis=0), axis=1)[first:]
+    early = (run > 0.02) & (run < 0.12)
+    assert tip[early] == pytest.approx(np.sqrt(2.0 * 0.8 * run[early]), rel=0.02)
 
 
 @pytest.mark.parametrize("share", [0.3, 1.0])

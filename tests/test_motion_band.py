@@ -10,6 +10,7 @@ import pytest
 from arms import one_joint_arm
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
+from scipy.special import ndtri
 
 from compplan.cell.inertia import average_loads
 from compplan.cell.response import MODES, ring
@@ -89,6 +90,19 @@ def test_what_is_compensated_leaves_the_share_that_masses_and_springs_are_other_
     for motion, middle in zip(both, (0.0, 1e-3), strict=True):
         assert motion.mean[25, 2] == pytest.approx(middle, abs=2e-5)
         assert np.sqrt(motion.covariance[25, 2, 2]) == pytest.approx(2e-4, rel=0.1)
+
+
+def test_a_drawn_arm_that_is_heavier_rings_slower(tmp_path: Path) -> None:
+    dynamics = build_dynamics(one_joint_arm(tmp_path, 1.0, 1e-5, mass=20.0))
+    time, load = np.linspace(0.0, 1.0, 4001), np.zeros((4001, 1))
+    load[1:9] = 100.0  # a knock of 2 ms
+    static = 1e-5 * np.column_stack([0.0 * load, 0.0 * load, load])
+    moving, held = Push(load, static), Push(0.0 * load, 0.0 * static)
+    error = swing_arm(dynamics, np.zeros((4001, 1)), time, moving, held, width=0.4, damping=2e-3, source="").error
+    turns = np.array([np.count_nonzero(np.diff(np.sign(one[20:, 2]))) for one in error])
+    assert (np.diff(turns) <= 0).all()  # draws go from light and stiff to heavy and soft
+    level = ndtri((np.arange(len(turns)) + 0.5) / len(turns))
+    assert turns[0] / turns[-1] == pytest.approx(np.exp(0.2 * np.ptp(level / np.sqrt(np.mean(level**2)))), rel=0.1)
 
 
 def spike(n: int, row: int) -> tuple[np.ndarray, np.ndarray]:

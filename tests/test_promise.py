@@ -136,6 +136,13 @@ def test_a_drawn_field_has_its_size_and_forgets_itself_over_its_scale(tmp_path: 
     assert product[0, 2] == pytest.approx(0.0, abs=0.06)
 
 
+def test_the_factor_of_twenty_groups_holds_the_worst_of_them() -> None:
+    model = np.tile(np.eye(3) * 1e-8, (20, 1, 1))
+    error = np.linspace(1e-4, 2e-3, 20)[:, None] * np.array([0.0, 0.6, 0.8])
+    factor, _ = calibrate_band(error, model, np.zeros(20), np.arange(20))  # (20 + 1) .95 asks for all
+    assert band_radius(factor**2 * model)[-1] == pytest.approx(2e-3, rel=1e-3)
+
+
 def test_a_conformal_step_widens_a_model_that_is_too_sure_and_leaves_a_true_one() -> None:
     random = np.random.default_rng(4)
     model = np.tile(np.eye(3) * 1e-8, (600, 1, 1))

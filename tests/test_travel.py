@@ -159,6 +159,9 @@ def test_a_folder_holds_lost_motion_and_gear_error_with_what_they_belong_to() ->
     assert held == pytest.approx(values)
     again, more = teach_robot(taught, known, np.array([-5e-5, 1e-5, 0.0]), np.diag([1e-10] * 3))
     assert more == pytest.approx([-2e-5, 1e-5, 0.0])  # no play below zero
+    assert again.uncertainty is not None
+    width = again.uncertainty.spread[0]
+    assert width @ width == pytest.approx(1e-10 + 3e-5**2)  # what the folder cannot hold is not known
     assert [table["effect"] for table in again.effects] == ["backlash", "transmission_error"]
     assert again.effects[1]["parameters"]["sine_rad"] == pytest.approx([2e-5])
     assert again.effects[0]["parameters"]["width_rad"] == pytest.approx(0.0, abs=1e-15)
