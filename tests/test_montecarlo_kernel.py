@@ -10,7 +10,7 @@ from scipy.stats import norm
 from compplan.cell.cell import build_cell, run_cell
 from compplan.cell.judge import build_judge, judge_pose
 from compplan.effects import Effect, fold_effects
-from compplan.errors import ConvergenceError, UnknownNameError
+from compplan.errors import ConvergenceError
 from compplan.job.noise import EffectNoise, NoiseTable
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain
@@ -199,5 +199,5 @@ def test_a_cell_may_have_any_effect_of_the_vocabulary() -> None:
 
 
 def test_an_unknown_effect_of_a_cell_is_refused() -> None:
-    with pytest.raises(UnknownNameError, match="no effect named 'wind'"):
-        move_by_effect(cone_task(), EffectNoise(effect="wind", parameters={}))
+    with pytest.raises(ValueError, match="is 'wind', choose from"):
+        EffectNoise(effect="wind", parameters={})

@@ -129,7 +129,7 @@ def measure_choice(job: Job, robot: Robot) -> float:
     settings = read_settings(job, robot, posture_errors(job, robot))
     stance = choose_stance(robot, nominal, job.tool_x_base, settings, axes=job.T_base_part[:3, :3])
     scene = stage_path(robot, stance.q, nominal.wrench)
-    promise = promise_path(robot, scene, ~nominal.rapid, read_force_spread(job.noise))
+    promise = promise_path(robot, scene, ~nominal.rapid, read_force_spread(job))
     return float(np.sqrt(np.mean(promise.radius[promise.cut] ** 2)))
 
 
