@@ -10,7 +10,8 @@ import pytest
 from commandline import run_command
 from executed_emulator import Cell, emulate, write_log, write_program, zigzag
 
-from compplan.executed.align import find_nearest
+from compplan.executed.align import find_nearest, measure_way, place_rows
+from compplan.executed.geometry import Path as Laid
 from compplan.executed.log import clean_log, read_log
 from compplan.executed.run import execute_program
 from compplan.robot import load_robot
@@ -89,6 +90,20 @@ def test_a_log_of_a_drive_that_follows_exactly_is_no_lag(tmp_path, monkeypatch, 
         old = Path("robots/ur10/controller.toml").read_text()
         assert (tmp_path / "out" / "robot" / "controller.toml").read_text() == old
     assert found["logs"][0]["torn_readings"] > 0
+
+
+def test_a_log_is_found_in_its_own_layer_of_many_though_cut_corners_shorten_its_way() -> None:
+    angle = np.linspace(0.0, 240 * np.pi, 60_001)
+    layer = np.floor(angle / (2 * np.pi) + 1e-9)
+    points = np.stack([0.03 * np.cos(angle), 0.03 * np.sin(angle), -2e-4 * layer], axis=1)
+    s = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+    none = np.zeros((len(s), 6))
+    path = Laid(s, none, points, np.full(len(s), 0.1), np.array([0, len(s) - 1]), none, none, s)
+    rows = slice(1_730, 59_000, 3)
+    tip = points[rows] * [0.97, 0.97, 1.0]
+    places = place_rows(path, tip, measure_way(0.004 * np.arange(len(tip)), tip))
+    assert np.abs(places.s - s[rows]).max() < 2e-3
+    assert places.distance == pytest.approx(9e-4, abs=2e-5)
 
 
 def test_torn_readings_are_found_and_put_right() -> None:

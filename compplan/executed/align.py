@@ -16,8 +16,13 @@ BLOCK, MARGIN = 12, 0.012
 LOST = 0.02
 #: What a metre away from the expected place counts as distance. [m/m]
 PULL = 0.15
-#: Places along the path at which a log may begin, and rows of it that are held against them.
-PLACES, HELD = 4000, 160
+#: Fewest places along the path at which a log may begin, and longest way between two. [m]
+PLACES, SPACING = 4000, 0.005
+#: Rows of a log's head that are held against them, and its way: blends cut corners, so that a longer one drifts. [m]
+HELD, HEAD = 160, 0.5
+#: Places that are tried by placing a head's rows: most of them, what they may be worse than the best, and the way
+#: between two. [m]
+MOST_TRIED, WORSE, APART = 300, 0.005, 0.05
 #: Points to either side of a place among which the nearest is taken.
 SIDE = 6
 
@@ -49,7 +54,14 @@ def place_rows(path: Path, tip: Array, way: Array) -> Places:
         way: Way gone up to each. Shape (n,). [m]
 
     """
-    here = find_start(path, tip, way)
+    s = _follow_rows(path, tip, way, find_start(path, tip, way))
+    index = np.searchsorted(path.s, s)
+    point, share = find_nearest(path.position, index, tip, SIDE)
+    return Places(np.interp(share, np.arange(len(path.s)), path.s), point, np.linalg.norm(tip - point, axis=1))
+
+
+def _follow_rows(path: Path, tip: Array, way: Array, here: float) -> Array:
+    """Return the length of the path's point that each row is nearest to, the first near `here`. Shape (n,). [m]."""
     s = np.empty(len(tip))
     for first in range(0, len(tip), BLOCK):
         rows = slice(first, first + BLOCK)
@@ -62,28 +74,57 @@ def place_rows(path: Path, tip: Array, way: Array) -> Places:
         s[rows] = path.s[low + cost.argmin(axis=1)]
         if np.sqrt(cost.min(axis=1).min()) > LOST:  # the way since the start leads nowhere near: look all around
             s[rows] = path.s[((tip[rows, None] - path.position[::4]) ** 2).sum(axis=2).argmin(axis=1) * 4]
-        here = s[min(first + BLOCK, len(tip)) - 1]
-    index = np.searchsorted(path.s, s)
-    point, share = find_nearest(path.position, index, tip, SIDE)
-    return Places(np.interp(share, np.arange(len(path.s)), path.s), point, np.linalg.norm(tip - point, axis=1))
+        here = float(s[min(first + BLOCK, len(tip)) - 1])
+    return s
 
 
 def find_start(path: Path, tip: Array, way: Array) -> float:
-    """Return the length of the path at which a log begins: where the rows that follow are nearest to it. [m]."""
-    rows = np.unique(np.searchsorted(way, np.linspace(way[0], way[-1], HELD)).clip(0, len(way) - 1))
-    starts = np.linspace(path.s[0], path.s[-1], PLACES)
-    spacing = float(path.s[-1] / (PLACES - 1))
-    for _ in range(3):
-        cost = np.zeros(len(starts))
-        for row in rows:  # some 160, whatever the length of the log
-            place = np.clip(starts + way[row] - way[0], path.s[0], path.s[-1])
-            at = np.searchsorted(path.s, place).clip(0, len(path.s) - 1)
-            cost += np.minimum(np.linalg.norm(path.position[at] - tip[row], axis=1), 1.0)
-            cost += 1e-3 * np.maximum(starts + way[row] - way[0] - path.s[-1], 0.0)
-        best = float(starts[cost.argmin()])
-        starts = np.clip(best + spacing * np.linspace(-1.5, 1.5, 61), path.s[0], path.s[-1])
-        spacing *= 0.05
-    return best
+    """Return the length of the path at which a log begins: where the rows of its head are nearest to it. [m].
+
+    The way gone tells places apart roughly; layers that are nearly alike are told apart by placing the head's rows.
+    """
+    head = slice(0, int(np.searchsorted(way, way[0] + HEAD, "right")))
+    rows = np.unique(np.searchsorted(way, np.linspace(way[0], way[head][-1], HELD)).clip(0, len(way) - 1))
+    count = max(PLACES, int(np.ceil(path.s[-1] / SPACING)))
+    starts = np.linspace(path.s[0], path.s[-1], count)
+    cost = _hold_rows(path, tip, way, rows, starts)
+    tried: list[float] = []
+    for k in np.argsort(cost, kind="stable"):
+        if cost[k] > cost.min() + WORSE or len(tried) == MOST_TRIED:
+            break
+        if not tried or np.abs(np.array(tried) - starts[k]).min() > APART:
+            tried.append(float(starts[k]))
+    found = np.sort(_refine_start(path, tip, way, rows, np.array(tried), float(path.s[-1] / (count - 1))))
+    if len(found) == 1:
+        return float(found[0])
+    left = []
+    for start in found:
+        near = find_nearest(path.position, np.searchsorted(path.s, _follow_rows(path, tip[head], way[head], start)),
+                            tip[head], SIDE)[0]  # fmt: skip
+        over = max(0.0, start + way[-1] - way[0] - path.s[-1])
+        left.append(round(float(np.median(np.linalg.norm(tip[head] - near, axis=1))) + 1e-3 * over, 6))
+    return float(found[int(np.argmin(left))])
+
+
+def _refine_start(path: Path, tip: Array, way: Array, rows: NDArray[np.int_], tried: Array, spacing: float) -> Array:
+    """Return each place moved to the best one nearby. Shape (k,). [m]."""
+    for _ in range(2):
+        around = np.clip(tried[:, None] + spacing * np.linspace(-1.5, 1.5, 21), path.s[0], path.s[-1])
+        cost = _hold_rows(path, tip, way, rows, around.ravel()).reshape(around.shape)
+        tried = np.take_along_axis(around, cost.argmin(axis=1)[:, None], 1)[:, 0]
+        spacing *= 0.15
+    return tried
+
+
+def _hold_rows(path: Path, tip: Array, way: Array, rows: NDArray[np.int_], starts: Array) -> Array:
+    """Return how far rows are from a path that begins at each start, a row's mean. Shape (k,). [m]."""
+    cost = np.zeros(len(starts))
+    for row in rows:  # some 160, whatever the length of the log
+        place = np.clip(starts + way[row] - way[0], path.s[0], path.s[-1])
+        at = np.searchsorted(path.s, place).clip(0, len(path.s) - 1)
+        cost += np.minimum(np.linalg.norm(path.position[at] - tip[row], axis=1), 1.0)
+        cost += 1e-3 * np.maximum(starts + way[-1] - way[0] - path.s[-1], 0.0)
+    return cost / len(rows)
 
 
 def find_nearest(points: Array, index: NDArray[np.int_], tip: Array, side: int) -> tuple[Array, Array]:

@@ -9,6 +9,7 @@ lines blend in space, what meets a joint move blends in the joints. Assumed of e
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +78,13 @@ class Path:
     after: Array
     ends: Array
 
+    @cached_property
+    def bends(self) -> tuple[Array, Array, Array, Array]:
+        """Sizes of dq/ds, d2q/ds2, shape (m, nq), and of dp/ds, d2p/ds2 of the tip, shape (m,). [rad, m, 1/m]."""
+        tip = np.gradient(self.position, self.s, axis=0)
+        return (np.abs(0.5 * (self.before + self.after)), np.abs(np.gradient(self.after, self.s, axis=0)),
+                np.linalg.norm(tip, axis=1), np.linalg.norm(np.gradient(tip, self.s, axis=0), axis=1))  # fmt: skip
+
 
 def locate_nodes(instructions: Instructions, arm: Arm, start: Array | None = None) -> Nodes:
     """Find the joints at the end of every instruction, each in the branch nearest to the one before.
@@ -99,7 +107,9 @@ def locate_nodes(instructions: Instructions, arm: Arm, start: Array | None = Non
     position = np.where(posed[:, None], instructions.position, given.tcp_position)
     rotation = np.array(given.tcp_rotation)
     for k in range(n):  # an instruction each; the tool turns no more about itself than its axis needs
-        if not bent[k]:
+        if k and not bent[k] and not bent[k - 1] and (instructions.axis[k] == instructions.axis[k - 1]).all():
+            rotation[k] = rotation[k - 1]
+        elif not bent[k]:
             rotation[k] = _turn_axis(rotation[k - 1] if k else _first_frame(instructions.axis[0]), instructions.axis[k])
         elif posed[k]:
             rotation[k] = _turn_axis(rotation[k], instructions.axis[k])
@@ -170,13 +180,14 @@ def _measure_moves(instructions: Instructions, chain: Chain, q: Array, position:
     return length
 
 
-def build_path(nodes: Nodes, arm: Arm, blend_share: float) -> Path:
+def build_path(nodes: Nodes, arm: Arm, blend_share: float, spacing: float = STEP) -> Path:
     """Lay points along the executed path, before any drive lags.
 
     Args:
         nodes: Where the moves end.
         arm: The robot.
         blend_share: Length of a blend over its zone; 0 gives the programmed path itself.
+        spacing: Way between two points, about. [m]
 
     Raises:
         InfeasibleError: If a line cannot be followed in one branch.
@@ -188,7 +199,7 @@ def build_path(nodes: Nodes, arm: Arm, blend_share: float) -> Path:
     reach[reach < 1e-6] = 0.0
     safe = np.maximum(length, 1e-12)
     leave, arrive = np.r_[0.0, reach[:-1] / safe[1:]], reach / safe  # shares of the move taken by blends
-    move, share, corner = _lay_points(length, leave, arrive, reach)
+    move, share, corner = _lay_points(length, leave, arrive, reach, spacing)
     q = _solve_points(nodes, arm, (move, share, corner), (leave, arrive))
     position = locate_frames(arm.chain, q).tcp_position
     tip = np.linalg.norm(np.diff(position, axis=0), axis=1)
@@ -206,11 +217,11 @@ def build_path(nodes: Nodes, arm: Arm, blend_share: float) -> Path:
 
 
 def _lay_points(
-    length: Array, leave: Array, arrive: Array, reach: Array
+    length: Array, leave: Array, arrive: Array, reach: Array, spacing: float
 ) -> tuple[NDArray[np.int_], Array, NDArray[np.bool_]]:
     """Return of every point its move (or corner), how far along it is, and whether it is on a blend."""
     n = len(length)
-    count = np.clip(np.ceil(length / STEP).astype(int), FEWEST, MOST)
+    count = np.clip(np.ceil(length / spacing).astype(int), FEWEST, MOST)
     count[0] = 0
     move = np.repeat(np.arange(n), count + 1)
     place = np.arange(len(move)) - np.repeat(np.cumsum(count + 1) - count - 1, count + 1)

@@ -22,8 +22,9 @@ RUNGS: dict[str, tuple[str, ...]] = {
     "lag and acceleration": ("speed", "lag", "acceleration"),
     "lag, acceleration and lost motion": ("speed", "lag", "acceleration", "lost"),
 }
-#: Blend shares that are tried first, and how finely the best is searched.
-SHARES, FINEST = (0.3, 0.7, 1.1), 0.025
+#: Blend shares that are tried first, how finely the best is searched before a parabola through three finds it, and
+#: with more windows than how many every second one searches.
+SHARES, FINEST, SEARCHED = (0.3, 0.7, 1.1), 0.1, 4
 #: Time in which a wrong speed counts as a distance. [s]
 SPEED_WEIGHT = 0.01
 #: What a joint is expected to differ by, a standard deviation: lag [s], acceleration lag [s^2], lost motion [rad].
@@ -117,7 +118,8 @@ def climb_ladder(windows: Sequence[Window], begin: ServoMotion, arm: Arm, step: 
     zero = np.zeros(len(begin.lag))
     motion = replace(begin, lag=np.full(len(zero), max(0.01, float(begin.lag.mean()))), acceleration_lag=zero,
                      lost_motion=zero)  # fmt: skip
-    motion = search_blend(windows, motion, ("speed", "lag"), arm, step)
+    some = windows[::2] if len(windows) > SEARCHED else windows
+    motion = search_blend(some, motion, ("speed", "lag"), arm, step)
     found: dict[str, ServoMotion] = {}
     for name, free in RUNGS.items():
         if name == "blend":
@@ -148,6 +150,11 @@ def search_blend(
         for share in (best - step, best + step):
             fit(share, tried[best][1])
         step /= 2
+    best = min(tried, key=lambda share: tried[share][0])
+    low, high = tried.get(round(best - FINEST, 4)), tried.get(round(best + FINEST, 4))
+    if low and high:
+        bend = low[0] - 2.0 * tried[best][0] + high[0]
+        fit(best + 0.5 * FINEST * (low[0] - high[0]) / max(bend, 1e-15), tried[best][1])
     return min(tried.values(), key=lambda entry: entry[0])[1]
 
 
@@ -252,7 +259,7 @@ def _evaluate(
 def _stack_gap(window: Window, run: WindowRun) -> Array:
     """Return gaps across the path and of speed, as lengths. Shape (n (nq + 1),). [m]."""
     across = find_residual(window, run)
-    _, slope = read_run(run.q, run.at)
+    _, slope = run.here
     slope = slope * window.leverage / CYCLE
     size = np.maximum(_lengths(slope), 1e-9)
     speed = (window.rate * window.leverage * slope).sum(axis=1) / size - size
@@ -265,7 +272,7 @@ def _find_columns(
     """Return the slopes of what a run explains, one column a free number. Shape (n (nq + 1), k)."""
     nq = window.q.shape[1]
     columns: list[Array] = []
-    _, tangent = read_run(run.q, run.at)
+    _, tangent = run.here
     tangent = tangent * window.leverage
     for name, j in _names(free, nq):
         if name in ("pace", "smoothing"):
@@ -289,7 +296,7 @@ def _find_columns(
 def _speed_slopes(slope: Array, run: WindowRun, window: Window) -> Array:
     """Return by how much each joint's parameter changes the speed along the run. Shape (n, nq)."""
     _, change = read_run(slope, run.at)
-    _, tangent = read_run(run.q, run.at)
+    _, tangent = run.here
     tangent = tangent * window.leverage
     size = np.maximum(_lengths(tangent), 1e-12)[:, None]
     return np.asarray(change * window.leverage * tangent / size / CYCLE)

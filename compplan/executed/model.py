@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -36,6 +37,11 @@ class WindowRun:
     command: Array
     q: Array
     at: Array
+
+    @cached_property
+    def here(self) -> tuple[Array, Array]:
+        """Joints and their change a row of the run at the rows of the window. Shape (n, nq) twice."""
+        return read_run(self.q, self.at)
 
 
 def run_window(window: Window, motion: ServoMotion, arm: Arm) -> WindowRun:
@@ -82,7 +88,7 @@ def read_run(q: Array, at: Array) -> tuple[Array, Array]:
 
 def find_residual(window: Window, run: WindowRun) -> Array:
     """Return what rows are beside a run, across it, in joints weighed by their leverage. Shape (n, nq). [m]."""
-    here, slope = read_run(run.q, run.at)
+    here, slope = run.here
     gap, slope = (window.q - here) * window.leverage, slope * window.leverage
     return drop_along(gap, slope)
 

@@ -36,21 +36,17 @@ def limit_speed(path: Path, motion: ServoMotion) -> Array:
 
     """
     step = np.diff(path.s)
-    slope = np.abs(0.5 * (path.before + path.after))
-    bend = np.abs(np.gradient(path.after, path.s, axis=0))
-    tip_slope = np.gradient(path.position, path.s, axis=0)
-    tip_bend = np.linalg.norm(np.gradient(tip_slope, path.s, axis=0), axis=1)
+    slope, bend, tip_slope, tip_bend = path.bends
     tiny = 1e-12
     speed = np.r_[path.feed[:1], np.minimum(path.feed[:-1], path.feed[1:])]
     speed = np.minimum(speed, (motion.velocity_limits / np.maximum(slope, tiny)).min(axis=1))
     square = speed**2
-    inner = np.setdiff1d(np.arange(len(path.s)), path.stops)
     corner = np.minimum((motion.acceleration_limits / np.maximum(bend, tiny)).min(axis=1),
                         motion.acceleration / np.maximum(tip_bend, tiny))  # fmt: skip
-    square[inner] = np.minimum(square[inner], corner[inner])
+    square = np.minimum(square, corner)
     square[path.stops] = 0.0
     gain = np.minimum((motion.acceleration_limits / np.maximum(slope, tiny)).min(axis=1),
-                      motion.acceleration / np.maximum(np.linalg.norm(tip_slope, axis=1), 1e-3))  # fmt: skip
+                      motion.acceleration / np.maximum(tip_slope, 1e-3))  # fmt: skip
     grown = np.r_[0.0, np.cumsum(2.0 * np.minimum(gain[:-1], gain[1:]) * step)]
     square = np.minimum.accumulate(square - grown) + grown
     square = (np.minimum.accumulate((square + grown)[::-1])[::-1]) - grown

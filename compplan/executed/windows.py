@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from compplan.errors import InputError
 from compplan.executed.align import Places, find_nearest, measure_way, place_rows
-from compplan.executed.geometry import Nodes, Path, build_path, locate_nodes
+from compplan.executed.geometry import STEP, Nodes, Path, build_path, locate_nodes
 from compplan.executed.instructions import read_instructions
 from compplan.executed.log import Log, read_log
 from compplan.robot import Array, Robot
@@ -20,6 +20,8 @@ from compplan.statics.ik import Arm
 
 #: Most rows of a log that are placed, of a window, and most windows of all logs.
 MOST_PLACED, MOST_ROWS, MOST_WINDOWS = 100_000, 500, 8
+#: Points along a program beside which a log is placed, about; windows of it are laid as finely as any path.
+MOST_POINTS = 100_000
 #: Time of a window, and what is executed before and after its rows, so that it runs as in the whole program. [s]
 WINDOW, LEAD = 5.0, 0.5
 #: A log whose rows are usually farther from the program is of another one. [m]
@@ -116,10 +118,10 @@ def load_trace(file: File, program: File, robot: Robot, arm: Arm) -> PlacedLog:
     """
     log, instructions = read_log(file, robot), read_instructions(program, robot)
     nodes = locate_nodes(instructions, arm, log.q[0])
-    programmed = build_path(nodes, arm, 0.0)
+    programmed = build_path(nodes, arm, 0.0, max(STEP, float(nodes.length.sum()) / MOST_POINTS))
     rows = np.arange(0, len(log), max(1, -(-len(log) // MOST_PLACED)))
-    tip = locate_frames(arm.chain, log.q).tcp_position
-    places = place_rows(programmed, tip[rows], measure_way(log.time, tip)[rows])
+    tip = locate_frames(arm.chain, log.q[rows]).tcp_position
+    places = place_rows(programmed, tip, measure_way(log.time[rows], tip))
     usual = float(np.median(places.distance))
     if usual > OTHER_PROGRAM:
         raise InputError(f"its rows are {1e3 * usual:.0f} mm beside {program} (median), expected a log of this program",
@@ -159,6 +161,8 @@ def _cut_window(trace: PlacedLog, number: int, span: tuple[int, int], arm: Arm) 
     if moves.sum() < 10:
         return None
     lead = LEAD * float(feed.max())
+    time = trace.log.time[rows]
+    moves &= np.abs(s - np.median(s[moves])) < 2.0 * lead + float(feed.max() * (time[-1] - time[0]))  # no feed goes on
     first = max(0, int(np.searchsorted(ends, s[moves].min() - lead, "right")) - 1)
     last = min(len(ends) - 1, int(np.searchsorted(ends, s[moves].max() + lead)))
     keep = np.flatnonzero(moves)
