@@ -42,6 +42,7 @@ COMMANDS = (
     "campaign",
     "learn",
     "certificate",
+    "calibration",
     "convert",
     "post",
     "execute",

@@ -1,0 +1,156 @@
+"""Joint axes at the zero pose: taken from a robot, put into a robot, and their Denavit-Hartenberg numbers.
+
+The numbers are the distal ones of Denavit and Hartenberg: T = prod_k Rz(q_k + theta_k) Tz(d_k) Tx(a_k) Rx(alpha_k).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from compplan.errors import InputError
+from compplan.robot import Array, Joint, Robot
+
+#: Axes that enclose less count as parallel, their common normal would lie kilometres away; at one metre 1 um. [rad]
+PARALLEL = 1e-6
+#: Farther than this no calibration moves the flange: the file is of another robot. [m]
+FARTHEST = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class ZeroPose:
+    """Axes and flange of a robot, all joints at zero, in the base frame.
+
+    Attributes:
+        direction: Unit vectors of the commanded joints' axes. Shape (n, 3).
+        point: A point on each axis. Shape (n, 3). [m]
+        flange: Pose of the flange frame. Shape (4, 4). [m]
+    """
+
+    direction: Array
+    point: Array
+    flange: Array
+
+
+def find_zero_pose(robot: Robot) -> ZeroPose:
+    """Take the axes and the flange from a robot."""
+    pose, frames, flange = np.eye(4), [], np.eye(4)
+    for joint in robot.joints:
+        pose = pose @ joint.placement
+        if joint.actuated:
+            frames.append((pose[:3, :3] @ joint.axis, pose[:3, 3]))
+        if joint.child == robot.flange:
+            flange = pose
+    return ZeroPose(np.array([axis for axis, _ in frames]), np.array([point for _, point in frames]), flange)
+
+
+def move_axes(nominal: Robot, wanted: ZeroPose, file: object) -> Robot:
+    """Return a robot whose axes and flange are the wanted ones; links stay as near to where they were as that allows.
+
+    Args:
+        nominal: The robot, its flange fixed to its last link.
+        wanted: Axes and flange at the zero pose.
+        file: Where they come from, for messages.
+
+    Raises:
+        InputError: If the flange moves farther than any calibration moves it.
+    """
+    old = find_zero_pose(nominal)
+    far = float(np.linalg.norm(wanted.flange[:3, 3] - old.flange[:3, 3]))
+    if not far <= FARTHEST:
+        message = f"moves the flange of {nominal.name} by {far * 1e3:.4g} mm, expected at most {FARTHEST * 1e3:g} mm"
+        raise InputError(f"{message}; is it of another robot?", file=str(file))
+    joints: list[Joint] = []
+    before, after, index = np.eye(4), np.eye(4), 0
+    for joint in nominal.joints:
+        before, last = before @ joint.placement, after
+        after = after @ joint.placement
+        if joint.actuated:
+            axis, point = wanted.direction[index], wanted.point[index]
+            after = before.copy()
+            after[:3, :3] = _turn_between(before[:3, :3] @ joint.axis, axis) @ before[:3, :3]
+            after[:3, 3] = point + axis * (axis @ (before[:3, 3] - point))
+            index += 1
+        if joint.child == nominal.flange:
+            after = wanted.flange
+        joints.append(replace(joint, placement=np.linalg.inv(last) @ after))
+    return replace(nominal, joints=tuple(joints))
+
+
+def _turn_between(old: Array, new: Array) -> Array:
+    """Return the smallest rotation that turns one unit vector into another. Shape (3, 3)."""
+    normal = np.cross(old, new)
+    sine = float(np.linalg.norm(normal))
+    if sine == 0.0:
+        return np.eye(3)
+    return np.asarray(Rotation.from_rotvec(normal / sine * np.arctan2(sine, old @ new)).as_matrix())
+
+
+def walk_dh(dh: Array) -> ZeroPose:
+    """Return axes and flange of Denavit-Hartenberg numbers.
+
+    Args:
+        dh: theta, a, d, alpha of each joint. Shape (n, 4). [rad, m, m, rad]
+    """
+    pose, direction, point = np.eye(4), [], []
+    for theta, a, d, alpha in dh:
+        direction.append(pose[:3, 2])
+        point.append(pose[:3, 3])
+        pose = pose @ _frame(theta, a, d, alpha)
+    return ZeroPose(np.array(direction), np.array(point), pose)
+
+
+def fit_dh(zero: ZeroPose, d_parallel: Array) -> Array:
+    """Return the Denavit-Hartenberg numbers of axes and a flange, by the common normals of neighbouring axes.
+
+    They have no place for where axis 1 stands in the base (4 numbers) and for 2 of the 6 numbers of the flange on the
+    last axis; everything else they hold.
+
+    Args:
+        zero: Axes and flange at the zero pose.
+        d_parallel: Distance along an axis that is taken where the next one is parallel to it. Shape (n,). [m]
+
+    Returns:
+        theta, a, d, alpha of each joint. Shape (n, 4). [rad, m, m, rad]
+    """
+    pose, numbers = np.eye(4), []
+    pose[:3, :3] = _turn_between(pose[:3, 2], zero.direction[0])
+    pose[:3, 3] = zero.point[0] - zero.direction[0] * (zero.direction[0] @ zero.point[0])
+    for k in range(len(zero.direction)):
+        last = k + 1 == len(zero.direction)
+        to = np.linalg.inv(pose)
+        axis = to[:3, :3] @ (zero.flange[:3, 2] if last else zero.direction[k + 1])
+        point = to[:3, :3] @ (zero.flange[:3, 3] if last else zero.point[k + 1]) + to[:3, 3]
+        if last:
+            theta, d = np.arctan2(*(to[:3, :3] @ zero.flange[:3, 0])[[1, 0]]), point[2]
+        else:
+            theta, d = _common_normal(axis, point, d_parallel[k])
+        normal = np.array([np.cos(theta), np.sin(theta), 0.0])
+        across = np.array([-np.sin(theta), np.cos(theta), 0.0])
+        a, alpha = float(normal @ point), float(np.arctan2(-across @ axis, axis[2]))
+        numbers.append((theta, a, d, alpha))
+        pose = pose @ _frame(*numbers[-1])
+    return np.array(numbers)
+
+
+def _common_normal(axis: Array, point: Array, d_parallel: float) -> tuple[float, float]:
+    """Return direction about z [rad] and height on z [m] of the common normal of z and another axis."""
+    sine = float(np.hypot(axis[0], axis[1]))
+    if sine < PARALLEL:
+        normal, height = point[:2] - axis[:2] * point[2] / axis[2], d_parallel
+    else:
+        level = axis[:2] / sine
+        normal, height = np.array([axis[1], -axis[0]]), float(point[2] - axis[2] / sine * (level @ point[:2]))
+    if normal[0] < 0.0:  # either sense is right: the turn is at most a quarter
+        normal = -normal
+    return float(np.arctan2(normal[1], normal[0])), height
+
+
+def _frame(theta: float, a: float, d: float, alpha: float) -> Array:
+    pose = np.eye(4)
+    turn = Rotation.from_euler("z", theta).as_matrix()
+    pose[:3, :3] = turn @ Rotation.from_euler("x", alpha).as_matrix()
+    pose[:3, 3] = turn @ [a, 0.0, d]
+    return pose
