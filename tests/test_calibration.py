@@ -161,9 +161,13 @@ def test_what_the_controller_can_hold_is_written_without_loss(tmp_path, monkeypa
 def test_what_the_controller_cannot_hold_is_listed_with_the_error_that_it_leaves(tmp_path, monkeypatch, capsys) -> None:
     tilted = shift_origin(measured_robot(), "joint_1", np.array([0.0, 3e-4, 0.0, 0.0, 0.0, 0.0]))
     slack = {"effect": "backlash", "joint": "joint_1", "parameters": {"width_rad": 1e-3}}
+    tool = tilted.joints[-1].placement.copy()
+    tool[:3, 3] += [0.0, 4e-4, 0.0]
+    tilted = replace(tilted, joints=(*tilted.joints[:-1], replace(tilted.joints[-1], placement=tool)))
     summary, _ = write_back(replace(tilted, effects=(slack,)), tmp_path, monkeypatch, capsys)
     lost = {row["what"].split()[0]: row["rms_mm"] for row in summary["lost"]}
     assert lost["where"] == pytest.approx(0.3, abs=1e-3)
+    assert lost["the"] == pytest.approx(0.4, abs=1e-3)
     assert lost["bending"] > 0.01 and lost["backlash,"] > 0.01
     assert summary["left_rms_mm"] < sum(lost.values())
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from compplan.cell.predict import predict_campaign
 from compplan.measure.made import make_log
-from compplan.robot import Array, Robot
+from compplan.robot import Array, Joint, Robot
 
 #: Poses over which a loss is taken, drawn within the limits of the joints and half a turn to either side.
 POSES = 200
@@ -27,12 +27,13 @@ class Loss:
     rms: float
 
 
-def judge_losses(robot: Robot, held: Robot, seed: int = 0) -> tuple[list[Loss], float]:
+def judge_losses(robot: Robot, held: Robot, nominal: Robot, seed: int = 0) -> tuple[list[Loss], float]:
     """Say what is lost, one thing at a time, and the tip error that all of it leaves (rms).
 
     Args:
         robot: The robot as measured: bending under its own weight and effects included.
         held: The robot that the controller believes, its joints rigid.
+        nominal: The robot as it ships; its tool is the controller's until somebody enters another one.
         seed: Seed of the poses.
     """
     rng = np.random.default_rng(seed)
@@ -42,9 +43,12 @@ def judge_losses(robot: Robot, held: Robot, seed: int = 0) -> tuple[list[Loss], 
         return predict_campaign(arm, make_log(q, np.zeros(6), np.zeros((POSES, 3)))).position
 
     plain = replace(robot, effects=())
-    rigid, bent, believed = locate(stiffen(plain)), locate(plain), locate(stiffen(replace(held, effects=())))
+    held = stiffen(replace(held, effects=()))
+    rigid, bent, axes = locate(stiffen(plain)), locate(plain), locate(held)
+    believed = locate(replace(held, joints=(*_split(held)[0], *_split(nominal)[1]), tcp=nominal.tcp))
     losses = [
-        Loss("where axis 1 stands in the base, 2 of 6 numbers of the flange", _rms(rigid - believed)),
+        Loss("where axis 1 stands in the base, 2 of 6 numbers of the flange", _rms(rigid - axes)),
+        Loss("the tool, from flange to TCP: enter it as the TCP", _rms(axes - believed)),
         Loss(f"bending under the arm's own weight, springs {robot.grade}", _rms(bent - rigid)),
     ]
     for effect in robot.effects:
@@ -56,6 +60,12 @@ def judge_losses(robot: Robot, held: Robot, seed: int = 0) -> tuple[list[Loss], 
 def stiffen(robot: Robot) -> Robot:
     """Return the robot without anything that bends."""
     return replace(robot, springs=(), link_elasticities=())
+
+
+def _split(robot: Robot) -> tuple[tuple[Joint, ...], tuple[Joint, ...]]:
+    """Divide the chain at the flange."""
+    end = 1 + max(k for k, joint in enumerate(robot.joints) if joint.child == robot.flange)
+    return robot.joints[:end], robot.joints[end:]
 
 
 def _rms(motion: Array) -> float:

@@ -47,7 +47,7 @@ def write_controller_file(robot: Robot, nominal: Robot, controller: str, file: P
         raise InputError(f"robot {robot.name!r} has other joints than {nominal.name!r}, expected a folder made from it")
     check_file(file)
     text, held = write(robot, nominal)
-    losses, left = judge_losses(robot, held)
+    losses, left = judge_losses(robot, held, nominal)
     rows = [{"what": loss.what, "rms_mm": float(f"{loss.rms * 1e3:.4g}")} for loss in losses]
     write_text(file, text)
     return {
