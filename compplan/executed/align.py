@@ -94,9 +94,7 @@ def find_start(path: Path, tip: Array, way: Array) -> float:
             break
         if not tried or np.abs(np.array(tried) - starts[k]).min() > APART:
             tried.append(float(starts[k]))
-    found = np.sort(_refine_start(path, tip, way, rows, np.array(tried), float(path.s[-1] / (count - 1))))
-    if len(found) == 1:
-        return float(found[0])
+    found = np.array([_nearest_around(path, tip[0], start) for start in sorted(tried)])
     left = []
     for start in found:
         near = find_nearest(path.position, np.searchsorted(path.s, _follow_rows(path, tip[head], way[head], start)),
@@ -106,14 +104,11 @@ def find_start(path: Path, tip: Array, way: Array) -> float:
     return float(found[int(np.argmin(left))])
 
 
-def _refine_start(path: Path, tip: Array, way: Array, rows: NDArray[np.int_], tried: Array, spacing: float) -> Array:
-    """Return each place moved to the best one nearby. Shape (k,). [m]."""
-    for _ in range(2):
-        around = np.clip(tried[:, None] + spacing * np.linspace(-1.5, 1.5, 21), path.s[0], path.s[-1])
-        cost = _hold_rows(path, tip, way, rows, around.ravel()).reshape(around.shape)
-        tried = np.take_along_axis(around, cost.argmin(axis=1)[:, None], 1)[:, 0]
-        spacing *= 0.15
-    return tried
+def _nearest_around(path: Path, tip: Array, start: float) -> float:
+    """Return the length of the path's point nearest to a tip, not far from a start. [m]."""
+    low, high = np.searchsorted(path.s, [start - APART, start + APART])
+    away = ((path.position[low : high + 1] - tip) ** 2).sum(axis=1)
+    return float(path.s[low + (away + (PULL * (path.s[low : high + 1] - start)) ** 2).argmin()])
 
 
 def _hold_rows(path: Path, tip: Array, way: Array, rows: NDArray[np.int_], starts: Array) -> Array:
