@@ -95,7 +95,7 @@ def test_a_log_of_a_drive_that_follows_exactly_is_no_lag(tmp_path, monkeypatch, 
 
 def test_a_log_is_found_in_its_own_layer_of_many_though_cut_corners_shorten_its_way() -> None:
     corner = np.array([(0.06 * ((k + 1) // 2 % 2), 0.008 * (k // 2), 0.0) for k in range(16)])
-    corners = np.concatenate([corner + [0.0, 5e-4 * (k % 7), -2e-4 * k] for k in range(10)])
+    corners = np.concatenate([corner + np.array([0.0, 5e-4 * (k % 7), -2e-4 * k]) for k in range(10)])
     at = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))]
     s = np.arange(0.0, at[-1], 1e-3)
     points = np.stack([np.interp(s, at, column) for column in corners.T], axis=1)
