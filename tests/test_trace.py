@@ -144,6 +144,19 @@ def test_a_log_of_another_program_is_refused(tmp_path, monkeypatch, capsys) -> N
     assert answer.status == 2 and "expected a log of this program" in answer.err
 
 
+@pytest.mark.parametrize("between", [" ", ","])
+def test_a_recording_of_rtde_is_read_by_its_own_names_and_units(tmp_path, between) -> None:
+    t = 0.002 * np.arange(80)
+    q = np.stack([0.1 * j + 0.3 * t for j in range(6)], axis=1)
+    head = ["timestamp", *(f"actual_q_{j}" for j in range(6)), *(f"target_q_{j}" for j in range(6)), "robot_mode"]
+    rows = np.column_stack([t, q, q, np.full(80, 7.0)])
+    file = tmp_path / "l.csv"
+    np.savetxt(file, rows, delimiter=between, header=between.join(head), comments="", fmt="%.9f")
+    log = read_log(file, load_robot("ur10"))
+    assert log.raw == pytest.approx(q, abs=1e-8) and log.cycle == pytest.approx(0.002)
+    assert any("robot_mode" in note for note in log.notes)
+
+
 def test_rows_out_of_order_and_repeated_are_told(tmp_path) -> None:
     _, file = draw(tmp_path, "1", 0.2, 1)
     lines = file.read_text().splitlines()

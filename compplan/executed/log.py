@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +23,9 @@ TORN_LOW, TORN_HIGH = 0.5, 1.6
 TORN_SIGMAS = 5.0
 #: Time over which rates are taken. [s]
 RATE_SPAN = 0.024
+
+#: Vectors of a RTDE recording that are read, an element a column.
+RTDE = re.compile(r"(actual_q|target_q|target_moment)_([0-5])")
 
 COLUMNS = (
     FileColumn("time", "time", required=True),
@@ -75,7 +79,7 @@ def read_log(file: Path, robot: Robot) -> Log:
         InputError: With file and line, if it is no log of this robot.
 
     """
-    table = read_table(file, COLUMNS, unknown="note")
+    table = read_table(file, COLUMNS, unknown="note", rename=_rename_rtde)
     raw, time, notes = read_joints(table, robot, "q#"), table.values["time"], list(table.notes)
     whole = np.isfinite(raw).all(axis=1)
     if not whole.all():
@@ -92,6 +96,17 @@ def read_log(file: Path, robot: Robot) -> Log:
     if len(time) < FEWEST_ROWS:
         raise table.error(f"has {len(time)} whole rows of different times, expected at least {FEWEST_ROWS}")
     return clean_log(file, time, raw, notes)
+
+
+def _rename_rtde(title: str) -> str:
+    """Return our name of a field of a RTDE recording, whose joints count from 0 in rad, time in s, moments in Nm."""
+    if title == "timestamp":
+        return "time_s"
+    found = RTDE.fullmatch(title)
+    if not found:
+        return title
+    name = {"actual_q": "q#_rad", "target_q": "q#_cmd_rad", "target_moment": "tau#_Nm"}[found[1]]
+    return name.replace("#", str(int(found[2]) + 1))
 
 
 def clean_log(file: Path, time: Array, raw: Array, notes: list[str]) -> Log:

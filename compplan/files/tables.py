@@ -12,7 +12,7 @@ import io
 import json
 import re
 import stat
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -88,7 +88,10 @@ class Table:
         return InputError(message, file=self.file, where=1 if row is None else int(self.lines[row]))
 
 
-def read_table(path: str | Path, columns: Sequence[FileColumn], *, unknown: str = "refuse") -> Table:
+def read_table(
+    path: str | Path, columns: Sequence[FileColumn], *, unknown: str = "refuse",
+    rename: Callable[[str], str] | None = None,
+) -> Table:  # fmt: skip
     """Read a CSV file whose column names carry units.
 
     Blank lines and lines that begin with # are skipped. An empty field, or nan, is a missing value.
@@ -97,6 +100,8 @@ def read_table(path: str | Path, columns: Sequence[FileColumn], *, unknown: str 
         path: The file.
         columns: The columns that the table may have.
         unknown: "refuse" columns that are not in `columns`, or "note" them in `Table.notes`.
+        rename: Gives a column of another program's export our name, any other one its own; fields of such an export
+            may stand between spaces.
 
     Returns:
         The table in SI.
@@ -109,8 +114,11 @@ def read_table(path: str | Path, columns: Sequence[FileColumn], *, unknown: str 
     """
     path = Path(path)
     plain = None if any(column.dimension == "text" for column in columns) else _read_plain(path)
-    header_line, header, rows, lines = _read_rows(path) if plain is None else (1, plain[0], [], plain[2])
-    matched, notes = match_columns(path, header_line, header, columns, unknown)
+    header_line, header, rows, lines = (
+        _read_rows(path, rename is not None) if plain is None else (1, plain[0], [], plain[2])
+    )
+    names = [rename(name) for name in header] if rename else header
+    matched, notes = match_columns(path, header_line, names, columns, unknown)
     by_column = list(zip(*rows, strict=True)) if rows else [()] * len(header)
     values: dict[str, Array] = {}
     text: dict[str, NDArray[np.str_]] = {}
@@ -150,10 +158,11 @@ def _read_plain(path: Path) -> tuple[list[str], Array, NDArray[np.int64]] | None
     return (header, grid, np.arange(2, 2 + len(grid))) if whole else None
 
 
-def _read_rows(path: Path) -> tuple[int, list[str], list[list[str]], NDArray[np.int64]]:
+def _read_rows(path: Path, spaced: bool) -> tuple[int, list[str], list[list[str]], NDArray[np.int64]]:
     """Return header line, header, rows and the line of every row; refuse ragged rows."""
     content = read_text(path)
-    reader = csv.reader(content.splitlines())
+    told = content.splitlines()
+    reader = csv.reader(told, delimiter=" " if spaced and told and "," not in told[0] and " " in told[0] else ",")
     header: list[str] = []
     header_line = 0
     rows: list[list[str]] = []
