@@ -7,7 +7,7 @@ import pytest
 
 from compplan.plan.fastest_run import time_cut
 from compplan.plan.motion_limits import measure_use, spread_factors
-from compplan.plan.timing import find_slowdown, time_rapids
+from compplan.plan.timing import _overlap_legs, find_slowdown, time_rapids
 
 
 def times(along, speed):
@@ -116,3 +116,15 @@ def test_joints_keep_their_acceleration_on_a_path_that_bends_by_its_closed_form(
     assert change[inner] == pytest.approx(bend[inner], abs=1e-3)
     acceleration = np.abs(bend * speed[:, None] ** 2 + slope * push[:, None])[inner]
     assert 4.0 * 0.9 < acceleration.max() < 4.0 * 1.05
+
+
+def test_a_rounding_that_the_run_reaches_at_full_feed_is_not_run_faster() -> None:
+    """x(u) = p(-a (1 - u)^4) + p(a u^4) of a right angle; the legs have slowed down nowhere when they reach it."""
+    u, reach, feed = np.linspace(0.0, 1.0, 17), 1e-3, 0.02
+    corner = np.column_stack([-reach * (1.0 - u) ** 4, reach * u**4, 0.0 * u])
+    position = np.vstack([[-2e-3, 0.0, 0.0], corner, [0.0, 2e-3, 0.0]])
+    length = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    time = np.r_[0.0, np.cumsum(length / feed)]
+    step = np.diff(_overlap_legs(time, position, np.full(19, feed), [(1, 9, 17)]))
+    assert (length <= feed * step * (1.0 + 1e-9)).all()
+    assert (length[1:-1] / step[1:-1]).max() == pytest.approx(feed)

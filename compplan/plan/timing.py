@@ -116,7 +116,7 @@ def time_command(
                 rows = partial(rules.rows, start + first, start + last)
             time[leg] = time[first] + _time_run(task, along[leg] - along[first], q[run][leg], rows, own[leg])
         if spans:
-            time = _overlap_legs(time, task.position[run], spans)
+            time = _overlap_legs(time, task.position[run], task.nominal.feed[run], spans)
             torques = None if rules is None else partial(rules.rows, start, end)
             use = _use_of(task, q[run], time, torques)
             time = time if use.max() <= 1.0 else _stretch_time(task, q[run], time, use, torques)
@@ -146,15 +146,17 @@ def find_narrow(task: PlanTask, along: Array, start: int, end: int) -> list[tupl
     return found
 
 
-def _overlap_legs(time: Array, position: Array, spans: list[tuple[int, int, int]]) -> Array:
+def _overlap_legs(time: Array, position: Array, feed: Array, spans: list[tuple[int, int, int]]) -> Array:
     """Let runs that end and begin in the middles of roundings overlap, u of the rounding even in time.
 
     A run that is smoothed comes to rest as the fourth power of time: one that is r before it rests d later, and goes
-    on at 4 r / d, which is 4 a / g with g the rate dt/du of the rounding: g = a d / r.
+    on at 4 r / d, which is 4 a / g with g the rate dt/du of the rounding: g = a d / r. Where the run slows down later
+    than that, the rounding takes longer by what keeps the feed.
 
     Args:
         time: Time at each waypoint with rests in the middles. Shape (k,). [s]
         position: Shape (k, 3). [m]
+        feed: Programmed feed to each waypoint. Shape (k,). [m/s]
         spans: First, middle and last waypoint of each rounding.
 
     """
@@ -165,7 +167,10 @@ def _overlap_legs(time: Array, position: Array, spans: list[tuple[int, int, int]
         reach, before = share * steps.sum(), steps[: middle - first].sum()
         rate = reach * (time[middle] - time[first]) / before
         change = reach * (time[last] - time[middle]) / (steps.sum() - before) - rate
-        step[first:last] = np.diff(rate * u + 0.5 * change * u**2)
+        taken = np.diff(rate * u + 0.5 * change * u**2)
+        wanted = feed[first + 1 : last + 1]
+        least = np.divide(steps, wanted, out=np.zeros(len(steps)), where=wanted > 0.0)
+        step[first:last] = taken * max(float((least / taken).max()), 1.0)
     return np.r_[0.0, np.cumsum(step)]
 
 
