@@ -19,6 +19,7 @@ from script_readers import read_inform, read_kawasaki, read_sinumerik, read_ursc
 from compplan.program import Program, build_program, write_program
 from compplan.program.post import Post
 from compplan.robot import load_robot
+from compplan.second.programs.said import compare_said, read_said
 
 AXES = ("E1", "A1", "A2", "A3", "A4", "A5", "A6")
 #: What each language writes, by reader: file or folder in the output, and whether it carries the tool.
@@ -247,6 +248,23 @@ def test_a_table_is_read_back_whatever_the_axes_are_called(tmp_path: Path) -> No
     (file,) = (tmp_path / "out").glob("*.csv")
     again = [move.joints for move in read_csv(file, names)]
     assert np.array(again) == pytest.approx(program.joints[:, -6:], abs=1e-6)
+
+
+@pytest.mark.parametrize("language", ["fanuc_ls", "inform"])
+def test_frames_that_a_program_asks_of_the_cell_are_read_back(language: str, tmp_path: Path) -> None:
+    program = replace(make_program(tmp_path / "cell", language), post=Post())
+    assert program.tool is not None
+    write_program(program, language, tmp_path / "out")
+    paths = [path for path in (tmp_path / "out").rglob("*") if read_said(path)]
+    assert paths
+    millimetres = np.array([[1.0, 1, 1, 1e3]] * 3 + [[1.0, 1, 1, 1]])
+    planned, tip = program.base_frame * millimetres, program.tool * millimetres
+    for path in paths:
+        assert compare_said(path, planned, tip) == []
+        for name, frame in read_said(path).items():
+            other = np.linalg.inv(frame)
+            part, tool = (planned, other) if name == "tool" else (other, tip)
+            assert compare_said(path, part, tool) == [f"the {name} that it asks of the cell is not the planned one"]
 
 
 #: The tool as jobs state it, from the URDF's flange (x out of the flange): x = 140, y = 30, z = 50 mm, turned with it.

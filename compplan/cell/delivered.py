@@ -30,6 +30,7 @@ from compplan.second.posture import read_words
 from compplan.second.programs.fanuc_abb import read_csv, read_fanuc, read_rapid
 from compplan.second.programs.kuka_staubli import read_krl, read_val3
 from compplan.second.programs.poses import Move
+from compplan.second.programs.said import compare_said
 from compplan.second.programs.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
 from compplan.second.robot import JointTable, read_joints
 
@@ -131,6 +132,8 @@ def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wante
                     said = [held]
                 else:
                     said = stand.compare(moves, held) or spoken.take(held).compare(language, moves)
+                if language in ("fanuc_ls", "inform"):
+                    said += compare_said(file, np.linalg.inv(stand.world) @ stand.part, stand.tool)
                 breaches += [f"{file.name}, read back: {text}" for text in said]
     return Vote(tuple(breaches), tuple(notes))
 
