@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from compplan.diagnose.answer.assessment import assess_diagnosis
 from compplan.diagnose.answer.calibration import list_corrections
 from compplan.diagnose.answer.where import split_diagnosis
 from compplan.diagnose.doubt.held_out import Folds, HeldOut, free_of_frames, make_folds
+from compplan.diagnose.doubt.options import rate_chance
 from compplan.diagnose.ledger.evidence import _choose_solver, _loose, _value_and_slope, find_posterior
 from compplan.diagnose.ledger.gains import find_gains
 from compplan.diagnose.search.fit import fit_effects
@@ -284,3 +286,10 @@ def test_backlash_on_a_path_waits_at_reversals_and_is_named(robot: Robot) -> Non
     found = diagnose_campaign(robot, campaign).verdict.findings
     assert [f.effect.place for f in found] == [play.place]
     assert found[0].effect.parameters["width_rad"] == pytest.approx(3e-4, rel=0.05)
+
+
+def test_a_form_picked_from_more_alternatives_than_fit_a_word_of_memory_counts_their_chance() -> None:
+    ledger = SimpleNamespace(signatures=[SimpleNamespace(tried=10**40)])
+    folds = SimpleNamespace(fit=SimpleNamespace(search=SimpleNamespace(ledger=ledger)), pose=np.arange(100))
+    chance = rate_chance(folds, [Claim(0, 1.0)])  # type: ignore[arg-type]
+    assert chance == pytest.approx(np.sqrt(1.0 + 2.0 * 40.0 * np.log(10.0) / 300))

@@ -6,6 +6,7 @@ alone and beside these. Widths and noise are those that all rows say.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -139,7 +140,7 @@ def rate_chance(folds: Folds, claims: Sequence[Claim]) -> float:
         claims: The claims.
     """
     signatures = folds.fit.search.ledger.signatures
-    squares = 2.0 * sum(float(np.log(signatures[claim.signature].tried)) for claim in claims)
+    squares = 2.0 * sum(math.log(signatures[claim.signature].tried) for claim in claims)
     return float(np.sqrt(1.0 + squares / (3 * len(np.unique(folds.pose)))))
 
 
