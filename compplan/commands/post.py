@@ -104,7 +104,7 @@ def read_output(file: str) -> dict[str, Any]:
         InputError: If a key is not what it has to be, those among them that the command line replaces.
 
     """
-    from compplan.job.job import OutputTable
+    from compplan.job.output import OutputTable
     from compplan.outputs.post import read_table_of_job
 
     table = read_table_of_job("output", file)

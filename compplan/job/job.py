@@ -18,7 +18,7 @@ from compplan.files.tomlfile import Numbers, OneOf, SchemaOne, StrictTable, Vect
 from compplan.job.frames import PartTable, ToolTable
 from compplan.job.names import STRATEGIES
 from compplan.job.noise import NoiseTable
-from compplan.job.signals import IoTable
+from compplan.job.output import OutputTable
 from compplan.job.tools import NumberedTool, ToolsTable, check_tools
 from compplan.path.cam import list_suffixes
 from compplan.path.cam.options import CamTable
@@ -29,7 +29,6 @@ from compplan.path.forces.process_stiffness import CouplingTable
 from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
 from compplan.path.process import ColumnsProcess, Process
 from compplan.path.toolpath import Toolpath
-from compplan.program import WRITERS
 from compplan.robot import Robot
 from compplan.robot.folder import find_robot_folder
 
@@ -82,30 +81,6 @@ class PlanTable(StrictTable):
     def start(self) -> Numbers | None:
         """Joint positions to start near [deg, prismatic joints mm], or None."""
         return self.start_deg if self.start_deg is not None else self.configuration.start_deg
-
-
-class CellTable(StrictTable):
-    """[output.cell]: the cell's own tool data and frame, by number or name, and whether programs fill them."""
-
-    tool: Annotated[int, Field(ge=0, le=999)] | Annotated[str, Field(max_length=32)] | None = None
-    base: Annotated[int, Field(ge=0, le=999)] | Annotated[str, Field(max_length=32)] | None = None
-    overwrite: bool = False
-
-
-class OutputTable(StrictTable):
-    """[output]: native programs, how closely their lines and arcs follow the path, and how they are cut up."""
-
-    programs: Annotated[tuple[Annotated[str, OneOf(WRITERS)], ...], Field(strict=False)] = ()
-    form: Literal["linear", "joint", "both"] = "linear"
-    fit_tolerance_mm: float = Field(default=0.002, ge=0.0, le=1.0)
-    max_points_per_file: int | None = Field(default=None, ge=2)
-    any_brand: bool = False
-    header: dict[Annotated[str, OneOf(WRITERS)], str] = Field(default_factory=dict)
-    footer: dict[Annotated[str, OneOf(WRITERS)], str] = Field(default_factory=dict)
-    templates: dict[Annotated[str, OneOf(WRITERS)], Annotated[str, Field(min_length=1)]] = Field(default_factory=dict)
-    main: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")] | None = None
-    cell: CellTable = CellTable()
-    io: IoTable = IoTable()
 
 
 class SamplingTable(StrictTable):

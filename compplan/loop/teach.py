@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -167,10 +168,10 @@ def teach_part(
     gathered, own = gather_points(matched, slopes, length), own_of(job, slopes, whole, matched)
     left_open = None if old is None else interpolate(length, old.length, old.open)
     if not sure:
-        place, whole_part = job.T_base_part, not matched.scanned
-        ask_possible(points, gathered, possible_band(slopes, known, gathered, own, left_open), lambda: explain_points(
-            points.stack(["x", "y", "z"]), wanted, place, in_base=in_base, whole=whole_part,
-        ))
+        band, where = possible_band(slopes, known, gathered, own, left_open), job.T_base_part
+        ask_possible(points, gathered, band, partial(
+            explain_points, points.stack(["x", "y", "z"]), wanted, where, in_base=in_base, whole=not matched.scanned,
+        ))  # fmt: skip
 
     def exact(values: Array, force: Array) -> Array:
         moved = push_scene(take_scene(vary_scene(scene, known.unknowns, values), slopes.rows), force, spread)

@@ -137,7 +137,6 @@ class LearnedForce:
         turn = Rotation.from_rotvec(R_base_part @ self.turn if self.axes == "part" else self.turn)
         return self.level * np.concatenate([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])], axis=1)
 
-
     def undo(self, wrench: Array, R_base_part: Array) -> Array:
         """Return the predicted wrench of one that is planned with. Shape (n, 6). [N, N m]"""
         return replace(self, level=1.0 / self.level, turn=-self.turn).push(wrench, R_base_part)

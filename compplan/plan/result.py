@@ -267,7 +267,7 @@ def _describe_force(plan: Plan) -> dict[str, Any]:
 
 def summarise_plan(plan: Plan) -> dict[str, Any]:
     """Return the content of plan.json."""
-    margins, failures = plan.margins, plan.command.failures
+    failures = plan.command.failures
     summary: dict[str, Any] = {
         "schema": 1,
         "status": plan.status,
@@ -302,13 +302,8 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         **summarise_promise(plan.promise),
         "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
         "within_tolerance": plan.after.share_within(plan.task.tolerance),
-        "correction_mm": {"max": margins.max_correction * 1e3},
-        "margins": {
-            "position_limit_deg": float(np.degrees(margins.position)),
-            "position_limit_joint": plan.robot.joint_names[margins.joint],
-            "velocity_ratio": margins.velocity_ratio,
-            "acceleration_ratio": margins.acceleration_ratio,
-        },
+        "correction_mm": {"max": plan.margins.max_correction * 1e3},
+        "margins": _describe_margins(plan),
         "duration_s": float(plan.timing.time[-1]),
         "judge": plan.judge,
         "notes": list(plan.notes),
@@ -326,6 +321,16 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         summary["failures"] = [{"waypoint": waypoint, "limit": limit} for waypoint, limit in sorted(failures.items())]
         summary["failure"] = plan.explain_failures()
     return summary
+
+
+def _describe_margins(plan: Plan) -> dict[str, Any]:
+    margins = plan.margins
+    return {
+        "position_limit_deg": float(np.degrees(margins.position)),
+        "position_limit_joint": plan.robot.joint_names[margins.joint],
+        "velocity_ratio": margins.velocity_ratio,
+        "acceleration_ratio": margins.acceleration_ratio,
+    }
 
 
 def _summarise_coupling(effect: CouplingEffect) -> dict[str, Any]:

@@ -9,8 +9,6 @@ what is open on the screen. No script but the page's own runs in it, and nothing
 from __future__ import annotations
 
 import base64
-import gzip
-import hashlib
 import json
 import re
 from collections.abc import Sequence
@@ -21,12 +19,11 @@ from typing import Any
 
 from compplan.files.origin import describe_origin
 from compplan.files.tables import write_text
+from compplan.report.scripts import load_plotly, write_policy
 from compplan.report.style import build_template, format_number
 from compplan.version import VERSION
 
 TEMPLATES = Path(__file__).parent / "templates"
-#: The part of plotly.js that pages draw with; how it was made stands beside it.
-PLOTLY = Path(__file__).parent / "plotly" / "plotly.min.js.gz"
 #: A command in a sentence: its options with their values, words in capitals, and files.
 COMMAND = r"compplan [a-z]+(?: --[a-z-]+(?: (?:[\w/.-]*\w))?| [A-Z]{2,}[\w/.]*\b| [\w./-]+\.(?:csv|toml|nc)\b)*"
 #: A value of fewer characters is written wherever it stands.
@@ -258,35 +255,10 @@ def render_page(
             css=(TEMPLATES / "page.css").read_text(encoding="utf-8"),
             script=script,
             policy=write_policy(script, with_charts=bool(charts)),
-            plotly=_plotly_script() if charts else "",
+            plotly=load_plotly() if charts else "",
             payload=json.dumps(payload, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
         )
     )
-
-
-def write_policy(script: str, *, with_charts: bool) -> str:
-    """Return the content security policy of a page: its own script and the chart library by their hashes, no network.
-
-    Args:
-        script: The script of the page.
-        with_charts: Whether the chart library lies in the page.
-    """
-    digests = [hash_script(script.encode())] + ([_plotly_digest()] if with_charts else [])
-    rules = {
-        "default-src": "'none'", "script-src": " ".join(digests), "style-src": "'unsafe-inline'",
-        "img-src": "data: blob:", "base-uri": "'none'", "form-action": "'none'",
-    }  # fmt: skip
-    return "; ".join(f"{rule} {value}" for rule, value in rules.items())
-
-
-def hash_script(text: bytes) -> str:
-    """Return the source expression of an inline script."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text).digest()).decode()}'"
-
-
-@cache
-def _plotly_digest() -> str:
-    return hash_script(gzip.decompress(PLOTLY.read_bytes()))
 
 
 def share_values(charts: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -349,11 +321,6 @@ def mark_commands(text: str) -> Any:
 
     marked = re.sub(COMMAND, r'<code class="command">\g<0></code>', str(escape(text)))
     return Markup(re.sub(r"(--[a-z-]+)", r'<span class="option">\1</span>', marked))
-
-
-@cache
-def _plotly_script() -> str:
-    return base64.b64encode(PLOTLY.read_bytes()).decode("ascii")
 
 
 def _describe(block: Block, charts: list[dict[str, Any]]) -> dict[str, Any]:

@@ -29,7 +29,7 @@ from compplan.statics.stiffness import ComplementaryInfluence, complementary_inf
 
 #: Table I: theta_2 and theta_3 of the three zones. [deg]
 ZONES_DEG = {"Z1": ((0, 110), (-245, -170)), "Z2": ((0, 25), (0, 29)), "Z3": ((100, 146), (0, 29))}
-#: Table II: joint stiffnesses and their errors, joint 1 not determined. [1e6 N m/rad, %]
+#: Table II: errors of the joint stiffnesses, joint 1 not determined. [%]
 ERRORS_PERCENT = (None, 8.0, 9.0, 2.0, 2.0, 5.0)
 TESTS, VALIDATION, REPEATS = 23, 25, 60
 WEIGHT_N, LEVER_M = (750.0, 1500.0), 0.3

@@ -1,0 +1,35 @@
+"""[output]: the programs that a job asks for."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from compplan.files.tomlfile import OneOf, StrictTable
+from compplan.job.signals import IoTable
+from compplan.program import WRITERS
+
+
+class CellTable(StrictTable):
+    """[output.cell]: the cell's own tool data and frame, by number or name, and whether programs fill them."""
+
+    tool: Annotated[int, Field(ge=0, le=999)] | Annotated[str, Field(max_length=32)] | None = None
+    base: Annotated[int, Field(ge=0, le=999)] | Annotated[str, Field(max_length=32)] | None = None
+    overwrite: bool = False
+
+
+class OutputTable(StrictTable):
+    """[output]: native programs, how closely their lines and arcs follow the path, and how they are cut up."""
+
+    programs: Annotated[tuple[Annotated[str, OneOf(WRITERS)], ...], Field(strict=False)] = ()
+    form: Literal["linear", "joint", "both"] = "linear"
+    fit_tolerance_mm: float = Field(default=0.002, ge=0.0, le=1.0)
+    max_points_per_file: int | None = Field(default=None, ge=2)
+    any_brand: bool = False
+    header: dict[Annotated[str, OneOf(WRITERS)], str] = Field(default_factory=dict)
+    footer: dict[Annotated[str, OneOf(WRITERS)], str] = Field(default_factory=dict)
+    templates: dict[Annotated[str, OneOf(WRITERS)], Annotated[str, Field(min_length=1)]] = Field(default_factory=dict)
+    main: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")] | None = None
+    cell: CellTable = CellTable()
+    io: IoTable = IoTable()
