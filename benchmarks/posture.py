@@ -26,7 +26,7 @@ from compplan.cell.judge import Judge, build_judge
 from compplan.errors import CompplanError
 from compplan.job.job import Job, check_job
 from compplan.job.loading import load_nominal
-from compplan.path.process import tool_axes
+from compplan.path.contact import tool_axes
 from compplan.path.toolpath import Toolpath
 from compplan.plan.plan import job_robot
 from compplan.posture.choose import choose_stance

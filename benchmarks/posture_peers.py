@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from benchmarks.posture import Array, Case, cam_default
 from compplan.cell.judge import build_judge, judge_pose
-from compplan.path.process import tool_axes
+from compplan.path.contact import tool_axes
 from compplan.plan.plan import PlanOptions, PostureRequest, plan_compensation
 from compplan.posture.settings import read_settings
 

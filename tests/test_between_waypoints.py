@@ -106,7 +106,7 @@ def test_the_milling_force_is_that_of_the_feed_that_is_driven_and_vanishes_at_co
 
 def test_milling_above_the_stock_and_straight_down_carries_no_lateral_force(tmp_path):
     from compplan.path.force_law import ForceLaw
-    from compplan.path.process import MillingProcess
+    from compplan.path.force_models.milling import MillingProcess
     from compplan.path.toolpath import Toolpath
 
     position = np.array([[0, 0, 5.0], [10, 0, 5], [10, 0, 1], [10, 0, -1], [20, 0, -1], [30, 0, -0.5]]) * 1e-3

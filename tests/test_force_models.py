@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ from compplan.errors import InputError
 from compplan.job.job import check_job, load_job
 from compplan.job.loading import load_path
 from compplan.job.noise import describe_noise
-from compplan.path.forces.friction_stir import FrictionStirProcess, weld_torque, weld_wrench
-from compplan.path.forces.grinding import GrindingProcess, grinding_wrench
-from compplan.path.forces.sheet_forming import (
+from compplan.path.force_models import FORCE_MODELS
+from compplan.path.force_models.friction_stir import FrictionStirProcess, weld_torque, weld_wrench
+from compplan.path.force_models.grinding import GrindingProcess, grinding_wrench
+from compplan.path.force_models.isf_regression import (
     UNCERTAINTY,
     IsfRegressionProcess,
     find_step_down,
@@ -43,6 +45,44 @@ def make_job(folder: Path, process: dict, toolpath: str = SLOT):
 def line(feed: float = 0.02) -> Toolpath:
     position = np.column_stack([np.linspace(0, 0.1, 11), np.zeros(11), np.zeros(11)])
     return Toolpath(position, np.tile([0.0, 0, 1], (11, 1)), np.full(11, feed), np.zeros(11, bool))
+
+
+SLIDE = "x_mm,y_mm,z_mm,feed_mm_s\n0,20,-1,20\n40,20,-1,20\n"
+#: Of every model numbers, and the force on the tool in the middle of a move along x of the part, by hand. [N]
+GOLDEN = {
+    "columns": ({}, (1.0, 2.0, 3.0)),
+    "constant": ({"force_N": [1.0, 2.0, 3.0]}, (1.0, 2.0, 3.0)),
+    "file": ({"file": "wrench.csv"}, (4.0, 2.0, 3.0)),
+    # a slot: kt ap f / 4 across the travel, kr ap f / 4 against it; .2 mm a turn, 1 mm deep
+    "milling": ({"depth_mm": 1.0, "width_mm": 10.0, "diameter_mm": 10.0, "spindle_rpm": 6000.0, "kc_N_mm2": 800.0},
+                (-16.0, 40.0, 0.0)),
+    "end_mill": ({"diameter_mm": 10.0, "spindle_rpm": 6000.0, "coefficients": {"cutting_N_mm2": [800.0, 320.0, 0.0]},
+                  "stock": MILL["stock"]}, (-16.0, 40.0, 0.0)),
+    # a downward move: 570 K D f^.85 with K = 1.01, f = .2 mm a turn, less .8 of half of it at a thinned web
+    "drill": ({"diameter_mm": 10.0, "spindle_rpm": 6000.0, "material": "al6082_t6",
+               "stock": MILL["stock"]}, (0.0, 0.0, 0.6 * 5700.0 * 1.01 * 0.2**0.85)),
+    "isf": ({"axial_N": 100.0, "lateral_N": 50.0, "drag_N": 10.0, "start_share": 1.0}, (-10.0, 50.0, 100.0)),
+    # .0716 R t^1.57 d^.41 h^.09 a cos a with h = 5 - (25 - .5)^.5
+    "isf_regression": ({"thickness_mm": 1.0, "tool_diameter_mm": 10.0, "tensile_N_mm2": 300.0, "build_up_mm": 0.0,
+                        "wall_angle_deg": 45.0, "step_down_mm": 1.0}, (None, None, 1342.0)),
+    "friction_stir": ({"shoulder_diameter_mm": 20.0, "probe_diameter_mm": 8.0, "probe_length_mm": 4.0,
+                       "shear_N_mm2": 30.0, "axial_N": 5000.0}, (-600.0, 250.0, 5000.0)),
+    "grinding": ({"normal_N": 40.0}, (-18.0, 0.0, 40.0)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("model", FORCE_MODELS)
+def test_every_model_has_the_golden_force(model, tmp_path) -> None:
+    assert get_args(FORCE_MODELS[model].table.model_fields["model"].annotation) == (model,)
+    keys, expected = GOLDEN[model]
+    (tmp_path / "wrench.csv").write_text("s_mm,fx_N,fy_N,fz_N\n0,0,2,3\n40,8,2,3\n")
+    path = SLIDE if model != "drill" else "x_mm,y_mm,z_mm,feed_mm_s\n20,20,-5,20\n20,20,-15,20\n"
+    if model == "columns":
+        path = "x_mm,y_mm,z_mm,feed_mm_s,fx_N,fy_N,fz_N\n0,20,-1,20,1,2,3\n40,20,-1,20,1,2,3\n"
+    nominal, _ = load_path(make_job(tmp_path, {"model": model, **keys}, path))
+    force = nominal.wrench[len(nominal) // 2, :3]
+    known = [k for k, value in enumerate(expected) if value is not None]
+    assert force[known] == pytest.approx([expected[k] for k in known], rel=0.02, abs=0.1)
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda f: f.stem)

@@ -3,14 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from compplan.path.force_models.drill import DRILLED, DrillProcess
+from compplan.path.force_models.milling import MillingProcess, milling_wrench
 from compplan.path.forces.cutter import Cutter
-from compplan.path.forces.drilling import DRILLED, DrillProcess
 from compplan.path.forces.engagement import Engagement
 from compplan.path.forces.materials import MATERIALS, Coefficients
 from compplan.path.forces.meeting import find_engagement
 from compplan.path.forces.milling import Spindle, ripple_amplitude, ripple_force, shape_milling
 from compplan.path.forces.stock import build_block
-from compplan.path.process import MillingProcess, milling_wrench
 
 FLAT = Cutter(5e-3, 0.03)
 PLAIN = Coefficients((800.0, 320.0, 0.0))

@@ -32,10 +32,12 @@ CODE = {
     ),
     "polishing": (
         "from typing import Literal\nimport numpy as np\nfrom pydantic import Field\n"
-        "from compplan.path.contact import PathForceTable\nclass Polishing(PathForceTable):\n"
+        "from compplan.path.contact import PathForceTable\nwords = 'a polishing pad'\n"
+        "class Polishing(PathForceTable):\n"
         "    model: Literal['polishing']\n    press_N: float = Field(gt=0.0)\n"
         "    def wrench_along(self, nominal):\n"
         "        return np.tile([0.0, 0.0, self.press_N, 0.0, 0.0, 0.0], (len(nominal), 1))\n"
+        "table = Polishing\n"
     ),
 }
 ENTRIES = """
@@ -50,7 +52,7 @@ broken = no_such_module
 [compplan.strategies]
 careful = careful
 [compplan.force_models]
-polishing = polishing:Polishing
+polishing = polishing
 """
 ASK = """
 import json, warnings
@@ -61,6 +63,8 @@ with warnings.catch_warnings(record=True) as told:
     from compplan.job.job import Job
     from compplan.job.text import write_job_text
     from compplan.program import WRITERS
+    from click.testing import CliRunner
+    from compplan.cli import group
     angle = np.linspace(0, 6, 60)
     xyz = np.column_stack([10 * np.cos(angle), 10 * np.sin(angle), 0 * angle])
     plan = cp.plan({"position_mm": xyz, "feed_mm_s": 20.0}, robot="kuka_kr270", part=(2000, 0, 800),
@@ -69,7 +73,8 @@ with warnings.catch_warnings(record=True) as told:
     path = cp.read_toolpath("part.dots")
 print(json.dumps({"status": plan.status, "strategy": plan.strategy, "before": plan.before.max_deviation,
     "force": float(np.abs(plan.task.wrench[:, :3]).max()), "effects": "loose_bolt" in cp.EFFECTS,
-    "path": path.cutting_length, "krl": WRITERS["krl"].__name__,
+    "path": path.cutting_length, "help": CliRunner().invoke(group, ["forces", "--help"]).output,
+    "krl": WRITERS["krl"].__name__,
     "unsaid": [name for name in ("careful", "plainly", "loose_bolt", "polishing")
                if name not in str(Job.model_json_schema()) or name not in write_job_text()],
     "told": [str(w.message) for w in told]}))
@@ -101,6 +106,7 @@ def test_a_package_adds_one_of_each_and_no_other_is_touched(package, tmp_path) -
     assert said["force"] == pytest.approx(200.0) and said["before"] > 1e-5
     assert said["path"] == pytest.approx(0.009) and (work / "out" / "p.plain").is_file()
     assert said["unsaid"] == [] and said["krl"] == "compplan.program.krl"
+    assert "polishing" in said["help"] and "a polishing pad (polishing)" in (work / "out" / "report.html").read_text()
     left = [line for line in said["told"] if "is left out" in line]
     assert len(left) == 2 and any("'krl' of strange" in line and "its name is taken" in line for line in left)
     assert any("'broken' of strange" in line and "no_such_module" in line for line in left)

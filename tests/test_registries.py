@@ -25,6 +25,7 @@ from compplan.job.job import Job
 from compplan.job.names import EFFECTS
 from compplan.job.text import write_job_text
 from compplan.path.cam import READERS
+from compplan.path.force_models import FORCE_MODELS
 from compplan.plan.strategies.online import ONLINE, STRATEGIES
 from compplan.program import WRITERS
 from compplan.report.effect_words import describe_effect
@@ -145,13 +146,14 @@ def test_an_effect_is_one_file_and_one_line(add_module, tmp_path, monkeypatch) -
 def test_every_language_is_read_back_by_a_reader_of_the_tests_own_and_every_module_declares_what_it_is_called() -> None:
     assert {form.split()[0] for form in FORMS} == set(WRITERS) - {"own"}
     assert all(module.name == name for registry in (WRITERS, READERS, EFFECTS) for name, module in registry.items())
-    assert all(module.words for registry in (STRATEGIES, ONLINE, EFFECTS) for module in registry.values())
+    assert all(module.words for registry in (STRATEGIES, ONLINE, EFFECTS, FORCE_MODELS) for module in registry.values())
 
 
 @pytest.mark.parametrize(
     ("command", "names"),
-    [("post", WRITERS), ("convert", READERS), ("montecarlo", (*STRATEGIES, *ONLINE)), ("diagnose", EFFECTS)],
-)
+    [("post", WRITERS), ("forces", FORCE_MODELS),
+     ("convert", READERS), ("montecarlo", (*STRATEGIES, *ONLINE)), ("diagnose", EFFECTS)],
+)  # fmt: skip
 def test_help_lists_what_can_be_named(command: str, names: Iterable[str]) -> None:
     said = CliRunner().invoke(group, [command, "--help"]).output
     assert set(names) <= set(re.findall(r"\w+", re.sub(r"-\s+", "", said)))

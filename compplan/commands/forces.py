@@ -9,9 +9,10 @@ import click
 from compplan.commands.places import OUT_FOLDER
 from compplan.errors import InputError
 from compplan.files.tables import dump_json
+from compplan.path.force_models import FORCE_MODELS
 
 
-@click.command()
+@click.command(epilog=f"Force models of a job: {', '.join(FORCE_MODELS)}.")
 @click.argument("job", type=click.Path(path_type=Path))
 @click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @click.option("--log", type=click.Path(path_type=Path), help="Measured forces: CSV with s_mm or t_s, the length or the "

@@ -178,7 +178,7 @@ def place_part(text: str, file: Path) -> tuple[str, str]:
 def ease_force(text: str, file: Path) -> str:
     """Lower the force of a job's text to what its arm bears; it stays where the path cannot be followed."""
     from compplan.job.job import check_job
-    from compplan.path.process import IsfProcess
+    from compplan.path.force_models.isf import IsfProcess
     from compplan.plan.first_force import bearable_share
 
     try:

@@ -18,7 +18,7 @@ GROUPS = {
     "languages": "module with name, write",
     "effects": "module with name, words, signatures, apply, fold",
     "strategies": "module with words, command_path",
-    "force_models": "table, a subclass of compplan.path.contact.PathForceTable",
+    "force_models": "module with words, table",
 }
 
 Entry = TypeVar("Entry")

@@ -24,10 +24,11 @@ from compplan.path.cam import list_suffixes
 from compplan.path.cam.options import CamTable
 from compplan.path.force_law import turns_with_travel
 from compplan.path.force_lesson import LearnedForce
+from compplan.path.force_models.columns import ColumnsProcess
 from compplan.path.forces.library import lay_material
 from compplan.path.forces.process_stiffness import CouplingTable
 from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
-from compplan.path.process import ColumnsProcess, Process
+from compplan.path.process import Process
 from compplan.path.toolpath import Toolpath
 from compplan.robot import Robot
 from compplan.robot.folder import find_robot_folder

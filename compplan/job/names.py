@@ -3,7 +3,7 @@
 Each name is that of one file in `compplan.effects` or `compplan.plan.strategies`, which open these registries; a file
 is imported when it is first used, so that a job is checked before anything heavy is loaded. Job schema, help texts,
 commented job and pages read these lists. Program languages are listed in `compplan.program`, CAM readers in
-`compplan.path.cam`, force models in `compplan.path.process`.
+`compplan.path.cam`, force models in `compplan.path.force_models`.
 """
 
 from __future__ import annotations

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from compplan.job.names import EFFECTS, STRATEGIES
 from compplan.path.cam import READERS, list_suffixes
+from compplan.path.force_models import FORCE_MODELS
 from compplan.path.forces.materials import MATERIALS
-from compplan.path.process import MODELS
 from compplan.program import WRITERS
 from compplan.program.pendant import locate_pendant
 from compplan.robot import Robot
@@ -33,7 +33,7 @@ def write_job_text() -> str:
     """Write the commented job; what can be chosen stands as the registries say it."""
     choices = {
         "<strategies>": " | ".join(STRATEGIES),
-        "<models>": _wrap_names(MODELS),
+        "<models>": _wrap_names(FORCE_MODELS),
         "<effects>": _wrap_names(EFFECTS),
         "<programs>": " | ".join(WRITERS),
         "<materials>": " | ".join(MATERIALS),

@@ -6,6 +6,8 @@ y = z x x, the left-hand side for somebody who looks down the tool axis along th
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
@@ -14,11 +16,19 @@ from compplan.files.tables import Array
 from compplan.files.tomlfile import StrictTable
 from compplan.path.toolpath import Toolpath
 
+#: Axes that a wrench is given in.
+Frame = Literal["part", "base", "tool", "path"]
 #: Share of a move that goes along the tool axis, from which on it lifts the tool off.
 STEEP = 0.71
 
 
-class ContactTable(StrictTable):
+class ForceTable(StrictTable):
+    """Keys of every force model: the name that a job gives it."""
+
+    model: str
+
+
+class ContactTable(ForceTable):
     """Keys of every model that switches on at contact and off in rapid moves.
 
     ramp_mm is the length over which the wrench grows from 0 after contact, ramp_out_mm that over which it falls to 0

@@ -10,9 +10,12 @@ import numpy as np
 from compplan.files.tables import Array
 from compplan.path.contact import PathForceTable
 from compplan.path.force_lesson import LearnedForce
+from compplan.path.force_models.columns import ColumnsProcess
+from compplan.path.force_models.constant import ConstantProcess
+from compplan.path.force_models.milling import MillingProcess
 from compplan.path.forces.cutting import CuttingForce, CuttingTable
 from compplan.path.forces.process_stiffness import ProcessStiffness
-from compplan.path.process import ColumnsProcess, ConstantProcess, MillingProcess, Process, predict_wrench
+from compplan.path.process import Process, predict_wrench
 from compplan.path.toolpath import Toolpath
 
 #: A CAM program has to move this far above and below z = 0 for that to be taken for the stock's top. [m]

@@ -19,7 +19,8 @@ from compplan.job.job import Job
 from compplan.job.loading import load_path
 from compplan.path.contact import path_axes
 from compplan.path.force_law import ForceLaw
-from compplan.path.forces.cutting import CuttingForce, EndMillProcess
+from compplan.path.force_models.end_mill import EndMillProcess
+from compplan.path.forces.cutting import CuttingForce
 from compplan.path.forces.stability import CutDynamics, Modes, find_gains, find_limit
 from compplan.path.toolpath import Toolpath
 from compplan.robot import Array, Robot

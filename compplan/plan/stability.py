@@ -16,7 +16,8 @@ from compplan.errors import InputError
 from compplan.job.force_prediction import ForcePrediction
 from compplan.job.job import Job
 from compplan.path.contact import path_axes, tool_axes
-from compplan.path.forces.cutting import CuttingForce, EndMillProcess
+from compplan.path.force_models.end_mill import EndMillProcess
+from compplan.path.forces.cutting import CuttingForce
 from compplan.path.forces.stability import (
     CutDynamics,
     Modes,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from compplan.errors import InputError
-from compplan.path.process import tool_axes
+from compplan.path.contact import tool_axes
 from compplan.posture.stance import choose_posture
 from compplan.posture.start import Start
 from compplan.posture.summary import summarise_costs

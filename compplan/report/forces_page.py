@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from compplan.job.force_prediction import ForcePrediction
+from compplan.path.force_models import name_force_model
 from compplan.path.forces.engagement import Engagement
 from compplan.path.forces.fit import ForceFit
 from compplan.path.toolpath import Toolpath
@@ -59,7 +60,7 @@ def write_forces_page(
     if found.fit is not None:
         sections.append(_comparison(found.fit))
     coefficients = summary.get("coefficients", {})
-    facts = [("force model", found.job.process.model), *_list_coefficients(coefficients)]
+    facts = [("force model", name_force_model(found.job.process.model)), *_list_coefficients(coefficients)]
     notes = list(summary["notes"])
     assumed = [note for note in notes if "assumed" in note]
     lines = draw_lines(stations, {"force": np.linalg.norm(found.wrench[:, :3], axis=1)}, "N", title="force", zero=True)

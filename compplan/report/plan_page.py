@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.files.notes import list_remarks
+from compplan.path.force_models import name_force_model
 from compplan.plan.slow import describe_causes, mark_slow
 from compplan.posture.alternatives import compare_postures
 from compplan.report.along_path import (
@@ -102,6 +103,8 @@ def _list_facts(plan: Plan) -> list[tuple[str, str]]:
     facts = [("strategy", plan.strategy), ("solved by", plan.solved_by), ("deviation computed by", plan.judge)]
     if plan.job is not None and plan.job.file.is_file():
         facts.append(("job", str(plan.job.file)))
+    if plan.job is not None:
+        facts.append(("force model", name_force_model(plan.job.process.model)))
     facts.append(("toolpath", plan.task.nominal.source or "given in memory"))
     words = ", ".join(f"{name} {word}" for name, word in plan.task.configuration.items())
     if words:

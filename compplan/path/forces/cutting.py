@@ -14,6 +14,7 @@ from compplan.errors import InputError
 from compplan.files.notes import Stop
 from compplan.files.tables import Array
 from compplan.files.tomlfile import StrictTable, Vector3
+from compplan.path.contact import ForceTable
 from compplan.path.forces.cutter import Cutter
 from compplan.path.forces.engagement import Engagement
 from compplan.path.forces.look import Crashes
@@ -23,8 +24,6 @@ from compplan.path.forces.milling import MillingShape, Spindle, ripple_amplitude
 from compplan.path.forces.stock import LARGEST, StockColumns, build_block, build_height_map, read_mesh
 from compplan.path.toolpath import Toolpath
 
-#: Flute length that is assumed where none is given, in diameters.
-FLUTES = 3.0
 #: Lean of the tool axis from its mean from which on a note tells it. [deg]
 LEANS = 30.0
 #: Waypoints whose ripple is worked out at most; the others take that of the nearest.
@@ -90,7 +89,7 @@ class CoefficientTable(StrictTable):
         )
 
 
-class CuttingTable(StrictTable):
+class CuttingTable(ForceTable):
     """Keys of every rotating cutter; the spindle turns clockwise, seen from the spindle."""
 
     #: Whether the forces of the edges keep their size through a turn.
@@ -151,40 +150,6 @@ class CuttingTable(StrictTable):
     def describe(self, found: Engagement, cuts: NDArray[np.bool_]) -> list[str]:
         """Say what is odd about how this cutter is used; `cuts` are the waypoints that remove material."""
         return []
-
-
-class EndMillProcess(CuttingTable):
-    """An end mill whose engagement follows from stock and path, see `compplan.path.forces.milling`."""
-
-    model: Literal["end_mill"]
-    corner_radius_mm: float = Field(default=0.0, ge=0.0)
-    helix_deg: float = Field(default=30.0, ge=0.0, le=70.0)
-    runout_mm: float = Field(default=0.0, ge=0.0, le=0.5)
-
-    @model_validator(mode="after")
-    def _check(self) -> EndMillProcess:
-        if self.corner_radius_mm > 0.5 * self.diameter_mm:
-            raise ValueError(
-                f"corner_radius_mm is {self.corner_radius_mm:g}, at most half of diameter_mm = {self.diameter_mm:g} "
-                "is allowed (a ball end mill)"
-            )
-        return self
-
-    def spindle(self) -> Spindle:
-        """Return how the cutter turns."""
-        return Spindle(
-            self.teeth, self.spindle_rpm / 60.0, float(np.radians(self.helix_deg)), 1e-3 * self.runout_mm
-        )
-
-    def cutter(self) -> Cutter:
-        """Return the cutter's shape."""
-        radius, corner = 0.5e-3 * self.diameter_mm, 1e-3 * self.corner_radius_mm
-        flute = 2.0 * FLUTES * radius if self.flute_mm is None else 1e-3 * self.flute_mm
-        return Cutter(radius, max(flute, corner), corner)
-
-    def shank(self, cutter: Cutter) -> float | None:
-        """Return the height above the tip from which on the tool has no edges. [m]"""
-        return cutter.flute
 
 
 @dataclass(frozen=True)

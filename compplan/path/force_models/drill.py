@@ -29,6 +29,7 @@ from compplan.path.forces.engagement import Engagement
 from compplan.path.forces.materials import Coefficients
 from compplan.path.forces.milling import MillingShape
 
+words = "thrust and torque of a drill"
 SOURCE = "thrust and torque of twist drills by a tool maker's table (Tungaloy general catalogue, technical reference)"
 #: Exponent of the thrust in Kienzle's form, 1 - 0.85.
 EXPONENT = (0.0, 0.0, 0.15)
@@ -131,3 +132,6 @@ class DrillProcess(CuttingTable):
         first = int(np.argmax(aside))
         return [f"The drill moves sideways in material at {aside.sum()} waypoints, the first {first}: no force is "
                 "predicted there."]  # fmt: skip
+
+
+table = DrillProcess

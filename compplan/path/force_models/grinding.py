@@ -21,12 +21,13 @@ from compplan.files.tables import Array
 from compplan.path.contact import PathForceTable, lifts
 from compplan.path.toolpath import Toolpath
 
+words = "grinding or sanding"
 #: Relative standard deviation that Monte Carlo draws the level with, assumed.
 UNCERTAINTY = 0.25
 
 
 class GrindingProcess(PathForceTable):
-    """Mean force of grinding or sanding, see `compplan.path.forces.grinding`."""
+    """Mean force of grinding or sanding, see `compplan.path.force_models.grinding`."""
 
     model: Literal["grinding"]
     normal_N: float | None = Field(default=None, gt=0.0, le=1e4)
@@ -88,3 +89,6 @@ def describe_grinding(process: GrindingProcess) -> list[str]:
         f"Grinding: {how} [Malkin and Guo 2008], tangential by normal force {process.force_ratio:g} (assumed unless it "
         "was measured)."
     ]
+
+
+table = GrindingProcess

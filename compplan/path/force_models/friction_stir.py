@@ -21,12 +21,13 @@ from compplan.files.tables import Array
 from compplan.path.contact import PathForceTable, lifts
 from compplan.path.toolpath import Toolpath
 
+words = "friction stir weld"
 #: Relative standard deviation that Monte Carlo draws the level with, assumed.
 UNCERTAINTY = 0.2
 
 
 class FrictionStirProcess(PathForceTable):
-    """Mean force of a friction stir weld, see `compplan.path.forces.friction_stir`."""
+    """Mean force of a friction stir weld, see `compplan.path.force_models.friction_stir`."""
 
     model: Literal["friction_stir"]
     shoulder_diameter_mm: float = Field(gt=0.0, le=100.0)
@@ -97,3 +98,6 @@ def describe_weld(process: FrictionStirProcess) -> list[str]:
         f"shear stress {process.shear_N_mm2:g} N/mm2 as set in the job, axial force {given}; {shares}; "
         f"scatter {100 * UNCERTAINTY:g} % (assumed)."
     ]
+
+
+table = FrictionStirProcess

@@ -27,6 +27,7 @@ from compplan.files.tables import Array
 from compplan.path.contact import PathForceTable, last_set, lifts, path_axes
 from compplan.path.toolpath import Toolpath
 
+words = "incremental sheet forming from sheet, tool and path"
 #: Tensile strength of sheets, sizes that handbooks give: assumed. [N/mm^2]
 STRENGTH = {"aa3003_o": 110.0, "aa5754_h22": 230.0, "dc01": 330.0, "aisi304": 620.0}
 #: Range that the regression is taken to hold in.
@@ -43,7 +44,7 @@ NEXT_CONTOUR = (0.6, 1.4)
 
 
 class IsfRegressionProcess(PathForceTable):
-    """Force of incremental sheet forming from sheet, tool and path, see `compplan.path.forces.sheet_forming`."""
+    """Force of incremental sheet forming from sheet, tool and path, see `compplan.path.force_models.isf_regression`."""
 
     model: Literal["isf_regression"]
     thickness_mm: float = Field(gt=0.0, le=10.0)
@@ -242,3 +243,5 @@ def _sink(nominal: Toolpath) -> Array:
     top = height[cutting].max() if len(cutting) else height.max()
     return np.asarray(np.maximum(top - height, 0.0))
 
+
+table = IsfRegressionProcess
