@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,13 @@ import pytest
 from commandline import run_command
 
 from compplan.cell.predict import predict_campaign
-from compplan.effects import Effect, fold_effects
+from compplan.diagnose.doubt.options import WIDE
+from compplan.effects import Effect, fold_effects, joint_offset, link_geometry
 from compplan.errors import InputError
 from compplan.job.job import load_job
+from compplan.known.assumed import widen_uncertainty
 from compplan.known.slopes import ForceSpread, stage_path
-from compplan.loop.campaign import Shop, design_campaign
+from compplan.loop.campaign import Shop, design_campaign, take_frames
 from compplan.loop.candidates import find_postures, list_candidates
 from compplan.loop.design import Design, choose_measurements, learn_rows, measure_gains, random_choice
 from compplan.loop.order import order_poses
@@ -189,3 +192,45 @@ def test_a_log_with_unmeasured_run_up_rows_is_diagnosed(small_job, tmp_path, mon
     known = load_robot(tmp_path / "diagnosed" / "robot").uncertainty
     assert known is not None
     assert known.grade == "measured"
+
+
+def test_twelve_poses_for_a_calibration_leave_less_than_random_ones() -> None:
+    """Robots drawn as wide as the fit takes them, measured exactly but for noise, fitted with their prior."""
+    robot = load_robot("kuka_kr270")
+    known = widen_uncertainty(robot, loaded=False)
+    reach = find_postures(robot, np.zeros((1, 6)), 0.5, None, seed=3, kept=40)
+    still = np.zeros((len(reach), 6))
+    scene = stage_path(robot, reach, still)
+    path = linearise_path(scene, known, ForceSpread(0, 0, 0, "known"), np.ones(len(reach), bool))
+    design = take_frames(Design(known, path, 3e-5, ("base", "tool")), scene)
+    # a turned base moves all of the reach and is no error of the arm
+    turn = np.cross([0.0, 0.0, 1e-3], path.tip).reshape(-1)
+    free = Design(known, replace(path, model=turn.reshape(len(reach), 3, 1)), 3e-5, ("base", "tool"))
+    assert np.abs(take_frames(free, scene).path.model).max() < 1e-12
+    postures = find_postures(robot, np.zeros((1, 6)), 0.5, None, seed=4, kept=60)
+    candidates = list_candidates(robot, postures, [0.0], 0.0, known.unknowns)
+    choice = choose_measurements(design, candidates, 12)
+    random = np.random.default_rng(5)
+    rows = design.rows(candidates.slopes, candidates.tip, candidates.rotation)
+    truth = known.covariance**0.5 @ random.standard_normal((len(known.covariance), 20))
+
+    def fit(chosen: np.ndarray) -> float:
+        seen = rows[chosen].reshape(3 * len(chosen), -1)
+        shown = seen[:, : len(truth)] @ truth + 3e-5 * random.standard_normal((len(seen), truth.shape[1]))
+        prior = np.diag(1.0 / np.diag(design.start))
+        found = np.linalg.solve(seen.T @ seen / design.noise + prior, seen.T @ shown / design.noise)[: len(truth)]
+        left = design.path.model.reshape(-1, len(truth)) @ (truth - found)
+        return float(np.sqrt(np.mean(left**2)))
+
+    chance = [fit(random.choice(len(rows), 12, replace=False)) for _ in range(9)]
+    assert fit(choice.rows) < np.min(chance)
+
+
+def test_a_calibration_is_designed_as_wide_as_the_diagnosis_fits_one() -> None:
+    robot = load_robot("kuka_kr270")
+    width = {unknown.names[0].split()[0]: unknown.deviation[0] for unknown in widen_uncertainty(robot, False).unknowns}
+    for effect, scale in (("joint_offset", joint_offset.SCALE), ("link_geometry", link_geometry.SCALE["r"])):
+        assert width[effect] == pytest.approx(WIDE[effect][1] * scale, rel=0.01)
+    stiff = replace(robot, springs=(), link_elasticities=())
+    assert "gravity_sag" in {unknown.effect for unknown in widen_uncertainty(stiff, loaded=False).unknowns}
+    assert "joint_stiffness" in {unknown.effect for unknown in widen_uncertainty(stiff, loaded=True).unknowns}

@@ -24,13 +24,15 @@ from compplan.files.tables import dump_json
 @click.option("--sigma-mm", "sigma", type=click.FloatRange(0.0, 10.0, min_open=True), default=0.03, show_default=True,
               help="Standard deviation of the instrument, per axis.")  # fmt: skip
 @click.option("--register", help="Frames that are unknown: base, tool or base,tool.")
+@click.option("--for", "purpose", type=click.Choice(["path", "calibration"]), default="path", show_default=True,
+              help="Narrow the band on JOB's path, or serve a calibration of an arm that is hardly known.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the candidates.")
 @click.option("--json", "as_json", is_flag=True, help="Print campaign.json to stdout.")
 def command(
     job: Path, count: int, folder: Path, robot: str | None, log: Path | None, weights: str, pull: float, sigma: float,
-    register: str | None, seed: int, as_json: bool,
+    register: str | None, purpose: str, seed: int, as_json: bool,
 ) -> None:  # fmt: skip
-    """Design the measurements that narrow the 95 % band on JOB's path most.
+    """Design the measurements that narrow the 95 % band on JOB's path most, or calibrate the arm with fewest poses.
 
     Writes campaign.csv (an empty log to fill in), programs that move to the poses, campaign.json and report.html.
 
@@ -47,7 +49,7 @@ def command(
 
     if not sigma < 10.0 or not pull < 1e5:
         raise InputError("--sigma-mm and --pull-N are finite numbers")
-    shop = Shop(parse_weights(weights), pull, sigma * 1e-3, parse_parts(register), seed)
+    shop = Shop(parse_weights(weights), pull, sigma * 1e-3, parse_parts(register), seed, purpose)
     checked = load_one_job(job, robot)
     with show_progress() as announce:
         announce("plan")

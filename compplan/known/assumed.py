@@ -25,6 +25,9 @@ RIGID = {"revolute": 1e-6, "prismatic": 1e-7}
 #: Zeros [deg], lengths [mm] and directions [deg] of an arm that was calibrated, and of one as delivered (assumed:
 #: together some .15 and .6 mm at two metres, as robot calibration reports).
 CALIBRATED, DELIVERED = (0.003, 0.03, 0.001), (0.010, 0.10, 0.003)
+#: The same of a plain calibration, which takes the robot for hardly known, and its compliances over what is usual
+#: (assumed: the weak pull to the nominal robot that compplan diagnose fits with, `diagnose.doubt.options.WIDE`).
+PLAIN, PLAIN_COMPLIANCE = (0.115, 2.0, 0.115), 3.0
 #: Lost motion and gear error, full width and amplitude once a turn [deg], as in [noise] (assumed).
 PLAY, GEAR = 0.002, 0.002
 #: A touched-off tool tip, per axis, as in [noise] (assumed). [m]
@@ -88,14 +91,39 @@ def check_uncertainty(robot: Robot, known: Uncertainty) -> None:
 
 def assume_uncertainty(robot: Robot) -> Uncertainty:
     """Return assumed widths by the folder's grade: every spring, zero, length and direction, play, gear error, tool."""
-    unknowns = [*_springs(robot), *assume_geometry(robot), *_drives(robot), _tool()]
+    unknowns = [*_springs(robot, COMPLIANCE[robot.grade]), *assume_geometry(robot), *_drives(robot), _tool()]
     grade = "literature" if robot.grade == "literature" else "assumed"
-    p = sum(len(unknown.keys) for unknown in unknowns)
+    source = f"uncertainty of the robot model assumed ({robot.grade}; the robot folder has no {FILE})"
+    return _assume(robot, grade, source, unknowns)
+
+
+def widen_uncertainty(robot: Robot, loaded: bool) -> Uncertainty:
+    """Return the widths that a plain calibration starts from: zeros, lengths, directions and a compliance a joint.
+
+    Joints of a rigid model bend under the links' weight where no load bends them.
+
+    Args:
+        robot: The robot.
+        loaded: Whether loads are changed on the way.
+    """
+    springs = _springs(robot, PLAIN_COMPLIANCE)
+    if not loaded and robot.bodies and not any(spring.compliance > 0.0 for spring in robot.springs):
+        turning = [joint.name for joint in robot.actuated if joint.kind == "revolute"]
+        keys = tuple(f"compliance_rad_per_Nm#{k}" for k in range(len(turning)))
+        width = np.full(len(turning), PLAIN_COMPLIANCE * RIGID["revolute"])
+        springs = [Unknown("gravity_sag", None, None, keys, width, {"joints": turning})]
+    turn, length, _ = PLAIN
+    source = f"widths of a plain calibration: zeros and directions to {turn:g} deg, lengths to {length:g} mm (assumed)"
+    unknowns = [*springs, *assume_geometry(robot, PLAIN), _tool(length * 1e-3)]
+    return _assume(robot, "assumed", source, unknowns)
+
+
+def _assume(robot: Robot, grade: str, source: str, unknowns: list[Unknown]) -> Uncertainty:
     return Uncertainty(
         grade=grade,
-        source=f"uncertainty of the robot model assumed ({robot.grade}; the robot folder has no {FILE})",
+        source=source,
         unknowns=tuple(unknowns),
-        factor=np.eye(p),
+        factor=np.eye(sum(len(unknown.keys) for unknown in unknowns)),
         unexplained=UNEXPLAINED,
         scale=SCALE,
         repeatability=REPEATABILITY if robot.repeatability is None else robot.repeatability,
@@ -126,8 +154,8 @@ def _widths(robot: Robot) -> tuple[float, float, float]:
     return CALIBRATED if calibrated else DELIVERED
 
 
-def _springs(robot: Robot) -> list[Unknown]:
-    share, own, found = COMPLIANCE[robot.grade], own_springs(robot), []
+def _springs(robot: Robot, share: float) -> list[Unknown]:
+    own, found = own_springs(robot), list[Unknown]()
     taken = {spring.spring for spring in own.values()}
     for index, joint in enumerate(robot.actuated):
         key = "compliance_change_m_per_N" if joint.kind == "prismatic" else "compliance_change_rad_per_Nm"
@@ -145,9 +173,14 @@ def _springs(robot: Robot) -> list[Unknown]:
     return found
 
 
-def assume_geometry(robot: Robot) -> list[Unknown]:
-    """Return zeros, lengths and directions with the widths of an arm that was calibrated, or of one as delivered."""
-    zero, length, turn = _widths(robot)
+def assume_geometry(robot: Robot, widths: tuple[float, float, float] | None = None) -> list[Unknown]:
+    """Return zeros, lengths and directions with widths: of an arm that was calibrated or is as delivered if left out.
+
+    Args:
+        robot: The robot.
+        widths: Of zeros [deg], lengths [mm] and directions [deg].
+    """
+    zero, length, turn = _widths(robot) if widths is None else widths
     found = []
     for joint in robot.actuated:
         slides = joint.kind == "prismatic"
@@ -189,8 +222,8 @@ def _drives(robot: Robot) -> list[Unknown]:
     return found
 
 
-def _tool() -> Unknown:
-    return Unknown("tool_frame", None, None, ("tx_m", "ty_m", "tz_m"), np.full(3, TOOL))
+def _tool(width: float = TOOL) -> Unknown:
+    return Unknown("tool_frame", None, None, ("tx_m", "ty_m", "tz_m"), np.full(3, width))
 
 
 def _repeatability(robot: Robot, known: Uncertainty) -> float:

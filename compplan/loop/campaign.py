@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from compplan.cell.predict import predict_campaign
+from compplan.effects import attain_scene
+from compplan.effects.scene import Scene
 from compplan.errors import InputError
-from compplan.known.assumed import LINK_ELASTICITY, known_uncertainty, list_assumed
-from compplan.known.slopes import measure_slopes, read_force_spread, stage_path
+from compplan.known.assumed import LINK_ELASTICITY, known_uncertainty, list_assumed, widen_uncertainty
+from compplan.known.slopes import measure_slopes, read_force_spread, stage_path, take_scene
 from compplan.known.vary import stage_robot
 from compplan.loop.candidates import Candidates, find_postures, list_candidates, run_up
 from compplan.loop.design import Choice, Design, choose_measurements, random_choice
@@ -30,6 +32,10 @@ from compplan.robot.uncertainty import Uncertainty
 MANY, DRAWS = 50, 5
 #: Effects that only a load shows.
 COMPLIANCES = ("joint_stiffness", "link_compliance", "base_compliance", LINK_ELASTICITY)
+#: What poses may be for: the band on the job's path, or a calibration of an arm of which hardly anything is known, to
+#: hold wherever it can stand; and postures that stand for that (assumed).
+PATH, CALIBRATION = "path", "calibration"
+REACH = 100
 #: A log lies beyond its widths where chance would do so once in a thousand.
 BY_CHANCE = 0.999
 
@@ -44,6 +50,7 @@ class Shop:
         sigma: Standard deviation of the instrument per axis. [m]
         register: Frames that are unknown, of "base" and "tool".
         seed: Seed of the candidates.
+        purpose: What the poses are for: PATH or CALIBRATION.
     """
 
     weights: tuple[float, ...] = (0.0,)
@@ -51,6 +58,17 @@ class Shop:
     sigma: float = 3e-5
     register: tuple[str, ...] = ()
     seed: int = 0
+    purpose: str = PATH
+
+    @property
+    def loaded(self) -> bool:
+        """Tell whether loads can be changed."""
+        return self.pull > 0.0 or any(self.weights)
+
+    @property
+    def place(self) -> str:
+        """Say where the poses narrow the band."""
+        return "on this path" if self.purpose == PATH else "wherever the arm can stand"
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,16 +132,25 @@ def design_campaign(
     """
     task, robot = plan.task, plan.robot
     announce("the path and what is known")
-    known = known_uncertainty(robot)
-    scene = stage_path(robot, plan.q, task.wrench, task.step_time)
-    path = linearise_path(scene, known, read_force_spread(plan.job), task.cut)
-    design = Design(known, path, shop.sigma, shop.register)
-    notes = list_assumed(robot)
+    solids, lowest = _scene_of(plan), float(task.position[:, 2].min())
+    if shop.purpose == CALIBRATION:
+        known = widen_uncertainty(robot, shop.loaded)
+        reach = find_postures(robot, plan.q, lowest, solids, shop.seed + 1, REACH)
+        # loads as they come on the path: the fit has to hold under them, too
+        wrench = task.wrench[np.linspace(0, len(task.wrench) - 1, len(reach)).astype(int)]
+        scene, rows = stage_path(robot, reach, shop.loaded * wrench), np.ones(len(reach), bool)
+        notes = [known.source]
+    else:
+        known = known_uncertainty(robot)
+        scene, rows = stage_path(robot, plan.q, task.wrench, task.step_time), task.cut
+        notes = list_assumed(robot)
+    design = Design(known, linearise_path(scene, known, read_force_spread(plan.job), rows), shop.sigma, shop.register)
+    if shop.purpose == CALIBRATION:
+        design = take_frames(design, scene)
     start, used, said = learn_log(design, robot, log)
     notes += said
     announce("postures")
-    solids = _scene_of(plan)
-    postures = find_postures(robot, plan.q, float(task.position[:, 2].min()), solids, shop.seed)
+    postures = find_postures(robot, plan.q, lowest, solids, shop.seed)
     if len(postures) < count:
         raise InputError(
             f"the arm finds {len(postures)} postures to measure in, {count} are asked for; check limits and collisions"
@@ -144,9 +171,25 @@ def design_campaign(
     )  # fmt: skip
 
 
+def take_frames(design: Design, scene: Scene) -> Design:
+    """Return the design without what unknown frames follow: each later campaign, each part brings its own.
+
+    Args:
+        design: The design.
+        scene: The robot at all rows of its path.
+    """
+    path = design.path
+    attained = attain_scene(take_scene(scene, path.rows))
+    rows = design.rows(path.model, attained.position, attained.rotation)
+    flat, p = rows.reshape(-1, rows.shape[2]), path.model.shape[2]
+    frames = np.linalg.qr(flat[:, p:])[0]
+    model = flat[:, :p] - frames @ (frames.T @ flat[:, :p])
+    return replace(design, path=replace(path, model=model.reshape(path.model.shape)))
+
+
 def _ask_for_load(design: Design, shop: Shop, covariance: Array) -> list[str]:
     """Say what unloaded poses leave, where compliances make most of it."""
-    if shop.pull > 0.0 or any(shop.weights):
+    if shop.loaded:
         return []
     rigid = [u.effect not in COMPLIANCES for u in design.known.unknowns for _ in u.keys]
     left, rest = model_part(design, covariance), model_part(design, covariance * np.outer(rigid, rigid))
@@ -180,9 +223,7 @@ def learn_log(design: Design, robot: Robot, log: Campaign | None) -> tuple[Array
     return learn_rows(design.start, rows, design.noise), len(use), said
 
 
-def compare_random(
-    design: Design, candidates: Candidates, count: int, start: Array, seed: int
-) -> tuple[float, float]:
+def compare_random(design: Design, candidates: Candidates, count: int, start: Array, seed: int) -> tuple[float, float]:
     """Return the model part of the band after as many, and after many, random poses: medians. [m]"""
     found = []
     for number in (count, MANY):

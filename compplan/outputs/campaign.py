@@ -88,6 +88,7 @@ def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
     return {
         "schema": 1,
         "name": campaign.plan.name,
+        "purpose": shop.purpose,
         "robot": campaign.plan.robot.name,
         "poses": len(choice.rows),
         "rows_of_log": campaign.log,

@@ -30,7 +30,7 @@ def write_campaign_page(campaign: PoseCampaign, file: Path) -> None:
         Section(
             "What it brings",
             [Columns([[Chart(_draw_curve(campaign), _caption(campaign), 380)], [_compare(campaign)]], [3, 2])],
-            "The band that holds the true tip on this path with 95 %, pose by pose in the order of their worth.",
+            f"The 95 % band of the true tip {campaign.shop.place}, pose by pose in the order of their worth.",
         ),
         Section(
             "Poses",
@@ -55,8 +55,8 @@ def describe_campaign(campaign: PoseCampaign) -> str:
     """Say in a few sentences what the campaign brings and when to stop."""
     choice = campaign.choice
     text = (
-        f"{len(choice.rows)} poses narrow the 95 % band on this path from {format_length(choice.greatest[0])} to"
-        f" {format_length(choice.greatest[-1])} at its widest point, if the robot is as uncertain as stated."
+        f"{len(choice.rows)} poses narrow the 95 % band {campaign.shop.place} from {format_length(choice.greatest[0])}"
+        f" to {format_length(choice.greatest[-1])} at its widest point, if the robot is as uncertain as stated."
     )
     if campaign.log:
         text += f" {campaign.log} rows of the log count already."
@@ -80,7 +80,7 @@ def _draw_curve(campaign: PoseCampaign) -> Any:
 
     choice, figure = campaign.choice, go.Figure()
     count = np.arange(len(choice.rms))
-    widest, mean = ("at its widest point", choice.greatest, AFTER), ("rms along the path", choice.rms, CATEGORIES[3])
+    widest, mean = ("at its widest point", choice.greatest, AFTER), ("rms", choice.rms, CATEGORIES[3])
     for name, values, colour in (widest, mean):
         figure.add_scatter(x=count, y=1e3 * values, mode="lines+markers", name=name, line={"color": colour, "width": 2})
     floor = 1e3 * float(campaign.design.floor.max())

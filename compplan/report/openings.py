@@ -161,11 +161,12 @@ def open_campaign(campaign: PoseCampaign, picture: Block) -> Opening:
     choice = campaign.choice
     now, then = float(choice.greatest[0]), float(choice.greatest[-1])
     useful = len(choice.rows) if choice.enough is None else choice.enough
-    verdict = f"{useful} poses are enough: they narrow the 95 % band on this path from {format_mm(now)} to "
+    place = campaign.shop.place
+    verdict = f"{useful} poses are enough: they narrow the 95 % band {place} from {format_mm(now)} to "
     verdict += f"{format_mm(float(choice.greatest[useful]))}."
     tone = "good" if then < 0.8 * now else "unsure"
     if useful == 0:
-        verdict, tone = "No further pose is worth measuring for this path.", "good"
+        verdict, tone = f"No further pose is worth measuring: none narrows the band {place}.", "good"
     figures = [
         KeyFigure(format_mm(now), "95 % band at its widest point, now"),
         KeyFigure(format_mm(then), f"expected after all {len(choice.rows)} poses", tone),
