@@ -1,5 +1,6 @@
 """A robot that is known to lose motion: what its effects add at the waypoints is no reason to divide the path."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,10 +8,13 @@ import pytest
 
 from compplan.effects.backlash import lost_motion
 from compplan.job.job import load_job
+from compplan.path.generators import Pace, generate_circle
+from compplan.path.toolpath import place_toolpath
 from compplan.plan.between import measure_between
-from compplan.plan.plan import plan_job
+from compplan.plan.plan import PlanOptions, plan_compensation, plan_job
 from compplan.plan.strategies.lost_motion import find_sides, list_plays
 from compplan.plan.task import attain_rows
+from compplan.robot import load_robot
 
 #: Ten waypoints; joint 1 of its robot has a backlash of 0.4 mrad, which is 0.3 mm at the tip.
 JOB = Path(__file__).parent / "bad_inputs" / "good" / "job.toml"
@@ -61,3 +65,17 @@ def test_the_tip_is_on_the_path_at_its_reversals_too(plan) -> None:
     assert plan.status == "solved" and plan.after.max_deviation < 2e-6
     cross = plan.approach.key_q[-1, 0] - plan.q[0, 0]
     assert plan.task.nominal.rapid[0] or cross == pytest.approx(-2.0 * lead[0], abs=1e-12)
+
+
+def test_a_move_in_which_a_link_turns_is_divided_until_the_path_does_not_go_on_without_it():
+    """While the command crosses the play of joint 1 the link stands; 5 mm of a circle later the path is .1 mm away."""
+    robot = load_robot("kuka_kr270")
+    play = {"effect": "backlash", "joint": "joint_1", "parameters": {"width_rad": 2.2e-4}}
+    place = np.eye(4)
+    place[:3, 3] = 1.55, 0.35, 0.7
+    path = place_toolpath(generate_circle(0.07, Pace(feed=0.01, waypoints=90)), place)
+    plan = plan_compensation(replace(robot, effects=(play,)), path, PlanOptions())
+    assert plan.status == "solved", plan.explain_failures()
+    crosses = np.abs(np.diff(plan.q[:, 0] - plan.command.facts["links"][:, 0])) > 0.0
+    assert crosses.sum() == 2
+    assert plan.between.joint[crosses].max() < 2.0 * plan.task.chord

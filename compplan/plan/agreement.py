@@ -256,13 +256,18 @@ def _resolve_starts(task: PlanTask, wish: FeedWish) -> PlanTask:
 def _missing_pieces(found: Agreement) -> tuple[Array, NDArray[np.int_]]:
     """Tell by how much more than their ends moves stray [m], and into how many pieces that asks to divide them."""
     task, q, ways = found.task, found.command.q, found.between
-    if (links := found.command.facts.get("links")) is not None:  # no division mends lost motion
+    links = found.command.facts.get("links")
+    if links is not None:  # division mends lost motion in the moves alone that cross it
         task, q = without_play(task), links
         ways = measure_between(task, q, found.timing.time)
     attained = attain_rows(task, q, np.arange(len(task)), slope=False).position
     off = np.linalg.norm(attained - task.position, axis=1)
     ends = np.maximum(off[:-1], off[1:])
     between = Between(*(np.maximum(way - ends, 0.0) for way in _ways(ways)))
+    if links is not None:
+        crosses = (np.abs(np.diff(found.command.q - links, axis=0)) > 0.0).any(axis=1)
+        for way, whole in zip(_ways(between), (found.between.joint, found.between.cartesian), strict=False):
+            way[crosses] = np.maximum(way, whole)[crosses]
     pieces = wanted_pieces(between, task.chord)
     pieces[task.nominal.steps < 1e-6] = 1
     pieces = _even_crossings(found, pieces)
