@@ -13,7 +13,9 @@ from compplan.errors import InputError
 from compplan.job.job import load_job
 from compplan.loop.gather import gather_points
 from compplan.loop.guards import explain_points, fit_rigid
-from compplan.loop.measured_path import FARTHEST, MeasuredPath, match_points, read_measured_points
+from compplan.loop.measured_path import FARTHEST, MeasuredPath, match_points, reach_of, read_measured_points
+from compplan.loop.surface import read_surface
+from compplan.path.process import MillingProcess
 from compplan.path.toolpath import Toolpath
 from compplan.robot import Array
 from tests.commandline import run_command
@@ -200,3 +202,56 @@ def test_a_scan_of_many_points_weighs_no_more_than_its_errors_allow() -> None:
     )
     found = gather_points(points, _Slopes(), np.array([0.0, 0.1, 0.2]))  # type: ignore[arg-type]
     np.testing.assert_allclose(np.sqrt(found.variance), 5e-5 / np.sqrt(10.0))
+
+
+#: A wall of 120 x 20 mm, the material behind it, milled by a cutter of 10 mm whose tip runs beside its foot.
+WALL = trimesh.creation.box(bounds=[[0.0, -30.0, 0.0], [120.0, 0.0, 20.0]])
+
+
+def wall_points(off: float, count: int = 400) -> Array:
+    """Return points of the wall, off along its normal y, and of its upper face and far end, part frame. [mm]"""
+    rng = np.random.default_rng(2)
+    wall = np.column_stack([rng.uniform(5, 115, count), np.full(count, off), rng.uniform(0.5, 6.0, count)])
+    top = np.column_stack([rng.uniform(5, 115, count), rng.uniform(-25, -15, count), np.full(count, 20.0)])
+    return np.vstack([wall, top])
+
+
+def beside_the_wall(file: Path, align: str = "datum", unit: float = 1.0) -> MeasuredPath:
+    mesh = WALL.copy()
+    mesh.apply_scale(unit)
+    mesh.export(file.with_suffix(".stl"))
+    local = np.column_stack([np.linspace(2.0, 118.0, 60), np.full(60, 5.0), np.zeros(60)]) * 1e-3
+    position = local @ PLACE[:3, :3].T + PLACE[:3, 3]
+    path = Toolpath(position, np.tile([0.0, 0, 1], (60, 1)), np.full(60, 0.05), np.zeros(60, bool), frame="base")
+    surface = read_surface(file.with_suffix(".stl"), reach_of(MillingProcess.model_construct(diameter_mm=10.0)))
+    table = read_measured_points(file)
+    return match_points(table, path, PLACE, in_base=False, align=align, surface=surface)
+
+
+@pytest.mark.parametrize("off", [0.03, -0.2])
+def test_a_scan_is_held_against_the_nominal_mesh_where_the_cutter_made_it(off: float, tmp_path: Path) -> None:
+    found = beside_the_wall(write_cloud(tmp_path / "wall.xyz", wall_points(off)))
+    assert len(found) == 400  # all of the wall that the cutter made, no point of the upper face
+    assert found.deviation @ PLACE[:3, :3] == pytest.approx(np.tile([0.0, off * 1e-3, 0.0], (len(found), 1)), abs=1e-8)
+    assert np.trace(found.counts, axis1=1, axis2=2) == pytest.approx(1.0)
+    assert found.length.min() > 0.002 and found.length.max() < 0.114
+
+
+def test_a_best_fit_to_the_mesh_takes_a_shift_of_the_whole_scan_off(tmp_path: Path) -> None:
+    """Points of the upper face tell the height; of the wall's, half of the shift is a true deviation of the cut."""
+    turn = Rotation.from_rotvec([0.0, 0.0, 2e-4]).as_matrix()
+    corner = np.column_stack([np.zeros(200), np.random.default_rng(1).uniform([-28, 1], [-2, 19], (200, 2))])
+    points = np.vstack([wall_points(0.0), corner]) @ turn.T + [0.12, -0.2, 0.1]
+    found = beside_the_wall(write_cloud(tmp_path / "moved.xyz", points), align="best_fit")
+    assert np.linalg.norm(found.deviation, axis=1).max() < 1e-6
+    assert found.motion is not None and found.motion[:3, :3] == pytest.approx(turn.T, abs=1e-7)
+
+
+def test_a_mesh_in_another_unit_or_without_triangles_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"nominal mesh lies .* in the part frame, in mm\?"):
+        beside_the_wall(write_cloud(tmp_path / "wall.xyz", wall_points(0.0)), unit=1e-3)
+    (tmp_path / "none.stl").write_text("solid none\nendsolid none\n")
+    with pytest.raises(InputError, match=r"triangles|can be read"):
+        read_surface(tmp_path / "none.stl", 1e-3)
+    with pytest.raises(InputError, match="expected a nominal mesh"):
+        read_surface(tmp_path / "part.step", 1e-3)

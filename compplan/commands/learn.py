@@ -26,25 +26,34 @@ from compplan.files.tables import dump_json
               help="Standard deviation of points whose file states none; assumed: 0.02, of a scan 0.05.")  # fmt: skip
 @click.option("--instrument", type=click.Path(path_type=Path),
               help="TOML file of the instrument: its sigma_mm, where --sigma-mm is left out.")  # fmt: skip
+@click.option("--mesh", type=click.Path(path_type=Path),
+              help="Nominal surface of the part, STL or PLY in mm, in the frame of the points: they count along its"
+              " normals.")  # fmt: skip
+@click.option("--reach-mm", type=click.FloatRange(0.0, 1000.0, min_open=True),
+              help="How far from the path of the tip the tool makes that surface; else 1 mm more than the radius of the"
+              " cutter in [process].")  # fmt: skip
 @click.option("--assume-ok", is_flag=True, help="Learn points that are asked about as they are.")
 @posture_kept
 @click.option("--json", "as_json", is_flag=True, help="Print learn.json to stdout.")
 def command(
     job: Path, measured: Path, robot_name: str, folder: Path, frame: str, align: str, sigma_mm: float | None,
-    instrument: Path | None, assume_ok: bool, keep: str | None, as_json: bool,
+    instrument: Path | None, mesh: Path | None, reach_mm: float | None, assume_ok: bool, keep: str | None,
+    as_json: bool,
 ) -> None:  # fmt: skip
     """Learn from MEASURED points of a part cut with JOB: write the corrected program and the updated robot folder.
 
     MEASURED has columns x_mm y_mm z_mm of the attained tool tip, and where they are known s_mm (path length) and
     sigma_mm; a probe along normals has reading_mm along dir_i dir_j dir_k from there. Or it is a scan of the surface
-    that the tip touches, in mm: STL, PLY, XYZ, or a table without a head (x y z [nx ny nz]). The next part learns with
-    --robot DIR/robot.
+    that the tip touches, in mm: STL, PLY, XYZ, or a table without a head (x y z [nx ny nz]); with --mesh of any surface
+    that the tool makes. The next part learns with --robot DIR/robot.
 
     Example: compplan learn paths/circle_500mm.toml part1.csv --robot kuka_kr270 --out part2
     """
     from compplan.commands.progress import show_progress
     from compplan.errors import InfeasibleError
     from compplan.job.operations import load_one_job
+    from compplan.loop.measured_path import reach_of
+    from compplan.loop.surface import read_surface
     from compplan.loop.teach import teach_part
     from compplan.measure.instrument import read_instrument
     from compplan.outputs.learn import write_lesson
@@ -52,10 +61,12 @@ def command(
     checked = load_one_job(job, keep=keep)
     if instrument is not None and sigma_mm is None:
         sigma_mm = read_instrument(instrument).instrument.sigma_mm
+    reach = reach_of(checked.process) if reach_mm is None else reach_mm * 1e-3
+    surface = None if mesh is None else read_surface(mesh, reach)
     with show_progress() as announce:
         teaching = teach_part(
             checked, robot_name, measured, in_base=frame == "base", align=align,
-            sigma=None if sigma_mm is None else sigma_mm * 1e-3, sure=assume_ok, announce=announce,
+            sigma=None if sigma_mm is None else sigma_mm * 1e-3, sure=assume_ok, surface=surface, announce=announce,
         )  # fmt: skip
         announce("report")
         summary = write_lesson(teaching, folder)

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from compplan.files.tables import Table
+from compplan.loop.surface import Surface
 from compplan.path.toolpath import Toolpath
 from compplan.robot import Array
 
@@ -115,14 +116,19 @@ def _exchanges() -> Iterator[tuple[Array, str]]:
             yield turn, f"axes exchanged or reversed ({words} for x y z)"
 
 
-def fit_rigid(point: Array, normal: Array | None, nominal: Toolpath, farthest: float) -> tuple[Array, float]:
+def fit_rigid(
+    point: Array, normal: Array | None, nominal: Toolpath, farthest: float, surface: Surface | None = None
+) -> tuple[Array, float]:
     """Find the rigid motion that brings points closest to the cut, across it or along their normals, robustly.
+
+    With a nominal surface it is that which they are brought to, along its normals.
 
     Args:
         point: Points, base frame. Shape (m, 3). [m]
         normal: Their normals, or None. Shape (m, 3).
         nominal: The path, base frame.
         farthest: Points farther away are of no cut. [m]
+        surface: The nominal surface, base frame, or None.
 
     Returns:
         The motion, shape (4, 4) [m], and the median distance that it leaves. [m]
@@ -134,16 +140,21 @@ def fit_rigid(point: Array, normal: Array | None, nominal: Toolpath, farthest: f
     unit = None if normal is None else normal[chosen]
     for _ in range(STEPS):
         moved = here @ motion[:3, :3].T + motion[:3, 3]
-        distance, index = tree.query(moved, distance_upper_bound=farthest)
-        near = np.isfinite(distance)
+        if surface is None:
+            distance, index = tree.query(moved, distance_upper_bound=farthest)
+            near, turned = np.isfinite(distance), None if unit is None else unit @ motion[:3, :3].T
+            index = np.where(near, index, 0)
+            gap, tangent = moved - place[index], along[index]
+        else:
+            foot, turned, off = surface.find_nearest(moved)
+            near, gap = np.abs(np.nan_to_num(off, nan=np.inf)) <= farthest, moved - foot
         if near.sum() < 8:
             return np.eye(4), np.inf
-        gap, tangent = moved[near] - place[index[near]], along[index[near]]
-        if unit is None:
+        if turned is None:
             across = np.eye(3) - np.einsum("mi,mj->mij", tangent, tangent)
         else:
-            turned = unit[near] @ motion[:3, :3].T
             across = np.einsum("mi,mj->mij", turned, turned)
+        gap, across = gap[near], across[near]
         residual = np.einsum("mij,mj->mi", across, gap)
         size = np.linalg.norm(residual, axis=1)
         left = float(np.median(size))

@@ -3,6 +3,7 @@
 A point that says how far along the path it was taken (s_mm, rapid moves included) counts in all directions. One that
 does not belongs to the nearest point of the path, and along the path it says nothing. A point that two stretches of the
 path claim is left out. A point of a scan has a normal: it counts along that, and only where it lies beside the path.
+Where the nominal surface is given it counts along the normal of that, as far from the path as the tool makes it.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from compplan.files.given import is_file_name, open_table
 from compplan.files.tables import Table
 from compplan.loop.guards import check_extent, describe_motion, explain_points, fit_rigid, sample_cut
 from compplan.loop.scan import SCAN_SIGMA, is_scan, read_scan
+from compplan.loop.surface import Surface
 from compplan.path.toolpath import Toolpath
 from compplan.robot import Array
 
@@ -137,7 +139,7 @@ def _probe_points(table: Table) -> Table:
 
 def match_points(
     table: Table, nominal: Toolpath, T_base_part: Array, *, in_base: bool, align: str = "datum",
-    sigma: float | None = None, sure: bool = False,
+    sigma: float | None = None, sure: bool = False, surface: Surface | None = None,
 ) -> MeasuredPath:  # fmt: skip
     """Bring measured points to the path that was wanted.
 
@@ -149,17 +151,22 @@ def match_points(
         align: "datum": the points stand where their frame says; "best_fit": a rigid motion is fitted and taken off.
         sigma: Standard deviation of points whose file states none; assumed if left out. [m]
         sure: Whether points most of which are of no cut are meant as they are.
+        surface: The nominal surface in the frame of the points, or None.
 
     Raises:
         InputError: If too few of the points are of the cut.
     """
     given, scanned = table.stack(["x", "y", "z"]), is_scanned(table)
-    place = _place_points(table, given, nominal, T_base_part, in_base=in_base, align=align)
+    surface = surface if surface is None or in_base else surface.move(T_base_part)
+    place = _place_points(table, given, nominal, T_base_part, in_base=in_base, align=align, surface=surface)
     point, normal = place.point, place.normal
     level = sigma or (SCAN_SIGMA if scanned else SIGMA)
     spread = table.values.get("sigma", np.full(len(table), level))
     spread = np.where(np.isfinite(spread), spread, level)
-    if "s" in table:
+    if surface is not None:
+        _check_surface(table, nominal, surface, "base" if in_base else "part")
+        found = _at_surface(nominal, point, surface)
+    elif "s" in table:
         found = _at_lengths(nominal, point, table.values["s"])
         if normal is not None:
             along = np.einsum("mi,mj->mij", normal, normal)
@@ -203,21 +210,27 @@ class _Placed(NamedTuple):
 
 
 def _place_points(
-    table: Table, given: Array, nominal: Toolpath, T_base_part: Array, *, in_base: bool, align: str
-) -> _Placed:
+    table: Table, given: Array, nominal: Toolpath, T_base_part: Array, *, in_base: bool, align: str,
+    surface: Surface | None,
+) -> _Placed:  # fmt: skip
     """Bring points to the base frame, by their frame or by the best fit from there."""
     point = given if in_base else given @ T_base_part[:3, :3].T + T_base_part[:3, 3]
-    surface = is_scanned(table) or "nx" in table
-    normal = _find_normals(table, point, None if in_base else T_base_part) if surface else None
+    skin = surface is None and (is_scanned(table) or "nx" in table)
+    normal = _find_normals(table, point, None if in_base else T_base_part) if skin else None
     if align == "datum":
         return _Placed(point, normal, None, ())
-    motion, left = fit_rigid(point, normal, nominal, FARTHEST)
+    motion, left = fit_rigid(point, normal, nominal, FARTHEST, surface)
     if not np.isfinite(left):
         return _Placed(point, normal, None, ())
     said = f"best fit: the points were moved by {describe_motion(motion, point.mean(axis=0))}"
     turned = None if normal is None else normal @ motion[:3, :3].T
     moved = point @ motion[:3, :3].T + motion[:3, 3]
     return _Placed(moved, turned, motion, (f"{said}; a shift or turn of the whole part teaches nothing then",))
+
+
+def reach_of(process: object) -> float:
+    """Return how far from the path of the tip a process makes the surface of the part: its cutter's radius. [m]"""
+    return 0.5e-3 * float(getattr(process, "diameter_mm", 0.0)) + BESIDE
 
 
 def is_scanned(table: Table) -> bool:
@@ -286,6 +299,39 @@ def _at_normals(nominal: Toolpath, point: Array, normal: Array) -> tuple[Array, 
     aside = np.linalg.norm(gap - deviation - slip[:, None] * along, axis=1)
     good = (aside <= BESIDE) & (np.abs(slip) <= BESIDE) & (np.abs(off) <= FARTHEST) & (square > FLAT)
     return way[index] + slip, deviation, np.einsum("mi,mj->mij", normal, normal), good
+
+
+def _check_surface(table: Table, nominal: Toolpath, surface: Surface, frame: str) -> None:
+    """Refuse a nominal surface that the cut does not come near: another part, frame or unit."""
+    place = sample_cut(nominal)[1]
+    place = place[:: max(1, len(place) // 1000)]
+    away = float(np.median(np.linalg.norm(surface.find_nearest(place)[0] - place, axis=1)))
+    if away > surface.reach:
+        raise table.error(
+            f"the nominal mesh lies {away * 1e3:.3g} mm from the cut (median), expected at most {surface.reach * 1e3:.3g}"
+            f" mm; is it in the {frame} frame, in mm? --reach-mm states how far from the tip the tool cuts"
+        )
+
+
+def _at_surface(
+    nominal: Toolpath, point: Array, surface: Surface
+) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Compare points with the nominal surface along its normals; each belongs to the nearest place of the cut.
+
+    The tool makes what lies within its reach of its axis, above the tip.
+    """
+    way, place, tangent = sample_cut(nominal)
+    foot, normal, off = surface.find_nearest(point)
+    index = cKDTree(place).query(foot)[1]
+    away, along = foot - place[index], tangent[index]
+    axis = nominal.axis[np.clip(np.searchsorted(nominal.arc_length, way[index]), 0, len(nominal) - 1)]
+    height, slip = np.einsum("mi,mi->m", away, axis), np.einsum("mi,mi->m", away, along)
+    near = (np.linalg.norm(away - height[:, None] * axis, axis=1) <= surface.reach) & (height >= -surface.reach)
+    across = 1.0 - np.einsum("mi,mi->m", normal, along) ** 2
+    off = np.nan_to_num(off, nan=np.inf)
+    good = near & (np.abs(slip) <= BESIDE) & (np.abs(off) <= FARTHEST) & (across > FLAT)
+    off = np.where(good, off, 2.0 * FARTHEST)
+    return way[index] + slip, off[:, None] * normal, np.einsum("mi,mj->mij", normal, normal), good
 
 
 def _at_nearest(nominal: Toolpath, point: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:

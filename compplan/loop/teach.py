@@ -35,6 +35,7 @@ from compplan.loop.hold import Learned, list_learned, teach_robot
 from compplan.loop.learn import Lesson, Own, learn_part, possible_band
 from compplan.loop.measured_path import MeasuredPath, match_points, read_measured_points
 from compplan.loop.residual import Residual, interpolate, read_residual, residual_file
+from compplan.loop.surface import Surface
 from compplan.loop.travel import Travel, choose_travel, learn_force, state_own
 from compplan.measure.distance import band_radius
 from compplan.path.force_lesson import LearnedForce, read_learned_force
@@ -132,7 +133,8 @@ class Teaching(Shown):
 
 def teach_part(
     job: Job, robot_name: str | Path | Robot, measured: Any, *, in_base: bool = False, align: str = "datum",
-    sigma: float | None = None, sure: bool = False, announce: Callable[[str], None] = lambda words: None,
+    sigma: float | None = None, sure: bool = False, surface: Surface | None = None,
+    announce: Callable[[str], None] = lambda words: None,
 ) -> Teaching:  # fmt: skip
     """Learn from a cut part and plan the next one.
 
@@ -144,6 +146,7 @@ def teach_part(
         align: "datum": the points stand where their frame says; "best_fit": a rigid motion is fitted and taken off.
         sigma: Standard deviation of points whose file states none; assumed if left out. [m]
         sure: Whether points that cannot be are meant as they are.
+        surface: The nominal surface of the part in the frame of the points, or None.
         announce: Told what is being done.
 
     Raises:
@@ -155,7 +158,9 @@ def teach_part(
     job = job.with_force(read_learned_force(robot.folder, job.process))
     announce("the plan that was cut")
     wanted, before = plan_learned(job, robot, old)
-    matched = match_points(points, wanted, job.T_base_part, in_base=in_base, align=align, sigma=sigma, sure=sure)
+    matched = match_points(
+        points, wanted, job.T_base_part, in_base=in_base, align=align, sigma=sigma, sure=sure, surface=surface
+    )
     known, task = known_uncertainty(before.robot), before.task
     announce("what the part teaches")
     scene = stage_path(before.robot, before.q, task.wrench, task.step_time)
