@@ -135,7 +135,7 @@ def fit_rigid(
     """
     _, place, along = sample_cut(nominal)
     tree, motion, left = cKDTree(place), np.eye(4), np.inf
-    chosen = slice(None, None, max(1, len(point) // FITTED))
+    chosen = slice(None, None, max(1, len(point) // (FITTED if surface is None else FITTED // 4)))
     here = point[chosen]
     unit = None if normal is None else normal[chosen]
     for _ in range(STEPS):

@@ -308,8 +308,9 @@ def _check_surface(table: Table, nominal: Toolpath, surface: Surface, frame: str
     away = float(np.median(np.linalg.norm(surface.find_nearest(place)[0] - place, axis=1)))
     if away > surface.reach:
         raise table.error(
-            f"the nominal mesh lies {away * 1e3:.3g} mm from the cut (median), expected at most {surface.reach * 1e3:.3g}"
-            f" mm; is it in the {frame} frame, in mm? --reach-mm states how far from the tip the tool cuts"
+            f"the nominal mesh lies {away * 1e3:.3g} mm from the cut (median), expected at most"
+            f" {surface.reach * 1e3:.3g} mm; is it in the {frame} frame, in mm? --reach-mm states how far from the tip"
+            " the tool cuts"
         )
 
 

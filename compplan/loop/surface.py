@@ -14,8 +14,11 @@ from compplan.errors import InputError
 from compplan.loop.scan import MESHES
 from compplan.robot import Array
 
-#: Samples that the triangles near a point are found by, and how many of them are looked at.
-SAMPLES, NEAR = 200_000, 6
+#: Samples that the triangles near a point are found by; how many of them are looked at first, and where that leaves a
+#: point beside an edge.
+SAMPLES, NEAR = 200_000, (3, 24)
+#: Lengths are compared in micrometres: trimesh takes products below 1e-12 for zero.
+SCALE = 1e6
 #: A point whose nearest place is an edge of the mesh is off it sideways by more than this share of its distance.
 SIDEWAYS = 0.2
 
@@ -60,11 +63,19 @@ class Surface:
             The places (m, 3) [m], the normals there (m, 3), and how far each point is off along it (m,) [m]; NaN where
             the nearest place is an edge that the point lies beside.
         """
+        place, normal, off = self._find_among(point, NEAR[0])
+        beside = np.flatnonzero(np.isnan(off))
+        if len(beside):
+            place[beside], normal[beside], off[beside] = self._find_among(point[beside], NEAR[1])
+        return place, normal, off
+
+    def _find_among(self, point: Array, count: int) -> tuple[Array, Array, Array]:
+        """Find the nearest places on the triangles of the nearest samples, as `find_nearest`."""
         tree, of = self._samples
-        triangle = of[tree.query(point, k=NEAR)[1]]
+        triangle = of[tree.query(point, k=count)[1]]
         best, found, distance = triangle[:, 0], np.zeros_like(point), np.full(len(point), np.inf)
         for column in triangle.T:
-            foot = trimesh.triangles.closest_point(self.corners[column], point)
+            foot = trimesh.triangles.closest_point(SCALE * self.corners[column], SCALE * point) / SCALE
             away = np.linalg.norm(point - foot, axis=1)
             nearer = away < distance - 1e-12
             best, distance = np.where(nearer, column, best), np.where(nearer, away, distance)
