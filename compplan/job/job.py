@@ -19,6 +19,7 @@ from compplan.job.frames import PartTable, ToolTable
 from compplan.job.names import STRATEGIES
 from compplan.job.noise import NoiseTable
 from compplan.job.output import OutputTable
+from compplan.job.stability import StabilityTable
 from compplan.job.tools import NumberedTool, ToolsTable, check_tools
 from compplan.path.cam import list_suffixes
 from compplan.path.cam.options import CamTable
@@ -27,6 +28,7 @@ from compplan.path.force_lesson import LearnedForce
 from compplan.path.force_models.columns import ColumnsProcess
 from compplan.path.forces.library import lay_material
 from compplan.path.forces.process_stiffness import CouplingTable
+from compplan.path.forces.tool_beam import ToolBeamTable
 from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
 from compplan.path.process import Process
 from compplan.path.toolpath import Toolpath
@@ -134,24 +136,6 @@ class PostureTable(StrictTable):
     reconfigure: Literal["rapid", "never"] = "rapid"
 
 
-class StabilityTable(StrictTable):
-    """[stability]: judge chatter in `compplan forces`, avoid it by the posture, damping of the arm's modes (assumed).
-
-    `modes` is a table of measured modes of tool, holder and spindle. The spreads are standard deviations of the
-    logarithms of the arm's frequencies and damping (assumed).
-
-    A job without this table asks for no judgement; one with it does, unless it says judge = false.
-    """
-
-    judge: bool = True
-    avoid: bool = False
-    damping: float = Field(default=0.03, gt=0.0, le=0.5)
-    modes: str | None = None
-    frequency_spread: float = Field(default=0.1, ge=0.0, le=1.0)
-    damping_spread: float = Field(default=0.4, ge=0.0, le=2.0)
-
-
-
 def _ascend(limits: tuple[float, float]) -> tuple[float, float]:
     """Refuse a range whose end lies before its beginning."""
     if limits[1] < limits[0]:
@@ -206,6 +190,7 @@ class Job(StrictTable):
     process: Process = ColumnsProcess()
     coupling: CouplingTable | None = None
     stability: StabilityTable = StabilityTable(judge=False)
+    tool_beam: ToolBeamTable | None = None
     plan: PlanTable = PlanTable()
     output: OutputTable = OutputTable()
     sampling: SamplingTable = SamplingTable()

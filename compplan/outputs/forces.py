@@ -20,6 +20,7 @@ from compplan.path.forces.cutting import CoefficientTable
 from compplan.path.process import Process
 from compplan.path.toolpath import WRENCH_HEADERS
 from compplan.plan.stability import Stability, mark_spans
+from compplan.plan.stable_cut import ACCEPTED
 from compplan.robot import Array
 
 
@@ -81,7 +82,12 @@ def _summarise_stability(stability: Stability) -> dict[str, Any]:
         "damping_assumed": True,
         "masses": stability.masses,
         "natural_frequencies_hz": [float(value) for value in stability.frequencies.min(axis=0)],
-    }
+        "proposal": {
+            "accepted_probability": ACCEPTED, "depth_share": stability.proposal.share,
+            "axial_depth_mm": None if stability.proposal.depth is None else 1e3 * stability.proposal.depth,
+            "spindle_rpm": None if stability.proposal.speed is None else 60.0 * stability.proposal.speed,
+        },
+    }  # fmt: skip
     if drawn is not None:
         summary["map"] = {
             "waypoint": drawn.waypoint, "axial_depth_mm": 1e3 * drawn.depth,

@@ -1,7 +1,7 @@
 """Whether the cut of a path is stable, waypoint by waypoint: modes of the arm as it stands, engagement of the cutter.
 
-Modes follow from springs and masses with the drives at rest; those of tool and holder are as measured, or left out. The
-arm's damping is not known of any robot here: assumed.
+Modes follow from springs and masses with the drives at rest; those of tool and holder are as measured, those of a beam
+on the arm, or left out. The arm's damping is not known of any robot here: assumed.
 """
 
 from __future__ import annotations
@@ -31,8 +31,10 @@ from compplan.path.forces.stability import (
 )
 from compplan.path.toolpath import Toolpath
 from compplan.plan.chatter import MODES
+from compplan.plan.frequency_response import fit_responses
 from compplan.plan.plan import build_task, prepare_job
-from compplan.plan.tool_modes import ToolModes, read_tool_modes
+from compplan.plan.stable_cut import CutProposal, propose_cut
+from compplan.plan.tool_modes import ToolModes, model_beam, read_tool_modes
 from compplan.robot import Array
 
 #: Postures along the cut whose modes are worked out.
@@ -81,6 +83,7 @@ class Stability:
         damping: Share of critical damping of the arm's modes, assumed.
         masses: Where the robot has its masses from.
         map: Limits at the waypoint nearest to chatter.
+        proposal: Speed and depth that are less likely to chatter, or more that is as safe.
         note: What a user has to know.
 
     """
@@ -93,6 +96,7 @@ class Stability:
     damping: float
     masses: str
     map: StabilityMap | None
+    proposal: CutProposal
     note: str
 
     @property
@@ -115,7 +119,7 @@ def judge_stability(found: ForcePrediction) -> tuple[Stability | None, str]:
         q, dynamics, masses = _find_postures(job, found.nominal)
     except InputError as error:
         return None, f"Stability was not looked at: {error.message}."
-    if not dynamics.known:
+    if not dynamics.known and job.stability.arm_modes:
         return None, "Stability was not looked at: the robot folder knows no masses or no springs."
     return _judge(found, cutting, q, dynamics, masses), ""
 
@@ -130,14 +134,14 @@ def _find_postures(job: Job, nominal: Toolpath) -> tuple[Array, Dynamics, str]:
 
 def _judge(found: ForcePrediction, cutting: CuttingForce, q: Array, dynamics: Dynamics, masses: str) -> Stability:
     job, nominal = found.job, found.nominal
-    n, damping = len(nominal), job.stability.damping
-    tool = None if job.stability.modes is None else read_tool_modes(job.file.parent / job.stability.modes)
+    n, table = len(nominal), job.stability
+    tool, told = _read_carried(job, cutting)
     carried = tool_axes(nominal, found.law.tool_x)
-    spread = Spread(job.stability.frequency_spread, job.stability.damping_spread, cutting.process.uncertainty)
+    spread = Spread(table.frequency_spread, table.damping_spread, cutting.process.uncertainty)
     rows = np.flatnonzero(cutting.engagement.touches & ~nominal.rapid)
     spindle = cutting.process.spindle()
     posture = rows[np.unique(np.linspace(0, len(rows) - 1, min(POSTURES, len(rows))).astype(int))]
-    modes = [Modes(own.omega, own.tip, damping) for own in find_modes(dynamics, q[posture], MODES)]
+    modes = _find_arm(job, dynamics, q[posture])
     near = np.abs(rows[:, None] - posture[None, :]).argmin(axis=1)
     gains = find_gains(cutting.engagement, cutting.process.resistance, spindle.feed_per_tooth(nominal.feed))
     mean, axes = spindle.teeth * gains.mean(axis=1), path_axes(nominal)
@@ -145,25 +149,51 @@ def _judge(found: ForcePrediction, cutting: CuttingForce, q: Array, dynamics: Dy
     multiplier, odds, zero = np.zeros(n), np.zeros(n), np.zeros(n, bool)
 
     def stage(row: int) -> CutDynamics:
-        place = int(near[np.searchsorted(rows, row)])
-        period = 1.0 / (spindle.speed * spindle.teeth)
-        whole = modes[place] if tool is None else tool.join(modes[place], carried[row])
-        return CutDynamics(gains[row], spindle.teeth, period, whole.turn(axes[row]))
+        whole = modes[int(near[np.searchsorted(rows, row)])]
+        whole = whole if tool is None else tool.at(float(nominal.arc_length[row])).join(whole, carried[row])
+        return CutDynamics(gains[row], spindle.teeth, 1.0 / (spindle.speed * spindle.teeth), whole.turn(axes[row]))
 
+    cuts = []
     for group in range(like.max() + 1):
         mine = rows[like == group]
         cut = stage(int(mine[len(mine) // 2]))
         multiplier[mine], zero[mine] = find_multiplier(cut), count_turns(cut, np.ones(1))[0] > 0
         odds[mine] = find_odds(cut, spread)
+        cuts.append((float(multiplier[mine[0]]), cut))
     worst = int(multiplier.argmax())
     drawn = _draw_map(stage(worst), worst, float(cutting.engagement.axial[worst]), spindle.speed)
-    rings = np.array([each.omega / (2 * np.pi) for each in modes])
-    every = rings.ravel() if tool is None else np.concatenate([rings.ravel(), tool.omega / (2 * np.pi)])
-    band = float(every.min()), float(every.max())
+    proposal = propose_cut([cut for _, cut in sorted(cuts, key=lambda pair: -pair[0])], spread, spindle.speed,
+                           drawn.depth, drawn.speed, drawn.zero_order)  # fmt: skip
+    every = np.concatenate([cut.modes.omega for _, cut in cuts]) / (2 * np.pi)
+    band, rings = (float(every.min()), float(every.max())), np.array([each.omega / (2 * np.pi) for each in modes])
+    damped = f"the arm is damped by {100 * table.damping:.3g} % (assumed, stability.damping)"
+    note = _tell(multiplier[rows], odds[rows], band, f"masses: {masses}; {damped}" if table.arm_modes else told)
     passing = spindle.speed * spindle.teeth
-    note = _tell(multiplier[rows], odds[rows], band, f"{100 * damping:.3g} % (assumed, stability.damping)", masses)
-    note += _tell_band(band, tool, passing)
-    return Stability(multiplier, odds, zero, rings, band, damping, masses, drawn, note)
+    note += (f" {told}" if told and table.arm_modes else "") + _tell_band(band, tool, passing) + proposal.sentence
+    return Stability(multiplier, odds, zero, rings, band, table.damping, masses, drawn, proposal, note)
+
+
+def _find_arm(job: Job, dynamics: Dynamics, q: Array) -> list[Modes]:
+    """Return the modes of the arm at some postures, none where measured ones stand for it."""
+    if not job.stability.arm_modes:
+        return [Modes(np.zeros(0), np.zeros((3, 0)), np.zeros(0)) for _ in q]
+    return [Modes(own.omega, own.tip, job.stability.damping) for own in find_modes(dynamics, q, MODES)]
+
+
+def _read_carried(job: Job, cutting: CuttingForce) -> tuple[ToolModes | None, str]:
+    """Return the modes of what the arm carries, None where it counts as rigid, and what a user has to know of them."""
+    table, folder = job.stability, job.file.parent
+    if table.modes is not None:
+        return read_tool_modes(folder / table.modes), f"Measured modes of the tool: {table.modes}."
+    if table.frf:
+        return fit_responses({axis: folder / name for axis, name in table.frf.items()})
+    if job.tool_beam is None:
+        return None, ""
+    cutter = cutting.bench.cutter
+    own = model_beam(job.tool_beam.build(2.0 * cutter.radius, cutter.flute))
+    return own, (f"Tool and holder are a beam on the arm (clamp and spindle rigid, assumed), damped by "
+                 f"{100 * job.tool_beam.damping:.3g} % (assumed, tool_beam.damping), from "
+                 f"{own.omega.min() / (2 * np.pi):.4g} Hz.")  # fmt: skip
 
 
 def _group(mean: Array, near: NDArray[np.int_]) -> NDArray[np.int_]:
@@ -193,12 +223,12 @@ def _draw_map(cut: CutDynamics, waypoint: int, depth: float, speed: float) -> St
     return StabilityMap(waypoint, depth, speed * SPEEDS, depth * zero, speed * FEW_SPEEDS, depth * semi, depth * limit)
 
 
-def _tell(multiplier: Array, odds: Array, band: tuple[float, float], damping: str, masses: str) -> str:
+def _tell(multiplier: Array, odds: Array, band: tuple[float, float], known: str) -> str:
     count = int((multiplier > 1.0).sum())
     seen = f"of modes from {band[0]:.3g} to {band[1]:.3g} Hz"
     verdict = (f"chatters at {count} of {len(multiplier)} waypoints in contact, by the answer {seen}" if count else
                f"shows no chatter {seen} at any of {len(multiplier)} waypoints in contact")  # fmt: skip
-    return (f"The cut {verdict} (masses: {masses}; the arm is damped by {damping}). Probability of chatter, from the "
+    return (f"The cut {verdict} ({known.rstrip('.')}). Probability of chatter, from the "
             f"spread of masses, damping and coefficients (assumed): up to {100 * odds.max():.0f} %.")  # fmt: skip
 
 
@@ -208,7 +238,7 @@ def _tell_band(band: tuple[float, float], tool: ToolModes | None, passing: float
         return ""
     more = f", while teeth pass at {passing:.3g} Hz" if passing > band[1] else ""
     return (f" Tool, holder and spindle count as rigid: nothing was looked at above {band[1]:.3g} Hz{more}; "
-            "stability.modes takes their measured modes.")  # fmt: skip
+            "[tool_beam] or stability.modes say how they ring.")  # fmt: skip
 
 
 def mark_spans(unstable: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -1,20 +1,28 @@
-"""Measured modes of tool, holder and spindle: a table of the user's, added to the modes of the arm."""
+"""Modes of what the arm carries: measured ones of a table, fitted to a measured response, or those of a beam.
+
+Measured modes stand beside those of the arm. A beam is coupled to them: it is dragged along where the arm moves and
+holds it back, to first order by the motion of the tip across the tool; that the arm also turns it is left out. In arm
+modes a and beam modes b, each scaled to 1 kg, the mass matrix is [[1, P], [P^T, 1]] with P the beam's pull along a.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.linalg import eigh
 
 from compplan.errors import InputError
 from compplan.files.columns import FileColumn
 from compplan.files.tables import Array, read_table
 from compplan.path.forces.stability import Modes
+from compplan.path.forces.tool_beam import ToolBeam
 
 COLUMNS = (
     FileColumn("frequency_Hz", required=True), FileColumn("damping", required=True), FileColumn("mass_kg"),
-    FileColumn("residue_1_kg"), *(FileColumn(name, group="direction", required=True) for name in "xyz"),
+    FileColumn("residue_1_kg"), FileColumn("s_mm"),
+    *(FileColumn(name, group="direction", required=True) for name in "xyz"),
 )  # fmt: skip
 #: Frequencies [Hz], shares of critical damping and modal masses [kg] that are taken for true.
 FREQUENCY, DAMPING, MASS = (1.0, 20e3), (1e-4, 0.5), (1e-4, 1e5)
@@ -28,12 +36,25 @@ class ToolModes:
         omega: Angular frequencies. Shape (m,). [rad/s]
         damping: Shares of critical damping. Shape (m,).
         shape: Motion of the tip, scaled to a modal mass of 1 kg. Shape (3, m).
+        pull: What a unit acceleration of the clamp puts on each, along x, y, z; None for measured ones. Shape (3, m).
+            [sqrt(kg)]
+        place: Length of path at which each was measured, None for everywhere. Shape (m,). [m]
 
     """
 
     omega: Array
     damping: Array
     shape: Array
+    pull: Array | None = None
+    place: Array | None = None
+
+    def at(self, length: float) -> ToolModes:
+        """Return those that were measured nearest to a length of path [m]."""
+        if self.place is None:
+            return self
+        away = np.abs(self.place - length)
+        near = away <= away.min() + 1e-9
+        return ToolModes(self.omega[near], self.damping[near], self.shape[:, near])
 
     def join(self, arm: Modes, axes: Array) -> Modes:
         """Return the modes of arm and tool, by frequency; `axes` are the tool's as columns, in the arm's axes."""
@@ -41,15 +62,31 @@ class ToolModes:
         order = np.argsort(omega)
         shape = np.concatenate([arm.shape, axes @ self.shape], axis=1)
         damping = np.concatenate([np.broadcast_to(arm.damping, arm.omega.shape), self.damping])
-        measured = order >= len(arm.omega)
-        return Modes(omega[order], shape[:, order], damping[order], measured)
+        if self.pull is None:
+            return Modes(omega[order], shape[:, order], damping[order], order >= len(arm.omega))
+        mass = np.eye(len(omega))
+        drag = arm.shape.T @ (axes @ self.pull)
+        mass[: len(drag), len(drag) :], mass[len(drag) :, : len(drag)] = drag, drag.T
+        if np.linalg.eigvalsh(mass)[0] < 1e-6:  # the arm is lighter than what it carries: its masses leave the tool out
+            return replace(self, pull=None).join(arm, axes)
+        square, ways = eigh(np.diag(omega**2), mass)
+        found = np.sqrt(square)
+        lost = np.einsum("jk,j->k", ways**2, damping * omega) / found
+        return Modes(found, shape @ ways, lost)
+
+
+def model_beam(beam: ToolBeam, count: int = 1) -> ToolModes:
+    """Return the lowest modes of a beam across the tool, along x and y alike; the first makes 0.97 of what it gives."""
+    omega, tip, pull = beam.modes.omega[:count], beam.modes.tip[:count], beam.modes.pull[:count]
+    both = [np.concatenate([np.outer(way, values) for way in np.eye(3)[:2]], axis=1) for values in (tip, pull)]
+    return ToolModes(np.tile(omega, 2), np.full(2 * len(omega), beam.damping), *both)
 
 
 def read_tool_modes(file: Path) -> ToolModes:
     """Read a table with frequency_Hz, damping (share of critical), mass_kg or residue_1_kg, and a direction x, y, z.
 
     The direction is in tool axes (z out of the tool); the mass is that at the tip, along it. The residue is 1 / mass:
-    compliance r / (w_n^2 - w^2 + 2 i z w_n w).
+    compliance r / (w_n^2 - w^2 + 2 i z w_n w). Rows measured in several postures say s_mm, the length of path there.
 
     Raises:
         InputError: With file and line, if a value cannot be true.
@@ -75,4 +112,5 @@ def read_tool_modes(file: Path) -> ToolModes:
         wrong = np.flatnonzero(~((value >= low) & (value <= high)))
         if len(wrong):
             raise table.error(f"{name} is {value[wrong[0]]:g}, {low:g} to {high:g} is allowed", int(wrong[0]))
-    return ToolModes(2.0 * np.pi * frequency, damping, (way / size[:, None]).T / np.sqrt(mass))
+    place = 1e-3 * table.values["s_mm"] if "s_mm" in table else None
+    return ToolModes(2.0 * np.pi * frequency, damping, (way / size[:, None]).T / np.sqrt(mass), place=place)

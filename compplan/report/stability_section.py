@@ -39,9 +39,9 @@ def show_stability(stability: Stability, stations: Stations) -> Section:
     blocks.append(_tabulate(stability, stations))
     rings = ", ".join(format_number(float(value)) for value in stability.frequencies.min(axis=0))
     text = (f"Lowest modes of the arm along the cut: {rings}\u00a0Hz (masses: {stability.masses}); damping "
-            f"{100 * stability.damping:.3g}\u00a0% of critical, assumed. Modes from "
+            f"{100 * stability.damping:.3g}\u00a0% of critical, assumed. " if rings else "") + ("Modes from "
             f"{format_number(stability.band[0])} to {format_number(stability.band[1])}\u00a0Hz are looked at; "
-            "what is stiffer counts as rigid, and so does the work.")
+            f"what is stiffer counts as rigid, and so does the work.{stability.proposal.sentence}")
     return Section("Stability", blocks, text)
 
 
