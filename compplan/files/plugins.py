@@ -103,17 +103,6 @@ def find_plugins(what: str, taken: Collection[str]) -> Iterator[EntryPoint]:
             yield entry
 
 
-def load_plugins(what: str, taken: Collection[str]) -> dict[str, Any]:
-    """Load the plug-ins of a registry: what each entry point names, by the name of the entry point.
-
-    Args:
-        what: One of `GROUPS`.
-        taken: Names that the registry holds already.
-    """
-    loaded = {entry.name: _load(entry) for entry in find_plugins(what, taken)}
-    return {name: plugin for name, plugin in loaded.items() if plugin is not None}
-
-
 def _load(entry: EntryPoint) -> Any:
     """Load a plug-in; None where it cannot be loaded."""
     try:

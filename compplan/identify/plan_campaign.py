@@ -11,10 +11,10 @@ from compplan.identify.forward import attain_fit, differentiate, frame_parameter
 from compplan.identify.parameters import FreeRobot
 from compplan.identify.problem import IdentifyOptions, build_considered, list_forms
 from compplan.identify.separability import tell_apart
+from compplan.measure.campaign import Campaign
 from compplan.measure.fit.rows import KNOWN_FRAMES, Rows
-from compplan.measure.made import make_log
-from compplan.measure.poses.determinant import CampaignPlan, PoseInformation, plan_poses
-from compplan.measure.poses.pool import PoseCandidates, draw_candidates
+from compplan.measure.poses.determinant import CampaignPlan, PoseInformation, choose_poses, compare_with_random
+from compplan.measure.poses.pool import draw_candidates
 from compplan.measure.registration import Registration
 from compplan.robot import Robot
 
@@ -23,7 +23,7 @@ CANDIDATES = 2000
 
 def weigh_candidates(
     structure: FreeRobot,
-    candidates: PoseCandidates,
+    candidates: Campaign,
     *,
     orientation: bool = True,
     sigma_position: float = 4e-5,
@@ -34,7 +34,7 @@ def weigh_candidates(
 
     Args:
         structure: Robot and the parameters to identify.
-        candidates: The candidates.
+        candidates: Rows that could be measured.
         orientation: Whether orientation is measured.
         sigma_position: Standard deviation of position per axis. [m]
         sigma_rotation: Standard deviation of orientation per axis. [rad]
@@ -45,7 +45,7 @@ def weigh_candidates(
     """
     n = len(candidates)
     blank = np.broadcast_to(np.eye(3), (n, 3, 3)) if orientation else None
-    log = make_log(candidates.q, candidates.wrench, np.zeros((n, 3)), blank)
+    log = replace(candidates, rotation=blank)
     rows = Rows(log, np.arange(n), KNOWN_FRAMES if registration is None else registration)
     columns = differentiate(rows, attain_fit(structure, structure.nominal, rows, rows.registration))[0]
     sigma = np.repeat([sigma_position, sigma_rotation], 3)
@@ -65,7 +65,7 @@ def weigh_candidates(
 def plan_campaign(
     robot: Robot, options: IdentifyOptions, count: int, *, force: float, lever: float, seed: int = 0
 ) -> CampaignPlan:
-    """Choose the poses and loads that tell the most about what `options` ask for.
+    """Choose the poses and loads that tell the most about what `options` ask for, none worse than random ones do.
 
     Args:
         robot: The robot.
@@ -83,7 +83,12 @@ def plan_campaign(
         raise InputError(f"{given}, expected a force above 0 and a lever from 0")
     candidates = draw_candidates(robot, max(CANDIDATES, 2 * count), force=force, lever=lever, seed=seed)
     frames = replace(KNOWN_FRAMES, parts=options.register)
-    log = make_log(candidates.q, candidates.wrench, np.zeros((len(candidates), 3)))
-    structure = build_considered(robot, options, list_forms(robot, options, Rows(log, np.arange(len(log)), frames)))
+    rows = Rows(candidates, np.arange(len(candidates)), frames)
+    structure = build_considered(robot, options, list_forms(robot, options, rows))
     information = weigh_candidates(structure, candidates, registration=frames)
-    return plan_poses(robot, candidates, information, count, seed=seed + 1)
+    if 6 * count <= len(information.sizes):
+        least = len(information.sizes) // 6 + 1
+        raise InputError(f"{count} poses for {len(information.sizes)} parameters, expected at least {least}")
+    limits = compare_with_random(information, count, seed=seed + 1)
+    chosen = choose_poses(information, count, limits=limits)
+    return CampaignPlan(robot, candidates.take(chosen), information, information.standard_errors(chosen), limits)

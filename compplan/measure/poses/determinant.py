@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError
+from compplan.measure.campaign import Campaign
 from compplan.measure.fit.system import invert
 from compplan.measure.poses.exchange import exchange_taken, take_greedily
 from compplan.measure.poses.information import determinant_gains
-from compplan.measure.poses.pool import PoseCandidates
 from compplan.robot import Array, Robot
 
 MAX_SWEEPS = 30
@@ -114,38 +114,14 @@ class CampaignPlan:
 
     Attributes:
         robot: The robot.
-        poses: The chosen poses and loads.
+        poses: The chosen poses and loads, nothing measured yet.
         information: What every candidate tells.
         promised: Predicted standard errors of the chosen poses. Shape (p,).
         random: Those of as many random poses. Shape (p,).
     """
 
     robot: Robot
-    poses: PoseCandidates
+    poses: Campaign
     information: PoseInformation
     promised: Array
     random: Array
-
-
-def plan_poses(
-    robot: Robot, candidates: PoseCandidates, information: PoseInformation, count: int, *, seed: int
-) -> CampaignPlan:
-    """Choose the poses and loads that tell the parameters best, none of them worse than random ones do.
-
-    Args:
-        robot: The robot.
-        candidates: What could be measured.
-        information: What each of them tells.
-        count: Number of poses.
-        seed: Seed of the random poses to compare with.
-
-    Raises:
-        InputError: If there are too few poses for the parameters.
-    """
-    if 6 * count <= len(information.sizes):
-        least = len(information.sizes) // 6 + 1
-        raise InputError(f"{count} poses for {len(information.sizes)} parameters, expected at least {least}")
-    limits = compare_with_random(information, count, seed=seed)
-    chosen = choose_poses(information, count, limits=limits)
-    poses = PoseCandidates(candidates.q[chosen], candidates.wrench[chosen])
-    return CampaignPlan(robot, poses, information, information.standard_errors(chosen), limits)

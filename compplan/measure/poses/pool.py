@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError
+from compplan.measure.campaign import Campaign
+from compplan.measure.made import make_log
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, locate_frames
 
@@ -34,22 +35,6 @@ def take_clear(batches: Iterable[Array], clear: Callable[[Array], NDArray[np.boo
     return np.concatenate(found)[:count]
 
 
-@dataclass(frozen=True)
-class PoseCandidates:
-    """Poses with one load each, of which some are to be measured.
-
-    Attributes:
-        q: Joint positions. Shape (n, nq). [rad or m]
-        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
-    """
-
-    q: Array
-    wrench: Array
-
-    def __len__(self) -> int:
-        return len(self.q)
-
-
 def draw_candidates(
     robot: Robot,
     count: int,
@@ -58,8 +43,10 @@ def draw_candidates(
     lever: float = 0.3,
     vertical: bool = False,
     seed: int = 0,
-) -> PoseCandidates:
-    """Draw poses inside the joint limits, each with a force in a random direction on a lever beside the tool axis.
+) -> Campaign:
+    """Draw rows to choose from: poses inside the joint limits, each under a force in a random direction.
+
+    The force acts on a lever beside the tool axis; nothing is measured yet.
 
     Args:
         robot: The robot.
@@ -90,4 +77,4 @@ def draw_candidates(
     side = rng.uniform(0, 2 * np.pi, count)
     arm = lever * np.column_stack([np.cos(side), np.sin(side), np.zeros(count)])
     arm = np.einsum("nij,nj->ni", locate_frames(chain, q).tcp_rotation, arm)
-    return PoseCandidates(q, np.hstack([pull, np.cross(arm, pull)]))
+    return make_log(q, np.hstack([pull, np.cross(arm, pull)]), np.zeros((count, 3)))
