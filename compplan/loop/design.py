@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from compplan.loop.candidates import Candidates
 from compplan.measure.distance import band_radius
 from compplan.measure.poses.exchange import settle_choice, take_greedily
-from compplan.measure.poses.information import learn_rows, measure_gains
+from compplan.measure.poses.information import learn_rows, measure_gains, weigh_rows
 from compplan.promise.band import Slopes, split_covariance
 from compplan.robot import Array
 from compplan.robot.uncertainty import Uncertainty
@@ -144,10 +144,9 @@ def choose_measurements(design: Design, candidates: Candidates, count: int, star
     before = design.start if start is None else start
     rows = design.rows(candidates.slopes, candidates.tip, candidates.rotation)
     weight = design.target.T @ design.target
-
-    def worth(taken: list[int]) -> Array:
-        return measure_gains(learn_rows(before, rows[taken], design.noise), rows, weight, design.noise)
-
+    worth = weigh_rows(
+        lambda mean, covariance, rows: measure_gains(covariance, rows, weight, design.noise), before, rows, design.noise
+    )
     chosen = settle_choice(worth, take_greedily(worth, count), ROUNDS)
     return grade_choice(design, rows, [number for number, _ in chosen], before)
 

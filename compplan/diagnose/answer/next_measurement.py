@@ -34,7 +34,7 @@ from compplan.effects import EFFECTS, apply_effects, attain_scene, stage_scene
 from compplan.effects.linearization import Linearization, Place, linearize_scene
 from compplan.effects.signature import Signature
 from compplan.measure.poses.exchange import grow_choice, settle_choice
-from compplan.measure.poses.information import explain_rows, odds_gains
+from compplan.measure.poses.information import odds_gains, weigh_rows
 from compplan.robot import Array
 
 #: Moves of one kind at least, since a single reading may be a gross error, and at most; so many proposals at most, too
@@ -274,10 +274,7 @@ def pick_moves(shown: DifferenceShown, log_odds: float) -> tuple[list[int], floa
     Returns:
         The numbers of the moves, and the expected log likelihood ratio of all of them together.
     """
-
-    def worth(taken: list[int]) -> Array:
-        mean, covariance = explain_rows(shown.mean, shown.covariance, shown.rows[taken], 1.0)
-        return odds_gains(mean, covariance, shown.rows)
+    worth = weigh_rows(odds_gains, shown.covariance, shown.rows, 1.0, shown.mean)
 
     def gain_of(information: float) -> float:
         return expected_gain(log_odds, information / TEMPER, TEMPER)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from compplan.errors import InputError
 from compplan.measure.campaign import Campaign
 from compplan.measure.fit.system import invert
 from compplan.measure.poses.exchange import exchange_taken, take_greedily
-from compplan.measure.poses.information import determinant_gains
+from compplan.measure.poses.information import determinant_gains, weigh_rows
 from compplan.robot import Array, Robot
 
 MAX_SWEEPS = 30
@@ -68,20 +67,18 @@ def choose_poses(information: PoseInformation, count: int, *, limits: Array | No
     if len(rows) < count:
         raise InputError(f"{count} poses wanted of {len(rows)} candidates, expected at most as many")
     bound = None if limits is None else (LIMIT_MARGIN * np.asarray(limits) / information.sizes) ** 2
-    # A weak prior of ten typical sizes makes the first choices well defined.
-    prior = 1e-2 * np.eye(rows.shape[2])
 
-    def worth(taken: list[int], goal: Array | None = None) -> Array:
-        flat = rows[taken].reshape(-1, rows.shape[2])
-        gain, left = determinant_gains(np.asarray(np.linalg.inv(prior + flat.T @ flat)), rows)
-        if goal is None:
-            return gain
-        over = np.maximum(np.log(np.maximum(left, 1e-300) / goal), 0.0)
+    def held(mean: Array, covariance: Array, rows: Array) -> Array:
+        gain, left = determinant_gains(covariance, rows)
+        over = np.maximum(np.log(np.maximum(left, 1e-300) / bound), 0.0)
         return np.asarray(gain - LIMIT_PENALTY * over.sum(axis=1))
 
+    # a weak prior of ten typical sizes makes the first choices well defined
+    prior = 1e2 * np.eye(rows.shape[2])
+    worth = weigh_rows(lambda mean, covariance, rows: determinant_gains(covariance, rows)[0], prior, rows, 1.0)
     chosen = exchange_taken(worth, sorted(take_greedily(worth, count)), MAX_SWEEPS)
     if bound is not None:
-        chosen = exchange_taken(partial(worth, goal=bound), sorted(chosen), MAX_SWEEPS)
+        chosen = exchange_taken(weigh_rows(held, prior, rows, 1.0), sorted(chosen), MAX_SWEEPS)
     return np.sort(chosen)
 
 

@@ -1,10 +1,34 @@
-"""What measurements tell: rows of derivatives and their noise, on a normal state of parameters and frames."""
+"""What measurements tell: rows of derivatives and their noise, on a normal state of parameters and frames.
+
+An aim is what each further measurement gains beside that state: of the determinant, of a variance, of the odds of two
+explanations.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
+from compplan.measure.poses.exchange import Worth
 from compplan.robot import Array
+
+#: What each measurement gains beside a state: its mean (P,) and covariance (P, P), rows (m, c, P) -> (m,).
+Gain = Callable[[Array, Array, Array], Array]
+
+
+def weigh_rows(gain: Gain, covariance: Array, rows: Array, noise: float, mean: Array | None = None) -> Worth:
+    """Tell what every measurement is worth beside some that are taken, for an exchange.
+
+    Args:
+        gain: The aim.
+        covariance: Before any of them. Shape (P, P).
+        rows: Derivatives of each measurement. Shape (m, c, P).
+        noise: Variance of each component.
+        mean: Before any of them; zero if left out. Shape (P,).
+    """
+    before = np.zeros(len(covariance)) if mean is None else mean
+    return lambda taken: gain(*explain_rows(before, covariance, rows[taken], noise), rows)
 
 
 def learn_rows(covariance: Array, rows: Array, noise: float) -> Array:
