@@ -16,7 +16,7 @@ from compplan.errors import InputError
 from compplan.known.assumed import LINK_ELASTICITY, known_uncertainty, list_assumed, widen_uncertainty
 from compplan.known.slopes import measure_slopes, read_force_spread, stage_path, take_scene
 from compplan.known.vary import stage_robot
-from compplan.loop.candidates import Candidates, find_postures, list_candidates, run_up
+from compplan.loop.candidates import Candidates, find_postures, list_candidates
 from compplan.loop.design import Choice, Design, choose_measurements, random_choice
 from compplan.loop.order import order_poses
 from compplan.measure.campaign import Campaign
@@ -103,12 +103,6 @@ class PoseCampaign:
     log: int
     notes: tuple[str, ...]
 
-    @property
-    def approach_start(self) -> Array:
-        """Where the approach of every pose begins. Shape (m, nq). [rad or m]."""
-        robot = self.plan.robot
-        return np.asarray(self.poses.q - self.poses.approach[:, None] * run_up(robot))
-
     def model_part(self, covariance: Array) -> float:
         """Return the root mean square band of the parameters alone. [m]"""
         return model_part(self.design, covariance)
@@ -160,9 +154,7 @@ def design_campaign(
     choice = choose_measurements(design, candidates, count, start)
     notes += _ask_for_load(design, shop, choice.covariance)
     chosen = candidates.take(choice.rows)
-    order, touching = order_poses(
-        robot, chosen.q, chosen.q - chosen.approach[:, None] * run_up(robot), chosen.wrench, plan.q[0], solids
-    )
+    order, touching = order_poses(robot, chosen.q, chosen.start, chosen.wrench, plan.q[0], solids)
     again = np.r_[order, order[0]]
     return PoseCampaign(
         plan=plan, shop=shop, poses=chosen.take(again), worth=again + 1, choice=choice, design=design, start=start,

@@ -7,13 +7,12 @@ tool below the base, are left out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.effects import attain_scene
-from compplan.effects.scene import Scene
 from compplan.known.slopes import measure_slopes, take_scene
 from compplan.known.vary import stage_robot
 from compplan.measure.campaign import Campaign
@@ -42,31 +41,49 @@ class Candidates:
     """Measurements that could be taken; m of them, p parameters.
 
     Attributes:
-        q: Joint positions. Shape (m, nq). [rad or m]
-        approach: Sign of the last move of all joints. Shape (m,).
-        wrench: Load at the TCP, base axes. Shape (m, 6). [N, N m]
-        weight: Weight that hangs at the tool. Shape (m,). [kg]
-        pull: Horizontal force on the tool, base axes. Shape (m, 3). [N]
+        log: Two rows a measurement, nothing measured yet: where its approach begins, and the pose.
         tip: Where the tip goes. Shape (m, 3). [m]
         rotation: Orientation of the TCP. Shape (m, 3, 3).
         slopes: Motion of the tip per unit of every parameter. Shape (m, 3, p).
     """
 
-    q: Array
-    approach: NDArray[np.int_]
-    wrench: Array
-    weight: Array
-    pull: Array
+    log: Campaign
     tip: Array
     rotation: Array
     slopes: Array
 
     def __len__(self) -> int:
-        return len(self.q)
+        return len(self.tip)
+
+    @property
+    def start(self) -> Array:
+        """Where the approach of each begins. Shape (m, nq). [rad or m]"""
+        return self.log.q[::2]
+
+    @property
+    def q(self) -> Array:
+        """Joint positions. Shape (m, nq). [rad or m]"""
+        return self.log.q[1::2]
+
+    @property
+    def rising(self) -> NDArray[np.bool_]:
+        """Whether all joints come from below. Shape (m,)."""
+        return np.asarray((self.q > self.start).all(axis=1))
+
+    @property
+    def wrench(self) -> Array:
+        """Load at the TCP, base axes. Shape (m, 6). [N, N m]"""
+        return self.log.wrench[1::2]
+
+    @property
+    def weight(self) -> Array:
+        """Weight that hangs at the tool; pulls are horizontal. Shape (m,). [kg]"""
+        return np.asarray(self.wrench[:, 2] / -STANDARD_GRAVITY)
 
     def take(self, rows: NDArray[np.int_]) -> Candidates:
         """Take some of them."""
-        return Candidates(*(getattr(self, part.name)[rows] for part in fields(self)))
+        log = self.log.take(np.stack([2 * rows, 2 * rows + 1], axis=1).ravel())
+        return Candidates(log, self.tip[rows], self.rotation[rows], self.slopes[rows])
 
 
 def run_up(robot: Robot) -> Array:
@@ -117,28 +134,13 @@ def list_candidates(
         unknowns: What is to be known better.
     """
     k = len(postures)
-    loads = [(weight, np.zeros(3)) for weight in weights]
-    loads += [(0.0, pull * np.array(way, float)) for way in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)) if pull > 0]
-    sign = np.tile(np.repeat([1, -1], k), len(loads))
-    weight = np.repeat([load[0] for load in loads], 2 * k)
-    force = np.repeat([load[1] for load in loads], 2 * k, axis=0)
-    q = np.tile(postures, (2 * len(loads), 1))
-    wrench = np.zeros((len(q), 6))
-    wrench[:, :3] = force
-    wrench[:, 2] -= STANDARD_GRAVITY * weight
-    scene, rows = stage_measurements(robot, q, sign, wrench)
+    loads = [(0.0, 0.0, 0.0 - STANDARD_GRAVITY * weight) for weight in weights]
+    loads += [(x * pull, y * pull, 0.0) for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)) if pull > 0]
+    q, sign = np.tile(postures, (2 * len(loads), 1)), np.tile(np.repeat([1, -1], k), len(loads))
+    wrench = np.zeros((2 * len(q), 6))
+    wrench[:, :3] = np.repeat(loads, 4 * k, axis=0)
+    way = np.stack([q - sign[:, None] * run_up(robot), q], axis=1).reshape(-1, robot.nq)
+    log = Campaign(np.array(["static_1"] * len(way)), way, wrench, np.full((len(way), 3), np.nan))
+    scene, rows = stage_robot(robot, log), np.arange(1, len(way), 2)
     attained = attain_scene(take_scene(scene, rows))
-    slopes = measure_slopes(scene, unknowns, rows)
-    return Candidates(q, sign, wrench, weight, force, attained.position, attained.rotation, slopes)
-
-
-def stage_measurements(
-    robot: Robot, q: Array, approach: NDArray[np.int_], wrench: Array
-) -> tuple[Scene, NDArray[np.int_]]:
-    """Stage poses, each behind its run-up; also return the rows at which they are measured."""
-    way = np.stack([q - approach[:, None] * run_up(robot), q], axis=1).reshape(-1, robot.nq)
-    n = len(way)
-    log = Campaign(
-        run=np.array(["static_1"] * n), q=way, wrench=np.repeat(wrench, 2, axis=0), position=np.full((n, 3), np.nan)
-    )
-    return stage_robot(robot, log), np.arange(1, n, 2)
+    return Candidates(log, attained.position, attained.rotation, measure_slopes(scene, unknowns, rows))

@@ -41,10 +41,9 @@ def write_log(campaign: PoseCampaign, file: Path) -> None:
     The first of them tells later readers from which side the joints came.
     """
     poses, n = campaign.poses, len(campaign.poses)
-    q = np.stack([campaign.approach_start, poses.q], axis=1).reshape(2 * n, -1)
     columns: dict[str, object] = {"run": np.array(["static1"] * 2 * n)}
-    columns |= campaign.plan.robot.joint_columns(q)
-    columns |= {header: np.repeat(poses.wrench[:, k], 2) for k, header in enumerate(WRENCH_HEADERS)}
+    columns |= campaign.plan.robot.joint_columns(poses.log.q)
+    columns |= {header: poses.log.wrench[:, k] for k, header in enumerate(WRENCH_HEADERS)}
     columns |= {f"{axis}_mm": np.full(2 * n, np.nan) for axis in "xyz"}
     columns["sigma_mm"] = np.full(2 * n, campaign.shop.sigma * 1e3)
     write_table(file, columns, decimals=7)
@@ -52,7 +51,8 @@ def write_log(campaign: PoseCampaign, file: Path) -> None:
     lines = [head]
     for k in range(n):
         load = f"{poses.weight[k]:g} kg" if poses.weight[k] else "no weight"
-        pull = f", pull {', '.join(f'{v:g}' for v in poses.pull[k])} N" if poses.pull[k].any() else ""
+        x, y = poses.wrench[k, :2]
+        pull = f", pull {x:g}, {y:g}, 0 N" if x or y else ""
         worth = f"{campaign.worth[k]} in worth" if k < n - 1 else "the first once more"
         todo = "approach from the next row (leave x y z empty), then measure"
         lines += [f"# pose {k + 1} ({worth}): {load}{pull}; {todo}"]
@@ -65,8 +65,7 @@ def write_moves(campaign: PoseCampaign, folder: Path) -> list[Path]:
     plan = campaign.plan
     if plan.job is None or not plan.job.output.programs:
         return []
-    robot, n = plan.robot, len(campaign.poses)
-    q = np.stack([campaign.approach_start, campaign.poses.q], axis=1).reshape(-1, robot.nq)
+    n = len(campaign.poses)
     comments = [
         f"compplan: {n} poses to measure for {plan.name}",
         "every second point is a pose: stop there, let it settle, measure",
@@ -74,8 +73,9 @@ def write_moves(campaign: PoseCampaign, folder: Path) -> list[Path]:
     ]
     moves = np.ones(2 * n, bool)
     program = build_program(
-        robot, q, np.zeros(2 * n), moves, name=f"{plan.job.file.stem}_poses", comments=comments, exact=moves
-    )
+        plan.robot, campaign.poses.log.q, np.zeros(2 * n), moves,
+        name=f"{plan.job.file.stem}_poses", comments=comments, exact=moves,
+    )  # fmt: skip
     files: list[Path] = []
     for language in plan.job.output.programs:
         files += write_program(program, language, folder, any_brand=plan.job.output.any_brand)

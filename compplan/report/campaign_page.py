@@ -126,10 +126,10 @@ def _table(campaign: PoseCampaign) -> PageTable:
     for k in range(len(poses)):
         label: TableCell | str | int = TableCell("1 again", "muted") if k == len(poses) - 1 else k + 1
         worth = None if k == len(poses) - 1 else int(campaign.worth[k])
-        side = "rising" if poses.approach[k] > 0 else "falling"
+        side = "rising" if poses.rising[k] else "falling"
         load = f"{poses.weight[k]:g} kg" if poses.weight[k] else "none"
         rows.append(
-            [label, worth, *(float(v) for v in poses.q[k] * scale), side, load, _describe_pull(poses.pull[k]),
+            [label, worth, *(float(v) for v in poses.q[k] * scale), side, load, _describe_pull(poses.wrench[k, :2]),
              *(float(v) for v in 1e3 * poses.tip[k])]
         )  # fmt: skip
     units = ["mm" if slides else "deg" for slides in robot.prismatic]
