@@ -200,6 +200,8 @@ def test_an_offset_keeps_what_was_cut_and_shifts_what_follows(read) -> None:
     assert [point[0] for point in ends(moved)] == [0, 10, 20, 0]
     shifted = read("G21 G0 X0 Y0 Z0\nG52 X5\nG1 X10 F9\nG52 X0\nX0\n")
     assert [point[0] for point in ends(shifted)] == [0, 15, 0]
+    under = read("G21 G0 X0 Y0 Z0\nG52 X5\nG1 X10 F9\nG92 X3\nX4\n")  # stands at 15, calls it 3, goes on by 1
+    assert [point[0] for point in ends(under)] == [0, 15, 16]
     before = read("G21 G0 X7 Y0 Z0\nG92 X0\nG1 X10 F9\n")
     assert (before.facts.cutting_length_mm, ends(before)) == (10, [[7, 0, 0], [17, 0, 0]])
     here = read("G21 G92 X7 Y0 Z0\nG1 X10 F9\n")

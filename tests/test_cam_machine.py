@@ -13,7 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from compplan.errors import InputError
-from compplan.path.cam import CamFile, CamTable, read_cam
+from compplan.path.cam import CamFile, CamTable, heidenhain_words, read_cam, sinumerik_words
+from compplan.path.cam.expressions import Grammar, evaluate
 from compplan.path.cam.gcode_macro import MacroError, Variables, assign, work_out
 from compplan.path.cam.gcode_rotary import RotaryMachine
 from compplan.path.cam.machines import list_machines
@@ -344,6 +345,13 @@ def test_expressions_are_worked_out_by_the_rules_of_arithmetic(a: float, b: floa
     assert work_out("[#1 GT #2] OR [#1 LE #2]", variables)[0] == 1.0
     with pytest.raises(MacroError):
         work_out("#1 +", variables)
+
+
+@pytest.mark.parametrize("grammar", [heidenhain_words.GRAMMAR, sinumerik_words.GRAMMAR])
+def test_signs_of_one_rank_are_worked_out_from_left_to_right(grammar: Grammar) -> None:
+    values = {"10-3-2": 5.0, "10-3+2": 9.0, "12/3/2": 2.0, "12/3*2": 8.0, "2*3-4-5": -3.0, "10-(3-2)": 9.0}
+    for text, value in values.items():
+        assert evaluate(text, grammar, lambda name, index: 0.0) == pytest.approx(value), text
 
 
 BLOCKS = [

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from compplan.diagnose import diagnose_campaign
-from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
+from compplan.diagnose.data.channels import estimate_noises
+from compplan.effects import Effect, apply_effects, attain_scene, command_campaign, stage_scene
 from compplan.errors import InputError
 from compplan.measure.campaign import Campaign
 from compplan.measure.fit_frames import fit_registration
@@ -170,6 +173,23 @@ def test_slopes_of_places_are_those_of_differences(kind: int) -> None:
     found = [(sights.gap(point, place + step) - sights.gap(point, place - step))[0] / 2e-6 for step in 1e-6 * np.eye(3)]
     along = np.array(found).T if kind == CONTACT else np.outer(direction, direction) @ np.array(found).T
     np.testing.assert_allclose(along, slopes, atol=1e-6)
+
+
+def test_a_number_along_one_direction_has_its_own_noise_and_not_that_of_three() -> None:
+    """Forty gauges read three times a stay along directions of their own; nothing states a sigma."""
+    rng, stays = np.random.default_rng(6), 400
+    unit = np.repeat(rng.normal(size=(stays, 3)), 3, axis=0)
+    unit /= np.linalg.norm(unit, axis=1)[:, None]
+    n = len(unit)
+    sights = Sights(
+        np.full(n, READING), np.repeat(np.arange(stays) % 40, 3), tuple(f"g{k}" for k in range(40)), np.zeros((n, 3)),
+        unit, rng.normal(0.0, SIGMA, n),
+    )  # fmt: skip
+    q = np.repeat(rng.uniform(-1.0, 1.0, (stays, 6)), 3, axis=0)
+    campaign = replace(command_campaign(q, on_path=False), sights=sights)
+    attained = SimpleNamespace(position=np.zeros((n, 3)), rotation=np.tile(np.eye(3), (n, 1, 1)))
+    noise = estimate_noises(campaign, attained)["position"]  # type: ignore[arg-type]
+    assert noise.sigma == pytest.approx(SIGMA, rel=0.08)
 
 
 def test_known_distances_compare_lengths_and_their_slopes() -> None:

@@ -136,6 +136,9 @@ def test_a_part_off_as_a_whole_teaches_where_its_run_alone_does_not_explain_it()
         own = state_own(tip, np.zeros((k, 3)), ForceSpread(0.0, 0.0, 0.0, "none"), None, None, 0.0)
         lesson = learn_part(slopes, known, seen, lambda values, force: np.tile(values, (k, 1)), own)
         assert lesson.taken == taken, lesson.reason
+        if taken:  # what is left open, and the next run: repeatability along three axes
+            run = lesson.expected**2 - np.mean(np.sum(lesson.open**2, axis=(1, 2)))
+            assert run == pytest.approx(3 * known.repeatability**2, rel=1e-3)
 
 
 def test_a_choice_of_the_points_is_no_measurement_of_a_path_whose_stretches_lie_close(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from compplan.commands import map as map_command
 from compplan.commands.map import command
 from compplan.errors import InputError
 from compplan.report.maps.maps import map_deflection
@@ -115,6 +116,14 @@ def test_the_command_writes_maps_pictures_and_a_page(tmp_path: Path) -> None:
     assert max(values) == summary["planes"]["horizontal"]["worst_unit_force_um_per_N"]["max"]
     assert table["reduced_model"].startswith("fitted")
     assert len(horizontal["u_mm"]) == 15 and len(horizontal["elbow_map"]) == 15
+
+
+def test_degrees_and_millimetres_of_the_command_become_si(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    asked: list[MapSettings] = []
+    monkeypatch.setattr(map_command, "map_robot", lambda robot, settings, reduced: asked.append(settings))
+    words = ["kuka_kr270", "--azimuth-deg", "30", "--height-mm", "250", "--out", str(tmp_path / "out")]
+    assert CliRunner().invoke(command, words).exit_code != 0  # nothing was mapped
+    assert (asked[0].azimuth, asked[0].height) == pytest.approx((np.pi / 6, 0.25))
 
 
 def test_twice_as_soft_yields_twice_as_much_on_the_map() -> None:

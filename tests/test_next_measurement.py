@@ -17,6 +17,7 @@ from compplan.diagnose.answer.measurement_moves import KINDS, lay_out_moves
 from compplan.diagnose.answer.next_measurement import (
     DifferenceShown,
     expected_gain,
+    name_approach,
     pick_moves,
     predict_columns,
     propose_measurements,
@@ -162,6 +163,19 @@ def test_a_reversal_comes_to_one_pose_from_both_sides(measured: tuple[Robot, Cam
         index = robot.joint_names.index(str(move.joint))
         assert np.array_equal(pool.q[move.rows[0]], pool.q[move.rows[1]])
         assert pool.approach[list(move.rows), index].tolist() == [1.0, -1.0]
+
+
+def test_a_proposed_reversal_says_by_which_joint_and_from_which_side_each_pose_is_come_to(
+    measured: tuple[Robot, Campaign],
+) -> None:
+    """The row before a pose is where the joint stands back; the joint turns upwards from a smaller angle."""
+    pool, moves = lay_out_moves(*measured)
+    at = SimpleNamespace(campaign=pool, robot=measured[0])
+    for move in (m for m in moves if m.kind == "reversal"):
+        index = measured[0].joint_names.index(str(move.joint))
+        for row in move.rows:
+            side = "upwards" if pool.q[row - 1, index] < pool.q[row, index] else "downwards"
+            assert name_approach(at, row) == f"{move.joint} {side}"  # type: ignore[arg-type]
 
 
 @pytest.mark.slow

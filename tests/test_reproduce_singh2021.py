@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from compplan.reproduce.paper import Reproduction
-from compplan.reproduce.singh2021 import PEDESTALS, cloud, reproduce
+from compplan.reproduce.singh2021 import DEXTEROUS, PEDESTALS, PLAIN, cloud, reproduce
 from compplan.robot import load_robot
 
 
@@ -32,6 +32,15 @@ def test_the_cloud_is_reached_from_a_pedestal_only(result: Reproduction) -> None
 def test_the_arithmetic_of_table_i_holds(result: Reproduction) -> None:
     rows = [row for row in result.rows if row.quantity.startswith("Table i:")]
     assert len(rows) == 6 and all(row.verdict == "matches" for row in rows)
+
+
+def test_the_stiffer_set_of_table_i_deflects_less(result: Reproduction) -> None:
+    """Each stiffness is 2 to 40 % greater, and a deflection shrinks by the share of one of them at most."""
+    shares = result.row("Improvement that the dexterous stiffness set of Table i alone makes").ours
+    least, most = (float(text.strip("% ")) / 100 for text in str(shares).split("to"))
+    gain = 1.0 - np.divide(PLAIN, DEXTEROUS)
+    assert gain.min() - 0.005 <= least <= most <= gain.max() + 0.005
+    assert gain.min() > 0.0
 
 
 def test_numbers_that_hang_on_the_unknown_wrench_are_not_claimed(result: Reproduction) -> None:

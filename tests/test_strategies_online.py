@@ -12,6 +12,7 @@ from compplan.plan.strategies.online import ONLINE, STRATEGIES, prepare_answers
 from compplan.plan.strategies.online_correction import LITERAL, PI, PID
 from compplan.robot import Array, load_robot
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
+from compplan.statics.elastic import cartesian_compliance
 from compplan.study.curves import quiet_cells
 from compplan.study.encoder_table import compare_encoders
 from compplan.study.judging import run_strategy
@@ -29,6 +30,10 @@ def test_klimchiks_ordering_and_ratios_come_out_under_loads_of_all_directions() 
     assert left["vertical", "combined"] < 0.06 < left["vertical", "link"]
     mean = {row.strategy: row.mean for row in table.rows if row.load == "all directions"}
     assert mean["motor"] > mean["link"] > mean["combined"]
+    motor = next(row for row in table.rows if row.load == "vertical" and row.strategy == "motor")
+    chain = build_chain(robot, gravity=False)
+    size = np.linalg.norm((cartesian_compliance(chain, q) @ [0.0, 0.0, -981.0, 0.0, 0.0, 0.0])[:, :3], axis=1)
+    assert (motor.mean, motor.std, motor.max) == pytest.approx((size.mean(), size.std(), size.max()), rel=0.05)
 
 
 def workspace_postures(robot, rng: np.random.Generator) -> Array:  # type: ignore[no-untyped-def]

@@ -15,6 +15,7 @@ from compplan.executed.align import find_nearest, measure_way, place_rows
 from compplan.executed.geometry import Path as Laid
 from compplan.executed.log import clean_log, read_log
 from compplan.executed.run import execute_program
+from compplan.program.servo import MotionTable, read_motion, tabulate_motion
 from compplan.robot import load_robot
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
@@ -53,6 +54,21 @@ def test_the_model_leaves_at_most_a_third_on_logs_left_out(traced: Path) -> None
         assert found["left_mm"][name] < found["left_without_model_mm"][name] / 3
     assert found["parts"]["lag"] > found["parts"]["blend"] > found["parts"]["jitter"]
     assert sum(found["parts"].values()) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_motion_is_stated_in_ms_mm_and_degrees_and_read_back_in_si() -> None:
+    slides = np.array([True, False])
+    table = MotionTable(
+        cycle_ms=4.0, acceleration_mm_s2=2500.0, smoothing_ms=30.0, lag_ms=[12.0, 8.0],
+        acceleration_lag_ms2=[150.0, -90.0], lost_motion_deg=[0.02, 0.01],
+    )  # fmt: skip
+    motion = read_motion(table, slides, (np.ones(2), np.full(2, np.inf)), Path("controller.toml"))
+    assert (motion.cycle, motion.smoothing, motion.acceleration) == pytest.approx((4e-3, 3e-2, 2.5))
+    assert motion.lag == pytest.approx([12e-3, 8e-3])
+    assert motion.acceleration_lag == pytest.approx([1.5e-4, -9e-5])
+    assert motion.lost_motion == pytest.approx([2e-5, np.radians(0.01)])
+    stated = tabulate_motion(motion, slides)
+    assert MotionTable.model_validate(stated) == table
 
 
 def test_drawn_zone_and_lags_are_found(traced: Path) -> None:

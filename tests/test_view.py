@@ -49,6 +49,12 @@ def scene(folder: Path) -> PlanScene:
     return PlanScene(recording)
 
 
+def test_a_place_in_the_list_is_named_by_its_length_along_the_path_in_mm(scene: PlanScene) -> None:
+    tip, way = scene.recording.tip * 1e3, next(iter(scene.sizes))
+    along = np.linalg.norm(np.diff(tip[:8], axis=0), axis=1).sum()
+    assert scene.name_row(7, way).endswith(f" at {along:.4g}\u00a0mm")
+
+
 def test_the_folder_tells_the_deviations_of_the_plan(plan: Plan, folder: Path, scene: PlanScene) -> None:
     record = scene.recording
     cut = record.move == "cut"

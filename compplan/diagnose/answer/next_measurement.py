@@ -326,7 +326,7 @@ def summarise_proposal(fit: Fit, at: Linearization, proposal: Proposal) -> dict[
         "columns": list(robot.joint_headers),
         "poses": [[round(float(v), 4) for v in campaign.q[row] * unit] for row in rows],
         "wrenches": [[round(float(v), 2) for v in campaign.wrench[row]] for row in rows],
-        "approach": [_approach(at, row) for row in rows] if proposal.kind == "reversal" else None,
+        "approach": [name_approach(at, row) for row in rows] if proposal.kind == "reversal" else None,
         "probability_now": round(proposal.probability, 3),
         "expected_probability_gain": round(proposal.gain, 3),
         "expected_log_likelihood_ratio": round(proposal.information, 2),
@@ -364,7 +364,7 @@ def _say(proposal: Proposal) -> str:
     return KINDS[proposal.kind] + of
 
 
-def _approach(at: Linearization, row: int) -> str:
+def name_approach(at: Linearization, row: int) -> str:
     """Say which joint moves last before a row, and in which direction."""
     move = at.campaign.q[row] - at.campaign.q[row - 1]
     index = int(np.argmax(np.abs(move)))
