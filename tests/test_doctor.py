@@ -33,7 +33,7 @@ def spoilt(tmp_path: Path, file: str, pattern: str, text: str, name: str = "stau
 def test_the_installation_that_runs_the_tests_has_nothing_odd():
     findings = examine_installation()
     assert not odd(findings)
-    assert {"casadi", "pinocchio", "toppra", "eaik"} <= {finding.about for finding in findings}
+    assert {"casadi", "pinocchio", "eaik"} <= {finding.about for finding in findings}
 
 
 def test_an_engine_that_answers_wrongly_or_not_at_all_is_odd(monkeypatch):
@@ -41,7 +41,7 @@ def test_an_engine_that_answers_wrongly_or_not_at_all_is_odd(monkeypatch):
         raise RuntimeError("no ipopt")
 
     monkeypatch.setattr(installation_module, "_try_ipopt", fails)
-    monkeypatch.setattr(installation_module, "_try_toppra", lambda: False)
+    monkeypatch.setattr(installation_module, "_try_pinocchio", lambda: False)
     said = odd(examine_installation())
     assert "no ipopt" in said and "a wrong answer" in said
 

@@ -1,9 +1,11 @@
 """Timing: closed forms of rapid moves and cuts, and limits that are kept."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from compplan.plan.fastest_run import time_cut
 from compplan.plan.motion_limits import measure_use, spread_factors
@@ -45,6 +47,65 @@ def test_no_rate_limit_is_left_on_a_winding_path():
     assert np.abs(attained).max() <= 1.0 + 1e-6
     assert np.abs(change * speed[:, None] ** 2 + rate * push[:, None]).max() <= 3.0 * 1.02
     assert max(np.abs(attained).max(), np.abs(change[1:-1] * speed[1:-1, None] ** 2).max() / 3.0) > 0.9
+
+
+def _run_toppra(along, q, velocity, acceleration, torques):
+    """Return the share of the feed that TOPP-RA finds, torques a u + b x + c within their limits."""
+    toppra = pytest.importorskip("toppra")
+    from toppra import algorithm, constraint
+    from toppra.constraint.linear_constraint import LinearConstraint
+
+    curve = CubicSpline(along, q, bc_type="natural")
+    a, b, c, most = torques
+
+    class Path:
+        dof, path_interval, duration = q.shape[1] + 1, np.array([along[0], along[-1]]), along[-1] - along[0]
+
+        def __call__(self, s, order=0):
+            last = np.atleast_1d(s)[:, None] if order == 0 else np.full((np.size(s), 1), 1.0 if order == 1 else 0.0)
+            return np.hstack([np.atleast_2d(curve(np.atleast_1d(s), order)), last])
+
+    class Torques(LinearConstraint):
+        def __init__(self):
+            super().__init__()
+            self.dof, self.identical = q.shape[1] + 1, True
+
+        def compute_constraint_params(self, path, gridpoints):
+            both = np.vstack([np.eye(a.shape[1]), -np.eye(a.shape[1])])
+            return a, b, c, both, np.r_[most, most], None, None
+
+    wide = np.column_stack([-np.r_[velocity, 1.0], np.r_[velocity, 1.0]])
+    push = np.column_stack([-np.r_[acceleration, 1e4], np.r_[acceleration, 1e4]])
+    scheme = toppra.constraint.DiscretizationType.Interpolation
+    rules = [constraint.JointVelocityConstraint(wide), Torques(),
+             constraint.JointAccelerationConstraint(push, discretization_scheme=scheme)]  # fmt: skip
+    found = algorithm.TOPPRA(rules, Path(), gridpoints=along, solver_wrapper="seidel")
+    return found.compute_parameterization(0.0, 0.0)[1]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_topp_ra_finds_the_same_run(seed):
+    rng = np.random.default_rng(seed)
+    along = np.r_[0.0, np.cumsum(rng.uniform(0.005, 0.02, 250))]
+    swing, pace, phase = rng.uniform(0.05, 1.0, 6), rng.uniform(0.5, 8.0, 6), rng.uniform(0.0, 6.0, 6)
+    q = swing * np.sin(along[:, None] * pace + phase)
+    velocity, acceleration = rng.uniform(1.0, 3.0, 6), rng.uniform(3.0, 10.0, 6)
+    inertia, held = rng.uniform(5.0, 20.0, 6), 10.0 * np.sin(q)
+
+    def torques(rate, change):
+        return inertia * rate, inertia * change, held, np.full(6, 25.0)
+
+    rate, change, speed, _ = time_cut(along, q, velocity, acceleration, torques)
+    theirs = _run_toppra(along, q, velocity, acceleration, torques(rate, change))
+    assert np.percentile(np.abs(speed - theirs), 95) < 1e-5 and speed[1:-1].min() < 0.9
+    assert times(along, speed)[-1] == pytest.approx(times(along, theirs)[-1], rel=1e-4)
+    free = times(along, time_cut(along, q, velocity, acceleration)[2])[-1]
+    assert times(along, speed)[-1] > 1.01 * free
+
+
+def test_no_module_of_the_package_asks_for_topp_ra():
+    texts = (file.read_text("utf-8") for file in (Path(__file__).parents[1] / "compplan").rglob("*.py"))
+    assert not [text for text in texts if "toppra" in text]
 
 
 def test_a_corner_is_taken_slowly():

@@ -4,26 +4,36 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 from test_feed import ROBOT, arc_path, make_task
 
 from compplan.path.toolpath import select_waypoints
-from compplan.plan.fastest_run import time_cut
 from compplan.plan.feed import TorqueRules
-from compplan.plan.timing import FULL_USE, _turn_in_place, state_timing, time_command
+from compplan.plan.task import PlanTask
+from compplan.plan.timing import FULL_USE, INERTIA_WINDOWS, _smooth_run, _turn_in_place, state_timing, time_command
 from compplan.program.counting import locate_link
 from compplan.statics.chain import build_chain, locate_frames
 
 
+def time_single(window: float, *, follows: bool = False, inertia: bool = False) -> float:
+    """Return how long 3 rad in one move take that are programmed to take 2 s."""
+    task = cast(PlanTask, SimpleNamespace(
+        velocity_limits=np.array([0.8]), acceleration_limits=np.array([2.0]), jerk_limits=None, inertia=inertia,
+        follows_feed=follows, smoothing=window,
+    ))  # fmt: skip
+    return float(_smooth_run(task, np.array([0.0, 2.0]), np.array([[0.0], [3.0]]), None, np.ones(2), window)[0][-1])
+
+
 def test_a_single_move_takes_as_long_as_the_same_move_in_many_pieces() -> None:
-    velocity, acceleration = np.array([0.8]), np.array([2.0])
-    _, _, speed, _ = time_cut(np.array([0.0, 2.0]), np.array([[0.0], [3.0]]), velocity, acceleration)
     # a trapezoid: 3 rad at .8 rad/s, and .8 / 2 s for speeding up and slowing down
-    assert 2 * 2.0 / speed.sum() == pytest.approx(3.0 / 0.8 + 0.8 / 2.0, rel=0.02)
-    _, _, gentle, _ = time_cut(np.array([0.0, 2.0]), np.array([[0.0], [3.0]]), velocity, acceleration, gentle=0.3)
-    assert 2 * 2.0 / gentle.sum() > 1.1 * (3.0 / 0.8 + 0.8 / 2.0)
+    trapezoid = 3.0 / 0.8 + 0.8 / 2.0
+    assert time_single(0.0) == pytest.approx(trapezoid, rel=0.02)
+    assert time_single(0.1) == pytest.approx(trapezoid + 0.1, rel=0.02)
+    assert time_single(0.1, inertia=True) == pytest.approx(trapezoid + 0.1 * sum(INERTIA_WINDOWS), rel=0.04)
+    assert time_single(1.0 / 0.3, follows=True) > 1.1 * trapezoid
 
 
 @pytest.mark.parametrize("rows", [2, 6])

@@ -18,7 +18,7 @@ from benchmarks.results import PAGES
 from benchmarks.results.findings import ROOT, Findings, MissingError, Settings
 
 #: Packages whose versions a page names.
-PACKAGES = ("casadi", "pin", "mujoco", "numpy", "scipy", "toppra")
+PACKAGES = ("casadi", "pin", "mujoco", "numpy", "scipy")
 
 
 def describe_tree() -> str:

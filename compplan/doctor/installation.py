@@ -33,7 +33,7 @@ def _look_at_platform() -> Iterator[Remark]:
         yield Remark("fine", "python", f"Python {version}, compplan {VERSION}")
     machine = f"{platform.system()} {platform.machine()}"
     if machine != "Linux x86_64":
-        yield Remark("note", "platform", f"{machine}; Pinocchio and TOPP-RA have wheels for Linux x86_64 alone")
+        yield Remark("note", "platform", f"{machine}; compplan is tested on Linux x86_64 alone")
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     yield Remark("fine", "processor", f"{cores} cores for --workers of montecarlo")
 
@@ -67,7 +67,6 @@ def _try_engines() -> Iterator[Remark]:
     engines: dict[str, tuple[str, Callable[[], bool]]] = {
         "casadi": ("solver of the plans (IPOPT)", _try_ipopt),
         "pinocchio": ("independent check of the plans", _try_pinocchio),
-        "toppra": ("timing of the motion", _try_toppra),
         "eaik": ("inverse kinematics", lambda: importlib.import_module("eaik.IK_URDF") is not None),
     }
     for name, (purpose, attempt) in engines.items():
@@ -99,19 +98,6 @@ def _try_pinocchio() -> bool:
     model.appendBodyToJoint(joint, bob, pin.SE3.Identity())
     torque = pin.rnea(model, model.createData(), zero, zero, zero)
     return abs(abs(float(torque[0])) - 9.81) < 1e-6
-
-
-def _try_toppra() -> bool:
-    """Time a metre: within 1 m/s it takes 1 s and a little more."""
-    toppra = importlib.import_module("toppra")
-    constraint, algorithm = (importlib.import_module(f"toppra.{name}") for name in ("constraint", "algorithm"))
-    path = toppra.SplineInterpolator(np.linspace(0.0, 1.0, 5), np.linspace(0.0, 1.0, 5)[:, None])
-    limits = [
-        constraint.JointVelocityConstraint(np.array([[-1.0, 1.0]])),
-        constraint.JointAccelerationConstraint(np.array([[-100.0, 100.0]])),
-    ]
-    timed = algorithm.TOPPRA(limits, path).compute_trajectory(0.0, 0.0)
-    return timed is not None and 1.0 <= timed.duration < 1.1
 
 
 def _look_at_machines() -> Remark:

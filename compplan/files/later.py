@@ -8,7 +8,7 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
 
-#: What a command line loads when it is used, parents before their children: TOPP-RA asks for pyplot, and draws nothing;
+#: What a command line loads when it is used, parents before their children: pyplot for pictures alone;
 #: scipy.sparse looks at every part of numpy, the reader of Fortran and the tests too.
 SELDOM_USED = ("matplotlib", "matplotlib.pyplot", "numpy.f2py", "numpy.testing")
 

@@ -1,10 +1,10 @@
 """When the robot is where: the fastest run along the commanded path within the programmed feed and the rate limits.
 
-Cuts are timed by TOPP-RA [Pham2018]: joint velocity and acceleration limits, the programmed feed as the upper bound,
-from rest to rest, then smoothed (`compplan.plan.profile`). Where smoothing or the division of the path leaves a
-difference of joint positions beyond a limit, the run is slowed down there. At a corner that is rounded within less than
-a run needs to come to rest, it comes to rest in its middle, and starts before that: both overlap. Rapid moves are joint
-moves from rest to rest: every joint takes the time of the slowest one.
+Cuts are timed as [Pham2018] does: joint velocity and acceleration limits, the programmed feed as the upper bound, from
+rest to rest (`compplan.plan.fastest_run`), then smoothed (`compplan.plan.profile`). Where smoothing or the division of
+the path leaves a difference of joint positions beyond a limit, the run is slowed down there. At a corner that is
+rounded within less than a run needs to come to rest, it comes to rest in its middle, and starts before that: both
+overlap. Rapid moves are joint moves from rest to rest: every joint takes the time of the slowest one.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.path.corners import find_roundings, find_shares
-from compplan.plan.fastest_run import NO_LIMIT, TorqueParts, time_cut
+from compplan.plan.fastest_run import NO_LIMIT, TorqueParts, subdivide, time_cut
 from compplan.plan.motion_limits import (
     Torques,
     difference_motion,
@@ -46,7 +46,7 @@ FULL_SPEED_AFTER = 0.5
 
 
 class TorqueRows(Protocol):
-    """Joint torques of a cut as TOPP-RA reads them: tau = a u + b x + c, x the square of the speed, u half its rate."""
+    """Joint torques of a cut: tau = a u + b x + c, x the square of the speed, u half its rate."""
 
     def rows(self, start: int, end: int, rate: Array, change: Array) -> tuple[Array, Array, Array, Array]:
         """Return a, b, c of the waypoints from `start` to `end`, shapes (k, nq), and the limits, shape (nq,) [N m]."""
@@ -270,6 +270,10 @@ def _smooth_run(
     task: PlanTask, along: Array, q: Array, rows: TorqueParts | None, slow: Array, window: float
 ) -> tuple[Array, int]:
     """Time one run with a window of smoothing; also tell after how many rounds it keeps its limits."""
+    if len(along) < 3:
+        fine, between = subdivide(along, q)
+        time, rounds = _smooth_run(task, fine, between, None, np.interp(fine, along, slow), window)
+        return time[[0, -1]], rounds
     limits = FULL_USE * task.velocity_limits, FULL_USE * task.acceleration_limits
     gentle = 1.0 / window if window > 0 and task.follows_feed else NO_LIMIT
     for count in range(SLOW_ROUNDS):
