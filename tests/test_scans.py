@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,6 @@ from compplan.loop.gather import gather_points
 from compplan.loop.guards import explain_points, fit_rigid
 from compplan.loop.measured_path import FARTHEST, MeasuredPath, match_points, reach_of, read_measured_points
 from compplan.loop.surface import read_surface
-from compplan.path.process import MillingProcess
 from compplan.path.toolpath import Toolpath
 from compplan.robot import Array
 from tests.commandline import run_command
@@ -223,7 +223,7 @@ def beside_the_wall(file: Path, align: str = "datum", unit: float = 1.0) -> Meas
     local = np.column_stack([np.linspace(2.0, 118.0, 60), np.full(60, 5.0), np.zeros(60)]) * 1e-3
     position = local @ PLACE[:3, :3].T + PLACE[:3, 3]
     path = Toolpath(position, np.tile([0.0, 0, 1], (60, 1)), np.full(60, 0.05), np.zeros(60, bool), frame="base")
-    surface = read_surface(file.with_suffix(".stl"), reach_of(MillingProcess.model_construct(diameter_mm=10.0)))
+    surface = read_surface(file.with_suffix(".stl"), reach_of(SimpleNamespace(diameter_mm=10.0)))
     table = read_measured_points(file)
     return match_points(table, path, PLACE, in_base=False, align=align, surface=surface)
 

@@ -13,6 +13,7 @@ from test_learn import write_points
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
 from compplan.job.loading import load_nominal
+from compplan.job.noise import NoiseTable
 from compplan.loop.teach import teach_part
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
@@ -123,14 +124,31 @@ def test_lengths_that_are_not_those_of_the_points_are_asked_about(name: str, sho
         teach_part(job, robot, file)
 
 
-def test_a_part_that_stood_elsewhere_is_named_as_such_and_a_true_one_is_not(shop: tuple[Job, Robot, Path]) -> None:
-    """Off by .1 and -.05 mm and .02 degrees: the robot may do that too, so it is said with its figures."""
+def test_a_part_that_stood_elsewhere_is_asked_about_and_a_true_one_is_not(shop: tuple[Job, Robot, Path]) -> None:
+    """Off by .1 and -.05 mm and .02 degrees: the robot may do that too, so who measured has to say."""
     job, robot, folder = shop
     points, s = measure(job)
-    for moved, told in ((turned(points, 0.02) + np.array([0.1, -0.05, 0.0]), True), (points, False)):
-        file = write_points(folder / "moved.csv", "x_mm,y_mm,z_mm,s_mm", np.column_stack([moved, s]))
-        lesson = teach_part(job, robot, file)
-        said = [note for note in lesson.notes if "of the whole part" in note]
-        assert bool(said) == told, lesson.notes
-        if told:
-            assert "[0.09" in said[0] and "part_frame_mm" in said[0]
+    moved = turned(points, 0.02) + np.array([0.1, -0.05, 0.0])
+    files = [
+        write_points(folder / f"{name}.csv", "x_mm,y_mm,z_mm,s_mm", np.column_stack([p, s]))
+        for name, p in (("moved", moved), ("true", points))
+    ]
+    asked = r"moved\.csv:1: .* shift of the whole part by \[0\.09.*did the part stand so\?.*part_frame_mm"
+    with pytest.raises(InputError, match=asked):
+        teach_part(job, robot, files[0])
+    lesson = teach_part(job, robot, files[0], align="datum")
+    assert any("of the whole part" in note and "learned as the robot's" in note for note in lesson.notes)
+    assert not any("of the whole part" in note for note in teach_part(job, robot, files[1]).notes)
+
+
+def test_a_stated_clamping_takes_its_share_of_a_part_that_stood_elsewhere(shop: tuple[Job, Robot, Path]) -> None:
+    """Where the job allows a clamping of .2 mm the next program hardly moves, and its band allows for it."""
+    job, robot, folder = shop
+    points, s = measure(job)
+    moved = np.column_stack([points + np.array([0.1, -0.05, 0.0]), s])
+    file = write_points(folder / "moved.csv", "x_mm,y_mm,z_mm,s_mm", moved)
+    loose = job.model_copy(update={"noise": NoiseTable(part_frame_mm=0.2, part_frame_deg=0.05)})
+    plain, told = teach_part(job, robot, file, align="datum").lesson, teach_part(loose, robot, file).lesson
+    shifts = [np.linalg.norm((one.physics + one.pushed + one.residual).mean(axis=0)) for one in (plain, told)]
+    assert shifts[0] > 8e-5 and shifts[1] < 0.4 * shifts[0]
+    assert told.band_after.min() > 4e-4 > plain.band_after.max()

@@ -19,9 +19,10 @@ from compplan.files.tables import dump_json
 @click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @click.option("--frame", type=click.Choice(["part", "base"]), default="part", show_default=True,
               help="Frame of the measured points.")  # fmt: skip
-@click.option("--align", type=click.Choice(["datum", "best_fit"]), default="datum", show_default=True,
+@click.option("--align", type=click.Choice(["datum", "best_fit"]),
               help="Whether the points stand where their frame says, or a shift and turn of all is fitted and taken"
-              " off: then a shift of the whole part teaches nothing.")  # fmt: skip
+              " off: then a shift of the whole part teaches nothing. Left out: datum, but such a shift is asked about.",
+              )  # fmt: skip
 @click.option("--sigma-mm", type=click.FloatRange(0.0, 20.0, min_open=True),
               help="Standard deviation of points whose file states none; assumed: 0.02, of a scan 0.05.")  # fmt: skip
 @click.option("--instrument", type=click.Path(path_type=Path),
@@ -36,7 +37,7 @@ from compplan.files.tables import dump_json
 @posture_kept
 @click.option("--json", "as_json", is_flag=True, help="Print learn.json to stdout.")
 def command(
-    job: Path, measured: Path, robot_name: str, folder: Path, frame: str, align: str, sigma_mm: float | None,
+    job: Path, measured: Path, robot_name: str, folder: Path, frame: str, align: str | None, sigma_mm: float | None,
     instrument: Path | None, mesh: Path | None, reach_mm: float | None, assume_ok: bool, keep: str | None,
     as_json: bool,
 ) -> None:  # fmt: skip

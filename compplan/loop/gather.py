@@ -75,8 +75,8 @@ def gather_points(measured: MeasuredPath, slopes: Slopes, length: Array) -> Gath
     return Gathered(rows, deviation, counts, variance, count)
 
 
-def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array) -> tuple[str, ...]:
-    """Say how far a part is off as a whole, where that is most of what was measured.
+def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array) -> str:
+    """Say how far a part is off as a whole, where that is most of what was measured; "" elsewhere.
 
     Args:
         gathered: The measurements.
@@ -90,10 +90,9 @@ def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array) -> tuple[
     left, noise = seen - matrix @ motion, float(gathered.variance.sum())
     taken = 1.0 - float(left @ left) / max(float(seen @ seen), 1e-300)
     if taken < WHOLE or seen @ seen < CLEAR**2 * noise:
-        return ()
+        return ""
     where = ", ".join(f"{1e3 * value:.2g}" for value in motion[:3] @ R_base_part)
     return (
         f"{taken:.0%} of what was measured is a shift of the whole part by [{where}] mm (its middle, part axes) and a"
-        f" turn of {np.degrees(np.linalg.norm(motion[3:])) / size:.2g} deg: it is learned as the robot's. Did the part"
-        " stand so? Then --align best_fit takes it off, or [noise] part_frame_mm of the job allows for it",
+        f" turn of {np.degrees(np.linalg.norm(motion[3:])) / size:.2g} deg"
     )

@@ -56,6 +56,11 @@ from compplan.statics.ik import build_arm, pose_error, refine_ik
 MOST_PLACES, REACHED = 5000, 1e-6
 #: How far a part that was fitted may have stood off, per axis: as good as not known. [m]
 FITTED = 0.01
+#: What to do about a part that is off as a whole: nobody can tell its clamping from the robot.
+WHOLE_PART = (
+    "--align best_fit takes that off, [noise] part_frame_mm of the job allows for how parts are clamped, --align datum"
+    " learns it as the robot's"
+)
 #: Moves longer than this are corrected at their ends only. [m]
 LONG_MOVE = 0.02
 
@@ -132,7 +137,7 @@ class Teaching(Shown):
 
 
 def teach_part(
-    job: Job, robot_name: str | Path | Robot, measured: Any, *, in_base: bool = False, align: str = "datum",
+    job: Job, robot_name: str | Path | Robot, measured: Any, *, in_base: bool = False, align: str | None = None,
     sigma: float | None = None, sure: bool = False, surface: Surface | None = None,
     announce: Callable[[str], None] = lambda words: None,
 ) -> Teaching:  # fmt: skip
@@ -143,7 +148,8 @@ def teach_part(
         robot_name: The robot folder that the program was planned with; what it learned on this path lies in it.
         measured: The measured points: a file, or its columns.
         in_base: Whether they are in the base frame; otherwise in the part frame.
-        align: "datum": the points stand where their frame says; "best_fit": a rigid motion is fitted and taken off.
+        align: "datum": the points stand where their frame says; "best_fit": a rigid motion is fitted and taken off;
+            None: as "datum", but asked about where most of what was measured is such a motion.
         sigma: Standard deviation of points whose file states none; assumed if left out. [m]
         sure: Whether points that cannot be are meant as they are.
         surface: The nominal surface of the part in the frame of the points, or None.
@@ -159,8 +165,9 @@ def teach_part(
     announce("the plan that was cut")
     wanted, before = plan_learned(job, robot, old)
     matched = match_points(
-        points, wanted, job.T_base_part, in_base=in_base, align=align, sigma=sigma, sure=sure, surface=surface
-    )
+        points, wanted, job.T_base_part, in_base=in_base, align=align or "datum", sigma=sigma, sure=sure,
+        surface=surface,
+    )  # fmt: skip
     known, task = known_uncertainty(before.robot), before.task
     announce("what the part teaches")
     scene = stage_path(before.robot, before.q, task.wrench, task.step_time)
@@ -177,6 +184,10 @@ def teach_part(
         ask_possible(points, gathered, band, partial(
             explain_points, points.stack(["x", "y", "z"]), wanted, where, in_base=in_base, whole=not matched.scanned,
         ))  # fmt: skip
+    allowed = old is not None or align == "best_fit" or read_placement(job.noise) is not None
+    stood = "" if allowed else describe_whole(gathered, slopes.tip, job.T_base_part[:3, :3])
+    if stood and align is None and not sure:
+        raise points.error(f"{stood}; did the part stand so? {WHOLE_PART}")
 
     def exact(values: Array, force: Array) -> Array:
         moved = push_scene(take_scene(vary_scene(scene, known.unknowns, values), slopes.rows), force, spread)
@@ -190,8 +201,6 @@ def teach_part(
     if lesson.taken:
         others = tell_others(job, robot, before.robot, wide, known, whole)
         residual = add_residual(old, lesson, scene, task, places, known, others, slopes, spread)
-    stated = sure or old is not None or matched.motion is not None or read_placement(job.noise) is not None
-    stood = () if stated else describe_whole(gathered, slopes.tip, job.T_base_part[:3, :3])
     announce("the plan that follows")
     job = job.with_force(others.force)
     after = before if not lesson.taken else plan_learned(job, others.robot, residual)[1]
@@ -253,12 +262,12 @@ def own_of(job: Job, slopes: Slopes, spread: ForceSpread, matched: MeasuredPath)
 
 
 def _list_notes(
-    lesson: Lesson, travel: Travel, matched: MeasuredPath, wanted: Toolpath, stood: tuple[str, ...]
+    lesson: Lesson, travel: Travel, matched: MeasuredPath, wanted: Toolpath, stood: str
 ) -> tuple[str, ...]:
     """Return why the lesson is taken or left, and what to know of the points and of long moves."""
     longest = float(wanted.steps[~wanted.rapid[1:]].max(initial=0.0))
     coarse = f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer"
-    told = (travel.reason, *stood) if lesson.taken else ()
+    told = (travel.reason, *([f"{stood}: it is learned as the robot's"] if stood else [])) if lesson.taken else ()
     return (lesson.reason, *told, *matched.notes, *([coarse] if lesson.taken and longest > LONG_MOVE else []))
 
 

@@ -90,7 +90,8 @@ def write_all(diagnosis: Diagnosis, folder: Path) -> dict[str, Any]:
 
 def learn(
     job: Any, measured: Any, robot: str | Path | Robot, *, frame: Literal["part", "base"] = "part",
-    out: str | Path | None = None, progress: Callable[[str], None] = lambda text: None,
+    align: Literal["datum", "best_fit"] | None = None, out: str | Path | None = None,
+    progress: Callable[[str], None] = lambda text: None,
 ) -> Teaching:  # fmt: skip
     """Learn from measured points of a cut part: the corrected program of the next one, and the robot as now known.
 
@@ -103,6 +104,8 @@ def learn(
             DataFrame, or columns by name.
         robot: Robot folder that the part's program was planned with; what it learned on this path lies in it.
         frame: Frame of the points.
+        align: "datum": the points stand where their frame says; "best_fit": a shift and turn of all is fitted and
+            taken off; left out: as "datum", but where such a motion is most of what was measured it is asked about.
         out: Folder to write the program, the robot folder and the page to; nothing is written if left out.
         progress: Told what is being done; an exception raised in it ends the call.
 
@@ -119,7 +122,7 @@ def learn(
 
     if frame not in ("part", "base"):
         raise InputError(f"frame is {frame!r}, choose from ['part', 'base']")
-    result = teach_part(make_job(job), robot, measured, in_base=frame == "base", announce=progress)
+    result = teach_part(make_job(job), robot, measured, in_base=frame == "base", align=align, announce=progress)
     if out is not None:
         write_lesson(result, Path(out))
     return result
