@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from compplan.cell.forces import DrivenRows, _speeds
+from compplan.plan.agreement import _moving_feed
 from compplan.plan.fastest_run import time_cut
 from compplan.plan.motion_limits import measure_use, spread_factors
 from compplan.plan.timing import _overlap_legs, find_slowdown, time_rapids
@@ -179,13 +181,29 @@ def test_joints_keep_their_acceleration_on_a_path_that_bends_by_its_closed_form(
     assert 4.0 * 0.9 < acceleration.max() < 4.0 * 1.05
 
 
-def test_a_rounding_that_the_run_reaches_at_full_feed_is_not_run_faster() -> None:
+@pytest.mark.parametrize("programmed", [0.02, 0.1])
+def test_a_rounding_goes_on_at_the_speed_of_the_run_and_no_faster(programmed: float) -> None:
     """x(u) = p(-a (1 - u)^4) + p(a u^4) of a right angle; the legs have slowed down nowhere when they reach it."""
-    u, reach, feed = np.linspace(0.0, 1.0, 17), 1e-3, 0.02
+    u, reach, speed = np.linspace(0.0, 1.0, 17), 1e-3, 0.02
     corner = np.column_stack([-reach * (1.0 - u) ** 4, reach * u**4, 0.0 * u])
     position = np.vstack([[-2e-3, 0.0, 0.0], corner, [0.0, 2e-3, 0.0]])
     length = np.linalg.norm(np.diff(position, axis=0), axis=1)
-    time = np.r_[0.0, np.cumsum(length / feed)]
-    step = np.diff(_overlap_legs(time, position, np.full(19, feed), [(1, 9, 17)]))
-    assert (length <= feed * step * (1.0 + 1e-9)).all()
-    assert (length[1:-1] / step[1:-1]).max() == pytest.approx(feed)
+    time = np.r_[0.0, np.cumsum(length / speed)]
+    step = np.diff(_overlap_legs(time, position, np.full(19, programmed), [(1, 9, 17)]))
+    assert (length <= speed * step * (1.0 + 1e-9)).all()
+    # |x'(0)| = 4 a / g is the speed of the run; over the first sixteenth its mean is 4 (1 - (15/16)^4) of that
+    mean = 4.0 * (1.0 - (15.0 / 16.0) ** 4) * speed
+    assert (length / step)[[1, -2]] == pytest.approx([mean, mean], rel=1e-3)
+
+
+def test_the_feed_at_a_waypoint_of_uneven_moves_is_that_of_an_even_acceleration() -> None:
+    """s = t^2: the speed is 2 t, for the planner and for its judge; where a rapid move follows, that of the move."""
+    time = np.r_[0.0, np.cumsum([0.1, 0.001, 0.2, 0.05, 0.001, 0.1])]
+    rapid = np.array([False, False, False, False, False, False, True])
+    feed = np.r_[0.0, np.diff(time**2) / np.diff(time)]
+    wanted = np.r_[feed[1], 2.0 * time[1:5], feed[5], feed[6]]
+    task = SimpleNamespace(nominal=SimpleNamespace(rapid=rapid))
+    assert _moving_feed(task, SimpleNamespace(feed=feed, time=time)) == pytest.approx(wanted)
+    place = np.outer(time**2, [1.0, 0.0, 0.0])
+    rows = DrivenRows(place, np.tile([0.0, 0.0, 1.0], (7, 1)), rapid, np.zeros(7, bool), time)
+    assert _speeds(rows) == pytest.approx(wanted)

@@ -132,16 +132,14 @@ def _local(
     down = 1.0 - np.r_[off[:1], off]
     if model == "friction_stir":
         return np.outer(down, _weld(process))
-    step = np.diff(rows.time)
-    feed = np.divide(np.diff(arc), step, out=np.zeros(n - 1), where=step > 0)
     if model == "grinding":
-        return np.outer(down if "normal_N" in process else down * np.r_[feed[:1], feed], _grind(process))
+        return np.outer(down if "normal_N" in process else down * _speeds(rows), _grind(process))
     if model == "milling":
         travel = np.diff(rows.position, axis=0)
         along = np.einsum("ni,ni->n", travel, rows.axis[1:])
         size = np.maximum(np.linalg.norm(travel, axis=1), 1e-300)
         across = np.sqrt(np.maximum(1.0 - (along / size) ** 2, 0.0))
-        return np.outer(np.r_[feed[:1] * across[:1], feed * across], _mean_of_a_turn(process))
+        return np.outer(_speeds(rows) * np.r_[across[:1], across], _mean_of_a_turn(process))
     if model not in ("columns", "file"):  # a plug-in's, which stands nowhere else
         return None
     named = process["file"] if model == "file" else job["toolpath"]
@@ -153,6 +151,21 @@ def _local(
     if lengths is not None:
         return _follow(lengths, values, cut_arc)
     return None if rows.rows_at is None else _follow(rows.rows_at, values, arc)
+
+
+def _speeds(rows: DrivenRows) -> Array:
+    """Return the speed of the wanted tip at each row, by the parabola through its neighbours in time. Shape (n,) [m/s].
+
+    Where a rapid move begins or has ended, that of the move to the row counts.
+    """
+    step, way = np.diff(rows.time), np.diff(rows.arc)
+    speed = np.divide(way, step, out=np.zeros(len(way)), where=step > 0)
+    both = step[:-1] + step[1:]
+    at = np.r_[speed[:1], speed]
+    slope = np.divide(way[:-1] * step[1:] ** 2 + way[1:] * step[:-1] ** 2, step[:-1] * step[1:] * both,
+                      out=at[1:-1].copy(), where=(step[:-1] > 0) & (step[1:] > 0))  # fmt: skip
+    at[1:-1] = np.where(rows.rapid[1:-1] | rows.rapid[2:], at[1:-1], slope)
+    return at
 
 
 def _weld(process: Mapping[str, Any]) -> Array:

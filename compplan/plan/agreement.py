@@ -171,7 +171,7 @@ def _take_turns(
         if run is None or wish.torque or not np.array_equal(slow, timed):
             run, timed = time_run(task, task.q_start, wish, slow), slow
         driven, timing, notes = run
-        loads = predict_loads(task, _moving_feed(timing)) if task.follows_feed else task.wrench
+        loads = predict_loads(task, _moving_feed(task, timing)) if task.follows_feed else task.wrench
         time = time_between_cuts(task, command.q, timing.time)
         changed = replace(task, wrench=loads, bias=None)
         if masses is not None:
@@ -195,12 +195,19 @@ def _take_turns(
 def _drive(task: PlanTask, q: Array, wish: FeedWish) -> tuple[PlanTask, Timing]:
     """Time joint positions and put the force at that feed into the task."""
     timing = time_run(task, q, wish)[1]
-    return replace(task, wrench=predict_loads(task, _moving_feed(timing))), timing
+    return replace(task, wrench=predict_loads(task, _moving_feed(task, timing))), timing
 
 
-def _moving_feed(timing: Timing) -> Array:
-    feed = timing.feed.copy()
+def _moving_feed(task: PlanTask, timing: Timing) -> Array:
+    """Return the feed at every waypoint: of two moves of a cut the means, each weighed by the other's time. [m/s].
+
+    That of the move before it alone would step where moves of different lengths meet.
+    """
+    feed, step = timing.feed.copy(), np.diff(timing.time)
     feed[0] = feed[1]
+    inner = ~task.nominal.rapid[1:-1] & ~task.nominal.rapid[2:] & (step[1:] + step[:-1] > 0.0)
+    mean = (feed[1:-1] * step[1:] + feed[2:] * step[:-1]) / np.maximum(step[1:] + step[:-1], 1e-300)
+    feed[1:-1] = np.where(inner, mean, feed[1:-1])
     return feed
 
 

@@ -150,8 +150,9 @@ def _overlap_legs(time: Array, position: Array, feed: Array, spans: list[tuple[i
     """Let runs that end and begin in the middles of roundings overlap, u of the rounding even in time.
 
     A run that is smoothed comes to rest as the fourth power of time: one that is r before it rests d later, and goes
-    on at 4 r / d, which is 4 a / g with g the rate dt/du of the rounding: g = a d / r. Where the run slows down later
-    than that, the rounding takes longer by what keeps the feed.
+    on at 4 r / d, which is 4 a / g with g the rate dt/du of the rounding: g = a d / r. Where the run is slower or slows
+    down later than that, g = 4 a / v keeps the speed v of the move that leads to the rounding, or away from it. The
+    rounding takes longer by what keeps the programmed feed.
 
     Args:
         time: Time at each waypoint with rests in the middles. Shape (k,). [s]
@@ -165,8 +166,11 @@ def _overlap_legs(time: Array, position: Array, feed: Array, spans: list[tuple[i
         u, share = find_shares(position[first : last + 1])
         steps = np.linalg.norm(np.diff(position[first : last + 1], axis=0), axis=1)
         reach, before = share * steps.sum(), steps[: middle - first].sum()
-        rate = reach * (time[middle] - time[first]) / before
-        change = reach * (time[last] - time[middle]) / (steps.sum() - before) - rate
+        ways = np.linalg.norm(position[[first, last + 1]] - position[[first - 1, last]], axis=1)
+        slowness = 4.0 * (time[[first, last + 1]] - time[[first - 1, last]]) / np.maximum(ways, 1e-9)
+        rests = (time[middle] - time[first]) / before, (time[last] - time[middle]) / (steps.sum() - before)
+        rate, end = (reach * np.maximum(rests, slowness)).tolist()
+        change = end - rate
         taken = np.diff(rate * u + 0.5 * change * u**2)
         wanted = feed[first + 1 : last + 1]
         least = np.divide(steps, wanted, out=np.zeros(len(steps)), where=wanted > 0.0)
