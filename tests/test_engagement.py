@@ -9,6 +9,7 @@ import trimesh
 from compplan.errors import InputError
 from compplan.path.forces.cutter import Cutter
 from compplan.path.forces.engagement import Engagement
+from compplan.path.forces.look import Above
 from compplan.path.forces.meeting import find_engagement
 from compplan.path.forces.stock import build_block, build_height_map, read_mesh
 
@@ -149,7 +150,7 @@ def crash(path: np.ndarray, rapid: list[int], cutter: Cutter = FLAT, shank: floa
     cutting = np.ones(len(path), bool)
     cutting[rapid] = False
     block = build_block(*(BLOCK * 1e-3), np.eye(3))
-    found = find_engagement(cutter, np.asarray(path, float) * 1e-3, cutting, block, shank=shank)[1]
+    found = find_engagement(cutter, np.asarray(path, float) * 1e-3, cutting, block, above=Above(shank))[1]
     assert not found.rapid[cutting].any()
     return int(found.rapid.sum()), int(found.shank.sum())
 

@@ -21,7 +21,9 @@ from compplan.path.force_models import FORCE_MODELS
               "this file, which a job then names as its materials.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (forces.json) to stdout.")
 def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_json: bool) -> None:
-    """Predict engagement and force along the path of JOB: write forces.json, forces.csv and report.html.
+    """Predict engagement and force along the path of JOB: write forces.json, forces.csv, report.html, stock.stl.
+
+    stock.stl is what a cutter leaves of the stock, part frame, mm.
 
     Example: compplan forces examples/forces/pocket.toml --out out
     """
@@ -59,6 +61,10 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
         deep, wide, ripple = cut["axial_depth_mm"]["max"], cut["radial_width_mm"]["max"], summary["ripple_N"]["max"]
         shakes = f"ripple up to {ripple:.3g} N" if ripple > 0.0 else "no ripple: the edges balance"
         click.echo(f"axial depth up to {deep:.3g} mm, radial width up to {wide:.3g} mm, {shakes}")
+    if "part" in summary and "left_mm" in summary["part"]:
+        part, left = summary["part"], summary["part"]["left_mm"]
+        click.echo(f"finished part: {left['median']:.3g} mm left in the median, {left['max']:.3g} mm at most, "
+                   f"cut into by {part['deepest_mm']:.3g} mm at most")  # fmt: skip
     if "log" in summary:
         fit = summary["log"]
         click.echo(f"log: {fit['rows']} rows in the cut of {fit['rms_N']:.3g} N (rms), the prediction is off by "
@@ -72,4 +78,5 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
         click.echo(note)
     if table is not None:
         click.echo(f'wrote {table}; in a job: [process] materials = "{table.name}", material = "measured"')
-    click.echo(f"wrote forces.json, forces.csv, report.html to {folder}")
+    left = ", stock.stl" if "engagement" in summary else ""
+    click.echo(f"wrote forces.json, forces.csv, report.html{left} to {folder}")

@@ -208,6 +208,7 @@ class Job(StrictTable):
     _tools: tuple[NumberedTool, ...] = PrivateAttr(default=())
     _data: dict[str, Any] = PrivateAttr(default_factory=dict)
     _label: str = PrivateAttr(default="")
+    _before: tuple[Job, ...] = PrivateAttr(default=())
     _force: tuple[LearnedForce | None] | None = PrivateAttr(default=None)
 
     @field_validator("robot")
@@ -280,6 +281,11 @@ class Job(StrictTable):
     def label(self) -> str:
         """Short name of the one operation of a CAM file of several tools that this job is about, else ""."""
         return self._label
+
+    @property
+    def before(self) -> tuple[Job, ...]:
+        """The jobs of the operations that cut before this one, in order, as far as their tools are described."""
+        return self._before
 
     @property
     def T_base_part(self) -> Array:

@@ -127,11 +127,15 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
     toolpath = round_corners(toolpath, job.corner_tolerance, KEPT if job.feed.mode == "constant" else SLOWED)
     cutting = None
     if isinstance(job.process, CuttingTable):
-        cutting = prepare_cutting(job.process, toolpath, top, job.file)
+        cutting = prepare_cutting(job.process, toolpath, top, job.file, _list_cuts_before(job, job.process))
         if from_cam and job.process.stock is not None:
             note = compare_zero(cutting, toolpath)
     nominal = place_toolpath(toolpath, job.T_base_part)
     said = describe_process(job.process, nominal, cutting)
+    missing = 0 if cutting is None or job.cam.operation is None else job.cam.operation - 1 - len(job.before)
+    if missing > 0:
+        said = (f"What {missing} operations before this one cut is left in its stock (assumed): no [[tool]] describes "
+                "them.", *said)  # fmt: skip
     note = " ".join([*([note] if note else []), *list_remarks(said)])
     coupling = read_coupling(job.coupling, job.T_base_part[:3, :3], cutting, job.process.model, job.file)
     law = ForceLaw(job.process, job.T_base_part, job.tool_x_base, job.folder, rows_at, top, note, cutting, coupling)
@@ -143,6 +147,15 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
         law = replace(law, learned=learned, note=note)
         _check_load(law.predict(nominal), job)
     return replace(nominal, wrench=wrench, notes=(*nominal.notes, *list_stops(said))), law
+
+
+def _list_cuts_before(job: Job, process: CuttingTable) -> list[tuple[CuttingTable, Toolpath]]:
+    """Return what the operations before cut out of the same stock, part frame: none of a stock that is a tool's own."""
+    return [
+        (one.process, resample_toolpath(load_toolpath(one), FILE_STEP)) for one in job.before
+        if isinstance(one.process, CuttingTable)
+        and (one.process.stock, one.process.stock_top_mm) == (process.stock, process.stock_top_mm)
+    ]  # fmt: skip
 
 
 def find_learned_force(job: Job) -> LearnedForce | None:

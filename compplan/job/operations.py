@@ -31,12 +31,19 @@ def split_job(job: Job) -> tuple[Job, ...]:
         tools = ", ".join(operation.tool for operation in operations)
         message = f"is {wanted[-1]}, the CAM file has {len(operations)} (tools {tools})"
         raise InputError(message, file=job.file, where="cam.operation")
-    described = [_describe(job, operations[number - 1]) for number in wanted]
-    labels = label_operations(operations)
-    return tuple(
-        _make_job(job, number if len(operations) > 1 else None, operations[number - 1], tool, labels[number - 1])
-        for number, tool in zip(wanted, described, strict=True)
-    )
+    labels, made = label_operations(operations), []
+    for number in range(1, wanted[-1] + 1):
+        operation = operations[number - 1]
+        try:
+            tool = _describe(job, operation)
+            one = _make_job(job, number if len(operations) > 1 else None, operation, tool, labels[number - 1])
+        except InputError:
+            if number in wanted:
+                raise
+            continue  # what it cut before is not known
+        one._before = tuple(made)
+        made.append(one)
+    return tuple(made) if job.cam.operation is None else (made[-1],)
 
 
 def _read_operations(job: Job) -> tuple[Operation, ...]:

@@ -2,7 +2,7 @@
 
 | form | told by | length | cutter |
 |---|---|---|---|
-| CSV | a head line with `number` | length_mm | diameter_mm, teeth, corner_radius_mm, flute_mm, point_deg, kind |
+| CSV | a head line with `number` | length_mm | diameter_mm, teeth, corner_radius_mm, flute_mm, point_deg, holder |
 | Fusion, JSON (.json, .tools) | `data`, `post-process` | assemblyGaugeLength, or gaugeLength + LB | DC NOF RE LCF SIG |
 | HSM, XML (.xml, .hsmlib) | `tool-library` | the holder's gauge-length + body-length | diameter, corner-radius .. |
 | LinuxCNC tool.tbl | lines `T1 P1 Z.. D..` | Z | D |
@@ -36,7 +36,8 @@ MOST_TOOLS, LONGEST_MM = 10_000, 5_000.0
 #: Greatest size of a zipped library, or one in UTF-16, that is read. [bytes]
 LARGEST = 50_000_000
 #: Columns of our CSV beside number and name.
-NUMBERS = ("length_mm", "diameter_mm", "teeth", "corner_radius_mm", "flute_mm", "point_deg", "mass_kg")
+NUMBERS = ("length_mm", "diameter_mm", "teeth", "corner_radius_mm", "flute_mm", "point_deg", "mass_kg",
+           "holder_from_mm", "holder_diameter_mm")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,7 @@ class LibraryTool:
         length_mm: From the gauge line of the spindle to the tip.
         kind: "mill", "drill", or "" for others.
         missing: What it lacks where it has no length.
+        holder_mm: Heights above the tip and diameters of the holder, from its nose up.
         line: Line of the file, 0 where it has none.
 
     """
@@ -64,6 +66,7 @@ class LibraryTool:
     point_deg: float | None = None
     mass_kg: float | None = None
     missing: str = ""
+    holder_mm: tuple[tuple[float, float], ...] = ()
     line: int = 0
 
 
@@ -184,7 +187,12 @@ def _read_csv(text: str, path: Path, unit: str | None) -> Iterator[LibraryTool]:
             said["teeth"] = _whole(said["teeth"], path, line, "teeth")
         number = _whole(_number(entry["number"], path, line, "number"), path, line, "number")
         kind = _kind(entry.get("kind", "")) if entry.get("kind") else ""
-        yield LibraryTool(number, entry.get("name", ""), kind=kind, line=line, **said)
+        nose, width = said.pop("holder_from_mm", None), said.pop("holder_diameter_mm", None)
+        if (nose is None) != (width is None) or (nose is not None and not 0.0 < nose < said["length_mm"]):
+            message = "holder_from_mm (its nose above the tip, below length_mm) and holder_diameter_mm go together"
+            raise InputError(message, file=path, where=line)
+        holder = () if nose is None else ((nose, width), (said["length_mm"], width))
+        yield LibraryTool(number, entry.get("name", ""), kind=kind, holder_mm=holder, line=line, **said)
 
 
 def _whole(value: float, path: Path, line: int | None, what: str) -> int:
@@ -224,12 +232,27 @@ def _read_fusion(text: str, path: Path, unit: str | None) -> Iterator[LibraryToo
             held = _mapping(holder).get("gaugeLength")
             factor = _scale(str(holder.get("unit", entry.get("unit", unit or ""))), path, number)
             gauge = None if held is None or body is None else body + factor * _number(held, path, None, "gaugeLength")
+        profile = () if body is None else _read_segments(holder, body, str(entry.get("unit", unit or "")), path, number)
         teeth, angle = said("NOF", factor=1.0), said("SIG", factor=1.0)
         yield LibraryTool(
             number, str(entry.get("description", "")), gauge, _kind(str(entry.get("type", ""))), said("DC"),
             None if teeth is None else int(teeth), said("RE"), said("LCF"), angle or None,
             missing="give it a holder in the library (assemblyGaugeLength, or gaugeLength of the holder and LB)",
+            holder_mm=profile,
         )  # fmt: skip
+
+
+def _read_segments(
+    holder: Mapping[str, Any], nose: float, unit: str, path: Path, number: int
+) -> tuple[tuple[float, float], ...]:
+    """Return the profile of a holder whose segments stand on each other from its nose up; empty where it has none."""
+    scale, profile, height = _scale(str(holder.get("unit", unit)), path, number), [], nose
+    for segment in map(_mapping, holder.get("segments") or ()):
+        rise, low, high = (scale * _number(segment.get(key), path, None, key)
+                           for key in ("height", "lower-diameter", "upper-diameter"))  # fmt: skip
+        profile += [(height, low), (height + rise, high)]
+        height += rise
+    return tuple(profile)
 
 
 def _mapping(value: object) -> Mapping[str, Any]:

@@ -19,8 +19,8 @@ from compplan.path.process import Process
 
 #: Force models that a tool table knows the cutter of, and what it says of it.
 CUTTERS = {
-    "end_mill": ("diameter_mm", "teeth", "corner_radius_mm", "flute_mm"),
-    "drill": ("diameter_mm", "teeth", "flute_mm", "point_deg"),
+    "end_mill": ("diameter_mm", "teeth", "corner_radius_mm", "flute_mm", "holder_mm"),
+    "drill": ("diameter_mm", "teeth", "flute_mm", "point_deg", "holder_mm"),
     "milling": ("diameter_mm",),
 }
 #: Force models that know a spindle speed.
@@ -126,7 +126,7 @@ def _cutter(entry: LibraryTool) -> dict[str, Any]:
     """Return what a tool table says of a cutter, in the words of [process]."""
     said = {
         "diameter_mm": entry.diameter_mm, "teeth": entry.teeth, "corner_radius_mm": entry.corner_radius_mm,
-        "flute_mm": entry.flute_mm, "point_deg": entry.point_deg,
+        "flute_mm": entry.flute_mm, "point_deg": entry.point_deg, "holder_mm": entry.holder_mm or None,
         "model": {"drill": "drill", "mill": "end_mill"}.get(entry.kind),
     }  # fmt: skip
     return {key: value for key, value in said.items() if value is not None}

@@ -17,11 +17,15 @@ from compplan.files.tables import write_json, write_table, write_text
 from compplan.files.transaction import replace_folder
 from compplan.job.force_prediction import ForcePrediction
 from compplan.path.forces.cutting import CoefficientTable
+from compplan.path.forces.finished import describe_part
 from compplan.path.process import Process
 from compplan.path.toolpath import WRENCH_HEADERS
 from compplan.plan.stability import Stability, mark_spans
 from compplan.plan.stable_cut import ACCEPTED
 from compplan.robot import Array
+
+#: What is left of the stock: part frame, millimetres.
+STOCK = "stock.stl"
 
 
 def summarise_forces(found: ForcePrediction, stability: Stability | None = None, remark: str = "") -> dict[str, Any]:
@@ -51,6 +55,8 @@ def summarise_forces(found: ForcePrediction, stability: Stability | None = None,
             "cutting_N_mm2": list(resistance.cutting), "edge_N_mm": list(resistance.edge),
             "exponent": list(resistance.exponent), "source": resistance.source, "assumed": resistance.assumed,
         }  # fmt: skip
+        if found.law.cutting.part is not None:
+            summary["part"] = describe_part(found.law.cutting.part)
     if stability is not None:
         summary["stability"] = _summarise_stability(stability)
     if found.fit is not None:
@@ -106,7 +112,7 @@ def _limits(depth: Array) -> list[float | None]:
 def write_forces(
     found: ForcePrediction, folder: Path, stability: Stability | None = None, remark: str = ""
 ) -> dict[str, Any]:
-    """Write forces.json, forces.csv and report.html; return what forces.json holds.
+    """Write forces.json, forces.csv, report.html, and what a cutter leaves of its stock; return what forces.json holds.
 
     Raises:
         InputError: If the folder cannot be written; nothing is written then.
@@ -118,6 +124,10 @@ def write_forces(
     with replace_folder(folder, "forces") as part:
         write_table(part / "forces.csv", _tabulate(found, stability))
         write_forces_page(found, summary, stability, part / "report.html")
+        if found.law.cutting is not None:
+            left = found.law.cutting.leave()
+            left.apply_scale(1e3)
+            (part / STOCK).write_bytes(left.export(file_type="stl"))
         write_json(part / "forces.json", summary)
     return summary
 
@@ -162,6 +172,8 @@ def _tabulate(found: ForcePrediction, stability: Stability | None) -> dict[str, 
             "first_angle_deg": arc[:, 0], "last_angle_deg": arc[:, 1],
         }  # fmt: skip
         columns |= {f"ripple_{name}_N": found.ripple[:, k] for k, name in enumerate(("travel", "left", "axis"))}
+        if found.law.cutting.part is not None:
+            columns["part_clearance_mm"] = 1e3 * found.law.cutting.part.clearance
     if stability is not None:
         columns |= {"multiplier": stability.multiplier, "unstable": stability.unstable.astype(np.int64),
                     "chatter_probability": stability.odds}  # fmt: skip

@@ -10,6 +10,7 @@ import numpy as np
 
 from compplan.cell.wanted import Vote
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
+from compplan.files.notes import Crash
 from compplan.job.job import Job
 from compplan.job.loading import load_path, refuse_unsettled
 from compplan.known.assumed import known_uncertainty
@@ -199,7 +200,8 @@ def plan_task(
     if after.settled is not None and not after.settled.agrees:
         breaches += (after.settled.explain(),)
     votes = Vote() if bench.driven is None else cast_votes(bench.driven, after, bending)
-    breaches += (*votes.breaches, *describe_left_out(task.nominal.notes))
+    crashes = (note.rstrip(".") for note in task.nominal.notes if isinstance(note, Crash))
+    breaches += (*votes.breaches, *describe_left_out(task.nominal.notes), *crashes)
     coupling = compare_coupling(task, before)
     told = list_notes(task, timing, bending, job)
     if jerk := describe_jerk(task.robot, None if job is None else job.limits.full_acceleration_after_s):

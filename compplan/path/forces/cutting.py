@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from compplan.errors import InputError
-from compplan.files.notes import Stop
+from compplan.files.notes import Crash
 from compplan.files.tables import Array
-from compplan.files.tomlfile import StrictTable, Vector3
+from compplan.files.tomlfile import StrictTable
 from compplan.path.contact import ForceTable
+from compplan.path.forces.blank import Cut, StockTable, read_stock, take_away, triangulate_stock, view_along
 from compplan.path.forces.cutter import Cutter
 from compplan.path.forces.engagement import Engagement
-from compplan.path.forces.look import Crashes
+from compplan.path.forces.finished import PartCheck, PartMeshTable, check_part
+from compplan.path.forces.look import Above, Crashes
 from compplan.path.forces.materials import MATERIALS, Coefficients
 from compplan.path.forces.meeting import find_engagement
 from compplan.path.forces.milling import MillingShape, Spindle, ripple_amplitude, ripple_force, shape_milling
-from compplan.path.forces.stock import LARGEST, StockColumns, build_block, build_height_map, read_mesh
+from compplan.path.forces.stock import StockColumns
 from compplan.path.toolpath import Toolpath
 
 #: Lean of the tool axis from its mean from which on a note tells it. [deg]
@@ -30,34 +33,11 @@ LEANS = 30.0
 RIPPLES = 300
 #: A ripple below this is rounding. [N]
 SMOOTH = 1e-6
-#: Stock without a known shape reaches this many diameters beyond the path.
-BEYOND = 2.0
-#: StockColumns of a mesh, to a radius of the cutter.
-MESH_COLUMNS = 8.0
 #: Feeds a tooth that are taken for true. [mm]
 FEED_PER_TOOTH = (1e-5, 3.0)
 
-Corner = Annotated[tuple[Vector3, Vector3], Field(strict=False)]
 Force3 = Annotated[tuple[float, float, float], Field(strict=False)]
-
-
-class StockTable(StrictTable):
-    """[process.stock]: what is cut, part frame: `block_mm` (two corners), or `mesh`, a closed STL, PLY or OBJ file."""
-
-    block_mm: Corner | None = None
-    mesh: str | None = None
-    unit: Literal["mm", "m", "inch"] = "mm"
-
-    @model_validator(mode="after")
-    def _check(self) -> StockTable:
-        if (self.block_mm is None) == (self.mesh is None):
-            raise ValueError("needs one of block_mm and mesh, not both")
-        if self.block_mm is not None and not np.all(np.diff(self.block_mm, axis=0) > 0.0):
-            raise ValueError("block_mm needs its lowest corner first, then its highest")
-        if self.block_mm is not None and np.ptp(self.block_mm, axis=0).max() > 1e3 * LARGEST:
-            size = np.ptp(self.block_mm, axis=0).max()
-            raise ValueError(f"block_mm is {size:.4g} mm large, at most {1e3 * LARGEST:g} mm is allowed")
-        return self
+Point2 = Annotated[tuple[float, float], Field(strict=False)]
 
 
 class CoefficientTable(StrictTable):
@@ -103,6 +83,8 @@ class CuttingTable(ForceTable):
     coefficients: CoefficientTable | None = None
     stock: StockTable | None = None
     stock_top_mm: float | None = None
+    holder_mm: Annotated[tuple[Point2, ...], Field(strict=False, min_length=1, max_length=50)] | None = None
+    part: PartMeshTable | None = None
 
     @field_validator("material")
     @classmethod
@@ -119,6 +101,10 @@ class CuttingTable(ForceTable):
             raise ValueError(f"needs one of coefficients and material, choose from {list(MATERIALS)}")
         if self.stock is not None and self.stock_top_mm is not None:
             raise ValueError("stock_top_mm and stock both say where the stock ends, choose one")
+        if self.holder_mm is not None:
+            profile = np.array(self.holder_mm)
+            if profile.min() <= 0.0 or (np.diff(profile[:, 0]) < 0.0).any():
+                raise ValueError("holder_mm needs [height above the tip, diameter] above 0, from the nose upwards")
         return self
 
     @property
@@ -142,6 +128,11 @@ class CuttingTable(ForceTable):
     def shank(self, cutter: Cutter) -> float | None:
         """Return the height above the tip from which on the tool has no edges, None where that is not looked at. [m]"""
         return None
+
+    def above(self, cutter: Cutter) -> Above:
+        """Return what of the tool stands above its edges."""
+        holder = None if self.holder_mm is None else 1e-3 * np.array(self.holder_mm) * [1.0, 0.5]
+        return Above(self.shank(cutter), holder)
 
     def shape(self, found: Engagement) -> MillingShape:
         """Return what each coefficient contributes to the mean wrench, from the engagement."""
@@ -184,6 +175,7 @@ class CuttingForce:
         engagement: What the cutter touches.
         shape: What each coefficient contributes.
         notes: What a user should know.
+        part: The finished part beside the path, where the job names one.
 
     """
 
@@ -194,6 +186,7 @@ class CuttingForce:
     engagement: Engagement
     shape: MillingShape
     notes: tuple[str, ...]
+    part: PartCheck | None = None
 
     def wrench(self, nominal: Toolpath) -> Array:
         """Return the mean wrench at any division of the path, at its feed, path axes. Shape (n, 6). [N, N m]"""
@@ -215,6 +208,13 @@ class CuttingForce:
         bench = self.bench
         found, _ = find_engagement(bench.cutter, place, ~self.rapid, bench.stock, bench.position, bench.axis)
         return replace(self, engagement=found, shape=self.process.shape(found))
+
+    def leave(self) -> Any:
+        """Return what is left of the stock as a closed mesh, part frame [m], see `triangulate_stock`."""
+        bench = self.bench
+        mesh = triangulate_stock(take_away(bench.stock, [Cut(bench.cutter, bench.position, bench.axis, ~self.rapid)]))
+        mesh.vertices = mesh.vertices @ bench.R_view.T
+        return mesh
 
     def ripple(self, feed: Array) -> Array:
         """Return half of the range of the force through a turn, path axes; those of the waypoints between are near.
@@ -243,15 +243,17 @@ class CuttingForce:
 
 
 def prepare_cutting(
-    process: CuttingTable, toolpath: Toolpath, stock_top: float | None, job: Path
-) -> CuttingForce:
+    process: CuttingTable, toolpath: Toolpath, stock_top: float | None, job: Path,
+    before: Sequence[tuple[CuttingTable, Toolpath]] = (),
+) -> CuttingForce:  # fmt: skip
     """Work out the engagement of a job's path.
 
     Args:
         process: What the job says.
         toolpath: The path as it is planned, part frame.
         stock_top: Height of the stock's top where the job gives no stock, part frame. [m]
-        job: The job file; the mesh's name is relative to it.
+        job: The job file; the names of meshes are relative to it.
+        before: What cut the same stock before, in order: what the job says of each, and its path, part frame.
 
     Raises:
         InputError: If stock, cutter and path do not go together.
@@ -260,16 +262,19 @@ def prepare_cutting(
     cutter, cutting = process.cutter(), ~toolpath.rapid
     axis = toolpath.axis[cutting].mean(axis=0) if cutting.any() else np.array([0.0, 0.0, 1.0])
     axis /= max(float(np.linalg.norm(axis)), 1e-12)
-    R_view = _view_along(axis)
+    R_view = view_along(axis)
     position, axes = toolpath.position @ R_view, toolpath.axis @ R_view
-    stock, notes = _read_stock(process, cutter, toolpath, stock_top, R_view, job)
+    stock, notes = read_stock(process.stock, cutter, toolpath, stock_top, R_view, job)
     size = np.ptp(stock.bounds(), axis=0)[:2].max()
     if 2.0 * cutter.radius > size:
         message = (f"is {process.diameter_mm:g}, larger than the stock, which is {1e3 * size:.4g} mm across the tool "
                    "axis; give the stock that is cut")  # fmt: skip
         raise InputError(message, file=job, where="process.diameter_mm")
-    found, crashes = find_engagement(cutter, position, cutting, stock, axis=axes, shank=process.shank(cutter))
-    if not found.touches.any():
+    stock = take_away(stock, [Cut(p.cutter(), t.position @ R_view, t.axis @ R_view, ~t.rapid) for p, t in before])
+    found, crashes = find_engagement(cutter, position, cutting, stock, axis=axes, above=process.above(cutter))
+    if before and not found.touches.any():
+        notes.append("This tool meets no stock: those before it left none on its path.")
+    elif not found.touches.any():
         low, high = 1e3 * (stock.bounds() @ R_view.T)
         message = (f"no cutting move meets the stock, which reaches from {_place(np.minimum(low, high))} to "
                    f"{_place(np.maximum(low, high))} mm, while the path goes from "
@@ -277,10 +282,13 @@ def prepare_cutting(
                    "(part frame)")  # fmt: skip
         raise InputError(message, file=job, where="process.stock")
     notes += _describe_lean(axes[cutting]) + _describe_cut(process, toolpath, found, job)
-    notes += _describe_crashes(process, crashes)
+    part = None
+    if process.part is not None:
+        part = check_part(process.part, cutter, position, axes, cutting, R_view, job)
+    notes += _describe_crashes(process, crashes, part)
     shape = process.shape(found)
     bench = CuttingBench(cutter, stock, position, R_view, axes)
-    return CuttingForce(process, bench, toolpath.arc_length, toolpath.rapid, found, shape, tuple(notes))
+    return CuttingForce(process, bench, toolpath.arc_length, toolpath.rapid, found, shape, tuple(notes), part)
 
 
 def _describe_lean(axes: Array) -> list[str]:
@@ -290,37 +298,6 @@ def _describe_lean(axes: Array) -> list[str]:
         return []
     return [f"The tool axis leans by up to {lean:.3g} deg from its mean, along which the stock is seen: beyond "
             f"{LEANS:g} deg material under overhangs may be missed."]  # fmt: skip
-
-
-def _view_along(axis: Array) -> Array:
-    """Return axes whose third is the tool axis; the part's own where that is its z. Shape (3, 3)."""
-    if axis[2] > 1.0 - 1e-12:
-        return np.eye(3)
-    x = np.cross([0.0, 1.0, 0.0], axis) if abs(axis[1]) < 0.9 else np.cross(axis, [1.0, 0.0, 0.0])
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(axis, x), axis])
-
-
-def _read_stock(
-    process: CuttingTable, cutter: Cutter, toolpath: Toolpath, top: float | None, R_view: Array, job: Path
-) -> tuple[StockColumns, list[str]]:
-    """Return the stock as it is seen along the tool axis, and what was assumed of it."""
-    table = process.stock
-    if table is not None and table.block_mm is not None:
-        return build_block(1e-3 * np.array(table.block_mm[0]), 1e-3 * np.array(table.block_mm[1]), R_view), []
-    if table is not None:
-        mesh = read_mesh(job.parent / str(table.mesh), table.unit, "process.stock.mesh", job)
-        columns, note = build_height_map(mesh, R_view, cutter.radius / MESH_COLUMNS)
-        return columns, [note] if note else []
-    if top is None:
-        message = "missing key: the force follows from the stock, give [process.stock] or the height of its top"
-        raise InputError(message, file=job, where="process.stock_top_mm")
-    reach = BEYOND * 2.0 * cutter.radius
-    low, high = toolpath.position.min(axis=0) - reach, toolpath.position.max(axis=0) + reach
-    low[2], high[2] = min(low[2], top - reach), top
-    note = (f"No stock is given: a block below z = {1e3 * top:g} mm, {1e3 * reach:.3g} mm wider than the path, is "
-            "assumed; the first pass cuts it in full, later ones what is left.")  # fmt: skip
-    return build_block(low, high, R_view), [note]
 
 
 def _describe_cut(
@@ -345,19 +322,22 @@ def _describe_cut(
     return notes
 
 
-def _describe_crashes(process: CuttingTable, crashes: Crashes) -> list[Stop]:
-    """Say where the tool meets material that it cannot cut: the machine must not start."""
-    notes = []
-    if crashes.rapid.any():
-        first = int(np.argmax(crashes.rapid))
-        notes.append(Stop(f"{crashes.rapid.sum()} rapid moves go through the stock, the first ends at waypoint "
-                          f"{first}: a crash; they carry no force here."))  # fmt: skip
-    if crashes.shank.any():
-        first = int(np.argmax(crashes.shank))
-        whence = "process.flute_mm" if process.flute_mm is not None else "assumed, give process.flute_mm"
-        notes.append(Stop(f"The cut is deeper than the flute ({whence}) at {crashes.shank.sum()} waypoints, the first "
-                          f"{first}: the shank runs into the stock; it carries no force here."))  # fmt: skip
-    return notes
+def _describe_crashes(process: CuttingTable, crashes: Crashes, part: PartCheck | None) -> list[Crash]:
+    """Say where the tool meets what it must not: the machine must not start."""
+    whence = "process.flute_mm" if process.flute_mm is not None else "assumed, give process.flute_mm"
+    gouges = np.zeros(0, dtype=bool) if part is None else part.gouges
+    deepest = 0.0 if part is None or not gouges.any() else float(-1e3 * np.nanmin(part.clearance))
+    said = (
+        (crashes.rapid, "{count} rapid moves go through the stock, the first ends at waypoint {first}: a crash; they "
+                        "carry no force here."),
+        (crashes.shank, f"The cut is deeper than the flute ({whence}) at {{count}} waypoints, the first {{first}}: the "
+                        "shank runs into the stock; it carries no force here."),
+        (crashes.holder, "The tool's holder (process.holder_mm) runs into the stock at {count} waypoints, the first "
+                         "{first}: a crash."),
+        (gouges, f"The cutter goes up to {deepest:.3g} mm into the finished part (process.part) at {{count}} "
+                 "waypoints, the first {first}: a gouge."),
+    )  # fmt: skip
+    return [Crash(words.format(count=at.sum(), first=int(np.argmax(at)))) for at, words in said if at.any()]
 
 
 def _place(position: Array) -> str:

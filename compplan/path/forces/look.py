@@ -1,7 +1,8 @@
-"""What a cutter is held against at every waypoint, and where it crashes: rapid moves and shanks in material."""
+"""What a cutter is held against at every waypoint, and where it crashes: rapid moves, shank and holder in material."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,11 +28,32 @@ class Crashes:
     Attributes:
         rapid: Rapid moves that go through material. Shape (n,).
         shank: Waypoints at which the tool above its edges meets material. Shape (n,).
+        holder: Waypoints at which its holder does, or on the rapid way to which. Shape (n,).
 
     """
 
     rapid: NDArray[np.bool_]
     shank: NDArray[np.bool_]
+    holder: NDArray[np.bool_]
+
+    @classmethod
+    def none(cls, count: int) -> Crashes:
+        """Return none at all, to be marked."""
+        return cls(*(np.zeros(count, dtype=bool) for _ in range(3)))
+
+
+@dataclass(frozen=True)
+class Above:
+    """What of a tool stands above its edges.
+
+    Attributes:
+        shank: Height above the tip from which on the tool, as wide as before, has no edges; None: not looked at. [m]
+        holder: Heights above the tip and radii of the holder, from its nose up. Shape (h, 2). [m]
+
+    """
+
+    shank: float | None = None
+    holder: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -83,6 +105,31 @@ class Look:
         meets = self._stand(points.reshape(-1, 3), self.run_from[row], moves)
         np.logical_or.at(crashes, row, meets)
 
+    def mark_holder(
+        self, rows: NDArray[np.int_], moves: NDArray[np.int_], holder: Array, crashes: NDArray[np.bool_]
+    ) -> None:
+        """Mark waypoints at which a holder meets material, or on the way to which, where the move is long."""
+        skin = SKIN * self.cutter.radius
+        turn = np.arange(16) * np.pi / 8.0
+        height, radius = holder[0]
+        nose = [(share * radius, height + skin) for share in (0.4, 0.7)]
+        rings = np.array([*nose, *((max(r - skin, 0.0), h + skin) for h, r in _divide(holder, 0.5 * radius))])
+        points = np.concatenate([np.stack([r * np.cos(turn), r * np.sin(turn), np.full(16, h)], axis=1)
+                                 for r, h in rings])  # fmt: skip
+        box = self.stock.bounds()
+        reach = float(np.hypot(*holder.max(axis=0)))
+        lift = height if self.wake.tilt is None else -reach
+        rows = rows[np.minimum(self.start[rows, 2], self.position[rows, 2]) + lift < box[1, 2]]
+        for row in rows:
+            way = self.position[row] - self.start[row]
+            count = int(np.clip(np.ceil(np.linalg.norm(way) / (0.5 * radius)), 1, MOST_STATIONS))
+            tips = self.start[row] + np.linspace(0.0, 1.0, count + 1)[1:, None] * way
+            near = (tips[:, :2] < box[1, :2] + reach).all(axis=1) & (tips[:, :2] > box[0, :2] - reach).all(axis=1)
+            tips = tips[near & (tips[:, 2] + lift < box[1, 2])]
+            if len(tips):
+                place = (tips[:, None] + points @ self.frame[row].T).reshape(-1, 3)
+                crashes[row] = self._stand(place, np.full(len(place), row + 1), moves[moves <= row]).any()
+
     def _stand(self, point: Array, before: NDArray[np.int_], moves: NDArray[np.int_]) -> NDArray[np.bool_]:
         """Tell which points stand in what the moves before some number left. Shape (s,)."""
         bottom, top = self.stock.interval(point[:, :2])
@@ -117,3 +164,12 @@ class Look:
         before = np.searchsorted(moves, self.run_from[row], side="left") * live
         sample = np.repeat(np.arange(len(row)), before)
         return sample, moves[np.arange(before.sum()) - np.repeat(np.cumsum(before) - before, before)]
+
+
+def _divide(profile: Array, apart: float) -> list[tuple[float, float]]:
+    """Return a profile's points, and points between them that are no farther apart."""
+    found = [(float(profile[0, 0]), float(profile[0, 1]))]
+    for a, b in itertools.pairwise(profile):
+        count = max(int(np.ceil(np.linalg.norm(b - a) / apart)), 1)
+        found += [tuple(a + (k + 1) / count * (b - a)) for k in range(count)]
+    return found

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from compplan.files.tables import Array
 from compplan.path.contact import last_set
+from compplan.path.forces.blank import UPRIGHT
 from compplan.path.forces.cutter import Cutter
 from compplan.path.forces.engagement import Engagement, middle_angles
-from compplan.path.forces.look import Crashes, Look
+from compplan.path.forces.look import Above, Crashes, Look
 from compplan.path.forces.stock import StockColumns
 from compplan.path.forces.wake import NOTHING, build_wake, lowest_reach
 
@@ -36,8 +37,8 @@ STRAIGHT = 1.0 - 1e-12
 SAME_WAY = float(np.radians(15.0))
 #: Slices of a side that is looked at by points, in radii, and how many at most.
 SIDE_SLICE, MOST_SIDE_SLICES = 0.25, 24
-#: An axis that leans by less than this from the view stands. [rad]
-UPRIGHT = 1e-6
+#: A tool of which nothing but its edges is looked at.
+BARE = Above()
 
 
 def find_engagement(
@@ -47,7 +48,7 @@ def find_engagement(
     stock: StockColumns,
     meant: Array | None = None,
     axis: Array | None = None,
-    shank: float | None = None,
+    above: Above = BARE,
 ) -> tuple[Engagement, Crashes]:
     """Find the engagement at every waypoint of a path that cuts its way through stock.
 
@@ -60,8 +61,7 @@ def find_engagement(
             are those of the path's travel: that it drifts aside meanwhile is little beside the feed, but in a corner,
             and left out. Shape (n, 3). [m]
         axis: Tool axis, tip to spindle; the frame's third where left out. Shape (n, 3).
-        shank: Height above the tip from which on the tool, as wide as before, has no edges; not looked at where left
-            out. [m]
+        above: What of the tool stands above its edges.
 
     Returns:
         The engagement, and what meets material that it cannot cut.
@@ -79,7 +79,7 @@ def find_engagement(
     cutter = _cut_side(cutter, position, cutting, stock, axis) if by_points else cutter
     level = position[:, 2] - position[:, 2].min()
     depth = np.zeros((n, len(cutter.slices), EDGE_ANGLES if by_points else ANGLES), dtype=np.float32)
-    crashes = Crashes(np.zeros(n, dtype=bool), np.zeros(n, dtype=bool))
+    crashes = Crashes.none(n)
     wake = build_wake(cutter, start, position, stock.bounds()[:, :2], axis)
     if wake is None:
         return Engagement(cutter, depth, travel, level, turning), crashes
@@ -95,8 +95,10 @@ def find_engagement(
         near = rows[look.may_touch(rows)]
         if len(near):
             look.fill(near[cutting[near]], moves, depth)
-            if shank is not None:
-                look.mark_shank(near[removing[near]], moves, shank, crashes.shank)
+            if above.shank is not None:
+                look.mark_shank(near[removing[near]], moves, above.shank, crashes.shank)
+        if above.holder is not None:
+            look.mark_holder(rows, moves, above.holder, crashes.holder)
         look.mark_rapid(rows[~cutting[rows]], moves, crashes.rapid)
         wake.cut(moves)
     return Engagement(cutter, depth, travel, level, turning), crashes

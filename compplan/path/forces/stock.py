@@ -86,14 +86,14 @@ class HeightMap:
 
     Args:
         origin: Place of the first cell's centre. Shape (2,). [m]
-        cell: Distance of columns. [m]
+        cell: Distance of columns, one or along each axis. [m]
         low: Bottom of each column, +inf where there is none. Shape (a, b). [m]
         high: Top of each column, -inf where there is none. Shape (a, b). [m]
 
     """
 
     origin: Array
-    cell: float
+    cell: float | Array
     low: Array
     high: Array
 
@@ -167,8 +167,10 @@ def read_mesh(file: Path, unit: str, where: str, job: Path) -> Any:
     mesh.merge_vertices()
     if not mesh.is_watertight:
         once = int((np.bincount(mesh.edges_unique_inverse) != 2).sum())
-        raise InputError(f"is an open mesh ({once} edges without a second triangle), stock must be closed", file=file)
+        raise InputError(f"is an open mesh ({once} edges without a second triangle), it must be closed", file=file)
     mesh.apply_scale(UNITS[unit])
+    if mesh.volume < 0.0:  # its triangles look inwards
+        mesh.invert()
     return mesh
 
 
