@@ -31,7 +31,8 @@ def split_job(job: Job) -> tuple[Job, ...]:
         tools = ", ".join(operation.tool for operation in operations)
         message = f"is {wanted[-1]}, the CAM file has {len(operations)} (tools {tools})"
         raise InputError(message, file=job.file, where="cam.operation")
-    labels, made = label_operations(operations), []
+    labels = label_operations(operations)
+    made: list[Job] = []
     for number in range(1, wanted[-1] + 1):
         operation = operations[number - 1]
         try:

@@ -218,7 +218,9 @@ def triangulate_stock(stock: StockColumns) -> Any:
     return mesh
 
 
-def _split_quads(a: Array, b: Array, c: Array, d: Array) -> NDArray[np.int_]:
+def _split_quads(
+    a: NDArray[np.int_], b: NDArray[np.int_], c: NDArray[np.int_], d: NDArray[np.int_]
+) -> NDArray[np.int_]:
     """Return two triangles for each quadrilateral, corners in its order."""
     return np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
 
