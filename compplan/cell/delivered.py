@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from compplan.cell.fitted import PlannedRows, find_rows, follow_moves
 from compplan.cell.frames import read_frame, read_part
 from compplan.cell.inertia import stand_stiff
+from compplan.cell.judge import Judge
 from compplan.cell.reading import read_judge
 from compplan.cell.spoken import Spoken
 from compplan.cell.wanted import Vote
@@ -105,14 +106,15 @@ def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wante
     output = tables.get("output") or {}
     if not output.get("programs"):
         return Vote(tuple(breaches))
-    counting = read_counting(robot, joints.slides)
+    counting = read_counting(robot, joints.outer)
     judge = read_judge(robot, tables.get("tool"), geometry="controller.urdf")
     rows = wanted.program
     position, rotation = stand_stiff(judge, wanted.q[rows])
     stand = _Stand(
-        joints, counting, _degrees(wanted.q[rows], joints), position * 1e3, rotation, _world(robot), wanted,
+        joints, counting, _degrees(wanted.q[rows], joints), position * 1e3, rotation,
+        np.eye(4) if judge.ground else _world(robot), wanted,
         _part(tables), _tool(robot, wanted.q[rows[:1]], position[0], rotation[0]),
-        float(output.get("fit_tolerance_mm", FIT)), _read_cycle(robot),
+        float(output.get("fit_tolerance_mm", FIT)), _read_cycle(robot), judge,
     )  # fmt: skip
     spoken = _say(stand, tables, robot)
     own = {name for key in ("header", "footer") for name in (output.get(key) or {})}
@@ -126,13 +128,15 @@ def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wante
                 fault = f"{file.name} cannot be read back: {type(found).__name__} {found}"[:200]
                 (notes if excused else breaches).append(f"not checked: {fault}" if excused else fault)
             else:
-                moves = [stand.take_frame(move) for move in found if move.kind != "act"]
+                moves = stand.place_joints([stand.take_frame(move) for move in found if move.kind != "act"])
                 held = stand.find_rows(moves)
-                if isinstance(held, str):
+                if stand.judge.ground and not all(move.carried or move.kind == "joint" for move in moves):
+                    said = ["lines are not driven seen from the part that moves"]
+                elif isinstance(held, str):
                     said = [held]
                 else:
                     said = stand.compare(moves, held) or spoken.take(held).compare(language, moves)
-                if language in ("fanuc_ls", "inform"):
+                if language in ("fanuc_ls", "inform") and not stand.judge.ground:
                     said += compare_said(file, np.linalg.inv(stand.world) @ stand.part, stand.tool)
                 breaches += [f"{file.name}, read back: {text}" for text in said]
     return Vote(tuple(breaches), tuple(notes))
@@ -189,6 +193,7 @@ class _Stand:
     tool: Array
     tolerance: float
     cycle: float
+    judge: Judge
 
     @property
     def fitted(self) -> bool:
@@ -198,6 +203,23 @@ class _Stand:
     def take_frame(self, move: Move) -> Move:
         """Return a move whose positions count from a frame of the cell as if that were the part frame."""
         return move if move.base is not None else move._replace(base=np.linalg.inv(self.world) @ self.part)
+
+    def place_joints(self, moves: list[Move]) -> list[Move]:
+        """Put the tool of lines that are written as joint positions where those hold it, seen from the part frame."""
+        rows = [k for k, move in enumerate(moves) if move.kind != "joint" and move.pose is None and move.joints]
+        if not rows or not self.judge.ground:
+            return moves
+        shown = np.empty((len(rows), len(self.counting.zero)))
+        shown[:, ~self.counting.external] = [moves[k].joints for k in rows]
+        shown[:, self.counting.external] = [moves[k].external for k in rows]
+        degrees = self.counting.undo(shown)
+        q = np.where(np.array(self.joints.slides), 1e-3 * degrees, np.radians(degrees))
+        placed = list(moves)
+        for k, position, rotation in zip(rows, *stand_stiff(self.judge, q), strict=True):
+            pose = np.eye(4)
+            pose[:3, :3], pose[:3, 3] = rotation, 1e3 * position
+            placed[k] = moves[k]._replace(pose=np.linalg.inv(self.part) @ pose, base=self.part)
+        return placed
 
     def find_rows(self, moves: list[Move]) -> NDArray[np.int_] | str:
         """Return the row at which each move ends, or what speaks against it."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
@@ -40,6 +40,8 @@ class Judge:
         lifts: Joints whose masses are together none or less, as where a tool is lighter than the one that the springs
             were identified with: joint, mass [kg] and first moment in its frame, shape (3,) [kg m]. Pinocchio's bodies
             have masses above 0.
+        ground: Frame in whose axes gravity counts, where a positioner carries the part; 0 where that is the base.
+        gravity: Gravity in its axes. Shape (3,). [m/s^2]
     """
 
     model: pin.Model
@@ -50,6 +52,15 @@ class Judge:
     compliance: Array
     weighs: bool
     lifts: tuple[tuple[int, float, Array], ...] = ()
+    ground: int = 0
+    gravity: Array = field(default_factory=lambda: np.zeros(3))
+
+    def turn_gravity(self, data: pin.Data, coordinates: Array) -> None:
+        """Let gravity point where it does at a posture, seen from the link that carries the part."""
+        if self.ground:
+            pin.forwardKinematics(self.model, data, coordinates)
+            turn = pin.updateFramePlacement(self.model, data, self.ground).rotation
+            self.model.gravity = pin.Motion(np.r_[turn @ self.gravity, np.zeros(3)])
 
     def weigh(self, data: pin.Data, coordinates: Array) -> Array:
         """Return the torque that holds the weights at every model coordinate. Shape (n_coordinates,). [N m or N]."""
@@ -68,7 +79,7 @@ class JudgeBuilder:
     """Put a Pinocchio model together, from the base outwards."""
 
     def __init__(self, commanded: Sequence[str], gravity: Array) -> None:
-        self.names, self.model = list(commanded), pin.Model()
+        self.names, self.model, self.ground, self.gravity = list(commanded), pin.Model(), 0, gravity
         self.model.gravity = pin.Motion(np.r_[gravity, np.zeros(3)])
         self.weighs = bool(np.any(gravity))
         self.parent, self.pending = 0, pin.SE3.Identity()
@@ -76,6 +87,11 @@ class JudgeBuilder:
         self.elastic: list[int] = []
         self.blocks: list[Array] = []
         self.hung: dict[int, list[tuple[float, Array, Array]]] = {}
+
+    def stand(self) -> None:
+        """Let gravity count in the axes of the frame that has been reached."""
+        frame = pin.Frame("ground", self.parent, 0, self.pending, pin.FrameType.OP_FRAME)
+        self.ground = self.model.addFrame(frame)
 
     def move(self, placement: pin.SE3) -> None:
         """Go on to another frame of the same body."""
@@ -121,7 +137,10 @@ class JudgeBuilder:
             start += len(matrix)
         select, shifts = np.array([row for row, _ in self.rows]), np.array([value for _, value in self.rows])
         lifts = self._settle_masses()
-        return Judge(self.model, tcp, select, shifts, np.array(self.elastic, int), compliance, self.weighs, lifts)
+        elastic = np.array(self.elastic, int)
+        return Judge(
+            self.model, tcp, select, shifts, elastic, compliance, self.weighs, lifts, self.ground, self.gravity
+        )
 
     def _settle_masses(self) -> tuple[tuple[int, float, Array], ...]:
         """Give every joint its masses, and return those that are together none or less."""
@@ -149,10 +168,17 @@ class JudgeBuilder:
         self.rows.append((np.zeros(len(self.names)) if row is None else row, shift))
 
 
-def build_judge(robot: Robot) -> Judge:
-    """Build the Pinocchio model of a robot in memory with every spring as a joint; `read_judge` reads a folder."""
+def build_judge(robot: Robot, *, standing: bool = False) -> Judge:
+    """Build the Pinocchio model of a robot in memory with every spring as a joint; `read_judge` reads a folder.
+
+    Args:
+        robot: The robot.
+        standing: Whether it is seen from the ground, where accelerations count, whatever carries the part.
+
+    """
+    names, robot = robot.joint_names, robot.alone if standing else robot
     down = robot.loading_gravity
-    builder = JudgeBuilder(robot.joint_names, np.zeros(3) if down is None else down)
+    builder = JudgeBuilder(names, np.zeros(3) if down is None else down)
     masses = [(body.link, body.mass, body.centre, body.inertia) for body in robot.loading_bodies]
     builder.hang(masses, robot.base)
     for count, joint in enumerate(robot.joints):
@@ -169,6 +195,8 @@ def build_judge(robot: Robot) -> Judge:
                 axis = joint.axis if own else np.eye(3)["xyz".index(spring.axis[1])]
                 builder.spring(axis, slides if own else spring.axis[0] == "t", spring.compliance, spring.offset)
         builder.hang(masses, joint.child)
+        if joint.child == robot.ground:
+            builder.stand()
         far = pin.SE3(robot.joints[count + 1].placement) if count + 1 < len(robot.joints) else pin.SE3.Identity()
         for block in robot.link_elasticities:
             if block.link == joint.child:
@@ -242,6 +270,8 @@ def _settle(
     """Iterate theta <- C tau(theta) until the step vanishes."""
     model, configuration, elastic = judge.model, rigid.copy(), judge.elastic
     step, world, straight = np.inf, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, rigid[elastic]
+    if judge.weighs:
+        judge.turn_gravity(data, configuration)
     for _ in range(MAX_ITERATIONS):
         configuration[elastic] = straight + theta
         torque = (wrench @ pin.computeFrameJacobian(model, data, configuration, judge.tcp, world))[elastic] + bias

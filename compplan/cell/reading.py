@@ -34,7 +34,7 @@ def read_judge(
     Args:
         folder: The robot folder.
         tool: The table [tool] of a job as it stands in the file, or None for the folder's own tool.
-        moving: Whether the judge is for the inertia of motion: all masses, and no weight.
+        moving: Whether the judge is for the inertia of motion: all masses, no weight, and seen from the ground.
         geometry: URDF of the folder; robot.urdf where it has none of this name.
 
     """
@@ -45,7 +45,8 @@ def read_judge(
     flange = table.get("flange") or tree.default_flange(names)
     gravity = None if table.get("gravity") is None else np.array(table["gravity"], float)
     gravity = np.zeros(3) if moving else gravity
-    masses = tree.masses(names)
+    masses, back = tree.masses(names), [] if table.get("part") is None or moving else tree.chain_to(table["part"])[::-1]
+    carrying = [] if table.get("part") is None else tree.commanded(tree.chain_to(table["part"]))
     mounted, beyond = None, [name for name in names if flange in tree.links_above(name)]
     if tool is not None:
         counted = read_mounting(tool, folder, tree.tool0(flange))
@@ -57,7 +58,13 @@ def read_judge(
         elif "mass_kg" in tool:
             masses, gravity = new + tree.seen_from(flange, [m for m in masses if m[0] in own]), GRAVITY
         names = [name for name in names if name not in beyond]
-    builder = JudgeBuilder(tree.commanded(names), np.zeros(3) if gravity is None else gravity)
+    builder = JudgeBuilder([*carrying, *tree.commanded(names)], np.zeros(3) if gravity is None else gravity)
+    for name in back:  # from the link that carries the part down to what stands still: every motion the other way
+        if tree.kind[name] != "fixed":
+            builder.drive(name, tree.axis[name], tree.kind[name] == "prismatic", name, -1.0, 0.0)
+        builder.move(tree.placement[name].inverse())
+    if back:
+        builder.stand()
     builder.hang(masses, tree.root(names))
     for count, name in enumerate(names):
         builder.move(tree.placement[name])

@@ -22,11 +22,14 @@ class Dynamics:
 
     Attributes:
         judge: The model; its gravity is zero.
+        standing: The same seen from the ground, where accelerations count; another one only where a positioner carries
+            the part.
         compliance: Compliance of the elastic coordinates. Shape (s, s).
 
     """
 
     judge: Judge
+    standing: Judge
     compliance: Array
 
     @property
@@ -53,8 +56,9 @@ class ModeShapes:
 
 def build_dynamics(robot: Robot) -> Dynamics:
     """Build the dynamics of a robot, all bodies of its URDF and the tool included."""
-    judge = build_judge(replace(robot, gravity=np.zeros(3), weights=()))
-    return Dynamics(judge, judge.compliance)
+    weightless = replace(robot, gravity=np.zeros(3), weights=())
+    judge = build_judge(weightless)
+    return Dynamics(judge, build_judge(weightless, standing=True) if robot.ground else judge, judge.compliance)
 
 
 def natural_frequencies(dynamics: Dynamics, q: Array, count: int = 2) -> Array:
@@ -107,7 +111,7 @@ def inertial_loads(dynamics: Dynamics, q: Array, velocity: Array, acceleration: 
         acceleration: Shape (k, nq). [rad/s^2 or m/s^2]
 
     """
-    judge, data = dynamics.judge, dynamics.judge.model.createData()
+    judge, data = dynamics.standing, dynamics.standing.model.createData()
     rigid = q @ judge.commanded.T + judge.shift
     rate, change = velocity @ judge.commanded.T, acceleration @ judge.commanded.T
     loads = np.empty((len(q), len(judge.elastic)))

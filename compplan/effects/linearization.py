@@ -23,7 +23,7 @@ from compplan.effects.scene import (
 )
 from compplan.measure.campaign import Campaign
 from compplan.robot import Array, Robot, Spring
-from compplan.statics.chain import Chain, Frames, build_chain, load_elements, locate_frames
+from compplan.statics.chain import Chain, Frames, build_chain, load_elements, locate_frames, locate_gravity
 
 Place = tuple[str, str | None, str | None]
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
@@ -287,5 +287,5 @@ def _shared_coordinates(robot: Robot, probed: Robot) -> list[tuple[int, int]]:
 def _base_load(chain: Chain, frames: Frames, wrench: Array) -> Array:
     """Return the loads on the base frame: force along and moment about its axes. Shape (n, 6). [N, N m]."""
     moment = base_moment(frames, chain, wrench)
-    force = wrench[:, :3] + chain.mass.sum() * chain.gravity
+    force = wrench[:, :3] + chain.mass.sum() * locate_gravity(chain, frames)
     return np.concatenate([force, moment], axis=1)

@@ -20,7 +20,7 @@ from compplan.measure.campaign import Campaign
 from compplan.measure.registration import Registration
 from compplan.robot import Array, Robot
 from compplan.robot.mounting import find_hand, mounted_tool
-from compplan.statics.chain import Chain, Frames, build_chain
+from compplan.statics.chain import Chain, Frames, build_chain, locate_gravity
 from compplan.statics.elastic import solve_equilibrium
 
 #: Elastic coordinates are settled to this; a nanometre at two metres.
@@ -339,19 +339,20 @@ def payload_wrench(robot: Robot, frames: Frames, payload: Array) -> Array:
         payload: Mass and first moments about the flange, flange axes. Shape (4,). [kg, kg m]
 
     """
-    gravity = robot.real_gravity
+    gravity = frames.ground @ robot.real_gravity
     T_flange_tcp = mounted_tool(robot)
     R_base_flange = frames.tcp_rotation @ T_flange_tcp[:3, :3].T
     arm = payload[1:] - payload[0] * T_flange_tcp[:3, 3]
     moment = np.cross(np.einsum("nij,j->ni", R_base_flange, arm), gravity)
-    return np.concatenate([np.broadcast_to(payload[0] * gravity, moment.shape), moment], axis=1)
+    return np.concatenate([payload[0] * gravity, moment], axis=1)
 
 
 def base_moment(frames: Frames, chain: Chain, wrench: Array) -> Array:
     """Return the moment of all loads about the base origin, base axes. Shape (n, 3). [N m]."""
     moment = wrench[:, 3:] + np.cross(frames.tcp_position, wrench[:, :3])
     if chain.gravity.any() and len(chain.body_element):
-        moment = moment + np.cross(frames.centre, np.asarray(chain.mass)[..., None] * chain.gravity).sum(1)
+        weight = np.asarray(chain.mass)[..., None] * locate_gravity(chain, frames)[:, None]
+        moment = moment + np.cross(frames.centre, weight).sum(1)
     return np.asarray(moment)
 
 

@@ -11,7 +11,7 @@ rotation_deg, rotation_rad   rotation vector; Universal Robots rx ry rz are rota
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -191,7 +191,10 @@ class Datums(StrictTable):
 
 
 class PartTable(PoseTable):
-    """[part]: pose of the part frame, seen from the robot base; or the points that it is found from."""
+    """[part]: pose of the part frame, seen from the robot base (from the link that carries the part, where one does).
+
+    Or the points that it is found from.
+    """
 
     points_mm: PointPairs | None = None
     datum_mm: Datums | None = None
@@ -253,3 +256,35 @@ class ToolTable(PoseTable):
         frame = self.locate_frame(robot)
         centre = frame[:3, :3] @ (np.asarray(self.centre_of_mass_mm) * 1e-3) + frame[:3, 3]
         return robot.with_tool(frame @ self.pose, self.mass_kg, centre)
+
+
+class PositionerTable(StrictTable):
+    """[positioner]: joints that carry the part and stay where they are put, by name; the plan chooses the others."""
+
+    hold_deg: dict[str, float] = Field(default_factory=dict)
+    hold_mm: dict[str, float] = Field(default_factory=dict)
+
+    def hold(self, robot: Robot) -> Robot:
+        """Return a robot whose joints can take no other position than they are held at.
+
+        Raises:
+            InputError: If a name is that of no joint that carries the part, or a position is out of its range.
+
+        """
+        for key, factor in (("hold_deg", np.pi / 180.0), ("hold_mm", 1e-3)):
+            slides = key == "hold_mm"
+            names = [joint.name for joint, carries in zip(robot.actuated, robot.carriers, strict=True)
+                     if carries and slides == (joint.kind == "prismatic")]  # fmt: skip
+            for name, value in getattr(self, key).items():
+                where = f"positioner.{key}.{name}"
+                if name not in names:
+                    raise InputError(f"carries no part in robot {robot.name!r}, choose from {names}", where=where)
+                joint = robot.actuated[robot.joint_names.index(name)]
+                low, high = joint.lower / factor, joint.upper / factor
+                if not low - 1e-6 <= value <= high + 1e-6:
+                    unit = key.removeprefix("hold_")
+                    raise InputError(f"is {value:g} {unit}, its range is [{low:.6g}, {high:.6g}]", where=where)
+                at = float(np.clip(value * factor, joint.lower, joint.upper))
+                held = tuple(replace(each, lower=at, upper=at) if each is joint else each for each in robot.joints)
+                robot = replace(robot, joints=held)
+        return robot

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, field_
 from compplan.errors import InputError
 from compplan.files.tables import Array
 from compplan.files.tomlfile import Numbers, OneOf, SchemaOne, StrictTable, Vector3, Words, check_table, read_toml
-from compplan.job.frames import PartTable, ToolTable
+from compplan.job.frames import PartTable, PositionerTable, ToolTable
 from compplan.job.names import STRATEGIES
 from compplan.job.noise import NoiseTable
 from compplan.job.output import OutputTable
@@ -185,6 +185,7 @@ class Job(StrictTable):
     robot: str = Field(max_length=LONGEST_PATH)
     toolpath: Annotated[str, Field(max_length=LONGEST_PATH)] | CircleTable | SpiralTable | ConeTable
     part: PartTable = PartTable()
+    positioner: PositionerTable = PositionerTable()
     tool: ToolTable | None = None
     tool_table: ToolsTable | None = Field(default=None, alias="tools")
     process: Process = ColumnsProcess()

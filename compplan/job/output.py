@@ -12,10 +12,11 @@ from compplan.program import WRITERS
 
 
 class CellTable(StrictTable):
-    """[output.cell]: the cell's own tool data and frame, by number or name, and whether programs fill them."""
+    """[output.cell]: the cell's own tool data, frame and positioner, and whether programs fill the first two."""
 
     tool: Annotated[int, Field(ge=0, le=999)] | Annotated[str, Field(max_length=32)] | None = None
     base: Annotated[int, Field(ge=0, le=999)] | Annotated[str, Field(max_length=32)] | None = None
+    positioner: Annotated[int, Field(ge=1, le=99)] | Annotated[str, Field(max_length=32)] | None = None
     overwrite: bool = False
 
 

@@ -268,7 +268,8 @@ def make_post(job: Job, language: str) -> Post:
     output, cell = job.output, job.output.cell
     template = output.templates.get(language)
     main = None if output.main is None else "_".join(filter(None, [output.main, job.label]))
-    return Post(None if template is None else job.folder / template, cell.tool, cell.base, cell.overwrite, main)
+    own = None if template is None else job.folder / template
+    return Post(own, cell.tool, cell.base, cell.overwrite, main, cell.positioner)
 
 
 def _read_lines(job: Job, name: str | None) -> tuple[str, ...]:

@@ -248,7 +248,8 @@ def _compare(task: PlanTask, name: str, run: CellRun, settled: Settled | None = 
 
 def measure_margins(task: PlanTask, q: Array, timing: Timing) -> Margins:
     """Measure how far a command stays from its limits."""
-    room = np.minimum(q - task.robot.lower, task.robot.upper - q).min(axis=0)
+    held = task.robot.lower == task.robot.upper  # stands where the job wants it
+    room = np.where(held, np.inf, np.minimum(q - task.robot.lower, task.robot.upper - q).min(axis=0))
     joint = int(room.argmin())
     correction = float(measure_correction(task, q)[task.compensated].max(initial=0.0))
     return Margins(float(room[joint]), joint, timing.velocity_ratio, timing.acceleration_ratio, correction)

@@ -19,6 +19,7 @@ from compplan.cell.judge import build_judge
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing, cutting_runs, parameter_steps, time_command
 from compplan.robot import Array, Robot
+from compplan.statics.chain import build_chain, locate_frames
 
 #: Torque left to move with where the static load alone is beyond a limit, as a share of the load.
 STATIC_ROOM = 1.05
@@ -137,7 +138,11 @@ class TorqueRules:
     """
 
     def __init__(self, robot: Robot, q: Array, wrench: Array) -> None:
-        rigid = build_judge(replace(robot, springs=(), link_elasticities=(), gravity=np.array([0.0, 0.0, -9.81])))
+        weighed = replace(robot, springs=(), link_elasticities=(), gravity=np.array([0.0, 0.0, -9.81]))
+        rigid = build_judge(weighed, standing=True)
+        if robot.ground:
+            turn = np.swapaxes(locate_frames(build_chain(robot), q).ground, 1, 2)
+            wrench = np.hstack([(turn @ part[..., None])[..., 0] for part in (wrench[:, :3], wrench[:, 3:])])
         self.model, self.tcp, self.commanded = rigid.model, rigid.tcp, rigid.commanded
         self.positions = q @ rigid.commanded.T + rigid.shift
         static = self.held = self._static(self.positions, wrench)

@@ -325,10 +325,9 @@ def job_robot(job: Job) -> Robot:
     except UnknownNameError as error:
         raise UnknownNameError("robot", error.name, error.choices, file=job.file, where="robot") from None
     refuse_unsettled(job)
-    if job.tool is None:
-        return robot
     try:
-        return job.tool.mount(robot)
+        robot = job.positioner.hold(robot)
+        return robot if job.tool is None else job.tool.mount(robot)
     except InputError as error:
         raise error if error.file else InputError(error.message, file=job.file, where=error.where) from None
 

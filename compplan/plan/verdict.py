@@ -57,13 +57,13 @@ class Bench:
 def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> Bench:
     """Read robot, tool and process a second time; a robot or a path in memory is taken as it is, and a faded robot."""
     if job is None or task.robot.folder is None or job.mounted is not None:
-        bias = _load_springs(task, build_dynamics(task.robot).judge, timing.time) if task.inertia else None
+        bias = _load_springs(task, build_dynamics(task.robot).standing, timing.time) if task.inertia else None
         return Bench(build_cell(task.robot), task.wrench, bias)
     tables = job.model_dump(by_alias=True, exclude_unset=True)
     if job.given is not None:
         tables["toolpath"] = None  # there is no file to read
     if has_faded(task.robot):  # no file holds it
-        cell, moving = build_cell(task.robot), build_dynamics(task.robot).judge
+        cell, moving = build_cell(task.robot), build_dynamics(task.robot).standing
     else:
         cell = Cell(AS_MODELLED, task.robot, read_judge(Path(task.robot.folder), tables.get("tool")))
         moving = read_judge(Path(task.robot.folder), tables.get("tool"), moving=True)
@@ -183,7 +183,7 @@ def judge_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> t
 
 def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:
     """Find waypoints whose static load is beyond the effort of a joint, and name the joint and both torques."""
-    efforts = task.robot.effort_limits
+    efforts = np.where(task.robot.carriers, np.inf, task.robot.effort_limits)  # nobody states what lies on a positioner
     if not np.isfinite(efforts).any():
         return {}
     rows = np.flatnonzero(task.compensated)
@@ -209,6 +209,7 @@ def hold_load(judge: Judge, q: Array, wrench: Array) -> Array:
         columns = pin.computeFrameJacobian(model, data, rigid[i], judge.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         torque[i] = -columns.T @ wrench[i]
         if judge.weighs:
+            judge.turn_gravity(data, rigid[i])
             torque[i] += judge.weigh(data, rigid[i])
     return torque @ judge.commanded
 

@@ -26,6 +26,7 @@ from compplan.posture.lattice import (
     Options,
     build_options,
     fill_lattice,
+    follow_axis,
     pick_stations,
 )
 from compplan.posture.motion import price_motion
@@ -130,10 +131,11 @@ def choose_stance(
 def _choose_line(task: Task) -> Stance:
     """Choose by the graph, with more stations where its way cannot be followed between them."""
     settings, nominal = task.settings, task.nominal
-    options = build_options(task.arm, settings).spin.shape[1]
+    follow = follow_axis(task.arm, nominal)
+    options = build_options(task.arm, settings, follow).spin.shape[1]
     stations = pick_stations(nominal, int(np.clip(NODE_BUDGET // options, 50, settings.stations)))
     for _ in range(STATION_ROUNDS):
-        stance, bad = _choose_at(task, stations)
+        stance, bad = _choose_at(task, stations, None if follow is None else follow[stations])
         if not len(bad):
             return stance
         more = np.setdiff1d(_surround(bad, len(nominal)), stations)
@@ -150,13 +152,15 @@ def _choose_line(task: Task) -> Stance:
     )  # fmt: skip
 
 
-def _choose_at(task: Task, stations: NDArray[np.int_]) -> tuple[Stance, NDArray[np.int_]]:
+def _choose_at(
+    task: Task, stations: NDArray[np.int_], follow: Array | None
+) -> tuple[Stance, NDArray[np.int_]]:
     """Choose at the given stations; return the stance and the waypoints between where it fails."""
     settings, robot = task.settings, task.robot
     rungs = measure_rungs(
         task.nominal, stations, most_step=settings.most_step, reconfigure=settings.reconfigure
     )
-    coarse = _fill(task, stations, build_options(task.arm, settings))
+    coarse = _fill(task, stations, build_options(task.arm, settings, follow))
     own = {**({"travel": 1.0} if settings.motion.stated and settings.preset == "accurate" else {}), **settings.weights}
     weights = choose_weights(settings.preset, least_level(coarse, rungs), own)
     if coarse.usable.any():  # none is where the part is out of reach, which the search says
@@ -343,9 +347,8 @@ def _refine_options(task: Task, coarse: Options, line: Line) -> Options | None:
     spin = 2 * np.pi / spins * np.arange(-FINE_SPINS, FINE_SPINS + 1) / FINE_SPINS if spins > 1 else np.zeros(1)
     held = [np.zeros(1)] * len(task.arm.held)
     if positions > 1:
-        span = [task.robot.upper[j] - task.robot.lower[j] for j in task.arm.held]
-        count = settings.count_positions(len(task.arm.held))
-        held = [s / (count - 1) * np.arange(-FINE_HELD, FINE_HELD + 1) / (FINE_HELD + 1) for s in span]
+        fine = np.arange(-FINE_HELD, FINE_HELD + 1) / (FINE_HELD + 1)
+        held = [step * fine if step else np.zeros(1) for step in coarse.steps]
     lean = [limit * np.arange(-FINE_TILTS, FINE_TILTS + 1) / 2 if limit > 0 else np.zeros(1)
             for limit in (settings.lead, settings.lean)]
     grid = np.meshgrid(spin, *held, *lean, indexing="ij")
@@ -361,7 +364,8 @@ def _refine_options(task: Task, coarse: Options, line: Line) -> Options | None:
     count = len(away)
     shape = (len(spin), int(np.prod([len(v) for v in held])), len(lean[0]) * len(lean[1]))
     everything = np.tile(np.arange(count), (count, 1))
-    return Options(centre[0][:, None] + away[:, 0], np.clip(moved, low, high), lead, side, everything, shape)
+    spin = centre[0][:, None] + away[:, 0]
+    return Options(spin, np.clip(moved, low, high), lead, side, everything, shape, coarse.steps)
 
 
 def _keep_slot(lattice: Lattice, line: Line) -> Lattice:

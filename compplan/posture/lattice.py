@@ -18,13 +18,16 @@ from compplan.path.toolpath import Toolpath, select_waypoints
 from compplan.posture.costs import measure_nodes
 from compplan.posture.settings import PostureSettings
 from compplan.robot import Array
-from compplan.statics.chain import Chain
+from compplan.statics.chain import Chain, locate_frames
 from compplan.statics.ik import CONFIGURATIONS, Arm, middle_of_limits, solve_branches
 
 #: Why a node cannot be used.
 USABLE, OUT_OF_REACH, JOINT_LIMIT, SINGULAR, COLLISION, NOT_WANTED = range(6)
 #: Coarse step of the rotation where an extra axis or leans vary too, and where several axes do. [rad]
 FEW_SPINS, FEWER_SPINS = float(np.radians(10.0)), float(np.radians(20.0))
+#: Angle by which the tool axis has to turn about the joint next to the part before that is tried around it [rad], sides
+#: from which the tool is tried then, and sine of the angle between both axes from which on the turn is sure.
+FOLLOWED, SIDES, ACROSS = float(np.radians(45.0)), 8, float(np.sin(np.radians(20.0)))
 REASONS = ("usable", "out of reach", "joint limit", "singular", "collision", "configuration not wanted")
 
 
@@ -40,6 +43,7 @@ class Options:
         lean: Lean of the tool axis across the travel. Shape (k, g) or (1, g). [rad]
         neighbours: Options that a step may come from, -1 where there is none. Shape (g, w).
         shape: Grid shape behind g: spins, positions of extra axes, leans.
+        steps: Step of the grid of each extra axis, 0 for one that stands. Shape (h,). [m or rad]
 
     """
 
@@ -49,6 +53,7 @@ class Options:
     lean: Array
     neighbours: NDArray[np.int_]
     shape: tuple[int, int, int]
+    steps: Array
 
 
 @dataclass(frozen=True)
@@ -104,17 +109,59 @@ def pick_stations(nominal: Toolpath, count: int) -> NDArray[np.int_]:
     return np.unique(np.r_[0, np.clip(even, 0, n - 1), ends, n - 1])
 
 
-def build_options(arm: Arm, settings: PostureSettings) -> Options:
-    """Build the grid of options that holds for every station."""
+def follow_axis(arm: Arm, nominal: Toolpath) -> Array | None:
+    """Return positions of the joint next to the part at which the tool always comes from one side; None for no turn.
+
+    A part that is worked on from all sides turns under the tool: with b the angle of the tool axis about the joint's
+    axis, seen from the part, the joint stands at a constant - b. Where the two axes are nearly parallel b goes on as it
+    is on either side.
+
+    Args:
+        arm: The arm.
+        nominal: Toolpath, seen from the link that carries the part.
+
+    Returns:
+        Positions in the middle of the joint's range. Shape (n,). [rad]
+
+    """
+    robot, joint = arm.robot, int(arm.robot.carriers.sum()) - 1
+    if joint < 0 or joint not in arm.held or robot.prismatic[joint] or robot.lower[joint] == robot.upper[joint]:
+        return None
+    turn = -locate_frames(arm.chain, np.zeros((1, arm.chain.nq))).axis[0, arm.chain.joint_elements[joint]]
+    first = np.cross(turn, np.eye(3)[np.abs(turn).argmin()])
+    first /= np.linalg.norm(first)
+    x, y = nominal.axis @ first, nominal.axis @ np.cross(turn, first)
+    sure = np.flatnonzero(np.hypot(x, y) > ACROSS)
+    if not len(sure):
+        return None
+    angle = np.interp(np.arange(len(nominal)), sure, np.unwrap(np.arctan2(y[sure], x[sure])))
+    if np.ptp(angle) < FOLLOWED:
+        return None
+    return np.asarray(middle_of_limits(robot)[joint] + 0.5 * (angle.max() + angle.min()) - angle)
+
+
+def build_options(arm: Arm, settings: PostureSettings, follow: Array | None = None) -> Options:
+    """Build the grid of options; it holds for every station but for what follows.
+
+    Args:
+        arm: The arm.
+        settings: What may vary.
+        follow: Positions, at the stations, that the joint next to the part is tried around (`follow_axis`), or None.
+            Shape (k,). [rad]
+
+    """
     varies = bool(len(arm.held)) or settings.lead > 0 or settings.lean > 0
     step = max(settings.spin_step, FEW_SPINS if len(arm.held) < 2 else FEWER_SPINS) if varies else settings.spin_step
     count = max(1, round(2 * np.pi / step)) if settings.free_spin else 1
     spins = np.arange(count) * 2 * np.pi / count
     robot = arm.robot
     ranges = []
+    followed = -1 if follow is None else int(robot.carriers.sum()) - 1
     for joint in arm.held:
         low, high = robot.lower[joint], robot.upper[joint]
-        if np.isfinite(low) and np.isfinite(high) and high > low:
+        if joint == followed:
+            ranges.append(np.arange(-SIDES // 2, SIDES - SIDES // 2) * 2 * np.pi / SIDES)
+        elif np.isfinite(low) and np.isfinite(high) and high > low:
             ranges.append(np.linspace(low, high, settings.count_positions(len(arm.held))))
         else:
             ranges.append(middle_of_limits(robot)[[joint]])
@@ -123,13 +170,17 @@ def build_options(arm: Arm, settings: PostureSettings) -> Options:
     leans = [np.linspace(-limit, limit, 3) if limit > 0 else np.zeros(1) for limit in (settings.lead, settings.lean)]
     tilts = np.array([(a, b) for a, b in product(*leans) if _inside(a, b, settings)])
     s, h, t = (axis.ravel() for axis in np.meshgrid(*(np.arange(len(v)) for v in (spins, held, tilts)), indexing="ij"))
+    standing = held[h][None]
+    if follow is not None:
+        standing = standing + np.where(arm.held == followed, follow[:, None, None], 0.0)
     return Options(
         spin=spins[s][None],
-        held=held[h][None],
+        held=standing,
         lead=tilts[t, 0][None],
         lean=tilts[t, 1][None],
         neighbours=_neighbours((len(spins), len(held), len(tilts)), [len(r) for r in ranges], tilts),
         shape=(len(spins), len(held), len(tilts)),
+        steps=np.array([v[1] - v[0] if len(v) > 1 else 0.0 for v in ranges]),
     )
 
 
@@ -193,7 +244,7 @@ def fill_lattice(
     q = _wrap_into_limits(q, arm)
     reached = np.isfinite(q[..., 0])
     reason = np.where(reached, USABLE, OUT_OF_REACH).astype(np.int8)
-    room = np.where(arm.robot.prismatic, 0.0, settings.limit_room)
+    room = arm.robot.room(settings.limit_room)
     low, high = arm.robot.lower + room, arm.robot.upper - room
     inside = ((q >= low) & (q <= high)).all(axis=3)
     reason[reached & ~inside] = JOINT_LIMIT
@@ -202,7 +253,7 @@ def fill_lattice(
     rows = np.nonzero(reason == USABLE)
     wrench = np.zeros((len(path), 6)) if path.wrench is None else path.wrench
     nodes = measure_nodes(
-        chain, q[rows], wrench[rows[0]], limits=(arm.robot.lower, arm.robot.upper),
+        chain, q[rows], wrench[rows[0]], limits=arm.robot.arm_limits,
         uncertainty=settings.known, measure=settings.measure, axes=axes, margin=settings.limit_margin,
     )  # fmt: skip
     for name, array in values.items():

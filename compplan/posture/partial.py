@@ -17,7 +17,7 @@ from compplan.errors import InfeasibleError
 from compplan.path.toolpath import Toolpath, select_waypoints
 from compplan.posture.choose import NODE_BUDGET, choose_stance
 from compplan.posture.follow import reach_with_all
-from compplan.posture.lattice import build_options, fill_lattice, orient_tool, pick_stations
+from compplan.posture.lattice import build_options, fill_lattice, follow_axis, orient_tool, pick_stations
 from compplan.posture.settings import PostureSettings
 from compplan.posture.summary import Stance
 from compplan.robot import Array, Robot
@@ -108,7 +108,9 @@ def find_reached(
     """Tell which waypoints have a posture within the limits, on a coarse grid. Shape (k,)."""
     arm, chain = build_arm(robot), build_chain(robot)
     coarse = replace(settings, spin_step=max(settings.spin_step, COARSE))
-    lattice = fill_lattice(chain, arm, nominal, tool_x, rows, build_options(arm, coarse), coarse)
+    follow = follow_axis(arm, nominal)
+    options = build_options(arm, coarse, None if follow is None else follow[rows])
+    lattice = fill_lattice(chain, arm, nominal, tool_x, rows, options, coarse)
     return np.asarray(lattice.usable.any(axis=(1, 2)))
 
 
@@ -170,7 +172,8 @@ def _say(
         robot, chain, q[some], nominal.position[some], rotation[some], free_spin=settings.free_spin, draw=False
     )
     miss = nominal.position[some] - locate_frames(chain, best).tcp_position
-    room = np.minimum(best[0] - robot.lower, robot.upper - best[0])
+    lower, upper = robot.arm_limits
+    room = np.minimum(best[0] - lower, upper - best[0])
     at = np.flatnonzero(room < np.where(robot.prismatic, 1e-3, settings.limit_room))
     sides = ["lower" if best[0, j] - robot.lower[j] < robot.upper[j] - best[0, j] else "upper" for j in at]
     named = [f"{side} position limit of {robot.joint_names[j]}" for j, side in zip(at, sides, strict=True)]

@@ -24,7 +24,7 @@ from compplan.posture.chatter import ChatterPrice
 from compplan.posture.choose import choose_stance
 from compplan.posture.clearance import measure_margin
 from compplan.posture.costs import ErrorModel, measure_nodes
-from compplan.posture.lattice import Options, build_options, orient_tool, pick_stations
+from compplan.posture.lattice import build_options, follow_axis, orient_tool, pick_stations
 from compplan.posture.search import measure_rungs
 from compplan.posture.settings import PostureSettings
 from compplan.posture.start import read_request
@@ -194,7 +194,6 @@ class Rater:
         self.chain: Chain = build_chain(robot)
         self.arm: Arm = build_arm(robot)
         self.settings = replace(settings, spin_step=SPIN_STEP, held_steps=HELD_STEPS, stations=STATIONS)
-        self.options: Options = build_options(self.arm, self.settings)
 
     def rate(self, nominal: Toolpath, tool_x: Array, axes: Array, shifts: Array) -> Array:
         """Bound the remaining deviation of the path moved by each shift.
@@ -212,11 +211,13 @@ class Rater:
         stations = pick_stations(nominal, STATIONS)
         share = measure_rungs(nominal, stations, most_step=1.0, reconfigure=False).cut_share
         stations, share = stations[share > 0], share[share > 0]
-        k, g = len(stations), self.options.spin.shape[1]
-        varied = (self.options.spin, self.options.lead, self.options.lean)
+        follow = follow_axis(self.arm, nominal)
+        options = build_options(self.arm, self.settings, None if follow is None else follow[stations])
+        k, g = len(stations), options.spin.shape[1]
+        varied = (options.spin, options.lead, options.lean)
         spin, lead, lean = (np.broadcast_to(v, (k, g)) for v in varied)
         rotation = orient_tool(nominal, tool_x, stations, spin, lead, lean).reshape(k * g, 3, 3)
-        held = np.broadcast_to(self.options.held, (k, g, self.options.held.shape[2])).reshape(k * g, -1)
+        held = np.broadcast_to(options.held, (k, g, options.held.shape[2])).reshape(k * g, -1)
         wrench = np.zeros((len(nominal), 6)) if nominal.wrench is None else nominal.wrench
         bound = np.empty(len(shifts))
         at_once = max(1, BATCH // (k * g))
@@ -233,11 +234,11 @@ class Rater:
 
     def _least(self, q: Array, wrench: Array, axes: Array) -> Array:
         """Return the least sensitivity over the configurations, infinite where none is usable. Shape (n,). [m]"""
-        room = np.where(self.robot.prismatic, 0.0, self.settings.limit_room)
+        room = self.robot.room(self.settings.limit_room)
         inside = ((q >= self.robot.lower + room) & (q <= self.robot.upper - room)).all(axis=2)
         rows = np.nonzero(inside)
         nodes = measure_nodes(
-            self.chain, q[rows], wrench[rows[0]], limits=(self.robot.lower, self.robot.upper),
+            self.chain, q[rows], wrench[rows[0]], limits=self.robot.arm_limits,
             uncertainty=self.settings.known, measure=self.settings.measure, axes=axes,
         )  # fmt: skip
         values = np.full(inside.shape, np.inf)

@@ -1,4 +1,7 @@
-"""How a rail moves along a path: on one side of its lost motion as long as it can, in strokes worth the name."""
+"""How a rail, or a table that carries the part, moves along a path.
+
+On one side of its lost motion as long as it can, in strokes worth the name.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +14,20 @@ from compplan.robot import Array, Robot
 #: Stroke between two reversals of a rail below which it does not move (assumed: racks and screws lose and repeat
 #: hundredths to tenths of a millimetre); as many times what a folder says of its lost motion. [m]
 LEAST_STROKE, TIMES_LOST = 1e-3, 3.0
+#: The same of a turning joint that carries the part (assumed). [rad]
+LEAST_TURN = float(np.radians(0.2))
 
 
 def least_strokes(robot: Robot) -> Array:
-    """Return the least stroke of every joint that slides, 0 for those that turn. Shape (nq,). [m]."""
-    stroke = np.where(robot.prismatic, LEAST_STROKE, 0.0)
+    """Return the least stroke of every joint that slides or carries the part, 0 for the others. (nq,). [m or rad]."""
+    stroke = np.where(robot.prismatic, LEAST_STROKE, np.where(robot.carriers, LEAST_TURN, 0.0))
     for entry in robot.effects:
         if entry.get("effect") != "backlash" or entry.get("joint") not in robot.joint_names:
             continue
         j = robot.joint_names.index(entry["joint"])
-        if robot.prismatic[j]:
-            stroke[j] = max(stroke[j], TIMES_LOST * abs(float(entry["parameters"].get("width_m", 0.0))))
+        if stroke[j]:
+            width = entry["parameters"].get("width_m" if robot.prismatic[j] else "width_rad", 0.0)
+            stroke[j] = max(stroke[j], TIMES_LOST * abs(float(width)))
     return stroke
 
 

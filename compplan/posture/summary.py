@@ -181,13 +181,13 @@ def summarise_costs(
     """Measure joint positions q (n, nq) along a path at every waypoint by every criterion."""
     wrench = np.zeros((len(q), 6)) if nominal.wrench is None else nominal.wrench
     nodes = measure_nodes(
-        chain, q, wrench, limits=(robot.lower, robot.upper), uncertainty=settings.uncertainty, axes=axes,
+        chain, q, wrench, limits=robot.arm_limits, uncertainty=settings.uncertainty, axes=axes,
         margin=settings.limit_margin,
     )  # fmt: skip
     share = cut_shares(nominal)
     remaining = measure_remaining(chain, q, nominal, settings, axes)
     revolute = ~robot.prismatic
-    room = np.minimum(q - robot.lower, robot.upper - q)[:, revolute]
+    room = np.minimum(q - robot.lower, robot.upper - q)[:, revolute & ~robot.carriers]
     steps = np.diff(q, axis=0)
     travel = np.abs(steps[:, revolute]).sum()
     feed = np.where(nominal.rapid[1:] | (nominal.feed[1:] <= 0), np.inf, nominal.feed[1:])

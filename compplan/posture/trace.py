@@ -76,7 +76,7 @@ def trace_line(
     between = np.stack([_interpolate(place, stations, q[:, j]) for j in range(q.shape[1])], axis=1)
     for j, stroke in enumerate(least_strokes(arm.robot)):
         if stroke > 0 and j in arm.held:
-            between[:, j] = steady_slide(between[:, j], stroke)
+            between[:, j] = np.clip(steady_slide(between[:, j], stroke), arm.robot.lower[j], arm.robot.upper[j])
     rotation = orient_tool(nominal, tool_x, rows, spin, lead, lean)
     upright = rotation
     branches = solve_branches(arm, nominal.position, rotation, between[:, arm.held])

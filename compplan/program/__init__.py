@@ -104,7 +104,11 @@ def check_languages(robot: Robot, languages: Sequence[str], *, file: Path) -> No
 
     """
     controller = load_controller(robot).name if languages else ""
+    moving = [name for name, module in WRITERS.items() if getattr(module, "MOVES_PART", False)]
     for language in languages:
+        if robot.ground and language not in moving:
+            message = f"{language} programs cannot move what carries the part, choose from {moving}"
+            raise InputError(message, file=file, where="output.programs")
         try:
             check_brand(controller, language)
         except InputError as error:

@@ -241,7 +241,7 @@ def find_bend(robot: Robot, q: Array) -> NDArray[np.bool_] | None:
 
     With the unit vectors of the last three axes it is the sign of a5 . (a4 x a6). None for other arms. Shape (n,).
     """
-    turning = [joint for joint in robot.joints if joint.name in robot.joint_names and joint.kind != "prismatic"]
+    turning = [joint for joint in robot.joints[robot.carrying :] if joint.actuated and joint.kind != "prismatic"]
     if len(turning) != 6:
         return None
     poses = locate_links(robot, q, [joint.child for joint in turning[3:]])
@@ -305,8 +305,8 @@ def believed_robot(robot: Robot) -> Robot:
     file = robot.folder / "controller.urdf"
     believed = {joint.name: joint for joint in read_urdf(read_text(file), file).joints}
     own = {element.get("name") for element in ElementTree.fromstring(robot.urdf).findall("joint")}
-    joints = []
-    for joint in robot.joints:
+    joints = list(robot.joints[: robot.carrying])
+    for joint in robot.joints[robot.carrying :]:
         other = believed.get(joint.name)
         if other is None and joint.name in own and joint.name != "tool_joint":
             raise InputError(f"no joint named {joint.name!r}, expected the joints of robot.urdf", file=file)

@@ -11,6 +11,7 @@ from compplan.program.program import Program
 from compplan.program.text import legal_name
 
 name = "csv"
+MOVES_PART = True
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:

@@ -28,7 +28,8 @@ LONGEST_REMARK = 32
 #: Greatest and smallest linear speed that the language takes [mm/s].
 FASTEST, SLOWEST = 2000.0, 0.1
 #: Tool and user frame where a job names none, and the position register through which programs fill them if asked.
-CELL, REGISTER = CellWords(int, int, {"tool": 1, "base": 1}), 99
+CELL, REGISTER = CellWords(int, int, {"tool": 1, "base": 1, "positioner": 2}, int), 99
+MOVES_PART = True
 
 
 PHRASES = Phrases(
@@ -50,6 +51,9 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     PR[99], where the job asks for that, else remarks say what they have to be. Cartesian positions are written where
     poses and configuration words (native N F, U D, T B) are known. Sliding joints are extended axes (E1 ..), in mm.
 
+    Joints that carry the part are a motion group of their own (GP2); all positions are joint positions then, and lines
+    are driven seen from the part (COORD).
+
     Args:
         program: The program.
         folder: Folder to write to.
@@ -59,26 +63,29 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
         InputError: If the robot has more than six rotating joints, or a feed above 2000 mm/s.
 
     """
-    turning, sliding = np.flatnonzero(~program.prismatic), np.flatnonzero(program.prismatic)
-    if len(turning) > 6 or len(sliding) > 3:
+    turning, sliding = np.flatnonzero(~program.outer), np.flatnonzero(program.outer)
+    if len(turning) > 6 or len(sliding) > 3 or (program.moves_part and program.prismatic.any()):
         raise InputError(f"FANUC programs take six rotating and three sliding joints, not {list(program.joint_names)}")
     if program.feed.max(initial=0.0) > FASTEST:
         raise InputError(f"feed is {program.feed.max():g} mm/s, FANUC programs take at most {FASTEST:g} mm/s")
     name = legal_name(name_main(program), LONGEST_NAME).upper()
     cell = check_cell(program.post, CELL, "FANUC")
     base, tool = int(cell.base or 1), int(cell.tool or 1)
-    can, files = program.tcp is not None and configurations(program) is not None and len(turning) == 6, []
+    can = program.tcp is not None and len(turning) == 6
+    can, files = can and (program.moves_part or configurations(program) is not None), []
     if program.writes_joints(linear=can):
         joint = [_joint_entries(program, row, 0) for row in range(len(program))]
         files += _write_kind(program, folder, name, joint, 0, most)
     if can and program.form != "joint":
-        program = fit_moves(program).program
+        program = fit_moves(program, arcs=not program.moves_part).program
         configuration = configurations(program) or []
-        alone = program.alone(linear=True)
+        alone = program.alone(linear=True) | program.moves_part
         linear = []
         for row, place in enumerate(_places(program, program.positions)):
-            head = f"\tUF : {base}, UT : {tool},\t\tCONFIG : '{configuration[row]}'"
-            linear.append(_joint_entries(program, row, base) if alone[row] else [head, *place])
+            if alone[row]:
+                linear.append(_joint_entries(program, row, base))
+                continue
+            linear.append([f"\tUF : {base}, UT : {tool},\t\tCONFIG : '{configuration[row]}'", *place])
         files += _write_kind(program, folder, f"{name}{name_kind(program, '_L')}", linear, base, most)
     return files
 
@@ -86,7 +93,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 def describe(program: Program) -> list[str]:
     """Return what must be said of feeds, and where there is no program with positions."""
     notes = describe_feeds(program, 0.1)
-    if configurations(program) is None:
+    if configurations(program) is None and not program.moves_part:
         notes.append("no program with positions: controller.toml has no native words N F, U D, T B")
     return notes
 
@@ -99,7 +106,7 @@ def configurations(program: Program) -> list[str] | None:
     wanted = {"wrist": {"N", "F"}, "elbow": {"U", "D"}, "shoulder": {"T", "B"}}
     if any(not {*program.native.get(key, np.array(["?"])).tolist()} <= letters for key, letters in wanted.items()):
         return None
-    turns = np.floor((program.joints[:, ~program.prismatic][:, [0, 3, 5]] + 180.0) / 360.0).astype(int).tolist()
+    turns = np.floor((program.joints[:, ~program.outer][:, [0, 3, 5]] + 180.0) / 360.0).astype(int).tolist()
     letters = zip(*(program.native[key].tolist() for key in wanted), strict=True)
     return [f"{' '.join(word)}, {', '.join(map(str, turn))}" for word, turn in zip(letters, turns, strict=True)]
 
@@ -132,7 +139,8 @@ def _write_kind(
             moves += ["  !the configuration changes ;"] if frame and program.swings[row] else []
             move = _move(program, row, number, bool(alone[row]), bool(stops[row]), extra.get(row))
             moves += [move, *events.get(row, [])]
-        positions = [_position(entries[row], number) for row, number in zip(indices, numbers, strict=True)]
+        positions = [_position(entries[row], number, _second_group(program, row))
+                     for row, number in zip(indices, numbers, strict=True)]  # fmt: skip
         positions += [_position([entries[row][0], *via[row]], number) for row, number in extra.items()]
         files.append(folder / f"{part}.LS")
         write_text(files[-1], format_program(part, program, frame, moves, positions, len(parts) == 1), newline="\r\n")
@@ -145,20 +153,31 @@ def _write_kind(
 def _move(program: Program, row: int, number: int, alone: bool, stop: bool, via: int | None) -> str:
     if alone:
         return f"J P[{number}] 20% FINE ;"
-    end = f"P[{number}] {max(program.feed[row], SLOWEST):.1f}mm/sec {'FINE' if stop else 'CNT100'} ;"
+    manner = f"{'FINE' if stop else 'CNT100'}{' COORD' if program.moves_part else ''}"
+    end = f"P[{number}] {max(program.feed[row], SLOWEST):.1f}mm/sec {manner} ;"
     return f"L {end}" if via is None else f"C P[{via}]\n    :  {end}"
 
 
 def _external(program: Program, row: int) -> list[str]:
-    values = program.joints[row, program.prismatic].tolist()
+    values = program.joints[row, program.outer].tolist()
     return [f"E{index}= {value:12.6f}  mm" for index, value in enumerate(values, start=1)]
 
 
 def _joint_entries(program: Program, row: int, frame: int) -> list[str]:
-    values = program.joints[row, ~program.prismatic].tolist()
+    values = program.joints[row, ~program.outer].tolist()
     entries = [f"J{index}= {value:12.6f} deg" for index, value in enumerate(values, start=1)]
     tool = check_cell(program.post, CELL, "FANUC").tool
-    return [f"\tUF : {frame}, UT : {tool}", *entries, *_external(program, row)]
+    return [f"\tUF : {frame}, UT : {tool}", *entries, *([] if program.moves_part else _external(program, row))]
+
+
+def _second_group(program: Program, row: int) -> str:
+    """Return the motion group that carries the part, in a position."""
+    if not program.moves_part:
+        return ""
+    group = check_cell(program.post, CELL, "FANUC").positioner
+    values = program.joints[row, program.outer].tolist()
+    entries = ",\t".join(f"J{index}= {value:12.6f} deg" for index, value in enumerate(values, start=1))
+    return f"\n   GP{group}:\n\tUF : 0, UT : 1,\n\t{entries}"
 
 
 def _places(program: Program, poses: Array) -> list[list[str]]:
@@ -173,10 +192,10 @@ def _places(program: Program, poses: Array) -> list[list[str]]:
     ]
 
 
-def _position(entries: list[str], number: int) -> str:
+def _position(entries: list[str], number: int, second: str = "") -> str:
     head, *values = entries
     groups = [",\t".join(values[start : start + 3]) for start in range(0, len(values), 3)]
-    return f"P[{number}]{{\n   GP1:\n{head},\n\t" + ",\n\t".join(groups) + "\n};"
+    return f"P[{number}]{{\n   GP1:\n{head},\n\t" + ",\n\t".join(groups) + f"{second}\n}};"
 
 
 def format_program(
@@ -196,10 +215,13 @@ def format_program(
 
     """
     cell = check_cell(program.post, CELL, "FANUC")
-    wanted = [("UTOOL", cell.tool, program.tool), ("UFRAME", cell.base, program.base_frame if frame else None)]
+    second = cell.positioner if program.moves_part else 0
+    base = program.base_frame if frame and not program.moves_part else None
+    wanted = [("UTOOL", cell.tool, program.tool), ("UFRAME", cell.base, base)]
     words = {
         "name": name, "comments": [clean_text(line, LONGEST_REMARK) for line in head_lines(program)], "cell": cell,
         "main": main, "frame": frame, "register": REGISTER, "moves": moves, "parts": parts, "positions": positions,
+        "groups": ["1", *("1" if number == second else "*" for number in range(2, 6))],
         "frames": [(key, number, place_numbers(pose, "xyz")) for key, number, pose in wanted if pose is not None],
     }  # fmt: skip
     before, rest = render_post(program, "fanuc_ls", words).split("/MN\n", 1)

@@ -26,6 +26,8 @@ FEED = 1.01
 SHORT = 2.0
 #: Greatest turn of the tool beside an even one. [rad]
 TURN = float(np.radians(0.01))
+#: Greatest departure of joints that carry the part from an even motion. [deg or mm]
+CARRIED = 0.02
 #: Rows that an arc has to go by, its length [mm], greatest radius [mm], and greatest sweep [rad].
 ARC_ROWS, ARC_LENGTH, ARC_RADIUS, ARC_SWEEP = 2, 0.25, 2e4, float(np.radians(170.0))
 #: Least share of an arc at which the point between may lie, at either end.
@@ -122,6 +124,7 @@ class _Track:
         self.along = np.cumsum(self.step)
         lasts = np.diff(program.time, prepend=program.time[0])
         self.speed = self.step / np.maximum(lasts, 1e-9)
+        self.carried = program.joints[:, program.carries] if program.moves_part else np.zeros((len(program), 0))
         self.free = np.zeros(len(program), bool) if program.free is None else program.free
         self.guess = 4
 
@@ -207,6 +210,9 @@ class _Track:
             return False
         off, share = found
         if off.max() > self.tolerance or (np.diff(share) < 0.0).any():
+            return False
+        carried = self.carried[a : b + 1]
+        if carried.size and np.abs(carried - carried[0] - share[:, None] * (carried[-1] - carried[0])).max() > CARRIED:
             return False
         return bool(self._measure_turn(a, b, share) <= TURN)
 

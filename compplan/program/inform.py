@@ -32,7 +32,8 @@ MOST = 2000
 #: A job's name has 32 letters (older controllers 8), its remarks 32.
 LONGEST_NAME, LONGEST_REMARK = 24, 32
 #: Tool and user frame where a job names none, and the position variables through which jobs fill them if asked.
-CELL, TOOL_VARIABLE, FRAME_VARIABLE = CellWords(int, int, {"tool": 1, "base": 1}), 98, 99
+CELL = CellWords(int, int, {"tool": 1, "base": 1, "positioner": 1}, int)
+TOOL_VARIABLE, FRAME_VARIABLE, MOVES_PART = 98, 99, True
 RAPID_PERCENT, UNKNOWN_PERCENT, SLOWEST_PERCENT = 20.0, 10.0, 0.01
 #: Position level within a cut: 1 is the one that passes nearest without a stop.
 BLEND = 1
@@ -55,7 +56,8 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     Cutting moves of the linear job are MOVL with their feed (mm/s), rapid moves and swings MOVJ at 20 %; the joint job
     has MOVJ with percents of the joint rates, to two digits. Positions count from a user frame of the cell, with a tool
     of the cell; the job fills them (MFRAME, SETTOOL) where that is asked for. Joint angles need a controller that takes
-    POSTYPE ANGLE.
+    POSTYPE ANGLE. Joints that carry the part are a station (ST1, angles EC); positions are joint angles then, and lines
+    are driven seen from the part (SMOVL .. +MOVJ EC).
 
     Args:
         program: The program, of an arm with six rotating joints.
@@ -66,9 +68,11 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
         InputError: If the robot has not six rotating joints: external axes are in pulses, which nobody states here.
 
     """
-    need_six_axes(program, "INFORM", sliding=0)
+    if not program.moves_part or program.prismatic.any() or len(program.joint_names) - program.outer.sum() != 6:
+        need_six_axes(program, "INFORM", sliding=0)
     name = legal_name(name_main(program), LONGEST_NAME).upper()
-    can, files = program.tcp is not None and {"shoulder", "elbow", "wrist"} <= set(program.words), []
+    can = program.tcp is not None and (program.moves_part or {"shoulder", "elbow", "wrist"} <= set(program.words))
+    files: list[Path] = []
     if program.writes_joints(linear=can):
         files += _write_kind(program, folder, name, most, linear=False)
     if can and program.form != "joint":
@@ -80,7 +84,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 def describe(program: Program) -> list[str]:
     """Return what must be said of joint angles, and where there is no job with positions."""
     notes = ["joint angles need a controller that takes POSTYPE ANGLE", *describe_feeds(program, 0.1)]
-    if not {"shoulder", "elbow", "wrist"} <= set(program.words):
+    if not program.moves_part and not {"shoulder", "elbow", "wrist"} <= set(program.words):
         notes.append("no job with positions: controller.toml has no configuration words")
     return notes
 
@@ -109,10 +113,13 @@ def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, 
 
 def _points(program: Program, rows: slice, linear: bool) -> list[str]:
     """Return the C positions of a job: joint angles first, then Cartesian ones, each number once."""
-    alone = program.alone(linear=linear)[rows] if linear else np.ones(rows.stop - rows.start, dtype=bool)
+    by_joints = np.ones(rows.stop - rows.start, dtype=bool)
+    alone = program.alone(linear=linear)[rows] if linear and not program.moves_part else by_joints
     joints = program.joints[rows]
     lines = ["///POSTYPE ANGLE", "///ANGLE"] if alone.any() else []
-    lines += [f"C{row:05d}={_values(joints[row], 6)}" for row in np.flatnonzero(alone).tolist()]
+    lines += [f"C{row:05d}={_values(joints[row, ~program.outer], 6)}" for row in np.flatnonzero(alone).tolist()]
+    if program.moves_part:
+        lines += [f"EC{row:05d}={_values(station, 6)}" for row, station in enumerate(joints[:, program.outer])]
     if alone.all():
         return lines
     table, configuration = place_table(program.positions[rows], "xyz"), configurations(program)[rows]
@@ -134,11 +141,14 @@ def _moves(program: Program, rows: slice, linear: bool) -> list[str]:
     lines = events.get(-1, []) if rows.start == 0 else []
     for row in range(rows.start, rows.stop):
         place, level = f"C{row - rows.start:05d}", f"PL={0 if stops[row] else BLEND}"
+        station = f" +MOVJ E{place}" if program.moves_part else ""
         if linear and not alone[row]:
-            lines += [f"MOVL {place} V={max(program.feed[row], 0.1):.1f} {level}", *events.get(row, [])]
+            word = "SMOVL" if station else "MOVL"
+            lines += [f"{word} {place} V={max(program.feed[row], 0.1):.1f} {level}{station}", *events.get(row, [])]
             continue
         lines += ["'the configuration changes"] if linear and program.swings[row] else []
-        lines += [f"MOVJ {place} VJ={percent[row]:.2f} {level}", *events.get(row, [])]
+        turned = f"{station} VJ={percent[row]:.2f}" if station else ""
+        lines += [f"MOVJ {place} VJ={percent[row]:.2f} {level}{turned}", *events.get(row, [])]
     return lines
 
 
@@ -149,6 +159,7 @@ def format_job(
     tool = np.eye(4) if program.tool is None else program.tool
     words = {
         "name": name, "count": sum(line.startswith("C") for line in points), "points": points, "main": main,
+        "station": program.moves_part,
         "cell": check_cell(program.post, CELL, "INFORM"), "tool_variable": TOOL_VARIABLE,
         "frame_variable": FRAME_VARIABLE, "tool": _values(np.array(place_numbers(tool, "xyz")), 7),
         "base": _values(np.array(place_numbers(program.base_frame, "xyz")), 7), "moves": moves, "parts": parts,

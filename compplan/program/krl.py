@@ -36,7 +36,9 @@ LONGEST_NAME = 22
 RAPID_PERCENT = 20
 #: A joint move whose whole percent is off by more than this share does not hold its feed.
 UNTRUE = 0.1
-CELL = CellWords(int, int)
+#: $BASE of a part that a positioner carries is EK of MACHINE_DEF[n], here its number (assumed).
+CELL = CellWords(int, int, {"positioner": 2}, int)
+MOVES_PART = True
 
 
 #: Body of the loop over joint positions: SP is a percent, 0 for a rapid move.
@@ -70,8 +72,9 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
     The joint program repeats the plan waypoint by waypoint, from arrays in .dat files. The linear one has plain motion
     lines (LIN, CIRC) through the geometry that the controller believes; its positions count from the part frame
-    ($BASE), its rapid moves and swings are joint moves; it is written where poses are known. External axes count as
-    coupled: $BASE stands still while they move. Files end lines with CR LF.
+    ($BASE), its rapid moves and swings are joint moves; it is written where poses are known. A rail counts as
+    coupled: $BASE stands still while it moves; where joints carry the part, $BASE moves with it (EK).
+    Files end lines with CR LF.
 
     Args:
         program: The program; its joints are named A1 .. A6 and E1 ..
@@ -235,7 +238,7 @@ def _main(name: str, parts: list[str], program: Program, remarks: list[str]) -> 
         "name": name, "parts": parts, "comments": head_lines(program), "remarks": remarks, "load": load,
         "cell": check_cell(program.post, CELL, "KRL"), "base": _frame(program.base_frame),
         "tool": None if program.tool is None else _frame(program.tool), "rapid_percent": RAPID_PERCENT,
-        "rail": bool(program.prismatic.any()),
+        "rail": bool(program.prismatic.any()) and not program.moves_part, "carried": program.moves_part,
     }  # fmt: skip
     return render_post(program, "krl", words)
 

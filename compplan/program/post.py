@@ -35,6 +35,7 @@ class Post:
         base: Number or name of the cell's own frame, None for the part frame of the job.
         overwrite: Whether programs fill the cell's tool data and frame with those of the job.
         main: Name of the main program, None for that of the job.
+        positioner: Number or name by which the cell knows what carries the part, None for the language's usual one.
 
     """
 
@@ -43,6 +44,7 @@ class Post:
     base: int | str | None = None
     overwrite: bool = False
     main: str | None = None
+    positioner: int | str | None = None
 
 
 class Templated(Protocol):
@@ -69,7 +71,9 @@ class CellWords:
     tool: type | None
     base: type | None
     #: Numbers of tool and frame where a job names none: languages whose programs always count from numbered ones.
-    numbers: Mapping[str, int] = field(default_factory=dict)
+    numbers: Mapping[str, int | str] = field(default_factory=dict)
+    #: Kind of the word for a positioner, None where programs move none.
+    positioner: type | None = None
 
 
 def check_cell(post: Post, cell: CellWords, language: str) -> Post:
@@ -79,12 +83,13 @@ def check_cell(post: Post, cell: CellWords, language: str) -> Post:
         InputError: If the job names tool or frame in a way that the language does not know.
 
     """
-    for key, kind in (("tool", cell.tool), ("base", cell.base)):
+    for key, kind in (("tool", cell.tool), ("base", cell.base), ("positioner", cell.positioner)):
         value = getattr(post, key)
         if value is None:
             continue
         if kind is None:
-            raise InputError(f"output.cell {key} is {value!r}, {language} programs hold their own")
+            what = "move none" if key == "positioner" else "hold their own"
+            raise InputError(f"output.cell {key} is {value!r}, {language} programs {what}")
         if not isinstance(value, kind) or (isinstance(value, str) and not value.isidentifier()):
             word = "a number" if kind is int else "a name of the cell's"
             raise InputError(f"output.cell {key} is {value!r}, {language} takes {word}")

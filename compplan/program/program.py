@@ -72,6 +72,7 @@ class Program:
         free: Moves whose speed is of no account, such as what brings a correction in, or None. Shape (n,).
         form: "linear": moves of the tool alone where a language can write them; "joint", "both".
         via: Pose that an arc to each waypoint goes through, nan where a line leads there, or None. Shape (n, 4, 4). [m]
+        carries: Which joints carry the part, or None. `tcp` and `part` are then seen from what they carry. Shape (nq,).
 
     """
 
@@ -108,6 +109,7 @@ class Program:
     free: NDArray[np.bool_] | None = None
     form: str = "both"
     via: Array | None = None
+    carries: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         n, nq = self.joints.shape
@@ -122,6 +124,7 @@ class Program:
             "bent": (n,),
             "free": (n,),
             "via": (n, 4, 4),
+            "carries": (nq,),
         }
         for name, shape in shapes.items():
             array = getattr(self, name)
@@ -134,8 +137,21 @@ class Program:
         return len(self.joints)
 
     @property
+    def moves_part(self) -> bool:
+        """Tell whether joints carry the part."""
+        return self.carries is not None and bool(self.carries.any())
+
+    @property
+    def outer(self) -> NDArray[np.bool_]:
+        """Tell which joints are external axes: those that slide, or carry the part. Shape (nq,)."""
+        return self.prismatic if self.carries is None else self.prismatic | self.carries
+
+    @property
     def base_frame(self) -> Array:
-        """Pose of the part frame seen from the frame that the controller counts from. Shape (4, 4) [m]."""
+        """Pose of the part frame seen from the frame that the controller counts from (from what carries the part).
+
+        Shape (4, 4) [m].
+        """
         return np.asarray(np.linalg.inv(self.world) @ self.part)
 
     @property
@@ -241,7 +257,8 @@ def build_program(
         tcp=tip,
         tool=np.linalg.inv(flange[0]) @ tip[0],
         part=np.eye(4) if part is None else np.asarray(part, dtype=np.float64),
-        world=controller.world,
+        world=np.eye(4) if robot.ground else controller.world,
+        carries=robot.carriers,
         mass=mass,
         centre=turned[:3, :3].T @ (centre - turned[:3, 3]),
         words=words,
@@ -365,8 +382,8 @@ def need_six_axes(program: Program, language: str, *, sliding: int) -> None:
         InputError: If the robot does not fit.
 
     """
-    slides = int(program.prismatic.sum())
-    if len(program.joint_names) - slides != 6 or slides > sliding:
+    slides = int(program.outer.sum())
+    if program.moves_part or len(program.joint_names) - slides != 6 or slides > sliding:
         rail = f" and up to {sliding} sliding" if sliding else ""
         own = list(program.joint_names)
         raise InputError(f"{language} programs are written for six rotating{rail} joints, this robot has {own}")

@@ -24,7 +24,9 @@ MOST = 5000
 LONGEST_NAME = 25
 RESERVED = frozenset({"test", "module", "main", "proc", "func", "trap", "record", "alias", "with", "local", "task"})
 UNUSED = "9E9"
-CELL = CellWords(str, str)
+#: Mechanical unit that carries the part, where a job names none (assumed).
+CELL = CellWords(str, str, {"positioner": "STN1"}, str)
+MOVES_PART = True
 #: Letters of a message on the teach pendant.
 LONGEST_MESSAGE = 80
 #: What RAPID adds up to cfx: wrist centre behind axis 1, behind the lower arm, axis 5 below 0.
@@ -56,7 +58,8 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
     Waypoints are joint targets, or robot targets in a work object that is the part frame. The tool centre point runs no
     faster than the feed; rapid moves (500 mm/s) and swings (at the feed) are joint moves and stop. Sliding joints are
-    external axes (mm); positions count from the standing base.
+    external axes (mm); positions count from the standing base. Joints that carry the part are external axes too (deg),
+    of a mechanical unit that moves the user frame of the work object.
 
     Args:
         program: The program.
@@ -67,7 +70,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
         InputError: If the robot has more than six rotating or six sliding joints.
 
     """
-    turning, sliding = np.flatnonzero(~program.prismatic), np.flatnonzero(program.prismatic)
+    turning, sliding = np.flatnonzero(~program.outer), np.flatnonzero(program.outer)
     if len(turning) > 6 or len(sliding) > 6:
         raise InputError(f"RAPID targets take six rotating and six external axes, not {list(program.joint_names)}")
     name = legal_name(program.name, LONGEST_NAME - count_digits(program, most or MOST), reserved=RESERVED)
@@ -96,7 +99,9 @@ def _write_kind(program: Program, folder: Path, name: str, moves: list[str], mos
         "name": name, "entry": program.post.main or f"run_{name}", "parts": [f"run_{part}" for part in names],
         "comments": head_lines(program), "cell": cell, "massless": program.mass is None, "tool": _tool(program),
         "tool_name": cell.tool or f"t_{name}", "base_name": cell.base or f"w_{name}",
-        "base": f'[FALSE,TRUE,"",{_frame(program.base_frame)},{_frame(np.eye(4))}]',
+        "base": f'[FALSE,TRUE,"",{_frame(program.base_frame)},{_frame(np.eye(4))}]' if not program.moves_part else
+                f'[FALSE,FALSE,"{cell.positioner}",{_frame(np.eye(4))},{_frame(program.part)}]',
+        "unit": cell.positioner if program.moves_part else None,
     }  # fmt: skip
     files.append(folder / f"{name}.mod")
     write_text(files[-1], render_post(program, "rapid", words))
@@ -113,7 +118,7 @@ def _joint_moves(program: Program, name: str) -> list[str]:
 
 
 def _joint_target(program: Program, row: int) -> str:
-    axes = [f"{value:.6f}" for value in program.joints[row, ~program.prismatic]]
+    axes = [f"{value:.6f}" for value in program.joints[row, ~program.outer]]
     return f"[[{','.join([*axes, *['0'] * (6 - len(axes))])}],[{_external(program, row)}]]"
 
 
@@ -145,7 +150,7 @@ def _robot_target(place: list[float], turn: list[float], rest: str) -> str:
 
 def configurations(program: Program) -> NDArray[np.int64]:
     """Return confdata: quadrants of axes 1, 4 and 6, and cfx (0 where the words are not known). Shape (n, 4)."""
-    arm = program.joints[:, ~program.prismatic]
+    arm = program.joints[:, ~program.outer]
     quadrants = np.floor(arm[:, [0, 3, 5]] / 90.0).astype(np.int64)
     sums = np.zeros(len(program), dtype=np.int64)
     for key, shares in CFX.items():
@@ -160,7 +165,7 @@ def _manner(program: Program, row: int, alone: bool, stop: bool) -> str:
 
 
 def _external(program: Program, row: int) -> str:
-    values = [f"{value:.5f}" for value in program.joints[row, program.prismatic]]
+    values = [f"{value:.5f}" for value in program.joints[row, program.outer]]
     return ",".join(values + [UNUSED] * (6 - len(values)))
 
 

@@ -114,6 +114,7 @@ class ElasticityTable(StrictTable):
     schema_: SchemaOne = Field(alias="schema")
     tcp: str = Field(min_length=1)
     flange: str | None = Field(default=None, min_length=1)
+    part: str | None = Field(default=None, min_length=1)
     gravity: Triple | None = None
     acceleration_limits: Annotated[tuple[Acceleration, ...], Field(strict=False)] | None = None
     jerk_limits: Annotated[tuple[Jerk, ...], Field(strict=False)] | None = None

@@ -106,10 +106,17 @@ def read_robot_folder(folder: Path) -> Robot:
     if table.tcp not in urdf.links:
         raise UnknownNameError("frame", table.tcp, list(urdf.links), file=elasticity_file, where="tcp")
     joints, base = urdf.chain_to(table.tcp)
-    chain_links = [base, *(joint.child for joint in joints)]
+    arm_links, ground = [base, *(joint.child for joint in joints)], ""
+    chain_links, springy = arm_links, joints
     flange = _default_flange(joints) if table.flange is None else table.flange
     if flange not in chain_links:
         raise UnknownNameError("frame", flange, chain_links, file=elasticity_file, where="flange")
+    if table.part is not None:
+        if table.part not in urdf.links:
+            raise UnknownNameError("frame", table.part, list(urdf.links), file=elasticity_file, where="part")
+        back = urdf.chain_from(table.part, joints)
+        joints, base, ground = [*back, *joints], table.part, base
+        chain_links = [base, *(joint.child for joint in joints)]
     nq = sum(joint.actuated for joint in joints)
     accelerations, jerks = table.acceleration_limits, table.jerk_limits
     for name, limits in (("acceleration_limits", accelerations), ("jerk_limits", jerks)):
@@ -120,10 +127,11 @@ def read_robot_folder(folder: Path) -> Robot:
         name=escape_bytes(folder.resolve().name),
         urdf=text,
         joints=tuple(joints),
-        bodies=urdf.bodies(chain_links),
-        springs=build_springs(table, joints, elasticity_file),
-        link_elasticities=build_links(table, chain_links, elasticity_file),
+        bodies=tuple(body for body in urdf.bodies(chain_links) if body.link in arm_links),
+        springs=build_springs(table, springy, elasticity_file),
+        link_elasticities=build_links(table, arm_links, elasticity_file),
         base=base,
+        ground=ground,
         tcp=table.tcp,
         flange=flange,
         gravity=None if table.gravity is None else np.array(table.gravity),
@@ -198,7 +206,7 @@ def _edit_urdf(robot: Robot) -> str:
     )
     elements = {element.attrib["name"]: element for element in root.findall("joint")}
     file = Path("robot.urdf")
-    for joint in robot.joints:
+    for joint in robot.joints[robot.carrying :]:
         element = elements[joint.name]
         origin = element.find("origin")
         if not np.allclose(read_placement(origin, file, joint.name), joint.placement, rtol=0, atol=1e-14):
@@ -241,6 +249,8 @@ def _text(values: Array) -> str:
 
 def _elasticity_table(robot: Robot) -> dict[str, Any]:
     table: dict[str, Any] = {"schema": 1, "tcp": robot.tcp, "flange": robot.flange, "grade": robot.grade}
+    if robot.ground:
+        table["part"] = robot.base
     if robot.gravity is not None:
         table["gravity"] = [float(value) for value in robot.gravity]
     if np.isfinite(robot.acceleration_limits).all():

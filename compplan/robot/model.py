@@ -159,6 +159,9 @@ class Robot(Shown):
             with a minus sign that of the tool which the springs were identified with.
         uncertainty: How surely it is known (uncertainty.toml), or None where nobody has said so.
         visited: Parts of it that are in doubt, and where they held (visited.toml), or None.
+        ground: Link that stands still where a positioner carries the part, else "". The chain then begins at the link
+            that carries the part (`base`: its frame is what poses and wrenches are seen from), runs back through the
+            positioner's joints to this link, in whose axes gravity counts, and from there through the arm.
     """
 
     name: str
@@ -181,14 +184,17 @@ class Robot(Shown):
     weights: tuple[Body, ...] = ()
     uncertainty: Uncertainty | None = None
     visited: Visited | None = None
+    ground: str = ""
 
     def summary(self) -> list[tuple[str, str]]:
         """Return what the robot is and how far its numbers can be trusted."""
         bends = f"{len(self.springs)} springs, {len(self.link_elasticities)} links that bend"
         if not self.springs and not self.link_elasticities:
             bends = "nothing: the model is rigid"
+        carries = ", ".join(joint.name for joint in self.actuated[: int(self.carriers.sum())])
         return [
             ("robot", f"{self.name}: {self.nq} joints, model is {self.grade}"),
+            *([("positioner", f"{carries} carry the part, link {self.base}; taken as rigid")] if carries else []),
             ("bends", bends),
             ("frames", f"base {self.base}, flange {self.flange}, tcp {self.tcp}"),
             ("weight", "in the model" if self.gravity is not None else "not in the model"),
@@ -222,8 +228,39 @@ class Robot(Shown):
 
     @cached_property
     def actuated(self) -> tuple[Joint, ...]:
-        """List the joints that are commanded, from the base; q counts them."""
-        return tuple(joint for joint in self.joints if joint.actuated)
+        """List the joints that are commanded, from what stands still out, a positioner's first; q counts them."""
+        carrying = [joint for joint in self.joints[: self.carrying] if joint.actuated]
+        return (*carrying[::-1], *(joint for joint in self.joints[self.carrying :] if joint.actuated))
+
+    @cached_property
+    def carrying(self) -> int:
+        """Count the joints of the chain, fixed ones included, that carry the part: those before the ground."""
+        return next((k for k, joint in enumerate(self.joints, 1) if joint.child == self.ground), 0)
+
+    @property
+    def carriers(self) -> NDArray[np.bool_]:
+        """Tell which commanded joints carry the part. Shape (nq,)."""
+        return np.arange(self.nq) < sum(joint.actuated for joint in self.joints[: self.carrying])
+
+    @property
+    def arm_limits(self) -> tuple[Array, Array]:
+        """Position limits that the arm keeps away from; joints that carry the part may stand at theirs. [rad or m]."""
+        return np.where(self.carriers, -np.inf, self.lower), np.where(self.carriers, np.inf, self.upper)
+
+    def room(self, turn: float) -> Array:
+        """Return what joints keep from their limits: `turn` [rad], slides and carriers of the part nothing. (nq,)."""
+        return np.where(self.prismatic | self.carriers, 0.0, turn)
+
+    @property
+    def alone(self) -> Robot:
+        """The robot without its positioner, seen from the ground; its joints are the last of all."""
+        if not self.ground:
+            return self
+        rest, own = self.joints[self.carrying :], ~self.carriers
+        return replace(
+            self, joints=rest, base=self.ground, ground="", acceleration_limits=self.acceleration_limits[own],
+            jerk_limits=None if self.jerk_limits is None else self.jerk_limits[own],
+        )  # fmt: skip
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -57,6 +57,32 @@ class Urdf:
             message = f"no joint moves the tcp {tcp!r}, expected a frame at the end of the arm"
             raise InputError(message, file=self.file)
         return chain, link
+
+    def chain_from(self, part: str, chain: list[Joint]) -> list[Joint]:
+        """Return the joints from the link that carries the part back to the root, where a chain begins.
+
+        A joint with placement T that turns by R(a, q) leads back by R(-a, q) and then by T^-1: each is two joints here.
+
+        Raises:
+            InputError: If no joint moves that link, or one moves it and the tool.
+
+        """
+        by_child, back, link = {joint.child: joint for joint in self.joints}, [], part
+        while link in by_child:
+            joint = by_child[link]
+            if (joint.actuated and joint in chain) or joint.mimic is not None:
+                message = f"joint {joint.name!r} moves the part and the tool, or follows another"
+                raise InputError(f"{message}; expected a positioner beside the arm", file=self.file)
+            turned = f"{joint.name} turned"
+            if joint.kind != "fixed":
+                back.append(replace(joint, parent=link, child=turned, placement=np.eye(4), axis=-joint.axis))
+            parent = turned if joint.kind != "fixed" else link
+            way = np.asarray(np.linalg.inv(joint.placement))
+            back.append(Joint(f"{joint.name} mount", "fixed", parent, joint.parent, way, joint.axis))
+            link = joint.parent
+        if not any(joint.actuated for joint in back):
+            raise InputError(f"no joint moves the link {part!r} that carries the part", file=self.file)
+        return back
 
     def bodies(self, chain_links: Sequence[str]) -> tuple[Body, ...]:
         """Collect the masses; a link beside the chain counts with the chain link that carries it, its joint at zero."""

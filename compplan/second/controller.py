@@ -41,19 +41,19 @@ class ReadCounting:
         return np.asarray(np.linalg.solve(self.matrix, (shown - self.zero).T).T)
 
 
-def read_counting(folder: Path, slides: tuple[bool, ...]) -> ReadCounting:
+def read_counting(folder: Path, outer: tuple[bool, ...]) -> ReadCounting:
     """Read how the controller of a robot folder counts; without controller.toml it counts as the URDF does.
 
     Args:
         folder: The robot folder.
-        slides: Which joints are prismatic, from the base.
+        outer: Which joints are external axes where controller.toml does not name them so, from the base.
 
     """
-    file, nq = folder / "controller.toml", len(slides)
+    file, nq = folder / "controller.toml", len(outer)
     table: Mapping[str, Any] = tomllib.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
     names = tuple(str(name) for name in table.get("joint_names", ()))
     sign = np.array(table.get("sign", [1.0] * nq), float)
     matrix = np.diag(sign) + np.array(table.get("coupling", np.zeros((nq, nq))), float)
     named = np.array([bool(re.fullmatch(r"E\d+", name.upper())) for name in names] or [False] * nq, bool)
-    external = named if named.any() else np.array(slides, bool)
+    external = named if named.any() else np.array(outer, bool)
     return ReadCounting(matrix, np.array(table.get("zero_deg", [0.0] * nq), float), external, names)

@@ -8,7 +8,7 @@ joints are `q`, those of elastic elements `theta`. All quantities are in base ax
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -58,9 +58,12 @@ class Chain:
         mass: Masses of the bodies. Shape (..., b). [kg]
         centre: Centres of the bodies in their element's frame after its motion. Shape (..., b, 3). [m]
         compliance: Compliance of the elastic coordinates. Shape (..., s, s). [rad, m per N m, N]
-        gravity: Gravity in base axes, zero where the robot carries none. Shape (3,). [m/s^2]
+        gravity: Gravity in the axes of the ground, zero where the robot carries none. Shape (3,). [m/s^2]
         actuator: Which elastic coordinates lie between motor-side and link-side encoder. Shape (s,).
         joint_elements: Element of each commanded joint. Shape (nq,).
+        ground: Element after whose motion the frame in whose axes gravity counts stands still, -1 for the base: the
+            last of a positioner that carries the part.
+        ground_rotation: Orientation of that frame in the element's frame after its motion. Shape (3, 3).
     """
 
     names: tuple[str, ...]
@@ -81,6 +84,8 @@ class Chain:
     gravity: Array
     actuator: NDArray[np.bool_]
     joint_elements: NDArray[np.int_]
+    ground: int = -1
+    ground_rotation: Array = field(default_factory=lambda: np.eye(3))
 
     @property
     def nq(self) -> int:
@@ -177,6 +182,10 @@ def compile_chain(chain: Chain) -> CompiledChain:
         weights=weights if chain.gravity.any() else [],
         n_bodies=len(chain.body_element),
         compliance=[vector_terms(chain.compliance[..., i, :]) for i in range(chain.compliance.shape[-1])],
+        ground=chain.ground,
+        ground_columns=column_terms(backs[..., chain.ground, :, :] @ chain.ground_rotation),
+        gravity=[float(g) for g in chain.gravity],
+        masses=[entry(chain.mass[..., b]) for b in range(len(chain.body_element))],
     )
 
 
@@ -194,6 +203,7 @@ class Frames(NamedTuple):
         tcp_rotation: Orientation of the TCP in the base frame. Shape (n, 3, 3).
         tcp_position: TCP in the base frame. Shape (n, 3). [m]
         centre: Centres of the masses in the base frame. Shape (n, b, 3). [m]
+        ground: Orientation of the frame in whose axes gravity counts, in the base frame. Shape (n, 3, 3).
     """
 
     axis: Array
@@ -201,6 +211,7 @@ class Frames(NamedTuple):
     tcp_rotation: Array
     tcp_position: Array
     centre: Array
+    ground: Array
 
 
 def build_chain(robot: Robot, *, gravity: bool = True) -> Chain:
@@ -228,6 +239,8 @@ def build_chain(robot: Robot, *, gravity: bool = True) -> Chain:
                 row.add_elastic(spring.name, axis, translates, spring.compliance, spring.actuator)
                 row.move(translation(-spring.offset))
         row.add_bodies(bodies.get(joint.child, []))
+        if joint.child == robot.ground:
+            row.stand()
         following = robot.joints[count + 1] if count + 1 < len(robot.joints) else None
         for block in (b for b in robot.link_elasticities if b.link == joint.child):
             far_end = np.eye(4) if following is None else following.placement
@@ -274,7 +287,8 @@ def empty_frames(chain: Chain, n: int) -> Frames:
     def room(*shape: int) -> Array:
         return np.moveaxis(np.empty((*shape, n)), -1, 0)
 
-    return Frames(room(m, 3), room(m, 3), room(3, 3), room(3), room(b, 3))
+    ground = np.broadcast_to(np.eye(3), (n, 3, 3)) if chain.ground < 0 else room(3, 3)
+    return Frames(room(m, 3), room(m, 3), room(3, 3), room(3), room(b, 3), ground)
 
 
 def fill_frames(frames: Frames, rows: slice, walk: Walk) -> None:
@@ -287,6 +301,8 @@ def fill_frames(frames: Frames, rows: slice, walk: Walk) -> None:
     frames.tcp_position[rows] = walk.position.T
     for b, centre in enumerate(walk.centre):
         frames.centre[rows, b] = centre.T
+    for i, column in enumerate(walk.ground):
+        frames.ground[rows, :, i] = column.T
 
 
 def jacobian(chain: Chain, frames: Frames) -> Array:
@@ -319,6 +335,11 @@ def joint_jacobian(chain: Chain, frames: Frames) -> Array:
     for k in np.flatnonzero(chain.q_index >= 0):
         result[:, :, chain.q_index[k]] += chain.multiplier[k] * columns[:, :, k]
     return result
+
+
+def locate_gravity(chain: Chain, frames: Frames) -> Array:
+    """Return gravity in base axes: shape (n, 3) where a positioner carries the part, else (1, 3). [m/s^2]."""
+    return chain.gravity[None] if chain.ground < 0 else np.asarray(frames.ground @ chain.gravity)
 
 
 def gravity_torque(chain: Chain, frames: Frames) -> Array:
@@ -359,6 +380,7 @@ def load_elements(chain: Chain, frames: Frames, wrench: Array) -> Array:
             [],
             frames.tcp_position[rows].T,
             [frames.centre[rows, b].T for b in range(frames.centre.shape[1])],
+            [] if chain.ground < 0 else [frames.ground[rows, :, i].T for i in range(3)],
         )
         force = (wrench if len(wrench) == 1 else wrench[rows]).T
         for k, load in enumerate(element_loads(chain.take(rows).compiled, walk, force[:3], force[3:], range(m))):

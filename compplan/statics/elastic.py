@@ -7,6 +7,7 @@ loaded state with finite rotations: theta = C (J(q, theta)^T w + tau_gravity(q, 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from compplan.statics.chain import (
     jacobian,
     load_elements,
     locate_frames,
+    locate_gravity,
 )
 from compplan.statics.sweep import Walk, apply_compliance, element_loads, joint_turns, walk_chain
 
@@ -288,7 +290,11 @@ def load_derivative(
     if slides.any():
         derivative[slides[None, :] & ~beyond] = 0.0
         derivative[slides[own, None] & beyond] = 0.0
-    return np.moveaxis(derivative, -1, 0)
+    found = np.moveaxis(derivative, -1, 0)
+    if chain.ground >= 0 and chain.gravity.any():  # the weights turn with what carries the part
+        light = load_derivative(replace(chain, gravity=np.zeros(3)), frames, wrench, elements)
+        found[:, :, : chain.ground + 1] = light[:, :, : chain.ground + 1]
+    return found
 
 
 def _sum_products(a: Sequence[Array], b: Sequence[Array]) -> Array:
@@ -309,10 +315,11 @@ def _loads_beyond(chain: Chain, frames: Frames, wrench: Array) -> tuple[list[Arr
     dyad = [[lever[i] * f[j] for j in range(3)] for i in range(3)]
     if chain.gravity.any() and len(chain.body_element):
         place = [origin[:, i] for i in range(3)]
-        for j in np.flatnonzero(chain.gravity).tolist():
+        down = locate_gravity(chain, frames)
+        for j in np.flatnonzero(down.any(axis=0)).tolist():
             total, first = np.zeros_like(lever[0]), [np.zeros_like(lever[0]) for _ in range(3)]
             for body, element in enumerate(chain.body_element.tolist()):
-                weight = np.asarray(chain.mass)[..., body] * chain.gravity[j]
+                weight = np.asarray(chain.mass)[..., body] * down[:, j]
                 total[: element + 1] += weight
                 for i in range(3):
                     first[i][: element + 1] += weight * frames.centre[:, body, i]

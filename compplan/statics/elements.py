@@ -43,6 +43,11 @@ class ElementRow:
         self.bodies: list[tuple[int, float, Array]] = []
         self.blocks: list[Array] = []
         self.actuator: list[bool] = []
+        self.ground, self.ground_rotation = -1, np.eye(3)
+
+    def stand(self) -> None:
+        """Let gravity count in the axes of the frame that has been reached."""
+        self.ground, self.ground_rotation = len(self.elements) - 1, self.pending[:3, :3].copy()
 
     def move(self, pose: Array) -> None:
         """Move on by a constant pose. Shape (4, 4). [m]"""
@@ -115,5 +120,7 @@ class ElementRow:
             "compliance": self._compliance(),
             "gravity": np.asarray(g, float),
             "actuator": np.array(self.actuator, bool),
+            "ground": self.ground,
+            "ground_rotation": self.ground_rotation,
             "joint_elements": np.array([driver[name] for name in robot.joint_names], int),
         }

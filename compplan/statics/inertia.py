@@ -29,9 +29,12 @@ CORNERS = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
 
 
 def build_moving_chain(robot: Robot) -> Chain:
-    """Build the elastic chain of a robot with all its masses as points; their weight loads nothing here."""
+    """Build the elastic chain of a robot with all its masses as points; their weight loads nothing here.
+
+    It stands on the ground, where accelerations count; a positioner does not move it.
+    """
     points = tuple(point for body in robot.bodies for point in divide_body(body))
-    return build_chain(replace(robot, gravity=np.zeros(3), weights=(), bodies=points))
+    return build_chain(replace(robot.alone, gravity=np.zeros(3), weights=(), bodies=points))
 
 
 def divide_body(body: Body) -> list[Body]:
@@ -53,11 +56,12 @@ def load_motion(chain: Chain, q: Array, time: Array, inside: NDArray[np.bool_]) 
 
     Args:
         chain: The chain with its masses (`build_moving_chain`).
-        q: Joint positions of the links' motion. Shape (n, nq). [rad or m]
+        q: Joint positions of the links' motion, the chain's the last of them. Shape (n, nq). [rad or m]
         time: Time at each row. Shape (n,). [s]
         inside: Rows that are within a run from rest to rest, its ends left out. Shape (n,).
     """
     loads, rows = np.zeros((len(q), chain.n_springs)), np.flatnonzero(inside)
+    q = q[:, q.shape[1] - chain.nq :]
     if not len(rows) or not len(chain.mass):
         return loads
     for part in chunks(len(rows)):

@@ -65,6 +65,10 @@ class CompiledChain:
         weights: Weight of each body, none where gravity is not carried. [N]
         n_bodies: Number of bodies.
         compliance: Rows of the compliance.
+        ground: Step after which the frame in whose axes gravity counts stands still, -1 for the base.
+        ground_columns: Columns of that frame's orientation in the frame of the step after its motion.
+        gravity: Gravity in its axes. Three numbers. [m/s^2]
+        masses: Mass of each body. [kg]
     """
 
     steps: list[Step]
@@ -74,6 +78,10 @@ class CompiledChain:
     weights: list[list[Array | float]]
     n_bodies: int
     compliance: list[Terms]
+    ground: int
+    ground_columns: tuple[Terms, Terms, Terms]
+    gravity: list[float]
+    masses: list[Array | float]
 
 
 class Walk(NamedTuple):
@@ -85,6 +93,8 @@ class Walk(NamedTuple):
         columns: Columns of the TCP's orientation. Three arrays of shape (3, n).
         position: TCP. Shape (3, n). [m]
         centre: Centres of the bodies. b arrays of shape (3, n). [m]
+        ground: Columns of the orientation of the frame in whose axes gravity counts, three arrays of shape (3, n);
+            none where that is the base.
     """
 
     axis: list[Array]
@@ -92,6 +102,7 @@ class Walk(NamedTuple):
     columns: list[Array]
     position: Array
     centre: list[Array]
+    ground: list[Array]
 
 
 def joint_turns(compiled: CompiledChain, q: Array) -> list[tuple[Array, Array] | Array | None]:
@@ -134,9 +145,10 @@ def walk_chain(
     axes: list[Array] = []
     origins: list[Array] = []
     centres: list[Array] = [position] * (compiled.n_bodies if bodies else 0)
+    ground: list[Array] = []
     if bodies:
         _hang(compiled.base_bodies, columns, position, centres)
-    for step, turn in zip(compiled.steps, turns, strict=True):
+    for k, (step, turn) in enumerate(zip(compiled.steps, turns, strict=True)):
         position = _shifted(position, step.shift, columns)
         columns = [_combine(terms, columns) for terms in step.columns]
         axes.append(columns[2])
@@ -152,10 +164,12 @@ def walk_chain(
             columns = [cosine * first + sine * second, cosine * second - sine * first, third]
         else:
             position = position + turn * columns[2]
+        if k == compiled.ground:
+            ground = [_combine(terms, columns) for terms in compiled.ground_columns]
         if bodies:
             _hang(step.bodies, columns, position, centres)
     tcp = _shifted(position, compiled.tcp_shift, columns)
-    return Walk(axes, origins, [_combine(terms, columns) for terms in compiled.tcp_columns], tcp, centres)
+    return Walk(axes, origins, [_combine(terms, columns) for terms in compiled.tcp_columns], tcp, centres, ground)
 
 
 def element_loads(
@@ -179,13 +193,15 @@ def element_loads(
     loads: list[Array] = []
     wanted = len(elements) - 1
     about: Array | None = None
+    down = [sum((g * column[i] for g, column in zip(compiled.gravity, walk.ground, strict=True)), np.zeros(1))
+            for i in range(3)] if walk.ground and compiled.weights else []  # fmt: skip
     for k in range(len(compiled.steps) - 1, -1, -1):
         if wanted < 0:
             break
         if compiled.weights and hanging[k]:
             about = None
             for b in hanging[k]:
-                weight = [np.asarray(w) for w in compiled.weights[b]]
+                weight = [compiled.masses[b] * g for g in down] or [np.asarray(w) for w in compiled.weights[b]]
                 f = _add(f, weight)
                 m = _add(m, _cross(walk.centre[b], weight))
         if elements[wanted] != k:

@@ -37,8 +37,8 @@ class _Fanuc:
         for line in re.findall(r"^ *\d+: *([^;]*?) *;", body, re.M):
             if act := read_action(line):
                 self.moves.append(act)
-            elif match := re.fullmatch(rf"([JL]) P\[(\d+)\] ({NUMBER})(%|mm/sec) (FINE|CNT\d+)", line):
-                self.move(match[1], points[int(match[2])], float(match[3]), match[4], match[5])
+            elif match := re.fullmatch(rf"([JL]) P\[(\d+)\] ({NUMBER})(%|mm/sec) (FINE|CNT\d+)( COORD)?", line):
+                self.move(match[1], points[int(match[2])], *(float(match[3]), match[4], match[5]), carried=match[6])
             elif match := re.fullmatch(rf"C P\[(\d+)\]\n +: +P\[(\d+)\] ({NUMBER})(mm/sec) (FINE|CNT\d+)", line):
                 self.move("C", points[int(match[2])], float(match[3]), match[4], match[5], points[int(match[1])])
             elif match := re.fullmatch(r"CALL (\w+)", line):
@@ -58,7 +58,10 @@ class _Fanuc:
             assert match, f"unknown line: {line}"
             self.frames[match[1]] = fanuc_pose(*self.registers[match[2]])
 
-    def move(self, word: str, point: str, speed: float, unit: str, ending: str, through: str = "") -> None:
+    def move(
+        self, word: str, point: str, speed: float, unit: str, ending: str, through: str = "", carried: str | None = None
+    ) -> None:
+        point, *others = re.split(r"GP[2-9]:", point)
         between = {key: float(number) for key, number, _ in re.findall(rf"(\w\d?) *= *({NUMBER}) +(mm|deg)", through)}
         via = fanuc_pose(*(between[key] for key in "XYZWPR")) if through else None
         values = {key: float(number) for key, number, _ in re.findall(rf"(\w\d?) *= *({NUMBER}) +(mm|deg)", point)}
@@ -76,10 +79,15 @@ class _Fanuc:
         assert self.active == {"UFRAME": f"UFRAME[{frame}]", "UTOOL": f"UTOOL[{tool}]"}
         feed, percent = (None, speed) if unit == "%" else (speed, None)
         external = tuple(values[key] for key in sorted(values) if key.startswith("E"))
+        for text in others:
+            external += tuple(float(number) for number in re.findall(rf"J\d= *({NUMBER}) deg", text))
         kind, stops = {"J": "joint", "L": "line", "C": "arc"}[word], ending in ("FINE", "CNT0")
         mounted = self.frames.get(self.active["UTOOL"])
         self.moves.append(
-            Move(kind, stops, joints, external, pose, feed, percent, configuration, mounted, base, via=via)
+            Move(
+                kind, stops, joints, external, pose, feed, percent, configuration, mounted, base, via=via,
+                carried=carried is not None,
+            )
         )
 
 
@@ -100,7 +108,9 @@ class _Rapid:
     procedures: dict[str, str]
     tools: dict[str, tuple[Pose, tuple[float, ...]]]
     objects: dict[str, Pose]
+    units: dict[str, str]
     moves: list[Move] = field(default_factory=list)
+    active: set[str] = field(default_factory=set)
 
     def run(self, procedure: str) -> None:
         for line in filter(None, (text.split("!")[0].strip() for text in self.procedures[procedure].splitlines())):
@@ -108,6 +118,8 @@ class _Rapid:
                 self.moves.append(act)
             elif match := re.fullmatch(r"(Move(?:AbsJ|L|C)) \[(.*)\],(\[.*?\]),(\w+),(\w+)(?:\\WObj:=(\w+))?;", line):
                 self.move(match[1], match[2], read_numbers(match[3])[0], *match.groups()[3:])
+            elif match := re.fullmatch(r"ActUnit (\w+);", line):
+                self.active.add(match[1])
             elif line not in (r"ConfL\Off;", r"CirPathMode\ObjectFrame;"):
                 match = re.fullmatch(r"(\w+);", line)
                 assert match, f"unknown line: {line}"
@@ -130,7 +142,10 @@ class _Rapid:
         base = np.eye(4) if frame is None else self.objects.get(frame)
         kind, stops = {"MoveAbsJ": "joint", "MoveL": "line", "MoveC": "arc"}[word], zone == "fine"
         self.moves.append(
-            Move(kind, stops, joints, external, pose, feed, None, configuration, mounted, base, load, via=via)
+            Move(
+                kind, stops, joints, external, pose, feed, None, configuration, mounted, base, load, via=via,
+                carried=self.units.get(frame or "", "") in self.active,
+            )
         )
 
 
@@ -141,16 +156,19 @@ def read_rapid(path: Path) -> list[Move]:
     text = path.read_text()
     marked = mark_actions(modules + text, "rapid")
     procedures = dict(re.findall(r"PROC (\w+)\(\)\n(.*?)ENDPROC", marked, re.S))
-    tools, objects = {}, {}
+    tools, objects, units = {}, {}, {}
     for name, value in re.findall(r"PERS tooldata (\w+):=(.*?);", text):
         numbers = read_numbers(value)
         assert value.startswith("[TRUE,[[") and len(numbers) == 7 + 11
         tools[name] = (abb_pose(numbers[:3], numbers[3:7]), tuple(numbers[7:11]))
     for name, value in re.findall(r"PERS wobjdata (\w+):=(.*?);", text):
         numbers = read_numbers(value)
-        assert value.startswith('[FALSE,TRUE,"",[[') and len(numbers) == 14
+        moving = re.match(r'\[FALSE,FALSE,"(\w+)",\[\[', value)
+        assert moving or value.startswith('[FALSE,TRUE,"",[[')
+        units[name], numbers = (moving[1] if moving else ""), numbers[-14:]
+        assert len(numbers) == 14
         objects[name] = abb_pose(numbers[:3], numbers[3:7]) @ abb_pose(numbers[7:10], numbers[10:])
-    interpreter = _Rapid(procedures, tools, objects)
+    interpreter = _Rapid(procedures, tools, objects, units)
     interpreter.run(re.findall(r"PROC (\w+)\(\)", text)[-1])
     return interpreter.moves
 

@@ -97,6 +97,7 @@ class _Krl:
     whole: set[str] = field(default_factory=set)
     moves: list[Move] = field(default_factory=list)
     axes: tuple[float, ...] = ()
+    carried: bool = False
 
     def evaluate(self, text: str) -> Any:
         text = text.strip()
@@ -168,8 +169,12 @@ class _Krl:
             self.values |= {"$APO.CPTP": 0.0, "$APO.CDIS": 0.0, "$ADVANCE": 3.0}
         elif match := re.fullmatch(r"(\w+)\(\)", line):
             self.call(match[1])
+        elif match := re.fullmatch(r"\$BASE=EK\(MACHINE_DEF\[(\d+)\].ROOT,MACHINE_DEF\[\1\].MECH_TYPE,(.*)\)", line):
+            self.assign("$BASE", match[2])
+            self.carried = True
         else:
             assert "=" in line, f"unknown line: {line}"
+            self.carried = self.carried and not line.startswith("$BASE=")
             self.assign(*line.split("=", 1))
 
     def move(self, word: str, point: dict[str, float], blend: str | None, via: dict[str, float] | None) -> None:
@@ -190,7 +195,10 @@ class _Krl:
         middle = None if via is None else kuka_pose(*(via[key] for key in "XYZABC"))
         load = tuple(self.values.get("$LOAD") or ())
         self.moves.append(
-            Move(kind, stops, joints, external, pose, feed, percent, configuration, **frames, load=load, via=middle)
+            Move(
+                kind, stops, joints, external, pose, feed, percent, configuration, **frames, load=load, via=middle,
+                carried=self.carried,
+            )
         )
 
     def percent(self) -> float:

@@ -23,6 +23,7 @@ class Move(NamedTuple):
     `configuration` is as the language writes it; `load` is the tool's mass [kg] and its centre, flange frame [mm];
     `rate` that of the leading joint [deg/s]; with `flange_turn` a pose has the tool's tip and the flange's turn.
     `via` is a pose that a move of kind "arc" goes through (of SINUMERIK its place alone).
+    With `carried` the base moves with the external axes that carry the part.
     `action` is what a program does beside motion; its `kind` is "act".
     """
 
@@ -41,6 +42,7 @@ class Move(NamedTuple):
     flange_turn: bool = False
     action: tuple[object, ...] = ()
     via: Pose | None = None
+    carried: bool = False
 
 
 def turn(axis: str, angle: float) -> Pose:

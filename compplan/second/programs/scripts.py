@@ -158,7 +158,7 @@ def read_inform(path: Path) -> list[Move]:
 
 def _run_job(path: Path, frames: dict[str, Pose]) -> list[Move]:
     head, body = mark_actions(path.read_text(), "inform").split("NOP\n")
-    points, variables, kind = {}, {}, ""
+    points, stations, variables, kind = {}, {}, {}, ""
     configuration: tuple[int, ...] = ()
     for line in head.splitlines():
         if line.startswith("///POSTYPE "):
@@ -168,10 +168,14 @@ def _run_job(path: Path, frames: dict[str, Pose]) -> list[Move]:
             assert len(configuration) == 24
         elif match := re.fullmatch(r"C(\d{5})=(.*)", line):
             points[match[1]] = (kind, read_numbers(match[2]), configuration[:6])
+        elif match := re.fullmatch(r"EC(\d{5})=(.*)", line):
+            assert kind == "ANGLE"
+            stations[match[1]] = tuple(read_numbers(match[2]))
         elif match := re.fullmatch(r"P(\d{5})=(.*)", line):
             assert kind == "BASE"
             variables[match[1]] = fanuc_pose(*read_numbers(match[2]))
-    assert re.search(rf"^///NPOS {len(points)},0,0,{len(variables)},0,0$", head, re.M)
+    assert re.search(rf"^///NPOS {len(points)},0,{len(stations)},{len(variables)},0,0$", head, re.M)
+    assert not stations or re.search(r"^///GROUP2 ST\d+$", head, re.M)
     moves: list[Move] = []
     for line in body.removesuffix("END\n").splitlines():
         if act := read_action(line):
@@ -181,8 +185,11 @@ def _run_job(path: Path, frames: dict[str, Pose]) -> list[Move]:
         elif match := re.fullmatch(r"CALL JOB:(\w+)", line):
             moves += _run_job(path.with_name(f"{match[1]}.JBI"), frames)
         elif not line.startswith("'"):
-            match = re.fullmatch(rf"MOV([JL]) C(\d{{5}}) (VJ|V)=({NUMBER}) PL=(\d)", line)
+            other = rf"(?: \+MOVJ EC(\d{{5}})(?: VJ={NUMBER})?)?"
+            match = re.fullmatch(rf"S?MOV([JL]) C(\d{{5}}) (VJ|V)=({NUMBER}) PL=(\d){other}", line)
             assert match, f"unknown line: {line}"
+            assert line.startswith("S") == (match[6] is not None and match[1] == "L")
+            external = () if match[6] is None else stations[match[6]]
             assert (match[1], match[3]) in (("J", "VJ"), ("L", "V"))
             kind, values, words = points[match[2]]
             speed: dict[str, Any] = {"percent" if match[1] == "J" else "feed": float(match[4])}
@@ -191,6 +198,7 @@ def _run_job(path: Path, frames: dict[str, Pose]) -> list[Move]:
             assert kind in ("ANGLE", "USER")
             words = words if kind == "USER" else ()
             base = frames.get("M") if kind == "USER" else np.eye(4)
+            target |= {"external": external, "carried": line.startswith("S")}
             moves.append(Move(name, stops, **target, **speed, configuration=words, tool=frames.get("S"), base=base))
     return moves
 
