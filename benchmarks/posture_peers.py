@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from benchmarks.posture import Array, Case, cam_default
+from benchmarks.posture_cases import Array, Case
 from compplan.cell.judge import build_judge, judge_pose
 from compplan.path.contact import tool_axes
 from compplan.plan.plan import PlanOptions, PostureRequest, plan_compensation
@@ -23,13 +23,10 @@ from compplan.posture.settings import read_settings
 STEPS, STEP = 3, 1.0
 
 
-def run_peer(case: Case) -> dict[str, Any]:
-    """Run pink and the plan along a path; return motion, violations, time and deviation of both."""
-    default = cam_default(case)
-    if default is None:
-        return {}
+def run_peer(case: Case, start: Array) -> dict[str, Any]:
+    """Run pink, from a posture, and the plan along a path; return motion, violations, time and deviation of both."""
     clock = time.perf_counter()
-    q = follow_with_pink(case, default[0][0])
+    q = follow_with_pink(case, start)
     row = {"pink": _describe(case, q, time.perf_counter() - clock)}
     request = PostureRequest(read_settings(case.job, case.robot), case.job.T_base_part[:3, :3])
     clock = time.perf_counter()

@@ -14,7 +14,7 @@ from compplan.effects import Effect, apply_effects, attain_scene, fold_effects
 from compplan.effects.scene import Scene
 from compplan.known.assumed import known_uncertainty
 from compplan.known.slopes import pick_rows, take_scene, turn_wrench
-from compplan.known.vary import draw_values, vary_robot, vary_scene
+from compplan.known.vary import pick_rivals, vary_robot, vary_scene
 from compplan.measure.distance import LEVEL
 from compplan.promise.band import Promise
 from compplan.robot import Array, Robot
@@ -58,6 +58,18 @@ class Draw:
     field: Field
     values: Array
 
+
+
+def draw_values(known: Uncertainty, count: int, seed: int) -> Array:
+    """Draw parameters about the folder's values, as calibrated. Shape (count, p). [SI].
+
+    Where there are rival explanations, each draw takes one of each cause's, or the folder's, by their weights; the rest
+    of the covariance is normal about it.
+    """
+    random = np.random.default_rng(seed)
+    root, shifts = known.split_rivals()
+    values = random.standard_normal((count, root.shape[1])) @ root.T
+    return np.asarray(values + pick_rivals(known, shifts, count, random))
 
 
 def draw_field(known: Uncertainty, seed: int, number: int) -> Field:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from arms import one_joint_arm
 
-from benchmarks.posture import brute_force, cam_default, cut_stations, make_case, mean_square, quantile
+from benchmarks.posture import brute_force, cam_default, cut_stations, mean_square, quantile
+from benchmarks.posture_cases import make_case
 from compplan.errors import InfeasibleError
 from compplan.path.contact import tool_axes
 from compplan.path.toolpath import Toolpath

@@ -13,13 +13,12 @@ from commandline import run_command
 
 from compplan.known.assumed import known_uncertainty
 from compplan.known.slopes import ForceSpread, measure_slopes, stage_path
-from compplan.known.vary import draw_values
 from compplan.measure.distance import band_radius, calibrate_band
 from compplan.promise.band import draw_paths, linearise_path, promise_path, split_covariance
 from compplan.robot import load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from tests.arms import one_joint_arm
-from tests.drawn_robots import draw_field, draw_robots, sample_promise
+from tests.drawn_robots import draw_field, draw_robots, draw_values, sample_promise
 
 PATHS = Path(__file__).parents[1] / "paths"
 SURE = ForceSpread(0.0, 0.0, 0.0, "known")

@@ -11,7 +11,6 @@ import pytest
 
 from compplan.errors import InputError
 from compplan.known.assumed import assume_uncertainty, known_uncertainty, list_assumed
-from compplan.known.vary import draw_values
 from compplan.robot import load_robot, write_robot_folder
 from compplan.robot.uncertainty import (
     RivalRobot,
@@ -22,6 +21,7 @@ from compplan.robot.uncertainty import (
     read_uncertainty,
     spread_unknowns,
 )
+from tests.drawn_robots import draw_values
 
 GOOD = """schema = 1
 grade = "measured"

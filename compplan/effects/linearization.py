@@ -51,7 +51,6 @@ class Linearization:
         axis: Axes, base axes. Shape (n, e, 3).
         origin: Their origins, base frame. Shape (n, e, 3). [m]
         load: Load of wrench and weights on each. Shape (n, e). [N m or N]
-        weight_load: Load of the links' weights alone, whether or not the robot models them. Shape (n, e). [N m or N]
         own: The spring about each joint's own axis.
 
     """
@@ -65,7 +64,6 @@ class Linearization:
     axis: Array
     origin: Array
     load: Array
-    weight_load: Array
     own: dict[int, OwnSpring]
     current: Mapping[Place, Mapping[str, Any]]
 
@@ -194,7 +192,6 @@ def linearize_scene(
         chain = replace(chain, position=chain.position * (1.0 + scene.growth)[:, segment, None])
     frames = locate_frames(chain, attained.q, theta)
     load = load_elements(chain, frames, attained.wrench)
-    weights = load_elements(replace(chain, gravity=robot.real_gravity), frames, np.zeros((1, 6)))
     elements, picked = {}, []
     for number, spring in enumerate(probed.springs[len(robot.springs) :]):
         elements[spring.joint, spring.axis] = number
@@ -224,10 +221,6 @@ def linearize_scene(
         axis=np.concatenate([axis, eye], axis=1),
         origin=np.concatenate([origin, np.zeros((n, 6, 3))], axis=1),
         load=np.concatenate([load[:, picked], _base_load(chain, frames, attained.wrench)], axis=1),
-        weight_load=np.concatenate(
-            [weights[:, picked], _base_load(replace(chain, gravity=robot.real_gravity), frames, np.zeros((n, 6)))],
-            axis=1,
-        ),
         own=own_springs(robot),
         current=current or {},
     )

@@ -63,18 +63,6 @@ def vary_scene(scene: Scene, unknowns: Sequence[Unknown], values: Array) -> Scen
     return apply_effects(scene if robot is scene.robot else replace(scene, robot=robot), beside)
 
 
-def draw_values(known: Uncertainty, count: int, seed: int) -> Array:
-    """Draw parameters about the folder's values, as calibrated. Shape (count, p). [SI].
-
-    Where there are rival explanations, each draw takes one of each cause's, or the folder's, by their weights; the rest
-    of the covariance is normal about it.
-    """
-    random = np.random.default_rng(seed)
-    root, shifts = known.split_rivals()
-    values = random.standard_normal((count, root.shape[1])) @ root.T
-    return np.asarray(values + pick_rivals(known, shifts, count, random))
-
-
 def pick_rivals(known: Uncertainty, shifts: Array, count: int, random: np.random.Generator) -> Array:
     """Pick for each draw one explanation of each cause, by their weights, and return its shift. Shape (count, p). [SI]
 

@@ -30,14 +30,12 @@ class PathMap:
     Attributes:
         task: The task, its chain being the model that was solved.
         q: Command whose loaded tool stands on the path, rotation about the tool axis held. Shape (n, nq). [rad or m]
-        joint_gain: Change of the command per deviation of the tip that it shall undo. Shape (n, nq, 3). [rad/m]
         wrench_gain: Change of the command per change of the wrench. Shape (n, nq, 6). [rad/N, rad/(N m)]
 
     """
 
     task: PlanTask
     q: Array
-    joint_gain: Array
     wrench_gain: Array
 
 
@@ -48,7 +46,7 @@ def solve_path_map(task: PlanTask) -> PathMap:
     inverse = np.asarray(np.linalg.pinv(attained.jacobian), float)
     compliance = loaded_compliance(task.chain, q, task.wrench)
     held = task.compensated[:, None, None]
-    return PathMap(task, q, -inverse[:, :, :3] * held, -(inverse @ compliance) * held)
+    return PathMap(task, q, -(inverse @ compliance) * held)
 
 
 @dataclass(frozen=True)
