@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,12 @@ from commandline import run_command
 from executed_emulator import Cell, emulate, write_log, write_program, zigzag
 from scipy.ndimage import uniform_filter1d
 
+from compplan.errors import InputError
 from compplan.executed.align import find_nearest, measure_way, place_rows
 from compplan.executed.geometry import Path as Laid
 from compplan.executed.log import clean_log, read_log
 from compplan.executed.run import execute_program
+from compplan.program.counting import load_controller, to_controller
 from compplan.program.servo import MotionTable, read_motion, tabulate_motion
 from compplan.robot import load_robot
 from compplan.statics.chain import locate_frames
@@ -171,6 +174,69 @@ def test_a_recording_of_rtde_is_read_by_its_own_names_and_units(tmp_path, betwee
     log = read_log(file, load_robot("ur10"))
     assert log.raw == pytest.approx(q, abs=1e-8) and log.cycle == pytest.approx(0.002)
     assert any("robot_mode" in note for note in log.notes)
+
+
+@pytest.mark.parametrize(
+    ("clock", "size", "joint"),
+    [
+        ("header.tm", 1e3, lambda j: f"feedBack.joints.joints[{j}]"), ("timestamp", 1.0, lambda j: f" J{j + 1}"),
+        ("IPOC", 1e3, lambda j: f"AIPos.A{j + 1}"), ("IPOC", 1e3, lambda j: f"AIPos_A{j + 1}"),
+    ],
+)  # fmt: skip
+def test_exports_of_other_makes_are_read_in_the_counting_of_the_controller(tmp_path, clock, size, joint) -> None:
+    robot = load_robot("kuka_kr240")
+    counting = load_controller(robot)
+    assert not np.allclose(counting.matrix, np.eye(6)) or counting.zero.any()
+    t = 0.004 * np.arange(80)
+    q = np.stack([0.1 * j + 0.3 * t for j in range(6)], axis=1)
+    head = ",".join([clock, *map(joint, range(6)), "cmd_num"])
+    file = tmp_path / "l.csv"
+    rows = np.column_stack([size * t, to_controller(counting, q), np.ones(80)])
+    np.savetxt(file, rows, delimiter=",", header=head, comments="", fmt="%.9f")
+    log = read_log(file, robot)
+    assert log.raw == pytest.approx(q, abs=1e-8) and log.cycle == pytest.approx(0.004)
+
+
+def write_recording(file: Path, encoding: str, t: np.ndarray, q: np.ndarray, names: list[str]) -> Path:
+    """Write joint states as ROS 2 records them, or as JSON."""
+    from mcap.writer import Writer
+
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("sensor_msgs/msg/JointState", "ros2msg", b"")
+        channel = writer.register_channel("/joint_states", encoding, schema)
+        for stamp, places in zip(t, q, strict=True):
+            sec, nano = int(stamp), round(stamp % 1.0 * 1e9)
+            if encoding == "json":
+                stamped = {"stamp": {"sec": sec, "nanosec": nano}}
+                data = json.dumps({"header": stamped, "name": names, "position": places.tolist()}).encode()
+            else:
+                body = struct.pack("<iI", sec, nano) + struct.pack("<I", 5) + b"base\0"
+                body += b"\0" * (-len(body) % 4) + struct.pack("<I", len(names))
+                for name in names:
+                    body += b"\0" * (-len(body) % 4) + struct.pack("<I", len(name) + 1) + name.encode() + b"\0"
+                body += b"\0" * (-len(body) % 4) + struct.pack("<I", len(places))
+                body += b"\0" * (-len(body) % 8) + struct.pack(f"<{len(places)}d", *places)
+                data = b"\0\1\0\0" + body + struct.pack("<II", 0, 0)
+            writer.add_message(channel, int(stamp * 1e9), data, int(stamp * 1e9))
+        writer.finish()
+    return file
+
+
+@pytest.mark.parametrize("encoding", ["json", "cdr"])
+def test_a_recording_of_joint_states_is_read_by_the_names_of_the_joints(tmp_path, encoding) -> None:
+    robot = load_robot("ur10")
+    t = 7.0 + 0.008 * np.arange(60)
+    q = np.stack([0.1 * j + 0.3 * (t - 7.0) for j in range(6)], axis=1)
+    file = write_recording(tmp_path / "run.mcap", encoding, t, q[:, ::-1], list(robot.joint_names)[::-1])
+    log = read_log(file, robot)
+    assert log.raw == pytest.approx(q) and log.time == pytest.approx(t)
+    with pytest.raises(InputError, match="other joints"):
+        read_log(write_recording(file, encoding, t, q[:, :4], ["a", "b", "c", "d"]), robot)
+    file.write_bytes(b"no recording")
+    with pytest.raises(InputError, match="is no MCAP file of joint states"):
+        read_log(file, robot)
 
 
 def test_rows_out_of_order_and_repeated_are_told(tmp_path) -> None:

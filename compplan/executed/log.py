@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError
+from compplan.executed.exports import read_recording, rename_export
 from compplan.executed.instructions import read_joints
 from compplan.files.columns import FileColumn
 from compplan.files.tables import Array, read_table
+from compplan.program.counting import from_controller, load_controller
 from compplan.robot import Robot
 
 #: Fewest rows that say anything.
@@ -23,9 +24,6 @@ TORN_LOW, TORN_HIGH = 0.5, 1.6
 TORN_SIGMAS = 5.0
 #: Time over which rates are taken. [s]
 RATE_SPAN = 0.024
-
-#: Vectors of a RTDE recording that are read, an element a column.
-RTDE = re.compile(r"(actual_q|target_q|target_moment)_([0-5])")
 
 COLUMNS = (
     FileColumn("time", "time", required=True),
@@ -72,41 +70,36 @@ def read_log(file: Path, robot: Robot) -> Log:
     """Read LOG.csv and put torn readings right.
 
     Args:
-        file: The table.
+        file: A table, or a recording (.mcap) of joint states.
         robot: The robot that was logged.
 
     Raises:
         InputError: With file and line, if it is no log of this robot.
 
     """
-    table = read_table(file, COLUMNS, unknown="note", rename=_rename_rtde)
-    raw, time, notes = read_joints(table, robot, "q#"), table.values["time"], list(table.notes)
-    whole = np.isfinite(raw).all(axis=1)
+    if file.suffix.lower() == ".mcap":
+        time, raw = read_recording(file, robot)
+        notes: list[str] = []
+    else:
+        table = read_table(file, COLUMNS, unknown="note", rename=rename_export)
+        raw, time, notes = read_joints(table, robot, "q#"), table.values["time"], list(table.notes)
+        if rename_export(table.headers["q1"]) != table.headers["q1"]:
+            raw = from_controller(load_controller(robot), np.where(robot.prismatic, 1e3 * raw, np.degrees(raw)))
+    whole = np.isfinite(raw).all(axis=1) & np.isfinite(time)
     if not whole.all():
         notes.append(f"{int((~whole).sum())} rows without a joint are left out")
-    raw, time, lines = raw[whole], time[whole], table.lines[whole]
+    raw, time = raw[whole], time[whole]
     if (np.diff(time) < 0.0).any():
         order = np.argsort(time, kind="stable")
         notes.append(f"{int((np.diff(time) < 0).sum())} rows stand before an earlier one; rows are taken by their time")
-        raw, time, lines = raw[order], time[order], lines[order]
+        raw, time = raw[order], time[order]
     fresh = np.r_[True, np.diff(time) > 0.0][: len(time)]
     if not fresh.all():
         notes.append(f"{int((~fresh).sum())} rows repeat a time and are left out")
     raw, time = raw[fresh], time[fresh]
     if len(time) < FEWEST_ROWS:
-        raise table.error(f"has {len(time)} whole rows of different times, expected at least {FEWEST_ROWS}")
+        raise InputError(f"has {len(time)} whole rows of different times, expected at least {FEWEST_ROWS}", file=file)
     return clean_log(file, time, raw, notes)
-
-
-def _rename_rtde(title: str) -> str:
-    """Return our name of a field of a RTDE recording, whose joints count from 0 in rad, time in s, moments in Nm."""
-    if title == "timestamp":
-        return "time_s"
-    found = RTDE.fullmatch(title)
-    if not found:
-        return title
-    name = {"actual_q": "q#_rad", "target_q": "q#_cmd_rad", "target_moment": "tau#_Nm"}[found[1]]
-    return name.replace("#", str(int(found[2]) + 1))
 
 
 def clean_log(file: Path, time: Array, raw: Array, notes: list[str]) -> Log:

@@ -33,7 +33,7 @@ NO_LETTER = re.compile("[\ud800-\udfff]")
 
 
 #: Bytes of a table from which on it pays to read all numbers at once, and names of columns of such a table.
-LONG, HEADER = 200_000, re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+LONG, HEADER = 200_000, re.compile(r"[A-Za-z][A-Za-z0-9_.\[\]/]*")
 
 
 @dataclass(frozen=True)
