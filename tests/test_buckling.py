@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import one_joint_arm
-from commandline import run_command
 
 import compplan as cp
 from compplan.job.job import check_job
@@ -52,28 +51,3 @@ def test_a_load_beyond_buckling_is_infeasible_and_names_waypoint_and_joint():
     with pytest.raises(cp.InfeasibleError, match=r"buckles at waypoint \d+: .* spring of joint_\d") as fault:
         cp.plan_compensation(soft, nominal, options)
     assert fault.value.exit_status == 3 and fault.value.waypoints and "\n" not in str(fault.value)
-
-
-def test_an_arm_of_four_joints_like_a_scara_is_refused_in_one_line(tmp_path, monkeypatch, capsys):
-    joints = ["", "", "", ""]
-    axes = [("revolute", "0 0 1", "0 0 0"), ("revolute", "0 0 1", "0.5 0 0"), ("prismatic", "0 0 1", "0.4 0 0"),
-            ("revolute", "0 0 1", "0 0 0")]  # fmt: skip
-    for k, (kind, axis, origin) in enumerate(axes):
-        joints[k] = (
-            f'<link name="l{k + 1}"/><joint name="j{k + 1}" type="{kind}"><parent link="l{k}"/><child link="l{k + 1}"/>'
-            f'<origin xyz="{origin}"/><axis xyz="{axis}"/><limit lower="-2.5" upper="2.5" velocity="2" effort="900"/>'
-            "</joint>"
-        )
-    tool = '<link name="tool0"/><joint name="t" type="fixed"><parent link="l4"/><child link="tool0"/>'
-    text = f'<robot name="scara"><link name="l0"/>{"".join(joints)}{tool}<origin rpy="3.14159265 0 0"/></joint></robot>'
-    folder = tmp_path / "scara"
-    folder.mkdir()
-    (folder / "robot.urdf").write_text(text, encoding="utf-8")
-    springs = "".join(f'[[spring]]\njoint = "j{k}"\ncompliance = 1e-6\n' for k in (1, 2, 4))
-    (folder / "elasticity.toml").write_text('schema = 1\ntcp = "tool0"\n' + springs, encoding="utf-8")
-    job = CIRCLE.read_text(encoding="utf-8").replace("kuka_kr270", "scara").replace("staubli_tx200", "scara")
-    (tmp_path / "job.toml").write_text(job, encoding="utf-8")
-    words = ["plan", tmp_path / "job.toml", "--out", tmp_path / "out"]
-    status, _, said = run_command(words, monkeypatch, capsys)
-    assert status == 2 and len(said.strip().splitlines()) == 1
-    assert "has 4 joints" in said and not (tmp_path / "out").exists()

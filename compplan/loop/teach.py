@@ -331,7 +331,8 @@ def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
     """
     near = np.stack([np.interp(length, residual.length, column) for column in residual.q.T], axis=1)
     if task.robot.nq < 6:
-        q, reached = reach_tip_and_axis(build_arm(task.robot), near, task.position, task.rotation)
+        arm, wanted = build_arm(task.robot), (task.position, task.rotation)
+        q, reached = reach_tip_and_axis(arm, near, *wanted, spin_free=task.spin_free)
         return replace(task, q_start=q, rotation=locate_frames(task.chain, q).tcp_rotation, missed=~reached)
     rotation = turn_about_axis(locate_frames(task.chain, near).tcp_rotation, task.nominal.axis)
     arm = build_arm(task.robot)

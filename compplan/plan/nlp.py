@@ -29,7 +29,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from compplan.plan.path_problem import PathProblem, ProgramRows, pose_data, rate_matrix, smoothness_matrix
+from compplan.plan.path_problem import (
+    PathProblem,
+    ProgramRows,
+    bound_axes,
+    pose_data,
+    rate_matrix,
+    smoothness_matrix,
+)
 from compplan.robot import Array
 from compplan.statics.chain import Chain
 from compplan.statics.kinematics import build_pose_function
@@ -267,8 +274,8 @@ def _pose_residual(problem: PathProblem) -> ca.Function:
     nq, pose = problem.chain.nq, build_pose_function(problem.chain)
     q = ca.SX.sym("q", nq)
     names = [("q0", nq), ("position", 3), ("b1", 3), ("b2", 3)] + ([] if problem.spin_free else [("b3", 3)])
-    names += [("shift", 3), ("shift_rate", 3 * nq), ("z", 3), ("z_rate", 3 * nq)]
-    names += [] if problem.spin_free else [("x", 3), ("x_rate", 3 * nq)]
+    names += [("shift", 3), ("shift_rate", 3 * nq)]
+    names += [part for axis in bound_axes(problem) for part in (("xyz"[axis], 3), (f"{'xyz'[axis]}_rate", 3 * nq))]
     data = {name: ca.SX.sym(name, size) for name, size in names}
     position, rotation = pose(q)
     away = q - data["q0"]
@@ -277,8 +284,10 @@ def _pose_residual(problem: PathProblem) -> ca.Function:
         local = data[name] + ca.mtimes(ca.reshape(data[f"{name}_rate"], 3, nq), away)
         return ca.mtimes(rotation, local)
 
-    z = carried("z")
-    missed = [position + carried("shift") - data["position"], ca.dot(data["b1"], z), ca.dot(data["b2"], z)]
+    missed = [position + carried("shift") - data["position"]]
+    if not problem.axis_free:
+        z = carried("z")
+        missed += [ca.dot(data["b1"], z), ca.dot(data["b2"], z)]
     if not problem.spin_free:
         missed.append(ca.dot(data["b3"], carried("x")))
     return ca.Function("pose_residual", [q, ca.vertcat(*data.values())], [ca.vertcat(*missed)])

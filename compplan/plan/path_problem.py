@@ -20,6 +20,16 @@ ANCHOR_WEIGHT = SMOOTHING**-4
 SHORTEST_STEP = 0.05
 
 
+def leaves_axis(chain: Chain) -> bool:
+    """Tell whether an arm has too few joints to choose where its tool points (palletisers, arms like a SCARA)."""
+    return chain.nq < 5
+
+
+def count_equations(chain: Chain, *, spin_free: bool) -> int:
+    """Count the pose equations of a waypoint: tip, tool axis where the arm chooses it, spin where it is not free."""
+    return (3 if leaves_axis(chain) else 5) + (not spin_free)
+
+
 @dataclass(frozen=True)
 class PathProblem:
     """What a compensated path has to fulfil; n waypoints, nq joints, base frame.
@@ -92,7 +102,12 @@ class PathProblem:
     @property
     def equations(self) -> int:
         """Count the pose equations of a waypoint."""
-        return 5 if self.spin_free else 6
+        return count_equations(self.chain, spin_free=self.spin_free)
+
+    @property
+    def axis_free(self) -> bool:
+        """Tell whether the tool axis follows from the tip: four joints cannot choose it."""
+        return leaves_axis(self.chain)
 
     @property
     def redundant(self) -> bool:
@@ -125,6 +140,11 @@ class ProgramRows:
         return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
 
 
+def bound_axes(problem: PathProblem) -> tuple[int, ...]:
+    """List the axes of the TCP frame that the pose equations speak of: z, its direction out of the tool, and x."""
+    return (() if problem.axis_free else (2,)) + (() if problem.spin_free else (0,))
+
+
 def pose_data(problem: PathProblem, q: Array, attained: AttainedPose) -> Array:
     """Put the numbers of every waypoint side by side: q_0, wanted pose, deflection and its derivative. Shape (n, k)."""
     n, nq = q.shape
@@ -147,7 +167,7 @@ def pose_data(problem: PathProblem, q: Array, attained: AttainedPose) -> Array:
     turned = np.where(loaded[..., None], turned, np.eye(3))
     turn_rate = np.where(loaded[..., None], turn_rate, 0.0)
     out += [shift, _flat(shift_rate)]
-    for axis in (2,) if problem.spin_free else (2, 0):
+    for axis in bound_axes(problem):
         direction = turned[:, :, axis]
         rate = np.cross(np.swapaxes(turn_rate, 1, 2), direction[:, None, :])
         out += [direction, rate.reshape(n, -1)]

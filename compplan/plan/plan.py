@@ -33,6 +33,7 @@ from compplan.plan.evaluate import (
 from compplan.plan.feed import FeedWish, time_run
 from compplan.plan.motion_limits import describe_jerk, limit_jerk
 from compplan.plan.notes import describe_coupling, describe_fading, describe_left_out, list_notes
+from compplan.plan.path_problem import count_equations
 from compplan.plan.result import Plan
 from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
 from compplan.plan.strategies.lost_motion import state_sides
@@ -233,9 +234,9 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
     _check_tool_x(nominal, options, file)
     rotation = tool_axes(nominal, np.asarray(options.tool_x, float))
     chain = build_chain(robot)
-    equations = 5 if options.spin_free else 6
+    equations = count_equations(chain, spin_free=options.spin_free)
     if chain.nq < equations:
-        message = f"robot {robot.name!r} has {chain.nq} joints, a tool position and direction needs {equations}"
+        message = f"robot {robot.name!r} has {chain.nq} joints, the path needs {equations}"
         raise InputError(message, file=file, where="robot" if file else None)
     request = options.posture
     if request is not None:

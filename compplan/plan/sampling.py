@@ -111,7 +111,9 @@ def divide_task(task: PlanTask, places: Array, lead: NDArray[np.bool_] | None = 
     if fresh.any():
         arm, position = build_arm(task.robot), nominal.position[fresh]
         if task.robot.nq < 6:
-            q[fresh], reached = reach_tip_and_axis(arm, q[fresh], position, rotation[fresh])
+            q[fresh], reached = reach_tip_and_axis(
+                arm, q[fresh], position, rotation[fresh], spin_free=task.spin_free
+            )
             rotation[fresh] = locate_frames(arm.chain, q[fresh]).tcp_rotation
         else:
             between = q[fresh]

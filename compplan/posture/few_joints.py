@@ -1,6 +1,13 @@
-"""Where a plan starts on a robot of five joints: tool position and direction leave it no choice but the branch."""
+"""Where a plan starts on a robot of four or five joints: the tool leaves it no choice but the branch.
+
+Five joints choose tip and direction of the tool. Four choose the tip and how the tool is turned about its axis, which
+they keep where it points (palletisers, arms like a SCARA): a path asks for that direction, and what leans the tool
+under load stays.
+"""
 
 from __future__ import annotations
+
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +24,16 @@ WIDEST = float(np.pi)
 BRANCH = 0.35
 
 
-def follow_path(arm: Arm, position: Array, rotation: Array) -> tuple[Array, NDArray[np.bool_]]:
+def follow_path(
+    arm: Arm, position: Array, rotation: Array, *, spin_free: bool = True
+) -> tuple[Array, NDArray[np.bool_]]:
     """Find joint positions that put the unloaded tool's tip and axis on a path, along one branch.
 
     Args:
         arm: The arm.
         position: Wanted tips, base frame. Shape (n, 3). [m]
         rotation: Frames whose z is the wanted direction out of the tool. Shape (n, 3, 3).
+        spin_free: Whether the tool may turn about its axis.
 
     Returns:
         Joint positions (n, nq) [rad or m], and which waypoints are not reached within the limits (n,).
@@ -33,14 +43,13 @@ def follow_path(arm: Arm, position: Array, rotation: Array) -> tuple[Array, NDAr
     low, high = np.maximum(robot.lower, -WIDEST), np.minimum(robot.upper, WIDEST)
     seeds = low + (high - low) * np.random.default_rng(0).random((SEEDS, robot.nq))
     seeds[0] = middle_of_limits(robot)
-    found, reached = reach_tip_and_axis(
-        arm, seeds, np.tile(position[0], (SEEDS, 1)), np.tile(rotation[0], (SEEDS, 1, 1))
-    )
+    reach = partial(reach_tip_and_axis, arm, spin_free=spin_free)
+    found, reached = reach(seeds, np.tile(position[0], (SEEDS, 1)), np.tile(rotation[0], (SEEDS, 1, 1)))
     room = np.minimum(found - robot.lower, robot.upper - found).min(axis=1)
     if not (reached & (room >= 0)).any():
         return np.tile(seeds[0], (n, 1)), np.ones(n, bool)
     q = np.tile(found[int(np.where(reached, room, -np.inf).argmax())], (n, 1))
-    q, reached = reach_tip_and_axis(arm, q, position, rotation)
+    q, reached = reach(q, position, rotation)
     for _ in range(ROUNDS):
         off = np.r_[False, np.abs(np.diff(q, axis=0)).max(axis=1) > BRANCH] | ~reached
         off[0] = False
@@ -48,6 +57,6 @@ def follow_path(arm: Arm, position: Array, rotation: Array) -> tuple[Array, NDAr
             break
         first = int(np.flatnonzero(off)[0])
         q[first:] = q[first - 1]
-        q[first:], reached[first:] = reach_tip_and_axis(arm, q[first:], position[first:], rotation[first:])
+        q[first:], reached[first:] = reach(q[first:], position[first:], rotation[first:])
     outside = ((q < robot.lower - 1e-9) | (q > robot.upper + 1e-9)).any(axis=1)
     return q, ~reached | outside

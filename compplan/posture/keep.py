@@ -240,7 +240,7 @@ def _stand_again(robot: Robot, start: Start) -> Start:
         near[:, j] = steady_slide(near[:, j], strokes[j])
     free = start.request is None or start.request.settings.free_spin
     if robot.nq < 6:
-        q, reached = reach_tip_and_axis(arm, near, nominal.position, rotation)
+        q, reached = reach_tip_and_axis(arm, near, nominal.position, rotation, spin_free=free or robot.nq == 5)
         rotation = locate_frames(arm.chain, q).tcp_rotation
     else:
         if start.of_program and free:

@@ -32,6 +32,13 @@ if TYPE_CHECKING:
     from compplan.job.job import Job
 
 
+#: What a robot of four joints cannot do.
+FOUR_JOINTS = (
+    "The robot has four joints: it cannot choose where its tool points. The tip is corrected; what the load leans the"
+    " tool stays (tilt_after_deg in plan.json), and points of the tool above the tip are aside by it."
+)
+
+
 @dataclass(frozen=True)
 class PostureRequest:
     """What a job asks of the posture.
@@ -115,9 +122,15 @@ def find_start(
     note: tuple[str, ...] = ()
     if robot.nq < 6:
         arm = build_arm(robot)
-        q, missed = follow_path(arm, nominal.position, rotation)
+        free = robot.nq == 5 or (request is not None and request.settings.free_spin)
+        q, missed = follow_path(arm, nominal.position, rotation, spin_free=free)
         if missed.all():
-            raise InputError(f"robot {robot.name!r} of {robot.nq} joints reaches no waypoint of the path in one branch")
+            least = ", which keep the tool where it points" if robot.nq < 5 else ""
+            raise InputError(
+                f"robot {robot.name!r} of {robot.nq} joints{least}: reaches no waypoint of the path in one branch"
+            )
+        if robot.nq < 5:
+            note = (FOUR_JOINTS,)
         return Start(nominal, q, locate_frames(arm.chain, q).tcp_rotation, {}, missed, None, request, note)
     if request is not None:
         if wish.start is not None and not robot.prismatic[: robot.nq - 6].all():  # the job says where seven axes stand

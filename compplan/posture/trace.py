@@ -126,8 +126,12 @@ def _whole_stretches(marked: NDArray[np.bool_], stations: NDArray[np.int_]) -> N
     return np.flatnonzero(chosen)
 
 
-def reach_tip_and_axis(arm: Arm, q: Array, position: Array, rotation: Array) -> tuple[Array, NDArray[np.bool_]]:
+def reach_tip_and_axis(
+    arm: Arm, q: Array, position: Array, rotation: Array, *, spin_free: bool = True
+) -> tuple[Array, NDArray[np.bool_]]:
     """Put the tool's tip and axis right from nearby, with least joint motion; the rotation about the axis gives way.
+
+    Where `spin_free` is false it does not: that is for arms of four joints.
 
     Returns:
         Joint positions and whether tip and axis are right.
@@ -136,14 +140,15 @@ def reach_tip_and_axis(arm: Arm, q: Array, position: Array, rotation: Array) -> 
     q = q.copy()
     for _ in range(20):
         frames = locate_frames(arm.chain, q)
-        cross = np.cross(frames.tcp_rotation[:, :, 2], rotation[:, :, 2])
-        across = rotation[:, :, :2]
+        cross, across = np.cross(frames.tcp_rotation[:, :, 2], rotation[:, :, 2]), rotation[:, :, :2]
+        if not spin_free:
+            cross, across = cross + np.cross(frames.tcp_rotation[:, :, 0], rotation[:, :, 0]), rotation
         error = np.concatenate([position - frames.tcp_position, np.einsum("nij,ni->nj", across, cross)], axis=1)
         if np.abs(error).max() < 1e-10:
             break
         columns = joint_jacobian(arm.chain, frames)[:, :, arm.arm]
         task = np.concatenate([columns[:, :3], np.swapaxes(across, 1, 2) @ columns[:, 3:]], axis=1)
-        gram = task @ np.swapaxes(task, 1, 2) + 1e-10 * np.eye(5)
+        gram = task @ np.swapaxes(task, 1, 2) + 1e-10 * np.eye(task.shape[1])
         step = (np.swapaxes(task, 1, 2) @ np.linalg.solve(gram, error[..., None]))[..., 0]
         q[:, arm.arm] += step * np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
     return q, np.abs(error).max(axis=1) < REACHED

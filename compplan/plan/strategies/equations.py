@@ -19,7 +19,7 @@ def pose_equations(problem: PathProblem, attained: AttainedPose, rows: NDArray[n
         rows: The waypoints. Shape (k,).
 
     Returns:
-        Shape (k, 5), or (k, 6) where the spin is not free. [m, rad]
+        Shape (k, 5), or (k, 6) where the spin is not free; two fewer for an arm of four joints. [m, rad]
     """
     missed = [attained.position - problem.position[rows]]
     missed += [np.einsum("ni,ni->n", a, b)[:, None] for a, b in _crossings(problem, attained, rows)]
@@ -27,7 +27,7 @@ def pose_equations(problem: PathProblem, attained: AttainedPose, rows: NDArray[n
 
 
 def differentiate_equations(problem: PathProblem, attained: AttainedPose, rows: NDArray[np.int_]) -> Array:
-    """Differentiate the pose equations with respect to the commanded joints. Shape (k, 5 or 6, nq)."""
+    """Differentiate the pose equations with respect to the commanded joints. Shape (k, equations, nq)."""
     turns = [
         np.einsum("ni,nij->nj", np.cross(b, a), attained.jacobian[:, 3:])[:, None]
         for a, b in _crossings(problem, attained, rows)
@@ -38,5 +38,5 @@ def differentiate_equations(problem: PathProblem, attained: AttainedPose, rows: 
 def _crossings(problem: PathProblem, attained: AttainedPose, rows: NDArray[np.int_]) -> list[tuple[Array, Array]]:
     """Pair the directions that have to stand across each other: wanted with attained. Shapes (k, 3)."""
     x, y = problem.rotation[rows, :, 0], problem.rotation[rows, :, 1]
-    pairs = [(x, attained.rotation[:, :, 2]), (y, attained.rotation[:, :, 2])]
+    pairs = [] if problem.axis_free else [(x, attained.rotation[:, :, 2]), (y, attained.rotation[:, :, 2])]
     return pairs if problem.spin_free else [*pairs, (y, attained.rotation[:, :, 0])]
