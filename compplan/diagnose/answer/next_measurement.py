@@ -138,7 +138,7 @@ def find_pairs(fit: Fit, findings: Iterable[Finding]) -> Iterable[Pair]:
         claim = next((c for c in model.claims if c.signature == finding.signature), None)
         if claim is None:
             continue
-        rest = [c for c in model.claims if c != claim]
+        rest = search.without(model.claims, claim)
         reduced = search.model(rest, model.posterior.hyper, fit=False)
         here = search.model(model.claims, model.posterior.hyper, fit=False)
         best: dict[Place, Claim] = {}

@@ -220,7 +220,7 @@ def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Clai
     Noise and the sizes of all classes are held. A form that holds the claim as a special case (a law of deflection with
     a linear part holds a joint's stiffness) is the same with more parameters and says nothing against it.
     """
-    rest = [c for c in claims if c != claim]
+    rest = search.without(claims, claim)
     whole = search.model(claims, hyper, fit=False)
     without = search.model(rest, hyper, fit=False)
     scores = [without.score]
@@ -240,7 +240,7 @@ def is_lawful(fit: Fit, doubt: Doubt, claim: Claim) -> bool:
     signatures, own = search.ledger.signatures, search.ledger.signatures[claim.signature]
     if is_law(fit, own):
         return True
-    rest = search.model([c for c in doubt.model.claims if c != claim], hyper, fit=False)
+    rest = search.model(search.without(doubt.model.claims, claim), hyper, fit=False)
     forms = [g for g in search.gains(rest) if signatures[g.signature].place == own.place]
     evidence = {g.signature: g.log_evidence - float(search.log_prior[g.signature]) for g in forms}
     least = MOST_OF_IT * max(evidence.values(), default=0.0)

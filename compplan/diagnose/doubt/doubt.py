@@ -88,7 +88,7 @@ def raise_doubt(fit: Fit, progress: Callable[[str], None] = lambda text: None) -
     hyper = fit.model.posterior.hyper
     hyper = Hyper(hyper.log_noise, hyper.log_shared, np.concatenate([hyper.log_tau, np.full(len(kinds), START)]))
     odds = np.concatenate([fit.search.log_prior, np.full(len(fresh), -np.inf)])
-    search = Search(ledger, prior, odds, fit.search.candidates, hyper, progress=progress)
+    search = Search(ledger, prior, odds, fit.search.candidates, hyper, progress=progress, rigid=fit.search.rigid)
     model = _settle(search, search.model(fit.model.claims, hyper, steps=FIRST_STEPS))
     if model.claims:
         # several claims together may imitate one cause that has no name: the other way round, from none of them
@@ -135,7 +135,7 @@ def _simplify(search: Search, model: Model) -> Model:
     signatures, hyper = search.ledger.signatures, model.posterior.hyper
     for claim in model.claims:
         own = signatures[claim.signature]
-        rest = [c for c in model.claims if c != claim]
+        rest = search.without(model.claims, claim)
         gains = search.gains(search.model(rest, hyper, fit=False))
         whole = max((g.log_evidence for g in gains if signatures[g.signature].place == own.place), default=np.inf)
         special = next((g for g in gains if g.log_evidence >= whole - AS_WELL and _is_held(search, own, g)), None)
@@ -161,7 +161,7 @@ def _leave_out(search: Search, model: Model) -> Model:
     grown = replace(hyper, log_tau=np.where(loose, np.maximum(hyper.log_tau, 0.0), hyper.log_tau))
     best = replace(model, score=-np.inf)
     for out in model.claims:
-        rest = [c for c in model.claims if c is not out]
+        rest = search.without(model.claims, out)
         held, start = search.model(rest, hyper, fit=False), search.model(rest, grown, fit=False)
         posterior = find_posterior(search.ledger, search.prior_of(rest), grown, steps=STEPS)
         score = start.score - start.posterior.log_evidence + posterior.log_evidence

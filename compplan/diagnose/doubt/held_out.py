@@ -181,7 +181,7 @@ class Folds:
         chosen = whole.candidates if candidates is None else candidates
 
         def decide(ledger: Ledger) -> Sequence[Claim]:
-            search = Search(ledger, whole.prior, whole.log_prior, chosen, hyper)
+            search = Search(ledger, whole.prior, whole.log_prior, chosen, hyper, rigid=whole.rigid)
             return search_models(search, named, self.fit.state.most).claims
 
         return decide

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
+from scipy.optimize import OptimizeResult, minimize
 
 from compplan.diagnose.ledger.few_rows import (
     FewRows,
@@ -51,7 +51,7 @@ TAU_SCALE = 0.7
 #: Classes of one robot are alike: a robot that is slightly wrong is so everywhere. Spread of log tau among them
 #: (assumed).
 TAU_SPREAD = 0.6
-#: Log evidence has settled when a step changes it by less than this share (assumed: far below what decides).
+#: Log evidence has settled when a step gains less than this (assumed: far below what decides).
 SETTLED = 5e-3
 #: Logarithm of the shared error and of the backgrounds that a fit begins with (assumed: a fifth of their scale).
 START = -1.5
@@ -203,7 +203,7 @@ def find_posterior(
         + [LOG_RANGE if shared else (LOG_RANGE[0], LOG_RANGE[0])] * len(channels)
         + [LOG_RANGE if own else (LOG_RANGE[0], MOST_TAU) for own in loose]
     )
-    # the optimizer's tolerance is relative: evidence counts from where it starts; steps in units of likely errors
+    # evidence counts from where it starts, for its digits; steps in units of likely errors
     others = len(hyper.vector) - len(channels)
     unit = np.array([np.sqrt(2.0 / max(ch.total.count, 1)) for ch in channels] + [LIKELY] * others)
     started: list[float] = []
@@ -217,10 +217,20 @@ def find_posterior(
         started.append(value)
         return started[0] - value, -slope * unit
 
+    gained = [0.0]
+
+    def stop_settled(intermediate_result: OptimizeResult) -> None:
+        # the optimizer's own tolerance is a share of all that is gained: after a long way it stops far too early
+        gained.append(-intermediate_result.fun)
+        if gained[-1] - gained[-2] < SETTLED:
+            raise StopIteration
+
     limits = [(low / u, high / u) for (low, high), u in zip(bounds, unit, strict=True)]
-    options = {"maxiter": steps, "ftol": SETTLED}
+    options = {"maxiter": steps, "ftol": 0.0}
     first = np.clip(hyper.vector / unit, *np.array(limits).T)
-    found = minimize(cost, first, jac=True, method="L-BFGS-B", bounds=limits, options=options)
+    found = minimize(
+        cost, first, jac=True, method="L-BFGS-B", bounds=limits, options=options, callback=stop_settled
+    )
     hyper = hyper.with_vector(found.x * unit)
     return _conclude(solver, prior, channels, latest.get(found.x.tobytes()) or solver.solve(hyper), hyper)
 

@@ -9,7 +9,7 @@ import numpy as np
 from compplan.diagnose.data.channels import Channel, build_channels
 from compplan.diagnose.data.outliers import OUTLYING
 from compplan.diagnose.ledger.evidence import Hyper
-from compplan.diagnose.search.state import SETTLED, Fit, FitState, advance_state, attain_state
+from compplan.diagnose.search.state import SETTLED, Fit, FitState, advance_state, attain_state, known_approach
 from compplan.errors import ConvergenceError
 from compplan.robot import Array
 
@@ -18,7 +18,8 @@ def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
     """Shorten a step until the exact model gains by it; returns the state and its exact score, or None.
 
     The score is the log posterior of the model with the squares that the exact model leaves in the place of those that
-    its derivatives promise.
+    its derivatives promise. A row that was left out counts as the least that is left out, so that scores of fits with
+    other outliers can be compared.
 
     Args:
         fit: The fit that the step starts from.
@@ -49,7 +50,8 @@ def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
     if not tried:
         return None
     least, state = min(tried, key=lambda t: t[0])
-    return state, fit.model.score - 0.5 * (least - promised)
+    left_out = known_approach(fit.problem.campaign, fit.state) & ~fit.state.use
+    return state, fit.model.score - 0.5 * (least - promised + OUTLYING**2 * float(left_out.sum()))
 
 
 def square_left(channels: Sequence[Channel], left: Sequence[Array], hyper: Hyper) -> float:

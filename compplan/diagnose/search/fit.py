@@ -11,13 +11,13 @@ from compplan.diagnose.data.channels import Channel, build_channels, estimate_no
 from compplan.diagnose.data.noise import Noise
 from compplan.diagnose.data.outliers import find_gross_outliers, find_outliers
 from compplan.diagnose.ledger.background import CLASSES, build_prior, log_priors
-from compplan.diagnose.ledger.evidence import start_hyper
+from compplan.diagnose.ledger.evidence import FIRST_STEPS, start_hyper
 from compplan.diagnose.ledger.ledger import Ledger, build_ledger, extend_ledger
 from compplan.diagnose.ledger.offers import REGISTRATION, key_of, offer_again, offered_signatures, proposed_signatures
 from compplan.diagnose.ledger.proposals import propose_shifts, propose_waves
 from compplan.diagnose.search.descent import descend
 from compplan.diagnose.search.restart import search_again_plainly
-from compplan.diagnose.search.search import MOST_EFFECTS, WORTHWHILE, Claim, Search, search_models
+from compplan.diagnose.search.search import MOST_EFFECTS, SOFT, WORTHWHILE, Claim, Search, search_models
 from compplan.diagnose.search.state import (
     SETTLED,
     Fit,
@@ -56,7 +56,7 @@ def fit_effects(
     noises: dict[str, Noise] | None = None
     proposals: list[Signature] = []
     best: Fit | None = None
-    restarted = False
+    restarted, settled = False, False
     for number in range(ROUNDS):
         progress(f"round {number + 1}")
         # what is small has to wait until the large ones are exact: twice as many effects each round
@@ -82,14 +82,29 @@ def fit_effects(
     if best is None:
         # the exact model cannot bear the least step: the campaign stays as it is
         best = replace(fit, model=fit.search.model([], fit.search.start), base=fit.state)
+    elif not settled:
+        best = _fit_jointly(best, progress)
     return _finish(best, best.state)
+
+
+def _fit_jointly(fit: Fit, progress: Callable[[str], None]) -> Fit:
+    """Fit all that is kept once more together, noise and small errors too, as long as the exact model gains by it."""
+    for _ in range(ROUNDS):
+        progress("all together")
+        old = proposed_signatures(fit.search.ledger.signatures)
+        again, _ = _round(fit.problem, fit.state, fit.noises, old, progress, hold=True)
+        step = descend(again, advance_state(again))
+        if step is None or step[1] < fit.score + WORTHWHILE:
+            break
+        fit = replace(again, state=step[0], base=again.state, score=step[1])
+    return fit
 
 
 def _round(
     problem: Problem, state: FitState, noises: dict[str, Noise] | None, proposals: list[Signature],
-    progress: Callable[[str], None],
+    progress: Callable[[str], None], *, hold: bool = False,
 ) -> tuple[Fit, list[Signature]]:  # fmt: skip
-    """Linearize at a state, search, look for rows and periods in what is left, and search again."""
+    """Linearize at a state, search, look for rows and periods in what is left, and search again; or hold all claims."""
     at = linearize_state(problem, state)
     if noises is None:
         noises = estimate_noises(problem.campaign, at.attained, problem.robot.repeatability, state.registration)
@@ -103,8 +118,8 @@ def _round(
     state = replace(state, use=use)
     channels = build_channels(at.scene, at.attained, use, noises)
     ledger = build_ledger(channels, _offer_all(problem, state, at, proposals), state.values)
-    fit = _search_ledger(problem, state, at, channels, ledger, noises, progress)
-    while True:
+    fit = _search_ledger(problem, state, at, channels, ledger, noises, progress, hold=hold)
+    while not hold:
         fresh = _propose(fit)
         known = {key_of(s) for s in fit.search.ledger.signatures}
         fresh = [s for s in fresh if key_of(s) not in known and s.name not in problem.excluded]
@@ -149,20 +164,30 @@ def search_again(fit: Fit, fresh: list[Signature], progress: Callable[[str], Non
 
 def _search_ledger(
     problem: Problem, state: FitState, at: Linearization, channels: tuple[Channel, ...], ledger: Ledger,
-    noises: dict[str, Noise], progress: Callable[[str], None],
+    noises: dict[str, Noise], progress: Callable[[str], None], *, hold: bool = False,
 ) -> Fit:  # fmt: skip
     signatures = ledger.signatures
     free = [n for n, s in enumerate(signatures) if s.name == REGISTRATION]
     prior = build_prior(ledger, free, problem.excluded)
     candidates = [n for n in range(len(signatures)) if n not in free]
     search = Search(
-        ledger, prior, log_priors(signatures), candidates, start_hyper(ledger, len(CLASSES)),
-        progress=progress,
+        ledger, prior, log_priors(signatures), candidates, start_hyper(ledger, len(CLASSES)), progress=progress,
+        rigid=is_rigid(problem),
     )
     numbers = {key_of(s): n for n, s in enumerate(signatures)}
     first = [Claim(numbers[key], size) for key, size in state.claims if key in numbers]
-    model = search_models(search, first, state.most)
+    model = search.model(first, search.start, steps=FIRST_STEPS) if hold else search_models(search, first, state.most)
     return Fit(problem, state, at, channels, search, model, noises, np.zeros(0, int))
+
+
+def is_rigid(problem: Problem) -> bool:
+    """Tell whether nothing bends in a campaign but what claims make soft: no spring in the robot, no load that changes.
+
+    Where loads change, small compliances everywhere are fitted as well, and bend.
+    """
+    robot = problem.robot
+    springs = any(spring.compliance > 0.0 for spring in robot.springs) or bool(robot.link_elasticities)
+    return not (springs or problem.campaign.load_varies or any(e.name in SOFT for e in problem.fixed))
 
 
 def _propose(fit: Fit) -> list[Signature]:

@@ -21,7 +21,9 @@ from compplan.diagnose.ledger.evidence import (
 )
 from compplan.diagnose.ledger.gains import SIZES, Gain, find_gains
 from compplan.diagnose.ledger.ledger import Ledger
+from compplan.effects import gravity_sag
 from compplan.effects.linearization import Place
+from compplan.effects.signature import Signature
 from compplan.robot import Array
 
 #: Places that are tried with noise and background fitted anew: as a further claim, in exchange for one, and against one
@@ -40,6 +42,9 @@ WORTHWHILE = 0.5
 #: Squares beyond the noise that are much, per observation, and the part of them that a further claim has to take
 #: (assumed: twelve claims of this part at least would take all of it).
 MUCH, FAIR_PART = 0.3, 0.08
+#: Effects that show only in what bends, and those that make a rigid robot soft (own weight on its joints does, too).
+BENDING = ("payload", "gravity_compensator", "gravity_sag", "stiffness_nonlinearity", "wrench_bias", "wrench_scale")
+SOFT = ("joint_stiffness", "link_compliance", "base_compliance")
 #: Effects that are curves over a joint's angle.
 CURVES = ("transmission_error", "gravity_compensator")
 #: Log prior odds against two of them at one joint (assumed).
@@ -86,6 +91,7 @@ class Search:
         log_prior: Log prior odds of each signature.
         candidates: Signatures that may be claimed.
         start: Noise and background to begin with.
+        rigid: Whether nothing bends but what claims make soft.
     """
 
     ledger: Ledger
@@ -95,6 +101,15 @@ class Search:
     start: Hyper
     cache: dict[frozenset[Claim], Model] = field(default_factory=dict)
     progress: Callable[[str], None] = lambda text: None
+    rigid: bool = False
+
+    def without(self, claims: Sequence[Claim], *gone: Claim) -> list[Claim]:
+        """Return the claims that stand without some: on a rigid robot those go, too, that bend what these make soft."""
+        rest = [c for c in claims if c not in gone]
+        signatures = [self.ledger.signatures[c.signature] for c in rest]
+        if not self.rigid or any(is_soft(s) for s in signatures):
+            return rest
+        return [c for c, s in zip(rest, signatures, strict=True) if is_soft(s) or s.name not in BENDING]
 
     def prior_of(self, claims: Sequence[Claim]) -> Prior:
         """Return the prior with these claims."""
@@ -124,7 +139,7 @@ class Search:
         posterior = self._bounded_posterior(claims, hyper, fit, steps)
         score = posterior.log_evidence + sum(self.log_prior[c.signature] + log_prior_size(c.size) for c in claims)
         score -= TWO_CURVES * self._doubled_curves(claims)
-        if self._backwards(claims, posterior):
+        if self._backwards(claims, posterior) or len(self.without(claims)) < len(claims):
             score = -np.inf
         elif claims:
             score -= self._coincidence(claims, posterior)
@@ -216,6 +231,11 @@ class Search:
     def _placed(self) -> list[tuple[int, Place, list[int]]]:
         """Number, place and columns of each candidate."""
         return [(n, self.ledger.signatures[n].place, self.ledger.columns(n).tolist()) for n in self.candidates]
+
+
+def is_soft(signature: Signature) -> bool:
+    """Tell whether a form makes a rigid robot soft."""
+    return signature.name in SOFT or (signature.name == "gravity_sag" and signature.form == gravity_sag.JOINTS)
 
 
 def log_prior_size(size: float) -> float:
@@ -312,7 +332,7 @@ def _remove(search: Search, model: Model) -> Model:
         price = {c: CLOSE - search.log_prior[c.signature] - log_prior_size(c.size) for c in model.claims}
         columns = search.ledger.columns
         weak = [c for c in model.claims if model.posterior.loss_without(columns(c.signature)) < price[c]]
-        smaller = [search.model([c for c in model.claims if c is not claim], model.posterior.hyper) for claim in weak]
+        smaller = [search.model(search.without(model.claims, claim), model.posterior.hyper) for claim in weak]
         best = max(smaller, key=lambda m: m.score, default=model)
         if best.score <= model.score:
             return model
@@ -340,7 +360,7 @@ def _exchange(search: Search, model: Model, concerned: Sequence[Claim]) -> Model
     for claim in model.claims:
         if claim not in model.claims or claim not in concerned:
             continue
-        rest = [c for c in model.claims if c != claim]
+        rest = search.without(model.claims, claim)
         reduced = search.model(rest, model.posterior.hyper, fit=False)
         gains = search.gains(reduced)
         for gain in [*distinct_places(search, gains, TRIED), *forms_of(search, gains, claim)]:
@@ -358,7 +378,7 @@ def _merge(search: Search, model: Model, concerned: Sequence[Claim]) -> Model:
     for first, second in combinations(model.claims, 2):
         if first not in model.claims or second not in model.claims or not {first, second} & set(concerned):
             continue
-        rest = [c for c in model.claims if c not in (first, second)]
+        rest = search.without(model.claims, first, second)
         reduced = search.model(rest, model.posterior.hyper, fit=False)
         if reduced.score > model.score - CLOSE:
             neither = search.model(rest, model.posterior.hyper)

@@ -151,12 +151,17 @@ def linearize_state(problem: Problem, state: FitState) -> Linearization:
 
 
 def advance_state(fit: Fit, share: float = 1.0) -> FitState:
-    """Take the posterior mean into the exact model, or a share of the way to it from where the fit stands."""
+    """Take the posterior mean into the exact model, or a share of the way to it from where the fit stands.
+
+    On the way what was claimed before and is no longer fades as everything else moves.
+    """
     ledger = fit.search.ledger
     prior, posterior = bend_forwards(ledger, fit.search.prior_of(fit.model.claims), fit.model.posterior)
     here = np.array([fit.state.values.get(name, 0.0) for name in ledger.names]) / ledger.scale
     vector = here + share * (posterior.values(ledger.p) - here)
     claimed = list(fit.model.signatures)
+    before = {key for key, _ in fit.state.claims} if share < 1.0 else set()
+    claimed += [n for n, s in enumerate(ledger.signatures) if n not in claimed and key_of(s) in before]
     registration = fit.state.registration
     values: dict[str, float] = {}
     effects = list(fit.problem.fixed)
@@ -168,11 +173,13 @@ def advance_state(fit: Fit, share: float = 1.0) -> FitState:
         if signature.name == REGISTRATION:
             registration = move_registration(registration, signature, vector[columns] * signature.scale)
             continue
+        if number not in fit.model.signatures and any(ledger.names[column] in values for column in columns):
+            continue
         if number not in claimed:
             labels = background[columns]
             if (labels < 0).any() or quiet[labels].any() or not in_background(signature):
                 continue
-            if any(ledger.names[column] in values for column in columns) or idle(ledger, columns, vector):
+            if idle(ledger, columns, vector):
                 continue
         part = vector[columns].copy()
         if signature.positive:
