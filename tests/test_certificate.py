@@ -151,6 +151,7 @@ def test_the_paths_of_a_certificate_are_the_users_or_of_the_robots_own_size() ->
     for reference, radius in zip(plan_references(robot), (0.15 * robot.longest_reach,) * 2, strict=True):
         assert reference.name.startswith("circle, radius") and reference.plan is not None
         assert np.ptp(reference.plan.task.position[:, 0]) < 2.2 * radius
+        assert reference.force == pytest.approx([0.0, 0.0, -49.0], abs=0.1)  # the weight of the rated 5 kg
     assert "ISF" not in "".join(r.name for r in plan_references(robot))
     job = check_job({
         "schema": 1, "robot": "ur5e", "name": "my circle", "part": {"position_mm": [450.0, 100.0, 250.0]},

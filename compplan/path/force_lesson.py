@@ -134,8 +134,8 @@ class LearnedForce:
         """Return the wrench that is planned with. wrench: the predicted one, base axes, shape (n, 6). [N, N m]"""
         if not self.turn.any():
             return np.asarray(self.level * wrench)
-        turn = Rotation.from_rotvec(R_base_part @ self.turn if self.axes == "part" else self.turn)
-        return self.level * np.concatenate([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])], axis=1)
+        turn = Rotation.from_rotvec(R_base_part @ self.turn if self.axes == "part" else self.turn).as_matrix()
+        return np.asarray(self.level * (wrench.reshape(-1, 2, 3) @ turn.T).reshape(-1, 6))
 
     def undo(self, wrench: Array, R_base_part: Array) -> Array:
         """Return the predicted wrench of one that is planned with. Shape (n, 6). [N, N m]"""

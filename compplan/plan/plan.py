@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,7 @@ from compplan.posture.finished import RobotMeasure
 from compplan.posture.keep import Lock, find_kept_start, read_lock
 from compplan.posture.stance import Wish, check_start
 from compplan.posture.start import PostureRequest, Start, check_clearance, read_request, stand
+from compplan.posture.summary import Stance
 from compplan.program import check_languages
 from compplan.promise.band import band_radius, linearise_path, split_covariance
 from compplan.promise.posture_errors import posture_errors
@@ -240,14 +242,12 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         raise InputError(message, file=file, where="robot" if file else None)
     request = options.posture
     if request is not None:
-        asked = request
-        measures: dict[str, RobotMeasure] = {
-            "driven_s": lambda model, stance: _time_stance(model, options, stand(stance, nominal, asked))
-        }
-        if asked.settings.compares:
-            measures["band_mm"] = lambda model, stance: _measure_band(model, options, stand(stance, nominal, asked))
-            measures["joint_travel_deg"] = lambda model, stance: stance.costs["joint_travel_deg"]
-        request = replace(asked, measures=measures)
+        given = (options, nominal, request)
+        measures: dict[str, RobotMeasure] = {"driven_s": partial(_time_stance, *given)}
+        if request.settings.compares:
+            measures["band_mm"] = partial(_measure_band, *given)
+            measures["joint_travel_deg"] = _read_travel
+        request = replace(request, measures=measures)
     try:
         check_start(robot, options.wish.start)
         start = find_kept_start(
@@ -263,18 +263,27 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
     return _state_task(faded, build_chain(faded), options, start)
 
 
-def _time_stance(robot: Robot, options: PlanOptions, start: Start) -> float:
+def _time_stance(
+    options: PlanOptions, nominal: Toolpath, asked: PostureRequest, robot: Robot, stance: Stance
+) -> float:
     """Time the run along a posture before anything is corrected. [s]."""
-    task = _state_task(robot, build_chain(robot), options, start)
+    task = _state_task(robot, build_chain(robot), options, stand(stance, nominal, asked))
     try:
         return float(time_run(task, task.q_start, options.feed)[1].time[-1])
     except ConvergenceError:
         return np.inf
 
 
-def _measure_band(robot: Robot, options: PlanOptions, start: Start) -> float:
+def _read_travel(robot: Robot, stance: Stance) -> float:
+    """Return the joint travel of a posture. [deg]."""
+    return float(stance.costs["joint_travel_deg"])
+
+
+def _measure_band(
+    options: PlanOptions, nominal: Toolpath, asked: PostureRequest, robot: Robot, stance: Stance
+) -> float:
     """Measure the widest 95 % band along a posture before anything is corrected, vibration left out. [mm]."""
-    task = _state_task(robot, build_chain(robot), options, start)
+    task = _state_task(robot, build_chain(robot), options, stand(stance, nominal, asked))
     cut = np.zeros(len(task), bool)
     cut[pick_rows(task.cut, BAND_ROWS)] = True
     scene, known = stage_path(robot, task.q_start, task.wrench, task.step_time), known_uncertainty(robot)
