@@ -13,19 +13,17 @@ from compplan.commands.places import OUT_FOLDER
 from compplan.commands.progress import show_progress
 from compplan.diagnose import Diagnosis, Finding, diagnose_campaign
 from compplan.diagnose.answer.accuracy import MORE
-from compplan.diagnose.answer.assessment import Assessment, assess_diagnosis
+from compplan.diagnose.answer.assessment import Assessment
 from compplan.diagnose.answer.change import state_change
 from compplan.diagnose.answer.delivery import NOMINAL
-from compplan.diagnose.answer.next_measurement import propose_measurements
 from compplan.diagnose.answer.verdict import CALIBRATED
-from compplan.diagnose.answer.where import split_diagnosis
 from compplan.diagnose.ledger.unmodelled import describe_unmodelled
 from compplan.effects import EFFECTS
 from compplan.errors import UnknownNameError
 from compplan.files.tables import dump_json
 from compplan.measure.checks import list_notes
 from compplan.measure.registration import parse_parts
-from compplan.outputs.diagnosis import write_diagnosis
+from compplan.outputs.diagnosis import deliver_diagnosis
 from compplan.report.diagnosis_words import describe_beside, describe_counting
 from compplan.report.effect_words import describe_change
 
@@ -65,18 +63,7 @@ def command(
         progress("questions")
         asked = settle_questions(robot, campaign, parts, assume_ok)
         diagnosis = diagnose_campaign(robot, campaign, register=parts, without=without, progress=progress)
-        campaign = diagnosis.fit.problem.campaign
-        progress("where")
-        split = split_diagnosis(diagnosis)
-        progress("accuracy")
-        assessment = assess_diagnosis(diagnosis)
-        progress("what to measure next")
-        extra = {
-            "where": split.to_json(), **assessment.to_json(), "next_measurement": propose_measurements(diagnosis)
-        }  # fmt: skip
-        table = {**diagnosis.to_table(extra), "log_notes": list(campaign.notes)}
-        progress("report")
-        table = write_diagnosis(diagnosis, split, assessment, table, out)
+        table, assessment = deliver_diagnosis(diagnosis, out, progress)
     if as_json:
         click.echo(dump_json(table))
         return
@@ -84,7 +71,7 @@ def command(
         click.echo(f"assumed to be meant: {question}")
     click.echo(describe_diagnosis(diagnosis))
     click.echo(describe_assessment(diagnosis, assessment))
-    for note in list_notes(campaign.notes):
+    for note in list_notes(diagnosis.fit.problem.campaign.notes):
         click.echo(note)
     folders = ", ".join(f"{delivery.folder(number)}/" for number, delivery in enumerate(diagnosis.deliveries))
     click.echo(f"wrote diagnosis.json, report.html, {folders} to {out}")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from compplan.diagnose import Diagnosis
-from compplan.diagnose.answer.assessment import Assessment
-from compplan.diagnose.answer.where import Split
+from compplan.diagnose.answer.assessment import Assessment, assess_diagnosis
+from compplan.diagnose.answer.next_measurement import propose_measurements
+from compplan.diagnose.answer.where import Split, split_diagnosis
 from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json
 from compplan.files.transaction import replace_folder
@@ -16,6 +17,33 @@ from compplan.measure.registration import write_registration
 from compplan.outputs.cell import write_gap
 from compplan.report.diagnosis_page import write_diagnosis_page
 from compplan.robot.folder import write_robot_folder
+
+
+def deliver_diagnosis(
+    diagnosis: Diagnosis, out: Path, progress: Callable[[str], None] = lambda text: None
+) -> tuple[dict[str, Any], Assessment]:
+    """Ask where the gap lies, what the folders are worth and what to measure next; write all of it.
+
+    Args:
+        diagnosis: The diagnosis.
+        out: The folder.
+        progress: Told what is being done.
+
+    Returns:
+        What diagnosis.json holds, and what the folders are worth.
+
+    Raises:
+        InputError: If the folder cannot be written; nothing is written then.
+    """
+    progress("where")
+    split = split_diagnosis(diagnosis)
+    progress("accuracy")
+    assessment = assess_diagnosis(diagnosis)
+    progress("what to measure next")
+    extra = {"where": split.to_json(), **assessment.to_json(), "next_measurement": propose_measurements(diagnosis)}
+    table = {**diagnosis.to_table(extra), "log_notes": list(diagnosis.fit.problem.campaign.notes)}
+    progress("report")
+    return write_diagnosis(diagnosis, split, assessment, table, out), assessment
 
 
 def write_diagnosis(

@@ -67,25 +67,10 @@ def diagnose(
     settle_questions(mounted, campaign, tuple(register), assume_ok)
     result = diagnose_campaign(mounted, campaign, register=register, without=without, progress=progress)
     if out is not None:
-        write_all(result, Path(out))
+        from compplan.outputs.diagnosis import deliver_diagnosis
+
+        deliver_diagnosis(result, Path(out), progress)
     return result
-
-
-def write_all(diagnosis: Diagnosis, folder: Path) -> dict[str, Any]:
-    """Write what `compplan diagnose` writes, and return what diagnosis.json holds.
-
-    Raises:
-        InputError: If the folder cannot be written; nothing is written then.
-    """
-    from compplan.diagnose.answer.assessment import assess_diagnosis
-    from compplan.diagnose.answer.next_measurement import propose_measurements
-    from compplan.diagnose.answer.where import split_diagnosis
-    from compplan.outputs.diagnosis import write_diagnosis
-
-    split, assessment = split_diagnosis(diagnosis), assess_diagnosis(diagnosis)
-    extra = {"where": split.to_json(), **assessment.to_json(), "next_measurement": propose_measurements(diagnosis)}
-    table = {**diagnosis.to_table(extra), "log_notes": list(diagnosis.fit.problem.campaign.notes)}
-    return write_diagnosis(diagnosis, split, assessment, table, folder)
 
 
 def learn(
