@@ -26,6 +26,7 @@ from compplan.path.force_models.isf_regression import (
 )
 from compplan.path.generators import Pace, generate_cone
 from compplan.path.toolpath import Toolpath, divide_toolpath
+from compplan.plan.citations import list_citations
 
 EXAMPLES = sorted((Path(__file__).parent.parent / "examples" / "forces").glob("*.toml"))
 SLOT = "x_mm,y_mm,z_mm,feed_mm_s,rapid\n-20,20,10,0,1\n-20,20,-2,0,1\n60,20,-2,20,0\n60,20,10,20,0\n"
@@ -83,6 +84,13 @@ def test_every_model_has_the_golden_force(model, tmp_path) -> None:
     force = nominal.wrench[len(nominal) // 2, :3]
     known = [k for k, value in enumerate(expected) if value is not None]
     assert force[known] == pytest.approx([expected[k] for k in known], rel=0.02, abs=0.1)
+
+
+def test_a_plan_cites_whose_equations_its_force_has() -> None:
+    said = {name: list_citations("1", "none", bends=False, chosen_posture=False, force_model=name, sources=())
+            for name in ("end_mill", "grinding", "constant")}  # fmt: skip
+    assert said["end_mill"][-1].startswith("force model end_mill: Y. Altintas")
+    assert "Malkin" in said["grinding"][-1] and not any("force model" in text for text in said["constant"])
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda f: f.stem)

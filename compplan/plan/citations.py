@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from compplan.path.force_models import FORCE_MODELS
+
 #: The papers, by what is used of them.
 METHODS = {
     "joint springs": "J. K. Salisbury: Active stiffness control of a manipulator in Cartesian coordinates, "
@@ -18,12 +20,9 @@ METHODS = {
     "control, Mathematical Programming Computation 11, 2019",
     "posture": "C. Dumas, S. Caro, S. Garnier, B. Furet: Joint stiffness identification of six-revolute industrial "
     "serial robots, Robotics and Computer-Integrated Manufacturing 27(4), 2011",
-    "milling": "Y. Altintas: Manufacturing Automation, 2nd edition, Cambridge University Press, 2012",
 }
 #: The program itself.
 PROGRAM = "The compplan developers: compplan, offline path compensation for industrial robots, version {version}"
-#: Force models whose equations are those of a book or paper above.
-FORCE_MODELS = {"milling": "milling", "end_mill": "milling"}
 #: Strategies that solve for derivatives.
 WITH_DERIVATIVES = ("nlp",)
 
@@ -45,6 +44,7 @@ def list_citations(
     used += ["joint springs", "stiffness under load"] if bends else []
     used += ["derivatives"] if strategy in WITH_DERIVATIVES else []
     used += ["posture"] if chosen_posture else []
-    used += [FORCE_MODELS[force_model]] if force_model in FORCE_MODELS else []
     papers = [f"{name}: {text}" for name, text in METHODS.items() if name in used]
+    force = "" if force_model is None else getattr(FORCE_MODELS[force_model], "cites", "")
+    papers += [f"force model {force_model}: {force}"] if force else []
     return (PROGRAM.format(version=version), *papers, *(f"robot model: {text}" for text in sources))

@@ -7,11 +7,13 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from compplan.path.force_models import milling
 from compplan.path.forces.cutter import Cutter
 from compplan.path.forces.cutting import CuttingTable
 from compplan.path.forces.milling import Spindle
 
 words = "end mill in what it meets of the stock"
+cites = milling.cites
 #: Flute length that is assumed where none is given, in diameters.
 FLUTES = 3.0
 

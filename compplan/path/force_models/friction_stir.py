@@ -22,6 +22,7 @@ from compplan.path.contact import PathForceTable, lifts
 from compplan.path.toolpath import Toolpath
 
 words = "friction stir weld"
+cites = "Schmidt, Hattel, Wert: Modelling Simul. Mater. Sci. Eng. 12, 143, 2004"
 #: Relative standard deviation that Monte Carlo draws the level with, assumed.
 UNCERTAINTY = 0.2
 

@@ -22,6 +22,7 @@ from compplan.path.contact import PathForceTable, lifts
 from compplan.path.toolpath import Toolpath
 
 words = "grinding or sanding"
+cites = "Malkin, Guo: Grinding Technology, 2nd edition, 2008"
 #: Relative standard deviation that Monte Carlo draws the level with, assumed.
 UNCERTAINTY = 0.25
 

@@ -28,6 +28,7 @@ from compplan.path.contact import PathForceTable, last_set, lifts, path_axes
 from compplan.path.toolpath import Toolpath
 
 words = "incremental sheet forming from sheet, tool and path"
+cites = "Aerens, Eyckens, Van Bael, Duflou: Int. J. Adv. Manuf. Technol. 46, 969, 2010"
 #: Tensile strength of sheets, sizes that handbooks give: assumed. [N/mm^2]
 STRENGTH = {"aa3003_o": 110.0, "aa5754_h22": 230.0, "dc01": 330.0, "aisi304": 620.0}
 #: Range that the regression is taken to hold in.

@@ -12,6 +12,7 @@ from compplan.path.contact import PathForceTable, travel_across
 from compplan.path.toolpath import Toolpath
 
 words = "mean force of an end mill of given depth and width"
+cites = "Y. Altintas: Manufacturing Automation, 2nd edition, Cambridge University Press, 2012"
 
 
 class MillingProcess(PathForceTable):
