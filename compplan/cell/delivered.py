@@ -74,6 +74,7 @@ class Commanded:
         feed: Feed that is driven in the move to each row, 0 in rapid moves. Shape (n,). [m/s]
         free: Whether the speed of the move to each row that programs hold is of no account. Shape (m,).
         table: Rows that joints.csv holds. Shape (n,).
+        coarser: How much more than the strictest tolerance the move to each row may take. Shape (n,).
         stands: Whether the tool has to stand still at each row that programs hold, beside the ends of rapid moves.
             Shape (m,).
 
@@ -88,6 +89,7 @@ class Commanded:
     stands: NDArray[np.bool_]
     free: NDArray[np.bool_]
     table: NDArray[np.bool_]
+    coarser: Array
 
 
 def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wanted: Commanded) -> Vote:
@@ -240,7 +242,8 @@ class _Stand:
         kept[:-1] |= wanted.feed[rows][1:] <= 0.0
         kept[-1] = True
         return PlannedRows(
-            self.position, self.rotation, wanted.time[rows], kept, wanted.free, self.tolerance, self.cycle
+            self.position, self.rotation, wanted.time[rows], kept, wanted.free, self.tolerance * wanted.coarser[rows],
+            self.cycle,
         )
 
     def compare(self, moves: list[Move], held: NDArray[np.int_]) -> list[str]:

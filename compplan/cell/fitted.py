@@ -35,7 +35,7 @@ class PlannedRows:
         time: Shape (m,). [s]
         kept: Rows that a move has to end at. Shape (m,).
         free: Rows whose speed is of no account. Shape (m,).
-        tolerance: How far rows may lie beside a move. [mm]
+        tolerance: How far rows may lie beside the move that ends at each. Shape (m,). [mm]
         cycle: Least time of a move. [s]
 
     """
@@ -45,7 +45,7 @@ class PlannedRows:
     time: Array
     kept: NDArray[np.bool_]
     free: NDArray[np.bool_]
-    tolerance: float
+    tolerance: Array
     cycle: float
 
 
@@ -131,7 +131,7 @@ def _follow(rows: PlannedRows, a: int, b: int, via: Array | None) -> str:
         off = np.linalg.norm(x - start - share[:, None] * chord, axis=1)
     else:
         off, share = _follow_arc(x, via)
-    if off.max() > rows.tolerance + ROUNDING:
+    if off.max() > rows.tolerance[a + 1 : b + 1].min() + ROUNDING:
         return f"the planned tip is {1e3 * off.max():.3g} um beside the move"
     if (np.diff(share) < -1e-6).any():
         return "the path turns back"

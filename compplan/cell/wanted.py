@@ -58,7 +58,7 @@ def vote_on_path(tables: Mapping[str, Any], folder: Path, rows: DrivenRows, feed
     constant = table.get("constant_mm_s")
     rounded = table.get("corner_tolerance_mm")
     if rounded is None:
-        rounded = ROUNDED * tables.get("plan", {}).get("tolerance_mm", TOLERANCE) * isinstance(source, str)
+        rounded = ROUNDED * read_strictest(tables) * isinstance(source, str)
     path = Followed(
         (rows.position - part.translation) @ part.rotation, rows.axis @ part.rotation, rows.rapid,
         feed if constant is None else None, chord + ROUNDING, 1e-3 * rounded,
@@ -90,3 +90,10 @@ def read_wanted(tables: Mapping[str, Any], folder: Path) -> tuple[Reading, float
     from compplan.second.cam import read_moves
 
     return read_moves(file, options), 1e-3 * options.get("chord_tolerance_mm", 1e3 * CHORD)
+
+
+def read_strictest(tables: Mapping[str, Any]) -> float:
+    """Return the least tolerance that a job states for any part of its path. [mm]"""
+    field = tables.get("tolerance") or {}
+    everywhere = field.get("normal_mm") or tables.get("plan", {}).get("tolerance_mm", TOLERANCE)
+    return float(min([everywhere, *(part["normal_mm"] for part in field.get("part") or () if part.get("normal_mm"))]))

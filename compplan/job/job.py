@@ -20,6 +20,7 @@ from compplan.job.names import STRATEGIES
 from compplan.job.noise import NoiseTable
 from compplan.job.output import OutputTable
 from compplan.job.stability import StabilityTable
+from compplan.job.tolerance import ToleranceTable
 from compplan.job.tools import NumberedTool, ToolsTable, check_tools
 from compplan.path.cam import list_suffixes
 from compplan.path.cam.options import CamTable
@@ -193,6 +194,7 @@ class Job(StrictTable):
     stability: StabilityTable = StabilityTable(judge=False)
     tool_beam: ToolBeamTable | None = None
     plan: PlanTable = PlanTable()
+    tolerance: ToleranceTable = ToleranceTable()
     output: OutputTable = OutputTable()
     sampling: SamplingTable = SamplingTable()
     cam: CamTable = CamTable()
@@ -276,7 +278,12 @@ class Job(StrictTable):
             return 1e-3 * self.feed.corner_tolerance_mm
         jumps = self.feed.mode == "constant" and turns_with_travel(self.process)
         rounds = self._given is None and isinstance(self.toolpath, str) and not jumps
-        return 1e-3 * ROUNDED * self.plan.tolerance_mm * rounds
+        return ROUNDED * self.strictest_tolerance * rounds
+
+    @property
+    def strictest_tolerance(self) -> float:
+        """The least tolerance of any part of the path. [m]."""
+        return 1e-3 * self.tolerance.strictest(self.plan.tolerance_mm)
 
     @property
     def label(self) -> str:

@@ -115,6 +115,10 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
 
     """
     toolpath = load_toolpath(job)
+    try:
+        toolpath = job.tolerance.lay(toolpath, job.plan.tolerance_mm)
+    except InputError as error:
+        raise InputError(error.message, file=job.file, where=error.where) from None
     if job.feed.constant_mm_s is not None:
         toolpath = replace(toolpath, feed=np.where(toolpath.rapid, toolpath.feed, job.feed.constant_mm_s * 1e-3))
     rows_at, from_file = toolpath.arc_length, isinstance(job.toolpath, str)

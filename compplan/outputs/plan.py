@@ -98,7 +98,8 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     free = np.r_[np.zeros(len(ahead), bool), plan.task.lead, np.zeros(len(behind), bool)]
     position, axis = place_rows(plan)
     tip = np.hstack([1e3 * position, axis, predict_rows(plan)])
-    wanted = Commanded(q, time, tip, rows, (first, last), feed, stands, free, choose_rows(plan))
+    coarser = np.r_[np.ones(first), plan.task.coarser, np.ones(len(back.q))]
+    wanted = Commanded(q, time, tip, rows, (first, last), feed, stands, free, choose_rows(plan), coarser)
     vote = vote_on_delivery(folder, job.model_dump(by_alias=True, exclude_unset=True), Path(robot), wanted)
     if not vote.breaches and not vote.notes:
         return plan
@@ -324,7 +325,10 @@ def make_program(plan: Plan) -> Program:
     if plan.job is None:
         return program
     output, cycle = plan.job.output, load_motion(plan.robot)[0].cycle
-    return replace(program, tolerance=1e-3 * output.fit_tolerance_mm, cycle=cycle, free=free, form=output.form)
+    coarser = np.r_[np.ones(before), plan.task.coarser, np.ones(after)]
+    return replace(
+        program, tolerance=1e-3 * output.fit_tolerance_mm, coarser=coarser, cycle=cycle, free=free, form=output.form
+    )
 
 
 def place_events(events: Sequence[Event], before: int, count: int, after: int) -> list[Event]:

@@ -56,6 +56,8 @@ class Toolpath(Shown):
         notes: What was assumed or read past when it was read, one sentence each.
         events: What happens beside motion, in order.
         rounded: How far each waypoint was moved off the programmed path to round a corner, or None. Shape (n,). [m]
+        tolerance: How far the tip may be off the move that ends here, across and along the travel; nan along it where
+            the whole distance counts. None where one tolerance is for all. Shape (n, 2). [m]
 
     Raises:
         ShapeError: If an array does not have the shape above.
@@ -72,13 +74,15 @@ class Toolpath(Shown):
     notes: tuple[str, ...] = ()
     events: tuple[Event, ...] = ()
     rounded: Array | None = None
+    tolerance: Array | None = None
 
     def __post_init__(self) -> None:
         n = len(self.position)
         shapes = {"position": (n, 3), "axis": (n, 3), "feed": (n,), "rapid": (n,), "wrench": (n, 6), "rounded": (n,)}
+        shapes["tolerance"] = (n, 2)
         for name, shape in shapes.items():
             array = getattr(self, name)
-            if array is None and name in ("wrench", "rounded"):
+            if array is None and name in ("wrench", "rounded", "tolerance"):
                 continue
             array = np.array(array, dtype=bool if name == "rapid" else np.float64)
             if array.shape != shape:
@@ -277,7 +281,8 @@ def select_waypoints(toolpath: Toolpath, index: NDArray[np.int64]) -> Toolpath:
     rows = (toolpath.position[index], toolpath.axis[index], toolpath.feed[index], toolpath.rapid[index])
     events = move_events(toolpath.events, index.astype(float))
     rounded = None if toolpath.rounded is None else toolpath.rounded[index]
-    return Toolpath(*rows, wrench, toolpath.frame, toolpath.source, toolpath.notes, events, rounded)
+    allowed = None if toolpath.tolerance is None else toolpath.tolerance[index]
+    return Toolpath(*rows, wrench, toolpath.frame, toolpath.source, toolpath.notes, events, rounded, allowed)
 
 
 def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = np.inf) -> Toolpath:
@@ -325,7 +330,7 @@ def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = 
     events = move_events(toolpath.events, np.concatenate([[0.0], move + share]))
     return replace(
         toolpath, position=position, axis=axis, feed=toolpath.feed[ends], rapid=toolpath.rapid[ends], wrench=wrench,
-        events=events,
+        events=events, tolerance=None if toolpath.tolerance is None else toolpath.tolerance[ends],
     )  # fmt: skip
 
 
@@ -369,4 +374,5 @@ def divide_toolpath(toolpath: Toolpath, places: Array) -> Toolpath:
         feed=toolpath.feed[move], rapid=toolpath.rapid[move],
         wrench=wrench, events=move_events(toolpath.events, places),
         rounded=None if toolpath.rounded is None else np.interp(places, np.arange(len(toolpath)), toolpath.rounded),
+        tolerance=None if toolpath.tolerance is None else toolpath.tolerance[move],
     )  # fmt: skip

@@ -101,7 +101,7 @@ def _doubt_inertia(found: Agreement) -> str:
         return f"joint limits are passed by a factor of {found.excess:.3g}"
     if found.change > SETTLED * task.tolerance:
         return f"motion and correction do not settle (last turn {1e3 * found.change:.2g} mm)"
-    if found.between.max_deviation > task.tolerance:
+    if (found.between.most > task.move_tolerance).any():
         return f"the tip strays by {1e3 * found.between.max_deviation:.2g} mm between waypoints"
     return ""
 
@@ -137,7 +137,7 @@ def _divide_ahead(task: PlanTask, wish: FeedWish) -> PlanTask:
             task, timing = _drive(task, task.q_start, wish)
             time = timing.time
         bow = measure_between(task, task.q_start, time, bow=True)
-        pieces = mending.allow(task, wanted_pieces(bow, task.chord), bow.most)
+        pieces = mending.allow(task, wanted_pieces(bow, task.move_chord), bow.most)
         if task.follows_feed:
             pieces = np.maximum(pieces, _force_pieces(task))
         pieces[task.missed[1:] | task.missed[:-1]] = 1
@@ -275,7 +275,7 @@ def _missing_pieces(found: Agreement) -> tuple[Array, NDArray[np.int_]]:
         crosses = (np.abs(np.diff(found.command.q - links, axis=0)) > 0.0).any(axis=1)
         for way, whole in zip(_ways(between), (found.between.joint, found.between.cartesian), strict=False):
             way[crosses] = np.maximum(way, whole)[crosses]
-    pieces = wanted_pieces(between, task.chord)
+    pieces = wanted_pieces(between, task.move_chord)
     pieces[task.nominal.steps < 1e-6] = 1
     pieces = _even_crossings(found, pieces)
     for waypoint in found.command.failures:

@@ -142,10 +142,10 @@ def follow_spline(task: PlanTask, q: Array, time: Array, moves: NDArray[np.int_]
     return found
 
 
-def wanted_pieces(between: Between, chord: float) -> NDArray[np.int_]:
-    """Tell into how many pieces each move has to be divided to stay within a chord [m]. Shape (n - 1,)."""
+def wanted_pieces(between: Between, chord: Array | float) -> NDArray[np.int_]:
+    """Tell into how many pieces each move has to be divided to stay within a chord, one or (n - 1,) [m]. (n - 1,)."""
     nearest = np.maximum(np.maximum(between.joint, between.cartesian), between.spline / SPLINE_CHORDS)
-    excess = np.maximum(nearest / max(chord, 1e-12), 0.0)
+    excess = np.maximum(nearest / np.maximum(chord, 1e-12), 0.0)
     return np.where(excess > 1.0, np.ceil(np.sqrt(1.2 * excess)), 1.0).astype(int)
 
 

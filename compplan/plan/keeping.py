@@ -91,7 +91,7 @@ class ToleranceVerdict:
     Attributes:
         word: "keeps", "may_not_keep" or "not_known".
         sentence: The same for people, with what to do about it.
-        tolerance: Greatest deviation that counts as within tolerance. [m]
+        tolerance: Greatest deviation that counts as within tolerance, the strictest of all parts. [m]
         band: Distance that the whole cut keeps within with 95 %; None where it is not known. [m]
         beyond_share: Share of the cut, by length, whose band reaches beyond the tolerance; None where not known.
         where: Stretches of the cut beyond the tolerance.
@@ -155,13 +155,17 @@ def judge_keeping(case: Case) -> ToleranceVerdict:
         text = "no robot within what is known finds an equilibrium under this load"
         return _not_known(case, text, MEASURE, None, None)
     cut = case.task.cut
-    beyond = cut & (promise.along > tolerance)
+    use = use_tolerance(case.task, promise)
+    beyond = cut & (use > 1.0)
     share = share_length(case.task.nominal.arc_length, cut, beyond)
     if not beyond.any() and case.status == "solved":
         if missing:
             return _not_known(case, *missing, promise, share)
         basis, cause = describe_basis(promise), find_cause(case, promise)
-        sentence = f"Keeps {_mm(tolerance)}: with 95 % the tip stays within {_mm(promise.whole)} along the whole cut"
+        sentence = f"Keeps {say_tolerance(case.task)}: with 95 % the tip stays within {_mm(promise.whole)}"
+        sentence += " along the whole cut"
+        if case.task.allowed is not None:
+            sentence += f", and uses {_percent(float(use[cut].max()))} of the tolerance at most"
         sentence += f" ({basis}).{say_inertia(case)}"
         return ToleranceVerdict(
             KEEPS, sentence, tolerance, promise.whole, share, (), cause, "", basis, list_left_out(case)
@@ -171,17 +175,40 @@ def judge_keeping(case: Case) -> ToleranceVerdict:
     return _may_not_keep(case, promise, beyond, share)
 
 
+def use_tolerance(task: PlanTask, promise: Promise) -> Array:
+    """Return the share of its tolerance that the band of the whole path uses at each waypoint. Shape (n,)."""
+    if task.allowed is None:
+        return promise.along / task.tolerance
+    mean = None if promise.motion is None else promise.motion.mean
+    return task.allowed.use_of_band(promise.along, promise.covariance, mean)
+
+
+def say_tolerance(task: PlanTask) -> str:
+    """Say the tolerance, or the range of those across the travel where parts of the cut have their own."""
+    if task.allowed is None:
+        return _mm(task.tolerance)
+    sizes = task.allowed.normal[task.cut]
+    span = "" if np.ptp(sizes) == 0.0 else f"{_mm(sizes.min())} to "
+    along = task.allowed.tangential[task.cut & task.allowed.apart]
+    more = f" across the travel, {_mm(along.min())} along it" if len(along) else ""
+    return f"{span}{_mm(sizes.max())}{more}"
+
+
 def _may_not_keep(case: Case, promise: Promise, beyond: NDArray[np.bool_], share: float) -> ToleranceVerdict:
     tolerance, length = case.task.tolerance, case.task.nominal.arc_length
     where = find_stretches(beyond, length, promise.along)
     cause = find_cause(case, promise)
     change = find_change(case, promise, cause)
     off = f"the tip may be up to {_mm(promise.whole)} off the path (95 %). Beyond the tolerance: {_percent(share)}"
-    off += f" of the cut, most of all {1e3 * length[promise.widest]:.4g} mm along the path"
+    use = np.where(case.task.cut, use_tolerance(case.task, promise), 0.0)
+    widest = promise.widest if case.task.allowed is None else int(use.argmax())
+    off += f" of the cut, most of all {1e3 * length[widest]:.4g} mm along the path"
+    if case.task.allowed is not None:
+        off += f" (band {_mm(promise.along[widest])}, {use[widest]:.2g} times its tolerance)"
     if case.status == "infeasible":
         off = f"{len(case.failures)} waypoints are not reached within the limits"
         off += f" (the first is waypoint {min(case.failures)})" if case.failures else ""
-    sentence = f"May not keep {_mm(tolerance)}: {off}. Largest cause: {cause}. {change}"
+    sentence = f"May not keep {say_tolerance(case.task)}: {off}. Largest cause: {cause}. {change}"
     sentence += "" if change == LET_COMPENSATE else say_inertia(case)
     if case.status != "solved":
         stop = "the plan is not confirmed" if case.status == "not_confirmed" else "there is no solution"
@@ -196,7 +223,7 @@ def _may_not_keep(case: Case, promise: Promise, beyond: NDArray[np.bool_], share
 def _not_known(case: Case, missing: str, change: str, promise: Promise | None, share: float | None) -> ToleranceVerdict:
     tolerance, basis = case.task.tolerance, "" if promise is None else describe_basis(promise)
     band = None if promise is None else promise.whole
-    sentence = f"Not known whether it keeps {_mm(tolerance)}: {missing}. {change}{say_inertia(case)}"
+    sentence = f"Not known whether it keeps {say_tolerance(case.task)}: {missing}. {change}{say_inertia(case)}"
     if case.status != "solved":
         sentence = f"Do not start. {sentence}"
     return ToleranceVerdict(

@@ -365,7 +365,7 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         spin_free=table.rotate_about_tool_axis,
         wish=Wish(words.shoulder, words.elbow, words.wrist, start),
         max_correction=table.max_correction_mm * 1e-3,
-        tolerance=table.tolerance_mm * 1e-3,
+        tolerance=job.strictest_tolerance,
         tool_x=job.tool_x_base,
         velocity_scale=job.limits.velocity_scale,
         acceleration_scale=job.limits.acceleration_scale,

@@ -139,6 +139,7 @@ class Plan(Shown):
             left = left + task.nominal.rounded
         if output is not None and output.programs and output.form != "joint":
             bow += 1e-3 * output.fit_tolerance_mm
+            left = left + 1e-3 * output.fit_tolerance_mm * (task.coarser - 1.0)
         placed, part = read_placement(noise), None
         if placed is not None and self.job is not None:
             part = shift_part(task.position, self.job.T_base_part[:3, 3], placed)
@@ -301,7 +302,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         **plan.bending.describe(),
         **summarise_promise(plan.promise),
         "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
-        "within_tolerance": plan.after.share_within(plan.task.tolerance),
+        "within_tolerance": float((plan.task.use_tolerance(plan.after.deviation)[plan.after.cut] <= 1.0).mean()),
         "correction_mm": {"max": plan.margins.max_correction * 1e3},
         "margins": _describe_margins(plan),
         "duration_s": float(plan.timing.time[-1]),

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from compplan.effects.attained import attain_with_effects
 from compplan.path.force_law import ForceLaw
 from compplan.path.toolpath import Toolpath
+from compplan.plan.allowed import Allowed, find_allowed
 from compplan.plan.joint_weights import weigh_joints
 from compplan.plan.nlp import NlpSolution
 from compplan.plan.path_problem import PathProblem
@@ -49,14 +50,14 @@ class PlanTask:
         velocity_limits: Velocity limits. Shape (nq,). [rad/s or m/s]
         acceleration_limits: Acceleration limits. Shape (nq,). [rad/s^2 or m/s^2]
         max_correction: Greatest distance of the unloaded tip from the path. [m]
-        tolerance: Greatest deviation of the loaded tip that counts as on the path. [m]
+        tolerance: Greatest deviation of the loaded tip that counts as on the path, the strictest of all parts. [m]
         spin_free: Whether the rotation about the tool axis is free.
         start: How q_start was found, or None.
         law: The law of the wrench, or None where the path carries it.
         lead: Waypoints that bring the correction in at a contact, or out where a cut ends, the wanted tip at rest.
             Shape (n,).
         rests: Waypoints within a cut at which the tool comes to rest. Shape (n,).
-        chord: How far the loaded tip may stray from the path between waypoints. [m]
+        chord: How far the loaded tip may stray from the path between waypoints, where the tolerance is strictest. [m]
         smoothing: Time over which the motion is smoothed. [s]
         inertia: Whether the inertia of the motion counts as a load.
         bias: What it puts on each elastic coordinate, or None. Shape (n, s). [N m or N]
@@ -146,6 +147,32 @@ class PlanTask:
         """Waypoints that take the correction out where a cut has ended: those of `lead` after a cut. Shape (n,)."""
         last = np.maximum.accumulate(np.where(self.lead, 0, np.arange(len(self))))
         return np.asarray(self.lead & ~self.nominal.rapid[last])
+
+    @cached_property
+    def allowed(self) -> Allowed | None:
+        """The tolerance of each part of the path; None where one is for all."""
+        return find_allowed(self.nominal)
+
+    @property
+    def move_tolerance(self) -> Array:
+        """How far the tip may stray from each move. Shape (n - 1,). [m]."""
+        return np.full(len(self) - 1, self.tolerance) if self.allowed is None else self.allowed.moves
+
+    @property
+    def move_chord(self) -> Array | float:
+        """How far it may before the move is divided, as much more as its tolerance is. Shape (n - 1,). [m]."""
+        return self.chord if self.allowed is None else self.chord * self.coarser[1:]
+
+    @property
+    def coarser(self) -> Array:
+        """How much more the move that ends at each waypoint may stray than the strictest one. Shape (n,)."""
+        return np.r_[1.0, self.move_tolerance / self.tolerance]
+
+    def use_tolerance(self, away: Array) -> Array:
+        """Return the share of its tolerance that a deviation (n, 3) [m] uses at each waypoint. Shape (n,)."""
+        if self.allowed is None:
+            return np.asarray(np.linalg.norm(away, axis=1) / self.tolerance)
+        return self.allowed.use(away)
 
     @cached_property
     def problem(self) -> PathProblem:

@@ -110,20 +110,22 @@ def find_breaches(
 
     """
     breaches, tolerance = [], task.tolerance
-    if after.max_deviation > tolerance:
-        worst = int(np.flatnonzero(after.cut)[after.distance[after.cut].argmax()])
+    use = np.where(after.cut, task.use_tolerance(after.deviation), 0.0)
+    if use.max() > 1.0:
+        worst = int(use.argmax())
         breaches.append(f"the independent check finds the loaded tip "
-                        f"{_mm(after.max_deviation)} off the path at waypoint {worst}")
+                        f"{_mm(after.distance[worst])} off the path at waypoint {worst}")
     apart, worst = compare_models(task, command.q, after)
     if apart > AGREED + AGREED_SHARE * tolerance:
         breaches.append(f"the planner and the independent check place the loaded tip {_mm(apart)} apart "
                         f"at waypoint {worst}: one of them misreads the robot, the tool or the load")
     judged, move = judge_between(task, command.q, between, bench)
-    if judged > tolerance:
+    strays = move >= 0 and judged > task.move_tolerance[move]
+    if strays:
         breaches.append(f"the independent check finds the loaded tip {_mm(judged)} off the path after waypoint {move}")
-    if between.max_deviation > tolerance and judged <= tolerance:
-        move = int(between.most.argmax())
-        breaches.append(f"between waypoints the tip strays by {_mm(between.max_deviation)}, after waypoint {move}")
+    if (between.most > task.move_tolerance).any() and not strays:
+        move = int((between.most / task.move_tolerance).argmax())
+        breaches.append(f"between waypoints the tip strays by {_mm(between.most[move])}, after waypoint {move}")
     slower = float((find_slowdown(task, command.q, timing.time)).max())
     ratio = max(slower, timing.velocity_ratio, timing.acceleration_ratio**0.5)
     if ratio > ROUNDING:
@@ -157,12 +159,12 @@ def judge_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> t
     """Let the judge bring the tool to rest halfway between waypoints, joint positions and wrench gone over linearly.
 
     Returns:
-        Greatest distance from the moves [m], and the waypoint that the move starts at.
+        Greatest distance from the moves [m], against the tolerance of each, and the waypoint that the move starts at.
 
     """
     moves = judged_moves(task)
     if len(moves) > WORST + EVEN:
-        worst = moves[np.argsort(between.most[moves])[-WORST:]]
+        worst = moves[np.argsort((between.most / task.move_tolerance)[moves])[-WORST:]]
         moves = np.union1d(worst, moves[np.linspace(0, len(moves) - 1, EVEN).astype(int)])
     if not len(moves):
         return 0.0, -1
@@ -178,7 +180,8 @@ def judge_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> t
     square = np.maximum(np.einsum("ni,ni->n", along, along), 1e-30)
     share = np.clip(np.einsum("ni,ni->n", tip - start, along) / square, 0.0, 1.0)
     distance = np.linalg.norm(tip - start - share[:, None] * along, axis=1)
-    return float(distance.max()), int(moves[distance.argmax()])
+    worst_of = int((distance / task.move_tolerance[moves]).argmax())
+    return float(distance[worst_of]), int(moves[worst_of])
 
 
 def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:

@@ -19,7 +19,7 @@ from compplan.cell.forces import DrivenRows
 from compplan.cell.frames import read_part
 from compplan.cell.inertia import fit_parabolas, load_springs, shift_tip, stand_stiff
 from compplan.cell.judge import Judge
-from compplan.cell.wanted import Vote, vote_on_path
+from compplan.cell.wanted import Vote, read_strictest, vote_on_path
 from compplan.plan.bending import Bending
 from compplan.plan.evaluate import Evaluation
 from compplan.plan.strategies.limits import AT_CORRECTION
@@ -134,7 +134,7 @@ def _vote_on_bounds(driven: Driven, joints: JointTable) -> list[str]:
     """The plan was held to no wider bounds than job and robot folder state."""
     task, plan, found = driven.task, driven.tables.get("plan", {}), []
     stated = {
-        "tolerance": (task.tolerance, 1e-3 * plan.get("tolerance_mm", 0.1)),
+        "tolerance": (task.tolerance, 1e-3 * read_strictest(driven.tables)),
         "greatest correction": (task.max_correction, 1e-3 * plan.get("max_correction_mm", 10.0)),
     }
     for name, (held, said) in stated.items():

@@ -103,7 +103,7 @@ def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], middle: 
     ]
     some: dict[str, Any] = {
         name: None if (values := getattr(program, name)) is None else values[ends]
-        for name in ("joints", "rapid", "exact", "time", "tcp", "status", "bent", "free")
+        for name in ("joints", "rapid", "exact", "time", "tcp", "status", "bent", "free", "coarser")
     }
     words, native = ({key: values[ends] for key, values in table.items()} for table in (program.words, program.native))
     fewer = replace(
@@ -119,7 +119,8 @@ class _Track:
         assert program.time is not None
         poses = program.positions
         self.x, self.turn, self.time = 1e3 * poses[:, :3, 3], quaternions(poses), program.time
-        self.tolerance, self.arcs, self.cycle = tolerance, arcs, program.cycle
+        self.tolerance, self.arcs, self.cycle = np.full(len(program), tolerance), arcs, program.cycle
+        self.tolerance *= 1.0 if program.coarser is None else program.coarser
         self.step = np.linalg.norm(np.diff(self.x, axis=0, prepend=self.x[:1]), axis=1)
         self.along = np.cumsum(self.step)
         lasts = np.diff(program.time, prepend=program.time[0])
@@ -209,7 +210,7 @@ class _Track:
         if found is None:
             return False
         off, share = found
-        if off.max() > self.tolerance or (np.diff(share) < 0.0).any():
+        if off.max() > self.tolerance[a + 1 : b + 1].min() or (np.diff(share) < 0.0).any():
             return False
         carried = self.carried[a : b + 1]
         if carried.size and np.abs(carried - carried[0] - share[:, None] * (carried[-1] - carried[0])).max() > CARRIED:

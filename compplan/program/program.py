@@ -68,6 +68,7 @@ class Program:
         wiring: Signals of the cell that do it.
         post: How the job wants it written around the moves.
         tolerance: How far written lines and arcs may lie beside the tip; 0: one move a waypoint. [m]
+        coarser: Factor on it for the move that ends at each row, or None for 1. Shape (n,).
         cycle: Least time of a written move. [s]
         free: Moves whose speed is of no account, such as what brings a correction in, or None. Shape (n,).
         form: "linear": moves of the tool alone where a language can write them; "joint", "both".
@@ -105,6 +106,7 @@ class Program:
     wiring: Wiring = field(default_factory=Wiring)
     post: Post = field(default_factory=Post)
     tolerance: float = 0.0
+    coarser: Array | None = None
     cycle: float = 0.0
     free: NDArray[np.bool_] | None = None
     form: str = "both"
@@ -125,6 +127,7 @@ class Program:
             "free": (n,),
             "via": (n, 4, 4),
             "carries": (nq,),
+            "coarser": (n,),
         }
         for name, shape in shapes.items():
             array = getattr(self, name)

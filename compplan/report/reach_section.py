@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from compplan.plan.keeping import say_tolerance
 from compplan.report.along_path import Stations, below, draw_lines, outline_below
 from compplan.report.force_moves import list_rates, mark_force
 from compplan.report.page import Chart, Column, Columns, PageTable, Row, Section, TableCell
@@ -67,7 +68,11 @@ def _band(plan: Plan, stations: Stations) -> Chart:
         series["uncorrected"], shown = uncorrected, max(shown, 1.08 * float(np.nanmax(uncorrected)))
     else:
         said += f" Uncorrected lies off the chart, up to {format_length(1e-3 * float(np.nanmax(uncorrected)))}."
-    limit = (1e3 * plan.task.tolerance, f"tolerance {format_set_length(plan.task.tolerance)}")
+    limit: tuple[float, str] | None = (1e3 * plan.task.tolerance, f"tolerance {format_set_length(plan.task.tolerance)}")
+    if plan.task.allowed is not None:
+        limit, series["tolerance here"] = None, 1e3 * plan.task.allowed.normal * judged
+        shown = max(shown, 1.08 * float(np.nanmax(series["tolerance here"])))
+        said += " The tolerance is that of each part, across the travel where it counts apart."
     colours = {"true tip, 95 %": NEUTRAL, "as modelled": AFTER, "uncorrected": BEFORE}
     figure = draw_lines(
         stations, series, "mm", title="deviation", limit=limit, zero=True,
@@ -125,8 +130,13 @@ def _key_figures(plan: Plan) -> PageTable:
     for way, moves in ways.items():
         rows.append([f"between waypoints, {way}", None, _length_cell(float(moves.max(initial=0.0)))])
     rows.append([f"largest, {plan.mismatch.cell}", None, _length_cell(plan.mismatch.max_deviation)])
-    shares = [TableCell(format_percent(side.share_within(task.tolerance))) for side in sides]
-    rows.append([f"within {format_set_length(task.tolerance)}", *shares])
+    uses = [task.use_tolerance(side.deviation)[side.cut] for side in sides]
+    shares = [TableCell(format_percent(float((use <= 1.0).mean()))) for use in uses]
+    within = format_set_length(task.tolerance) if task.allowed is None else say_tolerance(task)
+    rows.append([f"within {within}", *shares])
+    if task.allowed is not None:
+        worst = [TableCell(format_percent(float(use.max()))) for use in uses]
+        rows.append(["worst, in shares of its tolerance", *worst])
     rows.append(["tool axis off by up to", *(TableCell(format_angle(side.max_tilt)) for side in sides)])
     allowed = f"{format_length(plan.margins.max_correction)} of {format_set_length(task.max_correction)}"
     rows.append(["largest correction", None, TableCell(allowed)])
