@@ -9,6 +9,7 @@ import pytest
 import trimesh
 from commandline import run_command
 
+from compplan.errors import InputError
 from compplan.files.notes import Crash
 from compplan.job.job import check_job, load_job
 from compplan.job.loading import load_path
@@ -18,6 +19,7 @@ from compplan.path.forces.blank import Cut, take_away, triangulate_stock
 from compplan.path.forces.cutter import Cutter
 from compplan.path.forces.finished import measure_distance
 from compplan.path.forces.look import Above
+from compplan.path.forces.materials import MATERIALS
 from compplan.path.forces.meeting import find_engagement
 from compplan.path.forces.stock import StockColumns, build_block, read_mesh
 from compplan.path.toolpath import Toolpath
@@ -197,3 +199,20 @@ def test_the_holder_of_a_tool_table_stands_on_the_tool_from_its_nose_up(tmp_path
     assert tool.holder_mm == pytest.approx(np.array([(30, 25.4), (55.4, 38.1), (55.4, 38.1), (80.8, 38.1)]))
     (tmp_path / "tools.csv").write_text("number,length_mm,holder_from_mm,holder_diameter_mm\n3,90,35,32\n")
     assert read_tool_library(tmp_path / "tools.csv")[0].holder_mm == ((35.0, 32.0), (90.0, 32.0))
+
+
+def test_tools_and_materials_of_ones_own_stand_beside_those_that_ship(tmp_path: Path) -> None:
+    table = '[[tool]]\nnumber = 3\nname = "long"\nkind = "end mill"\nlength_mm = 90.0\ndiameter_mm = 8.0\nteeth = 2\n'
+    (tmp_path / "tools.toml").write_text(table, encoding="utf-8")
+    (tool,) = read_tool_library(tmp_path / "tools.toml")
+    assert (tool.number, tool.name, tool.kind, tool.length_mm, tool.teeth) == (3, "long", "mill", 90.0, 2)
+    (tmp_path / "tools.toml").write_text(table + "radius_mm = 1\n", encoding="utf-8")
+    with pytest.raises(InputError, match="choose from"):
+        read_tool_library(tmp_path / "tools.toml")
+    (tmp_path / "mine.toml").write_text("[mine]\ncutting_N_mm2 = [500.0, 200.0, 100.0]\n", encoding="utf-8")
+    process = {"model": "end_mill", "diameter_mm": 8.0, "spindle_rpm": 9000.0, "materials": "mine.toml"}
+    found = {}
+    for name in ("mine", "beech"):
+        data = {"schema": 1, "robot": "kuka_kr16_2", "toolpath": "x.csv", "process": {**process, "material": name}}
+        found[name] = check_job(data, tmp_path / "job.toml").process.resistance.cutting[0]
+    assert found == {"mine": 500.0, "beech": MATERIALS["beech"].cutting[0]}

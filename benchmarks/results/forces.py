@@ -14,7 +14,8 @@ METHOD = (
     "`python -m benchmarks.engagement` sweeps a block of cubes; `benchmarks.milling` cuts tooth by tooth in time; "
     "`benchmarks.deflected` lets force, deflection and removal advance together; `benchmarks.stability` integrates the "
     "delay equation of drawn cuts; none shares code with the models of the product. `benchmarks.force_logs` draws "
-    "force logs with offset, drift, lag and noise and fits them."
+    "force logs with offset, drift, lag and noise and fits them; `benchmarks.crashes` plants rapid moves in stock, short "
+    "flutes, wide holders and gouges in the shipped jobs."
 )
 #: Aims for mean force and moment, and for the ripple, as shares.
 MEAN_AIM, RIPPLE_AIM = 0.03, 0.10
@@ -30,7 +31,7 @@ LIMITS = (
 
 
 def measure(settings: Settings) -> Findings:
-    """Run the five benchmarks."""
+    """Run the six benchmarks."""
     from benchmarks import engagement, milling
 
     del settings
@@ -39,6 +40,7 @@ def measure(settings: Settings) -> Findings:
     logs = run_benchmark("benchmarks.force_logs", "--logs", 100)
     held = re.search(r"all: ([\d.]+) % held", logs)
     calls = [run_benchmark("benchmarks.stability", "--seed", seed) for seed in (18, 19)]
+    crashes = run_benchmark("benchmarks.crashes").strip()
     agree = [float(share) for text in calls for share in re.findall(r"semi-discretisation: ([\d.]+) %", text)]
     worst = re.search(r"worst: ([\d.]+) %", walls)
     force, torque, ripple = (100 * np.nanmax([row[k] for row in mills]) for k in (1, 2, 3))
@@ -51,6 +53,7 @@ def measure(settings: Settings) -> Findings:
             f"Walls cut by an arm that gives way within {worst[1] if worst else '?'} % of the deviation.",
             f"95 % intervals of coefficients fitted to drawn logs hold {held[1] if held else '?'} % of the truths.",
             f"Chatter is called as the simulation calls it in {min(agree):.1f} % of the drawn cuts or more.",
+            f"{crashes.splitlines()[-1]}.",
         ),
         (
             "Engagement, mean differences:\n\n"
@@ -61,6 +64,7 @@ def measure(settings: Settings) -> Findings:
             + draw_table(("cut", "mean force", "moment", "ripple"), [(r[0], *map(_share, r[1:])) for r in mills]),
             "Deflected walls:\n\n```text\n" + walls.strip() + "\n```",
             "Force logs:\n\n```text\n" + logs.strip() + "\n```",
+            "Planted crashes and gouges:\n\n```text\n" + crashes + "\n```",
             "Chatter:\n\n```text\n" + "\n".join(text.strip() for text in calls) + "\n```",
         ),
         _find_losses(mills),

@@ -3,6 +3,7 @@
 | form | told by | length | cutter |
 |---|---|---|---|
 | CSV | a head line with `number` | length_mm | diameter_mm, teeth, corner_radius_mm, flute_mm, point_deg, holder |
+| TOML | `[[tool]]` | length_mm | the keys of the CSV |
 | Fusion, JSON (.json, .tools) | `data`, `post-process` | assemblyGaugeLength, or gaugeLength + LB | DC NOF RE LCF SIG |
 | HSM, XML (.xml, .hsmlib) | `tool-library` | the holder's gauge-length + body-length | diameter, corner-radius .. |
 | LinuxCNC tool.tbl | lines `T1 P1 Z.. D..` | Z | D |
@@ -28,6 +29,7 @@ from xml.etree import ElementTree
 from compplan.errors import InputError
 from compplan.files.origin import note_input
 from compplan.files.tables import read_text
+from compplan.files.tomlfile import read_toml
 from compplan.files.xmlfile import parse_xml
 
 INCH = 25.4
@@ -85,7 +87,7 @@ def read_tool_library(path: str | Path, unit: str | None = None) -> tuple[Librar
     text = _read(path)
     reader = next((read for told, read in FORMS if told(text)), None)
     if reader is None:
-        message = "is no tool table, expected CSV with a head line (number, length_mm, ..), a Fusion or HSM library, "
+        message = "is no tool table, expected CSV (number, length_mm, ..), TOML, a Fusion or HSM library, "
         raise InputError(f"{message}LinuxCNC's tool.tbl or Heidenhain's TOOL.T", file=path)
     tools = tuple(reader(text, path, unit))
     if not tools:
@@ -174,25 +176,39 @@ def _read_csv(text: str, path: Path, unit: str | None) -> Iterator[LibraryTool]:
     if "length_mm" not in names:
         raise InputError("missing column length_mm: from the gauge line of the spindle to the tip", file=path, where=1)
     for row in rows:
-        line = rows.line_num
         entry = {(key or "").strip().lower(): (value or "").strip() for key, value in row.items() if key is not None}
-        if not any(entry.values()) or entry.get("number", "").startswith("#"):
-            continue
-        said: dict[str, Any] = {
-            key: _number(entry[key], path, line, key) for key in NUMBERS if entry.get(key, "") != ""
-        }
-        if "length_mm" not in said:
-            raise InputError("length_mm is empty, expected a length", file=path, where=line)
-        if "teeth" in said:
-            said["teeth"] = _whole(said["teeth"], path, line, "teeth")
-        number = _whole(_number(entry["number"], path, line, "number"), path, line, "number")
-        kind = _kind(entry.get("kind", "")) if entry.get("kind") else ""
-        nose, width = said.pop("holder_from_mm", None), said.pop("holder_diameter_mm", None)
-        if (nose is None) != (width is None) or (nose is not None and not 0.0 < nose < said["length_mm"]):
-            message = "holder_from_mm (its nose above the tip, below length_mm) and holder_diameter_mm go together"
-            raise InputError(message, file=path, where=line)
-        holder = () if nose is None else ((nose, width), (said["length_mm"], width))
-        yield LibraryTool(number, entry.get("name", ""), kind=kind, holder_mm=holder, line=line, **said)
+        if any(entry.values()) and not entry.get("number", "").startswith("#"):
+            yield _make_tool(entry, path, rows.line_num)
+
+
+def _make_tool(entry: Mapping[str, str], path: Path, line: int) -> LibraryTool:
+    """Return the tool of a row of our own tables."""
+    said: dict[str, Any] = {key: _number(entry[key], path, line or None, key) for key in NUMBERS if entry.get(key, "")}
+    if "length_mm" not in said:
+        raise InputError("length_mm is empty, expected a length", file=path, where=line or None)
+    if "teeth" in said:
+        said["teeth"] = _whole(said["teeth"], path, line, "teeth")
+    number = _whole(_number(entry.get("number"), path, line or None, "number"), path, line, "number")
+    nose, width = said.pop("holder_from_mm", None), said.pop("holder_diameter_mm", None)
+    if (nose is None) != (width is None) or (nose is not None and not 0.0 < nose < said["length_mm"]):
+        message = "holder_from_mm (its nose above the tip, below length_mm) and holder_diameter_mm go together"
+        raise InputError(message, file=path, where=line or None)
+    holder = () if nose is None else ((nose, width), (said["length_mm"], width))
+    return LibraryTool(number, entry.get("name", ""), kind=_kind(entry.get("kind", "")), holder_mm=holder, line=line,
+                       **said)  # fmt: skip
+
+
+def _is_toml(text: str) -> bool:
+    return bool(re.search(r"(?m)^\[\[tool\]\]", text))
+
+
+def _read_toml(text: str, path: Path, unit: str | None) -> Iterator[LibraryTool]:
+    for k, row in enumerate(read_toml(path)["tool"]):
+        unknown = [key for key in row if key not in ("number", "name", "kind", *NUMBERS)]
+        if unknown:
+            allowed = ["number", "name", "kind", *NUMBERS]
+            raise InputError(f"unknown key, choose from {allowed}", file=path, where=f"tool[{k}].{unknown[0]}")
+        yield _make_tool({key: str(value) for key, value in row.items()}, path, 0)
 
 
 def _whole(value: float, path: Path, line: int | None, what: str) -> int:
@@ -364,5 +380,5 @@ def _read_heidenhain(text: str, path: Path, unit: str | None) -> Iterator[Librar
 #: Forms of tool tables: what tells one, and its reader.
 FORMS: tuple[tuple[Callable[[str], bool], Callable[[str, Path, str | None], Iterator[LibraryTool]]], ...] = (
     (_is_fusion, _read_fusion), (_is_hsm, _read_hsm), (_is_heidenhain, _read_heidenhain),
-    (_is_linuxcnc, _read_linuxcnc), (_is_csv, _read_csv),
+    (_is_linuxcnc, _read_linuxcnc), (_is_toml, _read_toml), (_is_csv, _read_csv),
 )  # fmt: skip

@@ -9,10 +9,13 @@ from typing import Any
 from compplan.errors import InputError
 from compplan.files.tomlfile import check_table, read_toml
 from compplan.path.forces.cutting import CoefficientTable
+from compplan.path.forces.materials import MATERIALS
 
 
 def lay_material(process: Mapping[str, Any], job: Path, where: str) -> dict[str, Any]:
     """Return [process] with the coefficients of its own file of materials; as it is where it names none.
+
+    A name of the file goes before one that ships with compplan.
 
     Args:
         process: The table, plain.
@@ -28,9 +31,12 @@ def lay_material(process: Mapping[str, Any], job: Path, where: str) -> dict[str,
         return dict(process)
     path = job.parent / file
     listed = read_toml(path)
+    if name in MATERIALS and name not in listed:
+        return {key: value for key, value in process.items() if key != "materials"}
     if not isinstance(name, str) or name not in listed:
         fault = "missing key" if name is None else f"is {name!r}"
-        raise InputError(f"{fault}, {path.name} has {list(listed)}", file=job, where=f"{where}.material")
+        message = f"{fault}, {path.name} has {list(listed)}, compplan {list(MATERIALS)}"
+        raise InputError(message, file=job, where=f"{where}.material")
     if not isinstance(listed[name], dict):
         raise InputError(f"is {listed[name]!r}, expected a table with cutting_N_mm2", file=path, where=name)
     table = check_table(CoefficientTable, listed[name], file=path, key=name).model_dump(exclude_unset=True)
