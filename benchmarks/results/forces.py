@@ -14,8 +14,8 @@ METHOD = (
     "`python -m benchmarks.engagement` sweeps a block of cubes; `benchmarks.milling` cuts tooth by tooth in time; "
     "`benchmarks.deflected` lets force, deflection and removal advance together; `benchmarks.stability` integrates the "
     "delay equation of drawn cuts; none shares code with the models of the product. `benchmarks.force_logs` draws "
-    "force logs with offset, drift, lag and noise and fits them; `benchmarks.crashes` plants rapid moves in stock, short "
-    "flutes, wide holders and gouges in the shipped jobs."
+    "force logs with offset, drift, lag and noise and fits them; `benchmarks.crashes` plants rapid moves in stock, "
+    "short flutes, wide holders and gouges in the shipped jobs."
 )
 #: Aims for mean force and moment, and for the ripple, as shares.
 MEAN_AIM, RIPPLE_AIM = 0.03, 0.10
