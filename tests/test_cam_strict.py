@@ -12,6 +12,7 @@ from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.path.cam import CamFile, CamTable, read_cam
 from compplan.path.cam.gcode_vendor import find_geometry
+from compplan.path.cam.gcode_words import check_words
 from compplan.path.reading import read_toolpath
 
 HEAD = "G21 G0 X0 Y0 Z0\n"
@@ -256,3 +257,11 @@ def test_a_plan_tells_what_its_reader_noted(tmp_path: Path) -> None:
         "centre_line says.",
         "part.nc, line 1: no unit is stated (G20, G21): mm is assumed.",
     ]
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    ([("G", 0.0), ("G", 1.0), ("X", 5.0)], "G0 and G1 stand in one block, expected one motion"),
+    ([("G", 90.0), ("G", 1.0), ("X", 5.0)], ""), ([("X", 1.0), ("X", 2.0)], "word X stands twice in this block"),
+])  # fmt: skip
+def test_a_block_says_one_motion_and_each_coordinate_once(words: list[tuple[str, float]], said: str) -> None:
+    assert check_words(words).startswith(said) and bool(check_words(words)) == bool(said)

@@ -3,14 +3,19 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import compplan as cp
+from compplan.diagnose import campaign_diagnosis
 from compplan.errors import InputError
-from compplan.job.job import check_job
-from compplan.plan.plan import prepare_job
+from compplan.job.job import CollisionTable, check_job
+from compplan.outputs.post import read_part
+from compplan.plan.notes import _ask_about_x
+from compplan.plan.plan import build_task, prepare_job
+from compplan.posture import collision_scene
 from compplan.statics.chain import locate_frames
 
 PATHS = Path(__file__).parents[1] / "paths"
@@ -139,7 +144,7 @@ def test_a_robot_with_too_few_joints_is_refused():
     joints = tuple(replace(j, kind="fixed") if j.name == "joint_6" else j for j in robot.joints)
     springs = tuple(s for s in robot.springs if s.joint != "joint_6")
     short = replace(robot, joints=joints, springs=springs, acceleration_limits=robot.acceleration_limits[:5])
-    with pytest.raises(InputError, match="has 5 joints, a tool position and direction needs 6"):
+    with pytest.raises(InputError, match="has 5 joints, the path needs 6"):
         cp.plan_compensation(short, nominal, options)
 
 
@@ -177,3 +182,55 @@ def test_a_plan_tells_its_stages_in_order_and_ends_where_it_is_cancelled():
         with pytest.raises(CancelledError):
             cp.plan_job(job, progress=lambda text, stop=stop: progress(text, stop))
         assert told == stages[: stages.index(stop) + 1]
+
+
+@pytest.mark.parametrize("rate", ["velocity", "acceleration"])
+def test_each_scale_lowers_its_own_limits_alone(rate: str) -> None:
+    job = check_job(
+        {"schema": 1, "robot": "kuka_kr270", "part": {"position_mm": [1600.0, 0.0, 900.0]},
+         "limits": {f"{rate}_scale": 0.4},
+         "toolpath": {"generator": "circle", "radius_mm": 60.0, "waypoints": 12, "feed_mm_s": 40.0},
+         "process": {"model": "constant", "force_N": [0.0, 0.0, 30.0]}}, Path("job.toml"),
+    )  # fmt: skip
+    task = build_task(*prepare_job(job))
+    for name in ("velocity", "acceleration"):
+        given = np.asarray(getattr(task, f"{name}_limits")) / np.asarray(getattr(task.robot, f"{name}_limits"))
+        assert given[np.isfinite(given)] == pytest.approx(0.4 if name == rate else 1.0)
+
+
+@pytest.mark.parametrize(("y", "asked"), [(0.5, False), (0.0, True), (0.01, True)])
+def test_an_x_along_the_tool_axis_is_said_to_say_nothing(y: float, asked: bool) -> None:
+    axis = np.tile([0.0, 0.0, 1.0], (4, 1))
+    plan = SimpleNamespace(model_fields_set={"tool_x"})
+    said = _ask_about_x(
+        SimpleNamespace(nominal=SimpleNamespace(axis=axis)), SimpleNamespace(plan=plan, tool_x_base=[0.0, y, -1.0])
+    )  # type: ignore[arg-type]
+    assert bool(said) == asked
+
+
+def test_six_numbers_of_a_part_are_its_place_and_a_rotation_vector() -> None:
+    assert read_part([1.0, 2.0, 3.0]) == {"position_mm": [1.0, 2.0, 3.0]}
+    assert read_part([1, 2, 3, 0, 0, 90]) == {"position_mm": [1.0, 2.0, 3.0], "rotation_deg": [0.0, 0.0, 90.0]}
+
+
+def test_the_zone_of_the_tip_that_may_touch_is_given_in_mm(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: dict[str, float] = {}
+    build = collision_scene.build_scene
+    monkeypatch.setattr(
+        collision_scene, "build_scene", lambda *_, **given: [asked.update(tip=given["tip_zone"]), build(*_, **given)][1]
+    )
+    robot = cp.load_robot("kuka_kr270")
+    job = SimpleNamespace(
+        collision=CollisionTable(tip_zone_mm=45.0), file=Path("job.toml"), T_base_part=np.eye(4), tool=None,
+    )  # fmt: skip
+    collision_scene.load_scene(job, robot)  # type: ignore[arg-type]
+    assert asked["tip"] == pytest.approx(0.045)
+
+
+def test_the_offset_of_a_target_is_given_in_mm(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    monkeypatch.setattr(campaign_diagnosis, "diagnose_campaign", lambda robot, campaign, **_: seen.append(campaign))
+    place = np.random.default_rng(1).uniform(0.0, 900.0, (30, 3))
+    log = {"q_deg": np.zeros((30, 6)) + np.arange(30)[:, None], "position_mm": place}
+    cp.diagnose(log, "kuka_kr270", target_offset_mm=(0.0, 0.0, 100.0), assume_ok=True)
+    assert seen[0].target_offset == pytest.approx([0.0, 0.0, 0.1])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +19,8 @@ from compplan.known.vary import vary_scene
 from compplan.plan.plan import build_task, prepare_job
 from compplan.promise.band import draw_paths, linearise_path
 from compplan.robot.uncertainty import RivalRobot, Uncertainty, Unknown, spread_unknowns
-from compplan.study.draw import draw_cells
+from compplan.study import judging
+from compplan.study.draw import _Noises, draw_cells
 from compplan.study.judging import run_strategy
 from compplan.study.posterior import MODES, count_coordinates, settle_robot
 from compplan.study.study import Study, prepare_study
@@ -119,3 +121,29 @@ def test_the_spread_of_the_robot_is_left_to_the_folder(study: Study) -> None:
     assert settle_robot(robot, NoiseTable()) == NoiseTable()
     with pytest.raises(InputError, match="backlash_deg is stated, and robot = \"posterior\""):
         settle_robot(robot, NoiseTable(robot="posterior", backlash_deg=0.01))
+
+
+def test_noise_along_the_path_has_variance_one_at_its_knots_however_slowly_it_forgets() -> None:
+    white = np.random.default_rng(2).standard_normal((1, 4000, 22))
+    at = SimpleNamespace(forget=0.8, knot=np.arange(20.0))
+    drawn = _Noises.along_path(SimpleNamespace(at=at, _fill=lambda *_: white.copy()), 0)  # type: ignore[arg-type]
+    assert drawn.std(axis=0) == pytest.approx(np.ones(20), abs=0.05)
+    assert np.mean(drawn[:, 10] * drawn[:, 11]) == pytest.approx(0.8, abs=0.05)
+
+
+def test_joints_that_are_held_at_the_link_feel_no_drive_and_no_motor_encoder(monkeypatch: pytest.MonkeyPatch) -> None:
+    """q = command + zero + g (drive - motor's encoder) - (1 - g) link's encoder; g is 1 at the motor, 0 at the link."""
+    one = np.ones((2, 1, 3))
+    worker = SimpleNamespace(
+        spring_gain=np.array([1.0, 0.0]), spring_factor=np.ones(1), theta=np.zeros((1, 3)), placements=None,
+        offset=np.zeros((3, 3)),
+    )  # fmt: skip
+    cells = SimpleNamespace(
+        zero=np.array([[0.1], [0.2]]), drive=5.0 * one, motor=[2.0 * one], link=[0.5 * one], factor=np.ones((1, 1)),
+        shift=np.zeros((3, 1, 3)), repeat=[np.zeros((3, 1))], wrench=[np.zeros((6, 1, 3))],
+    )  # fmt: skip
+    asked = []
+    monkeypatch.setattr(judging, "settle_tips", lambda kernel, q, *rest: asked.append(q) or np.zeros((3, 3)))
+    study = SimpleNamespace(kernel=None, nominal=np.zeros((3, 3)), coupling=None)
+    judging._cut_part(study, worker, cells, np.zeros((2, 1, 3)), 0)  # type: ignore[arg-type]
+    assert asked[0][:, 0] == pytest.approx([0.1 + 5.0 - 2.0, 0.2 - 0.5])
