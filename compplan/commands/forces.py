@@ -31,7 +31,9 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
     from compplan.job.force_prediction import predict_forces
     from compplan.job.operations import load_one_job
     from compplan.outputs.forces import write_coefficients, write_forces
+    from compplan.plan.finished_walls import find_greatest
     from compplan.plan.stability import judge_stability
+    from compplan.plan.uncorrected import predict_surface
 
     if table is not None and log is None:
         raise InputError("--write needs --log, the measured forces")
@@ -48,8 +50,10 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
         stability, remark = judge_stability(found)
         if chatters and not checked.stability.judge:
             remark = "Whether the cut chatters was not looked at; a table [stability] in the job asks for it."
+        walls, told = predict_surface(found)
+        remark = " ".join(filter(None, (remark, told)))
         announce("write: forces.json, forces.csv, report.html")
-        summary = write_forces(found, folder, stability, remark)
+        summary = write_forces(found, folder, stability, remark, walls)
     if as_json:
         click.echo(dump_json(summary))
         return
@@ -65,6 +69,8 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
         part, left = summary["part"], summary["part"]["left_mm"]
         click.echo(f"finished part: {left['median']:.3g} mm left in the median, {left['max']:.3g} mm at most, "
                    f"cut into by {part['deepest_mm']:.3g} mm at most")  # fmt: skip
+    if walls is not None:
+        click.echo(f"finished walls: {len(walls)}, up to {1e3 * find_greatest(walls):.3g} mm off, the arm uncorrected")
     if "log" in summary:
         fit = summary["log"]
         click.echo(f"log: {fit['rows']} rows in the cut of {fit['rms_N']:.3g} N (rms), the prediction is off by "

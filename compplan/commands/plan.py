@@ -80,6 +80,7 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
     from compplan.files.notes import Stop
     from compplan.outputs.plan import deliver_plan, note_programs, summarise_plan
     from compplan.plan.bending import describe_bending
+    from compplan.plan.finished_walls import find_greatest
     from compplan.plan.plan import plan_job
     from compplan.plan.result import replace_said
     from compplan.report.provenance import describe_grade
@@ -105,6 +106,9 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
         if plan.promise is not None:
             click.echo(f"true tip within {format_length(plan.promise.whole)} along the whole path, with 95 %")
             click.echo(f"  from: {plan.promise.known.source}; force {plan.promise.force.source}")
+        if plan.walls:
+            greatest = format_length(find_greatest(plan.walls))
+            click.echo(f"finished walls: {len(plan.walls)}, up to {greatest} off, the arm corrected")
         click.echo(describe_grade(plan.robot))
         for note in plan.notes:
             click.echo(f"before the machine moves: {note}" if isinstance(note, Stop) else note)

@@ -30,6 +30,7 @@ from compplan.path.force_models.columns import ColumnsProcess
 from compplan.path.forces.library import lay_material
 from compplan.path.forces.process_stiffness import CouplingTable
 from compplan.path.forces.tool_beam import ToolBeamTable
+from compplan.path.forces.walls import SurfaceTable
 from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
 from compplan.path.process import Process
 from compplan.path.toolpath import Toolpath
@@ -193,6 +194,7 @@ class Job(StrictTable):
     coupling: CouplingTable | None = None
     stability: StabilityTable = StabilityTable(judge=False)
     tool_beam: ToolBeamTable | None = None
+    surface: SurfaceTable | None = None
     plan: PlanTable = PlanTable()
     tolerance: ToleranceTable = ToleranceTable()
     output: OutputTable = OutputTable()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,10 @@ from compplan.files.transaction import replace_folder
 from compplan.job.force_prediction import ForcePrediction
 from compplan.path.forces.cutting import CoefficientTable
 from compplan.path.forces.finished import describe_part
+from compplan.path.forces.walls import WallError
 from compplan.path.process import Process
 from compplan.path.toolpath import WRENCH_HEADERS
+from compplan.plan.finished_walls import describe_walls
 from compplan.plan.stability import Stability, mark_spans
 from compplan.plan.stable_cut import ACCEPTED
 from compplan.robot import Array
@@ -110,8 +113,9 @@ def _limits(depth: Array) -> list[float | None]:
 
 
 def write_forces(
-    found: ForcePrediction, folder: Path, stability: Stability | None = None, remark: str = ""
-) -> dict[str, Any]:
+    found: ForcePrediction, folder: Path, stability: Stability | None = None, remark: str = "",
+    walls: Sequence[WallError] | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """Write forces.json, forces.csv, report.html, and what a cutter leaves of its stock; return what forces.json holds.
 
     Raises:
@@ -121,9 +125,11 @@ def write_forces(
     from compplan.report.forces_page import write_forces_page
 
     summary = {**summarise_forces(found, stability, remark), "made_by": describe_origin()}
+    if walls is not None:
+        summary["surface"] = describe_walls(walls, found.job, corrected=False)
     with replace_folder(folder, "forces") as part:
         write_table(part / "forces.csv", _tabulate(found, stability))
-        write_forces_page(found, summary, stability, part / "report.html")
+        write_forces_page(found, summary, stability, walls, part / "report.html")
         if found.law.cutting is not None:
             left = found.law.cutting.leave()
             left.apply_scale(1e3)

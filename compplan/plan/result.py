@@ -16,12 +16,14 @@ from compplan.files.quantities import format_length, format_number, format_set_l
 from compplan.files.shown import Curve, Curves, Shown
 from compplan.job.job import Job
 from compplan.known.slopes import read_force_spread, stage_path
+from compplan.path.forces.walls import WallError
 from compplan.plan.approach import Passage
 from compplan.plan.bending import Bending
 from compplan.plan.between import Between
 from compplan.plan.citations import list_citations
 from compplan.plan.coupling import CouplingEffect
 from compplan.plan.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
+from compplan.plan.finished_walls import describe_walls, judge_surface
 from compplan.plan.keeping import Case, ToleranceVerdict, judge_keeping
 from compplan.plan.slow import group_waypoints
 from compplan.plan.task import Command, PlanTask
@@ -118,6 +120,12 @@ class Plan(Shown):
     def correction(self) -> Array:
         """Unloaded tip of the command minus nominal. Shape (n, 3). [m]."""
         return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
+
+    @cached_property
+    def walls(self) -> tuple[WallError, ...] | None:
+        """Errors of the finished walls with the corrected arm, None where the job does not ask for them."""
+        task = self.task
+        return judge_surface(self.job, task.law, replace(task.nominal, feed=self.timing.feed), self.after.deviation)
 
     @cached_property
     def mismatch(self) -> Mismatch:
@@ -315,6 +323,8 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         summary["posture"] = plan.task.start.stance.describe()
     if plan.coupling is not None:
         summary["coupling"] = _summarise_coupling(plan.coupling)
+    if plan.walls is not None:
+        summary["surface"] = describe_walls(plan.walls, plan.job, corrected=True)
     if plan.clearance is not None:
         request = None if plan.task.start is None else plan.task.start.request
         summary["clearance"] = summarise_clearance(plan.clearance, None if request is None else request.scene)

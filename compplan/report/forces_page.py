@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from compplan.path.force_models import name_force_model
 from compplan.path.forces.engagement import Engagement
 from compplan.path.forces.finished import PartCheck
 from compplan.path.forces.fit import ForceFit
+from compplan.path.forces.walls import WallError
 from compplan.path.toolpath import Toolpath
 from compplan.plan.stability import Stability
 from compplan.report import figure as go
@@ -34,6 +35,7 @@ from compplan.report.robot_scene import frame_scene
 from compplan.report.stability_section import show_stability
 from compplan.report.style import AFTER, BEFORE, CATEGORIES, NEUTRAL, SEQUENTIAL, format_number
 from compplan.report.thinning import thin_path
+from compplan.report.walls_section import show_walls
 from compplan.robot import Array
 
 #: About how many points of a path are drawn in a scene.
@@ -41,14 +43,16 @@ POINTS = 4000
 
 
 def write_forces_page(
-    found: ForcePrediction, summary: Mapping[str, Any], stability: Stability | None, file: Path
-) -> None:
+    found: ForcePrediction, summary: Mapping[str, Any], stability: Stability | None,
+    walls: Sequence[WallError] | None, file: Path,
+) -> None:  # fmt: skip
     """Write the page.
 
     Args:
         found: The prediction.
         summary: What forces.json holds of it.
         stability: Where the cut chatters, or None.
+        walls: Errors of finished walls, or None.
         file: The page.
 
     """
@@ -60,6 +64,8 @@ def write_forces_page(
         sections.append(_part(found.law.cutting.part, summary["part"], stations))
     if stability is not None:
         sections.append(show_stability(stability, stations))
+    if walls is not None:
+        sections.append(show_walls(walls, found.job, corrected=False))
     if found.fit is not None:
         sections.append(_comparison(found.fit))
     coefficients = summary.get("coefficients", {})

@@ -1,0 +1,253 @@
+"""How far finished walls lie from where the path wants them: by the arm, by the tool's beam, by a wall that gives.
+
+A wall is what the cutter's side leaves: a stretch of cut whose engaged arc reaches square to the travel, and that no
+later cut takes away. Its surface stands where the edge is as it passes that angle, height by height along the helix.
+The arm is slow beside the teeth and stands where the mean force puts it; the tool answers the force of that instant
+(its lowest mode amplifies the harmonics of a turn), and so does a thin wall, without inertia. The force acts in the
+middle of the edge that is engaged then. It is that of the tool where it really is: to first order, from one further
+engagement of the path shifted by what was found. A vibration that grows (chatter) is left out. Above 0: into the wall,
+too much is taken; below 0: material is left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.spatial import cKDTree
+
+from compplan.files.tables import Array
+from compplan.files.tomlfile import StrictTable
+from compplan.path.contact import path_axes, travel_across
+from compplan.path.forces.cutting import CuttingForce
+from compplan.path.forces.engagement import Engagement
+from compplan.path.forces.milling import ripple_force
+from compplan.path.forces.thin_wall import ThinWallTable
+from compplan.path.forces.tool_beam import ToolBeam
+from compplan.path.toolpath import Toolpath
+
+#: Angle to the travel from which on an engaged arc leaves a wall, and turn of the travel that ends one. [rad]
+SQUARE, CORNER = np.radians(85.0), np.radians(15.0)
+#: A wall is at least this long, in radii of the cutter; it is looked at in so many places, at so many heights.
+SHORTEST, PLACES, HEIGHTS = 1.0, 7, 5
+#: Walls that are looked at, the longest. Depth from which on a later cut takes a wall away. [m]
+MOST, TAKEN = 80, 2e-5
+#: A shift of the path below this is not felt by the angles of an engagement. [m]
+FELT = 5e-5
+#: Parts of an error.
+PARTS = ("arm", "tool", "thin wall")
+
+
+class SurfaceTable(StrictTable):
+    """[surface]: how far finished walls lie off, in `compplan forces` and in a plan; [[surface.wall]] are thin ones."""
+
+    wall: tuple[ThinWallTable, ...] = Field(default=(), strict=False)
+
+
+@dataclass(frozen=True)
+class WallError:
+    """One finished wall; p places along it, h heights.
+
+    Attributes:
+        first: First waypoint of the path.
+        last: Last waypoint.
+        side: "left" or "right" of the travel.
+        length: Its length. [m]
+        parts: Error by each of `PARTS`, mean over the height. Shape (3, p). [m]
+        error: Error in all. Shape (p, h). [m]
+
+    """
+
+    first: int
+    last: int
+    side: str
+    length: float
+    parts: Array
+    error: Array
+
+    @property
+    def mean(self) -> float:
+        """Mean over places and heights. [m]"""
+        return float(self.error.mean())
+
+    @property
+    def greatest(self) -> float:
+        """The error that is farthest from 0. [m]"""
+        return float(self.error.ravel()[np.abs(self.error).argmax()])
+
+    def describe(self) -> dict[str, Any]:
+        """Describe it for a file."""
+        return {
+            "first": self.first, "last": self.last, "side": self.side, "length_mm": 1e3 * self.length,
+            "error_mm": {"mean": 1e3 * self.mean, "greatest": 1e3 * self.greatest},
+            "parts_mm": {name: 1e3 * float(part.mean()) for name, part in zip(PARTS, self.parts, strict=True)},
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class WallStretch:
+    """A stretch of cut that leaves a wall: waypoints, side (1 left, -1 right), and the places that are looked at."""
+
+    rows: NDArray[np.int_]
+    side: float
+    places: NDArray[np.int_]
+
+
+def judge_walls(
+    cutting: CuttingForce, feed: Array, away: Array, beam: ToolBeam | None, thin: Sequence[ThinWallTable]
+) -> tuple[WallError, ...]:
+    """Work out the error of every finished wall.
+
+    Args:
+        cutting: Engagement along the path; r waypoints.
+        feed: Feed that is driven. Shape (r,). [m/s]
+        away: Where the arm puts the tip, minus path, part frame. Shape (r, 3). [m]
+        beam: Cutter and holder, None where they count as rigid.
+        thin: Walls that give.
+
+    """
+    bench = cutting.bench
+    part = Toolpath(bench.position @ bench.R_view.T, bench.axis @ bench.R_view.T, feed, cutting.rapid)
+    axes = path_axes(part)
+    stretches = find_stretches(cutting, part, axes)
+    if not stretches:
+        return ()
+    parts = [_give(cutting, feed, each, axes, part, away, beam, thin) for each in stretches]
+    shift, sizes = np.zeros_like(part.position), []
+    for each, found in zip(stretches, parts, strict=True):
+        error = found.sum(axis=0).mean(axis=1)
+        sizes.append(np.where(error < 0.0, -1.0, 1.0) * np.maximum(np.abs(error), FELT))
+        along = np.interp(each.rows, each.places, sizes[-1])
+        shift[each.rows] += (each.side * along)[:, None] * axes[each.rows, :, 1]
+    moved = cutting.shift(shift)
+    again = [_give(moved, feed, each, axes, part, away, beam, thin) for each in stretches]
+    return tuple(_settle(each, part, *found) for each, *found in zip(stretches, parts, again, sizes, strict=True))
+
+
+def _settle(stretch: WallStretch, part: Toolpath, found: Array, again: Array, size: Array) -> WallError:
+    """Return the error that agrees with its own force, from that on the path and that of the path shifted by sizes."""
+    arm, own, there = (each.mean(axis=1) for each in (found[0], found[1] + found[2], again[1] + again[2]))
+    settled = (arm + own) / np.maximum(1.0 - (there - own) / size, 0.2)
+    scale = np.divide(settled - arm, own, out=np.ones_like(own), where=np.abs(own) > 1e-12)
+    parts = np.concatenate([found[:1], found[1:] * scale[None, :, None]])
+    length = float(part.arc_length[stretch.rows[-1]] - part.arc_length[stretch.rows[0]])
+    side = "left" if stretch.side > 0.0 else "right"
+    return WallError(int(stretch.rows[0]), int(stretch.rows[-1]), side, length, parts.mean(axis=2), parts.sum(axis=0))
+
+
+def find_stretches(cutting: CuttingForce, part: Toolpath, axes: Array) -> list[WallStretch]:
+    """Return the stretches of a path that leave a wall which no later cut takes away.
+
+    Args:
+        cutting: Engagement along the path.
+        part: The path, part frame.
+        axes: Its path axes. Shape (r, 3, 3).
+
+    """
+    found, radius = cutting.engagement, cutting.bench.cutter.radius
+    flank = found.depth[:, found.cutter.slices.low >= cutting.bench.cutter.end - 1e-12].any(axis=(1, 2))
+    cuts = found.touches & ~cutting.rapid & flank & (travel_across(part) > 0.9)
+    turn = np.arccos(np.clip(np.einsum("ni,ni->n", axes[1:, :, 0], axes[:-1, :, 0]), -1.0, 1.0))
+    corner = np.r_[True, turn > CORNER]
+    tree, stretches = cKDTree(part.position), []
+    for side in (1.0, -1.0):
+        reach = found.arc[:, 1] if side > 0.0 else -found.arc[:, 0]
+        with np.errstate(invalid="ignore"):
+            on = cuts & (reach >= SQUARE)
+        number = np.cumsum(corner | ~on | np.r_[True, ~on[:-1]])
+        for each in np.unique(number[on]):
+            rows = np.flatnonzero(on & (number == each))
+            if part.arc_length[rows[-1]] - part.arc_length[rows[0]] < SHORTEST * radius:
+                continue
+            inner = rows[len(rows) // 10 : len(rows) - len(rows) // 10]
+            places = inner[np.unique(np.linspace(0, len(inner) - 1, min(PLACES, len(inner))).astype(int))]
+            places = places[[not _is_taken(cutting, part, axes, tree, int(i), side, int(rows[-1])) for i in places]]
+            if len(places):
+                stretches.append(WallStretch(rows, side, places))
+    return sorted(sorted(stretches, key=lambda each: -len(each.rows))[:MOST], key=lambda each: int(each.rows[0]))
+
+
+def _is_taken(
+    cutting: CuttingForce, part: Toolpath, axes: Array, tree: cKDTree, row: int, side: float, last: int
+) -> bool:
+    """Tell whether a later cut goes through the middle of the wall at a waypoint."""
+    cutter, deep = cutting.bench.cutter, 0.5 * float(cutting.engagement.axial[row])
+    point = part.position[row] + side * cutter.radius * axes[row, :, 1] + deep * part.axis[row]
+    near = np.array(tree.query_ball_point(point, np.hypot(cutter.radius, 2.0 * deep + 1e-3)), int)
+    near = near[(near > last) & ~cutting.rapid[near]]
+    from_tip = point - part.position[near]
+    up = np.einsum("ni,ni->n", from_tip, part.axis[near])
+    out = np.linalg.norm(from_tip - up[:, None] * part.axis[near], axis=1)
+    return bool(((out < cutter.radius - TAKEN) & (up > 0.0) & (up < cutter.flute)).any())
+
+
+def _give(
+    cutting: CuttingForce, feed: Array, stretch: WallStretch, axes: Array, part: Toolpath, away: Array,
+    beam: ToolBeam | None, thin: Sequence[ThinWallTable],
+) -> Array:  # fmt: skip
+    """Return what each of `PARTS` gives into the wall at its places and heights. Shape (3, p, h). [m]"""
+    rows, found, spindle = stretch.places, cutting.engagement, cutting.process.spindle()
+    edge, radius = found.cutter.slices, found.cutter.radius
+    whole = found.depth[rows].max(axis=2)
+    low = np.where(whole > 0.0, edge.low, np.inf).min(axis=1)
+    low = np.where(np.isfinite(low), low, 0.0)
+    levels = (np.arange(HEIGHTS) + 0.5) / HEIGHTS
+    height = low[:, None] + levels * found.axial[rows][:, None]  # (p, h) above the tip
+    per_tooth = spindle.feed_per_tooth(feed[rows])
+    force = stretch.side * ripple_force(found, rows, cutting.process.resistance, spindle, per_tooth)[:, :, 1]  # (p, a)
+    lead = np.tan(spindle.helix) / radius
+    load = _find_load(height, low, found, rows, stretch.side, lead)
+    into = np.einsum("pi,pi->p", away[rows], stretch.side * axes[rows, :, 1])
+    gives = np.zeros((3, len(rows), HEIGHTS))
+    gives[0] = into[:, None]
+    shaken = force if beam is None else amplify(force, spindle.speed, beam)
+    for i, row in enumerate(rows):
+        at = _pass(stretch.side, height[i] * lead, force.shape[1], spindle.teeth)
+        if beam is not None:
+            gives[1, i] = beam.compliance(height[i], load[i]).diagonal() * shaken[i, at].mean(axis=1)
+        face = part.position[row] + stretch.side * radius * axes[row, :, 1]
+        for wall in thin:
+            foot = wall.find(face + height[i].mean() * part.axis[row])
+            if foot is not None:
+                up, pushed = (foot[1] + (each[i] - height[i].mean()) * float(part.axis[row] @ wall.rise)
+                              for each in (height, load))  # fmt: skip
+                gives[2, i] = wall.compliance(foot[0], up, pushed).diagonal() * force[i, at].mean(axis=1)
+                break
+    return gives
+
+
+def _find_load(
+    height: Array, low: Array, found: Engagement, rows: NDArray[np.int_], side: float, lead: float
+) -> Array:
+    """Return where the edge is engaged in the mean as it makes the wall at heights above the tip. Shape (p, h). [m]
+
+    On the left teeth come in at the wall and lower parts are ahead in the cut, on the right they leave there.
+    """
+    wide = np.ptp(found.arc[rows], axis=1) / max(lead, 1e-9)
+    ends = np.stack([height, height - side * wide[:, None]])
+    return np.asarray(np.clip(ends, low[:, None], (low + found.axial[rows])[:, None]).mean(axis=0))
+
+
+def _pass(side: float, lag: Array, count: int, teeth: int) -> NDArray[np.int_]:
+    """Return the numbers of the angles at which each tooth passes the wall at heights that lag. Shape (h, teeth)."""
+    place = side * 0.5 * np.pi - lag[:, None] - 2.0 * np.pi * np.arange(teeth) / teeth
+    return np.asarray(np.rint(place / (2.0 * np.pi) * count - 0.5).astype(int) % count)
+
+
+def amplify(force: Array, speed: float, beam: ToolBeam) -> Array:
+    """Return the force through a turn as the lowest mode of a beam answers it, over its static answer.
+
+    Args:
+        force: At even angles of a turn; the spindle turns to smaller ones. Shape (p, a). [N]
+        speed: Turns a second. [1/s]
+        beam: The tool.
+
+    """
+    parts = np.fft.rfft(force, axis=1)
+    ratio = 2.0 * np.pi * speed * np.arange(parts.shape[1]) / beam.modes.omega[0]
+    parts /= 1.0 - ratio**2 - 2j * beam.damping * ratio
+    return np.fft.irfft(parts, n=force.shape[1], axis=1)
