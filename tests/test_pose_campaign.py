@@ -17,17 +17,21 @@ from compplan.errors import InputError
 from compplan.job.job import load_job
 from compplan.known.assumed import widen_uncertainty
 from compplan.known.slopes import ForceSpread, stage_path
-from compplan.loop.campaign import Shop, design_campaign, take_frames
+from compplan.loop.campaign import Shop, add_places, design_campaign, take_frames
 from compplan.loop.candidates import find_postures, list_candidates
+from compplan.loop.contacts import find_touching, sight_candidates
 from compplan.loop.design import Design, choose_measurements, learn_rows, measure_gains, random_choice
 from compplan.loop.order import order_poses
 from compplan.measure.campaign import Campaign
+from compplan.measure.instrument import read_instrument
 from compplan.measure.reading import read_campaign
+from compplan.measure.sights import CONTACT
 from compplan.plan.plan import plan_job
 from compplan.promise.band import linearise_path
 from compplan.robot import Robot, load_robot
 from compplan.robot.folder import write_robot_folder
 from compplan.robot.uncertainty import Uncertainty, Unknown
+from compplan.statics.chain import build_chain, locate_frames
 from tests.drawn_robots import draw_robots
 
 PATHS = Path(__file__).parents[1] / "paths"
@@ -234,3 +238,55 @@ def test_a_calibration_is_designed_as_wide_as_the_diagnosis_fits_one() -> None:
     stiff = replace(robot, springs=(), link_elasticities=())
     assert "gravity_sag" in {unknown.effect for unknown in widen_uncertainty(stiff, loaded=False).unknowns}
     assert "joint_stiffness" in {unknown.effect for unknown in widen_uncertainty(stiff, loaded=True).unknowns}
+
+
+@pytest.mark.parametrize("instrument", ["sockets", "gauge", "plane", "ball_bar"])
+def test_poses_for_an_instrument_without_positions_meet_its_places_and_narrow_the_band(instrument: str) -> None:
+    """In closed form: a row tells nothing beside its unknown place alone, and later ones no more than a position."""
+    design, q = make_design(("tool",))
+    robot = load_robot("kuka_kr270")
+    postures = find_postures(robot, q, 0.5, None, seed=1, kept=150)
+    middle = locate_frames(build_chain(robot), q).tcp_position.mean(axis=0)
+    length = {"ball_bar": 0.3, "sockets": 0.2}.get(instrument, 0.0)
+    found, sights = find_touching(robot, postures, middle, 0.5, instrument, 3, length, None, 0)
+    tip = locate_frames(build_chain(robot), found).tcp_position
+    for number in range(len(sights.names)):
+        own = sights.contact == number
+        if instrument == "ball_bar":
+            own_sights = replace(sights.take(own), value=np.full(own.sum(), length))
+            centre = own_sights.start_places(tip[own])[number]
+            assert np.linalg.norm(tip[own] - centre, axis=1) == pytest.approx(length, abs=1e-6)
+        else:
+            away = np.ptp(tip[own], axis=0)
+            loose = instrument == "plane"
+            assert (away < 1e-8).sum() == (1 if loose else 3), away  # along the normal, or at one point
+    candidates = sight_candidates(list_candidates(robot, found, [0.0, 100.0], 300.0, design.known.unknowns), sights)
+    design, start = add_places(design, design.start, sights, tip)
+    choice = choose_measurements(design, candidates, 30, start)
+    assert choice.rms[-1] < 0.9 * choice.rms[0] and (np.diff(choice.rms) <= 1e-12).all()
+    assert choice.rms[len(sights.names)] == pytest.approx(choice.rms[0], rel=2e-3)
+    free = replace(candidates, sights=None)
+    plain, _ = make_design(("tool",))
+    assert choose_measurements(plain, free, 30).rms[-1] < choice.rms[-1]
+
+
+def test_a_campaign_for_sockets_writes_a_log_that_is_read_and_counts(small_job, tmp_path, monkeypatch, capsys) -> None:
+    """Joints are what is measured: the log is whole as it is written for a robot that is as modelled."""
+    out = tmp_path / "poses"
+    words = ["campaign", small_job, "--poses", "24", "--with", "sockets", "--length-mm", "200", "--register", "tool",
+             "--weights-kg", "0,60", "--sigma-mm", "0.02", "--out", out]  # fmt: skip
+    answer = run_command(words, monkeypatch, capsys)
+    assert answer.status == 0, answer.err
+    assert "instrument.toml" in answer.out
+    robot = load_robot("kuka_kr270")
+    log = read_campaign(out / "campaign.csv", robot, read_instrument(out / "instrument.toml"))
+    assert log.sights is not None and len(log.sights.names) == 6 and len(log.sights.known) == 3
+    assert log.usable.sum() == 25 and (log.sights.kind[log.usable] == CONTACT).all()
+    assert np.bincount(log.sights.contact[log.usable]).min() >= 2
+    again = [*words[:-1], tmp_path / "next", "--log", out / "campaign.csv", "--instrument", out / "instrument.toml"]
+    assert run_command(again, monkeypatch, capsys).status == 0
+    first, second = (json.loads((f / "campaign.json").read_text("utf-8")) for f in (out, tmp_path / "next"))
+    assert second["promise_mm"]["p95_max_now"] == pytest.approx(first["promise_mm"]["p95_max_after"], rel=0.1)
+    few = [*words[:3], "8", *words[4:-1], tmp_path / "few"]
+    answer = run_command(few, monkeypatch, capsys)
+    assert answer.status == 2 and "at least two a place" in answer.err

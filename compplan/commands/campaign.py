@@ -26,11 +26,22 @@ from compplan.files.tables import dump_json
 @click.option("--register", help="Frames that are unknown: base, tool or base,tool.")
 @click.option("--for", "purpose", type=click.Choice(["path", "calibration"]), default="path", show_default=True,
               help="Narrow the band on JOB's path, or serve a calibration of an arm that is hardly known.")  # fmt: skip
+@click.option("--with", "instrument", type=click.Choice(["tracker", "sockets", "gauge", "plane", "ball_bar"]),
+              default="tracker", show_default=True,
+              help="What sees the tip: positions by a tracker or CMM, a ball put into sockets, a dial gauge, a probe"
+              " along the normals of planes, a ball bar.")  # fmt: skip
+@click.option("--places", type=click.IntRange(1, 30), help="Where those stand; else 3, of dial gauges 6.")
+@click.option("--instrument", "described", type=click.Path(path_type=Path),
+              help="TOML file of the instrument of --log, as `diagnose` takes it.")  # fmt: skip
+@click.option("--length-mm", type=click.FloatRange(1.0, 5000.0),
+              help="Length of the ball bar (300 is assumed), or distance of the two sockets of a plate; left out:"
+              " sockets one by one, which do not tell the scale.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the candidates.")
 @click.option("--json", "as_json", is_flag=True, help="Print campaign.json to stdout.")
 def command(
     job: Path, count: int, folder: Path, robot: str | None, log: Path | None, weights: str, pull: float, sigma: float,
-    register: str | None, purpose: str, seed: int, as_json: bool,
+    register: str | None, purpose: str, instrument: str, places: int | None, described: Path | None,
+    length_mm: float | None, seed: int, as_json: bool,
 ) -> None:  # fmt: skip
     """Design the measurements that narrow the 95 % band on JOB's path most, or calibrate the arm with fewest poses.
 
@@ -49,12 +60,15 @@ def command(
 
     if not sigma < 10.0 or not pull < 1e5:
         raise InputError("--sigma-mm and --pull-N are finite numbers")
-    shop = Shop(parse_weights(weights), pull, sigma * 1e-3, parse_parts(register), seed, purpose)
+    shop = Shop(
+        parse_weights(weights), pull, sigma * 1e-3, parse_parts(register), seed, purpose, instrument, places,
+        None if length_mm is None else length_mm * 1e-3,
+    )  # fmt: skip
     checked = load_one_job(job, robot)
     with show_progress() as announce:
         announce("plan")
         plan = plan_job(checked)
-        measured = read_log(log, plan.robot)
+        measured = read_log(log, plan.robot, described)
         campaign = design_campaign(plan, shop, count, measured, announce)
         announce("report")
         summary = write_campaign(campaign, folder)
@@ -67,4 +81,7 @@ def command(
     if len(campaign.touching):
         click.echo(f"the way to pose {', '.join(str(k + 1) for k in campaign.touching)} touches something: go around")
     click.echo(f"wrote {', '.join(summary['files'])} to {folder}")
-    click.echo(f"next: measure, fill in {folder / 'campaign.csv'}, and compplan diagnose it with the robot of the job")
+    more = "" if instrument == "tracker" else f" and --instrument {folder / 'instrument.toml'}"
+    click.echo(
+        f"next: measure, fill in {folder / 'campaign.csv'}, and compplan diagnose it with the robot of the job{more}"
+    )

@@ -17,11 +17,22 @@ from compplan.known.assumed import LINK_ELASTICITY, known_uncertainty, list_assu
 from compplan.known.slopes import measure_slopes, read_force_spread, stage_path, take_scene
 from compplan.known.vary import stage_robot
 from compplan.loop.candidates import Candidates, find_postures, list_candidates
+from compplan.loop.contacts import (
+    BALL_BAR,
+    BAR,
+    PLACES,
+    PLATE,
+    TRACKER,
+    find_touching,
+    see_distances,
+    sight_candidates,
+)
 from compplan.loop.design import Choice, Design, choose_measurements, random_choice
 from compplan.loop.order import order_poses
 from compplan.measure.campaign import Campaign
 from compplan.measure.distance import band_radius
 from compplan.measure.poses.information import learn_rows
+from compplan.measure.sights import Sights
 from compplan.plan.plan import Plan
 from compplan.posture.collision_scene import CollisionScene, build_scene
 from compplan.promise.band import lead_unknowns, linearise_path, split_covariance
@@ -51,6 +62,9 @@ class Shop:
         register: Frames that are unknown, of "base" and "tool".
         seed: Seed of the candidates.
         purpose: What the poses are for: PATH or CALIBRATION.
+        instrument: What sees the tip, of `INSTRUMENTS`.
+        places: Places at which it stands; None: as many as `PLACES` says.
+        length: Length of a ball bar, or distance of two sockets of a plate; None: as `BAR` and `PLATE` say. [m]
     """
 
     weights: tuple[float, ...] = (0.0,)
@@ -59,6 +73,9 @@ class Shop:
     register: tuple[str, ...] = ()
     seed: int = 0
     purpose: str = PATH
+    instrument: str = TRACKER
+    places: int | None = None
+    length: float | None = None
 
     @property
     def loaded(self) -> bool:
@@ -138,18 +155,27 @@ def design_campaign(
         known = known_uncertainty(robot)
         scene, rows = stage_path(robot, plan.q, task.wrench, task.step_time), task.cut
         notes = list_assumed(robot)
-    design = Design(known, linearise_path(scene, known, read_force_spread(plan.job), rows), shop.sigma, shop.register)
+    frames = tuple(part for part in shop.register if part != "base" or shop.instrument == TRACKER)
+    design = Design(known, linearise_path(scene, known, read_force_spread(plan.job), rows), shop.sigma, frames)
     if shop.purpose == CALIBRATION:
         design = take_frames(design, scene)
     start, used, said = learn_log(design, robot, log)
     notes += said
     announce("postures")
-    postures = find_postures(robot, plan.q, lowest, solids, shop.seed)
+    postures, sights = find_postures(robot, plan.q, lowest, solids, shop.seed), None
+    if shop.instrument != TRACKER and len(postures):
+        postures, sights = put_up(robot, shop, postures, task.position[task.cut].mean(axis=0), lowest, solids)
     if len(postures) < count:
         raise InputError(
             f"the arm finds {len(postures)} postures to measure in, {count} are asked for; check limits and collisions"
         )
     candidates = list_candidates(robot, postures, shop.weights, shop.pull, known.unknowns)
+    if sights is not None:
+        candidates = sight_candidates(candidates, sights)
+        design, start = add_places(design, start, sights, candidates.tip[: len(postures)])
+        if count < 2 * len(sights.names):
+            message = f"{count} poses at {len(sights.names)} unknown places, expected at least two a place"
+            raise InputError(f"{message}: more --poses or fewer --places")
     announce("choice")
     choice = choose_measurements(design, candidates, count, start)
     notes += _ask_for_load(design, shop, choice.covariance)
@@ -161,6 +187,26 @@ def design_campaign(
         random=compare_random(design, candidates, count, start, shop.seed),
         rest=_find_rest(design, known, choice.covariance), touching=touching, log=used, notes=tuple(notes),
     )  # fmt: skip
+
+
+def put_up(
+    robot: Robot, shop: Shop, postures: Array, middle: Array, lowest: float, solids: CollisionScene
+) -> tuple[Array, Sights]:
+    """Put the instrument of a shop up about the path; return postures in which it sees the tip, and what it sees."""
+    places = PLACES[shop.instrument] if shop.places is None else shop.places
+    length = (BAR if shop.instrument == BALL_BAR else PLATE) if shop.length is None else shop.length
+    return find_touching(robot, postures, middle, lowest, shop.instrument, places, length, solids, shop.seed)
+
+
+def add_places(design: Design, start: Array, sights: Sights, tip: Array) -> tuple[Design, Array]:
+    """Add the unknown places of contacts to a design, and what known distances say of them to its covariance."""
+    design = replace(design, places=len(sights.names))
+    wide = design.start.copy()
+    wide[: len(start), : len(start)] = start
+    rows, variance = see_distances(sights.known, sights.start_places(tip), len(wide))
+    for row, own in zip(rows, variance, strict=True):
+        wide = learn_rows(wide, row[None], float(own))
+    return design, wide
 
 
 def take_frames(design: Design, scene: Scene) -> Design:
@@ -197,22 +243,27 @@ def learn_log(design: Design, robot: Robot, log: Campaign | None) -> tuple[Array
     """Take what a partial log tells off the covariance; also return how many rows counted and what is odd."""
     if log is None:
         return design.start, 0, []
-    use = np.flatnonzero(log.usable & log.measured & ~log.on_path)
+    use = np.flatnonzero(log.usable & ~log.on_path)
+    sights = None if log.sights is None else log.sights.take(use)
+    # the places of this log are its own: they widen the state while its rows are learned
+    own = design if sights is None else replace(design, places=len(sights.names))
     scene = stage_robot(robot, log)
     predicted = predict_campaign(robot, log, register=design.frames)
     slopes = measure_slopes(scene, design.known.unknowns, use)
-    rows = design.rows(slopes, predicted.position[use], predicted.rotation[use])
-    gap = (log.position - predicted.position)[use].reshape(-1)
-    flat = rows.reshape(3 * len(use), -1)
-    spread = flat @ design.start @ flat.T + design.noise * np.eye(len(flat))
-    distance, freedom = float(gap @ np.linalg.solve(spread, gap)), max(len(gap) - 3 * len(design.frames) ** 2, 1)
+    rows = own.rows(slopes, predicted.position[use], predicted.rotation[use], sights)
+    gap, flat = predicted.gap[use].reshape(-1), rows.reshape(3 * len(use), -1)
+    spread = flat @ own.start @ flat.T + design.noise * np.eye(len(flat))
+    told = int(np.sum(np.abs(flat).sum(axis=1) > 0)) if sights is None else int(np.linalg.matrix_rank(rows).sum())
+    freedom = max(told - 3 * len(design.frames) ** 2 - 3 * own.places, 1)
+    distance = float(gap @ np.linalg.solve(spread, gap))
     said = []
     if distance > 2.0 * gammaincinv(0.5 * freedom, BY_CHANCE):
         said.append(
             f"the log lies {np.sqrt(distance / freedom):.2g} times as far from the robot folder as its widths allow:"
             " diagnose it, and design with the updated folder"
         )
-    return learn_rows(design.start, rows, design.noise), len(use), said
+    p = len(design.start)
+    return learn_rows(own.start, rows, design.noise)[:p, :p], len(use), said
 
 
 def compare_random(design: Design, candidates: Candidates, count: int, start: Array, seed: int) -> tuple[float, float]:

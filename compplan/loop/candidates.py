@@ -17,6 +17,7 @@ from compplan.known.slopes import measure_slopes, take_scene
 from compplan.known.vary import stage_robot
 from compplan.measure.campaign import Campaign
 from compplan.measure.poses.pool import take_clear
+from compplan.measure.sights import Sights
 from compplan.posture.clearance import measure_margin
 from compplan.posture.collision_scene import CollisionScene
 from compplan.robot import Array, Robot
@@ -45,12 +46,14 @@ class Candidates:
         tip: Where the tip goes. Shape (m, 3). [m]
         rotation: Orientation of the TCP. Shape (m, 3, 3).
         slopes: Motion of the tip per unit of every parameter. Shape (m, 3, p).
+        sights: What another instrument than a tracker sees, or None.
     """
 
     log: Campaign
     tip: Array
     rotation: Array
     slopes: Array
+    sights: Sights | None = None
 
     def __len__(self) -> int:
         return len(self.tip)
@@ -83,7 +86,8 @@ class Candidates:
     def take(self, rows: NDArray[np.int_]) -> Candidates:
         """Take some of them."""
         log = self.log.take(np.stack([2 * rows, 2 * rows + 1], axis=1).ravel())
-        return Candidates(log, self.tip[rows], self.rotation[rows], self.slopes[rows])
+        sights = None if self.sights is None else self.sights.take(rows)
+        return Candidates(log, self.tip[rows], self.rotation[rows], self.slopes[rows], sights)
 
 
 def run_up(robot: Robot) -> Array:

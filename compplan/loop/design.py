@@ -18,9 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.loop.candidates import Candidates
+from compplan.loop.contacts import see_rows
 from compplan.measure.distance import band_radius
 from compplan.measure.poses.exchange import settle_choice, take_greedily
 from compplan.measure.poses.information import learn_rows, measure_gains, weigh_rows
+from compplan.measure.sights import Sights
 from compplan.promise.band import Slopes, split_covariance
 from compplan.robot import Array
 from compplan.robot.uncertainty import Uncertainty
@@ -42,12 +44,14 @@ class Design:
         path: The path to first order.
         sigma: Standard deviation of the instrument per axis. [m]
         frames: Which frames are unknown, of "base" and "tool".
+        places: Places of contacts that are unknown.
     """
 
     known: Uncertainty
     path: Slopes
     sigma: float
     frames: tuple[str, ...] = ()
+    places: int = 0
 
     @cached_property
     def start(self) -> Array:
@@ -58,6 +62,7 @@ class Design:
             loose = np.repeat(LOOSE, 3)
         if "tool" in self.frames:
             loose = np.r_[loose, np.full(3, LOOSE[0])]
+        loose = np.r_[loose, np.full(3 * self.places, LOOSE[0])]
         full = np.zeros((p + len(loose), p + len(loose)))
         full[:p, :p] = self.known.covariance
         full[p:, p:] = np.diag(loose**2)
@@ -74,8 +79,8 @@ class Design:
         """Variance of one measurement per axis: instrument, repeatability, what no parameter explains. [m^2]."""
         return self.sigma**2 + (self.known.repeatability or 0.0) ** 2 + self.known.smooth**2
 
-    def rows(self, slopes: Array, tip: Array, rotation: Array) -> Array:
-        """Return what measurements see of parameters and frames. Shape (m, 3, p + f)."""
+    def rows(self, slopes: Array, tip: Array, rotation: Array, sights: Sights | None = None) -> Array:
+        """Return what measurements see of parameters, frames and places. Shape (m, 3, p + f)."""
         parts = [slopes]
         if "base" in self.frames:
             turn = np.zeros((len(tip), 3, 3))
@@ -84,7 +89,12 @@ class Design:
             parts += [np.broadcast_to(np.eye(3), (len(tip), 3, 3)), turn]
         if "tool" in self.frames:
             parts.append(rotation)
-        return np.concatenate(parts, axis=2)
+        rows = np.concatenate(parts, axis=2)
+        return rows if sights is None else see_rows(rows, sights, tip)
+
+    def look(self, candidates: Candidates) -> Array:
+        """Return what candidates see of parameters, frames and places. Shape (m, 3, p + f)."""
+        return self.rows(candidates.slopes, candidates.tip, candidates.rotation, candidates.sights)
 
     @cached_property
     def beside(self) -> Array:
@@ -142,13 +152,21 @@ def choose_measurements(design: Design, candidates: Candidates, count: int, star
         start: Covariance before the first of them; from `design` where left out.
     """
     before = design.start if start is None else start
-    rows = design.rows(candidates.slopes, candidates.tip, candidates.rotation)
+    rows, first = design.look(candidates), first_visits(candidates)
     weight = design.target.T @ design.target
     worth = weigh_rows(
-        lambda mean, covariance, rows: measure_gains(covariance, rows, weight, design.noise), before, rows, design.noise
-    )
-    chosen = settle_choice(worth, take_greedily(worth, count), ROUNDS)
-    return grade_choice(design, rows, [number for number, _ in chosen], before)
+        lambda mean, covariance, rows: measure_gains(covariance, rows, weight, design.noise),
+        learn_rows(before, rows[first], design.noise), rows, design.noise,
+    )  # fmt: skip
+    chosen = settle_choice(worth, take_greedily(worth, count - len(first)), ROUNDS)
+    return grade_choice(design, rows, [*first, *(number for number, _ in chosen)], before)
+
+
+def first_visits(candidates: Candidates) -> list[int]:
+    """Return a first visit of every unknown place: it tells nothing of the arm, each later one does beside it."""
+    if candidates.sights is None:
+        return []
+    return [int(row) for row in np.unique(candidates.sights.contact, return_index=True)[1]]
 
 
 def grade_choice(design: Design, rows: Array, chosen: Sequence[int], before: Array) -> Choice:
@@ -165,6 +183,6 @@ def grade_choice(design: Design, rows: Array, chosen: Sequence[int], before: Arr
 
 def random_choice(design: Design, candidates: Candidates, count: int, seed: int, start: Array | None = None) -> Choice:
     """Choose measurements by chance, to compare with."""
-    rows = design.rows(candidates.slopes, candidates.tip, candidates.rotation)
+    rows = design.look(candidates)
     picked = np.random.default_rng(seed).choice(len(rows), size=count, replace=count > len(rows))
     return grade_choice(design, rows, picked.tolist(), design.start if start is None else start)

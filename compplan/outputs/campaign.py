@@ -11,6 +11,7 @@ from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json, write_table, write_text
 from compplan.files.transaction import list_files, replace_folder
 from compplan.loop.campaign import MANY, PoseCampaign
+from compplan.measure.sights import CONTACT, DISTANCE, READING, Sights
 from compplan.path.toolpath import WRENCH_HEADERS
 from compplan.program import build_program, write_program
 from compplan.report.campaign_page import describe_campaign, write_campaign_page
@@ -28,6 +29,8 @@ def write_campaign(campaign: PoseCampaign, folder: Path) -> dict[str, Any]:
     """
     with replace_folder(folder, "campaign") as part:
         write_log(campaign, part / "campaign.csv")
+        if campaign.poses.sights is not None:
+            write_text(part / "instrument.toml", describe_instrument(campaign.poses.sights, campaign.shop.sigma))
         write_moves(campaign, part)
         write_campaign_page(campaign, part / "report.html")
         summary = {**summarise_campaign(campaign), "files": [*map(str, list_files(part)), "campaign.json"]}
@@ -44,9 +47,10 @@ def write_log(campaign: PoseCampaign, file: Path) -> None:
     columns: dict[str, object] = {"run": np.array(["static1"] * 2 * n)}
     columns |= campaign.plan.robot.joint_columns(poses.log.q)
     columns |= {header: poses.log.wrench[:, k] for k, header in enumerate(WRENCH_HEADERS)}
-    columns |= {f"{axis}_mm": np.full(2 * n, np.nan) for axis in "xyz"}
+    columns |= sight_columns(poses.sights, n)
     columns["sigma_mm"] = np.full(2 * n, campaign.shop.sigma * 1e3)
     write_table(file, columns, decimals=7)
+    todo = f"approach from the next row (it stays without a measurement), then {describe_task(poses.sights)}"
     head, *rows = file.read_text(encoding="utf-8").splitlines()
     lines = [head]
     for k in range(n):
@@ -54,10 +58,44 @@ def write_log(campaign: PoseCampaign, file: Path) -> None:
         x, y = poses.wrench[k, :2]
         pull = f", pull {x:g}, {y:g}, 0 N" if x or y else ""
         worth = f"{campaign.worth[k]} in worth" if k < n - 1 else "the first once more"
-        todo = "approach from the next row (leave x y z empty), then measure"
         lines += [f"# pose {k + 1} ({worth}): {load}{pull}; {todo}"]
         lines += rows[2 * k : 2 * k + 2]
     write_text(file, "\n".join(lines) + "\n")
+
+
+def sight_columns(sights: Sights | None, poses: int) -> dict[str, object]:
+    """Return the columns to fill in: positions, or what another instrument sees, in the second of two rows a pose."""
+    empty = np.full(2 * poses, np.nan)
+    if sights is None:
+        return {f"{axis}_mm": empty for axis in "xyz"}
+    labels = np.array([["", sights.names[one]] for one in sights.contact]).reshape(-1)
+    columns: dict[str, object] = {"contact": labels}
+    if (sights.kind == READING).any():
+        along = np.stack([np.full((poses, 3), np.nan), sights.direction], axis=1).reshape(-1, 3)
+        columns |= {f"dir_{axis}": along[:, k] for k, axis in enumerate("ijk")} | {"reading_mm": empty}
+    if (sights.kind == DISTANCE).any():
+        columns["distance_mm"] = empty
+    return columns
+
+
+def describe_task(sights: Sights | None) -> str:
+    """Say what is to be done at a pose."""
+    if sights is None:
+        return "measure"
+    if (sights.kind == CONTACT).any():
+        return "let the ball sit in the socket of the row and write the joints down as they are"
+    return "write the reading of the row's gauge or bar down; a gauge reads along dir"
+
+
+def describe_instrument(sights: Sights, sigma: float) -> str:
+    """Return the text of instrument.toml for a campaign that is filled in. sigma: [m]"""
+    lines = ["schema = 1", "[instrument]", f"sigma_mm = {1e3 * sigma:g}"]
+    known = sights.known
+    for pair, length, own in zip(known.between.tolist(), known.length, known.sigma, strict=True):
+        between = ", ".join(f'"{sights.names[one]}"' for one in pair)
+        lines += ["[[distance]]  # measure it: the plate's own, not the asked one", f"between = [{between}]",
+                  f"mm = {1e3 * length:g}", f"sigma_mm = {1e3 * own:g}"]  # fmt: skip
+    return "\n".join(lines) + "\n"
 
 
 def write_moves(campaign: PoseCampaign, folder: Path) -> list[Path]:
@@ -109,6 +147,7 @@ def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
         "says": describe_campaign(campaign).replace("\u00a0", " "),
         "remaining": [{"unknown": name, "share_of_variance": share} for name, share in campaign.rest],
         "ways_that_touch": [int(k) + 1 for k in campaign.touching],
+        "instrument": shop.instrument,
         "instrument_sigma_mm": shop.sigma * 1e3,
         "weights_kg": list(shop.weights),
         "pull_N": shop.pull,
