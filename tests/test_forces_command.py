@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -206,3 +207,27 @@ def test_a_coefficient_below_zero_is_never_silent(log, tmp_path) -> None:
     fit = fit_forces(read_force_log(file), law, nominal, file)
     assert fit.numbers[0].high < 0.0
     assert any("tangential cutting coefficient is fitted below 0 for sure" in note for note in fit.notes)
+
+
+def test_the_level_of_a_log_becomes_the_process_entry_that_later_plans_read(log, tmp_path, monkeypatch, capsys) -> None:
+    job = write_job(tmp_path, 'material = "al7075_t6"')
+    robot = tmp_path / "staubli_tx200"
+    shutil.copytree(POCKET.parents[2] / "robots" / "staubli_tx200", robot)
+    text = job.read_text(encoding="utf-8").replace('robot = "staubli_tx200"', 'robot = "./staubli_tx200"')
+    job.write_text(text, encoding="utf-8")
+    told = ["forces", job, "--out", tmp_path / "out", "--log", log, "--write"]
+    answer = run_command([*told, tmp_path / "process.toml"], monkeypatch, capsys)
+    assert answer.status == 2 and "stands in a robot folder" in answer.err
+    answer = run_command([*told, robot / "process.toml"], monkeypatch, capsys)
+    assert answer.status == 0, answer.err
+    fit = json.loads((tmp_path / "out" / "forces.json").read_text(encoding="utf-8"))["log"]
+    nominal, law = load_path(load_job(job))
+    rows = np.genfromtxt(log, delimiter=",", names=True)
+    force = np.column_stack([rows[name] for name in ("fx_N", "fy_N", "fz_N")])
+    predicted = nominal.wrench[~nominal.rapid, :3]
+    true = float((force * predicted).sum() / (predicted**2).sum())
+    assert fit["level"] == pytest.approx(true, abs=3 * fit["level_sigma"] + 0.01)
+    assert law.learned is not None and fit["level"] < law.learned.level < 1.0
+    assert law.learned.parts[0].level == pytest.approx(fit["level"])
+    share = 0.15**2 / (0.15**2 + fit["level_sigma"] ** 2 + (0.07 * fit["level"]) ** 2)
+    assert law.learned.level == pytest.approx(1.0 + share * (fit["level"] - 1.0), rel=1e-4)

@@ -18,7 +18,8 @@ from compplan.path.force_models import FORCE_MODELS
 @click.option("--log", type=click.Path(path_type=Path), help="Measured forces: CSV with s_mm or t_s, the length or the "
               "time cut so far, and fx_N fy_N fz_N, part axes; mx_Nm my_Nm mz_Nm at the tip and power_W are used too.")
 @click.option("--write", "table", type=click.Path(path_type=Path), help="With --log: write the fitted coefficients to "
-              "this file, which a job then names as its materials.")  # fmt: skip
+              "this file, which a job then names as its materials; process.toml of a robot folder takes the level "
+              "instead, which later plans read.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (forces.json) to stdout.")
 def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_json: bool) -> None:
     """Predict engagement and force along the path of JOB: write forces.json, forces.csv, report.html, stock.stl.
@@ -30,7 +31,8 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
     from compplan.commands.progress import show_progress
     from compplan.job.force_prediction import predict_forces
     from compplan.job.operations import load_one_job
-    from compplan.outputs.forces import write_coefficients, write_forces
+    from compplan.outputs.forces import write_coefficients, write_forces, write_level
+    from compplan.path.force_lesson import FILE as LESSON
     from compplan.plan.finished_walls import find_greatest
     from compplan.plan.stability import judge_stability
     from compplan.plan.uncorrected import predict_surface
@@ -43,7 +45,7 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
         announce("forces: engagement and wrench along the path")
         found = predict_forces(checked, log)
         if table is not None:
-            write_coefficients(found, table)
+            (write_level if table.name == LESSON else write_coefficients)(found, table)
         if chatters and checked.stability.judge and not as_json:
             click.echo("judging the stability of the cut at postures and cuts along the path: about ten seconds ...")
         announce("forces: stability of the cut")
@@ -83,6 +85,9 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
     for note in summary["notes"]:
         click.echo(note)
     if table is not None:
-        click.echo(f'wrote {table}; in a job: [process] materials = "{table.name}", material = "measured"')
+        hint = "plans with this robot folder read it" if table.name == LESSON else (
+            f'in a job: [process] materials = "{table.name}", material = "measured"'
+        )  # fmt: skip
+        click.echo(f"wrote {table}; {hint}")
     left = ", stock.stl" if "engagement" in summary else ""
     click.echo(f"wrote forces.json, forces.csv, report.html{left} to {folder}")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,15 @@ from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json, write_table, write_text
 from compplan.files.transaction import replace_folder
 from compplan.job.force_prediction import ForcePrediction
+from compplan.path.force_lesson import (
+    SCATTER,
+    LearnedForce,
+    TaughtPartTable,
+    add_part,
+    find_axes,
+    read_learned_force,
+    write_learned_force,
+)
 from compplan.path.forces.cutting import CoefficientTable
 from compplan.path.forces.finished import describe_part
 from compplan.path.forces.walls import WallError
@@ -27,6 +37,8 @@ from compplan.plan.stability import Stability, mark_spans
 from compplan.plan.stable_cut import ACCEPTED
 from compplan.robot import Array
 
+#: Largest ratio of measured and predicted force that is learned.
+MOST_LEVEL = 100.0
 #: What is left of the stock: part frame, millimetres.
 STOCK = "stock.stl"
 
@@ -66,7 +78,7 @@ def summarise_forces(found: ForcePrediction, stability: Stability | None = None,
         summary["log"] = {
             "rows": found.fit.rows, "rms_N": found.fit.level, "rms_before_N": found.fit.rms_before,
             "rms_after_N": found.fit.rms_after, "fitted": [asdict(number) for number in found.fit.numbers],
-            "notes": list(found.fit.notes),
+            "level": found.fit.ratio[0], "level_sigma": found.fit.ratio[1], "notes": list(found.fit.notes),
         }  # fmt: skip
     return summary
 
@@ -163,6 +175,39 @@ def write_coefficients(found: ForcePrediction, file: Path) -> None:
             "# that of the force along the cut that was logged, one standard deviation; another tool, wear, another\n"
             "# cut add to it.\n" + tomli_w.dumps({"measured": table}))  # fmt: skip
     write_text(file, text)
+
+
+def write_level(found: ForcePrediction, file: Path) -> None:
+    """Enter the level of a measured force into process.toml of a robot folder, from where later plans take it.
+
+    The level of the log is worth its own error and what differs from part to part; it is weighed against what is known:
+    earlier parts, or the prediction with its uncertainty.
+
+    Raises:
+        InputError: If the file does not stand in a robot folder, or nothing was fitted.
+
+    """
+    if found.fit is None or not (file.parent / "robot.urdf").is_file():
+        raise InputError("process.toml stands in a robot folder, beside robot.urdf", file=file)
+    process, (level, sigma) = found.job.process, found.fit.ratio
+    if not 0.0 < level <= MOST_LEVEL:
+        raise InputError(f"the log's force is {level:.3g} times the predicted one, above 0 is allowed", file=file)
+    known = read_learned_force(file.parent, process)
+    scatter = SCATTER if known is None else known.scatter
+    before, width = (1.0, getattr(process, "uncertainty", np.inf)) if known is None else (
+        known.level, known.common * known.level
+    )  # fmt: skip
+    own = sigma**2 + (scatter * level) ** 2
+    share = 1.0 if not np.isfinite(width) else width**2 / max(width**2 + own, 1e-300)
+    force = LearnedForce(
+        before + share * (level - before), float(np.sqrt(share * own)), np.zeros(3), None, scatter,
+        () if known is None or not known.same else known.parts, find_axes(process),
+    )  # fmt: skip
+    if known is not None and known.same and known.turn_sigma is not None:
+        force = replace(force, turn=known.turn, turn_sigma=known.turn_sigma)
+    today = datetime.datetime.now(tz=datetime.UTC).date()
+    part = TaughtPartTable(date=today, job=found.job.name or found.job.file.stem, level=level, sigma=sigma)
+    write_learned_force(add_part(force, part), process, file.parent, file.parent)
 
 
 def _tabulate(found: ForcePrediction, stability: Stability | None) -> dict[str, object]:

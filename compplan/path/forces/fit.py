@@ -74,6 +74,7 @@ class ForceFit:
         rows: Rows in contact that were used.
         notes: What a user should know of the fit, one sentence each.
         coefficients: Of the cutter as a job can hold them, edges not below 0, or None for other models.
+        ratio: Fitted over predicted force along the log, and its standard deviation.
 
     """
 
@@ -84,6 +85,7 @@ class ForceFit:
     rows: int
     notes: tuple[str, ...]
     coefficients: Coefficients | None
+    ratio: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -165,7 +167,19 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
     return ForceFit(
         numbers, _rms(before), _rms(after), _rms(measured[cut, :3]), len(cut), tuple(notes),
         _as_job_holds(law, known, matrix, measured / scale, covariance, file),
+        _compare_levels(design[:, :3, : known.sum()], model.in_job[known], value, covariance),
     )  # fmt: skip
+
+
+def _compare_levels(columns: Array, in_job: Array, value: Array, covariance: Array) -> tuple[float, float]:
+    """Return fitted over predicted force, in the direction of the predicted one, and its standard deviation.
+
+    `columns` is what each number contributes to the force at the rows, shape (m, 3, c); `value` begins with them.
+    """
+    force = np.einsum("mkc,c->mk", columns, in_job)
+    slope = np.einsum("mkc,mk->c", columns, force) / max(float((force**2).sum()), 1e-300)
+    own = len(in_job)
+    return float(slope @ value[:own]), float(np.sqrt(max(slope @ covariance[:own, :own] @ slope, 0.0)))
 
 
 def _rms(force: Array) -> float:
