@@ -181,6 +181,17 @@ def test_a_cutter_that_gives_way_sideways_out_of_the_stock_meets_less(tmp_path) 
     assert abs(R[0, 1]) > 0.5
     there = turned[1].coupling.along(turned[0], turned[0].wrench)[middle]
     assert there == pytest.approx(R @ stiffness @ R.T, abs=1e-6 * np.abs(stiffness).max())
+    # stock, path and tool axis turned in the part by 90 deg about its x
+    path.write_text("x_mm,y_mm,z_mm,i,j,k,feed_mm_s,rapid\n" + "".join(
+        f"{x},5,42,0,-1,0,50,{rapid}\n" for x, rapid in ((-10, 1), (-10, 0), (60, 0))
+    ))  # fmt: skip
+    process = job["process"] | {"stock": {"block_mm": [[0.0, 0.0, 0.0], [50.0, 20.0, 40.0]]}}
+    lying, answer = load_path(check_job(job | {"process": process}, tmp_path / "job.toml"))
+    R = law.T_base_part[:3, :3] @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) @ law.T_base_part[:3, :3].T
+    own = answer.coupling.along(lying, lying.wrench)[middle]
+    assert own == pytest.approx(R @ stiffness @ R.T, abs=0.02 * np.abs(stiffness).max())
+    moved = answer.respond(lying, lying.wrench, own, step @ R.T)[middle, :3]
+    assert moved == pytest.approx(R @ change, abs=0.02 * np.linalg.norm(change))
     # the arc from -90 deg to where the stock's edge stands: dF/dy by its end alone, at h = f cos u
     kt, kr, et, er, f, depth = 767.01, 168.8, 27.7, 26.6, 50.0 * 60.0 / 9000.0 / 2.0, 5.0
     u = -np.arcsin(2.0 / 5.0)
