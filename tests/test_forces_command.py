@@ -148,8 +148,8 @@ def test_offset_drift_and_lag_of_a_log_are_told_from_the_force(lag_mm, log, tmp_
     (tmp_path / "later").mkdir()
     later = load_job(write_job(tmp_path / "later", 'materials = "../fitted.toml"\nmaterial = "measured"'))
     assert later.process.coefficients.cutting_N_mm2 == tuple(table["cutting_N_mm2"])
-    with pytest.raises(InputError, match=r"job.toml: process.material: is 'beech', fitted.toml has \['measured'\]"):
-        load_job(write_job(tmp_path / "later", 'materials = "../fitted.toml"\nmaterial = "beech"'))
+    with pytest.raises(InputError, match=r"job.toml: process.material: is 'granite', fitted.toml has \['measured'\]"):
+        load_job(write_job(tmp_path / "later", 'materials = "../fitted.toml"\nmaterial = "granite"'))
 
 
 def test_time_moments_and_power_are_channels_of_a_log_too(tmp_path) -> None:
