@@ -1,4 +1,4 @@
-"""The diagnosis beside a plain rival on measured robots; rows that chose nothing are the judge."""
+"""The diagnosis beside plain rivals on measured robots; rows that chose nothing are the judge."""
 
 from __future__ import annotations
 
@@ -8,21 +8,23 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.contestants import ask_calibration, frames_of, read_truth
 from benchmarks.results.findings import ROOT, Findings, MissingError, Settings, draw_table, run_benchmark
 
 TITLE = "Diagnosis of measured robots"
 QUESTION = "On tracker campaigns of real robots: how far are poses that chose nothing from the updated robot model?"
 METHOD = (
-    "`--real DIR` names folders with `robot/`, `measurements.csv` and `fresh.csv`. The diagnosis and the plain rival "
-    "see `measurements.csv`, whole and thinned by a fixed draw; `fresh.csv` chose nothing. Frames are fitted to the "
-    "fresh rows, the same for all."
+    "`--real DIR` names folders with `robot/`, `measurements.csv` and `fresh.csv`. The diagnosis, a plain rival "
+    "(greedy, BIC) and a plain calibration of all lengths, zeros and compliances see `measurements.csv`, whole and "
+    "thinned by a fixed draw; `fresh.csv` chose nothing. Frames are fitted to the fresh rows, the same for all."
 )
 LIMITS = (
     "The campaigns are published ones and are no part of this project (their licences ask for their notices).",
     "Two robots of one brand, unloaded. Load effects cannot be seen in them.",
     "What causes the error of a real robot is known in part only; the table gives errors, not the truth of names.",
 )
-THINNED, SEED = (25, 100), 7
+#: The first two are drawn as they have been since the page was first made.
+THINNED, SEED = (25, 100, 15, 50), 7
 
 
 def measure(settings: Settings) -> Findings:
@@ -41,25 +43,28 @@ def measure(settings: Settings) -> Findings:
         name, ours = case.name, _read(settings.work / "scores" / "compplan", case)
         rival = _read(settings.work / "scores" / "rival", case)
         fresh, other = _rms(ours["fresh_updated"]), _rms(rival["fresh_updated"])
+        plain = _rms(ask_calibration(case, frames_of(read_truth(case)))["fresh_updated"])
         nominal = _rms(ours["fresh_nominal"])
         told = ours["gap"].get("held_out_after_rms_mm") or np.nan
-        ratio.append(fresh / other)
+        ratio.append(fresh / min(other, plain))
         stated.append(told / fresh)
         named = ", ".join(
             f"{e['effect']} {e.get('joint') or ''} {e['probability']:.2f}" for e in ours["verdict"]["effects"]
         )
-        rows.append((name, f"{nominal:.3f}", f"{fresh:.3f}", f"{other:.3f}", f"{told:.3f}",
+        rows.append((name, f"{nominal:.3f}", f"{fresh:.3f}", f"{other:.3f}", f"{plain:.3f}", f"{told:.3f}",
                      ours["verdict"]["status"], named or "-"))  # fmt: skip
-    head = ("campaign", "nominal, mm", "compplan, mm", "plain rival, mm", "compplan states, mm", "verdict", "named")
+    words = ("nominal", "compplan", "plain rival", "plain calibration", "compplan states")
+    head = ("campaign", *(f"{word}, mm" for word in words), "verdict", "named")
     return Findings(
         (
-            f"Error of fresh poses beside a plain rival's: {np.median(ratio):.2f} in the median of {len(rows)} "
-            f"campaigns, {max(ratio):.2f} at most.",
-            f"The stated error is {np.min(stated):.2f} to {np.max(stated):.2f} times the true one.",
+            f"Error of fresh poses over that of the better plain one: {np.median(ratio):.2f} in the median of "
+            f"{len(rows)} campaigns, {max(ratio):.2f} at most.",
+            f"The stated error is {np.min(stated):.2f} to {np.max(stated):.2f} times the true one, off by "
+            f"{100 * np.median(np.abs(np.array(stated) - 1.0)):.0f} % in the median.",
         ),
         (draw_table(head, rows),),
         tuple(
-            f"{row[0]}: {row[2]} mm, the plain rival {row[3]} mm."
+            f"{row[0]}: {row[2]} mm, the plain rival {row[3]} mm, the plain calibration {row[4]} mm."
             for row, r in zip(rows, ratio, strict=True)
             if r > 1.05
         ),
