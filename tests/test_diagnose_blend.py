@@ -9,14 +9,23 @@ import pytest
 
 from compplan.cell.predict import predict_campaign
 from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.answer.delivery import possible_claims
+from compplan.diagnose.answer import delivery
+from compplan.diagnose.answer.delivery import Delivery, deliver_folders, possible_claims
 from compplan.diagnose.answer.shares import UNEXPLAINED
 from compplan.diagnose.answer.small_errors import divide_small_errors
 from compplan.diagnose.answer.verdict import Structure, Verdict, judge_calibration
-from compplan.diagnose.doubt.blend import blend_options, build_state, hold_out_blend, is_faithful, stack_weights
+from compplan.diagnose.doubt.blend import (
+    blend_alone,
+    blend_options,
+    build_state,
+    hold_out_blend,
+    is_faithful,
+    stack_weights,
+)
 from compplan.diagnose.doubt.held_out import Folds, make_folds
-from compplan.diagnose.doubt.options import Option, decide_once, list_options, rate_chance, solve_option
+from compplan.diagnose.doubt.options import PLAIN, Option, decide_once, list_options, rate_chance, solve_option
 from compplan.diagnose.search.search import Claim
+from compplan.diagnose.search.state import FitState
 from compplan.effects import Effect
 from compplan.report.diagnosis_words import describe_small_errors
 from compplan.report.openings import open_diagnosis
@@ -75,6 +84,27 @@ def test_a_mixture_of_one_model_is_that_model(diagnosis: Diagnosis) -> None:
     # errors are small: what is left to first order is what the exact model leaves
     exact = hold_out_blend(folds, blend)
     np.testing.assert_allclose(exact.residual, solved.residual, rtol=0, atol=5e-6)
+
+
+def test_a_plain_calibration_goes_out_alone_where_the_mixture_predicts_worse(
+    diagnosis: Diagnosis, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folds = fold(diagnosis)
+    plain, fit = folds.hold_out([], background=False), diagnosis.fit
+    nominal, good = FitState((), {}, None, fit.state.use), np.ones(len(fit.state.use), bool)
+
+    def deliver() -> tuple[Delivery, ...]:
+        return deliver_folders(folds, diagnosis.verdict, plain, nominal, good)
+
+    # no mixture at all, as where derivatives promise what no exact model keeps
+    monkeypatch.setattr(delivery, "blend_options", lambda *_: blend_alone(folds, Option("nominal")))
+    (first, *_) = deliver()
+    assert first.kind == "calibrated"
+    assert first.held.rms == pytest.approx(hold_out_blend(folds, blend_alone(folds, PLAIN)).rms)
+    assert first.held.rms < 0.3 * plain.rms
+    # from many stays on the mixture is trusted
+    monkeypatch.setattr(delivery, "MANY_STAYS", 1)
+    assert [one.kind for one in deliver()] == ["nominal"]
 
 
 def test_the_spread_of_models_that_disagree_is_in_the_posterior_of_their_mixture(diagnosis: Diagnosis) -> None:

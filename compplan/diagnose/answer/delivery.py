@@ -1,8 +1,8 @@
 """Delivery: the robot folders that a diagnosis writes, each judged by what it predicts of poses that it never saw.
 
 Two folders at most: `causes` holds the named effects alone, `calibrated` what a calibration finds as well, mixed of
-all models by what they predict (`doubt.blend`). The one that predicts held-out poses better is delivered as
-`robot`; every figure of the page belongs to it.
+all models by what they predict (`doubt.blend`), or a plain calibration alone where that predicts better than the
+mixture. The one that predicts held-out poses better is delivered as `robot`; every figure of the page belongs to it.
 """
 
 from __future__ import annotations
@@ -20,10 +20,17 @@ from compplan.diagnose.answer.posterior import state_uncertainty
 from compplan.diagnose.answer.verdict import Verdict
 from compplan.diagnose.answer.visits import list_visits
 from compplan.diagnose.data.agreed import NEGLIGIBLE, SURE
-from compplan.diagnose.data.channels import position_residual
-from compplan.diagnose.doubt.blend import Blend, blend_options, build_state, hold_out_blend, hold_out_lawful
+from compplan.diagnose.data.channels import block_index, position_residual
+from compplan.diagnose.doubt.blend import (
+    Blend,
+    blend_alone,
+    blend_options,
+    build_state,
+    hold_out_blend,
+    hold_out_lawful,
+)
 from compplan.diagnose.doubt.held_out import Folds, HeldOut, with_claims
-from compplan.diagnose.doubt.options import Decide, decide_once, list_options
+from compplan.diagnose.doubt.options import MANY_STAYS, PLAIN, Decide, decide_once, list_options
 from compplan.diagnose.search.polish import polish_fit, register_again
 from compplan.diagnose.search.search import Claim
 from compplan.diagnose.search.state import Fit, FitState, Problem, advance_state, attain_state, stands
@@ -101,6 +108,10 @@ def deliver_folders(
         (CAUSES, named, folds.hold_out(named, background=False, decide=alone)),
         (CALIBRATED, blend, hold_out_blend(folds, blend)),
     ]
+    if len(np.unique(block_index(fit.problem.campaign))) < MANY_STAYS:
+        # few poses choose weights badly, and an option whose derivatives promise too much is in no mixture
+        plainly = blend_alone(folds, PLAIN)
+        judged.append((CALIBRATED, plainly, hold_out_blend(folds, plainly)))
     sure = partial(state_uncertainty, fit, every, good=good, rivals=name_rivals(verdict))
     nothing = Delivery(NOMINAL, nominal, plain, None, _residual(fit.problem, nominal), sure(nominal, plain))
     useful = [option for option in judged if _is_better(option[2].of(seen), plain.of(seen), folds.pose[seen])]
@@ -113,17 +124,21 @@ def deliver_folders(
     second = [o for o in useful if o[0] != first[0] and (isinstance(o[1], Blend) or o[1])]
     chosen = [first, *sorted(second, key=lambda o: o[2].rms)[:1]]
     lawful = hold_out_lawful(folds, blend, seen)
-    built = [_build(fit, kind, claims, held, sure, lawful) for kind, claims, held in chosen]
-    delivered = [delivery for delivery in built if delivery is not None]
+    built = [(model, _build(fit, kind, model, held, sure, lawful)) for kind, model, held in chosen]
+    delivered = [(_forms(model), delivery) for model, delivery in built if delivery is not None]
     # names are in doubt where they leave something and are not beyond doubt themselves
     trusted = named if verdict.status == "explained" else beyond
     rest = folds.hold_out(trusted, background=False)
     places = {fit.search.ledger.signatures[claim.signature].place for claim in trusted}
-    forms = {CAUSES: [claim.signature for claim in named], CALIBRATED: blend.claimed()}
     return tuple(
-        replace(one, visited=list_visits(fit, one.state, forms[one.kind], places, rest, one.held, seen))
-        for one in delivered
+        replace(one, visited=list_visits(fit, one.state, forms, places, rest, one.held, seen))
+        for forms, one in delivered
     ) or (nothing,)
+
+
+def _forms(model: Sequence[Claim] | Blend) -> list[int]:
+    """List the signatures that a model claims."""
+    return model.claimed() if isinstance(model, Blend) else [claim.signature for claim in model]
 
 
 def keep_places(folds: Folds, again: Decide, named: Sequence[Claim]) -> Decide:

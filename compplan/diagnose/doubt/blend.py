@@ -162,6 +162,16 @@ def blend_options(folds: Folds, options: Sequence[Option], seen: NDArray[np.bool
     return Blend(solved, weigh(seen), np.array(by_fold))
 
 
+def blend_alone(folds: Folds, option: Option) -> Blend:
+    """Return the mixture of one option alone.
+
+    Args:
+        folds: The fit, dealt to folds.
+        option: The option.
+    """
+    return Blend((solve_option(folds, option),), np.ones(1), np.ones((len(folds.ledgers), 1)))
+
+
 def is_faithful(fit: Fit, one: SolvedOption) -> bool:
     """Tell whether the exact model of an option leaves what it promises to first order.
 

@@ -72,6 +72,10 @@ class Option:
         return replace(prior, background=background, slab=slab, spread=spread)
 
 
+#: Everything that a calibration fits, and nothing else.
+PLAIN = Option("plain calibration", wide=True)
+
+
 def _wide_columns(ledger: Ledger) -> list[tuple[NDArray[np.int_], int, float]]:
     """List columns, classes and widths of a plain calibration."""
     return [
@@ -184,7 +188,7 @@ def list_options(sure: Sequence[Claim], possible: Sequence[Claim], decide: Decid
     options = [
         Option("nominal"),
         Option("small errors", small=every),
-        Option("plain calibration", wide=True),
+        PLAIN,
         Option("plain calibration and small errors", wide=True, small=BESIDE),
     ]
     chosen: list[tuple[str, tuple[Claim, ...], Decide | None]] = []
