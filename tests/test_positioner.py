@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from compplan.cell.judge import build_judge, judge_pose
 from compplan.cell.reading import read_judge
 from compplan.errors import InputError
+from compplan.job.job import Job, check_job
+from compplan.outputs.cell import summarise_cell
+from compplan.plan.plan import job_robot, plan_job
 from compplan.program import Program, build_program, check_languages, fanuc_ls, inform, krl
 from compplan.program import rapid as rapid_language
 from compplan.program.fit import fit_moves
+from compplan.report.robot_scene import locate_links
+from compplan.report.view.motion import locate_chain
+from compplan.report.view.recording import ViewCell, _read_joint, _read_solid
 from compplan.robot import Array, Robot, load_robot, read_robot_folder, write_robot_folder
 from compplan.second.programs.fanuc_abb import read_fanuc, read_rapid
 from compplan.second.programs.kuka_staubli import read_krl
@@ -215,3 +224,54 @@ def test_lines_are_not_fitted_over_a_table_that_turns_unevenly(tmp_path: Path) -
 def test_languages_that_move_no_positioner_say_so(language: str) -> None:
     with pytest.raises(InputError, match=r"cannot move what carries the part, choose from .*'krl'"):
         check_languages(read_robot_folder(TABLE), [language], file=Path("job.toml"))
+
+
+def test_the_picture_and_the_viewer_keep_the_ground_still_and_move_table_and_part() -> None:
+    robot = read_robot_folder(TABLE)
+    content = json.loads(json.dumps(summarise_cell(robot), default=lambda array: array.tolist()))
+    joints, solids = (tuple(read(entry) for entry in content[key])
+                      for read, key in ((_read_joint, "joints"), (_read_solid, "shapes")))  # fmt: skip
+    cell = ViewCell(robot.name, robot.grade, robot.base, robot.tcp, joints, solids, content)
+    assert tuple(joint.name for joint in cell.actuated) == robot.joint_names
+    q = draw(5, 1)[0][0]
+    drawn, seen = locate_links(robot, q), locate_chain(cell, q)
+    for poses in (drawn, {link: np.linalg.inv(seen[cell.ground]) @ pose for link, pose in seen.items()}):
+        np.testing.assert_allclose(poses["base_link"], np.eye(4), atol=1e-12)
+        np.testing.assert_allclose(poses["plate"], plate_pose(*q[:2]), atol=1e-8)
+    assert {"plate", "cradle", "base_link"} <= {solid.name for solid in cell.solids}
+
+
+def circle(robot: str, place: Array, **tables: Any) -> Job:
+    """A small circle on the plate, the tool down, at one place and turn of the part."""
+    return check_job({
+        "schema": 1, "robot": robot,
+        "part": {"position_mm": (1e3 * place[:3, 3]).tolist(),
+                 "rotation_rad": Rotation.from_matrix(place[:3, :3]).as_rotvec().tolist()},
+        "toolpath": {"generator": "circle", "radius_mm": 30.0, "feed_mm_s": 10.0, "waypoints": 24},
+        "process": {"model": "constant", "force_N": [100.0, 0.0, 300.0]},
+        "plan": {"rotate_about_tool_axis": False, "strategy": "iterated_mirror", "tolerance_mm": 0.3}, **tables,
+    }, EXAMPLE / "job.toml")  # fmt: skip
+
+
+def test_a_table_that_is_held_plans_as_the_arm_alone_with_the_part_tilted_and_turned() -> None:
+    on_plate = np.eye(4)
+    on_plate[:3, 3] = (0.05, 0.02, 0.2)
+    held = {"hold_deg": {"table_tilt": -20.0, "table_turn": 30.0}}
+    found = plan_job(circle("kuka_kr240_table", on_plate, positioner=held))
+    wanted = plan_job(circle("kuka_kr240", plate_pose(*np.radians([-20.0, 30.0])) @ on_plate))
+    assert (found.status, wanted.status) == ("solved", "solved")
+    np.testing.assert_allclose(found.q[:, :2], np.radians([[-20.0, 30.0]] * len(found.q)), atol=1e-12)
+    np.testing.assert_allclose(found.q[:, 2:], wanted.q, atol=1e-6)
+    np.testing.assert_allclose(found.before.distance, wanted.before.distance, atol=1e-9)
+    np.testing.assert_allclose(found.timing.time, wanted.timing.time, rtol=1e-3)
+    assert any("taken as rigid" in note and "held: table_tilt, table_turn" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("hold", "said"),
+    [({"hold_deg": {"joint_1": 0.0}}, "carries no part"), ({"hold_deg": {"table_tilt": 100.0}}, "its range is"),
+     ({"hold_mm": {"table_tilt": 1.0}}, "carries no part")],
+)  # fmt: skip
+def test_what_cannot_be_held_is_refused(hold: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        job_robot(circle("kuka_kr240_table", np.eye(4), positioner=hold))

@@ -3,6 +3,7 @@
 cell.json holds what stands in the cell and how the arm moves, so that neither robot folder nor job is needed:
 
     { "schema": 1, "robot":, "grade":, "tolerance_mm":, "configuration": {}, "base":, "tcp":, "softer": its cell,
+      "ground": link that stands still where a positioner carries the part, "base" then the one that carries it; or "",
       "joints": [ { "name":, "kind": "revolute" | "prismatic" | "fixed", "parent":, "child":, "placement": [[4 x 4], m],
                     "axis": [3], "mimic": null | { "joint":, "multiplier":, "offset": } } ],   from the base to the TCP
       "shapes": [ { "name":, "link": "" where it stands still, "colour": [red, green, blue, opacity, from 0 to 1],
@@ -73,7 +74,7 @@ def summarise_cell(robot: Robot, around: Sequence[Mapping[str, Any]] = ()) -> di
         }
         for joint in robot.joints
     ]
-    names = {"robot": robot.name, "grade": robot.grade, "base": robot.base, "tcp": robot.tcp}
+    names = {"robot": robot.name, "grade": robot.grade, "base": robot.base, "tcp": robot.tcp, "ground": robot.ground}
     return {"schema": 1, **names, "joints": joints, "shapes": [*_describe_arm(robot), *around]}
 
 

@@ -69,7 +69,7 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
     if job is not None and job.process.model == "end_mill" and not job.stability.avoid:
         asks = "tells it" if job.stability.judge else "tells it where the job has a table [stability]"
         notes.append(f"Whether the cut chatters is not part of this plan: compplan forces {asks}.")
-    notes += [*describe_spindle(task, job), *describe_frames(task, job)]
+    notes += [*describe_spindle(task, job), *describe_frames(task, job), *_describe_positioner(task.robot, job)]
     if job is not None and job.tool is not None and job.tool.mass_kg is None:
         notes.append("The weight of the tool is not known: [tool] says no mass_kg, so none bends the arm.")
     if not task.inertia and bending.inertia > WORTH_A_NOTE * task.tolerance:
@@ -123,10 +123,23 @@ def _ask_about_x(task: PlanTask, job: Job | None) -> list[str]:
     return ["plan.tool_x points along the tool axis, so it says nothing: the rotation about the axis is chosen freely."]
 
 
+def _describe_positioner(robot: Robot, job: Job | None) -> list[str]:
+    """Say what carries the part, what holds still, and what is taken for granted of it."""
+    if not robot.ground:
+        return []
+    names = [joint.name for joint in robot.actuated[: int(robot.carriers.sum())]]
+    held = [] if job is None else [*job.positioner.hold_deg, *job.positioner.hold_mm]
+    stays = f" (held: {', '.join(held)})" if held else ""
+    return [
+        f"The part is carried by {', '.join(names)}{stays}: poses and deviations count from {robot.base}. It is taken "
+        "as rigid under the part, whose weight nobody states, and as true as its model."
+    ]
+
+
 def _describe_margin(task: PlanTask) -> list[str]:
     """Say where the posture comes nearer to a joint limit than was asked for, and which limit that is."""
     stance = None if task.start is None else task.start.stance
-    turning = np.flatnonzero(~task.robot.prismatic)
+    turning = np.flatnonzero(~task.robot.prismatic & ~task.robot.carriers)
     if stance is None or not len(turning):
         return []
     room = np.minimum(task.q_start - task.robot.lower, task.robot.upper - task.q_start)[:, turning]

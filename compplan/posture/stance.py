@@ -122,7 +122,8 @@ def _rate(arm: Arm, q: Array, share: float, wish: Wish) -> float:
     penalty = 1e6 * (1.0 - share * (1.0 - outside.mean())) + 1e3 * float(np.sum(torn))
     if wish.start is not None:
         return penalty + float(np.linalg.norm(q[0] - wish.start))
-    span = np.where(np.isfinite(robot.upper - robot.lower), robot.upper - robot.lower, np.inf)
+    reach = robot.upper - robot.lower
+    span = np.where(np.isfinite(reach) & (reach > 0.0), reach, np.inf)  # a joint that is held uses none of its own
     usage = (2 * np.abs(q - middle_of_limits(robot)) / span).max()
     columns = joint_jacobian(arm.chain, locate_frames(arm.chain, q))[:, :, arm.arm]
     columns[:, :3] /= _reach(arm)

@@ -12,7 +12,7 @@ from compplan.errors import ShapeError
 from compplan.report import figure as go
 from compplan.report.along_path import FLOOR
 from compplan.report.robot_bridges import bridge_gaps
-from compplan.report.robot_scene import Shape, draw_robot, draw_shapes, frame_scene, place_shapes
+from compplan.report.robot_scene import Shape, draw_robot, draw_shapes, frame_scene, locate_links, place_shapes
 from compplan.report.style import AFTER, BEFORE, NEUTRAL, SEQUENTIAL, format_length, mark_decades
 from compplan.report.thinning import thin_path
 from compplan.robot import Array, Robot
@@ -43,7 +43,8 @@ def draw_cell(
     """
     told = np.zeros(len(path), int) if kinds is None else kinds
     rows = thin_path(path, np.column_stack([path, 1e-3 * told]), POINTS)
-    points = 1e3 * path[rows]
+    carried = locate_links(robot, q[start])[robot.base]
+    points = 1e3 * (path[rows] @ carried[:3, :3].T + carried[:3, 3] if robot.ground else path[rows])
     own = place_shapes(robot, q[start])
     bridges = bridge_gaps(robot, q[start], own)
     figure = go.Figure([*draw_robot(robot, q[start], more=bridges), *draw_shapes(around)])

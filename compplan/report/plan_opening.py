@@ -24,7 +24,7 @@ from compplan.report.style import (
     format_percent,
     format_set_length,
 )
-from compplan.robot import Array
+from compplan.robot import Array, Joint
 from compplan.robot.mounting import mounted_tool
 
 if TYPE_CHECKING:
@@ -112,6 +112,13 @@ def describe_pose(pose: Array) -> str:
     return f"{place}; A {a:g}  B {b:g}  C {c:g} deg (z, y', x''); rotation vector {vector} deg"
 
 
+def _say_range(joint: Joint, low: float, high: float) -> str:
+    """Say over which positions [rad or m] a joint that carries the part goes."""
+    size, unit = (1e3, "mm") if joint.kind == "prismatic" else (180.0 / np.pi, "deg")
+    return f"{joint.name} stands at {size * low:.5g} {unit}" if high - low < 1e-9 else (
+        f"{joint.name} goes from {size * low:.5g} to {size * high:.5g} {unit}")  # fmt: skip
+
+
 def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
     """Return robot, part and tool in words."""
     robot, job = plan.robot, plan.job
@@ -119,7 +126,12 @@ def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
     rows = [("Robot", f"{robot.name}; controller {controller.name or 'not known'}"),
             ("Robot model", GRADE_MEANING[robot.grade])]  # fmt: skip
     if job is not None:
-        rows.append(("Part frame, in the robot base", describe_pose(job.T_base_part)))
+        where = f"on {robot.base}, that carries the part" if robot.ground else "in the robot base"
+        rows.append((f"Part frame, {where}", describe_pose(job.T_base_part)))
+    if robot.ground:
+        low, high = plan.q.min(axis=0), plan.q.max(axis=0)
+        said = [_say_range(robot.actuated[k], low[k], high[k]) for k in np.flatnonzero(robot.carriers).tolist()]
+        rows.append(("Positioner", "; ".join(said)))
     tool = None if job is None else job.tool
     if tool is None:
         rows.append(("Tool", f"the robot model's own ({robot.tcp} from {robot.flange})"))

@@ -64,7 +64,8 @@ def locate_links(robot: Robot, q: Array) -> dict[str, Array]:
         q: Joint positions. Shape (nq,). [rad or m]
 
     Returns:
-        Pose of each link's frame in the robot base frame, by the link's name. Shape (4, 4) each. [m]
+        Pose of each link's frame in the robot base frame, by the link's name; where a positioner carries the part, in
+        the frame of the ground. Shape (4, 4) each. [m]
 
     Raises:
         ShapeError: If q does not have the shape above.
@@ -74,7 +75,8 @@ def locate_links(robot: Robot, q: Array) -> dict[str, Array]:
         raise ShapeError(f"q has shape {q.shape}, expected ({robot.nq},)")
     poses = follow_joints(robot.base, robot.joints, dict(zip(robot.joint_names, q, strict=True)))
     _locate_beside(robot, poses)
-    return poses
+    back = np.linalg.inv(poses[robot.ground or robot.base])
+    return {link: back @ pose for link, pose in poses.items()} if robot.ground else poses
 
 
 def follow_joints(base: str, joints: Sequence[Joint], value: Mapping[str, float]) -> dict[str, Array]:
@@ -176,7 +178,7 @@ def place_meshes(robot: Robot, q: Array, meshes: Sequence[tuple[str, str, Any]])
     poses, shapes = locate_links(robot, q), []
     for name, link, mesh in meshes:
         plain = mesh if len(mesh.faces) <= FINEST else mesh.convex_hull
-        pose = poses[link] if link else np.eye(4)
+        pose = poses[link or robot.base]
         corners = np.asarray(plain.vertices, float) @ pose[:3, :3].T + pose[:3, 3]
         shapes.append(Shape(name, corners, np.asarray(plain.faces, int), MESH_COLOURS[name]))
     return shapes

@@ -63,8 +63,16 @@ class ViewCell:
 
     @property
     def actuated(self) -> tuple[Joint, ...]:
-        """Joints that are commanded, from the base."""
-        return tuple(joint for joint in self.joints if joint.actuated)
+        """Joints that are commanded, from the base; those that carry the part first, from the ground out."""
+        rank = {joint.child: k for k, joint in enumerate(self.joints)}
+        before = [joint for joint in self.joints[: rank.get(self.ground, -1) + 1] if joint.actuated]
+        rest = [joint for joint in self.joints[rank.get(self.ground, -1) + 1 :] if joint.actuated]
+        return (*before[::-1], *rest)
+
+    @property
+    def ground(self) -> str:
+        """Link that stands still where a positioner carries the part and the base, else ""."""
+        return str(self.facts.get("ground", ""))
 
 
 @dataclass(frozen=True, eq=False)

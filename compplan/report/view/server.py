@@ -94,15 +94,17 @@ class Stage:
         self.server, self.cell = server, cell
         server.scene.set_up_direction("+z")
         server.scene.configure_default_lights(cast_shadow=False)
-        self.draw("/floor", draw_floor(), 1.0)
-        links = {joint.child for joint in cell.joints} | {cell.base}
-        self.frames = {link: server.scene.add_frame(f"/arm/{link}", show_axes=False) for link in sorted(links)}
+        server.scene.add_line_segments("/floor", *draw_floor(), thickness=1.0, thickness_units="screen")
+        self.root, self.carried = "/part" if cell.ground else "", np.eye(4)
+        self.part = server.scene.add_frame("/part", show_axes=False) if cell.ground else None
+        links, add = {joint.child for joint in cell.joints} | {cell.base}, server.scene.add_frame
+        self.frames = {link: add(f"{self.root}/arm/{link}", show_axes=False) for link in sorted(links)}
         for number, solid in enumerate(cell.solids):
             self.add_solid(solid, number)
 
     def add_solid(self, solid: ViewSolid, number: int) -> None:
         """Add a shape to the link that carries it."""
-        name = f"/arm/{solid.link}/{number}" if solid.link else f"/cell/{solid.name}"
+        name = self.root + (f"/arm/{solid.link}/{number}" if solid.link else f"/cell/{solid.name}")
         red, green, blue, opacity = solid.colour
         shade = (round(255 * red), round(255 * green), round(255 * blue))
         self.server.scene.add_mesh_simple(
@@ -116,10 +118,14 @@ class Stage:
         import trimesh
 
         mesh = trimesh.Trimesh(solid.vertices, solid.faces, vertex_colors=colours, process=False)
-        self.server.scene.add_mesh_trimesh(name, mesh, cast_shadow=False, receive_shadow=False)
+        self.server.scene.add_mesh_trimesh(self.root + name, mesh, cast_shadow=False, receive_shadow=False)
 
     def move(self, poses: dict[str, Array]) -> None:
-        """Move the links."""
+        """Move the links; where a positioner carries the part all of it, so that the ground stands still."""
+        if self.part is not None:
+            self.carried = np.linalg.inv(poses[self.cell.ground])
+            self.part.wxyz = Rotation.from_matrix(self.carried[:3, :3]).as_quat(scalar_first=True)
+            self.part.position = self.carried[:3, 3]
         turns = Rotation.from_matrix(np.stack([poses[link][:3, :3] for link in self.frames])).as_quat(scalar_first=True)
         for (link, frame), turn in zip(self.frames.items(), turns, strict=True):
             frame.wxyz, frame.position = turn, poses[link][:3, 3]
@@ -127,8 +133,12 @@ class Stage:
     def draw(self, name: str, lines: Lines, width: float) -> Any:
         """Draw lines; width in pixels."""
         return self.server.scene.add_line_segments(
-            name, lines.points, lines.colours, thickness=width, thickness_units="screen"
+            self.root + name, lines.points, lines.colours, thickness=width, thickness_units="screen"
         )
+
+    def stand(self, points: Array) -> Array:
+        """Return points of the base frame as the ground sees them now. Shape (n, 3). [m]."""
+        return np.asarray(points @ self.carried[:3, :3].T + self.carried[:3, 3])
 
     def bound_arm(self, poses: dict[str, Array]) -> Array:
         """Return the corners of the arm as it stands. Shape (k, 3). [m]."""
@@ -143,6 +153,7 @@ class Stage:
             points: The path. Shape (n, 3). [m]
             arm: Corners of the arm as it stands. Shape (k, 3). [m]
         """
+        points, arm = self.stand(points), self.stand(arm)
         everything = np.concatenate([arm, points])
         low, high = everything.min(axis=0), everything.max(axis=0)
         middle, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
@@ -168,7 +179,7 @@ class Stage:
     def come_near(self, client: Any, point: Array) -> None:
         """Bring the eyes of a client near to a point of the path."""
         look, stand = self.views["path"]
-        client.camera.position, client.camera.look_at = point + 0.6 * (stand - look), point
+        client.camera.position, client.camera.look_at = self.stand(point) + 0.6 * (stand - look), self.stand(point)
 
     def light_part(self, scene: PlanScene, way: str, under: str = "/cell") -> None:
         """Colour the part by what the path beside it does."""
@@ -191,15 +202,16 @@ class PlanViewer:
         tip = scene.recording.tip
         self.extent = max(float(np.ptp(tip, axis=0).max()), 0.05)
         self._build_panel()
-        self.marker = server.scene.add_icosphere("/tip", radius=0.012 * self.extent + 0.001, color=(29, 35, 41))
+        root, size = self.stage.root, 0.012 * self.extent + 0.001
+        self.marker = server.scene.add_icosphere(f"{root}/tip", radius=size, color=(29, 35, 41))
         self.force = self.stage.draw("/force", Lines(np.zeros((1, 2, 3), np.float32), DARK), 3.0)
         self.stage.draw("/wanted", scene.draw_wanted(), 1.5)
-        standing = scene.pose_links(scene.start, self.chosen, 0.0)
-        self.stage.look_at(tip[scene.recording.move == "cut"], self.stage.bound_arm(standing))
-        cut = tip[scene.recording.move == "cut"]
+        standing, cut = scene.pose_links(scene.start, self.chosen, 0.0), tip[scene.recording.move == "cut"]
+        self.stage.move(standing)
+        self.stage.look_at(cut, self.stage.bound_arm(standing))
         above = np.array([*cut.mean(axis=0)[:2], cut[:, 2].max() + 0.6 * self.extent])
         wide = 1e3 * float(np.ptp(cut, axis=0).max())
-        server.scene.add_label("/size", f"cut, {wide:.3g} mm wide", position=above, anchor="bottom-center")
+        server.scene.add_label(f"{root}/size", f"cut, {wide:.3g} mm wide", position=above, anchor="bottom-center")
         self.redraw()
         self.show_row(self.row)
         server.scene.on_pointer_event("click")(self._click)
@@ -258,7 +270,7 @@ class PlanViewer:
             shown = way == PROMISE
             rings = self.stage.draw("/promise", self.scene.draw_promise(magnify), 1.5) if shown else None
             if rings is None:
-                self.server.scene.remove_by_name("/promise")
+                self.server.scene.remove_by_name(f"{self.stage.root}/promise")
             self.stage.light_part(self.scene, way)
             self._draw_beside(magnify)
             self.bar.content = draw_colour_bar(self.scene.top(way), self.scene.recording.tolerance)
@@ -272,17 +284,18 @@ class PlanViewer:
     def _draw_beside(self, magnify: float) -> None:
         """Draw path and part without the correction beside those that are shown, moved along y."""
         scene = self.server.scene
-        scene.remove_by_name("/beside")
+        scene.remove_by_name(f"{self.stage.root}/beside")
         if not self.beside.value or "uncorrected" not in self.scene.ways:
             return
         tip = self.scene.recording.tip
         across = np.concatenate([tip[:, 1], *(solid.vertices[:, 1] for solid in self.stage.parts)])
-        scene.add_frame("/beside", show_axes=False, position=(0.0, 1.1 * float(np.ptp(across)) + 0.05, 0.0))
+        away = 1.1 * float(np.ptp(across)) + 0.05
+        scene.add_frame(f"{self.stage.root}/beside", show_axes=False, position=(0.0, away, 0.0))
         self.stage.draw("/beside/wanted", self.scene.draw_wanted(), 1.5)
         self.stage.draw("/beside/path", self.scene.draw_path("uncorrected", magnify), 4.0)
         self.stage.light_part(self.scene, "uncorrected", "/beside")
         top = np.array([*tip[:, :2].mean(axis=0), tip[:, 2].max() + 0.1 * self.extent])
-        scene.add_label("/beside/name", "without correction", position=top, anchor="bottom-center")
+        scene.add_label(f"{self.stage.root}/beside/name", "without correction", position=top, anchor="bottom-center")
 
     def show_row(self, row: int) -> None:
         """Show the arm, the tip and the force at a row."""
@@ -308,8 +321,8 @@ class PlanViewer:
 
     def _click(self, event: Any) -> None:
         origin, direction = np.array(event.ray_origin, float), np.array(event.ray_direction, float)
-        row = self.scene.pick(origin, direction, self.chosen, float(self.magnify.value))
-        self._stop_at(row)
+        turn, seen = self.stage.carried, (self.chosen, float(self.magnify.value))
+        self._stop_at(self.scene.pick((origin - turn[:3, 3]) @ turn[:3, :3], direction @ turn[:3, :3], *seen))
 
     def _stop_at(self, row: int) -> None:
         """Stop the arm at a row."""
