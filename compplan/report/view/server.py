@@ -95,7 +95,7 @@ class Stage:
         server.scene.set_up_direction("+z")
         server.scene.configure_default_lights(cast_shadow=False)
         server.scene.add_line_segments("/floor", *draw_floor(), thickness=1.0, thickness_units="screen")
-        self.root, self.carried = "/part" if cell.ground else "", np.eye(4)
+        self.root, self.carried = "/part" if cell.ground else "", np.asarray(np.eye(4))
         self.part = server.scene.add_frame("/part", show_axes=False) if cell.ground else None
         links, add = {joint.child for joint in cell.joints} | {cell.base}, server.scene.add_frame
         self.frames = {link: add(f"{self.root}/arm/{link}", show_axes=False) for link in sorted(links)}
@@ -123,7 +123,7 @@ class Stage:
     def move(self, poses: dict[str, Array]) -> None:
         """Move the links; where a positioner carries the part all of it, so that the ground stands still."""
         if self.part is not None:
-            self.carried = np.linalg.inv(poses[self.cell.ground])
+            self.carried = np.asarray(np.linalg.inv(poses[self.cell.ground]))
             self.part.wxyz = Rotation.from_matrix(self.carried[:3, :3]).as_quat(scalar_first=True)
             self.part.position = self.carried[:3, 3]
         turns = Rotation.from_matrix(np.stack([poses[link][:3, :3] for link in self.frames])).as_quat(scalar_first=True)
