@@ -9,6 +9,11 @@ taught folder. No command may end with another status than 0 (`diagnose` may ask
 Every program is then run again and again, clamping and repeatability drawn anew for every part: the table gives the
 median of the true rms across the path under the shop's own force. Bands are held against parts whose force is drawn
 anew by 7 %: the true 95 % point, and the share of tips within.
+`--with sockets` measures plates of two sockets instead, joints alone; `--with probe` measures no poses, and the part
+with a probe along one normal at a time. One shop each, by the commands alone:
+
+    for kind in tracker sockets probe; do python -m benchmarks.loop --shops 1 --with $kind --out DIR/$kind; done
+
 Steps whose files are in DIR are not done again. A noise floor is sqrt(3) times the standard deviations of the
 instrument, the robot and the clamping per axis.
 """
@@ -29,12 +34,26 @@ import numpy as np
 from benchmarks.loop_page import ROUNDS, Program, describe_shops, write_loop_page
 from benchmarks.loop_page import Shop as Judged
 from benchmarks.moving.__main__ import read_band
-from benchmarks.shop import CLAMPED, REPEATABILITY, ROOT, TRACKER, Shop, cut_part, draw_shop, measure_poses, probe_part
+from benchmarks.shop import (
+    CLAMPED,
+    REPEATABILITY,
+    ROOT,
+    TRACKER,
+    Shop,
+    cut_part,
+    draw_shop,
+    measure_poses,
+    probe_normals,
+    probe_part,
+    seat_ball,
+)
 
 FLOOR = float(np.sqrt(3.0) * np.sqrt(TRACKER**2 + REPEATABILITY**2 + CLAMPED[0] ** 2))
 #: Poses; parts that a band is held against, their force drawn anew, and parts of the shop's own force.
 POSES, DRAWS, STEADY = 12, 20, 5
 WEIGHTS, PULL = "0,60", 400.0
+#: Seated balls, and distance of the two sockets of a plate. [m]
+SEATED, PLATE = 36, 0.2
 #: Robots: middle of path A [mm], and the force as a share of that on the KUKA KR 270.
 ROBOTS = {
     "kuka_kr270": ((1700.0, 0.0, 900.0), 1.0), "abb_irb6640_185_280": ((1600.0, 0.0, 800.0), 0.7),
@@ -110,25 +129,41 @@ def judge_program(shop: Shop, out: Path) -> Program:
     )  # fmt: skip
 
 
-def run_shop(seed: int, robot: str, waypoints: int, work: Path) -> Judged:
+def measure_robot(shop: Shop, robot: str, job: Path, work: Path, instrument: str) -> Path | str:
+    """Measure poses of the shop's robot and diagnose them; return the folder, the shipped one where nothing is."""
+    poses, log = work / "poses", work / "log.csv"
+    if instrument == "probe":
+        return robot
+    loads, sigma = ("--weights-kg", WEIGHTS, "--pull-N", PULL), ("--sigma-mm", 1e3 * TRACKER)
+    same = replace(shop, random=np.random.default_rng([20261122, shop.seed, 2]))
+    if instrument == "tracker":
+        run_product(poses, "campaign", job, "--poses", POSES, *loads, *sigma)
+        if not log.exists():
+            measure_poses(same, poses / "campaign.csv", log)
+        told: tuple[object, ...] = ("--register", "base,tool")
+    else:
+        run_product(poses, "campaign", job, "--poses", SEATED, "--with", "sockets", "--length-mm", 1e3 * PLATE,
+                    "--register", "tool", "--weights-kg", WEIGHTS, *sigma)  # fmt: skip
+        if not log.exists():
+            seat_ball(same, poses / "campaign.csv", log, PLATE)
+        told = ("--register", "tool", "--instrument", poses / "instrument.toml")
+    run_product(work / "diagnosed", "diagnose", log, "--robot", robot, *told, "--assume-ok")
+    return work / "diagnosed" / "robot"
+
+
+def run_shop(seed: int, robot: str, waypoints: int, work: Path, instrument: str = "tracker") -> Judged:
     """Run one shop; return what every program of it left and had promised."""
     shop = draw_shop(ROOT / "robots" / robot, seed)
     a, b = write_jobs(work, robot, waypoints)
-    poses, log = work / "poses", work / "log.csv"
     run_product(work / "nominal_A", "plan", a)
     run_product(work / "nominal_B", "plan", b)
-    run_product(poses, "campaign", a, "--poses", POSES, "--weights-kg", WEIGHTS, "--pull-N", PULL, "--sigma-mm",
-                1e3 * TRACKER)  # fmt: skip
-    if not log.exists():
-        measure_poses(replace(shop, random=np.random.default_rng([20261122, seed, 2])), poses / "campaign.csv", log)
-    run_product(work / "diagnosed", "diagnose", log, "--robot", robot, "--register", "base,tool", "--assume-ok")
-    folder = work / "diagnosed" / "robot"
+    folder = measure_robot(shop, robot, a, work, instrument)
     for name, job in (("A", a), ("B", b)):
         run_product(work / f"poses_{name}", "plan", job, "--robot", folder)
     part = work / "part.csv"
     if not part.exists():
         one = replace(shop, random=np.random.default_rng([20261122, seed, 6]))
-        probe_part(one, cut_part(one, work / "poses_A"), part)
+        (probe_normals if instrument == "probe" else probe_part)(one, cut_part(one, work / "poses_A"), part)
     run_product(work / "taught_A", "learn", a, part, "--robot", folder, "--frame", "base")
     run_product(work / "taught_B", "plan", b, "--robot", work / "taught_A" / "robot")
     return Judged(seed, robot, shop.hidden, {name: judge_program(shop, work / name) for name in ROUNDS})
@@ -141,6 +176,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--robot", choices=ROBOTS, help="One robot for all; else they take turns.")
     parser.add_argument("--waypoints", type=int, default=90)
+    parser.add_argument("--with", dest="instrument", choices=("tracker", "sockets", "probe"), default="tracker")
     parser.add_argument("--out", type=Path, help="Folder to keep the shops' files in.")
     words = parser.parse_args()
     print(f"noise floor {1e3 * FLOOR:.4f} mm; true rms across / widest band, mm, share held: {', '.join(ROUNDS)}")
@@ -153,7 +189,7 @@ def main() -> None:
             work.mkdir(parents=True, exist_ok=True)
             start = time.monotonic()
             try:
-                shop = run_shop(seed, robot, words.waypoints, work)
+                shop = run_shop(seed, robot, words.waypoints, work, words.instrument)
             except (RuntimeError, ValueError) as error:
                 failed += 1
                 print(f"{seed:3d} {robot} failed: {error}", flush=True)

@@ -40,6 +40,8 @@ TRACKER, REPEATABILITY, PROBE = 2e-5, 1.5e-5, 1e-5
 LEVEL, SCATTER, CLAMPED = 0.15, 0.07, (1e-5, 2e-5)
 #: Where the tracker's frame and its target on the tool are, per axis. [m, rad, m]
 FRAME, TARGET = (3e-3, 2e-3), 1e-3
+#: How far from where it should be a plate of sockets is put up, per axis. [m]
+HAND = 3e-3
 #: Everyday errors: lengths [m], directions [rad], zeros [rad], gears [rad], own compliances (share).
 LENGTH, TURN, ZERO, GEAR, SOFT = 2e-5, 1e-5, 1e-5, 1e-5, 0.04
 #: A program whose tip is farther from the path than this is of another robot or tool. [m]
@@ -195,11 +197,62 @@ def measure_poses(shop: Shop, empty: Path, log: Path) -> int:
     for row, point in list(zip(rows, tip, strict=True))[1::2]:
         row.update({f"{axis}_mm": f"{1e3 * point[k]:.5f}" for k, axis in enumerate("xyz")})
         row["sigma_mm"] = f"{1e3 * TRACKER:g}"
-    with log.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
+    _write_rows(log, rows)
+    return len(rows) // 2
+
+
+def seat_ball(shop: Shop, empty: Path, log: Path, plate: float) -> int:
+    """Fill in an empty log of sockets: the ball of the true robot sits in them, its joints are what is written down.
+
+    A plate of two sockets, `plate` apart [m], is put up by hand near each place that the log asks for.
+    """
+    rows, q, wrench = read_rows(empty)
+    pose = np.arange(1, len(rows), 2)
+    labels = np.array([row["contact"] for row in rows])[pose]
+    target = TARGET * np.random.default_rng([20261122, shop.seed, 4]).standard_normal(3)
+
+    def see(joints: Array) -> Array:
+        still = Rows(np.array(["static1"] * len(joints)), np.zeros(len(joints), bool), np.arange(len(joints)) * 0.05,
+                     joints, wrench, np.zeros(len(joints)))  # fmt: skip
+        seen = simulate_rows(shop.scenario, still)
+        return np.asarray(seen.position + seen.rotation @ target)[pose]
+
+    tip, wanted = see(q), np.zeros((len(pose), 3))
+    for name in dict.fromkeys(label.split("/")[0] for label in labels):
+        ends = [tip[np.flatnonzero(labels == f"{name}/{side}")[0]] for side in "01"]
+        way = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+        middle = 0.5 * (ends[0] + ends[1]) + HAND * shop.random.standard_normal(3)
+        for side, sign in (("0", -0.5), ("1", 0.5)):
+            wanted[labels == f"{name}/{side}"] = middle + sign * plate * way
+    wanted = wanted + np.hypot(TRACKER, REPEATABILITY) * shop.random.standard_normal(wanted.shape)
+    slopes = np.stack([(see(q + 1e-5 * one) - tip) / 1e-5 for one in np.eye(q.shape[1])], axis=-1)
+    for _ in range(6):
+        step = np.einsum("nij,nj->ni", np.linalg.pinv(slopes, rcond=1e-3), wanted - see(q))
+        q = q + np.repeat(step, 2, axis=0)
+    if (left := float(np.linalg.norm(see(q) - wanted, axis=1).max())) > 1e-6:
+        raise ValueError(f"the ball stays {1e3 * left:.2g} mm out of its socket")
+    for row, joints in zip(rows, q, strict=True):
+        row.update({f"q{k + 1}_deg": f"{np.degrees(value):.7f}" for k, value in enumerate(joints)})
+    _write_rows(log, rows)
+    return len(pose)
+
+
+def _write_rows(file: Path, rows: list[dict[str, str]]) -> None:
+    with file.open("w", encoding="utf-8", newline="") as out:
+        writer = csv.DictWriter(out, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
-    return len(rows) // 2
+
+
+def probe_normals(shop: Shop, cut: Cut, file: Path) -> None:
+    """Measure a cut part with a probe that moves along one normal at a time: outwards, then upwards at the next."""
+    out = cut.wanted - cut.wanted.mean(axis=0)
+    out = out / np.linalg.norm(out, axis=1)[:, None]
+    way = np.where((np.arange(len(out)) % 2 == 0)[:, None], out, [0.0, 0.0, 1.0])
+    reading = np.sum((cut.tip - cut.wanted) * way, axis=1) + PROBE * shop.random.standard_normal(len(out))
+    table = np.column_stack([1e3 * cut.wanted, way, 1e3 * reading, np.full(len(out), 1e3 * PROBE)])
+    head = "x_mm,y_mm,z_mm,dir_i,dir_j,dir_k,reading_mm,sigma_mm"
+    file.write_text("\n".join([head, *(",".join(f"{v:.7f}" for v in row) for row in table)]) + "\n", encoding="utf-8")
 
 
 def probe_part(shop: Shop, cut: Cut, file: Path, *, tracked: bool = False) -> None:

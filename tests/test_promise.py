@@ -14,6 +14,9 @@ from commandline import run_command
 from compplan.known.assumed import known_uncertainty
 from compplan.known.slopes import ForceSpread, measure_slopes, stage_path
 from compplan.measure.distance import band_radius, calibrate_band
+from compplan.path.generators import Pace, generate_circle
+from compplan.path.toolpath import place_toolpath
+from compplan.plan.plan import PlanOptions, plan_compensation
 from compplan.promise.band import draw_paths, linearise_path, promise_path, split_covariance
 from compplan.robot import load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
@@ -193,3 +196,21 @@ def test_a_folder_whose_uncertainty_is_broken_ends_in_one_line(tmp_path, monkeyp
     assert answer.err.count("\n") == 1
     assert "uncertainty.toml: rms: unknown key" in answer.err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_band_far_wider_than_the_uncorrected_program_is_off_says_why() -> None:
+    path = generate_circle(0.05, Pace(feed=0.02, waypoints=30))
+    place = np.eye(4)
+    place[:3, 3] = 1.6, 0.0, 0.9
+    robot = load_robot("kuka_kr270")
+    offset = Unknown("joint_offset", "joint_1", None, ("offset_rad",), np.array([2e-3]))
+    known = Uncertainty("measured", "test", (offset,), np.eye(1), repeatability=1e-5)
+    for push, wide in ((30.0, True), (3000.0, False)):
+        wrench = np.tile([push, 0.0, 0.0, 0.0, 0.0, 0.0], (30, 1))
+        nominal = replace(place_toolpath(path, place), wrench=wrench)
+        plan = plan_compensation(replace(robot, uncertainty=known), nominal, PlanOptions(inertia=False))
+        assert plan.promise is not None
+        assert (plan.promise.greatest > 10.0 * plan.before.max_deviation) == wide
+        said = plan.verdict.sentence
+        assert ("The band is wide" in said) == wide, said
+        assert not wide or "zero of joint" in said.replace("_", " ") or "joint 1" in said.replace("_", " "), said

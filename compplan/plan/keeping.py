@@ -29,6 +29,8 @@ MEASURE = "Measure the robot: compplan campaign JOB --poses 12 --out poses."
 UNREAD = "the path was not read a second time"
 LOOK = "Compare the planned path with the CAM system before the first cut."
 LET_COMPENSATE = "Let the plan compensate it: [plan] inertia = true."
+#: A band so many times as wide as the uncorrected program is off is explained.
+WIDE = 10.0
 #: What would change the verdict, by the largest cause.
 CHANGES = {
     "process force": "Measure the process force and write its uncertainty into the job: [noise] wrench_level.",
@@ -276,6 +278,18 @@ def describe_basis(promise: Promise) -> str:
     if robot == force:
         return "robot and force are assumed, not measured"
     return f"{said}; the force is {force}"
+
+
+def explain_width(promise: Promise | None, nominal: float) -> str:
+    """Say why a band is far wider than the uncorrected program is off, nominal [m]; "" where it is not."""
+    if promise is None or promise.greatest <= WIDE * nominal:
+        return ""
+    cause = max(promise.causes, key=lambda name: promise.causes[name], default="what is not known of the robot")
+    share = f", above all {promise.leading[0][0]} ({_percent(promise.leading[0][1])})" if promise.leading else ""
+    return (
+        f" The band is wide, {_mm(promise.greatest)} where the uncorrected program is off by {_mm(nominal)} in the"
+        f" model: most of it comes from {cause}{share}."
+    )
 
 
 def say_inertia(case: Case) -> str:

@@ -24,7 +24,7 @@ from compplan.plan.citations import list_citations
 from compplan.plan.coupling import CouplingEffect
 from compplan.plan.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
 from compplan.plan.finished_walls import describe_walls, judge_surface
-from compplan.plan.keeping import Case, ToleranceVerdict, judge_keeping
+from compplan.plan.keeping import Case, ToleranceVerdict, explain_width, judge_keeping
 from compplan.plan.slow import group_waypoints
 from compplan.plan.task import Command, PlanTask
 from compplan.plan.timing import Timing
@@ -164,7 +164,8 @@ class Plan(Shown):
             self.task, self.status, self.command.failures, self.explain_failures(), self.after.distance, self.bending,
             self.promise, self.job is None or self.job.plan.inertia, self.unread,
         )  # fmt: skip
-        return judge_keeping(case)
+        found = judge_keeping(case)
+        return replace(found, sentence=found.sentence + explain_width(self.promise, self.before.max_deviation))
 
     @property
     def solved_by(self) -> str:
