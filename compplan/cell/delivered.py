@@ -77,6 +77,7 @@ class Commanded:
         coarser: How much more than the strictest tolerance the move to each row may take. Shape (n,).
         stands: Whether the tool has to stand still at each row that programs hold, beside the ends of rapid moves.
             Shape (m,).
+        sent: Joint positions that programs hold: q, or what leads by the lag of drives. Shape (n, nq). [rad or m]
 
     """
 
@@ -90,6 +91,7 @@ class Commanded:
     free: NDArray[np.bool_]
     table: NDArray[np.bool_]
     coarser: Array
+    sent: Array
 
 
 def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wanted: Commanded) -> Vote:
@@ -111,11 +113,11 @@ def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wante
     counting = read_counting(robot, joints.outer)
     judge = read_judge(robot, tables.get("tool"), geometry="controller.urdf")
     rows = wanted.program
-    position, rotation = stand_stiff(judge, wanted.q[rows])
+    position, rotation = stand_stiff(judge, wanted.sent[rows])
     stand = _Stand(
-        joints, counting, _degrees(wanted.q[rows], joints), position * 1e3, rotation,
+        joints, counting, _degrees(wanted.sent[rows], joints), position * 1e3, rotation,
         np.eye(4) if judge.ground else _world(robot), wanted,
-        _part(tables), _tool(robot, wanted.q[rows[:1]], position[0], rotation[0]),
+        _part(tables), _tool(robot, wanted.sent[rows[:1]], position[0], rotation[0]),
         float(output.get("fit_tolerance_mm", FIT)), _read_cycle(robot), judge,
     )  # fmt: skip
     spoken = _say(stand, tables, robot)
@@ -335,7 +337,7 @@ def _say(stand: _Stand, tables: Mapping[str, Any], robot: Path) -> Spoken:
     tool = tables.get("tool") or {}
     mass, centre = tool.get("mass_kg"), np.array(tool.get("centre_of_mass_mm", (0.0, 0.0, 0.0)), float)
     seen = stand.tool @ np.linalg.inv(_millimetres(read_frame(tool))) @ np.r_[centre, 1.0]
-    words = read_words(robot, joints.names, wanted.q[rows])
+    words = read_words(robot, joints.names, wanted.sent[rows])
     return Spoken(
         shown[:, ~counting.external], words, wanted.feed[rows] <= 0.0, wanted.stands, share, mass,
         seen[:3],

@@ -99,7 +99,10 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     position, axis = place_rows(plan)
     tip = np.hstack([1e3 * position, axis, predict_rows(plan)])
     coarser = np.r_[np.ones(first), plan.task.coarser, np.ones(len(back.q))]
-    wanted = Commanded(q, time, tip, rows, (first, last), feed, stands, free, choose_rows(plan), coarser)
+    sent = np.vstack([way.q, plan.sent, back.q])
+    wanted = Commanded(
+        q, time, tip, rows, (first, last), feed, stands, free, choose_rows(plan), coarser, sent
+    )
     vote = vote_on_delivery(folder, job.model_dump(by_alias=True, exclude_unset=True), Path(robot), wanted)
     if not vote.breaches and not vote.notes:
         return plan
@@ -288,6 +291,7 @@ def note_programs(plan: Plan) -> Plan:
     program = make_program(plan)
     posts = {language: make_post(plan.job, language) for language in plan.job.output.programs}
     notes = [note for key, post in posts.items() for note in describe_program(replace(program, post=post), key)]
+    notes += [] if plan.executed is None else [plan.executed.say()]
     return replace_said(plan, (*plan.notes, *notes))
 
 
@@ -311,7 +315,7 @@ def make_program(plan: Plan) -> Program:
     time = np.r_[down, start + plan.timing.time, up]
     program = build_program(
         plan.robot,
-        np.vstack([above, plan.q, below]),
+        np.vstack([above, plan.sent, below]),
         feed,
         rapid,
         name=plan.name if plan.job is None else "_".join(filter(None, [plan.job.file.stem, plan.job.label])),
@@ -354,6 +358,8 @@ def _head(plan: Plan) -> list[str]:
         f"compplan: {plan.name}",
         f"robot {plan.robot.name}, robot model: {plan.robot.grade}, strategy {plan.strategy}",
     ]
+    if plan.executed is not None and plan.executed.leads:
+        lines.append("joints lead by the lag of the drives, as compplan trace identified it")
     return [*lines, *head_of_status(plan), *plan.verdict.head]
 
 

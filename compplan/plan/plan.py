@@ -31,6 +31,7 @@ from compplan.plan.evaluate import (
     evaluate_run,
     measure_margins,
 )
+from compplan.plan.executed import describe_floor
 from compplan.plan.feed import FeedWish, time_run
 from compplan.plan.motion_limits import describe_jerk, limit_jerk
 from compplan.plan.notes import describe_coupling, describe_fading, describe_left_out, list_notes
@@ -180,6 +181,10 @@ def plan_task(
         found = agree(task, strategy, feed or FeedWish(), progress)
     except ConvergenceError as error:
         raise explain_buckling(task, error) or error from None
+    if told := describe_floor(found.task, found.command.q):
+        strategy = "none"
+        found = agree(task, strategy, feed or FeedWish(), progress)
+        found = replace(found, notes=(*found.notes, told))
     command, timing, feed_notes = found.command, found.timing, found.notes
     task = replace(found.task, links=follow_links(found.task, command.q))
     progress("virtual cell")

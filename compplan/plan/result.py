@@ -23,6 +23,7 @@ from compplan.plan.between import Between
 from compplan.plan.citations import list_citations
 from compplan.plan.coupling import CouplingEffect
 from compplan.plan.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
+from compplan.plan.executed import ExecutedPath, judge_executed
 from compplan.plan.finished_walls import describe_walls, judge_surface
 from compplan.plan.keeping import Case, ToleranceVerdict, explain_width, judge_keeping
 from compplan.plan.slow import group_waypoints
@@ -117,6 +118,16 @@ class Plan(Shown):
         return np.asarray(np.where(still, np.maximum(moved, 1e-4), feed))
 
     @cached_property
+    def executed(self) -> ExecutedPath | None:
+        """Where the drives take the loaded tip, and what programs hold; None where nobody states how they follow."""
+        return judge_executed(self.task, self.q, self.timing.time)
+
+    @property
+    def sent(self) -> Array:
+        """Joint positions that native programs hold: the command, or what leads by the drives' lag. (n, nq)."""
+        return self.q if self.executed is None else self.executed.sent
+
+    @cached_property
     def correction(self) -> Array:
         """Unloaded tip of the command minus nominal. Shape (n, 3). [m]."""
         return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
@@ -148,6 +159,8 @@ class Plan(Shown):
         if output is not None and output.programs and output.form != "joint":
             bow += 1e-3 * output.fit_tolerance_mm
             left = left + 1e-3 * output.fit_tolerance_mm * (task.coarser - 1.0)
+        if self.executed is not None:
+            bow += self.executed.most
         placed, part = read_placement(noise), None
         if placed is not None and self.job is not None:
             part = shift_part(task.position, self.job.T_base_part[:3, 3], placed)
@@ -261,7 +274,8 @@ def replace_said(plan: Plan, notes: tuple[str, ...], breaches: tuple[str, ...] |
     """Return a plan with other notes, and breaches; what has been worked out from the rest of it stays known."""
     breaches = plan.breaches if breaches is None else breaches
     said = replace(plan, notes=notes, breaches=breaches)
-    kept = ("promise", "mismatch", "command_feed", "correction", *(("verdict",) if breaches == plan.breaches else ()))
+    kept = ["promise", "mismatch", "executed", "command_feed", "correction"]
+    kept += ["verdict"] if breaches == plan.breaches else []
     said.__dict__.update({name: plan.__dict__[name] for name in kept if name in plan.__dict__})
     return said
 
@@ -307,6 +321,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
             "cartesian_linear": float(plan.between.cartesian.max(initial=0.0)) * 1e3,
             "spline": float(plan.between.spline.max(initial=0.0)) * 1e3,
         },
+        **({} if plan.executed is None else {"executed_mm": plan.executed.describe()}),
         **_describe_force(plan),
         **plan.bending.describe(),
         **summarise_promise(plan.promise),
