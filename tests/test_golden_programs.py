@@ -267,6 +267,20 @@ def test_frames_that_a_program_asks_of_the_cell_are_read_back(language: str, tmp
             assert compare_said(path, part, tool) == [f"the {name} that it asks of the cell is not the planned one"]
 
 
+@pytest.mark.parametrize("base", [None, "G54"])
+def test_tool_lengths_and_frame_that_a_sinumerik_program_asks_of_the_cell_are_read_back(base, tmp_path: Path) -> None:
+    program = make_program(tmp_path / "cell", "sinumerik")
+    assert program.tool is not None
+    for overwrite in (False, True):
+        post = Post(overwrite=overwrite, tool=3, base=base)
+        (file,) = write_program(replace(program, post=post), "sinumerik", tmp_path / f"out{overwrite}")
+        for move in read_sinumerik(file):
+            assert move.tool is not None and move.base is not None
+            assert move.tool[:3, 3] == pytest.approx(1e3 * program.tool[:3, 3], abs=1e-4)
+            assert move.base[:3, 3] == pytest.approx(1e3 * program.base_frame[:3, 3], abs=1e-4)
+            assert move.base[:3, :3] == pytest.approx(program.base_frame[:3, :3], abs=1e-7)
+
+
 #: The tool as jobs state it, from the URDF's flange (x out of the flange): x = 140, y = 30, z = 50 mm, turned with it.
 FLANGE_TOOL = np.array([[0.0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]]) @ TOOL
 

@@ -100,9 +100,7 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     tip = np.hstack([1e3 * position, axis, predict_rows(plan)])
     coarser = np.r_[np.ones(first), plan.task.coarser, np.ones(len(back.q))]
     sent = np.vstack([way.q, plan.sent, back.q])
-    wanted = Commanded(
-        q, time, tip, rows, (first, last), feed, stands, free, choose_rows(plan), coarser, sent
-    )
+    wanted = Commanded(q, time, tip, rows, (first, last), feed, stands, free, choose_rows(plan), coarser, sent)
     vote = vote_on_delivery(folder, job.model_dump(by_alias=True, exclude_unset=True), Path(robot), wanted)
     if not vote.breaches and not vote.notes:
         return plan

@@ -76,6 +76,7 @@ def _run_script(path: Path) -> list[Move]:
 # --------------------------------------------------------------------------------------------------------- SINUMERIK
 
 
+_WORD = re.compile(rf"([XYZ]) ?({NUMBER})")
 #: Words that set what the reader takes for granted.
 KNOWN = {"G17", "G90", "G94", "G710", "G500", "D1", "TRAORI", "ORIWKS", "ORIRPY", "G642", "TRAFOOF", "M30"}
 
@@ -91,8 +92,19 @@ class _Sinumerik:
     travel: str = "CP"
     feed: float = 0.0
     moves: list[Move] = field(default_factory=list)
+    asked: Pose | None = None
+
+    def ask(self, text: str) -> None:
+        """Take from the comments what tool lengths and frame of the cell have to be; people enter these numbers."""
+        if match := re.search(r"^; lengths of D1 of tool \d+ have to be: (Z.*)$", text, re.M):
+            self.lengths = {str(5 - "XYZ".index(name)): float(value) for name, value in _WORD.findall(match[1])}
+        if match := re.search(r"^; \S+ has to be the part frame: (X.*)\n; turned by (.*)$", text, re.M):
+            self.asked = shift(*(float(value) for _, value in _WORD.findall(match[1])))
+            for name, value in _WORD.findall(match[2]):
+                self.asked = self.asked @ turn(name.lower(), float(value))
 
     def run(self, text: str) -> None:
+        self.ask(text)
         marked = mark_actions(text, "sinumerik")
         for line in filter(None, (line.split(";")[0].strip() for line in marked.splitlines())):
             if act := read_action(line):
@@ -120,7 +132,7 @@ class _Sinumerik:
             else:
                 said = {re.sub(r"^T\d+$", "T", word) for word in line.split()}
                 if own := {word for word in said if re.fullmatch(r"G5(?:[4-7]|\d\d)", word)} - {"G500"}:
-                    self.frame = None
+                    self.frame = self.asked
                 assert said <= KNOWN | own | {"T"}, f"unknown line: {line}"
                 self.modal |= said
 
