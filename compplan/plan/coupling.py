@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -129,3 +130,24 @@ def _driven_feed(task: PlanTask) -> Array:
     moving = task.step_time > 0.0
     feed = np.where(moving, task.nominal.steps / np.where(moving, task.step_time, 1.0), task.nominal.feed[1:])
     return np.asarray(np.r_[feed[:1], feed])
+
+
+def summarise_coupling(effect: CouplingEffect) -> dict[str, Any]:
+    """Return what plan.json says of force and place: the uncorrected tip without and with their coupling."""
+    settled = effect.settled
+    sides = (("without", effect.without, effect.without_size), ("coupled", effect.coupled, effect.coupled_size))
+    return {
+        "source": effect.source,
+        "stiffness_N_mm": [1e-3 * float(value) for value in effect.stiffness],
+        "passes": settled.passes,
+        "ratio": settled.ratio,
+        "agrees": settled.agrees,
+        "unsettled": settled.unsettled,
+        "missing_mm": 1e3 * float(settled.missing[settled.worst]),
+        "missing_at": settled.worst,
+        "error_before_mm": {
+            name: {"rms": 1e3 * size[0], "max": 1e3 * size[1], "xyz_rms": [1e3 * float(value) for value in axes]}
+            for name, axes, size in sides
+        },
+        "left": [float(value) for value in effect.left],
+    }

@@ -21,7 +21,7 @@ from compplan.plan.approach import Passage
 from compplan.plan.bending import Bending
 from compplan.plan.between import Between
 from compplan.plan.citations import list_citations
-from compplan.plan.coupling import CouplingEffect
+from compplan.plan.coupling import CouplingEffect, summarise_coupling
 from compplan.plan.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
 from compplan.plan.executed import ExecutedPath, judge_executed
 from compplan.plan.finished_walls import describe_walls, judge_surface
@@ -338,7 +338,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
     if plan.task.start is not None and plan.task.start.stance is not None:
         summary["posture"] = plan.task.start.stance.describe()
     if plan.coupling is not None:
-        summary["coupling"] = _summarise_coupling(plan.coupling)
+        summary["coupling"] = summarise_coupling(plan.coupling)
     if plan.walls is not None:
         summary["surface"] = describe_walls(plan.walls, plan.job, corrected=True)
     if plan.clearance is not None:
@@ -357,27 +357,6 @@ def _describe_margins(plan: Plan) -> dict[str, Any]:
         "position_limit_joint": plan.robot.joint_names[margins.joint],
         "velocity_ratio": margins.velocity_ratio,
         "acceleration_ratio": margins.acceleration_ratio,
-    }
-
-
-def _summarise_coupling(effect: CouplingEffect) -> dict[str, Any]:
-    """Return what plan.json says of force and place: the uncorrected tip without and with their coupling."""
-    settled = effect.settled
-    sides = (("without", effect.without, effect.without_size), ("coupled", effect.coupled, effect.coupled_size))
-    return {
-        "source": effect.source,
-        "stiffness_N_mm": [1e-3 * float(value) for value in effect.stiffness],
-        "passes": settled.passes,
-        "ratio": settled.ratio,
-        "agrees": settled.agrees,
-        "unsettled": settled.unsettled,
-        "missing_mm": 1e3 * float(settled.missing[settled.worst]),
-        "missing_at": settled.worst,
-        "error_before_mm": {
-            name: {"rms": 1e3 * size[0], "max": 1e3 * size[1], "xyz_rms": [1e3 * float(value) for value in axes]}
-            for name, axes, size in sides
-        },
-        "left": [float(value) for value in effect.left],
     }
 
 
