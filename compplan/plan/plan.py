@@ -181,10 +181,10 @@ def plan_task(
         found = agree(task, strategy, feed or FeedWish(), progress)
     except ConvergenceError as error:
         raise explain_buckling(task, error) or error from None
-    if told := describe_floor(found.task, found.command.q):
+    if floor := describe_floor(found.task, found.command.q):
         strategy = "none"
         found = agree(task, strategy, feed or FeedWish(), progress)
-        found = replace(found, notes=(*found.notes, told))
+        found = replace(found, notes=(*found.notes, floor))
     command, timing, feed_notes = found.command, found.timing, found.notes
     task = replace(found.task, links=follow_links(found.task, command.q))
     progress("virtual cell")
