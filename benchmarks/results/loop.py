@@ -7,7 +7,7 @@ import json
 import numpy as np
 
 from benchmarks.loop import FLOOR
-from benchmarks.loop_page import ROUNDS, Program, Shop, describe_shops
+from benchmarks.loop_page import FLOORS, HELD, ROUNDS, WIDE, Program, Shop, describe_shops
 from benchmarks.results.findings import Findings, Settings, draw_table, run_benchmark
 
 TITLE = "The loop: what do poses and a first part bring?"
@@ -35,6 +35,29 @@ def measure(settings: Settings) -> Findings:
     middle = [f"{x:.3f}" for x in np.median(true, axis=0)]
     head = ("shop", "robot", *(f"{words}, mm" for words in ROUNDS.values()), "hidden")
     table = draw_table(head, [*rows, ("median", "", *middle, "")])
-    first, *rest = describe_shops(shops, FLOOR)
-    left = (f"{SHOPS - len(shops)} of {SHOPS} shops failed: a command ended with another status than 0.",)
-    return Findings((first, *rest), (table,), left if len(shops) < SHOPS else ())
+    named = dict(zip(ROUNDS, middle, strict=True))
+    said = (
+        f"Median over {len(shops)} simulated robots, path A: nominal {named['nominal_A']} mm, after 12 poses"
+        f" {named['poses_A']} mm, after one part {named['taught_A']} mm. Path B: nominal {named['nominal_B']} mm, after"
+        f" 12 poses {named['poses_B']} mm, after one part of A {named['taught_B']} mm."
+    )
+    left = [f"{len(shops)} of {SHOPS} shops: the others were not run, or a command ended with another status than 0."]
+    losses = (*left * (len(shops) < SHOPS), *_fall_short(shops))
+    return Findings((said, *describe_shops(shops, FLOOR)), (table,), losses)
+
+
+def _fall_short(shops: list[Shop]) -> list[str]:
+    """Say which shops fall short after one part: A above its noise floors, bands that hold too few or are too wide."""
+    said = []
+    for shop in shops:
+        a, b = shop.programs["taught_A"], shop.programs["taught_B"]
+        if a.true > FLOORS * FLOOR:
+            off = f"{a.true / FLOOR:.1f} noise floors off, asked are {FLOORS}"
+            said.append(f"Shop {shop.seed}: after one part A is {off}.")
+        for name, part in (("A", a), ("B", b)):
+            if part.held < HELD[0] or part.band > WIDE * part.point:
+                said.append(
+                    f"Shop {shop.seed}: the band of {name} after one part holds {part.held:.0%} of tips and is"
+                    f" {part.band / part.point:.1f} times the true 95 % point at its widest."
+                )
+    return said
