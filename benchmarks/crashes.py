@@ -23,7 +23,7 @@ from compplan.job.operations import split_job
 from compplan.path.toolpath import Toolpath
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
-RAPID, FLUTE, HOLDER, GOUGE = "rapid moves", "flute", "holder", "gouge"
+RAPID, FLUTE, HOLDER, GOUGE = "Rapid moves", "flute", "holder", "gouge"
 
 
 def draw_pocket(file: Path) -> None:

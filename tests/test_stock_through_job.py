@@ -185,7 +185,7 @@ def test_a_plan_whose_tool_goes_rapid_through_its_stock_is_not_solved(tmp_path: 
                         "stock": {"block_mm": [[-20.0, -20.0, -10.0], [60.0, 40.0, 0.0]]}}}  # fmt: skip
     plan = plan_job(check_job(data, tmp_path / "job.toml", toolpath=toolpath))
     assert plan.status == "not_confirmed"
-    assert "rapid moves go through the stock" in plan.explain_failures()
+    assert "Rapid moves go through the stock" in plan.explain_failures()
 
 
 def test_the_holder_of_a_tool_table_stands_on_the_tool_from_its_nose_up(tmp_path: Path) -> None:

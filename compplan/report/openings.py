@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from compplan.files.notes import list_stops
+from compplan.files.notes import Crash, list_stops
 from compplan.plan.keeping import MEASURE
 from compplan.report.effect_words import describe_effect, name_effect
 from compplan.report.page import Block, KeyFigure, Opening
@@ -235,7 +235,8 @@ def open_forces(found: ForcePrediction, summary: Mapping[str, Any], picture: Blo
     stops = list_stops(summary["notes"])
     if stops:
         mend = "Mend path, tool or stock: as they are the tool crashes."
-        return Opening(verdict, "bad", figures, picture, mend, stops)
+        crashes = "The tool would crash or gouge." if any(isinstance(stop, Crash) for stop in stops) else verdict
+        return Opening(crashes, "bad", figures, picture, mend, stops)
     return Opening(verdict, "" if found.fit is None else "good", figures, picture, todo)
 
 

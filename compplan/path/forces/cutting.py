@@ -328,8 +328,8 @@ def _describe_crashes(process: CuttingTable, crashes: Crashes, part: PartCheck |
     gouges = np.zeros(0, dtype=bool) if part is None else part.gouges
     deepest = 0.0 if part is None or not gouges.any() else float(-1e3 * np.nanmin(part.clearance))
     said = (
-        (crashes.rapid, "{count} rapid moves go through the stock, the first ends at waypoint {first}: a crash; they "
-                        "carry no force here."),
+        (crashes.rapid, "Rapid moves go through the stock ({count} of them), the first ends at waypoint {first}: a "
+                        "crash; they carry no force here."),
         (crashes.shank, f"The cut is deeper than the flute ({whence}) at {{count}} waypoints, the first {{first}}: the "
                         "shank runs into the stock; it carries no force here."),
         (crashes.holder, "The tool's holder (process.holder_mm) runs into the stock at {count} waypoints, the first "
