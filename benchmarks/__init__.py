@@ -11,7 +11,9 @@ QUESTIONS: dict[str, tuple[str, ...]] = {
     "Does the tip go where the plan says?": ("plan_check", "moving", "planted", "posture_lock", "mutation"),
     "Is the posture a good one, and what does a plan cost?": ("posture", "planner", "limits", "viewer"),
     "Is a program read, and written, as the controller would?": ("truth", "cam_chain"),
-    "Is the force right?": ("engagement", "milling", "force_logs", "deflected", "stability", "crashes"),
+    "Is the force right?": (
+        "engagement", "milling", "force_logs", "deflected", "walls", "drilling", "stability", "crashes",
+    ),
     "Is the cause found?": (
         "campaigns", "outsider", "diagnosis_score", "diagnosis_report", "every_effect", "rival", "calibrate_certainty",
     ),

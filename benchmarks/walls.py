@@ -24,9 +24,9 @@ from compplan.path.toolpath import Toolpath
 
 CUTTING, EDGE = (800.0, 300.0), (15.0, 12.0)  # tangential, radial [N/mm2, N/mm]
 LENGTH, CELL, SLICES = 7.0, 0.005, 10  # of the block, of the field along the path [mm], slices of the edge
-LOOKED = (1.5, 3.0)  # the part of the wall that is looked at: all of the arc cuts there [mm]
-STEP = np.radians(0.25)  # of the spindle, in time
-BITES, SOFT = 5e-4, 1e-5  # chip from which on the edge force stands in full [mm]; time in which a wall follows [s]
+LOOKED = (1.5, 2.3)  # the part of the wall that is looked at: all of the arc cuts there [mm]
+STEP = np.radians(0.125)  # of the spindle, in time
+BITES, SOFT = 5e-4, 5e-6  # chip from which on the edge force stands in full [mm]; time in which a wall follows [s]
 RINGING, ARM_DAMPING = 40.0, 0.7  # of the arm [Hz], []
 DAMPING, YOUNG, DENSITY = 0.06, 600e9, 14.5e3  # of the tool: share of critical, carbide [N/m^2, kg/m^3]
 ROOTS = (1.8751041, 4.6940911, 7.8547574)  # of a clamped and free beam

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compplan.path.force_models.drill import DRILLED, DrillProcess
+from compplan.path.force_models.drill import DRILLED, HANDBOOK, DrillProcess, ask_handbook
 from compplan.path.force_models.milling import MillingProcess, milling_wrench
 from compplan.path.forces.cutter import Cutter
 from compplan.path.forces.engagement import Engagement
@@ -117,6 +117,33 @@ def test_thrust_and_torque_rise_with_feed_and_diameter(material: str) -> None:
     by_size = np.array([drill(0.1, size, material) for size in (3.0, 6.0, 12.0)])
     for wrench in (by_feed, by_size):
         assert (wrench[:, [2, 5]] > 0.0).all() and (np.diff(wrench[:, [2, 5]], axis=0) > 0.0).all()
+
+
+def test_the_handbooks_relation_is_its_worked_tables_and_is_said_as_a_second_opinion() -> None:
+    """Tables 7 to 9 of the handbook at 11 mm, 0.3 mm a turn: f^0.8 = .382, D^0.8 = 6.81, D^1.8 = 74.9."""
+    thrust, torque = ask_handbook("c45", 11.0, 0.3, thinned=False)
+    assert thrust == pytest.approx(0.05 * 24000 * 0.382 * 6.81 * 1.355 + 0.007 * 24000 * 121 * 0.030, rel=2e-3)
+    assert torque == pytest.approx(0.000025 * 24000 * 0.382 * 74.9 * 1.085, rel=2e-3)
+    process = DrillProcess(model="drill", diameter_mm=10.0, spindle_rpm=1000.0, material="c45")
+    (said,) = process.ask_another(0.15)
+    own = drill(0.3)
+    assert f"{own[2]:.2g}"[:2] in said and f"{own[5]:.3g} N m" in said and "second opinion" in said
+    ratio = np.array([np.divide(drill(feed, 8.0, name, web_thinned=False)[[2, 5]],
+                                ask_handbook(name, 8.0, feed, thinned=False))
+                      for name in HANDBOOK for feed in (0.1, 0.3)])  # fmt: skip
+    assert ratio.min() > 0.6 and ratio.max() < 1.7
+
+
+def test_pecks_push_only_where_the_hole_is_not_yet() -> None:
+    process = DrillProcess(model="drill", diameter_mm=6.0, spindle_rpm=1000.0, material="c45")
+    ways = ((1, -6, 71), (-6, 1, 20), (1, -6, 30), (-6, -12, 61))
+    depth = np.concatenate([np.linspace(*way) for way in ways])
+    path = np.column_stack([np.zeros((len(depth), 2)), depth])
+    block = build_block(np.array([-0.05, -0.05, -0.05]), np.array([0.05, 0.05, 0.0]), np.eye(3))
+    found = find_engagement(process.cutter(), path * 1e-3, np.ones(len(depth), bool), block)[0]
+    thrust = process.shape(found).wrench(process.resistance, np.full(len(depth), 5e-5))[:, 2]
+    assert thrust[70] > 0.0 and not thrust[72:120].any()  # up, and down again through the hole
+    assert thrust[-1] == pytest.approx(thrust[70], rel=1e-6)
 
 
 def test_a_material_without_a_constant_of_drilling_is_refused_and_takes_coefficients_of_its_own() -> None:

@@ -106,7 +106,8 @@ def test_a_harmonic_near_the_tools_own_frequency_is_amplified() -> None:
 def test_a_wall_beside_a_simulation_in_time(monkeypatch) -> None:
     from benchmarks import walls as bench
 
-    monkeypatch.setattr(bench, "LOOKED", (1.0, 2.0))
+    monkeypatch.setattr(bench, "LOOKED", (0.6, 1.2))
+    monkeypatch.setattr(bench, "STEP", np.radians(0.5))
     case = bench.CASES[1]
     wanted, (mean, _) = bench.simulate(case), bench.predict(case)
     assert mean == pytest.approx(wanted.mean(), rel=0.1)

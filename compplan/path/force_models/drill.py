@@ -10,9 +10,14 @@ It is written as two lips, so that it is linear in its coefficients (f_z: feed a
     thrust = N k_a f_z^0.85 R          torque = N (k_t f_z + k_e) R^2 / 2
 
 with k_a the push against the feed, k_t and k_e along the cutting speed. The chisel edge makes half of the thrust of a
-conventional point (assumed), and a thinned web takes four fifths of that away (assumed). While the point enters or
-leaves, the lips count by the length that is in the material, the chisel edge by whether the middle of the point is.
-The forces of the lips across the axis cancel. Valid for moves along the axis.
+conventional point (so textbooks say [Ghosh, Mallik]), and a thinned web takes four fifths of that away (assumed). While
+the point enters or leaves, the lips count by the length that is in the material, the chisel edge by whether the middle
+of the point is. The forces of the lips across the axis cancel. Valid for moves along the axis.
+
+The second opinion is the relation of Shaw and Oxford as Machinery's Handbook prints it (31st edition, p. 1152: SI
+units, chisel edge of 0.18 D, of 0.03 D where the web is thinned), K_d a constant of the material:
+
+    thrust = 0.05 K_d f^0.8 D^0.8 B + 0.007 K_d D^2 J N      torque = 2.5e-5 K_d f^0.8 D^1.8 A N m
 """
 
 from __future__ import annotations
@@ -47,7 +52,19 @@ DRILLED = {
     "al6082_t6": (1.01, "aluminium of 100 HB"),
     "al7075_t6": (1.01, "assumed: that of aluminium of 100 HB; this alloy is harder"),
     "c45": (2.2, "assumed: between low carbon steel (160 HB, 2.22) and chromium molybdenum steel (229 HB, 2.10)"),
+    "low_carbon_steel": (2.22, "low carbon steel (JIS S20C) of 160 HB"),
+    "low_alloy_steel_300hb": (2.7, "assumed: between chromium molybdenum steel (269 HB, 2.41) and nickel chromium "
+                              "molybdenum steel (390 HB, 3.44)"),
+    "cast_iron_pearlitic": (1.88, "cast iron of 224 HB"),
+    "aluminium_cast": (1.01, "assumed: that of aluminium of 100 HB"),
 }  # fmt: skip
+#: K_d of the second opinion (from general knowledge of the handbook's table 6, assumed).
+HANDBOOK = {
+    "al6061_t6": 7000.0, "al6082_t6": 7000.0, "al7075_t6": 7000.0, "aluminium_cast": 7000.0, "c45": 24000.0,
+    "low_carbon_steel": 24000.0, "low_alloy_steel_300hb": 31000.0, "cast_iron_pearlitic": 14000.0,
+}  # fmt: skip
+#: Its factors A, B and J of a conventional point and of a thinned one.
+CHISELS = {False: (1.085, 1.355, 0.030), True: (1.000, 1.100, 0.001)}
 
 
 def drill_coefficients(material: str) -> Coefficients:
@@ -62,6 +79,24 @@ def drill_coefficients(material: str) -> Coefficients:
         (TANGENTIAL * constant, 0.0, AXIAL * constant), (EDGE * constant, 0.0, 0.0), EXPONENT, SCATTER, (0.02, 0.5),
         f"{SOURCE}, K = {constant:g}: {words}", words.startswith("assumed"),
     )  # fmt: skip
+
+
+def ask_handbook(material: str, diameter: float, feed: float, *, thinned: bool) -> tuple[float, float]:
+    """Return thrust [N] and torque [N m] in full cut by the handbook's relation.
+
+    Args:
+        material: One that the handbook's constant is known of.
+        diameter: Of the drill. [mm]
+        feed: A turn. [mm]
+        thinned: Whether the web is thinned.
+
+    Raises:
+        KeyError: If the constant is not known.
+
+    """
+    constant, (turn, push, press) = HANDBOOK[material], CHISELS[thinned]
+    thrust = 0.05 * constant * (feed * diameter) ** 0.8 * push + 0.007 * constant * diameter**2 * press
+    return thrust, 2.5e-5 * constant * feed**0.8 * diameter**1.8 * turn
 
 
 def shape_drilling(found: Engagement, lips: int, *, thinned: bool) -> MillingShape:
@@ -132,6 +167,18 @@ class DrillProcess(CuttingTable):
         first = int(np.argmax(aside))
         return [f"The drill moves sideways in material at {aside.sum()} waypoints, the first {first}: no force is "
                 "predicted there."]  # fmt: skip
+
+    def ask_another(self, feed_per_tooth: float) -> list[str]:
+        """Say what the handbook's relation gives in full cut at a feed a lip [mm], beside the table's."""
+        if self.material not in HANDBOOK:
+            return []
+        feed, size, constant = self.teeth * feed_per_tooth, self.diameter_mm, DRILLED[self.material][0]
+        own = 570.0 * constant * size * feed**0.85 * (1.0 - CHISEL * THINNED * self.web_thinned)
+        turn = 0.01 * constant * size**2 * (0.630 + 16.84 * feed)
+        other = ask_handbook(self.material, size, feed, thinned=self.web_thinned)
+        return [f"In full cut at {feed:.3g} mm a turn the table gives {own:.4g} N and {turn:.3g} N m; second opinion, "
+                f"the handbook's relation of Shaw and Oxford: {other[0]:.4g} N and {other[1]:.3g} N m (its constant is "
+                "assumed)."]  # fmt: skip
 
 
 table = DrillProcess

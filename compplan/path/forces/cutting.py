@@ -142,6 +142,10 @@ class CuttingTable(ForceTable):
         """Say what is odd about how this cutter is used; `cuts` are the waypoints that remove material."""
         return []
 
+    def ask_another(self, feed_per_tooth: float) -> list[str]:
+        """Say what another relation gives at the greatest feed a tooth [mm], where there is one."""
+        return []
+
 
 @dataclass(frozen=True)
 class CuttingBench:
@@ -319,6 +323,7 @@ def _describe_cut(
         notes.append(f"Feed a tooth of up to {chip.max():.3g} mm lies outside the range of the coefficients, "
                      f"{low:g} to {high:g} mm.")  # fmt: skip
     notes += process.describe(found, ~toolpath.rapid)
+    notes += process.ask_another(float(chip.max())) if len(chip) else []
     return notes
 
 

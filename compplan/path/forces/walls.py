@@ -1,7 +1,8 @@
 """How far finished walls lie from where the path wants them: by the arm, by the tool's beam, by a wall that gives.
 
 A wall is what the cutter's side leaves: a stretch of cut whose engaged arc reaches square to the travel, and that no
-later cut takes away. Its surface stands where the edge is as it passes that angle, height by height along the helix.
+later cut takes away. Its surface stands where the edge reaches farthest beside that angle, height by height along the
+helix (where the force jumps, as that of straight teeth does, a tool that swings back cuts behind the angle).
 The arm is slow beside the teeth and stands where the mean force puts it; the tool answers the force of that instant
 (its lowest mode amplifies the harmonics of a turn), and so does a thin wall, without inertia. The force acts in the
 middle of the edge that is engaged then. It is that of the tool where it really is: to first order, from one further
@@ -38,6 +39,8 @@ SHORTEST, PLACES, HEIGHTS = 1.0, 7, 5
 MOST, TAKEN = 80, 2e-5
 #: A shift of the path below this is not felt by the angles of an engagement. [m]
 FELT = 5e-5
+#: Angle beside a wall's at which an edge may still reach it. [rad]
+BESIDE = np.radians(8.0)
 #: Parts of an error.
 PARTS = ("arm", "tool", "thin wall")
 
@@ -206,17 +209,23 @@ def _give(
     gives[0] = into[:, None]
     shaken = force if beam is None else amplify(force, spindle.speed, beam)
     for i, row in enumerate(rows):
-        at = _pass(stretch.side, height[i] * lead, force.shape[1], spindle.teeth)
+        at, off = _pass(stretch.side, height[i] * lead, force.shape[1], spindle.teeth)
+        soft = np.zeros((2, HEIGHTS))
         if beam is not None:
-            gives[1, i] = beam.compliance(height[i], load[i]).diagonal() * shaken[i, at].mean(axis=1)
+            soft[0] = beam.compliance(height[i], load[i]).diagonal()
         face = part.position[row] + stretch.side * radius * axes[row, :, 1]
         for wall in thin:
             foot = wall.find(face + height[i].mean() * part.axis[row])
             if foot is not None:
                 up, pushed = (foot[1] + (each[i] - height[i].mean()) * float(part.axis[row] @ wall.rise)
                               for each in (height, load))  # fmt: skip
-                gives[2, i] = wall.compliance(foot[0], up, pushed).diagonal() * force[i, at].mean(axis=1)
+                soft[1] = wall.compliance(foot[0], up, pushed).diagonal()
                 break
+        # beside the wall's angle the edge stands back by its roundness; what reaches farthest makes the wall
+        there = soft[:, :, None, None] * np.stack([shaken[i, at], force[i, at]])  # (2, h, teeth, w)
+        there[soft.any(axis=1)] -= 0.5 * radius * off**2 / max(np.count_nonzero(soft.any(axis=1)), 1)
+        best = there.sum(axis=0).argmax(axis=2)[None, :, :, None]
+        gives[1:, i] = np.take_along_axis(there, best, axis=3)[..., 0].mean(axis=2)
     return gives
 
 
@@ -232,10 +241,15 @@ def _find_load(
     return np.asarray(np.clip(ends, low[:, None], (low + found.axial[rows])[:, None]).mean(axis=0))
 
 
-def _pass(side: float, lag: Array, count: int, teeth: int) -> NDArray[np.int_]:
-    """Return the numbers of the angles at which each tooth passes the wall at heights that lag. Shape (h, teeth)."""
+def _pass(side: float, lag: Array, count: int, teeth: int) -> tuple[NDArray[np.int_], Array]:
+    """Return the numbers of the angles at and beside which each tooth passes the wall, and how far beside that is.
+
+    Shapes (h, teeth, w), (w,). [rad]
+    """
+    beside = np.arange(-int(BESIDE / (2.0 * np.pi) * count), int(BESIDE / (2.0 * np.pi) * count) + 1)
     place = side * 0.5 * np.pi - lag[:, None] - 2.0 * np.pi * np.arange(teeth) / teeth
-    return np.asarray(np.rint(place / (2.0 * np.pi) * count - 0.5).astype(int) % count)
+    at = np.rint(place / (2.0 * np.pi) * count - 0.5).astype(int)
+    return (at[:, :, None] + beside) % count, 2.0 * np.pi * beside / count
 
 
 def amplify(force: Array, speed: float, beam: ToolBeam) -> Array:
