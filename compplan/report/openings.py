@@ -223,7 +223,12 @@ def open_forces(found: ForcePrediction, summary: Mapping[str, Any], picture: Blo
     """Say what force the tool carries."""
     force, level = summary["force_N"], summary.get("uncertainty")
     most, mean = format_number(force["max"]), format_number(force["mean_in_contact"])
-    verdict = f"The force on the tool is at most {most}\u00a0N."
+    sizes = np.abs(found.local)
+    along, across = sizes[:, 2].max(initial=0.0), np.hypot(sizes[:, 0], sizes[:, 1]).max(initial=0.0)
+    about = np.abs(np.einsum("ni,ni->n", found.wrench[:, 3:], found.nominal.axis)).max(initial=0.0)
+    verdict = (f"The force on the tool is at most {most}\u00a0N: {format_number(float(along))}\u00a0N along its axis, "
+               f"{format_number(float(across))}\u00a0N across")  # fmt: skip
+    verdict += f"; torque {format_number(float(about))}\u00a0N\u00a0m." if about > 1e-3 else "."
     figures = [KeyFigure(f"{most}\u00a0N", "greatest force"), KeyFigure(f"{mean}\u00a0N", "mean force in the cut")]
     if level is not None:
         whence = "as the job says" if summary["uncertainty_stated"] else "assumed"
