@@ -223,7 +223,8 @@ def _give(
                 break
         # beside the wall's angle the edge stands back by its roundness; what reaches farthest makes the wall
         there = soft[:, :, None, None] * np.stack([shaken[i, at], force[i, at]])  # (2, h, teeth, w)
-        there[soft.any(axis=1)] -= 0.5 * radius * off**2 / max(np.count_nonzero(soft.any(axis=1)), 1)
+        gave = soft.any(axis=1)
+        there[gave] -= 0.5 * radius * off**2 / max(int(gave.sum()), 1)
         best = there.sum(axis=0).argmax(axis=2)[None, :, :, None]
         gives[1:, i] = np.take_along_axis(there, best, axis=3)[..., 0].mean(axis=2)
     return gives
