@@ -16,6 +16,7 @@ from test_golden_programs import FORMS, make_program, read_form
 
 import compplan as cp
 from compplan.errors import InputError
+from compplan.program.krl import _fold_lines
 from compplan.program.text import read_code
 
 #: What makes the first move of each form, in the file that runs first.
@@ -104,3 +105,10 @@ def test_the_manual_writes_a_program_from_arrays(tmp_path: Path, monkeypatch: py
     assert [move.action or move.kind for move in moves] == [
         "joint", ("on", 3.0), ("wait", 5.0), "line", "line", ("off", 3.0),
     ]  # fmt: skip
+
+
+def test_comments_of_the_cam_file_are_folds_of_a_krl_program() -> None:
+    lines = ["; POCKET", "LIN {X 1}", "; the configuration changes: a joint move\nPTP {A1 1}", "; HOLES", "LIN {X 2}"]
+    assert _fold_lines(lines) == [";FOLD POCKET", *lines[1:3], ";ENDFOLD", ";FOLD HOLES", "LIN {X 2}", ";ENDFOLD"]
+    assert _fold_lines(["LIN {X 1}"]) == ["LIN {X 1}"]
+    assert _fold_lines(["; TOOL", "; 12 mm", "LIN {X 1}"]) == [";FOLD TOOL", "; 12 mm", "LIN {X 1}", ";ENDFOLD"]

@@ -122,18 +122,34 @@ def _write_linear(program: Program, folder: Path, name: str, most: int) -> list[
     moves, files = _linear_moves(program), []
     for part, rows in zip(names, parts, strict=True):
         lines = ["&ACCESS RVO", f"DEF {part}()", *(f"; {line}" for line in head_lines(program))]
-        lines += events.get(-1, []) if rows.start == 0 else []
+        body = list(events.get(-1, [])) if rows.start == 0 else []
         speed = ""
         for row in range(rows.start, rows.stop):
             wanted, move = moves[row]
-            lines += [wanted] if wanted and wanted != speed else []
+            body += [wanted] if wanted and wanted != speed else []
             speed = wanted or speed
-            lines += [move, *events.get(row, [])]
+            body += [move, *events.get(row, [])]
+        lines += _fold_lines(body)
         files.append(folder / f"{part}.src")
         write_text(files[-1], "\n".join([*lines, "END", ""]), newline="\r\n")
     files.append(folder / f"{name}.src")
     write_text(files[-1], _main(name, names, program, []), newline="\r\n")
     return files
+
+
+def _fold_lines(lines: list[str]) -> list[str]:
+    """Return lines in folds, each from the comments before some moves to the next ones; pendants show them closed."""
+    folded: list[str] = []
+    inside, said = False, False
+    for line in lines:
+        says = line.startswith("; ") and "\n" not in line
+        if says and not said:
+            folded += [*([";ENDFOLD"] if inside else []), f";FOLD {line[2:]}"]
+            inside = True
+        else:
+            folded.append(line)
+        said = says
+    return [*folded, ";ENDFOLD"] if inside else folded
 
 
 def describe(program: Program) -> list[str]:
