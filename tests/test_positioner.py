@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from compplan.cell.judge import build_judge, judge_pose
 from compplan.cell.reading import read_judge
 from compplan.errors import InputError
-from compplan.job.job import Job, check_job
+from compplan.job.job import Job, check_job, load_job
 from compplan.outputs.cell import summarise_cell
 from compplan.plan.plan import job_robot, plan_job
 from compplan.program import Program, build_program, check_languages, fanuc_ls, inform, krl
@@ -275,3 +275,15 @@ def test_a_table_that_is_held_plans_as_the_arm_alone_with_the_part_tilted_and_tu
 def test_what_cannot_be_held_is_refused(hold: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):
         job_robot(circle("kuka_kr240_table", np.eye(4), positioner=hold))
+
+
+@pytest.mark.slow
+def test_the_shipped_job_turns_the_drum_under_the_tool_within_the_rates_of_the_table() -> None:
+    plan = plan_job(load_job(EXAMPLE / "groove.toml"))
+    robot = plan.robot
+    assert plan.status == "solved"
+    assert np.degrees(np.ptp(plan.q[:, 1])) > 300.0
+    assert not plan.q[:, 0].any()
+    velocity = np.abs(np.diff(plan.q, axis=0)) / np.diff(plan.timing.time)[:, None]
+    assert (velocity[:, :2].max(axis=0) <= robot.velocity_limits[:2] * 1.001).all()
+    assert (np.abs(plan.timing.acceleration[:, :2]).max(axis=0) <= robot.acceleration_limits[:2] * 1.01).all()

@@ -113,6 +113,9 @@ def place_part(
         InfeasibleError: If the path can be followed at none of them.
 
     """
+    if robot.ground and any(job.place.base_height_mm):
+        message = "raises a base that a positioner turns with the part; leave it out, place moves the part on its plate"
+        raise InputError(message, file=job.file, where="place.base_height_mm")
     axes = _grid_axes(job)
     here = job.T_base_part[:3, 3]
     settings = read_request(job, robot, errors).settings

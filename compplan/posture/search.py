@@ -160,7 +160,7 @@ def search_line(
     cost = cost_nodes(lattice, rungs, weights)
     if start is not None:
         cost = _start_near(lattice.q, cost, start, robot)
-    turns = (robot.upper - robot.lower > 2 * np.pi) & ~robot.prismatic
+    turns = (robot.upper - robot.lower > 2 * np.pi) & ~(robot.prismatic | robot.carriers)
     option, slot, total = _sweep(lattice, lattice.q, cost, rungs, weights, robot, turns)
     way = _follow(lattice.q[np.arange(len(option)), option, slot], turns)
     shifted = _shift_turns(way, robot, turns, start, room)

@@ -15,7 +15,7 @@ from compplan.robot import Array, Robot
 #: hundredths to tenths of a millimetre); as many times what a folder says of its lost motion. [m]
 LEAST_STROKE, TIMES_LOST = 1e-3, 3.0
 #: The same of a turning joint that carries the part (assumed). [rad]
-LEAST_TURN = float(np.radians(0.2))
+LEAST_TURN = float(np.radians(1.0))
 
 
 def least_strokes(robot: Robot) -> Array:
