@@ -14,9 +14,8 @@ from compplan.errors import ConvergenceError, InputError, UnknownNameError
 from compplan.files.notes import Crash
 from compplan.job.job import Job
 from compplan.job.loading import load_path, refuse_unsettled
-from compplan.known.assumed import known_uncertainty
 from compplan.known.fading import fade_robot
-from compplan.known.slopes import ForceSpread, pick_rows, read_force_spread, stage_path
+from compplan.known.slopes import ForceSpread, pick_rows, read_force_spread
 from compplan.path.contact import tool_axes
 from compplan.path.force_law import ForceLaw
 from compplan.path.toolpath import Toolpath, check_toolpath
@@ -36,6 +35,7 @@ from compplan.plan.feed import FeedWish, time_run
 from compplan.plan.motion_limits import describe_jerk, limit_jerk
 from compplan.plan.notes import describe_coupling, describe_fading, describe_left_out, list_notes
 from compplan.plan.path_problem import count_equations
+from compplan.plan.refine import BAND_ROWS, StartChoice, better_start, spread_tip
 from compplan.plan.result import Plan
 from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
 from compplan.plan.strategies.lost_motion import state_sides
@@ -48,13 +48,11 @@ from compplan.posture.stance import Wish, check_start
 from compplan.posture.start import PostureRequest, Start, check_clearance, read_request, stand
 from compplan.posture.summary import Stance
 from compplan.program import check_languages
-from compplan.promise.band import band_radius, linearise_path, split_covariance
+from compplan.promise.band import band_radius
 from compplan.promise.posture_errors import posture_errors
 from compplan.robot import Array, Robot, load_robot
 from compplan.statics.chain import Chain, build_chain
 
-#: Rows of the cut at which the 95 % band of a finished posture is measured.
-BAND_ROWS = 40
 #: Sine of the angle between the tool axis and x of the TCP frame below which they are one direction.
 SIDE = float(np.sin(np.radians(1.0)))
 
@@ -119,7 +117,19 @@ def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -
     progress("posture")
     task = build_task(robot, nominal, options, file=job.file)
     name = job.name or job.file.stem
-    return plan_task(task, options.strategy, name=name, feed=options.feed, job=job, progress=progress)
+    return _plan_either(task, options, name=name, job=job, progress=progress)
+
+
+def _plan_either(
+    task: PlanTask, options: PlanOptions, *, name: str, job: Job | None, progress: Callable[[str], None]
+) -> Plan:
+    """Plan a task; where its bettered posture cannot be confirmed and the graph's can, the graph's."""
+    plan = plan_task(task, options.strategy, name=name, feed=options.feed, job=job, progress=progress)
+    if plan.status == "solved" or task.start is None or task.start.bettered is None:
+        return plan
+    task = _state_task(task.robot, task.chain, options, task.start.bettered.graph)
+    graph = plan_task(task, options.strategy, name=name, feed=options.feed, job=job, progress=progress)
+    return graph if graph.status == "solved" else plan
 
 
 def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
@@ -164,7 +174,7 @@ def plan_compensation(
     options = options or PlanOptions()
     progress("posture")
     task = build_task(robot, nominal, options)
-    return plan_task(task, options.strategy, name=name, feed=options.feed, progress=progress)
+    return _plan_either(task, options, name=name, job=None, progress=progress)
 
 
 def plan_task(
@@ -260,6 +270,13 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         )
     except InputError as error:
         raise InputError(error.message, file=file, where=error.where if file else None) from None
+    if options.strategy == "nlp" and options.lock is None and request is not None:
+        force = options.force or read_force_spread(None)
+        choice = StartChoice(
+            robot, nominal, np.asarray(options.tool_x, float), options.wish, request, options.feed, force,
+            partial(_state_task, robot, chain, options), DAMPING,
+        )  # fmt: skip
+        start = better_start(start, choice)
     task = _state_task(robot, chain, options, start)
     faded, share = fade_robot(robot, start.q, task.wrench)
     if faded is robot:
@@ -289,14 +306,11 @@ def _measure_band(
 ) -> float:
     """Measure the widest 95 % band along a posture before anything is corrected, vibration left out. [mm]."""
     task = _state_task(robot, build_chain(robot), options, stand(stance, nominal, asked))
-    cut = np.zeros(len(task), bool)
-    cut[pick_rows(task.cut, BAND_ROWS)] = True
-    scene, known = stage_path(robot, task.q_start, task.wrench, task.step_time), known_uncertainty(robot)
     try:
-        parts = split_covariance(linearise_path(scene, known, options.force or read_force_spread(None), cut), known)
+        spread = spread_tip(task, options.force or read_force_spread(None), pick_rows(task.cut, BAND_ROWS))
     except ConvergenceError:
         return np.inf
-    return float(1e3 * band_radius(np.asarray(sum(parts.values()))).max(initial=0.0))
+    return float(1e3 * band_radius(spread).max(initial=0.0))
 
 
 def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) -> PlanTask:
@@ -317,7 +331,7 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
         missed=start.missed,
         step_time=programmed_times(nominal),
         velocity_limits=robot.velocity_limits * options.velocity_scale,
-        acceleration_limits=robot.acceleration_limits * options.acceleration_scale,
+        acceleration_limits=robot.acceleration_limits * options.acceleration_scale * start.push,
         jerk_limits=limit_jerk(robot, options.acceleration_scale, options.jerk_after),
         max_correction=options.max_correction,
         tolerance=options.tolerance,

@@ -26,6 +26,7 @@ from compplan.plan.evaluate import Evaluation, Margins, Mismatch, evaluate_misma
 from compplan.plan.executed import ExecutedPath, judge_executed
 from compplan.plan.finished_walls import describe_walls, judge_surface
 from compplan.plan.keeping import Case, ToleranceVerdict, explain_width, judge_keeping
+from compplan.plan.reversals import list_reversals
 from compplan.plan.slow import group_waypoints
 from compplan.plan.task import Command, PlanTask
 from compplan.plan.timing import Timing
@@ -330,6 +331,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "correction_mm": {"max": plan.margins.max_correction * 1e3},
         "margins": _describe_margins(plan),
         "duration_s": float(plan.timing.time[-1]),
+        "reversals": [entry.describe() for entry in list_reversals(plan.task, plan.q)],
         "judge": plan.judge,
         "notes": list(plan.notes),
         "stops": list_stops(plan.notes),
@@ -337,6 +339,8 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
     }
     if plan.task.start is not None and plan.task.start.stance is not None:
         summary["posture"] = plan.task.start.stance.describe()
+        if plan.task.start.bettered is not None:
+            summary["posture"]["program"] = plan.task.start.bettered.describe()
     if plan.coupling is not None:
         summary["coupling"] = summarise_coupling(plan.coupling)
     if plan.walls is not None:

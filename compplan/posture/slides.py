@@ -55,6 +55,19 @@ def steady_slide(positions: Array, stroke: float) -> Array:
     return steady
 
 
+def count_reversals(positions: Array, stroke: float) -> int:
+    """Count where a joint turns back, ways shorter than a stroke left out.
+
+    Args:
+        positions: Positions along the path. Shape (n,). [m or rad]
+        stroke: Least way between two reversals, above 0. [m or rad]
+
+    """
+    if not len(positions) or np.ptp(positions) < stroke:
+        return 0
+    return len(_turning_points(positions, stroke)) - 2
+
+
 def _turning_points(positions: Array, stroke: float) -> list[int]:
     """List the rows of alternating extremes, each at least a stroke away from the one before."""
     low = high = 0

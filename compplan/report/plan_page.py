@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from compplan.files.notes import list_remarks
 from compplan.path.force_models import name_force_model
+from compplan.plan.reversals import describe_reversals, list_reversals
 from compplan.plan.slow import describe_causes, mark_slow
 from compplan.posture.alternatives import compare_postures
 from compplan.report.along_path import (
@@ -111,6 +112,7 @@ def _list_facts(plan: Plan) -> list[tuple[str, str]]:
     words = ", ".join(f"{name} {word}" for name, word in plan.task.configuration.items())
     if words:
         facts.append(("configuration", words))
+    facts.append(("axes turn back", describe_reversals(list_reversals(plan.task, plan.q))))
     facts.append(("rotation about the tool axis", "free" if plan.task.spin_free else "fixed by the job"))
     facts.append(("time in the solver", f"{plan.command.solve_time:.3g} s"))
     return facts
