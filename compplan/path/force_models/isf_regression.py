@@ -5,7 +5,8 @@
 R_m tensile strength [N/mm^2], t thickness, d tool diameter, h scallop height [mm], a wall angle [deg]; F_z in N.
 Source: Aerens, Eyckens, Van Bael, Duflou, Int. J. Adv. Manuf. Technol. 46 (2010) 969, the form for materials that they
 did not test; it stands as it is commonly quoted and was not checked against the print. Their five materials' own forms
-could not be sourced. Quotes of it leave open whether h is the height of the scallop or the step-down. It is read as the
+could not be sourced. Quotes of it leave open whether h is the height of the scallop or the step-down; a search for
+later ones with its list of variables, and for published records of force, found none (November 2026). It is read as the
 scallop: the groove of a ball of diameter d whose crests, step-down / sin(a) apart along the wall, stand h above its
 bottom, is the groove of the radial part below. The other reading gives a larger force; the note states both, and the
 spread of the level holds both. Valid, as far as known, for t 0.8 to 2 mm, d 10 to 25 mm, step-down 0.25 to 2 mm,
