@@ -171,20 +171,23 @@ def describe(program: Program) -> list[str]:
     ]
 
 
-def _external(program: Program, row: int) -> str:
+def _external(program: Program, row: int, *, whole: bool = False) -> str:
+    """Return the external axes behind a comma; nothing of an arm without, unless a declared array wants them all."""
     names = program.joint_names
+    if not whole and not set(EXTERNAL) & set(names):
+        return ""
     values = [program.joints[row, names.index(name)] if name in names else 0.0 for name in EXTERNAL]
-    return ",".join(f"{name} {value:.4f}" for name, value in zip(EXTERNAL, values, strict=True))
+    return "".join(f",{name} {value:.4f}" for name, value in zip(EXTERNAL, values, strict=True))
 
 
-def _axis_point(program: Program, row: int, columns: list[int]) -> str:
+def _axis_point(program: Program, row: int, columns: list[int], *, whole: bool = False) -> str:
     arm = ",".join(f"{name} {program.joints[row, column]:.6f}" for name, column in zip(ARM, columns, strict=True))
-    return f"{{{arm},{_external(program, row)}}}"
+    return f"{{{arm}{_external(program, row, whole=whole)}}}"
 
 
 def _joint_points(program: Program) -> list[str]:
     columns = order_joints(program, ARM, "KRL")
-    return [_axis_point(program, row, columns) for row in range(len(program))]
+    return [_axis_point(program, row, columns, whole=True) for row in range(len(program))]
 
 
 def _linear_moves(program: Program) -> list[tuple[str, str]]:
@@ -201,7 +204,7 @@ def _linear_moves(program: Program) -> list[tuple[str, str]]:
             note = "; the configuration changes: a joint move\n" if program.swings[row] else ""
             moves.append(("", f"{note}PTP {_axis_point(program, row, columns)}{end}"))
             continue
-        words = f"S {program.status[row]},T {turns[row]},{_external(program, row)}"
+        words = f"S {program.status[row]},T {turns[row]}{_external(program, row)}"
         target = f"{{{_place(place)},{words}}}"
         speed = f"$VEL.CP={program.feed[row] * 1e-3:.6f}"
         if arcs[row]:

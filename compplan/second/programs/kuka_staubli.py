@@ -189,7 +189,7 @@ class _Krl:
         joints = tuple(point[name] for name in ARM) if "A1" in point else None
         pose = kuka_pose(*(point[key] for key in "XYZABC")) if "X" in point else None
         configuration = tuple(int(point[key]) for key in "ST" if key in point)
-        external = tuple(point[f"E{number}"] for number in range(1, 7))
+        external = tuple(point.get(f"E{number}", 0.0) for number in range(1, 7))
         feed, percent = (float(self.values["$VEL.CP"]) * 1e3, None) if word != "PTP" else (None, self.percent())
         kind = {"PTP": "joint", "LIN": "line", "CIRC": "arc"}[word]
         middle = None if via is None else kuka_pose(*(via[key] for key in "XYZABC"))
