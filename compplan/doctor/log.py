@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,12 +10,18 @@ import numpy as np
 
 from compplan.diagnose.data.questions import question_campaign
 from compplan.doctor.remarks import Remark
-from compplan.files.tables import Table, read_table
+from compplan.errors import InputError
+from compplan.files.tables import Table, read_table, read_text
 from compplan.measure.campaign import Campaign
 from compplan.measure.checks import list_notes
 from compplan.measure.reading import log_columns, read_campaign
 from compplan.robot import Robot
 
+#: Titles of exports of tracker and CMM programs and of robots (assumed), with name and unit in a log.
+EXPORTED = (
+    (r"(?:measured|actual|meas\.?|act\.?)?[ _]*([xyz])\s*[\[(]?(?P<unit>mm|m)?[\])]?", ("{}", "mm")),
+    (r"(?:j|joint|axis|a|q)[ _]*([1-9])\s*[\[(]?(?P<unit>deg|rad)?[\])]?", ("q{}", "deg")),
+)
 #: Poses below which a calibration of six joints has hardly more equations than unknowns (theory: about 30 parameters,
 #: 3 coordinates a pose, half of them held out).
 FEW_POSES = 20
@@ -33,7 +40,11 @@ def examine_log(file: Path, robot: Robot | None = None) -> list[Remark]:
         InputError: If it is no measurement log, or none of this robot.
 
     """
-    table = read_table(file, log_columns(), unknown="note")
+    try:
+        table = read_table(file, log_columns(), unknown="note")
+    except InputError as error:
+        said = name_columns(file)
+        raise InputError(f"{error.message}{said}", file=error.file, where=error.where) if said else error from None
     if not len(table):
         raise table.error("the log has no rows, expected one row a measured pose")
     findings = [_describe(table), *_look_at_columns(table)]
@@ -41,6 +52,20 @@ def examine_log(file: Path, robot: Robot | None = None) -> list[Remark]:
         return [*findings, Remark("note", "robot", "not given: signs, units and frames were not looked at", "--robot")]
     campaign = read_campaign(file, robot)
     return [*findings, *_look_at_rows(campaign, robot), *_look_at_poses(campaign, robot), *_question(campaign, robot)]
+
+
+def name_columns(file: Path) -> str:
+    """Name the columns of another program's export as a log has them, "" where none is recognised."""
+    head = read_text(file).splitlines()[:1]
+    titles = [] if not head else [title.strip().strip('"') for title in re.split("[,;\t]", head[0])]
+    found = []
+    for title in titles:
+        for form, name in EXPORTED:
+            if (match := re.fullmatch(form, title, re.IGNORECASE)) is not None:
+                unit = (match.group("unit") or name[1]).lower()
+                found.append(f"{title!r} {name[0].format(match.group(1).lower())}_{unit}")
+                break
+    return f"; rename columns: {', '.join(found)} (say the unit that they are in)" if found else ""
 
 
 def _describe(table: Table) -> Remark:
