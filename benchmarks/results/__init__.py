@@ -18,6 +18,7 @@ from benchmarks.results import (
     loop,
     planning,
     posture,
+    redundant,
     speed,
     verdict,
 )
@@ -25,5 +26,7 @@ from benchmarks.results import (
 #: Every page by the name of its file.
 PAGES: dict[str, ModuleType] = {
     module.__name__.rpartition(".")[2]: module
-    for module in (planning, verdict, posture, forces, speed, diagnosis_drawn, diagnosis_real, loop, bad_input)
+    for module in (
+        planning, verdict, posture, redundant, forces, speed, diagnosis_drawn, diagnosis_real, loop, bad_input
+    )
 }

@@ -1,0 +1,128 @@
+"""Twelve redundant jobs: one program beside repeated mirror and the fastest run, at the CAM posture and the graph's."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.redundant_jobs import JOBS, write_job
+from benchmarks.results.findings import Findings, Settings, draw_table
+from compplan.job.job import check_job
+from compplan.known.slopes import pick_rows, read_force_spread
+from compplan.plan.bending import measure_bending
+from compplan.plan.feed import time_run
+from compplan.plan.plan import build_task, prepare_job
+from compplan.plan.refine import BAND_ROWS, spread_tip
+from compplan.plan.reversals import list_reversals
+from compplan.promise.band import band_radius
+
+TITLE = "Redundant jobs: time, posture and correction in one program"
+QUESTION = (
+    "On jobs that leave the arm a choice (rail, free spin, leans of 10 degrees, rounded corners), "
+    "what does one program of posture and speed bring beside repeated mirror compensation and the fastest run?"
+)
+METHOD = (
+    "`benchmarks/redundant_jobs.py` holds the jobs. *CAM posture*: one configuration, x of the tool as the job has it, "
+    "the rail where the arm stands best. *Graph*: the posture of the ladder graph, as repeated mirror gets it. "
+    "*Program*: what `compplan plan` takes with no preset named, *fast* with that preset. Each is timed by the fastest "
+    "run (as TOPP-RA finds it) with the smoothing that plans have, before correction. Cycle: the whole run. "
+    "Promise: the widest 95 % band, vibration included. Turns: how often the rail and the spin turn back. CPU of the "
+    "choice."
+)
+LIMITS = (
+    "Robots are models; force, lost motion and most uncertainties are assumed: the promise is as sure as they are.",
+    "The jobs were made by the author of the program, with feeds that the joints cannot hold everywhere.",
+    "MoveIt, PyRoki and brute force are not run here.",
+)
+WAYS = ("CAM posture", "graph", "program", "fast")
+
+
+class Row(NamedTuple):
+    """What one way of planning makes of a job."""
+
+    status: str
+    cycle: float
+    promise: float
+    turns: int
+    spent: float
+
+
+def measure(settings: Settings) -> Findings:
+    """Plan the jobs in every way and compare."""
+    found: dict[str, dict[str, Row | str]] = {}
+    for name in JOBS:
+        found[name] = {}
+        for way in WAYS:
+            found[name][way] = _plan(name, way, settings)
+            print(name, way, found[name][way], flush=True)
+    rows, shorter, narrower, worse, wins, slow = [], [], [], [], [], []
+    for name, ways in found.items():
+        base = min((row for way in ("CAM posture", "graph") if isinstance(row := ways[way], Row) and
+                    row.status == "reached"), key=lambda row: row.cycle, default=None)  # fmt: skip
+        ours, fast = ways["program"], ways["fast"]
+        rows.append((f"`{name}`", *(_show(ways[way]) for way in ways)))
+        if base is None or not isinstance(ours, Row) or ours.status != "reached":
+            worse.append(f"`{name}`: {ours if isinstance(ours, str) else ours.status}; nothing to compare")
+            continue
+        graph = ways["graph"] if isinstance(ways["graph"], Row) else base
+        gain, narrow = 1.0 - ours.cycle / graph.cycle, 1.0 - ours.promise / graph.promise
+        shorter.append(gain)
+        narrower.append(narrow)
+        if (gain >= 0.15 and narrow >= -0.002) or (narrow >= 0.25 and gain >= -0.002):
+            wins.append(name)
+        if gain < -0.002 or narrow < -0.002:
+            worse.append(f"`{name}`: cycle {100 * gain:+.1f} %, promise {100 * narrow:+.1f} % gained beside the graph")
+        plain = ways["CAM posture"]
+        if isinstance(plain, Row) and plain.cycle < 0.998 * ours.cycle and plain.promise < 0.998 * ours.promise:
+            worse.append(f"`{name}`: the CAM posture is shorter and narrower than the program's")
+        others = [row for row in ways.values() if isinstance(row, Row) and row.status == "reached"]
+        if not isinstance(fast, Row) or fast.cycle > 1.001 * min(row.cycle for row in others):
+            slow.append(f"`{name}`: `fast` is not the fastest")
+    head = ("job", *(f"{way}: cycle s / promise mm / turns / CPU s" for way in WAYS))
+    return Findings(
+        (
+            f"{len(wins)} of {len(JOBS)} jobs: at least 15 % shorter at no wider promise, or 25 % narrower at no "
+            f"longer cycle, beside repeated mirror at the graph's posture (aim: 8): {', '.join(wins) or 'none'}.",
+            f"Cycle beside it: {100 * np.median(shorter):.1f} % shorter in the median, {100 * max(shorter):.1f} % at "
+            f"most; the promise {100 * np.median(narrower):.1f} % narrower in the median, "
+            f"{100 * max(narrower):.1f} % at most.",
+            f"Worse on {len(worse)} jobs; `fast` is the fastest on {len(JOBS) - len(slow)} of {len(JOBS)}.",
+        ),
+        (draw_table(head, rows),),
+        (*worse, *slow, *((f"The aim of 8 jobs is missed by {8 - len(wins)}.",) if len(wins) < 8 else ())),
+    )
+
+
+def _plan(name: str, way: str, settings: Settings) -> Row | str:
+    job = check_job(write_job(name, settings.work, "fast" if way == "fast" else ""), settings.work / "job.toml")
+    robot, nominal, options = prepare_job(job)
+    start = time.process_time()
+    try:
+        if way == "CAM posture":
+            options = replace(options, strategy="iterated_mirror", posture=None)
+        elif way == "graph":
+            options = replace(options, strategy="iterated_mirror")
+        task = build_task(robot, nominal, options)
+        spent = time.process_time() - start
+        timing = time_run(task, task.q_start, options.feed)[1]
+        motion, rows = measure_bending(task, task.q_start, timing).motion, pick_rows(task.cut, BAND_ROWS)
+        away = np.zeros((2, len(rows), 3)) if motion is None else motion.error[:, rows]
+        away = away - away.mean(axis=0)
+        spread = spread_tip(task, read_force_spread(job), rows)
+        spread = spread + np.einsum("dni,dnj->nij", away, away) / (len(away) - 1)
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"[:80]
+    extra = robot.joint_names[:-6]
+    turns = sum(entry.turns for entry in list_reversals(task, task.q_start) if entry.axis in ("spin", *extra))
+    return Row("out of reach" if task.missed.any() else "reached", float(timing.time[-1]),
+               1e3 * float(band_radius(spread).max()), turns, spent)  # fmt: skip
+
+
+def _show(row: Row | str) -> str:
+    if isinstance(row, str):
+        return row
+    status = "" if row.status == "reached" else f" ({row.status.replace('_', ' ')})"
+    return f"{row.cycle:.2f} / {row.promise:.2f} / {row.turns} / {row.spent:.1f}{status}"
