@@ -67,6 +67,9 @@ def measure(settings: Settings) -> Findings:
             f"{row[0]}: {row[2]} mm, the plain rival {row[3]} mm, the plain calibration {row[4]} mm."
             for row, r in zip(rows, ratio, strict=True)
             if r > 1.05
+        )
+        + tuple(
+            f"{row[0]}: {row[5]} mm stated, {row[2]} mm true." for row, s in zip(rows, stated, strict=True) if s < 0.8
         ),
     )
 
