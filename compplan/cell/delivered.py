@@ -6,7 +6,6 @@ Pinocchio; nothing goes through the writers.
 
 from __future__ import annotations
 
-import csv
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from compplan.cell.fitted import PlannedRows, find_rows, follow_moves
 from compplan.cell.frames import read_frame, read_part
 from compplan.cell.inertia import stand_stiff
+from compplan.cell.joint_table import to_degrees, vote_on_choice, vote_on_table
 from compplan.cell.judge import Judge
 from compplan.cell.reading import read_judge
 from compplan.cell.spoken import Spoken
@@ -55,10 +55,6 @@ JOINT, PLACE, TURN, FEED = 2e-3, 5e-3, 2e-3, 2e-2
 FEED_STEP = 0.06
 #: How closely moves stand for rows where the job does not say [mm], and cycle of a controller (assumed) [s].
 FIT, CYCLE = 0.002, 0.004
-#: Columns of joints.csv beside time and joints.
-WANTED = ("x_mm", "y_mm", "z_mm", "i", "j", "k", "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
-#: Rounding that joints.csv leaves. [deg or mm]
-TABLE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -105,7 +101,7 @@ def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wante
 
     """
     joints = read_joints(robot)
-    breaches = [*_vote_on_choice(wanted, _read_cycle(robot)), *_vote_on_table(folder / "joints.csv", joints, wanted)]
+    breaches = [*vote_on_choice(wanted, _read_cycle(robot)), *vote_on_table(folder / "joints.csv", joints, wanted)]
     notes: list[str] = []
     output = tables.get("output") or {}
     if not output.get("programs"):
@@ -115,7 +111,7 @@ def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wante
     rows = wanted.program
     position, rotation = stand_stiff(judge, wanted.sent[rows])
     stand = _Stand(
-        joints, counting, _degrees(wanted.sent[rows], joints), position * 1e3, rotation,
+        joints, counting, to_degrees(wanted.sent[rows], joints), position * 1e3, rotation,
         np.eye(4) if judge.ground else _world(robot), wanted,
         _part(tables), _tool(robot, wanted.sent[rows[:1]], position[0], rotation[0]),
         float(output.get("fit_tolerance_mm", FIT)), _read_cycle(robot), judge,
@@ -331,7 +327,7 @@ def _say(stand: _Stand, tables: Mapping[str, Any], robot: Path) -> Spoken:
     rows = wanted.program
     shown = counting.show(stand.q)
     step = np.diff(wanted.time[rows], prepend=np.nan)
-    rates = _degrees(joints.velocity[None], joints)[0]
+    rates = to_degrees(joints.velocity[None], joints)[0]
     with np.errstate(divide="ignore", invalid="ignore"):
         share = (np.abs(np.diff(shown, axis=0, prepend=np.nan)) / rates).max(axis=1) / step
     tool = tables.get("tool") or {}
@@ -355,50 +351,6 @@ def _millimetres(frame: pin.SE3) -> Array:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = frame.rotation, 1e3 * frame.translation
     return pose
-
-
-def _vote_on_choice(wanted: Commanded, cycle: float) -> Iterator[str]:
-    """Say where joints.csv leaves out a row that is no nearer than a cycle to one that it holds."""
-    out, held = np.flatnonzero(~wanted.table), wanted.time[wanted.table]
-    if not len(out):
-        return
-    after = np.clip(np.searchsorted(held, wanted.time[out]), 1, len(held) - 1)
-    near = np.minimum(np.abs(wanted.time[out] - held[after - 1]), np.abs(held[after] - wanted.time[out]))
-    if near.max() >= cycle:
-        row, far = int(out[near.argmax()]), 1e3 * float(near.max())
-        yield f"joints.csv leaves out row {row}, {far:.3g} ms beside what it holds, a cycle is {1e3 * cycle:g} ms"
-
-
-def _vote_on_table(file: Path, joints: JointTable, wanted: Commanded) -> Iterator[str]:
-    """Say where joints.csv is not what was planned."""
-    with file.open(encoding="utf-8", newline="") as stream:
-        head = next(csv.reader(stream))
-    axes = (f"q{k + 1}_{'mm' if slides else 'deg'}" for k, slides in enumerate(joints.slides))
-    names = ["time_s", *axes, *WANTED]
-    missing = [name for name in names if name not in head]
-    if missing:
-        yield f"joints.csv has no column {missing[0]}"
-        return
-    at = [head.index(name) for name in names]
-    table = np.loadtxt(file, delimiter=",", skiprows=1, usecols=at, ndmin=2, encoding="utf-8")
-    if len(table) != wanted.table.sum():
-        yield f"joints.csv has {len(table)} rows, planned are {wanted.table.sum()}"
-        return
-    nq = len(joints.slides)
-    off = np.abs(table[:, 1 : nq + 1] - _degrees(wanted.q[wanted.table], joints)).max()
-    if off > TABLE:
-        yield f"joints.csv: a joint is {off:.4g} deg or mm off"
-    if (late := np.abs(table[:, 0] - wanted.time[wanted.table]).max()) > 1e-6:
-        yield f"joints.csv: time is {late:.4g} s off"
-    away = np.abs(table[:, nq + 1 :] - wanted.wanted[wanted.table])
-    for what, unit, columns in (("wanted tip", " mm", away[:, :3]), ("tool axis", "", away[:, 3:6]),
-                                ("wrench", " N or N m", away[:, 6:])):  # fmt: skip
-        if columns.max() > TABLE:
-            yield f"joints.csv: the {what} is {columns.max():.4g}{unit} off"
-
-
-def _degrees(q: Array, joints: JointTable) -> Array:
-    return np.where(np.array(joints.slides), 1e3 * q, np.degrees(q))
 
 
 def _part(tables: Mapping[str, Any]) -> Array:

@@ -19,13 +19,7 @@ from numpy.typing import NDArray
 
 from compplan.path.corners import find_roundings, find_shares
 from compplan.plan.fastest_run import NO_LIMIT, TorqueParts, subdivide, time_cut
-from compplan.plan.motion_limits import (
-    Torques,
-    difference_motion,
-    measure_smooth_use,
-    measure_use,
-    spread_factors,
-)
+from compplan.plan.motion_limits import Torques, difference_motion, measure_smooth_use, measure_use, spread_factors
 from compplan.plan.profile import ease_duration, ease_times, smooth_profile
 from compplan.plan.task import PlanTask
 from compplan.robot import Array

@@ -11,9 +11,10 @@ from compplan.errors import InputError, UnknownNameError
 from compplan.files.notes import Stop
 from compplan.files.plugins import Registry
 from compplan.program.counting import load_controller
+from compplan.program.language import Language
 from compplan.program.machine import Wiring, describe_events
 from compplan.program.post import describe_cell
-from compplan.program.program import Language, Program, build_program
+from compplan.program.program import Program, build_program
 from compplan.robot import Robot
 
 _OWN = ("krl", "val3", "fanuc_ls", "rapid", "urscript", "sinumerik", "inform", "kawasaki_as", "own", "csv")

@@ -13,9 +13,10 @@ from compplan.errors import InputError
 from compplan.files.tables import Array, write_text
 from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
+from compplan.program.language import MainForm
 from compplan.program.machine import Phrases, phrase_events
 from compplan.program.post import CellWords, check_cell, name_kind, name_main, render_post
-from compplan.program.program import MainForm, Program, describe_feeds, head_lines, split_parts
+from compplan.program.program import Program, describe_feeds, head_lines, split_parts
 from compplan.program.text import clean_text, legal_name, wrap_text
 
 name = "fanuc_ls"

@@ -13,9 +13,10 @@ from compplan.path.events import Event
 from compplan.program.fit import fit_moves
 from compplan.program.frames import place_numbers, place_table
 from compplan.program.krl import turn_bits
+from compplan.program.language import MainForm, need_six_axes
 from compplan.program.machine import Phrases, phrase_events
 from compplan.program.post import CellWords, check_cell, name_main, render_post
-from compplan.program.program import MainForm, Program, count_digits, head_lines, need_six_axes, split_parts
+from compplan.program.program import Program, count_digits, head_lines, split_parts
 from compplan.program.text import legal_name
 
 name = "sinumerik"

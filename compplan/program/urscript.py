@@ -9,9 +9,10 @@ import numpy as np
 from compplan.files.tables import Array, write_text
 from compplan.program.fit import fit_moves
 from compplan.program.frames import rotation_vectors
+from compplan.program.language import need_six_axes
 from compplan.program.machine import Phrases, phrase_events
 from compplan.program.post import CellWords, check_cell, name_kind, name_main, render_post
-from compplan.program.program import Program, head_lines, joint_shares, need_six_axes, split_parts
+from compplan.program.program import Program, head_lines, joint_shares, split_parts
 from compplan.program.text import legal_name
 
 name = "urscript"

@@ -1,0 +1,66 @@
+"""Is joints.csv what was planned? Its rows held against the commanded arm."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from compplan.robot import Array
+from compplan.second.robot import JointTable
+
+if TYPE_CHECKING:
+    from compplan.cell.delivered import Commanded
+
+#: Columns of joints.csv beside time and joints.
+WANTED = ("x_mm", "y_mm", "z_mm", "i", "j", "k", "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+#: Rounding that joints.csv leaves. [deg or mm]
+TABLE = 1e-6
+
+
+def vote_on_choice(wanted: Commanded, cycle: float) -> Iterator[str]:
+    """Say where joints.csv leaves out a row that is no nearer than a cycle to one that it holds."""
+    out, held = np.flatnonzero(~wanted.table), wanted.time[wanted.table]
+    if not len(out):
+        return
+    after = np.clip(np.searchsorted(held, wanted.time[out]), 1, len(held) - 1)
+    near = np.minimum(np.abs(wanted.time[out] - held[after - 1]), np.abs(held[after] - wanted.time[out]))
+    if near.max() >= cycle:
+        row, far = int(out[near.argmax()]), 1e3 * float(near.max())
+        yield f"joints.csv leaves out row {row}, {far:.3g} ms beside what it holds, a cycle is {1e3 * cycle:g} ms"
+
+
+def vote_on_table(file: Path, joints: JointTable, wanted: Commanded) -> Iterator[str]:
+    """Say where joints.csv is not what was planned."""
+    with file.open(encoding="utf-8", newline="") as stream:
+        head = next(csv.reader(stream))
+    axes = (f"q{k + 1}_{'mm' if slides else 'deg'}" for k, slides in enumerate(joints.slides))
+    names = ["time_s", *axes, *WANTED]
+    missing = [name for name in names if name not in head]
+    if missing:
+        yield f"joints.csv has no column {missing[0]}"
+        return
+    at = [head.index(name) for name in names]
+    table = np.loadtxt(file, delimiter=",", skiprows=1, usecols=at, ndmin=2, encoding="utf-8")
+    if len(table) != wanted.table.sum():
+        yield f"joints.csv has {len(table)} rows, planned are {wanted.table.sum()}"
+        return
+    nq = len(joints.slides)
+    off = np.abs(table[:, 1 : nq + 1] - to_degrees(wanted.q[wanted.table], joints)).max()
+    if off > TABLE:
+        yield f"joints.csv: a joint is {off:.4g} deg or mm off"
+    if (late := np.abs(table[:, 0] - wanted.time[wanted.table]).max()) > 1e-6:
+        yield f"joints.csv: time is {late:.4g} s off"
+    away = np.abs(table[:, nq + 1 :] - wanted.wanted[wanted.table])
+    for what, unit, columns in (("wanted tip", " mm", away[:, :3]), ("tool axis", "", away[:, 3:6]),
+                                ("wrench", " N or N m", away[:, 6:])):  # fmt: skip
+        if columns.max() > TABLE:
+            yield f"joints.csv: the {what} is {columns.max():.4g}{unit} off"
+
+
+def to_degrees(q: Array, joints: JointTable) -> Array:
+    """Return positions of joints as programs hold them, slides in mm. Shape as q. [deg or mm]"""
+    return np.where(np.array(joints.slides), 1e3 * q, np.degrees(q))
