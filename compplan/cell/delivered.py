@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from compplan.cell.fitted import PlannedRows, find_rows, follow_moves
 from compplan.cell.frames import read_frame, read_part
 from compplan.cell.inertia import stand_stiff
-from compplan.cell.joint_table import to_degrees, vote_on_choice, vote_on_table
+from compplan.cell.joint_table import Commanded, to_degrees, vote_on_choice, vote_on_table
 from compplan.cell.judge import Judge
 from compplan.cell.reading import read_judge
 from compplan.cell.spoken import Spoken
@@ -55,39 +55,6 @@ JOINT, PLACE, TURN, FEED = 2e-3, 5e-3, 2e-3, 2e-2
 FEED_STEP = 0.06
 #: How closely moves stand for rows where the job does not say [mm], and cycle of a controller (assumed) [s].
 FIT, CYCLE = 0.002, 0.004
-
-
-@dataclass(frozen=True)
-class Commanded:
-    """What was planned, row by row of what is delivered: the way there, the path, the way back.
-
-    Attributes:
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-        time: Shape (n,). [s]
-        wanted: Wanted tip [mm], tool axis, wrench on the tool [N, N m], base frame. Shape (n, 12).
-        program: Rows that programs hold; Shape (m,).
-        path: First row of the path, and the one after its last.
-        feed: Feed that is driven in the move to each row, 0 in rapid moves. Shape (n,). [m/s]
-        free: Whether the speed of the move to each row that programs hold is of no account. Shape (m,).
-        table: Rows that joints.csv holds. Shape (n,).
-        coarser: How much more than the strictest tolerance the move to each row may take. Shape (n,).
-        stands: Whether the tool has to stand still at each row that programs hold, beside the ends of rapid moves.
-            Shape (m,).
-        sent: Joint positions that programs hold: q, or what leads by the lag of drives. Shape (n, nq). [rad or m]
-
-    """
-
-    q: Array
-    time: Array
-    wanted: Array
-    program: Array
-    path: tuple[int, int]
-    feed: Array
-    stands: NDArray[np.bool_]
-    free: NDArray[np.bool_]
-    table: NDArray[np.bool_]
-    coarser: Array
-    sent: Array
 
 
 def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wanted: Commanded) -> Vote:

@@ -4,21 +4,52 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.robot import Array
 from compplan.second.robot import JointTable
-
-if TYPE_CHECKING:
-    from compplan.cell.delivered import Commanded
 
 #: Columns of joints.csv beside time and joints.
 WANTED = ("x_mm", "y_mm", "z_mm", "i", "j", "k", "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 #: Rounding that joints.csv leaves. [deg or mm]
 TABLE = 1e-6
+
+
+@dataclass(frozen=True)
+class Commanded:
+    """What was planned, row by row of what is delivered: the way there, the path, the way back.
+
+    Attributes:
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        time: Shape (n,). [s]
+        wanted: Wanted tip [mm], tool axis, wrench on the tool [N, N m], base frame. Shape (n, 12).
+        program: Rows that programs hold; Shape (m,).
+        path: First row of the path, and the one after its last.
+        feed: Feed that is driven in the move to each row, 0 in rapid moves. Shape (n,). [m/s]
+        free: Whether the speed of the move to each row that programs hold is of no account. Shape (m,).
+        table: Rows that joints.csv holds. Shape (n,).
+        coarser: How much more than the strictest tolerance the move to each row may take. Shape (n,).
+        stands: Whether the tool has to stand still at each row that programs hold, beside the ends of rapid moves.
+            Shape (m,).
+        sent: Joint positions that programs hold: q, or what leads by the lag of drives. Shape (n, nq). [rad or m]
+
+    """
+
+    q: Array
+    time: Array
+    wanted: Array
+    program: Array
+    path: tuple[int, int]
+    feed: Array
+    stands: NDArray[np.bool_]
+    free: NDArray[np.bool_]
+    table: NDArray[np.bool_]
+    coarser: Array
+    sent: Array
 
 
 def vote_on_choice(wanted: Commanded, cycle: float) -> Iterator[str]:

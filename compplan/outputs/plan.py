@@ -82,7 +82,8 @@ def write_beside(plan: Plan, part: Path) -> None:
 
 def read_back(plan: Plan, folder: Path) -> Plan:
     """Return a plan with what its files say, read back by readers of their own; one without a job stays as it is."""
-    from compplan.cell.delivered import Commanded, vote_on_delivery
+    from compplan.cell.delivered import vote_on_delivery
+    from compplan.cell.joint_table import Commanded
 
     job, robot = plan.job, plan.robot.folder
     if job is None or robot is None or job.mounted is not None:
