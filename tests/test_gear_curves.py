@@ -38,6 +38,7 @@ def weighed(forms: list[Any], evidence: list[float]) -> tuple[Any, Claim]:
     claim = Claim(0, 1.0)
     search = SimpleNamespace(
         ledger=SimpleNamespace(signatures=forms), log_prior=np.full(len(forms), -5.0), gains=lambda model: gains,
+        without=lambda claims, *gone: [claim for claim in claims if claim not in gone],
         model=lambda *claims, **options: None,
     )  # fmt: skip
     return SimpleNamespace(
@@ -127,7 +128,8 @@ def test_a_bent_law_of_deflection_has_to_show(
         return SimpleNamespace(claims=tuple(claims), score=0.0, posterior=SimpleNamespace(hyper=None))
 
     search: Any = SimpleNamespace(
-        ledger=SimpleNamespace(signatures=signatures), model=model, gains=lambda base: gains
+        ledger=SimpleNamespace(signatures=signatures), model=model, gains=lambda base: gains,
+        without=lambda claims, *gone: [claim for claim in claims if claim not in gone],
     )
     monkeypatch.setattr(doubt, "forms_that_hold", lambda ledger, special: {0} if special == 1 else set())
     told = doubt._simplify(search, model([Claim(0, 1.0)]))
