@@ -1,0 +1,18 @@
+"""No number that a command writes changes unmeant: tables, summaries, charts and sentences of pages."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from golden_numbers import COMMANDS, GOLDEN, differences, fold_outputs, run_command_line
+
+GOLD = json.loads(GOLDEN.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_number_that_a_command_writes_is_the_one_that_was_meant(name: str, tmp_path: Path) -> None:
+    found = fold_outputs(*run_command_line(COMMANDS[name], tmp_path))
+    changed = list(differences(found, GOLD[name]))
+    assert not changed, "\n".join([*changed[:20], "if all of these are meant: python tests/golden_numbers.py"])
