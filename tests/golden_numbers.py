@@ -49,10 +49,11 @@ COMMANDS = {
 }  # fmt: skip
 #: Words of keys under which no number of the subject stands.
 IDLE = (
-    "solve_time", "map_time", "took", "elapsed", "cpu", "seconds", "version", "fingerprint", "sha", "manifest", "made_with",
-    "origin", "duration", "evaluations",
+    "solve_time", "map_time", "took", "elapsed", "cpu", "seconds", "version", "fingerprint", "sha", "manifest",
+    "made_with", "origin", "duration", "evaluations",
 )  # fmt: skip
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*(?:e[-+]?\d+)?(?![\w])")
+DATE = re.compile(r"\d{4}-\d\d-\d\d")
 Folded = dict[str, list[float]]
 
 
@@ -107,7 +108,7 @@ def _gather(value: Any, place: str, into: dict[str, list[float]]) -> None:
         for one in value:
             _gather(one, place, into)
     elif isinstance(value, str):
-        into[place] += [float(text) for text in NUMBER.findall(value)][:200]
+        into[place] += [float(text) for text in NUMBER.findall(DATE.sub("", value))][:200]
     elif isinstance(value, (int, float)) and not isinstance(value, bool):
         into[place].append(float(value))
 
