@@ -134,6 +134,9 @@ def test_poses_that_were_jogged_by_hand_beside_those_of_a_program_are_asked_abou
     (question,) = question_campaign(robot, replace(sound, position=mixed))
     assert question.about == "jogged poses" and "'static_jogged'" in question.sentence
     assert about(robot, sound) == about(robot, off) == []
+    gross = sound.position.copy()
+    gross[np.flatnonzero(run == "static_jogged")[3]] += [3e-3, -2e-3, 1e-3]  # one wrong reading is no jogged run
+    assert about(robot, replace(sound, position=gross)) == []
 
 
 def test_encoders_read_before_the_arm_stood_still_are_named_and_not_taken_for_play(robot: Robot) -> None:
