@@ -84,6 +84,6 @@ def describe_reversals(found: tuple[Reversals, ...]) -> str:
     turning = [entry for entry in found if entry.turns]
     if not turning:
         return "none"
-    parts = [f"{entry.axis} {entry.turns}" + (f" at {1e3 * entry.price:.2g} mm" if entry.price else "")
+    parts = [f"{entry.axis} {entry.turns}" + (f" at {1e3 * entry.price:.2g} mm" if entry.price > 1e-9 else "")
              for entry in turning]  # fmt: skip
     return ", ".join(parts) + (" (lost motion assumed)" if any(entry.assumed for entry in turning) else "")

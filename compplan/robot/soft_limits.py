@@ -76,8 +76,8 @@ def describe_soft_limits(robot: Robot) -> str:
     told = []
     for element in ElementTree.fromstring(robot.urdf).findall("joint"):
         joint, limit = by_name.get(element.get("name", "")), element.find("limit")
-        if joint is None or limit is None or limit.get("lower") is None:
-            continue
+        if joint is None or limit is None or limit.get("lower") is None or joint.lower == joint.upper:
+            continue  # a joint without room is held by the job
         if float(limit.get("lower", "0")) < joint.lower or float(limit.get("upper", "0")) > joint.upper:
             factor, unit = (1e3, "mm") if joint.kind == "prismatic" else (180.0 / np.pi, "deg")
             told.append(f"{joint.name} to {factor * joint.lower:.4g} .. {factor * joint.upper:.4g} {unit}")
