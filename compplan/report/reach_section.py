@@ -158,6 +158,7 @@ def _length_cell(value: float) -> TableCell:
 
 def _tightest(plan: Plan) -> str:
     margin = np.minimum(plan.q - plan.robot.lower, plan.robot.upper - plan.q).min(axis=0)
+    margin[plan.robot.lower == plan.robot.upper] = np.inf  # stands where the job holds it
     scale = np.where(plan.robot.prismatic, 1e3, 180 / np.pi)
     share = margin / np.where(plan.robot.prismatic, 1.0, np.pi)
     if not np.isfinite(share).any():
